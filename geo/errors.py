@@ -13,6 +13,7 @@
     +-- sensors.errors.ObservationError                   observations
     +-- sensors.errors.EstimatorError                     an estimator
     +-- mission.errors.PlanningError                      a planner, a budget or a path
+    |   +-- mission.errors.AnswerError                    an answer of a policy
     +-- mission.errors.MissionError                       a mission or one of its items
     +-- mission.errors.MissionFileError                   a mission file
     +-- mission.errors.TransferError                      an upload, a download or a clear

@@ -7,6 +7,24 @@ class PlanningError(WbfMissionError, ValueError):
     """A planning request that has no solution or makes no sense."""
 
 
+class AnswerError(PlanningError):
+    """An answer of a policy that cannot be flown.
+
+    Parameters
+    ----------
+    text : str
+    kind : str
+        What is wrong with it, in a word or two, for counts.
+    """
+
+    def __init__(self, text: str, kind: str) -> None:
+        super().__init__(text, kind)
+        self.kind = kind
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
 class MissionError(WbfMissionError, ValueError):
     """A mission item or mission with values that cannot be flown or sent."""
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo import Farm, get_farm
+from geo.blame import PACKAGES, told_error
 from geo.errors import WbfMissionError
 from geo.memory import require_memory
 from geo.seeds import sealed_seed
@@ -24,7 +25,7 @@ from sensors.estimators import (
     make_estimator,
     prepare_estimator,
 )
-from sensors.estimators.base import estimator_memory
+from sensors.estimators.base import estimator_memory, model_fault
 from sensors.field_files import load_field_set
 from sensors.fields import PAPER_FIELDS, FieldSet
 from sensors.observations import Observations
@@ -262,8 +263,7 @@ class RunEstimate:
         """Wait for all that was added, and return what is believed then, in the estimator's own arrays."""
         self._catch_up()
         begin = time.perf_counter()
-        with attribute_errors_to(self.estimator):
-            model = self.estimator.predict()
+        model = believed(self.estimator)
         self.estimate_s += time.perf_counter() - begin
         return model
 
@@ -337,8 +337,7 @@ class RunEstimate:
 
     def _evaluate(self, time_s: float) -> None:
         begin = time.perf_counter()
-        with attribute_errors_to(self.estimator):
-            self.model = self.estimator.predict()
+        self.model = believed(self.estimator)
         middle = time.perf_counter()
         self.history.entries.append(self._score.add(self.model))
         self.history.times_s.append(time_s)
@@ -356,5 +355,23 @@ def attribute_errors_to(estimator: Estimator) -> Iterator[None]:
     except (WbfMissionError, MemoryError):
         raise
     except Exception as error:
-        msg = f"estimator {type(estimator).__name__} failed: {type(error).__name__}: {error}"
+        msg = f"estimator {type(estimator).__name__} failed: {told_error(error)}"
         raise EstimatorError(msg) from error
+
+
+def believed(estimator: Estimator) -> InformationModel:
+    """Return what an estimator predicts; one that is no part of this program is held to the contract.
+
+    Raises
+    ------
+    EstimatorError
+        If it fails, or gives no model of the form and within the range that there is.
+    """
+    with attribute_errors_to(estimator):
+        model = estimator.predict()
+    if type(estimator).__module__.partition(".")[0] not in PACKAGES:
+        fault = model_fault(estimator, model)
+        if fault is not None:
+            msg = f"estimator {type(estimator).__name__}: {fault}"
+            raise EstimatorError(msg)
+    return model

@@ -3,7 +3,7 @@
 ======  =====================================================================================
 0       done
 1       it was done, but the outcome is not good: the result says how
-2       bad input: one line on stderr says what is wrong; nothing was written
+2       bad input, a user's failing code included: one line on stderr says what; nothing was written
 3       no vehicle was heard
 4       the link dropped, or the vehicle stopped answering
 5       the vehicle refused, or held something else than what was sent

@@ -19,7 +19,13 @@ from sim_vehicle.faults.fault import Fault, parse_fault
 from sim_vehicle.faults.session import check_vehicles
 from sim_vehicle.host.simulation import Impairment
 from wbf_mission.campaign import Campaign
-from wbf_mission.estimation import estimator_of, prepare_days, require_run_memory, resolved
+from wbf_mission.estimation import (
+    attribute_errors_to,
+    estimator_of,
+    prepare_days,
+    require_run_memory,
+    resolved,
+)
 from wbf_mission.field_maps import FieldMap, true_map
 from wbf_mission.fleet import vehicles_of
 from wbf_mission.flight_memory import FlightMemory
@@ -149,7 +155,8 @@ def fly(
     watch.lap("environment")
     # One BLAS thread: sums do not depend on the number of cores then, and small matrices are faster.
     with threadpool_limits(1, user_api="blas"):
-        learner.fit(farm.grid())
+        with attribute_errors_to(learner):
+            learner.fit(farm.grid())
         prepare_days(learner, scenario.farm.day, scenario.farm.days, tell)
         watch.lap("learning")
         campaign.learn_with(learner, environment)

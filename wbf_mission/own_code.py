@@ -5,7 +5,6 @@ Only who types a command names code: scenario files, specifications and results 
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import importlib.util
 import inspect
@@ -14,13 +13,12 @@ import sys
 import traceback
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 from geo.named import ParameterError, format_named, parse_named
 from geo.texts import one_line
 from wbf_mission.scenario import Choice, ScenarioError
 
-__all__ = ["code_digest", "own_choice"]
+__all__ = ["own_choice"]
 
 _OWN = re.compile(r"(?P<file>.+\.py):(?P<name>[^\W\d]\w*)(?::(?P<parameters>.*))?", re.DOTALL)
 
@@ -65,15 +63,6 @@ def own_choice(text: str, what: str) -> Choice | None:
             msg = f"{what}: {path}: {name} cannot be made: {_told(error, path)}"
             raise ScenarioError(msg) from None
     return Choice(format_named(name, parameters), {}, made)
-
-
-def code_digest(made: Any) -> str | None:
-    """Return a digest of the file in which a function or an object's class stands; None without one."""
-    with contextlib.suppress(TypeError, OSError):
-        source = inspect.getsourcefile(made if inspect.isfunction(made) else type(made))
-        if source is not None:
-            return hashlib.sha256(Path(source).read_bytes()).hexdigest()[:24]
-    return None
 
 
 def _run(path: Path, what: str) -> ModuleType:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo import Farm
+from geo.texts import one_line
 from mission.outcome import Outcome
 from sensors.camera.wire import AssemblerStatistics
 from sensors.fields import PAPER_FIELDS, FieldSet
@@ -23,6 +25,9 @@ from wbf_mission.outcome import Track, joined
 from wbf_mission.planning import PlanResult
 from wbf_mission.report import FarmReport, report_of_maps
 from wbf_mission.scenario import Scenario
+
+MOST_BAD = 0.1
+"""The part of a policy's answers that may be bad; with more, the run failed."""
 
 
 @dataclass(slots=True)
@@ -144,7 +149,29 @@ class RunRecord:
     @property
     def warnings(self) -> list[str]:
         """What the user should know, each in one line."""
-        return list(dict.fromkeys(warning for one in self.flights for warning in one.warnings))
+        of_flights = (warning for one in self.flights for warning in one.warnings)
+        return list(dict.fromkeys([*filter(None, [self._answers_told()]), *of_flights]))
+
+    @property
+    def bad_answers(self) -> dict[str, int]:
+        """How many of the policy's answers were not flown, or came too late, by what was wrong with them."""
+        return dict(Counter(one.fault for one in self.decisions if one.fault).most_common())
+
+    @property
+    def policy_failed(self) -> bool:
+        """Whether more than a tenth of the policy's answers were bad: the run tells nothing of it."""
+        return sum(self.bad_answers.values()) > MOST_BAD * len(self.decisions)
+
+    def _answers_told(self) -> str | None:
+        """Say how many answers were bad, and what was wrong with the first; None if none was."""
+        bad = self.bad_answers
+        if not bad:
+            return None
+        first = next(one.refused for one in self.decisions if one.fault)
+        kinds = ", ".join(f"{count} {kind}" for kind, count in bad.items())
+        whose = f"policy {self.scenario.mission.policy}"
+        of = f"{sum(bad.values())} of {len(self.decisions)} answers were bad: {kinds}"
+        return f"{whose}: {of}" + (f"; first: {one_line(first)}" if first else "")
 
     @property
     def battery_used(self) -> float | None:
@@ -252,6 +279,8 @@ class RunRecord:
             "outcome": self.outcome.value,
             "reason": self.reason,
             "warnings": list(self.warnings),
+            "bad_answers": self.bad_answers,
+            "policy_failed": self.policy_failed,
             "score": self.history.score,
             "final_score": final.score if final else None,
             "scored_times": len(self.history.entries),

@@ -297,6 +297,9 @@ class Sortie:
             change.outcome = "not sent: it might leave the radio's range before the change is over"
             return change
         builder = self.task.builder
+        if not len(points_m) and not len(self._end_m()):
+            # It ends its path where it is: nothing in its mission leads home.
+            points_m = np.array([position_m])
         sent = builder.waypoints(points_m, position_m)
         latitude, longitude = frame.to_wgs84(sent.points_m[:, 0], sent.points_m[:, 1])
         mission, resume_at = revised_mission(
@@ -326,6 +329,10 @@ class Sortie:
         still = []
         for number, change in self._open:
             if number >= len(self.ground.changes):
+                if self.done and self.ground.outcome.is_good and not len(change.path_m):
+                    # It went home at once, or ended where it was, before the change was confirmed.
+                    change.outcome, change.effect_s = "flown", self.ground.flight_time_s
+                    continue
                 still.append((number, change))
                 continue
             record = self.ground.changes[number]

@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from mission.errors import PlanningError
+from mission.errors import AnswerError
 from mission.planners.path import Points
 
 
@@ -42,7 +42,8 @@ class Decision:
     ----------
     paths : mapping of int to float64[n, 2]
         By system id the points to fly through from now on, in metres of the farm frame; the vehicle then
-        flies home. No points: fly home now; at the start: do not fly. Vehicles that are not named go on.
+        flies home. No points: fly home now (a vehicle whose mission does not lead home, the ideal robot, ends
+        where it is); at the start: do not fly. Vehicles that are not named go on.
     reason : str
         Why, in a few words, for the record.
     alternatives : tuple of Alternative
@@ -52,7 +53,7 @@ class Decision:
 
     Raises
     ------
-    PlanningError
+    AnswerError
         If points are no finite pairs.
 
     Examples
@@ -74,10 +75,14 @@ class Decision:
             array = np.array(points, dtype=np.float64)
             if array.size == 0:
                 array = np.empty((0, 2))
-            if array.ndim != 2 or array.shape[1] != 2 or not np.isfinite(array).all():
+            if array.ndim != 2 or array.shape[1] != 2:
                 shape = array.shape
                 msg = f"vehicle {system_id}: a path is finite (x, y) points, not an array of shape {shape}"
-                raise PlanningError(msg)
+                raise AnswerError(msg, "no points")
+            if not np.isfinite(array).all():
+                worst = array[~np.isfinite(array)][0]
+                msg = f"vehicle {system_id}: a path is finite (x, y) points, but a coordinate is {worst}"
+                raise AnswerError(msg, "not finite")
             array.flags.writeable = False
             taken[int(system_id)] = array
         object.__setattr__(self, "paths", MappingProxyType(taken))

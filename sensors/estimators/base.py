@@ -69,6 +69,29 @@ class Estimator(Protocol):
         ...
 
 
+_OUTSIDE = 1e-4
+
+
+def model_fault(estimator: object, model: object) -> str | None:
+    """Return what is wrong with what an estimator's ``predict`` returned, in one line; None if nothing is."""
+    if not isinstance(model, InformationModel):
+        what = _KINDS.get(type(model), f"a {type(model).__name__}")
+        return f"predict returned {what}, not an InformationModel"
+    low, high = float(model.value.min()), float(model.value.max())
+    if not (np.isfinite(low) and np.isfinite(high)):
+        return "predict returned a value that is not finite in every cell"
+    if not getattr(estimator, "unbounded", False) and (low < -_OUTSIDE or high > 1.0 + _OUTSIDE):
+        worst = low if low < -_OUTSIDE else high
+        return f"predict returned the value {worst:.4g}; values are 0 to 1 (numpy.clip them)"
+    least = float(model.uncertainty.min())
+    if not least >= 0.0:
+        return f"predict returned an uncertainty that is negative in some cell or not finite ({least:.4g})"
+    return None
+
+
+_KINDS = {type(None): "None", np.ndarray: "an array"}
+
+
 class BaseEstimator(ABC):
     """The part that all our estimators share: the farm, checks of the observations, parameters by name.
 
@@ -80,6 +103,8 @@ class BaseEstimator(ABC):
     """Whether a model after some further observations takes little time on a farm of any size."""
     states_deviation: ClassVar[bool] = False
     """Whether the model's uncertainty is the standard deviation of the true values."""
+    unbounded: ClassVar[bool] = False
+    """Whether values may lie outside 0 to 1, as those that a Gaussian process extrapolates."""
 
     fields: FieldSet = PAPER_FIELDS
     grid_: FarmGrid

@@ -18,7 +18,7 @@ import numpy as np
 
 from geo.grid import FarmGrid
 from sensors.errors import EstimatorError, ObservationError
-from sensors.estimators.base import Estimator, estimator_fields
+from sensors.estimators.base import Estimator, estimator_fields, model_fault
 from sensors.observations import Observations
 from sensors.scoring.information import CLASSES, InformationModel
 from sensors.scoring.tiles import TILE_CELLS
@@ -89,14 +89,18 @@ class _Subject:
         return copy.deepcopy(self._estimator)
 
     def model(self, seen: Observations | None) -> InformationModel:
-        return self.fresh().fit(self.grid, seen).predict()
+        model = self.fresh().fit(self.grid, seen).predict()
+        fault = model_fault(self._estimator, model)
+        self.require(fault is None, str(fault))
+        return model
 
     def require(self, promise: bool, text: str) -> None:
         if not promise:
             raise AssertionError(f"{self.name}: {text}")
 
     def require_form(self, model: InformationModel, when: str) -> None:
-        self.require(isinstance(model, InformationModel), f"predict {when} must return an InformationModel")
+        fault = model_fault(self._estimator, model)
+        self.require(fault is None, f"{when}: {fault}")
         for name, array in (("value", model.value), ("uncertainty", model.uncertainty)):
             shape = (len(self.fields), *SHAPE)
             self.require(array.shape == shape, f"{name} {when} has shape {array.shape}, not {shape}")

@@ -180,6 +180,24 @@ def test_a_wrong_answer_is_noted_and_the_old_path_flown(answer: Callable[..., De
     assert np.hypot(result.track.x_m[-1] - 5.0, result.track.y_m[-1] - 5.0) < 0.3
 
 
+def test_an_ideal_robot_that_is_to_go_home_now_ends_its_flight() -> None:
+    """Its mission does not lead home: it is over where it is, as no way home is paid for."""
+    first = Decision({1: [[0.5, 0.5], [8.5, 0.5], [8.5, 8.5]]})
+
+    def home(situation: Situation) -> Decision:
+        if situation.event is Event.START:
+            return first
+        return GO_ON if situation.time_s < 12.0 else Decision({1: []}, reason="home")
+
+    result = fly(IDEAL, policy=Wanderer(Asking(period_s=3.0), home))
+    assert result.outcome is Outcome.COMPLETED
+    assert not result.bad_answers
+    asked = [one for one in result.decisions if one.reason == "home"]
+    (change,) = asked[0].changes
+    assert (change.outcome, len(change.path_m), len(asked)) == ("flown", 0, 1)
+    assert asked[0].time_s <= result.flight_time_s <= asked[0].time_s + 2.0
+
+
 def test_without_a_first_path_nothing_flies() -> None:
     with pytest.raises(PlanningError, match=r"policy Wanderer has no path for vehicle 1"):
         fly(IDEAL, policy=Wanderer(Asking(), lambda s: GO_ON))

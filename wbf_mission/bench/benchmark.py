@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import warnings
 from pathlib import Path
 
 from geo.interrupts import interrupts_noted
@@ -102,6 +103,17 @@ def benchmark(
         found = [rows[one.key] for one in runs if one.key in rows]
     else:
         found = [row for row in store.rows if row.key in wanted]
+        names = {(one.scenario_id, one.planner, one.estimator, one.seed) for one in runs}
+        others = sum(
+            row.key not in wanted and (row.scenario, row.planner, row.estimator, row.seed) in names
+            for row in store.rows
+        )
+        if others:
+            msg = (
+                f"{out}: {others} rows with the names of these runs were flown by other code, or with other"
+                " parameters or files; they are kept, and do not count here"
+            )
+            warnings.warn(msg, stacklevel=2)
     if interrupted:
         raise BenchmarkInterrupted(found, len(runs))
     return found

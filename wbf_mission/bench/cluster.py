@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Future
-from typing import Any
+from typing import Any, TypeVar
 
 from geo.errors import WbfMissionError
 from geo.texts import one_line
-from wbf_mission.bench.row import BenchRow
 
 __all__ = ["Cluster", "ClusterError"]
 
 LOCAL = "local"
+_T = TypeVar("_T")
 _WAIT_S = 60.0
 
 
@@ -67,18 +67,18 @@ class Cluster:
             self.close()
             raise
 
-    def submit(self, function: Callable[..., BenchRow], /, *arguments: Any) -> Future[BenchRow]:
-        """Have a run flown."""
-        future: Future[BenchRow] = self._executor.submit(function, *arguments)
+    def submit(self, function: Callable[..., _T], /, *arguments: Any) -> Future[_T]:
+        """Have a call made; what is called is sent by its name."""
+        future: Future[_T] = self._executor.submit(function, *arguments)
         return future
 
-    def result(self, future: Future[BenchRow]) -> BenchRow | None:
+    def result(self, future: Future[_T]) -> _T | None:
         """Return what a future that is done gave; None if worker after worker died of it.
 
         Raises
         ------
         ClusterError
-            If the scheduler is lost.
+            If the scheduler is lost, or a worker has other code.
         """
         from distributed import KilledWorker
 
@@ -88,6 +88,10 @@ class Cluster:
             return None
         except CancelledError:
             msg = f"--dask {self._address}: the scheduler is lost; the same command goes on with what is done"
+            raise ClusterError(msg) from None
+        except Exception as error:  # such as what an older wbf-mission raises
+            why = one_line(str(error)) if isinstance(error, WbfMissionError) else one_line(repr(error))
+            msg = f"--dask {self._address}: a worker cannot fly: {why}"
             raise ClusterError(msg) from None
 
     def close(self) -> None:

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import pickle
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeAlias, cast
 
 from geo.workers import CallsAhead, Processes
-from wbf_mission.bench.cluster import Cluster
+from wbf_mission.bench.cluster import Cluster, ClusterError
+from wbf_mission.bench.meaning import built_in_digest, is_own
 from wbf_mission.bench.row import BenchRow, failed_row, fly_run
 from wbf_mission.bench.spec import BenchRun
 
 __all__ = ["fly_all"]
+
+
+_Flown: TypeAlias = BenchRow | str
 
 
 class _Workers(Protocol):
@@ -23,7 +29,7 @@ class _Workers(Protocol):
     def most(self) -> int:
         """How many runs it is given at a time."""
 
-    def submit(self, function: Callable[..., BenchRow], /, *arguments: Any) -> Future[BenchRow]:
+    def submit(self, function: Callable[..., _Flown], /, *arguments: Any) -> Future[_Flown]:
         """Have a run flown."""
 
 
@@ -52,8 +58,7 @@ def fly_all(runs: Sequence[BenchRun], *, jobs: int = 1, dask: str | None = None)
     if dask is not None:
         with closing(Cluster(dask, jobs)) as cluster:
             for run, future in _ended(cluster, runs):
-                row = cluster.result(future)
-                yield failed_row(run, _KILLED) if row is None else row
+                yield _row(run, cluster.result(future) or _KILLED)
     elif jobs == 1:
         yield from map(fly_run, runs)
     else:
@@ -63,19 +68,77 @@ def fly_all(runs: Sequence[BenchRun], *, jobs: int = 1, dask: str | None = None)
 _KILLED = "the process that flew it was killed; is there enough memory for it?"
 
 
-def _ended(workers: _Workers, runs: Sequence[BenchRun]) -> Iterator[tuple[BenchRun, Future[BenchRow]]]:
+def _ended(workers: _Workers, runs: Sequence[BenchRun]) -> Iterator[tuple[BenchRun, Future[_Flown]]]:
     """Have runs flown, and yield them as they end."""
     waiting = iter(runs)
-    flying: dict[Future[BenchRow], BenchRun] = {}
+    flying: dict[Future[_Flown], BenchRun] = {}
     while True:
         for run in waiting:
-            flying[workers.submit(fly_run, run)] = run
+            flying[_submitted(workers, run)] = run
             if len(flying) >= workers.most:
                 break
         if not flying:
             return
         for future in wait(flying, return_when=FIRST_COMPLETED).done:
             yield flying.pop(future), future
+
+
+def _submitted(workers: _Workers, run: BenchRun) -> Future[_Flown]:
+    """Have a run flown elsewhere; the result is its row, or why it has none."""
+    try:
+        sent = _packed(run)
+    except Exception as error:  # a planner, policy or estimator of somebody's
+        unsent: Future[_Flown] = Future()
+        unsent.set_result(f"{_UNSENT}: {type(error).__name__}: {error}")
+        return unsent
+    return workers.submit(_fly_packed, *sent)
+
+
+_UNSENT = "a planner, policy or estimator cannot be sent to another process"
+
+
+def _row(run: BenchRun, given: _Flown) -> BenchRow:
+    return failed_row(run, given) if isinstance(given, str) else given
+
+
+def _packed(run: BenchRun) -> tuple[bytes, str]:
+    """Return what `_fly_packed` takes: code that the other process cannot import goes with it.
+
+    Dask itself would send classes by their names.
+    """
+    import cloudpickle
+
+    known = cloudpickle.list_registry_pickle_by_value()
+    own = [
+        module
+        for name, module in tuple(sys.modules.items())
+        if name not in known and name != "__main__" and getattr(module, "__file__", None) and is_own(name)
+    ]
+    for module in own:
+        cloudpickle.register_pickle_by_value(module)
+    try:
+        return cloudpickle.dumps((fly_run, run)), built_in_digest()
+    finally:
+        for module in own:
+            cloudpickle.unregister_pickle_by_value(module)
+
+
+def _fly_packed(sent: bytes, code: str) -> _Flown:
+    """Fly a run that another process of the same user packed; return its row, or why it has none.
+
+    Raises
+    ------
+    WbfMissionError
+        If this process has other code than that one: its row would be another.
+    """
+    if code != built_in_digest():
+        msg = "it has another wbf-mission; install the same version there"
+        raise ClusterError(msg)
+    try:
+        function, run = pickle.loads(sent)  # noqa: S301 (of this command, over its own pool or scheduler)
+    except Exception as error:
+        return f"{_UNSENT}: {type(error).__name__}: {error}"
+    return cast("BenchRow", function(run))
 
 
 def _in_processes(runs: Sequence[BenchRun], jobs: int) -> Iterator[BenchRow]:
@@ -85,7 +148,7 @@ def _in_processes(runs: Sequence[BenchRun], jobs: int) -> Iterator[BenchRow]:
         try:
             with closing(Processes(jobs)) as processes:
                 for run, future in _ended(processes, remaining):
-                    row = future.result()
+                    row = _row(run, future.result())
                     done.add(run.key)
                     yield row
         except BrokenProcessPool:
@@ -99,8 +162,8 @@ def _in_processes(runs: Sequence[BenchRun], jobs: int) -> Iterator[BenchRow]:
 
 
 def _alone(run: BenchRun) -> BenchRow:
-    with closing(CallsAhead(fly_run, [(run,)])) as calls:
+    with closing(CallsAhead(_fly_packed, [_packed(run)])) as calls:
         try:
-            return calls.result(0)
+            return _row(run, calls.result(0))
         except BrokenProcessPool:
             return failed_row(run, _KILLED)

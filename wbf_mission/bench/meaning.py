@@ -1,21 +1,36 @@
-"""What a scenario means, as a digest: all that decides its runs but planner, estimator and seed."""
+"""What decides a run, as digests: what its scenario means, the code that flies it, and what users give.
+
+Of a user's object code and state count: its classes and functions with all of the user's own that these name,
+the files that hold them, and whatever it stores. What a notebook defines counts by its compiled code.
+"""
 
 from __future__ import annotations
 
 import dataclasses
+import dis
 import hashlib
+import importlib
+import sys
+from collections.abc import Iterable, Iterator
+from functools import cache
+from pathlib import Path
+from types import CellType, CodeType, FunctionType, MappingProxyType, MethodType, ModuleType
 from typing import Any
 
 import msgspec
+import numpy as np
 import shapely
 
 from geo import Farm
+from geo.blame import PACKAGES, is_users_file
 from geo.farms import get_farm
 from sensors.field_files import field_to_table, load_field_set
 from sim_vehicle.airframe.catalog import get_vehicle
 from wbf_mission.scenario import Scenario
 
-__all__ = ["digest", "meaning_of"]
+__all__ = ["built_in_digest", "digest", "is_own", "meaning_of", "own_digest"]
+
+_SOURCES = frozenset({".py", ".csv", ".npz"})
 
 _ROWS = ("planner", "policy", "estimator", "seed")
 _FILES = ("farm", "fields", "vehicle")
@@ -51,6 +66,164 @@ def digest(values: Any) -> str:
     """Return the first 96 bits of a SHA-256 over plain values, as hexadecimal digits."""
     text = msgspec.json.encode(values, order="deterministic", enc_hook=str)
     return hashlib.sha256(text).hexdigest()[:24]
+
+
+@cache
+def built_in_digest() -> str:
+    """Return the digest of the code that flies: all sources of the five packages, and the data beside them.
+
+    Vehicles, farms and scenarios, which are TOML and GeoJSON, count where they are used (`meaning_of`). It is
+    taken once in a process, which flies what it has loaded.
+    """
+    taken = hashlib.sha256()
+    for name in PACKAGES:
+        (root,) = importlib.import_module(name).__path__
+        for path in sorted(one for one in Path(root).rglob("*") if one.suffix in _SOURCES):
+            content = path.read_bytes()
+            taken.update(f"{name}/{path.relative_to(root).as_posix()} {len(content)}\n".encode())
+            taken.update(content)
+    return taken.hexdigest()[:24]
+
+
+def own_digest(made: Any) -> str:
+    """Return the digest of a user's function or object: its code and all that it holds.
+
+    Examples
+    --------
+    >>> own_digest(lambda: 1) == own_digest(lambda: 1), own_digest([1.0]) == own_digest([9.0])
+    (True, False)
+    """
+    return digest(_Plain().of(made))
+
+
+def is_own(module: str | None) -> bool:
+    """Tell whether a module of this name is a user's: neither of this program nor installed."""
+    name = module or "builtins"
+    top = name.partition(".")[0]
+    if name in ("__main__", "__mp_main__"):
+        return True
+    if top in PACKAGES or top in sys.stdlib_module_names:
+        return False
+    file = _file_of(name)
+    if file is None:
+        return name in sys.modules
+    return is_users_file(str(file))
+
+
+def _file_of(module: str) -> Path | None:
+    file = getattr(sys.modules.get(module), "__file__", None)
+    return None if file is None else Path(file).absolute()
+
+
+@cache
+def _of_file(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
+
+
+class _Plain:
+    """Brings objects into plain values that are equal for equal code and state, in any process."""
+
+    def __init__(self) -> None:
+        self._open: set[int] = set()
+        # What was met is kept, so that nothing else gets its id.
+        self._done: dict[int, tuple[Any, Any]] = {}
+
+    def of(self, value: Any) -> Any:
+        """Return the plain values of anything."""
+        kind = type(value)
+        if value is None or kind in (bool, int, float, complex, str, bytes):
+            return [kind.__name__, repr(value)]
+        number = id(value)
+        if number in self._open:
+            return ["again"]
+        if number not in self._done:
+            self._open.add(number)
+            self._done[number] = value, [kind.__qualname__, self._parts(value)]
+            self._open.discard(number)
+        return self._done[number][1]
+
+    def _parts(self, value: Any) -> Any:
+        if isinstance(value, np.ndarray) and not value.dtype.hasobject:
+            return [value.dtype.str, list(value.shape), hashlib.sha256(value.tobytes()).hexdigest()]
+        if isinstance(value, list | tuple) and type(value) in (list, tuple):
+            return self._all(value)
+        if type(value) in (dict, MappingProxyType):
+            return [self._all(pair) for pair in value.items()]
+        if isinstance(value, set | frozenset):
+            return sorted(own_digest(one) for one in value)
+        if isinstance(value, ModuleType):
+            return self._where(value.__name__, value.__name__)
+        if isinstance(value, type):
+            return self._class(value)
+        if isinstance(value, FunctionType):
+            return self._function(value)
+        if isinstance(value, CodeType):
+            return [value.co_code.hex(), list(value.co_names), self._all(value.co_consts)]
+        if isinstance(value, MethodType | staticmethod | classmethod):
+            return self._all((value.__func__, getattr(value, "__self__", None)))
+        if isinstance(value, property):
+            return self._all((value.fget, value.fset, value.fdel))
+        for wrapped in ("py_func", "__wrapped__"):  # of numba, of functools
+            if callable(value) and isinstance(getattr(value, wrapped, None), FunctionType):
+                return self.of(getattr(value, wrapped))
+        return self._reduced(value)
+
+    def _all(self, values: Iterable[Any]) -> list[Any]:
+        return [self.of(one) for one in values]
+
+    def _reduced(self, value: Any) -> Any:
+        """Return what a pickle of an object would be made of."""
+        try:
+            reduced = value.__reduce_ex__(4)
+        except Exception:  # whatever cannot be pickled counts by its class
+            return self.of(type(value))
+        if isinstance(reduced, str):
+            return [self.of(type(value)), reduced]
+        return [self._all(one) if isinstance(one, Iterator) else self.of(one) for one in reduced]
+
+    def _where(self, module: str, name: str) -> list[str]:
+        """Return where code stands; what is installed or a user's also with its file."""
+        top = module.partition(".")[0]
+        file = None if top in PACKAGES or top in sys.stdlib_module_names else _file_of(module)
+        # A file of a user's has another module's name in each folder: it counts by what is in it.
+        return [name if is_own(module) else f"{module}.{name}", "" if file is None else _of_file(file)]
+
+    def _class(self, one: type) -> Any:
+        where = self._where(one.__module__, one.__qualname__)
+        if not is_own(one.__module__):
+            return where
+        held = {key: value for key, value in vars(one).items() if key not in _NO_CODE}
+        return [where, self._all(one.__bases__), [[key, self.of(held[key])] for key in sorted(held)]]
+
+    def _function(self, one: FunctionType) -> Any:
+        module = one.__module__ or ""
+        where = self._where(module, one.__qualname__)
+        if not is_own(module):
+            return where
+        cells = [cell.cell_contents for cell in one.__closure__ or () if cell != CellType()]
+        named = sorted(name for name in _global_names(one.__code__) if name in one.__globals__)
+        used = [[name, self.of(one.__globals__[name])] for name in named]
+        given = self._all((one.__defaults__, one.__kwdefaults__))
+        return [where, self.of(one.__code__), given, self._all(cells), used]
+
+
+_NO_CODE = frozenset(
+    (
+        "__dict__",
+        "__weakref__",
+        "__doc__",
+        "__module__",
+        "__annotations__",
+        "__abstractmethods__",
+        "_abc_impl",
+    )
+)
+
+
+def _global_names(code: CodeType) -> set[str]:
+    """Return the names of globals that code uses, and that functions within it use."""
+    names = {one.argval for one in dis.get_instructions(code) if one.opname in ("LOAD_GLOBAL", "LOAD_NAME")}
+    return names.union(*(_global_names(one) for one in code.co_consts if isinstance(one, CodeType)))
 
 
 def _vehicle(name: str) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from wbf_mission.bench.page import Page, Picture, Section, Table
 from wbf_mission.bench.row import BenchRow
-from wbf_mission.bench.standings import Interval, Standing, standings, students_reach
+from wbf_mission.bench.standings import Interval, Standing, apart, standings, students_reach
 from wbf_mission.plots import LINE_COLOURS, new_figure, save_figure
 
 __all__ = [
@@ -62,6 +62,21 @@ def _behind(found: Sequence[Standing]) -> Table:
     return Table("Behind the best, in pairs of runs on the same environment", ("run", "mean", "95 %"), rows)
 
 
+def _bad_answers(found: Sequence[Standing]) -> Table:
+    """Return how many answers of a scenario's policies were not flown or came too late."""
+    kinds = list(dict.fromkeys(kind for one in found for kind in one.bad_answers))
+    rows = tuple(
+        (
+            f"{one.planner}, {one.estimator}",
+            str(one.decisions),
+            *(str(one.bad_answers.get(kind, 0)) for kind in kinds),
+        )
+        for one in found
+        if one.bad_answers
+    )
+    return Table("Answers that were not flown, or came too late", ("policy, estimator", "all", *kinds), rows)
+
+
 def score_over_time(rows: Sequence[BenchRow]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return times and, at each, the score of each run as it stood then.
 
@@ -96,6 +111,7 @@ def write_report(rows: Sequence[BenchRow], folder: Path, *, title: str) -> list[
         If one cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
+    rows = apart(rows)
     found = standings(rows)
     scenarios = list(dict.fromkeys(one.scenario for one in found))
     sections = [
@@ -121,6 +137,7 @@ def _section(scenario: str, found: Sequence[Standing], good: Sequence[BenchRow],
     tables = (
         standing_table("Scores over the run and at its end", found),
         _behind(found),
+        _bad_answers(found),
         _flown(good),
         _costs(good),
     )

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
+import copy
 import platform
 import time
-import traceback
 from array import array
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import msgspec
 import numpy as np
 
+from geo.blame import told_error
 from geo.errors import WbfMissionError
 from mission.outcome import Outcome
 from wbf_mission.bench.spec import BenchRun
 from wbf_mission.flight import fly
 from wbf_mission.flight_memory import memory_of_process
 from wbf_mission.run_record import RunRecord
+from wbf_mission.scenario import Scenario
 from wbf_mission.version import __version__
 
 __all__ = ["BenchRow", "Floats", "as_floats", "failed_row", "fly_run"]
@@ -70,6 +71,10 @@ class BenchRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
         Seconds of flight, the score and the losses at the scored times.
     versions : dict
         Of what flew it.
+    codes : dict
+        Digests of that (`wbf_mission.bench.spec.BenchRun`); empty in rows of old stores, which did not tell.
+    bad_answers : dict
+        How many answers of the policy were not flown, or came too late, by what was wrong with them.
     """
 
     key: str
@@ -95,6 +100,8 @@ class BenchRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     scores: Floats = msgspec.field(default_factory=_no_floats)
     history: dict[str, Floats] = {}
     versions: dict[str, str] = {}
+    codes: dict[str, str] = {}
+    bad_answers: dict[str, int] = {}
 
 
 def fly_run(run: BenchRun) -> BenchRow:
@@ -107,18 +114,24 @@ def fly_run(run: BenchRun) -> BenchRow:
     """
     wall_s, cpu_s = time.perf_counter(), time.process_time()
     try:
-        result = fly(run.scenario, memory=memory_of_process())
+        result = fly(_fresh(run.scenario), memory=memory_of_process())
     except WbfMissionError as error:
         return failed_row(run, str(error))
     except MemoryError:
         return failed_row(run, "not enough memory")
     except Exception as error:  # a planner or estimator of somebody's: the other runs go on
-        last = traceback.extract_tb(error.__traceback__)[-1]
-        where = f"{Path(last.filename).name}:{last.lineno}"
-        return failed_row(run, f"{type(error).__name__}: {error} ({where})")
+        return failed_row(run, told_error(error))
     if result.outcome is Outcome.INTERRUPTED:
         raise KeyboardInterrupt
     return _row(run, result, time.perf_counter() - wall_s, time.process_time() - cpu_s)
+
+
+def _fresh(scenario: Scenario) -> Scenario:
+    """Return the scenario with copies of a user's objects: a run is not to see what those before it left."""
+    try:
+        return copy.deepcopy(scenario)
+    except Exception:  # an object that cannot be copied is flown as it is
+        return scenario
 
 
 def failed_row(run: BenchRun, cause: str) -> BenchRow:
@@ -128,13 +141,16 @@ def failed_row(run: BenchRun, cause: str) -> BenchRow:
 
 def _row(run: BenchRun, result: RunRecord, wall_s: float, cpu_s: float) -> BenchRow:
     summary, history = result.summary(), result.history
-    good = result.outcome.is_good
+    good = result.outcome.is_good and not result.policy_failed
+    why = f"{result.outcome.value}: {result.reason}"
+    if result.outcome.is_good:
+        why = result.warnings[0] if result.policy_failed else ""
     names = result.fields.names
     losses = history.field_losses
     return BenchRow(
         **_which(run),
         outcome=result.outcome.value,
-        error=None if good else f"{result.outcome.value}: {result.reason}",
+        error=None if good else why,
         score=_finite(summary["score"]),
         final_score=_finite(summary["final_score"]),
         losses={name: one for name, one in summary["losses"].items() if one is not None},
@@ -144,6 +160,7 @@ def _row(run: BenchRun, result: RunRecord, wall_s: float, cpu_s: float) -> Bench
         flight_time_s=_finite(summary["flight_time_s"]),
         predicted_time_s=_finite(summary["predicted_time_s"]),
         decisions=len(result.decisions),
+        bad_answers=result.bad_answers,
         wall_time_s=wall_s,
         cpu_time_s=cpu_s,
         timings_s=dict(result.timings_s),
@@ -161,6 +178,7 @@ def _which(run: BenchRun) -> dict[str, Any]:
         "planner": run.planner,
         "estimator": run.estimator,
         "seed": run.seed,
+        "codes": run.codes,
     }
 
 

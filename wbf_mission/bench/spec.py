@@ -5,17 +5,21 @@ from __future__ import annotations
 import difflib
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
+from geo.blame import PACKAGES
+from geo.installed import entry_points
+from mission.planners.registry import ENTRY_POINT_GROUP as PLANNERS
 from mission.policies.policy import Policy
+from mission.policies.registry import ENTRY_POINT_GROUP as POLICIES
 from mission.policies.registry import make_policy
+from sensors.estimators.base import ENTRY_POINT_GROUP as ESTIMATORS
 from sensors.field_files import load_field_set
-from wbf_mission.bench.meaning import digest, meaning_of
+from wbf_mission.bench.meaning import built_in_digest, digest, meaning_of, own_digest
 from wbf_mission.estimation import estimator_of
 from wbf_mission.names import names_of
-from wbf_mission.own_code import code_digest
 from wbf_mission.planning import planner_of
 from wbf_mission.scenario import (
     Choice,
@@ -30,7 +34,7 @@ from wbf_mission.scenario.scenario import unknown_key
 
 __all__ = ["BenchRun", "BenchSpec"]
 
-_FORMAT = 1
+_FORMAT = 2
 _SEEDS = 10
 _DEFAULTS: Mapping[str, tuple[str, ...]] = {
     "scenarios": ("WBF/Miniberry-30-v1",),
@@ -55,6 +59,9 @@ class BenchRun:
         With parameters; the planner may be a policy.
     scenario : Scenario
         All of it, with planner, estimator and seed.
+    codes : dict of str to str
+        Digests of the built-in ``code``, of what the ``scenario`` means, and of the code and state of a
+        ``planner`` and an ``estimator`` that are no part of this program.
     """
 
     key: str
@@ -62,6 +69,7 @@ class BenchRun:
     planner: str
     estimator: str
     scenario: Scenario
+    codes: dict[str, str] = field(default_factory=dict)
 
     @property
     def seed(self) -> int:
@@ -193,15 +201,19 @@ class BenchSpec:
 
     def runs(self) -> Iterator[BenchRun]:
         """Yield all runs; those of the same environment follow one another."""
+        own = [_code_of(one, "planner" if _is_planner(one) else "policy") for one in self.planners]
+        movers = list(zip(self.planners, own, strict=True))
+        estimators = [(one, _code_of(one, "estimator")) for one in self.estimators]
         for name, base in self.scenarios:
-            meaning = meaning_of(base)
+            built_in = {"code": built_in_digest(), "scenario": meaning_of(base)}
             for seed in self.seeds:
-                for planner, estimator in itertools.product(self.planners, self.estimators):
+                for (planner, of_planner), (estimator, of_estimator) in itertools.product(movers, estimators):
                     mover = "planner" if _is_planner(planner) else "policy"
                     scenario = scenario_with(base, {mover: planner, "estimator": estimator, "seed": seed})
-                    codes = [code_digest(one.made) for one in (planner, estimator) if one.made is not None]
-                    values = [_FORMAT, meaning, mover, str(planner), str(estimator), seed, *codes]
-                    yield BenchRun(digest(values), name, str(planner), str(estimator), scenario)
+                    own_codes = {"planner": of_planner, "estimator": of_estimator}
+                    codes = built_in | {key: one for key, one in own_codes.items() if one}
+                    values = [_FORMAT, codes, mover, str(planner), str(estimator), seed]
+                    yield BenchRun(digest(values), name, str(planner), str(estimator), scenario, codes)
 
 
 def _given(key: str, given: Any) -> Sequence[Any]:
@@ -236,6 +248,17 @@ def _is_planner(choice: Choice) -> bool:
     if choice.made is not None:
         return not isinstance(choice.made, Policy)
     return choice.name.lower() in names_of("planner")
+
+
+def _code_of(choice: Choice, what: str) -> str:
+    """Return the digest of a user's object, or of what another package registered; empty if built in."""
+    if choice.made is not None:
+        return own_digest(choice.made)
+    group = {"planner": PLANNERS, "policy": POLICIES, "estimator": ESTIMATORS}[what]
+    for entry in entry_points(group=group):
+        if entry.name.lower() == choice.name.lower() and entry.module.partition(".")[0] not in PACKAGES:
+            return own_digest(entry.load())
+    return ""
 
 
 def _require_mover(choice: Choice) -> None:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from msgspec import structs
 from numpy.typing import NDArray
 from scipy import stats
 
 from wbf_mission.bench.row import BenchRow
 
-__all__ = ["Interval", "Standing", "mean_interval", "standings", "students_reach"]
+__all__ = ["Interval", "Standing", "apart", "mean_interval", "standings", "students_reach"]
 
 _DRAWS = 2000
 _SEED = 0
@@ -52,6 +54,10 @@ class Standing:
         Seeds on which it has the best score; shared ones in parts.
     wall_time_s, cpu_time_s : float
         Of a run, in the mean.
+    decisions : int
+        Answers of the policy in all runs.
+    bad_answers : dict
+        How many of these were not flown or came too late, by what was wrong; also in runs that failed of it.
     """
 
     scenario: str
@@ -67,6 +73,8 @@ class Standing:
     wins: float
     wall_time_s: float
     cpu_time_s: float
+    decisions: int
+    bad_answers: dict[str, int]
 
 
 def _resamples(count: int) -> Iterator[tuple[int, NDArray[np.int64]]]:
@@ -134,8 +142,46 @@ def students_reach(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(values.std(axis=0, ddof=1) / np.sqrt(count) * stats.t.ppf(0.975, count - 1))
 
 
+_NAMED = (
+    ("scenario", "code"),
+    ("scenario", "scenario"),
+    ("planner", "planner"),
+    ("estimator", "estimator"),
+)
+
+
+def apart(rows: Sequence[BenchRow]) -> Sequence[BenchRow]:
+    """Return rows in which what has the same name is the same.
+
+    Where a name stands for several things, because the program, a file or a user's code changed between runs
+    or an object has other parameters, the beginning of the digest is added to it. Rows that need nothing of
+    this are given back as they are.
+    """
+    for name, key in _NAMED:
+        digests: dict[str, set[str]] = {}
+        for row in rows:
+            digests.setdefault(getattr(row, name), set()).add(_code(row, key))
+        several = {label for label, codes in digests.items() if len(codes) > 1}
+        if several:
+            rows = [
+                structs.replace(row, **{name: f"{getattr(row, name)} [{_code(row, key)[:8]}]"})
+                if getattr(row, name) in several
+                else row
+                for row in rows
+            ]
+    return rows
+
+
+def _code(row: BenchRow, key: str) -> str:
+    return row.codes.get(key, "built in" if row.codes else "unknown")
+
+
 def standings(rows: Sequence[BenchRow]) -> list[Standing]:
-    """Return the standing of each planner with each estimator, by scenario, the best score first."""
+    """Return the standing of each planner with each estimator, by scenario, the best score first.
+
+    Rows of different code do not stand in one table, see `apart`.
+    """
+    rows = apart(rows)
     found = []
     for scenario in sorted({row.scenario for row in rows}):
         here = [row for row in rows if row.scenario == scenario]
@@ -171,6 +217,8 @@ def standings(rows: Sequence[BenchRow]) -> list[Standing]:
                     wins=float(wins[k]),
                     wall_time_s=float(np.mean([row.wall_time_s for row in good])) if good else np.nan,
                     cpu_time_s=float(np.mean([row.cpu_time_s for row in good])) if good else np.nan,
+                    decisions=sum(row.decisions or 0 for row in all_of),
+                    bad_answers=dict(sum((Counter(row.bad_answers) for row in all_of), Counter[str]())),
                 )
             )
         found += sorted(group, key=lambda one: (np.isnan(one.score.mean), -one.score.mean))

@@ -26,8 +26,15 @@ __all__ = ["BenchStore", "read_rows", "rows_table"]
 TABLE = "rows.parquet"
 _JOURNAL = "journal.jsonl"
 _LOCK = ".lock"
-_LOSS, _HISTORY, _TIMING, _VERSION = "loss_", "history_", "timing_", "version_"
-_DICTS = {"losses": _LOSS, "history": _HISTORY, "timings_s": _TIMING, "versions": _VERSION}
+_LOSS, _HISTORY, _TIMING, _VERSION, _CODE, _BAD = "loss_", "history_", "timing_", "version_", "code_", "bad_"
+_DICTS = {
+    "losses": _LOSS,
+    "history": _HISTORY,
+    "timings_s": _TIMING,
+    "versions": _VERSION,
+    "codes": _CODE,
+    "bad_answers": _BAD,
+}
 _GROUP_ROWS = 1000
 _NEEDED = ("key", "scenario", "planner", "estimator", "seed")
 _SHARED = ("scenario", "planner", "estimator", "outcome", "error")
@@ -171,11 +178,11 @@ def _column(name: str, values: Iterator[Any]) -> Any:
 def _type(name: str) -> Any:
     import pyarrow as pa
 
-    if name in {"key", "scenario", "planner", "estimator", "outcome", "error"} or name.startswith(_VERSION):
+    if name in {"key", *_SHARED} or name.startswith((_VERSION, _CODE)):
         return pa.string()
     if name == "seed":
         return pa.uint64()
-    if name in {"observations", "cells_observed", "decisions"}:
+    if name in {"observations", "cells_observed", "decisions"} or name.startswith(_BAD):
         return pa.int64()
     if name in {"times_s", "scores"} or name.startswith(_HISTORY):
         return pa.list_(pa.float64())
@@ -185,7 +192,7 @@ def _type(name: str) -> Any:
 def _rows_of(path: Path) -> Iterator[BenchRow]:
     """Yield the rows of a table; what many have in common is kept once."""
     texts: dict[str, str] = {}
-    versions: dict[tuple[tuple[str, str], ...], dict[str, str]] = {}
+    shared: dict[tuple[tuple[str, str], ...], dict[str, str]] = {}
     times: dict[bytes, Floats] = {}
     for batch in read_batches(path, _NEEDED):
         wheres = [_where(name) for name in batch.schema.names]
@@ -205,7 +212,8 @@ def _rows_of(path: Path) -> Iterator[BenchRow]:
                 raise ResultError(msg) from None
             yield msgspec.structs.replace(
                 found,
-                versions=versions.setdefault(tuple(found.versions.items()), found.versions),
+                versions=shared.setdefault(tuple(found.versions.items()), found.versions),
+                codes=shared.setdefault(tuple(found.codes.items()), found.codes),
                 times_s=times.setdefault(found.times_s.tobytes(), found.times_s),
             )
 

@@ -280,14 +280,21 @@ def report_command(
 ) -> int:
     """Print what the results in a folder tell, also while they are made, or write it as a report."""
     from wbf_mission.bench.report import write_report
+    from wbf_mission.bench.standings import apart
     from wbf_mission.bench.store import read_rows
     from wbf_mission.tables import ResultError
 
-    rows = read_rows(folder)
+    kept = read_rows(folder)
+    rows = apart(kept)
     if not rows:
         msg = f"{folder}: holds no results of a benchmark; give the folder of 'bench run --out'"
         raise ResultError(msg)
     output = Output(as_json=json)
+    if rows is not kept:
+        output.warn(
+            f"{folder}: rows of the same name were flown by different code, parameters or files;"
+            " they are told apart by [digest]"
+        )
     if out is not None:
         files = write_report(rows, out, title=f"Benchmark of {len(rows)} runs")
         output.note(f"written: {', '.join(str(one) for one in files)}")
@@ -391,6 +398,11 @@ def _tell_failures(output: Output, rows: Sequence[BenchRow]) -> None:
     for row in failures[:_FAILURES_SHOWN]:
         where = f"{row.scenario}, {row.planner}, {row.estimator}, seed {row.seed}"
         output.warn(f"{where}: {row.error}")
+    bad = [row for row in rows if row.bad_answers and row.error is None]
+    if bad:
+        names = ", ".join(sorted({row.planner for row in bad}))
+        told = "answers were not flown or came too late"
+        output.warn(f"{names}: in {len(bad)} runs {told}; 'bench report --out' counts them")
     if len(failures) > _FAILURES_SHOWN:
         output.warn(f"{len(failures) - _FAILURES_SHOWN} more runs failed; 'bench report --json' names them")
 

@@ -71,6 +71,7 @@ def check_estimator_command(name: _Name, json: options.Json = False) -> int:
 
 
 def _run(name: str, what: str, check: Callable[[Choice], dict[str, Any]], *, as_json: bool) -> int:
+    from geo.blame import told_error, users_line
     from wbf_mission.own_code import own_choice
     from wbf_mission.scenario.choice import choose
 
@@ -80,7 +81,12 @@ def _run(name: str, what: str, check: Callable[[Choice], dict[str, Any]], *, as_
     try:
         measured = check(choice)
     except AssertionError as error:
-        broken = " ".join(str(error).split()) or "a check failed without saying why"
+        text = str(error) if users_line(error) is None else told_error(error)
+        broken = " ".join(text.split()) or "a check failed without saying why"
+    except Exception as error:
+        if users_line(error) is None or isinstance(error, MemoryError):
+            raise
+        broken = told_error(error)
     values = {what: str(choice), "keeps": broken is None, "broken": broken, **measured}
     rows = {what: str(choice), "contract": "kept" if broken is None else f"broken: {broken}"}
     if "time_share" in measured:

@@ -236,7 +236,7 @@ def fly_command(
         _print_fleet(output, result)
     if interrupted:
         return ExitCode.INTERRUPTED
-    return ExitCode.NOT_GOOD if blind else exit_code_of_flight(result.outcome)
+    return ExitCode.NOT_GOOD if blind or result.policy_failed else exit_code_of_flight(result.outcome)
 
 
 def _live_link(

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import shapely
 from shapely.geometry import LineString, MultiPolygon, Point
 
+from geo.blame import told_error
 from geo.errors import WbfMissionError
-from mission.errors import PlanningError
+from mission.errors import AnswerError, PlanningError
 from mission.planners.path import Points
 from mission.policies.decision import Decision
 from mission.policies.policy import Policy
@@ -17,6 +18,8 @@ from mission.policies.situation import Situation, VehicleReport
 
 _INSIDE_M = 1e-6
 _OF_LIMIT = 1e-9
+CRASHED, TOO_LATE = "crashed", "too late"
+"""Kinds of answers, beside those that `ask` and `Decision` find."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,34 +52,41 @@ def ask(policy: Policy, name: str, situation: Situation) -> Answer:
 
     Raises
     ------
-    PlanningError
+    AnswerError
         If it fails, or its answer breaks a rule; the text names the policy and the vehicle.
     """
     begin = time.perf_counter()
     try:
         decision = policy.decide(situation)
+    except AnswerError:
+        raise
+    except PlanningError as error:
+        raise AnswerError(str(error), "no path") from error
     except (WbfMissionError, MemoryError):
         raise
     except Exception as error:
-        msg = f"{name} failed: {type(error).__name__}: {error}"
-        raise PlanningError(msg) from error
+        msg = f"{name} failed: {told_error(error)}"
+        raise AnswerError(msg, CRASHED) from error
     compute_s = time.perf_counter() - begin
     if not isinstance(decision, Decision):
         msg = f"{name} answered with a {type(decision).__name__}, not a Decision"
-        raise PlanningError(msg)
+        raise AnswerError(msg, "no Decision")
     costs = {}
     for system_id, points in decision.paths.items():
-        vehicle = situation.vehicle(system_id)
+        try:
+            vehicle = situation.vehicle(system_id)
+        except PlanningError as error:
+            raise AnswerError(f"{name}: {error}", "wrong vehicle") from None
         costs[system_id] = _checked_cost(name, vehicle, points)
     return Answer(decision, costs, compute_s)
 
 
 def _checked_cost(name: str, vehicle: VehicleReport, points: Points) -> float:
-    """Return what a new path costs; PlanningError if the vehicle must not fly it."""
+    """Return what a new path costs; AnswerError if the vehicle must not fly it."""
     who = name if vehicle.system_id == 1 else f"{name}, vehicle {vehicle.system_id},"
     if not vehicle.steerable:
         msg = f"{who} changes the path of a vehicle that is {vehicle.status.value}"
-        raise PlanningError(msg)
+        raise AnswerError(msg, "not steerable")
     cost = vehicle.fares.rest([points])[0]
     budget = vehicle.request.budget
     if not cost <= vehicle.left + budget.limit * _OF_LIMIT:
@@ -84,7 +94,7 @@ def _checked_cost(name: str, vehicle: VehicleReport, points: Points) -> float:
         if vehicle.spent > 0.0:
             over = f"the {vehicle.left:.6g} {budget.unit} that are left of {budget.limit:g}"
         msg = f"{who} returned a path that takes {cost:.6g} {budget.unit}, over {over}"
-        raise PlanningError(msg)
+        raise AnswerError(msg, "over the budget")
     area = vehicle.request.area
     # Between parts that do not hang together the path may take the straight way.
     room = area.convex_hull if isinstance(area, MultiPolygon) else area
@@ -92,5 +102,5 @@ def _checked_cost(name: str, vehicle: VehicleReport, points: Points) -> float:
         line = LineString(points) if len(points) > 1 else Point(points[0])
         if not shapely.covers(shapely.buffer(room, _INSIDE_M), line):
             msg = f"{who} returned a path that leaves its area"
-            raise PlanningError(msg)
+            raise AnswerError(msg, "outside the area")
     return cost

@@ -44,6 +44,7 @@ class DecisionEntry(msgspec.Struct, forbid_unknown_fields=True):
     refused: str
     changes: list[_Change]
     alternatives: list[_Alternative]
+    fault: str = ""
 
     @classmethod
     def of(cls, record: DecisionRecord) -> DecisionEntry:
@@ -73,6 +74,7 @@ class DecisionEntry(msgspec.Struct, forbid_unknown_fields=True):
                 _Alternative(one.system_id, np.asarray(one.points_m).tolist(), one.value, one.cost)
                 for one in record.alternatives
             ],
+            record.fault,
         )
 
     def record(self) -> DecisionRecord:
@@ -102,6 +104,7 @@ class DecisionEntry(msgspec.Struct, forbid_unknown_fields=True):
                 for one in self.alternatives
             ),
             self.refused,
+            self.fault,
         )
 
 

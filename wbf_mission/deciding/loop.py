@@ -7,15 +7,15 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from geo import Farm
-from mission.errors import PlanningError
+from mission.errors import AnswerError, PlanningError
 from mission.planners.path import Points
-from mission.policies.policy import Policy
+from mission.policies.policy import Asking, Policy
 from mission.policies.situation import Event, Situation, Status, VehicleReport
 from sensors.fields import FieldSet
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from sensors.scoring.score import ScoreWeights
-from wbf_mission.deciding.asking import Answer, ask
+from wbf_mission.deciding.asking import TOO_LATE, Answer, ask
 from wbf_mission.deciding.record import PLANNED_PATH, STAYS, DecisionRecord, PathChange
 from wbf_mission.deciding.spacing import KeptDistance
 
@@ -135,6 +135,10 @@ class DecisionLoop:
         PlanningError
             If the policy fails, breaks a rule, or does not name a vehicle.
         """
+        asking = self._policy.asking
+        if not isinstance(asking, Asking):
+            msg = f"{self._name}: asking is {asking!r}, not an Asking"
+            raise PlanningError(msg)
         situation = self._knowledge.situation(Event.START, 0.0, vehicles, self._compute_s)
         answer = ask(self._policy, self._name, situation)
         for vehicle in situation.steerable:
@@ -215,9 +219,15 @@ class DecisionLoop:
             return
         try:
             answer = ask(self._policy, self._name, situation)
-        except PlanningError as error:
+        except AnswerError as error:
             record = DecisionRecord(
-                situation.day, self._flight, time_s, event.value, self._observations, refused=str(error)
+                situation.day,
+                self._flight,
+                time_s,
+                event.value,
+                self._observations,
+                refused=str(error),
+                fault=error.kind,
             )
             self._records.append(record)
             return
@@ -247,5 +257,7 @@ class DecisionLoop:
             compute_s=answer.compute_s,
             alternatives=answer.decision.alternatives,
         )
+        if event is not Event.START and answer.compute_s > situation.compute_s:
+            record.fault = TOO_LATE
         self._records.append(record)
         return record

@@ -69,6 +69,10 @@ class DecisionRecord:
         What was thought of.
     refused : str
         Why the answer was not flown; empty if it was.
+    fault : str
+        What was wrong with the answer, in a word or two; empty if nothing was. One that took longer than it
+        may, by the wall clock and in flight, is "too late" and flown all the same: the same seed is to give
+        the same flight.
     """
 
     day: int
@@ -81,6 +85,7 @@ class DecisionRecord:
     changes: list[PathChange] = field(default_factory=list)
     alternatives: tuple[Alternative, ...] = ()
     refused: str = ""
+    fault: str = ""
 
     def summary(self) -> dict[str, Any]:
         """Return plain values for JSON; of the alternatives value and cost."""
@@ -93,6 +98,7 @@ class DecisionRecord:
             "reason": self.reason,
             "compute_s": self.compute_s,
             "refused": self.refused,
+            "fault": self.fault,
             "changes": [
                 {
                     "vehicle": one.system_id,

@@ -118,6 +118,7 @@ class GaussianProcessEstimator(BaseEstimator):
     """
 
     states_deviation = True
+    unbounded = True
     kernels_: list[RbfKernel]
 
     def __init__(

@@ -46,6 +46,7 @@ class SklearnGaussianProcessEstimator(BaseEstimator):
     seed_: int
 
     states_deviation = True
+    unbounded = True
 
     def __init__(
         self,

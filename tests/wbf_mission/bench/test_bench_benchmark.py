@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 
 import msgspec
@@ -19,7 +20,7 @@ from wbf_mission.bench.benchmark import BenchmarkInterrupted
 from wbf_mission.bench.engine import fly_all
 from wbf_mission.bench.row import fly_run
 from wbf_mission.bench.spec import BenchSpec
-from wbf_mission.bench.store import read_rows
+from wbf_mission.bench.store import BenchStore, read_rows
 from wbf_mission.cli.app import main
 
 TEN = ["WBF/Miniberry-10-v1"]
@@ -59,6 +60,7 @@ def test_a_row_has_what_the_run_gave(rows):
     assert (one.observations, one.decisions) == (33, 1)
     assert one.cpu_time_s > 0.0
     assert set(one.versions) == {"wbf-mission", "python", "numpy"}
+    assert set(one.codes) == {"code", "scenario"}
 
 
 def test_the_environment_of_a_seed_is_shared(rows):
@@ -109,6 +111,54 @@ def test_a_run_that_fails_is_kept_with_the_cause_and_the_others_go_on(tmp_path, 
     assert flown == []
     benchmark(mixed, out=tmp_path, retry=True)
     assert flown == ["Broken", "Broken"]
+
+
+def test_what_cannot_be_sent_is_a_row_that_says_so():
+    class Locked(PointEstimator):
+        def __init__(self):
+            self.lock = threading.Lock()
+
+    spec = BenchSpec.of(scenarios=TEN, planners=["spiral"], estimators=["point", Locked()], seeds=1)
+    errors = {one.estimator: one.error for one in fly_all(list(spec.runs()), jobs=2)}
+    assert errors["point"] is None
+    assert errors["Locked"].startswith("a planner, policy or estimator cannot be sent to another process")
+
+
+def test_a_run_does_not_see_what_those_before_it_left(tmp_path):
+    class Counting(PointEstimator):
+        count = 0
+
+        def _learn(self, observations):
+            self.count += 1
+            assert self.count < 100
+            super()._learn(observations)
+
+    made = Counting()
+    spec = BenchSpec.of(scenarios=TEN, planners=["spiral"], estimators=[made], seeds=4)
+    keys = [one.key for one in spec.runs()]
+    assert [one.error for one in benchmark(spec, out=tmp_path)] == [None] * 4
+    assert made.count == 0
+    assert [one.key for one in spec.runs()] == keys
+
+
+def test_rows_of_other_code_are_kept_apart_with_a_word(tmp_path, monkeypatch, capsys):
+    spec = BenchSpec.of(scenarios=TEN, planners=["spiral"], estimators=["point"], seeds=2)
+    old = [msgspec.structs.replace(one, key=f"old{one.seed}", codes={}) for one in benchmark(spec)]
+    with BenchStore(tmp_path) as store:
+        for one in old:
+            store.add(one)
+    with pytest.warns(UserWarning, match="2 rows with the names of these runs were flown by other code"):
+        assert len(benchmark(spec, out=tmp_path)) == 2
+    monkeypatch.setattr("wbf_mission.bench.spec.built_in_digest", lambda: "f" * 24)
+    with pytest.warns(UserWarning, match="4 rows with the names"):
+        again = benchmark(spec, out=tmp_path)
+    assert {one.codes["code"] for one in again} == {"f" * 24}
+    assert main(["bench", "report", str(tmp_path), "--json", "--out", str(tmp_path / "report")]) == 0
+    told = capsys.readouterr()
+    found = json.loads(told.out)["standings"]
+    assert [one["runs"] for one in found] == [2, 2, 2]
+    assert {f"{TEN[0]} [unknown]", f"{TEN[0]} [ffffffff]"} < {one["scenario"] for one in found}
+    assert told.err.count("they are told apart by [digest]") == 1
 
 
 def _fly_or_die(run):

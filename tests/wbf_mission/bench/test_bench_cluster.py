@@ -10,11 +10,13 @@ import time
 
 import pytest
 
+from wbf_mission.bench import engine
 from wbf_mission.bench.benchmark import benchmark
 from wbf_mission.bench.cluster import ClusterError
 from wbf_mission.bench.engine import fly_all
 from wbf_mission.bench.spec import BenchSpec
 from wbf_mission.cli.app import main
+from wbf_mission.own_code import own_choice
 
 pytest.importorskip("distributed")
 
@@ -88,6 +90,112 @@ def test_two_workers_one_of_them_killed_in_the_middle():
                 end(one)
     assert len(found) == 30
     assert decided(found) == here
+
+
+OWN = """
+from dataclasses import dataclass
+from mission.planners import make_planner
+from mission.policies.decision import GO_ON, Decision
+from mission.policies.policy import Asking
+from sensors.estimators.point import PointEstimator
+
+@dataclass
+class Mine:
+    share: float = 0.5
+    asking = Asking(period_s=5.0)
+
+    def start(self):
+        pass
+
+    def decide(self, situation):
+        if situation.event.value == "start":
+            return Decision({1: make_planner("spiral")(situation.vehicles[0].request).points_m})
+        return GO_ON
+
+class Guess(PointEstimator):
+    pass
+
+def rows(request, *, direction=0.0):
+    return make_planner("lawnmower", direction=direction)(request)
+"""
+SCRIPT = """
+import sys
+OWN
+if __name__ == "__main__":
+    from wbf_mission import BenchSpec, benchmark
+
+    spec = BenchSpec.of(["WBF/Miniberry-10-v1"], [Mine(0.3), rows], [Guess()], seeds=2)
+    flown = benchmark(spec, dask=sys.argv[1], jobs=2)
+    assert [one.error for one in flown] == [None] * 4, flown
+    print(len(flown))
+"""
+
+
+@pytest.mark.slow
+def test_own_code_goes_to_workers_of_which_one_is_killed_and_one_comes_late(tmp_path):
+    (tmp_path / "far_away.py").write_text(OWN)
+    planners = [
+        own_choice(f"{tmp_path / 'far_away.py'}:{one}", "planner") for one in ("rows", "Mine:share=0.2")
+    ]
+    guess = own_choice(f"{tmp_path / 'far_away.py'}:Guess", "estimator")
+    spec = BenchSpec.of(TEN, planners, [guess], seeds=10)
+    here = decided(benchmark(spec))
+    assert {dict(one)["error"] for one in here.values()} == {None}
+    with scheduler() as (address, _):
+        workers = [worker(address)]
+        try:
+            flying = fly_all(list(spec.runs()), dask=address)
+            found = [next(flying) for _ in range(3)]
+            workers.append(worker(address))
+            found += [next(flying) for _ in range(3)]
+            end(workers[0])
+            found += flying
+        finally:
+            for one in workers:
+                end(one)
+    assert decided(found) == here
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("how", ["script", "stdin"])
+def test_what_a_script_or_a_notebook_defines_goes_to_workers(tmp_path, how):
+    text = SCRIPT.replace("OWN", OWN)
+    (tmp_path / "script.py").write_text(text)
+    with scheduler() as (address, _):
+        one = worker(address)
+        try:
+            done = subprocess.run(
+                [sys.executable, "script.py" if how == "script" else "-", address],
+                input=text,
+                capture_output=True,
+                text=True,
+                cwd=tmp_path,
+                timeout=240.0,
+                env={**os.environ, "PYTHONPATH": os.pathsep.join(one for one in sys.path if one)},
+            )
+        finally:
+            end(one)
+    assert (done.stdout.strip(), done.returncode) == ("4", 0), done.stderr
+
+
+@pytest.mark.slow
+def test_own_code_on_a_cluster_of_this_machine(tmp_path, capsys):
+    (tmp_path / "mine.py").write_text(OWN)
+    names = [f"{tmp_path / 'mine.py'}:{one}" for one in ("Mine", "Guess")]
+    arguments = ["--planners", names[0], "--estimators", names[1], "--scenarios", TEN[0], "--seeds", "2"]
+    out = ["--out", str(tmp_path / "b"), "--dask", "local", "--jobs", "2"]
+    assert main(["bench", "run", *arguments, *out]) == 0
+    assert "2 of 2 runs" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_a_worker_with_other_code_is_refused(monkeypatch):
+    monkeypatch.setattr(engine, "built_in_digest", lambda: "other")
+    runs = list(BenchSpec.of(TEN, planners=["spiral"], estimators=["point"], seeds=1).runs())
+    with pytest.raises(
+        ClusterError, match="a worker cannot fly: it has another wbf-mission; install the same"
+    ):
+        list(fly_all(runs, jobs=1, dask="local"))
 
 
 @pytest.mark.slow

@@ -1,7 +1,14 @@
 """What a benchmark is to run."""
 
+import os
+import subprocess
+import sys
+
+import numpy as np
 import pytest
 
+from sensors.estimators.point import PointEstimator
+from wbf_mission.bench.meaning import built_in_digest
 from wbf_mission.bench.spec import BenchSpec
 from wbf_mission.scenario import ScenarioError
 
@@ -27,6 +34,77 @@ def test_keys_are_of_the_run_alone():
     assert large["spiral", "gp", 3] == small["spiral", "gp", 3]
     other = keys(scenarios=TEN, planners=["spiral:max_spacing_m=2"], estimators=["gp"], seeds=[3])
     assert not set(other.values()) & set(small.values())
+
+
+class UCB(PointEstimator):
+    """Of a test's own."""
+
+    def __init__(self, weight=1.0):
+        self.weight = weight
+
+
+def keys_of(**given):
+    return {one.key for one in BenchSpec.of(**{"scenarios": TEN, "seeds": 1, **given}).runs()}
+
+
+def test_objects_count_with_their_parameters():
+    def keys(made):
+        return keys_of(planners=["spiral"], estimators=[made])
+
+    assert keys(UCB(1.0)) == keys(UCB(1.0))
+    assert not keys(UCB(1.0)) & keys(UCB(9.0))
+    table = UCB(1.0)
+    table.table = np.arange(3.0)
+    other = UCB(1.0)
+    other.table = np.arange(3.0) + 1.0
+    assert len(keys(table) | keys(other) | keys(UCB(1.0))) == 3
+
+
+def test_classes_of_a_notebook_count_by_their_code():
+    source = """
+from sensors.estimators.point import PointEstimator
+SHARE = 0.5
+def helper(x): return x * 2
+class Mine(PointEstimator):
+    kinds = {"a", "b", "c"}
+    def _learn(self, seen):
+        return helper(SHARE)
+"""
+
+    def keys(text):
+        notebook = {"__name__": "__main__"}
+        exec(text, notebook)
+        return keys_of(planners=["spiral"], estimators=[notebook["Mine"]()])
+
+    assert keys(source) == keys(source + "\n# another cell\n")
+    changes = [("0.5", "0.6"), ("x * 2", "x * 3"), ("helper(SHARE)", "helper(1)"), ('"c"', '"d"')]
+    assert len(set().union(*(keys(source.replace(*one)) for one in [("", ""), *changes]))) == 5
+
+
+def test_a_notebooks_digest_is_that_of_another_process():
+    text = (
+        "from wbf_mission.bench.meaning import built_in_digest, own_digest\n"
+        "class Mine:\n    def decide(self, s):\n        return s in {'a', 'b', 'c', 'd'}, lambda: s\n"
+        "print(own_digest(Mine()), built_in_digest())\n"
+    )
+    found = {
+        subprocess.run(
+            [sys.executable, "-c", text],
+            capture_output=True,
+            text=True,
+            check=True,
+            env={**os.environ, "PYTHONHASHSEED": seed, "PYTHONPATH": os.pathsep.join(sys.path)},
+        ).stdout
+        for seed in ("1", "2")
+    }
+    assert len(found) == 1
+    assert found.pop().split()[1] == built_in_digest()
+
+
+def test_the_code_that_flies_counts(monkeypatch):
+    before = keys_of(planners=["spiral"], estimators=["point"])
+    monkeypatch.setattr("wbf_mission.bench.spec.built_in_digest", lambda: "other")
+    assert not before & keys_of(planners=["spiral"], estimators=["point"])
 
 
 def test_a_policy_is_asked_in_flight_and_a_planner_before():

@@ -1,0 +1,158 @@
+"""What is wrong in a user's planner, policy or estimator is told as that, in one line, with file and line."""
+
+import json
+
+import pytest
+
+from wbf_mission import BenchSpec, benchmark
+from wbf_mission.bench.report import write_report
+from wbf_mission.bench.standings import standings
+from wbf_mission.cli.app import main
+from wbf_mission.own_code import own_choice
+
+TEN = ["WBF/Miniberry-10-v1"]
+FLY = ["fly", "--farm", "miniberry-10", "--vehicle", "ideal", "--no-files", "--budget", "80steps"]
+POLICY = """
+import time
+import numpy as np
+from mission.planners import make_planner
+from mission.policies.decision import GO_ON, Decision
+from mission.policies.policy import Asking
+
+class Mine:
+    asking = Asking(period_s=2.0)
+
+    def start(self):
+        self.count = 0
+
+    def decide(self, situation):
+        if situation.event.value == "start":
+            return Decision({1: make_planner("spiral")(situation.vehicles[0].request).points_m})
+        self.count += 1
+        ANSWER
+"""
+ESTIMATOR = """
+import numpy as np
+from sensors.estimators.point import PointEstimator
+from sensors.scoring.information import InformationModel
+
+class Mine(PointEstimator):
+    def predict(self):
+        model = super().predict().copy()
+        ANSWER
+"""
+
+
+def policy_file(folder, answer):
+    (folder / "mine.py").write_text(POLICY.replace("ANSWER", answer))
+    return f"{folder / 'mine.py'}:Mine"
+
+
+@pytest.mark.parametrize(
+    ("answer", "kind"),
+    [
+        ("return 1 / 0", "crashed"),
+        ("return Decision({1: [[np.nan, 1.0]]})", "not finite"),
+        ("return Decision({1: [1.0, 2.0, 3.0]})", "no points"),
+        ("return Decision({1: [[-0.1, situation.vehicles[0].position_m[1]]]})", "outside the area"),
+        ("return Decision({1: np.tile([[0.5, 0.5], [2.0, 2.0]], (40, 1))})", "over the budget"),
+        ("return Decision({7: [[1.0, 1.0]]})", "wrong vehicle"),
+        ("return 3", "no Decision"),
+        ("time.sleep(1.01); return GO_ON", "too late"),
+    ],
+)
+def test_bad_answers_are_counted_and_too_many_are_a_failure(tmp_path, answer, kind):
+    policy = own_choice(policy_file(tmp_path, answer), "policy")
+    spec = BenchSpec.of(TEN, planners=[policy], estimators=["point"], seeds=1)
+    (row,) = benchmark(spec, out=tmp_path / "rows")
+    bad = row.decisions - 1
+    (most, count), *_ = row.bad_answers.items()
+    assert (most, sum(row.bad_answers.values())) == (kind, bad)
+    assert count > 0.5 * bad
+    assert row.outcome == "completed"
+    assert f"policy Mine: {bad} of {row.decisions} answers were bad: {count} {kind}" in row.error
+    (standing,) = standings([row])
+    assert (standing.failed, standing.runs, standing.bad_answers) == (1, 0, row.bad_answers)
+    write_report([row], tmp_path / "report", title="t")
+    page = (tmp_path / "report" / "report.md").read_text()
+    assert "Answers that were not flown, or came too late" in page
+
+
+def test_a_few_bad_answers_are_a_warning(tmp_path, capsys):
+    name = policy_file(tmp_path, "return 1 / 0 if self.count == 3 else GO_ON")
+    arguments = ["--scenarios", TEN[0], "--planners", name, "--estimators", "point", "--seeds", "1"]
+    assert main(["bench", "run", *arguments, "--out", str(tmp_path / "b")]) == 0
+    assert "warning: Mine: in 1 runs answers were not flown or came too late" in capsys.readouterr().err
+    assert main([*FLY, "--policy", name, "--json"]) == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert (summary["bad_answers"], summary["policy_failed"]) == ({"crashed": 1}, False)
+    (told,) = summary["warnings"]
+    cause = "ZeroDivisionError: division by zero (mine.py, line 18)"
+    assert f"1 crashed; first: policy Mine failed: {cause}" in told
+
+
+def test_a_policy_that_crashes_always_is_not_good(tmp_path, capsys):
+    name = policy_file(tmp_path, "return 1 / 0")
+    assert main([*FLY, "--policy", name, "--json"]) == 1
+    told = capsys.readouterr()
+    assert json.loads(told.out)["policy_failed"] is True
+    assert "answers were bad" in told.err
+
+
+@pytest.mark.parametrize("command", ["check-policy", "check-planner", "check-estimator"])
+def test_a_check_blames_the_users_line(tmp_path, capsys, command):
+    if command == "check-policy":
+        name = policy_file(tmp_path, "return situation.nix")
+        words = "AttributeError: 'Situation' object has no attribute 'nix' (mine.py, line 18)"
+    elif command == "check-planner":
+        (tmp_path / "mine.py").write_text("def Mine(request):\n    return {}['nix']\n")
+        name, words = f"{tmp_path / 'mine.py'}:Mine", "KeyError: 'nix' (mine.py, line 2)"
+    else:
+        (tmp_path / "mine.py").write_text(ESTIMATOR.replace("ANSWER", "return model.value / 'a'"))
+        name, words = f"{tmp_path / 'mine.py'}:Mine", "(mine.py, line 9)"
+    assert main([command, name]) == 1
+    told = capsys.readouterr()
+    assert words in " ".join(told.out.split())
+    assert not told.err
+
+
+@pytest.mark.parametrize(
+    ("answer", "words"),
+    [
+        ("return None", "predict returned None, not an InformationModel"),
+        ("return model.value", "predict returned an array, not an InformationModel"),
+        ("return InformationModel(model.value + np.float32(0.5), model.uncertainty)", "values are 0 to 1"),
+        (
+            "return InformationModel(model.value, model.uncertainty - np.float32(2))",
+            "is negative in some cell",
+        ),
+        ("return InformationModel(model.value * np.float32('nan'), model.uncertainty)", "not finite"),
+        ("return 1 / 0", "ZeroDivisionError: division by zero (mine.py, line 9)"),
+    ],
+)
+def test_estimates_that_are_none_are_told_in_one_line(tmp_path, capsys, answer, words):
+    (tmp_path / "mine.py").write_text(ESTIMATOR.replace("ANSWER", answer))
+    name = f"{tmp_path / 'mine.py'}:Mine"
+    assert main(["check-estimator", name, "--json"]) == 1
+    assert words in json.loads(capsys.readouterr().out)["broken"]
+    assert main([*FLY, "--estimator", name]) == 2
+    err = capsys.readouterr().err
+    assert words in err
+    assert "mistake in wbf-mission" not in err
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("good", "bad", "words"),
+    [
+        ("self.count = 0", "1 / 0", "ZeroDivisionError: division by zero (mine.py, line 12)"),
+        ("Asking(period_s=2.0)", "3", "asking is 3, not an Asking"),
+    ],
+)
+def test_an_error_beside_the_decisions_is_the_users_too(tmp_path, capsys, good, bad, words):
+    name = policy_file(tmp_path, "return GO_ON")
+    (tmp_path / "mine.py").write_text((tmp_path / "mine.py").read_text().replace(good, bad))
+    assert main([*FLY, "--policy", name]) == 2
+    err = capsys.readouterr().err
+    assert "mistake in wbf-mission" not in err
+    assert words in err

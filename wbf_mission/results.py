@@ -119,21 +119,22 @@ class ResultFolder:
         tell = progress or silent
         filled = self._folder.filled
         jobs = _plot_jobs(result) if plots else []
-        if animation and any(len(one.track.time_s) for one in result.flights):
-            jobs.append((ANIMATION, lambda path: animate(result, path, progress=progress)))
-        tell("writing results", 0, len(jobs) + 1)
         interrupted = None
-        with self._named():
+        with self._named(), interrupts_noted() as answer:
+            if animation and any(len(one.track.time_s) for one in result.flights):
+
+                def frame(what: str, done: float, total: float) -> None:
+                    answer()
+                    tell(what, done, total)
+
+                jobs.append((ANIMATION, lambda path: animate(result, path, progress=frame)))
+            tell("writing results", 0, len(jobs) + 1)
             with ThreadPoolExecutor(1) as pool:
-                with interrupts_noted() as answer:
-                    arrays = write_arrays(result, filled, pool)
-                    written = write_result(result, filled, arrays)
-                    try:
-                        answer()
-                    except KeyboardInterrupt as error:
-                        interrupted = error
+                arrays = write_arrays(result, filled, pool)
+                written = write_result(result, filled, arrays)
                 try:
-                    for number, (name, job) in enumerate(jobs if interrupted is None else ()):
+                    for number, (name, job) in enumerate(jobs):
+                        answer()
                         tell("writing results", number + 1, len(jobs) + 1)
                         if release and name == ANIMATION:
                             wait(arrays.values())
@@ -146,8 +147,7 @@ class ResultFolder:
                     done.result()
                     written.append(path)
             broken_off = interrupted is not None or result.outcome is Outcome.INTERRUPTED
-            with interrupts_noted():
-                self._put_in_place(beside=broken_off and (self.path / RECORD).is_file())
+            self._put_in_place(beside=broken_off and (self.path / RECORD).is_file())
         if interrupted is not None:
             raise interrupted
         return [self.path / path.name for path in written]

@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import IO, Literal, TextIO, overload
 
 # What a write reports without naming the file.
-_DISK_ERRORS = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
+DISK_ERRORS = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
 
 
 def _neighbour(target: Path) -> Path:
@@ -40,7 +40,7 @@ def _named(path: Path, temporary: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        nameless = error.filename is None and error.errno in _DISK_ERRORS
+        nameless = error.filename is None and error.errno in DISK_ERRORS
         if nameless or (error.filename is not None and Path(str(error.filename)) == temporary):
             error.filename, error.filename2 = str(path), None
         raise

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-__all__ = ["one_line", "parse_number", "parse_whole", "printable"]
+__all__ = ["one_line", "parse_number", "parse_whole", "printable", "with_line"]
 
 MAX_SHOWN = 500
 
@@ -29,6 +29,24 @@ def one_line(text: str, max_characters: int = MAX_SHOWN) -> str:
     """
     line = " ".join(printable(text[: 4 * max_characters]).split())
     return line if len(line) <= max_characters else line[: max_characters - 3] + "..."
+
+
+def with_line(error: BaseException) -> str:
+    """Return an error of somebody's code in one line, with the file and the line that raised it.
+
+    Examples
+    --------
+    >>> try:
+    ...     raise SystemExit("done")
+    ... except SystemExit as error:
+    ...     with_line(error)
+    'SystemExit: done (<doctest geo.texts.with_line[0]>, line 2)'
+    """
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    where = f" ({trace.tb_frame.f_code.co_filename}, line {trace.tb_lineno})" if trace is not None else ""
+    return f"{type(error).__name__}: {one_line(str(error))}{where}"
 
 
 def parse_number(text: str) -> float:

@@ -16,6 +16,7 @@ from geo import Farm, get_farm
 from geo.errors import WbfMissionError
 from geo.memory import require_memory
 from geo.seeds import sealed_seed
+from geo.texts import with_line
 from sensors.errors import EstimatorError
 from sensors.estimators import (
     Estimator,
@@ -357,4 +358,8 @@ def attribute_errors_to(estimator: Estimator) -> Iterator[None]:
         raise
     except Exception as error:
         msg = f"estimator {type(estimator).__name__} failed: {type(error).__name__}: {error}"
+        raise EstimatorError(msg) from error
+    except SystemExit as error:
+        who = f"estimator {type(estimator).__name__}"
+        msg = f"{who} ended the program: {with_line(error)}; raise an error instead"
         raise EstimatorError(msg) from error

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Self
 import msgspec
 import numpy as np
 
+from geo.atomic import DISK_ERRORS
 from geo.atomic_folder import AtomicFolder, FolderError, settle
 from geo.interrupts import interrupts_noted
 from mission.outcome import Outcome
@@ -90,8 +91,10 @@ class ResultFolder:
             raise
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
         self._folder.__exit__()
+        if isinstance(error, OSError):
+            self._name(error)
 
     def write(
         self,
@@ -120,7 +123,7 @@ class ResultFolder:
         filled = self._folder.filled
         jobs = _plot_jobs(result) if plots else []
         interrupted = None
-        with self._named(), interrupts_noted() as answer:
+        with interrupts_noted() as answer:
             if animation and any(len(one.track.time_s) for one in result.flights):
 
                 def frame(what: str, done: float, total: float) -> None:
@@ -165,18 +168,17 @@ class ResultFolder:
             self.path = path
         self.is_written = True
 
-    @contextlib.contextmanager
-    def _named(self) -> Iterator[None]:
-        """Make an OSError name the result's folder in place of the temporary one."""
-        try:
-            yield
-        except OSError as error:
-            name = Path(str(error.filename)) if error.filename is not None else self._folder.filled
-            if name.is_relative_to(self._folder.filled.parent) and name.name.startswith("."):
+    def _name(self, error: OSError) -> None:
+        """Make an error name the result's folder in place of the temporary one, or where it names none."""
+        filled = self._folder.filled
+        if error.filename is None and error.errno in DISK_ERRORS:
+            error.filename = str(self.path)
+        elif error.filename is not None:
+            name = Path(str(error.filename))
+            if name.is_relative_to(filled):
+                error.filename, error.filename2 = str(self.path / name.relative_to(filled)), None
+            elif name.name in self._folder.hidden_names:
                 error.filename, error.filename2 = str(self.path), None
-            elif name.parent == self._folder.filled:
-                error.filename, error.filename2 = str(self.path / name.name), None
-            raise
 
 
 @contextlib.contextmanager

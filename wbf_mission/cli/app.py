@@ -13,7 +13,7 @@ from typing import Annotated
 import typer
 
 from geo.errors import WbfMissionError
-from geo.texts import printable
+from geo.texts import printable, with_line
 from wbf_mission.cli import (
     bench,
     check,
@@ -118,6 +118,10 @@ def _silence_asyncio() -> None:
 
 def _run(arguments: list[str]) -> int:
     try:
+        os.getcwd()  # noqa: PTH109
+    except FileNotFoundError:
+        return _complain("the working folder was removed: change to one that is there", ExitCode.BAD_INPUT)
+    try:
         code = app(args=arguments, standalone_mode=False, prog_name="wbf-mission")
     except typer.TyperException as error:
         return _complain(f"{error.format_message()} (see 'wbf-mission --help')", error.exit_code)
@@ -128,7 +132,9 @@ def _run(arguments: list[str]) -> int:
     except StdoutError:
         raise
     except SystemExit as error:  # typer's way to end when nobody reads its help
-        return ExitCode.OUTPUT_CLOSED if isinstance(error.__context__, OSError) else int(error.code or 0)
+        if isinstance(error.__context__, OSError):
+            return ExitCode.OUTPUT_CLOSED
+        return _complain(f"code of yours ended the program: {with_line(error)}", ExitCode.BAD_INPUT)
     except MemoryError:
         return _complain("out of memory: choose a smaller farm or fewer days", ExitCode.BAD_INPUT)
     except OSError as error:

@@ -9,6 +9,7 @@ import shapely
 from shapely.geometry import LineString, MultiPolygon, Point
 
 from geo.errors import WbfMissionError
+from geo.texts import with_line
 from mission.errors import PlanningError
 from mission.planners.path import Points
 from mission.policies.decision import Decision
@@ -59,6 +60,9 @@ def ask(policy: Policy, name: str, situation: Situation) -> Answer:
         raise
     except Exception as error:
         msg = f"{name} failed: {type(error).__name__}: {error}"
+        raise PlanningError(msg) from error
+    except SystemExit as error:
+        msg = f"{name} ended the program: {with_line(error)}; raise an error instead"
         raise PlanningError(msg) from error
     compute_s = time.perf_counter() - begin
     if not isinstance(decision, Decision):

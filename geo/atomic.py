@@ -35,8 +35,8 @@ def _neighbour(target: Path) -> Path:
 
 
 @contextlib.contextmanager
-def _named(path: Path, temporary: Path) -> Iterator[None]:
-    """Make an OSError name the target: in place of its temporary neighbour, and where the disk is full."""
+def disk_errors_named(path: Path, temporary: Path | None = None) -> Iterator[None]:
+    """Make an OSError name the target: where the disk is full, and in place of a temporary neighbour."""
     try:
         yield
     except OSError as error:
@@ -86,7 +86,7 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
         yield Path(path)
         return
     temporary = _neighbour(target)
-    with _named(Path(path), temporary):
+    with disk_errors_named(Path(path), temporary):
         try:
             yield temporary
             if target.exists():

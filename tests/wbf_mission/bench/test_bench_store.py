@@ -131,11 +131,11 @@ def test_the_table_is_plain_columns(tmp_path):
 def test_a_full_disk_is_told_by_the_name_of_the_journal(tmp_path):
     store = BenchStore(tmp_path)
     store.add(row(1))
-    kept, store._journal = store._journal, Path("/dev/full").open("ab", buffering=0)
-    with pytest.raises(OSError, match="No space") as caught:
+    kept = store._journal
+    full = Path("/dev/full")
+    with full.open("ab", buffering=0) as store._journal, pytest.raises(OSError, match="No space") as caught:
         store.add(row(2))
     assert caught.value.filename == str(tmp_path / "journal.jsonl")
-    store._journal.close()
     store._journal = kept
     store.close()
     assert [one.key for one in store.rows] == ["0001"]

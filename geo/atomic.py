@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import IO, Literal, TextIO, overload
 
 # What a write reports without naming the file.
-_DISK_ERRORS = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
+DISK_ERRORS = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
 
 
 def _neighbour(target: Path) -> Path:
@@ -35,18 +35,18 @@ def _neighbour(target: Path) -> Path:
 
 
 @contextlib.contextmanager
-def _named(path: Path, temporary: Path) -> Iterator[None]:
-    """Make an OSError name the target: in place of its temporary neighbour, and where the disk is full."""
+def disk_errors_named(path: Path, temporary: Path | None = None) -> Iterator[None]:
+    """Make an OSError name the target: where the disk is full, and in place of a temporary neighbour."""
     try:
         yield
     except OSError as error:
-        nameless = error.filename is None and error.errno in _DISK_ERRORS
+        nameless = error.filename is None and error.errno in DISK_ERRORS
         if nameless or (error.filename is not None and Path(str(error.filename)) == temporary):
             error.filename, error.filename2 = str(path), None
         raise
 
 
-def _to_disk(path: Path) -> None:
+def to_disk(path: Path) -> None:
     """Wait until a file, or the names in a folder, are on the disk."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
@@ -86,17 +86,17 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
         yield Path(path)
         return
     temporary = _neighbour(target)
-    with _named(Path(path), temporary):
+    with disk_errors_named(Path(path), temporary):
         try:
             yield temporary
             if target.exists():
                 temporary.chmod(stat.S_IMODE(target.stat().st_mode))
-            _to_disk(temporary)
+            to_disk(temporary)
             temporary.replace(target)
         except BaseException:
             temporary.unlink(missing_ok=True)
             raise
-        _to_disk(target.parent)
+        to_disk(target.parent)
 
 
 @overload

@@ -4,6 +4,7 @@
 
     WbfMissionError                                       anything a user can mend; its text is one line
     +-- geo.errors.FarmError                              a farm or a farm file
+    +-- geo.atomic_folder.FolderError                     a folder that cannot be written now
     +-- geo.memory.NotEnoughMemoryError                   work that needs more memory than there is
     +-- geo.named.ParameterError                          parameters of a planner or an estimator
     +-- geo.reading.UnreadableError                       a file that a user names

@@ -59,7 +59,7 @@ def own_choice(text: str, what: str) -> Choice | None:
     if callable(made):
         try:
             made = made(**parameters)
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             msg = f"{what}: {path}: {name} cannot be made: {_told(error, path)}"
             raise ScenarioError(msg) from None
     return Choice(format_named(name, parameters), {}, made)
@@ -80,7 +80,7 @@ def _run(path: Path, what: str) -> ModuleType:
     sys.modules[name] = module
     try:
         spec.loader.exec_module(module)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         del sys.modules[name]
         msg = f"{what}: {path} cannot be run: {_told(error, path)}"
         raise ScenarioError(msg) from None
@@ -95,10 +95,12 @@ def _send_by_value(module: ModuleType) -> None:
     cloudpickle.register_pickle_by_value(module)
 
 
-def _told(error: Exception, path: Path) -> str:
+def _told(error: BaseException, path: Path) -> str:
     """Return an error in one line, with the line of the file."""
     text = one_line(str(error))
-    lines = [one.lineno for one in traceback.extract_tb(error.__traceback__) if one.filename == str(path)]
+    file = path.resolve()
+    trace = traceback.extract_tb(error.__traceback__)
+    lines = [one.lineno for one in trace if Path(one.filename).resolve() == file]
     if isinstance(error, SyntaxError):
         lines = [error.lineno]
         text = error.msg

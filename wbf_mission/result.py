@@ -12,7 +12,7 @@ from wbf_mission.deciding.files import decision_table
 from wbf_mission.flight_files import track_table
 from wbf_mission.progress import Progress
 from wbf_mission.result_files import history_table, read_result
-from wbf_mission.results import ResultFolder
+from wbf_mission.results import ResultFolder, settle_result
 from wbf_mission.run_record import RunRecord
 from wbf_mission.tables import ResultError
 
@@ -124,6 +124,7 @@ def load_result(path: str | Path) -> Result:
     wbf_mission.tables.ResultError: no/such/folder: holds no result (result.json is missing); give ...
     """
     try:
+        settle_result(Path(path))
         return read_result(Path(path), Result)
     except (WbfMissionError, OSError, TypeError, KeyError, ValueError) as error:
         if isinstance(error, ResultError):

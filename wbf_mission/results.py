@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import os
 import re
-import secrets
-import shutil
-import stat
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 import msgspec
 import numpy as np
 
+from geo.atomic import DISK_ERRORS
+from geo.atomic_folder import AtomicFolder, FolderError, settle
+from geo.interrupts import interrupts_noted
 from mission.outcome import Outcome
 from wbf_mission.arrays import SUFFIX
 from wbf_mission.estimation import resolved
@@ -30,7 +30,7 @@ from wbf_mission.tables import ResultError
 if TYPE_CHECKING:
     from wbf_mission.field_maps import FieldMap
 
-__all__ = ["ResultFolder", "run_name"]
+__all__ = ["ResultFolder", "run_name", "settle_result"]
 
 ANIMATION = "run.gif"
 
@@ -38,9 +38,9 @@ ANIMATION = "run.gif"
 class ResultFolder:
     """Where a run's files go.
 
-    Nothing is made before the flight begins: `tlog` lies in a temporary folder beside the target, which a
-    flight makes when it opens its log. `write` fills that folder and puts it in the target's place; an older
-    result stays until then. Leaving the ``with`` block removes what was not put there.
+    From the beginning of the ``with`` block to its end no other run can write the folder. `tlog` lies in a
+    temporary folder beside the target. `write` fills that folder and puts it in the target's place; an older
+    result stays until then. Leaving the block removes what was not put there.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class ResultFolder:
     Raises
     ------
     ResultError
-        If the folder must not be written.
+        If the folder must not be written; on entering, if it cannot be, or another run writes it.
     """
 
     def __init__(
@@ -69,20 +69,32 @@ class ResultFolder:
     ) -> None:
         self.path = path
         """Where the result is or will be."""
-        _check_target(path, inputs, scenario, overwrite=overwrite)
-        target = path.resolve()
-        self._staging = target.parent / f".{target.name[:40]}-{secrets.token_hex(6)}"
+        self.is_written = False
+        """Whether the result is there, and whole."""
+        settle_result(path)
+        self._check = partial(_check_target, inputs=list(inputs), scenario=scenario, overwrite=overwrite)
+        self._check(path)
+        self._folder = AtomicFolder(path, RECORD, _is_ours)
 
     @property
     def tlog(self) -> Path:
         """The telemetry log of the flight, in the temporary folder."""
-        return self._staging / "flight.tlog"
+        return self._folder.filled / "flight.tlog"
 
     def __enter__(self) -> Self:
+        with _about(self.path):
+            self._folder.__enter__()
+        try:
+            self._check(self.path)  # again: another run may just have ended
+        except BaseException:
+            self._folder.__exit__()
+            raise
         return self
 
-    def __exit__(self, *_: object) -> None:
-        shutil.rmtree(self._staging, ignore_errors=True)
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
+        self._folder.__exit__()
+        if isinstance(error, OSError):
+            self._name(error)
 
     def write(
         self,
@@ -96,9 +108,9 @@ class ResultFolder:
         """Write everything that the run has, put the folder in its place, and return the files.
 
         With ``release`` truth and estimate leave the result once they are written: on a large farm the moving
-        picture, whose estimator takes as much, finds room there. Ctrl-C while the pictures are drawn keeps
-        the rest. The result of an interrupted flight goes beside an
-        older result, into a folder whose name ends in ``.interrupted``.
+        picture, whose estimator takes as much, finds room there. The first Ctrl-C leaves out the pictures
+        that are not there yet, the second everything. The result of an interrupted flight, or one without its
+        pictures, goes beside an older result, into a folder whose name ends in ``.interrupted``.
 
         Raises
         ------
@@ -108,65 +120,81 @@ class ResultFolder:
         from wbf_mission.animation import animate
 
         tell = progress or silent
-        self._staging.mkdir(parents=True, exist_ok=True)
+        filled = self._folder.filled
         jobs = _plot_jobs(result) if plots else []
-        if animation and any(len(one.track.time_s) for one in result.flights):
-            jobs.append((ANIMATION, lambda path: animate(result, path, progress=progress)))
-        tell("writing results", 0, len(jobs) + 1)
-        if result.outcome is Outcome.INTERRUPTED and (self.path / RECORD).is_file():
-            self.path = self.path.with_name(f"{self.path.name}.interrupted")
-            _check_target(self.path, (), None, overwrite=(self.path / RECORD).is_file())
         interrupted = None
-        with ThreadPoolExecutor(1) as pool:
-            arrays = write_arrays(result, self._staging, pool)
-            written = write_result(result, self._staging, arrays)
-            try:
-                for number, (name, job) in enumerate(jobs):
-                    tell("writing results", number + 1, len(jobs) + 1)
-                    if release and name == ANIMATION:
-                        wait(arrays.values())
-                        result.truth = result.model = None
-                    job(self._staging / name)
-                    written.append(self._staging / name)
-            except KeyboardInterrupt as error:
-                interrupted = error
-            for path, done in arrays.items():
-                done.result()
-                written.append(path)
-        self._put_in_place()
+        with interrupts_noted() as answer:
+            if animation and any(len(one.track.time_s) for one in result.flights):
+
+                def frame(what: str, done: float, total: float) -> None:
+                    answer()
+                    tell(what, done, total)
+
+                jobs.append((ANIMATION, lambda path: animate(result, path, progress=frame)))
+            tell("writing results", 0, len(jobs) + 1)
+            with ThreadPoolExecutor(1) as pool:
+                arrays = write_arrays(result, filled, pool)
+                written = write_result(result, filled, arrays)
+                try:
+                    for number, (name, job) in enumerate(jobs):
+                        answer()
+                        tell("writing results", number + 1, len(jobs) + 1)
+                        if release and name == ANIMATION:
+                            wait(arrays.values())
+                            result.truth = result.model = None
+                        job(filled / name)
+                        written.append(filled / name)
+                except KeyboardInterrupt as error:
+                    interrupted = error
+                for path, done in arrays.items():
+                    done.result()
+                    written.append(path)
+            broken_off = interrupted is not None or result.outcome is Outcome.INTERRUPTED
+            self._put_in_place(beside=broken_off and (self.path / RECORD).is_file())
         if interrupted is not None:
             raise interrupted
         return [self.path / path.name for path in written]
 
-    def _put_in_place(self) -> None:
-        """Give the temporary folder the target's name; what is not ours in an older one is kept."""
-        target = self.path.resolve()
-        for entry in self._staging.iterdir():
-            _sync(entry)
-        _sync(self._staging)
-        if not target.exists():
-            self._staging.replace(target)
-        elif target.is_mount() or Path.cwd().is_relative_to(target):
-            # A folder that somebody is in cannot be exchanged.
-            for name in [entry.name for entry in target.iterdir() if _is_ours(entry.name)]:
-                if not (self._staging / name).exists():
-                    (target / name).unlink()
-            for entry in self._staging.iterdir():
-                entry.replace(target / entry.name)
+    def _put_in_place(self, *, beside: bool) -> None:
+        """Give the temporary folder the target's name, or that of a neighbour of it."""
+        if not beside:
+            self._folder.commit()
         else:
-            self._staging.chmod(stat.S_IMODE(target.stat().st_mode))
-            older = target.with_name(f"{self._staging.name}-old")
-            kept = [entry.name for entry in target.iterdir() if not _is_ours(entry.name)]
-            target.replace(older)
-            try:
-                self._staging.replace(target)
-            except BaseException:
-                older.replace(target)
-                raise
-            for name in kept:
-                (older / name).replace(target / name)
-            shutil.rmtree(older, ignore_errors=True)
-        _sync(target.parent)
+            path = self.path.with_name(f"{self.path.name}.interrupted")
+            settle_result(path)
+            _check_target(path, (), None, overwrite=(path / RECORD).is_file())
+            with _about(path), AtomicFolder(path, RECORD, _is_ours) as neighbour:
+                neighbour.commit(self._folder.filled)
+            self.path = path
+        self.is_written = True
+
+    def _name(self, error: OSError) -> None:
+        """Make an error name the result's folder in place of the temporary one, or where it names none."""
+        filled = self._folder.filled
+        if error.filename is None and error.errno in DISK_ERRORS:
+            error.filename = str(self.path)
+        elif error.filename is not None:
+            name = Path(str(error.filename))
+            if name.is_relative_to(filled):
+                error.filename, error.filename2 = str(self.path / name.relative_to(filled)), None
+            elif name.name in self._folder.hidden_names:
+                error.filename, error.filename2 = str(self.path), None
+
+
+@contextlib.contextmanager
+def _about(path: Path) -> Iterator[None]:
+    """Say which folder it is that cannot be written."""
+    try:
+        yield
+    except FolderError as error:
+        msg = f"{path}: {error}"
+        raise ResultError(msg) from error
+
+
+def settle_result(path: Path) -> None:
+    """Bring a result to its place that a killed run had completed; ResultError if that cannot be."""
+    with _about(path):
+        settle(path, RECORD, _is_ours)
 
 
 def run_name(scenario: Scenario) -> str:
@@ -217,7 +245,8 @@ def _check_target(
     if not path.is_dir():
         msg = f"{path}: is a file, not a folder for the results; give another name"
         raise ResultError(msg)
-    if overwrite or not any(path.iterdir()):
+    ours = AtomicFolder(path, RECORD, _is_ours).hidden_names
+    if overwrite or all(entry.name in ours for entry in path.iterdir()):
         return
     if not (path / RECORD).is_file():
         what = "holds other files and no result; give another folder, or write among them"
@@ -267,15 +296,6 @@ _NAMES = frozenset(
         ANIMATION,
     }
 )
-
-
-def _sync(path: Path) -> None:
-    """Have a file or folder on the disk before it is relied on."""
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
 
 
 def _plot_jobs(result: RunRecord) -> list[tuple[str, Any]]:

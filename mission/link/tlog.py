@@ -57,20 +57,31 @@ class TlogWriter:
             raise LinkError(msg) from error
 
     def write(self, frame: bytes, time_s: float) -> None:
-        """Add one frame; ``time_s`` is in seconds since 1970."""
+        """Add one frame; ``time_s`` is in seconds since 1970. OSError, which names the file, if it cannot."""
         if time_s != self._time_s:  # most frames are sent together with others
             self._time_s, self._stamp = time_s, _stamp(time_s)
-        self._file.write(self._stamp + frame)
+        self._put(self._stamp + frame)
         self.frames += 1
 
     def write_all(self, log: FrameLog, begin_s: float) -> None:
         """Add the frames of a log that began at ``begin_s``, in seconds since 1970."""
-        self._file.write(log.records(begin_s))
+        self._put(log.records(begin_s))
         self.frames += len(log)
 
     def close(self) -> None:
         """Finish the file."""
-        self._file.close()
+        try:
+            self._file.close()
+        except OSError as error:
+            error.filename = str(self.path)  # which a full disk does not tell
+            raise
+
+    def _put(self, data: bytes) -> None:
+        try:
+            self._file.write(data)
+        except OSError as error:
+            error.filename = str(self.path)
+            raise
 
     def __enter__(self) -> Self:
         return self

@@ -8,11 +8,12 @@ from pathlib import Path
 import pytest
 
 from geo import get_farm, save_farm
-from mission.link.tlog import read_tlog
+from mission.link.tlog import TlogWriter, read_tlog
 from wbf_mission import Scenario, plan
 from wbf_mission.cli.app import main
 from wbf_mission.cli.output import Output
 from wbf_mission.result import load_result
+from wbf_mission.results import ResultFolder
 
 SIM = ["sim", "--no-camera", "--listen", "udpin:127.0.0.1:0", "--speed", "max", "--duration", "2", "-q"]
 FLY = ["fly", "--vehicle", "ideal", "--planner", "lawnmower", "--estimator", "point", "--no-plots", "-q"]
@@ -229,3 +230,66 @@ def test_a_folder_and_a_file_in_none_are_refused_before_anything_is_done(
     error = refused(capsys, *command, str(tmp_path / "new" / "file.plan"))
     assert f"there is no folder {tmp_path / 'new'}; make it" in error
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_cannot_be_written_is_told_before_the_flight(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def never(*_: object, **__: object) -> None:
+        raise AssertionError
+
+    monkeypatch.setattr("wbf_mission.flight.fly", never)
+    error = refused(capsys, *FLY, "--farm", "miniberry-10", "--out", "/sys/run")
+    assert error.startswith("error: /sys/run: it cannot be written: ")
+
+
+def test_a_full_disk_is_told_by_the_name_of_the_log(capsys: pytest.CaptureFixture[str]) -> None:
+    assert "/dev/full: No space left" in refused(capsys, *SIM, "--tlog", "/dev/full")
+
+
+def test_a_full_disk_in_flight_is_told_by_the_name_of_the_folder(tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    with pytest.raises(OSError, match="No space") as caught, ResultFolder(out) as folder:
+        folder.tlog.symlink_to("/dev/full")
+        with TlogWriter(folder.tlog) as log:
+            log.write(bytes(300), 1.0)
+    assert caught.value.filename == str(out / "flight.tlog")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_working_folder_that_is_gone_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    monkeypatch.chdir(gone)
+    gone.rmdir()
+    assert "the working folder was removed" in refused(capsys, "plan", "--farm", "miniberry-10")
+
+
+def test_days_to_keep_beyond_the_days_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    generate = ["farm", "generate", "--farm", "miniberry-10", "--out", str(tmp_path / "env"), "-q"]
+    assert "--keep 20 is beyond --days 3" in refused(capsys, *generate, "--days", "3", "--keep", "20")
+    assert list(tmp_path.iterdir()) == []
+    assert main([*generate, "--days", "3", "--keep", "2", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["days"] == [2]
+
+
+@pytest.mark.parametrize("where", ["module", "planner", "estimator"])
+def test_own_code_that_ends_the_program_is_told_with_its_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], where: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    text = {
+        "module": "import sys\nsys.exit('bye')\n",
+        "planner": "import sys\n\n\ndef mine(request):\n    sys.exit('bye')\n",
+        "estimator": "import sys\n\n\nclass mine:\n    def fit(self, grid):\n        sys.exit('bye')\n"
+        "    def partial_fit(self, observations):\n        pass\n    def predict(self):\n        pass\n",
+    }[where]
+    Path("own.py").write_text(text)
+    line = {"module": 2, "planner": 5, "estimator": 6}[where]
+    option = ["--estimator" if where == "estimator" else "--planner", "own.py:mine"]
+    error = refused(capsys, "fly", "--farm", "miniberry-10", "--vehicle", "ideal", "--no-files", *option)
+    assert "SystemExit: bye" in error
+    assert f"line {line})" in error
+    assert "own.py" in error

@@ -1,19 +1,23 @@
 """Ctrl-C, SIGTERM and SIGHUP, sent to real processes."""
 
 import json
+import shutil
 import signal
 import socket
 import subprocess
 import sys
 import time
 
+import numpy as np
 import pytest
 from processes import unmeasured
 
 from mission.link.codec.dialect import mavlink as m
 from mission.link.tlog import read_tlog
+from mission.outcome import Outcome
 from wbf_mission.cli import signals
 from wbf_mission.cli.app import main
+from wbf_mission.result import load_result
 
 LONG_S = 120.0  # a limit against hanging, not a measure
 
@@ -216,3 +220,62 @@ def test_ctrl_c_while_planning_does_not_promise_a_result(tmp_path, monkeypatch, 
     assert main(["fly", "--farm", "miniberry-10", "--out", str(tmp_path / "run")]) == 130
     assert capfd.readouterr().err == "error: interrupted\n"
     assert list(tmp_path.iterdir()) == []
+
+
+SMALL_RUN = ["fly", "--farm", "miniberry-10", "--planner", "lawnmower", "--estimator", "point", "-q"]
+
+
+def last_bytes(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_a_run_that_is_ended_at_any_time_leaves_a_whole_result(tmp_path):
+    """The older one with its pictures or the newer one with its own; what lacks pictures goes beside."""
+    run = tmp_path / "run"
+    assert main([*SMALL_RUN, "--seed", "1", "--out", str(run)]) == 0
+    older, names = last_bytes(run), {path.name for path in run.iterdir()}
+    random = np.random.default_rng(5)
+    for number in [signal.SIGTERM, signal.SIGKILL, signal.SIGINT, signal.SIGKILL]:
+        process = start(*SMALL_RUN, "--seed", "2", "--out", "run", "--overwrite", cwd=tmp_path)
+        # Writing begins with the tables; those of who was killed before stay until then.
+        wait_for(lambda: any(tmp_path.glob(".run.partial/*.parquet")), process)
+        time.sleep(random.uniform(0.0, 1.5))
+        process.send_signal(number)
+        _, error = end(process)
+        loaded = load_result(run)
+        assert {path.name for path in run.iterdir()} == names, number
+        if loaded.scenario.seed == 1:
+            assert last_bytes(run) == older
+        else:
+            shutil.rmtree(run)
+            run.mkdir()
+            for name, data in older.items():
+                (run / name).write_bytes(data)
+        shutil.rmtree(tmp_path / ".run.partial", ignore_errors=True)
+        beside = tmp_path / "run.interrupted"
+        if beside.exists():
+            assert load_result(beside).scenario.seed == 2
+            assert process.returncode in (130, 143)
+            shutil.rmtree(beside)
+        elif number != signal.SIGKILL:
+            # What is flown is not lost.
+            assert loaded.scenario.seed == 2, (number, process.returncode, error)
+    assert main([*SMALL_RUN, "--seed", "2", "--out", str(run), "--overwrite"]) == 0
+    assert load_result(run).scenario.seed == 2
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+
+
+def test_the_second_run_into_a_folder_fails_at_once(tmp_path):
+    slow = [*SMALL_RUN, "--vehicle", "quad", "--speed", "5", "--no-plots", "--out", "run"]
+    process = start(*slow, cwd=tmp_path)
+    wait_for(lambda: any(tmp_path.glob(".run.partial/flight.tlog")), process)
+    second = start(*SMALL_RUN, "--out", "run", "--overwrite", cwd=tmp_path)
+    _, error = end(second)
+    assert second.returncode == 2
+    told = "run: another run writes into this folder; wait for it, or give another one"
+    assert error == f"error: {told}\n"
+    process.send_signal(signal.SIGTERM)
+    end(process)
+    assert process.returncode == 143
+    assert load_result(tmp_path / "run").outcome is Outcome.INTERRUPTED
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]

@@ -17,6 +17,7 @@ from typing import IO, Any, Self
 import msgspec
 import numpy as np
 
+from geo.atomic import disk_errors_named
 from geo.decoding import misfit
 from wbf_mission.bench.row import BenchRow, Floats, as_floats
 from wbf_mission.tables import ResultError, read_batches, write_table
@@ -93,8 +94,9 @@ class BenchStore:
 
     def add(self, row: BenchRow) -> None:
         """Keep a row; it is there when this returns, whatever happens to the process."""
-        self._journal.write(_encoder.encode(row) + b"\n")
-        self._journal.flush()
+        with disk_errors_named(self._folder / _JOURNAL):
+            self._journal.write(_encoder.encode(row) + b"\n")
+            self._journal.flush()
         self.done[row.key] = row.error is None
 
     def close(self) -> None:

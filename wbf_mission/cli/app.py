@@ -12,6 +12,7 @@ from typing import Annotated
 
 import typer
 
+from geo.blame import told_error, users_line
 from geo.errors import WbfMissionError
 from geo.texts import printable
 from wbf_mission.cli import (
@@ -118,6 +119,10 @@ def _silence_asyncio() -> None:
 
 def _run(arguments: list[str]) -> int:
     try:
+        os.getcwd()  # noqa: PTH109
+    except FileNotFoundError:
+        return _complain("the working folder was removed: change to one that is there", ExitCode.BAD_INPUT)
+    try:
         code = app(args=arguments, standalone_mode=False, prog_name="wbf-mission")
     except typer.TyperException as error:
         return _complain(f"{error.format_message()} (see 'wbf-mission --help')", error.exit_code)
@@ -128,7 +133,9 @@ def _run(arguments: list[str]) -> int:
     except StdoutError:
         raise
     except SystemExit as error:  # typer's way to end when nobody reads its help
-        return ExitCode.OUTPUT_CLOSED if isinstance(error.__context__, OSError) else int(error.code or 0)
+        if isinstance(error.__context__, OSError):
+            return ExitCode.OUTPUT_CLOSED
+        return _complain(f"code of yours ended the program: {told_error(error)}", ExitCode.BAD_INPUT)
     except MemoryError:
         return _complain("out of memory: choose a smaller farm or fewer days", ExitCode.BAD_INPUT)
     except OSError as error:
@@ -139,8 +146,6 @@ def _run(arguments: list[str]) -> int:
     except Exception as error:
         if os.environ.get("WBF_MISSION_DEBUG"):
             raise
-        from geo.blame import told_error, users_line
-
         if users_line(error) is not None:
             return _complain(f"{told_error(error)}: this is an error of your own code", ExitCode.BAD_INPUT)
         text = (

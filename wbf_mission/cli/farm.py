@@ -12,7 +12,7 @@ from wbf_mission.cli import options
 from wbf_mission.cli.help import HelpCommand, HelpGroup
 from wbf_mission.cli.output import Output, distance, duration
 from wbf_mission.cli.targets import Overwrite, refuse_overwrite
-from wbf_mission.scenario import FarmOptions
+from wbf_mission.scenario import FarmOptions, ScenarioError
 
 app = typer.Typer(
     cls=HelpGroup,
@@ -177,11 +177,13 @@ def generate_command(
         ),
     ] = 1,
     days: Annotated[
-        int,
+        int | None,
         typer.Option(
-            help="Days after the first one.", parser=options.whole_number_in(0, 126), min=0, max=126
+            help="Days after the first one, 0 to 126.  [default: 15, or the last one of --keep]",
+            parser=options.whole_number_in(0, 126),
+            show_default=False,
         ),
-    ] = 15,
+    ] = None,
     keep: Annotated[
         str | None,
         typer.Option(help="Days to keep, such as 6 or 1-15 or 0,6,15.  [default: all]", show_default=False),
@@ -212,6 +214,10 @@ def generate_command(
     scenario = given.scenario()
     shown = get_farm(scenario.farm.name)
     kept = None if keep is None else _days(keep)
+    if kept is not None and days is not None and max(kept) > days:
+        msg = f"--keep {keep} is beyond --days {days}: leave --days out, or keep days up to {days}"
+        raise ScenarioError(msg)
+    last = days if days is not None else 15 if kept is None else max(kept)
     folder = out or Path("environments") / shown.name.lower()
     begin = time.perf_counter()
     try:
@@ -221,7 +227,7 @@ def generate_command(
                 folder,
                 members=count,
                 seed=scenario.seed,
-                days=days if kept is None else max(kept),
+                days=last if kept is None else max(kept),
                 keep_days=kept,
                 farm_name=shown.name,
                 jobs=len(os.sched_getaffinity(0)) if jobs < 0 else jobs,
@@ -259,8 +265,6 @@ def _days(text: str) -> list[int]:
     >>> _days("0,4-6")
     [0, 4, 5, 6]
     """
-    from wbf_mission.scenario import ScenarioError
-
     days: set[int] = set()
     for part in text.split(","):
         first, dash, last = (word.strip() for word in part.partition("-"))

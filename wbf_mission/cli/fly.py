@@ -193,9 +193,10 @@ def fly_command(
     for warning in result.warnings:
         output.warn(warning)
     if interrupted:
-        output.warn("interrupted while the results were written: pictures or more are missing")
+        kept = "pictures may be missing" if folder and folder.is_written else "nothing of this run is kept"
+        output.warn(f"interrupted while the results were written: {kept}")
     summary = result.summary()
-    summary["files"] = str(folder.path) if folder and (folder.path / "result.json").is_file() else None
+    summary["files"] = str(folder.path) if folder and folder.is_written else None
     summary["timings_s"] = {"start-up": started_s, **result.timings_s, "results": process_age_s() - flown_s}
     summary["wall_time_s"] = process_age_s()
     blind = result.outcome.is_good and not len(result.observations)

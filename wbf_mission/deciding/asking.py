@@ -67,6 +67,9 @@ def ask(policy: Policy, name: str, situation: Situation) -> Answer:
     except Exception as error:
         msg = f"{name} failed: {told_error(error)}"
         raise AnswerError(msg, CRASHED) from error
+    except SystemExit as error:
+        msg = f"{name} ended the program: {told_error(error)}; raise an error instead"
+        raise PlanningError(msg) from error
     compute_s = time.perf_counter() - begin
     if not isinstance(decision, Decision):
         msg = f"{name} answered with a {type(decision).__name__}, not a Decision"

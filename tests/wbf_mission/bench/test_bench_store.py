@@ -1,6 +1,7 @@
 """Rows that are kept."""
 
 from array import array
+from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
@@ -125,3 +126,16 @@ def test_the_table_is_plain_columns(tmp_path):
     assert table["loss_tylcv"].to_pylist() == [0.25, None]
     assert table["history_tylcv"].to_pylist() == [[1.0, 0.25], None]
     assert str(table.schema.field("seed").type) == "uint64"
+
+
+def test_a_full_disk_is_told_by_the_name_of_the_journal(tmp_path):
+    store = BenchStore(tmp_path)
+    store.add(row(1))
+    kept = store._journal
+    full = Path("/dev/full")
+    with full.open("ab", buffering=0) as store._journal, pytest.raises(OSError, match="No space") as caught:
+        store.add(row(2))
+    assert caught.value.filename == str(tmp_path / "journal.jsonl")
+    store._journal = kept
+    store.close()
+    assert [one.key for one in store.rows] == ["0001"]

@@ -34,6 +34,7 @@ from sim_vehicle.execution.state import (
 )
 from sim_vehicle.motion.legs import ALONG, Heading
 from sim_vehicle.pilot.arming import ArmingChecks
+from sim_vehicle.pilot.auto_yaw import AutoYaw
 from sim_vehicle.pilot.controls import Controls
 from sim_vehicle.pilot.failsafe import Failsafe, Reaction
 from sim_vehicle.pilot.fence import Fence
@@ -99,6 +100,8 @@ class Pilot:
         Whether the mission can be flown, and how far it is.
     setpoints : SetpointFollower
     modes : ModeControl
+    auto_yaw : AutoYaw
+        The heading that is ordered by itself.
     outcome, outcome_text
         How the run ended and why.
     """
@@ -153,6 +156,7 @@ class Pilot:
             self.controls, self.mission, self.setpoints, habits, mode=mode, after_takeoff=after_takeoff
         )
 
+        self.auto_yaw = AutoYaw(self.controls, lambda: self.mode)
         self._sticks = flown = None
         if sticks is not None:
             self._sticks = flown = StickPilot(
@@ -466,6 +470,7 @@ class Pilot:
             msg = f"Reposition refused by the fence: {outside}"
             raise RefusedError(msg, denied=True, told=self._rules.fence_refusal)
         guided = mode is Mode.GUIDED
+        self.auto_yaw.forget()
         if guided:
             self._check_mode(Mode.HOLD)
             self.modes.override(mode)
@@ -495,17 +500,10 @@ class Pilot:
         self._hold_in(mode)
         self.controls.order(lambda: self.executor.orbit(x_m, y_m, altitude_m, radius_m, speed_m_s))
 
-    def turn(self, yaw_rad: float) -> None:
-        """Turn on the spot; RefusedError while something else is flown."""
-        if self.state.phase is not FlightPhase.HOLD:
-            msg = "Yaw refused: the vehicle is not holding"
-            raise RefusedError(msg)
-        x_m, y_m, z_m = self.executor.motion.stopping_point()
-        self.controls.order(lambda: self.executor.goto(x_m, y_m, z_m, heading=Heading.fixed(yaw_rad)))
-
     def look_at(self, latitude_deg: float | None, longitude_deg: float = 0.0) -> None:
         """Point the nose at a position whatever is flown, None for no more."""
         position = None if latitude_deg is None else self.frame.from_wgs84(latitude_deg, longitude_deg)
+        self.auto_yaw.forget()
         self.executor.look_at(position)
 
     def pause(self) -> None:
@@ -582,6 +580,10 @@ class Pilot:
         if self.mode is Mode.TAKEOFF and not self._rules.needs_stream:
             self.modes.mode = Mode.GUIDED
         if self.mode is Mode.GUIDED and self.armed:
+            if self.auto_yaw.active:
+                # The same target again has its own heading, too.
+                self.auto_yaw.forget()
+                self.setpoints.forget()
             self.setpoints.fly()
 
     def take_sticks(self, sticks: Sticks, *, flown: bool = True, by_rate: bool = False) -> None:
@@ -666,6 +668,7 @@ class Pilot:
             mode = self.setpoints.expired() if self.mode is Mode.GUIDED else None
             if mode is not None:
                 self._turn_to(mode)
+            self.auto_yaw.check()
         return events
 
     def _on_event(self, event: FlightEvent) -> None:

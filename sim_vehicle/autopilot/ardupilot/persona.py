@@ -146,7 +146,7 @@ PLANE_PERSONA = replace(
         after_takeoff=Mode.TAKEOFF,
         base=BaseModes(),
     ),
-    unsupported=_UNSUPPORTED,
+    unsupported=_UNSUPPORTED | {int(m.MAV_CMD_CONDITION_YAW)},
 )
 ROVER_PERSONA = replace(
     COPTER_PERSONA,
@@ -174,4 +174,5 @@ ROVER_PERSONA = replace(
         aliases=MappingProxyType({5: Mode.HOLD, 7: Mode.MANUAL, 12: Mode.RTL}),
         base=BaseModes(),
     ),
+    unsupported=COPTER_PERSONA.unsupported | {int(m.MAV_CMD_CONDITION_YAW)},
 )

@@ -283,3 +283,74 @@ def test_hostile_setpoints_do_no_harm(autopilot, orders):
     numbers = [*rig.place, *rig.velocity, rig.pilot.state.yaw_rad, rig.pilot.state.yaw_rate_rad_s]
     assert all(map(math.isfinite, numbers))
     assert rig.place[2] >= -0.1
+
+
+def yaw(rig, angle_deg, rate_deg_s=0.0, direction=1.0, relative=0.0):
+    """CONDITION_YAW, as DroneKit's `condition_yaw` and MAVProxy's `setyaw` send it."""
+    numbers = (angle_deg, rate_deg_s, direction, relative, 0.0, 0.0, 0.0)
+    rig.tell(m.MAVLink_command_long_message(1, 1, 115, 0, *numbers))
+
+
+def degrees(rig):
+    return math.degrees(rig.pilot.state.yaw_rad)
+
+
+def test_the_nose_turns_while_arducopter_flies_on():
+    rig, straight = Rig(ARDUPILOT).guided(HERE), Rig(ARDUPILOT).guided(HERE)
+    far = local(POSITION, 0.0, 200.0, -20.0)
+    for one in (rig, straight):
+        one.tell(far)
+        one.run(8.0)
+    assert degrees(rig) == pytest.approx(90.0, abs=1.0)
+    yaw(rig, 180.0, 20.0)
+    rig.run(2.5)
+    straight.run(2.5)
+    # 20 deg/s, after it has begun to turn; and nothing of the flight itself is another one.
+    assert 110.0 < degrees(rig) < 150.0
+    rig.run(5.0)
+    straight.run(5.0)
+    assert degrees(rig) == pytest.approx(180.0, abs=1.0)
+    assert degrees(straight) == pytest.approx(90.0, abs=1.0)
+    assert rig.place == pytest.approx(straight.place, abs=1e-9)
+    assert math.hypot(*rig.velocity) > 5.0
+    # It stays to the end of the way and there.
+    rig.run(30.0)
+    assert rig.place == pytest.approx((200.0, 0.0, 20.0), abs=0.1)
+    assert degrees(rig) == pytest.approx(180.0, abs=1.0)
+    # The next target is flown to by WP_YAW_BEHAVIOR again, also if it is the same one.
+    rig.tell(local(POSITION, 0.0, 100.0, -20.0))
+    rig.run(6.0)
+    assert degrees(rig) == pytest.approx(270.0, abs=1.0)
+    yaw(rig, 0.0)
+    rig.run(5.0)
+    assert math.remainder(degrees(rig), 360.0) == pytest.approx(0.0, abs=1.0)
+    rig.tell(local(POSITION, 0.0, 100.0, -20.0))
+    rig.run(5.0)
+    assert degrees(rig) == pytest.approx(270.0, abs=1.0)
+
+
+def test_a_heading_is_turned_to_as_it_is_told():
+    rig = Rig(ARDUPILOT).guided(HERE)
+    rig.run(1.0)
+    yaw(rig, 30.0)
+    rig.run(5.0)
+    # The long way round, clockwise.
+    yaw(rig, 350.0, 30.0, 1.0)
+    rig.run(4.0)
+    assert 80.0 < degrees(rig) < 160.0
+    rig.run(12.0)
+    assert degrees(rig) == pytest.approx(350.0, abs=1.0)
+    yaw(rig, 40.0, 0.0, -1.0, 1.0)
+    rig.run(4.0)
+    assert degrees(rig) == pytest.approx(310.0, abs=1.0)
+    # What is told of it again counts from the heading that was asked for.
+    yaw(rig, 90.0, 10.0, 1.0, 1.0)
+    yaw(rig, 20.0, 0.0, 1.0, 1.0)
+    rig.run(6.0)
+    assert degrees(rig) == pytest.approx(330.0, abs=1.0)
+    # A velocity is flown with it, too.
+    rig.run(3.0, stream=local(VELOCITY, vx=3.0))
+    yaw(rig, 90.0)
+    rig.run(2.5)
+    assert degrees(rig) == pytest.approx(90.0, abs=15.0)
+    assert rig.velocity == pytest.approx((0.0, 3.0, 0.0), abs=1e-2)

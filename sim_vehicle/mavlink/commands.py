@@ -310,7 +310,7 @@ def _request_message(vehicle: CommandedVehicle, order: Order) -> Answer:
         messages = vehicle.metadata()
     else:
         messages = built(message_id, vehicle.state)
-    return Answer(messages=messages) if messages else UNSUPPORTED
+    return Answer(messages=messages) if messages or message_id in BUILDERS else UNSUPPORTED
 
 
 def _capabilities(vehicle: CommandedVehicle, _order: Order) -> Answer:

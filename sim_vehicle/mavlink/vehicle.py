@@ -296,7 +296,9 @@ class SimVehicle:
             if boot is not None and message_id in boot.untold:
                 continue
             is_heard = heard is None or message_id in heard
-            outbox.append(BUILDERS[message_id](self.state) if is_heard else UNHEARD)
+            message = BUILDERS[message_id](self.state) if is_heard else UNHEARD
+            if message is not None:
+                outbox.append(message)
         return self._sent()
 
     def only_heard(self, message_ids: frozenset[int] | None) -> None:
@@ -430,7 +432,7 @@ class SimVehicle:
             if message_id == m.MAVLINK_MSG_ID_MISSION_CURRENT and steps_on:
                 self._current_due_s = self.state.now_us / 1e6 + self.firmware.persona.current_lag_s
             else:
-                self._outbox.append(BUILDERS[message_id](self.state))
+                self._outbox += self.built(message_id)
 
     def say_refusal(self, text: str) -> None:
         """Say why an order is refused; nothing where the autopilot has no words for it."""

@@ -1,4 +1,4 @@
-"""CONDITION_YAW while the vehicle flies on: the nose turns at a rate, and stays until something else is flown.
+"""CONDITION_YAW while the vehicle flies on: the nose turns at a rate and stays until something else is flown.
 
 Source: ArduCopter's ``autoyaw.cpp``.
 """

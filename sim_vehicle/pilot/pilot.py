@@ -200,6 +200,11 @@ class Pilot:
         return self.controls.home_m
 
     @property
+    def sticks(self) -> Sticks | None:
+        """Where the sticks of the ground station are, None while none are heard."""
+        return None if self._sticks is None else self._sticks.shown
+
+    @property
     def mission_state(self) -> MissionState:
         """Progress of the mission."""
         return self.mission.progress(in_mode=self.mode is Mode.MISSION and self.armed)

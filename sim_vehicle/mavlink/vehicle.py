@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
 from typing import Any
 
 from geo.frame import LocalFrame
@@ -21,6 +23,7 @@ from sim_vehicle.autopilot import adapt_vehicle, get_autopilot
 from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
 from sim_vehicle.autopilot.cold_boot import ColdBoot
 from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.setting import Setting
 from sim_vehicle.component import NEVER, UNHEARD
 from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.errors import VehicleError
@@ -53,6 +56,7 @@ __all__ = ["SimVehicle"]
 _AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
 _PLANNER = int(m.MAV_COMP_ID_MISSIONPLANNER)
 _TICK_S = 0.1
+_GUIDED_OPTIONS, _THRUST_AS_THRUST = Setting("GUID_OPTIONS", 0.0), 8
 _TRUTH_HZ = 10.0
 _MISSION_IDS = frozenset(wire.SERVER_MESSAGES)
 _COMMAND_IDS = frozenset({m.MAVLINK_MSG_ID_COMMAND_LONG, m.MAVLINK_MSG_ID_COMMAND_INT})
@@ -539,6 +543,8 @@ class SimVehicle:
         sticks, rules = self._sticks.read(message), self.firmware.sticks
         if sticks is None or rules is None:
             return
+        if self.state.custom_mode in rules.coordinated:
+            sticks = replace(sticks, right=0.0, turn=min(max(sticks.turn + sticks.right, -1.0), 1.0))
         try:
             by_rate = rules.tilt is not None and self.state.custom_mode in rules.tilt.by_rate
             self.pilot.take_sticks(
@@ -561,7 +567,13 @@ class SimVehicle:
         self, message: setpoint_messages.PositionTarget | m.MAVLink_set_attitude_target_message
     ) -> None:
         setpoints = self.pilot.setpoints
-        if is_a(message, m.MAVLink_set_attitude_target_message):
+        if is_a(message, m.MAVLink_set_attitude_target_message) and self.firmware.persona.flies_attitudes:
+            thrust = bool(int(_GUIDED_OPTIONS.of(self.pilot.parameters)) & _THRUST_AS_THRUST)
+            with suppress(RefusedError):
+                self.pilot.take_attitude(
+                    setpoint_messages.attitude_of(message, self.pilot.spec, by_thrust=thrust)
+                )
+        elif is_a(message, m.MAVLink_set_attitude_target_message):
             setpoints.complain("Setpoint refused: attitudes are not flown")
         elif setpoints.listens_in(self.pilot.mode):
             try:

@@ -295,6 +295,8 @@ class Persona:
         DO_REPOSITION's yaw is followed (PX4).
     flies_attitudes : bool
         SET_ATTITUDE_TARGET is flown (ArduCopter).
+    guided_items : bool
+        A mission item with ``current`` 2 is flown to at once in the guided mode (ArduPilot).
     tells_remaining_time : bool
         BATTERY_STATUS tells how long the battery lasts (PX4).
     packed_parameters : bool
@@ -335,6 +337,7 @@ class Persona:
     takeoff_above_sea: bool = False
     reposition_turns: bool = False
     flies_attitudes: bool = False
+    guided_items: bool = False
     tells_remaining_time: bool = False
     packed_parameters: bool = False
     packed_plans: bool = False

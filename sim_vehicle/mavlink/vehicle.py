@@ -9,12 +9,12 @@ from dataclasses import replace
 from typing import Any
 
 from geo.frame import LocalFrame
-from mission.errors import LinkError
+from mission.errors import LinkError, MissionError
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.signing import Signing
 from mission.link.codec.typed import CommandMessage, handler, is_a
-from mission.model import GeoPoint
+from mission.model import RELATIVE_FRAMES, Command, GeoPoint, MissionType
 from mission.outcome import Outcome
 from mission.transfer import wire
 from sim_vehicle.airframe.sensor_errors import NavigationErrors, SensorNoise
@@ -56,6 +56,7 @@ __all__ = ["SimVehicle"]
 _AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
 _PLANNER = int(m.MAV_COMP_ID_MISSIONPLANNER)
 _TICK_S = 0.1
+_GUIDED_ITEM = 2
 _GUIDED_OPTIONS, _THRUST_AS_THRUST = Setting("GUID_OPTIONS", 0.0), 8
 _TRUTH_HZ = 10.0
 _MISSION_IDS = frozenset(wire.SERVER_MESSAGES)
@@ -537,7 +538,23 @@ class SimVehicle:
         self._outbox += self.built(m.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN)
 
     def _on_mission(self, message: Message) -> None:
+        persona = self.firmware.persona
+        if persona.guided_items and wire.is_item(message) and message.current == _GUIDED_ITEM:
+            self._outbox.append(self._fly_to_item(message))
+            return
         self._outbox += self._plans.receive(message, self.state.now_us / 1e6)
+
+    def _fly_to_item(self, message: wire.ItemMessage) -> Message:
+        """Fly to a waypoint outside of the mission, as DroneKit's `simple_goto` asks for; the answer."""
+        result = wire.ERROR
+        with suppress(RefusedError, MissionError):
+            item = wire.item_from_message(message)
+            if item.command == Command.NAV_WAYPOINT and self.pilot.mode in (Mode.GUIDED, Mode.TAKEOFF):
+                altitude_m = item.z - (0.0 if item.frame in RELATIVE_FRAMES else self.home.altitude_m)
+                self.pilot.goto(item.x, item.y, altitude_m, mode=Mode.GUIDED)
+                result = wire.ACCEPTED
+        source = (message.get_srcSystem(), message.get_srcComponent())
+        return wire.ack(source, result, MissionType.MISSION)
 
     def _on_sticks(self, message: StickMessage) -> None:
         sticks, rules = self._sticks.read(message), self.firmware.sticks

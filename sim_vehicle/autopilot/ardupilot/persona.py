@@ -119,6 +119,7 @@ COPTER_PERSONA = Persona(
     int_only=frozenset({int(m.MAV_CMD_DO_REPOSITION)}),
     takeoff_needs_arming=True,
     flies_attitudes=True,
+    guided_items=True,
     packed_parameters=True,
     packed_plans=True,
     system_files=True,

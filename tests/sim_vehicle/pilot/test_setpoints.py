@@ -225,7 +225,6 @@ REFUSED = [
     (local(POSITION, 1e7, 1.0, -5.0), "from home"),
     (local(POSITION, 1.0, 1.0, 5.0), "altitude"),
     (local(VELOCITY, vx=math.inf), "no number"),
-    (m.MAVLink_set_attitude_target_message(0, 1, 1, 0, [1, 0, 0, 0], 0, 0, 0, 0.5), "attitudes"),
 ]
 
 
@@ -239,6 +238,27 @@ def test_what_is_not_flown_is_refused_with_a_reason_once(autopilot, message, rea
         rig.run(0.1)
     assert sum(reason in text for text in rig.texts) == 1
     assert rig.place == pytest.approx(before, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("current", "frame", "height"), [(2, 3, 15.0), (2, 6, 15.0), (2, 0, 35.0), (0, 3, 15.0)]
+)
+def test_ardupilot_flies_to_an_item_for_the_guided_mode(current, frame, height):
+    """DroneKit's `simple_goto`: a mission item with `current` 2."""
+    rig = Rig(ARDUPILOT).guided(HERE)
+    mission = rig.pilot.mission.items
+    latitude, longitude = FRAME.to_wgs84(20.0, 40.0)
+    numbers = (1, 1, 0, frame, 16, current, 0, 0.0, 0.0, 0.0, 0.0)
+    item = m.MAVLink_mission_item_message(*numbers, latitude, longitude, height)
+    if frame == 6:
+        position = (round(latitude * 1e7), round(longitude * 1e7))
+        item = m.MAVLink_mission_item_int_message(*numbers, *position, height)
+    rig.tell(item)
+    rig.run(25.0)
+    there = (20.0, 40.0, 15.0) if current == 2 else (0.0, 0.0, 20.0)
+    assert rig.place == pytest.approx(there, abs=1.0)
+    assert rig.pilot.mission.items == mission
+    assert rig.pilot.mode is Mode.GUIDED
 
 
 def test_setpoints_for_others_and_a_disarmed_vehicle():

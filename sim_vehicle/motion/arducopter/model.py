@@ -137,12 +137,12 @@ class ArduCopter(Multirotor):
         super().steer(velocity_m_s, height_m=height_m, heading=heading)
 
     def point(self, heading_rad: float) -> None:
-        """Turn the nose to a compass heading on what is flown now."""
+        """Turn the nose to a compass heading on the leg that is flown now."""
         if self._rows is None:
             super().point(heading_rad)
             return
-        self._rows[:, at.HEADING] = heading_rad
-        self._rows[:, at.TURNING] = math.nan
+        self._rows[self.leg, at.HEADING] = heading_rad
+        self._rows[self.leg, at.TURNING] = math.nan
 
     def stopping_point(self) -> Position:
         """Return the position of rest if it brakes now."""

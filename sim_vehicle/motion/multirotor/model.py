@@ -94,10 +94,10 @@ class Multirotor(CompiledMotion):
         self.state[col.LOOK_EAST : col.LOOK_NORTH + 1] = math.nan if position_m is None else position_m
 
     def point(self, heading_rad: float) -> None:
-        """Turn the nose to a compass heading on what is flown now."""
+        """Turn the nose to a compass heading on the leg that is flown now."""
         if self._route is not None:
-            self._route[:, kernel.LEG_HEADING] = heading_rad
-            self._route[:, kernel.LEG_TURN_RATE] = math.nan
+            self._route[self.leg, kernel.LEG_HEADING] = heading_rad
+            self._route[self.leg, kernel.LEG_TURN_RATE] = math.nan
 
     def stopping_point(self) -> Position:
         """Return the position of rest if it brakes now."""

@@ -8,8 +8,9 @@ from hypothesis import strategies as st
 
 from geo.frame import LocalFrame
 from mission.link.codec.dialect import mavlink as m
-from mission.model import GeoPoint
+from mission.model import GeoPoint, MissionItem
 from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.px4 import PX4
@@ -25,8 +26,8 @@ BOTH = pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT], ids=["px4", "ardup
 
 
 class Rig:
-    def __init__(self, autopilot):
-        self.vehicle = SimVehicle(get_vehicle("quad"), HOME, autopilot=autopilot)
+    def __init__(self, autopilot, spec=None):
+        self.vehicle = SimVehicle(spec or get_vehicle("quad"), HOME, autopilot=autopilot)
         self.pilot = self.vehicle.pilot
         self.now_s, self.texts = 0.0, []
         self.run(0.1)
@@ -347,6 +348,24 @@ def test_the_nose_turns_while_arducopter_flies_on():
     rig.tell(local(POSITION, 0.0, 100.0, -20.0))
     rig.run(5.0)
     assert degrees(rig) == pytest.approx(270.0, abs=1.0)
+
+
+@pytest.mark.parametrize("own", [True, False], ids=["arducopter", "generic"])
+def test_in_a_mission_an_ordered_heading_ends_at_the_next_waypoint(own):
+    rig = Rig(ARDUPILOT, with_autopilot(get_vehicle("quad"), "ardupilot") if own else get_vehicle("quad"))
+    rig.guided(HERE)
+    places = [FRAME.to_wgs84(x, y) for x, y in ((0.0, 80.0), (0.0, 150.0), (60.0, 150.0))]
+    rig.pilot.load([MissionItem.waypoint(*place, 20.0) for place in places])
+    rig.pilot.set_mode(Mode.MISSION)
+    rig.run(4.0)
+    yaw(rig, 270.0, direction=-1.0)
+    rig.run(4.0)
+    assert rig.pilot.mission.current_seq == 0
+    assert degrees(rig) == pytest.approx(270.0, abs=1.5)
+    rig.run(30.0, until=lambda: rig.pilot.mission.current_seq == 1)
+    rig.run(5.0)
+    assert rig.pilot.mission.current_seq == 1
+    assert math.remainder(degrees(rig), 360.0) == pytest.approx(0.0, abs=1.5)
 
 
 def test_a_heading_is_turned_to_as_it_is_told():

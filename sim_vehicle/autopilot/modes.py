@@ -17,3 +17,6 @@ class Mode(Enum):
     RTL = "return"
     LAND = "land"
     GUIDED = "guided"
+    ATTITUDE = "attitude"
+    CIRCLE = "circle"
+    FLIP = "flip"

@@ -101,6 +101,8 @@ class BaseModes:
             Mode.ALTITUDE: self.altitude,
             Mode.POSITION: self.position,
             Mode.LAND: self.landing,
+            Mode.ATTITUDE: self.altitude,
+            Mode.FLIP: self.altitude,
         }
         return known.get(mode, self.other)
 
@@ -123,8 +125,8 @@ class ModeTable:
         Further custom modes that are accepted, flown as another mode.
     base : BaseModes
         What the base mode of the heartbeat says of them.
-    failing : frozenset of int
-        Further custom modes of the firmware that are never entered here.
+    flips_from : frozenset of int
+        The custom modes that FLIP is entered from.
     names : mapping of int to str
         The firmware's own names of its custom modes, for its texts.
     refused_text : str
@@ -145,7 +147,7 @@ class ModeTable:
     after_command: Mode
     aliases: Mapping[int, Mode] = field(default_factory=lambda: MappingProxyType({}))
     base: BaseModes = field(default_factory=BaseModes)
-    failing: frozenset[int] = frozenset()
+    flips_from: frozenset[int] = frozenset()
     names: Mapping[int, str] = field(default_factory=lambda: MappingProxyType({}))
     refused_text: str = "Mode {name} refused"
     unknown_text: str = "Mode refused: unknown number {}"
@@ -291,6 +293,10 @@ class Persona:
         home.
     reposition_turns : bool
         DO_REPOSITION's yaw is followed (PX4).
+    flies_attitudes : bool
+        SET_ATTITUDE_TARGET is flown (ArduCopter).
+    guided_items : bool
+        A mission item with ``current`` 2 is flown to at once in the guided mode (ArduPilot).
     tells_remaining_time : bool
         BATTERY_STATUS tells how long the battery lasts (PX4).
     packed_parameters : bool
@@ -330,6 +336,8 @@ class Persona:
     takeoff_needs_arming: bool = False
     takeoff_above_sea: bool = False
     reposition_turns: bool = False
+    flies_attitudes: bool = False
+    guided_items: bool = False
     tells_remaining_time: bool = False
     packed_parameters: bool = False
     packed_plans: bool = False

@@ -188,6 +188,8 @@ class StickRules:
         Vertical speeds; None and 0 are the vehicle's own.
     without : frozenset of int
         Custom modes that are flown as one of ``speeds``, but without sticks.
+    coordinated : frozenset of int
+        Custom modes in which the stick to the right turns the vehicle (DRIFT).
     needed : frozenset of Mode
         Modes that are not entered in flight, and in which the vehicle does not arm, without sticks (PX4).
     impossible : frozenset of Mode
@@ -221,6 +223,7 @@ class StickRules:
     climb: Setting | None = None
     descent: Setting | None = None
     without: frozenset[int] = field(default_factory=frozenset)
+    coordinated: frozenset[int] = frozenset()
     needed: frozenset[Mode] = field(default_factory=frozenset)
     impossible: frozenset[Mode] = field(default_factory=frozenset)
     overrides: bool = False

@@ -73,6 +73,8 @@ class LegFollower:
         Ground contact.
     plan : LegPlan or None
         What is flown.
+    began_m : tuple of 3 floats
+        Where its first leg began: east, north, up.
     flown : int
         Legs of the plan that were accounted for.
     timer, disarm_step : int or None
@@ -89,6 +91,7 @@ class LegFollower:
         self.phase = FlightPhase.GROUND
         self.landed = LandedState.ON_GROUND
         self.plan: LegPlan | None = None
+        self.began_m: Position = (0.0, 0.0, 0.0)
         self.flown = 0
         self.timer: int | None = None
         self.disarm_step: int | None = None
@@ -215,6 +218,7 @@ class LegFollower:
         self.plan = plan
         self.flown = 0
         self.timer = None
+        self.began_m = self.motion.position_m
         self.motion.fly(Route.through(plan.legs))
         self._airborne()
         if plan.after_last is AfterLastLeg.TOUCHDOWN and plan.legs[0].descends:

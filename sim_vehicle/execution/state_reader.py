@@ -9,6 +9,7 @@ from sim_vehicle.airframe.spec import AIR_DENSITY_KG_M3, GRAVITY_M_S2
 from sim_vehicle.execution.state import LandedState, VehicleState
 
 if TYPE_CHECKING:
+    from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.execution.leg_follower import LegFollower
     from sim_vehicle.motion.model import MotionState
 
@@ -51,14 +52,19 @@ def read_state(follower: LegFollower, current_seq: int) -> VehicleState:
     )
 
 
+def drag_1_s(spec: VehicleSpec, airspeed_m_s: float) -> float:
+    """Return the drag over mass and airspeed."""
+    power = spec.power
+    if power is None:
+        return 0.0
+    return 0.5 * AIR_DENSITY_KG_M3 * power.drag_area_m2 * airspeed_m_s / power.mass_kg
+
+
 def _attitude(
     follower: LegFollower, now: MotionState, air: tuple[float, float], airspeed: float
 ) -> tuple[float, float]:
     """Roll and pitch whose thrust gives the acceleration and holds against the drag of the air."""
-    power = follower.spec.power
-    drag = 0.0
-    if power is not None:
-        drag = 0.5 * AIR_DENSITY_KG_M3 * power.drag_area_m2 * airspeed / power.mass_kg
+    drag = drag_1_s(follower.spec, airspeed)
     ax, ay, az = now.acceleration_m_s2
     sin, cos = math.sin(now.heading_rad), math.cos(now.heading_rad)
     east, north = ax + drag * air[0], ay + drag * air[1]

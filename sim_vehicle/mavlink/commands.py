@@ -104,7 +104,7 @@ def set_custom_mode(vehicle: CommandedVehicle, number: int) -> None:
     """
     modes = vehicle.state.firmware.persona.modes
     mode = modes.mode_of(number)
-    if mode is None and number in modes.failing:
+    if mode is Mode.FLIP and vehicle.state.custom_mode not in modes.flips_from:
         told = modes.refusal(number)
         raise RefusedError(told, told=told)
     if mode is None and modes.ignores(number):
@@ -310,7 +310,7 @@ def _request_message(vehicle: CommandedVehicle, order: Order) -> Answer:
         messages = vehicle.metadata()
     else:
         messages = built(message_id, vehicle.state)
-    return Answer(messages=messages) if messages else UNSUPPORTED
+    return Answer(messages=messages) if messages or message_id in BUILDERS else UNSUPPORTED
 
 
 def _capabilities(vehicle: CommandedVehicle, _order: Order) -> Answer:

@@ -41,14 +41,12 @@ def terminate(vehicle: CommandedVehicle, order: Order) -> None:
 
 
 def yaw(vehicle: CommandedVehicle, order: Order) -> None:
-    """CONDITION_YAW outside of a mission: turn on the spot."""
-    angle = math.radians(order.params[0])
-    if not math.isfinite(angle):
-        msg = "Yaw refused: no angle"
-        raise RefusedError(msg, denied=True)
-    if order.number(4):
-        angle = vehicle.pilot.state.yaw_rad + (-angle if order.params[2] < 0.0 else angle)
-    vehicle.pilot.turn(angle)
+    """CONDITION_YAW (ArduCopter): angle, rate, direction, whether it is relative; the vehicle flies on."""
+    angle, rate, _, relative = order.params[:4]
+    if not (0.0 <= angle <= 360.0 and relative in (0.0, 1.0)):
+        raise RefusedError(f"Yaw refused: angle {angle:g}, parameter 4 {relative:g}", told="")
+    direction = (order.number(3) > 0) - (order.number(3) < 0)
+    vehicle.pilot.auto_yaw.order(math.radians(angle), math.radians(rate), direction, relative=relative == 1.0)
 
 
 def region(vehicle: CommandedVehicle, order: Order) -> None:

@@ -1,4 +1,4 @@
-"""Messages of the sensors and the estimator: satellite navigation, barometer, IMU, radio control."""
+"""Messages of the sensors and the estimator: satellite navigation, barometer, IMU."""
 
 from __future__ import annotations
 
@@ -21,7 +21,6 @@ __all__ = [
     "estimator_status",
     "gps_raw_int",
     "highres_imu",
-    "rc_channels",
     "scaled_pressure",
     "vibration",
 ]
@@ -100,12 +99,6 @@ def scaled_pressure(source: WireState) -> Message:
     """SCALED_PRESSURE."""
     pressure_hpa = _pressure_hpa(source)
     return m.MAVLink_scaled_pressure_message(source.boot_ms, pressure_hpa, 0.0, 2500)
-
-
-def rc_channels(source: WireState) -> Message:
-    """RC_CHANNELS of a vehicle without a radio control."""
-    channels_and_rssi = [UNUSED] * 18 + [255]
-    return m.MAVLink_rc_channels_message(source.boot_ms, 0, *channels_and_rssi)
 
 
 def vibration(source: WireState) -> Message:

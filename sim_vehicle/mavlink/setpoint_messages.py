@@ -11,15 +11,18 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import is_a
+from sim_vehicle.motion.legs import KEEP, Heading
+from sim_vehicle.pilot.attitude import AttitudeTarget
 from sim_vehicle.pilot.notices import RefusedError
 from sim_vehicle.pilot.setpoints import Setpoint
 
 if TYPE_CHECKING:
     from geo.frame import LocalFrame
+    from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.execution.state import VehicleState
     from sim_vehicle.motion.legs import Position
 
-__all__ = ["MESSAGES", "PositionTarget", "setpoint_of"]
+__all__ = ["MESSAGES", "PositionTarget", "attitude_of", "setpoint_of"]
 
 MESSAGES = frozenset(
     {
@@ -32,6 +35,9 @@ PositionTarget: TypeAlias = (
     m.MAVLink_set_position_target_local_ned_message | m.MAVLink_set_position_target_global_int_message
 )
 _IGNORE_POSITION, _IGNORE_FORCE, _FORCE, _IGNORE_YAW, _IGNORE_TURN = 7, 448, 512, 1024, 2048
+_IGNORE_RATES, _IGNORE_THRUST, _IGNORE_ATTITUDE = 7, 64, 128
+# How far the length of a quaternion may be from 1.
+_UNIT = 2e-3
 _LOCAL, _LOCAL_OFFSET, _BODY, _BODY_OFFSET, _BODY_FRD = 1, 7, 8, 9, 12
 _GLOBAL = {0: False, 5: False, 3: True, 6: True}
 
@@ -96,6 +102,49 @@ def setpoint_of(
         msg = "Setpoint refused: neither position nor velocity"
         raise RefusedError(msg, denied=True)
     return setpoint
+
+
+def attitude_of(
+    message: m.MAVLink_set_attitude_target_message, spec: VehicleSpec, *, by_thrust: bool
+) -> AttitudeTarget | None:
+    """Read SET_ATTITUDE_TARGET as ArduCopter does; None is what makes it stop.
+
+    Parameters
+    ----------
+    message : MAVLink_set_attitude_target_message
+    spec : VehicleSpec
+        Its climb and descent speeds are those of a thrust of 1 and 0.
+    by_thrust : bool
+        The thrust is one (GUID_OPTIONS), not a climb rate.
+    """
+    mask = int(message.type_mask)
+    rates = [message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate]
+    ignored = mask & _IGNORE_RATES
+    if mask & _IGNORE_THRUST or ignored not in (0, _IGNORE_RATES) or not math.isfinite(message.thrust):
+        return None
+    roll = pitch = math.nan
+    heading = KEEP
+    if not mask & _IGNORE_ATTITUDE:
+        w, x, y, z = message.q
+        if not abs(w * w + x * x + y * y + z * z - 1.0) < _UNIT:
+            return None
+        roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+        pitch = math.asin(min(max(2.0 * (w * y - z * x), -1.0), 1.0))
+        heading = Heading.fixed(math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
+    elif ignored or not all(map(math.isfinite, rates)):
+        return None
+    if not ignored and math.isfinite(rates[2]) and (rates[2] or math.isnan(roll)):
+        heading = Heading.turning(rates[2])
+    share = 2.0 * min(max(message.thrust, 0.0), 1.0) - 1.0
+    climb = share * (spec.climb_speed_m_s if share > 0.0 else spec.descent_speed_m_s)
+    return AttitudeTarget(
+        roll,
+        pitch,
+        heading,
+        math.nan if by_thrust else climb,
+        (rates[0], rates[1]),
+        min(max(message.thrust, 0.0), 1.0),
+    )
 
 
 def _enu(north: float, east: float, down: float, yaw: float) -> Position:

@@ -10,6 +10,7 @@ from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.execution.state import FlightPhase, LandedState
+from sim_vehicle.mavlink.flight_messages import FLIGHT_BUILDERS
 from sim_vehicle.mavlink.sensor_messages import (
     UNUSED,
     centidegrees,
@@ -17,7 +18,6 @@ from sim_vehicle.mavlink.sensor_messages import (
     estimator_status,
     gps_raw_int,
     highres_imu,
-    rc_channels,
     scaled_pressure,
     vibration,
 )
@@ -295,7 +295,7 @@ def _current_mode(source: WireState) -> Message:
     return m.MAVLink_current_mode_message(0, source.custom_mode, source.custom_mode)
 
 
-BUILDERS: dict[int, Callable[[WireState], Message]] = {
+BUILDERS: dict[int, Callable[[WireState], Message | None]] = {
     m.MAVLINK_MSG_ID_HEARTBEAT: _heartbeat,
     m.MAVLINK_MSG_ID_SYS_STATUS: _sys_status,
     m.MAVLINK_MSG_ID_SYSTEM_TIME: _system_time,
@@ -322,15 +322,16 @@ BUILDERS: dict[int, Callable[[WireState], Message]] = {
     m.MAVLINK_MSG_ID_PROTOCOL_VERSION: _protocol_version,
     m.MAVLINK_MSG_ID_ESTIMATOR_STATUS: estimator_status,
     m.MAVLINK_MSG_ID_EKF_STATUS_REPORT: ekf_status_report,
-    m.MAVLINK_MSG_ID_RC_CHANNELS: rc_channels,
     m.MAVLINK_MSG_ID_VIBRATION: vibration,
     m.MAVLINK_MSG_ID_SCALED_PRESSURE: scaled_pressure,
     m.MAVLINK_MSG_ID_HIGHRES_IMU: highres_imu,
     m.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: _gps_global_origin,
+    **FLIGHT_BUILDERS,
 }
 
 
 def built(message_id: int, source: WireState) -> tuple[Message, ...]:
-    """The message with this id from the state now; none when there is none such."""
+    """The message with this id from the state now; none when there is none such, or nothing to tell."""
     builder = BUILDERS.get(message_id)
-    return () if builder is None else (builder(source),)
+    message = None if builder is None else builder(source)
+    return () if message is None else (message,)

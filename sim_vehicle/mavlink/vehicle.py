@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
 from typing import Any
 
 from geo.frame import LocalFrame
-from mission.errors import LinkError
+from mission.errors import LinkError, MissionError
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.signing import Signing
 from mission.link.codec.typed import CommandMessage, handler, is_a
-from mission.model import GeoPoint
+from mission.model import RELATIVE_FRAMES, Command, GeoPoint, MissionType
 from mission.outcome import Outcome
 from mission.transfer import wire
 from sim_vehicle.airframe.sensor_errors import NavigationErrors, SensorNoise
@@ -21,6 +23,7 @@ from sim_vehicle.autopilot import adapt_vehicle, get_autopilot
 from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
 from sim_vehicle.autopilot.cold_boot import ColdBoot
 from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.setting import Setting
 from sim_vehicle.component import NEVER, UNHEARD
 from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.errors import VehicleError
@@ -53,6 +56,8 @@ __all__ = ["SimVehicle"]
 _AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
 _PLANNER = int(m.MAV_COMP_ID_MISSIONPLANNER)
 _TICK_S = 0.1
+_GUIDED_ITEM = 2
+_GUIDED_OPTIONS, _THRUST_AS_THRUST = Setting("GUID_OPTIONS", 0.0), 8
 _TRUTH_HZ = 10.0
 _MISSION_IDS = frozenset(wire.SERVER_MESSAGES)
 _COMMAND_IDS = frozenset({m.MAVLINK_MSG_ID_COMMAND_LONG, m.MAVLINK_MSG_ID_COMMAND_INT})
@@ -296,7 +301,9 @@ class SimVehicle:
             if boot is not None and message_id in boot.untold:
                 continue
             is_heard = heard is None or message_id in heard
-            outbox.append(BUILDERS[message_id](self.state) if is_heard else UNHEARD)
+            message = BUILDERS[message_id](self.state) if is_heard else UNHEARD
+            if message is not None:
+                outbox.append(message)
         return self._sent()
 
     def only_heard(self, message_ids: frozenset[int] | None) -> None:
@@ -430,7 +437,7 @@ class SimVehicle:
             if message_id == m.MAVLINK_MSG_ID_MISSION_CURRENT and steps_on:
                 self._current_due_s = self.state.now_us / 1e6 + self.firmware.persona.current_lag_s
             else:
-                self._outbox.append(BUILDERS[message_id](self.state))
+                self._outbox += self.built(message_id)
 
     def say_refusal(self, text: str) -> None:
         """Say why an order is refused; nothing where the autopilot has no words for it."""
@@ -531,12 +538,30 @@ class SimVehicle:
         self._outbox += self.built(m.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN)
 
     def _on_mission(self, message: Message) -> None:
+        persona = self.firmware.persona
+        if persona.guided_items and wire.is_item(message) and message.current == _GUIDED_ITEM:
+            self._outbox.append(self._fly_to_item(message))
+            return
         self._outbox += self._plans.receive(message, self.state.now_us / 1e6)
+
+    def _fly_to_item(self, message: wire.ItemMessage) -> Message:
+        """Fly to a waypoint outside of the mission, as DroneKit's `simple_goto` asks for; the answer."""
+        result = wire.ERROR
+        with suppress(RefusedError, MissionError):
+            item = wire.item_from_message(message)
+            if item.command == Command.NAV_WAYPOINT and self.pilot.mode in (Mode.GUIDED, Mode.TAKEOFF):
+                altitude_m = item.z - (0.0 if item.frame in RELATIVE_FRAMES else self.home.altitude_m)
+                self.pilot.goto(item.x, item.y, altitude_m, mode=Mode.GUIDED)
+                result = wire.ACCEPTED
+        source = (message.get_srcSystem(), message.get_srcComponent())
+        return wire.ack(source, result, MissionType.MISSION)
 
     def _on_sticks(self, message: StickMessage) -> None:
         sticks, rules = self._sticks.read(message), self.firmware.sticks
         if sticks is None or rules is None:
             return
+        if self.state.custom_mode in rules.coordinated:
+            sticks = replace(sticks, right=0.0, turn=min(max(sticks.turn + sticks.right, -1.0), 1.0))
         try:
             by_rate = rules.tilt is not None and self.state.custom_mode in rules.tilt.by_rate
             self.pilot.take_sticks(
@@ -559,7 +584,13 @@ class SimVehicle:
         self, message: setpoint_messages.PositionTarget | m.MAVLink_set_attitude_target_message
     ) -> None:
         setpoints = self.pilot.setpoints
-        if is_a(message, m.MAVLink_set_attitude_target_message):
+        if is_a(message, m.MAVLink_set_attitude_target_message) and self.firmware.persona.flies_attitudes:
+            thrust = bool(int(_GUIDED_OPTIONS.of(self.pilot.parameters)) & _THRUST_AS_THRUST)
+            with suppress(RefusedError):
+                self.pilot.take_attitude(
+                    setpoint_messages.attitude_of(message, self.pilot.spec, by_thrust=thrust)
+                )
+        elif is_a(message, m.MAVLink_set_attitude_target_message):
             setpoints.complain("Setpoint refused: attitudes are not flown")
         elif setpoints.listens_in(self.pilot.mode):
             try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from mission.model import GeoPoint
@@ -14,6 +15,9 @@ if TYPE_CHECKING:
     from sim_vehicle.pilot.pilot import Pilot
 
 __all__ = ["WireState"]
+
+# Rates of turning over a longer time say nothing.
+_LONGEST_MEAN_S = 1.5
 
 
 class WireState:
@@ -84,6 +88,8 @@ class WireState:
         self._boot_us = 0
         self._unknown_until_us = 0
         self._asked: tuple[Mode, int] | None = None
+        self._attitude: tuple[float, float, float] = (-math.inf, 0.0, 0.0)
+        self._rates = (0.0, 0.0, 0.0)
 
     def name_mode(self, number: int) -> None:
         """Note the number by which the mode was asked for: several are flown alike, as BRAKE and LOITER."""
@@ -129,6 +135,26 @@ class WireState:
         self.position_e7 = self.e7_of(self.sensed.believed_m)
         if self.boot is not None and not self.boot.tells_place:
             self.position_e7 = (0, 0, self.position_e7[2])
+
+    def body_rates(self) -> tuple[float, float, float]:
+        """Rates of turning about forward, right, down, rad/s: the mean since they were last asked for."""
+        state, (time_s, roll, pitch) = self.pilot.state, self._attitude
+        passed_s = state.time_s - time_s
+        if passed_s > 0.0:
+            rolling, pitching = 0.0, 0.0
+            if passed_s < _LONGEST_MEAN_S:
+                rolling = math.remainder(state.roll_rad - roll, 2.0 * math.pi) / passed_s
+                pitching = (state.pitch_rad - pitch) / passed_s
+            sr, cr = math.sin(state.roll_rad), math.cos(state.roll_rad)
+            sp, cp = math.sin(state.pitch_rad), math.cos(state.pitch_rad)
+            yawing = state.yaw_rate_rad_s
+            self._attitude = (state.time_s, state.roll_rad, state.pitch_rad)
+            self._rates = (
+                rolling - yawing * sp,
+                pitching * cr + yawing * sr * cp,
+                yawing * cr * cp - pitching * sr,
+            )
+        return self._rates
 
     def e7_of(self, position_m: tuple[float, float, float]) -> tuple[int, int, int]:
         """A position about home in the units of the wire; its height counts from the sea."""

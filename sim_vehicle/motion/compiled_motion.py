@@ -167,6 +167,9 @@ class CompiledMotion(ABC):
     def interrupt(self) -> None:  # noqa: B027 (most motions have nothing to do)
         """Nothing: a route begins as the vehicle moves."""
 
+    def point(self, heading_rad: float) -> None:  # noqa: B027 (only multirotors turn as they like)
+        """Nothing: the nose points where it moves to."""
+
     def rest(self, steps: int, *, armed: bool) -> None:
         """Stand on the ground for a number of steps: no motion, only the idle power."""
         power = float(self._power[CONSTANT_POWER]) + (self._idle_w if armed else 0.0)

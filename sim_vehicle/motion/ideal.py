@@ -187,6 +187,9 @@ class IdealRobot:
     def look_at(self, position_m: tuple[float, float] | None) -> None:
         """Nothing: it looks along its path."""
 
+    def point(self, heading_rad: float) -> None:
+        """Nothing: it looks along its path."""
+
     def stopping_point(self) -> Position:
         """Return the position: it stops at once."""
         return self._place

@@ -144,6 +144,9 @@ class MotionModel(Protocol):
     def look_at(self, position_m: tuple[float, float] | None) -> None:
         """Point the nose at a position (east, north) whatever is flown, None for no more."""
 
+    def point(self, heading_rad: float) -> None:
+        """Turn the nose to a compass heading on the leg that is flown now, where that is possible."""
+
     def stopping_point(self) -> Position:
         """Return the position of rest if it brakes now."""
 

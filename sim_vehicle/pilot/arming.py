@@ -68,7 +68,7 @@ class ArmingChecks:
         problem = self.health_problem()
         if problem is not None:
             return problem
-        if mode in (Mode.RTL, Mode.LAND):
+        if mode in (Mode.RTL, Mode.LAND, Mode.CIRCLE, Mode.FLIP):
             return f"mode {mode.value}: choose another first"
         return mission_problem if mode is Mode.MISSION else None
 

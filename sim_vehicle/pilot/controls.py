@@ -28,6 +28,8 @@ class Controls:
     ----------
     state : VehicleState
         After the last order or `advance`.
+    attitude : tuple of 2 floats or None
+        Roll and pitch where they are flown as they are told; None where they follow from the motion.
     now_s : float
         Time of the last `advance`.
     position_ok : bool
@@ -39,6 +41,7 @@ class Controls:
     def __init__(self, executor: MissionExecutor) -> None:
         self.executor = executor
         self.state: VehicleState = executor.state()
+        self.attitude: tuple[float, float] | None = None
         self.now_s = 0.0
         self.position_ok = True
         self.motor_ok = True
@@ -88,4 +91,8 @@ class Controls:
 
     def refresh(self) -> None:
         """Read the state anew."""
-        self.state = self.executor.state()
+        state = self.executor.state()
+        if self.attitude is not None:
+            roll_rad, pitch_rad = self.attitude
+            state = state._replace(roll_rad=roll_rad, pitch_rad=pitch_rad)
+        self.state = state

@@ -15,6 +15,7 @@ from sim_vehicle.autopilot.failsafe_rules import Action, FailsafeRules
 from sim_vehicle.autopilot.mission_habits import MissionHabits
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.runtime_parameters import RuntimeParameters
+from sim_vehicle.autopilot.setting import Setting
 from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
@@ -34,6 +35,8 @@ from sim_vehicle.execution.state import (
 )
 from sim_vehicle.motion.legs import ALONG, Heading
 from sim_vehicle.pilot.arming import ArmingChecks
+from sim_vehicle.pilot.attitude import AttitudePilot, AttitudeTarget
+from sim_vehicle.pilot.auto_yaw import AutoYaw
 from sim_vehicle.pilot.controls import Controls
 from sim_vehicle.pilot.failsafe import Failsafe, Reaction
 from sim_vehicle.pilot.fence import Fence
@@ -55,6 +58,13 @@ __all__ = ["Pilot"]
 
 # Modes that end on the ground by themselves, where the autopilot disarms without waiting.
 _LANDS = (Mode.MISSION, Mode.RTL, Mode.LAND)
+_WITHOUT_POSITION = (Mode.MANUAL, Mode.ATTITUDE, Mode.FLIP)
+_BY_HAND = (Mode.MANUAL, Mode.ALTITUDE)
+# 40 of 45 degrees: a pilot who leans that far does not flip.
+_LEANS = 40.0 / 45.0
+_CIRCLE_RADIUS = Setting("CIRCLE_RADIUS", 1000.0, 0.01)
+_CIRCLE_RATE = Setting("CIRCLE_RATE", 20.0, math.radians(1.0))
+_CIRCLE_OPTIONS, _LOOKS_ALONG, _BEGINS_AT_CENTER = Setting("CIRCLE_OPTIONS", 1.0), 2, 4
 _MODES = {Action.HOLD: Mode.HOLD, Action.RETURN: Mode.RTL, Action.LAND: Mode.LAND}
 
 
@@ -99,6 +109,10 @@ class Pilot:
         Whether the mission can be flown, and how far it is.
     setpoints : SetpointFollower
     modes : ModeControl
+    attitude : AttitudePilot
+        Flies attitudes.
+    auto_yaw : AutoYaw
+        The heading that is ordered by itself.
     outcome, outcome_text
         How the run ended and why.
     """
@@ -153,6 +167,9 @@ class Pilot:
             self.controls, self.mission, self.setpoints, habits, mode=mode, after_takeoff=after_takeoff
         )
 
+        self.auto_yaw = AutoYaw(self.controls, lambda: self.mode)
+        self.attitude = AttitudePilot(self.controls, parameters)
+        self._flipped_in, self._circles = mode, False
         self._sticks = flown = None
         if sticks is not None:
             self._sticks = flown = StickPilot(
@@ -194,6 +211,11 @@ class Pilot:
     def home_m(self) -> tuple[float, float]:
         """Where home is, east and north of the start."""
         return self.controls.home_m
+
+    @property
+    def sticks(self) -> Sticks | None:
+        """Where the sticks of the ground station are, None while none are heard."""
+        return None if self._sticks is None else self._sticks.shown
 
     @property
     def mission_state(self) -> MissionState:
@@ -424,13 +446,25 @@ class Pilot:
             return
         if mode is Mode.MISSION and self.mission.why_not is not None:
             raise RefusedError(f"Mission mode refused: {self.mission.why_not}")
-        if mode is not Mode.MANUAL and not self.controls.position_ok:
+        if mode is Mode.FLIP and not self._may_flip:
+            raise RefusedError("Mode flip refused: not flying by hand")
+        if mode not in _WITHOUT_POSITION and not self.controls.position_ok:
             raise RefusedError(f"Mode {mode.value} refused: no position")
         if self._sticks is not None and self._sticks.lacks(mode):
             raise RefusedError(f"Mode {mode.value} refused: no sticks")
         if mode is Mode.GUIDED and self._rules.needs_stream and not self.setpoints.is_fresh:
             msg = "Mode guided refused: no setpoints"
             raise RefusedError(msg)
+
+    @property
+    def _may_flip(self) -> bool:
+        """Whether ArduCopter would begin a flip (``ModeFlip::init``)."""
+        sticks = self.sticks
+        if not self.armed or self.landed is LandedState.ON_GROUND or self.mode not in _BY_HAND:
+            return False
+        if self._sticks is not None and self.mode is Mode.MANUAL and self._sticks.throttle_down:
+            return False
+        return sticks is None or abs(sticks.right) < _LEANS
 
     def takeoff(self, altitude_m: float) -> None:
         """Climb to an altitude above home; disarmed, as soon as it is armed."""
@@ -466,6 +500,8 @@ class Pilot:
             msg = f"Reposition refused by the fence: {outside}"
             raise RefusedError(msg, denied=True, told=self._rules.fence_refusal)
         guided = mode is Mode.GUIDED
+        self.auto_yaw.forget()
+        self.attitude.stop()
         if guided:
             self._check_mode(Mode.HOLD)
             self.modes.override(mode)
@@ -495,17 +531,10 @@ class Pilot:
         self._hold_in(mode)
         self.controls.order(lambda: self.executor.orbit(x_m, y_m, altitude_m, radius_m, speed_m_s))
 
-    def turn(self, yaw_rad: float) -> None:
-        """Turn on the spot; RefusedError while something else is flown."""
-        if self.state.phase is not FlightPhase.HOLD:
-            msg = "Yaw refused: the vehicle is not holding"
-            raise RefusedError(msg)
-        x_m, y_m, z_m = self.executor.motion.stopping_point()
-        self.controls.order(lambda: self.executor.goto(x_m, y_m, z_m, heading=Heading.fixed(yaw_rad)))
-
     def look_at(self, latitude_deg: float | None, longitude_deg: float = 0.0) -> None:
         """Point the nose at a position whatever is flown, None for no more."""
         position = None if latitude_deg is None else self.frame.from_wgs84(latitude_deg, longitude_deg)
+        self.auto_yaw.forget()
         self.executor.look_at(position)
 
     def pause(self) -> None:
@@ -516,6 +545,7 @@ class Pilot:
         if not self.armed or self.mode not in (Mode.MISSION, Mode.GUIDED):
             raise RefusedError(f"Pause refused: mode {self.mode.value}")
         self.setpoints.forget()
+        self.attitude.stop()
         self.controls.order(self.executor.hold)
 
     def resume(self) -> None:
@@ -579,10 +609,38 @@ class Pilot:
             When it cannot be flown.
         """
         self.setpoints.take(setpoint)
+        if self.mode is Mode.GUIDED:
+            self.attitude.stop()
         if self.mode is Mode.TAKEOFF and not self._rules.needs_stream:
             self.modes.mode = Mode.GUIDED
         if self.mode is Mode.GUIDED and self.armed:
+            if self.auto_yaw.active:
+                # The same target again has its own heading, too.
+                self.auto_yaw.forget()
+                self.setpoints.forget()
             self.setpoints.fly()
+
+    def take_attitude(self, target: AttitudeTarget | None) -> None:
+        """Fly an attitude in the guided modes, None stops.
+
+        Raises
+        ------
+        RefusedError
+            When it cannot be flown.
+        """
+        if self.mode not in (Mode.GUIDED, Mode.TAKEOFF, Mode.ATTITUDE) or not self.armed:
+            return
+        if self.mode is Mode.TAKEOFF:
+            self.modes.mode = Mode.GUIDED
+        self.auto_yaw.forget()
+        self.setpoints.forget()
+        if target is not None:
+            self.attitude.take(target)
+        elif self.mode is Mode.ATTITUDE:
+            self.attitude.take()
+        elif self.landed is not LandedState.ON_GROUND:
+            self.attitude.stop()
+            self.controls.order(self.executor.hold)
 
     def take_sticks(self, sticks: Sticks, *, flown: bool = True, by_rate: bool = False) -> None:
         """Fly as the sticks of the ground station say, in the modes that are flown so.
@@ -666,7 +724,25 @@ class Pilot:
             mode = self.setpoints.expired() if self.mode is Mode.GUIDED else None
             if mode is not None:
                 self._turn_to(mode)
+            self.auto_yaw.check()
+            self._fly_attitude()
+        elif self.attitude.active:
+            self.attitude.stop()
         return events
+
+    def _fly_attitude(self) -> None:
+        """Fly the attitude that is asked for, or the flip, on; leave the circle behind with its mode."""
+        if self._circles and self.mode is not Mode.CIRCLE:
+            self._circles = False
+            self.executor.look_at(None)
+        if not self.attitude.active:
+            return
+        if self.mode not in (Mode.GUIDED, Mode.ATTITUDE, Mode.FLIP):
+            self.attitude.stop()
+            return
+        with suppress(RefusedError):  # it may have come down meanwhile
+            if self.attitude.check() and self.mode is Mode.FLIP:
+                self._change_mode(self._flipped_in)
 
     def _on_event(self, event: FlightEvent) -> None:
         if isinstance(event, TargetReached):
@@ -754,8 +830,42 @@ class Pilot:
             self.modes.by_itself, self.modes.intended = True, intended
 
     def _change_mode(self, mode: Mode) -> None:
+        before = self.mode
+        self.attitude.stop()
         if self.modes.change(mode):
             self.disarm()
+        if mode is Mode.ATTITUDE and self.armed:
+            self.attitude.take()
+        elif mode is Mode.FLIP:
+            sticks = self.sticks
+            self._flipped_in = before
+            self.attitude.flip(-1.0 if sticks is not None and sticks.right < 0.0 else 1.0)
+        elif mode is Mode.CIRCLE and self.armed and self.landed is not LandedState.ON_GROUND:
+            self._circle()
+
+    def _circle(self) -> None:
+        """Fly circles as ArduCopter's CIRCLE does: about a point ahead, the nose towards it.
+
+        ``AC_Circle::init`` and ``calc_velocities``.
+        """
+        get, spec = self.parameters, self.spec
+        radius, rate = _CIRCLE_RADIUS.of(get), _CIRCLE_RATE.of(get)
+        options = int(_CIRCLE_OPTIONS.of(get))
+        x, y, z = self.executor.motion.stopping_point()
+        yaw = self.state.yaw_rad
+        if radius <= 0.0:
+            self.controls.order(lambda: self.executor.goto(x, y, z, heading=Heading.turning(rate)))
+            return
+        if rate == 0.0:
+            return
+        if not options & _BEGINS_AT_CENTER:
+            x, y = x + radius * math.sin(yaw), y + radius * math.cos(yaw)
+        most = min(spec.cruise_speed_m_s, math.sqrt(0.5 * spec.acceleration_m_s2 * radius))
+        speed = min(abs(rate) * radius, most)
+        self.controls.order(lambda: self.executor.orbit(x, y, z, math.copysign(radius, rate), speed))
+        if not options & _LOOKS_ALONG:
+            self._circles = True
+            self.executor.look_at((x, y))
 
     def _end(self, outcome: Outcome, reason: str) -> None:
         """Note how the run ended."""

@@ -89,6 +89,11 @@ class SetpointFollower:
         """Whether setpoints flow."""
         return self._controls.now_s - self._taken_s <= self._parameters.setpoint_timeout_s
 
+    @property
+    def flown(self) -> Setpoint | None:
+        """The setpoint that is flown, None while something else is."""
+        return self._flown
+
     def listens_in(self, mode: Mode) -> bool:
         """Whether setpoints are taken in a mode, be it only to be flown later."""
         return self._rules.needs_stream or mode in (Mode.GUIDED, Mode.TAKEOFF)

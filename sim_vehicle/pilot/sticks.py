@@ -75,6 +75,7 @@ class StickPilot:
         self._notices = notices
         self._mode = mode
         self._sticks: Sticks | None = None
+        self._told = Sticks()
         self._heard_s = -math.inf
         self._moves = False
         self.lost = False
@@ -106,6 +107,7 @@ class StickPilot:
             When the vehicle cannot fly so.
         """
         self._heard_s = self._controls.now_s
+        self._told = sticks
         self._sticks = sticks if flown else Sticks()
         self._by_rate = by_rate
         left, was_lost = self._left, self.lost
@@ -128,6 +130,11 @@ class StickPilot:
     def heard(self) -> bool:
         """Whether there are sticks."""
         return self._sticks is not None and self._silence_s <= self._rules.loss.timeout.of(self._parameters)
+
+    @property
+    def shown(self) -> Sticks | None:
+        """Where the sticks are, whether they fly or not; None while none are heard."""
+        return self._told if self.heard else None
 
     @property
     def throttle_down(self) -> bool:

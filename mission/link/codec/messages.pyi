@@ -50,6 +50,8 @@ ESTIMATOR_ATTITUDE: Final[int]
 ESTIMATOR_POS_HORIZ_ABS: Final[int]
 ESTIMATOR_VELOCITY_HORIZ: Final[int]
 GPS_FIX_TYPE_3D_FIX: Final[int]
+MAVLINK_MSG_ID_AHRS: Final[int]
+MAVLINK_MSG_ID_AHRS2: Final[int]
 MAVLINK_MSG_ID_ALTITUDE: Final[int]
 MAVLINK_MSG_ID_ATTITUDE: Final[int]
 MAVLINK_MSG_ID_ATTITUDE_QUATERNION: Final[int]
@@ -86,6 +88,7 @@ MAVLINK_MSG_ID_LOG_ERASE: Final[int]
 MAVLINK_MSG_ID_LOG_REQUEST_DATA: Final[int]
 MAVLINK_MSG_ID_LOG_REQUEST_END: Final[int]
 MAVLINK_MSG_ID_LOG_REQUEST_LIST: Final[int]
+MAVLINK_MSG_ID_MEMINFO: Final[int]
 MAVLINK_MSG_ID_MESSAGE_INTERVAL: Final[int]
 MAVLINK_MSG_ID_MISSION_ACK: Final[int]
 MAVLINK_MSG_ID_MISSION_CLEAR_ALL: Final[int]
@@ -99,14 +102,21 @@ MAVLINK_MSG_ID_MISSION_REQUEST_INT: Final[int]
 MAVLINK_MSG_ID_MISSION_REQUEST_LIST: Final[int]
 MAVLINK_MSG_ID_MISSION_REQUEST_PARTIAL_LIST: Final[int]
 MAVLINK_MSG_ID_MISSION_WRITE_PARTIAL_LIST: Final[int]
+MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT: Final[int]
 MAVLINK_MSG_ID_ODOMETRY: Final[int]
 MAVLINK_MSG_ID_PARAM_REQUEST_LIST: Final[int]
 MAVLINK_MSG_ID_PARAM_REQUEST_READ: Final[int]
 MAVLINK_MSG_ID_PARAM_SET: Final[int]
 MAVLINK_MSG_ID_PARAM_VALUE: Final[int]
+MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT: Final[int]
+MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: Final[int]
+MAVLINK_MSG_ID_POWER_STATUS: Final[int]
 MAVLINK_MSG_ID_PROTOCOL_VERSION: Final[int]
+MAVLINK_MSG_ID_RAW_IMU: Final[int]
 MAVLINK_MSG_ID_RC_CHANNELS: Final[int]
+MAVLINK_MSG_ID_SCALED_IMU2: Final[int]
 MAVLINK_MSG_ID_SCALED_PRESSURE: Final[int]
+MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: Final[int]
 MAVLINK_MSG_ID_SET_ATTITUDE_TARGET: Final[int]
 MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT: Final[int]
 MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED: Final[int]
@@ -115,6 +125,7 @@ MAVLINK_MSG_ID_STATUSTEXT: Final[int]
 MAVLINK_MSG_ID_STORAGE_INFORMATION: Final[int]
 MAVLINK_MSG_ID_SYSTEM_TIME: Final[int]
 MAVLINK_MSG_ID_SYS_STATUS: Final[int]
+MAVLINK_MSG_ID_TERRAIN_REPORT: Final[int]
 MAVLINK_MSG_ID_VFR_HUD: Final[int]
 MAVLINK_MSG_ID_VIBRATION: Final[int]
 MAVLINK_MSG_ID_WIND: Final[int]
@@ -230,6 +241,7 @@ MAV_PROTOCOL_CAPABILITY_MISSION_RALLY: Final[int]
 MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE: Final[int]
 MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST: Final[int]
 MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT: Final[int]
+MAV_PROTOCOL_CAPABILITY_SET_ATTITUDE_TARGET: Final[int]
 MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT: Final[int]
 MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED: Final[int]
 MAV_RESULT_ACCEPTED: Final[int]
@@ -266,6 +278,36 @@ MAV_TYPE_GIMBAL: Final[int]
 MAV_TYPE_GROUND_ROVER: Final[int]
 MAV_TYPE_QUADROTOR: Final[int]
 STORAGE_STATUS_READY: Final[int]
+
+class MAVLink_ahrs2_message(MAVLink_message):
+    roll: float
+    pitch: float
+    yaw: float
+    altitude: float
+    lat: int
+    lng: int
+    def __init__(
+        self, roll: float, pitch: float, yaw: float, altitude: float, lat: int, lng: int
+    ) -> None: ...
+
+class MAVLink_ahrs_message(MAVLink_message):
+    omegaIx: float
+    omegaIy: float
+    omegaIz: float
+    accel_weight: float
+    renorm_val: float
+    error_rp: float
+    error_yaw: float
+    def __init__(
+        self,
+        omegaIx: float,
+        omegaIy: float,
+        omegaIz: float,
+        accel_weight: float,
+        renorm_val: float,
+        error_rp: float,
+        error_yaw: float,
+    ) -> None: ...
 
 class MAVLink_altitude_message(MAVLink_message):
     time_usec: int
@@ -988,6 +1030,12 @@ class MAVLink_manual_control_message(MAVLink_message):
         aux6: int = ...,
     ) -> None: ...
 
+class MAVLink_meminfo_message(MAVLink_message):
+    brkval: int
+    freemem: int
+    freemem32: int
+    def __init__(self, brkval: int, freemem: int, freemem32: int = ...) -> None: ...
+
 class MAVLink_message_interval_message(MAVLink_message):
     message_id: int
     interval_us: int
@@ -1182,6 +1230,27 @@ class MAVLink_mission_write_partial_list_message(MAVLink_message):
         mission_type: int = ...,
     ) -> None: ...
 
+class MAVLink_nav_controller_output_message(MAVLink_message):
+    nav_roll: float
+    nav_pitch: float
+    nav_bearing: int
+    target_bearing: int
+    wp_dist: int
+    alt_error: float
+    aspd_error: float
+    xtrack_error: float
+    def __init__(
+        self,
+        nav_roll: float,
+        nav_pitch: float,
+        nav_bearing: int,
+        target_bearing: int,
+        wp_dist: int,
+        alt_error: float,
+        aspd_error: float,
+        xtrack_error: float,
+    ) -> None: ...
+
 class MAVLink_odometry_message(MAVLink_message):
     time_usec: int
     frame_id: int
@@ -1264,6 +1333,78 @@ class MAVLink_ping_message(MAVLink_message):
     target_component: int
     def __init__(self, time_usec: int, seq: int, target_system: int, target_component: int) -> None: ...
 
+class MAVLink_position_target_global_int_message(MAVLink_message):
+    time_boot_ms: int
+    coordinate_frame: int
+    type_mask: int
+    lat_int: int
+    lon_int: int
+    alt: float
+    vx: float
+    vy: float
+    vz: float
+    afx: float
+    afy: float
+    afz: float
+    yaw: float
+    yaw_rate: float
+    def __init__(
+        self,
+        time_boot_ms: int,
+        coordinate_frame: int,
+        type_mask: int,
+        lat_int: int,
+        lon_int: int,
+        alt: float,
+        vx: float,
+        vy: float,
+        vz: float,
+        afx: float,
+        afy: float,
+        afz: float,
+        yaw: float,
+        yaw_rate: float,
+    ) -> None: ...
+
+class MAVLink_position_target_local_ned_message(MAVLink_message):
+    time_boot_ms: int
+    coordinate_frame: int
+    type_mask: int
+    x: float
+    y: float
+    z: float
+    vx: float
+    vy: float
+    vz: float
+    afx: float
+    afy: float
+    afz: float
+    yaw: float
+    yaw_rate: float
+    def __init__(
+        self,
+        time_boot_ms: int,
+        coordinate_frame: int,
+        type_mask: int,
+        x: float,
+        y: float,
+        z: float,
+        vx: float,
+        vy: float,
+        vz: float,
+        afx: float,
+        afy: float,
+        afz: float,
+        yaw: float,
+        yaw_rate: float,
+    ) -> None: ...
+
+class MAVLink_power_status_message(MAVLink_message):
+    Vcc: int
+    Vservo: int
+    flags: int
+    def __init__(self, Vcc: int, Vservo: int, flags: int) -> None: ...
+
 class MAVLink_protocol_version_message(MAVLink_message):
     version: int
     min_version: int
@@ -1277,6 +1418,35 @@ class MAVLink_protocol_version_message(MAVLink_message):
         max_version: int,
         spec_version_hash: Sequence[int],
         library_version_hash: Sequence[int],
+    ) -> None: ...
+
+class MAVLink_raw_imu_message(MAVLink_message):
+    time_usec: int
+    xacc: int
+    yacc: int
+    zacc: int
+    xgyro: int
+    ygyro: int
+    zgyro: int
+    xmag: int
+    ymag: int
+    zmag: int
+    id: int
+    temperature: int
+    def __init__(
+        self,
+        time_usec: int,
+        xacc: int,
+        yacc: int,
+        zacc: int,
+        xgyro: int,
+        ygyro: int,
+        zgyro: int,
+        xmag: int,
+        ymag: int,
+        zmag: int,
+        id: int = ...,
+        temperature: int = ...,
     ) -> None: ...
 
 class MAVLink_rc_channels_message(MAVLink_message):
@@ -1386,6 +1556,33 @@ class MAVLink_request_data_stream_message(MAVLink_message):
         start_stop: int,
     ) -> None: ...
 
+class MAVLink_scaled_imu2_message(MAVLink_message):
+    time_boot_ms: int
+    xacc: int
+    yacc: int
+    zacc: int
+    xgyro: int
+    ygyro: int
+    zgyro: int
+    xmag: int
+    ymag: int
+    zmag: int
+    temperature: int
+    def __init__(
+        self,
+        time_boot_ms: int,
+        xacc: int,
+        yacc: int,
+        zacc: int,
+        xgyro: int,
+        ygyro: int,
+        zgyro: int,
+        xmag: int,
+        ymag: int,
+        zmag: int,
+        temperature: int = ...,
+    ) -> None: ...
+
 class MAVLink_scaled_pressure_message(MAVLink_message):
     time_boot_ms: int
     press_abs: float
@@ -1399,6 +1596,47 @@ class MAVLink_scaled_pressure_message(MAVLink_message):
         press_diff: float,
         temperature: int,
         temperature_press_diff: int = ...,
+    ) -> None: ...
+
+class MAVLink_servo_output_raw_message(MAVLink_message):
+    time_usec: int
+    port: int
+    servo1_raw: int
+    servo2_raw: int
+    servo3_raw: int
+    servo4_raw: int
+    servo5_raw: int
+    servo6_raw: int
+    servo7_raw: int
+    servo8_raw: int
+    servo9_raw: int
+    servo10_raw: int
+    servo11_raw: int
+    servo12_raw: int
+    servo13_raw: int
+    servo14_raw: int
+    servo15_raw: int
+    servo16_raw: int
+    def __init__(
+        self,
+        time_usec: int,
+        port: int,
+        servo1_raw: int,
+        servo2_raw: int,
+        servo3_raw: int,
+        servo4_raw: int,
+        servo5_raw: int,
+        servo6_raw: int,
+        servo7_raw: int,
+        servo8_raw: int,
+        servo9_raw: int = ...,
+        servo10_raw: int = ...,
+        servo11_raw: int = ...,
+        servo12_raw: int = ...,
+        servo13_raw: int = ...,
+        servo14_raw: int = ...,
+        servo15_raw: int = ...,
+        servo16_raw: int = ...,
     ) -> None: ...
 
 class MAVLink_set_attitude_target_message(MAVLink_message):
@@ -1651,6 +1889,25 @@ class MAVLink_system_time_message(MAVLink_message):
     time_unix_usec: int
     time_boot_ms: int
     def __init__(self, time_unix_usec: int, time_boot_ms: int) -> None: ...
+
+class MAVLink_terrain_report_message(MAVLink_message):
+    lat: int
+    lon: int
+    spacing: int
+    terrain_height: float
+    current_height: float
+    pending: int
+    loaded: int
+    def __init__(
+        self,
+        lat: int,
+        lon: int,
+        spacing: int,
+        terrain_height: float,
+        current_height: float,
+        pending: int,
+        loaded: int,
+    ) -> None: ...
 
 class MAVLink_timesync_message(MAVLink_message):
     tc1: int

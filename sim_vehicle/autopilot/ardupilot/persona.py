@@ -23,8 +23,8 @@ from sim_vehicle.autopilot.persona import (
 
 __all__ = ["COPTER_PERSONA", "PLANE_PERSONA", "ROVER_PERSONA"]
 
-# ArduCopter 4.7 claims 64495: attitude targets, terrain and compass calibration besides, which the
-# simulated one does not do. It says nothing of how parameters are encoded (they are cast).
+# ArduCopter 4.7 claims 64495: terrain and compass calibration besides, which the simulated one does not do.
+# It says nothing of how parameters are encoded (they are cast).
 _CAPABILITIES = COMMON_CAPABILITIES | int(
     m.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
     | m.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT
@@ -46,7 +46,7 @@ COPTER_PERSONA = Persona(
         mav_autopilot=int(m.MAV_AUTOPILOT_ARDUPILOTMEGA),
         mav_type=int(m.MAV_TYPE_QUADROTOR),
         version=(4, 6, 0),
-        capabilities=_CAPABILITIES,
+        capabilities=_CAPABILITIES | int(m.MAV_PROTOCOL_CAPABILITY_SET_ATTITUDE_TARGET),
     ),
     modes=ModeTable(
         numbers=MappingProxyType(
@@ -60,12 +60,25 @@ COPTER_PERSONA = Persona(
                 Mode.RTL: 6,
                 Mode.LAND: 9,
                 Mode.POSITION: 16,
+                Mode.CIRCLE: 7,
+                Mode.FLIP: 14,
+                Mode.ATTITUDE: 20,
             }
         ),
-        aliases=MappingProxyType({1: Mode.MANUAL, 17: Mode.HOLD, 21: Mode.RTL, 27: Mode.RTL}),
+        aliases=MappingProxyType(
+            {
+                1: Mode.MANUAL,
+                11: Mode.ALTITUDE,
+                13: Mode.ALTITUDE,
+                17: Mode.HOLD,
+                21: Mode.RTL,
+                24: Mode.POSITION,
+                27: Mode.RTL,
+            }
+        ),
         own_hold=17,
-        # The manoeuvre of a pilot who flies by hand.
-        failing=frozenset({14}),
+        # STABILIZE, ACRO, ALT_HOLD.
+        flips_from=frozenset({0, 1, 2}),
         names=MappingProxyType(
             {
                 0: "STABILIZE",
@@ -75,11 +88,16 @@ COPTER_PERSONA = Persona(
                 4: "GUIDED",
                 5: "LOITER",
                 6: "RTL",
+                7: "CIRCLE",
                 9: "LAND",
+                11: "DRIFT",
+                13: "SPORT",
                 14: "FLIP",
                 16: "POSHOLD",
                 17: "BRAKE",
+                20: "GUIDED_NOGPS",
                 21: "SMART_RTL",
+                24: "ZIGZAG",
                 27: "AUTO RTL",
             }
         ),
@@ -100,6 +118,8 @@ COPTER_PERSONA = Persona(
     unsupported=_UNSUPPORTED | {int(m.MAV_CMD_DO_GO_AROUND)},
     int_only=frozenset({int(m.MAV_CMD_DO_REPOSITION)}),
     takeoff_needs_arming=True,
+    flies_attitudes=True,
+    guided_items=True,
     packed_parameters=True,
     packed_plans=True,
     system_files=True,
@@ -119,6 +139,7 @@ PLANE_PERSONA = replace(
     identity=replace(
         COPTER_PERSONA.identity,
         mav_type=int(m.MAV_TYPE_FIXED_WING),
+        capabilities=_CAPABILITIES,
         version=(4, 7, 0),
         banner="ArduPlane V4.7.0",
     ),
@@ -141,17 +162,21 @@ PLANE_PERSONA = replace(
             {1: Mode.HOLD, 2: Mode.MANUAL, 3: Mode.MANUAL, 4: Mode.MANUAL, 5: Mode.MANUAL, 8: Mode.MANUAL}
         ),
         own_hold=None,
-        failing=frozenset(),
+        flips_from=frozenset(),
         refused_text="Flight mode change failed",
         after_takeoff=Mode.TAKEOFF,
         base=BaseModes(),
     ),
-    unsupported=_UNSUPPORTED,
+    unsupported=_UNSUPPORTED | {int(m.MAV_CMD_CONDITION_YAW)},
+    flies_attitudes=False,
 )
 ROVER_PERSONA = replace(
     COPTER_PERSONA,
     identity=replace(
-        COPTER_PERSONA.identity, mav_type=int(m.MAV_TYPE_GROUND_ROVER), banner="ArduRover V4.6.0"
+        COPTER_PERSONA.identity,
+        mav_type=int(m.MAV_TYPE_GROUND_ROVER),
+        capabilities=_CAPABILITIES,
+        banner="ArduRover V4.6.0",
     ),
     modes=replace(
         COPTER_PERSONA.modes,
@@ -169,9 +194,11 @@ ROVER_PERSONA = replace(
             }
         ),
         own_hold=None,
-        failing=frozenset(),
+        flips_from=frozenset(),
         refused_text="Flight mode change failed",
         aliases=MappingProxyType({5: Mode.HOLD, 7: Mode.MANUAL, 12: Mode.RTL}),
         base=BaseModes(),
     ),
+    unsupported=COPTER_PERSONA.unsupported | {int(m.MAV_CMD_CONDITION_YAW)},
+    flies_attitudes=False,
 )

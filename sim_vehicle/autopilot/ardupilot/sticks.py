@@ -12,7 +12,7 @@ from sim_vehicle.autopilot.stick_rules import Axis, StickLoss, StickRules, Stick
 
 __all__ = ["COPTER_STICKS", "PLANE_STICKS", "ROVER_STICKS"]
 
-_BRAKE = 17
+_BRAKE, _DRIFT = 17, 11
 _RELEASE = Setting("RC_OVERRIDE_TIME", 3.0)
 # RCn_DZ: 30 of the 400 microseconds to either side.
 _DEADZONE = Axis(0.075)
@@ -34,6 +34,7 @@ COPTER_STICKS = StickRules(
     climb=Setting("PILOT_SPEED_UP", 250.0, 0.01),
     descent=Setting("PILOT_SPEED_DN", 0.0, 0.01),
     without=frozenset({_BRAKE}),
+    coordinated=frozenset({_DRIFT}),
     # SITL's receiver has its throttle at 1000 microseconds (AP_RCProtocol_UDP.cpp).
     receiver=Sticks(up=-1.0),
     overrides=True,

@@ -136,6 +136,14 @@ class ArduCopter(Multirotor):
         self._rows = None
         super().steer(velocity_m_s, height_m=height_m, heading=heading)
 
+    def point(self, heading_rad: float) -> None:
+        """Turn the nose to a compass heading on the leg that is flown now."""
+        if self._rows is None:
+            super().point(heading_rad)
+            return
+        self._rows[self.leg, at.HEADING] = heading_rad
+        self._rows[self.leg, at.TURNING] = math.nan
+
     def stopping_point(self) -> Position:
         """Return the position of rest if it brakes now."""
         x, y, z, vx, vy, vz = self.state[col.POSITION : col.ACCELERATION].tolist()

@@ -93,6 +93,12 @@ class Multirotor(CompiledMotion):
         """Point the nose at a position (east, north) whatever is flown, None for no more."""
         self.state[col.LOOK_EAST : col.LOOK_NORTH + 1] = math.nan if position_m is None else position_m
 
+    def point(self, heading_rad: float) -> None:
+        """Turn the nose to a compass heading on the leg that is flown now."""
+        if self._route is not None:
+            self._route[self.leg, kernel.LEG_HEADING] = heading_rad
+            self._route[self.leg, kernel.LEG_TURN_RATE] = math.nan
+
     def stopping_point(self) -> Position:
         """Return the position of rest if it brakes now."""
         x, y, z, vx, vy, vz, ax, ay, az = self.state[col.POSITION : col.HEADING].tolist()

@@ -977,7 +977,7 @@ REFUSED = [
     ("ardupilot", (193, 5.0), m.MAV_RESULT_DENIED, []),
     ("ardupilot", (207, 7.0), m.MAV_RESULT_DENIED, []),
     ("ardupilot", (246, 1.0), m.MAV_RESULT_FAILED, []),
-    ("ardupilot", (115, NAN), m.MAV_RESULT_DENIED, []),
+    ("ardupilot", (115, NAN), m.MAV_RESULT_FAILED, []),
 ]
 
 

@@ -528,9 +528,8 @@ def test_orders_of_ardupilot():
     rig.run(8.0)
     assert math.degrees(rig.pilot.state.yaw_rad) == pytest.approx(90.0, abs=0.5)
     assert rig.command(34, 15.0) == 3
-    rig.goto(30, 0)
-    rig.run(0.5)
-    assert rig.command(115, 30.0) != 0, "not on the way"
+    assert rig.command(115, 400.0) == 4
+    assert rig.command(115, 30.0, 0.0, 0.0, 0.5) == 4
 
 
 @BOTH

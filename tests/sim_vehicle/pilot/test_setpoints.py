@@ -8,8 +8,9 @@ from hypothesis import strategies as st
 
 from geo.frame import LocalFrame
 from mission.link.codec.dialect import mavlink as m
-from mission.model import GeoPoint
+from mission.model import GeoPoint, MissionItem
 from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.px4 import PX4
@@ -25,8 +26,8 @@ BOTH = pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT], ids=["px4", "ardup
 
 
 class Rig:
-    def __init__(self, autopilot):
-        self.vehicle = SimVehicle(get_vehicle("quad"), HOME, autopilot=autopilot)
+    def __init__(self, autopilot, spec=None):
+        self.vehicle = SimVehicle(spec or get_vehicle("quad"), HOME, autopilot=autopilot)
         self.pilot = self.vehicle.pilot
         self.now_s, self.texts = 0.0, []
         self.run(0.1)
@@ -225,7 +226,6 @@ REFUSED = [
     (local(POSITION, 1e7, 1.0, -5.0), "from home"),
     (local(POSITION, 1.0, 1.0, 5.0), "altitude"),
     (local(VELOCITY, vx=math.inf), "no number"),
-    (m.MAVLink_set_attitude_target_message(0, 1, 1, 0, [1, 0, 0, 0], 0, 0, 0, 0.5), "attitudes"),
 ]
 
 
@@ -239,6 +239,27 @@ def test_what_is_not_flown_is_refused_with_a_reason_once(autopilot, message, rea
         rig.run(0.1)
     assert sum(reason in text for text in rig.texts) == 1
     assert rig.place == pytest.approx(before, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("current", "frame", "height"), [(2, 3, 15.0), (2, 6, 15.0), (2, 0, 35.0), (0, 3, 15.0)]
+)
+def test_ardupilot_flies_to_an_item_for_the_guided_mode(current, frame, height):
+    """DroneKit's `simple_goto`: a mission item with `current` 2."""
+    rig = Rig(ARDUPILOT).guided(HERE)
+    mission = rig.pilot.mission.items
+    latitude, longitude = FRAME.to_wgs84(20.0, 40.0)
+    numbers = (1, 1, 0, frame, 16, current, 0, 0.0, 0.0, 0.0, 0.0)
+    item = m.MAVLink_mission_item_message(*numbers, latitude, longitude, height)
+    if frame == 6:
+        position = (round(latitude * 1e7), round(longitude * 1e7))
+        item = m.MAVLink_mission_item_int_message(*numbers, *position, height)
+    rig.tell(item)
+    rig.run(25.0)
+    there = (20.0, 40.0, 15.0) if current == 2 else (0.0, 0.0, 20.0)
+    assert rig.place == pytest.approx(there, abs=1.0)
+    assert rig.pilot.mission.items == mission
+    assert rig.pilot.mode is Mode.GUIDED
 
 
 def test_setpoints_for_others_and_a_disarmed_vehicle():
@@ -283,3 +304,92 @@ def test_hostile_setpoints_do_no_harm(autopilot, orders):
     numbers = [*rig.place, *rig.velocity, rig.pilot.state.yaw_rad, rig.pilot.state.yaw_rate_rad_s]
     assert all(map(math.isfinite, numbers))
     assert rig.place[2] >= -0.1
+
+
+def yaw(rig, angle_deg, rate_deg_s=0.0, direction=1.0, relative=0.0):
+    """CONDITION_YAW, as DroneKit's `condition_yaw` and MAVProxy's `setyaw` send it."""
+    numbers = (angle_deg, rate_deg_s, direction, relative, 0.0, 0.0, 0.0)
+    rig.tell(m.MAVLink_command_long_message(1, 1, 115, 0, *numbers))
+
+
+def degrees(rig):
+    return math.degrees(rig.pilot.state.yaw_rad)
+
+
+def test_the_nose_turns_while_arducopter_flies_on():
+    rig, straight = Rig(ARDUPILOT).guided(HERE), Rig(ARDUPILOT).guided(HERE)
+    far = local(POSITION, 0.0, 200.0, -20.0)
+    for one in (rig, straight):
+        one.tell(far)
+        one.run(8.0)
+    assert degrees(rig) == pytest.approx(90.0, abs=1.0)
+    yaw(rig, 180.0, 20.0)
+    rig.run(2.5)
+    straight.run(2.5)
+    # 20 deg/s, after it has begun to turn; and nothing of the flight itself is another one.
+    assert 110.0 < degrees(rig) < 150.0
+    rig.run(5.0)
+    straight.run(5.0)
+    assert degrees(rig) == pytest.approx(180.0, abs=1.0)
+    assert degrees(straight) == pytest.approx(90.0, abs=1.0)
+    assert rig.place == pytest.approx(straight.place, abs=1e-9)
+    assert math.hypot(*rig.velocity) > 5.0
+    # It stays to the end of the way and there.
+    rig.run(30.0)
+    assert rig.place == pytest.approx((200.0, 0.0, 20.0), abs=0.1)
+    assert degrees(rig) == pytest.approx(180.0, abs=1.0)
+    # The next target is flown to by WP_YAW_BEHAVIOR again, also if it is the same one.
+    rig.tell(local(POSITION, 0.0, 100.0, -20.0))
+    rig.run(6.0)
+    assert degrees(rig) == pytest.approx(270.0, abs=1.0)
+    yaw(rig, 0.0)
+    rig.run(5.0)
+    assert math.remainder(degrees(rig), 360.0) == pytest.approx(0.0, abs=1.0)
+    rig.tell(local(POSITION, 0.0, 100.0, -20.0))
+    rig.run(5.0)
+    assert degrees(rig) == pytest.approx(270.0, abs=1.0)
+
+
+@pytest.mark.parametrize("own", [True, False], ids=["arducopter", "generic"])
+def test_in_a_mission_an_ordered_heading_ends_at_the_next_waypoint(own):
+    rig = Rig(ARDUPILOT, with_autopilot(get_vehicle("quad"), "ardupilot") if own else get_vehicle("quad"))
+    rig.guided(HERE)
+    places = [FRAME.to_wgs84(x, y) for x, y in ((0.0, 80.0), (0.0, 150.0), (60.0, 150.0))]
+    rig.pilot.load([MissionItem.waypoint(*place, 20.0) for place in places])
+    rig.pilot.set_mode(Mode.MISSION)
+    rig.run(4.0)
+    yaw(rig, 270.0, direction=-1.0)
+    rig.run(4.0)
+    assert rig.pilot.mission.current_seq == 0
+    assert degrees(rig) == pytest.approx(270.0, abs=1.5)
+    rig.run(30.0, until=lambda: rig.pilot.mission.current_seq == 1)
+    rig.run(5.0)
+    assert rig.pilot.mission.current_seq == 1
+    assert math.remainder(degrees(rig), 360.0) == pytest.approx(0.0, abs=1.5)
+
+
+def test_a_heading_is_turned_to_as_it_is_told():
+    rig = Rig(ARDUPILOT).guided(HERE)
+    rig.run(1.0)
+    yaw(rig, 30.0)
+    rig.run(5.0)
+    # The long way round, clockwise.
+    yaw(rig, 350.0, 30.0, 1.0)
+    rig.run(4.0)
+    assert 80.0 < degrees(rig) < 160.0
+    rig.run(12.0)
+    assert degrees(rig) == pytest.approx(350.0, abs=1.0)
+    yaw(rig, 40.0, 0.0, -1.0, 1.0)
+    rig.run(4.0)
+    assert degrees(rig) == pytest.approx(310.0, abs=1.0)
+    # What is told of it again counts from the heading that was asked for.
+    yaw(rig, 90.0, 10.0, 1.0, 1.0)
+    yaw(rig, 20.0, 0.0, 1.0, 1.0)
+    rig.run(6.0)
+    assert degrees(rig) == pytest.approx(330.0, abs=1.0)
+    # A velocity is flown with it, too.
+    rig.run(3.0, stream=local(VELOCITY, vx=3.0))
+    yaw(rig, 90.0)
+    rig.run(2.5)
+    assert degrees(rig) == pytest.approx(90.0, abs=15.0)
+    assert rig.velocity == pytest.approx((0.0, 3.0, 0.0), abs=1e-2)

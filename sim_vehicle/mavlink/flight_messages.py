@@ -1,0 +1,222 @@
+"""What ArduPilot streams of the flight: targets and errors of the navigation, outputs, sensors, estimators.
+
+Source: ArduPilot's ``GCS_Common.cpp``, ``GCS_MAVLink_Copter.cpp`` and the constants of its simulator (SITL).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from mission.link.codec.dialect import Message
+from mission.link.codec.dialect import mavlink as m
+from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
+from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.stick_rules import Sticks
+from sim_vehicle.execution.state import FlightPhase, LandedState
+from sim_vehicle.mavlink.sensor_messages import UNUSED
+from sim_vehicle.mavlink.true_state import int16, to_body
+
+if TYPE_CHECKING:
+    from sim_vehicle.mavlink.wire_state import WireState
+    from sim_vehicle.motion.legs import Position
+
+__all__ = ["FLIGHT_BUILDERS"]
+
+# Type masks of what is not told: all but a position (with ArduPilot's unused bits), but a velocity, but both.
+_ONLY_GLOBAL, _ONLY_POSITION, _ONLY_VELOCITY, _BOTH = 0xFDF8, 0xDF8, 0xC07, 0xC00
+_GAUSS = (0.25, 0.0, 0.41)
+_CENTIDEGREES = 2500
+_BOARD_MV, _FREE_BYTES = 5000, 131_072
+# TERRAIN_SPACING, and the blocks of 4 by 4 of one grid block.
+_SPACING_M, _LOADED = 100, 56
+# MOT_SPIN_ARM, MOT_SPIN_MIN, MOT_SPIN_MAX, MOT_THST_EXPO.
+_SPIN_ARMED, _SPIN_LEAST, _SPIN_MOST, _EXPO = 0.1, 0.15, 0.95, 0.65
+# MOT_THST_HOVER of ArduPilot's simulator.
+_HOVER = 0.39
+_MIDDLE_US, _LEAST_US = 1500, 1000
+_MODES_OF_PILOTS = frozenset({Mode.MANUAL, Mode.ALTITUDE, Mode.POSITION, Mode.HOLD})
+# Channels 5 to 18 of the receiver of ArduPilot's simulator.
+_SWITCHES = (1800, 1000, 1000, 1800, *[0] * 10)
+
+
+def _target(source: WireState) -> tuple[Position, Position] | None:
+    """Begin and end of the leg that is flown; None without one, and in modes that have no target."""
+    pilot = source.pilot
+    follower = pilot.executor.follower
+    plan = follower.plan
+    if plan is None or pilot.mode in _MODES_OF_PILOTS or follower.phase is FlightPhase.STEERED:
+        return None
+    leg = min(follower.motion.leg, len(plan.legs) - 1)
+    return plan.legs[leg - 1].end_m if leg else follower.began_m, plan.legs[leg].end_m
+
+
+def _nav_controller_output(source: WireState) -> Message:
+    state = source.pilot.state
+    x, y, z = state.position_m
+    bearing = distance = rise = aside = 0.0
+    target = _target(source)
+    if target is not None:
+        (ax, ay, az), (bx, by, bz) = target
+        distance, bearing = math.hypot(bx - x, by - y), math.degrees(math.atan2(bx - x, by - y))
+        length = math.hypot(bx - ax, by - ay)
+        share = 1.0
+        if length > 0.0:
+            ux, uy = (bx - ax) / length, (by - ay) / length
+            aside = (x - ax) * uy - (y - ay) * ux
+            share = min(max(((x - ax) * ux + (y - ay) * uy) / length, 0.0), 1.0)
+        rise = az + share * (bz - az) - z
+    return m.MAVLink_nav_controller_output_message(
+        math.degrees(state.roll_rad),
+        math.degrees(state.pitch_rad),
+        round(math.degrees(math.remainder(state.yaw_rad, 2.0 * math.pi))),
+        round(bearing),
+        min(round(distance), UNUSED),
+        rise,
+        0.0,
+        aside,
+    )
+
+
+def _position_target_global_int(source: WireState) -> Message | None:
+    target = _target(source)
+    if target is None:
+        return None
+    latitude, longitude, altitude_mm = source.e7_of(target[1])
+    return m.MAVLink_position_target_global_int_message(
+        source.boot_ms, 0, _ONLY_GLOBAL, latitude, longitude, altitude_mm / 1000.0, *[0.0] * 8
+    )
+
+
+def _position_target_local_ned(source: WireState) -> Message | None:
+    pilot = source.pilot
+    if pilot.mode not in (Mode.GUIDED, Mode.TAKEOFF):
+        return None
+    target, flown = _target(source), pilot.setpoints.flown
+    velocity = (0.0, 0.0, 0.0) if flown is None else flown.velocity_m_s
+    moves = flown is not None and not any(map(math.isnan, velocity))
+    if target is None and not moves:
+        return None
+    mask = _ONLY_VELOCITY if target is None else _BOTH if moves else _ONLY_POSITION
+    east, north, up = (0.0, 0.0, 0.0) if target is None else target[1]
+    v_east, v_north, v_up = velocity if moves else (0.0, 0.0, 0.0)
+    return m.MAVLink_position_target_local_ned_message(
+        source.boot_ms,
+        m.MAV_FRAME_LOCAL_NED,
+        mask,
+        north,
+        east,
+        -up,
+        v_north,
+        v_east,
+        -v_up,
+        *[0.0] * 5,
+    )
+
+
+def _servo_output_raw(source: WireState) -> Message:
+    state, kind = source.pilot.state, source.pilot.spec.kind
+    flies = state.armed and state.landed is not LandedState.ON_GROUND
+    share = state.throttle if flies else 0.0
+    if kind == "multirotor":
+        if flies and source.pilot.executor.motion.attitude() is None:
+            east, north, up = state.acceleration_m_s2
+            share = _HOVER * math.hypot(east, north, up + GRAVITY_M_S2) / GRAVITY_M_S2
+        curve = (_EXPO - 1.0 + math.sqrt((1.0 - _EXPO) ** 2 + 4.0 * _EXPO * min(share, 1.0))) / (2.0 * _EXPO)
+        spin = _SPIN_LEAST + (_SPIN_MOST - _SPIN_LEAST) * curve if flies else _SPIN_ARMED * state.armed
+        outputs = (round(_LEAST_US + 1000.0 * spin),) * 4
+    else:
+        turn = 0.0 if not flies else state.yaw_rate_rad_s / source.pilot.spec.yaw_rate_rad_s
+        turn = state.roll_rad / (0.25 * math.pi) if kind == "fixed-wing" else turn
+        thrust = 500.0 * share + _MIDDLE_US if kind == "rover" else _LEAST_US + 1000.0 * share
+        steered = round(_MIDDLE_US + 500.0 * min(max(turn, -1.0), 1.0))
+        outputs = (steered, _MIDDLE_US, round(thrust), _MIDDLE_US)
+    return m.MAVLink_servo_output_raw_message(source.boot_ms * 1000 & 0xFFFFFFFF, 0, *outputs, 0, 0, 0, 0)
+
+
+def _readings(source: WireState) -> list[int]:
+    """Accelerometer (1e-3 g), gyroscope (mrad/s) and compass (mgauss): forward, right, down of each."""
+    state = source.pilot.state
+    east, north, up = state.acceleration_m_s2
+    force = to_body(state, north, east, -(up + GRAVITY_M_S2))
+    return [
+        *(int16(1000.0 * part / GRAVITY_M_S2) for part in force),
+        *(int16(1000.0 * part) for part in source.body_rates()),
+        *(int16(1000.0 * part) for part in to_body(state, *_GAUSS)),
+    ]
+
+
+def _raw_imu(source: WireState) -> Message:
+    numbers = [*_readings(source), 0, _CENTIDEGREES]
+    return m.MAVLink_raw_imu_message(source.boot_ms * 1000, *numbers)
+
+
+def _scaled_imu2(source: WireState) -> Message:
+    numbers = [*_readings(source), _CENTIDEGREES]
+    return m.MAVLink_scaled_imu2_message(source.boot_ms, *numbers)
+
+
+def _power_status(_source: WireState) -> Message:
+    return m.MAVLink_power_status_message(_BOARD_MV, 0, 0)
+
+
+def _meminfo(_source: WireState) -> Message:
+    return m.MAVLink_meminfo_message(0, UNUSED, _FREE_BYTES)
+
+
+def _ahrs(_source: WireState) -> Message:
+    """AHRS of gyroscopes that do not drift."""
+    return m.MAVLink_ahrs_message(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def _ahrs2(source: WireState) -> Message:
+    """AHRS2, the second estimator: it takes its position from the receiver as it is."""
+    state = source.pilot.state
+    latitude, longitude, altitude_mm = source.e7_of(source.sensed.gps_m)
+    yaw = math.remainder(state.yaw_rad, 2.0 * math.pi)
+    return m.MAVLink_ahrs2_message(
+        state.roll_rad, state.pitch_rad, yaw, altitude_mm / 1000.0, latitude, longitude
+    )
+
+
+def _terrain_report(source: WireState) -> Message:
+    """TERRAIN_REPORT of ground that is as high as at home everywhere."""
+    latitude, longitude, _ = source.position_e7
+    return m.MAVLink_terrain_report_message(
+        latitude,
+        longitude,
+        _SPACING_M,
+        source.home.altitude_m,
+        source.sensed.believed_m[2],
+        0,
+        _LOADED,
+    )
+
+
+def _rc_channels(source: WireState) -> Message:
+    """RC_CHANNELS: what a ground station overrides; else ArduPilot's simulator has a receiver, PX4's none."""
+    rules, heard = source.firmware.sticks, source.pilot.sticks
+    if rules is None or not rules.overrides:
+        return m.MAVLink_rc_channels_message(source.boot_ms, 0, *([UNUSED] * 18 + [255]))
+    sticks = heard or Sticks(up=0.0 if rules.drives else -1.0)
+    half = rules.pwm_half if heard is not None else 500.0
+    axes = (sticks.right, -sticks.forward, sticks.up, sticks.turn)
+    numbers = [*(round(_MIDDLE_US + half * axis) for axis in axes), *_SWITCHES, 255]
+    return m.MAVLink_rc_channels_message(source.boot_ms, 16, *numbers)
+
+
+FLIGHT_BUILDERS = {
+    m.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT: _nav_controller_output,
+    m.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT: _position_target_global_int,
+    m.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: _position_target_local_ned,
+    m.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: _servo_output_raw,
+    m.MAVLINK_MSG_ID_RAW_IMU: _raw_imu,
+    m.MAVLINK_MSG_ID_SCALED_IMU2: _scaled_imu2,
+    m.MAVLINK_MSG_ID_POWER_STATUS: _power_status,
+    m.MAVLINK_MSG_ID_MEMINFO: _meminfo,
+    m.MAVLINK_MSG_ID_AHRS: _ahrs,
+    m.MAVLINK_MSG_ID_AHRS2: _ahrs2,
+    m.MAVLINK_MSG_ID_TERRAIN_REPORT: _terrain_report,
+    m.MAVLINK_MSG_ID_RC_CHANNELS: _rc_channels,
+}
+"""Message id to its maker; None is that there is nothing to tell now."""

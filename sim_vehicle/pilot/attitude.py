@@ -1,0 +1,209 @@
+"""Flies attitudes: those that a companion asks for, and the flip of a pilot; nothing holds the place.
+
+The thrust leans with the vehicle, drag pulls towards the speed of the air. The velocities that follow from
+both are flown by its velocity control; what is told of the attitude is what is flown here.
+
+Sources: ArduCopter's ``mode_guided.cpp`` (``angle_control_run``) and ``mode_flip.cpp``.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
+from sim_vehicle.autopilot.setting import Setting
+from sim_vehicle.execution.state import LandedState
+from sim_vehicle.execution.state_reader import drag_1_s
+from sim_vehicle.motion.legs import KEEP, Heading
+
+if TYPE_CHECKING:
+    from sim_vehicle.autopilot.runtime_parameters import RuntimeParameters
+    from sim_vehicle.pilot.controls import Controls
+
+__all__ = ["AttitudePilot", "AttitudeTarget"]
+
+_STEP_S = 0.02
+_MOST_LEAN = Setting("ANGLE_MAX", 3000.0, math.radians(0.01))
+_LAG = Setting("ATC_INPUT_TC", 0.15)
+_ROLL_ACCELERATION = Setting("ATC_ACCEL_R_MAX", 110_000.0, math.radians(0.01))
+# MOT_THST_HOVER of ArduPilot's simulator.
+_HOVER = 0.39
+# FLIP_ROTATION_RATE, FLIP_THR_INC, FLIP_THR_DEC, FLIP_RECOVERY_ANGLE, FLIP_TIMEOUT_MS; ATC_ANG_RLL_P.
+_FLIP_RAD_S, _FLIP_MORE, _FLIP_LESS, _FLIP_DONE_RAD, _FLIP_LONGEST_S = (
+    math.radians(400.0),
+    1.0 + 0.2 / _HOVER,
+    1.0 - 0.24 / _HOVER,
+    math.radians(5.0),
+    2.5,
+)
+_ROLL_P_1_S = 4.5
+
+
+@dataclass(frozen=True, slots=True)
+class AttitudeTarget:
+    """What SET_ATTITUDE_TARGET asks for.
+
+    Parameters
+    ----------
+    roll_rad, pitch_rad : float
+        Right and up; NaN where only rates are asked for.
+    heading : Heading
+    climb_m_s : float
+        NaN where a thrust is asked for.
+    rates_rad_s : tuple of 2 floats
+        Of roll and pitch, without angles.
+    thrust : float
+        0 to 1.
+    """
+
+    roll_rad: float
+    pitch_rad: float
+    heading: Heading
+    climb_m_s: float
+    rates_rad_s: tuple[float, float] = (0.0, 0.0)
+    thrust: float = _HOVER
+
+
+_LEVEL = AttitudeTarget(0.0, 0.0, KEEP, 0.0)
+
+
+class AttitudePilot:
+    """Flies an attitude until it is told to stop.
+
+    Parameters
+    ----------
+    controls : Controls
+        The vehicle; its ``attitude`` is what is flown here.
+    parameters : RuntimeParameters
+    """
+
+    def __init__(self, controls: Controls, parameters: RuntimeParameters) -> None:
+        self._controls = controls
+        self._parameters = parameters
+        self._target: AttitudeTarget | None = None
+        self._taken_s = self._flown_s = self._roll = self._pitch = 0.0
+        self._velocity_m_s = (0.0, 0.0, 0.0)
+        self._height_m: float | None = None
+        self._flip: tuple[float, float] | None = None
+        self._rolled = self._rolling = 0.0
+
+    @property
+    def active(self) -> bool:
+        """Whether an attitude is flown."""
+        return self._target is not None
+
+    def stop(self) -> None:
+        """Note that something else is flown from now on."""
+        self._target = self._flip = self._controls.attitude = None
+
+    def take(self, target: AttitudeTarget = _LEVEL) -> None:
+        """Fly an attitude from now on."""
+        if self._target is None:
+            state = self._controls.state
+            self._velocity_m_s, self._height_m = state.velocity_m_s, None
+            self._roll, self._pitch, self._flown_s = state.roll_rad, state.pitch_rad, self._controls.now_s
+        self._target, self._taken_s = target, self._controls.now_s
+
+    def flip(self, direction: float) -> None:
+        """Roll by 360 degrees, to the right with 1, to the left with -1."""
+        self.stop()
+        self.take()
+        self._flip = (direction, self._roll)
+        self._rolled = self._rolling = 0.0
+
+    def check(self) -> bool:
+        """Fly on; whether a flip is over.
+
+        Raises
+        ------
+        RefusedError
+            When the vehicle cannot fly so.
+        """
+        target, controls = self._target, self._controls
+        if target is None:
+            return False
+        if controls.now_s - self._taken_s > self._parameters.setpoint_timeout_s:
+            # GUID_TIMEOUT: level, at this height.
+            target = _LEVEL
+        if controls.landed is LandedState.ON_GROUND:
+            lifts = target.climb_m_s > 0.0 or (math.isnan(target.climb_m_s) and target.thrust > _HOVER)
+            self._flown_s = controls.now_s
+            if not lifts:
+                controls.attitude = None
+                return False
+        over = False
+        while self._flown_s < controls.now_s - 1e-9:
+            step_s = min(_STEP_S, controls.now_s - self._flown_s)
+            self._flown_s += step_s
+            if self._flip is not None:
+                over |= self._turn_over(*self._flip, step_s)
+            else:
+                self._lean(target, step_s)
+        controls.attitude = self._roll, self._pitch
+        east, north, up = self._velocity_m_s
+        if target.climb_m_s != 0.0 or self._flip is not None:
+            self._height_m = None
+        elif self._height_m is None:
+            self._height_m = controls.state.position_m[2]
+        height_m = math.nan if self._height_m is None else self._height_m
+        executor = controls.executor
+        controls.order(lambda: executor.steer((east, north, up), height_m=height_m, heading=target.heading))
+        return over
+
+    def _lean(self, target: AttitudeTarget, step_s: float) -> None:
+        """Lean as asked for, no more than ANGLE_MAX, and move with the thrust."""
+        roll, pitch = target.roll_rad, target.pitch_rad
+        if math.isnan(roll):
+            roll = self._roll + step_s * target.rates_rad_s[0]
+            pitch = self._pitch + step_s * target.rates_rad_s[1]
+        size = max(math.hypot(roll, pitch) / _MOST_LEAN.of(self._parameters), 1.0)
+        roll, pitch = roll / size, pitch / size
+        share = 1.0 if math.isnan(target.roll_rad) else 1.0 - math.exp(-step_s / _lag(self._parameters))
+        self._roll += share * (roll - self._roll)
+        self._pitch += share * (pitch - self._pitch)
+        upright = math.cos(self._roll) * math.cos(self._pitch)
+        if math.isnan(target.climb_m_s):
+            self._move(target.thrust / _HOVER, step_s)
+        else:
+            self._move(1.0 / upright, step_s)
+            self._velocity_m_s = (*self._velocity_m_s[:2], target.climb_m_s)
+
+    def _turn_over(self, direction: float, level_rad: float, step_s: float) -> bool:
+        """Roll on; whether the flip is over."""
+        change = _ROLL_ACCELERATION.of(self._parameters) * step_s
+        wanted, thrust, over = _FLIP_RAD_S, _FLIP_MORE, False
+        if self._rolled >= math.radians(270.0):
+            left = 2.0 * math.pi + direction * level_rad - self._rolled
+            wanted = min(_FLIP_RAD_S, _ROLL_P_1_S * left, math.sqrt(2.0 * max(left, 0.0) * change / step_s))
+            over = left <= _FLIP_DONE_RAD
+        elif self._rolled >= math.radians(45.0):
+            thrust = _FLIP_LESS
+        self._rolling += min(max(wanted - self._rolling, -change), change)
+        self._rolled += step_s * self._rolling
+        self._roll = math.remainder(direction * self._rolled, 2.0 * math.pi)
+        self._move(thrust, step_s)
+        return over or self._flown_s - self._taken_s > _FLIP_LONGEST_S
+
+    def _move(self, thrust: float, step_s: float) -> None:
+        """Change the velocity by the thrust (in parts of the weight), the weight and the drag."""
+        controls = self._controls
+        state, spec = controls.state, controls.spec
+        wind_east, wind_north = state.wind_m_s
+        east, north, up = self._velocity_m_s
+        force = GRAVITY_M_S2 * thrust
+        ahead = -force * math.sin(self._pitch) * math.cos(self._roll)
+        aside = force * math.sin(self._roll)
+        lift = force * math.cos(self._roll) * math.cos(self._pitch) - GRAVITY_M_S2
+        sine, cosine = math.sin(state.yaw_rad), math.cos(state.yaw_rad)
+        drag = drag_1_s(spec, math.hypot(east - wind_east, north - wind_north))
+        east += step_s * (ahead * sine + aside * cosine - drag * (east - wind_east))
+        north += step_s * (ahead * cosine - aside * sine - drag * (north - wind_north))
+        up = min(max(up + step_s * lift, -spec.descent_speed_m_s), spec.climb_speed_m_s)
+        size = max(math.hypot(east, north) / spec.top_speed_m_s, 1.0)
+        self._velocity_m_s = (east / size, north / size, up)
+
+
+def _lag(parameters: RuntimeParameters) -> float:
+    return max(_LAG.of(parameters), 1e-3)

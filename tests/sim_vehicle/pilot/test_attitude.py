@@ -1,0 +1,216 @@
+"""Attitudes by command, and the modes of ArduCopter that fly circles, flips and drifts."""
+
+import math
+
+import pytest
+
+from mission.link.codec.dialect import mavlink as m
+from sim_vehicle.autopilot.ardupilot import ARDUPILOT
+from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.px4 import PX4
+from sim_vehicle.execution.state import FlightPhase
+from tests.sim_vehicle.pilot.test_setpoints import HERE, POSITION, Rig, local
+
+GUIDED_NOGPS, CIRCLE, FLIP, DRIFT, SPORT, ZIGZAG = 20, 7, 14, 11, 13, 24
+
+
+def attitude(roll_deg=0.0, pitch_deg=0.0, yaw_deg=0.0, thrust=0.5, mask=7, rates=(0.0, 0.0, 0.0), scale=1.0):
+    """SET_ATTITUDE_TARGET, as DroneKit's `set_attitude` example sends it."""
+    r, p, y = (0.5 * math.radians(angle) for angle in (roll_deg, pitch_deg, yaw_deg))
+    cr, sr, cp, sp, cy, sy = (f(a) for a in (r, p, y) for f in (math.cos, math.sin))
+    q = [
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    ]
+    return m.MAVLink_set_attitude_target_message(0, 1, 1, mask, [scale * part for part in q], *rates, thrust)
+
+
+class Copter(Rig):
+    def __init__(self, autopilot=ARDUPILOT):
+        super().__init__(autopilot)
+        self.results = []
+
+    def take(self, messages):
+        super().take(messages)
+        if hasattr(self, "results"):
+            self.results += [a.result for a in messages if a.get_type() == "COMMAND_ACK"]
+
+    def mode(self, number):
+        self.tell(m.MAVLink_command_long_message(1, 1, 176, 0, 1.0, number, *[0.0] * 5))
+        return self.results[-1]
+
+    def sticks(self, right=0, forward=0, up=500, turn=0):
+        return m.MAVLink_manual_control_message(1, forward, right, up, turn, 0)
+
+    @property
+    def number(self):
+        return self.vehicle.state.custom_mode
+
+    @property
+    def roll(self):
+        return math.degrees(self.pilot.state.roll_rad)
+
+    @property
+    def pitch(self):
+        return math.degrees(self.pilot.state.pitch_rad)
+
+    @property
+    def yaw(self):
+        return math.degrees(self.pilot.state.yaw_rad)
+
+
+def test_guided_flies_attitudes():
+    rig = Copter().guided(HERE)
+    rig.run(3.0, stream=attitude(pitch_deg=-10.0, yaw_deg=90.0))
+    rig.run(3.0, stream=attitude(pitch_deg=-10.0, yaw_deg=90.0))
+    assert (rig.roll, rig.pitch, rig.yaw) == pytest.approx((0.0, -10.0, 90.0), abs=0.5)
+    # The nose down: it flies ahead, to the east once it looks there, and keeps its height.
+    assert rig.velocity[0] > 2.0
+    assert rig.place[2] == pytest.approx(20.0, abs=0.4)
+    faster = rig.velocity[0]
+    rig.run(3.0, stream=attitude(pitch_deg=-10.0, yaw_deg=90.0))
+    assert rig.velocity[0] > faster
+    rig.run(4.0, stream=attitude(roll_deg=15.0, yaw_deg=90.0, thrust=0.75))
+    assert rig.roll == pytest.approx(15.0, abs=0.5)
+    assert rig.velocity[1] < -2.0, "to its right, the south"
+    assert rig.velocity[2] == pytest.approx(0.5 * rig.pilot.spec.climb_speed_m_s, abs=0.1)
+    # No more than ANGLE_MAX.
+    rig.run(1.5, stream=attitude(roll_deg=60.0, yaw_deg=90.0))
+    assert rig.roll == pytest.approx(30.0, abs=0.5)
+    # Silence for GUID_TIMEOUT: level.
+    rig.run(5.0)
+    assert rig.roll == pytest.approx(0.0, abs=0.5)
+    assert rig.velocity[2] == pytest.approx(0.0, abs=0.05)
+    # A position takes over, with the attitude that its flight has.
+    rig.run(1.0, stream=local(POSITION, 0.0, 0.0, -20.0))
+    assert rig.pilot.controls.attitude is None
+    rig.run(60.0)
+    assert rig.place == pytest.approx((0.0, 0.0, 20.0), abs=0.2)
+
+
+def test_rates_of_turning_and_what_stops():
+    rig = Copter().guided(HERE)
+    rig.run(2.0, stream=attitude(mask=0, rates=(0.0, 0.0, 0.5)))
+    start = rig.yaw
+    rig.run(2.0, stream=attitude(mask=0, rates=(0.0, 0.0, 0.5)))
+    assert (rig.yaw - start) % 360.0 == pytest.approx(math.degrees(1.0), abs=3.0)
+    rig.run(1.0, stream=attitude(mask=128, rates=(math.radians(8.0), 0.0, 0.0)))
+    assert rig.roll == pytest.approx(8.0, abs=1.5)
+    for wrong in (attitude(mask=64 | 7), attitude(mask=3), attitude(mask=128 | 7), attitude(scale=1.2)):
+        rig.run(0.5, stream=attitude(roll_deg=5.0))
+        rig.run(0.2, stream=wrong)
+        assert rig.pilot.state.phase is FlightPhase.HOLD
+        assert not rig.pilot.attitude.active
+
+
+def test_guided_nogps_needs_no_position_and_takes_attitudes_only():
+    rig = Copter().guided(HERE)
+    assert rig.mode(GUIDED_NOGPS) == 0
+    assert rig.number == GUIDED_NOGPS
+    place = rig.place
+    rig.run(3.0, stream=local(POSITION, 50.0, 0.0, -20.0))
+    assert rig.place == pytest.approx(place, abs=0.5)
+    rig.run(3.0, stream=attitude(roll_deg=10.0))
+    assert rig.roll == pytest.approx(10.0, abs=0.5)
+    assert rig.mode(4) == 0
+    rig.vehicle.pilot.controls.position_ok = False
+    ground = Copter()
+    ground.pilot.controls.position_ok = False
+    assert ground.mode(4) == 4
+    assert ground.mode(GUIDED_NOGPS) == 0
+
+
+def test_px4_flies_no_attitudes():
+    rig = Copter(PX4).guided(HERE)
+    rig.tell(attitude(roll_deg=10.0))
+    rig.run(0.2)
+    assert "Setpoint refused: attitudes are not flown" in rig.texts
+
+
+def test_circle_flies_a_circle_ahead_with_the_nose_to_its_centre():
+    rig = Copter().guided(HERE)
+    rig.pilot.parameters.stored.update(CIRCLE_RADIUS=1500.0, CIRCLE_RATE=10.0)
+    rig.run(1.0)
+    x, y, z = rig.place
+    yaw = rig.pilot.state.yaw_rad
+    centre = (x + 15.0 * math.sin(yaw), y + 15.0 * math.cos(yaw))
+    assert rig.mode(CIRCLE) == 0
+    assert rig.number == CIRCLE
+    rig.run(15.0)
+    bearings = []
+    for _ in range(10):
+        rig.run(1.0)
+        east, north = rig.place[0] - centre[0], rig.place[1] - centre[1]
+        assert math.hypot(east, north) == pytest.approx(15.0, abs=1.0)
+        assert rig.place[2] == pytest.approx(z, abs=0.2)
+        bearings.append(math.degrees(math.atan2(east, north)))
+        assert math.remainder(rig.yaw - bearings[-1] - 180.0, 360.0) == pytest.approx(0.0, abs=15.0)
+    # Clockwise, at 10 deg/s.
+    assert (bearings[-1] - bearings[0]) % 360.0 == pytest.approx(90.0, abs=12.0)
+    rig.pilot.set_mode(Mode.GUIDED)
+    rig.run(8.0)
+    turned = rig.yaw
+    rig.tell(local(POSITION, 80.0, 0.0, -20.0))
+    rig.run(10.0)
+    assert rig.yaw != pytest.approx(turned, abs=1.0), "the nose is free again"
+
+
+def test_flip_rolls_once_round_and_goes_back_to_its_mode():
+    rig = Copter().guided(HERE)
+    assert rig.mode(FLIP) == 4, "only from STABILIZE, ACRO and ALT_HOLD"
+    for mode in (SPORT, DRIFT):
+        assert rig.mode(mode) == 0
+        assert rig.mode(FLIP) == 4
+    assert rig.mode(2) == 0
+    rig.run(3.0, stream=rig.sticks())
+    rig.run(0.2, stream=rig.sticks(right=950))
+    assert rig.mode(FLIP) == 4, "the pilot leans too far"
+    rig.run(2.0, stream=rig.sticks())
+    height = rig.place[2]
+    assert rig.mode(FLIP) == 0
+    assert rig.number == FLIP
+    rolls, begun_s = [], rig.now_s
+    while rig.number == FLIP and rig.now_s < begun_s + 5.0:
+        rig.run(0.1, stream=rig.sticks())
+        rolls.append(rig.roll)
+    assert 0.9 < rig.now_s - begun_s < 2.5
+    assert max(rolls) > 100.0
+    assert min(rolls) < -60.0
+    steps = [math.remainder(b - a, 360.0) for a, b in zip([0.0, *rolls], rolls, strict=False)]
+    assert sum(steps[:-1]) == pytest.approx(360.0, abs=15.0)
+    assert rig.number == 2
+    rig.run(4.0, stream=rig.sticks())
+    assert rig.roll == pytest.approx(0.0, abs=5.0)
+    assert rig.place[2] == pytest.approx(height, abs=8.0)
+    assert Copter().mode(FLIP) == 4
+
+
+def test_drift_turns_with_the_stick_to_the_right_and_sport_and_zigzag_fly_by_sticks():
+    rig = Copter().guided(HERE)
+    assert rig.mode(DRIFT) == 0
+    rig.run(1.0, stream=rig.sticks())
+    start = rig.yaw
+    rig.run(1.0, stream=rig.sticks(right=400))
+    assert 10.0 < (rig.yaw - start) % 360.0 < 180.0
+    assert rig.number == DRIFT
+    for number in (SPORT, ZIGZAG):
+        assert rig.mode(number) == 0
+        start = rig.yaw
+        rig.run(3.0, stream=rig.sticks(forward=500))
+        assert math.hypot(*rig.velocity[:2]) > 1.0
+        assert rig.yaw == pytest.approx(start, abs=40.0)
+        assert rig.number == number
+
+
+def test_a_radius_of_nothing_turns_on_the_spot():
+    rig = Copter().guided(HERE)
+    rig.pilot.parameters.stored.update(CIRCLE_RADIUS=0.0, CIRCLE_RATE=-20.0)
+    place = rig.place
+    assert rig.mode(CIRCLE) == 0
+    rig.run(3.0)
+    start = rig.yaw
+    rig.run(3.0)
+    assert (start - rig.yaw) % 360.0 == pytest.approx(60.0, abs=4.0)
+    assert rig.place == pytest.approx(place, abs=0.5)

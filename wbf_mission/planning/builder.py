@@ -195,11 +195,11 @@ class MissionBuilder:
         the wind and, where the estimate errs, of its errors. That counts corners that are cut or swung wide,
         legs that are led on, the drift in the wind.
         """
-        path = probe_path(self.home_m, self.level.speed_m_s)
+        path, wind = probe_path(self.home_m, self.level.speed_m_s), wind_of(self.weather, self.level)
         tracks = rehearsed_tracks(
             self.mission(PlannedPath(path, None, "probe")),
             self.vehicle,
-            wind=wind_of(self.weather, self.level),
+            wind=wind,
             track_step_s=_PROBE_STEP_S,
             estimate_errors=self.estimate_errors,
         )
@@ -207,7 +207,8 @@ class MissionBuilder:
         flown = [
             np.column_stack(self.farm.frame.from_east_north(*one[:, :2].T)) + self.home_m for one in aloft
         ]
-        return stray_m(np.vstack((self.home_m, path, self.home_m)), flown)
+        planned = np.vstack((self.home_m, path, self.home_m))
+        return stray_m(planned, flown, gusty=wind is not None and wind.is_gusty)
 
     def batteries(self, mission: Mission, prediction: Prediction) -> int | None:
         """How many batteries ``mission`` needs (`sim_vehicle.prediction.battery_swaps.batteries_needed`)."""

@@ -19,8 +19,8 @@ __all__ = ["KeepOut", "probe_path", "stray_m"]
 _SMOOTH_M = 0.25
 _GRAZES_M = 0.01
 _WIDE_M = 200_000.0
-_SPARE = 1.25
-"""A flight of an hour meets stronger gusts than the probes, which take minutes."""
+_SPARE, _SPARE_IN_GUSTS = 1.25, 2.0
+"""Paths have other turns than the probe, and a flight of an hour meets stronger gusts than one of minutes."""
 _PROBE_S, _SHORTEST_PROBE_M = 6.0, 20.0
 # Turns between the legs of the probe, degrees: rows to and fro, squares and triangles both ways round.
 _TURNS_DEG = (90, 90, 90, 45, 120, 120, 120, 30, -90, -90, -90, -45, -120, -120, -120, 180, 75, 180)
@@ -129,7 +129,7 @@ def probe_path(start_m: tuple[float, float], speed_m_s: float) -> Points:
     return np.vstack((first, first + np.cumsum(steps, axis=0)))
 
 
-def stray_m(planned_m: Points, flown: Iterable[Points]) -> float:
+def stray_m(planned_m: Points, flown: Iterable[Points], *, gusty: bool) -> float:
     """Return how far from a planned path flights of it are to be expected, metres, up to the next 0.1 m.
 
     Parameters
@@ -138,8 +138,11 @@ def stray_m(planned_m: Points, flown: Iterable[Points]) -> float:
         From home through the path and home.
     flown : iterable of float64[m, 2]
         Where the rehearsals led, off the ground.
+    gusty : bool
+        Whether the wind has gusts, of which only the statistics are known.
     """
     planned = shapely.LineString(planned_m)
     shapely.prepare(planned)
     farthest_m = max(float(shapely.distance(shapely.points(one), planned).max(initial=0.0)) for one in flown)
-    return math.ceil(_SPARE * farthest_m * 10.0 - 1e-9) / 10.0
+    spare = _SPARE_IN_GUSTS if gusty else _SPARE
+    return math.ceil(spare * farthest_m * 10.0 - 1e-9) / 10.0

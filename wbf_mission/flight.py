@@ -32,7 +32,8 @@ from wbf_mission.flight_memory import FlightMemory
 from wbf_mission.flights import Decider
 from wbf_mission.hosting import VirtualHosting
 from wbf_mission.live.link import LiveLink
-from wbf_mission.planning import plan, planner_of
+from wbf_mission.planning import PlanResult, plan, planner_of
+from wbf_mission.preflight.run import Tell, tell_nobody
 from wbf_mission.progress import Progress, silent
 from wbf_mission.result import Result
 from wbf_mission.scenario import Scenario, scenario_with
@@ -74,6 +75,8 @@ def fly(
     use_cache: bool = True,
     connect: LiveLink | None = None,
     memory: FlightMemory | None = None,
+    force: bool = False,
+    tell_errors: Tell = tell_nobody,
 ) -> Result:
     """Do a scenario's whole job, offline or with a vehicle behind a link.
 
@@ -102,6 +105,10 @@ def fly(
     memory : FlightMemory, optional
         Given to several runs: flights of planners that would be the same are flown once, and runs on the same
         small environment that follow one another share it.
+    force : bool
+        Fly plans in which the preflight check finds errors; of a vehicle behind a link its own says so.
+    tell_errors : callable
+        Takes these errors.
 
     Returns
     -------
@@ -111,7 +118,7 @@ def fly(
     Raises
     ------
     WbfMissionError
-        If the scenario cannot be planned or set up.
+        If the scenario cannot be planned or set up, or the preflight check finds an error in what is planned.
     """
     require_scenario(scenario)
     tell = progress or silent
@@ -141,9 +148,7 @@ def fly(
             # The autopilot of a vehicle behind a link is known better when it is asked.
             if connect is None:
                 refuse_errors(one.rendered)
-        if connect is not None:
-            connect.check(plans[0], scenario)
-            watch.lap("preflight")
+        _check(campaign, plans, connect, force=force, tell=tell_errors)
     require_run_memory(farm, learner, round(campaign.expected_readings))
     environment, cached = find_environment(
         scenario,
@@ -167,9 +172,7 @@ def fly(
                 plans = campaign.plan(scenario.farm.day)
                 tell("planning", 1, 1)
                 watch.lap("plan")
-                if connect is not None:
-                    connect.check(plans[0], scenario)
-                    watch.lap("preflight")
+                _check(campaign, plans, connect, force=force, tell=tell_errors)
             try:
                 if connect is None:
                     hosting = VirtualHosting(pace, tlog, impairment, breaking)
@@ -185,6 +188,17 @@ def fly(
             campaign.evidence.estimate.close()
     result.environment_cached = cached
     return result
+
+
+def _check(
+    campaign: Campaign, plans: Sequence[PlanResult], connect: LiveLink | None, *, force: bool, tell: Tell
+) -> None:
+    """Refuse plans with errors before anything takes off; a vehicle behind a link is asked, too."""
+    if connect is None:
+        campaign.check("nothing was flown", force=force, tell=tell)
+    else:
+        connect.check(plans[0], campaign.scenario)
+    campaign.watch.lap("preflight")
 
 
 def decider_of(scenario: Scenario) -> Decider:

@@ -20,6 +20,7 @@ from sensors.fields import PAPER_FIELDS, FieldSet
 from wbf_mission.blocks import MapGrid
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -40,6 +41,14 @@ FINDS = "#0072b2"
 PATH = "#3b3b3b"
 WORST_COLOURS = ("#3d0a3a", "#f29e38", "#dfeaf2")  # lost, infected, healthy: dark, middle, light
 MAX_PIXELS = 600  # a crop map shows no more cells a side than this
+_HOME: dict[str, Any] = {"marker": "^", "color": "#d55e00", "markeredgecolor": "white", "markersize": 9}
+_OBSTACLE: dict[str, Any] = {
+    "facecolor": "none",
+    "edgecolor": "#333333",
+    "hatch": "xxx",
+    "linewidth": 0.8,
+    "zorder": 2,
+}
 _LARGEST_SHARE = 0.02  # at least so much is shown of a large farm's scale of sick plants
 _SHARE_RANGE = 50.0
 _MARGIN = 0.04
@@ -81,7 +90,10 @@ def _extent(grid: FarmGrid) -> tuple[float, float, float, float]:
 
 
 def draw_farm(axes: Axes, farm: Farm, *, legend: bool = True) -> None:
-    """Draw crops and the owner's land into ``axes`` (metres along the farm's axes), with a legend below."""
+    """Draw crops, the owner's land and obstacles into ``axes`` (metres along the farm's axes).
+
+    The legend stands beside the map; home is in it.
+    """
     from matplotlib.colors import BoundaryNorm, ListedColormap
     from matplotlib.patches import Patch as LegendPatch
 
@@ -101,16 +113,19 @@ def draw_farm(axes: Axes, farm: Farm, *, legend: bool = True) -> None:
         norm=norm,
         zorder=0,
     )
-    _outline(axes, farm)
+    shown = _outline(axes, farm)
     if legend:
-        present = [Crop(int(code)) for code in np.unique(crops)]
+        for crop in reversed(np.unique(crops).tolist()):
+            if crop:
+                shown = {Crop(crop).name.lower(): LegendPatch(color=CROP_COLOURS[Crop(crop)]), **shown}
+        (shown["home"],) = axes.plot(*farm.home_m, linestyle="none", zorder=5, clip_on=False, **_HOME)
+        # Named here and not on the axes, whose own legend is for what is drawn over the farm.
         axes.legend(
-            handles=[
-                LegendPatch(color=CROP_COLOURS[crop], label=crop.name.lower()) for crop in present if crop
-            ],
+            list(shown.values()),
+            list(shown),
             loc="upper left",
-            bbox_to_anchor=(0.0, -0.1),
-            ncols=2,
+            bbox_to_anchor=(1.02, 1.0),
+            borderaxespad=0.0,
             fontsize=7,
             frameon=False,
         )
@@ -118,14 +133,18 @@ def draw_farm(axes: Axes, farm: Farm, *, legend: bool = True) -> None:
     axes.set_ylabel("y (m)")
 
 
-def _outline(axes: Axes, farm: Farm) -> None:
+def _outline(axes: Axes, farm: Farm) -> dict[str, Artist]:
+    """Draw the border of the owner's land and the obstacles; return what stands for them in a legend."""
     area = farm.owner_area
+    shown: dict[str, Artist] = {}
     for polygon in getattr(area, "geoms", [area]):
-        x, y = polygon.exterior.xy
-        axes.plot(x, y, color="#5b4636", linewidth=1.2, linestyle="--", zorder=2)
+        for ring in (polygon.exterior, *polygon.interiors):
+            (shown["owner's border"],) = axes.plot(
+                *ring.xy, color="#5b4636", linewidth=1.2, linestyle="--", zorder=2
+            )
     for obstacle in farm.obstacles:
-        x, y = obstacle.exterior.xy
-        axes.fill(x, y, facecolor="none", edgecolor="#333333", hatch="xxx", linewidth=0.8, zorder=2)
+        (shown["obstacle"],) = axes.fill(*obstacle.exterior.xy, **_OBSTACLE)
+    return shown
 
 
 def plot_farm(farm: Farm, path: Path) -> Path:

@@ -115,9 +115,9 @@ class Sortie:
         self._fares = task.fares_in_flight()
         self._last_item = 0
         self._passed = 0
-        # Paths whose legs are led, by the items that fly them.
+        # Paths whose legs are led, or lead round obstacles, by the items that fly them.
         self._led: list[tuple[tuple[MissionItem, ...], Points, Waypoints]] = []
-        if task.builder.turns.lead_m > 0.0 and scenario.mission.file is None:
+        if self._leads and scenario.mission.file is None:
             sent = task.builder.waypoints(plan.path_m, task.request.start_xy_m)
             self._led = [(plan.mission.items, plan.path_m, sent)]
         self._rest_known = _NO_REST
@@ -129,6 +129,12 @@ class Sortie:
     def system_id(self) -> int:
         """The vehicle's MAVLink system id."""
         return self.number.system_id
+
+    @property
+    def _leads(self) -> bool:
+        """Whether it may be sent elsewhere than to the points of its path."""
+        builder = self.task.builder
+        return builder.turns.lead_m > 0.0 or builder.keep_out is not None
 
     @property
     def done(self) -> bool:
@@ -309,7 +315,7 @@ class Sortie:
             altitude_m=builder.level.altitude_m,
             acceptance_radius_m=sent.radius_m,
         )
-        if builder.turns.lead_m > 0.0:
+        if self._leads:
             self._led = [*self._led[-1:], (mission.items, points_m, sent)]
             self._rest_known = _NO_REST
         try:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,7 +27,12 @@ _UNITS = {
     "wh": ("Wh", 1.0),
     "kwh": ("Wh", 1000.0),
 }
+Way: TypeAlias = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 _BUDGET = re.compile(r"\s*(\d+(?:\.\d*)?|\.\d+)(e[+-]?\d+)?\s*([a-z]+)\s*", re.IGNORECASE | re.ASCII)
+
+
+def _straight(path_xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    return path_xy_m
 
 
 @runtime_checkable
@@ -81,8 +86,10 @@ class LengthBudget:
     limit_m : float
         The most that start, path and return may measure together.
     return_to : tuple of float, optional
-        Where the flight has to end; the straight leg there is part of the cost. None: it ends with the
-        path.
+        Where the flight has to end; the leg there is part of the cost. None: it ends with the path.
+    way : callable
+        Takes the path, the return included, float64[n, 2], and returns how it is flown; by default straight
+        from point to point.
 
     Examples
     --------
@@ -92,6 +99,7 @@ class LengthBudget:
 
     limit_m: float
     return_to: tuple[float, float] | None = None
+    way: Way = _straight
 
     def __post_init__(self) -> None:
         check_limit(self.limit_m, "m")
@@ -109,9 +117,9 @@ class LengthBudget:
     def cost(self, path_xy_m: ArrayLike) -> float:
         """Return the length from the start through the path and back to `return_to`."""
         path = np.asarray(path_xy_m, dtype=np.float64).reshape(-1, 2)
-        if self.return_to is None:
-            return path_length(path)
-        return path_length(np.vstack((path, np.asarray(self.return_to, dtype=np.float64))))
+        if self.return_to is not None:
+            path = np.vstack((path, np.asarray(self.return_to, dtype=np.float64)))
+        return path_length(self.way(path))
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,6 +137,8 @@ class StepBudget:
         How far the robot gets in one step; one cell.
     return_to : tuple of float, optional
         Where the robot has to end; None: it ends with the path, as in the paper.
+    way : callable
+        As of `LengthBudget`.
 
     Examples
     --------
@@ -139,6 +149,7 @@ class StepBudget:
     limit_steps: float
     step_m: float = FOOT_M
     return_to: tuple[float, float] | None = None
+    way: Way = _straight
 
     def __post_init__(self) -> None:
         check_limit(self.limit_steps, "steps")
@@ -161,7 +172,7 @@ class StepBudget:
         path = np.asarray(path_xy_m, dtype=np.float64).reshape(-1, 2)
         if self.return_to is not None:
             path = np.vstack((path, np.asarray(self.return_to, dtype=np.float64)))
-        legs = np.hypot(*np.diff(path, axis=0).T) / self.step_m
+        legs = np.hypot(*np.diff(self.way(path), axis=0).T) / self.step_m
         return float(np.maximum(np.ceil(legs - 1e-6), 1.0).sum())
 
 

@@ -9,7 +9,7 @@ import shapely
 from shapely.geometry import Point
 
 from mission.errors import PlanningError
-from mission.planners.inside_routing import Terrain
+from mission.planners.inside_routing import TOLERANCE_M, Terrain
 from mission.planners.path import PlannedPath, Points, drop_coincident, path_length
 from mission.planners.places import draw_places
 from mission.planners.request import PlanningRequest
@@ -134,7 +134,10 @@ def _use_up(request: PlanningRequest, points: Points, leg: Points, spent: float)
         candidate = np.vstack((points, way[1:last], cut))
         cost = request.cost(candidate)
         if cost <= limit:
-            good, good_cost, best = middle, cost, candidate
+            good, good_cost = middle, cost
+            # A way between parts that do not hang together may lead over what is not to be flown over.
+            if shapely.dwithin(request.area, Point(cut), TOLERANCE_M):
+                best = candidate
         else:
             bad, bad_cost = middle, cost
     return best

@@ -16,12 +16,21 @@ from sim_vehicle.prediction.flight import PredictedFlight, Prediction, fly_all
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from numpy.typing import NDArray
+
     from geo.frame import LocalFrame
     from mission.model import Mission
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.weather.wind import Wind
 
-__all__ = ["expected_flights", "mean_prediction", "predict_flight", "predict_flights", "rehearsals"]
+__all__ = [
+    "expected_flights",
+    "mean_prediction",
+    "predict_flight",
+    "predict_flights",
+    "rehearsals",
+    "rehearsed_tracks",
+]
 
 _REHEARSAL_SEED = 0x1D8F
 _ERROR_SEED = 0x4A7C
@@ -153,14 +162,7 @@ def expected_flights(
     VehicleError
         As `predict_flight`.
     """
-    winds = rehearsals(wind)
-    errors: list[EstimateErrors | None] = [None] * len(winds)
-    if estimate_errors and estimate_errs(spec):
-        errors = [
-            EstimateErrors(np.random.SeedSequence(_ERROR_SEED, spawn_key=(k,)))
-            for k in range(ERROR_REHEARSALS)
-        ]
-        winds = [winds[k % len(winds)] for k in range(ERROR_REHEARSALS)]
+    airs = _rehearsed_airs(spec, wind, estimate_errors=estimate_errors)
     flights = [
         PredictedFlight(
             one,
@@ -173,10 +175,60 @@ def expected_flights(
             estimate_errors=wrong,
         )
         for one in missions
-        for air, wrong in zip(winds, errors, strict=True)
+        for air, wrong in airs
     ]
     fly_all(flights, threads)
-    return [mean_prediction(flights[k : k + len(winds)]) for k in range(0, len(flights), len(winds))]
+    return [mean_prediction(flights[k : k + len(airs)]) for k in range(0, len(flights), len(airs))]
+
+
+def rehearsed_tracks(
+    mission: Mission,
+    spec: VehicleSpec,
+    *,
+    wind: Wind | None = None,
+    track_step_s: float = 1.0,
+    estimate_errors: bool = False,
+) -> list[NDArray[np.float64]]:
+    """Return the track of each of the flights in which `expected_flights` tries a mission.
+
+    Parameters
+    ----------
+    mission, spec, wind, track_step_s, estimate_errors
+        As for `expected_flights`.
+
+    Returns
+    -------
+    list of float64[n, 3]
+        East, north, up about home.
+    """
+    flights = [
+        PredictedFlight(
+            mission,
+            spec,
+            air,
+            None,
+            track_step_s=track_step_s,
+            epoch_unix_s=EPOCH_UNIX_S,
+            endless=True,
+            estimate_errors=wrong,
+        )
+        for air, wrong in _rehearsed_airs(spec, wind, estimate_errors=estimate_errors)
+    ]
+    fly_all(flights, 1)
+    return [flight.prediction().track_m for flight in flights]
+
+
+def _rehearsed_airs(
+    spec: VehicleSpec, wind: Wind | None, *, estimate_errors: bool
+) -> list[tuple[Wind | None, EstimateErrors | None]]:
+    """Return the winds in which flights are tried, each with errors of the estimate."""
+    winds = rehearsals(wind)
+    if not (estimate_errors and estimate_errs(spec)):
+        return [(air, None) for air in winds]
+    errors = [
+        EstimateErrors(np.random.SeedSequence(_ERROR_SEED, spawn_key=(k,))) for k in range(ERROR_REHEARSALS)
+    ]
+    return [(winds[k % len(winds)], errors[k]) for k in range(ERROR_REHEARSALS)]
 
 
 def mean_prediction(flights: Sequence[PredictedFlight]) -> Prediction:

@@ -19,6 +19,7 @@ from wbf_mission.estimation import RunEstimate
 from wbf_mission.exit_codes import exit_code_of_flight
 from wbf_mission.flight import fly
 from wbf_mission.planning import plan
+from wbf_mission.preflight.finding import PreflightError, Report
 from wbf_mission.scenario import Scenario, ScenarioError, scenario_with
 from wbf_mission.surroundings import make_environment
 
@@ -99,7 +100,10 @@ def test_an_item_that_cannot_be_flown_is_an_outcome(tmp_path: Path) -> None:
     )
     path = tmp_path / "spline.plan"
     write_mission(broken, path)
-    result = fly(scenario_with(QUAD, {"mission": str(path)}))
+    scenario = scenario_with(QUAD, {"mission": str(path)})
+    with pytest.raises(PreflightError, match="nothing was flown, --force does it nevertheless"):
+        fly(scenario)
+    result = fly(scenario, force=True)
     assert result.outcome in (Outcome.UPLOAD_FAILED, Outcome.MISSION_REJECTED)
     assert result.reason
 
@@ -109,7 +113,10 @@ def test_a_battery_that_does_not_last_is_an_outcome(tmp_path: Path) -> None:
     long = plan(scenario_with(QUAD, back_and_forth))
     path = tmp_path / "long.plan"
     write_mission(long.mission, path)
-    result = fly(scenario_with(QUAD, {"farm": "miniberry-100", "mission": str(path), "score_points": 1}))
+    scenario = scenario_with(QUAD, {"farm": "miniberry-100", "mission": str(path), "score_points": 1})
+    told: list[tuple[Report, PreflightError | None]] = []
+    result = fly(scenario, force=True, tell_errors=lambda report, refused: told.append((report, refused)))
+    assert [(one.code, refused) for report, refused in told for one in report.findings] == [("battery", None)]
     assert result.outcome in (Outcome.BATTERY_LOW, Outcome.BATTERY_DEPLETED), result.reason
     assert result.battery_used is not None
     assert result.battery_used > 0.75

@@ -146,15 +146,6 @@ def test_the_plan_depends_on_the_seed_only() -> None:
     assert not np.array_equal(first.path_m[:3], plan(replace(scenario, seed=6)).path_m[:3])
 
 
-def test_an_obstacle_in_the_way_is_told(tmp_path: Path) -> None:
-    farm = replace(get_farm("miniberry-100"), obstacles=(shapely.box(14.0, -1.0, 16.0, 32.0),))
-    save_farm(farm, tmp_path / "wall.geojson")
-    result = plan(Scenario(farm=str(tmp_path / "wall.geojson"), planner="lawnmower", budget="600m"))
-    assert result.crosses_obstacles
-    assert any("obstacle" in warning for warning in result.warnings)
-    assert not plan(Scenario(farm="miniberry-100", planner="lawnmower", budget="600m")).warnings
-
-
 def test_a_planner_is_held_to_its_budget() -> None:
     def generous(request: PlanningRequest) -> PlannedPath:
         return PlannedPath(np.array([[0.0, 0.0], [1e4, 0.0]]), None, "generous")

@@ -82,7 +82,7 @@ def test_farm_and_wind_are_checked_before_an_upload(file, tmp_path, capsys):
         assert "obstacle" in run(capsys, *words, "--farm", str(barn), code=2).err
         assert made.vehicle.pilot.mission.size == 0
         assert "nowhere" in run(capsys, *words, "--farm", "nowhere", code=2).err
-        assert "--margin -1 is out of range" in run(capsys, *words, "--margin", "-1", code=2).err
+        assert "margin -1.0 is out of range" in run(capsys, *words, "--margin", "-1", code=2).err
         assert "but PX4 is heard" in run(capsys, *words, "--autopilot", "ardupilot", code=2).err
         run(capsys, *words, "--farm", "miniberry-10")
         assert made.vehicle.pilot.mission.size == len(good().items)

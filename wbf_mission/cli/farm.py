@@ -55,8 +55,9 @@ def list_command(json: options.Json = False, quiet: options.Quiet = False) -> No
 
 @app.command("show", cls=HelpCommand, epilog="Example\n\nwbf-mission farm show waterberry")
 def show_command(farm: FarmArgument, json: options.Json = False, quiet: options.Quiet = False) -> None:
-    """Show a farm's size, position, patches and crops."""
+    """Show a farm's size, position, patches, crops and obstacles."""
     import numpy as np
+    import shapely
 
     from geo import Crop, get_farm
 
@@ -69,7 +70,7 @@ def show_command(farm: FarmArgument, json: options.Json = False, quiet: options.
         }
         for crop in Crop
     }
-    area = shown.owner_area
+    area, home = shown.owner_area, shapely.Point(shown.home_m)
     values = {
         "name": shown.name,
         "width_cells": shown.width_cells,
@@ -93,6 +94,10 @@ def show_command(farm: FarmArgument, json: options.Json = False, quiet: options.
             }
             for patch in shown.patches
         ],
+        "obstacles": [
+            {"bounds_m": list(one.bounds), "area_m2": one.area, "from_home_m": one.distance(home)}
+            for one in shown.obstacles
+        ],
     }
     rows = {
         "size": f"{shown.width_cells} x {shown.height_cells} cells of {shown.cell_size_m:g} m",
@@ -110,6 +115,12 @@ def show_command(farm: FarmArgument, json: options.Json = False, quiet: options.
             f"patch {i}": f"{patch.name} ({patch.crop.name.lower()}, {patch.owner})"
             for i, patch in enumerate(shown.patches, 1)
         },
+        **{
+            f"obstacle {i}": f"x {x0:.1f} to {x1:.1f} m, y {y0:.1f} to {y1:.1f} m; "
+            f"{one.area:.1f} m2, {distance(one.distance(home))} from home"
+            for i, one in enumerate(shown.obstacles, 1)
+            for x0, y0, x1, y1 in [one.bounds]
+        },
     }
     Output(as_json=json, quiet=quiet).result(values, rows, title=shown.name)
 
@@ -125,7 +136,7 @@ def draw_command(
     json: options.Json = False,
     quiet: options.Quiet = False,
 ) -> None:
-    """Draw a farm's crops and the owner's land as a PNG picture."""
+    """Draw a farm's crops, the owner's border, obstacles and home as a PNG picture."""
     from geo import get_farm
     from wbf_mission.plots import plot_farm
 

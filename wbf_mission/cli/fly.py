@@ -133,6 +133,7 @@ def fly_command(
     Writes the plan, a telemetry log, the observations, the information model with the truth, a summary
     and pictures.
     """
+    from wbf_mission.cli.preflight import tell
     from wbf_mission.estimation import resolved
     from wbf_mission.flight import fly
     from wbf_mission.results import ResultFolder, run_name
@@ -183,6 +184,8 @@ def fly_command(
             faults=[*in_file, *(fault or ())],
             use_cache=cache,
             connect=live,
+            force=force,
+            tell_errors=partial(tell, output),
         )
         flown_s, interrupted = process_age_s(), False
         try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,7 +10,7 @@ import typer
 
 from wbf_mission.cli import options
 from wbf_mission.cli.output import Output, distance, duration
-from wbf_mission.cli.targets import MISSION_SUFFIXES, Overwrite, refuse_overwrite
+from wbf_mission.cli.targets import MISSION_SUFFIXES, Force, Overwrite, refuse_overwrite
 from wbf_mission.scenario import CameraOptions, FarmOptions, MissionOptions, VehicleOptions, WeatherOptions
 
 if TYPE_CHECKING:
@@ -62,14 +63,17 @@ def plan_command(
         ),
     ] = None,
     overwrite: Overwrite = False,
+    force: Force = False,
     json: options.Json = False,
     quiet: options.Quiet = False,
 ) -> None:
     """Plan a mission within a budget and say what it takes: length, time, coverage, battery."""
     from mission.files import Firmware, write_mission, writer_for
     from mission.transfer import Severity
-    from wbf_mission.fleet import plan_fleet
+    from wbf_mission.cli.preflight import tell
+    from wbf_mission.fleet import plan_fleet, single_scenarios
     from wbf_mission.flight import check_flight
+    from wbf_mission.preflight.run import check_plans
 
     output = Output(as_json=json, quiet=quiet)
     chosen = given.scenario()
@@ -85,6 +89,10 @@ def plan_command(
         progress("planning", 0, 1)
         results = plan_fleet(chosen, progress=progress)
         progress("planning", 1, 1)
+    singles = single_scenarios(chosen)
+    check_plans(
+        zip(results, singles, strict=True), "nothing was written", force=force, tell=partial(tell, output)
+    )
     for warning in dict.fromkeys(warning for result in results for warning in result.warnings):
         output.warn(warning)
     notes = [one for result in results for one in result.rendered.remarks if one.severity is Severity.NOTE]

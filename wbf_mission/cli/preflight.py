@@ -11,7 +11,7 @@ import typer
 from wbf_mission.cli import options
 from wbf_mission.cli.output import Output
 from wbf_mission.exit_codes import ExitCode
-from wbf_mission.scenario import ScenarioError, VehicleOptions, WeatherOptions
+from wbf_mission.scenario import MissionOptions, ScenarioError, VehicleOptions, WeatherOptions
 
 if TYPE_CHECKING:
     from mission.model import Mission
@@ -20,9 +20,18 @@ if TYPE_CHECKING:
     from wbf_mission.preflight.vehicle.snapshot import VehicleSnapshot
 
 CHECKED = options.scenario_options(
+    MissionOptions,
     VehicleOptions,
     WeatherOptions,
     without=(
+        "planner",
+        "policy",
+        "budget",
+        "mission",
+        "partition",
+        "altitude_m",
+        "cruise_speed_m_s",
+        "acceptance_radius_m",
         "vehicles",
         "separation",
         "radio_range_m",
@@ -32,7 +41,7 @@ CHECKED = options.scenario_options(
         "seed",
     ),
 )
-"""Gives a command the options of the vehicle and the air that a plan is checked for."""
+"""Gives a command the margin, and the options of the vehicle and the air that a plan is checked for."""
 ObstacleFarm = Annotated[
     str | None,
     typer.Option(
@@ -40,14 +49,6 @@ ObstacleFarm = Annotated[
         autocompletion=options.complete("farm"),
         rich_help_panel=options.CHECK_PANEL,
         show_default=False,
-    ),
-]
-Margin = Annotated[
-    float,
-    typer.Option(
-        help="Metres that the flown path stays away from fence and obstacles.",
-        parser=options.number,
-        rich_help_panel=options.CHECK_PANEL,
     ),
 ]
 CameraInterval = Annotated[
@@ -78,7 +79,6 @@ def preflight_command(
     given: options.Given,
     file: Annotated[Path, typer.Argument(help="Mission file: .plan, .waypoints or .json.")],
     farm: ObstacleFarm = None,
-    margin: Margin = 2.0,
     camera_interval: CameraInterval = None,
     connect: Annotated[
         str | None, options.link("Ask the vehicle behind this link, too", required=False)
@@ -101,7 +101,7 @@ def preflight_command(
         msg = "--system-id goes with --connect: give the link to the vehicle, or leave it out"
         raise ScenarioError(msg)
     mission = read_mission(file)
-    circumstances = circumstances_of(given, farm, margin, camera_interval)
+    circumstances = circumstances_of(given, farm, camera_interval)
     if connect is not None:
         snapshot = asked(output, connect, wait, system_id)
         circumstances = fitted_circumstances(circumstances, given, snapshot)
@@ -114,7 +114,7 @@ def preflight_command(
 
 
 def circumstances_of(
-    given: options.Given, farm: str | None, margin_m: float, camera_interval_s: float | None
+    given: options.Given, farm: str | None, camera_interval_s: float | None
 ) -> Circumstances:
     """Return what a plan is checked for, by the command line.
 
@@ -127,9 +127,6 @@ def circumstances_of(
     from sim_vehicle.camera.component import MIN_INTERVAL_S
     from wbf_mission.preflight.run import Circumstances
 
-    if not 0.0 <= margin_m <= 1000.0:
-        msg = f"--margin {margin_m:g} is out of range: give 0 to 1000 metres"
-        raise ScenarioError(msg)
     if camera_interval_s is not None and not 0.0 < camera_interval_s <= 3600.0:
         msg = f"--camera-interval {camera_interval_s:g} is out of range: give seconds above 0, up to 3600"
         raise ScenarioError(msg)
@@ -138,7 +135,7 @@ def circumstances_of(
         chosen.vehicle,
         chosen.weather,
         None if farm is None else get_farm(farm),
-        margin_m,
+        chosen.mission.margin_m,
         MIN_INTERVAL_S if camera_interval_s is None else camera_interval_s,
     )
 

@@ -12,7 +12,6 @@ from wbf_mission.cli.output import Output, duration
 from wbf_mission.cli.preflight import (
     CHECKED,
     CameraInterval,
-    Margin,
     ObstacleFarm,
     asked,
     check_before_upload,
@@ -44,7 +43,6 @@ def upload_command(
     given: options.Given,
     file: Annotated[Path, typer.Argument(help="Mission file: .plan, .waypoints or .json.")],
     farm: ObstacleFarm = None,
-    margin: Margin = 2.0,
     camera_interval: CameraInterval = None,
     force: Force = False,
     connect: Connect = "udpin:127.0.0.1:14550",
@@ -66,7 +64,7 @@ def upload_command(
 
     output = Output(as_json=json, quiet=quiet)
     mission = read_mission(file)
-    circumstances = circumstances_of(given, farm, margin, camera_interval)
+    circumstances = circumstances_of(given, farm, camera_interval)
     snapshot = asked(output, connect, wait, system_id)
     circumstances = fitted_circumstances(circumstances, given, snapshot)
     checked = check_before_upload(output, mission, circumstances, force=force)

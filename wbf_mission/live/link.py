@@ -14,8 +14,8 @@ from wbf_mission.joint_flight import Attendant
 from wbf_mission.live.discovery import fitted_to, require_single_flight
 from wbf_mission.live.via import OwnVia, Via
 from wbf_mission.planning import PlanResult
-from wbf_mission.preflight.finding import Concern, PreflightError, Report
-from wbf_mission.preflight.run import Circumstances, check_mission
+from wbf_mission.preflight.finding import Concern
+from wbf_mission.preflight.run import Circumstances, Tell, check_mission, tell_nobody
 from wbf_mission.preflight.vehicle.asking import ask_vehicle
 from wbf_mission.scenario import Scenario
 
@@ -24,10 +24,6 @@ __all__ = ["LiveLink"]
 
 def _silent(_text: str) -> None:
     """Tell nobody."""
-
-
-def _tell_nobody(_report: Report, _refused: PreflightError | None) -> None:
-    """Tell nobody what was found."""
 
 
 @dataclass(slots=True)
@@ -62,7 +58,7 @@ class LiveLink:
     system_id: int | None = None
     note: Callable[[str], None] = _silent
     force: bool = False
-    tell: Callable[[Report, PreflightError | None], None] = _tell_nobody
+    tell: Tell = tell_nobody
     via: Via = field(default_factory=OwnVia)
     _heard: HeardVehicle | None = field(default=None, init=False)
 
@@ -109,7 +105,9 @@ class LiveLink:
         assert self._heard is not None
         number = self._heard.system_id
         snapshot = ask_vehicle(self.url, wait_s=self.wait_s, system_id=number, note=self.note)
-        circumstances = Circumstances(scenario.vehicle, scenario.weather, plan.farm, snapshot=snapshot)
+        circumstances = Circumstances(
+            scenario.vehicle, scenario.weather, plan.farm, scenario.mission.margin_m, snapshot=snapshot
+        )
         report = check_mission(plan.mission, circumstances).report
         counted = report.about(Concern.PLAN, Concern.PARAMETERS, Concern.STATE)
         refused = None if self.force else counted.refusal("nothing was sent")

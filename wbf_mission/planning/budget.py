@@ -142,9 +142,9 @@ def make_budget(text: str | None, builder: MissionBuilder, *, steered: bool = Fa
         return flight_budget(usable, "Wh", builder), words
     value, unit = parse_budget(text)
     if unit == "m":
-        return LengthBudget(value, home), f"{value:g} m"
+        return LengthBudget(value, home, builder.flown_way), f"{value:g} m"
     if unit == "steps":
-        return StepBudget(value, farm.cell_size_m, home), f"{value:g} steps"
+        return StepBudget(value, farm.cell_size_m, home, builder.flown_way), f"{value:g} steps"
     if unit == "Wh" and vehicle.power is None:
         msg = f"budget {text}: vehicle {vehicle.name} uses no energy; give metres, minutes or steps"
         raise ScenarioError(msg)

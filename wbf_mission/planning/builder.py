@@ -7,7 +7,8 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import shapely
+import numpy as np
+from numpy.typing import NDArray
 
 from geo import Farm
 from mission.model import Mission
@@ -26,7 +27,9 @@ from sim_vehicle.autopilot import (
 from sim_vehicle.execution.fixed_wing_items import must_circle
 from sim_vehicle.prediction.battery_swaps import batteries_needed
 from sim_vehicle.prediction.flight import Prediction
-from sim_vehicle.prediction.predict import expected_flights
+from sim_vehicle.prediction.predict import expected_flights, rehearsed_tracks
+from wbf_mission.clearance import clearance_m
+from wbf_mission.planning.keep_out import KeepOut, probe_path, stray_m
 from wbf_mission.scenario import CameraOptions, MissionOptions, Scenario, VehicleOptions, WeatherOptions
 from wbf_mission.weather import FlightLevel, flight_level, wind_of
 
@@ -34,6 +37,7 @@ from wbf_mission.weather import FlightLevel, flight_level, wind_of
 CLIMB_OUT_M = 150.0
 APPROACH_ALTITUDE_M = 30.0
 _MOST_THREADS = 4
+_PROBE_STEP_S, _OFF_THE_GROUND_M = 0.2, 0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +61,9 @@ class MissionBuilder:
         Where the vehicle takes off and lands, in metres of the farm frame.
     estimate_errors : bool
         Whether the vehicle flies by an estimate that errs: known by its statistics.
+    keep_out : KeepOut or None
+        What its paths lead round; None on a farm without obstacles, and for the paper's robot, which has no
+        size.
     """
 
     farm: Farm
@@ -67,6 +74,7 @@ class MissionBuilder:
     turns: Turns
     home_m: tuple[float, float]
     estimate_errors: bool = False
+    keep_out: KeepOut | None = None
 
     @classmethod
     def of(cls, scenario: Scenario, farm: Farm, home_m: tuple[float, float] | None = None) -> MissionBuilder:
@@ -80,7 +88,7 @@ class MissionBuilder:
         camera: CameraOptions = scenario.camera
         mission: MissionOptions = scenario.mission
         vehicle = flown_vehicle(scenario.vehicle)
-        return cls(
+        made = cls(
             farm,
             vehicle,
             # What the vehicle was built for, not what an autopilot does that is told nothing.
@@ -91,6 +99,11 @@ class MissionBuilder:
             farm.home_m if home_m is None else home_m,
             scenario.vehicle.estimate_errors and estimate_errs(vehicle),
         )
+        if not farm.obstacles or vehicle.is_ideal:
+            return made
+        # The satellites' error is that of where it believes to be, which it follows.
+        stray = made.stray_m() + clearance_m(scenario.vehicle.gps_noise_m, 0.0)
+        return replace(made, keep_out=KeepOut.of(farm, mission.margin_m, stray))
 
     @property
     def priced_vehicle(self) -> VehicleSpec:
@@ -101,7 +114,7 @@ class MissionBuilder:
         """Return the mission that flies ``path``, with the camera on from its first point or before."""
         vehicle, farm = self.vehicle, self.farm
         return build_mission(
-            path,
+            replace(path, points_m=self._around(path.points_m, self.home_m)[0]),
             frame=farm.frame,
             home_xy_m=self.home_m,
             altitude_m=self.level.altitude_m,
@@ -116,12 +129,30 @@ class MissionBuilder:
         )
 
     def waypoints(self, path_m: Points, from_m: tuple[float, float]) -> Waypoints:
-        """Return where the vehicle is sent to fly a path from somewhere."""
-        return self.turns.waypoints(path_m, from_m, avoid=self._obstacles())
+        """Return where the vehicle is sent to fly a path from somewhere, and as far as need be home."""
+        points, of_point = self._around(path_m, from_m)
+        sent = self.turns.waypoints(points, from_m, avoid=self._obstacles())
+        return sent if points is path_m else replace(sent, of_point=of_point[sent.of_point])
+
+    def flown_way(self, path_m: Points) -> Points:
+        """Return the way that a path from its first point to its last one is flown, round the obstacles."""
+        return path_m if self.keep_out is None else self.keep_out.around(path_m)[0]
+
+    def _around(self, path_m: Points, from_m: tuple[float, float]) -> tuple[Points, NDArray[np.int64]]:
+        """Return a path with the points between which it leads round obstacles: from somewhere, and home.
+
+        What leads home counts as its last point.
+        """
+        if self.keep_out is None or not len(path_m):
+            return path_m, np.arange(len(path_m))
+        home = () if self.vehicle.is_ideal else (self.home_m,)
+        points, of_point = self.keep_out.around(np.vstack((from_m, path_m, *home)))
+        end = len(points) - len(home)
+        return points[1:end], np.minimum(of_point[1:end] - 1, len(path_m) - 1)
 
     def _obstacles(self) -> Area | None:
-        """Return what must not be flown over."""
-        return shapely.union_all(list(self.farm.obstacles)) if self.farm.obstacles else None
+        """Return where no leg is led on to."""
+        return None if self.keep_out is None else self.keep_out.near
 
     def _pattern(self) -> WingPattern | None:
         """Return how a fixed wing takes off and lands, into the wind."""
@@ -156,6 +187,28 @@ class MissionBuilder:
         """
         wind = wind_of(self.weather, self.level)
         return expected_flights(missions, self.priced_vehicle, wind=wind, threads=_threads())
+
+    def stray_m(self) -> float:
+        """Return how far the vehicle leaves the legs that it is sent along, metres.
+
+        Its own motion flies a path of many turns, through the same waypoints as any path, in rehearsals of
+        the wind and, where the estimate errs, of its errors. That counts corners that are cut or swung wide,
+        legs that are led on, the drift in the wind.
+        """
+        path, wind = probe_path(self.home_m, self.level.speed_m_s), wind_of(self.weather, self.level)
+        tracks = rehearsed_tracks(
+            self.mission(PlannedPath(path, None, "probe")),
+            self.vehicle,
+            wind=wind,
+            track_step_s=_PROBE_STEP_S,
+            estimate_errors=self.estimate_errors,
+        )
+        aloft = [track[track[:, 2] > _OFF_THE_GROUND_M] for track in tracks]
+        flown = [
+            np.column_stack(self.farm.frame.from_east_north(*one[:, :2].T)) + self.home_m for one in aloft
+        ]
+        planned = np.vstack((self.home_m, path, self.home_m))
+        return stray_m(planned, flown, gusty=wind is not None and wind.is_gusty)
 
     def batteries(self, mission: Mission, prediction: Prediction) -> int | None:
         """How many batteries ``mission`` needs (`sim_vehicle.prediction.battery_swaps.batteries_needed`)."""

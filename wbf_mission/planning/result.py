@@ -62,13 +62,6 @@ class PlanResult:
     batteries: int | None
 
     @property
-    def crosses_obstacles(self) -> bool:
-        """Whether the path from home through the waypoints, and back, leads over an obstacle of the farm."""
-        home = np.array(self.farm.home_m)
-        path = shapely.LineString(np.vstack((home, self.path_m, home)))
-        return any(path.intersects(obstacle) for obstacle in self.farm.obstacles)
-
-    @property
     def misses_farm(self) -> bool:
         """Whether no waypoint lies on the farm, so that its camera sees nothing of it."""
         width, height = self.farm.width_cells, self.farm.height_cells
@@ -96,8 +89,6 @@ class PlanResult:
         found = []
         if not self.prediction.feasible:
             found.append(f"the vehicle cannot fly this mission: {self.prediction.reason}")
-        if self.crosses_obstacles:
-            found.append("the path or the return crosses an obstacle: keep the flight height above it")
         if not any(item.command in _CAMERA_STARTS for item in self.mission.items):
             found.append("the mission never starts the camera: there will be no observations")
         if self.misses_farm:

@@ -13,6 +13,7 @@ from geo import Crop, Farm
 from geo.seeds import sealed_seed
 from mission.planners import CropArea, PlannedPath, PlanningRequest, coverage
 from mission.planners.budget import LengthBudget
+from mission.planners.inside_routing import parts_of
 from mission.planners.path import Area, drop_coincident
 from mission.policies.decision import Decision
 from mission.policies.fares import GeometricFares
@@ -23,7 +24,7 @@ from wbf_mission.planning.builder import MissionBuilder
 from wbf_mission.planning.fares import FlightFares, StartFares, leg_fares, onward_predictor
 from wbf_mission.planning.result import PlanResult
 from wbf_mission.progress import Progress, silent
-from wbf_mission.scenario import Scenario
+from wbf_mission.scenario import Scenario, ScenarioError
 from wbf_mission.sortie_number import SortieNumber
 
 
@@ -66,7 +67,7 @@ class FlightTask:
         steered = scenario.mission.policy is not None
         budget, text = make_budget(scenario.mission.budget, builder, steered=steered)
         request = PlanningRequest(
-            area=free_area(farm),
+            area=flyable_area(builder),
             start_xy_m=builder.home_m,
             budget=budget,
             footprint_m=scenario.camera.footprint * farm.cell_size_m,
@@ -143,8 +144,10 @@ class FlightTask:
             path_m=path.points_m,
             spacing_m=path.spacing_m,
             budget_text=self.budget_text,
-            length_m=LengthBudget(1.0, home).cost(np.vstack((builder.home_m, path.points_m))),
-            coverage=coverage(path, self.request.area, self.request.footprint_m),
+            length_m=LengthBudget(1.0, home, builder.flown_way).cost(
+                np.vstack((builder.home_m, path.points_m))
+            ),
+            coverage=coverage(path, free_area(farm), self.request.footprint_m),
             prediction=prediction,
             batteries=builder.batteries(mission, prediction),
         )
@@ -161,3 +164,28 @@ def free_area(farm: Farm) -> Area:
     if farm.obstacles:
         area = shapely.difference(area, shapely.union_all(list(farm.obstacles)))
     return area
+
+
+def flyable_area(builder: MissionBuilder) -> Area:
+    """Return the owner's land over which a vehicle's path may lead.
+
+    Raises
+    ------
+    ScenarioError
+        If the obstacles leave nothing.
+    """
+    farm, keep_out = builder.farm, builder.keep_out
+    if keep_out is None:
+        return free_area(farm)
+    wide = [
+        part
+        for part in parts_of(shapely.difference(farm.owner_area, keep_out.area))
+        if not shapely.buffer(part, -0.5 * farm.cell_size_m).is_empty
+    ]
+    if not wide:
+        msg = (
+            f"farm {farm.name}: no land is {keep_out.distance_m:.1f} m away from every obstacle, as the"
+            " margin and what the vehicle strays in that wind need; give a smaller --margin, or fly slower"
+        )
+        raise ScenarioError(msg)
+    return wide[0] if len(wide) == 1 else shapely.MultiPolygon(wide)

@@ -2,22 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
+from typing import TypeAlias
 
 from geo import Farm
 from mission.model import Frame, Mission
 from mission.transfer import Profile, profile_for
 from sim_vehicle.camera.component import MIN_INTERVAL_S
 from wbf_mission.planning.builder import flown_vehicle
+from wbf_mission.planning.result import PlanResult
 from wbf_mission.preflight.checks.legs import PLACED
-from wbf_mission.preflight.finding import PreflightError, Report
+from wbf_mission.preflight.finding import Concern, PreflightError, Report, Severity
 from wbf_mission.preflight.inspection import inspect
-from wbf_mission.preflight.subject import DEFAULT_MARGIN_M, Subject, subject_of
+from wbf_mission.preflight.subject import Subject, subject_of
 from wbf_mission.preflight.vehicle.snapshot import VehicleSnapshot
-from wbf_mission.scenario import MissionOptions, VehicleOptions, WeatherOptions
+from wbf_mission.scenario import MissionOptions, Scenario, VehicleOptions, WeatherOptions
 from wbf_mission.weather import flight_level, wind_of
 
-__all__ = ["Circumstances", "Preflight", "check_mission"]
+__all__ = ["Circumstances", "Preflight", "Tell", "check_mission", "check_plans", "tell_nobody"]
+
+Tell: TypeAlias = Callable[[Report, PreflightError | None], None]
+"""Takes what is found, and the error with which a plan is refused, if it is."""
+
+
+def tell_nobody(_report: Report, _refused: PreflightError | None) -> None:
+    """Tell nobody what was found."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +54,7 @@ class Circumstances:
     vehicle: VehicleOptions = field(default_factory=VehicleOptions)
     weather: WeatherOptions = field(default_factory=WeatherOptions)
     farm: Farm | None = None
-    margin_m: float = DEFAULT_MARGIN_M
+    margin_m: float = MissionOptions().margin_m
     image_interval_s: float = MIN_INTERVAL_S
     assumed: bool = False
     snapshot: VehicleSnapshot | None = None
@@ -111,6 +121,52 @@ def check_mission(mission: Mission, circumstances: Circumstances | None = None) 
         snapshot=given.snapshot,
     )
     return Preflight(subject, inspect(subject))
+
+
+def check_plans(
+    plans: Iterable[tuple[PlanResult, Scenario]],
+    consequence: str,
+    *,
+    force: bool = False,
+    tell: Tell = tell_nobody,
+) -> None:
+    """Refuse plans in which the check finds errors; the paper's robot, which has no size, flies anything.
+
+    Parameters
+    ----------
+    plans : iterable of (PlanResult, Scenario)
+        What each vehicle is to fly, and the run as far as it concerns this vehicle.
+    consequence : str
+        What is not done with plans that are refused: ``nothing was flown``.
+    force : bool
+        Only tell.
+    tell : callable
+        Takes the errors.
+
+    Raises
+    ------
+    PreflightError
+        With the first error.
+    """
+    errors = Report(
+        tuple(
+            finding
+            for plan, scenario in plans
+            if not plan.vehicle.is_ideal
+            for finding in check_mission(plan.mission, _circumstances(plan, scenario))
+            .report.about(Concern.PLAN)
+            .of(Severity.ERROR)
+        )
+    )
+    refused = None if force else errors.refusal(consequence)
+    if errors.findings:
+        tell(errors, refused)
+    if refused is not None:
+        raise refused
+
+
+def _circumstances(plan: PlanResult, scenario: Scenario) -> Circumstances:
+    return Circumstances(scenario.vehicle, scenario.weather, plan.farm, scenario.mission.margin_m)
 
 
 def _tells_where(mission: Mission) -> bool:

@@ -29,11 +29,10 @@ from sim_vehicle.weather.wind import Wind
 from wbf_mission.preflight.finding import Finding, Hit, Measure, Severity
 from wbf_mission.preflight.flow import never_ends
 from wbf_mission.preflight.vehicle.snapshot import VehicleSnapshot
+from wbf_mission.scenario import MissionOptions
 
-__all__ = ["DEFAULT_MARGIN_M", "FlownTrack", "Subject", "subject_of"]
+__all__ = ["FlownTrack", "Subject", "subject_of"]
 
-DEFAULT_MARGIN_M = 2.0
-"""How far the flown path stays away from fence and obstacles, unless something else is asked for."""
 _TRACK_STEP_S = 0.2
 _TRACK_POINTS = 100_000  # over five hours of such steps; longer flights have longer ones
 _ON_THE_GROUND_M = 0.3
@@ -110,7 +109,7 @@ class Subject:
     stopped: tuple[int, str] | None
     wind: Wind | None = None
     obstacles: tuple[shapely.Geometry, ...] = ()
-    margin_m: float = DEFAULT_MARGIN_M
+    margin_m: float = MissionOptions().margin_m
     image_interval_s: float = MIN_INTERVAL_S
     assumed: bool = False
     snapshot: VehicleSnapshot | None = None
@@ -178,7 +177,7 @@ def subject_of(
     profile: Profile | None = None,
     wind: Wind | None = None,
     farm: Farm | None = None,
-    margin_m: float = DEFAULT_MARGIN_M,
+    margin_m: float = MissionOptions().margin_m,
     image_interval_s: float = MIN_INTERVAL_S,
     assumed: bool = False,
     snapshot: VehicleSnapshot | None = None,

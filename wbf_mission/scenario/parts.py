@@ -136,6 +136,13 @@ class MissionOptions(Part):
         default="2 m; ArduCopter and rovers: their own",
         not_with=("mission",),
     )
+    margin_m: float = option(
+        2.0,
+        "How far the flown path stays away from the farm's obstacles and from the fence of a mission file",
+        RUN,
+        low=0.0,
+        high=1000.0,
+    )
 
     def check(self) -> None:
         """Take planner and policy as `Choice`."""

@@ -125,8 +125,8 @@ def test_wind_vehicle_margin_and_camera_are_options(tmp_path, capsys):
     ("words", "text"),
     [
         (("absent.plan",), "absent.plan"),
-        (("FILE", "--margin", "-1"), "--margin -1 is out of range"),
-        (("FILE", "--margin", "nan"), "--margin"),
+        (("FILE", "--margin", "-1"), "margin -1.0 is out of range"),
+        (("FILE", "--margin", "nan"), "margin"),
         (("FILE", "--camera-interval", "0"), "--camera-interval 0 is out of range"),
         (("FILE", "--vehicle", "quad,quad"), "name one"),
         (("FILE", "--vehicle", "zeppelin"), "unknown vehicle 'zeppelin'"),

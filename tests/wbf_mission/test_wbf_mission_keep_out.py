@@ -1,0 +1,255 @@
+"""Planned and flown paths stay away from obstacles; what does not is refused before the take-off."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from geo import get_farm, save_farm
+from geo.farm import Crop, Farm, Patch
+from geo.frame import LocalFrame
+from mission.errors import PlanningError
+from mission.files import read_mission, write_mission
+from mission.outcome import Outcome
+from mission.planners import CropArea, PlannedPath, PlanningRequest, make_planner
+from mission.planners.budget import LengthBudget
+from mission.planners.inside_routing import parts_of
+from wbf_mission.cli.app import main
+from wbf_mission.flight import fly
+from wbf_mission.planning import plan
+from wbf_mission.planning.keep_out import KeepOut
+from wbf_mission.planning.plan import flight_builder
+from wbf_mission.preflight.finding import PreflightError
+from wbf_mission.preflight.run import Circumstances, check_mission
+from wbf_mission.scenario import Scenario, ScenarioError
+
+PLANNERS = ("lawnmower", "spiral", "adaptive-lawnmower", "random-waypoint")
+POLICIES = (
+    "greedy",
+    "orienteering",
+    "rolling-horizon",
+    "refining-lawnmower",
+    "confidence-guided",
+    "grid-limited-randomness",
+    "learned",
+    "market",
+)
+AUTOPILOTS = ("px4", "ardupilot")
+WINDY = {"wind_speed_m_s": 5.0, "wind_direction_deg": 270.0, "wind_gust_m_s": 2.0}
+SIDE = 70.0
+HOME = (3.0, 3.0)
+CROPS = {Crop.TOMATO: shapely.box(0, 0, 35, SIDE), Crop.STRAWBERRY: shapely.box(35, 0, SIDE, SIDE)}
+OBSTACLES = (
+    shapely.Polygon([(24, 26), (44, 26), (44, 30), (28, 30), (28, 46), (24, 46)]),  # concave
+    shapely.Point(54, 52).buffer(3.0),  # convex
+    shapely.box(13, 2, 15, 5),  # near home
+    shapely.box(52, -2, 57, 4),  # over the border
+)
+
+
+def yard(*obstacles):
+    """A farm of 70 x 70 m."""
+    patches = tuple(Patch(crop.name, crop, "me", land) for crop, land in CROPS.items())
+    frame = LocalFrame(28.05, -82.15, 20.0)
+    return Farm("yard", frame, int(SIDE), int(SIDE), patches, "me", HOME, 1.0, obstacles=obstacles)
+
+
+@pytest.fixture(scope="module")
+def farm(tmp_path_factory):
+    path = tmp_path_factory.mktemp("farm") / "yard.geojson"
+    save_farm(yard(*OBSTACLES), path)
+    return str(path)
+
+
+def nearest_m(points, obstacles=OBSTACLES):
+    """How near a polyline comes to the obstacles."""
+    return shapely.distance(shapely.LineString(points), shapely.union_all(list(obstacles)))
+
+
+def obstacle_findings(scenario, made):
+    circumstances = Circumstances(scenario.vehicle, scenario.weather, made.farm, scenario.mission.margin_m)
+    report = check_mission(made.mission, circumstances).report
+    assert not report.has_errors
+    return [one for one in report.findings if "obstacle" in one.code]
+
+
+def check_flown(scenario):
+    result = fly(scenario)
+    (flight,) = result.flights
+    assert result.outcome is Outcome.COMPLETED
+    track = flight.true_track or flight.track
+    assert nearest_m(np.column_stack((track.x_m, track.y_m))) >= scenario.mission.margin_m
+    assert not obstacle_findings(scenario, flight.plan)
+    return result
+
+
+@pytest.mark.parametrize("autopilot", AUTOPILOTS)
+@pytest.mark.parametrize("planner", PLANNERS)
+def test_flights_of_planners_keep_the_margin_in_wind(farm, planner, autopilot):
+    check_flown(
+        Scenario(farm=farm, planner=planner, autopilot=autopilot, budget="900m", estimator="point", **WINDY)
+    )
+
+
+@pytest.mark.parametrize("autopilot", AUTOPILOTS)
+@pytest.mark.parametrize("planner", PLANNERS)
+def test_plans_keep_the_margin_in_calm_air(farm, planner, autopilot):
+    scenario = Scenario(farm=farm, planner=planner, autopilot=autopilot, budget="5min", margin_m=3.0)
+    made = plan(scenario)
+    builder = flight_builder(scenario)
+    home = made.farm.home_m
+    away_m = nearest_m(builder.flown_way(np.vstack((home, made.path_m, home))))
+    assert away_m > 3.0 + 0.5, "the margin, and what the vehicle strays"
+    assert made.prediction.duration_s <= 1.03 * 300.0
+    assert not obstacle_findings(scenario, made)
+
+
+@pytest.mark.parametrize(("number", "policy"), list(enumerate(POLICIES)))
+def test_flights_of_policies_keep_the_margin_in_wind(farm, number, policy):
+    autopilot = AUTOPILOTS[number % 2]
+    check_flown(
+        Scenario(
+            farm=farm, policy=policy, autopilot=autopilot, budget="300m", estimator="adaptive-disk", **WINDY
+        )
+    )
+
+
+def test_an_error_of_the_satellites_counts(farm):
+    exact = flight_builder(Scenario(farm=farm))
+    wrong = flight_builder(Scenario(farm=farm, gps_noise_m=0.5))
+    calm, windy = exact.keep_out, flight_builder(Scenario(farm=farm, **WINDY)).keep_out
+    assert wrong.keep_out.distance_m == pytest.approx(calm.distance_m + 1.5)
+    assert windy.distance_m > calm.distance_m > 2.5
+    check_flown(Scenario(farm=farm, planner="spiral", budget="900m", estimator="point", gps_noise_m=0.5))
+
+
+def test_a_farm_without_obstacles_pays_nothing_and_the_ideal_robot_flies_as_before(farm):
+    assert flight_builder(Scenario()).keep_out is None
+    ideal = Scenario(farm=farm, vehicle="ideal", planner="spiral")
+    assert flight_builder(ideal).keep_out is None
+    assert nearest_m(plan(ideal).path_m) < 1.0
+
+
+def test_a_margin_that_leaves_nothing_says_so(farm):
+    with pytest.raises(ScenarioError, match=r"no land is 1.* give a smaller --margin"):
+        plan(Scenario(farm=farm, margin_m=100.0))
+
+
+def polygons():
+    corner = st.tuples(st.floats(12.0, SIDE), st.floats(-3.0, SIDE))
+    box = st.builds(
+        lambda at, size: shapely.box(*at, at[0] + size[0], at[1] + size[1]),
+        corner,
+        st.tuples(st.floats(0.5, 25.0), st.floats(0.5, 25.0)),
+    )
+    hull = st.lists(corner, min_size=3, max_size=6).map(lambda points: shapely.MultiPoint(points).convex_hull)
+    bent = st.builds(lambda one, other: shapely.union(one, other), box, hull)
+    return st.one_of(box, hull, bent).filter(lambda one: isinstance(one, shapely.Polygon) and one.area > 0.1)
+
+
+@settings(max_examples=12, deadline=None)
+@given(st.lists(polygons(), min_size=1, max_size=4), st.sampled_from(PLANNERS), st.floats(0.5, 4.0))
+@example([shapely.box(12, -3, 20, SIDE + 3)], "lawnmower", 2.0)
+@example(
+    [
+        shapely.box(12, 0, 13, 1),
+        shapely.MultiPoint([(12.0, 0.0), (12.0, 68.44375608388897), (66.0, 0.0)]).convex_hull,
+    ],
+    "random-waypoint",
+    1.0,
+)
+@example([shapely.box(12, 30, 60, 34), shapely.box(56, 34, 60, 60)], "random-waypoint", 3.0)
+def test_legs_of_every_planner_keep_away_from_random_obstacles(obstacles, planner, stray_m):
+    farm = yard(*obstacles)
+    keep_out = KeepOut.of(farm, 2.0, stray_m)
+    free = shapely.difference(farm.owner_area, keep_out.area)
+    parts = [part for part in parts_of(free) if not shapely.buffer(part, -1.0).is_empty]
+    crops = [
+        CropArea(crop, land) for crop, land in CROPS.items() if shapely.intersects(shapely.Point(1, 1), land)
+    ]
+    request = PlanningRequest(
+        shapely.MultiPolygon(parts),
+        HOME,
+        LengthBudget(1500.0, HOME, lambda path: keep_out.around(path)[0]),
+        1.0,
+        tuple(crops),
+    )
+    try:
+        path = make_planner(planner)(request).points_m
+    except PlanningError:
+        return
+    flight = np.vstack((HOME, path, HOME))
+    points, of_point = keep_out.around(flight)
+    if not shapely.intersects(keep_out.area, shapely.Point(HOME)):
+        assert nearest_m(points, obstacles) >= 2.0 + stray_m - 0.02
+    assert (np.diff(of_point) >= 0).all()
+    # Each point of the path is the last of those that lead to it.
+    last = np.append(np.diff(of_point) > 0, True)
+    assert np.array_equal(points[last], flight)
+    assert np.hypot(*np.diff(points, axis=0).T).sum() <= 1500.0 + 1e-6
+
+
+def test_a_home_near_an_obstacle_is_left_on_the_shortest_way():
+    keep_out = KeepOut.of(yard(shapely.box(5, -5, 9, 10)), 2.0, 1.0)
+    points, _ = keep_out.around(np.array([HOME, (40.0, 3.0)]))
+    assert points[1] == pytest.approx((2.0, 3.0), abs=0.3), "away from it first"
+    assert nearest_m(points[1:], [shapely.box(5, -5, 9, 10)]) >= 2.99
+
+
+def run(capsys, *words, code):
+    assert main(list(words)) == code
+    return capsys.readouterr()
+
+
+def test_a_plan_and_preflight_of_its_file_agree(farm, tmp_path, capsys):
+    file, wind = str(tmp_path / "rows.plan"), ("--wind", "5,270,2")
+    words = ("--farm", farm, "--margin", "3", *wind)
+    run(capsys, "plan", *words, "--budget", "900m", "--out", file, "-q", code=0)
+    told = json.loads(run(capsys, "preflight", file, *words, "--json", code=0).out)
+    assert not [one for one in told["findings"] if "obstacle" in one["code"]]
+    told = json.loads(
+        run(capsys, "preflight", file, "--farm", farm, *wind, "--margin", "30", "--json", code=0).out
+    )
+    assert [one["limit"] for one in told["findings"] if one["code"] == "near-obstacle"] == [30.0]
+
+
+def test_a_mission_over_an_obstacle_is_refused_before_the_take_off(farm, tmp_path, capsys):
+    file, out = tmp_path / "across.plan", tmp_path / "run"
+    builder = replace(flight_builder(Scenario(farm=farm)), keep_out=None)
+    across = builder.mission(PlannedPath(np.array([[10.0, 28.0], [60.0, 28.0]]), None, "test"))
+    write_mission(across, file)
+    words = ("fly", "--farm", farm, "--mission", str(file), "--estimator", "point", "--out", str(out), "-q")
+    err = run(capsys, *words, code=2).err
+    assert "the path to it crosses an obstacle of the farm" in err and "nothing was flown, --force" in err
+    assert len(err.splitlines()) == 1 and not out.exists()
+    assert "preflight error" in run(capsys, *words, "--force", "--no-plots", code=0).err
+    assert (out / "result.json").is_file()
+
+
+def test_a_plan_with_an_error_is_not_written(tmp_path, capsys):
+    farm, file = tmp_path / "shed.geojson", tmp_path / "spiral.plan"
+    save_farm(yard(shapely.box(1, 1, 5, 5)), farm)
+    words = ("plan", "--farm", str(farm), "--budget", "500m", "--out", str(file), "-q")
+    err = run(capsys, *words, code=2).err
+    assert "obstacle" in err and "nothing was written, --force" in err and not file.exists()
+    run(capsys, *words, "--force", code=0)
+    assert read_mission(file).items
+    with pytest.raises(PreflightError, match="obstacle"):
+        fly(Scenario(farm=str(farm), budget="500m", estimator="point"))
+
+
+def test_farm_show_lists_obstacles(farm, capsys):
+    told = json.loads(run(capsys, "farm", "show", farm, "--json", code=0).out)
+    assert len(told["obstacles"]) == 4
+    assert told["obstacles"][2] == {
+        "bounds_m": pytest.approx([13, 2, 15, 5], abs=1e-3),
+        "area_m2": pytest.approx(6.0, abs=1e-2),
+        "from_home_m": pytest.approx(10.0, abs=1e-3),
+    }
+    assert "obstacle 4" in run(capsys, "farm", "show", farm, code=0).out
+    assert not json.loads(run(capsys, "farm", "show", "miniberry-30", "--json", code=0).out)["obstacles"]
+    assert not get_farm("miniberry-30").obstacles

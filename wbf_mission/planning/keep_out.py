@@ -1,0 +1,148 @@
+"""How far planned paths stay away from obstacles, and the ways round them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from geo import Farm
+from mission.planners.inside_routing import Terrain, parts_of
+from mission.planners.path import Area, Points
+
+__all__ = ["KeepOut", "probe_path", "stray_m"]
+
+_SMOOTH_M = 0.25
+_GRAZES_M = 0.01
+_WIDE_M = 200_000.0
+_SPARE, _SPARE_IN_GUSTS = 1.25, 2.0
+"""Paths have other turns than the probe, and a flight of an hour meets stronger gusts than one of minutes."""
+_PROBE_S, _SHORTEST_PROBE_M = 6.0, 20.0
+# Turns between the legs of the probe, degrees: rows to and fro, squares and triangles both ways round.
+_TURNS_DEG = (90, 90, 90, 45, 120, 120, 120, 30, -90, -90, -90, -45, -120, -120, -120, 180, 75, 180)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KeepOut:
+    """The ground round a farm's obstacles over which no path is planned.
+
+    Parameters
+    ----------
+    area : Polygon or MultiPolygon
+        The obstacles, wider by `distance_m` (or a little more), without what they enclose; metres of the farm
+        frame.
+    distance_m : float
+        How far planned legs stay away from the obstacles.
+    near : Polygon or MultiPolygon
+        The obstacles, wider by the margin of the flown path.
+    outside : Terrain
+        The plane round it, in which ways are found.
+    """
+
+    area: Area
+    distance_m: float
+    near: Area
+    outside: Terrain
+    _crossed: Area
+
+    @classmethod
+    def of(cls, farm: Farm, margin_m: float, stray: float) -> KeepOut:
+        """Return what a path of a farm with obstacles keeps out of.
+
+        Parameters
+        ----------
+        farm : Farm
+        margin_m : float
+            How far the flown path stays away.
+        stray : float
+            How far it leaves the planned one, metres (`stray_m`).
+        """
+        distance_m = margin_m + stray
+        wide = shapely.buffer(list(farm.obstacles), distance_m + _SMOOTH_M)
+        # What is simplified moves by no more than it is too wide.
+        parts = parts_of(shapely.union_all(shapely.simplify(wide, _SMOOTH_M)))
+        area = shapely.union_all([shapely.Polygon(part.exterior) for part in parts])
+        x0, y0, x1, y1 = area.bounds
+        plane = shapely.box(x0 - _WIDE_M, y0 - _WIDE_M, x1 + _WIDE_M, y1 + _WIDE_M)
+        crossed = shapely.buffer(area, -_GRAZES_M)
+        shapely.prepare(crossed)
+        near = shapely.union_all(shapely.buffer(list(farm.obstacles), margin_m))
+        return cls(area, distance_m, near, Terrain(shapely.difference(plane, area), 0.0), crossed)
+
+    def around(self, path_m: Points) -> tuple[Points, NDArray[np.int64]]:
+        """Return a path round the obstacles, and which point of the given one each of its points leads to.
+
+        Legs that keep away are flown as they are. A point that is too near an obstacle itself, as home may
+        be, is left and come to on the shortest way.
+
+        Parameters
+        ----------
+        path_m : float64[n, 2]
+
+        Returns
+        -------
+        float64[m, 2], int64[m]
+        """
+        numbers = np.arange(len(path_m))
+        if len(path_m) < 2:
+            return path_m, numbers
+        legs = shapely.linestrings(np.stack((path_m[:-1], path_m[1:]), axis=1))
+        crossing = np.flatnonzero(shapely.intersects(legs, self._crossed)) + 1
+        if not len(crossing):
+            return path_m, numbers
+        pieces, owners, done = [], [], 0
+        for k in crossing.tolist():
+            way = self._way(path_m[k - 1], path_m[k])
+            pieces += [path_m[done:k], way]
+            owners += [numbers[done:k], np.full(len(way), k)]
+            done = k
+        return np.vstack((*pieces, path_m[done:])), np.concatenate((*owners, numbers[done:]))
+
+    def _way(self, begin_m: Points, end_m: Points) -> Points:
+        """Return the points between two, float64[n, 2]."""
+        leave, enter = self._border(begin_m), self._border(end_m)
+        inner = self.outside.legs([enter[None]], leave)[0][:-1]
+        ends = [np.array([one]) for one, at in ((leave, begin_m), (enter, end_m)) if one is not at]
+        first = ends[:1] if leave is not begin_m else []
+        last = ends[-1:] if enter is not end_m else []
+        way: Points = np.vstack((*first, inner, *last))
+        return way
+
+    def _border(self, point_m: Points) -> Points:
+        """Return the nearest place that is not too near an obstacle."""
+        point = shapely.Point(point_m)
+        if not shapely.intersects(self._crossed, point):
+            return point_m
+        return np.asarray(shapely.get_coordinates(shapely.shortest_line(point, self.area.boundary))[-1])
+
+
+def probe_path(start_m: tuple[float, float], speed_m_s: float) -> Points:
+    """Return a path of turns by many angles, float64[n, 2], with legs long enough to come up to the speed."""
+    length_m = max(_SHORTEST_PROBE_M, _PROBE_S * speed_m_s)
+    heading = np.radians(np.cumsum((0.0, *_TURNS_DEG)))
+    steps = length_m * np.column_stack((np.cos(heading), np.sin(heading)))
+    first = (start_m[0] + length_m, start_m[1])
+    return np.vstack((first, first + np.cumsum(steps, axis=0)))
+
+
+def stray_m(planned_m: Points, flown: Iterable[Points], *, gusty: bool) -> float:
+    """Return how far from a planned path flights of it are to be expected, metres, up to the next 0.1 m.
+
+    Parameters
+    ----------
+    planned_m : float64[n, 2]
+        From home through the path and home.
+    flown : iterable of float64[m, 2]
+        Where the rehearsals led, off the ground.
+    gusty : bool
+        Whether the wind has gusts, of which only the statistics are known.
+    """
+    planned = shapely.LineString(planned_m)
+    shapely.prepare(planned)
+    farthest_m = max(float(shapely.distance(shapely.points(one), planned).max(initial=0.0)) for one in flown)
+    spare = _SPARE_IN_GUSTS if gusty else _SPARE
+    return math.ceil(spare * farthest_m * 10.0 - 1e-9) / 10.0

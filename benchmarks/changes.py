@@ -7,7 +7,11 @@ up to 400 ms). Then by another path, at every few seconds of the flight: how lon
 the turn, and how long ArduCopter is aside from its mission. Last what the price of a path of 40 legs costs,
 many in one call.
 
-    python benchmarks/changes.py [--autopilots px4,ardupilot]
+First the changes that a real ArduCopter was recorded with are flown again, with the same orders at the same
+times: lowest speed guided and after it, when 90 % of the speed is back, when the second new point is passed,
+and how much later that is than as an ordinary mission, recorded and simulated (bar: 10 %).
+
+    python benchmarks/changes.py [--autopilots px4,ardupilot] [--recorded FOLDER]
 """
 
 from __future__ import annotations
@@ -16,8 +20,10 @@ import argparse
 import statistics
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
+from recordings import ChangedFlight, fly_changed
 
 from geo.frame import LocalFrame
 from mission.model import Command, GeoPoint, Mission, MissionItem
@@ -32,6 +38,8 @@ from wbf_mission.ground.station import GroundStation
 from wbf_mission.ground.vehicle_state import VehicleState
 from wbf_mission.outcome import Phase
 
+RECORDED = Path(__file__).parents[1] / "tests" / "data" / "flights" / "changes"
+RECORDED_BAR = 0.1
 BARS_S = {"px4": 0.5, "ardupilot": 1.5}
 HOME = GeoPoint(28.05, -82.15)
 FRAME = LocalFrame(HOME.latitude_deg, HOME.longitude_deg)
@@ -169,12 +177,49 @@ def prices(autopilot: str) -> None:
     print(f"{autopilot:9} {5.0 * best:.2f} ms for the price of a path of 40 legs, 200 in one call")
 
 
+def recorded(folder: Path) -> bool:
+    """Print recorded changes beside the same orders to the simulated vehicle; tell whether all are near."""
+    flights = {
+        path.stem.removeprefix("ardupilot-"): (loaded := ChangedFlight.load(path), fly_changed(loaded))
+        for path in sorted(folder.glob("*.json"))
+    }
+    good = True
+    print("| recorded / simulated | lowest, guided | lowest after it | 90 % back | 2nd point | lost | mean |")
+    print("|---|---|---|---|---|---|---|")
+    for name, pair in flights.items():
+        plain = flights.get(name.replace("change-", "unchanged-")) if name.startswith("change-") else None
+        cells = [
+            [one.lowest_m_s(guided=True) for one in pair],
+            [one.lowest_m_s(guided=False) for one in pair],
+            [one.back_s for one in pair],
+            [one.took_s for one in pair],
+            [one.took_s - other.took_s for one, other in zip(pair, plain, strict=True)] if plain else [],
+            [one.mean_m_s for one in pair],
+        ]
+        good &= all(near(*cell) for cell in cells if cell)
+        units = "m/s", "m/s", "s", "s", "s", "m/s"
+        told = [
+            f"{cell[0]:.2f} / {cell[1]:.2f} {unit}" if cell and cell[0] == cell[0] else "-"
+            for cell, unit in zip(cells, units, strict=True)
+        ]
+        print(f"| {name} | " + " | ".join(told) + " |")
+    return good
+
+
+def near(was: float, now: float) -> bool:
+    """Tell whether a number is as recorded, within the bar or what a recording at 10 Hz shows of it."""
+    return not abs(was - now) > max(RECORDED_BAR * abs(was), 0.1)
+
+
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--autopilots", default=",".join(BARS_S))
-    names = parser.parse_args().autopilots.split(",")
-    good = [time_lost(name) for name in names]
+    parser.add_argument("--recorded", type=Path, default=RECORDED, help="folder of recorded changes")
+    options = parser.parse_args()
+    names = options.autopilots.split(",")
+    good = [recorded(options.recorded)]
+    good += [time_lost(name) for name in names]
     for name in names:
         delays(name)
     for name in names:

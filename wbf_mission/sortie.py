@@ -20,7 +20,7 @@ from sensors.camera.leaf_camera import Camera
 from sensors.camera.wire import ObservationAssembler
 from sensors.observations import Observations
 from sim_vehicle.prediction.onward import InFlight
-from wbf_mission.deciding.record import PathChange
+from wbf_mission.deciding.record import FLOWN_ALREADY, PathChange
 from wbf_mission.flight_record import FlightRecord
 from wbf_mission.ground.change import ChangeOutcome, leads_home
 from wbf_mission.ground.clearance import Clearance
@@ -29,6 +29,7 @@ from wbf_mission.ground.revision import revised_mission
 from wbf_mission.ground.station import GROUND_SYSTEM_ID, GroundStation
 from wbf_mission.outcome import Phase
 from wbf_mission.planning import FlightTask, PlanResult
+from wbf_mission.planning.fares import is_same_path
 from wbf_mission.reach import ASIDE_S, WHOLE_S, reach_of
 from wbf_mission.scenario import Scenario
 from wbf_mission.sortie_number import SortieNumber
@@ -216,6 +217,7 @@ class Sortie:
         in_flight = InFlight(
             position_m, max(state.height_m, 0.0), velocity_m_s, state.velocity_m_s[2], state.heading_rad
         )
+        rest_m = self._rest_points()
         return VehicleReport(
             system_id=self.system_id,
             request=task.request,
@@ -224,8 +226,8 @@ class Sortie:
             velocity_m_s=velocity_m_s,
             age_s=now_s - state.heard_s if heard else 0.0,
             spent=self._spent(now_s),
-            rest_m=self._rest_points(),
-            fares=self._fares(in_flight),
+            rest_m=rest_m,
+            fares=self._fares(in_flight, rest_m, self.ground.changes_aside),
             battery=state.battery,
             delay_s=self._delay_s,
         )
@@ -298,6 +300,9 @@ class Sortie:
         started_s = ground.started_s or 0.0
         position_m = ground.vehicle_state.position_m(frame)
         change = PathChange(self.system_id, position_m, points_m, math.nan, sent_s=now_s - started_s)
+        if ground.changes_aside and is_same_path(points_m, self._rest_points()):
+            change.outcome = FLOWN_ALREADY
+            return change
         within_s = (ASIDE_S if ground.changes_aside else WHOLE_S) + self._delay_s
         if self._reach is not None and self._reach.is_near_border(position_m, within_s):
             change.outcome = "not sent: it might leave the radio's range before the change is over"

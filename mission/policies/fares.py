@@ -52,6 +52,10 @@ class GeometricFares:
             return length_m
         return np.maximum(np.ceil(length_m / self.budget.step_m - 1e-6), 1.0)
 
+    def change(self, points_m: Points) -> float:  # noqa: ARG002 (the same for every path)
+        """Return 0: neither metres nor steps are lost by it."""
+        return 0.0
+
 
 def pays_for_return(vehicle: VehicleReport) -> bool:
     """Return whether the vehicle's budget has to pay for the way home; if that cannot be told, it has to."""

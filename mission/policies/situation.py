@@ -79,6 +79,13 @@ class Fares(Protocol):
         Cheap, for choosing among many: wind counts, turns count as a mean one.
         """
 
+    def change(self, points_m: Points) -> float:
+        """Return what it costs, besides the way, to leave the present path for another one.
+
+        0 where the autopilot goes on at its speed. Most ways to fly change their path for nothing, so that a
+        policy may compare what it found with the present path only where this is more than 0.
+        """
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VehicleReport:

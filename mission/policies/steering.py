@@ -112,6 +112,8 @@ class Steering:
             if not mine:
                 return None
             best = mine[0]
+            if situation.event is not Event.ENDING and not _is_worth_a_change(problem, best.points_m):
+                return None
             return Bid(best.points_m, best.value, best.cost / vehicle.left if vehicle.left > 0.0 else 1.0)
 
         present = {one.system_id: one.rest_m for one in situation.vehicles if _flies_on(one)}
@@ -157,6 +159,33 @@ def _flies_on(vehicle: VehicleReport) -> bool:
     """Return whether a vehicle is going to see what its path leads over."""
     goes_on = (Status.READY, Status.CLIMBING, Status.FLYING, Status.CHANGING, Status.SILENT)
     return vehicle.status in goes_on and len(vehicle.rest_m) > 0
+
+
+def _is_worth_a_change(problem: RouteProblem, points_m: Points) -> bool:
+    """Return whether a path gains more than the present one while that lasts, the price of the change paid.
+
+    Worth a question only where the vehicle loses something by a change (`Fares.change`).
+    """
+    vehicle, cell_m = problem.vehicle, problem.chart.cell_m
+    price = vehicle.fares.change(points_m)
+    if price <= 0.0:
+        return True
+    here = np.asarray(vehicle.position_m)[None]
+    stays, leaves = np.vstack((here, vehicle.rest_m)), np.vstack((here, points_m))
+    length = np.hypot(*np.diff(stays / cell_m, axis=0).T).sum()
+    lasts = len(vehicle.rest_m) * problem.costs.turn + float(length) * problem.costs.per_cell
+    gains = []
+    for path, budget in ((stays, lasts), (leaves, lasts - price)):
+        left = problem.worth.copy()
+        for begin, end in itertools.pairwise(path / cell_m):
+            cost = problem.costs.turn + float(np.hypot(*(end - begin))) * problem.costs.per_cell
+            share = min(1.0, budget / cost) if cost > 0.0 else 1.0
+            if share <= 0.0:
+                break
+            take_leg(left, problem.shares, *begin, *(begin + share * (end - begin)))
+            budget -= cost
+        gains.append(float(problem.worth.sum(dtype=np.float64) - left.sum(dtype=np.float64)))
+    return gains[1] > gains[0]
 
 
 def far_route(problem: RouteProblem) -> list[Route]:

@@ -127,7 +127,7 @@ class OnwardPredictor:
         self._waypoints = waypoints or Turns().waypoints
         latitude, longitude = frame.to_wgs84(*home_m)
         about_home = LocalFrame(latitude, longitude, frame.altitude_m)
-        self._home_m = np.array(home_m)
+        self.home_m = np.array(home_m)
         self._axes = _axes(frame, about_home, home_m)
         self._ending = ending
         self._ending_m = item_positions(ending, about_home)
@@ -139,7 +139,11 @@ class OnwardPredictor:
         self._ways_home: dict[tuple[float, ...], tuple[float, float]] = {}
 
     def rest(
-        self, state: InFlight, paths: Sequence[NDArray[np.float64] | Sequence[tuple[float, float]]]
+        self,
+        state: InFlight,
+        paths: Sequence[NDArray[np.float64] | Sequence[tuple[float, float]]],
+        *,
+        anew: Sequence[bool] | None = None,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return what each of several paths takes from here to its end.
 
@@ -148,6 +152,9 @@ class OnwardPredictor:
         state : InFlight
         paths : sequence of float64[n, 2]
             Waypoints in metres of the farm frame; none is the way home at once.
+        anew : sequence of bool, optional
+            Which of them are other paths than the one that is flown: an autopilot that begins the leg of a
+            changed mission where the vehicle could stop (ArduPilot) does so. By default none is.
 
         Returns
         -------
@@ -163,6 +170,9 @@ class OnwardPredictor:
         here, velocity, heading = self._start(state)
         flights = [_Flight(self._through(state, here, np.asarray(path, dtype=np.float64))) for path in paths]
         self._on_path.place(flights, [(here, velocity, heading)] * len(flights))
+        for flight, begins_anew in zip(flights, anew or [False] * len(flights), strict=True):
+            if begins_anew:
+                flight.motion.interrupt()
         self._on_path.fly(flights)
         if self._ending:
             self._fly_home([flight for flight in flights if flight.seconds < math.inf])
@@ -174,7 +184,7 @@ class OnwardPredictor:
         if not all(map(math.isfinite, numbers)):
             msg = f"vehicle {self.spec.name}: its position and velocity must be finite, not {numbers}"
             raise VehicleError(msg)
-        x, y = (self._axes @ (np.array(state.position_m) - self._home_m)).tolist()
+        x, y = (self._axes @ (np.array(state.position_m) - self.home_m)).tolist()
         east, north = (self._axes @ np.array(state.velocity_m_s)).tolist()
         heading = state.heading_rad
         if heading is None:
@@ -193,7 +203,7 @@ class OnwardPredictor:
         points, radius_m = sent.points_m, sent.radius_m or self.spec.acceptance_radius_m
         count = len(points)
         places = np.empty((count, 3))
-        places[:, :2] = (points - self._home_m) @ self._axes.T
+        places[:, :2] = (points - self.home_m) @ self._axes.T
         places[:, 2] = self._altitude_m
         if must_circle(self.spec):
             waypoint = MissionItem(

@@ -266,6 +266,24 @@ def test_a_slow_vehicle_is_sent_to_a_target_that_is_near(autopilot, speed_m_s):
     assert flight.misses(path) < 1.2
 
 
+def test_an_arducopter_that_turns_round_comes_to_rest_once():
+    """It goes back to its mission as soon as that is whole, and not where its target is near."""
+
+    def behind(held, item):
+        x, y, _ = flight.vehicle.pilot.state.position_m
+        path.extend([(x - 15.0, y + 2.0), (x - 40.0, y + 2.0)])
+        return other_path(path)(held, item)
+
+    path = []
+    flight = Flight("ardupilot", behind, at_item(4, 2.0), Impairment(delay_s=0.02))
+    flight.fly()
+    [record] = flight.station.changes
+    assert record.outcome is ChangeOutcome.DONE
+    check_safe(flight)
+    assert flight.misses(path) < 2.5
+    assert record.in_effect_s - record.turned_s < 1.0
+
+
 @pytest.mark.parametrize(("autopilot", "most_s"), [("px4", 0.5), ("ardupilot", 1.5)])
 def test_a_change_to_the_same_path_costs_next_to_nothing(autopilot, most_s):
     undisturbed = Flight(autopilot).fly()

@@ -10,14 +10,18 @@ import shapely
 
 from geo import get_farm, save_farm
 from geo.farm import Crop, Farm, Patch
+from geo.frame import LocalFrame
 from mission.errors import PlanningError
 from mission.files import write_mission
 from mission.model import Command, GeoPoint
 from mission.planners import PlannedPath, PlanningRequest
-from sim_vehicle.autopilot import fixed_wing_procedures
+from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.autopilot import fixed_wing_procedures, with_autopilot
+from sim_vehicle.prediction.onward import InFlight, OnwardPredictor
 from wbf_mission.cli import output
 from wbf_mission.cli.app import main
 from wbf_mission.planning import plan
+from wbf_mission.planning.fares import FlightFares, LegFares
 from wbf_mission.scenario import Scenario, ScenarioError, scenario_with
 
 
@@ -245,3 +249,23 @@ def test_a_file_for_ardupilot_holds_no_nan(tmp_path: Path) -> None:
         ]
         assert main(["plan", *words, "--out", str(path), "-q"]) == 0
         assert ("NaN" in path.read_text()) is has_nan
+
+
+@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+def test_leaving_the_path_that_is_flown_has_its_price_where_the_autopilot_loses_speed(autopilot):
+    spec = with_autopilot(get_vehicle("quad"), autopilot)
+    predictor = OnwardPredictor(spec, LocalFrame(28.05, -82.15), (0.0, 0.0), altitude_m=10.0, speed_m_s=5.0)
+    present = np.array([[80.0, 0.0], [80.0, 40.0]])
+    rough = LegFares(5.0, spec.acceleration_m_s2, (0.0, 0.0), 1.0)
+    state = InFlight((40.0, 0.0), 10.0, (5.0, 0.0))
+    fares = FlightFares(state, predictor, rough, "s", present, autopilot == "ardupilot")
+    ahead, aside = np.array([[81.0, 0.0]]), np.array([[40.0, 40.0]])
+    prices = [fares.change(path) for path in (present, present + 0.01, ahead, aside)]
+    if autopilot == "px4":
+        assert prices == [0.0] * 4
+        return
+    assert prices[:2] == [0.0, 0.0]
+    assert 0.5 < prices[2] < prices[3] < 8.0
+    # A path that is changed to, and would be gone on with otherwise, is held to the same.
+    on = FlightFares(state, predictor, rough, "s", ahead, True)
+    assert fares.rest([ahead])[0] - on.rest([ahead])[0] > 0.5

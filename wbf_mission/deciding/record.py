@@ -15,6 +15,9 @@ PLANNED_PATH = "planned"
 STAYS = "stays: not worth a flight"
 """The outcome of an empty first path: the vehicle does not fly."""
 
+FLOWN_ALREADY = "not sent: it is flown already"
+"""The outcome of a path that is the present one, where a change costs the vehicle its speed."""
+
 
 @dataclass(slots=True)
 class PathChange:

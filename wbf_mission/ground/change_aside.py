@@ -50,6 +50,8 @@ _STOP_P_PER_S, _STOP_M_S2 = 1.0, 2.5
 _LEAVE_SPARE_M, _MOST_LEAVE_M = 0.5, 12.0
 _FOREVER = 1_000_000
 _SILENT_S = 2.0
+# Below it, the direction of what is told of the velocity says nothing.
+_SLOW_M_S = 0.5
 _GUIDED_FLAG = float(m.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE)
 
 
@@ -367,6 +369,9 @@ class AsideChange(ChangeSession):
         left_m, speed = self._distance() - self._leave_m(), self.request.monitor.state.ground_speed_m_s
         # Far from the target the way to it is not worth the time aside from the mission.
         self._is_far |= not self._has_target() or left_m > _LONGEST_S * max(speed, 0.5)
+        # A vehicle that does not come nearer to its target comes to rest there and then in the guided mode,
+        # and again when it goes back to its mission: it goes back now, and comes to rest once.
+        self._is_far |= speed > _SLOW_M_S and self._nearing_m_s() <= 0.0
         seq = home + self._item_to_choose()
         return self._order(int(m.MAV_CMD_DO_SET_MISSION_CURRENT), now_s, float(seq), 0.0)
 
@@ -418,6 +423,15 @@ class AsideChange(ChangeSession):
         if not math.isfinite(state.latitude_deg):
             return math.inf
         return apart_m((state.latitude_deg, state.longitude_deg), (latitude, longitude))
+
+    def _nearing_m_s(self) -> float:
+        """Return how fast it comes nearer to the target, over ground."""
+        state = self.request.monitor.state
+        latitude, longitude, _ = self._target()
+        north = latitude - state.latitude_deg
+        east = (longitude - state.longitude_deg) * math.cos(math.radians(latitude))
+        away = math.hypot(east, north)
+        return (state.velocity_m_s[0] * east + state.velocity_m_s[1] * north) / away if away > 0.0 else 0.0
 
     def _target(self) -> tuple[float, float, float]:
         """Return where to fly in the guided mode: to the item, over home when that is the return."""

@@ -21,6 +21,8 @@ from wbf_mission.weather import wind_of
 # Of the time to brake from cruise speed to rest: what a turn costs on average, braking and speeding up again.
 _TURN_SHARE = 1.0
 _SLOWEST_M_S = 0.5
+# Items count degrees in 1e-7: a point comes back from its mission that much off.
+_SAME_M = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +87,10 @@ class StartFares:
         """Return roughly what straight legs cost, float64[n, m]."""
         return leg_fares(self.request, self.builder).legs(from_m, to_m)
 
+    def change(self, points_m: Points) -> float:  # noqa: ARG002 (the same for every path)
+        """Return 0: no path is flown yet."""
+        return 0.0
+
 
 @dataclass(frozen=True, slots=True)
 class FlightFares:
@@ -97,12 +103,18 @@ class FlightFares:
     predictor : OnwardPredictor
     rough : LegFares
     unit : {"s", "Wh"}
+    present_m : float64[n, 2]
+        The path that is flown.
+    loses_speed : bool
+        Whether the autopilot leaves its mission for a change, and begins anew where it could stop.
     """
 
     state: InFlight
     predictor: OnwardPredictor
     rough: LegFares | GeometricFares
     unit: str
+    present_m: Points = field(default_factory=lambda: np.empty((0, 2)))
+    loses_speed: bool = False
     # A policy asks for what it chose, and who checks its answer asks again.
     _known: dict[bytes, float] = field(default_factory=dict, init=False, repr=False, compare=False)
 
@@ -111,13 +123,38 @@ class FlightFares:
         keys = [np.asarray(path, np.float64).tobytes() for path in paths_m]
         new = {key: path for key, path in zip(keys, paths_m, strict=True) if key not in self._known}
         if new:
-            seconds, watt_hours = self.predictor.rest(self.state, list(new.values()))
+            anew = [self.loses_speed and not is_same_path(path, self.present_m) for path in new.values()]
+            seconds, watt_hours = self.predictor.rest(self.state, list(new.values()), anew=anew)
             self._known.update(zip(new, (seconds if self.unit == "s" else watt_hours).tolist(), strict=True))
         return [self._known[key] for key in keys]
 
     def legs(self, from_m: Points, to_m: Points) -> NDArray[np.float64]:
         """Return roughly what straight legs cost, float64[n, m]."""
         return self.rough.legs(from_m, to_m)
+
+    def change(self, points_m: Points) -> float:
+        """Return what leaving the present path costs: how much more than their lengths take both first legs.
+
+        Both are flown by the vehicle's own motion from its present speed, the new one as the autopilot begins
+        it after a change.
+        """
+        if not self.loses_speed or not len(points_m) or not len(self.present_m):
+            return 0.0
+        if is_same_path(points_m, self.present_m):
+            return 0.0
+        ends = [np.asarray(path, np.float64)[:1] for path in (points_m, self.present_m)]
+        anew = [True, False]
+        seconds, watt_hours = self.predictor.rest(self.state, ends, anew=anew)
+        flown = seconds if self.unit == "s" else watt_hours
+        here, home = np.array([self.state.position_m]), np.array([self.predictor.home_m])
+        way = [float(self.legs(here, end)[0, 0] + self.legs(end, home)[0, 0]) for end in ends]
+        return max(0.0, float(flown[0] - flown[1]) - (way[0] - way[1]))
+
+
+def is_same_path(one_m: Points, other_m: Points) -> bool:
+    """Return whether two paths have the same points, to the digits of a mission item."""
+    one, other = np.asarray(one_m, np.float64), np.asarray(other_m, np.float64)
+    return one.shape == other.shape and bool(np.allclose(one, other, rtol=0.0, atol=_SAME_M))
 
 
 def onward_predictor(builder: MissionBuilder) -> OnwardPredictor:

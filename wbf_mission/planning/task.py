@@ -14,7 +14,7 @@ from geo.seeds import sealed_seed
 from mission.planners import CropArea, PlannedPath, PlanningRequest, coverage
 from mission.planners.budget import LengthBudget
 from mission.planners.inside_routing import parts_of
-from mission.planners.path import Area, drop_coincident
+from mission.planners.path import Area, Points, drop_coincident
 from mission.policies.decision import Decision
 from mission.policies.fares import GeometricFares
 from mission.policies.situation import Fares, Status, VehicleReport
@@ -106,14 +106,17 @@ class FlightTask:
             battery=None if self.builder.vehicle.battery is None else 1.0,
         )
 
-    def fares_in_flight(self) -> Callable[[InFlight], Fares]:
-        """Return what tells what flying on costs the vehicle from a state in flight."""
+    def fares_in_flight(self) -> Callable[[InFlight, Points, bool], Fares]:
+        """Return what tells what flying on costs the vehicle, in what state and on what path it is.
+
+        The last argument is whether its autopilot leaves its mission for a change.
+        """
         rough = leg_fares(self.request, self.builder)
         if isinstance(rough, GeometricFares):
             budget = rough.budget
-            return lambda state: GeometricFares(budget, state.position_m)
+            return lambda state, *_: GeometricFares(budget, state.position_m)
         predictor, unit = onward_predictor(self.builder), self.request.budget.unit
-        return lambda state: FlightFares(state, predictor, rough, unit)
+        return lambda state, path, aside: FlightFares(state, predictor, rough, unit, path, aside)
 
     def plan_of(self, decision: Decision, decided_by: str, *, steered: bool = False) -> PlanResult:
         """Return the plan that flies the path of this vehicle in a decision.

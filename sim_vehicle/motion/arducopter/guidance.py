@@ -71,6 +71,7 @@ from sim_vehicle.motion.arducopter.layout import (
     SHAKE,
     SHAPE_JERK,
     SHAPE_JERK_Z,
+    SIDE,
     SNAP,
     SPEED,
     SPEED_DOWN,
@@ -374,7 +375,10 @@ def _lead_up(guide: Floats, law: Floats) -> bool:
 def _lead_to(guide: Floats, law: Floats) -> bool:
     """Move the target to the position asked for in guided mode; tell whether it is there.
 
-    `AC_PosControl::input_pos_xyz`: speed and acceleration are those from which it can still stop there.
+    `AC_PosControl::input_pos_NEU_m`: the speed is that from which half of the acceleration, reached with half
+    of the jerk, still stops there. What corrects the velocity goes along the wanted velocity and across it:
+    a turn of less than 45 degrees or more than 135 leaves most of the acceleration to what goes along, any
+    other brakes and turns at once.
     """
     dt, limit, jerk = law[DT], law[ACCEL], law[SHAPE_JERK]
     for k in range(3):
@@ -386,39 +390,35 @@ def _lead_to(guide: Floats, law: Floats) -> bool:
     most = guide[LEVEL] * way / flat if flat > 0.0 else inf
     if dz != 0.0:
         most = min(most, (guide[UP] if dz > 0.0 else guide[DOWN]) * way / abs(dz))
-    wx = wy = wz = 0.0
+    wx = wy = wz = ex = ey = 0.0
     if flat > 0.0:
-        rate = min(rooted(flat, jerk / limit, limit), most * flat / way)
-        wx, wy = rate * dx / flat, rate * dy / flat
+        ex, ey = dx / flat, dy / flat
+        rate = min(rooted(flat, 0.5 * jerk / limit, 0.5 * limit), flat / dt, most * flat / way)
+        wx, wy = rate * ex, rate * ey
     cx, cy = wx - guide[VX], wy - guide[VX + 1]
     change = sqrt(cx * cx + cy * cy)
-    ax = ay = 0.0
     if change > 0.0:
-        size = min(rooted(change, jerk / limit, jerk), change / dt) / change
-        ax, ay = cx * size, cy * size
-    speed = sqrt(guide[VX] ** 2 + guide[VX + 1] ** 2)
-    if ax * ax + ay * ay > limit * limit and speed > 0.0:
-        # What turns comes before what speeds up.
-        ux, uy = guide[VX] / speed, guide[VX + 1] / speed
-        along, across = ax * ux + ay * uy, ay * ux - ax * uy
-        across = min(max(across, -limit), limit)
-        room = sqrt(limit * limit - across * across)
-        along = min(max(along, -room), room)
-        ax, ay = along * ux - across * uy, along * uy + across * ux
-    elif ax * ax + ay * ay > limit * limit:
-        size = limit / sqrt(ax * ax + ay * ay)
-        ax, ay = ax * size, ay * size
-    cx, cy = ax - guide[AX], ay - guide[AX + 1]
+        size = min(rooted(change, jerk / limit, jerk), change / dt)
+        cx, cy = cx * size / change, cy * size / change
+        along, across = cx * ex + cy * ey, cy * ex - cx * ey
+        if along * along > across * across:
+            across = min(max(across, -SIDE * limit), SIDE * limit)
+            room = sqrt(limit * limit - across * across)
+            along = min(max(along, -room), room)
+            cx, cy = along * ex - across * ey, along * ey + across * ex
+        elif size > limit:
+            cx, cy = cx * limit / size, cy * limit / size
+    cx, cy = cx - guide[AX], cy - guide[AX + 1]
     change = sqrt(cx * cx + cy * cy)
     share = min(1.0, jerk * dt / change) if change > 0.0 else 0.0
     guide[AX] += cx * share
     guide[AX + 1] += cy * share
     limit, jerk = law[ACCEL_Z], law[SHAPE_JERK_Z]
     if dz != 0.0:
-        top = most * abs(dz) / way
-        wz = min(max(rooted(dz, jerk / limit, limit), -top), top)
+        top = min(most * abs(dz) / way, abs(dz) / dt)
+        wz = min(max(rooted(dz, 0.5 * jerk / limit, 0.5 * limit), -top), top)
     guide[AX + 2] = _shape(wz - guide[VX + 2], guide[AX + 2], limit, jerk, dt)
-    return bool(way < 0.05 and speed < 0.05)
+    return bool(way < 0.05 and guide[VX] ** 2 + guide[VX + 1] ** 2 < 0.0025)
 
 
 @compiled(allocates=False)

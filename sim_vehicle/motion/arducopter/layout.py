@@ -77,3 +77,5 @@ LEAST_WAY = 0.01
 """A leg from where the vehicle stands is at least so long: an estimated position is never the exact one."""
 SHAKE = 0.04
 """By how much the estimated speed shakes, m/s: it decides how the target waits for a vehicle at rest."""
+SIDE = 0.7071067811865476
+"""Guided to a position: the share of the acceleration that may go across where more goes along."""

@@ -79,7 +79,7 @@ class ArduCopter(Multirotor):
         for first in (at.INTEGRAL, at.ASKED, at.TARGET, at.LEAN):
             guide[first : first + 2] = lean
         self._rows = None
-        self._under_way = True
+        self._under_way, self._interrupted = True, False
 
     def fly(self, route: Route) -> None:
         """Begin a route, from where the vehicle is and as it moves now."""
@@ -97,7 +97,7 @@ class ArduCopter(Multirotor):
                 route.turn_rad_s,
             )
         )
-        under_way, self._under_way = self._under_way, False
+        under_way, self._under_way = self._under_way and not self._interrupted, False
         self.guide[at.BEGINS] = self._join(rows[0]) if under_way else self._follows(rows[0])
         self.guide[at.ARMING_STEPS] = max(round(_ARMING_DELAY_S / self.step_s) - self._armed_steps, 0)
         self._rows, self._route = np.ascontiguousarray(rows), rows

@@ -175,7 +175,7 @@ class ArduRover(Rover):
                 route.turn_rad_s,
             )
         )
-        under_way, self._under_way = self._under_way, False
+        under_way, self._under_way = self._under_way and not self._interrupted, False
         if self._rows is None and not under_way:
             self._rest()
         how = self._join(rows[0]) if under_way else self._follows(rows[0])

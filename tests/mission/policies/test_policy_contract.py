@@ -5,8 +5,9 @@ import shapely
 from geo import get_farm
 from geo.named import ParameterError
 from mission.errors import PlanningError
-from mission.planners import PlanningRequest, StepBudget
+from mission.planners import LengthBudget, PlanningRequest, StepBudget
 from mission.policies.decision import GO_ON, Decision
+from mission.policies.fares import GeometricFares
 from mission.policies.policy import NEVER_AGAIN, FixedPlan, KeepPath, Policy
 from mission.policies.registry import make_policy
 from mission.policies.situation import Event, Situation, Status, VehicleReport
@@ -22,6 +23,9 @@ class _Free:
 
     def legs(self, from_m, to_m):
         return np.zeros((len(from_m), len(to_m)))
+
+    def change(self, points_m):
+        return 0.0
 
 
 def _situation(event=Event.START, status=Status.READY, spent=0.0):
@@ -83,3 +87,35 @@ def test_a_path_from_elsewhere_is_kept():
     policy = KeepPath()
     assert isinstance(policy, Policy) and policy.asking == NEVER_AGAIN
     assert all(policy.decide(_situation(event)) is GO_ON for event in Event)
+
+
+class _Dear:
+    """Fares of a vehicle that loses time when its path is changed."""
+
+    def __init__(self, position_m, price):
+        fares = GeometricFares(LengthBudget(1000.0), position_m)
+        self.rest, self.legs, self._price = fares.rest, fares.legs, price
+
+    def change(self, points_m):
+        return self._price
+
+
+@pytest.mark.parametrize("policy", ["greedy", "rolling-horizon"])
+def test_a_path_is_left_only_for_one_that_gains_more_than_the_change_costs(policy):
+    farm = get_farm("miniberry-10")
+    request = PlanningRequest(farm.owner_area, (0.0, 0.0), LengthBudget(1000.0), seed=1)
+    model = InformationModel.uniform(farm.grid().shape, value=(1, 1, 0.4), uncertainty=1)
+    seen = Observations.concatenate([], PAPER_FIELDS.names)
+    # To and fro over what has been seen.
+    rest = np.array([[1.1, 1.0], [1.0, 1.0]] * 10)
+    changed = []
+    for price in (0.0, 0.01, 1000.0):
+        one = VehicleReport(
+            1, request, Status.FLYING, (1.0, 1.0), (1.0, 0.0), 0.1, 0.0, rest, _Dear((1.0, 1.0), price)
+        )
+        for event in (Event.OBSERVATIONS, Event.ENDING):
+            situation = Situation(event, 0.0, 6, farm, PAPER_FIELDS, PAPER_WEIGHTS, model, seen, (one,), 0.5)
+            asked = make_policy(policy)
+            asked.start()
+            changed.append(1 in asked.decide(situation).paths)
+    assert changed == [True, True, True, True, False, True]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from recordings import compare, fly_recording, load_recording
+from recordings import ChangedFlight, compare, fly_changed, fly_recording, load_recording
 
 from geo.frame import LocalFrame
 from mission.model import Command, MissionItem
@@ -514,3 +514,31 @@ def test_an_orbit_is_flown_without_stops_by_either_autopilot() -> None:
         for now in np.arange(60.2, 70.0, 0.2):
             executor.advance(float(now))
             assert math.hypot(*executor.motion.snapshot().velocity_m_s[:2]) > 0.8
+
+
+CHANGES = sorted((FLIGHTS / "changes").glob("ardupilot-*.json"))
+
+
+@pytest.mark.parametrize("path", CHANGES, ids=[path.stem for path in CHANGES])
+def test_missions_are_changed_in_flight_as_recorded(path: Path) -> None:
+    was = ChangedFlight.load(path)
+    now = fly_changed(was)
+    assert now.lowest_m_s(guided=True) == pytest.approx(
+        was.lowest_m_s(guided=True), rel=0.1, abs=0.05, nan_ok=True
+    )
+    assert now.lowest_m_s(guided=False) == pytest.approx(was.lowest_m_s(guided=False), rel=0.1, nan_ok=True)
+    assert now.back_s == pytest.approx(was.back_s, rel=0.1, nan_ok=True)
+    assert now.took_s == pytest.approx(was.took_s, rel=0.025, nan_ok=True)
+    assert now.mean_m_s == pytest.approx(was.mean_m_s, rel=0.02)
+
+
+@pytest.mark.parametrize("case", ["45-40", "90-15", "135-15"])
+def test_changes_lose_as_much_time_as_recorded(case: str) -> None:
+    lost = []
+    for fly in (lambda one: one, fly_changed):
+        changed, plain = (
+            fly(ChangedFlight.load(FLIGHTS / "changes" / f"ardupilot-{kind}-{case}.json")).took_s
+            for kind in ("change", "unchanged")
+        )
+        lost.append(changed - plain)
+    assert lost[1] == pytest.approx(lost[0], rel=0.1)

@@ -178,3 +178,38 @@ def test_numbers_that_are_not_finite_are_refused():
         predictor.rest(InFlight((0.0, 0.0), HEIGHT_M), [[(math.inf, 0.0)]])
     seconds, watt_hours = predictor.rest(InFlight((0.0, 0.0), HEIGHT_M), [])
     assert len(seconds) == len(watt_hours) == 0
+
+
+@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+@pytest.mark.parametrize("angle_deg", [0.0, 60.0, 120.0])
+def test_a_path_that_is_changed_to_costs_what_the_autopilot_loses_by_it(autopilot, angle_deg):
+    spec = with_autopilot(get_vehicle("quad"), autopilot)
+    old = np.array([[0.0, 0.0], [200.0, 0.0]])
+    states, _, _ = flown(spec, old, (), None)
+    motion = states[len(states) // 2][2]
+    here = seen(motion)
+    course = math.radians(angle_deg)
+    along, aside = math.cos(course), math.sin(course)
+    first = np.add(here.position_m, (40.0 * along, 40.0 * aside))
+    path = np.array([first, np.add(first, (-20.0 * aside, 20.0 * along))])
+    items = [MissionItem(178, param1=1.0, param2=SPEED_M_S, param3=-1.0)]
+    items += [MissionItem.waypoint(*FARM.to_wgs84(*one), HEIGHT_M) for one in path.tolist()]
+    executor = MissionExecutor(spec, HOME, takes_off=climbs_by_itself(spec))
+    executor.load([MissionItem(22, 3, 10.0, 0, 0, None, *HOME.to_wgs84(0, 0), HEIGHT_M), *old_items(old)])
+    executor.arm()
+    executor.start()
+    while math.dist(executor.motion.position_m, motion.position_m) > 0.3:
+        executor.advance(executor.time_s + 0.02)
+    begin_s = executor.time_s
+    executor.change(items, 0)
+    while not any(isinstance(event, MissionComplete) for event in executor.advance(executor.time_s + 0.1)):
+        pass
+    predictor = OnwardPredictor(spec, FARM, HOME_M, altitude_m=HEIGHT_M, speed_m_s=SPEED_M_S, ending=())
+    (goes_on, begins), _ = predictor.rest(here, [path, path], anew=[False, True])
+    assert begins == pytest.approx(executor.time_s - begin_s, rel=0.05, abs=0.3)
+    assert begins - goes_on > 0.5 if autopilot == "ardupilot" and angle_deg < 90.0 else begins == goes_on
+
+
+def old_items(points):
+    speed = MissionItem(178, param1=1.0, param2=SPEED_M_S, param3=-1.0)
+    return [speed, *(MissionItem.waypoint(*FARM.to_wgs84(x, y), HEIGHT_M) for x, y in points.tolist())]

@@ -124,6 +124,11 @@ class Campaign:
         return planned.plans
 
     @property
+    def planned(self) -> tuple[tuple[Vehicle, PlanResult], ...]:
+        """The vehicles of the next flight with their plans, once it is planned."""
+        return () if self._next is None else tuple((one, plan) for _, one, plan in self._next.sorties)
+
+    @property
     def expected_readings(self) -> float:
         """How many readings are expected of all flights, if they are like the one that is planned."""
         return self.scenario.farm.days * self.scenario.farm.flights_per_day * self._expected_of_next

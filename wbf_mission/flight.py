@@ -75,7 +75,7 @@ def fly(
     connect: LiveLink | None = None,
     memory: FlightMemory | None = None,
 ) -> Result:
-    """Do a scenario's whole job, offline or with a vehicle behind a link.
+    """Do a scenario's whole job, offline or with vehicles behind links.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def fly(
         Take the environment of a large farm from the user's cache, or keep it there
         (:class:`sensors.environment.cache.EnvironmentCache`).
     connect : LiveLink, optional
-        The link to the vehicle that flies, in place of a simulated one.
+        The links to the vehicles that fly, in place of simulated ones.
     memory : FlightMemory, optional
         Given to several runs: flights of planners that would be the same are flown once, and runs on the same
         small environment that follow one another share it.
@@ -142,7 +142,7 @@ def fly(
             if connect is None:
                 refuse_errors(one.rendered)
         if connect is not None:
-            connect.check(plans[0], scenario)
+            connect.check(campaign.planned)
             watch.lap("preflight")
     require_run_memory(farm, learner, round(campaign.expected_readings))
     environment, cached = find_environment(
@@ -164,11 +164,11 @@ def fly(
         try:
             if decider.steers:
                 decider.policy.start()
-                plans = campaign.plan(scenario.farm.day)
+                campaign.plan(scenario.farm.day)
                 tell("planning", 1, 1)
                 watch.lap("plan")
                 if connect is not None:
-                    connect.check(plans[0], scenario)
+                    connect.check(campaign.planned)
                     watch.lap("preflight")
             try:
                 if connect is None:

@@ -51,7 +51,9 @@ def over_sockets(count: int, seconds: float) -> tuple[float, int, int]:
     """Return processor seconds for a simulated second, frames heard, and vehicles in the air at the end."""
     fleet = Fleet(get_vehicle("quad"), HOME, count, wind=Wind(3.0, 1.0, 1.0, seed=1))
     fly(fleet)
-    doors: list[str | ServerUrl] = [ServerUrl("tcpin:127.0.0.1:0", v.system_id) for v in fleet.vehicles]
+    doors: list[str | ServerUrl] = [
+        ServerUrl("tcpin:127.0.0.1:0", frozenset((v.system_id,))) for v in fleet.vehicles
+    ]
     heard = [0]
     with Server(fleet.vehicles, ["udpin:127.0.0.1:0", *doors]) as server:
         stop = threading.Event()

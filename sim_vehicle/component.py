@@ -10,7 +10,7 @@ from typing import Any, Protocol, runtime_checkable
 
 from mission.link.codec.dialect import mavlink
 
-__all__ = ["NEVER", "UNHEARD", "Component", "KeepsLog", "SaysGoodbye", "SaysMuch"]
+__all__ = ["NEVER", "UNHEARD", "Component", "KeepsLog", "SaysGoodbye", "SaysMuch", "Serves"]
 
 NEVER = float("inf")
 """Value of ``next_deadline`` when nothing is to be done until a message arrives."""
@@ -71,6 +71,16 @@ class KeepsLog(Protocol):
 
     def log_frame(self, frame: bytes, message_id: int, now_s: float) -> None:
         """Take a frame that the component sent or heard."""
+        ...
+
+
+@runtime_checkable
+class Serves(Protocol):
+    """A component that is there for one vehicle, which is not its own system: it meets that one only."""
+
+    @property
+    def vehicle_system_id(self) -> int:
+        """The vehicle's MAVLink system."""
         ...
 
 

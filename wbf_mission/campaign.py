@@ -32,7 +32,6 @@ from wbf_mission.flown_flight import FlownFlight
 from wbf_mission.hosting import Hosting
 from wbf_mission.joint_flight import Attendant, JointFlight
 from wbf_mission.planning import PlanResult
-from wbf_mission.preflight.run import Tell, check_plans
 from wbf_mission.progress import Progress
 from wbf_mission.report import report_of_maps
 from wbf_mission.scenario import Scenario
@@ -124,11 +123,10 @@ class Campaign:
         self._next = planned
         return planned.plans
 
-    def check(self, consequence: str, *, force: bool, tell: Tell) -> None:
-        """Refuse what was planned if the preflight check finds errors in it (`check_plans`)."""
-        assert self._next is not None
-        plans = [(plan, vehicle.scenario) for _, vehicle, plan in self._next.sorties]
-        check_plans(plans, consequence, force=force, tell=tell)
+    @property
+    def planned(self) -> tuple[tuple[Vehicle, PlanResult], ...]:
+        """The vehicles of the next flight with their plans, once it is planned."""
+        return () if self._next is None else tuple((one, plan) for _, one, plan in self._next.sorties)
 
     @property
     def expected_readings(self) -> float:

@@ -16,7 +16,7 @@ from wbf_mission.clearance import clearance_m, ground_clearance_m, height_error_
 from wbf_mission.planning import FlightTask, PlanResult, flight_builder, plan, plan_tasks
 from wbf_mission.planning.task import free_area
 from wbf_mission.progress import Progress, silent
-from wbf_mission.scenario import Scenario, ScenarioError
+from wbf_mission.scenario import Scenario, ScenarioError, VehicleOptions
 from wbf_mission.scenario.scenario import PARTS
 from wbf_mission.scenario.separation import DISTANCE, LAYERS
 from wbf_mission.weather import flight_level
@@ -112,8 +112,8 @@ def single_scenarios(scenario: Scenario) -> tuple[Scenario, ...]:
     layered = separation.kind == LAYERS and len(scenario.vehicle.fleet) > 1
     below_m, below_error_m = -math.inf, 0.0
     singles: list[Scenario] = []
-    for name in scenario.vehicle.fleet:
-        vehicle = replace(scenario.vehicle, name=name, vehicles=None)
+    for name, autopilot in zip(scenario.vehicle.fleet, scenario.vehicle.autopilots, strict=True):
+        vehicle = replace(scenario.vehicle, name=name, autopilot=autopilot, vehicles=None)
         mission, spec = scenario.mission, get_vehicle(name)
         if layered and flies(spec):
             error_m = height_error_m(vehicle, spec)
@@ -127,7 +127,7 @@ def single_scenarios(scenario: Scenario) -> tuple[Scenario, ...]:
                 raise ScenarioError(msg)
             below_m, below_error_m = height_m, error_m
             mission = replace(mission, altitude_m=height_m)
-            vehicle = replace(vehicle, parameters=_parameters(scenario, spec, height_m))
+            vehicle = replace(vehicle, parameters=_parameters(vehicle, spec, height_m))
         parts = {part: getattr(scenario, part) for part in PARTS}
         singles.append(Scenario(**{**parts, "vehicle": vehicle, "mission": mission}, seed=scenario.seed))
     return tuple(singles)
@@ -138,10 +138,10 @@ def flies(spec: VehicleSpec) -> bool:
     return not spec.is_ideal and spec.kind != "rover"
 
 
-def _parameters(scenario: Scenario, spec: VehicleSpec, height_m: float) -> dict[str, float]:
+def _parameters(vehicle: VehicleOptions, spec: VehicleSpec, height_m: float) -> dict[str, float]:
     """Return the parameters of a vehicle in its layer; what the user gave holds."""
-    given = scenario.vehicle.parameters
-    known = _RETURN_HEIGHTS.get(scenario.vehicle.autopilot)
+    given = vehicle.parameters
+    known = _RETURN_HEIGHTS.get(vehicle.autopilot)
     if known is None or spec.kind != "multirotor":
         return given
     name, unit_m = known

@@ -32,8 +32,8 @@ from wbf_mission.flight_memory import FlightMemory
 from wbf_mission.flights import Decider
 from wbf_mission.hosting import VirtualHosting
 from wbf_mission.live.link import LiveLink
-from wbf_mission.planning import PlanResult, plan, planner_of
-from wbf_mission.preflight.run import Tell, tell_nobody
+from wbf_mission.planning import plan, planner_of
+from wbf_mission.preflight.run import Tell, check_plans, tell_nobody
 from wbf_mission.progress import Progress, silent
 from wbf_mission.result import Result
 from wbf_mission.scenario import Scenario, scenario_with
@@ -78,7 +78,7 @@ def fly(
     force: bool = False,
     tell_errors: Tell = tell_nobody,
 ) -> Result:
-    """Do a scenario's whole job, offline or with a vehicle behind a link.
+    """Do a scenario's whole job, offline or with vehicles behind links.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def fly(
         Take the environment of a large farm from the user's cache, or keep it there
         (:class:`sensors.environment.cache.EnvironmentCache`).
     connect : LiveLink, optional
-        The link to the vehicle that flies, in place of a simulated one.
+        The links to the vehicles that fly, in place of simulated ones.
     memory : FlightMemory, optional
         Given to several runs: flights of planners that would be the same are flown once, and runs on the same
         small environment that follow one another share it.
@@ -148,7 +148,7 @@ def fly(
             # The autopilot of a vehicle behind a link is known better when it is asked.
             if connect is None:
                 refuse_errors(one.rendered)
-        _check(campaign, plans, connect, force=force, tell=tell_errors)
+        _check(campaign, connect, force=force, tell=tell_errors)
     require_run_memory(farm, learner, round(campaign.expected_readings))
     environment, cached = find_environment(
         scenario,
@@ -169,10 +169,10 @@ def fly(
         try:
             if decider.steers:
                 decider.policy.start()
-                plans = campaign.plan(scenario.farm.day)
+                campaign.plan(scenario.farm.day)
                 tell("planning", 1, 1)
                 watch.lap("plan")
-                _check(campaign, plans, connect, force=force, tell=tell_errors)
+                _check(campaign, connect, force=force, tell=tell_errors)
             try:
                 if connect is None:
                     hosting = VirtualHosting(pace, tlog, impairment, breaking)
@@ -190,14 +190,13 @@ def fly(
     return result
 
 
-def _check(
-    campaign: Campaign, plans: Sequence[PlanResult], connect: LiveLink | None, *, force: bool, tell: Tell
-) -> None:
-    """Refuse plans with errors before anything takes off; a vehicle behind a link is asked, too."""
+def _check(campaign: Campaign, connect: LiveLink | None, *, force: bool, tell: Tell) -> None:
+    """Refuse plans with errors before anything takes off; vehicles behind links are asked, too."""
     if connect is None:
-        campaign.check("nothing was flown", force=force, tell=tell)
+        plans = [(plan, vehicle.scenario) for vehicle, plan in campaign.planned]
+        check_plans(plans, "nothing was flown", force=force, tell=tell)
     else:
-        connect.check(plans[0], campaign.scenario)
+        connect.check(campaign.planned)
     campaign.watch.lap("preflight")
 
 

@@ -252,8 +252,9 @@ class Flights:
                 hosting.clearance(number.system_id),
                 hosting.transfers,
                 force=hosting.force,
+                place=place,
             )
-            for (number, one, plan), delay in zip(planned.sorties, delays, strict=True)
+            for place, ((number, one, plan), delay) in enumerate(zip(planned.sorties, delays, strict=True))
         ]
         opened = hosting.open(
             sorties,

@@ -13,6 +13,7 @@ from mission.policies.situation import Event
 from sim_vehicle.host.simulation import StopReason
 from wbf_mission.deciding.loop import DecisionLoop
 from wbf_mission.evidence import Evidence
+from wbf_mission.ground.clearance import Stage
 from wbf_mission.ground.modes import Maneuver
 from wbf_mission.ground.telling import NotStartedError, doing, not_started
 from wbf_mission.hosting import FlightHost
@@ -91,6 +92,13 @@ class JointFlight:
         self._host = host
         for sortie in self.sorties:
             sortie.send = partial(host.send, sortie.ground)
+        self._clearances = [
+            (one, one.ground.clearance) for one in self.sorties if one.ground.clearance is not None
+        ]
+        if len(self.sorties) > 1:
+            for _, clearance in self._clearances:
+                clearance.hold()
+        self._begun_s: float | None = None
         self._expected_s = expected_s
         self._event: Event | None = None
 
@@ -104,17 +112,31 @@ class JointFlight:
         """How many MAVLink frames were sent."""
         return self._host.frames
 
-    def maneuver(self, kind: Maneuver) -> None:
-        """Take every vehicle that flies out of its mission.
+    def maneuver(self, kind: Maneuver, only: Sortie | None = None) -> None:
+        """Take every vehicle that is not down out of its mission, or one of them.
 
         Raises
         ------
         NotFlyingError
             If one does not fly, or somebody else flies it.
         """
-        for sortie in self.sorties:
+        for sortie in self.sorties if only is None else (only,):
             if not sortie.done:
                 sortie.send(sortie.ground.maneuver(kind, self.now_s))
+
+    def _let_start(self) -> None:
+        """Let real vehicles start together once all that are left can, each by its delay after the first."""
+        left = [(sortie, clearance) for sortie, clearance in self._clearances if not sortie.done]
+        if self._begun_s is None:
+            if not left or not all(
+                sortie.ground.phase is Phase.READY and clearance.stage is Stage.WAITING
+                for sortie, clearance in left
+            ):
+                return
+            self._begun_s = self.now_s
+        for sortie, clearance in left:
+            if self.now_s >= self._begun_s + sortie.start_delay_s:
+                clearance.release()
 
     def fly(self) -> None:
         """Fly until every vehicle is down.
@@ -142,6 +164,7 @@ class JointFlight:
                 self._keep_pace(begin, self._pace)
             if self._attendant is not None:
                 self._attendant.tend(self)
+                self._let_start()
                 self._give_up_silent()
             elif self.now_s > limit_s or stop in (StopReason.IDLE, StopReason.STALLED):
                 self._give_up()
@@ -160,17 +183,22 @@ class JointFlight:
         Raises
         ------
         NotStartedError
-            If a real vehicle has not been started: nothing was flown.
+            If no real vehicle has been started: nothing was flown.
         """
+        left = {one.system_id: not_started(one.ground) for one in self.sorties}
+        if self._attendant is not None and all(one.ground.started_s is None for one in self.sorties):
+            told = {number: text for number, text in left.items() if text is not None}
+            several = len(self.sorties) > 1 and len(set(told.values())) > 1
+            if told:
+                texts = [f"vehicle {number}: {text}" for number, text in told.items()]
+                msg = "interrupted: " + ("; ".join(texts) if several else next(iter(told.values())))
+                raise NotStartedError(msg)
         for sortie in self.sorties:
             why = f"stopped after {self.now_s:.0f} simulated seconds"
             if self._attendant is not None:
-                left = not_started(sortie.ground)
-                if left is not None:
-                    msg = f"interrupted: {left}"
-                    raise NotStartedError(msg)
                 seconds = sortie.ground.flight_time_s
-                why = f"left as it flew after {seconds:.0f} s: {doing(sortie.ground, self.now_s)}"
+                flew = f"left as it flew after {seconds:.0f} s: {doing(sortie.ground, self.now_s)}"
+                why = left[sortie.system_id] or flew
             sortie.ground.interrupt(Outcome.INTERRUPTED, why, self.now_s)
         self.learn()
 

@@ -29,11 +29,14 @@ class SimOptions(Part):
 
     count: int | None = option(
         None,
-        "How many vehicles, systems 1 to N, each at its own ports",
+        "How many vehicles, each a system of its own at its own ports",
         VEHICLE,
         low=1,
         high=250,
         default="one for each home",
+    )
+    system_id: int = option(
+        1, "System id of the first vehicle; the others' follow it", VEHICLE, low=1, high=250
     )
     home: tuple[str, ...] = option(
         (),

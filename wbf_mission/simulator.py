@@ -39,7 +39,7 @@ class Simulated:
 
     @property
     def vehicles(self) -> tuple[SimVehicle, ...]:
-        """The vehicles, systems 1 to N."""
+        """The vehicles, in the order of their system ids."""
         return self.fleet.vehicles
 
     @property
@@ -100,6 +100,7 @@ def make_components(
     count: int | None = None,
     homes: Sequence[tuple[GeoPoint, float]] = (),
     spacing_m: float = SPACING_M,
+    first_system: int = 1,
     with_camera: bool = True,
     cold: bool = False,
     progress: Callable[[str, float, float], None] | None = None,
@@ -116,6 +117,8 @@ def make_components(
         Where they start and their headings; none: around the farm's home.
     spacing_m : float
         Between vehicles that share a home.
+    first_system : int
+        The system id of the first one.
     with_camera : bool
         Without cameras no environment is generated.
     cold : bool
@@ -141,6 +144,7 @@ def make_components(
         spacing_m=spacing_m,
         epoch_unix_s=EPOCH_UNIX_S,
         cold=cold,
+        first_system=first_system,
     )
     if progress is not None:
         progress("preparing the vehicle", 0.0, 1.0)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from statistics import median
 
 import numpy as np
 
 from geo.errors import WbfMissionError
 from mission.link.codec.dialect import Message
+from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Mission, MissionItem
 from mission.outcome import Outcome
 from mission.planners.path import Points, path_length
@@ -26,12 +28,13 @@ from wbf_mission.ground.change import ChangeOutcome, leads_home
 from wbf_mission.ground.clearance import Clearance
 from wbf_mission.ground.contact import SILENCE_S
 from wbf_mission.ground.revision import revised_mission
-from wbf_mission.ground.station import GROUND_SYSTEM_ID, GroundStation
+from wbf_mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID, GroundStation
 from wbf_mission.outcome import Phase
 from wbf_mission.planning import FlightTask, PlanResult
 from wbf_mission.planning.fares import is_same_path
 from wbf_mission.reach import ASIDE_S, WHOLE_S, reach_of
 from wbf_mission.scenario import Scenario
+from wbf_mission.scenario.parts import MOST_VEHICLES
 from wbf_mission.sortie_number import SortieNumber
 
 SILENT_S = 30.0
@@ -40,6 +43,9 @@ for so long after it should have been back."""
 ENDING_S = 3.0
 """A policy is asked so long before a path ends."""
 SLOWEST_M_S = 0.3
+_REAL_GROUNDS = (GROUND_COMPONENT_ID, *range(m.MAV_COMP_ID_USER1, m.MAV_COMP_ID_USER1 + MOST_VEHICLES))
+"""Real vehicles expect their ground station to be system 255 (ArduPilot: MAV_GCS_SYSID); where several fly,
+each has a component of it."""
 _NO_REST: tuple[tuple[MissionItem, ...], int, Points] = ((), -1, np.empty((0, 2)))
 
 
@@ -66,6 +72,8 @@ class Sortie:
         Send also what the autopilot would refuse or not fly.
     maker : TransferMaker
         Who carries its plans up.
+    place : int
+        Which of those that fly together it is, from 0.
 
     Attributes
     ----------
@@ -90,6 +98,7 @@ class Sortie:
         maker: TransferMaker = OWN_TRANSFERS,
         *,
         force: bool = False,
+        place: int = 0,
     ) -> None:
         self._reach = reach_of(scenario.vehicle, task, plan)
         farm = plan.farm
@@ -105,7 +114,8 @@ class Sortie:
             plan.mission,
             self.assembler,
             vehicle_system_id=number.system_id,
-            system_id=GROUND_SYSTEM_ID + 1 - number.system_id,
+            system_id=GROUND_SYSTEM_ID if clearance is not None else GROUND_SYSTEM_ID + 1 - number.system_id,
+            component_id=_REAL_GROUNDS[place] if clearance is not None else GROUND_COMPONENT_ID,
             on_progress=on_transfer,
             start_delay_s=start_delay_s,
             clearance=clearance,
@@ -152,7 +162,9 @@ class Sortie:
 
     def take(self) -> Observations:
         """Return the observations that arrived since the last call."""
-        return self.assembler.take()
+        seen, offset_s = self.assembler.take(), self.ground.clock_offset_s
+        # Vehicles that were switched on at different times count on one clock.
+        return replace(seen, time_s=seen.time_s + offset_s) if offset_s and len(seen) else seen
 
     @property
     def _rest(self) -> list[int]:
@@ -360,6 +372,7 @@ class Sortie:
         if battery is not None:
             used = ground.battery.used_since(ground.battery_before, battery.capacity_wh)
         frame = self.plan.farm.frame
+        track = ground.track(frame)
         return FlightRecord(
             day=self.number.day,
             flight=self.number.flight,
@@ -367,7 +380,7 @@ class Sortie:
             plan=self.plan,
             outcome=ground.outcome,
             reason=ground.reason,
-            track=ground.track(frame),
+            track=replace(track, time_s=track.time_s + ground.clock_offset_s),
             true_track=ground.true_track(frame),
             camera=self.assembler.statistics,
             transfers=ground.transfers,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import select
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from types import TracebackType
 from typing import Any, Self
 
@@ -106,7 +106,9 @@ class TransferDriver:
     ) -> None:
         self.endpoint.close()
 
-    def wait_for_vehicle(self, timeout_s: float = 10.0, *, system_id: int | None = None) -> Vehicle:
+    def wait_for_vehicle(
+        self, timeout_s: float = 10.0, *, system_id: int | None = None, besides: Collection[int] = ()
+    ) -> Vehicle:
         """Wait for an autopilot's heartbeat.
 
         Parameters
@@ -115,6 +117,8 @@ class TransferDriver:
             How long to wait.
         system_id : int, optional
             Only this vehicle.
+        besides : collection of int
+            System ids of vehicles that are known already.
 
         Raises
         ------
@@ -124,7 +128,7 @@ class TransferDriver:
             If the link breaks.
         """
         end_s = self._clock() + timeout_s
-        search = VehicleSearch(system_id)
+        search = VehicleSearch(system_id, besides)
         while True:
             for message in self.endpoint.receive():
                 if (found := search.take(message)) is not None:

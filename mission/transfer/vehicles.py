@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 from mission.link.codec.dialect import Message, mavlink
@@ -59,6 +60,8 @@ class VehicleSearch:
     ----------
     system_id : int, optional
         The vehicle that is wanted; by default the first one that is heard.
+    besides : collection of int
+        System ids of those that are known already.
 
     Attributes
     ----------
@@ -67,17 +70,17 @@ class VehicleSearch:
         Those that were heard and are not wanted, by system id.
     """
 
-    def __init__(self, system_id: int | None = None) -> None:
+    def __init__(self, system_id: int | None = None, besides: Collection[int] = ()) -> None:
         self.found: Vehicle | None = None
         self.others: dict[int, Vehicle] = {}
-        self._wanted = system_id
+        self._wanted, self._besides = system_id, besides
 
     def take(self, message: Message) -> Vehicle | None:
         """Take a message; return the wanted vehicle if this is the first heartbeat of it."""
         heard = None if self.found is not None else vehicle_of(message)
         if heard is None:
             return None
-        if self._wanted in (None, heard.system_id):
+        if self._wanted == heard.system_id or (self._wanted is None and heard.system_id not in self._besides):
             self.found = heard
             return heard
         self.others[heard.system_id] = heard
@@ -97,6 +100,9 @@ give the system id of one that is there
         udpin:127.0.0.1:14550: no vehicle was heard in 10 s; start the vehicle, or check the address
         """
         who = "no vehicle" if self._wanted is None else f"no vehicle with system id {self._wanted}"
+        if self._wanted is None and self._besides:
+            who = f"no further vehicle than system {', '.join(map(str, sorted(self._besides)))}"
+            return NoVehicleError(f"{link}: {who} was heard in {wait_s:g} s; start it, or fly fewer")
         text, advice = f"{link}: {who} was heard in {wait_s:g} s", "start the vehicle, or check the address"
         if self.others:
             text += ", only " + ", ".join(str(one) for _, one in sorted(self.others.items()))

@@ -31,12 +31,12 @@ class ServerUrl:
     ----------
     url : str
         See `open_port`.
-    system : int or None
-        Only this vehicle is found there, as at one port of one autopilot; None: all, as behind a router.
+    systems : frozenset of int
+        Only these vehicles are found there, as at one port of one autopilot; none: all, as behind a router.
     """
 
     url: str
-    system: int | None = None
+    systems: frozenset[int] = frozenset()
 
 
 class Client:
@@ -53,15 +53,15 @@ class Client:
 
     Attributes
     ----------
-    system : int or None
-        The only vehicle that it meets, see `ServerUrl`.
+    systems : frozenset of int
+        The only vehicles that it meets, see `ServerUrl`.
     radio : FaultyLink or None
         What spoils its frames.
     """
 
     def __init__(self, name: str, write: Callable[[bytes], None]) -> None:
         self.name = name
-        self.system: int | None = None
+        self.systems: frozenset[int] = frozenset()
         self.radio: FaultyLink | None = None
         self.alive = True
         self.last_received_s = time.monotonic()

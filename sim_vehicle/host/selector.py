@@ -99,7 +99,7 @@ class PortSelector:
                 found.append(client)
                 if client not in self.clients:
                     count = self._seen[number] = self._seen.get(number, -1) + 1
-                    client.system = url.system
+                    client.systems = url.systems
                     client.radio = self._session.link(port.name, number, count)
         if found != self.clients:
             self.clients = found

@@ -15,7 +15,7 @@ from mission.link.address import Link
 from mission.link.codec.dialect import Message
 from mission.link.codec.frames import FrameReader, FrameWriter, valid_frame_end
 from mission.link.codec.signing import SETUP_SIGNING, Signing
-from sim_vehicle.component import NEVER, Component, KeepsLog, SaysGoodbye
+from sim_vehicle.component import NEVER, Component, KeepsLog, SaysGoodbye, Serves
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.faults.fault import Fault
 from sim_vehicle.faults.session import FaultSession
@@ -36,11 +36,13 @@ _MOST_ANSWERS = 100_000
 class _Local:
     """A component of ours as a port of the router."""
 
-    __slots__ = ("component", "log", "system", "wanted", "writer")
+    __slots__ = ("component", "log", "systems", "wanted", "writer")
 
-    def __init__(self, component: Component, signing: Signing | None, log: KeepsLog | None) -> None:
+    def __init__(self, component: Component, signing: Signing | None, bare: Component) -> None:
+        log = bare if isinstance(bare, KeepsLog) else None
+        serves = bare.vehicle_system_id if isinstance(bare, Serves) else bare.system_id
         self.component = component
-        self.system = component.system_id
+        self.systems = frozenset((serves,))
         self.wanted = component.wanted
         self.writer = FrameWriter(component.system_id, component.component_id, signing=signing)
         self.log = log
@@ -61,7 +63,7 @@ class Server:
     components : sequence of Component
         Their addresses must differ.
     urls : sequence of str or ServerUrl
-        See `sim_vehicle.host.ports.open_port`; a `ServerUrl` can belong to one vehicle of several.
+        See `sim_vehicle.host.ports.open_port`; a `ServerUrl` can belong to some vehicles only.
     speed : float
         Seconds of the components' time in a second of the wall clock; infinity is as fast as it goes.
         When the machine cannot keep up, time is stretched, never skipped.
@@ -125,7 +127,7 @@ class Server:
         self._signing = signing
         session = FaultSession(faults, seed)
         self._locals = [
-            _Local(wrapped, signing, component if isinstance(component, KeepsLog) else None)
+            _Local(wrapped, signing, component)
             for component, wrapped in zip(components, session.wrap(components), strict=True)
         ]
         self._table: RoutingTable[_Port] = RoutingTable()
@@ -372,4 +374,4 @@ def _meet(one: _Port, other: _Port) -> bool:
     """Whether two ports share a wire: a client at a vehicle's own port meets that vehicle only."""
     if isinstance(one, _Local) and isinstance(other, _Local):
         return True
-    return one.system is None or other.system is None or one.system == other.system
+    return not one.systems or not other.systems or not one.systems.isdisjoint(other.systems)

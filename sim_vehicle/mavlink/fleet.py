@@ -62,21 +62,23 @@ def start_positions(home: GeoPoint, count: int, spacing_m: float = SPACING_M) ->
     return positions[:count]
 
 
-def fleet_urls(autopilot: Autopilot, count: int) -> tuple[ServerUrl, ...]:
+def fleet_urls(autopilot: Autopilot, systems: range) -> tuple[ServerUrl, ...]:
     """Return where each vehicle's own simulator would be found; only that vehicle is there.
 
     Examples
     --------
-    >>> [(url.url, url.system) for url in fleet_urls(get_autopilot("ardupilot"), 2)]
+    >>> [(url.url, *url.systems) for url in fleet_urls(get_autopilot("ardupilot"), range(1, 3))]
     [('tcpin:127.0.0.1:5760', 1), ('tcpin:127.0.0.1:5770', 2)]
     """
     return tuple(
-        ServerUrl(url, index + 1) for index in range(count) for url in autopilot.simulator_urls(index)
+        ServerUrl(url, frozenset((system,)))
+        for system in systems
+        for url in autopilot.simulator_urls(system - 1)
     )
 
 
 class Fleet:
-    """Vehicles with the system ids 1 to N.
+    """Vehicles whose system ids follow one another.
 
     Parameters
     ----------
@@ -95,6 +97,8 @@ class Fleet:
     epoch_unix_s : float
     cold : bool
         See `SimVehicle`.
+    first_system : int
+        The system id of the first one.
 
     Attributes
     ----------
@@ -103,14 +107,14 @@ class Fleet:
     Raises
     ------
     VehicleError
-        If the number is not 1 to 250 or does not fit the positions.
+        If the number does not fit the positions, or system ids go beyond 250.
 
     Examples
     --------
     >>> from sim_vehicle.airframe.catalog import get_vehicle
     >>> fleet = Fleet(get_vehicle("quad"), GeoPoint(28.05, -82.15, 10.0), 3)
     >>> [vehicle.system_id for vehicle in fleet.vehicles], fleet.urls[-1]
-    ([1, 2, 3], ServerUrl(url='udpout:127.0.0.1:14542,14582', system=3))
+    ([1, 2, 3], ServerUrl(url='udpout:127.0.0.1:14542,14582', systems=frozenset({3})))
     """
 
     def __init__(
@@ -125,11 +129,16 @@ class Fleet:
         spacing_m: float = SPACING_M,
         epoch_unix_s: float = EPOCH_UNIX_S,
         cold: bool = False,
+        first_system: int = 1,
     ) -> None:
         given = 1 if isinstance(home, GeoPoint) else len(home)
         number = given if count is None else count
         if not 1 <= number <= MOST_VEHICLES:
             msg = f"fleet: {number} vehicles are out of range; give 1 to {MOST_VEHICLES}"
+            raise VehicleError(msg)
+        if not 1 <= first_system <= MOST_VEHICLES + 1 - number:
+            last_system = first_system + number - 1
+            msg = f"fleet: system ids {first_system} to {last_system} are not 1 to {MOST_VEHICLES}"
             raise VehicleError(msg)
         if isinstance(home, GeoPoint) or given == 1:
             first, heading = (home, 0.0) if isinstance(home, GeoPoint) else home[0]
@@ -152,13 +161,14 @@ class Fleet:
                 epoch_unix_s=epoch_unix_s,
                 cold=cold,
             )
-            for system, (position, heading) in enumerate(positions, 1)
+            for system, (position, heading) in enumerate(positions, first_system)
         )
 
     @property
     def urls(self) -> tuple[ServerUrl, ...]:
         """The ports of the autopilot's own simulators."""
-        return fleet_urls(self.autopilot, len(self.vehicles))
+        first = self.vehicles[0].system_id
+        return fleet_urls(self.autopilot, range(first, first + len(self.vehicles)))
 
 
 def _wind_of(wind: Wind | None, system: int) -> Wind | None:

@@ -70,6 +70,7 @@ def running(words, cwd, **options):
 @contextlib.contextmanager
 def simulator(cwd, *options, autopilot="px4", speed=5, listen=("tcpin:127.0.0.1:0",), camera=False):
     """Run ``wbf-mission sim``; yields what others call to reach it, one address for each link."""
+    cwd.mkdir(exist_ok=True)
     ready = cwd / "sim.ready"
     ready.unlink(missing_ok=True)
     links = [word for url in listen for word in ("--listen", url)]
@@ -81,7 +82,15 @@ def simulator(cwd, *options, autopilot="px4", speed=5, listen=("tcpin:127.0.0.1:
         with running([*words, *extra], cwd, stdout=subprocess.DEVNULL, stderr=log) as process:
             wait_until(lambda: ready.exists() or process.poll() is not None, "the simulator does not start")
             assert process.poll() is None, (cwd / "sim.err").read_text()
-            yield [_other_end(url) for url in ready.read_text().split()]
+            yield Links(process, [_other_end(url) for url in ready.read_text().split()])
+
+
+class Links(list):
+    """What others call to reach a simulator, one address for each link, and its process."""
+
+    def __init__(self, process, urls):
+        super().__init__(urls)
+        self.process = process
 
 
 def _other_end(url):

@@ -4,6 +4,7 @@ import contextlib
 import json
 import os
 import pty
+import re
 import select
 import subprocess
 import sys
@@ -153,11 +154,11 @@ def test_what_one_vehicle_cannot_do_is_refused_before_the_link_is_opened(more, t
         fly(scenario(**more), connect=LiveLink("tcp:127.0.0.1:1", Watcher()))
 
 
-def talk(url, answers, cwd, term="dumb"):
+def talk(url, answers, cwd, term="dumb", more=()):
     """Run the command at a terminal; give each answer once its question was asked."""
     terminal, end = pty.openpty()
     arguments = ["fly", "--farm", "miniberry-10", "--planner", "lawnmower", "--budget", "60s"]
-    arguments += ["--estimator", "point", "--connect", url, "--no-plots", "--out", "run", "--json"]
+    arguments += ["--estimator", "point", "--connect", url, "--no-plots", "--out", "run", "--json", *more]
     process = subprocess.Popen(
         [sys.executable, "-m", "wbf_mission", *arguments],
         cwd=cwd,
@@ -240,6 +241,29 @@ def test_ctrl_c_asks_and_the_vehicle_returns(tmp_path):
         assert not made.vehicle.pilot.armed
     assert summary["outcome"] == "interrupted"
     assert "the vehicle returns (mode RTL)" in shown
+
+
+def test_at_the_terminal_all_are_asked_for_and_one_comes_back(tmp_path):
+    answers = [
+        (b"start the motors of vehicles 1, 2? [y/N]", b"y\n"),
+        (b"vehicle 2: MISSION, item", interrupt),
+        (b"such as r2?", b"r9\n"),
+        (b"such as r2?", b"r2\n"),
+    ]
+    with stand_in(speed=3.0) as (one, _), stand_in(speed=3.0, first_system=2) as (two, made):
+        code, summary, shown = talk(one, answers, tmp_path, more=("--connect", two, "--budget", "150s"))
+        assert not made.vehicle.pilot.armed
+    flights = {one["vehicle"]: one for one in summary["flights"]}
+    assert flights[1]["outcome"] == "completed"
+    assert (flights[2]["outcome"], flights[2]["reason"]) == (
+        "interrupted",
+        "the operator ordered it to return",
+    )
+    assert (code, summary["outcome"]) == (130, "interrupted")
+    assert "vehicle 2 returns (mode RTL)" in shown
+    assert "vehicle 1: ready: " in shown
+    # Both were set down at home.
+    assert re.search(r"vehicle 2: it stands 0\.\d m from vehicle 1; its plan starts at \d+\.\d+, -\d+", shown)
 
 
 START = (b"start the motors? [y/N]", b"y\n")

@@ -51,7 +51,7 @@ class FastVehicle:
     def numbered(self, vehicles):
         return tuple(vehicles)
 
-    def check(self, plan, chosen):
+    def check(self, planned):
         return
 
     def hosting(self, tlog):

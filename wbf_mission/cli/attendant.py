@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import math
+import re
 import select
 import sys
+from collections.abc import Sequence
+from collections.abc import Set as AbstractSet
 from typing import TYPE_CHECKING
 
+from sim_vehicle.mavlink.fleet import SPACING_M
 from wbf_mission.cli import signals
 from wbf_mission.cli.output import Output, distance
 from wbf_mission.ground.clearance import Stage
@@ -23,9 +28,146 @@ __all__ = ["Operator"]
 _STATUS_S = 5.0
 _SILENCE_S = 5.0
 _OBEYS_S = 5.0
+_APART_M = 0.5 * SPACING_M
+"""Vehicles of a fleet that stand nearer to each other are told of."""
 _STARTING = (Phase.ARM, Phase.START)
+_ABLE = (Stage.ASKING, Stage.WAITING)
 _QUESTION = "[h]old, [r]eturn, [l]eave it flying, [c]ontinue? Ctrl-C again leaves it flying"
+_QUESTION_OF_ALL = (
+    "all: [h]old, [r]eturn, [l]eave them flying, [c]ontinue; with its number for one, such as r{number}?"
+    " Ctrl-C again leaves them flying"
+)
+_ANSWER = re.compile(r"([hrlc])[a-z]*\s*(\d*)")
 _CHOICES = {"h": Maneuver.HOLD, "r": Maneuver.RETURN}
+
+
+class _Vehicle:
+    """One vehicle: what was told of it, and what was ordered.
+
+    Parameters
+    ----------
+    sortie : Sortie
+    output : Output
+    alone : bool
+        No other flies with it; otherwise each line begins with its number.
+    """
+
+    def __init__(self, sortie: Sortie, output: Output, *, alone: bool) -> None:
+        self.sortie = sortie
+        self.who = "the vehicle" if alone else f"vehicle {sortie.system_id}"
+        self.at = "" if alone else f"{self.who}: "
+        self._output = output
+        self._texts = self._events = self._set = 0
+        self._phase: Phase | None = None
+        self._status_s = 0.0
+        self._can_start = alone
+        self._silent = self._looked_aside = False
+        self._ordered_s: float | None = None
+
+    @property
+    def waits_for_word(self) -> bool:
+        """Whether it would start at the operator's word."""
+        ground = self.sortie.ground
+        return (
+            ground.phase is Phase.READY
+            and ground.clearance is not None
+            and ground.clearance.stage is Stage.ASKING
+        )
+
+    def tell(self, now_s: float) -> None:
+        """Tell what is new."""
+        ground = self.sortie.ground
+        if ground.phase is not self._phase:
+            self._phase = ground.phase
+            self._output.note(self.at + ground.phase.value)
+            if ground.phase is Phase.DONE and self.at:
+                self._output.note(
+                    f"{self.at}{ground.outcome.value}" + f" ({ground.reason})" * bool(ground.reason)
+                )
+        self._tell_silence(now_s)
+        for _, _, text in ground.texts[self._texts :]:
+            self._output.note(f"{self.who.removeprefix('the ')}: {text}")
+        self._texts = len(ground.texts)
+        for _, event in ground.pilot.events[self._events :]:
+            waits = "; nothing is ordered until it is back in its mission"
+            self._output.warn(f"{self.who}: {event}{waits * ground.pilot.somebody_else_flies}")
+        self._events = len(ground.pilot.events)
+        for text in ground.parameters_set[self._set :]:
+            self._output.warn(f"{self.at}parameter {text}")
+        self._set = len(ground.parameters_set)
+        able = (
+            ground.phase is Phase.READY and ground.clearance is not None and ground.clearance.stage in _ABLE
+        )
+        if able and not self._can_start:
+            self._can_start = True
+            self._output.note(f"{self.at}it can arm; all start together")
+        if ground.phase is Phase.FLIGHT and now_s >= self._status_s + _STATUS_S:
+            self._status_s = now_s
+            self._output.note(self.at + status_line(self.sortie, now_s))
+        self._tell_obedience(now_s)
+
+    def look_aside(self, others: Sequence[_Vehicle]) -> None:
+        """Warn once if another one stands where this one's column of climbing and landing is."""
+        state, frame = self.sortie.ground.vehicle_state, self.sortie.plan.farm.frame
+        if self._looked_aside or self.sortie.ground.phase is not Phase.READY or math.isinf(state.heard_s):
+            return
+        self._looked_aside = True
+        here = state.position_m(frame)
+        for other in others:
+            theirs = other.sortie.ground.vehicle_state
+            if math.isinf(theirs.heard_s):
+                continue
+            apart_m = math.dist(here, theirs.position_m(frame))
+            if apart_m < _APART_M:
+                latitude, longitude = frame.to_wgs84(*self.sortie.task.request.start_xy_m)
+                place = f"{latitude:.6f}, {longitude:.6f}"
+                self._output.warn(
+                    f"{self.at}it stands {distance(apart_m)} from {other.who}; its plan starts at {place}"
+                )
+
+    def order(self, flight: JointFlight, kind: Maneuver) -> None:
+        """Take it out of its mission; one that has not started does not start any more."""
+        ground = self.sortie.ground
+        if ground.phase in (Phase.MODE, Phase.READY) and ground.clearance is not None:
+            ground.clearance.refuse()
+            return
+        try:
+            flight.maneuver(kind, self.sortie)
+            self._ordered_s = flight.now_s
+            self._output.note(f"{self.at}ordered: {kind.value}")
+        except NotFlyingError as error:
+            self._output.warn(f"{self.at}{error}")
+
+    def _tell_obedience(self, now_s: float) -> None:
+        """Tell whether the vehicle does what was ordered, by what it shows."""
+        ground, ordered_s = self.sortie.ground, self._ordered_s
+        if ordered_s is None:
+            return
+        pilot = ground.pilot
+        if pilot.obeyed:
+            self._output.note(f"{self.who} {pilot.obeyed}")
+        elif ground.phase is not Phase.FLIGHT:
+            self._output.warn(f"{self.at}the flight was over before the vehicle had obeyed")
+        elif pilot.ordered is None:
+            self._output.warn(f"{self.who} flies on: {doing(ground, now_s)}")
+        elif now_s - ordered_s > _OBEYS_S + 4.0 * (ground.link.round_trip.known_s or 0.0):
+            told = (
+                f"{pilot.ordered.value} was ordered, but the vehicle does not show it: {doing(ground, now_s)}"
+            )
+            self._output.warn(self.at + told)
+        else:
+            return
+        self._ordered_s = None
+
+    def _tell_silence(self, now_s: float) -> None:
+        heard_s = self.sortie.ground.link.heard_s
+        silent = heard_s > float("-inf") and now_s - heard_s > _SILENCE_S and not self.sortie.done
+        if silent != self._silent:
+            self._silent = silent
+            if silent:
+                self._output.warn(f"nothing is heard of {self.who}; by its plan it flies on")
+            elif not self.sortie.done:
+                self._output.warn(f"{self.who} is heard again")
 
 
 class Operator:
@@ -38,134 +180,101 @@ class Operator:
 
     def __init__(self, output: Output) -> None:
         self._output = output
-        self._texts = self._events = self._set = 0
-        self._phase: Phase | None = None
-        self._status_s = 0.0
+        self._vehicles: list[_Vehicle] = []
         self._asked = False
         self._stopping = False
-        self._silent = False
-        self._ordered_s: float | None = None
 
     def tend(self, flight: JointFlight) -> None:
         """Tell what is new, and take an answer if there is one."""
-        (sortie,) = flight.sorties
-        ground = sortie.ground
-        signals.defer(ground.phase is not Phase.DONE)
+        if not self._vehicles:
+            alone = len(flight.sorties) == 1
+            self._vehicles = [_Vehicle(one, self._output, alone=alone) for one in flight.sorties]
+        phases = {one.ground.phase for one in flight.sorties}
+        signals.defer(phases != {Phase.DONE})
         if signals.came() and not self._stopping:
-            self._on_signal(sortie, flight.now_s)
-        if ground.phase is not self._phase:
-            self._phase = ground.phase
-            self._output.note(ground.phase.value)
-        self._tell_silence(sortie, flight.now_s)
-        for _, _, text in ground.texts[self._texts :]:
-            self._output.note(f"vehicle: {text}")
-        self._texts = len(ground.texts)
-        for _, event in ground.pilot.events[self._events :]:
-            waits = "; nothing is ordered until it is back in its mission"
-            self._output.warn(f"the vehicle: {event}{waits * ground.pilot.somebody_else_flies}")
-        self._events = len(ground.pilot.events)
-        for text in ground.parameters_set[self._set :]:
-            self._output.warn(f"parameter {text}")
-        self._set = len(ground.parameters_set)
-        if ground.phase is Phase.READY:
-            self._prepare(sortie)
-        if ground.phase is Phase.FLIGHT and flight.now_s >= self._status_s + _STATUS_S:
-            self._status_s = flight.now_s
-            self._output.note(status_line(sortie, flight.now_s))
-        self._tell_obedience(sortie, flight.now_s)
+            self._on_signal(phases, flight.now_s)
+        for k, one in enumerate(self._vehicles):
+            one.tell(flight.now_s)
+            one.look_aside(self._vehicles[:k])
+        left = [one for one in self._vehicles if not one.sortie.done]
+        if self._asked or (left and all(one.waits_for_word for one in left)):
+            self._prepare(left)
         if self._stopping:
             self._take_choice(flight)
-        self._output.show_bars(not self._stopping and ground.phase not in (Phase.MODE, Phase.READY))
+        self._output.show_bars(not self._stopping and phases.isdisjoint((Phase.MODE, Phase.READY)))
 
-    def _on_signal(self, sortie: Sortie, now_s: float) -> None:
-        """Ask what is to become of the vehicle; before the flight, and without a terminal, just leave."""
-        phase = sortie.ground.phase
-        if phase in _STARTING and sys.stdin.isatty():
+    @property
+    def _question(self) -> str:
+        if len(self._vehicles) == 1:
+            return _QUESTION
+        return _QUESTION_OF_ALL.format(number=self._vehicles[-1].sortie.system_id)
+
+    def _on_signal(self, phases: AbstractSet[Phase], now_s: float) -> None:
+        """Ask what is to become of the vehicles; before the flight, and without a terminal, just leave."""
+        if not phases.isdisjoint(_STARTING) and sys.stdin.isatty():
             return  # in a moment it flies, or it does not
-        if phase is not Phase.FLIGHT or not sys.stdin.isatty():
+        if Phase.FLIGHT not in phases or not sys.stdin.isatty():
             signals.defer(False)
             raise KeyboardInterrupt
         self._stopping = True
         self._output.show_bars(False)
-        home = " (all waypoints are flown: it is on its way home)" * sortie.ground.flies_home
-        self._output.note(f"{doing(sortie.ground, now_s)}{home}")
-        self._output.note(_QUESTION)
+        for one in self._vehicles:
+            ground = one.sortie.ground
+            home = " (all waypoints are flown: it is on its way home)" * ground.flies_home
+            if ground.phase is Phase.FLIGHT:
+                self._output.note(f"{one.at}{doing(ground, now_s)}{home}")
+        self._output.note(self._question)
 
-    def _tell_obedience(self, sortie: Sortie, now_s: float) -> None:
-        """Tell whether the vehicle does what was ordered, by what it shows."""
-        ground, ordered_s = sortie.ground, self._ordered_s
-        if ordered_s is None:
-            return
-        pilot = ground.pilot
-        if pilot.obeyed:
-            self._output.note(f"the vehicle {pilot.obeyed}")
-        elif ground.phase is not Phase.FLIGHT:
-            self._output.warn("the flight was over before the vehicle had obeyed")
-        elif pilot.ordered is None:
-            self._output.warn(f"the vehicle flies on: {doing(ground, now_s)}")
-        elif now_s - ordered_s > _OBEYS_S + 4.0 * (ground.link.round_trip.known_s or 0.0):
-            told = doing(ground, now_s)
-            self._output.warn(f"{pilot.ordered.value} was ordered, but the vehicle does not show it: {told}")
-        else:
-            return
-        self._ordered_s = None
-
-    def _prepare(self, sortie: Sortie) -> None:
-        """Ask for the start once the vehicle can arm."""
-        clearance = sortie.ground.clearance
-        assert clearance is not None
-        if clearance.stage is not Stage.ASKING:
+    def _prepare(self, left: Sequence[_Vehicle]) -> None:
+        """Ask for the start once the vehicles can arm."""
+        if not any(one.waits_for_word for one in left):
             return
         if not self._asked:
             self._asked = True
-            prediction = sortie.plan.prediction
-            height_m = sortie.task.builder.level.altitude_m
-            told = (
-                f"{distance(prediction.path_length_m)}, {prediction.duration_s:.0f} s at {height_m:g} m"
-                if prediction.feasible
-                else f"the predicted flight FAILS after {prediction.duration_s:.0f} s: {prediction.reason}"
-            )
             self._output.show_bars(False)
-            self._output.note(f"ready: {told}; start the motors? [y/N]")
+            told = [(one.at, _planned(one.sortie)) for one in left]
+            if len(self._vehicles) == 1:
+                self._output.note(f"ready: {told[0][1]}; start the motors? [y/N]")
+            else:
+                for at, plan in told:
+                    self._output.note(f"{at}ready: {plan}")
+                which = ", ".join(str(one.sortie.system_id) for one in left)
+                self._output.note(f"start the motors of vehicles {which}? [y/N]")
         answer = _line()
         if answer is not None:
-            if answer.strip().lower() in ("y", "yes"):
-                clearance.agree()
-            else:
-                clearance.refuse()
+            for one in left:
+                clearance = one.sortie.ground.clearance
+                assert clearance is not None
+                clearance.agree() if answer.strip().lower() in ("y", "yes") else clearance.refuse()
 
     def _take_choice(self, flight: JointFlight) -> None:
         answer = _line()
         if answer is None:
             return
-        choice = answer.strip().lower()[:1]
-        if choice == "l":
+        match = _ANSWER.fullmatch(answer.strip().lower())
+        choice, number = match.groups() if match is not None else ("", "")
+        named = [one for one in self._vehicles if number in ("", str(one.sortie.system_id))]
+        if choice == "l" and not number:
             signals.defer(False)
             raise KeyboardInterrupt
-        if choice in _CHOICES:
-            try:
-                flight.maneuver(_CHOICES[choice])
-                self._ordered_s = flight.now_s
-                self._output.note(f"ordered: {_CHOICES[choice].value}")
-            except NotFlyingError as error:
-                self._output.warn(str(error))
-        if choice not in ("c", *_CHOICES):
-            self._output.note(_QUESTION)
-        else:
-            self._stopping = False
-            signals.forget()
+        if choice in _CHOICES and named:
+            for one in named:
+                if number or not one.sortie.done:
+                    one.order(flight, _CHOICES[choice])
+        elif choice != "c" or number:
+            self._output.note(self._question)
+            return
+        self._stopping = False
+        signals.forget()
 
-    def _tell_silence(self, sortie: Sortie, now_s: float) -> None:
-        heard_s = sortie.ground.link.heard_s
-        silent = heard_s > float("-inf") and now_s - heard_s > _SILENCE_S
-        if silent != self._silent:
-            self._silent = silent
-            text = (
-                "nothing is heard of the vehicle; by its plan it flies on"
-                if silent
-                else "the vehicle is heard again"
-            )
-            self._output.warn(text)
+
+def _planned(sortie: Sortie) -> str:
+    """Return what is going to be flown, in words."""
+    prediction = sortie.plan.prediction
+    if not prediction.feasible:
+        return f"the predicted flight FAILS after {prediction.duration_s:.0f} s: {prediction.reason}"
+    height_m = sortie.task.builder.level.altitude_m
+    return f"{distance(prediction.path_length_m)}, {prediction.duration_s:.0f} s at {height_m:g} m"
 
 
 def status_line(sortie: Sortie, now_s: float) -> str:

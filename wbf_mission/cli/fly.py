@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import sys
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -46,6 +48,8 @@ wbf-mission fly --scenario missions/noisy-camera.toml
 wbf-mission fly --farm miniberry-100 --policy greedy --budget 10min --vehicles 2 --days 2
 
 wbf-mission fly --farm miniberry-30 --planner spiral --connect udpin:127.0.0.1:14550
+
+wbf-mission fly --policy greedy --connect udpin:127.0.0.1:14550 --connect serial:/dev/ttyUSB0:57600
 """
 
 
@@ -63,14 +67,27 @@ def fly_command(
         ),
     ] = None,
     connect: Annotated[
-        str | None,
-        options.link("Fly the vehicle behind this link in place of a simulated one", required=False),
+        list[str] | None,
+        options.link(
+            "Fly the vehicle behind this link in place of a simulated one; repeated, one for each vehicle,"
+            " or once for all",
+            required=False,
+        ),
     ] = None,
     yes: Annotated[
         bool,
         typer.Option("--yes", help="Start without asking.", rich_help_panel=options.LINK_PANEL),
     ] = False,
-    system_id: options.SystemId = None,
+    system_id: Annotated[
+        list[int] | None,
+        typer.Option(
+            help="The vehicle's system id, 1 to 255; of several repeated, one for each in the order of"
+            " --connect.  [default: the first ones heard]",
+            parser=options.whole_number_in(1, 255),
+            rich_help_panel=options.LINK_PANEL,
+            show_default=False,
+        ),
+    ] = None,
     wait: options.Wait = 10.0,
     via: options.Via = "own",
     fault: Annotated[
@@ -148,14 +165,20 @@ def fly_command(
     base, in_file = (
         (Scenario(**given.defaults), ()) if given.file is None else load_broken_scenario(given.file)
     )
+    count = max(len(connect or ()), len(system_id or ()))
+    if connect and count > 1:
+        # So many fly together, whether their number was given or not.
+        given = replace(given, changes={"vehicles": count, **given.changes})
     chosen = given.change(base)
     live = None
-    if connect is not None:
-        live = _live_link(output, connect, agreed=yes, wait_s=wait, system_id=system_id, force=force, via=via)
+    if connect:
+        live = _live_link(
+            output, connect, agreed=yes, wait_s=wait, system_ids=system_id or (), force=force, via=via
+        )
         if speed is not None or fault or in_file:
             msg = "--speed and --fault are of simulated flights: leave them out with --connect"
             raise ScenarioError(msg)
-    elif yes or system_id is not None or via != "own":
+    elif yes or system_id or via != "own":
         msg = "--yes, --system-id and --via go with --connect: give the vehicle's link, or leave them out"
         raise ScenarioError(msg)
     with contextlib.ExitStack() as stack:
@@ -245,15 +268,15 @@ def fly_command(
 
 def _live_link(
     output: Output,
-    url: str,
+    urls: Sequence[str],
     *,
     agreed: bool,
     wait_s: float,
-    system_id: int | None,
+    system_ids: Sequence[int],
     force: bool,
     via: options.Way,
 ) -> LiveLink:
-    """Return the link to a vehicle, with the operator at this terminal."""
+    """Return the links to vehicles, with the operator at this terminal."""
     from wbf_mission.cli.attendant import Operator
     from wbf_mission.cli.preflight import tell
     from wbf_mission.live.link import LiveLink
@@ -263,11 +286,11 @@ def _live_link(
         msg = "--connect asks before the motors start, but nobody is at the terminal: give --yes"
         raise ScenarioError(msg)
     return LiveLink(
-        url,
+        urls,
         Operator(output),
         agreed=agreed,
         wait_s=wait_s,
-        system_id=system_id,
+        system_ids=system_ids,
         note=output.note,
         force=force,
         tell=partial(tell, output),

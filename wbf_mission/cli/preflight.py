@@ -194,8 +194,8 @@ def check_before_upload(
     return report
 
 
-def tell(output: Output, report: Report, refused: PreflightError | None = None) -> None:
-    """Say errors and warnings on stderr, and notes unless they are not wanted.
+def tell(output: Output, report: Report, refused: PreflightError | None = None, who: str = "") -> None:
+    """Say errors and warnings on stderr, and notes unless they are not wanted; `who` begins each line.
 
     The error that ends the command, because of `refused`, is told at its end and not here, too.
     """
@@ -205,10 +205,10 @@ def tell(output: Output, report: Report, refused: PreflightError | None = None) 
         if refused is not None and finding is refused.finding:
             continue
         if finding.severity is Severity.NOTE:
-            output.note(f"preflight: {finding}")
+            output.note(f"{who}preflight: {finding}")
         else:
             label = "preflight error" if finding.severity is Severity.ERROR else "preflight"
-            output.warn(f"{label}: {finding}")
+            output.warn(f"{who}{label}: {finding}")
 
 
 def asked(output: Output, url: str, wait_s: float, system_id: int | None) -> VehicleSnapshot:

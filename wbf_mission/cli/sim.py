@@ -117,13 +117,14 @@ def sim_command(
     refuse_overwrite(tlog, inputs, suffixes=(".tlog",), overwrite=overwrite)
     refuse_overwrite(ready_file, [*inputs, tlog], suffixes=("", ".ready", ".txt"), overwrite=overwrite)
     homes = [parse_home(text) for text in chosen.home]
-    check_vehicles(faults, range(1, (chosen.count or len(homes) or 1) + 1))
+    check_vehicles(faults, range(chosen.system_id, chosen.system_id + (chosen.count or len(homes) or 1)))
     with output.progress() as progress:
         simulated = make_components(
             scenario,
             count=chosen.count,
             homes=homes,
             spacing_m=chosen.spacing_m,
+            first_system=chosen.system_id,
             with_camera=chosen.camera,
             cold=chosen.boot == "cold",
             progress=progress,

@@ -190,10 +190,12 @@ class DecisionLoop:
         return self.asks_on_the_way and any(one.is_ending(now_s) for one in vehicles)
 
     def lost(self, vehicles: Sequence[Steered], now_s: float) -> bool:
-        """Return whether a vehicle was lost since the last question; of a single one nobody needs to know."""
+        """Return whether a vehicle was lost since the last question, and one flies that can take over."""
         if len(vehicles) == 1:
             return False
-        return any(one.status(now_s) is Status.LOST and one.system_id not in self._lost for one in vehicles)
+        statuses = {one.system_id: one.status(now_s) for one in vehicles}
+        new = any(status is Status.LOST and number not in self._lost for number, status in statuses.items())
+        return new and Status.FLYING in statuses.values()
 
     def decide(self, event: Event, vehicles: Sequence[Steered], time_s: float, now_s: float) -> None:
         """Ask, and send what is answered.

@@ -26,6 +26,7 @@ class Stage(Enum):
 
     CHECKING = "the vehicle does not say that it can arm"
     ASKING = "the operator is asked"
+    WAITING = "it waits for the vehicles that start with it"
     GRANTED = "the motors may start"
     REFUSED = "the operator does not want it to start"
 
@@ -60,6 +61,7 @@ class Clearance:
         self._due_s = -math.inf
         self._vehicle = vehicle
         self._agreed = agreed
+        self._held = False
 
     def poll(self, now_s: float) -> list[Message]:
         """Ask for SYS_STATUS, and for the vehicle's checks to be run now, as long as it does not say yes."""
@@ -79,16 +81,16 @@ class Clearance:
         """When `poll` has something to do."""
         if self.stage is Stage.CHECKING:
             return self._due_s
-        return math.inf if self.stage is Stage.ASKING else -math.inf
+        return math.inf if self.stage in (Stage.ASKING, Stage.WAITING) else -math.inf
 
     def on_sys_status(self, message: m.MAVLink_sys_status_message, *, has_position: bool) -> None:
         """Take what the vehicle says of itself; whether it knows where it is."""
-        if self.stage not in (Stage.CHECKING, Stage.ASKING):
+        if self.stage not in (Stage.CHECKING, Stage.ASKING, Stage.WAITING):
             return
         knows = bool(message.onboard_control_sensors_present & _PREARM)
         healthy = bool(message.onboard_control_sensors_health & _PREARM)
         if has_position and (healthy or not knows):
-            self.stage = Stage.GRANTED if self._agreed else Stage.ASKING
+            self.stage = self._willing if self._agreed else Stage.ASKING
         else:
             self.stage = Stage.CHECKING
 
@@ -109,7 +111,21 @@ class Clearance:
         """The operator agrees; what the vehicle says still counts."""
         self._agreed = True
         if self.stage is Stage.ASKING:
+            self.stage = self._willing
+
+    def hold(self) -> None:
+        """Do not let it start before `release`, even if it could."""
+        self._held = True
+
+    def release(self) -> None:
+        """Let it start when it can."""
+        self._held = False
+        if self.stage is Stage.WAITING:
             self.stage = Stage.GRANTED
+
+    @property
+    def _willing(self) -> Stage:
+        return Stage.WAITING if self._held else Stage.GRANTED
 
     def refuse(self) -> None:
         """The operator does not want it to start."""

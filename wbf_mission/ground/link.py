@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -182,8 +182,36 @@ def find_vehicle(
     NoVehicleError
         If none is heard.
     """
+    return find_vehicles(url, (system_id,), wait_s=wait_s, note=note, open_driver=open_driver)[0]
+
+
+def find_vehicles(
+    url: str,
+    system_ids: Sequence[int | None],
+    *,
+    wait_s: float = 10.0,
+    note: Note = _silent,
+    open_driver: DriverMaker = own_driver,
+) -> tuple[Vehicle, ...]:
+    """Wait for the heartbeats of several vehicles behind ``url``.
+
+    Parameters
+    ----------
+    url : str
+    system_ids : sequence of int or None
+        The vehicles; None is any other than those that are named or were heard before it.
+    wait_s, note, open_driver
+        As of `find_vehicle`, which tells the errors, too; each vehicle is waited for so long.
+    """
+    known = {one for one in system_ids if one is not None}
+    found = []
     with open_driver(url, _silent, None) as driver:
-        return _find(driver, wait_s, note, system_id)
+        whom = "a vehicle" if len(system_ids) == 1 else f"{len(system_ids)} vehicles"
+        note(f"waiting for {whom} on {driver.endpoint.link.name}")
+        for system_id in system_ids:
+            found.append(driver.wait_for_vehicle(wait_s, system_id=system_id, besides=known))
+            known.add(found[-1].system_id)
+    return tuple(found)
 
 
 def _on_event(progress: ProgressCallback, what: str) -> OnEvent:

@@ -97,12 +97,12 @@ class GroundStation:
     assembler : ObservationAssembler or None
         Turns the camera's messages into observations.
     vehicle_system_id : int
-    system_id : int
+    system_id, component_id : int
         Its own.
     on_progress : callable, optional
         ``on_progress(done, total)`` as items of the plans cross.
     start_delay_s : float
-        How long it waits between the upload and the start.
+        How long it waits between the upload and the start, unless there is a clearance.
     clearance : Clearance, optional
         What has to hold before the motors start; without, they start at once. With it somebody else may fly
         the vehicle, too: that is noticed, and then nothing is ordered any more.
@@ -113,6 +113,7 @@ class GroundStation:
 
     Attributes
     ----------
+    vehicle_system_id : int
     phase : Phase
     outcome : Outcome
     reason : str
@@ -127,8 +128,6 @@ class GroundStation:
         When the mission began, and when the run was over.
     """
 
-    component_id = GROUND_COMPONENT_ID
-
     def __init__(
         self,
         mission: Mission,
@@ -136,6 +135,7 @@ class GroundStation:
         *,
         vehicle_system_id: int = 1,
         system_id: int = GROUND_SYSTEM_ID,
+        component_id: int = GROUND_COMPONENT_ID,
         on_progress: Callable[[int, int], None] | None = None,
         start_delay_s: float = 0.0,
         clearance: Clearance | None = None,
@@ -143,7 +143,8 @@ class GroundStation:
         force: bool = False,
     ) -> None:
         self.mission = mission
-        self.system_id = system_id
+        self.system_id, self.component_id = system_id, component_id
+        self.vehicle_system_id = vehicle_system_id
         self.phase = Phase.CONTACT
         self.outcome = Outcome.RUNNING
         self.reason = ""
@@ -253,6 +254,13 @@ class GroundStation:
         if self.started_s is None:
             return 0.0
         return max(0.0, self._tracks.aloft_ms / 1e3 - self._started_boot_s)
+
+    @property
+    def clock_offset_s(self) -> float:
+        """What a time that a real vehicle tells lacks to one of our clock; 0 before its mission."""
+        if self.clearance is None or self.started_s is None:
+            return 0.0
+        return self.started_s - self._started_boot_s
 
     @property
     def vehicle_state(self) -> VehicleState:
@@ -729,11 +737,11 @@ class GroundStation:
             silent = self.clearance is not None and self._uploads.fell_silent
             outcome = Outcome.NO_ANSWER if silent else Outcome.UPLOAD_FAILED
             self._end(outcome, reason, now_s)
-        elif self._uploads.done and self._start_delay_s > 0.0:
-            self.phase, self._arm_s = Phase.WAIT, now_s + self._start_delay_s
         elif self._uploads.done and self.clearance is not None:
             self._ready_s = now_s + _READY_S
             out += self._choose_mode(now_s)
+        elif self._uploads.done and self._start_delay_s > 0.0:
+            self.phase, self._arm_s = Phase.WAIT, now_s + self._start_delay_s
         elif self._uploads.done:
             out += self._arm(now_s)
         return out
@@ -759,7 +767,7 @@ class GroundStation:
         elif clearance.stage is Stage.GRANTED:
             self._texts_before, self._reasons_before = len(self.texts), clearance.told
             return self._arm(now_s)
-        elif clearance.stage is Stage.ASKING:
+        elif clearance.stage in (Stage.ASKING, Stage.WAITING):
             self._ready_s = now_s + _READY_S
         return clearance.poll(now_s)
 

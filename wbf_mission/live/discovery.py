@@ -1,14 +1,18 @@
-"""What the vehicle at the other end of a link means for a run."""
+"""What the vehicles at the other ends of links mean for a run."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
 
 from geo.errors import WbfMissionError
 from mission.link.codec.dialect import mavlink as m
 from mission.transfer.vehicles import Vehicle
 from sim_vehicle.airframe.catalog import get_vehicle
 from wbf_mission.scenario import Scenario, scenario_with
+from wbf_mission.scenario.parts import MOST_VEHICLES
 
-__all__ = ["LiveFlightError", "fitted_to", "require_single_flight", "typical_vehicle"]
+__all__ = ["LiveFlightError", "fitted_to", "require_single_flight", "typical_vehicle", "wanted_vehicles"]
 
 _AUTOPILOTS = {int(m.MAV_AUTOPILOT_PX4): "px4", int(m.MAV_AUTOPILOT_ARDUPILOTMEGA): "ardupilot"}
 _KINDS = {int(m.MAV_TYPE_FIXED_WING): "fixed-wing", int(m.MAV_TYPE_GROUND_ROVER): "rover"}
@@ -20,41 +24,107 @@ class LiveFlightError(WbfMissionError, ValueError):
 
 
 def require_single_flight(scenario: Scenario) -> None:
-    """Refuse what needs hands or several links: more vehicles than one, more flights, robots of no size.
+    """Refuse what needs hands: more flights than one, robots of no size.
 
     Raises
     ------
     LiveFlightError
         If the scenario asks for it.
     """
-    if len(scenario.vehicle.fleet) > 1:
-        msg = f"{len(scenario.vehicle.fleet)} vehicles: --connect flies the one behind its link"
-        raise LiveFlightError(msg)
     if scenario.farm.days * scenario.farm.flights_per_day > 1:
         msg = "--connect does one flight: batteries are not changed by a program; leave out days and flights"
         raise LiveFlightError(msg)
-    if get_vehicle(scenario.vehicle.fleet[0]).is_ideal:
-        msg = f"vehicle {scenario.vehicle.fleet[0]} is no real one: name what flies, such as quad"
-        raise LiveFlightError(msg)
+    for name in scenario.vehicle.fleet:
+        if get_vehicle(name).is_ideal:
+            msg = f"vehicle {name} is no real one: name what flies, such as quad"
+            raise LiveFlightError(msg)
 
 
-def fitted_to(scenario: Scenario, vehicle: Vehicle) -> Scenario:
-    """Return a scenario as the vehicle that was heard flies it: by the rules of its autopilot.
+def wanted_vehicles(
+    urls: Sequence[str], system_ids: Sequence[int], named: int
+) -> tuple[tuple[str, int | None], ...]:
+    """Return link and system id of each vehicle; None is one that need not be named.
 
-    Those of the scenario hold for an autopilot of which no rules are known.
+    Parameters
+    ----------
+    urls : sequence of str
+        The link of each, or one for all.
+    system_ids : sequence of int
+        Of each, or none.
+    named : int
+        How many vehicles the scenario names; one may stand for all.
 
     Raises
     ------
     LiveFlightError
-        If the scenario's vehicle is one of another kind.
+        If the numbers do not fit, or one vehicle is named twice.
+
+    Examples
+    --------
+    >>> wanted_vehicles(["tcp:a:1"], [3, 5], 1), wanted_vehicles(["tcp:a:1", "tcp:b:1"], [], 2)
+    ((('tcp:a:1', 3), ('tcp:a:1', 5)), (('tcp:a:1', None), ('tcp:b:1', None)))
     """
-    name = scenario.vehicle.fleet[0]
-    planned, heard = get_vehicle(name).kind, _kind_of(vehicle)
-    if planned != heard:
-        msg = f"vehicle {name} is a {planned}, but a {heard} is heard; name one of its kind with --vehicle"
+    count = max(len(urls), len(system_ids), named)
+    if len(urls) not in (1, count) or len(system_ids) not in (0, count) or named not in (1, count):
+        msg = (
+            f"{named} vehicles, {len(urls)} links and {len(system_ids)} system ids do not fit: give --connect"
+            " once or for each vehicle, --system-id for each or not at all"
+        )
         raise LiveFlightError(msg)
-    autopilot = _AUTOPILOTS.get(vehicle.autopilot)
-    return scenario if autopilot is None else scenario_with(scenario, {"autopilot": autopilot})
+    if count > MOST_VEHICLES:
+        msg = f"{count} vehicles: at most {MOST_VEHICLES} fly together"
+        raise LiveFlightError(msg)
+    links = list(urls) if len(urls) > 1 else [*urls] * count
+    ids: Sequence[int | None] = system_ids or [None] * count
+    found = tuple(zip(links, ids, strict=True))
+    for url, system_id in found:
+        if system_id is not None and found.count((url, system_id)) > 1:
+            msg = f"{url}: system {system_id} is named twice; name each vehicle once"
+            raise LiveFlightError(msg)
+    return found
+
+
+def fitted_to(scenario: Scenario, *vehicles: Vehicle) -> Scenario:
+    """Return a scenario as the vehicles that were heard fly it: by the rules of their autopilots.
+
+    Those of the scenario hold for an autopilot of which no rules are known.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        Its vehicles are those that were heard, in this order; one name is that of all.
+    *vehicles : Vehicle
+
+    Returns
+    -------
+    Scenario
+        With the vehicles in the order of their system ids.
+
+    Raises
+    ------
+    LiveFlightError
+        If one of the scenario's vehicles is of another kind.
+    """
+    options = scenario.vehicle if len(vehicles) == 1 else replace(scenario.vehicle, vehicles=len(vehicles))
+    fitted = []
+    for name, planned_for, heard in zip(options.fleet, options.autopilots, vehicles, strict=True):
+        planned, kind = get_vehicle(name).kind, _kind_of(heard)
+        if planned != kind:
+            which = "" if len(vehicles) == 1 else f" as system {heard.system_id}"
+            does = f"a {kind} is heard{which}; name one of its kind with --vehicle"
+            msg = f"vehicle {name} is a {planned}, but {does}"
+            raise LiveFlightError(msg)
+        fitted.append((heard.system_id, name, _AUTOPILOTS.get(heard.autopilot, planned_for)))
+    _, names, autopilots = zip(*sorted(fitted), strict=True)
+    if len(vehicles) == 1:
+        return scenario_with(scenario, {"autopilot": autopilots[0]})
+    changes = {"vehicle": _for_each(names), "autopilot": _for_each(autopilots), "vehicles": len(vehicles)}
+    return scenario_with(scenario, changes)
+
+
+def _for_each(names: Sequence[str]) -> str:
+    """Return what a scenario says of each vehicle: one name where all are the same."""
+    return names[0] if len(set(names)) == 1 else ",".join(names)
 
 
 def typical_vehicle(vehicle: Vehicle) -> str:

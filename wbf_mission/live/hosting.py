@@ -1,4 +1,4 @@
-"""Flights of a vehicle behind a link, on the wall clock."""
+"""Flights of vehicles behind links, on the wall clock."""
 
 from __future__ import annotations
 
@@ -16,28 +16,29 @@ from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.tlog import FrameSink
 from mission.transfer.making import OWN_TRANSFERS, OwnTransfers
+from mission.transfer.vehicles import Vehicle
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.component import NEVER, Component
-from sim_vehicle.host.server import Server
+from sim_vehicle.host.server import Server, ServerUrl
 from sim_vehicle.host.simulation import StopReason
 from wbf_mission.ground.clearance import Clearance
 from wbf_mission.hosting import tap_of
 from wbf_mission.live.riding_camera import RidingCamera
 from wbf_mission.sortie import Sortie
 
-__all__ = ["LinkHost", "LinkHosting", "riding_camera", "time_of_day"]
+__all__ = ["LinkHost", "LinkHosting", "links_of", "riding_camera", "time_of_day"]
 
 _AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
 
 
 @dataclass(frozen=True, slots=True)
 class LinkHosting:
-    """A vehicle behind a link: ours are the ground station, and the leaf camera that rides along.
+    """Vehicles behind links: ours are the ground stations, and the leaf cameras that ride along.
 
     Parameters
     ----------
-    url : str
-        See `sim_vehicle.host.ports.open_port`.
+    links : tuple of ServerUrl
+        See `links_of`.
     tlog : Path or None
         Where every MAVLink frame is written.
     agreed : bool
@@ -46,19 +47,19 @@ class LinkHosting:
         Send also what the autopilot would refuse or not fly.
     """
 
-    url: str
+    links: tuple[ServerUrl, ...]
     tlog: Path | None = None
     agreed: bool = False
     force: bool = False
 
     @property
     def pace(self) -> None:
-        """The vehicle decides."""
+        """The vehicles decide."""
         return
 
     @property
     def transfers(self) -> OwnTransfers:
-        """Who carries the plans up to the vehicle."""
+        """Who carries the plans up to the vehicles."""
         return OWN_TRANSFERS
 
     def clearance(self, system_id: int) -> Clearance:
@@ -74,15 +75,31 @@ class LinkHosting:
         seed: SeedSequence,  # noqa: ARG002
         gone: Collection[int],  # noqa: ARG002
     ) -> LinkHost:
-        """Open the link.
+        """Open the links.
 
         Raises
         ------
         LinkError
-            If the address is wrong, in use or not reachable.
+            If an address is wrong, in use or not reachable.
         """
         components: list[Component] = [part for one in sorties for part in (riding_camera(one), one.ground)]
-        return LinkHost(Server(components, [self.url], tap=tap_of(writer, time_of_day)))
+        return LinkHost(Server(components, self.links, tap=tap_of(writer, time_of_day)))
+
+
+def links_of(heard: Iterable[tuple[str, Vehicle]]) -> tuple[ServerUrl, ...]:
+    """Return the links of vehicles that were heard; of several each carries its own vehicles only.
+
+    Parameters
+    ----------
+    heard : iterable of (str, Vehicle)
+        Address and vehicle.
+    """
+    systems: dict[str, set[int]] = {}
+    for url, vehicle in heard:
+        systems.setdefault(url, set()).add(vehicle.system_id)
+    if len(systems) == 1:
+        return (ServerUrl(next(iter(systems))),)
+    return tuple(ServerUrl(url, frozenset(ids)) for url, ids in systems.items())
 
 
 def _as_it_is(messages: Iterable[Message], _now_s: float) -> Iterable[Message]:

@@ -1,23 +1,24 @@
-"""The link to a vehicle that flies a run's mission."""
+"""The links to the vehicles that fly a run's mission."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from mission.transfer.vehicles import Vehicle as HeardVehicle
 from wbf_mission.fleet import Vehicle
-from wbf_mission.ground.link import find_vehicle
+from wbf_mission.ground.link import find_vehicles
 from wbf_mission.hosting import Hosting
 from wbf_mission.joint_flight import Attendant
-from wbf_mission.live.discovery import fitted_to, require_single_flight
+from wbf_mission.live.discovery import LiveFlightError, fitted_to, require_single_flight, wanted_vehicles
 from wbf_mission.live.via import OwnVia, Via
 from wbf_mission.planning import PlanResult
-from wbf_mission.preflight.finding import Concern
+from wbf_mission.preflight.finding import Concern, Finding, PreflightError, Report, Severity
 from wbf_mission.preflight.run import Circumstances, Tell, check_mission, tell_nobody
 from wbf_mission.preflight.vehicle.asking import ask_vehicle
 from wbf_mission.scenario import Scenario
+from wbf_mission.scenario.separation import LAYERS
 
 __all__ = ["LiveLink"]
 
@@ -26,98 +27,131 @@ def _silent(_text: str) -> None:
     """Tell nobody."""
 
 
+def _in_a_layer(finding: Finding) -> Finding:
+    """Return what a finding means where others fly below and above."""
+    if finding.code != "other-return":
+        return finding
+    text = "it returns at another height than its layer's, where others may fly"
+    return replace(
+        finding, severity=Severity.WARNING, text=text, fix="set the parameter to the planned height"
+    )
+
+
 @dataclass(slots=True)
 class LiveLink:
-    """A vehicle behind a link, and who stands by while it flies.
+    """The vehicles behind a link or several, and who stands by while they fly.
 
     Parameters
     ----------
-    url : str
-        ``udpin:``, ``udpout:``, ``tcp:`` or ``tcpin:HOST:PORT``, or ``serial:DEVICE:BAUD``.
+    urls : str or sequence of str
+        ``udpin:``, ``udpout:``, ``tcp:`` or ``tcpin:HOST:PORT``, or ``serial:DEVICE:BAUD``: one for each
+        vehicle, or one for all.
     attendant : Attendant
     agreed : bool
         The start of the motors is agreed to beforehand.
     wait_s : float
-        How long to wait for the vehicle's heartbeat.
-    system_id : int or None
-        Of the vehicle; None: the first one that is heard.
+        How long to wait for a vehicle's heartbeat.
+    system_ids : sequence of int
+        Of each vehicle; without, those that are heard first.
     note : callable
         Takes lines for the operator.
     force : bool
         Fly a plan in which the preflight check finds errors, among them what the autopilot would refuse.
     tell : callable
-        Takes what the preflight check finds, and the error with which the flight is refused, if it is.
+        Takes what the preflight check finds, the error with which the flight is refused, if it is, and of
+        which vehicle, ``"vehicle 2: "``, where several fly.
     via : Via
         Who talks to the vehicle.
     """
 
-    url: str
+    urls: str | Sequence[str]
     attendant: Attendant
     agreed: bool = False
     wait_s: float = 10.0
-    system_id: int | None = None
+    system_ids: Sequence[int] = ()
     note: Callable[[str], None] = _silent
     force: bool = False
     tell: Tell = tell_nobody
     via: Via = field(default_factory=OwnVia)
-    _heard: HeardVehicle | None = field(default=None, init=False)
+    _heard: dict[int, tuple[str, HeardVehicle]] = field(default_factory=dict, init=False)
 
     def fitted(self, scenario: Scenario) -> Scenario:
-        """Wait for the vehicle; return the scenario by the rules of its autopilot.
+        """Wait for the vehicles; return the scenario by the rules of their autopilots.
 
         Raises
         ------
         LiveFlightError
-            If this vehicle cannot do the run.
+            If these vehicles cannot do the run.
         LinkError, NoVehicleError
             If there is no link, or nobody on it.
         """
         require_single_flight(scenario)
-        self._heard = find_vehicle(
-            self.url,
-            wait_s=self.wait_s,
-            system_id=self.system_id,
-            note=self.note,
-            open_driver=self.via.driver,
-        )
-        self.note(f"heard: system {self._heard.system_id}, {self._heard.profile.name}")
-        self.via.check(scenario, self._heard)
-        return fitted_to(scenario, self._heard)
+        urls = (self.urls,) if isinstance(self.urls, str) else tuple(self.urls)
+        wanted = wanted_vehicles(urls, tuple(self.system_ids), len(scenario.vehicle.fleet))
+        self.via.check_count(len(wanted))
+        found: dict[str, list[HeardVehicle]] = {}
+        for url in dict.fromkeys(url for url, _ in wanted):
+            ids = [system_id for other, system_id in wanted if other == url]
+            found[url] = list(
+                find_vehicles(url, ids, wait_s=self.wait_s, note=self.note, open_driver=self.via.driver)
+            )
+        heard = [(url, found[url].pop(0)) for url, _ in wanted]
+        by_id: dict[int, tuple[str, HeardVehicle]] = {}
+        for url, one in heard:
+            self.note(f"heard: system {one.system_id}, {one.profile.name}")
+            if one.system_id in by_id:
+                msg = (
+                    f"system {one.system_id} is heard on {by_id[one.system_id][0]} and on {url}: give each"
+                    " vehicle a system id of its own (PX4: MAV_SYS_ID, ArduPilot: MAV_SYSID or SYSID_THISMAV)"
+                )
+                raise LiveFlightError(msg)
+            by_id[one.system_id] = url, one
+            self.via.check(scenario, one)
+        self._heard = dict(sorted(by_id.items()))
+        return fitted_to(scenario, *(one for _, one in heard))
 
     def numbered(self, vehicles: Sequence[Vehicle]) -> tuple[Vehicle, ...]:
-        """Return the run's vehicle with the system id of the one that was heard."""
-        assert self._heard is not None
-        number = self._heard.system_id
-        return tuple(replace(one, task=replace(one.task, system_id=number)) for one in vehicles)
+        """Return the run's vehicles with the system ids of those that were heard."""
+        return tuple(
+            replace(one, task=replace(one.task, system_id=number))
+            for one, number in zip(vehicles, self._heard, strict=True)
+        )
 
-    def check(self, plan: PlanResult, scenario: Scenario) -> None:
-        """Check a plan before it goes up, and ask the vehicle for what the plan assumes.
+    def check(self, planned: Iterable[tuple[Vehicle, PlanResult]]) -> None:
+        """Check plans before they go up, and ask each vehicle for what its plan assumes.
 
-        That the vehicle cannot arm yet is no error: the start waits for it.
+        That a vehicle cannot arm yet is no error: the start waits for it.
 
         Raises
         ------
         PreflightError
-            If there are errors, unless they are overruled.
+            If there are errors, unless they are overruled; all vehicles are asked before.
         LinkError, NoVehicleError
-            If the vehicle is not there any more.
+            If a vehicle is not there any more.
         """
-        assert self._heard is not None
-        number = self._heard.system_id
-        snapshot = ask_vehicle(self.url, wait_s=self.wait_s, system_id=number, note=self.note)
-        circumstances = Circumstances(
-            scenario.vehicle, scenario.weather, plan.farm, scenario.mission.margin_m, snapshot=snapshot
-        )
-        report = check_mission(plan.mission, circumstances).report
-        counted = report.about(Concern.PLAN, Concern.PARAMETERS, Concern.STATE)
-        refused = None if self.force else counted.refusal("nothing was sent")
-        self.tell(report, refused)
-        if refused is not None:
-            raise refused
+        refusals = []
+        for vehicle, plan in planned:
+            number, options = vehicle.task.system_id, vehicle.scenario
+            who = f"vehicle {number}: " if len(self._heard) > 1 else ""
+            url, _ = self._heard[number]
+            self.note(f"{who}asking the vehicle on {url}")
+            snapshot = ask_vehicle(url, wait_s=self.wait_s, system_id=number)
+            circumstances = Circumstances(
+                options.vehicle, options.weather, plan.farm, options.mission.margin_m, snapshot=snapshot
+            )
+            report = check_mission(plan.mission, circumstances).report
+            if who and options.vehicle.keeps.kind == LAYERS:
+                report = Report(tuple(map(_in_a_layer, report.findings)))
+            counted = report.about(Concern.PLAN, Concern.PARAMETERS, Concern.STATE)
+            refused = None if self.force else counted.refusal("nothing was sent")
+            self.tell(report, refused, who)
+            if refused is not None:
+                refusals.append(PreflightError(f"{who}{refused}", refused.finding))
+        if refusals:
+            raise refusals[0]
 
     def hosting(self, tlog: Path | None) -> Hosting:
         """Return where the flight takes place."""
-        assert self._heard is not None
         return self.via.hosting(
-            self.url, self._heard, tlog, agreed=self.agreed, force=self.force, note=self.note
+            tuple(self._heard.values()), tlog, agreed=self.agreed, force=self.force, note=self.note
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Protocol
 
@@ -10,7 +10,7 @@ from mission.transfer.driver import OnEvent, OnText, TransferDriver
 from mission.transfer.vehicles import Vehicle
 from wbf_mission.ground.link import own_driver
 from wbf_mission.hosting import Hosting
-from wbf_mission.live.hosting import LinkHosting
+from wbf_mission.live.hosting import LinkHosting, links_of
 from wbf_mission.scenario import Scenario
 
 __all__ = ["OwnVia", "Via", "via_named"]
@@ -28,8 +28,17 @@ class Via(Protocol):
             If the link cannot be opened.
         """
 
+    def check_count(self, vehicles: int) -> None:
+        """Refuse more vehicles than can be flown together in this way.
+
+        Raises
+        ------
+        LiveFlightError
+            If it is so.
+        """
+
     def check(self, scenario: Scenario, vehicle: Vehicle) -> None:
-        """Refuse what cannot be done in this way with the vehicle that was heard.
+        """Refuse what cannot be done in this way with a vehicle that was heard.
 
         Raises
         ------
@@ -39,15 +48,14 @@ class Via(Protocol):
 
     def hosting(
         self,
-        url: str,
-        vehicle: Vehicle,
+        heard: Sequence[tuple[str, Vehicle]],
         tlog: Path | None,
         *,
         agreed: bool,
         force: bool,
         note: Callable[[str], None],
     ) -> Hosting:
-        """Return where the flight of the vehicle takes place."""
+        """Return where the flight of the vehicles takes place, each behind its link."""
 
 
 class OwnVia:
@@ -57,14 +65,17 @@ class OwnVia:
         """Open a link; return what transfers plans over it."""
         return own_driver(url, on_event, on_text)
 
+    def check_count(self, vehicles: int) -> None:  # noqa: ARG002
+        """As many as there are."""
+        return
+
     def check(self, scenario: Scenario, vehicle: Vehicle) -> None:  # noqa: ARG002
         """Everything can be done."""
         return
 
     def hosting(
         self,
-        url: str,
-        vehicle: Vehicle,  # noqa: ARG002
+        heard: Sequence[tuple[str, Vehicle]],
         tlog: Path | None,
         *,
         agreed: bool,
@@ -72,7 +83,7 @@ class OwnVia:
         note: Callable[[str], None],  # noqa: ARG002
     ) -> LinkHosting:
         """Return where the flight takes place."""
-        return LinkHosting(url, tlog, agreed, force)
+        return LinkHosting(links_of(heard), tlog, agreed, force)
 
 
 def via_named(name: str) -> Via:

@@ -22,11 +22,11 @@ from wbf_mission.weather import flight_level, wind_of
 
 __all__ = ["Circumstances", "Preflight", "Tell", "check_mission", "check_plans", "tell_nobody"]
 
-Tell: TypeAlias = Callable[[Report, PreflightError | None], None]
-"""Takes what is found, and the error with which a plan is refused, if it is."""
+Tell: TypeAlias = Callable[[Report, PreflightError | None, str], None]
+"""Takes what is found, the error with which a plan is refused, if it is, and what each line begins with."""
 
 
-def tell_nobody(_report: Report, _refused: PreflightError | None) -> None:
+def tell_nobody(_report: Report, _refused: PreflightError | None, _who: str) -> None:
     """Tell nobody what was found."""
 
 
@@ -160,7 +160,7 @@ def check_plans(
     )
     refused = None if force else errors.refusal(consequence)
     if errors.findings:
-        tell(errors, refused)
+        tell(errors, refused, "")
     if refused is not None:
         raise refused
 

@@ -60,6 +60,8 @@ class Option:
         Reads its text of the command line; None where the command line's own types do.
     needs_fleet : bool
         Whether it has an effect only where several vehicles fly.
+    each : bool
+        Whether several of the choices may be given, separated by commas: one for each vehicle.
     """
 
     key: str
@@ -77,6 +79,7 @@ class Option:
     not_with: tuple[str, ...] = ()
     read: Callable[[str], Any] | None = None
     needs_fleet: bool = False
+    each: bool = False
 
     @property
     def unit(self) -> str:
@@ -107,7 +110,7 @@ class Option:
             msg = f"{self.label} is empty: give {self.allowed or 'a value, or leave it out'}"
             raise ScenarioError(msg)
         if isinstance(value, str) and self.choices:
-            good = value in self.choices
+            good = all(one.strip() in self.choices for one in (value.split(",") if self.each else [value]))
         elif isinstance(value, (int, float)) and self.low is not None and self.high is not None:
             good = self.low <= value <= self.high and math.isfinite(value)
         else:

@@ -169,14 +169,15 @@ class VehicleOptions(Part):
         VEHICLE,
         low=1,
         high=MOST_VEHICLES,
-        default="as many as --vehicle names",
+        default="as many as --vehicle or --autopilot names",
     )
     autopilot: str = option(
         DEFAULT_AUTOPILOT,
-        "Whose way of flying, modes and habits",
+        "Whose way of flying, modes and habits; several, separated by commas, are one for each vehicle",
         VEHICLE,
         choices=autopilot_names(),
         kind="autopilot",
+        each=True,
     )
     parameters: dict[str, float] = option(
         dict,
@@ -230,9 +231,10 @@ class VehicleOptions(Part):
         if len(names) > MOST_VEHICLES:
             msg = f"vehicle names {len(names)} vehicles: at most {MOST_VEHICLES} fly together"
             raise ScenarioError(msg)
-        if self.vehicles is not None and len(names) not in (1, self.vehicles):
-            msg = f"vehicles {self.vehicles}, but vehicle names {len(names)}: give one name, or as many"
-            raise ScenarioError(msg)
+        for what, given in (("vehicle", names), ("autopilot", self.autopilot.split(","))):
+            if len(given) not in (1, len(self.fleet)):
+                msg = f"vehicles {len(self.fleet)}, but {what} names {len(given)}: give one name, or as many"
+                raise ScenarioError(msg)
         parse_separation(self.separation)
 
     @property
@@ -253,7 +255,18 @@ class VehicleOptions(Part):
         (('quad', 'quad'), ('quad', 'ideal'))
         """
         names = self.names
-        return names if self.vehicles is None or len(names) > 1 else names * self.vehicles
+        count = self.vehicles or max(len(names), self.autopilot.count(",") + 1)
+        return names if len(names) > 1 else names * count
+
+    @property
+    def autopilots(self) -> tuple[str, ...]:
+        """The autopilot of each of them.
+
+        >>> VehicleOptions("quad", autopilot="px4,ardupilot").autopilots, VehicleOptions().autopilots
+        (('px4', 'ardupilot'), ('px4',))
+        """
+        given = tuple(part.strip() for part in self.autopilot.split(","))
+        return given if len(given) > 1 else given * len(self.fleet)
 
 
 @dataclass(frozen=True, slots=True)

@@ -81,13 +81,13 @@ def test_places_are_apart_and_near(count):
 
 
 def test_ports_are_those_of_the_simulators():
-    assert [url.url for url in fleet_urls(PX4, 2)] == [
+    assert [url.url for url in fleet_urls(PX4, range(1, 3))] == [
         "udpout:127.0.0.1:14550,18570",
         "udpout:127.0.0.1:14540,14580",
         "udpout:127.0.0.1:14550,18571",
         "udpout:127.0.0.1:14541,14581",
     ]
-    assert fleet_urls(ARDUPILOT, 3)[2] == ServerUrl("tcpin:127.0.0.1:5780", 3)
+    assert fleet_urls(ARDUPILOT, range(1, 4))[2] == ServerUrl("tcpin:127.0.0.1:5780", frozenset((3,)))
 
 
 @pytest.mark.parametrize(
@@ -104,6 +104,14 @@ def test_impossible_fleets(home, count, text):
         Fleet(get_vehicle("quad"), home, count)
 
 
+def test_system_ids_follow_the_first():
+    fleet = Fleet(get_vehicle("quad"), HOME, 2, first_system=7)
+    assert [vehicle.system_id for vehicle in fleet.vehicles] == [7, 8]
+    assert {system for url in fleet.urls for system in url.systems} == {7, 8}
+    with pytest.raises(VehicleError, match="250 to 251"):
+        Fleet(get_vehicle("quad"), HOME, 2, first_system=250)
+
+
 def test_impossible_spacing():
     with pytest.raises(VehicleError, match="spacing"):
         quads(2, spacing_m=0.0)
@@ -117,7 +125,7 @@ def test_a_home_for_each():
 
 def test_each_vehicle_at_its_own_door_and_all_at_the_router():
     fleet = quads(3, autopilot=ARDUPILOT)
-    doors = [ServerUrl("tcpin:127.0.0.1:0", system) for system in (1, 2, 3)]
+    doors = [ServerUrl("tcpin:127.0.0.1:0", frozenset((system,))) for system in (1, 2, 3)]
     with Serving(fleet.vehicles, [*doors, "tcpin:127.0.0.1:0"]) as server:
         found = []
         for url, expected in zip(server.urls, [{1}, {2}, {3}, {1, 2, 3}], strict=True):
@@ -148,21 +156,60 @@ def test_commands_reach_the_vehicle_that_is_meant_and_two_grounds_hear_each_othe
 
 def test_a_command_at_another_vehicles_door_does_not_cross():
     fleet = quads(2)
-    with Serving(fleet.vehicles, [ServerUrl("tcpin:127.0.0.1:0", 1)]) as server:
+    with Serving(fleet.vehicles, [ServerUrl("tcpin:127.0.0.1:0", frozenset((1,)))]) as server:
         endpoint = MavlinkEndpoint(open_link(server.urls[0].replace("tcpin", "tcp")), 255, 190)
         endpoint.send(m.MAVLink_command_long_message(2, 1, 31999, 0, *[0.0] * 7))
         assert not any(x.get_type() == "COMMAND_ACK" for x in hear(endpoint, 0.6))
         endpoint.close()
 
 
+class Listening:
+    """A ground station for one vehicle: it notes who is heard."""
+
+    component_id, wanted = 190, None
+
+    def __init__(self, system_id, vehicle_system_id):
+        self.system_id, self.vehicle_system_id = system_id, vehicle_system_id
+        self.heard = set()
+
+    def receive(self, message, now_s):
+        self.heard.add(message.get_srcSystem())
+        return []
+
+    def poll(self, now_s):
+        return []
+
+    def next_deadline(self):
+        return float("inf")
+
+
+def test_what_serves_a_vehicle_meets_its_link_only_and_links_do_not_cross():
+    grounds = [Listening(255, 4), Listening(254, 7)]
+    doors = [ServerUrl("tcpin:127.0.0.1:0", frozenset(ids)) for ids in ((4, 5), (7,))]
+    with Serving(grounds, doors) as server:
+        ends = [
+            MavlinkEndpoint(open_link(url.replace("tcpin", "tcp")), system, 1)
+            for url, system in zip(server.urls, (4, 7), strict=True)
+        ]
+        deadline_s = time.monotonic() + 20.0
+        while not all(one.heard for one in grounds) and time.monotonic() < deadline_s:
+            for one in ends:
+                one.send(m.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3))
+            time.sleep(0.05)
+        assert [one.heard for one in grounds] == [{4}, {7}]
+        assert not [x for one in ends for x in one.receive()], "nothing of one link goes over the other"
+        for one in ends:
+            one.close()
+
+
 def test_udp_ports_of_px4_with_a_common_ground_station():
     ground, api_1, api_2, from_1, from_2 = free_ports(5)
     fleet = quads(2)
     urls = [
-        ServerUrl(f"udpout:127.0.0.1:{ground},{from_1}", 1),
-        ServerUrl(f"udpout:127.0.0.1:{api_1}", 1),
-        ServerUrl(f"udpout:127.0.0.1:{ground},{from_2}", 2),
-        ServerUrl(f"udpout:127.0.0.1:{api_2}", 2),
+        ServerUrl(f"udpout:127.0.0.1:{ground},{from_1}", frozenset((1,))),
+        ServerUrl(f"udpout:127.0.0.1:{api_1}", frozenset((1,))),
+        ServerUrl(f"udpout:127.0.0.1:{ground},{from_2}", frozenset((2,))),
+        ServerUrl(f"udpout:127.0.0.1:{api_2}", frozenset((2,))),
     ]
     common = MavlinkEndpoint(open_link(f"udpin:127.0.0.1:{ground}"), 255, 190)
     own = MavlinkEndpoint(open_link(f"udpin:127.0.0.1:{api_2}"), 245, 190)

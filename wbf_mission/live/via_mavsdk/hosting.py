@@ -14,7 +14,7 @@ from mission.link.codec.typed import is_a
 from mission.link.tlog import FrameSink
 from mission.transfer.vehicles import Vehicle
 from sim_vehicle.component import Component
-from sim_vehicle.host.server import Server
+from sim_vehicle.host.server import Server, ServerUrl
 from wbf_mission.ground.clearance import Clearance
 from wbf_mission.ground.station import GroundStation
 from wbf_mission.hosting import tap_of
@@ -66,8 +66,8 @@ class MavsdkHosting:
     ) -> None:
         self.tlog, self.force = tlog, force
         self.transfers = MavsdkTransfers(self._opened)
-        self._own = LinkHosting(url, tlog, agreed, force)
-        self._vehicle = vehicle
+        self._own = LinkHosting((ServerUrl(url),), tlog, agreed, force)
+        self._url, self._vehicle = url, vehicle
         self._note = note
         self._link: MavsdkLink | None = None
 
@@ -97,7 +97,7 @@ class MavsdkHosting:
             If the address is wrong, or MAVSDK cannot open it.
         """
         (sortie,) = sorties
-        link = self._link = MavsdkLink(self._own.url)
+        link = self._link = MavsdkLink(self._url)
         vehicle = self._vehicle
         orders = MavsdkOrders(link, vehicle.system_id, vehicle.autopilot, vehicle.vehicle_type, self._note)
         ground = _GroundByMavsdk(sortie.ground, orders)

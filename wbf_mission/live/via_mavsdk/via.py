@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from mission.transfer.driver import OnEvent, OnText, TransferDriver
@@ -22,6 +22,18 @@ class MavsdkVia:
         """Open a link; return what transfers plans over it."""
         return mavsdk_driver(url, on_event, on_text)
 
+    def check_count(self, vehicles: int) -> None:
+        """Refuse several vehicles.
+
+        Raises
+        ------
+        LiveFlightError
+            If there are several.
+        """
+        if vehicles > 1:
+            msg = f"--via mavsdk flies one vehicle, not {vehicles}: leave out --via mavsdk, or fly one"
+            raise LiveFlightError(msg)
+
     def check(self, scenario: Scenario, vehicle: Vehicle) -> None:
         """Refuse a policy for a vehicle that leaves its mission while that is changed.
 
@@ -40,8 +52,7 @@ class MavsdkVia:
 
     def hosting(
         self,
-        url: str,
-        vehicle: Vehicle,
+        heard: Sequence[tuple[str, Vehicle]],
         tlog: Path | None,
         *,
         agreed: bool,
@@ -49,4 +60,5 @@ class MavsdkVia:
         note: Callable[[str], None],
     ) -> MavsdkHosting:
         """Return where the flight takes place."""
+        ((url, vehicle),) = heard
         return MavsdkHosting(url, vehicle, tlog, agreed=agreed, force=force, note=note)

@@ -28,7 +28,11 @@ _ERROR_SEED = 0x4A7C
 ERROR_REHEARSALS = 8
 """With how many errors of the estimate `expected_flights` tries a flight."""
 REHEARSAL_PAIRS = 2
-"""In how many other gusts, and in as many that blow the other way, `expected_flights` tries a flight."""
+"""In how many other gusts, and in as many that blow the other way, flights are tried to choose among them."""
+PREDICTION_PAIRS = 8
+"""The same for the flight that was chosen: what the gusts of a pair cost in power does not cancel."""
+BOUND_PROBABILITY = 0.995
+"""With which `Prediction.energy_bound_wh` is enough for one flight."""
 
 
 def predict_flight(
@@ -129,6 +133,7 @@ def expected_flights(
     endless: bool = False,
     threads: int = 1,
     estimate_errors: bool = False,
+    pairs: int = REHEARSAL_PAIRS,
 ) -> list[Prediction]:
     """Predict flights in a wind whose gusts are known by their statistics only.
 
@@ -138,8 +143,8 @@ def expected_flights(
     not completed in half of them is not feasible.
 
     With ``estimate_errors`` the same is done for the errors of PX4's estimate
-    (`sim_vehicle.airframe.estimate_errors`): `ERROR_REHEARSALS` flights, each with errors of its own, always
-    the same ones. Other autopilots' estimates are exact.
+    (`sim_vehicle.airframe.estimate_errors`): `ERROR_REHEARSALS` flights or as many as there are
+    winds, each with errors of its own, always the same ones. Other autopilots' estimates are exact.
 
     Parameters
     ----------
@@ -147,20 +152,22 @@ def expected_flights(
         As for `predict_flights`.
     estimate_errors : bool
         Whether the autopilot's estimate is wrong.
+    pairs : int
+        Of gusts that are rehearsed.
 
     Raises
     ------
     VehicleError
         As `predict_flight`.
     """
-    winds = rehearsals(wind)
+    winds = rehearsals(wind, pairs)
     errors: list[EstimateErrors | None] = [None] * len(winds)
     if estimate_errors and estimate_errs(spec):
         errors = [
             EstimateErrors(np.random.SeedSequence(_ERROR_SEED, spawn_key=(k,)))
-            for k in range(ERROR_REHEARSALS)
+            for k in range(max(ERROR_REHEARSALS, len(winds)))
         ]
-        winds = [winds[k % len(winds)] for k in range(ERROR_REHEARSALS)]
+        winds = [winds[k % len(winds)] for k in range(len(errors))]
     flights = [
         PredictedFlight(
             one,
@@ -190,6 +197,8 @@ def mean_prediction(flights: Sequence[PredictedFlight]) -> Prediction:
     energy_wh = sum(one.energy_wh for one in done) / len(done)
     battery_fraction, reason = flights[0].left(energy_wh)
     duration_s = sum(one.duration_s for one in done) / len(done)
+    energies_wh = [one.energy_wh for one in done]
+    bound = _interval(energy_wh, energies_wh, BOUND_PROBABILITY)
     typical = min(done, key=lambda one: abs(one.energy_wh - energy_wh))
     return replace(
         typical,
@@ -200,22 +209,24 @@ def mean_prediction(flights: Sequence[PredictedFlight]) -> Prediction:
         feasible=not reason,
         reason=reason,
         duration_interval_s=_interval(duration_s, [one.duration_s for one in done]),
+        energy_interval_wh=_interval(energy_wh, energies_wh),
+        energy_bound_wh=None if bound is None else bound[1],
     )
 
 
-def _interval(mean_s: float, durations_s: Sequence[float]) -> tuple[float, float] | None:
-    """Return where one more duration is with a probability of 90 %, by Student's distribution."""
+def _interval(mean: float, values: Sequence[float], side: float = 0.95) -> tuple[float, float] | None:
+    """Return what one more value is above, and below, each with a probability, by Student's distribution."""
     from scipy.special import stdtrit
 
-    count = len(durations_s)
+    count = len(values)
     if count < 2:
         return None
-    variance = sum((one - mean_s) ** 2 for one in durations_s) / (count - 1)
-    half = float(stdtrit(count - 1, 0.95)) * math.sqrt(variance * (1.0 + 1.0 / count))
-    return mean_s - half, mean_s + half
+    variance = sum((one - mean) ** 2 for one in values) / (count - 1)
+    half = float(stdtrit(count - 1, side)) * math.sqrt(variance * (1.0 + 1.0 / count))
+    return mean - half, mean + half
 
 
-def rehearsals(wind: Wind | None) -> list[Wind | None]:
+def rehearsals(wind: Wind | None, pairs: int = REHEARSAL_PAIRS) -> list[Wind | None]:
     """Return winds to try a flight in that is to happen in a wind of which only the statistics are known.
 
     They have the mean, shear and gust statistics of ``wind``, but gusts of their own, always the same ones
@@ -225,5 +236,5 @@ def rehearsals(wind: Wind | None) -> list[Wind | None]:
     """
     if wind is None or not wind.is_gusty:
         return [wind]
-    seeds = [np.random.SeedSequence(_REHEARSAL_SEED, spawn_key=(k,)) for k in range(REHEARSAL_PAIRS)]
+    seeds = [np.random.SeedSequence(_REHEARSAL_SEED, spawn_key=(k,)) for k in range(pairs)]
     return [replace(wind, seed=seed, mirrored=mirrored) for seed in seeds for mirrored in (False, True)]

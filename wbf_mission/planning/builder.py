@@ -26,7 +26,7 @@ from sim_vehicle.autopilot import (
 from sim_vehicle.execution.fixed_wing_items import must_circle
 from sim_vehicle.prediction.battery_swaps import batteries_needed
 from sim_vehicle.prediction.flight import Prediction
-from sim_vehicle.prediction.predict import expected_flights
+from sim_vehicle.prediction.predict import PREDICTION_PAIRS, expected_flights
 from wbf_mission.scenario import CameraOptions, MissionOptions, Scenario, VehicleOptions, WeatherOptions
 from wbf_mission.weather import FlightLevel, flight_level, wind_of
 
@@ -145,16 +145,22 @@ class MissionBuilder:
         """Predict the flight of ``mission``, of gusts and the estimate's errors by their statistics only."""
         wind = wind_of(self.weather, self.level)
         return expected_flights(
-            [mission], self.vehicle, wind=wind, threads=_threads(), estimate_errors=self.estimate_errors
+            [mission],
+            self.vehicle,
+            wind=wind,
+            threads=_threads(),
+            estimate_errors=self.estimate_errors,
+            pairs=PREDICTION_PAIRS,
         )[0]
 
-    def price(self, missions: Sequence[Mission]) -> list[Prediction]:
+    def price(self, missions: Sequence[Mission], *, gusts: bool = True) -> list[Prediction]:
         """Predict the flights of several missions, to choose among them: as if the estimate were exact.
 
         That is eight times faster. With waypoints of two metres, as planned ones have, PX4's errors make a
         flight up to 3 % longer; ways home near a step of the return altitude are those of its dearer side.
+        Without ``gusts`` they are flown in the mean wind.
         """
-        wind = wind_of(self.weather, self.level)
+        wind = wind_of(self.weather, self.level, gusts=gusts)
         return expected_flights(missions, self.priced_vehicle, wind=wind, threads=_threads())
 
     def batteries(self, mission: Mission, prediction: Prediction) -> int | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -97,12 +97,15 @@ class FlightFares:
     predictor : OnwardPredictor
     rough : LegFares
     unit : {"s", "Wh"}
+    charged : callable
+        From what a rest takes in the mean wind to what is charged for it (`FlightBudget.onward`).
     """
 
     state: InFlight
     predictor: OnwardPredictor
     rough: LegFares | GeometricFares
     unit: str
+    charged: Callable[[float], float]
     # A policy asks for what it chose, and who checks its answer asks again.
     _known: dict[bytes, float] = field(default_factory=dict, init=False, repr=False, compare=False)
 
@@ -112,7 +115,8 @@ class FlightFares:
         new = {key: path for key, path in zip(keys, paths_m, strict=True) if key not in self._known}
         if new:
             seconds, watt_hours = self.predictor.rest(self.state, list(new.values()))
-            self._known.update(zip(new, (seconds if self.unit == "s" else watt_hours).tolist(), strict=True))
+            priced = (seconds if self.unit == "s" else watt_hours).tolist()
+            self._known.update(zip(new, map(self.charged, priced), strict=True))
         return [self._known[key] for key in keys]
 
     def legs(self, from_m: Points, to_m: Points) -> NDArray[np.float64]:

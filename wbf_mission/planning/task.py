@@ -13,12 +13,12 @@ from geo import Crop, Farm
 from geo.seeds import sealed_seed
 from mission.planners import CropArea, PlannedPath, PlanningRequest, coverage
 from mission.planners.budget import LengthBudget
-from mission.planners.path import Area, drop_coincident
+from mission.planners.path import Area, Points, drop_coincident
 from mission.policies.decision import Decision
 from mission.policies.fares import GeometricFares
 from mission.policies.situation import Fares, Status, VehicleReport
 from sim_vehicle.prediction.onward import InFlight
-from wbf_mission.planning.budget import make_budget
+from wbf_mission.planning.budget import FlightBudget, make_budget
 from wbf_mission.planning.builder import MissionBuilder
 from wbf_mission.planning.fares import FlightFares, StartFares, leg_fares, onward_predictor
 from wbf_mission.planning.result import PlanResult
@@ -105,14 +105,24 @@ class FlightTask:
             battery=None if self.builder.vehicle.battery is None else 1.0,
         )
 
-    def fares_in_flight(self) -> Callable[[InFlight], Fares]:
-        """Return what tells what flying on costs the vehicle from a state in flight."""
+    def fares_in_flight(self, path_m: Points) -> Callable[[InFlight], Fares]:
+        """Return what tells what flying on costs the vehicle from a state in flight.
+
+        Parameters
+        ----------
+        path_m : float64[n, 2]
+            The path that is flown first.
+        """
         rough = leg_fares(self.request, self.builder)
         if isinstance(rough, GeometricFares):
             budget = rough.budget
             return lambda state: GeometricFares(budget, state.position_m)
-        predictor, unit = onward_predictor(self.builder), self.request.budget.unit
-        return lambda state: FlightFares(state, predictor, rough, unit)
+        flown = self.request.budget
+        charged: Callable[[float], float] = float
+        if isinstance(flown, FlightBudget):
+            charged = flown.onward(np.vstack((self.request.start_xy_m, path_m)))
+        predictor = onward_predictor(self.builder)
+        return lambda state: FlightFares(state, predictor, rough, flown.unit, charged)
 
     def plan_of(self, decision: Decision, decided_by: str, *, steered: bool = False) -> PlanResult:
         """Return the plan that flies the path of this vehicle in a decision.

@@ -21,7 +21,14 @@ if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.weather.wind import Wind
 
-__all__ = ["expected_flights", "mean_prediction", "predict_flight", "predict_flights", "rehearsals"]
+__all__ = [
+    "expected_flights",
+    "mean_prediction",
+    "plan_prediction",
+    "predict_flight",
+    "predict_flights",
+    "rehearsals",
+]
 
 _REHEARSAL_SEED = 0x1D8F
 _ERROR_SEED = 0x4A7C
@@ -184,6 +191,78 @@ def expected_flights(
     ]
     fly_all(flights, threads)
     return [mean_prediction(flights[k : k + len(winds)]) for k in range(0, len(flights), len(winds))]
+
+
+def plan_prediction(
+    mission: Mission,
+    spec: VehicleSpec,
+    *,
+    wind: Wind | None = None,
+    frame: LocalFrame | None = None,
+    threads: int = 1,
+    estimate_errors: bool = False,
+) -> Prediction:
+    """Predict the flight of a plan; what planning, the preflight check, a flight and its result tell.
+
+    That is `expected_flights` with `PREDICTION_PAIRS`. Of a mission that is longer than the battery duration,
+    energy, length and track are those of the whole mission, as if the battery lasted; the reason tells when
+    it is at its reserve, and when it is empty.
+
+    Parameters
+    ----------
+    mission, spec, wind, frame, threads, estimate_errors
+        As for `expected_flights`.
+
+    Raises
+    ------
+    VehicleError
+        As `predict_flight`.
+    """
+
+    def expected(*, endless: bool) -> Prediction:
+        return expected_flights(
+            [mission],
+            spec,
+            wind=wind,
+            frame=frame,
+            endless=endless,
+            threads=threads,
+            estimate_errors=estimate_errors,
+            pairs=PREDICTION_PAIRS,
+        )[0]
+
+    told, battery = expected(endless=False), spec.battery
+    if battery is None or told.battery_fraction >= battery.reserve_fraction:
+        return told
+    one_wind = rehearsals(wind)[0]
+    if not predict_flight(mission, spec, wind=one_wind, frame=frame, endless=True).feasible:
+        return told  # it ends nowhere, battery or not
+    whole = told if told.battery_fraction > 0.0 else expected(endless=True)
+
+    def lasts(watt_hours: float) -> str:
+        smaller = replace(spec, battery=replace(battery, capacity_wh=watt_hours))
+        flight = predict_flight(mission, smaller, wind=one_wind, frame=frame)
+        return _clock(min(flight.duration_s, whole.duration_s))
+
+    usable_wh = battery.capacity_wh * (1.0 - battery.reserve_fraction)
+    reason = (
+        f"the whole mission takes {_clock(whole.duration_s)} and {whole.energy_wh:.1f} Wh, but the battery of"
+        f" {battery.capacity_wh:g} Wh is at its reserve of {battery.reserve_fraction:.0%}"
+        f" after {lasts(usable_wh)}"
+    )
+    if whole.energy_wh > battery.capacity_wh:
+        reason += f" and empty after {lasts(battery.capacity_wh)}"
+    return replace(
+        whole,
+        battery_fraction=min(whole.battery_fraction, told.battery_fraction),
+        feasible=False,
+        reason=reason,
+    )
+
+
+def _clock(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes} min {rest} s" if minutes else f"{rest} s"
 
 
 def mean_prediction(flights: Sequence[PredictedFlight]) -> Prediction:

@@ -26,7 +26,7 @@ from sim_vehicle.autopilot import (
 from sim_vehicle.execution.fixed_wing_items import must_circle
 from sim_vehicle.prediction.battery_swaps import batteries_needed
 from sim_vehicle.prediction.flight import Prediction
-from sim_vehicle.prediction.predict import PREDICTION_PAIRS, expected_flights
+from sim_vehicle.prediction.predict import expected_flights, plan_prediction
 from wbf_mission.scenario import CameraOptions, MissionOptions, Scenario, VehicleOptions, WeatherOptions
 from wbf_mission.weather import FlightLevel, flight_level, wind_of
 
@@ -144,14 +144,9 @@ class MissionBuilder:
     def predict(self, mission: Mission) -> Prediction:
         """Predict the flight of ``mission``, of gusts and the estimate's errors by their statistics only."""
         wind = wind_of(self.weather, self.level)
-        return expected_flights(
-            [mission],
-            self.vehicle,
-            wind=wind,
-            threads=_threads(),
-            estimate_errors=self.estimate_errors,
-            pairs=PREDICTION_PAIRS,
-        )[0]
+        return plan_prediction(
+            mission, self.vehicle, wind=wind, threads=_threads(), estimate_errors=self.estimate_errors
+        )
 
     def price(self, missions: Sequence[Mission], *, gusts: bool = True) -> list[Prediction]:
         """Predict the flights of several missions, to choose among them: as if the estimate were exact.

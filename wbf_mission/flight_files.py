@@ -50,6 +50,8 @@ class PredictionEntry(msgspec.Struct, forbid_unknown_fields=True):
     feasible: bool
     reason: str
     duration_interval_s: tuple[float, float] | None = None
+    energy_interval_wh: tuple[float, float] | None = None
+    energy_bound_wh: float | None = None
 
 
 class FlightEntry(msgspec.Struct, forbid_unknown_fields=True):

@@ -123,7 +123,7 @@ class Sortie:
             force=force,
         )
         self._flown = self.ground.flown_length(farm.frame)
-        self._fares = task.fares_in_flight()
+        self._fares = task.fares_in_flight(plan.path_m)
         self._last_item = 0
         self._passed = 0
         # Paths whose legs are led, or lead round obstacles, by the items that fly them.

@@ -62,6 +62,11 @@ class Prediction:
     duration_interval_s : tuple of 2 floats or None
         Between which the duration of one flight is with a probability of 90 %, when what disturbs it is known
         by its statistics only; None when it was predicted from a single flight.
+    energy_interval_wh : tuple of 2 floats or None
+        The same of the energy.
+    energy_bound_wh : float or None
+        What one flight takes at most with the probability
+        `sim_vehicle.prediction.predict.BOUND_PROBABILITY`; None when it was predicted from a single flight.
     """
 
     duration_s: float
@@ -73,6 +78,13 @@ class Prediction:
     feasible: bool
     reason: str
     duration_interval_s: tuple[float, float] | None = None
+    energy_interval_wh: tuple[float, float] | None = None
+    energy_bound_wh: float | None = None
+
+    @property
+    def most_wh(self) -> float:
+        """What one flight takes at most, as far as can be told before it."""
+        return self.energy_wh if self.energy_bound_wh is None else self.energy_bound_wh
 
 
 class PredictedFlight:

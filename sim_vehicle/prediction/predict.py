@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 __all__ = [
     "expected_flights",
     "mean_prediction",
+    "plan_prediction",
     "predict_flight",
     "predict_flights",
     "rehearsals",
@@ -37,7 +38,11 @@ _ERROR_SEED = 0x4A7C
 ERROR_REHEARSALS = 8
 """With how many errors of the estimate `expected_flights` tries a flight."""
 REHEARSAL_PAIRS = 2
-"""In how many other gusts, and in as many that blow the other way, `expected_flights` tries a flight."""
+"""In how many other gusts, and in as many that blow the other way, flights are tried to choose among them."""
+PREDICTION_PAIRS = 8
+"""The same for the flight that was chosen: what the gusts of a pair cost in power does not cancel."""
+BOUND_PROBABILITY = 0.995
+"""With which `Prediction.energy_bound_wh` is enough for one flight."""
 
 
 def predict_flight(
@@ -138,6 +143,7 @@ def expected_flights(
     endless: bool = False,
     threads: int = 1,
     estimate_errors: bool = False,
+    pairs: int = REHEARSAL_PAIRS,
 ) -> list[Prediction]:
     """Predict flights in a wind whose gusts are known by their statistics only.
 
@@ -147,8 +153,8 @@ def expected_flights(
     not completed in half of them is not feasible.
 
     With ``estimate_errors`` the same is done for the errors of PX4's estimate
-    (`sim_vehicle.airframe.estimate_errors`): `ERROR_REHEARSALS` flights, each with errors of its own, always
-    the same ones. Other autopilots' estimates are exact.
+    (`sim_vehicle.airframe.estimate_errors`): `ERROR_REHEARSALS` flights or as many as there are
+    winds, each with errors of its own, always the same ones. Other autopilots' estimates are exact.
 
     Parameters
     ----------
@@ -156,13 +162,15 @@ def expected_flights(
         As for `predict_flights`.
     estimate_errors : bool
         Whether the autopilot's estimate is wrong.
+    pairs : int
+        Of gusts that are rehearsed.
 
     Raises
     ------
     VehicleError
         As `predict_flight`.
     """
-    airs = _rehearsed_airs(spec, wind, estimate_errors=estimate_errors)
+    airs = _rehearsed_airs(spec, wind, pairs, estimate_errors=estimate_errors)
     flights = [
         PredictedFlight(
             one,
@@ -212,23 +220,96 @@ def rehearsed_tracks(
             endless=True,
             estimate_errors=wrong,
         )
-        for air, wrong in _rehearsed_airs(spec, wind, estimate_errors=estimate_errors)
+        for air, wrong in _rehearsed_airs(spec, wind, REHEARSAL_PAIRS, estimate_errors=estimate_errors)
     ]
     fly_all(flights, 1)
     return [flight.prediction().track_m for flight in flights]
 
 
 def _rehearsed_airs(
-    spec: VehicleSpec, wind: Wind | None, *, estimate_errors: bool
+    spec: VehicleSpec, wind: Wind | None, pairs: int, *, estimate_errors: bool
 ) -> list[tuple[Wind | None, EstimateErrors | None]]:
     """Return the winds in which flights are tried, each with errors of the estimate."""
-    winds = rehearsals(wind)
+    winds = rehearsals(wind, pairs)
     if not (estimate_errors and estimate_errs(spec)):
         return [(air, None) for air in winds]
     errors = [
-        EstimateErrors(np.random.SeedSequence(_ERROR_SEED, spawn_key=(k,))) for k in range(ERROR_REHEARSALS)
+        EstimateErrors(np.random.SeedSequence(_ERROR_SEED, spawn_key=(k,)))
+        for k in range(max(ERROR_REHEARSALS, len(winds)))
     ]
-    return [(winds[k % len(winds)], errors[k]) for k in range(ERROR_REHEARSALS)]
+    return [(winds[k % len(winds)], wrong) for k, wrong in enumerate(errors)]
+
+
+def plan_prediction(
+    mission: Mission,
+    spec: VehicleSpec,
+    *,
+    wind: Wind | None = None,
+    frame: LocalFrame | None = None,
+    threads: int = 1,
+    estimate_errors: bool = False,
+) -> Prediction:
+    """Predict the flight of a plan; what planning, the preflight check, a flight and its result tell.
+
+    That is `expected_flights` with `PREDICTION_PAIRS`. Of a mission that is longer than the battery duration,
+    energy, length and track are those of the whole mission, as if the battery lasted; the reason tells when
+    it is at its reserve, and when it is empty.
+
+    Parameters
+    ----------
+    mission, spec, wind, frame, threads, estimate_errors
+        As for `expected_flights`.
+
+    Raises
+    ------
+    VehicleError
+        As `predict_flight`.
+    """
+
+    def expected(*, endless: bool) -> Prediction:
+        return expected_flights(
+            [mission],
+            spec,
+            wind=wind,
+            frame=frame,
+            endless=endless,
+            threads=threads,
+            estimate_errors=estimate_errors,
+            pairs=PREDICTION_PAIRS,
+        )[0]
+
+    told, battery = expected(endless=False), spec.battery
+    if battery is None or told.battery_fraction >= battery.reserve_fraction:
+        return told
+    one_wind = rehearsals(wind)[0]
+    if not predict_flight(mission, spec, wind=one_wind, frame=frame, endless=True).feasible:
+        return told  # it ends nowhere, battery or not
+    whole = told if told.battery_fraction > 0.0 else expected(endless=True)
+
+    def lasts(watt_hours: float) -> str:
+        smaller = replace(spec, battery=replace(battery, capacity_wh=watt_hours))
+        flight = predict_flight(mission, smaller, wind=one_wind, frame=frame)
+        return _clock(min(flight.duration_s, whole.duration_s))
+
+    usable_wh = battery.capacity_wh * (1.0 - battery.reserve_fraction)
+    reason = (
+        f"the whole mission takes {_clock(whole.duration_s)} and {whole.energy_wh:.1f} Wh, but the battery of"
+        f" {battery.capacity_wh:g} Wh is at its reserve of {battery.reserve_fraction:.0%}"
+        f" after {lasts(usable_wh)}"
+    )
+    if whole.energy_wh > battery.capacity_wh:
+        reason += f" and empty after {lasts(battery.capacity_wh)}"
+    return replace(
+        whole,
+        battery_fraction=min(whole.battery_fraction, told.battery_fraction),
+        feasible=False,
+        reason=reason,
+    )
+
+
+def _clock(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes} min {rest} s" if minutes else f"{rest} s"
 
 
 def mean_prediction(flights: Sequence[PredictedFlight]) -> Prediction:
@@ -242,6 +323,8 @@ def mean_prediction(flights: Sequence[PredictedFlight]) -> Prediction:
     energy_wh = sum(one.energy_wh for one in done) / len(done)
     battery_fraction, reason = flights[0].left(energy_wh)
     duration_s = sum(one.duration_s for one in done) / len(done)
+    energies_wh = [one.energy_wh for one in done]
+    bound = _interval(energy_wh, energies_wh, BOUND_PROBABILITY)
     typical = min(done, key=lambda one: abs(one.energy_wh - energy_wh))
     return replace(
         typical,
@@ -252,22 +335,24 @@ def mean_prediction(flights: Sequence[PredictedFlight]) -> Prediction:
         feasible=not reason,
         reason=reason,
         duration_interval_s=_interval(duration_s, [one.duration_s for one in done]),
+        energy_interval_wh=_interval(energy_wh, energies_wh),
+        energy_bound_wh=None if bound is None else bound[1],
     )
 
 
-def _interval(mean_s: float, durations_s: Sequence[float]) -> tuple[float, float] | None:
-    """Return where one more duration is with a probability of 90 %, by Student's distribution."""
+def _interval(mean: float, values: Sequence[float], side: float = 0.95) -> tuple[float, float] | None:
+    """Return what one more value is above, and below, each with a probability, by Student's distribution."""
     from scipy.special import stdtrit
 
-    count = len(durations_s)
+    count = len(values)
     if count < 2:
         return None
-    variance = sum((one - mean_s) ** 2 for one in durations_s) / (count - 1)
-    half = float(stdtrit(count - 1, 0.95)) * math.sqrt(variance * (1.0 + 1.0 / count))
-    return mean_s - half, mean_s + half
+    variance = sum((one - mean) ** 2 for one in values) / (count - 1)
+    half = float(stdtrit(count - 1, side)) * math.sqrt(variance * (1.0 + 1.0 / count))
+    return mean - half, mean + half
 
 
-def rehearsals(wind: Wind | None) -> list[Wind | None]:
+def rehearsals(wind: Wind | None, pairs: int = REHEARSAL_PAIRS) -> list[Wind | None]:
     """Return winds to try a flight in that is to happen in a wind of which only the statistics are known.
 
     They have the mean, shear and gust statistics of ``wind``, but gusts of their own, always the same ones
@@ -277,5 +362,5 @@ def rehearsals(wind: Wind | None) -> list[Wind | None]:
     """
     if wind is None or not wind.is_gusty:
         return [wind]
-    seeds = [np.random.SeedSequence(_REHEARSAL_SEED, spawn_key=(k,)) for k in range(REHEARSAL_PAIRS)]
+    seeds = [np.random.SeedSequence(_REHEARSAL_SEED, spawn_key=(k,)) for k in range(pairs)]
     return [replace(wind, seed=seed, mirrored=mirrored) for seed in seeds for mirrored in (False, True)]

@@ -258,7 +258,7 @@ def test_leaving_the_path_that_is_flown_has_its_price_where_the_autopilot_loses_
     present = np.array([[80.0, 0.0], [80.0, 40.0]])
     rough = LegFares(5.0, spec.acceleration_m_s2, (0.0, 0.0), 1.0)
     state = InFlight((40.0, 0.0), 10.0, (5.0, 0.0))
-    fares = FlightFares(state, predictor, rough, "s", present, autopilot == "ardupilot")
+    fares = FlightFares(state, predictor, rough, "s", float, present, autopilot == "ardupilot")
     ahead, aside = np.array([[81.0, 0.0]]), np.array([[40.0, 40.0]])
     prices = [fares.change(path) for path in (present, present + 0.01, ahead, aside)]
     if autopilot == "px4":
@@ -267,5 +267,5 @@ def test_leaving_the_path_that_is_flown_has_its_price_where_the_autopilot_loses_
     assert prices[:2] == [0.0, 0.0]
     assert 0.5 < prices[2] < prices[3] < 8.0
     # A path that is changed to, and would be gone on with otherwise, is held to the same.
-    on = FlightFares(state, predictor, rough, "s", ahead, True)
+    on = FlightFares(state, predictor, rough, "s", float, ahead, True)
     assert fares.rest([ahead])[0] - on.rest([ahead])[0] > 0.5

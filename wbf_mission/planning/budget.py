@@ -13,18 +13,60 @@ from mission.model import Mission
 from mission.planners import Budget, PlannedPath, StepBudget, parse_budget
 from mission.planners.budget import LengthBudget
 from sim_vehicle.prediction.flight import Prediction
+from sim_vehicle.prediction.predict import BOUND_PROBABILITY
 from wbf_mission.planning.builder import MissionBuilder
 from wbf_mission.scenario import ScenarioError
+from wbf_mission.weather import wind_of
 
 PAPER_STEPS_PER_CELL = 0.4  # timesteps of a day for each of the owner's cells (Matloob et al., experiments)
 
 Paths = Sequence[NDArray[np.float64]]
 
 _MOST_KNOWN = 2000
-# Of the battery's usable part: where paths are decided in flight, and where flights err (as much as they take
-# longer with waypoints of two metres and short rows).
+# Of the battery's usable part, where paths are decided in flight.
 _SPARED = 0.02
-_SPARED_FOR_ERRORS = 0.03
+# Of the limit: what costs less is within it whatever the reserve asks for.
+_NEAR = 0.5
+
+
+@dataclass(slots=True)
+class ReserveCharge:
+    """What flights may take beyond their price, so that they come home with the battery's reserve.
+
+    The price is quick: that of an exact estimate, in a few gusts. One flight is predicted in full, with the
+    estimate's errors and more gusts, and its `Prediction.energy_bound_wh` over its price is what all others
+    are charged. What disturbs flights varies less over longer ones: the part of it that is spread grows with
+    the square root of what is flown.
+
+    Parameters
+    ----------
+    builder : MissionBuilder
+
+    Attributes
+    ----------
+    factor : float or None
+        Bound over price, of a whole flight; None until a flight was predicted.
+    """
+
+    builder: MissionBuilder
+    factor: float | None = None
+    _onward: float = 1.0
+    _spread: float = 0.0
+
+    def learn(self, mission: Mission, price_wh: float) -> None:
+        """Predict a flight in full that was priced."""
+        full = self.builder.predict(mission)
+        if not (full.energy_wh > 0.0 and 0.0 < price_wh < math.inf):
+            return
+        self.factor = full.most_wh / price_wh
+        (calm,) = self.builder.price([mission], gusts=False)
+        self._onward = full.energy_wh / calm.energy_wh
+        self._spread = (full.most_wh - full.energy_wh) / math.sqrt(full.energy_wh)
+
+    def rest(self, price_wh: float) -> float:
+        """Return what a rest of a flight may take that was priced in the mean wind."""
+        mean_wh = self._onward * price_wh
+        return mean_wh + self._spread * math.sqrt(mean_wh)
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,12 +83,16 @@ class FlightBudget:
         the vehicle cannot fly.
     explain : callable
         Why the vehicle cannot fly a path; empty if it can.
+    onward : callable
+        From what a rest of a path takes in the mean wind to what is charged for it. It is given a path of
+        the whole flight, too.
     """
 
     limit: float
     unit: str
     price: Callable[[Paths], list[float]]
     explain: Callable[[NDArray[np.float64]], str]
+    onward: Callable[[NDArray[np.float64]], Callable[[float], float]]
 
     def cost(self, path_xy_m: NDArray[np.float64]) -> float:
         """Return the predicted seconds or watt hours; infinite when the vehicle cannot fly the path."""
@@ -61,7 +107,9 @@ class FlightBudget:
         return self.explain(path_xy_m)
 
 
-def flight_budget(limit: float, unit: str, builder: MissionBuilder) -> FlightBudget:
+def flight_budget(
+    limit: float, unit: str, builder: MissionBuilder, reserve: ReserveCharge | None = None
+) -> FlightBudget:
     """Return a budget that is charged by predicted flights.
 
     Parameters
@@ -70,6 +118,8 @@ def flight_budget(limit: float, unit: str, builder: MissionBuilder) -> FlightBud
     unit : {"s", "Wh"}
     builder : MissionBuilder
         Makes and predicts the mission of a path.
+    reserve : ReserveCharge, optional
+        What is charged beyond the predictions of an exact estimate.
     """
 
     def mission_of(path_xy_m: NDArray[np.float64]) -> Mission:
@@ -83,8 +133,11 @@ def flight_budget(limit: float, unit: str, builder: MissionBuilder) -> FlightBud
         keys = [np.asarray(path, dtype=np.float64).tobytes() for path in paths_xy_m]
         new = {key: path for key, path in zip(keys, paths_xy_m, strict=True) if key not in known}
         costs = {key: known[key] for key in keys if key in known}
-        predictions = builder.price([mission_of(path) for path in new.values()]) if new else []
-        costs |= zip(new, map(price_of, predictions), strict=True)
+        missions = [mission_of(path) for path in new.values()]
+        prices = [price_of(one) for one in builder.price(missions)] if new else []
+        if reserve is not None:
+            prices = charged(reserve, missions, prices)
+        costs |= zip(new, prices, strict=True)
         if len(known) + len(new) > _MOST_KNOWN:
             known.clear()
         known.update(costs)
@@ -95,11 +148,28 @@ def flight_budget(limit: float, unit: str, builder: MissionBuilder) -> FlightBud
         # A flight that goes over the budget before it fails is told by what it has spent.
         return spent if prediction.feasible or spent > limit else math.inf
 
+    def charged(reserve: ReserveCharge, missions: list[Mission], prices: list[float]) -> list[float]:
+        """Return what flights are charged; the first of about the budget's size decides of how much."""
+        near = [k for k, one in enumerate(prices) if _NEAR * limit <= one <= limit]
+        if near and reserve.factor is None:
+            best = max(near, key=lambda k: prices[k])
+            reserve.learn(missions[best], prices[best])
+        return [one * (reserve.factor or 1.0) for one in prices]
+
     def explain(path_xy_m: NDArray[np.float64]) -> str:
         (prediction,) = builder.price([mission_of(path_xy_m)])
         return "" if prediction.feasible else str(prediction.reason)
 
-    return FlightBudget(limit, unit, price, explain)
+    def onward(path_xy_m: NDArray[np.float64]) -> Callable[[float], float]:
+        if reserve is None:
+            return lambda rest: rest
+        if reserve.factor is None:
+            mission = mission_of(path_xy_m)
+            (prediction,) = builder.price([mission])
+            reserve.learn(mission, price_of(prediction))
+        return reserve.rest
+
+    return FlightBudget(limit, unit, price, explain, onward)
 
 
 def make_budget(text: str | None, builder: MissionBuilder, *, steered: bool = False) -> tuple[Budget, str]:
@@ -113,8 +183,7 @@ def make_budget(text: str | None, builder: MissionBuilder, *, steered: bool = Fa
     builder : MissionBuilder
     steered : bool
         The path is decided in flight: of the battery's usable part a little is spared then, because the last
-        decision is priced from what telemetry tells, which is rounded and a moment old. It is spared, too,
-        when the vehicle's estimate errs: paths are priced with an exact one.
+        decision is priced from what telemetry tells, which is rounded and a moment old.
 
     Raises
     ------
@@ -134,12 +203,13 @@ def make_budget(text: str | None, builder: MissionBuilder, *, steered: bool = Fa
             raise ScenarioError(msg)
         usable = vehicle.battery.capacity_wh * (1.0 - vehicle.battery.reserve_fraction)
         less = f"{vehicle.battery.reserve_fraction:.0%} reserve"
-        spared = max(_SPARED if steered else 0.0, _SPARED_FOR_ERRORS if builder.estimate_errors else 0.0)
-        if spared > 0.0:
-            usable *= 1.0 - spared
-            less += f" and {spared:.0%} of the rest"
-        words = f"{usable:.1f} Wh (the battery less {less})"
-        return flight_budget(usable, "Wh", builder), words
+        if steered:
+            usable *= 1.0 - _SPARED
+            less += f" and {_SPARED:.0%} of the rest"
+        disturbed = builder.estimate_errors or wind_of(builder.weather, builder.level).is_gusty
+        often = f"; enough for {BOUND_PROBABILITY:.1%} of such flights" if disturbed else ""
+        words = f"{usable:.1f} Wh (the battery less {less}{often})"
+        return flight_budget(usable, "Wh", builder, ReserveCharge(builder) if disturbed else None), words
     value, unit = parse_budget(text)
     if unit == "m":
         return LengthBudget(value, home, builder.flown_way), f"{value:g} m"

@@ -27,7 +27,7 @@ from sim_vehicle.autopilot import (
 from sim_vehicle.execution.fixed_wing_items import must_circle
 from sim_vehicle.prediction.battery_swaps import batteries_needed
 from sim_vehicle.prediction.flight import Prediction
-from sim_vehicle.prediction.predict import expected_flights, rehearsed_tracks
+from sim_vehicle.prediction.predict import expected_flights, plan_prediction, rehearsed_tracks
 from wbf_mission.clearance import clearance_m
 from wbf_mission.planning.keep_out import KeepOut, probe_path, stray_m
 from wbf_mission.scenario import CameraOptions, MissionOptions, Scenario, VehicleOptions, WeatherOptions
@@ -175,17 +175,18 @@ class MissionBuilder:
     def predict(self, mission: Mission) -> Prediction:
         """Predict the flight of ``mission``, of gusts and the estimate's errors by their statistics only."""
         wind = wind_of(self.weather, self.level)
-        return expected_flights(
-            [mission], self.vehicle, wind=wind, threads=_threads(), estimate_errors=self.estimate_errors
-        )[0]
+        return plan_prediction(
+            mission, self.vehicle, wind=wind, threads=_threads(), estimate_errors=self.estimate_errors
+        )
 
-    def price(self, missions: Sequence[Mission]) -> list[Prediction]:
+    def price(self, missions: Sequence[Mission], *, gusts: bool = True) -> list[Prediction]:
         """Predict the flights of several missions, to choose among them: as if the estimate were exact.
 
         That is eight times faster. With waypoints of two metres, as planned ones have, PX4's errors make a
         flight up to 3 % longer; ways home near a step of the return altitude are those of its dearer side.
+        Without ``gusts`` they are flown in the mean wind.
         """
-        wind = wind_of(self.weather, self.level)
+        wind = wind_of(self.weather, self.level, gusts=gusts)
         return expected_flights(missions, self.priced_vehicle, wind=wind, threads=_threads())
 
     def stray_m(self) -> float:

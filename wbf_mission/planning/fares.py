@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -103,6 +103,8 @@ class FlightFares:
     predictor : OnwardPredictor
     rough : LegFares
     unit : {"s", "Wh"}
+    charged : callable
+        From what a rest takes in the mean wind to what is charged for it (`FlightBudget.onward`).
     present_m : float64[n, 2]
         The path that is flown.
     loses_speed : bool
@@ -113,6 +115,7 @@ class FlightFares:
     predictor: OnwardPredictor
     rough: LegFares | GeometricFares
     unit: str
+    charged: Callable[[float], float]
     present_m: Points = field(default_factory=lambda: np.empty((0, 2)))
     loses_speed: bool = False
     # A policy asks for what it chose, and who checks its answer asks again.
@@ -125,7 +128,8 @@ class FlightFares:
         if new:
             anew = [self.loses_speed and not is_same_path(path, self.present_m) for path in new.values()]
             seconds, watt_hours = self.predictor.rest(self.state, list(new.values()), anew=anew)
-            self._known.update(zip(new, (seconds if self.unit == "s" else watt_hours).tolist(), strict=True))
+            priced = (seconds if self.unit == "s" else watt_hours).tolist()
+            self._known.update(zip(new, map(self.charged, priced), strict=True))
         return [self._known[key] for key in keys]
 
     def legs(self, from_m: Points, to_m: Points) -> NDArray[np.float64]:

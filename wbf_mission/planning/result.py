@@ -98,8 +98,11 @@ class PlanResult:
 
     @property
     def battery_used(self) -> float | None:
-        """Fraction of the battery that the flight takes; None without a battery."""
-        return None if self.vehicle.battery is None else 1.0 - self.prediction.battery_fraction
+        """Fraction of the battery that the flight takes, above 1 if that is too much; None without one."""
+        if self.vehicle.battery is None:
+            return None
+        prediction = self.prediction
+        return max(1.0 - prediction.battery_fraction, prediction.energy_wh / self.vehicle.battery.capacity_wh)
 
     def summary(self) -> dict[str, Any]:
         """Return plain values for JSON."""
@@ -116,6 +119,7 @@ class PlanResult:
             "predicted_time_s": self.prediction.duration_s,
             "predicted_time_interval_s": self.prediction.duration_interval_s,
             "predicted_energy_wh": self.prediction.energy_wh,
+            "predicted_energy_interval_wh": self.prediction.energy_interval_wh,
             "battery_used": self.battery_used,
             "batteries": self.batteries,
             "coverage": self.coverage,

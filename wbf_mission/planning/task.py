@@ -19,7 +19,7 @@ from mission.policies.decision import Decision
 from mission.policies.fares import GeometricFares
 from mission.policies.situation import Fares, Status, VehicleReport
 from sim_vehicle.prediction.onward import InFlight
-from wbf_mission.planning.budget import make_budget
+from wbf_mission.planning.budget import FlightBudget, make_budget
 from wbf_mission.planning.builder import MissionBuilder
 from wbf_mission.planning.fares import FlightFares, StartFares, leg_fares, onward_predictor
 from wbf_mission.planning.result import PlanResult
@@ -106,17 +106,26 @@ class FlightTask:
             battery=None if self.builder.vehicle.battery is None else 1.0,
         )
 
-    def fares_in_flight(self) -> Callable[[InFlight, Points, bool], Fares]:
+    def fares_in_flight(self, first_m: Points) -> Callable[[InFlight, Points, bool], Fares]:
         """Return what tells what flying on costs the vehicle, in what state and on what path it is.
 
         The last argument is whether its autopilot leaves its mission for a change.
+
+        Parameters
+        ----------
+        first_m : float64[n, 2]
+            The path that is flown first.
         """
         rough = leg_fares(self.request, self.builder)
         if isinstance(rough, GeometricFares):
             budget = rough.budget
             return lambda state, *_: GeometricFares(budget, state.position_m)
-        predictor, unit = onward_predictor(self.builder), self.request.budget.unit
-        return lambda state, path, aside: FlightFares(state, predictor, rough, unit, path, aside)
+        flown = self.request.budget
+        charged: Callable[[float], float] = float
+        if isinstance(flown, FlightBudget):
+            charged = flown.onward(np.vstack((self.request.start_xy_m, first_m)))
+        predictor, unit = onward_predictor(self.builder), flown.unit
+        return lambda state, path, aside: FlightFares(state, predictor, rough, unit, charged, path, aside)
 
     def plan_of(self, decision: Decision, decided_by: str, *, steered: bool = False) -> PlanResult:
         """Return the plan that flies the path of this vehicle in a decision.

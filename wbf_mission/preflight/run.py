@@ -119,6 +119,7 @@ def check_mission(mission: Mission, circumstances: Circumstances | None = None) 
         image_interval_s=given.image_interval_s,
         assumed=given.assumed,
         snapshot=given.snapshot,
+        estimate_errors=options.estimate_errors,
     )
     return Preflight(subject, inspect(subject))
 

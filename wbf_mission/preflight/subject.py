@@ -16,7 +16,7 @@ from mission.model import Frame, Mission, MissionItem
 from mission.transfer import GENERIC, Profile
 from mission.transfer.wire import command_name
 from sim_vehicle.airframe.spec import VehicleSpec
-from sim_vehicle.autopilot import firmware_of
+from sim_vehicle.autopilot import estimate_errs, firmware_of
 from sim_vehicle.camera.component import MIN_INTERVAL_S
 from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.execution.feasibility import ItemProblem, mission_problems
@@ -24,7 +24,7 @@ from sim_vehicle.execution.items import DO_COMMANDS, NAV_COMMANDS, item_position
 from sim_vehicle.execution.state import BatteryDepleted, CannotFly, CurrentChanged
 from sim_vehicle.motion.legs import Position
 from sim_vehicle.prediction.flight import PredictedFlight, Prediction, climbs_by_itself, fly_all, home_frame
-from sim_vehicle.prediction.predict import mean_prediction, rehearsals
+from sim_vehicle.prediction.predict import plan_prediction, rehearsals
 from sim_vehicle.weather.wind import Wind
 from wbf_mission.preflight.finding import Finding, Hit, Measure, Severity
 from wbf_mission.preflight.flow import never_ends
@@ -80,9 +80,9 @@ class Subject:
     problems : tuple of ItemProblem
         Why the vehicle cannot fly it.
     tracks : tuple of FlownTrack
-        Flights in the wind, one for each rehearsal of its gusts; empty if it cannot be flown.
+        Flights by an exact estimate, one for each rehearsal of the wind's gusts; empty if it cannot be flown.
     prediction : Prediction or None
-        The mean of them; the battery may be empty before the end.
+        What planning predicts of it, too (`sim_vehicle.prediction.predict.plan_prediction`).
     stopped : tuple of (int, str) or None
         The item, from 0, at which a predicted flight ended before its end, and why.
     wind : Wind or None
@@ -181,6 +181,7 @@ def subject_of(
     image_interval_s: float = MIN_INTERVAL_S,
     assumed: bool = False,
     snapshot: VehicleSnapshot | None = None,
+    estimate_errors: bool = False,
 ) -> Subject:
     """Fly a plan in prediction, and gather what its checks need.
 
@@ -196,6 +197,8 @@ def subject_of(
         Whose obstacles count, and whose home it is where the mission has none.
     margin_m, image_interval_s, assumed, snapshot
         As in `Subject`.
+    estimate_errors : bool
+        Whether an autopilot whose estimate errs is predicted with its errors.
 
     Raises
     ------
@@ -208,9 +211,13 @@ def subject_of(
     positions = tuple(item_positions(flown.items, frame))
     problems = mission_problems(flown.items, positions, vehicle, needs_takeoff=not climbs_by_itself(vehicle))
     tracks: tuple[FlownTrack, ...] = ()
-    prediction, stopped = None, None
+    prediction: Prediction | None = None
+    stopped: tuple[int, str] | None = None
     if not problems:
-        tracks, prediction, stopped = _fly(flown, vehicle, wind, frame)
+        tracks, stopped = _fly(flown, vehicle, wind, frame)
+        prediction = plan_prediction(
+            flown, vehicle, wind=wind, frame=frame, estimate_errors=estimate_errors and estimate_errs(vehicle)
+        )
     firmware = firmware_of(vehicle)
     return Subject(
         mission=placed,
@@ -254,14 +261,13 @@ def _predictable(item: MissionItem) -> MissionItem:
 
 def _fly(
     mission: Mission, vehicle: VehicleSpec, wind: Wind | None, frame: LocalFrame
-) -> tuple[tuple[FlownTrack, ...], Prediction, tuple[int, str] | None]:
+) -> tuple[tuple[FlownTrack, ...], tuple[int, str] | None]:
     flights = _flights(mission, vehicle, wind, frame, _TRACK_STEP_S)
     longest_s = max(one.prediction().duration_s for one in flights)
     if longest_s > _TRACK_STEP_S * _TRACK_POINTS:
         flights = _flights(mission, vehicle, wind, frame, longest_s / _TRACK_POINTS + _TRACK_STEP_S)
-    prediction = mean_prediction(flights)
     stops = [stop for flight in flights if (stop := _stop_of(flight)) is not None]
-    return tuple(_track_of(flight) for flight in flights), prediction, stops[-1] if stops else None
+    return tuple(_track_of(flight) for flight in flights), stops[-1] if stops else None
 
 
 def _flights(

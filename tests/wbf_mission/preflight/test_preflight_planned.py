@@ -102,3 +102,23 @@ def test_an_autopilot_that_ignores_a_parameter_is_counted_the_same_everywhere():
     assert remark.count == found.count == remark.summary()["count"] == waypoints > 50
     assert remark.item is not None and found.item == remark.item + 1
     assert str(found) == str(remark)
+
+
+@pytest.mark.parametrize("gust_m_s", [0.0, 1.5])
+def test_the_check_predicts_what_planning_does(gust_m_s):
+    scenario = Scenario(
+        farm="miniberry-10",
+        planner="spiral",
+        budget="2min",
+        wind_speed_m_s=4.0,
+        wind_direction_deg=250.0,
+        wind_gust_m_s=gust_m_s,
+    )
+    result = plan(scenario)
+    checked = check_mission(result.mission, Circumstances(scenario.vehicle, scenario.weather))
+    assert result.prediction.duration_interval_s is not None
+    predicted = checked.subject.prediction
+    for name in ("duration_s", "energy_wh", "path_length_m", "duration_interval_s", "energy_bound_wh"):
+        assert getattr(predicted, name) == getattr(result.prediction, name), name
+    (told,) = [one.text for one in checked.report.findings if one.code == "flight"]
+    assert f"in a wind of 4 m/s{' and gusts' if gust_m_s else ''}: " in told

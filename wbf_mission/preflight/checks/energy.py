@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 from wbf_mission.preflight.finding import Finding, Measure, Severity
@@ -21,7 +22,13 @@ def check_battery(subject: Subject) -> Iterator[Finding]:
     minutes, seconds = divmod(round(prediction.duration_s), 60)
     takes = f"{minutes} min {seconds} s" if minutes else f"{seconds} s"
     until = "" if subject.stopped is None else "until it ends there, "
-    text = f"{until}the flight is predicted to take {takes}: {prediction.path_length_m:.0f} m"
+    wind = subject.wind
+    speed_m_s = 0.0 if wind is None else math.hypot(wind.east_m_s, wind.north_m_s)
+    gusty = wind is not None and wind.is_gusty
+    air = (
+        f"a wind of {speed_m_s:.3g} m/s{' and gusts' if gusty else ''}" if speed_m_s or gusty else "calm air"
+    )
+    text = f"{until}the flight is predicted to take {takes} in {air}: {prediction.path_length_m:.0f} m flown"
     if battery is None or subject.stopped is not None:
         yield Finding(Severity.NOTE, "flight", text)
         return
@@ -39,7 +46,7 @@ def check_battery(subject: Subject) -> Iterator[Finding]:
     yield Finding(
         severity,
         "battery" if short else "battery-close",
-        f"{text}; {'less' if short else 'hardly more'} is left at the end than the reserve",
+        f"{text}; {prediction.reason if short else 'hardly more is left at the end than the reserve'}",
         "fly a shorter mission, or in parts" if short else "begin with a full battery",
         measure=measure,
     )

@@ -34,6 +34,7 @@
     +-- wbf_mission.live.wishes.OrderError                an order that is none
     +-- wbf_mission.live.discovery.LiveFlightError        a run that a vehicle behind a link cannot do
     +-- wbf_mission.live.errors.VehicleRefusedError       a vehicle that does not do what it is told
+    +-- wbf_mission.live.errors.MotorsStandError          an order that would start motors, which was not said
     +-- wbf_mission.live.errors.VehicleSilentError        a vehicle that does not answer any more
     +-- wbf_mission.preflight.finding.PreflightError      a plan that cannot be checked, or must not go up
     +-- wbf_mission.flight.FlightError                    a flight that cannot go on

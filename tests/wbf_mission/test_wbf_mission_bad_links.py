@@ -40,7 +40,7 @@ def watched(url, cwd):
 
 CASES = {
     "the link is dead for a while": (
-        "link-loss,at=airborne,from=10,for=40",
+        "link-loss,at=airborne,from=10,for=32",
         (0, "completed"),
         "the vehicle is heard again",
     ),

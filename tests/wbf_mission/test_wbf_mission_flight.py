@@ -115,7 +115,7 @@ def test_a_battery_that_does_not_last_is_an_outcome(tmp_path: Path) -> None:
     write_mission(long.mission, path)
     scenario = scenario_with(QUAD, {"farm": "miniberry-100", "mission": str(path), "score_points": 1})
     told: list[tuple[Report, PreflightError | None]] = []
-    result = fly(scenario, force=True, tell_errors=lambda report, refused: told.append((report, refused)))
+    result = fly(scenario, force=True, tell_errors=lambda report, refused, _: told.append((report, refused)))
     assert [(one.code, refused) for report, refused in told for one in report.findings] == [("battery", None)]
     assert result.outcome in (Outcome.BATTERY_LOW, Outcome.BATTERY_DEPLETED), result.reason
     assert result.battery_used is not None

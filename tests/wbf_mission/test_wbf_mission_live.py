@@ -144,7 +144,6 @@ def test_a_vehicle_of_another_kind_is_refused():
 @pytest.mark.parametrize(
     ("more", "text"),
     [
-        ({"vehicles": 2}, "2 vehicles"),
         ({"days": 2}, "one flight"),
         ({"vehicle": "ideal", "budget": "100 steps"}, "no real one"),
     ],

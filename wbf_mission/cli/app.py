@@ -132,10 +132,12 @@ def _run(arguments: list[str]) -> int:
         code = ExitCode.INTERRUPTED
     except StdoutError:
         raise
-    except SystemExit as error:  # typer's way to end when nobody reads its help
-        if isinstance(error.__context__, OSError):
+    except SystemExit as error:
+        if users_line(error) is not None:
+            return _complain(f"code of yours ended the program: {told_error(error)}", ExitCode.BAD_INPUT)
+        if isinstance(error.__context__, OSError):  # typer's way to end when nobody reads its help
             return ExitCode.OUTPUT_CLOSED
-        return _complain(f"code of yours ended the program: {told_error(error)}", ExitCode.BAD_INPUT)
+        code = error.code  # completion ends so
     except MemoryError:
         return _complain("out of memory: choose a smaller farm or fewer days", ExitCode.BAD_INPUT)
     except OSError as error:

@@ -51,8 +51,12 @@ class ImageFetch:
         self._asked: tuple[int, ...] = ()
 
     def begin(self, now_s: float) -> bool:
-        """Begin if any image is missing; tell whether there is."""
+        """Begin if any image is missing; tell whether there is.
+
+        A real link may have lost the last ones, which nothing that came after them shows.
+        """
         self._rounds = 0
+        self._counts |= self._round_trip is not None and self._assembler.statistics.images > 0
         self.due_s = now_s
         return self._counts or bool(self._assembler.missing(1))
 

@@ -266,8 +266,9 @@ def _fly(
     longest_s = max(one.prediction().duration_s for one in flights)
     if longest_s > _TRACK_STEP_S * _TRACK_POINTS:
         flights = _flights(mission, vehicle, wind, frame, longest_s / _TRACK_POINTS + _TRACK_STEP_S)
+    tracks = tuple(_track_of(flight) for flight in flights)  # a flight is flown when its track is asked for
     stops = [stop for flight in flights if (stop := _stop_of(flight)) is not None]
-    return tuple(_track_of(flight) for flight in flights), stops[-1] if stops else None
+    return tracks, stops[-1] if stops else None
 
 
 def _flights(

@@ -192,7 +192,7 @@ CASES = {
         {},
     ),
     "battery-close": (
-        good(at(400, 0), at(0, 0), jumps(3, 8)),
+        good(at(400, 0), at(0, 0), jumps(3, 7)),
         good(at(400, 0), at(0, 0), jumps(3, 1)),
         "note",
         None,

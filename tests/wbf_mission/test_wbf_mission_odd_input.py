@@ -219,7 +219,7 @@ def test_a_mistake_of_the_program_is_one_line_too(capsys, monkeypatch):
     monkeypatch.setattr("wbf_mission.cli.vehicle._summary", itemgetter("none"))  # no code of a user's
     assert main(["vehicle", "list"]) == 70
     _, err = capsys.readouterr()
-    assert err.startswith("error: TypeError: 'VehicleSpec' object is not subscriptable; this is a mistake in wbf")
+    assert err.startswith("error: TypeError: 'VehicleSpec' object is not subscriptable; this is a mistake in")
     assert err.count("\n") == 1
     monkeypatch.setenv("WBF_MISSION_DEBUG", "1")
     with suppress(TypeError):

@@ -212,3 +212,16 @@ def test_what_an_older_flight_of_the_same_list_told_is_outdated():
     assert not ground.flies_home
     ground.receive(from_vehicle(beat(HOLD)), 20.0)
     assert ground.pilot.somebody_else_flies
+
+
+def test_a_mission_that_comes_when_the_old_one_has_ended_does_not_make_the_return_a_pilots():
+    """A real PX4 took the whole list and told it as active all the way home."""
+    came = [
+        *until_moment(),
+        (END_S, m.MAVLink_statustext_message(6, b"Mission finished, loitering\t")),
+        *each_second(END_S + 0.3, END_S + 30.0, lambda: beat(RTL), lambda: current(2, ACTIVE)),
+        *each_second(END_S + 30.0, END_S + 38.0, lambda: beat(HOLD, armed=False), lambda: current(2, ACTIVE)),
+    ]
+    ground = flown(HOMEWARD, came)
+    assert not [text for _, text in ground.pilot.events if "taken out" in text]
+    assert ground.outcome is Outcome.COMPLETED

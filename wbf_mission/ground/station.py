@@ -189,6 +189,7 @@ class GroundStation:
         self._contact = ContactWatch()
         self._back_s, self._unsure_s = math.inf, -math.inf
         self._changed_s = -math.inf
+        self._says_finished = False
         self._change: ChangeSession | None = None
         self._guard: FailsafeGuard | None = None
         self.battery_before = Battery()
@@ -333,6 +334,7 @@ class GroundStation:
         )
         self._change, self._changed_s = _WAYS[self.changes_aside](request), now_s
         self.pilot.on_new_mission()
+        self._says_finished = False
         return self._after_change(self._change.start(now_s))
 
     @property
@@ -677,6 +679,7 @@ class GroundStation:
                 self.clearance.on_text(message.text)
             if self._flies_mission and _FINISHED.match(message.text):
                 self.pilot.on_mission_end(now_s)
+                self._says_finished = True
         return []
 
     def _on_image(self, message: Message, now_s: float) -> list[Message]:  # noqa: ARG002
@@ -883,6 +886,9 @@ class GroundStation:
         cause = self._failures.cause(self.texts[self._texts_before :])
         if cause is None and self.pilot.somebody_else_flies:
             return Outcome.PILOT_TOOK_OVER, self.pilot.reason
+        if cause is None and self._says_finished and self.pilot.mission_over and not self.pilot.ended_mission:
+            # The state that it tells is that of a mission which came when this one had ended.
+            return Outcome.COMPLETED, ""
         return cause or (Outcome.FLIGHT_ABORTED, self._texts.last_warning(f"disarmed{self._progress}"))
 
     def _complete(self, now_s: float) -> None:

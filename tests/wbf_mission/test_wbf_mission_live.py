@@ -94,7 +94,7 @@ def standing(east_m):
     ("more", "spent"),
     [
         ({"budget": "150s"}, lambda flight: flight.flight_time_s / 150.0),
-        ({"budget": "500m"}, lambda flight: flight.path_length_m / 500.0),
+        ({"budget": "500m"}, lambda flight: flight.track.length_m / 500.0),
         ({"budget": "150s", "policy": "greedy"}, lambda flight: flight.flight_time_s / 150.0),
     ],
 )
@@ -104,7 +104,7 @@ def test_the_way_from_where_the_vehicle_stands_is_in_the_budget(more, spent):
         assert max(map(abs, made.vehicle.true_position_m[:2])) < 3.0, "it is back where it started"
     (flight,) = result.flights
     assert flight.outcome is Outcome.COMPLETED
-    assert flight.path_length_m > 2 * 215.0, "it was there"
+    assert flight.track.length_m > 2 * 215.0, "it was there"
     assert len(result.observations) > 5
     assert 0.6 < spent(flight) < 1.02, spent(flight)
 

@@ -225,3 +225,14 @@ def test_a_mission_that_comes_when_the_old_one_has_ended_does_not_make_the_retur
     ground = flown(HOMEWARD, came)
     assert not [text for _, text in ground.pilot.events if "taken out" in text]
     assert ground.outcome is Outcome.COMPLETED
+
+
+def test_a_mission_that_ends_while_another_is_sent_is_over():
+    """A real PX4 said so between the number of the new items and its acknowledgement."""
+    ground = flying(HOMEWARD)
+    ground.receive(from_vehicle(beat(MISSION)), 11.0)
+    ground.receive(from_vehicle(current(2, ACTIVE)), 11.1)
+    other = Mission((TAKEOFF, *WAYPOINTS[::-1], HOMEWARD.items[-1]), HOMEWARD.home)
+    assert ground.change(other, 2, 12.0) and ground.changing
+    ground.receive(from_vehicle(m.MAVLink_statustext_message(6, b"Mission finished, loitering\t")), 12.1)
+    assert ground.pilot.mission_over and ground.flies_home

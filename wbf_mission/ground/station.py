@@ -333,8 +333,8 @@ class GroundStation:
             round_trip=self._round_trip,
         )
         self._change, self._changed_s = _WAYS[self.changes_aside](request), now_s
-        self.pilot.on_new_mission()
-        self._says_finished = False
+        if not self._says_finished:
+            self.pilot.on_new_mission()
         return self._after_change(self._change.start(now_s))
 
     @property
@@ -553,6 +553,7 @@ class GroundStation:
                 self._progress = f" at item {state.item + 1} of {state.total or len(self.mission.items)}"
                 if self._flies_mission and self._leads_on(state.item):
                     self.pilot.on_mission_goes_on(now_s)
+                    self._says_finished &= self.pilot.mission_over
             self._look_for_end(now_s)
             if self.phase is Phase.FLIGHT and self._mission_state == _COMPLETE and self._ends_when_complete():
                 self._complete(now_s)
@@ -677,7 +678,8 @@ class GroundStation:
             self._texts.on_text(message, now_s)
             if self.clearance is not None:
                 self.clearance.on_text(message.text)
-            if self._flies_mission and _FINISHED.match(message.text):
+            # It is said when the vehicle leaves its mission, whatever list is on its way to it.
+            if self.phase is Phase.FLIGHT and self._armed and _FINISHED.match(message.text):
                 self.pilot.on_mission_end(now_s)
                 self._says_finished = True
         return []

@@ -106,7 +106,7 @@ def test_the_way_from_where_the_vehicle_stands_is_in_the_budget(more, spent):
     assert flight.outcome is Outcome.COMPLETED
     assert flight.track.length_m > 2 * 215.0, "it was there"
     assert len(result.observations) > 5
-    # Gusts, errors and a link at twelve times real time cost a little; the ways alone would be a half more.
+    # Gusts, errors and a link at twelve times real time cost a little; without the ways it was a fifth more.
     assert 0.6 < spent(flight) < 1.06, spent(flight)
 
 

@@ -127,6 +127,8 @@ class FailsafeRules:
         What is said when an order to arm is refused; ``{}`` in the first is the reason.
     armed, disarmed : str
         Texts when the motors start, and stop by an order.
+    armed_by_start : str
+        Text when MISSION_START starts them; empty where it does not (ArduPilot).
     disarming_text : str
         What is said when an order to disarm is refused in flight; empty for nothing.
     landed : tuple of str
@@ -172,6 +174,7 @@ class FailsafeRules:
     restores_mode: bool = False
     fence_refusal: str = ""
     armed: str = "Armed by external command"
+    armed_by_start: str = ""
     disarmed: str = "Disarmed by external command"
     disarming_text: str = "Disarming denied: not landed"
     landed: tuple[str, ...] = ("Disarmed by landing",)

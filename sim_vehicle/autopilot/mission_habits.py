@@ -33,6 +33,13 @@ class MissionHabits:
     stays_after_last : bool
         After the last item the vehicle stays in the mission mode; only MISSION_START goes on (ArduPilot).
         Otherwise it holds.
+    return_lag_s : float or None
+        A return that is the last item ends the mission: after this time the vehicle is in the mode of
+        returns (PX4). None: it is flown as an item, in the mission mode.
+    finished_texts : tuple of 2 str
+        What is said when the mission is over in the air, and on the ground.
+    return_text : str
+        What is said besides when it ends in the mode of returns.
     forgets_speed_in : frozenset of Mode
         Modes that begin at the vehicle's own speed (ArduPilot).
     replays_speed : bool
@@ -70,6 +77,9 @@ class MissionHabits:
     keeps_jumps: bool = False
     clears_in_flight: bool = True
     stays_after_last: bool = False
+    return_lag_s: float | None = None
+    finished_texts: tuple[str, str] = ("Mission complete", "Mission complete")
+    return_text: str = ""
     forgets_speed_in: frozenset[Mode] = frozenset()
     replays_speed: bool = False
     rewinds_survey: bool = False

@@ -244,6 +244,17 @@ class MissionSequencer:
             follower.fly(legs, follower.phase, plan.after_last)
 
     @property
+    def returns(self) -> bool:
+        """Whether the return is flown that is the last item of the mission."""
+        on_mission = self.follower.phase is FlightPhase.MISSION and self.current_seq == len(self.items) - 1
+        return on_mission and self.items[self.current_seq].command == Command.NAV_RETURN_TO_LAUNCH
+
+    def leave_to_return(self) -> None:
+        """Let the return that is flown be no item of the mission any more."""
+        follower = self.follower
+        follower.phase = FlightPhase.LAND if follower.landed is LandedState.LANDING else FlightPhase.RETURN
+
+    @property
     def lands(self) -> bool:
         """Whether a landing of the mission is flown."""
         on_mission = self.follower.phase is FlightPhase.MISSION and 0 <= self.current_seq < len(self.items)

@@ -233,7 +233,7 @@ def _mission_current(source: WireState) -> Message:
     seq = source.wire_seq(pilot.mission.current_seq) if size else 0
     state = pilot.mission_state
     hovers = pilot.habits.stays_after_last and pilot.landed is not LandedState.ON_GROUND
-    if state is MissionState.COMPLETE and not hovers:
+    if state is MissionState.COMPLETE and not (hovers or pilot.mission.returns):
         seq = 0
     if not source.item_known:
         seq = UNUSED

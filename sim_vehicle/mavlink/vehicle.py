@@ -56,6 +56,7 @@ __all__ = ["SimVehicle"]
 _AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
 _PLANNER = int(m.MAV_COMP_ID_MISSIONPLANNER)
 _TICK_S = 0.1
+_ITEM_AFTER_MODE_S = 0.03
 _GUIDED_ITEM = 2
 _GUIDED_OPTIONS, _THRUST_AS_THRUST = Setting("GUID_OPTIONS", 0.0), 8
 _TRUTH_HZ = 10.0
@@ -431,11 +432,15 @@ class SimVehicle:
         self._plans.server.locked = guarded and pilot.armed and pilot.mode is Mode.MISSION
         steps_on = self._progress[1:] == shown[2][1:]
         self._progress = shown[2]
+        lag_s = self.firmware.persona.current_lag_s
+        if pilot.mission.returns and pilot.mode is Mode.MISSION:
+            # The mode of returns is told before the item that leads to it.
+            steps_on, lag_s = True, (pilot.habits.return_lag_s or 0.0) + _ITEM_AFTER_MODE_S
         for message_id, old, new in zip(kinds, before, shown, strict=True):
             if old == new:
                 continue
             if message_id == m.MAVLINK_MSG_ID_MISSION_CURRENT and steps_on:
-                self._current_due_s = self.state.now_us / 1e6 + self.firmware.persona.current_lag_s
+                self._current_due_s = self.state.now_us / 1e6 + lag_s
             else:
                 self._outbox += self.built(message_id)
 

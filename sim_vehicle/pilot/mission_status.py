@@ -45,6 +45,8 @@ class MissionStatus:
         What cannot be flown.
     started, complete : bool
         Whether the mission was begun since the vehicle was armed, and flown to its end.
+    returns : bool
+        Whether all that is left of it is the way home, which is no part of it (PX4).
     """
 
     def __init__(
@@ -52,7 +54,7 @@ class MissionStatus:
     ) -> None:
         self.problems: tuple[str, ...] = ()
         self.started = False
-        self.complete = False
+        self.complete = self.returns = False
         self._chosen = False
         self._in_air = False
         self._controls = controls
@@ -71,7 +73,7 @@ class MissionStatus:
 
     def begin(self) -> None:
         """Note that the mission is begun, or gone on with."""
-        self.complete = self._chosen = False
+        self.complete = self.returns = self._chosen = False
         self.started = True
 
     @property
@@ -132,7 +134,7 @@ class MissionStatus:
         """Progress of the mission; ``in_mode`` tells whether the vehicle is armed in the mission mode."""
         if not self.items or self.problems:
             return MissionState.NO_MISSION
-        if self.complete:
+        if self.complete or self.returns:
             return MissionState.COMPLETE
         if not self.started:
             return MissionState.NOT_STARTED

@@ -170,6 +170,7 @@ class Pilot:
         self.auto_yaw = AutoYaw(self.controls, lambda: self.mode)
         self.attitude = AttitudePilot(self.controls, parameters)
         self._flipped_in, self._circles = mode, False
+        self._returns_s = math.inf
         self._sticks = flown = None
         if sticks is not None:
             self._sticks = flown = StickPilot(
@@ -359,8 +360,15 @@ class Pilot:
 
     # Orders.
 
-    def arm(self, *, force: bool = False) -> None:
+    def arm(self, *, force: bool = False, told: str = "") -> None:
         """Start the motors; in mission or take-off mode the flight begins.
+
+        Parameters
+        ----------
+        force : bool
+            Whatever the checks say.
+        told : str
+            What is said of it; by default as after an order to arm.
 
         Raises
         ------
@@ -390,7 +398,7 @@ class Pilot:
         if self._sticks is not None:
             self._sticks.forget()
         self._end(Outcome.RUNNING, "")
-        self.note(Severity.INFO, self._rules.armed)
+        self.note(Severity.INFO, told or self._rules.armed)
         if self.mode is Mode.MISSION and self.mission.why_not is not None:
             self.modes.override(Mode.HOLD)
         elif self.mode in (Mode.MISSION, Mode.TAKEOFF):
@@ -559,6 +567,8 @@ class Pilot:
     def start_mission(self, first: int | None = None) -> None:
         """Begin the mission or go on with it, at an item; one that is over begins again.
 
+        A PX4 that stands with motors off arms, too.
+
         Raises
         ------
         RefusedError
@@ -568,6 +578,8 @@ class Pilot:
         if first is not None:
             self.set_current(first)
         self._change_mode(Mode.MISSION)
+        if self._rules.armed_by_start and not self.armed:
+            self.arm(told=self._rules.armed_by_start)
 
     def set_current(self, seq: int) -> None:
         """Go on with this mission item; RefusedError when there is none."""
@@ -708,6 +720,8 @@ class Pilot:
         events = self.controls.advance(now_s)
         for event in events:
             self._on_event(event)
+        if self.habits.return_lag_s is not None:
+            self._end_in_return(self.habits.return_lag_s)
         if self.armed:
             for reaction in self.failsafe.check():
                 self._carry_out(reaction)
@@ -729,6 +743,22 @@ class Pilot:
         elif self.attitude.active:
             self.attitude.stop()
         return events
+
+    def _end_in_return(self, lag_s: float) -> None:
+        """Take the mode of returns for a mission that ends with one; the same path is flown on."""
+        sequencer, mission, now_s = self.executor.sequencer, self.mission, self.executor.time_s
+        if not (self.armed and self.mode is Mode.MISSION and self.landed is not LandedState.ON_GROUND):
+            self._returns_s = math.inf
+        elif not mission.returns and sequencer.returns:
+            mission.returns, self._returns_s = True, now_s + lag_s
+            self.note(Severity.INFO, self.habits.finished_texts[0])
+            self.note(Severity.INFO, self.habits.return_text)
+        elif now_s >= self._returns_s:
+            self._returns_s, intended = math.inf, self.modes.intended
+            sequencer.leave_to_return()
+            self.controls.refresh()
+            self.modes.override(Mode.RTL)
+            self.modes.by_itself, self.modes.intended = True, intended
 
     def _fly_attitude(self) -> None:
         """Fly the attitude that is asked for, or the flip, on; leave the circle behind with its mode."""
@@ -754,7 +784,8 @@ class Pilot:
             self.note(Severity.NOTICE, f"Restarted landing {how} {event.seq + 1}")
         elif isinstance(event, MissionComplete):
             self.mission.complete = True
-            self.note(Severity.INFO, "Mission complete")
+            if not self.mission.returns:
+                self.note(Severity.INFO, self.habits.finished_texts[self.landed is LandedState.ON_GROUND])
             if self.armed and self.landed is LandedState.IN_AIR and not self.habits.stays_after_last:
                 self._turn_to(Mode.HOLD)
                 self.modes.intended = Mode.HOLD
@@ -765,6 +796,7 @@ class Pilot:
             self._end(Outcome.BATTERY_DEPLETED, f"battery empty at {event.time_s:.0f} s")
             self.note(Severity.CRITICAL, "Battery empty: coming down")
         elif isinstance(event, Landed):
+            self.mission.complete |= self.mission.returns and self.mode is Mode.RTL
             idle = self._rules.idle
             if idle is not None and not idle.first_flight and self.mode not in _LANDS:
                 self.executor.stay_armed()

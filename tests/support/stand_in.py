@@ -27,12 +27,15 @@ def stand_in(
     speed=6.0,
     first_system=1,
     system_faults=(),
+    homes=(),
     listen="tcpin:127.0.0.1:0",
     **more,
 ):
     """Serve a simulated vehicle from another thread, over TCP by default; yields its address and it."""
     given = scenario(autopilot=autopilot, **more)
-    made = make_components(given, with_camera=camera, count=count, cold=cold, first_system=first_system)
+    made = make_components(
+        given, with_camera=camera, count=count, cold=cold, first_system=first_system, homes=homes
+    )
     with Server(made.components, [listen], speed=speed, faults=system_faults) as server:
         thread = threading.Thread(target=server.run, daemon=True)
         thread.start()

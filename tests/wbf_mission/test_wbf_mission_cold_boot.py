@@ -203,3 +203,7 @@ def test_a_position_counts_with_an_estimate_or_a_fix():
     assert monitor.knows_position
     fix(0)
     assert monitor.knows_position, "by something else than satellites"
+    estimate(1023)
+    assert monitor.knows_position, "PX4 1.17 at rest tells CONST_POS_MODE, too, while it uses satellites"
+    estimate(511)
+    assert not monitor.knows_position, "held, without satellites"

@@ -14,8 +14,11 @@ import pytest
 from processes import unmeasured
 from stand_in import LONG_S, scenario, stand_in
 
+from geo.errors import WbfMissionError
+from geo.farms import get_farm
 from mission.link import MavlinkEndpoint, open_link
 from mission.link.codec.dialect import mavlink as m
+from mission.model import GeoPoint
 from mission.outcome import Outcome
 from sim_vehicle.autopilot.modes import Mode
 from wbf_mission import joint_flight
@@ -77,6 +80,50 @@ def test_the_whole_job_with_a_vehicle_behind_a_link(autopilot, tmp_path):
     assert result.final_score is not None
     assert tlog.stat().st_size > 10_000
     assert not made.vehicle.pilot.armed
+
+
+def standing(east_m):
+    """A stand-in's home so far east of the farm's, and where the flight is planned from."""
+    farm = get_farm("miniberry-10")
+    x, y = farm.home_m
+    latitude, longitude = farm.frame.to_wgs84(x + east_m, y)
+    return ((GeoPoint(float(latitude), float(longitude), farm.frame.altitude_m), 0.0),)
+
+
+@pytest.mark.parametrize(
+    ("more", "spent"),
+    [
+        ({"budget": "150s"}, lambda flight: flight.flight_time_s / 150.0),
+        ({"budget": "500m"}, lambda flight: flight.track.length_m / 500.0),
+        ({"budget": "150s", "policy": "greedy"}, lambda flight: flight.flight_time_s / 150.0),
+    ],
+)
+def test_the_way_from_where_the_vehicle_stands_is_in_the_budget(more, spent):
+    with stand_in(homes=standing(221.0), speed=12.0) as (url, made):
+        result = fly(scenario(**more), connect=LiveLink(url, Watcher(images=10**9)))
+        assert max(map(abs, made.vehicle.true_position_m[:2])) < 3.0, "it is back where it started"
+    (flight,) = result.flights
+    assert flight.outcome is Outcome.COMPLETED
+    assert flight.track.length_m > 2 * 215.0, "it was there"
+    assert len(result.observations) > 5
+    # Gusts, errors and a link at twelve times real time cost a little; without the ways it was a fifth more.
+    assert 0.6 < spent(flight) < 1.06, spent(flight)
+
+
+def test_a_vehicle_that_stands_a_few_metres_away_flies_the_plan_of_the_farm():
+    paths = []
+    for east_m in (0.0, 3.0):
+        with stand_in(homes=standing(east_m)) as (url, _):
+            link = LiveLink(url, Watcher(agrees=False))
+            paths.append(fly(scenario(), connect=link).plan.path_m.tolist())
+    assert paths[0] == paths[1]
+
+
+def test_a_budget_that_does_not_reach_the_farm_from_there_is_refused():
+    with stand_in(homes=standing(290.0)) as (url, made):
+        with pytest.raises(WbfMissionError, match="budget"):
+            fly(scenario(budget="30s"), connect=LiveLink(url, Watcher()))
+        assert not made.vehicle.pilot.armed
 
 
 def test_a_camera_on_board_is_used_and_ours_stays_silent():

@@ -212,3 +212,27 @@ def test_what_an_older_flight_of_the_same_list_told_is_outdated():
     assert not ground.flies_home
     ground.receive(from_vehicle(beat(HOLD)), 20.0)
     assert ground.pilot.somebody_else_flies
+
+
+def test_a_mission_that_comes_when_the_old_one_has_ended_does_not_make_the_return_a_pilots():
+    """A real PX4 took the whole list and told it as active all the way home."""
+    came = [
+        *until_moment(),
+        (END_S, m.MAVLink_statustext_message(6, b"Mission finished, loitering\t")),
+        *each_second(END_S + 0.3, END_S + 30.0, lambda: beat(RTL), lambda: current(2, ACTIVE)),
+        *each_second(END_S + 30.0, END_S + 38.0, lambda: beat(HOLD, armed=False), lambda: current(2, ACTIVE)),
+    ]
+    ground = flown(HOMEWARD, came)
+    assert not [text for _, text in ground.pilot.events if "taken out" in text]
+    assert ground.outcome is Outcome.COMPLETED
+
+
+def test_a_mission_that_ends_while_another_is_sent_is_over():
+    """A real PX4 said so between the number of the new items and its acknowledgement."""
+    ground = flying(HOMEWARD)
+    ground.receive(from_vehicle(beat(MISSION)), 11.0)
+    ground.receive(from_vehicle(current(2, ACTIVE)), 11.1)
+    other = Mission((TAKEOFF, *WAYPOINTS[::-1], HOMEWARD.items[-1]), HOMEWARD.home)
+    assert ground.change(other, 2, 12.0) and ground.changing
+    ground.receive(from_vehicle(m.MAVLink_statustext_message(6, b"Mission finished, loitering\t")), 12.1)
+    assert ground.pilot.mission_over and ground.flies_home

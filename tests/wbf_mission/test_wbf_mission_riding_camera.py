@@ -246,3 +246,41 @@ def test_whatever_is_lost_the_camera_does_in_the_end_what_the_mission_orders(fir
     ordered = shots_before(ride.mission, last)
     if ordered is not None:
         assert ride.does[0] == ordered.distance_m
+
+
+PX4_MISSION, PX4_RTL = 4 << 16 | 4 << 24, 4 << 16 | 5 << 24
+HOMEWARD = Mission((*MISSION.items[:-1], MissionItem(Command.NAV_RETURN_TO_LAUNCH)))
+
+
+class Px4Ride(Ride):
+    """A PX4, whose list begins with its first item."""
+
+    def beat(self, mode=PX4_MISSION, *, armed=True):
+        base = 157 if armed else 29
+        self.hear(m.MAVLink_heartbeat_message(m.MAV_TYPE_QUADROTOR, 12, base, mode, 4, 3))
+
+    def seconds(self, count, item, mode=PX4_MISSION):
+        super().seconds(count, item, mode)
+
+    def at(self, item, state=3):
+        self.hear(m.MAVLink_mission_current_message(item, 5, state, 1))
+
+
+@pytest.mark.parametrize("commanded", [False, True])
+@pytest.mark.parametrize("told", [4, 2])
+def test_a_px4_that_ends_its_mission_with_a_return_leaves_no_images_on(commanded, told):
+    """It shows AUTO.RTL first, then the item; of a mission that came meanwhile it tells an earlier one."""
+    ride = Px4Ride(HOMEWARD)
+    if commanded:
+        ride.tell(0.5)
+    ride.seconds(3, 2)
+    assert ride.does[0] == 0.5
+    ride.move(0.3)
+    ride.beat(PX4_RTL)
+    ride.move(0.03)
+    ride.at(told, state=5)
+    ride.seconds(int(PATIENCE_S), told, PX4_RTL)
+    assert ride.does[0] == 0.0
+    ride.beat(PX4_MISSION)
+    ride.seconds(int(PATIENCE_S), 2, PX4_MISSION)
+    assert ride.does[0] == 0.5, "it is back in its mission"

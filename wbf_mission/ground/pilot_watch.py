@@ -40,6 +40,7 @@ class PilotWatch:
         self.events: list[tuple[float, str]] = []
         self.mode = ""
         self._in_mission: bool | None = None
+        self._shows_mission = False
         self.ordered: Maneuver | None = None
         self.obeyed = self.ended_by_restart = ""
         self._held: list[tuple[float, str]] = []
@@ -110,9 +111,10 @@ class PilotWatch:
     def on_mission_goes_on(self, now_s: float) -> None:
         """Note that the vehicle tells of items left to fly: what told of an end before is outdated then.
 
-        What was sent before the end may come after it.
+        What was sent before the end may come after it; and of a mission that came just when the old one had
+        ended, PX4 tells on its way home that it is active.
         """
-        if self._in_mission and now_s > self._over_s + _DOUBT_S:
+        if self._shows_mission and now_s > self._over_s + _DOUBT_S:
             self.mission_over = False
 
     def on_new_mission(self) -> None:
@@ -180,7 +182,8 @@ class PilotWatch:
         """Follow the mode."""
         kind = _kind(message)
         before, self.mode = self.mode, mode_name(*kind)
-        if is_in_mission(*kind):
+        self._shows_mission = is_in_mission(*kind)
+        if self._shows_mission:
             if not message.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED:
                 # PX4 goes back to it when it is disarmed, also if it was taken out before.
                 return

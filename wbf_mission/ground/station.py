@@ -189,6 +189,7 @@ class GroundStation:
         self._contact = ContactWatch()
         self._back_s, self._unsure_s = math.inf, -math.inf
         self._changed_s = -math.inf
+        self._says_finished = False
         self._change: ChangeSession | None = None
         self._guard: FailsafeGuard | None = None
         self.battery_before = Battery()
@@ -332,7 +333,8 @@ class GroundStation:
             round_trip=self._round_trip,
         )
         self._change, self._changed_s = _WAYS[self.changes_aside](request), now_s
-        self.pilot.on_new_mission()
+        if not self._says_finished:
+            self.pilot.on_new_mission()
         return self._after_change(self._change.start(now_s))
 
     @property
@@ -551,6 +553,7 @@ class GroundStation:
                 self._progress = f" at item {state.item + 1} of {state.total or len(self.mission.items)}"
                 if self._flies_mission and self._leads_on(state.item):
                     self.pilot.on_mission_goes_on(now_s)
+                    self._says_finished &= self.pilot.mission_over
             self._look_for_end(now_s)
             if self.phase is Phase.FLIGHT and self._mission_state == _COMPLETE and self._ends_when_complete():
                 self._complete(now_s)
@@ -675,8 +678,10 @@ class GroundStation:
             self._texts.on_text(message, now_s)
             if self.clearance is not None:
                 self.clearance.on_text(message.text)
-            if self._flies_mission and _FINISHED.match(message.text):
+            # It is said when the vehicle leaves its mission, whatever list is on its way to it.
+            if self.phase is Phase.FLIGHT and self._armed and _FINISHED.match(message.text):
                 self.pilot.on_mission_end(now_s)
+                self._says_finished = True
         return []
 
     def _on_image(self, message: Message, now_s: float) -> list[Message]:  # noqa: ARG002
@@ -883,6 +888,9 @@ class GroundStation:
         cause = self._failures.cause(self.texts[self._texts_before :])
         if cause is None and self.pilot.somebody_else_flies:
             return Outcome.PILOT_TOOK_OVER, self.pilot.reason
+        if cause is None and self._says_finished and self.pilot.mission_over and not self.pilot.ended_mission:
+            # The state that it tells is that of a mission which came when this one had ended.
+            return Outcome.COMPLETED, ""
         return cause or (Outcome.FLIGHT_ABORTED, self._texts.last_warning(f"disarmed{self._progress}"))
 
     def _complete(self, now_s: float) -> None:

@@ -112,6 +112,8 @@ class VehicleState:
 
 
 _POSITION_KNOWN, _POSITION_HELD = int(m.EKF_POS_HORIZ_ABS), int(m.EKF_CONST_POS_MODE)
+# PX4: satellites are used; an estimate that only rests with its vehicle is told as held, too.
+_POSITION_AIDED = int(m.EKF_PRED_POS_HORIZ_ABS)
 _LANDED_UNKNOWN = 0  # MAV_LANDED_STATE_UNDEFINED
 _NO_MISSION = 1  # MISSION_STATE_NO_MISSION
 # MISSION_CURRENT.mission_mode; 0 is unknown, 1 in the mission.
@@ -181,7 +183,8 @@ class VehicleMonitor:
         if position is None or position.lat == position.lon == 0:
             return False
         if self._estimate is not None:
-            return self._estimate & (_POSITION_KNOWN | _POSITION_HELD) == _POSITION_KNOWN
+            held = self._estimate & (_POSITION_HELD | _POSITION_AIDED) == _POSITION_HELD
+            return bool(self._estimate & _POSITION_KNOWN) and not held
         return self._fix is None or self._fix >= m.GPS_FIX_TYPE_3D_FIX
 
     def on_mission_current(self, message: m.MAVLink_mission_current_message, now_s: float) -> None:

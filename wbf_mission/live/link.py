@@ -2,25 +2,30 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from mission.transfer.vehicles import Vehicle as HeardVehicle
 from wbf_mission.fleet import Vehicle
+from wbf_mission.ground.clearance import FARTHEST_M
 from wbf_mission.ground.link import find_vehicles
 from wbf_mission.hosting import Hosting
 from wbf_mission.joint_flight import Attendant
 from wbf_mission.live.discovery import LiveFlightError, fitted_to, require_single_flight, wanted_vehicles
 from wbf_mission.live.via import OwnVia, Via
-from wbf_mission.planning import PlanResult
+from wbf_mission.planning import PlanResult, flight_builder
 from wbf_mission.preflight.finding import Concern, Finding, PreflightError, Report, Severity
 from wbf_mission.preflight.run import Circumstances, Tell, check_mission, tell_nobody
 from wbf_mission.preflight.vehicle.asking import ask_vehicle
+from wbf_mission.preflight.vehicle.snapshot import VehicleSnapshot
 from wbf_mission.scenario import Scenario
 from wbf_mission.scenario.separation import LAYERS
 
 __all__ = ["LiveLink"]
+
+_NEAR_M = 5.0
 
 
 def _silent(_text: str) -> None:
@@ -111,11 +116,46 @@ class LiveLink:
         return fitted_to(scenario, *(one for _, one in heard))
 
     def numbered(self, vehicles: Sequence[Vehicle]) -> tuple[Vehicle, ...]:
-        """Return the run's vehicles with the system ids of those that were heard."""
+        """Return the run's vehicles with the system ids of those that were heard, from where these stand.
+
+        They start and land there: their budgets pay the way to the first waypoint and back. The run's own
+        start stays that of one that stands within a few metres of it, and of one that is too far away to be
+        started at all.
+
+        Raises
+        ------
+        LinkError, NoVehicleError
+            If a vehicle is not there any more.
+        WbfMissionError
+            If the budget does not suit the vehicle from there.
+        """
         return tuple(
-            replace(one, task=replace(one.task, system_id=number))
+            self._standing(replace(one, task=replace(one.task, system_id=number)))
             for one, number in zip(vehicles, self._heard, strict=True)
         )
+
+    def _standing(self, one: Vehicle) -> Vehicle:
+        """Ask a vehicle where it stands, and let it start from there."""
+        task, options = one.task, one.scenario
+        stands = self._asked(task.system_id).position
+        if stands is None or options.mission.file is not None:
+            return one
+        planned_m, frame = task.builder.home_m, task.builder.farm.frame
+        here_m = frame.from_wgs84(stands.latitude_deg, stands.longitude_deg)
+        away_m = math.dist(here_m, planned_m)
+        if not _NEAR_M < away_m <= FARTHEST_M:
+            return one
+        who = f"vehicle {task.system_id}: " if len(self._heard) > 1 else ""
+        self.note(f"{who}it stands {away_m:.0f} m from the start of the farm: planned from where it stands")
+        builder = flight_builder(options, (float(here_m[0]), float(here_m[1])))
+        return replace(one, task=task.moved(options, builder))
+
+    def _asked(self, number: int) -> VehicleSnapshot:
+        """Ask a vehicle for what a plan assumes."""
+        url, _ = self._heard[number]
+        who = f"vehicle {number}: " if len(self._heard) > 1 else ""
+        self.note(f"{who}asking the vehicle on {url}")
+        return ask_vehicle(url, wait_s=self.wait_s, system_id=number)
 
     def check(self, planned: Iterable[tuple[Vehicle, PlanResult]]) -> None:
         """Check plans before they go up, and ask each vehicle for what its plan assumes.
@@ -133,9 +173,7 @@ class LiveLink:
         for vehicle, plan in planned:
             number, options = vehicle.task.system_id, vehicle.scenario
             who = f"vehicle {number}: " if len(self._heard) > 1 else ""
-            url, _ = self._heard[number]
-            self.note(f"{who}asking the vehicle on {url}")
-            snapshot = ask_vehicle(url, wait_s=self.wait_s, system_id=number)
+            snapshot = self._asked(number)
             circumstances = Circumstances(
                 options.vehicle, options.weather, plan.farm, options.mission.margin_m, snapshot=snapshot
             )

@@ -13,7 +13,7 @@ from mission.transfer import profile_for
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.camera.trigger import MAX_GAP_MS
 from wbf_mission.ground.boot_clock import BootClock
-from wbf_mission.ground.modes import is_in_mission
+from wbf_mission.ground.modes import is_in_mission, mode_name
 from wbf_mission.live.missed_images import Silence, images_in
 from wbf_mission.live.mission_shots import MissionShots, Shots, shots_before
 
@@ -38,7 +38,9 @@ class RidingCamera:
     autopilot with a camera of its own driver commands this one, too (DO_SET_CAM_TRIGG_DIST, CAMERA_TRIGGER).
     Such a command may be lost or late, and an autopilot that commands none does not know of this camera: so
     what the mission has ordered before the item that MISSION_CURRENT tells holds while the vehicle flies its
-    mission (`wbf_mission.live.mission_shots`).
+    mission (`wbf_mission.live.mission_shots`). What it has ordered to stop stays stopped in any mode: a PX4
+    tells the last item, the return, after it has left the mission's mode for that of returns, in which its
+    shots stop anyway.
 
     Parameters
     ----------
@@ -70,7 +72,7 @@ class RidingCamera:
         self._heard_s = math.inf
         self._other = False
         self._shots = MissionShots()
-        self._in_mission = False
+        self._in_mission = self._returns = False
         self._home = 0
         self._clock = BootClock()
         self._before: Any = None
@@ -107,6 +109,9 @@ class RidingCamera:
             kind = (message.autopilot, message.type, message.base_mode, message.custom_mode)
             armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
             self._in_mission = armed and is_in_mission(*kind)
+            self._returns = (
+                armed and message.autopilot == mavlink.MAV_AUTOPILOT_PX4 and mode_name(*kind) == "RTL"
+            )
         if isinstance(message, mavlink.MAVLink_global_position_int_message) and self._is_autopilot(message):
             self._on_position(message, now_s)
         if isinstance(message, mavlink.MAVLink_mission_current_message):
@@ -176,11 +181,11 @@ class RidingCamera:
             # Some autopilots start at the first item again when the mission is over.
             item = sequence - self._home if self._in_mission else len(mission.items)
             self.missed += images_in(silence, mission, item)
-        if not self._in_mission:
-            self._item = -1
+        told = sequence - self._home
+        self._item = told if self._in_mission else -1
+        ordered = Shots() if self._returns else shots_before(self._mission(), told)
+        if not self._in_mission and (ordered is None or not ordered.is_off):
             return []
-        self._item = sequence - self._home
-        ordered = shots_before(self._mission(), self._item)
         if not self._shots.due(ordered, self._does, now_s, may_stop=not self._changing()):
             return []
         assert ordered is not None

@@ -81,6 +81,18 @@ class FlightTask:
         )
         return cls(system_id, builder, request, text, scenario.seed)
 
+    def moved(self, scenario: Scenario, builder: MissionBuilder) -> FlightTask:
+        """Return the same task for a vehicle that starts and lands where another builder has its home.
+
+        Raises
+        ------
+        PlanningError, ScenarioError
+            As of `of`.
+        """
+        made = FlightTask.of(scenario, builder, system_id=self.system_id)
+        request = replace(made.request, seed=self.request.seed, progress=self.request.progress)
+        return replace(made, request=request)
+
     def of_sortie(self, number: SortieNumber) -> FlightTask:
         """Return the same task for another flight of the run, for which its planner draws anew."""
         return replace(self, request=replace(self.request, seed=_planner_seed(self.seed, number)))

@@ -61,6 +61,8 @@ PX4 = Autopilot(
                 rules=FIXED_WING_RULES,
                 procedures=PX4_FIXED_WING,
                 takes_off=False,
+                # A wing's mission that ends with a return was not recorded.
+                habits=replace(HABITS, return_lag_s=None),
                 turns=Turns(2.0),
                 reference=partial(reference_parameters, "px4", without=_OF_MULTIROTORS),
                 sticks=FIXED_WING_STICKS,

@@ -44,6 +44,7 @@ RULES = FailsafeRules(
     any_mode_disarmed=True,
     restores_mode=True,
     fence_refusal="Reposition is outside geofence",
+    armed_by_start="Armed by mission start",
 )
 # PX4's defaults of its fixed wings: a mission has to land, and a return is no landing.
 FIXED_WING_RULES = replace(RULES, defaults=replace(RULES.defaults, mission_requirement=2))

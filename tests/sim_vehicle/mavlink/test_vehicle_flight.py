@@ -156,7 +156,7 @@ def test_a_mission_from_upload_to_disarming(autopilot):
     assert set(currents) <= set(range(first, first + len(SURVEY))) | {0}
     states = list(dict.fromkeys(message.mission_state for message in ground.of("MISSION_CURRENT")))
     assert states[-3:] == [2, 3, 5]
-    assert ground.of("MISSION_CURRENT")[-1].seq == 0
+    assert ground.of("MISSION_CURRENT")[-1].seq == (len(SURVEY) - 1 if autopilot is PX4 else 0)
     landed = list(dict.fromkeys(message.landed_state for message in ground.of("EXTENDED_SYS_STATE")))
     assert landed == [1, 3, 2, 4]
     assert ground.of("EXTENDED_SYS_STATE")[-1].landed_state == 1
@@ -165,7 +165,7 @@ def test_a_mission_from_upload_to_disarming(autopilot):
         bool(message.base_mode & 128) for message in ground.of("HEARTBEAT") if message.get_srcComponent() == 1
     ]
     assert armed[0] is False and armed[-1] is False and any(armed)
-    words = {"Armed by external command", "Mission complete", "Disarmed by landing"}
+    words = {"Armed by external command", "Mission finished, loitering", "Disarmed by landing"}
     if autopilot is ARDUPILOT:
         words = {"Arming motors", "Mission complete", "Disarming motors"}
     assert words <= set(ground.texts())
@@ -423,7 +423,67 @@ def test_a_second_flight_after_the_first():
     again = [(2.0, ARM), (2.2, START), (100.0, ARM), (100.2, START)]
     vehicle, ground, _, _simulation = fly(SURVEY, again, until=lambda t: t > 105.0 and False, limit_s=220.0)
     assert vehicle.outcome is Outcome.COMPLETED
-    assert ground.texts().count("Mission complete") == 2
+    assert ground.texts().count("Mission finished, loitering") == 2
+
+
+def test_px4_ends_a_mission_in_the_mode_of_returns():
+    """As PX4 1.17 (SIH) does: first the item and the texts, then the mode, then the item that it is at."""
+    _, ground, _, _ = fly(SURVEY, [(2.0, ARM), (2.2, START)])
+    last, rtl = len(SURVEY) - 1, PX4.for_vehicle("multirotor").persona.modes[Mode.RTL]
+    told = [(now_s, message) for now_s, message in ground.heard if message.get_srcComponent() == 1]
+    names = [(message.get_type(), message) for _, message in told]
+    begin_s, at = next(
+        (now_s, i)
+        for i, (now_s, message) in enumerate(told)
+        if message.get_type() == "MISSION_ITEM_REACHED" and message.seq == last
+    )
+    texts = [(now_s, one.text) for now_s, one in told if one.get_type() == "STATUSTEXT" and now_s >= begin_s]
+    assert texts[:2] == [(begin_s, "Mission finished, loitering"), (begin_s, "Returning to launch")]
+    beat_s = next(t for t, one in told if one.get_type() == "HEARTBEAT" and one.custom_mode == rtl)
+    assert beat_s - begin_s == pytest.approx(0.3, abs=0.1)
+    assert [one.mission_state for name, one in names[at:] if name == "MISSION_CURRENT"][-1] == 5
+    current_s, current = next(
+        (t, one) for t, one in told[at:] if one.get_type() == "MISSION_CURRENT" and t > beat_s
+    )
+    assert current_s - beat_s < 0.1 and (current.seq, current.mission_state) == (last, 5)
+
+
+def test_what_is_sent_on_the_way_home_that_ends_a_mission_does_not_stop_a_px4():
+    vehicle = SimVehicle(get_vehicle("quad"), HOME)
+    ground = Ground(SURVEY, [(2.0, ARM), (2.2, START)])
+    simulation = Simulation([vehicle, ground])
+    assert simulation.run(lambda now_s: vehicle.pilot.mode is Mode.RTL, 200.0) is StopReason.FINISHED
+    path_m = vehicle.pilot.state.path_length_m
+    ground.items = (TAKEOFF, waypoint(0, 5), waypoint(-10, 0), RTL)
+    ground.orders = [
+        (simulation.now_s + 0.5, m.MAVLink_mission_count_message(1, 1, 4, 0)),
+        (simulation.now_s + 2.0, m.MAVLink_mission_set_current_message(1, 1, 1)),
+    ]
+    assert simulation.run(lambda now_s: not vehicle.pilot.armed, 200.0) is StopReason.FINISHED
+    east, north, up = vehicle.true_position_m
+    assert (east, north, up) == pytest.approx((0.0, 0.0, 0.0), abs=1.0)
+    assert vehicle.pilot.state.path_length_m > path_m + 20.0
+
+
+@pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT])
+def test_mission_start_arms_a_px4_and_no_ardupilot(autopilot):
+    vehicle, ground, _, _ = fly(
+        SURVEY, [(2.0, START)], autopilot=autopilot, until=lambda t: t > 20.0, limit_s=30.0
+    )
+    assert ((int(m.MAV_CMD_MISSION_START), 0) in ground.acks()) is (autopilot is PX4)
+    assert vehicle.pilot.armed is (autopilot is PX4)
+    assert ("Armed by mission start" in ground.texts()) is (autopilot is PX4)
+    assert (vehicle.true_position_m[2] > 5.0) is (autopilot is PX4)
+
+
+def test_a_px4_that_cannot_arm_refuses_to_start_its_mission():
+    def empty(vehicle):
+        vehicle.pilot.drain_battery(0.01)
+
+    vehicle, ground, _, _ = fly(SURVEY, [(2.0, START)], prepare=empty, until=lambda t: t > 5.0)
+    assert (int(m.MAV_CMD_MISSION_START), 1) in ground.acks(), "TEMPORARILY_REJECTED"
+    assert not vehicle.pilot.armed
+    assert any(text.startswith("Preflight Fail: battery low") for text in ground.texts())
 
 
 def test_replacing_the_mission_in_flight():

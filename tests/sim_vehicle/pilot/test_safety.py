@@ -565,7 +565,8 @@ def test_a_mission_changed_in_flight_goes_on_at_the_item_of_the_same_number(auto
 
 @BOTH
 def test_pause_and_continue_at_any_moment(autopilot):
-    for when_s in (1.0, 8.0, 12.0, 22.0, 40.0):
+    # A PX4 is in the mode of returns later on.
+    for when_s in (1.0, 8.0, 12.0, 22.0, 40.0)[: None if autopilot is ARDUPILOT else 4]:
         rig = Rig(autopilot)
         rig.pilot.load([takeoff(), wp(40, 0, hold_s=5.0), wp(40, 40), RTL])
         rig.pilot.set_mode(Mode.MISSION)

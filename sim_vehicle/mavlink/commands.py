@@ -14,6 +14,7 @@ from mission.model import RELATIVE_FRAMES, Command
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.mavlink.camera_commands import CAMERA_COMMANDS
 from sim_vehicle.mavlink.flight_commands import FLIGHT_COMMANDS
+from sim_vehicle.mavlink.gimbal_messages import GIMBAL_COMMANDS, REGION_COMMANDS, order_gimbal
 from sim_vehicle.mavlink.orders import Answer, Order, order_of
 from sim_vehicle.mavlink.telemetry import BUILDERS, built
 from sim_vehicle.motion.legs import ALONG, Heading
@@ -269,6 +270,18 @@ def _flight_command(vehicle: CommandedVehicle, order: Order) -> Answer:
     return ACCEPTED
 
 
+def _region(vehicle: CommandedVehicle, order: Order) -> Answer:
+    """DO_SET_ROI and its like: the nose turns, and the gimbal where there is one."""
+    order_gimbal(vehicle.state, order)
+    return _flight_command(vehicle, order)
+
+
+def _gimbal(vehicle: CommandedVehicle, order: Order) -> Answer:
+    if vehicle.state.firmware.persona.gimbal is None:
+        return UNSUPPORTED
+    return order_gimbal(vehicle.state, order)
+
+
 def _get_home(vehicle: CommandedVehicle, _order: Order) -> Answer:
     return Answer(messages=built(m.MAVLINK_MSG_ID_HOME_POSITION, vehicle.state))
 
@@ -409,5 +422,7 @@ HANDLERS: dict[int, Handler] = {
     m.MAV_CMD_DO_START_MAG_CAL: _accept,
     m.MAV_CMD_DO_CANCEL_MAG_CAL: _accept,
     m.MAV_CMD_DO_ACCEPT_MAG_CAL: _no_compass_result,
+    **dict.fromkeys(REGION_COMMANDS, _region),
+    **dict.fromkeys(GIMBAL_COMMANDS, _gimbal),
     **dict.fromkeys(CAMERA_COMMANDS, _camera),
 }

@@ -49,6 +49,7 @@ def ground_offset(quaternion: Sequence[float], height_m: float) -> tuple[float, 
     north, east, down = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)
     if down > 0.0 and math.hypot(north, east) < _STRAIGHT:
         return 0.0, 0.0
-    if not (height_m > 0.0 and down * _FARTHEST_M > height_m * math.hypot(north, east)):
+    height_m = max(0.0, height_m)
+    if not (down > 0.0 and down * _FARTHEST_M > height_m * math.hypot(north, east)):
         return NOWHERE_M, NOWHERE_M
     return height_m * east / down, height_m * north / down

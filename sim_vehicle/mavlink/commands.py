@@ -14,7 +14,12 @@ from mission.model import RELATIVE_FRAMES, Command
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.mavlink.camera_commands import CAMERA_COMMANDS
 from sim_vehicle.mavlink.flight_commands import FLIGHT_COMMANDS
-from sim_vehicle.mavlink.gimbal_messages import GIMBAL_COMMANDS, REGION_COMMANDS, order_gimbal
+from sim_vehicle.mavlink.gimbal_messages import (
+    GIMBAL_BUILDERS,
+    GIMBAL_COMMANDS,
+    REGION_COMMANDS,
+    order_gimbal,
+)
 from sim_vehicle.mavlink.orders import Answer, Order, order_of
 from sim_vehicle.mavlink.telemetry import BUILDERS, built
 from sim_vehicle.motion.legs import ALONG, Heading
@@ -296,6 +301,8 @@ def _set_interval(vehicle: CommandedVehicle, order: Order) -> Answer:
     if message_id == m.MAVLINK_MSG_ID_HEARTBEAT and not 0.0 <= interval <= _HEARTBEAT_US:
         # Who is not heard is lost to its peers.
         return DENIED
+    if message_id in GIMBAL_BUILDERS:
+        vehicle.state.gimbal.wake()
     vehicle.schedule.set_interval(message_id, int(interval), vehicle.state.now_us)
     return ACCEPTED
 
@@ -322,6 +329,8 @@ def _request_message(vehicle: CommandedVehicle, order: Order) -> Answer:
     if message_id == m.MAVLINK_MSG_ID_COMPONENT_METADATA:
         messages = vehicle.metadata()
     else:
+        if message_id in GIMBAL_BUILDERS:
+            vehicle.state.gimbal.wake()
         messages = built(message_id, vehicle.state)
     return Answer(messages=messages) if messages or message_id in BUILDERS else UNSUPPORTED
 

@@ -156,6 +156,7 @@ def order_gimbal(source: WireState, order: Order) -> Answer:
     obey = _POINTING.get(order.command)
     if obey is None or not source.gimbal.fitted:
         return _FAILED
+    source.gimbal.wake()
     return obey(source, order)
 
 

@@ -170,6 +170,8 @@ class SimVehicle:
         self._heard: frozenset[int] | None = None
         self.has_camera = False
         self._was_in_mission = self._spoken_to = False
+        # What a stream asks for of a gimbal that nobody cares for: told when somebody does.
+        self._gimbal_interval_us = 0
         self._signing = signing
         self._tick_s = 0.0
         self._outbox: list[Message] = []
@@ -427,6 +429,10 @@ class SimVehicle:
         """Send at once what peers wait for (mode, arming, landing, progress) and what is to be said."""
         pilot = self.pilot
         self._watch_camera()
+        if self._gimbal_interval_us and self.state.gimbal.awake:
+            attitude, interval_us = m.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS, self._gimbal_interval_us
+            self._gimbal_interval_us = 0
+            self.schedule.set_interval(attitude, interval_us, self.state.now_us)
         for notice in pilot.notices():
             self._outbox += self._texts.messages(notice.severity, notice.text)
         shown = (
@@ -538,7 +544,7 @@ class SimVehicle:
 
     def _on_parameter(self, message: ParameterMessage) -> None:
         self._outbox += self._parameters.handle(message, self.state.now_us / 1e6)
-        if is_a(message, m.MAVLink_param_set_message):
+        if is_a(message, m.MAVLink_param_set_message) and message.param_id.startswith("MNT"):
             self.state.gimbal.wake()
         if (banner := self.firmware.persona.identity.banner) and is_a(
             message, m.MAVLink_param_request_list_message
@@ -660,4 +666,7 @@ class SimVehicle:
         rate = message.req_message_rate if message.start_stop else 0
         interval_us = round(1e6 / rate) if rate else -1
         for message_id in STREAMS.get(message.req_stream_id, ()):
+            if message_id == m.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS and not self.state.gimbal.awake:
+                self._gimbal_interval_us = interval_us
+                continue
             self.schedule.set_interval(message_id, interval_us, self.state.now_us)

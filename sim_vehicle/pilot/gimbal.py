@@ -81,6 +81,8 @@ class Gimbal:
     ----------
     fitted : bool
         Whether there is one.
+    awake : bool
+        Whether anybody has asked or told it anything since the vehicle booted.
     mode : GimbalMode
     yaw_lock : bool
         Whether sticks turn it against north, not against the vehicle.
@@ -121,7 +123,7 @@ class Gimbal:
         self.angles_rad = self._limited(self._target)
         self._track.clear()
         # One that nobody has told anything rests, and costs nothing.
-        self._awake = self.mode is not GimbalMode.NEUTRAL
+        self.awake = self.mode is not GimbalMode.NEUTRAL
 
     @property
     def limits_rad(self) -> tuple[tuple[float, float], ...]:
@@ -139,8 +141,8 @@ class Gimbal:
         return self.mode in (GimbalMode.POINT, GimbalMode.HOME)
 
     def wake(self) -> None:
-        """Look at the parameters anew from now on."""
-        self._awake = self.fitted
+        """Note that somebody cares for it."""
+        self.awake = self.fitted
 
     def set_mode(self, number: int) -> bool:
         """Take a mode by its number, or return False: there is none such."""
@@ -192,7 +194,7 @@ class Gimbal:
             Home, east and north.
         """
         passed_s, self._time_s = max(0.0, state.time_s - self._time_s), state.time_s
-        if not self._awake:
+        if not self.awake:
             return
         target = self._aim(state, home_m, passed_s)
         if target is not None:

@@ -180,6 +180,7 @@ def _aboard(sortie: Sortie) -> tuple[SimVehicle, LeafCameraComponent]:
         plan.farm,
         system_id=number.system_id,
         position_error=vehicle.position_error if vehicle.errors else None,
+        looks=vehicle.camera_attitude,
     )
     return vehicle, camera
 

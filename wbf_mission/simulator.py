@@ -163,6 +163,12 @@ def make_components(
             )
             position_error = vehicle.position_error if vehicle.errors is not None else None
             cameras.append(
-                LeafCameraComponent(optics, farm, system_id=vehicle.system_id, position_error=position_error)
+                LeafCameraComponent(
+                    optics,
+                    farm,
+                    system_id=vehicle.system_id,
+                    position_error=position_error,
+                    looks=vehicle.camera_attitude,
+                )
             )
     return Simulated(fleet, tuple(cameras))

@@ -3,7 +3,8 @@
 An image is two standard messages: CAMERA_IMAGE_CAPTURED says when and where, DEBUG_FLOAT_ARRAY holds the
 readings (`sensors.camera.layout`). They belong together by the image index (its low 16 bits are the array's
 ``array_id``) and by their time since boot. A footprint of more cells than fit into a message takes several.
-The image's cell is the one under the reported position, rounded to 1e-7 degree as in the message; the
+The image's cell is the one that the camera looks at from the reported position, rounded to 1e-7 degree as in
+the message: the one below, or where its attitude leads on flat ground (`sensors.camera.pointing`); the
 footprint's cells count from there in the order of `sensors.camera.leaf_camera.footprint_offsets`.
 
 Nothing here needs a MAVLink library: messages are told by their ``id`` and read by their fields.
@@ -20,6 +21,7 @@ import numpy as np
 
 from sensors.camera.layout import FIELDS_NAME, FURTHER_NAME, LEAF_NAME, Announcement, LeafLayout
 from sensors.camera.leaf_camera import footprint_offsets
+from sensors.camera.pointing import ground_offset
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 
@@ -34,6 +36,7 @@ _MAX_KNOWN = 131_072
 _MAX_MISSING = 65_536
 _MOST_IMAGES = 1 << 24
 _E7 = 1e7
+_PLACE = 5
 _Key = tuple[int, int]
 
 
@@ -58,7 +61,7 @@ class AssemblerStatistics:
     malformed : int
         Messages whose content makes no sense.
     off_farm : int
-        Cells that do not lie on the farm, or that had no reading at all.
+        Cells that do not lie on the farm (an image of the sky has no others), or that had no reading at all.
     other_fields : int
         Messages with readings of other fields than the expected ones.
     """
@@ -81,10 +84,15 @@ class _Image:
     index: int = -1
     latitude_e7: int = 0
     longitude_e7: int = 0
+    ahead_m: tuple[float, float] = (0.0, 0.0)
     time_us: float = 0
     footprint_cells: int = 0
     parts: dict[int, list[float]] = field(default_factory=dict)
     cells: int = 0
+
+
+def _place(image: _Image) -> tuple[float, ...]:
+    return (image.time_us, image.latitude_e7, image.longitude_e7, *image.ahead_m)
 
 
 class ObservationAssembler:
@@ -189,6 +197,7 @@ class ObservationAssembler:
         image.index = index
         image.latitude_e7 = message.lat
         image.longitude_e7 = message.lon
+        image.ahead_m = ground_offset(message.q, message.relative_alt / 1000.0)
         if image.cells and image.cells == image.footprint_cells**2:
             self._complete(key, image)
 
@@ -240,7 +249,7 @@ class ObservationAssembler:
             return
         self.statistics.images += 1
         if image.footprint_cells == 1:
-            self._single.append((image.time_us, image.latitude_e7, image.longitude_e7, *image.parts[0]))
+            self._single.append((*_place(image), *image.parts[0]))
         else:
             self._wide.append(image)
 
@@ -305,25 +314,26 @@ class ObservationAssembler:
         self._single, self._wide = [], []
         if not single and not wide:
             return Observations.empty(self._layout.fields)
-        rows = np.array(single, np.float64).reshape(-1, 3 + len(self._layout.fields))
-        parts = [self._observe(rows[:, 0], rows[:, 1], rows[:, 2], rows[:, None, 3:], 1)]
+        rows = np.array(single, np.float64).reshape(-1, _PLACE + len(self._layout.fields))
+        parts = [self._observe(rows[:, :_PLACE].T, rows[:, None, _PLACE:], 1)]
         for image in wide:
             data = np.concatenate([image.parts[first] for first in sorted(image.parts)])
-            where = np.array([[image.time_us], [image.latitude_e7], [image.longitude_e7]], np.float64)
+            where = np.array(_place(image), np.float64)[:, None]
             values = data.reshape(1, -1, len(self._layout.fields))
-            parts.append(self._observe(where[0], where[1], where[2], values, image.footprint_cells))
+            parts.append(self._observe(where, values, image.footprint_cells))
         observations = Observations.concatenate(parts, self._layout.fields)
         self.statistics.observations += len(observations)
         if len(parts) == 1 and np.all(observations.time_s[1:] >= observations.time_s[:-1]):
             return observations
         return observations[np.argsort(observations.time_s, kind="stable")]
 
-    def _observe(
-        self, time_us: Any, latitude_e7: Any, longitude_e7: Any, values: Any, footprint_cells: int
-    ) -> Observations:
-        """Make the observations of n images with values[n, k, fields]."""
+    def _observe(self, places: Any, values: Any, footprint_cells: int) -> Observations:
+        """Make the observations of n images with places[5, n], as `_place`, and values[n, k, fields]."""
         dx, dy = footprint_offsets(footprint_cells)
+        time_us, latitude_e7, longitude_e7, east_m, north_m = places
         x_m, y_m = self._farm.frame.from_wgs84(latitude_e7 / _E7, longitude_e7 / _E7)
+        ahead_x_m, ahead_y_m = self._farm.frame.from_east_north(east_m, north_m)
+        x_m, y_m = x_m + ahead_x_m, y_m + ahead_y_m
         ix: Any
         iy: Any
         ix, iy = self._farm.cell_of(x_m, y_m)

@@ -10,6 +10,7 @@ from typing import Literal
 from mission.link.codec.dialect import mavlink as m
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.reference_parameters import ParameterDetails
+from sim_vehicle.autopilot.setting import Setting
 
 __all__ = [
     "COMMON_CAPABILITIES",
@@ -314,6 +315,8 @@ class Persona:
         What is said when a calibration is refused, because the vehicle is armed; empty for nothing.
     refusals : RefusalTexts
         Its words when it refuses an order.
+    gimbal : Setting, optional
+        The parameter that is above 0 where it moves a gimbal; without, it never does.
     logs : LogHabits
     """
 
@@ -346,4 +349,5 @@ class Persona:
     tells_calibration: bool = False
     calibration_text: str = ""
     refusals: RefusalTexts = RefusalTexts()
+    gimbal: Setting | None = None
     logs: LogHabits = LogHabits()

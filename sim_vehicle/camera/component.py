@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from mission.link.codec.dialect import Message, mavlink
 from mission.link.codec.typed import CommandMessage, is_a, is_command
+from sensors.camera.pointing import ground_offset
 from sim_vehicle.camera.image_memory import STORAGE_MIB, ImageMemory
 from sim_vehicle.camera.trigger import CameraTrigger, Exposure, Fix
 
@@ -24,6 +25,7 @@ _PATIENCE_S = 2.5
 _POSITION_US, _TIME_US = 100_000.0, 1_000_000.0
 _UNIX_US = 10**15
 _E7 = 1e7
+_STRAIGHT_DOWN = -9000
 
 _ACCEPTED = mavlink.MAV_RESULT_ACCEPTED
 _DENIED = mavlink.MAV_RESULT_DENIED
@@ -56,6 +58,9 @@ class LeafCameraComponent:
     position_error : callable, optional
         ``position_error(time_us)``, how far east and north (m) of the truth the vehicle believed to be, at a
         time since its boot; exact without.
+    looks : callable, optional
+        ``looks(time_us)``: roll, pitch and compass heading (rad) of the gimbal that carries it, at a time
+        since boot; straight down where that is None, and without.
     """
 
     wanted: frozenset[int] | None = frozenset(
@@ -78,8 +83,10 @@ class LeafCameraComponent:
         component_id: int = CAMERA_COMPONENT_ID,
         autopilot_component_id: int = mavlink.MAV_COMP_ID_AUTOPILOT1,
         position_error: Callable[[float], tuple[float, float]] | None = None,
+        looks: Callable[[float], tuple[float, float, float] | None] | None = None,
     ) -> None:
         self._position_error = position_error
+        self._looks = looks
         self.system_id = system_id
         self.component_id = component_id
         self.trigger = CameraTrigger()
@@ -200,7 +207,9 @@ class LeafCameraComponent:
         self.trigger.at(time_us)
 
     def _take(self, exposures: Sequence[Exposure]) -> list[Message]:
-        """Read the cells under the exposures and return the messages."""
+        """Read the cells that the exposures show and return the messages."""
+        if self._looks is not None:
+            exposures = [_turned(exposure, self._looks(exposure.time_us)) for exposure in exposures]
         cells = [self._cell_under(exposure) for exposure in exposures]
         values = self._camera.capture([x for x, _ in cells], [y for _, y in cells])
         messages: list[Message] = []
@@ -210,13 +219,19 @@ class LeafCameraComponent:
         return messages
 
     def _cell_under(self, exposure: Exposure) -> tuple[int, int]:
-        """Return the cell that the camera looks at."""
+        """Return the cell that the camera looks at, the ground being flat; one off any farm for the sky."""
         farm = self._farm
         x_m, y_m = farm.frame.from_wgs84(exposure.latitude_e7 / _E7, exposure.longitude_e7 / _E7)
         if self._position_error is not None:
             off_x_m, off_y_m = farm.frame.from_east_north(*self._position_error(exposure.time_us))
             x_m -= off_x_m
             y_m -= off_y_m
+        if exposure.pitch_cdeg != _STRAIGHT_DOWN:
+            attitude = self._memory.attitude(exposure)
+            offset_m = ground_offset(attitude, exposure.relative_altitude_mm / 1000.0)
+            ahead_x_m, ahead_y_m = farm.frame.from_east_north(*offset_m)
+            x_m += ahead_x_m
+            y_m += ahead_y_m
         return farm.cell_of(x_m, y_m)
 
     # Commands
@@ -382,6 +397,14 @@ class LeafCameraComponent:
         return mavlink.MAVLink_camera_capture_status_message(
             time_ms, image_status, 0, trigger.interval_us / 1e6, 0, free, self.image_count
         )
+
+
+def _turned(exposure: Exposure, attitude: tuple[float, float, float] | None) -> Exposure:
+    """Return an exposure with the camera turned to roll, pitch and heading in rad; None is straight down."""
+    if attitude is None:
+        return exposure
+    roll, pitch, heading = (round(100.0 * math.degrees(angle)) for angle in attitude)
+    return exposure._replace(roll_cdeg=roll, pitch_cdeg=pitch, heading_cdeg=heading % 36_000)
 
 
 def _is_repeated(message: CommandMessage) -> bool:

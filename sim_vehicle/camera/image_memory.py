@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from geo.rotation import Quaternion, quaternion_of
 from mission.link.codec.dialect import Message, mavlink
 from sensors.camera.layout import ANNOUNCED_EVERY, FIELDS_NAME, LeafLayout
 from sim_vehicle.camera.trigger import Exposure
@@ -21,7 +22,9 @@ RING_IMAGES = 65_536
 STORAGE_MIB = 1024.0
 _MIB_PER_IMAGE = 1e-4
 _PADDING = [0.0] * 58
-_TAKEN = Struct("<7q")  # number and exposure; the readings follow as float32
+_SINGLE = Struct("<4f")
+_UNKNOWN = 65535
+_TAKEN = Struct("<9q")  # number and exposure; the readings follow as float32
 
 
 class Image(NamedTuple):
@@ -56,7 +59,7 @@ class ImageMemory:
         self._n_fields = len(fields)
         # As bytes they take a sixth of the memory, and the garbage collector has nothing to look through.
         self._ring: list[bytes] = [b""] * RING_IMAGES
-        self._heading = (-1, (1.0, 0.0, 0.0, 0.0))
+        self._attitude = ((-1, 0, 0), (1.0, 0.0, 0.0, 0.0))
 
     @property
     def used_mib(self) -> float:
@@ -102,7 +105,7 @@ class ImageMemory:
                 exposure.longitude_e7,
                 exposure.altitude_mm,
                 exposure.relative_altitude_mm,
-                self._attitude(exposure.heading_cdeg),
+                self.attitude(exposure),
                 index,
                 1,
                 b"",
@@ -128,10 +131,12 @@ class ImageMemory:
             for number, data in enumerate(self._layout.announcement())
         ]
 
-    def _attitude(self, heading_cdeg: int) -> tuple[float, float, float, float]:
-        """Return the camera's attitude, looking straight down: yaw, then pitch -90 degrees."""
-        if heading_cdeg != self._heading[0]:
-            half = math.radians(heading_cdeg / 200.0) if heading_cdeg != 65535 else 0.0
-            c, s = math.cos(half) * math.sqrt(0.5), math.sin(half) * math.sqrt(0.5)
-            self._heading = (heading_cdeg, (c, s, -c, s))
-        return self._heading[1]
+    def attitude(self, exposure: Exposure) -> Quaternion:
+        """Return the camera's attitude as a quaternion, in single precision as messages carry it."""
+        angles = exposure.roll_cdeg, exposure.pitch_cdeg, exposure.heading_cdeg
+        if angles != self._attitude[0]:
+            roll, pitch, yaw = (math.radians(angle / 100.0) for angle in angles)
+            exact = quaternion_of(roll, pitch, 0.0 if exposure.heading_cdeg == _UNKNOWN else yaw)
+            w, x, y, z = _SINGLE.unpack(_SINGLE.pack(*exact))
+            self._attitude = (angles, (w, x, y, z))
+        return self._attitude[1]

@@ -43,7 +43,7 @@ class Fix(NamedTuple):
 
 
 class Exposure(NamedTuple):
-    """One exposure, at a position rounded to 1e-7 degree."""
+    """One exposure, at a position rounded to 1e-7 degree; heading, pitch and roll are the camera's."""
 
     time_us: int
     latitude_e7: int
@@ -51,6 +51,8 @@ class Exposure(NamedTuple):
     altitude_mm: int
     relative_altitude_mm: int
     heading_cdeg: int
+    pitch_cdeg: int = -9000
+    roll_cdeg: int = 0
 
 
 @dataclass(slots=True)

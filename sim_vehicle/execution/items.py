@@ -34,6 +34,7 @@ DO_COMMANDS = frozenset(
     | {1000, 1001, 2000, 2001, 2003, 2500, 2501}
 )
 CAMERA_COMMANDS = frozenset({203, 206, 214, 530, 2000, 2001, 2003})
+GIMBAL_COMMANDS = frozenset({195, 197, 201, 205, 1000, 1001})
 CONDITIONS = frozenset({int(Command.CONDITION_DELAY), int(Command.CONDITION_DISTANCE)})
 POSITION_COMMANDS = frozenset({16, 17, 18, 19, 31, 82})
 # Flown through to the next position without a pause.

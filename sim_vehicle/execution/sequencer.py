@@ -13,6 +13,7 @@ from sim_vehicle.execution.go_around import climb_leg, landing_start, restart
 from sim_vehicle.execution.items import (
     CAMERA_COMMANDS,
     CONDITIONS,
+    GIMBAL_COMMANDS,
     PASSED_COMMANDS,
     POSITION_COMMANDS,
     Settings,
@@ -506,9 +507,9 @@ class MissionSequencer:
         follower = self.follower
         item = self.items[seq]
         command = item.command
-        if command in CAMERA_COMMANDS:
+        if command in CAMERA_COMMANDS or command in GIMBAL_COMMANDS:
             follower.tell(CameraCommand(time_s, seq, item))
-        elif command in ROI_COMMANDS:
+        if command in ROI_COMMANDS:
             x, y, _ = self._positions[seq]
             follower.look_at(None if math.isnan(x) else (x, y))
         elif command == Command.DO_SET_HOME:

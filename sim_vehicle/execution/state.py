@@ -114,7 +114,7 @@ class CurrentChanged:
 
 @dataclass(frozen=True, slots=True)
 class CameraCommand:
-    """The mission commands the camera (206, 214, 203, 530, 2000, 2001, 2003)."""
+    """The mission commands the camera or its gimbal (`sim_vehicle.execution.items`)."""
 
     time_s: float
     seq: int

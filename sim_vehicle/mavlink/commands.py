@@ -14,6 +14,12 @@ from mission.model import RELATIVE_FRAMES, Command
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.mavlink.camera_commands import CAMERA_COMMANDS
 from sim_vehicle.mavlink.flight_commands import FLIGHT_COMMANDS
+from sim_vehicle.mavlink.gimbal_messages import (
+    GIMBAL_BUILDERS,
+    GIMBAL_COMMANDS,
+    REGION_COMMANDS,
+    order_gimbal,
+)
 from sim_vehicle.mavlink.orders import Answer, Order, order_of
 from sim_vehicle.mavlink.telemetry import BUILDERS, built
 from sim_vehicle.motion.legs import ALONG, Heading
@@ -269,6 +275,18 @@ def _flight_command(vehicle: CommandedVehicle, order: Order) -> Answer:
     return ACCEPTED
 
 
+def _region(vehicle: CommandedVehicle, order: Order) -> Answer:
+    """DO_SET_ROI and its like: the nose turns, and the gimbal where there is one."""
+    order_gimbal(vehicle.state, order)
+    return _flight_command(vehicle, order)
+
+
+def _gimbal(vehicle: CommandedVehicle, order: Order) -> Answer:
+    if vehicle.state.firmware.persona.gimbal is None:
+        return UNSUPPORTED
+    return order_gimbal(vehicle.state, order)
+
+
 def _get_home(vehicle: CommandedVehicle, _order: Order) -> Answer:
     return Answer(messages=built(m.MAVLINK_MSG_ID_HOME_POSITION, vehicle.state))
 
@@ -283,6 +301,8 @@ def _set_interval(vehicle: CommandedVehicle, order: Order) -> Answer:
     if message_id == m.MAVLINK_MSG_ID_HEARTBEAT and not 0.0 <= interval <= _HEARTBEAT_US:
         # Who is not heard is lost to its peers.
         return DENIED
+    if message_id in GIMBAL_BUILDERS:
+        vehicle.state.gimbal.wake()
     vehicle.schedule.set_interval(message_id, int(interval), vehicle.state.now_us)
     return ACCEPTED
 
@@ -309,6 +329,8 @@ def _request_message(vehicle: CommandedVehicle, order: Order) -> Answer:
     if message_id == m.MAVLINK_MSG_ID_COMPONENT_METADATA:
         messages = vehicle.metadata()
     else:
+        if message_id in GIMBAL_BUILDERS:
+            vehicle.state.gimbal.wake()
         messages = built(message_id, vehicle.state)
     return Answer(messages=messages) if messages or message_id in BUILDERS else UNSUPPORTED
 
@@ -409,5 +431,7 @@ HANDLERS: dict[int, Handler] = {
     m.MAV_CMD_DO_START_MAG_CAL: _accept,
     m.MAV_CMD_DO_CANCEL_MAG_CAL: _accept,
     m.MAV_CMD_DO_ACCEPT_MAG_CAL: _no_compass_result,
+    **dict.fromkeys(REGION_COMMANDS, _region),
+    **dict.fromkeys(GIMBAL_COMMANDS, _gimbal),
     **dict.fromkeys(CAMERA_COMMANDS, _camera),
 }

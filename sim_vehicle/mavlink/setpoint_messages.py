@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, TypeAlias
 
+from geo.rotation import angles_of
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import is_a
 from sim_vehicle.motion.legs import KEEP, Heading
@@ -128,9 +129,8 @@ def attitude_of(
         w, x, y, z = message.q
         if not abs(w * w + x * x + y * y + z * z - 1.0) < _UNIT:
             return None
-        roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-        pitch = math.asin(min(max(2.0 * (w * y - z * x), -1.0), 1.0))
-        heading = Heading.fixed(math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
+        roll, pitch, yaw = angles_of(message.q)
+        heading = Heading.fixed(yaw)
     elif ignored or not all(map(math.isfinite, rates)):
         return None
     if not ignored and math.isfinite(rates[2]) and (rates[2] or math.isnan(roll)):

@@ -11,6 +11,7 @@ from mission.link.codec.dialect import mavlink as m
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.execution.state import FlightPhase, LandedState
 from sim_vehicle.mavlink.flight_messages import FLIGHT_BUILDERS
+from sim_vehicle.mavlink.gimbal_messages import GIMBAL_BUILDERS
 from sim_vehicle.mavlink.sensor_messages import (
     UNUSED,
     centidegrees,
@@ -327,6 +328,7 @@ BUILDERS: dict[int, Callable[[WireState], Message | None]] = {
     m.MAVLINK_MSG_ID_HIGHRES_IMU: highres_imu,
     m.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: _gps_global_origin,
     **FLIGHT_BUILDERS,
+    **GIMBAL_BUILDERS,
 }
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from geo.rotation import Quaternion, quaternion_of
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
@@ -17,17 +18,9 @@ if TYPE_CHECKING:
 __all__ = ["hil_state_quaternion", "int16", "quaternion", "sim_state", "to_body"]
 
 
-def quaternion(state: VehicleState) -> tuple[float, float, float, float]:
+def quaternion(state: VehicleState) -> Quaternion:
     """Return the attitude as a quaternion (w, x, y, z)."""
-    cr, sr = math.cos(0.5 * state.roll_rad), math.sin(0.5 * state.roll_rad)
-    cp, sp = math.cos(0.5 * state.pitch_rad), math.sin(0.5 * state.pitch_rad)
-    cy, sy = math.cos(0.5 * state.yaw_rad), math.sin(0.5 * state.yaw_rad)
-    return (
-        cr * cp * cy + sr * sp * sy,
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-    )
+    return quaternion_of(state.roll_rad, state.pitch_rad, state.yaw_rad)
 
 
 def to_body(state: VehicleState, north: float, east: float, down: float) -> tuple[float, float, float]:

@@ -27,6 +27,7 @@ from sim_vehicle.autopilot.setting import Setting
 from sim_vehicle.component import NEVER, UNHEARD
 from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.errors import VehicleError
+from sim_vehicle.execution.items import GIMBAL_COMMANDS as GIMBAL_ITEMS
 from sim_vehicle.execution.items import NAV_COMMANDS
 from sim_vehicle.execution.state import CameraCommand, FlightEvent, HomeMoved, ItemReached
 from sim_vehicle.mavlink import setpoint_messages
@@ -37,10 +38,12 @@ from sim_vehicle.mavlink.data_streams import STREAMS
 from sim_vehicle.mavlink.ftp.metadata import GENERAL_PATH, uri
 from sim_vehicle.mavlink.ftp.server import FtpServer, checksum
 from sim_vehicle.mavlink.ftp.vehicle_files import general_metadata, vehicle_files
+from sim_vehicle.mavlink.gimbal_messages import GIMBAL_MESSAGES, obey_gimbal_message, order_gimbal
 from sim_vehicle.mavlink.item_reports import ItemReports
 from sim_vehicle.mavlink.logs.flight_logs import FlightLogs
 from sim_vehicle.mavlink.logs.transfer import LOG_MESSAGES, LogMessage, LogTransfer
 from sim_vehicle.mavlink.manual_control import StickMessage, StickReader
+from sim_vehicle.mavlink.orders import Order
 from sim_vehicle.mavlink.parameters import ParameterMessage, ParameterSet
 from sim_vehicle.mavlink.plan_receiver import PlanReceiver
 from sim_vehicle.mavlink.schedule import Schedule
@@ -168,6 +171,8 @@ class SimVehicle:
         self._heard: frozenset[int] | None = None
         self.has_camera = False
         self._was_in_mission = self._spoken_to = False
+        # What a stream asks for of a gimbal that nobody cares for: told when somebody does.
+        self._gimbal_interval_us = 0
         self._signing = signing
         self._tick_s = 0.0
         self._outbox: list[Message] = []
@@ -200,6 +205,7 @@ class SimVehicle:
             **dict.fromkeys(_PARAMETER_IDS, self._on_parameter),
             **dict.fromkeys(LOG_MESSAGES, self._on_log),
             **dict.fromkeys(_MISSION_IDS, self._on_mission),
+            **dict.fromkeys(GIMBAL_MESSAGES, self._on_gimbal),
             **dict(
                 (
                     handler(m.MAVLink_command_ack_message, self._on_ack),
@@ -245,6 +251,10 @@ class SimVehicle:
     def position_error(self, boot_us: float) -> tuple[float, float]:
         """How far east and north of the truth it believed to be, at a time of its own clock."""
         return self.state.position_error(boot_us)
+
+    def camera_attitude(self, boot_us: float) -> tuple[float, float, float] | None:
+        """Roll, pitch and compass heading (rad) of the camera at a time of its clock; None straight down."""
+        return self.state.camera_attitude(boot_us)
 
     @property
     def outcome(self) -> Outcome:
@@ -352,6 +362,7 @@ class SimVehicle:
             self._boot(self._boots)
         events = self.pilot.advance(now_s, by_sticks=self._by_sticks)
         self.state.sense(now_s)
+        self.state.gimbal.advance(self.pilot.state, 1e3 * self.state.boot_ms, self.pilot.home_m)
         for event in self._reports.merged(events, self._plans.mission):
             self._tell(event, now_s)
 
@@ -380,10 +391,16 @@ class SimVehicle:
         elif isinstance(event, HomeMoved):
             self.on_home_moved()
         elif isinstance(event, CameraCommand):
-            item = event.item
+            item = event.item.in_standard_frame()
             first = (item.param1, item.param2, item.param3, item.param4)
-            params = tuple(math.nan if value is None else value for value in first)
-            self.command_camera(item.command, (*params, item.x, item.y, item.z))
+            params = (*(math.nan if value is None else value for value in first), item.x, item.y, item.z)
+            if item.command in GIMBAL_ITEMS:
+                if item.command == m.MAV_CMD_DO_MOUNT_CONTROL:  # in missions always angles
+                    params = (*params[:6], float(m.MAV_MOUNT_MODE_MAVLINK_TARGETING))
+                source = (self.system_id, _AUTOPILOT)
+                order_gimbal(self.state, Order(item.command, params, item.frame, source, again=False))
+            else:
+                self.command_camera(item.command, params)
 
     def _is_position(self, seq: int) -> bool:
         items = self.pilot.mission.items
@@ -393,6 +410,8 @@ class SimVehicle:
         """Stop shots that go on by themselves where the autopilot does so."""
         pilot, camera, now_s = self.pilot, self._camera, self.state.now_us / 1e6
         was_in_mission, self._was_in_mission = self._was_in_mission, pilot.mode is Mode.MISSION
+        if was_in_mission and not self._was_in_mission:
+            self.state.gimbal.to_default()
         if not camera.shooting:
             return
         if not pilot.armed or (pilot.habits.pauses_shots and pilot.mode in (Mode.RTL, Mode.LAND)):
@@ -411,6 +430,10 @@ class SimVehicle:
         """Send at once what peers wait for (mode, arming, landing, progress) and what is to be said."""
         pilot = self.pilot
         self._watch_camera()
+        if self._gimbal_interval_us and self.state.gimbal.awake:
+            attitude, interval_us = m.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS, self._gimbal_interval_us
+            self._gimbal_interval_us = 0
+            self.schedule.set_interval(attitude, interval_us, self.state.now_us)
         for notice in pilot.notices():
             self._outbox += self._texts.messages(notice.severity, notice.text)
         shown = (
@@ -526,6 +549,8 @@ class SimVehicle:
 
     def _on_parameter(self, message: ParameterMessage) -> None:
         self._outbox += self._parameters.handle(message, self.state.now_us / 1e6)
+        if is_a(message, m.MAVLink_param_set_message) and message.param_id.startswith("MNT"):
+            self.state.gimbal.wake()
         if (banner := self.firmware.persona.identity.banner) and is_a(
             message, m.MAVLink_param_request_list_message
         ):
@@ -537,6 +562,9 @@ class SimVehicle:
     def _on_log(self, message: LogMessage) -> None:
         now_s = self.state.now_us / 1e6
         self._outbox += self._log_transfer.receive(message, now_s, armed=self.pilot.armed)
+
+    def _on_gimbal(self, message: Any) -> None:
+        obey_gimbal_message(self.state, message)
 
     def _on_origin(self, _message: m.MAVLink_set_gps_global_origin_message) -> None:
         """Tell the origin: a vehicle that has a position keeps the one that it has."""
@@ -643,4 +671,7 @@ class SimVehicle:
         rate = message.req_message_rate if message.start_stop else 0
         interval_us = round(1e6 / rate) if rate else -1
         for message_id in STREAMS.get(message.req_stream_id, ()):
+            if message_id == m.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS and not self.state.gimbal.awake:
+                self._gimbal_interval_us = interval_us
+                continue
             self.schedule.set_interval(message_id, interval_us, self.state.now_us)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from mission.model import GeoPoint
 from sim_vehicle.airframe.sensor_errors import NavigationErrors, Sensed, SensorNoise
 from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.pilot.gimbal import Attitude, Gimbal
 
 if TYPE_CHECKING:
     from sim_vehicle.autopilot.autopilot import Firmware
@@ -52,6 +53,8 @@ class WireState:
         Home, in the same units.
     plan_ids : tuple of 3 ints
         Opaque ids of mission, fence and rally points.
+    gimbal : Gimbal
+        What carries the camera; not fitted where the autopilot has none.
     boot : BootStage or None
         How far it has come up, of a vehicle that boots; None of one that is up.
     """
@@ -69,6 +72,7 @@ class WireState:
         self.pilot = pilot
         self.firmware = firmware
         self.home = home
+        self.gimbal = Gimbal(pilot.parameters, firmware.persona.gimbal)
         self.system_id = system_id
         self.errors = NavigationErrors(noise) if noise is not None and not noise.is_off else None
         self.sensed = Sensed.exact((0.0, 0.0, 0.0))
@@ -177,6 +181,7 @@ class WireState:
         self._boot_us = self.now_us
         self.boot_ms = 0
         self.plan_ids = (0, 0, 0)
+        self.gimbal.boot()
 
     def wire_seq(self, seq: int) -> int:
         """Number of one of our mission items on the wire (ArduPilot counts home as item 0)."""
@@ -185,6 +190,10 @@ class WireState:
     def own_seq(self, seq: int) -> int:
         """Undo `wire_seq`; home itself is the first item."""
         return max(0, seq - 1) if self.firmware.profile.home_at_zero else seq
+
+    def camera_attitude(self, boot_us: float) -> Attitude | None:
+        """Where the camera looked at a time of the vehicle's own clock; None as long as its gimbal rests."""
+        return self.gimbal.attitude_at(boot_us)
 
     def position_error(self, boot_us: float) -> tuple[float, float]:
         """How far east and north of the truth it believed to be, at a time of its own clock."""

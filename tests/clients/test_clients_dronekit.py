@@ -9,7 +9,7 @@ import pytest
 
 pytestmark = pytest.mark.slow
 SCRIPT = Path(__file__).with_name("dronekit_script.py")
-STEPS = ("connected", "armable", "parameter set", "guided", "armed", "aloft", "under way")
+STEPS = ("connected", "armable", "parameter set", "guided", "armed", "aloft", "gimbal turned", "under way")
 STEPS += ("looks aside under way", "circle", "guided again", "leans", "mission kept", "second waypoint")
 STEPS += ("home",)
 

@@ -50,6 +50,20 @@ EKF_PRED_POS_HORIZ_ABS: Final[int]
 ESTIMATOR_ATTITUDE: Final[int]
 ESTIMATOR_POS_HORIZ_ABS: Final[int]
 ESTIMATOR_VELOCITY_HORIZ: Final[int]
+GIMBAL_DEVICE_FLAGS_NEUTRAL: Final[int]
+GIMBAL_DEVICE_FLAGS_PITCH_LOCK: Final[int]
+GIMBAL_DEVICE_FLAGS_RETRACT: Final[int]
+GIMBAL_DEVICE_FLAGS_ROLL_LOCK: Final[int]
+GIMBAL_DEVICE_FLAGS_YAW_IN_VEHICLE_FRAME: Final[int]
+GIMBAL_DEVICE_FLAGS_YAW_LOCK: Final[int]
+GIMBAL_MANAGER_CAP_FLAGS_CAN_POINT_LOCATION_GLOBAL: Final[int]
+GIMBAL_MANAGER_CAP_FLAGS_CAN_POINT_LOCATION_LOCAL: Final[int]
+GIMBAL_MANAGER_CAP_FLAGS_HAS_NEUTRAL: Final[int]
+GIMBAL_MANAGER_CAP_FLAGS_HAS_RC_INPUTS: Final[int]
+GIMBAL_MANAGER_CAP_FLAGS_HAS_RETRACT: Final[int]
+GIMBAL_MANAGER_FLAGS_NEUTRAL: Final[int]
+GIMBAL_MANAGER_FLAGS_RETRACT: Final[int]
+GIMBAL_MANAGER_FLAGS_YAW_LOCK: Final[int]
 GPS_FIX_TYPE_3D_FIX: Final[int]
 MAVLINK_MSG_ID_AHRS: Final[int]
 MAVLINK_MSG_ID_AHRS2: Final[int]
@@ -75,6 +89,11 @@ MAVLINK_MSG_ID_ESTIMATOR_STATUS: Final[int]
 MAVLINK_MSG_ID_EXTENDED_SYS_STATE: Final[int]
 MAVLINK_MSG_ID_FENCE_STATUS: Final[int]
 MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL: Final[int]
+MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS: Final[int]
+MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION: Final[int]
+MAVLINK_MSG_ID_GIMBAL_MANAGER_SET_ATTITUDE: Final[int]
+MAVLINK_MSG_ID_GIMBAL_MANAGER_SET_PITCHYAW: Final[int]
+MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS: Final[int]
 MAVLINK_MSG_ID_GLOBAL_POSITION_INT: Final[int]
 MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: Final[int]
 MAVLINK_MSG_ID_GPS_RAW_INT: Final[int]
@@ -103,6 +122,9 @@ MAVLINK_MSG_ID_MISSION_REQUEST_INT: Final[int]
 MAVLINK_MSG_ID_MISSION_REQUEST_LIST: Final[int]
 MAVLINK_MSG_ID_MISSION_REQUEST_PARTIAL_LIST: Final[int]
 MAVLINK_MSG_ID_MISSION_WRITE_PARTIAL_LIST: Final[int]
+MAVLINK_MSG_ID_MOUNT_CONFIGURE: Final[int]
+MAVLINK_MSG_ID_MOUNT_CONTROL: Final[int]
+MAVLINK_MSG_ID_MOUNT_STATUS: Final[int]
 MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT: Final[int]
 MAVLINK_MSG_ID_ODOMETRY: Final[int]
 MAVLINK_MSG_ID_PARAM_REQUEST_LIST: Final[int]
@@ -151,8 +173,12 @@ MAV_CMD_DO_CHANGE_ALTITUDE: Final[int]
 MAV_CMD_DO_DIGICAM_CONTROL: Final[int]
 MAV_CMD_DO_FENCE_ENABLE: Final[int]
 MAV_CMD_DO_FLIGHTTERMINATION: Final[int]
+MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE: Final[int]
+MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW: Final[int]
 MAV_CMD_DO_GO_AROUND: Final[int]
 MAV_CMD_DO_JUMP_TAG: Final[int]
+MAV_CMD_DO_MOUNT_CONFIGURE: Final[int]
+MAV_CMD_DO_MOUNT_CONTROL: Final[int]
 MAV_CMD_DO_ORBIT: Final[int]
 MAV_CMD_DO_PAUSE_CONTINUE: Final[int]
 MAV_CMD_DO_REPOSITION: Final[int]
@@ -227,6 +253,7 @@ MAV_MODE_FLAG_GUIDED_ENABLED: Final[int]
 MAV_MODE_FLAG_MANUAL_INPUT_ENABLED: Final[int]
 MAV_MODE_FLAG_SAFETY_ARMED: Final[int]
 MAV_MODE_FLAG_STABILIZE_ENABLED: Final[int]
+MAV_MOUNT_MODE_MAVLINK_TARGETING: Final[int]
 MAV_PARAM_TYPE_INT16: Final[int]
 MAV_PARAM_TYPE_INT32: Final[int]
 MAV_PARAM_TYPE_INT8: Final[int]
@@ -758,6 +785,119 @@ class MAVLink_file_transfer_protocol_message(MAVLink_message):
         self, target_network: int, target_system: int, target_component: int, payload: Sequence[int]
     ) -> None: ...
 
+class MAVLink_gimbal_device_attitude_status_message(MAVLink_message):
+    target_system: int
+    target_component: int
+    time_boot_ms: int
+    flags: int
+    q: Sequence[float]
+    angular_velocity_x: float
+    angular_velocity_y: float
+    angular_velocity_z: float
+    failure_flags: int
+    delta_yaw: float
+    delta_yaw_velocity: float
+    gimbal_device_id: int
+    def __init__(
+        self,
+        target_system: int,
+        target_component: int,
+        time_boot_ms: int,
+        flags: int,
+        q: Sequence[float],
+        angular_velocity_x: float,
+        angular_velocity_y: float,
+        angular_velocity_z: float,
+        failure_flags: int,
+        delta_yaw: float = ...,
+        delta_yaw_velocity: float = ...,
+        gimbal_device_id: int = ...,
+    ) -> None: ...
+
+class MAVLink_gimbal_manager_information_message(MAVLink_message):
+    time_boot_ms: int
+    cap_flags: int
+    gimbal_device_id: int
+    roll_min: float
+    roll_max: float
+    pitch_min: float
+    pitch_max: float
+    yaw_min: float
+    yaw_max: float
+    def __init__(
+        self,
+        time_boot_ms: int,
+        cap_flags: int,
+        gimbal_device_id: int,
+        roll_min: float,
+        roll_max: float,
+        pitch_min: float,
+        pitch_max: float,
+        yaw_min: float,
+        yaw_max: float,
+    ) -> None: ...
+
+class MAVLink_gimbal_manager_set_attitude_message(MAVLink_message):
+    target_system: int
+    target_component: int
+    flags: int
+    gimbal_device_id: int
+    q: Sequence[float]
+    angular_velocity_x: float
+    angular_velocity_y: float
+    angular_velocity_z: float
+    def __init__(
+        self,
+        target_system: int,
+        target_component: int,
+        flags: int,
+        gimbal_device_id: int,
+        q: Sequence[float],
+        angular_velocity_x: float,
+        angular_velocity_y: float,
+        angular_velocity_z: float,
+    ) -> None: ...
+
+class MAVLink_gimbal_manager_set_pitchyaw_message(MAVLink_message):
+    target_system: int
+    target_component: int
+    flags: int
+    gimbal_device_id: int
+    pitch: float
+    yaw: float
+    pitch_rate: float
+    yaw_rate: float
+    def __init__(
+        self,
+        target_system: int,
+        target_component: int,
+        flags: int,
+        gimbal_device_id: int,
+        pitch: float,
+        yaw: float,
+        pitch_rate: float,
+        yaw_rate: float,
+    ) -> None: ...
+
+class MAVLink_gimbal_manager_status_message(MAVLink_message):
+    time_boot_ms: int
+    flags: int
+    gimbal_device_id: int
+    primary_control_sysid: int
+    primary_control_compid: int
+    secondary_control_sysid: int
+    secondary_control_compid: int
+    def __init__(
+        self,
+        time_boot_ms: int,
+        flags: int,
+        gimbal_device_id: int,
+        primary_control_sysid: int,
+        primary_control_compid: int,
+        secondary_control_sysid: int,
+        secondary_control_compid: int,
+    ) -> None: ...
+
 class MAVLink_global_position_int_message(MAVLink_message):
     time_boot_ms: int
     lat: int
@@ -1230,6 +1370,57 @@ class MAVLink_mission_write_partial_list_message(MAVLink_message):
         start_index: int,
         end_index: int,
         mission_type: int = ...,
+    ) -> None: ...
+
+class MAVLink_mount_configure_message(MAVLink_message):
+    target_system: int
+    target_component: int
+    mount_mode: int
+    stab_roll: int
+    stab_pitch: int
+    stab_yaw: int
+    def __init__(
+        self,
+        target_system: int,
+        target_component: int,
+        mount_mode: int,
+        stab_roll: int,
+        stab_pitch: int,
+        stab_yaw: int,
+    ) -> None: ...
+
+class MAVLink_mount_control_message(MAVLink_message):
+    target_system: int
+    target_component: int
+    input_a: int
+    input_b: int
+    input_c: int
+    save_position: int
+    def __init__(
+        self,
+        target_system: int,
+        target_component: int,
+        input_a: int,
+        input_b: int,
+        input_c: int,
+        save_position: int,
+    ) -> None: ...
+
+class MAVLink_mount_status_message(MAVLink_message):
+    target_system: int
+    target_component: int
+    pointing_a: int
+    pointing_b: int
+    pointing_c: int
+    mount_mode: int
+    def __init__(
+        self,
+        target_system: int,
+        target_component: int,
+        pointing_a: int,
+        pointing_b: int,
+        pointing_c: int,
+        mount_mode: int = ...,
     ) -> None: ...
 
 class MAVLink_nav_controller_output_message(MAVLink_message):

@@ -27,6 +27,26 @@ _SAFETY = (
     MavParameter("GUID_TIMEOUT", "setpoint_timeout_s", low=0.1, high=5.0),
 )
 
+# The gimbal (`sim_vehicle.pilot.gimbal`). It rests straight down, as that of a mapping camera.
+_MOUNT = tuple(
+    MavParameter(f"MNT1_{name}", integer=integer, bits=8, value=value, stored=True, low=low, high=high)
+    for name, integer, value, low, high in (
+        ("DEFLT_MODE", True, 1, 0, 6),
+        ("NEUTRAL_X", False, 0, -180, 180),
+        ("NEUTRAL_Y", False, -90, -180, 180),
+        ("NEUTRAL_Z", False, 0, -180, 180),
+        ("PITCH_MAX", False, 20, -90, 90),
+        ("PITCH_MIN", False, -90, -90, 90),
+        ("RETRACT_X", False, 0, -180, 180),
+        ("RETRACT_Y", False, 0, -180, 180),
+        ("RETRACT_Z", False, 0, -180, 180),
+        ("ROLL_MAX", False, 30, -180, 180),
+        ("ROLL_MIN", False, -30, -180, 180),
+        ("YAW_MAX", False, 180, -180, 180),
+        ("YAW_MIN", False, -180, -180, 180),
+    )
+)
+
 
 def copter_parameters(spec: VehicleSpec, system_id: int) -> list[MavParameter]:
     """Parameters of ArduCopter."""
@@ -63,6 +83,7 @@ def vehicle_parameters(spec: VehicleSpec, system_id: int) -> list[MavParameter]:
         MavParameter("BRD_SD_FENCE", integer=True, value=0.0, stored=True, bits=16, low=0, high=64),
         MavParameter("BRD_SD_MISSION", integer=True, value=0.0, stored=True, bits=16, low=0, high=64),
         *_battery_parameters(spec),
+        *_MOUNT,
         MavParameter("FENCE_TOTAL", integer=True),
         MavParameter("MIS_TOTAL", integer=True),
         MavParameter("RALLY_TOTAL", integer=True),

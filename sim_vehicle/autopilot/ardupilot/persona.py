@@ -20,6 +20,7 @@ from sim_vehicle.autopilot.persona import (
     Persona,
     RefusalTexts,
 )
+from sim_vehicle.autopilot.setting import Setting
 
 __all__ = ["COPTER_PERSONA", "PLANE_PERSONA", "ROVER_PERSONA"]
 
@@ -41,6 +42,8 @@ _UNSUPPORTED = frozenset(
         m.MAV_CMD_DO_SET_ACTUATOR,
     )
 )
+# SITL gives copters a mount, planes and rovers none until it is set.
+_NO_MOUNT = Setting("MNT1_TYPE", 0.0)
 COPTER_PERSONA = Persona(
     identity=Identity(
         mav_autopilot=int(m.MAV_AUTOPILOT_ARDUPILOTMEGA),
@@ -127,6 +130,7 @@ COPTER_PERSONA = Persona(
     refusals=RefusalTexts(
         interval="No ap_message for mavlink id ({})", landing="Unable to start landing sequence"
     ),
+    gimbal=Setting("MNT1_TYPE", 1.0),
     logs=LogHabits(
         "/APM/LOGS",
         first_number=1,
@@ -169,6 +173,7 @@ PLANE_PERSONA = replace(
     ),
     unsupported=_UNSUPPORTED | {int(m.MAV_CMD_CONDITION_YAW)},
     flies_attitudes=False,
+    gimbal=_NO_MOUNT,
 )
 ROVER_PERSONA = replace(
     COPTER_PERSONA,
@@ -201,4 +206,5 @@ ROVER_PERSONA = replace(
     ),
     unsupported=COPTER_PERSONA.unsupported | {int(m.MAV_CMD_CONDITION_YAW)},
     flies_attitudes=False,
+    gimbal=_NO_MOUNT,
 )

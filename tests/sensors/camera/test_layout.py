@@ -35,7 +35,7 @@ def image(index: int, x: int, y: int) -> Any:
     where = round(latitude * 1e7), round(longitude * 1e7)
     return wire(
         mavlink.MAVLink_camera_image_captured_message(
-            5, 0, 0, *where, 40000, 10000, (1.0, 0.0, 0.0, 0.0), index, 1, b""
+            5, 0, 0, *where, 40000, 10000, (0.5**0.5, 0.0, -(0.5**0.5), 0.0), index, 1, b""
         )
     )
 

@@ -29,7 +29,17 @@ def wire(message: Any, system_id: int = 1, component_id: int = 100) -> Any:
 
 def image(index: int, lat_e7: int, lon_e7: int, time_us: int, result: int = 1, **source: int) -> Any:
     message = mavlink.MAVLink_camera_image_captured_message(
-        time_us // 1000, 0, 0, lat_e7, lon_e7, 40000, 10000, (1.0, 0.0, 0.0, 0.0), index, result, b""
+        time_us // 1000,
+        0,
+        0,
+        lat_e7,
+        lon_e7,
+        40000,
+        10000,
+        (0.5**0.5, 0.0, -(0.5**0.5), 0.0),
+        index,
+        result,
+        b"",
     )
     return wire(message, **source)
 

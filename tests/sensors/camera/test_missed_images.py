@@ -21,7 +21,7 @@ def image(index, boot_ms):
         round(longitude * 1e7),
         0,
         0,
-        (1.0, 0.0, 0.0, 0.0),
+        (0.5**0.5, 0.0, -(0.5**0.5), 0.0),
         index,
         1,
         b"",

@@ -1,0 +1,267 @@
+"""The gimbal over MAVLink: what it is told, and what it tells.
+
+Gimbal protocol v2 with the autopilot as gimbal manager of a gimbal that is no MAVLink component of its own
+(device id 1), and the older mount messages. Sources: ArduPilot's ``AP_Mount.cpp`` and
+``AP_Mount_Backend.cpp``; the answers are those of ArduCopter 4.7 in SITL with ``MNT1_TYPE`` 1.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from geo.rotation import angles_of, quaternion_of
+from mission.link.codec.dialect import Message
+from mission.link.codec.dialect import mavlink as m
+from mission.link.codec.typed import is_a
+from mission.model import RELATIVE_FRAMES, Command
+from sim_vehicle.mavlink.orders import Answer, Order
+from sim_vehicle.pilot.gimbal import Gimbal, GimbalMode
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from sim_vehicle.mavlink.wire_state import WireState
+
+__all__ = [
+    "GIMBAL_BUILDERS",
+    "GIMBAL_COMMANDS",
+    "GIMBAL_MESSAGES",
+    "REGION_COMMANDS",
+    "obey_gimbal_message",
+    "order_gimbal",
+]
+
+_DEVICE = 1
+_FAILED = Answer(int(m.MAV_RESULT_FAILED))
+_ACCEPTED = Answer()
+_LOCKS = m.GIMBAL_DEVICE_FLAGS_ROLL_LOCK | m.GIMBAL_DEVICE_FLAGS_PITCH_LOCK
+_AXES = 0b111_111_111 << 2  # an axis, following and lock, of roll, pitch and yaw
+_CAPABILITIES = (
+    m.GIMBAL_MANAGER_CAP_FLAGS_HAS_RETRACT
+    | m.GIMBAL_MANAGER_CAP_FLAGS_HAS_NEUTRAL
+    | _AXES
+    | m.GIMBAL_MANAGER_CAP_FLAGS_HAS_RC_INPUTS
+    | m.GIMBAL_MANAGER_CAP_FLAGS_CAN_POINT_LOCATION_LOCAL
+    | m.GIMBAL_MANAGER_CAP_FLAGS_CAN_POINT_LOCATION_GLOBAL
+)
+_UNIT = 0.1
+_MOST_DEG = (90.0, 180.0, 360.0)
+_LOCATIONS = frozenset({int(Command.DO_SET_ROI_LOCATION), int(Command.DO_SET_ROI)})
+REGION_COMMANDS = _LOCATIONS | {int(Command.DO_SET_ROI_NONE)}
+"""MAV_CMDs of regions of interest, which turn the vehicle's nose, too."""
+
+
+def _turn(gimbal: Gimbal, flags: int, angles_deg: tuple[float, ...], rates_deg: tuple[float, ...]) -> Answer:
+    """Take angles, or else rates (roll, pitch, yaw), or else only the lock of the sticks' yaw."""
+    for flag, mode in (
+        (m.GIMBAL_MANAGER_FLAGS_RETRACT, GimbalMode.RETRACT),
+        (m.GIMBAL_MANAGER_FLAGS_NEUTRAL, GimbalMode.NEUTRAL),
+    ):
+        if flags & flag:
+            gimbal.set_mode(mode)
+            return _ACCEPTED
+    earth = bool(flags & m.GIMBAL_MANAGER_FLAGS_YAW_LOCK)
+    if all(map(math.isfinite, angles_deg)):
+        gimbal.turn_to(tuple(map(math.radians, angles_deg)), earth=earth)
+    elif all(map(math.isfinite, rates_deg)):
+        gimbal.turn_at(tuple(map(math.radians, rates_deg)), earth=earth)
+    elif all(map(math.isnan, (*angles_deg[1:], *rates_deg[1:]))):
+        gimbal.yaw_lock = earth
+        gimbal.wake()
+    else:
+        return _FAILED
+    return _ACCEPTED
+
+
+def _pitch_yaw(source: WireState, order: Order) -> Answer:
+    """DO_GIMBAL_MANAGER_PITCHYAW: degrees, degrees a second, flags, -, device."""
+    if order.number(7, -1) not in (0, _DEVICE):
+        return _FAILED
+    pitch, yaw, pitch_rate, yaw_rate, flags = order.params[:5]
+    if not order.long and order.frame in (0, 3, 10):
+        flags *= 1e7  # no latitude
+    if not 0.0 <= flags < 2**32:
+        return _FAILED
+    return _turn(source.gimbal, round(flags), (0.0, pitch, yaw), (0.0, pitch_rate, yaw_rate))
+
+
+def _configure(source: WireState, order: Order) -> Answer:
+    """DO_GIMBAL_MANAGER_CONFIGURE: who controls it; -1 leaves that, -2 takes it, -3 gives it up."""
+    system, component = order.params[:2]
+    known = all(-3.0 <= one <= 255.0 for one in (system, component))
+    if not known or order.number(7, -1) not in (0, _DEVICE):
+        return _FAILED
+    gimbal, before = source.gimbal, source.gimbal.controller
+    if system == -2.0:
+        gimbal.controller = order.source
+    elif system == -3.0:
+        gimbal.controller = (0, 0) if before == order.source else before
+    elif system >= 0.0:
+        gimbal.controller = (int(system), int(component) & 255)
+    return Answer(messages=() if gimbal.controller == before else (_status(source),))
+
+
+def _mount_configure(source: WireState, order: Order) -> Answer:
+    """DO_MOUNT_CONFIGURE: the mode; there is no more to choose."""
+    source.gimbal.set_mode(order.number(1, -1))
+    return _ACCEPTED
+
+
+def _mount_control(source: WireState, order: Order) -> Answer:
+    """DO_MOUNT_CONTROL: pitch, roll, yaw against the vehicle, height above home, position; the mode."""
+    gimbal, mode = source.gimbal, order.number(7, -1)
+    if mode == GimbalMode.TARGET:
+        angles = order.params[:3]
+        if not all(abs(angle) <= most for angle, most in zip(angles, _MOST_DEG, strict=True)):
+            return _FAILED
+        pitch, roll, yaw = map(math.radians, angles)
+        gimbal.turn_to((roll, pitch, yaw), earth=False)
+    elif mode == GimbalMode.POINT:
+        position, height_m = order.position, order.params[3]
+        if position is None or not math.isfinite(height_m):
+            return _FAILED
+        gimbal.point_at((*source.pilot.frame.from_wgs84(*position), height_m))
+    elif not gimbal.set_mode(mode):
+        return _FAILED
+    return _ACCEPTED
+
+
+def _region(source: WireState, order: Order) -> Answer:
+    """DO_SET_ROI_LOCATION, DO_SET_ROI and DO_SET_ROI_NONE: point at a position; without one, no more."""
+    position = order.position if order.command in _LOCATIONS else None
+    if position is None:
+        source.gimbal.point_at(None)
+        return _ACCEPTED
+    height_m = order.params[6] if math.isfinite(order.params[6]) else 0.0
+    if not order.long and order.frame not in RELATIVE_FRAMES:
+        height_m -= source.home.altitude_m
+    source.gimbal.point_at((*source.pilot.frame.from_wgs84(*position), height_m))
+    return _ACCEPTED
+
+
+_POINTING: dict[int, Callable[[WireState, Order], Answer]] = {
+    int(m.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW): _pitch_yaw,
+    int(m.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE): _configure,
+    int(m.MAV_CMD_DO_MOUNT_CONFIGURE): _mount_configure,
+    int(m.MAV_CMD_DO_MOUNT_CONTROL): _mount_control,
+    **dict.fromkeys(REGION_COMMANDS, _region),
+}
+GIMBAL_COMMANDS = frozenset(_POINTING) - REGION_COMMANDS
+"""MAV_CMDs that are the gimbal's alone."""
+
+
+def order_gimbal(source: WireState, order: Order) -> Answer:
+    """Do a command, or what a mission item says, where it concerns the gimbal; FAILED where there is none."""
+    obey = _POINTING.get(order.command)
+    if obey is None or not source.gimbal.fitted:
+        return _FAILED
+    source.gimbal.wake()
+    return obey(source, order)
+
+
+def _is_rotation(q: Sequence[float]) -> bool:
+    return abs(math.hypot(*q) - 1.0) < _UNIT
+
+
+_SetMessage = (
+    m.MAVLink_gimbal_manager_set_attitude_message
+    | m.MAVLink_gimbal_manager_set_pitchyaw_message
+    | m.MAVLink_mount_configure_message
+    | m.MAVLink_mount_control_message
+)
+
+
+def obey_gimbal_message(source: WireState, message: _SetMessage) -> None:
+    """Do what a message asks the gimbal for; what makes no sense is ignored."""
+    gimbal = source.gimbal
+    if not gimbal.fitted:
+        return
+    if is_a(message, m.MAVLink_mount_configure_message):
+        gimbal.set_mode(message.mount_mode)
+    elif is_a(message, m.MAVLink_mount_control_message):
+        if gimbal.mode is GimbalMode.POINT:
+            position = (message.input_a, message.input_b)
+            if abs(position[0]) <= 90e7 and abs(position[1]) <= 180e7:
+                latitude_deg, longitude_deg = (1e-7 * angle for angle in position)
+                east_m, north_m = source.pilot.frame.from_wgs84(latitude_deg, longitude_deg)
+                gimbal.point_at((east_m, north_m, message.input_c / 100.0))
+            return
+        asked = (message.input_a, message.input_b, message.input_c)
+        pitch, roll, yaw = (math.radians(angle / 100.0) for angle in asked)
+        gimbal.turn_to((roll, pitch, yaw), earth=False)
+    elif message.gimbal_device_id in (0, _DEVICE):
+        if is_a(message, m.MAVLink_gimbal_manager_set_pitchyaw_message):
+            angles: tuple[float, ...] = (0.0, message.pitch, message.yaw)
+            rates: tuple[float, ...] = (0.0, message.pitch_rate, message.yaw_rate)
+        else:
+            angles = angles_of(message.q) if _is_rotation(message.q) else (math.nan,) * 3
+            rates = (message.angular_velocity_x, message.angular_velocity_y, message.angular_velocity_z)
+        if not all(map(math.isfinite, (*angles, *rates))):
+            _turn(gimbal, message.flags, tuple(map(math.degrees, angles)), tuple(map(math.degrees, rates)))
+
+
+GIMBAL_MESSAGES = frozenset(
+    {
+        m.MAVLINK_MSG_ID_GIMBAL_MANAGER_SET_ATTITUDE,
+        m.MAVLINK_MSG_ID_GIMBAL_MANAGER_SET_PITCHYAW,
+        m.MAVLINK_MSG_ID_MOUNT_CONFIGURE,
+        m.MAVLINK_MSG_ID_MOUNT_CONTROL,
+    }
+)
+
+
+def _information(source: WireState) -> Message:
+    limits = [limit for axis in source.gimbal.limits_rad for limit in axis]
+    return m.MAVLink_gimbal_manager_information_message(source.boot_ms, int(_CAPABILITIES), _DEVICE, *limits)
+
+
+def _status(source: WireState) -> Message:
+    flags = _LOCKS | (m.GIMBAL_MANAGER_FLAGS_YAW_LOCK if source.gimbal.yaw_lock else 0)
+    return m.MAVLink_gimbal_manager_status_message(
+        source.boot_ms, int(flags), _DEVICE, *source.gimbal.controller, 0, 0
+    )
+
+
+def _attitude_status(source: WireState) -> Message:
+    gimbal = source.gimbal
+    resting = {
+        GimbalMode.RETRACT: m.GIMBAL_DEVICE_FLAGS_RETRACT,
+        GimbalMode.NEUTRAL: m.GIMBAL_DEVICE_FLAGS_NEUTRAL,
+    }
+    flags = _LOCKS | m.GIMBAL_DEVICE_FLAGS_YAW_IN_VEHICLE_FRAME | resting.get(gimbal.mode, 0)
+    if gimbal.locks_yaw:
+        flags |= m.GIMBAL_DEVICE_FLAGS_YAW_LOCK
+    unknown = math.nan
+    return m.MAVLink_gimbal_device_attitude_status_message(
+        0,
+        0,
+        source.boot_ms,
+        int(flags),
+        quaternion_of(*gimbal.angles_rad),
+        unknown,
+        unknown,
+        unknown,
+        0,
+        unknown,
+        unknown,
+        _DEVICE,
+    )
+
+
+def _mount_status(source: WireState) -> Message:
+    roll, pitch, yaw = (round(100.0 * math.degrees(angle)) for angle in source.gimbal.angles_rad)
+    return m.MAVLink_mount_status_message(0, 0, pitch, roll, yaw, int(source.gimbal.mode))
+
+
+def _fitted(build: Callable[[WireState], Message]) -> Callable[[WireState], Message | None]:
+    return lambda source: build(source) if source.gimbal.fitted else None
+
+
+GIMBAL_BUILDERS: dict[int, Callable[[WireState], Message | None]] = {
+    m.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION: _fitted(_information),
+    m.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS: _fitted(_status),
+    m.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS: _fitted(_attitude_status),
+    m.MAVLINK_MSG_ID_MOUNT_STATUS: _fitted(_mount_status),
+}
+"""What it tells, by message id; nothing where there is no gimbal."""

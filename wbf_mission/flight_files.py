@@ -220,7 +220,11 @@ def _entry(flight: FlightRecord) -> FlightEntry:
         ),
         prediction=PredictionEntry(
             **{
-                **{name: getattr(prediction, name) for name in prediction.__dataclass_fields__},
+                **{
+                    name: getattr(prediction, name)
+                    for name in prediction.__dataclass_fields__
+                    if name != "items"
+                },
                 "track_m": prediction.track_m.tolist(),
             }
         ),

@@ -29,7 +29,7 @@ def coverage(path_xy_m: PlannedPath | ArrayLike, area: Area, footprint_m: float)
     Parameters
     ----------
     path_xy_m : PlannedPath or float64[n, 2]
-        The path, in metres of the farm frame.
+        The path, in metres of the farm frame. It breaks off at a row of NaN, where nothing is seen.
     area : shapely Polygon or MultiPolygon
         What should be seen, in the same frame.
     footprint_m : float
@@ -58,20 +58,27 @@ def coverage(path_xy_m: PlannedPath | ArrayLike, area: Area, footprint_m: float)
             f"(footprint {footprint_m} m, {len(points)} points)"
         )
         raise PlanningError(msg)
-    if points.shape[0] == 1:
-        points = np.repeat(points, 2, axis=0)
-    if points.shape[0] - 1 > EXACT_LEGS:
-        return _counted(points, area, footprint_m / 2)
+    breaks = np.flatnonzero(np.isnan(points).any(axis=1))
+    pieces = [one[~np.isnan(one).any(axis=1)] for one in np.split(points, breaks)]
+    pieces = [np.repeat(one, 2, axis=0) if len(one) == 1 else one for one in pieces if len(one)]
+    if sum(len(one) - 1 for one in pieces) > EXACT_LEGS:
+        return _counted(pieces, area, footprint_m / 2)
     # Short stretches first: a long path that crosses itself often is slow to buffer at once.
-    firsts = range(0, points.shape[0] - 1, _STRETCH)
-    lines = np.array([shapely.linestrings(points[first : first + _STRETCH + 1]) for first in firsts])
+    lines = np.array(
+        [
+            shapely.linestrings(one[first : first + _STRETCH + 1])
+            for one in pieces
+            for first in range(0, len(one) - 1, _STRETCH)
+        ]
+    )
     seen = shapely.union_all(shapely.buffer(lines, footprint_m / 2, quad_segs=4))
     return float(min(1.0, shapely.intersection(seen, area).area / area.area))
 
 
-def _counted(points: Points, area: Area, reach_m: float) -> float:
-    """Return the fraction of evenly spread positions of the area that are within the reach of the path."""
-    starts, ways = points[:-1], np.diff(points, axis=0)
+def _counted(pieces: list[Points], area: Area, reach_m: float) -> float:
+    """Return the fraction of evenly spread positions of the area that are within the reach of the paths."""
+    starts = np.vstack([one[:-1] for one in pieces])
+    ways = np.vstack([np.diff(one, axis=0) for one in pieces])
     lengths = np.hypot(ways[:, 0], ways[:, 1])
     along = ways / np.maximum(lengths, 1e-12)[:, None]
     along[lengths < 1e-12] = (1.0, 0.0)

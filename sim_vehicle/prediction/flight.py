@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,7 +15,7 @@ from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.execution.feasibility import mission_problems
 from sim_vehicle.execution.items import item_positions
-from sim_vehicle.execution.state import BatteryDepleted, CannotFly, MissionComplete
+from sim_vehicle.execution.state import BatteryDepleted, CannotFly, CurrentChanged, MissionComplete
 from sim_vehicle.motion.model import MotionEvent
 
 if TYPE_CHECKING:
@@ -67,6 +67,8 @@ class Prediction:
     energy_bound_wh : float or None
         What one flight takes at most with the probability
         `sim_vehicle.prediction.predict.BOUND_PROBABILITY`; None when it was predicted from a single flight.
+    items : int64[n]
+        The item, from 0, that is flown at each position of the track; empty where that is not known.
     """
 
     duration_s: float
@@ -80,6 +82,19 @@ class Prediction:
     duration_interval_s: tuple[float, float] | None = None
     energy_interval_wh: tuple[float, float] | None = None
     energy_bound_wh: float | None = None
+    items: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
+
+    @property
+    def ground_length_m(self) -> float:
+        """How long the way is over ground, from take-off to landing: the length of a plan.
+
+        The share of what is flown that the track shows to be over ground, since a track can be the beginning
+        only, and cuts corners a little.
+        """
+        steps = np.diff(self.track_m, axis=0, prepend=np.zeros((1, 3)))
+        flown_m = float(np.sqrt((steps**2).sum(axis=1)).sum())
+        over_m = float(np.hypot(steps[:, 0], steps[:, 1]).sum())
+        return self.path_length_m * (over_m / flown_m) if flown_m > 0.0 else 0.0
 
     @property
     def most_wh(self) -> float:
@@ -170,7 +185,16 @@ class PredictedFlight:
             track_step_s=self._track_step_s,
             feasible=not reason,
             reason=reason,
+            items=self._items(motion.track_points),
         )
+
+    def _items(self, points: int) -> NDArray[np.int64]:
+        """Return which item is flown at each of so many positions of the track, and at the end."""
+        changes = [event for event in self.events or () if isinstance(event, CurrentChanged)]
+        times_s = self._track_step_s * np.arange(1, points + 2)
+        since_s = np.array([event.time_s for event in changes])
+        numbers = np.array([0, *(event.seq for event in changes)], dtype=np.int64)
+        return numbers[np.searchsorted(since_s, times_s, side="left")]
 
     def left(self, energy_wh: float) -> tuple[float, str]:
         """Return the fraction of the battery that is left after so much, and why it is too little."""

@@ -38,6 +38,7 @@ POLICIES = (
     "learned",
     "market",
 )
+QUICK_POLICIES = ("grid-limited-randomness", "market")
 AUTOPILOTS = ("px4", "ardupilot")
 WINDY = {"wind_speed_m_s": 5.0, "wind_direction_deg": 270.0, "wind_gust_m_s": 2.0}
 SIDE = 70.0
@@ -87,6 +88,7 @@ def check_flown(scenario):
     return result
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("autopilot", AUTOPILOTS)
 @pytest.mark.parametrize("planner", PLANNERS)
 def test_flights_of_planners_keep_the_margin_in_wind(farm, planner, autopilot):
@@ -108,7 +110,13 @@ def test_plans_keep_the_margin_in_calm_air(farm, planner, autopilot):
     assert not obstacle_findings(scenario, made)
 
 
-@pytest.mark.parametrize(("number", "policy"), list(enumerate(POLICIES)))
+@pytest.mark.parametrize(
+    ("number", "policy"),
+    [
+        pytest.param(*one, marks=[] if one[1] in QUICK_POLICIES else [pytest.mark.slow])
+        for one in enumerate(POLICIES)
+    ],
+)
 def test_flights_of_policies_keep_the_margin_in_wind(farm, number, policy):
     autopilot = AUTOPILOTS[number % 2]
     check_flown(

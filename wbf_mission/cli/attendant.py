@@ -274,7 +274,7 @@ def _planned(sortie: Sortie) -> str:
     if not prediction.feasible:
         return f"the predicted flight FAILS after {prediction.duration_s:.0f} s: {prediction.reason}"
     height_m = sortie.task.builder.level.altitude_m
-    return f"{distance(prediction.path_length_m)}, {prediction.duration_s:.0f} s at {height_m:g} m"
+    return f"{distance(prediction.ground_length_m)}, {prediction.duration_s:.0f} s at {height_m:g} m"
 
 
 def status_line(sortie: Sortie, now_s: float) -> str:

@@ -229,6 +229,7 @@ def _show(output: Output, file: Path, checked: Preflight) -> None:
         "system_id": None if snapshot is None else snapshot.system_id,
         **report.counts,
         "predicted_time_s": None if prediction is None else prediction.duration_s,
+        "length_m": None if prediction is None else prediction.ground_length_m,
         "predicted_energy_wh": None if prediction is None else prediction.energy_wh,
         "findings": [finding.summary() for finding in report.findings],
     }

@@ -10,9 +10,8 @@ import numpy as np
 
 from geo import Farm, get_farm
 from mission.files import read_mission
-from mission.model import Command, GeoPoint, Mission
-from mission.planners import PlannedPath, Planner, coverage, make_planner
-from mission.planners.budget import LengthBudget
+from mission.model import GeoPoint, Mission
+from mission.planners import Planner, make_planner
 from mission.policies.policy import FixedPlan
 from sensors.field_files import load_field_set
 from sensors.scoring.score import ScoreWeights
@@ -21,7 +20,7 @@ from wbf_mission.deciding.loop import DecisionLoop, Knowledge
 from wbf_mission.evidence import Evidence
 from wbf_mission.planning.builder import MissionBuilder
 from wbf_mission.planning.result import PlanResult
-from wbf_mission.planning.task import FlightTask, free_area
+from wbf_mission.planning.task import FlightTask, predicted_coverage
 from wbf_mission.progress import Progress, silent
 from wbf_mission.scenario import Choice, MissionOptions, Scenario, ScenarioError
 from wbf_mission.scenario.scenario import require_scenario
@@ -141,13 +140,10 @@ def _read(scenario: Scenario, builder: MissionBuilder) -> PlanResult:
         np.array([item.x for item in positioned]), np.array([item.y for item in positioned])
     )
     points = np.column_stack((x, y))
-    route = PlannedPath(points, None, "file")
     # The flight of a mission without a home begins at the farm's.
     home = home_of(mission, builder.farm)
-    home_m = builder.farm.frame.from_wgs84(home.latitude_deg, home.longitude_deg)
     placed = replace(mission, home=home)
     prediction = builder.predict(placed)
-    returns = any(item.command == Command.NAV_RETURN_TO_LAUNCH for item in mission.items)
     return PlanResult(
         farm=builder.farm,
         vehicle=builder.vehicle,
@@ -157,9 +153,9 @@ def _read(scenario: Scenario, builder: MissionBuilder) -> PlanResult:
         path_m=points,
         spacing_m=None,
         budget_text="none (mission file)",
-        length_m=LengthBudget(1.0, home_m if returns else None).cost(np.vstack((home_m, points))),
-        coverage=coverage(
-            route, free_area(builder.farm), scenario.camera.footprint * builder.farm.cell_size_m
+        length_m=prediction.ground_length_m,
+        coverage=predicted_coverage(
+            builder.farm, placed, prediction, scenario.camera.footprint * builder.farm.cell_size_m
         ),
         prediction=prediction,
         batteries=builder.batteries(placed, prediction),

@@ -10,13 +10,20 @@ import shapely
 from numpy.typing import NDArray
 
 from geo import Farm
-from mission.model import Mission
+from mission.model import Command, Mission, MissionItem
 from mission.transfer import GENERIC, PX4, Rendered, Severity, render
 from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.autopilot import firmware_of
 from sim_vehicle.prediction.flight import Prediction
 
-_CAMERA_STARTS = frozenset({206, 214, 2000})
+_TRIGGERS = (Command.DO_SET_CAM_TRIGG_DIST, Command.DO_SET_CAM_TRIGG_INTERVAL)
+
+
+def turns_camera(item: MissionItem) -> bool | None:
+    """Return whether an item has the camera take images from then on, or none any more; None: neither."""
+    if item.command in _TRIGGERS:
+        return bool(item.param1 and item.param1 > 0.0)
+    return {int(Command.IMAGE_START_CAPTURE): True, int(Command.IMAGE_STOP_CAPTURE): False}.get(item.command)
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,9 +46,9 @@ class PlanResult:
     budget_text : str
         The budget in words.
     length_m : float
-        Length over ground from home through the waypoints, and back home where the mission returns.
+        Length over ground of the predicted flight, from take-off to landing.
     coverage : float
-        Fraction of the owner's land that the camera's footprint passes over.
+        Fraction of the owner's land that the camera's footprint passes over in that flight, while it is on.
     prediction : Prediction
         Time, energy and feasibility from the vehicle's own model.
     batteries : int or None
@@ -89,7 +96,7 @@ class PlanResult:
         found = []
         if not self.prediction.feasible:
             found.append(f"the vehicle cannot fly this mission: {self.prediction.reason}")
-        if not any(item.command in _CAMERA_STARTS for item in self.mission.items):
+        if not any(turns_camera(item) for item in self.mission.items):
             found.append("the mission never starts the camera: there will be no observations")
         if self.misses_farm:
             found.append(f"no waypoint lies on the farm {self.farm.name}: is this the right --farm?")

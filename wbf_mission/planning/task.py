@@ -11,21 +11,25 @@ from numpy.random import SeedSequence
 
 from geo import Crop, Farm
 from geo.seeds import sealed_seed
+from mission.model import Mission
 from mission.planners import CropArea, PlannedPath, PlanningRequest, coverage
-from mission.planners.budget import LengthBudget
 from mission.planners.inside_routing import parts_of
 from mission.planners.path import Area, Points, drop_coincident
 from mission.policies.decision import Decision
 from mission.policies.fares import GeometricFares
 from mission.policies.situation import Fares, Status, VehicleReport
+from sim_vehicle.prediction.flight import Prediction, home_frame
 from sim_vehicle.prediction.onward import InFlight
 from wbf_mission.planning.budget import FlightBudget, make_budget
 from wbf_mission.planning.builder import MissionBuilder
 from wbf_mission.planning.fares import FlightFares, StartFares, leg_fares, onward_predictor
-from wbf_mission.planning.result import PlanResult
+from wbf_mission.planning.result import PlanResult, turns_camera
 from wbf_mission.progress import Progress, silent
 from wbf_mission.scenario import Scenario, ScenarioError
 from wbf_mission.sortie_number import SortieNumber
+
+# A track is simplified by so much of what the camera sees at once.
+_SIMPLER = 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,7 +162,6 @@ class FlightTask:
         flown = replace(path, points_m=drop_coincident(path.points_m)) if steered else path
         mission = builder.mission(flown, camera_on_approach=steered)
         prediction = builder.predict(mission)
-        home = None if builder.vehicle.is_ideal else builder.home_m
         return PlanResult(
             farm=farm,
             vehicle=builder.vehicle,
@@ -168,10 +171,8 @@ class FlightTask:
             path_m=path.points_m,
             spacing_m=path.spacing_m,
             budget_text=self.budget_text,
-            length_m=LengthBudget(1.0, home, builder.flown_way).cost(
-                np.vstack((builder.home_m, path.points_m))
-            ),
-            coverage=coverage(path, free_area(farm), self.request.footprint_m),
+            length_m=prediction.ground_length_m,
+            coverage=predicted_coverage(farm, mission, prediction, self.request.footprint_m),
             prediction=prediction,
             batteries=builder.batteries(mission, prediction),
         )
@@ -180,6 +181,28 @@ class FlightTask:
 def _planner_seed(seed: int, number: SortieNumber) -> SeedSequence:
     """Return what the planner of a flight draws from."""
     return sealed_seed(seed, *number.stream_names("planner"))
+
+
+def predicted_coverage(farm: Farm, mission: Mission, prediction: Prediction, footprint_m: float) -> float:
+    """Return the fraction of the owner's land that is seen in a predicted flight, while the camera is on.
+
+    That needs no more than the mission, so one that is read from a file has the coverage that it was planned
+    with, whatever its autopilot is told to do at corners.
+    """
+    about_home = home_frame(mission)
+    track_m = np.column_stack(farm.frame.from_wgs84(*about_home.to_wgs84(*prediction.track_m[:, :2].T)))
+    camera_on = [False]
+    for item in mission.items:
+        camera_on.append(camera_on[-1] if (on := turns_camera(item)) is None else on)
+    seen = np.array(camera_on)[np.minimum(prediction.items, len(mission.items))]
+    paths = [np.empty((0, 2))]
+    for first, end in np.flatnonzero(np.diff(seen, prepend=False, append=False)).reshape(-1, 2):
+        # Straight legs without the many points of the track.
+        stretch = shapely.linestrings(track_m[max(first - 1, 0) : end + (first == 0)])
+        legs = shapely.get_coordinates(shapely.simplify(stretch, _SIMPLER * footprint_m))
+        paths += [legs, np.full((1, 2), np.nan)]
+    path = np.vstack(paths)
+    return coverage(path, free_area(farm), footprint_m) if len(path) else 0.0
 
 
 def free_area(farm: Farm) -> Area:

@@ -21,7 +21,7 @@ from sim_vehicle.camera.component import MIN_INTERVAL_S
 from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.execution.feasibility import ItemProblem, mission_problems
 from sim_vehicle.execution.items import DO_COMMANDS, NAV_COMMANDS, item_positions
-from sim_vehicle.execution.state import BatteryDepleted, CannotFly, CurrentChanged
+from sim_vehicle.execution.state import BatteryDepleted, CannotFly
 from sim_vehicle.motion.legs import Position
 from sim_vehicle.prediction.flight import PredictedFlight, Prediction, climbs_by_itself, fly_all, home_frame
 from sim_vehicle.prediction.predict import plan_prediction, rehearsals
@@ -307,11 +307,7 @@ def _stop_of(flight: PredictedFlight) -> tuple[int, str] | None:
 
 def _track_of(flight: PredictedFlight) -> FlownTrack:
     one = flight.prediction()
-    times = one.track_step_s * np.arange(1, len(one.track_m) + 1)
-    changes = [event for event in flight.events or () if isinstance(event, CurrentChanged)]
-    since = np.array([event.time_s for event in changes])
-    numbers = np.array([0, *(event.seq for event in changes)], dtype=np.int64)
-    return FlownTrack(one.track_m, numbers[np.searchsorted(since, times, side="left")])
+    return FlownTrack(one.track_m, one.items)
 
 
 def _about_home(farm: Farm, frame: LocalFrame) -> tuple[shapely.Geometry, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from mission.model import Command
+from wbf_mission.planning.result import turns_camera
 from wbf_mission.preflight.checks.legs import legs_of
 from wbf_mission.preflight.finding import Finding, Hit, Measure, Severity, worst_of
 from wbf_mission.preflight.subject import Subject
@@ -25,7 +26,7 @@ def check_camera(subject: Subject) -> Iterator[Finding]:
     for k, item in enumerate(subject.items):
         first = item.param1 or 0.0
         if item.command in (_DISTANCE, _INTERVAL, _START, _STOP):
-            starts = item.command == _START or (item.command != _STOP and first > 0.0)
+            starts = turns_camera(item) is True
             on, order = (k, k) if starts else (None, order)
             distance_m = first if item.command == _DISTANCE else 0.0
             interval_s = {_INTERVAL: first / 1000.0, _START: item.param2 or 0.0}.get(item.command, 0.0)

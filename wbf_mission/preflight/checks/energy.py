@@ -28,7 +28,8 @@ def check_battery(subject: Subject) -> Iterator[Finding]:
     air = (
         f"a wind of {speed_m_s:.3g} m/s{' and gusts' if gusty else ''}" if speed_m_s or gusty else "calm air"
     )
-    text = f"{until}the flight is predicted to take {takes} in {air}: {prediction.path_length_m:.0f} m flown"
+    over_ground = f"{prediction.ground_length_m:.1f} m over ground"
+    text = f"{until}the flight is predicted to take {takes} in {air}: {over_ground}"
     if battery is None or subject.stopped is not None:
         yield Finding(Severity.NOTE, "flight", text)
         return

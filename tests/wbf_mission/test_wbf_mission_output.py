@@ -11,6 +11,7 @@ import shapely
 from rich.console import Console
 
 from geo import get_farm
+from sensors.estimators.base import LEARNING
 from wbf_mission.cli.output import FILE_WIDTH, Output
 from wbf_mission.plots import plot_farm
 
@@ -92,3 +93,17 @@ def test_tasks_that_ctrl_c_left_behind_end_in_silence():
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout.startswith("[")
     assert done.stderr == ""
+
+
+def test_the_first_flight_on_a_farm_tells_how_long_it_learns(capsys, monkeypatch):
+    now_s = iter([0.0, 0.0, 0.0, 5.0, 5.0, 20.0, 20.0])
+    monkeypatch.setattr("wbf_mission.cli.output.time.monotonic", lambda: next(now_s, 20.0))
+    with Output().progress() as progress:
+        for part in (0.0, 0.1, 0.25, 1.0):
+            progress(LEARNING, part, 1.0)
+    begun, left = capsys.readouterr().err.splitlines()
+    assert begun == "training the estimator for this farm and day; what it learns is kept for later runs ..."
+    assert left == "training the estimator: 25%, about 0:01:00 left"
+    with Output(quiet=True).progress() as progress:
+        progress(LEARNING, 0.0, 1.0)
+    assert capsys.readouterr().err == ""

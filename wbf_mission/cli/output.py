@@ -20,7 +20,12 @@ if TYPE_CHECKING:
 
     from wbf_mission.cli.console import PlainConsole
 
-_TELL_AFTER_S = {"training the estimator": 0.0, "planning": 5.0}
+_LEARNING = "training the estimator"  # as sensors.estimators.base.LEARNING, which would load numpy
+_TELL_AFTER_S = {_LEARNING: 0.0, "planning": 5.0}
+_BEGINS = {_LEARNING: f"{_LEARNING} for this farm and day; what it learns is kept for later runs"}
+_LEFT_EVERY_S = 10.0
+_MANY = 10
+"""So many steps are counted; fewer are told by their percentage."""
 FILE_WIDTH = 140  # columns of a table that goes to a file or a pipe
 _LEAST_NAME, _LONGEST_NAME = 8, 60
 _LONGEST_WORD = 14
@@ -166,6 +171,7 @@ class Output:
             return
         if not self._stderr.is_terminal:
             due_s: dict[str, float] = {}
+            left = _Lines(self.note, _LEFT_EVERY_S)
 
             def announce(what: str, done: float, total: float) -> None:
                 if what not in _TELL_AFTER_S or done >= total:
@@ -173,7 +179,9 @@ class Output:
                 now_s = time.monotonic()
                 if now_s >= due_s.setdefault(what, now_s + _TELL_AFTER_S[what]):
                     due_s[what] = math.inf
-                    self.note(f"{what} ...")
+                    self.note(f"{_BEGINS.get(what, what)} ...")
+                if what == _LEARNING:
+                    left(what, done, total)
 
             yield announce
             return
@@ -235,7 +243,8 @@ class _Lines:
             return
         self._told_s = now_s
         left_s = (now_s - begun_s) / (done - before) * (total - done)
-        self._note(f"{what}: {done:.0f} of {total:.0f}, about {timedelta(seconds=round(left_s))} left")
+        so_far = f"{done:.0f} of {total:.0f}" if total >= _MANY else f"{done / total:.0%}"
+        self._note(f"{what}: {so_far}, about {timedelta(seconds=round(left_s))} left")
 
 
 def _encodable(value: Any) -> Any:

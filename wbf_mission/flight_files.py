@@ -52,6 +52,7 @@ class PredictionEntry(msgspec.Struct, forbid_unknown_fields=True):
     duration_interval_s: tuple[float, float] | None = None
     energy_interval_wh: tuple[float, float] | None = None
     energy_bound_wh: float | None = None
+    items: list[int] = msgspec.field(default_factory=list)
 
 
 class FlightEntry(msgspec.Struct, forbid_unknown_fields=True):
@@ -220,11 +221,8 @@ def _entry(flight: FlightRecord) -> FlightEntry:
         ),
         prediction=PredictionEntry(
             **{
-                **{
-                    name: getattr(prediction, name)
-                    for name in prediction.__dataclass_fields__
-                    if name != "items"
-                },
+                **{name: getattr(prediction, name) for name in prediction.__dataclass_fields__},
+                "items": prediction.items.tolist(),
                 "track_m": prediction.track_m.tolist(),
             }
         ),
@@ -244,12 +242,13 @@ def _plan(
     planned = msgspec.structs.asdict(entry.plan)
     predicted = msgspec.structs.asdict(entry.prediction)
     track_m = np.asarray(predicted.pop("track_m"), np.float64).reshape(-1, 3)
+    items = np.asarray(predicted.pop("items"), np.int64)
     return PlanResult(
         farm=farm,
         vehicle=vehicle,
         mission=read_mission(folder / f"{plan_name(number, entry)}.json"),
         path_m=np.asarray(planned.pop("path_m"), np.float64).reshape(-1, 2),
-        prediction=Prediction(track_m=track_m, **predicted),
+        prediction=Prediction(track_m=track_m, items=items, **predicted),
         seed=seed,
         **planned,
     )

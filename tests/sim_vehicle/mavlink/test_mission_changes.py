@@ -527,8 +527,8 @@ def test_ardupilots_safe_way_loses_little(left_m):
     assert flight.result(176, 1.0, 3.0) == 0
     # Real ones were 0.6 to 1.5 s late.
     assert late_s(flight, at_s) < 1.5 * 1.1
-    # As recorded: 1.5 to 1.8 m/s wherever a mission is gone on with.
-    assert flight.slowest(at_s) > 1.5
+    # Recorded in the four seconds after AUTO: 1.26 to 1.8 m/s.
+    assert flight.slowest(at_s) > 0.9 * 1.26
 
 
 # Take-off, return, the end.

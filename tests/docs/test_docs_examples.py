@@ -15,6 +15,8 @@ import pytest
 REPOSITORY = Path(__file__).parents[2]
 PAGES = sorted([REPOSITORY / "README.md", *(REPOSITORY / "docs").glob("*.md")])
 
+PAGES_BY_NAME = {page.stem: page for page in PAGES}
+
 
 def blocks(page: Path, language: str) -> list[str]:
     pattern = rf"^```{language}\n(.*?)^```"
@@ -45,6 +47,60 @@ def test_the_commands_of_a_page_run(page: Path, tmp_path: Path) -> None:
             words, cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False, env={**os.environ}
         )
         assert done.returncode == 0, f"{line}\n{done.stderr}"
+
+
+def rows(text: str) -> list[str]:
+    """The lines of a text without frames of tables; lines that go on belong to the one before."""
+    found: list[str] = []
+    for line in re.sub(r"[\u2500-\u257f]", " ", text).splitlines():
+        goes_on = line[:1] == " " and line.strip() and re.match(r" {18}", line)
+        if goes_on and found:
+            found[-1] += " " + line.strip()
+        elif line.strip():
+            found.append(line.strip())
+    return [" ".join(row.split()) for row in found]
+
+
+def check_shown(shown: str, printed: str) -> None:
+    """Compare what a page shows with what is printed: words, and numbers to 2 %; ``...`` is left out."""
+    lines = rows(printed)
+    for row in rows(shown):
+        if row.startswith("wall time"):
+            continue
+        start, *rest = (part.strip() for part in row.split("..."))
+        words, numbers = masked(start)
+        line = next((one for one in lines if masked(one)[0].startswith(words)), None)
+        assert line is not None, f"{row!r} is not printed:\n{printed}"
+        assert masked(line)[1][: len(numbers)] == pytest.approx(numbers, rel=0.02), (row, line)
+        assert not any(rest), f"{row!r}: nothing may follow what is left out"
+
+
+def masked(text: str) -> tuple[str, list[float]]:
+    """A text without its numbers, and the numbers."""
+    number = r"-?\d[\d,]*(?:\.\d+)?(?:e-?\d+)?"
+    return re.sub(number, "#", text), [float(one.replace(",", "")) for one in re.findall(number, text)]
+
+
+def printed(line: str, folder: Path) -> str:
+    words = [sys.executable, "-m", "wbf_mission", *shlex.split(line)[1:]]
+    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=600, check=False)
+    assert done.returncode in (0, 1), f"{line}\n{done.stderr}"
+    return done.stdout
+
+
+def test_the_readme_shows_what_the_main_job_prints(tmp_path: Path) -> None:
+    (job,) = (block for block in blocks(PAGES_BY_NAME["README"], "sh") if "fly --farm waterberry" in block)
+    (shown,) = blocks(PAGES_BY_NAME["README"], "text")
+    line = "wbf-mission" + job.strip().rpartition("/wbf-mission")[2]
+    check_shown(shown, printed(f"{line} --no-files --no-plots", tmp_path))
+
+
+def test_the_page_of_preflight_shows_what_is_printed(tmp_path: Path) -> None:
+    page = PAGES_BY_NAME["preflight"]
+    (session,) = (block for block in blocks(page, "text") if block.startswith("$ wbf-mission "))
+    order, _, shown = session.removeprefix("$ ").partition("\n")
+    printed(commands(page)[0], tmp_path)
+    check_shown(shown, printed(order, tmp_path))
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)

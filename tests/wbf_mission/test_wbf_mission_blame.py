@@ -58,7 +58,7 @@ def policy_file(folder, answer):
         ("return Decision({1: np.tile([[0.5, 0.5], [2.0, 2.0]], (40, 1))})", "over the budget"),
         ("return Decision({7: [[1.0, 1.0]]})", "wrong vehicle"),
         ("return 3", "no Decision"),
-        ("time.sleep(1.01); return GO_ON", "too late"),
+        pytest.param("time.sleep(1.01); return GO_ON", "too late", marks=pytest.mark.slow),
     ],
 )
 def test_bad_answers_are_counted_and_too_many_are_a_failure(tmp_path, answer, kind):

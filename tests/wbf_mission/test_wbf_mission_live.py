@@ -94,7 +94,9 @@ def standing(east_m):
     ("more", "spent"),
     [
         ({"budget": "150s"}, lambda flight: flight.flight_time_s / 150.0),
-        ({"budget": "500m"}, lambda flight: flight.track.length_m / 500.0),
+        pytest.param(
+            {"budget": "500m"}, lambda flight: flight.track.length_m / 500.0, marks=pytest.mark.slow
+        ),
         ({"budget": "150s", "policy": "greedy"}, lambda flight: flight.flight_time_s / 150.0),
     ],
 )

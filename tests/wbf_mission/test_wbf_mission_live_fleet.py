@@ -131,6 +131,7 @@ def test_three_vehicles_share_one_link(tmp_path):
     assert decided == {2, 3, 4}
 
 
+@pytest.mark.slow
 def test_a_vehicle_that_is_killed_gives_its_part_to_the_other(tmp_path, monkeypatch):
     monkeypatch.setattr(sortie, "SILENT_S", 4.0)
     monkeypatch.setattr(joint_flight, "SILENT_FOR_GOOD_S", 5.0)

@@ -5,7 +5,6 @@ import re
 from pathlib import Path
 
 import wbf_mission.preflight
-from wbf_mission.cli.app import main
 
 ROOT = Path(__file__).parents[3]
 CODE = re.compile(r"[a-z]+(-[a-z]+)*")
@@ -40,21 +39,6 @@ def codes_in_the_tests():
                 first = table.keys if isinstance(table, ast.Dict) else [row.elts[0] for row in table.elts]
                 found |= {one.value for one in first}
     return found
-
-
-def test_the_page_shows_what_is_printed(tmp_path, capsys, monkeypatch):
-    """The commands of the page's first example, then the one whose table it shows."""
-    monkeypatch.chdir(tmp_path)
-    page = (ROOT / "docs" / "preflight.md").read_text(encoding="utf-8")
-    (made, *_) = re.findall(r"^wbf-mission (plan .*)$", page, flags=re.MULTILINE)
-    assert main([*made.split(), "-q"]) == 0
-    ((words, shown),) = re.findall(
-        r"^```\n\$ wbf-mission (preflight .*)\n((?:.+\n)+)```$", page, flags=re.MULTILINE
-    )
-    capsys.readouterr()
-    assert main(words.split()) == 0
-    printed = capsys.readouterr().out
-    assert [line.rstrip() for line in printed.splitlines()] == shown.splitlines()
 
 
 def test_every_finding_that_a_test_knows_is_on_the_page():

@@ -37,6 +37,7 @@ RUN = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", RUN)
 def test_the_commands_of_a_page_run(page: Path, tmp_path: Path) -> None:
     shutil.copytree(REPOSITORY / "missions", tmp_path / "missions")
@@ -88,6 +89,7 @@ def printed(line: str, folder: Path) -> str:
     return done.stdout
 
 
+@pytest.mark.slow
 def test_the_readme_shows_what_the_main_job_prints(tmp_path: Path) -> None:
     (job,) = (block for block in blocks(PAGES_BY_NAME["README"], "sh") if "fly --farm waterberry" in block)
     (shown,) = blocks(PAGES_BY_NAME["README"], "text")
@@ -95,6 +97,7 @@ def test_the_readme_shows_what_the_main_job_prints(tmp_path: Path) -> None:
     check_shown(shown, printed(f"{line} --no-files --no-plots", tmp_path))
 
 
+@pytest.mark.slow
 def test_the_page_of_preflight_shows_what_is_printed(tmp_path: Path) -> None:
     page = PAGES_BY_NAME["preflight"]
     (session,) = (block for block in blocks(page, "text") if block.startswith("$ wbf-mission "))

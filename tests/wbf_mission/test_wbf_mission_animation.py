@@ -97,6 +97,7 @@ def test_mp4_needs_ffmpeg(result: Result, tmp_path: Path, monkeypatch: pytest.Mo
         result.animate(tmp_path / "run.mp4")
 
 
+@pytest.mark.slow
 def test_fly_animates_on_request(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     options = [
         "fly",

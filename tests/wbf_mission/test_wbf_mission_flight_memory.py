@@ -131,6 +131,7 @@ def test_one_run_cannot_change_what_another_gets() -> None:
     assert_alike(fly(BASE, memory=memory), fly(BASE))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("changes", [{}, {"camera_footprint": 6, "camera_noise": 0.2}], ids=["one", "wide"])
 def test_logs_have_what_was_read(changes: dict[str, Any], tmp_path: Path) -> None:
     memory = FlightMemory()

@@ -46,6 +46,7 @@ def compared(scenario):
     return prediction.duration_s, result.flight_time_s, prediction.energy_wh, used
 
 
+@pytest.mark.slow
 # A flight takes too long for shrinking.
 @settings(
     max_examples=16,

@@ -33,6 +33,9 @@ __all__ = [
     "rehearsed_tracks",
 ]
 
+_TRACK_STEP_S = 1.0
+_TRACK_POINTS = 600  # of a plan: of a short one the corners are told, of a long one the way
+_FINEST_STEP_S = 0.1
 _REHEARSAL_SEED = 0x1D8F
 _ERROR_SEED = 0x4A7C
 ERROR_REHEARSALS = 8
@@ -51,7 +54,7 @@ def predict_flight(
     *,
     wind: Wind | None = None,
     frame: LocalFrame | None = None,
-    track_step_s: float = 1.0,
+    track_step_s: float = _TRACK_STEP_S,
     epoch_unix_s: float = EPOCH_UNIX_S,
     endless: bool = False,
 ) -> Prediction:
@@ -101,7 +104,7 @@ def predict_flights(
     *,
     wind: Wind | None = None,
     frame: LocalFrame | None = None,
-    track_step_s: float = 1.0,
+    track_step_s: float = _TRACK_STEP_S,
     epoch_unix_s: float = EPOCH_UNIX_S,
     endless: bool = False,
     threads: int = 1,
@@ -139,7 +142,7 @@ def expected_flights(
     *,
     wind: Wind | None = None,
     frame: LocalFrame | None = None,
-    track_step_s: float = 1.0,
+    track_step_s: float = _TRACK_STEP_S,
     endless: bool = False,
     threads: int = 1,
     estimate_errors: bool = False,
@@ -194,7 +197,7 @@ def rehearsed_tracks(
     spec: VehicleSpec,
     *,
     wind: Wind | None = None,
-    track_step_s: float = 1.0,
+    track_step_s: float = _TRACK_STEP_S,
     estimate_errors: bool = False,
 ) -> list[NDArray[np.float64]]:
     """Return the track of each of the flights in which `expected_flights` tries a mission.
@@ -251,7 +254,8 @@ def plan_prediction(
 ) -> Prediction:
     """Predict the flight of a plan; what planning, the preflight check, a flight and its result tell.
 
-    That is `expected_flights` with `PREDICTION_PAIRS`. Of a mission that is longer than the battery duration,
+    That is `expected_flights` with `PREDICTION_PAIRS`, and a track of 0.1 to 1 s steps, at least 600 of them
+    where it lasts a minute: what it covers is told from that. Of a mission that is longer than the battery duration,
     energy, length and track are those of the whole mission, as if the battery lasted; the reason tells when
     it is at its reserve, and when it is empty.
 
@@ -266,7 +270,7 @@ def plan_prediction(
         As `predict_flight`.
     """
 
-    def expected(*, endless: bool) -> Prediction:
+    def flown(*, endless: bool, track_step_s: float) -> Prediction:
         return expected_flights(
             [mission],
             spec,
@@ -276,7 +280,13 @@ def plan_prediction(
             threads=threads,
             estimate_errors=estimate_errors,
             pairs=PREDICTION_PAIRS,
+            track_step_s=track_step_s,
         )[0]
+
+    def expected(*, endless: bool) -> Prediction:
+        found = flown(endless=endless, track_step_s=_TRACK_STEP_S)
+        step_s = max(_FINEST_STEP_S, found.duration_s / _TRACK_POINTS)
+        return found if step_s >= _TRACK_STEP_S else flown(endless=endless, track_step_s=step_s)
 
     told, battery = expected(endless=False), spec.battery
     if battery is None or told.battery_fraction >= battery.reserve_fraction:

@@ -126,6 +126,23 @@ def test_flights_of_policies_keep_the_margin_in_wind(farm, number, policy):
     )
 
 
+@pytest.mark.slow
+def test_home_at_once_is_no_wrong_answer_where_even_that_is_over_the_budget(farm):
+    """With an obstacle on its way home it has less left than that way takes."""
+    result = fly(
+        Scenario(
+            farm=farm,
+            policy="refining-lawnmower",
+            autopilot="px4",
+            budget="300m",
+            estimator="adaptive-disk",
+            seed=6,
+        )
+    )
+    assert result.outcome is Outcome.COMPLETED
+    assert [one.refused for one in result.decisions if one.refused] == []
+
+
 def test_an_error_of_the_satellites_counts(farm):
     exact = flight_builder(Scenario(farm=farm))
     wrong = flight_builder(Scenario(farm=farm, gps_noise_m=0.5))

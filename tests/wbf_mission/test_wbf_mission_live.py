@@ -28,6 +28,7 @@ from wbf_mission.ground.modes import Maneuver, mode_named
 from wbf_mission.live.discovery import LiveFlightError
 from wbf_mission.live.link import LiveLink
 from wbf_mission.outcome import Phase
+from wbf_mission.scenario import Scenario
 
 AUTOPILOTS = {"px4": m.MAV_AUTOPILOT_PX4, "ardupilot": m.MAV_AUTOPILOT_ARDUPILOTMEGA}
 
@@ -141,6 +142,28 @@ def test_a_policy_changes_the_mission_of_the_vehicle_behind_the_link():
     assert result.outcome is Outcome.COMPLETED
     changes = [one for record in result.decisions for one in record.changes if one.outcome == "flown"]
     assert changes
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("autopilot", AUTOPILOTS)
+def test_what_a_policy_flies_behind_a_link_is_what_it_flies_offline(autopilot):
+    """In length; the number of changes varies with the moment at which each answer is there.
+
+    No faster than twice real time: the computer's time for an answer counts as the vehicle's.
+    """
+    given = {"farm": "miniberry-100", "policy": "rolling-horizon", "estimator": "adaptive-disk"}
+    given |= {"budget": "2min", "autopilot": autopilot}
+    offline = fly(Scenario(**given))
+    with stand_in(autopilot, farm="miniberry-100", speed=2.0) as (url, _):
+        live = fly(Scenario(**given), connect=LiveLink(url, Watcher(images=10**9)))
+    lengths_m = [one.flights[0].track.length_m for one in (offline, live)]
+    assert lengths_m[1] == pytest.approx(lengths_m[0], rel=0.1)
+    flown, came = (
+        sum(change.outcome == "flown" for record in one.decisions for change in record.changes)
+        for one in (offline, live)
+    )
+    assert flown > 10
+    assert flown / 2 <= came <= 2 * flown
 
 
 def test_without_the_operators_word_nothing_starts():

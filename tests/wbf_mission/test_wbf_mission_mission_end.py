@@ -1,5 +1,6 @@
 """Did a PX4 end its mission by itself, or did a pilot take it out? Messages come late, or in any order."""
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -185,6 +186,34 @@ def test_nothing_is_ordered_while_it_is_not_known_who_chose_the_mode():
     ground.receive(from_vehicle(m.MAVLink_mission_item_reached_message(4)), 21.0)
     assert not ground.pilot.taken_out and ground.flies_home
     assert ground.maneuver(Maneuver.HOLD, 21.5)
+
+
+@pytest.mark.parametrize(
+    ("mode", "text"),
+    [
+        (MISSION, "the vehicle had flown its mission to the end (MISSION)"),
+        (RTL, "the vehicle had left its mission (RTL)"),
+    ],
+)
+def test_a_change_that_comes_after_the_end_says_so(mode, text):
+    ground, server = flying(HOMEWARD), MissionServer(1, 1)
+    for message in (beat(MISSION), current(2, ACTIVE)):
+        ground.receive(from_vehicle(message), 11.0)
+    ground.receive(from_vehicle(beat(mode)), 11.5)
+    ground.receive(from_vehicle(current(4, COMPLETE if mode == MISSION else PAUSED)), 11.6)
+    held = 0
+    asked = ground.change(replace(HOMEWARD, items=(TAKEOFF, *WAYPOINTS[1:], HOMEWARD.items[-1])), 2, 11.7)
+    while asked:
+        for one in asked:
+            one.pack(m.MAVLink(None, 255, 190))
+        replies = [reply for one in asked for reply in server.receive(one, 11.8).messages]
+        held = next((one.opaque_id for one in replies if one.get_type() == "MISSION_ACK"), held)
+        asked = [out for reply in replies for out in ground.receive(from_vehicle(reply), 11.9)]
+    for tenth in range(120, 160):
+        told = m.MAVLink_mission_current_message(0, 4, COMPLETE, 2, held)
+        ground.receive(from_vehicle(told), tenth / 10)
+        ground.poll(tenth / 10)
+    assert [one.text for one in ground.changes] == [text]
 
 
 def test_a_pilots_return_is_told_when_nothing_speaks_for_an_end():

@@ -92,7 +92,8 @@ def _checked_cost(name: str, vehicle: VehicleReport, points: Points) -> float:
         raise AnswerError(msg, "not steerable")
     cost = vehicle.fares.rest([points])[0]
     budget = vehicle.request.budget
-    if not cost <= vehicle.left + budget.limit * _OF_LIMIT:
+    # Home at once is the least that a vehicle can do: in wind, or round an obstacle, even that may be over.
+    if len(points) and not cost <= vehicle.left + budget.limit * _OF_LIMIT:
         over = f"the budget of {budget.limit:g} {budget.unit}"
         if vehicle.spent > 0.0:
             over = f"the {vehicle.left:.6g} {budget.unit} that are left of {budget.limit:g}"

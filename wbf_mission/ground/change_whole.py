@@ -215,7 +215,9 @@ class WholeListChange(ChangeSession):
             return []
         if monitor.left_mission:
             self.held = self.request.new
-            self._end(ChangeOutcome.GIVEN_UP, f"the vehicle had left its mission ({monitor.mode})", now_s)
+            # A PX4 that has flown all of it is in its mission mode until it returns.
+            ended = "had flown its mission to the end" if monitor.in_mission else "had left its mission"
+            self._end(ChangeOutcome.GIVEN_UP, f"the vehicle {ended} ({monitor.mode})", now_s)
             return []
         self._marks += 1
         if self._marks > _MARKS:

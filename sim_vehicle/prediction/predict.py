@@ -255,9 +255,9 @@ def plan_prediction(
     """Predict the flight of a plan; what planning, the preflight check, a flight and its result tell.
 
     That is `expected_flights` with `PREDICTION_PAIRS`, and a track of 0.1 to 1 s steps, at least 600 of them
-    where it lasts a minute: what it covers is told from that. Of a mission that is longer than the battery duration,
-    energy, length and track are those of the whole mission, as if the battery lasted; the reason tells when
-    it is at its reserve, and when it is empty.
+    where it lasts a minute: what it covers is told from that. Of a mission that is longer than the battery
+    duration, energy, length and track are those of the whole mission, as if the battery lasted; the reason
+    tells when it is at its reserve, and when it is empty.
 
     Parameters
     ----------

@@ -279,6 +279,8 @@ class Persona:
         Total in MISSION_CURRENT when there is no mission.
     refused_result : int
         MAV_RESULT of a command that cannot be done now.
+    unknown_message_result : int
+        MAV_RESULT of REQUEST_MESSAGE for a message that it does not send.
     armed_reboot_result : int
         MAV_RESULT of an order to start again while it is armed.
     silent : frozenset of int
@@ -332,6 +334,7 @@ class Persona:
     current_lag_s: float = 0.1
     no_mission_total: int = 0
     refused_result: int = int(m.MAV_RESULT_TEMPORARILY_REJECTED)
+    unknown_message_result: int = int(m.MAV_RESULT_DENIED)
     armed_reboot_result: int = int(m.MAV_RESULT_DENIED)
     silent: frozenset[int] = frozenset()
     unsupported: frozenset[int] = frozenset()

@@ -333,7 +333,10 @@ def _request_message(vehicle: CommandedVehicle, order: Order) -> Answer:
             vehicle.state.gimbal.wake()
         messages = built(message_id, vehicle.state)
     known = message_id in BUILDERS and message_id not in GIMBAL_BUILDERS
-    return Answer(messages=messages) if messages or known else UNSUPPORTED
+    if messages or known:
+        return Answer(messages=messages)
+    # PX4's MavlinkReceiver::handle_request_message_command, ArduPilot's handle_command_request_message.
+    return Answer(vehicle.state.firmware.persona.unknown_message_result)
 
 
 def _capabilities(vehicle: CommandedVehicle, _order: Order) -> Answer:

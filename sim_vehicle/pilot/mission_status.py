@@ -68,8 +68,8 @@ class MissionStatus:
 
     def choose(self) -> None:
         """Note that the current item was chosen, with which a mission that is over may begin again."""
-        self._chosen = self.waits
-        self.complete = False
+        self._chosen = self.waits or self.returns
+        self.complete = self.returns = False
 
     def begin(self) -> None:
         """Note that the mission is begun, or gone on with."""

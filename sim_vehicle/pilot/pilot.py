@@ -269,6 +269,8 @@ class Pilot:
         else:
             self.executor.load(items, current=seq, keeps_settings=airborne)
             self.controls.refresh()
+        if mission.returns and not flying:
+            mission.choose()
         mission.complete = ended
         mission.started &= airborne
         if whole:
@@ -749,7 +751,10 @@ class Pilot:
         sequencer, mission, now_s = self.executor.sequencer, self.mission, self.executor.time_s
         if not (self.armed and self.mode is Mode.MISSION and self.landed is not LandedState.ON_GROUND):
             self._returns_s = math.inf
-        elif not mission.returns and sequencer.returns:
+        elif not mission.returns:
+            self._returns_s = math.inf
+            if not sequencer.returns:
+                return
             mission.returns, self._returns_s = True, now_s + lag_s
             self.note(Severity.INFO, self.habits.finished_texts[0])
             self.note(Severity.INFO, self.habits.return_text)
@@ -817,7 +822,7 @@ class Pilot:
             self.note(Severity.INFO, text)
         mission = self.mission
         if mission.started and not self.outcome.is_over:
-            if mission.complete:
+            if mission.waits:
                 self._end(Outcome.COMPLETED, "mission complete")
             else:
                 where = f"disarmed at item {min(mission.current_seq + 1, mission.size)} of {mission.size}"

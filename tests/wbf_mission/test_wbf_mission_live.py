@@ -349,6 +349,9 @@ def test_ctrl_c_leaves_the_vehicle_flying(again, tmp_path):
         code, summary, _ = talk(url, [START, (FLIES, interrupt), (ASKED, again)], tmp_path)
         assert made.vehicle.pilot.armed, "it flies its mission on"
     assert (code, summary["outcome"]) == (130, "interrupted")
+    assert re.fullmatch(
+        r"left as it flew after \d+ s: MISSION, item \d+ of \d+, -?[\d.]+ m up", summary["reason"]
+    )
     assert (tmp_path / "run" / "summary.json").is_file(), "what was seen is saved"
 
 

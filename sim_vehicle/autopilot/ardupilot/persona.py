@@ -117,6 +117,7 @@ COPTER_PERSONA = Persona(
     truth_message=int(m.MAVLINK_MSG_ID_SIM_STATE),
     gps_fix=6,
     refused_result=int(m.MAV_RESULT_FAILED),
+    unknown_message_result=int(m.MAV_RESULT_FAILED),
     armed_reboot_result=int(m.MAV_RESULT_FAILED),
     unsupported=_UNSUPPORTED | {int(m.MAV_CMD_DO_GO_AROUND)},
     int_only=frozenset({int(m.MAV_CMD_DO_REPOSITION)}),

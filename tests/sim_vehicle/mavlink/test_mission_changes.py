@@ -7,6 +7,7 @@ from changed_missions import BASE, FRAME, RTL, TAKEOFF, TURN, Flight, do, shots,
 
 from mission.link.codec.dialect import mavlink as m
 from mission.model import MissionItem
+from mission.outcome import Outcome
 from mission.transfer import wire
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
 from sim_vehicle.autopilot.modes import Mode
@@ -595,6 +596,33 @@ def test_px4_holds_after_the_last_item_and_starts_from_a_chosen_one():
     assert flight.speed < 0.1
     flight.result(176, 1.0, 4.0, 4.0)
     flight.reaches(0, 30)
+
+
+@pytest.mark.parametrize("by_upload", [False, True], ids=["chosen", "uploaded"])
+@pytest.mark.parametrize("landed", [False, True], ids=["in the air", "landed"])
+def test_px4_goes_on_at_what_came_on_the_way_home_of_its_mission(by_upload, landed):
+    flight = Flight(PX4, items=(*END, RTL)).fly()
+    flight.wait(90.0, lambda: flight.mode is Mode.RTL)
+    flight.wait(2.0)
+    if by_upload:
+        assert flight.upload((*END, wp(60, 60), RTL), marked=1).type == 0
+    else:
+        flight.tell(m.MAVLink_mission_set_current_message(1, 1, 1))
+    flight.wait(2.0)
+    assert flight.mode is Mode.RTL, "the way home is flown on"
+    if landed:
+        flight.wait(200.0, lambda: not flight.pilot.armed)
+        assert flight.pilot.outcome is Outcome.COMPLETED
+        flight.fly()
+    else:
+        assert flight.result(176, 1.0, 4.0, 4.0) == 0
+    assert flight.seq == 1
+    flight.reaches(0, 30)
+    if by_upload:
+        flight.reaches(60, 60)
+    flight.wait(200.0, lambda: flight.mode is Mode.RTL)
+    flight.wait(200.0, lambda: not flight.pilot.armed)
+    assert flight.pilot.outcome is Outcome.COMPLETED
 
 
 @DYNAMICS

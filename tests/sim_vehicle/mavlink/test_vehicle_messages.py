@@ -100,11 +100,16 @@ def test_every_message_can_be_requested_and_survives_the_wire(message_id):
     assert answers[1].get_msgId() == message_id
 
 
-def test_messages_that_do_not_exist_are_unsupported():
-    peer = Peer()
-    assert peer.result(m.MAV_CMD_REQUEST_MESSAGE, 395) == 3
-    assert peer.result(m.MAV_CMD_REQUEST_MESSAGE, NAN) == 3
-    assert peer.result(31010) == 3
+@pytest.mark.parametrize(
+    ("autopilot", "result"),
+    [(PX4, m.MAV_RESULT_DENIED), (ARDUPILOT, m.MAV_RESULT_FAILED)],
+    ids=["px4", "ardupilot"],
+)
+def test_messages_that_do_not_exist_are_refused_in_the_words_of_each(autopilot, result):
+    peer = Peer(autopilot)
+    assert peer.result(m.MAV_CMD_REQUEST_MESSAGE, 395) == result
+    assert peer.result(m.MAV_CMD_REQUEST_MESSAGE, NAN) == result
+    assert peer.result(31010) == m.MAV_RESULT_UNSUPPORTED
 
 
 def test_all_modes_are_listed():

@@ -288,7 +288,7 @@ def test_the_protocol_version(autopilot):
     for answers in (peer.order(512, 300), peer.order(519, 1)):
         assert [a.get_type() for a in answers] == ["COMMAND_ACK", "PROTOCOL_VERSION"]
         assert (answers[1].version, answers[1].min_version, answers[1].max_version) == (200, 100, 200)
-    assert peer.result(512, 397) == (0 if autopilot is PX4 else 3)
+    assert peer.result(512, 397) == (0 if autopilot is PX4 else 4)
 
 
 @BOTH

@@ -239,7 +239,7 @@ def test_pymavlink_requests_and_refusals(pymavlink_client):
     assert ask(512, 148) == 0
     version = connection.recv_match(type="AUTOPILOT_VERSION", blocking=True, timeout=3)
     assert version.capabilities & m.MAV_PROTOCOL_CAPABILITY_MISSION_INT
-    assert ask(512, 12345) == 3
+    assert ask(512, 12345) == (2 if flying.vehicle.autopilot is PX4 else 4)
     assert ask(4242) == 3
     assert ask(511, 31, 50_000) == 0
     assert connection.recv_match(type="ATTITUDE_QUATERNION", blocking=True, timeout=3)

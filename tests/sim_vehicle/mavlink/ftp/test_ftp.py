@@ -396,7 +396,7 @@ def test_the_parameter_file_keeps_to_the_schema_of_component_metadata(kind):
 def test_ardupilot_has_no_component_metadata():
     ask = m.MAVLink_command_long_message(1, 1, 512, 0, 397, 0, 0, 0, 0, 0, 0)
     answers = OfVehicle("ardupilot").vehicle.receive(ask, 0.0)
-    assert [a.result for a in answers if a.get_type() == "COMMAND_ACK"] == [3]
+    assert [a.result for a in answers if a.get_type() == "COMMAND_ACK"] == [4]
 
 
 @pytest.mark.parametrize("name", ["px4", "ardupilot"])

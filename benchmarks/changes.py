@@ -26,17 +26,17 @@ import numpy as np
 from recordings import ChangedFlight, fly_changed
 
 from geo.frame import LocalFrame
+from mission.ground.change import revised_mission
+from mission.ground.station import GroundStation
+from mission.ground.vehicle_state import VehicleState
 from mission.model import Command, GeoPoint, Mission, MissionItem
+from mission.outcome import Phase
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import get_autopilot, with_autopilot
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.host.simulation import Impairment, Simulation
 from sim_vehicle.mavlink import SimVehicle
 from sim_vehicle.prediction.onward import InFlight, OnwardPredictor
-from wbf_mission.ground.revision import revised_mission
-from wbf_mission.ground.station import GroundStation
-from wbf_mission.ground.vehicle_state import VehicleState
-from wbf_mission.outcome import Phase
 
 RECORDED = Path(__file__).parents[1] / "tests" / "data" / "flights" / "changes"
 RECORDED_BAR = 0.1

@@ -28,9 +28,9 @@
     |   +-- sim_vehicle.faults.fault.FaultError           a fault to be injected
     |   +-- sim_vehicle.pilot.notices.RefusedError        a command that the vehicle refuses
     +-- wbf_mission.scenario.option.ScenarioError         a scenario or one of its options
-    +-- wbf_mission.ground.station.NotFlyingError         a mission that cannot be changed now
-    +-- wbf_mission.ground.telling.NotStartedError        Ctrl-C before a vehicle was started
-    +-- wbf_mission.ground.modes.ModeError                a flight mode that the vehicle does not have
+    +-- mission.ground.station.NotFlyingError         a mission that cannot be changed now
+    +-- mission.ground.telling.NotStartedError        Ctrl-C before a vehicle was started
+    +-- mission.ground.modes.ModeError                a flight mode that the vehicle does not have
     +-- wbf_mission.live.wishes.OrderError                an order that is none
     +-- wbf_mission.live.discovery.LiveFlightError        a run that a vehicle behind a link cannot do
     +-- wbf_mission.live.errors.VehicleRefusedError       a vehicle that does not do what it is told

@@ -1,10 +1,10 @@
-"""How a flight of a mission ended, as the vehicle knows it and as the ground station learns it."""
+"""How far a flight is, and how it ended: as the vehicle knows it, and as the ground station learns it."""
 
 from __future__ import annotations
 
 from enum import Enum
 
-__all__ = ["Outcome"]
+__all__ = ["Outcome", "Phase"]
 
 
 class Outcome(Enum):
@@ -74,3 +74,18 @@ class Outcome(Enum):
     def is_good(self) -> bool:
         """Whether the whole mission was flown."""
         return self is Outcome.COMPLETED
+
+
+class Phase(Enum):
+    """What the ground station is at."""
+
+    CONTACT = "waiting for the vehicle"
+    UPLOAD = "uploading"
+    WAIT = "waiting for its turn to start"
+    MODE = "choosing the mode to arm in"
+    READY = "waiting until the vehicle can arm"
+    ARM = "arming"
+    START = "starting the mission"
+    FLIGHT = "flying"
+    FETCH = "fetching lost images"
+    DONE = "done"

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from mission.errors import TransferError as TransferError
     from mission.files import read_mission as read_mission
     from mission.files import write_mission as write_mission
+    from mission.ground.link import download as download
+    from mission.ground.link import upload as upload
     from mission.model import Mission as Mission
     from mission.outcome import Outcome as Outcome
     from mission.planners import Planner as Planner
@@ -49,8 +51,6 @@ if TYPE_CHECKING:
     from wbf_mission.flight import FlightError as FlightError
     from wbf_mission.flight import fly as fly
     from wbf_mission.flight_memory import FlightMemory as FlightMemory
-    from wbf_mission.ground.link import download as download
-    from wbf_mission.ground.link import upload as upload
     from wbf_mission.planning import plan as plan
     from wbf_mission.result import Result as Result
     from wbf_mission.result import load_result as load_result
@@ -92,7 +92,7 @@ else:
             "wbf_mission.bench.spec": ("BenchSpec",),
             "wbf_mission.flight": ("FlightError", "fly"),
             "wbf_mission.flight_memory": ("FlightMemory",),
-            "wbf_mission.ground.link": ("download", "upload"),
+            "mission.ground.link": ("download", "upload"),
             "mission.outcome": ("Outcome",),
             "wbf_mission.planning": ("plan",),
             "wbf_mission.tables": ("ResultError",),

@@ -21,13 +21,13 @@ from threadpoolctl import threadpool_limits
 
 from geo.atomic import atomic_path
 from geo.errors import WbfMissionError
+from mission.ground.tracks import Track
 from sensors.estimators import Estimator, advance_estimator
 from sensors.fields import Field
 from wbf_mission.blocks import COUNT, ILLNESS, MapGrid
 from wbf_mission.estimation import attribute_errors_to, estimator_of, prepare_days
 from wbf_mission.field_maps import pixel_sums
 from wbf_mission.flight_record import FlightRecord
-from wbf_mission.outcome import Track
 from wbf_mission.progress import Progress, silent
 from wbf_mission.surroundings import make_environment
 

@@ -11,13 +11,13 @@ import numpy as np
 
 from geo import Farm
 from mission.files import read_mission, write_mission
+from mission.ground.tracks import Track
 from mission.outcome import Outcome
 from mission.transfer.events import TransferStatistics
 from sensors.camera.wire import AssemblerStatistics
 from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.prediction.flight import Prediction
 from wbf_mission.flight_record import FlightRecord
-from wbf_mission.outcome import Track
 from wbf_mission.planning import PlanResult
 from wbf_mission.tables import read_table, write_table
 

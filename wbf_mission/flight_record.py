@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from mission.ground.link_state import LinkReport
+from mission.ground.tracks import Track
 from mission.outcome import Outcome
 from sensors.camera.wire import AssemblerStatistics
-from wbf_mission.ground.link_state import LinkReport
-from wbf_mission.outcome import Track
 from wbf_mission.planning import PlanResult
 
 

@@ -10,6 +10,7 @@ from typing import Protocol
 
 from numpy.random import SeedSequence
 
+from mission.ground.clearance import Clearance
 from mission.link.codec.dialect import Message
 from mission.link.tlog import FrameSink
 from mission.model import GeoPoint
@@ -22,7 +23,6 @@ from sim_vehicle.faults.fault import Fault
 from sim_vehicle.host.radio_range import RadioRange
 from sim_vehicle.host.simulation import Impairment, Simulation, StopReason
 from sim_vehicle.mavlink import SimVehicle
-from wbf_mission.ground.clearance import Clearance
 from wbf_mission.planning import home_of
 from wbf_mission.sortie import Sortie
 from wbf_mission.weather import noise_of, wind_of_run

@@ -8,16 +8,15 @@ from functools import partial
 from typing import Protocol
 
 from geo.interrupts import interrupts_noted
-from mission.outcome import Outcome
+from mission.ground.clearance import Stage
+from mission.ground.modes import Maneuver
+from mission.ground.telling import NotStartedError, doing, not_started
+from mission.outcome import Outcome, Phase
 from mission.policies.situation import Event
 from sim_vehicle.host.simulation import StopReason
 from wbf_mission.deciding.loop import DecisionLoop
 from wbf_mission.evidence import Evidence
-from wbf_mission.ground.clearance import Stage
-from wbf_mission.ground.modes import Maneuver
-from wbf_mission.ground.telling import NotStartedError, doing, not_started
 from wbf_mission.hosting import FlightHost
-from wbf_mission.outcome import Phase
 from wbf_mission.progress import Progress
 from wbf_mission.sortie import Sortie
 from wbf_mission.stopwatch import Stopwatch

@@ -17,10 +17,10 @@ import numpy as np
 from geo.atomic import DISK_ERRORS
 from geo.atomic_folder import AtomicFolder, FolderError, settle
 from geo.interrupts import interrupts_noted
+from mission.ground.tracks import joined
 from mission.outcome import Outcome
 from wbf_mission.arrays import SUFFIX
 from wbf_mission.estimation import resolved
-from wbf_mission.outcome import joined
 from wbf_mission.progress import Progress, silent
 from wbf_mission.result_files import DECISIONS, PROBABILITIES, RECORD, write_arrays, write_result
 from wbf_mission.run_record import RunRecord

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from geo import Farm
 from geo.texts import one_line
+from mission.ground.tracks import Track, joined
 from mission.outcome import Outcome
 from sensors.camera.wire import AssemblerStatistics
 from sensors.fields import PAPER_FIELDS, FieldSet
@@ -21,7 +22,6 @@ from wbf_mission.deciding.record import STAYS, DecisionRecord
 from wbf_mission.estimation import ScoreHistory
 from wbf_mission.field_maps import FieldMap
 from wbf_mission.flight_record import FlightRecord
-from wbf_mission.outcome import Track, joined
 from wbf_mission.planning import PlanResult
 from wbf_mission.report import FarmReport, report_of_maps
 from wbf_mission.scenario import Scenario

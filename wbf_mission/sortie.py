@@ -10,10 +10,14 @@ from statistics import median
 import numpy as np
 
 from geo.errors import WbfMissionError
+from mission.ground.change import ChangeOutcome, leads_home, revised_mission
+from mission.ground.clearance import Clearance
+from mission.ground.link_state import SILENCE_S
+from mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID, GroundStation
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Mission, MissionItem
-from mission.outcome import Outcome
+from mission.outcome import Outcome, Phase
 from mission.planners.path import Points, path_length
 from mission.planners.turns import Waypoints
 from mission.policies.situation import Status, VehicleReport
@@ -24,12 +28,6 @@ from sensors.observations import Observations
 from sim_vehicle.prediction.onward import InFlight
 from wbf_mission.deciding.record import FLOWN_ALREADY, PathChange
 from wbf_mission.flight_record import FlightRecord
-from wbf_mission.ground.change import ChangeOutcome, leads_home
-from wbf_mission.ground.clearance import Clearance
-from wbf_mission.ground.contact import SILENCE_S
-from wbf_mission.ground.revision import revised_mission
-from wbf_mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID, GroundStation
-from wbf_mission.outcome import Phase
 from wbf_mission.planning import FlightTask, PlanResult
 from wbf_mission.planning.fares import is_same_path
 from wbf_mission.reach import ASIDE_S, WHOLE_S, reach_of

@@ -6,7 +6,11 @@ import numpy as np
 
 from geo.farms import get_farm
 from geo.frame import LocalFrame
+from mission.ground.change import revised_mission
+from mission.ground.clearance import Clearance
+from mission.ground.station import GroundStation
 from mission.model import GeoPoint, Mission, MissionItem
+from mission.outcome import Phase
 from sensors.camera.leaf_camera import LeafCamera
 from sensors.camera.wire import ObservationAssembler
 from sim_vehicle.airframe.catalog import get_vehicle
@@ -15,11 +19,7 @@ from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.host.simulation import Simulation
 from sim_vehicle.mavlink import SimVehicle
-from wbf_mission.ground.clearance import Clearance
-from wbf_mission.ground.revision import revised_mission
-from wbf_mission.ground.station import GroundStation
 from wbf_mission.live.riding_camera import RidingCamera
-from wbf_mission.outcome import Phase
 
 HOME = GeoPoint(28.05, -82.15)
 FRAME = LocalFrame(28.05, -82.15)

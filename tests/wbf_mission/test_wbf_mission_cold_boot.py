@@ -6,19 +6,18 @@ import pytest
 from stand_in import scenario, stand_in
 
 from geo.errors import WbfMissionError
+from mission.ground.clearance import Clearance
+from mission.ground.station import GroundStation
+from mission.ground.vehicle_state import VehicleMonitor
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, GeoPoint, Mission, MissionItem
-from mission.outcome import Outcome
+from mission.outcome import Outcome, Phase
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.host.simulation import Simulation
 from sim_vehicle.mavlink import SimVehicle
 from wbf_mission.flight import fly
-from wbf_mission.ground.clearance import Clearance
-from wbf_mission.ground.station import GroundStation
-from wbf_mission.ground.vehicle_state import VehicleMonitor
 from wbf_mission.live.link import LiveLink
-from wbf_mission.outcome import Phase
 
 HOME = GeoPoint(28.05, -82.15, 30.0)
 MISSION = Mission(

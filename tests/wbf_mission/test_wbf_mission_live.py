@@ -16,18 +16,17 @@ from stand_in import LONG_S, scenario, stand_in
 
 from geo.errors import WbfMissionError
 from geo.farms import get_farm
+from mission.ground.modes import Maneuver, mode_named
 from mission.link import MavlinkEndpoint, open_link
 from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint
-from mission.outcome import Outcome
+from mission.outcome import Outcome, Phase
 from sim_vehicle.autopilot.modes import Mode
 from wbf_mission import joint_flight
 from wbf_mission.exit_codes import ExitCode, exit_code_of_flight
 from wbf_mission.flight import fly
-from wbf_mission.ground.modes import Maneuver, mode_named
 from wbf_mission.live.discovery import LiveFlightError
 from wbf_mission.live.link import LiveLink
-from wbf_mission.outcome import Phase
 from wbf_mission.scenario import Scenario
 
 AUTOPILOTS = {"px4": m.MAV_AUTOPILOT_PX4, "ardupilot": m.MAV_AUTOPILOT_ARDUPILOTMEGA}

@@ -5,11 +5,11 @@ import math
 import pytest
 from live_changes import FRAME, LONG, LiveChange, keys
 
+from mission.ground.change import ChangeOutcome
+from mission.ground.modes import Maneuver
 from mission.outcome import Outcome
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.host.simulation import Impairment
-from wbf_mission.ground.change import ChangeOutcome
-from wbf_mission.ground.modes import Maneuver
 
 AUTOPILOTS = ("px4", "ardupilot")
 GOOD = frozenset({Outcome.COMPLETED, Outcome.LINK_LOST})

@@ -4,12 +4,12 @@ import contextlib
 
 from stand_in import scenario
 
+from mission.ground.clearance import Clearance
 from mission.outcome import Outcome
 from mission.transfer.making import OWN_TRANSFERS
 from mission.transfer.vehicles import Vehicle
 from sim_vehicle.host.simulation import Simulation
 from wbf_mission.flight import fly
-from wbf_mission.ground.clearance import Clearance
 from wbf_mission.live.discovery import fitted_to
 from wbf_mission.live.hosting import riding_camera
 from wbf_mission.simulator import make_components

@@ -11,8 +11,9 @@ import pytest
 from processes import ENVIRONMENT, LONG_S, command, flying, simulator
 from stand_in import scenario, stand_in
 
+from mission.ground.clearance import Clearance, Stage
 from mission.link.codec.dialect import mavlink as m
-from mission.outcome import Outcome
+from mission.outcome import Outcome, Phase
 from mission.policies.situation import Status
 from mission.transfer.errors import NoVehicleError
 from mission.transfer.vehicles import Vehicle
@@ -20,13 +21,11 @@ from wbf_mission import joint_flight, sortie
 from wbf_mission.deciding.loop import DecisionLoop
 from wbf_mission.fleet import vehicles_of
 from wbf_mission.flight import fly
-from wbf_mission.ground.clearance import Clearance, Stage
 from wbf_mission.joint_flight import JointFlight
 from wbf_mission.live.discovery import LiveFlightError, fitted_to, wanted_vehicles
 from wbf_mission.live.hosting import links_of
 from wbf_mission.live.link import LiveLink
 from wbf_mission.live.via import via_named
-from wbf_mission.outcome import Phase
 
 A, B = "tcp:127.0.0.1:1", "tcp:127.0.0.1:2"
 FAST = 8

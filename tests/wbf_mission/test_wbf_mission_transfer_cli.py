@@ -8,8 +8,8 @@ from stand_in import stand_in
 
 from geo import save_farm
 from mission.files import read_mission, write_mission
+from mission.ground.link import upload
 from wbf_mission.cli.app import main
-from wbf_mission.ground.link import upload
 
 
 def run(capsys, *words, code=0):

@@ -16,19 +16,18 @@ from processes import unmeasured
 from stand_in import LONG_S, scenario, stand_in
 
 from mission.errors import LinkError
+from mission.ground.link import download, find_vehicle, upload
+from mission.ground.modes import Maneuver, arming_mode, maneuver_command, mode_name
 from mission.link.address import parse_link_url
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Frame, Mission, MissionItem
-from mission.outcome import Outcome
+from mission.outcome import Outcome, Phase
 from mission.transfer.errors import NoVehicleError, RemoteTransferError
 from wbf_mission.exit_codes import ExitCode, exit_code_of
 from wbf_mission.flight import fly
-from wbf_mission.ground.link import download, find_vehicle, upload
-from wbf_mission.ground.modes import Maneuver, arming_mode, maneuver_command, mode_name
 from wbf_mission.live.discovery import LiveFlightError
 from wbf_mission.live.link import LiveLink
 from wbf_mission.live.via import via_named
-from wbf_mission.outcome import Phase
 from wbf_mission.results import ResultFolder
 
 AUTOPILOTS = ("px4", "ardupilot")

@@ -10,14 +10,14 @@ from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
 from typing import TYPE_CHECKING
 
+from mission.ground.clearance import Stage
+from mission.ground.modes import Maneuver
+from mission.ground.station import NotFlyingError
+from mission.ground.telling import doing
+from mission.outcome import Phase
 from sim_vehicle.mavlink.fleet import SPACING_M
 from wbf_mission.cli import signals
 from wbf_mission.cli.output import Output, distance
-from wbf_mission.ground.clearance import Stage
-from wbf_mission.ground.modes import Maneuver
-from wbf_mission.ground.station import NotFlyingError
-from wbf_mission.ground.telling import doing
-from wbf_mission.outcome import Phase
 
 if TYPE_CHECKING:
     from wbf_mission.joint_flight import JointFlight

@@ -150,7 +150,7 @@ def _aligned(cells: Iterable[str]) -> str:
 
 def _row(one: dict[str, Any], *, silent: bool) -> list[str]:
     """Return what a line tells of a vehicle, after the time."""
-    from wbf_mission.ground.link_state import milliseconds
+    from mission.ground.link_state import milliseconds
 
     def text(value: Any, form: str) -> str:
         return "-" if value is None else form.format(value)

@@ -59,7 +59,7 @@ def upload_command(
     would not fly it.
     """
     from mission.files import read_mission
-    from wbf_mission.ground.link import upload
+    from mission.ground.link import upload
     from wbf_mission.live.via import via_named
 
     output = Output(as_json=json, quiet=quiet)
@@ -115,7 +115,7 @@ def download_command(
 ) -> None:
     """Download the mission, the fence and the rally points of a vehicle into a file."""
     from mission.files import Firmware, write_mission, writer_for
-    from wbf_mission.ground.link import download
+    from mission.ground.link import download
     from wbf_mission.live.via import via_named
 
     output = Output(as_json=json, quiet=quiet)

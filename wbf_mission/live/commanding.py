@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 
 from geo.errors import WbfMissionError
+from mission.ground.link_state import LinkState
+from mission.ground.modes import arming_mode_name
+from mission.ground.orders import Answer, Order, result_name
+from mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID
+from mission.ground.texts import TextLog
+from mission.ground.vehicle_state import VehicleMonitor
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.transfer.vehicles import VehicleSearch
 from mission.transfer.wire import ground_heartbeat
-from wbf_mission.ground.link_state import LinkState
-from wbf_mission.ground.modes import arming_mode_name
-from wbf_mission.ground.orders import Answer, Order, result_name
-from wbf_mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID
-from wbf_mission.ground.texts import TextLog
-from wbf_mission.ground.vehicle_state import VehicleMonitor
 from wbf_mission.live.errors import VehicleRefusedError, VehicleSilentError
 from wbf_mission.live.steps import Step, is_ready, step_of
 from wbf_mission.live.wishes import Wish

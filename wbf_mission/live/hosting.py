@@ -12,6 +12,7 @@ from typing import Self
 
 from numpy.random import SeedSequence
 
+from mission.ground.clearance import Clearance
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.tlog import FrameSink
@@ -21,7 +22,6 @@ from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.component import NEVER, Component
 from sim_vehicle.host.server import Server, ServerUrl
 from sim_vehicle.host.simulation import StopReason
-from wbf_mission.ground.clearance import Clearance
 from wbf_mission.hosting import tap_of
 from wbf_mission.live.riding_camera import RidingCamera
 from wbf_mission.sortie import Sortie

@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from mission.ground.clearance import FARTHEST_M
+from mission.ground.link import find_vehicles
 from mission.transfer.vehicles import Vehicle as HeardVehicle
 from wbf_mission.fleet import Vehicle
-from wbf_mission.ground.clearance import FARTHEST_M
-from wbf_mission.ground.link import find_vehicles
 from wbf_mission.hosting import Hosting
 from wbf_mission.joint_flight import Attendant
 from wbf_mission.live.discovery import LiveFlightError, fitted_to, require_single_flight, wanted_vehicles

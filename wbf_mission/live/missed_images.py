@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from mission.ground.change import apart_m, is_return
 from mission.model import Mission
-from wbf_mission.ground.change import apart_m, is_return
 from wbf_mission.live.mission_shots import Shots, shots_before
 
 __all__ = ["Silence", "images_in"]

@@ -6,14 +6,14 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+from mission.ground.modes import is_in_mission, mode_name
+from mission.ground.vehicle_state import BootClock
 from mission.link.codec.dialect import Message, mavlink
 from mission.link.codec.typed import CommandMessage, is_a, is_command
 from mission.model import Command, Mission
 from mission.transfer import profile_for
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.camera.trigger import MAX_GAP_MS
-from wbf_mission.ground.boot_clock import BootClock
-from wbf_mission.ground.modes import is_in_mission, mode_name
 from wbf_mission.live.missed_images import Silence, images_in
 from wbf_mission.live.mission_shots import MissionShots, Shots, shots_before
 

@@ -6,11 +6,11 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from mission.ground.modes import Maneuver, maneuver_command, maneuver_modes, mode_named
+from mission.ground.vehicle_state import VehicleMonitor
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.transfer import profile_for
-from wbf_mission.ground.modes import Maneuver, maneuver_command, maneuver_modes, mode_named
-from wbf_mission.ground.vehicle_state import VehicleMonitor
 from wbf_mission.live.errors import MotorsStandError, VehicleRefusedError
 from wbf_mission.live.wishes import Wish
 

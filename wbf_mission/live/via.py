@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Protocol
 
+from mission.ground.link import own_driver
 from mission.transfer.driver import OnEvent, OnText, TransferDriver
 from mission.transfer.vehicles import Vehicle
-from wbf_mission.ground.link import own_driver
 from wbf_mission.hosting import Hosting
 from wbf_mission.live.hosting import LinkHosting, links_of
 from wbf_mission.scenario import Scenario

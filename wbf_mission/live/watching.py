@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from mission.ground.link_state import LinkState
+from mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID
+from mission.ground.texts import TextLog
+from mission.ground.vehicle_state import VehicleMonitor
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.transfer import profile_for
 from mission.transfer.wire import ground_heartbeat
-from wbf_mission.ground.link_state import LinkState
-from wbf_mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID
-from wbf_mission.ground.texts import TextLog
-from wbf_mission.ground.vehicle_state import VehicleMonitor
 
 __all__ = ["FleetWatch", "WatchedVehicle"]
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from geo.frame import LocalFrame
+from mission.ground.station import GroundStation
 from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint, Mission, MissionItem
 from mission.outcome import Outcome
@@ -20,7 +21,6 @@ from sim_vehicle.errors import VehicleError
 from sim_vehicle.host.simulation import Simulation
 from sim_vehicle.mavlink import SimVehicle
 from sim_vehicle.mavlink.fleet import Fleet
-from wbf_mission.ground.station import GroundStation
 
 POINT = GeoPoint(28.05, -82.15, 12.0)
 HOME = LocalFrame(28.05, -82.15)

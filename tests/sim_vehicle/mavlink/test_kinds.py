@@ -6,6 +6,7 @@ import struct
 import pytest
 
 from geo.frame import LocalFrame
+from mission.ground.station import GroundStation
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.frames import FrameReader, FrameWriter
 from mission.model import GeoPoint, Mission, MissionItem
@@ -19,7 +20,6 @@ from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.host.simulation import Simulation
 from sim_vehicle.mavlink import SimVehicle
 from sim_vehicle.pilot.notices import MissionState, RefusedError
-from wbf_mission.ground.station import GroundStation
 
 POINT = GeoPoint(28.05, -82.15, 12.0)
 HOME = LocalFrame(28.05, -82.15)

@@ -7,6 +7,7 @@ import time
 
 import pytest
 
+from mission.ground.station import GroundStation
 from mission.link import FrameReader, FrameWriter
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.signing import Signing
@@ -23,7 +24,6 @@ from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.host.server import Server
 from sim_vehicle.host.simulation import Simulation, StopReason
 from sim_vehicle.mavlink import SimVehicle
-from wbf_mission.ground.station import GroundStation
 
 HOME = GeoPoint(28.05, -82.15, 20.0)
 BOTH = pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from geo.atomic import atomic_write
 from geo.workers import Processes
+from mission.ground.tracks import Track
 from mission.outcome import Outcome
 from wbf_mission.bench.spec import BenchRun
 from wbf_mission.flight import FlightError, fly
-from wbf_mission.outcome import Track
 from wbf_mission.plots import shown_every
 from wbf_mission.progress import Progress
 from wbf_mission.tables import ResultError

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID
 from mission.link import MavlinkEndpoint
 from mission.transfer.driver import OnEvent, OnText, TransferDriver
-from wbf_mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID
 from wbf_mission.live.via_mavsdk.link import MavsdkLink
 from wbf_mission.live.via_mavsdk.transfers import MavsdkTransfers
 

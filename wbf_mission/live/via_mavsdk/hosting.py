@@ -8,6 +8,8 @@ from pathlib import Path
 
 from numpy.random import SeedSequence
 
+from mission.ground.clearance import Clearance
+from mission.ground.station import GroundStation
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import is_a
@@ -15,8 +17,6 @@ from mission.link.tlog import FrameSink
 from mission.transfer.vehicles import Vehicle
 from sim_vehicle.component import Component
 from sim_vehicle.host.server import Server, ServerUrl
-from wbf_mission.ground.clearance import Clearance
-from wbf_mission.ground.station import GroundStation
 from wbf_mission.hosting import tap_of
 from wbf_mission.live.hosting import LinkHost, LinkHosting, riding_camera, time_of_day
 from wbf_mission.live.via_mavsdk.link import MavsdkLink

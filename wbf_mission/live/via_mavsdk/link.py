@@ -12,9 +12,9 @@ from mavsdk import Configuration, ConnectionResult, ForwardingOption, Mavsdk, Sy
 from mavsdk.logging import LogLevel, log_subscribe, log_unsubscribe
 
 from mission.errors import LinkError
+from mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID
 from mission.link.address import SERIAL, LinkAddress, parse_link_url
 from mission.transfer.errors import NoVehicleError
-from wbf_mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID
 
 __all__ = ["MavsdkLink", "mavsdk_url"]
 

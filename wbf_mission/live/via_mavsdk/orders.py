@@ -11,11 +11,11 @@ from mavsdk.plugins.action import Action
 from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectResult, MavlinkMessage
 from mavsdk.plugins.mission_raw import MissionRaw
 
+from mission.ground.modes import Maneuver, maneuver_command
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.frames import FrameReader, FrameWriter
 from mission.model import Command
-from wbf_mission.ground.modes import Maneuver, maneuver_command
 from wbf_mission.live.via_mavsdk.call import Call
 from wbf_mission.live.via_mavsdk.link import MavsdkLink
 

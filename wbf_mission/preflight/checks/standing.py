@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from geo.frame import LocalFrame
+from mission.ground.clearance import FARTHEST_M
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Frame
-from wbf_mission.ground.clearance import FARTHEST_M
 from wbf_mission.preflight.checks.legs import PLACED
 from wbf_mission.preflight.finding import Concern, Finding, Measure, Severity
 from wbf_mission.preflight.subject import Subject

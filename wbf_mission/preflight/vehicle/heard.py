@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from mission.errors import MissionError
+from mission.ground.vehicle_state import VehicleMonitor
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.model import DEGREES_E7, GeoPoint
-from wbf_mission.ground.vehicle_state import VehicleMonitor
 from wbf_mission.preflight.vehicle.snapshot import FirmwareVersion, Gps
 
 __all__ = ["ESTIMATES", "STATE_MESSAGES", "HeardState"]

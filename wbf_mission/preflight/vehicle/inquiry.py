@@ -6,14 +6,14 @@ import math
 import struct
 from types import MappingProxyType
 
+from mission.ground.clearance import Clearance
+from mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID
+from mission.ground.texts import TextLog
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.transfer import ARDUPILOT, PX4
 from mission.transfer.vehicles import VehicleSearch
 from mission.transfer.wire import ground_heartbeat
-from wbf_mission.ground.clearance import Clearance
-from wbf_mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID
-from wbf_mission.ground.texts import TextLog
 from wbf_mission.preflight.vehicle.heard import ESTIMATES, STATE_MESSAGES, HeardState
 from wbf_mission.preflight.vehicle.questions import Question, questions_for
 from wbf_mission.preflight.vehicle.snapshot import VehicleSnapshot

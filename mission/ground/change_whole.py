@@ -4,6 +4,17 @@ from __future__ import annotations
 
 import math
 
+from mission.ground.change import (
+    FLOWN_TO,
+    ChangeOutcome,
+    ChangeRequest,
+    ChangeSession,
+    apart_m,
+    item_to_mark,
+    next_flown_to,
+    same_position,
+)
+from mission.ground.modes import end_modes
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.transfer import (
@@ -17,17 +28,6 @@ from mission.transfer import (
     compare_plans,
 )
 from mission.transfer.making import Transfer, Upload
-from wbf_mission.ground.change import (
-    FLOWN_TO,
-    ChangeOutcome,
-    ChangeRequest,
-    ChangeSession,
-    apart_m,
-    item_to_mark,
-    next_flown_to,
-    same_position,
-)
-from wbf_mission.ground.modes import end_modes
 
 __all__ = ["WholeListChange"]
 

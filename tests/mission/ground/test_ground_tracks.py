@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from geo.frame import LocalFrame
+from mission.ground.tracks import FlownLength, TrackRecorder
 from mission.link.codec.dialect import mavlink as m
-from wbf_mission.ground.tracks import FlownLength, TrackRecorder
 
 FRAME = LocalFrame(28.05, -82.15, rotation_deg=20.0)
 

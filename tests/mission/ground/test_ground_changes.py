@@ -11,7 +11,11 @@ from hypothesis import strategies as st
 
 from geo.farms import get_farm
 from geo.frame import LocalFrame
+from mission import outcome
 from mission.errors import MissionError
+from mission.ground.change import ChangeOutcome, revised_mission
+from mission.ground.guard import FailsafeGuard
+from mission.ground.station import GroundStation, NotFlyingError
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, GeoPoint, Mission, MissionItem
 from mission.outcome import Outcome
@@ -23,11 +27,6 @@ from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.host.simulation import Impairment, Simulation
 from sim_vehicle.mavlink import SimVehicle
-from wbf_mission import outcome
-from wbf_mission.ground.change import ChangeOutcome
-from wbf_mission.ground.guard import FailsafeGuard
-from wbf_mission.ground.revision import revised_mission
-from wbf_mission.ground.station import GroundStation, NotFlyingError
 
 HOME = GeoPoint(28.05, -82.15)
 FRAME = LocalFrame(28.05, -82.15)

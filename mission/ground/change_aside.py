@@ -9,6 +9,18 @@ from __future__ import annotations
 import math
 from enum import Enum
 
+from mission.ground.change import (
+    ChangeOutcome,
+    ChangeRequest,
+    ChangeSession,
+    apart_m,
+    is_return,
+    item_to_mark,
+    next_flown_to,
+    same_position,
+    speed_before,
+)
+from mission.ground.orders import Answer, Order, result_name
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Mission
@@ -20,18 +32,6 @@ from mission.transfer import (
     UploadVerified,
 )
 from mission.transfer.making import Upload
-from wbf_mission.ground.change import (
-    ChangeOutcome,
-    ChangeRequest,
-    ChangeSession,
-    apart_m,
-    is_return,
-    item_to_mark,
-    next_flown_to,
-    same_position,
-    speed_before,
-)
-from wbf_mission.ground.orders import Answer, Order, result_name
 
 __all__ = ["AsideChange"]
 

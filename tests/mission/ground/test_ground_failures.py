@@ -3,6 +3,9 @@
 import pytest
 
 from geo.frame import LocalFrame
+from mission.ground.failures import FailureWatch
+from mission.ground.orders import Answer, Order
+from mission.ground.station import GroundStation
 from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint, Mission, MissionItem
 from mission.outcome import Outcome
@@ -13,9 +16,6 @@ from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.host.simulation import Simulation
 from sim_vehicle.mavlink import SimVehicle
 from sim_vehicle.weather.wind import Wind
-from wbf_mission.ground.failures import FailureWatch
-from wbf_mission.ground.orders import Answer, Order
-from wbf_mission.ground.station import GroundStation
 
 HOME = GeoPoint(28.05, -82.15, 10.0)
 FRAME = LocalFrame(HOME.latitude_deg, HOME.longitude_deg, HOME.altitude_m)

@@ -10,11 +10,39 @@ from typing import Any
 
 from geo.errors import WbfMissionError
 from geo.frame import LocalFrame
+from mission.ground.change import (
+    FLOWN_TO,
+    ChangeRecord,
+    ChangeRequest,
+    ChangeSession,
+    check_change,
+    leads_home,
+)
+from mission.ground.change_aside import AsideChange
+from mission.ground.change_whole import WholeListChange
+from mission.ground.clearance import FARTHEST_M, Clearance, Stage
+from mission.ground.failures import FailureWatch
+from mission.ground.guard import FailsafeGuard
+from mission.ground.images import ImageFetch
+from mission.ground.link_state import ContactWatch, LinkReport, LinkState
+from mission.ground.modes import (
+    Maneuver,
+    arming_mode,
+    arming_mode_name,
+    end_modes,
+    maneuver_command,
+)
+from mission.ground.orders import Answer, Order, result_name
+from mission.ground.pilot_watch import PilotWatch
+from mission.ground.texts import TextLog
+from mission.ground.tracks import FlownLength, Track, TrackRecorder, TrueState
+from mission.ground.uploads import PlanUploads
+from mission.ground.vehicle_state import Battery, VehicleMonitor, VehicleState
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import handler
 from mission.model import Command, Mission
-from mission.outcome import Outcome
+from mission.outcome import Outcome, Phase
 from mission.transfer import (
     CLIENT_MESSAGES,
     Profile,
@@ -27,36 +55,6 @@ from mission.transfer import (
 from mission.transfer.making import OWN_TRANSFERS, TransferMaker
 from mission.transfer.wire import ground_heartbeat
 from sensors.camera.wire import ObservationAssembler
-from wbf_mission.ground.change import (
-    FLOWN_TO,
-    ChangeRecord,
-    ChangeRequest,
-    ChangeSession,
-    check_change,
-    leads_home,
-)
-from wbf_mission.ground.change_aside import AsideChange
-from wbf_mission.ground.change_whole import WholeListChange
-from wbf_mission.ground.clearance import FARTHEST_M, Clearance, Stage
-from wbf_mission.ground.contact import ContactWatch
-from wbf_mission.ground.failures import FailureWatch
-from wbf_mission.ground.guard import FailsafeGuard
-from wbf_mission.ground.images import ImageFetch
-from wbf_mission.ground.link_state import LinkReport, LinkState
-from wbf_mission.ground.modes import (
-    Maneuver,
-    arming_mode,
-    arming_mode_name,
-    end_modes,
-    maneuver_command,
-)
-from wbf_mission.ground.orders import Answer, Order, result_name
-from wbf_mission.ground.pilot_watch import PilotWatch
-from wbf_mission.ground.texts import TextLog
-from wbf_mission.ground.tracks import FlownLength, TrackRecorder, TrueState
-from wbf_mission.ground.uploads import PlanUploads
-from wbf_mission.ground.vehicle_state import Battery, VehicleMonitor, VehicleState
-from wbf_mission.outcome import Phase, Track
 
 GROUND_SYSTEM_ID = 255
 GROUND_COMPONENT_ID = int(m.MAV_COMP_ID_MISSIONPLANNER)
@@ -303,7 +301,7 @@ class GroundStation:
         NotFlyingError
             Before or after the flight, or while it is being changed.
         MissionError, LocalTransferError
-            If the mission must not be sent to a vehicle in flight (`wbf_mission.ground.change.check_change`).
+            If the mission must not be sent to a vehicle in flight (`mission.ground.change.check_change`).
         """
         if self.phase is not Phase.FLIGHT or self._disarmed_s is not None:
             msg = f"the mission cannot be changed now: the ground station is at {self.phase.value!r}"

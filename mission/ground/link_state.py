@@ -10,7 +10,7 @@ from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.transfer import RoundTrip
 
-__all__ = ["LinkReport", "LinkState", "milliseconds"]
+__all__ = ["SILENCE_S", "ContactWatch", "LinkReport", "LinkState", "milliseconds"]
 
 _WINDOW = 200
 _SEQUENCES = 256
@@ -135,3 +135,34 @@ def milliseconds(seconds: float) -> str:
     """
     time_ms = 1000.0 * seconds
     return f"{time_ms:.1f} ms" if time_ms < 10.0 else f"{time_ms:.0f} ms"
+
+
+SILENCE_S = 2.0
+"""A vehicle that tells nothing for so long is out of reach: it sends several times a second."""
+
+
+class ContactWatch:
+    """Notes when messages of one vehicle arrive.
+
+    Attributes
+    ----------
+    heard_s : float
+        When the last one did; -inf for never.
+    silent_s : float
+        How long all silences of the flight were together.
+    worst_s : float
+        How long the longest of them was.
+    """
+
+    def __init__(self) -> None:
+        self.heard_s = -math.inf
+        self.silent_s = self.worst_s = 0.0
+
+    def on_message(self, now_s: float) -> bool:
+        """Note a message; tell whether it ends a silence."""
+        gap_s, self.heard_s = now_s - self.heard_s, now_s
+        if not SILENCE_S < gap_s < math.inf:
+            return False
+        self.silent_s += gap_s
+        self.worst_s = max(self.worst_s, gap_s)
+        return True

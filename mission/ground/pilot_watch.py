@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Collection
 
+from mission.ground.modes import Maneuver, is_in_mission, maneuver_modes, mode_name
 from mission.link.codec.dialect import mavlink as m
-from wbf_mission.ground.modes import Maneuver, is_in_mission, maneuver_modes, mode_name
 
 __all__ = ["PilotWatch"]
 

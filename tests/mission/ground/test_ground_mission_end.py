@@ -7,14 +7,13 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from mission.ground.clearance import Clearance
+from mission.ground.modes import Maneuver
+from mission.ground.station import GroundStation, NotFlyingError
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, GeoPoint, Mission, MissionItem
-from mission.outcome import Outcome
+from mission.outcome import Outcome, Phase
 from mission.transfer import MissionServer
-from wbf_mission.ground.clearance import Clearance
-from wbf_mission.ground.modes import Maneuver
-from wbf_mission.ground.station import GroundStation, NotFlyingError
-from wbf_mission.outcome import Phase
 
 WAYPOINTS = tuple(MissionItem.waypoint(28.05 + 1e-4 * k, -82.15, 5.0) for k in range(1, 4))
 TAKEOFF = MissionItem(Command.NAV_TAKEOFF, 3, param4=None, x=28.05, y=-82.15, z=5.0)

@@ -4,14 +4,13 @@ from typing import Any
 
 import pytest
 
+from mission.ground.station import GroundStation
+from mission.ground.texts import TextLog
+from mission.ground.vehicle_state import Battery, VehicleMonitor
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, GeoPoint, Mission, MissionItem
-from mission.outcome import Outcome
+from mission.outcome import Outcome, Phase
 from mission.transfer import MissionServer
-from wbf_mission.ground.station import GroundStation
-from wbf_mission.ground.texts import TextLog
-from wbf_mission.ground.vehicle_state import Battery, VehicleMonitor
-from wbf_mission.outcome import Phase
 
 MISSION = Mission(
     (

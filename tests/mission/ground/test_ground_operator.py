@@ -2,10 +2,10 @@
 
 import pytest
 
+from mission.ground.clearance import Clearance, Stage
+from mission.ground.modes import Maneuver, ModeError, mode_named
+from mission.ground.pilot_watch import PilotWatch
 from mission.link.codec.dialect import mavlink as m
-from wbf_mission.ground.clearance import Clearance, Stage
-from wbf_mission.ground.modes import Maneuver, ModeError, mode_named
-from wbf_mission.ground.pilot_watch import PilotWatch
 
 PREARM = m.MAV_SYS_STATUS_PREARM_CHECK
 VEHICLE = (1, 1)

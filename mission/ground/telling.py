@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from geo.errors import WbfMissionError
-from wbf_mission.ground.contact import SILENCE_S
-from wbf_mission.ground.station import GroundStation
-from wbf_mission.outcome import Phase
+from mission.ground.link_state import SILENCE_S
+from mission.ground.station import GroundStation
+from mission.outcome import Phase
 
 __all__ = ["NotStartedError", "doing", "not_started"]
 

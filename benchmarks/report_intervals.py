@@ -24,7 +24,7 @@ from sensors.environment import generate_environment
 from sensors.estimators import make_estimator
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
-from wbf_mission.report import farm_report
+from wbf_mission.maps.report import farm_report
 
 DAY = 6
 

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from wbf_mission.flight import fly
-from wbf_mission.result import Result
+from wbf_mission.results.result import Result
 from wbf_mission.scenario import Scenario
 
 WINDS: dict[str, dict[str, object]] = {

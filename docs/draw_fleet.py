@@ -15,8 +15,8 @@ from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
 from wbf_mission import Scenario, fly
-from wbf_mission.plots import draw_farm
-from wbf_mission.result import Result
+from wbf_mission.pictures.plots import draw_farm
+from wbf_mission.results.result import Result
 
 ROOT = Path(__file__).parents[1]
 COLOURS = ("#1f3b73", "#c8102e", "#0b7285")

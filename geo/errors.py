@@ -38,11 +38,11 @@
     +-- wbf_mission.live.errors.VehicleSilentError        a vehicle that does not answer any more
     +-- wbf_mission.preflight.finding.PreflightError      a plan that cannot be checked, or must not go up
     +-- wbf_mission.flight.FlightError                    a flight that cannot go on
-    +-- wbf_mission.animation.AnimationError              a moving picture of a run
-    +-- wbf_mission.arrays.ArrayFileError                 arrays of a result
+    +-- wbf_mission.pictures.animation.AnimationError              a moving picture of a run
+    +-- wbf_mission.results.arrays.ArrayFileError                 arrays of a result
     +-- wbf_mission.bench.cluster.ClusterError            a Dask cluster
     +-- wbf_mission.rl.errors.TrainingError               a training environment
-    +-- wbf_mission.tables.ResultError                    the folder of a result
+    +-- wbf_mission.results.tables.ResultError                    the folder of a result
     +-- wbf_mission.cli.targets.TargetError               a file or folder to be written
     +-- wbf_mission.check.errors.CheckError               a check that does not exist
     +-- wbf_mission.check.errors.FailedError              a check that failed

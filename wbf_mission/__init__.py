@@ -50,15 +50,15 @@ if TYPE_CHECKING:
     from wbf_mission.bench.spec import BenchSpec as BenchSpec
     from wbf_mission.flight import FlightError as FlightError
     from wbf_mission.flight import fly as fly
-    from wbf_mission.flight_memory import FlightMemory as FlightMemory
     from wbf_mission.planning import plan as plan
-    from wbf_mission.result import Result as Result
-    from wbf_mission.result import load_result as load_result
+    from wbf_mission.results.result import Result as Result
+    from wbf_mission.results.result import load_result as load_result
+    from wbf_mission.results.tables import ResultError as ResultError
+    from wbf_mission.run.flight_memory import FlightMemory as FlightMemory
     from wbf_mission.scenario import Scenario as Scenario
     from wbf_mission.scenario import ScenarioError as ScenarioError
     from wbf_mission.scenario import load_scenario as load_scenario
     from wbf_mission.scenario import scenario_with as scenario_with
-    from wbf_mission.tables import ResultError as ResultError
     from wbf_mission.version import __version__ as __version__
 else:
     from geo.lazy import attach
@@ -91,12 +91,12 @@ else:
             "wbf_mission.bench.benchmark": ("benchmark",),
             "wbf_mission.bench.spec": ("BenchSpec",),
             "wbf_mission.flight": ("FlightError", "fly"),
-            "wbf_mission.flight_memory": ("FlightMemory",),
+            "wbf_mission.run.flight_memory": ("FlightMemory",),
             "mission.ground.link": ("download", "upload"),
             "mission.outcome": ("Outcome",),
             "wbf_mission.planning": ("plan",),
-            "wbf_mission.tables": ("ResultError",),
-            "wbf_mission.result": ("Result", "load_result"),
+            "wbf_mission.results.tables": ("ResultError",),
+            "wbf_mission.results.result": ("Result", "load_result"),
             "wbf_mission.scenario": ("Scenario", "ScenarioError", "load_scenario", "scenario_with"),
             "wbf_mission.version": ("__version__",),
         },

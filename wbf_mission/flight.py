@@ -18,28 +18,27 @@ from sensors.scoring.score import ScoreWeights
 from sim_vehicle.faults.fault import Fault, parse_fault
 from sim_vehicle.faults.session import check_vehicles
 from sim_vehicle.host.simulation import Impairment
-from wbf_mission.campaign import Campaign
-from wbf_mission.estimation import (
+from wbf_mission.live.link import LiveLink
+from wbf_mission.maps.field_maps import FieldMap, true_map
+from wbf_mission.planning import plan, planner_of
+from wbf_mission.preflight.run import Tell, check_plans, tell_nobody
+from wbf_mission.progress import Progress, Stopwatch, silent
+from wbf_mission.results.result import Result
+from wbf_mission.run.campaign import Campaign
+from wbf_mission.run.estimation import (
     attribute_errors_to,
     estimator_of,
     prepare_days,
     require_run_memory,
     resolved,
 )
-from wbf_mission.field_maps import FieldMap, true_map
-from wbf_mission.fleet import vehicles_of
-from wbf_mission.flight_memory import FlightMemory
-from wbf_mission.flights import Decider
-from wbf_mission.hosting import VirtualHosting
-from wbf_mission.live.link import LiveLink
-from wbf_mission.planning import plan, planner_of
-from wbf_mission.preflight.run import Tell, check_plans, tell_nobody
-from wbf_mission.progress import Progress, silent
-from wbf_mission.result import Result
+from wbf_mission.run.fleet import vehicles_of
+from wbf_mission.run.flight_memory import FlightMemory
+from wbf_mission.run.flights import Decider
+from wbf_mission.run.hosting import VirtualHosting
+from wbf_mission.run.surroundings import camera_options, find_environment
 from wbf_mission.scenario import Scenario, scenario_with
 from wbf_mission.scenario.scenario import require_scenario
-from wbf_mission.stopwatch import Stopwatch
-from wbf_mission.surroundings import camera_options, find_environment
 
 
 class FlightError(WbfMissionError, RuntimeError):

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.errors import EstimatorError
-from sensors.fields import PAPER_FIELDS
+from sensors.fields import PAPER_FIELDS, FieldSet
 from sensors.scoring.tiles import tile_shape
 
 CLASSES = ("healthy", "infected", "lost")
@@ -181,6 +181,13 @@ class InformationModel:
             loss_map=None if loss is None else loss.copy(),
             reach=self.reach,
         )
+
+    @classmethod
+    def unknown(cls, shape: tuple[int, int], fields: FieldSet) -> InformationModel:
+        """Know nothing: the fields' defaults, in arrays that take no memory."""
+        full = (len(fields), *shape)
+        value = np.broadcast_to(np.array(fields.defaults, np.float32)[:, None, None], full)
+        return cls(value, np.broadcast_to(np.float32(1.0), full), fields=fields.names)
 
     @classmethod
     def uniform(

@@ -14,12 +14,12 @@ from sensors.environment import Environment
 from sensors.estimators import make_estimator
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
-from wbf_mission import animation
-from wbf_mission.animation import AnimationError, animate, moments
 from wbf_mission.cli.app import main
 from wbf_mission.flight import fly
-from wbf_mission.result import Result, load_result
-from wbf_mission.results import ResultFolder
+from wbf_mission.pictures import animation
+from wbf_mission.pictures.animation import AnimationError, animate, moments
+from wbf_mission.results.result import Result, load_result
+from wbf_mission.results.writing import ResultFolder
 from wbf_mission.scenario import Scenario
 
 

@@ -12,10 +12,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from wbf_mission.flight import fly
-from wbf_mission.result import load_result
-from wbf_mission.result_files import MAX_JSON_BYTES
+from wbf_mission.results.reading import MAX_JSON_BYTES
+from wbf_mission.results.result import load_result
+from wbf_mission.results.tables import ResultError
 from wbf_mission.scenario import Scenario
-from wbf_mission.tables import ResultError
 
 NEEDED = {
     "plan.json",

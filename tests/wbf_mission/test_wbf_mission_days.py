@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import wbf_mission.campaign
-import wbf_mission.day_record
-import wbf_mission.flights
+import wbf_mission.run.campaign
+import wbf_mission.run.day_record
+import wbf_mission.run.flights
 from geo.farms import get_farm
 from mission.outcome import Outcome
 from sensors.environment import Environment
@@ -19,10 +19,10 @@ from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from sensors.scoring.score import RunningScore
 from wbf_mission.flight import fly
-from wbf_mission.joint_flight import JointFlight
-from wbf_mission.result import Result, load_result
+from wbf_mission.results.result import Result, load_result
+from wbf_mission.run.joint_flight import JointFlight
+from wbf_mission.run.surroundings import make_environment
 from wbf_mission.scenario import Scenario
-from wbf_mission.surroundings import make_environment
 
 DAYS = Scenario(
     farm="miniberry-30",
@@ -141,7 +141,7 @@ def spoil(monkeypatch: pytest.MonkeyPatch, outcome: Outcome, of: set[int]) -> No
                 self.sorties[0].ground.outcome = outcome
                 self.sorties[0].ground.reason = "spoilt"
 
-    monkeypatch.setattr(wbf_mission.flights, "JointFlight", Spoilt)
+    monkeypatch.setattr(wbf_mission.run.flights, "JointFlight", Spoilt)
 
 
 def test_a_flight_that_went_wrong_does_not_end_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -170,14 +170,14 @@ def test_of_a_fleet_the_others_go_on(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_run_that_is_stopped_between_flights_is_interrupted(monkeypatch: pytest.MonkeyPatch) -> None:
-    plan, count = wbf_mission.campaign.Campaign.plan, itertools.count(1)
+    plan, count = wbf_mission.run.campaign.Campaign.plan, itertools.count(1)
 
-    def interrupted(self: wbf_mission.campaign.Campaign, *numbers: int) -> object:
+    def interrupted(self: wbf_mission.run.campaign.Campaign, *numbers: int) -> object:
         if next(count) == 4:
             raise KeyboardInterrupt
         return plan(self, *numbers)
 
-    monkeypatch.setattr(wbf_mission.campaign.Campaign, "plan", interrupted)
+    monkeypatch.setattr(wbf_mission.run.campaign.Campaign, "plan", interrupted)
     result = fly(DAYS)
     assert len(result.flights) == 3 and result.outcome is Outcome.INTERRUPTED
     assert result.reason == "stopped after flight 1 of day 6"
@@ -217,7 +217,7 @@ def test_each_day_has_its_report_truth_and_estimate(result: Result, tmp_path: Pa
 
 
 def test_large_farms_keep_the_last_day_only(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(wbf_mission.day_record, "KEPT_DAYS_BYTES", 1000)
+    monkeypatch.setattr(wbf_mission.run.day_record, "KEPT_DAYS_BYTES", 1000)
     result = fly(changed(flights_per_day=1))
     assert all(one.truth is None and one.model is None and one.report for one in result.days)
     folder = result.save(tmp_path / "run", plots=False)

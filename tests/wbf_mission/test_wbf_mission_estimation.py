@@ -12,7 +12,7 @@ from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.score import RunningScore
 from wbf_mission.cli.app import main
-from wbf_mission.estimation import RunEstimate, require_run_memory, score_points
+from wbf_mission.run.estimation import RunEstimate, require_run_memory, score_points
 
 
 @pytest.mark.parametrize(

@@ -12,10 +12,10 @@ from geo import Farm
 from sensors.camera.leaf_camera import LeafCamera
 from sensors.field_files import load_field_set
 from sim_vehicle.camera.component import LeafCameraComponent
-from wbf_mission import surroundings
 from wbf_mission.cli.app import main
 from wbf_mission.flight import fly
-from wbf_mission.result import load_result
+from wbf_mission.results.result import load_result
+from wbf_mission.run import surroundings
 from wbf_mission.scenario import Scenario, load_scenario
 
 NITROGEN = """
@@ -165,7 +165,7 @@ def test_a_vehicle_that_senses_other_fields_is_warned_of(
         camera = LeafCamera(environment, farm.grid().shape, 6, options, np.random.default_rng(1))
         return LeafCameraComponent(camera, farm, **more)  # type: ignore[arg-type]
 
-    monkeypatch.setattr("wbf_mission.hosting.LeafCameraComponent", carry)
+    monkeypatch.setattr("wbf_mission.run.hosting.LeafCameraComponent", carry)
     out = tmp_path / "run"
     assert main([*FLY, "--out", str(out), "--no-plots", "-q"]) == 1
     told = "the camera senses tylcv, ccr, soil, nitrogen, expected tylcv, ccr, soil; give both sides the same"

@@ -11,8 +11,8 @@ from mission.outcome import Outcome
 from sim_vehicle.faults.fault import FaultError
 from wbf_mission import Scenario, fly, load_result
 from wbf_mission.cli.app import main
-from wbf_mission.fleet import plan_fleet, single_scenarios, vehicles_of
 from wbf_mission.planning import plan
+from wbf_mission.run.fleet import plan_fleet, single_scenarios, vehicles_of
 from wbf_mission.scenario import ScenarioError
 from wbf_mission.scenario.separation import Separation, parse_separation
 

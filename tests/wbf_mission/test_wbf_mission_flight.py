@@ -15,13 +15,13 @@ from mission.outcome import Outcome
 from sensors.errors import EstimatorError
 from sensors.observations import Observations
 from sim_vehicle.host.simulation import Impairment
-from wbf_mission.estimation import RunEstimate
 from wbf_mission.exit_codes import exit_code_of_flight
 from wbf_mission.flight import fly
 from wbf_mission.planning import plan
 from wbf_mission.preflight.finding import PreflightError, Report
+from wbf_mission.run.estimation import RunEstimate
+from wbf_mission.run.surroundings import make_environment
 from wbf_mission.scenario import Scenario, ScenarioError, scenario_with
-from wbf_mission.surroundings import make_environment
 
 IDEAL = Scenario(farm="miniberry-10", planner="lawnmower", vehicle="ideal", seed=3, estimator="adaptive-disk")
 QUAD = Scenario(

@@ -22,11 +22,11 @@ from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint
 from mission.outcome import Outcome, Phase
 from sim_vehicle.autopilot.modes import Mode
-from wbf_mission import joint_flight
 from wbf_mission.exit_codes import ExitCode, exit_code_of_flight
 from wbf_mission.flight import fly
 from wbf_mission.live.discovery import LiveFlightError
 from wbf_mission.live.link import LiveLink
+from wbf_mission.run import joint_flight
 from wbf_mission.scenario import Scenario
 
 AUTOPILOTS = {"px4": m.MAV_AUTOPILOT_PX4, "ardupilot": m.MAV_AUTOPILOT_ARDUPILOTMEGA}

@@ -13,7 +13,7 @@ from rich.console import Console
 from geo import get_farm
 from sensors.estimators.base import LEARNING
 from wbf_mission.cli.output import FILE_WIDTH, Output
-from wbf_mission.plots import plot_farm
+from wbf_mission.pictures.plots import plot_farm
 
 
 def test_json_spells_out_what_no_reader_could_decode(capsys):

@@ -12,8 +12,8 @@ from mission.link.tlog import TlogWriter, read_tlog
 from wbf_mission import Scenario, plan
 from wbf_mission.cli.app import main
 from wbf_mission.cli.output import Output
-from wbf_mission.result import load_result
-from wbf_mission.results import ResultFolder
+from wbf_mission.results.result import load_result
+from wbf_mission.results.writing import ResultFolder
 
 SIM = ["sim", "--no-camera", "--listen", "udpin:127.0.0.1:0", "--speed", "max", "--duration", "2", "-q"]
 FLY = ["fly", "--vehicle", "ideal", "--planner", "lawnmower", "--estimator", "point", "--no-plots", "-q"]

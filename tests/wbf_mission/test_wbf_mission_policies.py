@@ -14,7 +14,7 @@ from mission.policies.situation import Event, Situation, Status
 from sim_vehicle.host.simulation import Impairment
 from wbf_mission.deciding.record import STAYS
 from wbf_mission.flight import fly
-from wbf_mission.result import Result, load_result
+from wbf_mission.results.result import Result, load_result
 from wbf_mission.scenario import Scenario, scenario_with
 
 IDEAL = Scenario(farm="miniberry-30", vehicle="ideal", budget="80steps", estimator="adaptive-disk", seed=4)

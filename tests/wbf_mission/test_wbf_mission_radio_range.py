@@ -13,10 +13,9 @@ from mission.policies.decision import GO_ON, Decision
 from mission.policies.policy import Asking, FixedPlan
 from mission.policies.situation import Event, Status
 from wbf_mission import Scenario, fly
-from wbf_mission.fleet import vehicles_of
-from wbf_mission.reach import SLOWER, SPARE_S, Reach
+from wbf_mission.run.fleet import vehicles_of
+from wbf_mission.run.sortie import SILENT_S, SLOWER, SPARE_S, Reach
 from wbf_mission.scenario import ScenarioError
-from wbf_mission.sortie import SILENT_S
 
 ROWS = {
     "farm": "miniberry-30",

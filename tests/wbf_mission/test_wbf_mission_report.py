@@ -10,11 +10,11 @@ from geo.farms import get_farm
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
-from wbf_mission import block_sums, cell_sums, plots
-from wbf_mission.blocks import MapGrid
-from wbf_mission.field_maps import field_maps, true_map
-from wbf_mission.outbreaks import outbreak_of
-from wbf_mission.report import farm_report, gamma_interval, report_of_maps
+from wbf_mission.maps import block_sums, cell_sums
+from wbf_mission.maps.blocks import MapGrid
+from wbf_mission.maps.field_maps import field_maps, outbreak_of, true_map
+from wbf_mission.maps.report import farm_report, gamma_interval, report_of_maps
+from wbf_mission.pictures import plots
 
 FARM = get_farm("miniberry-30")
 

@@ -13,13 +13,13 @@ from mission.files import read_mission, write_mission
 from mission.link.tlog import read_tlog
 from mission.outcome import Outcome
 from sensors.observations import Observations
-from wbf_mission import results
 from wbf_mission.flight import fly
-from wbf_mission.result import Result, load_result
-from wbf_mission.result_files import FORMAT
-from wbf_mission.results import ResultFolder, run_name
+from wbf_mission.results import writing
+from wbf_mission.results.reading import FORMAT
+from wbf_mission.results.result import Result, load_result
+from wbf_mission.results.tables import ResultError
+from wbf_mission.results.writing import ResultFolder, run_name
 from wbf_mission.scenario import Scenario, scenario_with
-from wbf_mission.tables import ResultError
 
 SMALL = Scenario(farm="miniberry-10", planner="lawnmower", vehicle="ideal", seed=3, estimator="adaptive-disk")
 
@@ -136,7 +136,7 @@ def test_an_older_result_is_replaced_only_by_a_whole_one(
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device", "value.zarr.zip")
 
-    monkeypatch.setattr("wbf_mission.result_files.write_array", full)
+    monkeypatch.setattr("wbf_mission.results.reading.write_array", full)
     with pytest.raises(OSError, match="No space"):
         result.save(tmp_path / "run", plots=False)
     assert {path.name: path.read_bytes() for path in (tmp_path / "run").iterdir()} == before
@@ -220,7 +220,7 @@ def test_ctrl_c_among_the_pictures_keeps_the_rest(
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(results, "_plot_jobs", lambda _: [("path.png", interrupted)])
+    monkeypatch.setattr(writing, "_plot_jobs", lambda _: [("path.png", interrupted)])
     with pytest.raises(KeyboardInterrupt):
         result.save(tmp_path / "run")
     assert load_result(tmp_path / "run").score == result.score

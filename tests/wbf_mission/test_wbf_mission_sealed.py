@@ -20,9 +20,9 @@ from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.score import RunningScore
 from sim_vehicle.mavlink import SimVehicle
-from wbf_mission.estimation import estimator_of
 from wbf_mission.flight import fly
 from wbf_mission.planning import plan
+from wbf_mission.run.estimation import estimator_of
 from wbf_mission.scenario import Choice, Scenario
 
 FORBIDDEN = (Environment, LeafCamera, RunningScore, SimVehicle, Scenario)

@@ -17,7 +17,7 @@ from mission.link.tlog import read_tlog
 from mission.outcome import Outcome
 from wbf_mission.cli import signals
 from wbf_mission.cli.app import main
-from wbf_mission.result import load_result
+from wbf_mission.results.result import load_result
 
 LONG_S = 120.0  # a limit against hanging, not a measure
 
@@ -215,7 +215,7 @@ def test_what_is_not_true_yet_is_not_announced(capfd):
 
 def test_ctrl_c_while_planning_does_not_promise_a_result(tmp_path, monkeypatch, capfd):
     """Nothing was flown yet, so nothing is saved."""
-    planning = "wbf_mission.campaign.Campaign.plan"
+    planning = "wbf_mission.run.campaign.Campaign.plan"
     monkeypatch.setattr(planning, lambda *_, **__: signal.raise_signal(signal.SIGINT))
     assert main(["fly", "--farm", "miniberry-10", "--out", str(tmp_path / "run")]) == 130
     assert capfd.readouterr().err == "error: interrupted\n"

@@ -28,7 +28,7 @@ from wbf_mission.flight import fly
 from wbf_mission.live.discovery import LiveFlightError
 from wbf_mission.live.link import LiveLink
 from wbf_mission.live.via import via_named
-from wbf_mission.results import ResultFolder
+from wbf_mission.results.writing import ResultFolder
 
 AUTOPILOTS = ("px4", "ardupilot")
 WAYS = ("own", "mavsdk")

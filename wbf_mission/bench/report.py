@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from wbf_mission.bench.page import Page, Picture, Section, Table
 from wbf_mission.bench.row import BenchRow
 from wbf_mission.bench.standings import Interval, Standing, apart, standings, students_reach
-from wbf_mission.plots import LINE_COLOURS, new_figure, save_figure
+from wbf_mission.pictures.plots import LINE_COLOURS, new_figure, save_figure
 
 __all__ = [
     "score_over_time",

@@ -16,8 +16,8 @@ from geo.errors import WbfMissionError
 from mission.outcome import Outcome
 from wbf_mission.bench.spec import BenchRun
 from wbf_mission.flight import fly
-from wbf_mission.flight_memory import memory_of_process
-from wbf_mission.run_record import RunRecord
+from wbf_mission.run.flight_memory import memory_of_process
+from wbf_mission.run.run_record import RunRecord
 from wbf_mission.scenario import Scenario
 from wbf_mission.version import __version__
 

@@ -18,9 +18,8 @@ from mission.policies.registry import make_policy
 from sensors.estimators.base import ENTRY_POINT_GROUP as ESTIMATORS
 from sensors.field_files import load_field_set
 from wbf_mission.bench.meaning import built_in_digest, digest, meaning_of, own_digest
-from wbf_mission.estimation import estimator_of
-from wbf_mission.names import names_of
 from wbf_mission.planning import planner_of
+from wbf_mission.run.estimation import estimator_of
 from wbf_mission.scenario import (
     Choice,
     Scenario,
@@ -30,6 +29,7 @@ from wbf_mission.scenario import (
     scenario_with,
 )
 from wbf_mission.scenario.choice import choose
+from wbf_mission.scenario.names import names_of
 from wbf_mission.scenario.scenario import unknown_key
 
 __all__ = ["BenchRun", "BenchSpec"]

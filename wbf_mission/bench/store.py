@@ -20,7 +20,7 @@ import numpy as np
 from geo.atomic import disk_errors_named
 from geo.decoding import misfit
 from wbf_mission.bench.row import BenchRow, Floats, as_floats
-from wbf_mission.tables import ResultError, read_batches, write_table
+from wbf_mission.results.tables import ResultError, read_batches, write_table
 
 __all__ = ["BenchStore", "read_rows", "rows_table"]
 

@@ -20,8 +20,8 @@ from wbf_mission.cli import signals
 from wbf_mission.cli.output import Output, distance
 
 if TYPE_CHECKING:
-    from wbf_mission.joint_flight import JointFlight
-    from wbf_mission.sortie import Sortie
+    from wbf_mission.run.joint_flight import JointFlight
+    from wbf_mission.run.sortie import Sortie
 
 __all__ = ["Operator"]
 

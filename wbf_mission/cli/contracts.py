@@ -62,7 +62,7 @@ def check_estimator_command(name: _Name, json: options.Json = False) -> int:
     def check(choice: Choice) -> dict[str, Any]:
         from sensors.estimators import check_estimator
         from sensors.fields import PAPER_FIELDS
-        from wbf_mission.estimation import estimator_of
+        from wbf_mission.run.estimation import estimator_of
 
         check_estimator(estimator_of(choice, 0, PAPER_FIELDS))
         return {}

@@ -138,7 +138,7 @@ def draw_command(
 ) -> None:
     """Draw a farm's crops, the owner's border, obstacles and home as a PNG picture."""
     from geo import get_farm
-    from wbf_mission.plots import plot_farm
+    from wbf_mission.pictures.plots import plot_farm
 
     shown = get_farm(farm)
     target = out or _file_name(shown.name)

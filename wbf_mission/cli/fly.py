@@ -16,6 +16,7 @@ from wbf_mission.cli import options, signals
 from wbf_mission.cli.output import Output, distance, duration
 from wbf_mission.cli.targets import Force
 from wbf_mission.exit_codes import ExitCode, exit_code_of_flight
+from wbf_mission.progress import process_age_s
 from wbf_mission.scenario import (
     CameraOptions,
     EstimateOptions,
@@ -28,11 +29,10 @@ from wbf_mission.scenario import (
     WeatherOptions,
     load_broken_scenario,
 )
-from wbf_mission.stopwatch import process_age_s
 
 if TYPE_CHECKING:
     from wbf_mission.live.link import LiveLink
-    from wbf_mission.result import Result
+    from wbf_mission.results.result import Result
 
 EXAMPLES = """
 Examples
@@ -151,9 +151,9 @@ def fly_command(
     and pictures.
     """
     from wbf_mission.cli.preflight import tell
-    from wbf_mission.estimation import resolved
     from wbf_mission.flight import fly
-    from wbf_mission.results import ResultFolder, run_name
+    from wbf_mission.results.writing import ResultFolder, run_name
+    from wbf_mission.run.estimation import resolved
 
     output = Output(as_json=json, quiet=quiet)
     if speed is not None and not 0.01 <= speed <= 1e6:
@@ -330,7 +330,7 @@ def _decision_rows(result: Result) -> dict[str, str]:
 
 def _print_days(output: Output, result: Result) -> None:
     """Print a table with a row for each day: score, and of each field how much is expected, with 90 %."""
-    from wbf_mission.report import brief
+    from wbf_mission.maps.report import brief
 
     titles = [field.title for field in result.report.fields] if result.report is not None else []
     rows = []

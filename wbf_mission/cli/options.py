@@ -32,9 +32,9 @@ def complete(kind: str) -> Callable[[str], list[str]]:
     """Return what completes the names of a kind: farm, planner, estimator, autopilot or vehicle."""
 
     def names(incomplete: str) -> list[str]:
-        from wbf_mission import names as known
+        from wbf_mission.scenario.names import names_of
 
-        return [name for name in known.names_of(kind) if name.startswith(incomplete)]
+        return [name for name in names_of(kind) if name.startswith(incomplete)]
 
     return names
 

@@ -22,9 +22,9 @@ from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.component import NEVER, Component
 from sim_vehicle.host.server import Server, ServerUrl
 from sim_vehicle.host.simulation import StopReason
-from wbf_mission.hosting import tap_of
 from wbf_mission.live.riding_camera import RidingCamera
-from wbf_mission.sortie import Sortie
+from wbf_mission.run.hosting import tap_of
+from wbf_mission.run.sortie import Sortie
 
 __all__ = ["LinkHost", "LinkHosting", "links_of", "riding_camera", "time_of_day"]
 

@@ -10,9 +10,6 @@ from pathlib import Path
 from mission.ground.clearance import FARTHEST_M
 from mission.ground.link import find_vehicles
 from mission.transfer.vehicles import Vehicle as HeardVehicle
-from wbf_mission.fleet import Vehicle
-from wbf_mission.hosting import Hosting
-from wbf_mission.joint_flight import Attendant
 from wbf_mission.live.discovery import LiveFlightError, fitted_to, require_single_flight, wanted_vehicles
 from wbf_mission.live.via import OwnVia, Via
 from wbf_mission.planning import PlanResult, flight_builder
@@ -20,6 +17,9 @@ from wbf_mission.preflight.finding import Concern, Finding, PreflightError, Repo
 from wbf_mission.preflight.run import Circumstances, Tell, check_mission, tell_nobody
 from wbf_mission.preflight.vehicle.asking import ask_vehicle
 from wbf_mission.preflight.vehicle.snapshot import VehicleSnapshot
+from wbf_mission.run.fleet import Vehicle
+from wbf_mission.run.hosting import Hosting
+from wbf_mission.run.joint_flight import Attendant
 from wbf_mission.scenario import Scenario
 from wbf_mission.scenario.separation import LAYERS
 

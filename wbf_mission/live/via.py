@@ -9,8 +9,8 @@ from typing import Protocol
 from mission.ground.link import own_driver
 from mission.transfer.driver import OnEvent, OnText, TransferDriver
 from mission.transfer.vehicles import Vehicle
-from wbf_mission.hosting import Hosting
 from wbf_mission.live.hosting import LinkHosting, links_of
+from wbf_mission.run.hosting import Hosting
 from wbf_mission.scenario import Scenario
 
 __all__ = ["OwnVia", "Via", "via_named"]

@@ -15,8 +15,8 @@ from mission.planners.budget import LengthBudget
 from sim_vehicle.prediction.flight import Prediction
 from sim_vehicle.prediction.predict import BOUND_PROBABILITY
 from wbf_mission.planning.builder import MissionBuilder
+from wbf_mission.planning.weather import wind_of
 from wbf_mission.scenario import ScenarioError
-from wbf_mission.weather import wind_of
 
 PAPER_STEPS_PER_CELL = 0.4  # timesteps of a day for each of the owner's cells (Matloob et al., experiments)
 

@@ -28,10 +28,10 @@ from sim_vehicle.execution.fixed_wing_items import must_circle
 from sim_vehicle.prediction.battery_swaps import batteries_needed
 from sim_vehicle.prediction.flight import Prediction
 from sim_vehicle.prediction.predict import expected_flights, plan_prediction, rehearsed_tracks
-from wbf_mission.clearance import clearance_m
+from wbf_mission.planning.clearance import clearance_m
 from wbf_mission.planning.keep_out import KeepOut, probe_path, stray_m
+from wbf_mission.planning.weather import FlightLevel, flight_level, wind_of
 from wbf_mission.scenario import CameraOptions, MissionOptions, Scenario, VehicleOptions, WeatherOptions
-from wbf_mission.weather import FlightLevel, flight_level, wind_of
 
 # Where a fixed wing's climb-out leads to, and the height of its final approach.
 CLIMB_OUT_M = 150.0

@@ -16,7 +16,7 @@ from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.energy.endurance import endurance_s
 from sim_vehicle.prediction.onward import InFlight, OnwardPredictor
 from wbf_mission.planning.builder import MissionBuilder
-from wbf_mission.weather import wind_of
+from wbf_mission.planning.weather import wind_of
 
 # Of the time to brake from cruise speed to rest: what a turn costs on average, braking and speeding up again.
 _TURN_SHARE = 1.0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -14,17 +15,18 @@ from mission.model import GeoPoint, Mission
 from mission.planners import Planner, make_planner
 from mission.policies.policy import FixedPlan
 from sensors.field_files import load_field_set
+from sensors.observations import Observations
+from sensors.scoring.information import InformationModel
 from sensors.scoring.score import ScoreWeights
 from sim_vehicle.airframe.spec import VehicleSpec
 from wbf_mission.deciding.loop import DecisionLoop, Knowledge
-from wbf_mission.evidence import Evidence
 from wbf_mission.planning.builder import MissionBuilder
 from wbf_mission.planning.result import PlanResult
 from wbf_mission.planning.task import FlightTask, predicted_coverage
+from wbf_mission.planning.weather import wind_of
 from wbf_mission.progress import Progress, silent
 from wbf_mission.scenario import Choice, MissionOptions, Scenario, ScenarioError
 from wbf_mission.scenario.scenario import require_scenario
-from wbf_mission.weather import wind_of
 
 
 def plan(scenario: Scenario, *, progress: Progress = silent) -> PlanResult:
@@ -40,7 +42,7 @@ def plan(scenario: Scenario, *, progress: Progress = silent) -> PlanResult:
     ------
     WbfMissionError
         If a name is unknown, a value is out of range, or no path fits the budget; if several vehicles fly
-        (`wbf_mission.fleet.plan_fleet` plans for them).
+        (`wbf_mission.run.fleet.plan_fleet` plans for them).
     """
     require_scenario(scenario)
     if len(scenario.vehicle.fleet) > 1:
@@ -64,9 +66,13 @@ def plan_tasks(scenario: Scenario, tasks: Sequence[FlightTask]) -> tuple[PlanRes
     """
     farm, choice = tasks[0].builder.farm, scenario.mission.planner
     fields = load_field_set(scenario.farm.fields)
-    nothing = Evidence(farm, fields)
     knowledge = Knowledge(
-        farm, scenario.farm.day, fields, ScoreWeights.of(fields), nothing.model, nothing.observations
+        farm,
+        scenario.farm.day,
+        fields,
+        ScoreWeights.of(fields),
+        partial(InformationModel.unknown, farm.grid().shape, fields),
+        partial(Observations.empty, fields.names),
     )
     policy = FixedPlan(planner_of(choice), scenario.mission.partition)
     loop = DecisionLoop(policy, f"planner {choice}", knowledge, records=[])

@@ -24,9 +24,9 @@ from wbf_mission.planning.budget import FlightBudget, make_budget
 from wbf_mission.planning.builder import MissionBuilder
 from wbf_mission.planning.fares import FlightFares, StartFares, leg_fares, onward_predictor
 from wbf_mission.planning.result import PlanResult, turns_camera
+from wbf_mission.planning.sortie_number import SortieNumber
 from wbf_mission.progress import Progress, silent
 from wbf_mission.scenario import Scenario, ScenarioError
-from wbf_mission.sortie_number import SortieNumber
 
 # A track is simplified by so much of what the camera sees at once.
 _SIMPLER = 0.02

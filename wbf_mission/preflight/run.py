@@ -12,13 +12,13 @@ from mission.transfer import Profile, profile_for
 from sim_vehicle.camera.component import MIN_INTERVAL_S
 from wbf_mission.planning.builder import flown_vehicle
 from wbf_mission.planning.result import PlanResult
+from wbf_mission.planning.weather import flight_level, wind_of
 from wbf_mission.preflight.checks.legs import PLACED
 from wbf_mission.preflight.finding import Concern, PreflightError, Report, Severity
 from wbf_mission.preflight.inspection import inspect
 from wbf_mission.preflight.subject import Subject, subject_of
 from wbf_mission.preflight.vehicle.snapshot import VehicleSnapshot
 from wbf_mission.scenario import MissionOptions, Scenario, VehicleOptions, WeatherOptions
-from wbf_mission.weather import flight_level, wind_of
 
 __all__ = ["Circumstances", "Preflight", "Tell", "check_mission", "check_plans", "tell_nobody"]
 

@@ -13,11 +13,11 @@ from sensors.estimators import advance_estimator
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from sensors.scoring.score import RunningScore, ScoreWeights
-from wbf_mission.estimation import RunEstimate, attribute_errors_to, prepare_days
+from wbf_mission.planning.sortie_number import SortieNumber
 from wbf_mission.progress import silent
 from wbf_mission.rl.returns import Returns
 from wbf_mission.rl.task import MOVES, SurveyTask
-from wbf_mission.sortie_number import SortieNumber
+from wbf_mission.run.estimation import RunEstimate, attribute_errors_to, prepare_days
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

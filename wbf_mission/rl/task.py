@@ -18,10 +18,10 @@ from sensors.estimators import Estimator
 from sensors.field_files import load_field_set
 from sensors.fields import FieldSet
 from sim_vehicle.airframe.catalog import get_vehicle
-from wbf_mission.estimation import estimator_of, readings_a_score
 from wbf_mission.rl.errors import TrainingError
+from wbf_mission.run.estimation import estimator_of, readings_a_score
+from wbf_mission.run.surroundings import camera_options, make_environment
 from wbf_mission.scenario import Scenario, load_scenario, scenario_with
-from wbf_mission.surroundings import camera_options, make_environment
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -20,8 +20,8 @@ from wbf_mission.bench.spec import BenchSpec
 from wbf_mission.bench.store import read_rows
 from wbf_mission.cli.app import main
 from wbf_mission.progress import silent
+from wbf_mission.results.tables import ResultError
 from wbf_mission.scenario import load_scenario
-from wbf_mission.tables import ResultError
 
 SMALL = ("--scenarios", "WBF/Miniberry-10-v1", "--planners", "spiral,lawnmower")
 SMALL += ("--estimators", "adaptive-disk,point", "--seeds", "2")

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from wbf_mission.bench.row import BenchRow
 from wbf_mission.bench.store import TABLE, BenchStore, read_rows
-from wbf_mission.tables import ResultError
+from wbf_mission.results.tables import ResultError
 
 NAMES = st.text(st.characters(exclude_categories=("Cs",)), max_size=10)
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)

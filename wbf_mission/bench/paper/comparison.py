@@ -19,8 +19,8 @@ from wbf_mission.bench.paper.shown import ShownRun
 from wbf_mission.bench.report import score_over_time
 from wbf_mission.bench.row import BenchRow
 from wbf_mission.bench.standings import students_reach
-from wbf_mission.path_plot import FLOWN
-from wbf_mission.plots import LAND, WORST_COLOURS, draw_farm
+from wbf_mission.pictures.path_plot import FLOWN
+from wbf_mission.pictures.plots import LAND, WORST_COLOURS, draw_farm
 from wbf_mission.scenario import Scenario
 
 if TYPE_CHECKING:

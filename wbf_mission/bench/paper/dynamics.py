@@ -14,10 +14,10 @@ from geo import Farm
 from geo.farms import get_farm
 from sensors.fields import Field, FieldSet
 from wbf_mission.bench.paper.sheet import new_sheet, save_sheet
-from wbf_mission.plots import LAND, shown_every
+from wbf_mission.pictures.plots import LAND, shown_every
 from wbf_mission.progress import Progress, silent
+from wbf_mission.run.surroundings import make_environment
 from wbf_mission.scenario import Scenario, scenario_with
-from wbf_mission.surroundings import make_environment
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,7 +9,7 @@ from typing import Any
 from geo import Crop
 from geo.farms import get_farm
 from wbf_mission.bench.paper.sheet import new_sheet, save_sheet
-from wbf_mission.plots import CROP_COLOURS, draw_farm
+from wbf_mission.pictures.plots import CROP_COLOURS, draw_farm
 
 __all__ = ["FARMS", "plot_geometry"]
 

@@ -19,9 +19,9 @@ from wbf_mission.bench.paper.tables import authors_table, early_table, lead_tabl
 from wbf_mission.bench.row import BenchRow
 from wbf_mission.bench.spec import BenchSpec
 from wbf_mission.flight import FlightError
-from wbf_mission.plots import LINE_COLOURS
+from wbf_mission.pictures.plots import LINE_COLOURS
 from wbf_mission.progress import Progress, silent
-from wbf_mission.tables import ResultError
+from wbf_mission.results.tables import ResultError
 
 __all__ = ["FIGURES", "FORMATS", "Paper", "make_paper"]
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from wbf_mission.plots import new_figure, save_figure
+from wbf_mission.pictures.plots import new_figure, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -24,6 +24,6 @@ def new_sheet(width: float, height: float) -> Figure:
 
 
 def save_sheet(figure: Figure, paths: Sequence[Path]) -> None:
-    """Write a figure into files, the kind of each by its suffix (`wbf_mission.plots.save_figure`)."""
+    """Write a figure into files, the kind of each by its suffix (see `save_figure`)."""
     for path in paths:
         save_figure(figure, path)

@@ -17,9 +17,9 @@ from mission.ground.tracks import Track
 from mission.outcome import Outcome
 from wbf_mission.bench.spec import BenchRun
 from wbf_mission.flight import FlightError, fly
-from wbf_mission.plots import shown_every
+from wbf_mission.pictures.plots import shown_every
 from wbf_mission.progress import Progress
-from wbf_mission.tables import ResultError
+from wbf_mission.results.tables import ResultError
 
 __all__ = ["ShownRun", "shown_runs"]
 

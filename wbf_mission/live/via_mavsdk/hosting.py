@@ -17,12 +17,12 @@ from mission.link.tlog import FrameSink
 from mission.transfer.vehicles import Vehicle
 from sim_vehicle.component import Component
 from sim_vehicle.host.server import Server, ServerUrl
-from wbf_mission.hosting import tap_of
 from wbf_mission.live.hosting import LinkHost, LinkHosting, riding_camera, time_of_day
 from wbf_mission.live.via_mavsdk.link import MavsdkLink
 from wbf_mission.live.via_mavsdk.orders import MavsdkOrders
 from wbf_mission.live.via_mavsdk.transfers import MavsdkTransfers
-from wbf_mission.sortie import Sortie
+from wbf_mission.run.hosting import tap_of
+from wbf_mission.run.sortie import Sortie
 
 __all__ = ["MavsdkHosting"]
 

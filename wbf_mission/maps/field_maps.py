@@ -1,0 +1,294 @@
+"""An estimate summed by pixels and blocks: how much of a field is sick, and how far that may be wrong.
+
+*How much is sick.* The observed sick plants are counted. Of the others the expected number is taken: the sum
+of their probabilities, if the estimator has them; else the sum of what its values lie below 1, divided by how
+far a sick plant lies below it on average.
+
+*How sure.* Plants of an outbreak are sick together, so the variance of a sum of plants is larger than the sum
+of their variances, by about the number of plants in an outbreak, or in the part of it that
+no look tells of: where every tenth plant is looked at, ten.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from types import ModuleType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geo import Farm
+from geo.seeds import stream
+from sensors.dynamics.epidemic import MAX_DAYS, EpidemicParameters
+from sensors.dynamics.outbreak import simulate_outbreak, value_table
+from sensors.fields import PAPER_FIELDS, Field, FieldSet
+from sensors.observations import Observations
+from sensors.scoring.information import InformationModel
+from wbf_mission.maps import cell_sums
+from wbf_mission.maps.blocks import COUNT, ILLNESS, SICK, SICK_BELOW, SPREAD, MapGrid
+
+_OUTBREAKS = 100
+_SIDE_CELLS = 64
+_SHARED_DAYS = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Outbreak:
+    """The outbreaks of a disease on a day, which spread from one plant each.
+
+    Parameters
+    ----------
+    together : float
+        Sum of squares by sum of their sick plants. The variance of the number of sick plants of a farm, where
+        outbreaks begin anywhere and do not meet, is so many times its mean.
+    illness : float
+        How far the value of a sick plant lies below 1 on average.
+    """
+
+    together: float
+    illness: float
+
+
+@lru_cache(maxsize=64)
+def outbreak_of(parameters: EpidemicParameters, shape: tuple[int, int], day: int) -> Outbreak:
+    """Simulate outbreaks of a disease on a farm of this shape (cells), on land full of its hosts.
+
+    Examples
+    --------
+    >>> from sensors.dynamics.epidemic import TYLCV
+    >>> small, large = (outbreak_of(TYLCV, (side, side), 6) for side in (30, 1000))
+    >>> 10 < small.together < 30 < 50 < large.together < 90, 0.5 < large.illness < small.illness < 0.6
+    (True, True)
+    """
+    table = 1.0 - np.asarray(value_table(parameters, day), np.float64)
+    counts, illness = np.zeros(_OUTBREAKS), 0.0
+    last_day = max(day, min(_SHARED_DAYS * math.ceil(day / _SHARED_DAYS), MAX_DAYS))
+    for number, onset in enumerate(_onsets(parameters, shape, last_day)):
+        # Who falls ill later is healthy by the table of the day.
+        ill = table[onset.view(np.uint8)]
+        counts[number] = np.count_nonzero(ill > 0.0)
+        illness += float(ill.sum())
+    sick = float(counts.sum())
+    if sick == 0.0:
+        return Outbreak(1.0, 0.5)
+    return Outbreak(float(np.square(counts).sum()) / sick, illness / sick)
+
+
+@lru_cache(maxsize=8)
+def _onsets(
+    parameters: EpidemicParameters, shape: tuple[int, int], last_day: int
+) -> tuple[NDArray[np.int8], ...]:
+    """Simulate outbreaks up to a day, each from one plant; return the day on which each plant fell ill."""
+    size = parameters.kernel_size
+    if size is None:
+        size = parameters.infection_rule(shape).kernel.size
+    one = replace(parameters, seeds=1, kernel_size=size)
+    side = min(max(shape), _SIDE_CELLS)
+    land = np.ones((side, side), np.bool_)
+    return tuple(
+        simulate_outbreak(land, one, last_day, stream(0, "report", str(number)))
+        for number in range(_OUTBREAKS)
+    )
+
+
+Floats = NDArray[np.float64]
+
+SHARE_OF_A_HUMP = 0.05
+"""Part of the farm over which the errors of a continuous field are one."""
+_PRIOR_SICK = 10.0
+_DAY_BEFORE = 6  # that is assumed without observations, as estimators do
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FieldMap:
+    """One field by pixels (`MapGrid`), all arrays float64[pixels along x, pixels along y].
+
+    Parameters
+    ----------
+    field : Field
+    grid : MapGrid
+    cells : float64
+        The owner's cells with the field's crops.
+    total : float64
+        Of a disease the expected number of sick plants, else the sum of the values.
+    least : float64
+        The least value of a cell; infinite where there is no cell.
+    variance : float64 or None
+        The sum of the variances of the cells, in units of `total`; None if the estimator does not tell them.
+    seen, seen_sick : float64
+        Observed cells, and how many of them were sick.
+    finds : int32[n, 2]
+        The cells of the sick plants that were seen.
+    together : float
+        How many cells err as one.
+    """
+
+    field: Field
+    grid: MapGrid
+    cells: Floats
+    total: Floats
+    least: Floats
+    variance: Floats | None
+    seen: Floats
+    seen_sick: Floats
+    finds: NDArray[np.int32]
+    together: float = 1.0
+
+    @property
+    def share(self) -> Floats:
+        """The part of the plants that is sick, or the mean value; NaN where there is no cell."""
+        share: Floats = np.where(self.cells > 0, self.total / np.maximum(self.cells, 1.0), np.nan)
+        return share
+
+    @property
+    def deviation(self) -> Floats | None:
+        """The standard deviation of `share`; None if nothing tells it, NaN where there is no cell."""
+        if self.variance is None:
+            return None
+        cells = np.maximum(self.cells, 1.0)
+        # A pixel smaller than an outbreak is sick or healthy as a whole.
+        deviation = np.sqrt(self.variance * np.minimum(self.together, cells)) / cells
+        return np.where(self.cells > 0, deviation, np.nan)
+
+
+def together_cells(cells: float, seen: float, outbreak: Outbreak | None) -> float:
+    """Return how many cells err as one, where so many of a field's cells were observed."""
+    if outbreak is None:
+        return max(1.0, SHARE_OF_A_HUMP * cells)
+    return max(1.0, min(outbreak.together, cells / max(seen, 1.0)))
+
+
+def field_maps(
+    farm: Farm,
+    model: InformationModel,
+    observations: Observations,
+    *,
+    fields: FieldSet = PAPER_FIELDS,
+    states_deviation: bool = True,
+    day: int | None = None,
+) -> tuple[FieldMap, ...]:
+    """Sum an estimate by pixels.
+
+    Parameters
+    ----------
+    farm : Farm
+    model : InformationModel
+        The estimate, float32[n, W, H]. One whose values are not means needs its class probabilities.
+    observations : Observations
+        What was observed; the last reading of a cell counts.
+    fields : FieldSet
+        The fields of the model, in its order.
+    states_deviation : bool
+        Whether the model's uncertainty is a standard deviation.
+    day : int, optional
+        The day of the estimate, whose observations count; by default the latest that was observed.
+    """
+    grid, cells = MapGrid.of(farm), farm.grid()
+    if day is None:
+        day = int(observations.day.max()) if len(observations) else _DAY_BEFORE
+    x, y, readings = _last_readings(observations[observations.day == day], farm.height_cells)
+    probabilities = model.probabilities or {}
+    maps = []
+    for k, field in enumerate(fields):
+        mask = field.mask(cells)
+        outbreak = outbreak_of(field.epidemic, cells.shape, day) if field.kind == "disease" else None
+        known = np.isfinite(readings[:, k]) & mask[x, y]
+        seen_x, seen_y, seen = x[known], y[known], readings[known, k]
+        if field.name in probabilities:
+            made = _from_probabilities(grid, mask, probabilities[field.name][0], model.value[k])
+        else:
+            deviation = model.uncertainty[k] if states_deviation else None
+            made = _from_values(grid, mask, model.value[k], deviation, seen_x, seen_y, seen, outbreak)
+        total, variance, count, least = made
+        sick = (seen < SICK_BELOW) & (field.kind == "disease")
+        at = (seen_x // grid.pixel, seen_y // grid.pixel)
+        all_seen, sick_seen = np.zeros(grid.pixels), np.zeros(grid.pixels)
+        np.add.at(all_seen, at, 1.0)
+        np.add.at(sick_seen, at, sick)
+        finds = np.stack([seen_x[sick], seen_y[sick]], axis=1).astype(np.int32)
+        together = together_cells(float(count.sum()), float(all_seen.sum()), outbreak)
+        maps.append(
+            FieldMap(field, grid, count, total, least, variance, all_seen, sick_seen, finds, together)
+        )
+    return tuple(maps)
+
+
+def true_map(farm: Farm, field: Field, truth: NDArray[np.float32]) -> FieldMap:
+    """Sum the true values [W, H] of a field by pixels."""
+    grid = MapGrid.of(farm)
+    sums, least = pixel_sums(grid, field.mask(farm.grid()), truth)
+    nothing = np.zeros(grid.pixels)
+    total = sums[..., SICK] if field.kind == "disease" else sums[..., COUNT] - sums[..., ILLNESS]
+    return FieldMap(
+        field, grid, sums[..., COUNT], total, least, None, nothing, nothing, np.empty((0, 2), np.int32)
+    )
+
+
+def _summing(grid: MapGrid) -> ModuleType:
+    """Choose what sums: loading compiled code takes longer than all sums over a farm shown cell by cell."""
+    if grid.pixel == 1:
+        return cell_sums
+    from wbf_mission.maps import block_sums
+
+    return block_sums
+
+
+def pixel_sums(grid: MapGrid, mask: NDArray[np.bool_], value: NDArray[np.float32]) -> tuple[Floats, Floats]:
+    """Return the sums of values in 0..1 by pixels, float64[..., 4] in the order of `COUNT`, and the least."""
+    sums, least = np.zeros((*grid.pixels, 4)), np.full(grid.pixels, np.inf)
+    _summing(grid).sum_pixels(mask, value, grid.pixel, sums, least)
+    return sums, least
+
+
+def _from_probabilities(
+    grid: MapGrid, mask: NDArray[np.bool_], healthy: NDArray[np.float32], value: NDArray[np.float32]
+) -> tuple[Floats, Floats | None, Floats, Floats]:
+    """Return sick plants, their variance, the cells and the least value."""
+    sums, _ = pixel_sums(grid, mask, healthy)
+    _, least = pixel_sums(grid, mask, value)
+    return sums[..., ILLNESS], sums[..., SPREAD], sums[..., COUNT], least
+
+
+def _from_values(
+    grid: MapGrid,
+    mask: NDArray[np.bool_],
+    value: NDArray[np.float32],
+    deviation: NDArray[np.float32] | None,
+    x: NDArray[np.int64],
+    y: NDArray[np.int64],
+    seen: Floats,
+    outbreak: Outbreak | None,
+) -> tuple[Floats, Floats | None, Floats, Floats]:
+    """Return sick plants or the sum of values, its variance, the cells and the least value."""
+    sums, least = pixel_sums(grid, mask, value)
+    squares = None
+    if deviation is not None:
+        squares = np.zeros(grid.pixels)
+        _summing(grid).sum_squares(mask, deviation, grid.pixel, squares)
+    if outbreak is None:
+        return sums[..., COUNT] - sums[..., ILLNESS], squares, sums[..., COUNT], least
+    # Plants that were looked at are counted, the others are expected.
+    at = (x // grid.pixel, y // grid.pixel)
+    illness = sums[..., ILLNESS].copy()
+    np.subtract.at(illness, at, 1.0 - value[x, y].astype(np.float64))
+    sick = seen < SICK_BELOW
+    a_plant = (_PRIOR_SICK * outbreak.illness + float((1.0 - seen[sick]).sum())) / (_PRIOR_SICK + sick.sum())
+    total = np.clip(illness / a_plant, 0.0, sums[..., COUNT])
+    np.add.at(total, at, sick.astype(np.float64))
+    if squares is not None and deviation is not None:
+        np.subtract.at(squares, at, deviation[x, y].astype(np.float64) ** 2)
+        squares = np.maximum(squares, 0.0) / a_plant**2
+    return total, squares, sums[..., COUNT], least
+
+
+def _last_readings(
+    observations: Observations, height: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats]:
+    """Return the cells that were observed, and the last readings of each."""
+    flat = observations.x.astype(np.int64) * height + observations.y
+    _, first = np.unique(flat[::-1], return_index=True)
+    last = len(flat) - 1 - first
+    x, y = np.divmod(flat[last], height)
+    return x, y, observations.values[last].astype(np.float64)

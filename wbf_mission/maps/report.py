@@ -1,0 +1,238 @@
+"""What the farmer wants to know after a flight: how much is sick, where, and how sure that is.
+
+A cell stands for a plant. Everything is told for the owner's cells of the field's crops, for the whole farm
+and by blocks (`wbf_mission.maps.blocks.MapGrid`).
+
+How much is sick, and how far that may be wrong, is summed in `maps.field_maps`. The 90 % intervals are
+those of a gamma distribution with the mean and variance of the plants that were not observed.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from geo import Farm
+from sensors.fields import PAPER_FIELDS, FieldSet
+from sensors.observations import Observations
+from sensors.scoring.information import InformationModel
+from wbf_mission.maps.blocks import MapGrid
+from wbf_mission.maps.field_maps import FieldMap, field_maps
+
+_INTERVAL = (0.05, 0.95)
+_NORMAL_90 = 1.6449
+_LEAST_SHAPE = 1e-6
+_TOLD_BLOCKS = 3
+_LEAST_PART_OF_A_BLOCK = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class BlockReport:
+    """One block: name on the map, middle, number of cells, share of sick plants or mean value."""
+
+    name: str
+    latitude_deg: float
+    longitude_deg: float
+    x_m: float
+    y_m: float
+    cells: int
+    expected: float
+    low: float | None
+    high: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class FieldReport:
+    """What is believed of one field.
+
+    Parameters
+    ----------
+    name, title, kind : str
+        Of the field.
+    cells : int
+        The owner's cells with its crops.
+    seen, seen_sick : int
+        How many were observed, and how many of those were sick (0 of a continuous field).
+    expected : float
+        Of a disease the share of sick plants, else the mean value.
+    low, high : float or None
+        Its 90 % interval, None if the estimator does not tell how sure it is.
+    blocks : tuple of BlockReport
+        The worst ones: most sick plants, or the least values.
+    """
+
+    name: str
+    title: str
+    kind: str
+    cells: int
+    seen: int
+    seen_sick: int
+    expected: float
+    low: float | None
+    high: float | None
+    blocks: tuple[BlockReport, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class FarmReport:
+    """What a flight tells the farmer; fields whose crops the owner does not grow are left out."""
+
+    farm: str
+    block_m: float
+    fields: tuple[FieldReport, ...]
+
+    def rows(self) -> dict[str, str]:
+        """Return one sentence for each field, by its title."""
+        return {field.title: _sentence(field) for field in self.fields}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values, for JSON."""
+        return {
+            "block_m": self.block_m,
+            "fields": {
+                field.name: {**asdict(field), "blocks": [asdict(b) for b in field.blocks]}
+                for field in self.fields
+            },
+        }
+
+
+def farm_report(
+    farm: Farm,
+    model: InformationModel,
+    observations: Observations,
+    *,
+    fields: FieldSet = PAPER_FIELDS,
+    states_deviation: bool = True,
+) -> FarmReport:
+    """Tell what an estimate says of the farm; parameters as of `field_maps`."""
+    maps = field_maps(
+        farm,
+        model,
+        observations,
+        fields=fields,
+        states_deviation=states_deviation,
+    )
+    return report_of_maps(farm, maps)
+
+
+def report_of_maps(farm: Farm, maps: tuple[FieldMap, ...]) -> FarmReport:
+    """Tell what the maps of the fields say."""
+    told = tuple(_report(farm, one) for one in maps if one.cells.any())
+    return FarmReport(farm.name, MapGrid.of(farm).block * farm.cell_size_m, told)
+
+
+def _report(farm: Farm, of: FieldMap) -> FieldReport:
+    grid, field = of.grid, of.field
+    cells = float(of.cells.sum())
+    variance = None if of.variance is None else float(of.variance.sum())
+    expected, low, high = _interval(of, cells, float(of.total.sum()), variance, float(of.seen_sick.sum()))
+    by_cells, by_total, by_sick = (grid.by_block(part) for part in (of.cells, of.total, of.seen_sick))
+    by_variance = None if of.variance is None else grid.by_block(of.variance)
+    share = np.divide(by_total, by_cells, out=np.full_like(by_total, np.nan), where=by_cells > 0)
+    # A corner of a field is no block to send anybody to.
+    large = by_cells >= min(_LEAST_PART_OF_A_BLOCK * grid.block**2, by_cells.max())
+    worse = share if field.kind == "disease" else -share
+    order = np.argsort(np.where(large, worse, -np.inf), axis=None)[::-1][:_TOLD_BLOCKS]
+    blocks = []
+    for i, j in zip(*np.unravel_index(order, share.shape), strict=True):
+        if not large[i, j]:
+            continue
+        one_variance = None if by_variance is None else float(by_variance[i, j])
+        numbers = _interval(
+            of, float(by_cells[i, j]), float(by_total[i, j]), one_variance, float(by_sick[i, j])
+        )
+        x_m, y_m = (
+            0.5 * (n * grid.block + min((n + 1) * grid.block, side)) * farm.cell_size_m
+            for n, side in zip((int(i), int(j)), grid.shape, strict=True)
+        )
+        latitude, longitude = farm.frame.to_wgs84(x_m, y_m)
+        blocks.append(
+            BlockReport(
+                grid.name(int(i), int(j)), latitude, longitude, x_m, y_m, int(by_cells[i, j]), *numbers
+            )
+        )
+    return FieldReport(
+        field.name,
+        field.title,
+        field.kind,
+        int(cells),
+        int(of.seen.sum()),
+        int(of.seen_sick.sum()),
+        expected,
+        low,
+        high,
+        tuple(blocks),
+    )
+
+
+def _interval(
+    of: FieldMap, cells: float, total: float, variance: float | None, sick: float
+) -> tuple[float, float | None, float | None]:
+    """Return the expected share or mean value, and its 90 % interval."""
+    if variance is None:
+        return total / cells, None, None
+    spread = variance * min(of.together, cells)
+    if of.field.kind == "disease":
+        low, high = gamma_interval(max(total - sick, 0.0), spread)
+        low, high = sick + low, sick + high
+    else:
+        low, high = (total + sign * _NORMAL_90 * math.sqrt(spread) for sign in (-1.0, 1.0))
+    return total / cells, max(low / cells, 0.0), min(high / cells, 1.0)
+
+
+def gamma_interval(mean: float, variance: float) -> tuple[float, float]:
+    """Return the central 90 % of a gamma distribution, which may be widened to hold the mean.
+
+    Examples
+    --------
+    >>> [round(end, 2) for end in gamma_interval(100.0, 25.0)], gamma_interval(3.0, 0.0)
+    ([91.92, 108.36], (3.0, 3.0))
+    """
+    if mean <= 0.0 or variance <= 0.0:
+        return max(mean, 0.0), max(mean, 0.0)
+    from scipy.special import gammaincinv
+
+    shape = min(max(mean / variance * mean, _LEAST_SHAPE), 1.0 / _LEAST_SHAPE)
+    low, high = gammaincinv(shape, _INTERVAL) * (mean / shape)
+    return min(float(low), mean), max(float(high), mean)
+
+
+def brief(field: FieldReport) -> str:
+    """Return how much of a field is sick, or its mean value, with the 90 % interval where it is known."""
+    write = _percent if field.kind == "disease" else "{:.2f}".format
+    if field.low is None or field.high is None:
+        return write(field.expected)
+    return f"{write(field.expected)} ({write(field.low)} to {write(field.high)})"
+
+
+def _percent(share: float) -> str:
+    percent = 100.0 * share
+    return f"{percent:.2g} %" if percent < 10.0 else f"{percent:.0f} %"
+
+
+def _number(count: int) -> str:
+    return f"{count:,}" if count < 1_000_000 else f"{count / 1e6:.1f} million"
+
+
+def _sentence(field: FieldReport) -> str:
+    """Return a field's report as a farmer reads it."""
+    if field.kind == "disease":
+        plants = "plant" if field.seen_sick == 1 else "plants"
+        text = f"{_percent(field.expected)} of {_number(field.cells)} plants expected sick"
+        if field.low is not None and field.high is not None:
+            text += f" (90 %: {_percent(field.low)} to {_percent(field.high)})"
+        text += f"; {_number(field.seen_sick)} sick {plants} seen among {_number(field.seen)} looked at"
+        worst = [f"{_where(block)} {_percent(block.expected)}" for block in field.blocks]
+        return f"{text}; worst blocks {', '.join(worst)}" if worst else text
+    text = f"{field.expected:.2f} on average"
+    if field.low is not None and field.high is not None:
+        text += f" (90 %: {field.low:.2f} to {field.high:.2f})"
+    lowest = [f"{_where(block)} {block.expected:.2f}" for block in field.blocks]
+    return f"{text}; lowest blocks {', '.join(lowest)}" if lowest else text
+
+
+def _where(block: BlockReport) -> str:
+    return f"{block.name} ({block.latitude_deg:.5f}, {block.longitude_deg:.5f})"

@@ -1,0 +1,480 @@
+"""A run as a moving picture: truth, estimate and uncertainty of each field, and the vehicles, over time.
+
+The estimates are made again: a fresh estimator learns the observations in the order in which they came. So
+nothing has to be kept during a run. Of the truth and of each estimate only the means by pixels are kept.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from io import BytesIO
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.animation import PillowWriter
+from matplotlib.colors import Colormap, to_rgb
+from numpy.typing import NDArray
+from PIL import Image
+from threadpoolctl import threadpool_limits
+
+from geo.atomic import atomic_path
+from geo.errors import WbfMissionError
+from mission.ground.tracks import Track
+from sensors.estimators import Estimator, advance_estimator
+from sensors.fields import Field
+from wbf_mission.maps.blocks import COUNT, ILLNESS, MapGrid
+from wbf_mission.maps.field_maps import pixel_sums
+from wbf_mission.progress import Progress, silent
+from wbf_mission.run.estimation import attribute_errors_to, estimator_of, prepare_days
+from wbf_mission.run.flight_record import FlightRecord
+from wbf_mission.run.surroundings import make_environment
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.colors import Colormap
+    from matplotlib.image import AxesImage
+    from matplotlib.lines import Line2D
+
+    from sensors.environment.environment import Environment
+    from wbf_mission.run.run_record import RunRecord
+
+__all__ = ["GifWriter"]
+
+MOST_FRAMES = 300
+_FRAMES = 150
+_FRAMES_A_SECOND = 12
+_LARGEST_SHARE = 0.02  # at least so much is shown of a large farm's scale of sick plants
+_COLUMNS = ("truth", "estimate", "uncertainty")
+# On truth and estimate a path is shown for so long, or since the frame before: what was seen is to be seen.
+_TAIL_S = 30.0
+_MARGIN = 0.02
+# About so many columns of cells of a large farm are read at a time.
+_STRIP_CELLS = 500
+_VEHICLES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#000000")
+
+_Floats = NDArray[np.float64]
+
+
+class AnimationError(WbfMissionError, ValueError):
+    """A run that cannot be shown as a moving picture."""
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """What one frame shows.
+
+    Parameters
+    ----------
+    flights : tuple of FlightRecord
+        Those that are in the air together.
+    time_s : float
+        Since they began.
+    seen : int
+        How many observations are known.
+    """
+
+    flights: tuple[FlightRecord, ...]
+    time_s: float
+    seen: int
+
+    @property
+    def day(self) -> int:
+        """Day of the environment."""
+        return self.flights[0].day
+
+
+def moments(record: RunRecord, frames: int) -> list[Moment]:
+    """Return the moments of a run that are shown, about so many, evenly spread over its time in the air.
+
+    Each flight has its beginning and its end among them.
+    """
+    together: dict[tuple[int, int], list[FlightRecord]] = {}
+    for one in record.flights:
+        together.setdefault((one.day, one.flight), []).append(one)
+    groups = [tuple(each) for each in together.values()]
+    first = [each[0].seen_before for each in groups] + [len(record.observations)]
+    ends = [
+        max((float(one.track.time_s[-1]) for one in each if len(one.track.time_s)), default=0.0)
+        for each in groups
+    ]
+    begins = [
+        min((float(one.track.time_s[0]) for one in each if len(one.track.time_s)), default=0.0)
+        for each in groups
+    ]
+    whole_s = sum(ends) - sum(begins)
+    found = []
+    for number, each in enumerate(groups):
+        share = (ends[number] - begins[number]) / whole_s if whole_s > 0.0 else 0.0
+        times_s = np.linspace(begins[number], ends[number], max(2, round(share * frames)))
+        part = record.observations[first[number] : first[number + 1]]
+        # What came late was not known before: an image that was lost and fetched again.
+        known_s = np.maximum.accumulate(part.time_s) if len(part) else np.empty(0)
+        for time_s in times_s.tolist():
+            seen = int(np.searchsorted(known_s, time_s, side="right"))
+            found.append(Moment(each, time_s, first[number] + seen))
+        found[-1] = Moment(each, ends[number], first[number + 1])
+    return found
+
+
+def animate(
+    record: RunRecord,
+    path: Path,
+    *,
+    frames: int = _FRAMES,
+    estimator: Estimator | None = None,
+    progress: Progress | None = None,
+) -> Path:
+    """Write a run as a moving picture.
+
+    Parameters
+    ----------
+    record : RunRecord
+    path : Path
+        A GIF, or an MP4 file, which needs the program ffmpeg.
+    frames : int
+        About so many, 2 to 300; each flight has two at least.
+    estimator : Estimator, optional
+        In place of the run's: it is fitted anew.
+    progress : callable, optional
+
+    Raises
+    ------
+    AnimationError
+        If nothing was flown, the number of frames or the kind of the file is not known, or ffmpeg is missing.
+    EstimatorError
+        If the run's estimator cannot be made again.
+    """
+    if not 2 <= frames <= MOST_FRAMES:
+        msg = f"animation: {frames} frames; give 2 to {MOST_FRAMES}"
+        raise AnimationError(msg)
+    _check_kind(path)
+    shown = moments(record, frames)
+    if not any(len(one.track.time_s) for one in record.flights):
+        msg = "animation: nothing was flown"
+        raise AnimationError(msg)
+    tell = progress or silent
+    learner = _fresh(record) if estimator is None else estimator
+    with threadpool_limits(1, user_api="blas"):
+        learner.fit(record.farm.grid())
+        prepare_days(learner, shown[0].day, shown[-1].day - shown[0].day + 1, tell)
+        sheet = _Sheet(record, _tail_s(shown))
+        writer = _writer(path, sheet)
+        with atomic_path(path) as temporary, writer.saving(sheet.figure, str(temporary), sheet.figure.dpi):
+            for number, (moment, maps) in enumerate(_estimates(record, learner, shown)):
+                tell("animation", number, len(shown))
+                sheet.show(moment, *maps)
+                writer.grab_frame()
+    return path
+
+
+def _check_kind(path: Path) -> None:
+    from matplotlib.animation import FFMpegWriter
+
+    if path.suffix not in (".gif", ".mp4"):
+        msg = f"{path}: a moving picture is a .gif or an .mp4 file"
+        raise AnimationError(msg)
+    if path.suffix == ".mp4" and not FFMpegWriter.isAvailable():
+        msg = f"{path}: ffmpeg is not installed; give a .gif file"
+        raise AnimationError(msg)
+
+
+def _writer(path: Path, sheet: _Sheet) -> Any:
+    if path.suffix == ".gif":
+        from wbf_mission.pictures.animation import GifWriter
+
+        return GifWriter(_FRAMES_A_SECOND, sheet.colour_maps, _VEHICLES)
+    from matplotlib.animation import FFMpegWriter
+
+    return FFMpegWriter(fps=_FRAMES_A_SECOND, extra_args=["-f", "mp4"])
+
+
+def _tail_s(shown: list[Moment]) -> float:
+    """Return for how long a path stays: no piece of it is missed between two frames."""
+    steps = [b.time_s - a.time_s for a, b in pairwise(shown) if a.flights is b.flights]
+    return max([_TAIL_S, *steps])
+
+
+def _fresh(record: RunRecord) -> Estimator:
+    """Return the run's estimator as it was made, or a copy of the object that was given."""
+    choice = record.scenario.estimate.estimator
+    if choice.made is not None:
+        made: Estimator = copy.deepcopy(choice.made)
+        return made
+    return estimator_of(choice, record.scenario.seed, record.fields)
+
+
+_Maps = tuple[list[_Floats], list[_Floats], list[_Floats]]
+
+
+def _estimates(
+    record: RunRecord, estimator: Estimator, shown: list[Moment]
+) -> Iterator[tuple[Moment, _Maps]]:
+    """Yield each moment with truth, estimate and uncertainty of each field by pixels."""
+    farm, fields = record.farm, record.fields
+    grid, cells = MapGrid.of(farm), farm.grid()
+    masks = [field.mask(cells) for field in fields]
+    environment = cache(partial(make_environment, record.scenario, farm))
+    day, seen, truth = None, 0, list[_Floats]()
+    known: tuple[list[_Floats], list[_Floats]] | None = None
+    for moment in shown:
+        if moment.day != day:
+            day = moment.day
+            truth = _truth(record, environment, grid, masks, day)
+            with attribute_errors_to(estimator):
+                advance_estimator(estimator, day)
+            known = None
+        if known is None or moment.seen > seen:
+            with attribute_errors_to(estimator):
+                if moment.seen > seen:
+                    estimator.partial_fit(record.observations[seen : moment.seen])
+                    seen = moment.seen
+                known = _estimated(estimator, grid, masks)
+        yield moment, (truth, *known)
+
+
+def _estimated(
+    estimator: Estimator, grid: MapGrid, masks: list[NDArray[np.bool_]]
+) -> tuple[list[_Floats], list[_Floats]]:
+    """Return what is believed, and how surely, by pixels; the model itself is let go."""
+    model = estimator.predict()
+    value, uncertainty = (
+        [_by_pixels(grid, mask, whole[k]) for k, mask in enumerate(masks)]
+        for whole in (model.value, model.uncertainty)
+    )
+    return value, uncertainty
+
+
+def _truth(
+    record: RunRecord,
+    environment: Callable[[], Environment],
+    grid: MapGrid,
+    masks: list[NDArray[np.bool_]],
+    day: int,
+) -> list[_Floats]:
+    """Return the truth of a day by pixels: of what the record holds, else of the environment in strips."""
+    kept = {one.day: one.truth for one in record.days}
+    if record.days and kept[record.days[-1].day] is None:
+        kept[record.days[-1].day] = record.truth
+    values = kept.get(day)
+    if values is not None:
+        return [_by_pixels(grid, mask, values[k]) for k, mask in enumerate(masks)]
+    pixels = [np.empty(grid.pixels) for _ in masks]
+    columns = max(1, _STRIP_CELLS // grid.pixel)
+    width, height = grid.shape
+    for first in range(0, grid.pixels[0], columns):
+        x = slice(first * grid.pixel, min((first + columns) * grid.pixel, width))
+        strip = replace(grid, shape=(x.stop - x.start, height))
+        values = environment().window(day, x, slice(None))
+        for k, mask in enumerate(masks):
+            pixels[k][first : first + columns] = _by_pixels(strip, mask[x], values[k])
+    return pixels
+
+
+def _by_pixels(grid: MapGrid, mask: NDArray[np.bool_], values: NDArray[np.float32]) -> _Floats:
+    """Return the mean of values over the pixels of a farm, NaN where the mask has no cell."""
+    sums, _ = pixel_sums(grid, mask, values)
+    count = sums[..., COUNT]
+    return np.where(count > 0, 1.0 - sums[..., ILLNESS] / np.maximum(count, 1.0), np.nan)
+
+
+class _Sheet:
+    """The figure: a row for each field, with truth, estimate and uncertainty, and the vehicles on them."""
+
+    def __init__(self, record: RunRecord, tail_s: float) -> None:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
+        farm, self._fields = record.farm, tuple(record.fields)
+        self._grid = MapGrid.of(farm)
+        self._tail_s = tail_s
+        self._limits_m = _shown_m(record)
+        (left_m, right_m), (bottom_m, top_m) = self._limits_m
+        ratio = (top_m - bottom_m) / (right_m - left_m)
+        self.figure = Figure(figsize=(7.2, min(0.6 + 2.3 * ratio * len(self._fields), 12.0)), dpi=80)
+        FigureCanvasAgg(self.figure)
+        panels = self.figure.subplots(len(self._fields), len(_COLUMNS), squeeze=False)
+        top = 1.0 - 0.62 / self.figure.get_figheight()
+        self.figure.subplots_adjust(left=0.06, right=0.99, bottom=0.02, top=top, wspace=0.04, hspace=0.06)
+        self._images: list[list[AxesImage]] = []
+        self._lines: list[list[tuple[Line2D, Line2D]]] = []
+        self._about = f"{farm.name}: {record.plan.planner or 'mission file'}, {record.estimator}"
+        vehicles = sorted({one.system_id for one in record.flights})
+        for row, field in zip(panels, self._fields, strict=True):
+            self._images.append([self._image(axes) for axes in row])
+            row[0].set_ylabel(field.title, fontsize=8)
+        for axes, name in zip(panels[0], _COLUMNS, strict=True):
+            axes.set_title(name, fontsize=9, pad=3)
+        self._lines = [[_vehicle(axes, system_id) for system_id in vehicles] for axes in panels.flat]
+        self._vehicles = vehicles
+        self._has_scale = False
+
+    @property
+    def colour_maps(self) -> list[Colormap]:
+        """The colour maps of all fields, and of the uncertainty."""
+        return [*{one.name: one for one in map(_colours, self._fields)}.values(), _uncertain()]
+
+    def _image(self, axes: Axes) -> AxesImage:
+        cell, pixel = self._grid.cell_size_m, self._grid.pixel
+        columns, rows = self._grid.pixels
+        axes.set_xticks([])
+        axes.set_yticks([])
+        axes.set_facecolor("#e9e6df")
+        # The last column and row of pixels may stand out over the farm.
+        image = axes.imshow(
+            np.zeros((rows, columns)),
+            origin="lower",
+            extent=(0.0, columns * pixel * cell, 0.0, rows * pixel * cell),
+            interpolation="nearest",
+        )
+        axes.set_xlim(*self._limits_m[0])
+        axes.set_ylim(*self._limits_m[1])
+        return image
+
+    def show(
+        self, moment: Moment, truth: list[_Floats], value: list[_Floats], uncertainty: list[_Floats]
+    ) -> None:
+        """Set all parts to a moment."""
+        if not self._has_scale:
+            self._has_scale = True
+            for k, field in enumerate(self._fields):
+                self._scale(field, self._images[k], truth[k], uncertainty[k])
+        for k, field in enumerate(self._fields):
+            for image, pixels in zip(self._images[k], (truth[k], value[k], uncertainty[k]), strict=True):
+                sick = field.kind == "disease" and image is not self._images[k][2]
+                image.set_data(np.ma.masked_invalid(1.0 - pixels if sick else pixels).T)
+        tracks = {one.system_id: one.track for one in moment.flights}
+        for panel, lines in enumerate(self._lines):
+            whole = panel % len(_COLUMNS) == len(_COLUMNS) - 1
+            since_s = -math.inf if whole else moment.time_s - self._tail_s
+            for system_id, (path, place) in zip(self._vehicles, lines, strict=True):
+                x, y = _flown(tracks.get(system_id), since_s, moment.time_s)
+                path.set_data(x, y)
+                place.set_data(x[-1:], y[-1:])
+        minutes, seconds = divmod(round(moment.time_s), 60)
+        when = f"day {moment.day}, flight {moment.flights[0].flight}, {minutes}:{seconds:02d} min"
+        self.figure.suptitle(f"{self._about}\n{when}, {moment.seen} readings", fontsize=9, y=0.995)
+
+    def _scale(self, field: Field, images: list[AxesImage], truth: _Floats, uncertainty: _Floats) -> None:
+        top = 1.0
+        if field.kind == "disease" and self._grid.pixel > 1:
+            top = max(_LARGEST_SHARE, float(np.nanmax(1.0 - truth)))
+        for image in images[:2]:
+            image.set_cmap(_colours(field))
+            image.set_clim(0.0, top)
+        images[2].set_cmap(_uncertain())
+        images[2].set_clim(0.0, max(float(np.nanmax(uncertainty, initial=0.0)), 1e-3))
+
+
+def _shown_m(record: RunRecord) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return from where to where the farm is shown along x and y: the owner's land, and where they flew."""
+    farm = record.farm
+    owned = farm.grid().owned
+    ends = []
+    for axis, cells in enumerate((farm.width_cells, farm.height_cells)):
+        along = np.flatnonzero(owned.any(axis=1 - axis))
+        least, most = (float(along[0]), float(along[-1] + 1)) if len(along) else (0.0, float(cells))
+        tracks = [one.track.x_m if axis == 0 else one.track.y_m for one in record.flights]
+        flown = np.concatenate([[least * farm.cell_size_m, most * farm.cell_size_m], *tracks])
+        ends.append((float(np.nanmin(flown)), float(np.nanmax(flown)), cells * farm.cell_size_m))
+    margin_m = _MARGIN * max(most_m - least_m for least_m, most_m, _ in ends)
+    (left, bottom), (right, top) = (
+        [max(least_m - margin_m, 0.0) for least_m, _, _ in ends],
+        [min(most_m + margin_m, size_m) for _, most_m, size_m in ends],
+    )
+    return (left, right), (bottom, top)
+
+
+def _flown(track: Track | None, since_s: float, until_s: float) -> tuple[_Floats, _Floats]:
+    """Return what a vehicle flew in a time, with its last place before."""
+    if track is None:
+        return np.empty(0), np.empty(0)
+    until = int(np.searchsorted(track.time_s, until_s, "right"))
+    since = max(0, min(int(np.searchsorted(track.time_s, since_s)), until - 1))
+    return track.x_m[since:until], track.y_m[since:until]
+
+
+def _colours(field: Field) -> Colormap:
+    from matplotlib import colormaps
+    from matplotlib.colors import LinearSegmentedColormap
+
+    if field.kind == "disease":
+        return colormaps["YlOrBr"]
+    return LinearSegmentedColormap.from_list(field.name, field.colours)
+
+
+def _uncertain() -> Colormap:
+    from matplotlib import colormaps
+
+    return colormaps["viridis"]
+
+
+def _vehicle(axes: Axes, system_id: int) -> tuple[Line2D, Line2D]:
+    """Return the lines of one vehicle's path and place in a panel."""
+    colour = _VEHICLES[(system_id - 1) % len(_VEHICLES)]
+    (path,) = axes.plot([], [], color=colour, linewidth=1.0)
+    (place,) = axes.plot([], [], color=colour, marker="o", markersize=4, markeredgecolor="white")
+    return path, place
+
+
+_MOST_COLOURS = 255
+"""One of 256 is left for pixels that stay as they were."""
+_GREYS = 16
+_SHADES = (0.35, 0.7, 1.0)
+"""Lines and their smooth edges, on white and on black."""
+
+
+class GifWriter(PillowWriter):
+    """Writes frames of a figure.
+
+    Parameters
+    ----------
+    fps : int
+        Frames a second.
+    maps : sequence of Colormap
+        Of the figure's images.
+    lines : sequence of str
+        Colours of its lines.
+    """
+
+    def __init__(self, fps: int, maps: Sequence[Colormap], lines: Sequence[str]) -> None:
+        super().__init__(fps=fps)
+        self._palette = Image.new("P", (1, 1))
+        self._palette.putpalette(palette_of(maps, lines).tobytes())
+        self._images: list[Image.Image] = []
+
+    def grab_frame(self, **savefig_kwargs: Any) -> None:
+        """Take the figure as it is now."""
+        drawn = BytesIO()
+        self.fig.savefig(drawn, format="rgba", dpi=self.dpi, **savefig_kwargs)
+        frame = Image.frombuffer("RGBA", self.frame_size, drawn.getvalue(), "raw", "RGBA", 0, 1)
+        self._images.append(frame.convert("RGB").quantize(palette=self._palette, dither=Image.Dither.NONE))
+
+    def finish(self) -> None:
+        """Write the file."""
+        first, *others = self._images
+        first.save(self.outfile, save_all=True, append_images=others, duration=int(1000 / self.fps), loop=0)
+
+
+def palette_of(maps: Sequence[Colormap], lines: Sequence[str]) -> NDArray[np.uint8]:
+    """Return at most 255 colours, uint8[n, 3]: greys, shades of lines, and the rest evenly from the maps.
+
+    Examples
+    --------
+    >>> from matplotlib import colormaps
+    >>> palette_of([colormaps["viridis"], colormaps["YlOrBr"]], ["#0072b2"]).shape
+    (255, 3)
+    """
+    greys = np.repeat(np.linspace(0.0, 1.0, _GREYS)[:, None], 3, axis=1)
+    pure = np.array([to_rgb(line) for line in lines]).reshape(-1, 3)
+    shades = [1.0 - part * (1.0 - pure) for part in _SHADES] + [part * pure for part in _SHADES[:-1]]
+    fixed = np.concatenate([greys, *shades])
+    room = _MOST_COLOURS - len(fixed)
+    counts = [room // len(maps) + (k < room % len(maps)) for k in range(len(maps))]
+    spread = [one(np.linspace(0.0, 1.0, count))[:, :3] for one, count in zip(maps, counts, strict=True)]
+    return np.rint(255.0 * np.concatenate([fixed, *spread])).astype(np.uint8)

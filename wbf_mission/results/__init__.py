@@ -1,0 +1,1 @@
+"""Results, and the folders that hold them."""

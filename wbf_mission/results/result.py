@@ -1,0 +1,133 @@
+"""The result of a run: what can be done with it, and how one is loaded."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from geo.errors import WbfMissionError
+from sensors.estimators import Estimator
+from wbf_mission.deciding.files import decision_table
+from wbf_mission.progress import Progress
+from wbf_mission.results.flight_files import track_table
+from wbf_mission.results.reading import history_table, read_result
+from wbf_mission.results.tables import ResultError
+from wbf_mission.results.writing import ResultFolder, settle_result
+from wbf_mission.run.run_record import RunRecord
+
+__all__ = ["Result", "load_result"]
+
+
+@dataclass(slots=True)
+class Result(RunRecord):
+    """What a run gave (`wbf_mission.run.run_record.RunRecord` tells its parts), to be shown and saved."""
+
+    def tables(self) -> dict[str, Any]:
+        """Return tracks, observations, decisions and history as pyarrow tables."""
+        return {
+            "track": track_table(self.flights),
+            "observations": self.observations.to_table(),
+            "decisions": decision_table(self.decisions),
+            "history": history_table(self.history, self.observations.fields),
+        }
+
+    def plot(self, path: str | Path) -> Path:
+        """Draw the farm with the planned and the flown paths into a PNG file.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be written.
+        """
+        from wbf_mission.pictures.path_plot import plot_run
+
+        return plot_run(self, Path(path))
+
+    def animate(
+        self,
+        path: str | Path,
+        *,
+        frames: int = 150,
+        estimator: Estimator | None = None,
+        progress: Progress | None = None,
+    ) -> Path:
+        """Write the run as a moving picture: truth, estimate, uncertainty and vehicles over time.
+
+        The estimates are made again by a fresh estimator from the observations.
+
+        Parameters
+        ----------
+        path : path-like
+            A ``.gif`` file, or ``.mp4``, which needs the program ffmpeg.
+        frames : int
+            About so many, 2 to 300.
+        estimator : Estimator, optional
+            In place of the run's; it is fitted anew.
+        progress : callable, optional
+            ``progress(what, done, total)``.
+
+        Raises
+        ------
+        AnimationError
+            If nothing was flown, or the number of frames or the kind of the file is none that is known.
+        EstimatorError
+            If the run's estimator cannot be made again: a loaded result does not hold one given as an object.
+        OSError
+            If the file cannot be written.
+        """
+        from wbf_mission.pictures.animation import animate
+
+        return animate(self, Path(path), frames=frames, estimator=estimator, progress=progress)
+
+    def save(self, path: str | Path, *, plots: bool = True, overwrite: bool = False) -> Path:
+        """Save everything into a folder, from where `wbf_mission.load_result` loads an equal result.
+
+        The files are written beside the folder first and take its place when they are complete.
+
+        Parameters
+        ----------
+        path : path-like
+            The folder; its own parents are made.
+        plots : bool
+            Whether pictures are drawn among the files.
+        overwrite : bool
+            Replace the result of another run, or write among other files.
+
+        Raises
+        ------
+        ResultError
+            If the folder holds something else that must not be replaced.
+        OSError
+            If a file cannot be written.
+        """
+        with ResultFolder(Path(path), scenario=self.scenario.to_dict(), overwrite=overwrite) as folder:
+            folder.write(self, plots=plots)
+        return Path(path)
+
+
+def load_result(path: str | Path) -> Result:
+    """Load the result that a run or `Result.save` left in a folder.
+
+    The arrays are read into memory, 1.1 GB for a farm like Waterberry.
+
+    Raises
+    ------
+    ResultError
+        If the folder holds no result, or a damaged one.
+
+    Examples
+    --------
+    >>> load_result("no/such/folder")
+    Traceback (most recent call last):
+    ...
+    wbf_mission.results.tables.ResultError: no/such/folder: holds no result (result.json is missing); give ...
+    """
+    try:
+        settle_result(Path(path))
+        return read_result(Path(path), Result)
+    except (WbfMissionError, OSError, TypeError, KeyError, ValueError) as error:
+        if isinstance(error, ResultError):
+            raise
+        msg = f"{path}: the result is damaged ({' '.join(str(error).split())})"
+        raise ResultError(msg) from error

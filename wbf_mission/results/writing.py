@@ -1,0 +1,332 @@
+"""The folder of a run: when it may be written, how a new result takes the place of an older one."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import re
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor, wait
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+import msgspec
+import numpy as np
+
+from geo.atomic import DISK_ERRORS
+from geo.atomic_folder import AtomicFolder, FolderError, settle
+from geo.interrupts import interrupts_noted
+from mission.ground.tracks import joined
+from mission.outcome import Outcome
+from wbf_mission.progress import Progress, silent
+from wbf_mission.results.arrays import SUFFIX
+from wbf_mission.results.reading import DECISIONS, PROBABILITIES, RECORD, write_arrays, write_result
+from wbf_mission.results.tables import ResultError
+from wbf_mission.run.estimation import resolved
+from wbf_mission.run.run_record import RunRecord
+from wbf_mission.scenario import Scenario
+
+if TYPE_CHECKING:
+    from wbf_mission.maps.field_maps import FieldMap
+
+__all__ = ["ResultFolder", "run_name", "settle_result"]
+
+ANIMATION = "run.gif"
+
+
+class ResultFolder:
+    """Where a run's files go.
+
+    From the beginning of the ``with`` block to its end no other run can write the folder. `tlog` lies in a
+    temporary folder beside the target. `write` fills that folder and puts it in the target's place; an older
+    result stays until then. Leaving the block removes what was not put there.
+
+    Parameters
+    ----------
+    path : Path
+        The folder for the result.
+    inputs : iterable of path
+        Files that the run reads: the folder must not hold one of them.
+    scenario : dict, optional
+        The options of the run, as of `Scenario.to_dict`: an older result of the same run is replaced.
+    overwrite : bool
+        Replace any older result, and write into a folder that holds other files (which stay).
+
+    Raises
+    ------
+    ResultError
+        If the folder must not be written; on entering, if it cannot be, or another run writes it.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        inputs: Iterable[str | Path | None] = (),
+        scenario: dict[str, Any] | None = None,
+        overwrite: bool = False,
+    ) -> None:
+        self.path = path
+        """Where the result is or will be."""
+        self.is_written = False
+        """Whether the result is there, and whole."""
+        settle_result(path)
+        self._check = partial(_check_target, inputs=list(inputs), scenario=scenario, overwrite=overwrite)
+        self._check(path)
+        self._folder = AtomicFolder(path, RECORD, _is_ours)
+
+    @property
+    def tlog(self) -> Path:
+        """The telemetry log of the flight, in the temporary folder."""
+        return self._folder.filled / "flight.tlog"
+
+    def __enter__(self) -> Self:
+        with _about(self.path):
+            self._folder.__enter__()
+        try:
+            self._check(self.path)  # again: another run may just have ended
+        except BaseException:
+            self._folder.__exit__()
+            raise
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
+        self._folder.__exit__()
+        if isinstance(error, OSError):
+            self._name(error)
+
+    def write(
+        self,
+        result: RunRecord,
+        *,
+        plots: bool = True,
+        animation: bool = False,
+        release: bool = False,
+        progress: Progress | None = None,
+    ) -> list[Path]:
+        """Write everything that the run has, put the folder in its place, and return the files.
+
+        With ``release`` truth and estimate leave the result once they are written: on a large farm the moving
+        picture, whose estimator takes as much, finds room there. The first Ctrl-C leaves out the pictures
+        that are not there yet, the second everything. The result of an interrupted flight, or one without its
+        pictures, goes beside an older result, into a folder whose name ends in ``.interrupted``.
+
+        Raises
+        ------
+        OSError
+            If a file cannot be written; then an older result is as it was.
+        """
+        from wbf_mission.pictures.animation import animate
+
+        tell = progress or silent
+        filled = self._folder.filled
+        jobs = _plot_jobs(result) if plots else []
+        interrupted = None
+        with interrupts_noted() as answer:
+            if animation and any(len(one.track.time_s) for one in result.flights):
+
+                def frame(what: str, done: float, total: float) -> None:
+                    answer()
+                    tell(what, done, total)
+
+                jobs.append((ANIMATION, lambda path: animate(result, path, progress=frame)))
+            tell("writing results", 0, len(jobs) + 1)
+            with ThreadPoolExecutor(1) as pool:
+                arrays = write_arrays(result, filled, pool)
+                written = write_result(result, filled, arrays)
+                try:
+                    for number, (name, job) in enumerate(jobs):
+                        answer()
+                        tell("writing results", number + 1, len(jobs) + 1)
+                        if release and name == ANIMATION:
+                            wait(arrays.values())
+                            result.truth = result.model = None
+                        job(filled / name)
+                        written.append(filled / name)
+                except KeyboardInterrupt as error:
+                    interrupted = error
+                for path, done in arrays.items():
+                    done.result()
+                    written.append(path)
+            broken_off = interrupted is not None or result.outcome is Outcome.INTERRUPTED
+            self._put_in_place(beside=broken_off and (self.path / RECORD).is_file())
+        if interrupted is not None:
+            raise interrupted
+        return [self.path / path.name for path in written]
+
+    def _put_in_place(self, *, beside: bool) -> None:
+        """Give the temporary folder the target's name, or that of a neighbour of it."""
+        if not beside:
+            self._folder.commit()
+        else:
+            path = self.path.with_name(f"{self.path.name}.interrupted")
+            settle_result(path)
+            _check_target(path, (), None, overwrite=(path / RECORD).is_file())
+            with _about(path), AtomicFolder(path, RECORD, _is_ours) as neighbour:
+                neighbour.commit(self._folder.filled)
+            self.path = path
+        self.is_written = True
+
+    def _name(self, error: OSError) -> None:
+        """Make an error name the result's folder in place of the temporary one, or where it names none."""
+        filled = self._folder.filled
+        if error.filename is None and error.errno in DISK_ERRORS:
+            error.filename = str(self.path)
+        elif error.filename is not None:
+            name = Path(str(error.filename))
+            if name.is_relative_to(filled):
+                error.filename, error.filename2 = str(self.path / name.relative_to(filled)), None
+            elif name.name in self._folder.hidden_names:
+                error.filename, error.filename2 = str(self.path), None
+
+
+@contextlib.contextmanager
+def _about(path: Path) -> Iterator[None]:
+    """Say which folder it is that cannot be written."""
+    try:
+        yield
+    except FolderError as error:
+        msg = f"{path}: {error}"
+        raise ResultError(msg) from error
+
+
+def settle_result(path: Path) -> None:
+    """Bring a result to its place that a killed run had completed; ResultError if that cannot be."""
+    with _about(path):
+        settle(path, RECORD, _is_ours)
+
+
+def run_name(scenario: Scenario) -> str:
+    """Return a name for a run: farm, planner, policy or mission, estimator, vehicle, seed, and a digest.
+
+    The digest covers whatever is not the default and not told by the name, such as the folders of files and
+    the parameters of a planner; so runs that differ have names that differ.
+    """
+    scenario = resolved(scenario)
+    mission, default = scenario.mission, Scenario().to_dict()
+    if mission.policy is not None:
+        decider = {"policy": mission.policy.name}
+    else:
+        decider = {"planner": mission.planner.name if mission.file is None else Path(mission.file).stem}
+    told = {
+        "farm": Path(scenario.farm.name).stem,
+        **decider,
+        "estimator": scenario.estimate.estimator.name,
+        "vehicle": Path(scenario.vehicle.name).stem,
+        "seed": scenario.seed,
+    }
+    rest = {
+        key: value for key, value in scenario.to_dict().items() if value not in (told.get(key), default[key])
+    }
+    words = "_".join(re.sub(r"[^\w.-]", "-", str(told[key])) for key in list(told)[:-1])
+    name = f"{words}_seed{scenario.seed}"
+    if not rest:
+        return name
+    return f"{name}_{hashlib.sha256(msgspec.json.encode(sorted(rest.items()))).hexdigest()[:6]}"
+
+
+def _check_target(
+    path: Path, inputs: Iterable[str | Path | None], scenario: dict[str, Any] | None, *, overwrite: bool
+) -> None:
+    target = path.resolve()
+    for one in inputs:
+        if one is None or not Path(one).is_file():
+            continue
+        source = Path(one).resolve()
+        if source.parent == target and _is_ours(source.name):
+            msg = f"{path}: holds {one}, which the run reads; give another folder"
+            raise ResultError(msg)
+    if not path.exists():
+        if path.is_symlink():
+            msg = f"{path}: is a link that leads nowhere; give another folder"
+            raise ResultError(msg)
+        return
+    if not path.is_dir():
+        msg = f"{path}: is a file, not a folder for the results; give another name"
+        raise ResultError(msg)
+    ours = AtomicFolder(path, RECORD, _is_ours).hidden_names
+    if overwrite or all(entry.name in ours for entry in path.iterdir()):
+        return
+    if not (path / RECORD).is_file():
+        what = "holds other files and no result; give another folder, or write among them"
+        msg = f"{path}: {what} (--overwrite, overwrite=True)"
+        raise ResultError(msg)
+    if scenario is None or _scenario_in(path) != msgspec.json.decode(msgspec.json.encode(scenario)):
+        what = "holds the result of another run; give another folder, or replace it"
+        msg = f"{path}: {what} (--overwrite, overwrite=True)"
+        raise ResultError(msg)
+
+
+def _scenario_in(path: Path) -> Any:
+    with contextlib.suppress(OSError, ValueError, RecursionError, AttributeError):
+        return msgspec.json.decode((path / RECORD).read_bytes()).get("scenario")
+    return None
+
+
+def _is_ours(name: str) -> bool:
+    many = (
+        ("field_", ".png"),
+        (PROBABILITIES, SUFFIX),
+        ("plan-day", ".plan"),
+        ("plan-day", ".json"),
+        ("vehicle-", ".toml"),
+    )
+    return name in _NAMES or any(name.startswith(start) and name.endswith(end) for start, end in many)
+
+
+_NAMES = frozenset(
+    {
+        RECORD,
+        "summary.json",
+        "plan.plan",
+        "plan.json",
+        "flight.tlog",
+        "observations.parquet",
+        "track.parquet",
+        DECISIONS,
+        "true_track.parquet",
+        "scores.parquet",
+        *(f"{name}{end}{SUFFIX}" for name in ("truth", "value", "uncertainty") for end in ("", "_days")),
+        "maps.npz",
+        "farm.geojson",
+        "vehicle.toml",
+        "path.png",
+        "score.png",
+        ANIMATION,
+    }
+)
+
+
+def _plot_jobs(result: RunRecord) -> list[tuple[str, Any]]:
+    from wbf_mission.pictures import plots
+    from wbf_mission.pictures.path_plot import plot_run
+
+    farm, estimator = result.farm, result.estimator
+    title = f"{farm.name}: {result.plan.planner or 'mission file'}, {result.plan.vehicle.name}"
+    day = result.days[-1].day if result.days else result.scenario.farm.day
+    about = f"{farm.name}, day {day}, {estimator}"
+    last = joined([one.track for one in result.flights if one.day == day] or [result.flights[-1].track])
+    track = np.column_stack((last.x_m, last.y_m))
+    jobs: list[tuple[str, Any]] = [("path.png", lambda path: plot_run(result, path))]
+    if result.maps:
+        for estimate, truth in zip(result.maps, result.true_maps, strict=True):
+
+            def draw(path: Path, estimate: FieldMap = estimate, truth: FieldMap = truth) -> None:
+                plots.plot_field(farm, estimate, path, truth=truth, flown_m=track, about=about)
+
+            jobs.append((f"field_{estimate.field.name}.png", draw))
+        history = result.history
+        if len(history.times_s):
+            jobs.append(
+                (
+                    "score.png",
+                    lambda path: plots.plot_score(
+                        history,
+                        path,
+                        f"{title}, {estimator}",
+                        result.fields,
+                    ),
+                )
+            )
+    return jobs

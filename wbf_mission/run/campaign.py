@@ -1,0 +1,336 @@
+"""The flights of a run: its days, the flights of each day, and one estimate of the farm over all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geo import Farm
+from mission.errors import PlanningError
+from mission.link.tlog import TlogWriter
+from sensors.camera.leaf_camera import LeafCameraOptions
+from sensors.environment import Environment
+from sensors.estimators import Estimator, advance_estimator
+from sensors.fields import FieldSet
+from sensors.scoring.information import InformationModel
+from sensors.scoring.score import RunningScore, ScoreWeights
+from sim_vehicle.epoch import EPOCH_UNIX_S
+from wbf_mission.deciding.record import DecisionRecord
+from wbf_mission.maps.field_maps import FieldMap, field_maps
+from wbf_mission.maps.report import report_of_maps
+from wbf_mission.planning import PlanResult
+from wbf_mission.progress import Progress, Stopwatch
+from wbf_mission.run.day_record import DayRecord, keeps_days
+from wbf_mission.run.estimation import RunEstimate, attribute_errors_to, readings_a_score
+from wbf_mission.run.evidence import Evidence
+from wbf_mission.run.fleet import Vehicle
+from wbf_mission.run.flight_memory import FlightMemory
+from wbf_mission.run.flight_record import FlightRecord, FlownFlight
+from wbf_mission.run.flights import Decider, Flights, PlannedFlight
+from wbf_mission.run.flights_ahead import FlightAlone, FlightsAhead, can_fly_ahead
+from wbf_mission.run.hosting import Hosting
+from wbf_mission.run.joint_flight import Attendant, JointFlight
+from wbf_mission.scenario import Scenario
+
+
+class Campaign:
+    """All flights of a run.
+
+    Every flight begins with full batteries and the whole budget, and draws anew: wind, errors of sensors, and
+    planners that draw. A flight that goes wrong does not end the run. A vehicle that is lost for good
+    (`Outcome.loses_vehicle`) does not fly again; when none is left, the days that remain are scored by what
+    is believed of them. A flight that the policy does not find worth making is not made, after the first one;
+    what is believed holds for as long.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        That names its estimator.
+    vehicles : sequence of Vehicle
+    decider : Decider
+    options : LeafCameraOptions
+    weights : ScoreWeights or None
+    tell : callable
+        Progress.
+    watch : Stopwatch
+
+    Attributes
+    ----------
+    flights : list of FlightRecord
+        What is over.
+    days : list of DayRecord
+        What is over.
+    maps : tuple of FieldMap
+        The estimate at the end of the last of these days, in blocks of cells.
+    decisions : list of DecisionRecord
+    evidence : Evidence
+    truth : float32[n, W, H] or None
+        Of the day that is flown.
+    simulated_s : float
+    frames : int
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        vehicles: Sequence[Vehicle],
+        decider: Decider,
+        *,
+        options: LeafCameraOptions,
+        weights: ScoreWeights | None,
+        tell: Progress,
+        watch: Stopwatch,
+    ) -> None:
+        self.scenario = scenario
+        weights = ScoreWeights.of(options.fields) if weights is None else weights
+        self._all = Flights(scenario, tuple(vehicles), decider, options, weights)
+        self.farm: Farm = self._all.farm
+        self.fields: FieldSet = options.fields
+        self.weights = weights
+        self.decisions: list[DecisionRecord] = []
+        self.flights: list[FlightRecord] = []
+        self.days: list[DayRecord] = []
+        self.maps: tuple[FieldMap, ...] = ()
+        self.evidence = Evidence(self.farm, self.fields)
+        self.truth: NDArray[np.float32] | None = None
+        self.simulated_s = 0.0
+        self.frames = 0
+        self.watch = watch
+        self._tell = tell
+        self._next: PlannedFlight | None = None
+        self._scored_a_flight = 0
+        self._flying: JointFlight | None = None
+        self._gone: set[int] = set()
+        self._log: TlogWriter | None = None
+
+    def plan(self, day: int, flight: int = 1) -> tuple[PlanResult, ...]:
+        """Ask for the paths of the next flight, and return the plan of each vehicle.
+
+        Raises
+        ------
+        WbfMissionError
+            If there is no path within the budget, or the first flight is not worth making.
+        """
+        planned = self._all.plan(day, flight, self.evidence, self.decisions, self._gone)
+        if not planned.sorties and not self.flights:
+            msg = f"{self._all.decider.name} finds nothing worth a flight: no vehicle has a path"
+            raise PlanningError(msg)
+        self._next = planned
+        return planned.plans
+
+    @property
+    def planned(self) -> tuple[tuple[Vehicle, PlanResult], ...]:
+        """The vehicles of the next flight with their plans, once it is planned."""
+        return () if self._next is None else tuple((one, plan) for _, one, plan in self._next.sorties)
+
+    @property
+    def expected_readings(self) -> float:
+        """How many readings are expected of all flights, if they are like the one that is planned."""
+        return self.scenario.farm.days * self.scenario.farm.flights_per_day * self._expected_of_next
+
+    @property
+    def _expected_of_next(self) -> float:
+        return 0.0 if self._next is None else self._next.expected_readings(self.scenario.camera)
+
+    def learn_with(self, estimator: Estimator, environment: Environment) -> None:
+        """Let an estimator, fitted to the farm, learn from now on, and score it."""
+        first = self.scenario.farm.day
+        self.truth = environment.values(first)
+        score = RunningScore(self.truth, self.fields.masks(self.farm.grid()), self.weights, self.fields)
+        with attribute_errors_to(estimator):
+            advance_estimator(estimator, first)
+        self.evidence.estimate = RunEstimate(estimator, score, day=first)
+
+    def _score_every(self, estimate: RunEstimate) -> int:
+        """Return after how many observations of a flight the estimate is scored."""
+        ideal = all(one.task.builder.vehicle.is_ideal for one in self._all.vehicles)
+        expected = self._expected_of_next
+        return readings_a_score(self.scenario, self.farm, estimate.estimator, expected, ideal=ideal)
+
+    def fly(
+        self,
+        environment: Environment,
+        hosting: Hosting,
+        attendant: Attendant | None = None,
+        memory: FlightMemory | None = None,
+    ) -> None:
+        """Fly all days; `attendant` stands by, `memory` has flights that need not be flown again."""
+        first = self.scenario.farm.day
+        if self._next is None:
+            self.plan(first)
+        assert self.evidence.estimate is not None
+        self.evidence.estimate.every = self._score_every(self.evidence.estimate)
+        self._scored_a_flight = max(1, round(self._expected_of_next / self.evidence.estimate.every))
+        ahead = None if attendant is not None else self._ahead(environment, hosting)
+        try:
+            for day in range(first, first + self.scenario.farm.days):
+                if day != first:
+                    self._begin_day(day, environment)
+                for flight in range(1, self.scenario.farm.flights_per_day + 1):
+                    if len(self._gone) == len(self._all.vehicles):
+                        continue
+                    # Without those that are gone the others fly otherwise.
+                    flown = None if ahead is None or self._gone else ahead.take(day, flight)
+                    if flown is None and memory is not None and attendant is None:
+                        flown = self._remembered(memory, day, flight, environment, hosting)
+                    if flown is None:
+                        self._fly_once(day, flight, environment, hosting, attendant)
+                    else:
+                        self._take(flown, day, flight, hosting)
+                self.end_day()
+        finally:
+            if ahead is not None:
+                ahead.close()
+            if self._log is not None:
+                self._log.close()
+
+    def interrupt(self) -> None:
+        """Stop where we are; what was seen so far is kept."""
+        if self._flying is not None:
+            self._flying.interrupt()
+            self._end_flight()
+
+    def end_day(self) -> None:
+        """Sum up the day that is estimated, unless that was done."""
+        estimate = self.evidence.estimate
+        assert estimate is not None
+        if self.truth is None or (self.days and self.days[-1].day == estimate.day):
+            return
+        model = estimate.model
+        if model is not None:
+            self.maps = field_maps(
+                self.farm,
+                model,
+                self.evidence.observations(),
+                fields=self.fields,
+                states_deviation=getattr(estimate.estimator, "states_deviation", False),
+                day=estimate.day,
+            )
+        report = report_of_maps(self.farm, self.maps) if model is not None else None
+        truth = kept = None
+        if keeps_days(self.farm, len(self.fields), self.scenario.farm.days):
+            truth = self.truth
+            if model is not None:
+                kept = InformationModel(
+                    model.value.copy(), model.uncertainty.copy(), fields=self.fields.names
+                )
+        self.days.append(DayRecord(estimate.day, report, truth, kept))
+        self.watch.lap("report")
+
+    def _begin_day(self, day: int, environment: Environment) -> None:
+        assert self.evidence.estimate is not None
+        self.truth = environment.values(day)
+        self.evidence.estimate.begin_day(day, self.truth, self.simulated_s)
+        self.watch.lap("estimate and score")
+
+    def _fly_once(
+        self,
+        day: int,
+        flight: int,
+        environment: Environment,
+        hosting: Hosting,
+        attendant: Attendant | None,
+    ) -> None:
+        planned, self._next = self._planned(day, flight), None
+        if not planned.sorties:
+            self._stay()
+            return
+
+        def began(flying: JointFlight) -> None:
+            self._flying = flying
+
+        self._all.fly(
+            planned,
+            self.evidence,
+            partial(self._all.camera, environment=environment),
+            hosting,
+            began=began,
+            tell=self._tell,
+            watch=self.watch,
+            attendant=attendant,
+            writer=self._open_log(hosting),
+            offset_s=self.simulated_s,
+            gone=self._gone,
+        )
+        self._end_flight()
+
+    def _stay(self) -> None:
+        """Leave out a flight that is not worth making."""
+        assert self.evidence.estimate is not None
+        self.evidence.estimate.hold(self._scored_a_flight, self.simulated_s)
+        self.watch.lap("estimate and score")
+
+    def _planned(self, day: int, flight: int) -> PlannedFlight:
+        """Return the next flight, planned now unless it was before."""
+        if self._next is None:
+            self.plan(day, flight)
+            self.watch.lap("plan")
+        assert self._next is not None
+        return self._next
+
+    def _remembered(
+        self, memory: FlightMemory, day: int, flight: int, environment: Environment, hosting: Hosting
+    ) -> FlownFlight | None:
+        """Return what a flight gives that may have been flown before; None if it has to be flown now."""
+        planned, logged = self._planned(day, flight), hosting.tlog is not None
+        flown = memory.fly(self._all, planned, environment, hosting, self._tell, logged=logged)
+        if flown is not None:
+            self._next = None
+        return flown
+
+    def _open_log(self, hosting: Hosting) -> TlogWriter | None:
+        """Return what writes every frame, if wanted; its file is made when there is something to keep."""
+        if self._log is None and hosting.tlog is not None:
+            hosting.tlog.parent.mkdir(parents=True, exist_ok=True)
+            self._log = TlogWriter(hosting.tlog)
+        return self._log
+
+    def _ahead(self, environment: Environment, hosting: Hosting) -> FlightsAhead | None:
+        """Return what flies all flights in other processes, if that can be."""
+        of = self.scenario.farm
+        days, flights = range(of.day, of.day + of.days), range(1, of.flights_per_day + 1)
+        numbers = [(day, flight) for day in days for flight in flights]
+        assert self._next is not None
+        if len(numbers) == 1 or not can_fly_ahead(self._all, hosting, len(numbers) * self._next.expected_s):
+            return None
+        # The first one is planned where it is flown.
+        self._next = None
+        self.decisions.clear()
+        return FlightsAhead(FlightAlone(self._all, environment, hosting, hosting.tlog is not None), numbers)
+
+    def _take(self, flown: FlownFlight, day: int, flight: int, hosting: Hosting) -> None:
+        """Take what a flight gave that was flown elsewhere."""
+        writer = self._open_log(hosting)
+        if writer is not None and flown.log is not None:
+            writer.write_all(flown.log, EPOCH_UNIX_S + self.simulated_s)
+        seen_before = len(self.evidence)
+        self.evidence.add(*flown.parts, offset_s=self.simulated_s)
+        for one in flown.decisions:
+            one.observations += seen_before
+        self.decisions += flown.decisions
+        of = self.scenario.farm
+        number = (day - of.day) * of.flights_per_day + flight
+        self._tell("flying", number, of.days * of.flights_per_day)
+        self.watch.lap("flight")
+        self._note(flown.records, seen_before, flown.duration_s, flown.frames)
+
+    def _end_flight(self) -> None:
+        flown, self._flying = self._flying, None
+        assert flown is not None
+        records = [sortie.record() for sortie in flown.sorties]
+        self._note(records, flown.seen_before, flown.now_s, flown.frames)
+
+    def _note(self, records: list[FlightRecord], seen_before: int, duration_s: float, frames: int) -> None:
+        """Add a flight that is over."""
+        for one in records:
+            one.seen_before = seen_before
+        self.flights += records
+        self._gone |= {one.system_id for one in records if one.outcome.loses_vehicle}
+        self.simulated_s += duration_s
+        self.frames += frames
+        assert self.evidence.estimate is not None
+        self.evidence.estimate.end_flight(self.simulated_s)
+        self.watch.lap("estimate and score")

@@ -1,0 +1,163 @@
+"""The vehicles of a run: where each starts, how high it flies, what it may do."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from geo import Farm, get_farm
+from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.airframe.spec import VehicleSpec
+from sim_vehicle.mavlink.fleet import SPACING_M
+from wbf_mission.planning import FlightTask, PlanResult, flight_builder, plan, plan_tasks
+from wbf_mission.planning.clearance import clearance_m, ground_clearance_m, height_error_m
+from wbf_mission.planning.task import free_area
+from wbf_mission.planning.weather import flight_level
+from wbf_mission.progress import Progress, silent
+from wbf_mission.scenario import Scenario, ScenarioError, VehicleOptions
+from wbf_mission.scenario.scenario import PARTS
+from wbf_mission.scenario.separation import DISTANCE, LAYERS
+
+HIGHEST_M = 120.0
+# By autopilot: the least height of the return of a multirotor, and its unit in metres.
+_RETURN_HEIGHTS = {"px4": ("RTL_RETURN_ALT", 1.0), "ardupilot": ("RTL_ALT", 0.01)}
+# Columns in which vehicles climb and land stand so much farther apart than the vehicles have to be.
+_ROW_FACTOR = 1.5
+
+
+@dataclass(frozen=True, slots=True)
+class Vehicle:
+    """One of the vehicles of a run.
+
+    Parameters
+    ----------
+    task : FlightTask
+    scenario : Scenario
+        The run's, as far as it concerns this vehicle: with its name, its height and its parameters.
+    """
+
+    task: FlightTask
+    scenario: Scenario
+
+
+def vehicles_of(scenario: Scenario, tell: Progress = silent) -> tuple[Vehicle, ...]:
+    """Return the vehicles of a run, each with its task.
+
+    The first one starts at the farm's home. The others stand behind it in a row that leads away from the
+    farm. Ideal robots, which have no size, all start at home, as in the paper.
+
+    Raises
+    ------
+    WbfMissionError
+        If a vehicle is unknown or cannot fly, or the budget is not understood.
+    """
+    farm = get_farm(scenario.farm.name)
+    vehicles = []
+    for number, one in enumerate(single_scenarios(scenario), start=1):
+        together = number == 1 or get_vehicle(one.vehicle.name).is_ideal
+        home_m = None if together else _start_m(scenario, farm, number)
+        task = FlightTask.of(one, flight_builder(one, home_m), system_id=number, progress=tell)
+        vehicles.append(Vehicle(task, one))
+    _check_radio(scenario, farm, vehicles)
+    return tuple(vehicles)
+
+
+def _check_radio(scenario: Scenario, farm: Farm, vehicles: Sequence[Vehicle]) -> None:
+    """Raise ScenarioError if a vehicle would start beyond the radio's range: it could not be told to."""
+    range_m = scenario.vehicle.radio_range_m
+    for one in vehicles:
+        away_m = math.dist(one.task.builder.home_m, farm.home_m)
+        if range_m is not None and away_m >= range_m:
+            msg = (
+                f"radio range {range_m:g} m: vehicle {one.task.system_id} starts {away_m:.1f} m from the"
+                f" ground station; give more than {math.ceil(away_m)} m, or fewer vehicles"
+            )
+            raise ScenarioError(msg)
+
+
+def plan_fleet(scenario: Scenario, *, progress: Progress = silent) -> tuple[PlanResult, ...]:
+    """Plan for all vehicles of a scenario, in the order of their system ids.
+
+    Raises
+    ------
+    WbfMissionError
+        As of `wbf_mission.planning.plan`, which plans for a single vehicle.
+    """
+    count = len(scenario.vehicle.fleet)
+    if count == 1:
+        return (plan(scenario, progress=progress),)
+    if scenario.mission.file is not None:
+        msg = f"mission {scenario.mission.file} is one vehicle's, but {count} fly; give one"
+        raise ScenarioError(msg)
+    return plan_tasks(scenario, [one.task for one in vehicles_of(scenario, progress)])
+
+
+def single_scenarios(scenario: Scenario) -> tuple[Scenario, ...]:
+    """Return for each vehicle of a run the run of it alone, in the order of their system ids.
+
+    With layers, each that flies does so higher than the one before it, on its way home, too: the autopilot
+    returns at the height of the layer. Layers are as far apart as told, and farther by what the vehicles err
+    about their heights. A vehicle that stands farther behind crosses the columns in which those before it
+    climb and land above all that they do there; they never come to its own.
+
+    Raises
+    ------
+    WbfMissionError
+        If a vehicle is unknown, or a layer is too high.
+    """
+    separation = scenario.vehicle.keeps
+    layered = separation.kind == LAYERS and len(scenario.vehicle.fleet) > 1
+    below_m, below_error_m = -math.inf, 0.0
+    singles: list[Scenario] = []
+    for name, autopilot in zip(scenario.vehicle.fleet, scenario.vehicle.autopilots, strict=True):
+        vehicle = replace(scenario.vehicle, name=name, autopilot=autopilot, vehicles=None)
+        mission, spec = scenario.mission, get_vehicle(name)
+        if layered and flies(spec):
+            error_m = height_error_m(vehicle, spec)
+            lowest_m = below_m + separation.metres + clearance_m(below_error_m, error_m)
+            height_m = max(flight_level(mission, vehicle).altitude_m, round(lowest_m, 2))
+            if height_m > HIGHEST_M:
+                msg = (
+                    f"separation layers: vehicle {len(singles) + 1} would fly at {height_m:g} m, above"
+                    f" {HIGHEST_M:g} m; give thinner layers or a lower altitude"
+                )
+                raise ScenarioError(msg)
+            below_m, below_error_m = height_m, error_m
+            mission = replace(mission, altitude_m=height_m)
+            vehicle = replace(vehicle, parameters=_parameters(vehicle, spec, height_m))
+        parts = {part: getattr(scenario, part) for part in PARTS}
+        singles.append(Scenario(**{**parts, "vehicle": vehicle, "mission": mission}, seed=scenario.seed))
+    return tuple(singles)
+
+
+def flies(spec: VehicleSpec) -> bool:
+    """Return whether a vehicle can be at different heights: rovers and the paper's robot cannot."""
+    return not spec.is_ideal and spec.kind != "rover"
+
+
+def _parameters(vehicle: VehicleOptions, spec: VehicleSpec, height_m: float) -> dict[str, float]:
+    """Return the parameters of a vehicle in its layer; what the user gave holds."""
+    given = vehicle.parameters
+    known = _RETURN_HEIGHTS.get(vehicle.autopilot)
+    if known is None or spec.kind != "multirotor":
+        return given
+    name, unit_m = known
+    return {name: round(height_m / unit_m), **given} if unit_m < 1.0 else {name: height_m, **given}
+
+
+def _start_m(scenario: Scenario, farm: Farm, number: int) -> tuple[float, float]:
+    """Return where a vehicle stands: in a row behind home, as seen from the farm."""
+    separation = scenario.vehicle.keeps
+    spacing_m = SPACING_M
+    if separation.kind in (LAYERS, DISTANCE):
+        spacing_m = max(SPACING_M, _ROW_FACTOR * separation.metres) + ground_clearance_m(scenario.vehicle)
+    home = np.asarray(farm.home_m)
+    centre = free_area(farm).centroid
+    away = home - (centre.x, centre.y)
+    length = math.hypot(*away)
+    away = away / length if length > 0.0 else np.array([-1.0, 0.0])
+    x, y = home + (number - 1) * spacing_m * away
+    return float(x), float(y)

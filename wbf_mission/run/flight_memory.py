@@ -1,0 +1,296 @@
+"""Flights that are flown once for all runs in which they would be the same.
+
+The vehicle of a planner flies its path whatever its camera sees. So a flight is decided by the mission, the
+vehicle, the weather and, where something is drawn on the way, the seed; the environment, the errors of the
+camera and the estimator are not among these. It is flown with cameras that number their readings
+(`sensors.camera.numbering`). What an environment gives to read then takes the places of the numbers.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mission.link.codec.dialect import mavlink
+from mission.link.codec.frames import FrameReader, FrameWriter
+from mission.link.codec.typed import is_a
+from mission.link.tlog import FrameLog
+from sensors.camera.layout import LeafLayout
+from sensors.camera.numbering import ImageList, NumberingCamera
+from sensors.environment import Environment
+from sensors.environment.memory import EnvironmentMemory
+from sensors.observations import Observations
+from sim_vehicle.epoch import EPOCH_UNIX_S
+from wbf_mission.deciding.record import DecisionRecord
+from wbf_mission.planning import PlanResult
+from wbf_mission.planning.sortie_number import SortieNumber
+from wbf_mission.progress import Progress, Stopwatch, silent
+from wbf_mission.run.evidence import Evidence
+from wbf_mission.run.fleet import Vehicle
+from wbf_mission.run.flight_record import FlightRecord, FlownFlight
+from wbf_mission.run.flights import Flights, PlannedFlight
+from wbf_mission.run.hosting import Hosting, VirtualHosting
+
+__all__ = ["FlightMemory", "log_of_readings", "memory_of_process"]
+
+_SEQUENCE = 4
+_ID = slice(7, 10)
+_IMAGE_ID = mavlink.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY.to_bytes(3, "little")
+
+
+def log_of_readings(log: FrameLog, readings: NDArray[np.float32], layout: LeafLayout) -> FrameLog:
+    """Return the log of the same flight with other readings.
+
+    Parameters
+    ----------
+    log : FrameLog
+        Of MAVLink 2 frames that are not signed, as our own components send them.
+    readings : float32[n, fields]
+        By their numbers.
+    layout : LeafLayout
+        Of the cameras.
+    """
+    told = FrameLog()
+    reader = FrameReader()
+    for frame, time_s in log:
+        if frame[_ID] != _IMAGE_ID:
+            told.write(frame, time_s)
+            continue
+        for message in reader.feed(frame):
+            if not is_a(message, mavlink.MAVLink_debug_float_array_message):
+                continue
+            if message.name == layout.name and layout.fits(message.data):
+                message.data = _read(message.data, readings, layout)
+            writer = FrameWriter(message.get_srcSystem(), message.get_srcComponent())
+            writer.codec.seq = frame[_SEQUENCE]
+            told.write(writer.encode(message), time_s)
+    return told
+
+
+def _read(data: Sequence[float], readings: NDArray[np.float32], layout: LeafLayout) -> list[float]:
+    part = layout.unpack(data)
+    assert part is not None
+    begin = 3 + len(layout.header)
+    numbers = np.array(part.values).reshape(-1, len(layout.fields))[:, 0]
+    known = ~np.isnan(numbers)
+    values = np.full((len(numbers), len(layout.fields)), np.nan, np.float32)
+    values[known] = readings[numbers[known].astype(np.int64)]
+    return [*data[:begin], *values.ravel().tolist(), *data[begin + values.size :]]
+
+
+MOST_FLIGHTS = 32
+MOST_READINGS = 1_000_000
+"""Of all flights that are kept."""
+
+
+@dataclass(frozen=True, slots=True)
+class _KeptFlight:
+    """A flight without what its cameras saw.
+
+    Parameters
+    ----------
+    records : tuple of FlightRecord
+    images : ImageList
+    seen : Observations
+        Without values.
+    reading : int64[n]
+        Which reading each observation is.
+    duration_s : float
+    frames : int
+    log : FrameLog or None
+        With the numbers of the readings.
+    """
+
+    records: tuple[FlightRecord, ...]
+    images: ImageList
+    seen: Observations
+    reading: NDArray[np.int64]
+    duration_s: float
+    frames: int
+    log: FrameLog | None
+
+    def of_run(self, flights: Flights, planned: PlannedFlight, environment: Environment) -> FlownFlight:
+        """Return the flight of a run, with what is seen in its environment."""
+        cameras = [flights.camera(number, environment) for number, _, _ in planned.sorties]
+        readings = self.images.read(cameras)
+        seen = replace(
+            self.seen, day=np.full(len(self.seen), planned.day, np.int32), values=readings[self.reading]
+        )
+        log = self.log
+        if log is not None:
+            log = log_of_readings(log, readings, LeafLayout.of(flights.fields.names))
+        records = [
+            replace(
+                one,
+                day=planned.day,
+                flight=planned.flight,
+                plan=plan,
+                camera=replace(one.camera),
+                transfers=list(one.transfers),
+                texts=list(one.texts),
+                warnings=list(one.warnings),
+            )
+            for one, plan in zip(self.records, planned.plans, strict=True)
+        ]
+        return FlownFlight(records, (seen,), self.duration_s, self.frames, log=log)
+
+
+class FlightMemory:
+    """Keeps the flights that were used last, and the environments.
+
+    Parameters
+    ----------
+    most : int
+        How many.
+
+    Attributes
+    ----------
+    environments : EnvironmentMemory
+        The small environments that were used last.
+    """
+
+    def __init__(self, most: int = MOST_FLIGHTS) -> None:
+        self.environments = EnvironmentMemory()
+        self._most = most
+        self._kept: OrderedDict[bytes, _KeptFlight] = OrderedDict()
+
+    def __len__(self) -> int:
+        return len(self._kept)
+
+    def fly(
+        self,
+        flights: Flights,
+        planned: PlannedFlight,
+        environment: Environment,
+        hosting: Hosting,
+        tell: Progress = silent,
+        *,
+        logged: bool = False,
+    ) -> FlownFlight | None:
+        """Fly a flight, or take it as it was flown before; None if it has to be flown for its run alone.
+
+        That is so if what is seen or a person at the other end of a link may change it, something goes wrong
+        on purpose, it is very long, or something was decided on the way.
+
+        Parameters
+        ----------
+        flights : Flights
+            Of the run.
+        planned : PlannedFlight
+        environment : Environment
+            What is seen.
+        hosting : Hosting
+        tell : callable
+            Progress.
+        logged : bool
+            Whether every frame is kept; where the hosting says so it is the caller who writes them.
+        """
+        expected = planned.expected_readings(flights.scenario.camera)
+        plain = isinstance(hosting, VirtualHosting) and replace(hosting, tlog=None) == VirtualHosting()
+        if not plain or flights.decider.steers or 2.0 * expected > MOST_READINGS:
+            return None
+        key = _key(flights, planned, logged=logged)
+        kept = self._kept.pop(key, None)
+        if kept is None:
+            kept = _flown(flights, planned, hosting, tell, logged=logged)
+            if kept is None:
+                return None
+        self._kept[key] = kept
+        while len(self._kept) > self._most or self._readings > MOST_READINGS:
+            self._kept.popitem(last=False)
+        return kept.of_run(flights, planned, environment)
+
+    @property
+    def _readings(self) -> int:
+        return sum(len(one.reading) for one in self._kept.values())
+
+
+@cache
+def memory_of_process() -> FlightMemory:
+    """Return the flights that all runs of this process share."""
+    return FlightMemory()
+
+
+def _flown(
+    flights: Flights, planned: PlannedFlight, hosting: Hosting, tell: Progress, *, logged: bool
+) -> _KeptFlight | None:
+    """Fly a flight whose cameras number their readings; None if something was decided on the way."""
+    evidence, decisions = Evidence(flights.farm, flights.fields), list[DecisionRecord]()
+    if len(planned.sorties) > 1:
+        # Some may take over the rest of one that is lost; the run's own records shall not tell of it twice.
+        there = {number.system_id for number, _, _ in planned.sorties}
+        gone = {one.task.system_id for one in flights.vehicles} - there
+        planned = flights.plan(planned.day, planned.flight, evidence, decisions, gone)
+    options = flights.options
+    images = ImageList(options.footprint_cells**2)
+    shape = flights.farm.grid().shape
+    order = [number.system_id for number, _, _ in planned.sorties]
+
+    def camera(number: SortieNumber) -> NumberingCamera:
+        return NumberingCamera(images, order.index(number.system_id), shape, options)
+
+    log = FrameLog() if logged else None
+    flown = flights.fly(
+        planned,
+        evidence,
+        camera,
+        hosting,
+        tell=tell,
+        watch=Stopwatch(),
+        writer=log,
+        # Nobody knows yet when the flight begins: frames have their times since then.
+        offset_s=-EPOCH_UNIX_S,
+    )
+    if len(decisions) > 1 or not images.is_exact:
+        return None
+    seen = evidence.observations()
+    return _KeptFlight(
+        tuple(sortie.record() for sortie in flown.sorties),
+        images,
+        replace(seen, values=np.broadcast_to(np.float32(np.nan), seen.values.shape)),
+        seen.values[:, 0].astype(np.int64),
+        flown.now_s,
+        flown.frames,
+        log,
+    )
+
+
+def _key(flights: Flights, planned: PlannedFlight, *, logged: bool) -> bytes:
+    """Return all that decides a flight, written out."""
+    farm, frame = flights.farm, flights.farm.frame
+    georeference = (frame.latitude_deg, frame.longitude_deg, frame.altitude_m, frame.rotation_deg)
+    sorties = [_sortie_values(*one) for one in planned.sorties]
+    drawn = None
+    if any(_draws(one) for _, one, _ in planned.sorties):
+        drawn = (flights.scenario.seed, [number for number, _, _ in planned.sorties])
+    return msgspec.msgpack.encode(
+        [
+            [georeference, farm.cell_size_m, farm.width_cells, farm.height_cells, farm.home_m],
+            [flights.options.footprint_cells, flights.fields.names],
+            sorties,
+            drawn,
+            logged,
+        ],
+        order="deterministic",
+    )
+
+
+def _sortie_values(number: SortieNumber, vehicle: Vehicle, plan: PlanResult) -> list[object]:
+    scenario = vehicle.scenario
+    level = (scenario.mission.altitude_m, scenario.mission.cruise_speed_m_s)
+    options = (scenario.vehicle.values(), scenario.weather.values(), level)
+    return [number.system_id, vehicle.task.builder.home_m, plan.mission, plan.vehicle, options]
+
+
+def _draws(flown: Vehicle) -> bool:
+    """Whether a flight depends on chance."""
+    weather, vehicle = flown.scenario.weather, flown.scenario.vehicle
+    gusts = weather.wind_gust_m_s > 0.0 or weather.turbulence is not None
+    errs = flown.task.builder.estimate_errors
+    return gusts or errs or vehicle.gps_noise_m > 0.0 or vehicle.baro_noise_m > 0.0

@@ -1,0 +1,374 @@
+"""Planning and setting up the flights of a run, each on its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
+from itertools import compress
+
+import numpy as np
+
+from geo import Farm
+from geo.frame import LocalFrame
+from geo.seeds import child_seed, stream
+from mission.link.tlog import FrameSink
+from mission.policies.policy import FixedPlan, KeepPath, Policy
+from sensors.camera.leaf_camera import Camera, LeafCamera, LeafCameraOptions
+from sensors.environment import Environment
+from sensors.fields import FieldSet
+from sensors.scoring.score import ScoreWeights
+from wbf_mission.deciding.loop import DecisionLoop, Knowledge
+from wbf_mission.deciding.record import DecisionRecord
+from wbf_mission.deciding.spacing import MARGIN_M, KeptDistance, Positions, least_apart_m
+from wbf_mission.planning import PlanResult, home_of
+from wbf_mission.planning.clearance import ground_clearance_m
+from wbf_mission.planning.sortie_number import SortieNumber
+from wbf_mission.progress import Progress, Stopwatch
+from wbf_mission.run.evidence import Evidence
+from wbf_mission.run.fleet import Vehicle
+from wbf_mission.run.hosting import Hosting
+from wbf_mission.run.joint_flight import Attendant, JointFlight
+from wbf_mission.run.sortie import Sortie
+from wbf_mission.scenario import CameraOptions, Scenario, ScenarioError
+from wbf_mission.scenario.separation import DISTANCE
+
+_LATEST_S = 7200
+_STEP_S = 5
+
+
+def departure_delays(plans: Sequence[PlanResult], distance_m: float, clearance_m: float = 0.0) -> list[int]:
+    """Return how many seconds after the first start each vehicle starts.
+
+    In their order each starts as soon as its predicted flight keeps the distance from those before it. The
+    paper's robots, which have no size, start at once.
+
+    Parameters
+    ----------
+    plans : sequence of PlanResult
+    distance_m : float
+    clearance_m : float
+        How much nearer to each other two vehicles may be than they believe.
+
+    Raises
+    ------
+    ScenarioError
+        If a vehicle would have to wait for more than two hours.
+    """
+    flights: list[tuple[Positions, int]] = []
+    delays = []
+    for number, plan in enumerate(plans, start=1):
+        delay = 0
+        if not plan.vehicle.is_ideal:
+            flight = _positions(plan)
+            while any(
+                least_apart_m(other, flight, delay - begin) < distance_m + clearance_m + MARGIN_M
+                for other, begin in flights
+            ):
+                delay += _STEP_S
+                if delay > _LATEST_S:
+                    msg = (
+                        f"separation distance: vehicle {number} would wait for more than two hours to keep"
+                        f" {distance_m:g} m from the others; give a smaller distance, or layers"
+                    )
+                    raise ScenarioError(msg)
+            flights.append((flight, delay))
+        delays.append(delay)
+    return delays
+
+
+def _positions(plan: PlanResult) -> Positions:
+    """Return where a vehicle is predicted to be at each full second of its flight, in the farm frame."""
+    prediction, farm = plan.prediction, plan.farm
+    home = home_of(plan.mission, farm)
+    about_home = LocalFrame(home.latitude_deg, home.longitude_deg, home.altitude_m)
+    latitude, longitude = about_home.to_wgs84(prediction.track_m[:, 0], prediction.track_m[:, 1])
+    places = np.column_stack(farm.frame.from_wgs84(latitude, longitude))
+    times = np.minimum(np.arange(len(places)) * prediction.track_step_s, prediction.duration_s)
+    seconds = np.arange(0.0, prediction.duration_s, 1.0)
+    return np.column_stack([np.interp(seconds, times, places[:, axis]) for axis in range(2)])
+
+
+@dataclass(frozen=True, slots=True)
+class Decider:
+    """Who decides where the vehicles fly.
+
+    Parameters
+    ----------
+    policy : Policy
+        A `FixedPlan` for a planner, a `KeepPath` for a mission from a file.
+    name : str
+        What messages call it: ``planner spiral``, ``policy greedy``.
+    label : str
+        Its name with its parameters.
+    mission : PlanResult or None
+        A mission from a file, which is flown.
+    """
+
+    policy: Policy
+    name: str
+    label: str
+    mission: PlanResult | None = None
+
+    @property
+    def steers(self) -> bool:
+        """Whether it decides by what is believed of the farm; a planner and a mission file do not."""
+        return not isinstance(self.policy, FixedPlan | KeepPath)
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedFlight:
+    """A flight before it begins.
+
+    Parameters
+    ----------
+    day, flight : int
+    loop : DecisionLoop
+        Who is asked during it.
+    sorties : tuple of (SortieNumber, Vehicle, PlanResult)
+        Of each vehicle that flies; none if the flight is not worth making.
+    times : tuple of float
+        Who decides in flight begins with a short path: how many such paths the budget of each pays for.
+    """
+
+    day: int
+    flight: int
+    loop: DecisionLoop
+    sorties: tuple[tuple[SortieNumber, Vehicle, PlanResult], ...]
+    times: tuple[float, ...]
+
+    @property
+    def plans(self) -> tuple[PlanResult, ...]:
+        """The plan of each vehicle."""
+        return tuple(plan for _, _, plan in self.sorties)
+
+    @property
+    def expected_s(self) -> float:
+        """About how many seconds the vehicles fly, all together."""
+        return sum(
+            times * plan.prediction.duration_s for times, plan in zip(self.times, self.plans, strict=True)
+        )
+
+    def expected_readings(self, camera: CameraOptions) -> float:
+        """Return how many readings of cells are expected."""
+        readings = [_expected_readings(camera, plan) for plan in self.plans]
+        return sum(times * one for times, one in zip(self.times, readings, strict=True))
+
+
+@dataclass(frozen=True, slots=True)
+class Flights:
+    """Plans and sets up any flight of a run; it remembers nothing of them but what the policy does.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        The run's.
+    vehicles : tuple of Vehicle
+    decider : Decider
+    options : LeafCameraOptions
+    weights : ScoreWeights
+    """
+
+    scenario: Scenario
+    vehicles: tuple[Vehicle, ...]
+    decider: Decider
+    options: LeafCameraOptions
+    weights: ScoreWeights
+
+    @property
+    def farm(self) -> Farm:
+        """Where the vehicles fly."""
+        return self.vehicles[0].task.builder.farm
+
+    @property
+    def fields(self) -> FieldSet:
+        """What there is to see."""
+        return self.options.fields
+
+    def plan(
+        self,
+        day: int,
+        flight: int,
+        evidence: Evidence,
+        decisions: list[DecisionRecord],
+        gone: Collection[int] = (),
+    ) -> PlannedFlight:
+        """Ask for the paths of a flight; vehicles whose paths have no points stay on the ground.
+
+        Parameters
+        ----------
+        day, flight : int
+        evidence : Evidence
+            What is known by then.
+        decisions : list of DecisionRecord
+            Takes what is decided.
+        gone : collection of int
+            System ids of the vehicles that do not fly any more.
+
+        Raises
+        ------
+        WbfMissionError
+            If there is no path within the budget.
+        """
+        first = self.scenario.farm.day
+        there = [one for one in self.vehicles if one.task.system_id not in gone]
+        numbers = [SortieNumber(day, flight, one.task.system_id, first) for one in there]
+        vehicles = [
+            replace(one, task=one.task.of_sortie(number)) for one, number in zip(there, numbers, strict=True)
+        ]
+        decider = self.decider
+        knowledge = Knowledge(
+            self.farm, day, self.fields, self.weights, evidence.model, evidence.observations
+        )
+        loop = DecisionLoop(
+            decider.policy,
+            decider.name,
+            knowledge,
+            flight=flight,
+            records=decisions,
+            kept_distance=self._kept_distance(vehicles),
+        )
+        if decider.mission is not None:
+            times = (1.0,) * len(vehicles)
+            plans = (decider.mission,) * len(vehicles)
+        else:
+            answer = loop.start([one.task.report(steered=decider.steers) for one in vehicles])
+            flies = [len(answer.decision.paths[one.task.system_id]) > 0 for one in vehicles]
+            numbers, vehicles = list(compress(numbers, flies)), list(compress(vehicles, flies))
+            plans = tuple(
+                one.task.plan_of(answer.decision, decider.label, steered=decider.steers) for one in vehicles
+            )
+            times = (1.0,) * len(vehicles)
+            if decider.steers:
+                tasks = [one.task for one in vehicles]
+                times = tuple(
+                    max(1.0, one.request.budget.limit / max(answer.costs[one.system_id], 1e-9))
+                    for one in tasks
+                )
+        return PlannedFlight(day, flight, loop, tuple(zip(numbers, vehicles, plans, strict=True)), times)
+
+    def camera(self, number: SortieNumber, environment: Environment) -> LeafCamera:
+        """Return the leaf camera of a flight of one vehicle."""
+        return LeafCamera(
+            environment,
+            self.farm.grid().shape,
+            number.day,
+            self.options,
+            stream(self.scenario.seed, *number.stream_names("camera")),
+        )
+
+    def fly(
+        self,
+        planned: PlannedFlight,
+        evidence: Evidence,
+        cameras: Callable[[SortieNumber], Camera],
+        hosting: Hosting,
+        *,
+        tell: Progress,
+        watch: Stopwatch,
+        began: Callable[[JointFlight], None] | None = None,
+        attendant: Attendant | None = None,
+        writer: FrameSink | None = None,
+        offset_s: float = 0.0,
+        gone: Collection[int] = (),
+    ) -> JointFlight:
+        """Fly a flight to its end.
+
+        Parameters
+        ----------
+        planned : PlannedFlight
+        evidence : Evidence
+            Takes what is seen.
+        cameras : callable
+            Returns the leaf camera of each vehicle; see `camera`.
+        hosting : Hosting
+        tell : callable
+            Progress.
+        watch : Stopwatch
+        began : callable, optional
+            Takes the flight before it begins.
+        attendant : Attendant or None
+            Stands by.
+        writer : FrameSink or None
+            Takes every frame.
+        offset_s : float
+            When it begins, in seconds since the beginning of the run.
+        gone : collection of int
+            System ids of the vehicles that do not fly any more.
+        """
+        delays = self._start_delays(planned.plans)
+        sorties = [
+            Sortie(
+                number,
+                one.task,
+                plan,
+                one.scenario,
+                cameras(number),
+                lambda done, total: tell("uploading", done, total),
+                delay,
+                hosting.clearance(number.system_id),
+                hosting.transfers,
+                force=hosting.force,
+                place=place,
+            )
+            for place, ((number, one, plan), delay) in enumerate(zip(planned.sorties, delays, strict=True))
+        ]
+        opened = hosting.open(
+            sorties,
+            writer,
+            offset_s=offset_s,
+            seed=child_seed(self.scenario.seed, "faults", f"day-{planned.day}", f"flight-{planned.flight}"),
+            gone=gone,
+        )
+        with opened as host:
+            flying = JointFlight(
+                sorties,
+                planned.loop,
+                evidence,
+                host,
+                offset_s=offset_s,
+                pace=hosting.pace,
+                attendant=attendant,
+                expected_s=max(
+                    one.start_delay_s + times * one.plan.prediction.duration_s
+                    for one, times in zip(sorties, planned.times, strict=True)
+                ),
+                tell=tell,
+                watch=watch,
+            )
+            if began is not None:
+                began(flying)
+            flying.fly()
+        return flying
+
+    def _start_delays(self, plans: Sequence[PlanResult]) -> Sequence[float]:
+        """Return how many seconds after the first start each vehicle starts."""
+        keeps = self.scenario.vehicle.keeps
+        if keeps.kind != DISTANCE or len(plans) == 1:
+            return [0.0] * len(plans)
+        return departure_delays(plans, keeps.metres, ground_clearance_m(self.scenario.vehicle))
+
+    def _kept_distance(self, vehicles: Sequence[Vehicle]) -> KeptDistance | None:
+        """Return the distance that vehicles keep in flight; None if they need not."""
+        keeps = self.scenario.vehicle.keeps
+        if keeps.kind != DISTANCE:
+            return None
+        builders = {one.task.system_id: one.task.builder for one in vehicles}
+        return KeptDistance(
+            keeps.metres,
+            {
+                number: min(one.level.speed_m_s, one.vehicle.top_speed_m_s)
+                for number, one in builders.items()
+                if not one.vehicle.is_ideal
+            },
+            ground_clearance_m(self.scenario.vehicle),
+        )
+
+
+def _expected_readings(camera: CameraOptions, planned: PlanResult) -> float:
+    """Return how many readings of cells are expected of a flight."""
+    if planned.vehicle.is_ideal:
+        images = planned.prediction.duration_s / planned.vehicle.step_s
+    else:
+        spacing_m = camera.spacing_m or planned.farm.cell_size_m * camera.footprint
+        images = planned.prediction.path_length_m / spacing_m
+    return images * camera.footprint**2

@@ -1,0 +1,199 @@
+"""Where flights take place: on a virtual clock with vehicles of our own, or at the other end of a link."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from numpy.random import SeedSequence
+
+from mission.ground.clearance import Clearance
+from mission.link.codec.dialect import Message
+from mission.link.tlog import FrameSink
+from mission.model import GeoPoint
+from mission.transfer.making import OWN_TRANSFERS, OwnTransfers, TransferMaker
+from sim_vehicle.autopilot import get_autopilot
+from sim_vehicle.camera.component import LeafCameraComponent
+from sim_vehicle.component import NEVER, Component
+from sim_vehicle.epoch import EPOCH_UNIX_S
+from sim_vehicle.faults.fault import Fault
+from sim_vehicle.host.radio_range import RadioRange
+from sim_vehicle.host.simulation import Impairment, Simulation, StopReason
+from sim_vehicle.mavlink import SimVehicle
+from wbf_mission.planning import home_of
+from wbf_mission.planning.weather import noise_of, wind_of_run
+from wbf_mission.run.sortie import Sortie
+
+__all__ = ["FlightHost", "Hosting", "VirtualHosting"]
+
+
+class FlightHost(Protocol):
+    """What runs the components of a flight, on its own clock."""
+
+    @property
+    def now_s(self) -> float:
+        """Seconds since it began."""
+
+    @property
+    def frames(self) -> int:
+        """How many MAVLink frames were sent."""
+
+    def run(self, until: Callable[[float], bool] | None = None, limit_s: float = NEVER) -> StopReason:
+        """Let time pass until a condition holds or so many more seconds went by."""
+
+    def send(self, component: Component, messages: Iterable[Message]) -> None:
+        """Send messages of a component now."""
+
+
+class Hosting(Protocol):
+    """How the flights of a run take place."""
+
+    @property
+    def pace(self) -> float | None:
+        """Seconds of the host's clock in a second of wall time; None where the host decides."""
+
+    @property
+    def tlog(self) -> Path | None:
+        """Where every MAVLink frame is written; its folder is made when the first flight begins."""
+
+    @property
+    def transfers(self) -> TransferMaker:
+        """Who carries the plans up to the vehicles."""
+
+    @property
+    def force(self) -> bool:
+        """Whether plans are sent that the autopilot would refuse or not fly."""
+
+    def clearance(self, system_id: int) -> Clearance | None:
+        """Return what has to hold before the motors of a vehicle start."""
+
+    def open(
+        self,
+        sorties: Sequence[Sortie],
+        writer: FrameSink | None,
+        *,
+        offset_s: float,
+        seed: SeedSequence,
+        gone: Collection[int],
+    ) -> AbstractContextManager[FlightHost]:
+        """Return what runs the next flight.
+
+        Parameters
+        ----------
+        sorties : sequence of Sortie
+        writer : FrameSink or None
+            Takes every frame.
+        offset_s : float
+            When the flight begins, in seconds since the beginning of the run.
+        seed : SeedSequence
+            Of what goes wrong.
+        gone : collection of int
+            System ids of the vehicles that do not fly any more.
+        """
+
+
+@dataclass(frozen=True, slots=True)
+class VirtualHosting:
+    """Vehicles of our own on a virtual clock.
+
+    Parameters
+    ----------
+    pace : float or None
+        Simulated seconds per wall second; as fast as possible without.
+    tlog : Path or None
+        Where every MAVLink frame is written.
+    impairment : Impairment or None
+        A bad radio between the ground stations and the vehicles.
+    faults : tuple of Fault
+        What goes wrong in each flight of the vehicles that are still there.
+    """
+
+    pace: float | None = None
+    tlog: Path | None = None
+    impairment: Impairment | None = None
+    faults: tuple[Fault, ...] = ()
+
+    @property
+    def transfers(self) -> OwnTransfers:
+        """Who carries the plans up to the vehicles."""
+        return OWN_TRANSFERS
+
+    @property
+    def force(self) -> bool:
+        """Nothing is sent that the autopilot would refuse."""
+        return False
+
+    def clearance(self, system_id: int) -> None:  # noqa: ARG002
+        """Nobody has to agree."""
+        return
+
+    def open(
+        self,
+        sorties: Sequence[Sortie],
+        writer: FrameSink | None,
+        *,
+        offset_s: float,
+        seed: SeedSequence,
+        gone: Collection[int],
+    ) -> AbstractContextManager[FlightHost]:
+        """Return a simulation of the vehicles, their cameras and their ground stations."""
+        aboard = [_aboard(sortie) for sortie in sorties]
+        simulation = Simulation(
+            [part for on, sortie in zip(aboard, sorties, strict=True) for part in (*on, sortie.ground)],
+            tap=tap_of(writer, (EPOCH_UNIX_S + offset_s).__add__),
+            impairment=self.impairment,
+            faults=[one for one in self.faults if one.vehicle not in gone],
+            seed=seed,
+            remote=[sortie.ground for sortie in sorties],
+            radio_range=_radio_range(sorties, [vehicle for vehicle, _ in aboard]),
+        )
+        return nullcontext(simulation)
+
+
+def _radio_range(sorties: Sequence[Sortie], vehicles: Sequence[SimVehicle]) -> RadioRange | None:
+    """Return the range of the radios of the ground stations, which all stand at the farm's home."""
+    range_m, farm = sorties[0].scenario.vehicle.radio_range_m, sorties[0].plan.farm
+    if range_m is None:
+        return None
+    latitude_deg, longitude_deg = farm.frame.to_wgs84(*farm.home_m)
+    return RadioRange(range_m, GeoPoint(latitude_deg, longitude_deg, farm.frame.altitude_m), vehicles)
+
+
+def _aboard(sortie: Sortie) -> tuple[SimVehicle, LeafCameraComponent]:
+    """Return the simulated vehicle of a sortie, and the camera that rides on it."""
+    plan, scenario, number = sortie.plan, sortie.scenario, sortie.number
+    vehicle = SimVehicle(
+        plan.vehicle,
+        home_of(plan.mission, plan.farm),
+        wind=wind_of_run(scenario, number.stream_names("wind")),
+        autopilot=get_autopilot(scenario.vehicle.autopilot),
+        system_id=number.system_id,
+        epoch_unix_s=EPOCH_UNIX_S,
+        noise=noise_of(scenario.vehicle, scenario.seed, number.stream_names("navigation")),
+        sd_card=True,
+    )
+    camera = LeafCameraComponent(
+        sortie.leaf_camera,
+        plan.farm,
+        system_id=number.system_id,
+        position_error=vehicle.position_error if vehicle.errors else None,
+        looks=vehicle.camera_attitude,
+    )
+    return vehicle, camera
+
+
+def tap_of(
+    writer: FrameSink | None, time_of: Callable[[float], float]
+) -> Callable[[bytes, float], None] | None:
+    """Return what writes each frame with the time of day, told from the host's time."""
+    if writer is None:
+        return None
+    write = writer.write
+
+    def tap(frame: bytes, now_s: float) -> None:
+        write(frame, time_of(now_s))
+
+    return tap

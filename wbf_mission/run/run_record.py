@@ -1,0 +1,332 @@
+"""What a run gave, and its summary in plain values."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geo import Farm
+from geo.texts import one_line
+from mission.ground.tracks import Track, joined
+from mission.outcome import Outcome
+from sensors.camera.wire import AssemblerStatistics
+from sensors.fields import PAPER_FIELDS, FieldSet
+from sensors.observations import Observations
+from sensors.scoring.information import InformationModel
+from wbf_mission.deciding.record import STAYS, DecisionRecord
+from wbf_mission.maps.field_maps import FieldMap
+from wbf_mission.maps.report import FarmReport, report_of_maps
+from wbf_mission.planning import PlanResult
+from wbf_mission.run.day_record import DayRecord
+from wbf_mission.run.estimation import ScoreHistory
+from wbf_mission.run.flight_record import FlightRecord
+from wbf_mission.scenario import Scenario
+
+MOST_BAD = 0.1
+"""The part of a policy's answers that may be bad; with more, the run failed."""
+
+
+@dataclass(slots=True)
+class RunRecord:
+    """What a run gave; parts that were not reached are empty.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    flights : tuple of FlightRecord
+        Of each vehicle in each flight of each day, at least one, in that order; none of those that were not
+        worth making (`stays`).
+    observations : Observations
+        What arrived from the cameras.
+    truth, model : float32[n, W, H] and InformationModel, or None
+        The environment of the last day that was flown, and the last estimate.
+    history : ScoreHistory
+        Scores over time.
+    simulated_s : float
+        Seconds on the virtual clock, of all flights together.
+    frames : int
+        MAVLink frames that were sent.
+    timings_s : dict
+        Wall seconds of each part.
+    environment_cached : bool
+        Whether the environment came from the user's cache.
+    fields : FieldSet
+        What was sensed and scored.
+    maps, true_maps : tuple of FieldMap
+        Estimate and truth in blocks of cells; empty without an estimate.
+    decisions : list of DecisionRecord
+        Every question that the policy was asked.
+    days : tuple of DayRecord
+        What each day gave.
+    """
+
+    scenario: Scenario
+    flights: tuple[FlightRecord, ...]
+    observations: Observations
+    truth: NDArray[np.float32] | None
+    model: InformationModel | None
+    history: ScoreHistory
+    simulated_s: float
+    frames: int
+    timings_s: dict[str, float] = field(default_factory=dict)
+    environment_cached: bool = False
+    fields: FieldSet = PAPER_FIELDS
+    maps: tuple[FieldMap, ...] = ()
+    true_maps: tuple[FieldMap, ...] = ()
+    decisions: list[DecisionRecord] = field(default_factory=list)
+    days: tuple[DayRecord, ...] = ()
+
+    @property
+    def plan(self) -> PlanResult:
+        """What the first vehicle's first flight was planned to be."""
+        return self.flights[0].plan
+
+    @property
+    def outcome(self) -> Outcome:
+        """How the run ended: of several flights the first outcome that is not good."""
+        return Outcome.INTERRUPTED if self._stopped_between else self._decisive.outcome
+
+    @property
+    def reason(self) -> str:
+        """Why it ended so, empty when it went well."""
+        if self._stopped_between:
+            one = self.flights[-1]
+            return f"stopped after flight {one.flight} of day {one.day}"
+        one = self._decisive
+        if not one.reason or len(self.flights) == 1:
+            return one.reason
+        return f"day {one.day}, flight {one.flight}, vehicle {one.system_id}: {one.reason}"
+
+    @property
+    def stays(self) -> int:
+        """How many flights of a vehicle were not made, because the policy did not find them worth it."""
+        return sum(change.outcome == STAYS for one in self.decisions for change in one.changes)
+
+    @property
+    def _stopped_between(self) -> bool:
+        """Whether the run was stopped between two flights."""
+        farm = self.scenario.farm
+        expected = farm.days * farm.flights_per_day * len(self.scenario.vehicle.fleet)
+        made = len(self.flights) + self.stays
+        return made < expected and all(one.outcome.is_good for one in self.flights)
+
+    @property
+    def _decisive(self) -> FlightRecord:
+        return next((one for one in self.flights if not one.outcome.is_good), self.flights[0])
+
+    @property
+    def track(self) -> Track:
+        """What was flown, as the vehicles believed; flights are parted by a row without a position."""
+        return joined([one.track for one in self.flights])
+
+    @property
+    def true_track(self) -> Track | None:
+        """What was flown; None unless every vehicle made errors about its position."""
+        true = [one.true_track for one in self.flights]
+        known = [one for one in true if one is not None]
+        return joined(known) if len(known) == len(true) else None
+
+    @property
+    def camera(self) -> AssemblerStatistics:
+        """Images of all flights."""
+        each = [asdict(one.camera) for one in self.flights]
+        return AssemblerStatistics(**{name: sum(one[name] for one in each) for name in each[0]})
+
+    @property
+    def transfers(self) -> list[Any]:
+        """Statistics of all mission transfers."""
+        return [transfer for one in self.flights for transfer in one.transfers]
+
+    @property
+    def texts(self) -> list[tuple[float, int, str]]:
+        """What the vehicles said (time, severity, text)."""
+        return [text for one in self.flights for text in one.texts]
+
+    @property
+    def warnings(self) -> list[str]:
+        """What the user should know, each in one line."""
+        of_flights = (warning for one in self.flights for warning in one.warnings)
+        return list(dict.fromkeys([*filter(None, [self._answers_told()]), *of_flights]))
+
+    @property
+    def bad_answers(self) -> dict[str, int]:
+        """How many of the policy's answers were not flown, or came too late, by what was wrong with them."""
+        return dict(Counter(one.fault for one in self.decisions if one.fault).most_common())
+
+    @property
+    def policy_failed(self) -> bool:
+        """Whether more than a tenth of the policy's answers were bad: the run tells nothing of it."""
+        return sum(self.bad_answers.values()) > MOST_BAD * len(self.decisions)
+
+    def _answers_told(self) -> str | None:
+        """Say how many answers were bad, and what was wrong with the first; None if none was."""
+        bad = self.bad_answers
+        if not bad:
+            return None
+        first = next(one.refused for one in self.decisions if one.fault)
+        kinds = ", ".join(f"{count} {kind}" for kind, count in bad.items())
+        whose = f"policy {self.scenario.mission.policy}"
+        of = f"{sum(bad.values())} of {len(self.decisions)} answers were bad: {kinds}"
+        return f"{whose}: {of}" + (f"; first: {one_line(first)}" if first else "")
+
+    @property
+    def battery_used(self) -> float | None:
+        """Fraction of a battery, of the flight that took most; None if no vehicle told."""
+        return max((one.battery_used for one in self.flights if one.battery_used is not None), default=None)
+
+    @property
+    def flight_time_s(self) -> float:
+        """Simulated seconds in the air; of vehicles that fly together the longest time counts."""
+        return self._time_together_s([one.flight_time_s for one in self.flights])
+
+    @property
+    def predicted_time_s(self) -> float:
+        """What `flight_time_s` was expected to be before take-off."""
+        return self._time_together_s([one.plan.prediction.duration_s for one in self.flights])
+
+    def _time_together_s(self, times_s: list[float]) -> float:
+        longest: dict[tuple[int, int], float] = {}
+        for one, time_s in zip(self.flights, times_s, strict=True):
+            key = (one.day, one.flight)
+            longest[key] = max(longest.get(key, 0.0), time_s)
+        return sum(longest.values())
+
+    @property
+    def least_distance_m(self) -> float | None:
+        """How near two vehicles that flew together came to each other; None if no two did.
+
+        The paper's robots, which have no size, do not count. The true tracks tell it where they are known.
+        """
+        tracks = [
+            (one.day, one.flight, one.true_track or one.track)
+            for one in self.flights
+            if not one.plan.vehicle.is_ideal
+        ]
+        pairs = [
+            first.least_distance_m(second)
+            for number, (*when, first) in enumerate(tracks)
+            for *other, second in tracks[:number]
+            if when == other
+        ]
+        return min((one for one in pairs if one is not None), default=None)
+
+    @property
+    def report(self) -> FarmReport | None:
+        """What the estimate says of the farm, if there is one."""
+        return report_of_maps(self.farm, self.maps) if self.maps else None
+
+    @property
+    def score(self) -> float | None:
+        """The paper's score, averaged over the scored times of the run; 0 is perfect; None without any."""
+        return self.history.score
+
+    @property
+    def final_score(self) -> float | None:
+        """The paper's score of the last estimate."""
+        return self.history.entries[-1].score if self.history.entries else None
+
+    @property
+    def losses(self) -> dict[str, float]:
+        """The mean loss a cell of each field by the last estimate; empty without one."""
+        if not self.history.entries:
+            return {}
+        return dict(zip(self.fields.names, self.history.entries[-1].field_loss, strict=True))
+
+    @property
+    def estimator(self) -> str:
+        """The estimator with its parameters."""
+        return str(self.scenario.estimate.estimator)
+
+    @property
+    def farm(self) -> Farm:
+        """The farm that was flown."""
+        return self.plan.farm
+
+    def by_day(self) -> list[dict[str, Any]]:
+        """Return what each day gave, in plain values."""
+        flown = {(one.day, one.flight) for one in self.flights}
+        return [
+            one.summary(
+                self.history,
+                sum(day == one.day for day, _ in flown),
+                int(np.count_nonzero(self.observations.day == one.day)),
+            )
+            for one in self.days
+        ]
+
+    def summary(self) -> dict[str, Any]:
+        """Return the run in plain values, for JSON."""
+        final = self.history.entries[-1] if self.history.entries else None
+        seen = self.observations
+        cells = len(np.unique(seen.x.astype(np.int64) * self.farm.height_cells + seen.y)) if len(seen) else 0
+        flight_s = self.timings_s.get("flight", 0.0)
+        report = self.report
+        return {
+            "seed": self.scenario.seed,
+            "farm": self.farm.name,
+            "planner": None if self.scenario.mission.policy is not None else self.plan.planner,
+            "policy": None if self.scenario.mission.policy is None else str(self.scenario.mission.policy),
+            "mission": self.scenario.mission.file,
+            "estimator": self.estimator,
+            "vehicle": self.plan.vehicle.name,
+            "vehicles": len({one.system_id for one in self.flights}),
+            "day": self.scenario.farm.day,
+            "days": self.scenario.farm.days,
+            "outcome": self.outcome.value,
+            "reason": self.reason,
+            "warnings": list(self.warnings),
+            "bad_answers": self.bad_answers,
+            "policy_failed": self.policy_failed,
+            "score": self.history.score,
+            "final_score": final.score if final else None,
+            "scored_times": len(self.history.entries),
+            "losses": _by_field(self.fields.names, final.field_loss if final else None),
+            "rmse": _by_field(self.fields.names, final.field_rmse if final else None),
+            "mae": _by_field(self.fields.names, final.field_mae if final else None),
+            "authors_axis_max": final.authors_axis_max if final else None,
+            "report": report.to_dict() if report is not None else None,
+            "observations": len(seen),
+            "cells_observed": cells,
+            "path_length_m": self.track.length_m,
+            "position_error_m": self.flights[0].position_error,
+            "planned_length_m": sum(one.plan.length_m for one in self.flights),
+            "flight_time_s": self.flight_time_s,
+            "predicted_time_s": self.predicted_time_s,
+            "battery_used": self.battery_used,
+            "predicted_battery_used": self.plan.battery_used,
+            "coverage": self.plan.coverage,
+            "spacing_m": self.plan.spacing_m,
+            "budget": self.plan.budget_text,
+            "least_distance_m": self.least_distance_m,
+            "flights": [one.summary() for one in self.flights],
+            "flights_not_made": self.stays,
+            "by_day": self.by_day(),
+            "decisions": [one.summary() for one in self.decisions],
+            "transfer": _transfer_summary(self.transfers),
+            "camera": asdict(self.camera),
+            "mavlink_frames": self.frames,
+            "wall_time_s": sum(self.timings_s.values()),
+            "realtime_factor": self.simulated_s / flight_s if flight_s > 0.0 else 0.0,
+            "timings_s": dict(self.timings_s),
+            "environment_cached": self.environment_cached,
+            "scenario": self.scenario.to_dict(),
+        }
+
+
+def _by_field(names: tuple[str, ...], values: tuple[float, ...] | None) -> dict[str, float | None]:
+    return dict.fromkeys(names) if values is None else dict(zip(names, values, strict=True))
+
+
+def _transfer_summary(transfers: list[Any]) -> dict[str, Any]:
+    return {
+        "items": sum(part.items for part in transfers),
+        "messages_sent": sum(part.messages_sent for part in transfers),
+        "messages_received": sum(part.messages_received for part in transfers),
+        "retries": sum(part.retries for part in transfers),
+        "duration_s": sum(part.duration_s for part in transfers),
+        "verified": bool(transfers) and all(part.verified for part in transfers),
+    }

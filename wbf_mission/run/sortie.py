@@ -1,0 +1,502 @@
+"""One vehicle's flight as the ground sees it: its task and plan, its leaf camera, its ground station."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from statistics import median
+
+import numpy as np
+
+from geo.errors import WbfMissionError
+from mission.ground.change import ChangeOutcome, leads_home, revised_mission
+from mission.ground.clearance import Clearance
+from mission.ground.link_state import SILENCE_S
+from mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID, GroundStation
+from mission.link.codec.dialect import Message
+from mission.link.codec.dialect import mavlink as m
+from mission.model import Command, Mission, MissionItem
+from mission.outcome import Outcome, Phase
+from mission.planners.path import Points, path_length
+from mission.planners.turns import Waypoints
+from mission.policies.situation import Status, VehicleReport
+from mission.transfer.making import OWN_TRANSFERS, TransferMaker
+from sensors.camera.leaf_camera import Camera
+from sensors.camera.wire import ObservationAssembler
+from sensors.observations import Observations
+from sim_vehicle.prediction.onward import InFlight
+from wbf_mission.deciding.record import FLOWN_ALREADY, PathChange
+from wbf_mission.planning import FlightTask, PlanResult
+from wbf_mission.planning.fares import is_same_path
+from wbf_mission.planning.sortie_number import SortieNumber
+from wbf_mission.run.flight_record import FlightRecord
+from wbf_mission.scenario import Scenario, VehicleOptions
+from wbf_mission.scenario.parts import MOST_VEHICLES
+
+SLOWER, SPARE_S = 1.2, 5.0
+"""A flight beyond the range may take so much longer than expected, in parts and in seconds."""
+_STEP_M, _MOST_STEPS = 0.5, 20_000
+_WELL_INSIDE = 0.9
+_SLOWEST_M_S = 0.1
+ASIDE_S, WHOLE_S = 8.0, 2.0
+"""So long may a change of the mission take, aside from it or as a whole; meanwhile it has to be in range."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reach:
+    """The range of the ground station's radio, as far as plans over ground go.
+
+    Parameters
+    ----------
+    range_m : float
+        In space.
+    station_xy_m : tuple of float
+        Where the ground station stands, in metres of the farm frame.
+    height_m : float
+        At which the vehicle flies above it.
+    speed_m_s : float
+        At which it flies.
+    mean_speed_m_s : float
+        Of its planned flight, turns included.
+    """
+
+    range_m: float
+    station_xy_m: tuple[float, float]
+    height_m: float
+    speed_m_s: float
+    mean_speed_m_s: float
+
+    @property
+    def radius_m(self) -> float:
+        """How far it reaches over ground at the height of the flight; 0 if not so high."""
+        return float(np.sqrt(max(self.range_m**2 - self.height_m**2, 0.0)))
+
+    def absence_s(self, position_m: tuple[float, float], onward_m: Points) -> float:
+        """Return after how long at most a vehicle that was heard here last is in range again.
+
+        Parameters
+        ----------
+        position_m : tuple of float
+        onward_m : float64[n, 2]
+            Where it flies from there, the way home included.
+
+        Returns
+        -------
+        float
+            The time of the whole rest where that never comes back into range.
+
+        Examples
+        --------
+        >>> reach = Reach(10.0, (0.0, 0.0), 0.0, 2.5, 2.0)
+        >>> round(reach.absence_s((10.0, 0.0), np.array([[20.0, 0.0], [0.0, 0.0]])))
+        18
+        """
+        path = np.vstack((position_m, np.asarray(onward_m, np.float64).reshape(-1, 2)))
+        along_m = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))))
+        total_m = float(along_m[-1])
+        flown_m = np.linspace(0.0, total_m, 2 + int(total_m / max(_STEP_M, total_m / _MOST_STEPS)))
+        x, y = (np.interp(flown_m, along_m, path[:, axis]) for axis in range(2))
+        away_m = np.hypot(x - self.station_xy_m[0], y - self.station_xy_m[1])
+        outside = away_m > self.radius_m
+        length_m = 0.0
+        if outside.any():
+            left = int(np.argmax(outside))
+            # Where it only grazes the border nothing may be heard of it.
+            back = np.flatnonzero(away_m[left:] < _WELL_INSIDE * self.radius_m - _STEP_M)
+            length_m = float(flown_m[left + back[0]]) if len(back) else total_m
+        return SLOWER * length_m / self.mean_speed_m_s + SPARE_S
+
+    def is_near_border(self, position_m: tuple[float, float], within_s: float) -> bool:
+        """Return whether a vehicle may leave the range within some seconds."""
+        distance_m = float(np.hypot(*np.subtract(position_m, self.station_xy_m)))
+        return distance_m + within_s * self.speed_m_s > self.radius_m
+
+
+def reach_of(options: VehicleOptions, task: FlightTask, plan: PlanResult) -> Reach | None:
+    """Return how far the ground station at the farm's home reaches for a vehicle; None: everywhere."""
+    if options.radio_range_m is None:
+        return None
+    level = task.builder.level
+    speed_m_s = min(level.speed_m_s, task.builder.vehicle.top_speed_m_s)
+    mean_m_s = max(plan.prediction.path_length_m / plan.prediction.duration_s, _SLOWEST_M_S)
+    home_m = plan.farm.home_m
+    return Reach(options.radio_range_m, home_m, level.altitude_m, speed_m_s, min(mean_m_s, speed_m_s))
+
+
+SILENT_S = 30.0
+"""A vehicle that is not heard of for so long is lost, as far as decisions go; beyond the radio's range it is
+for so long after it should have been back."""
+ENDING_S = 3.0
+"""A policy is asked so long before a path ends."""
+SLOWEST_M_S = 0.3
+_REAL_GROUNDS = (GROUND_COMPONENT_ID, *range(m.MAV_COMP_ID_USER1, m.MAV_COMP_ID_USER1 + MOST_VEHICLES))
+"""Real vehicles expect their ground station to be system 255 (ArduPilot: MAV_GCS_SYSID); where several fly,
+each has a component of it."""
+_NO_REST: tuple[tuple[MissionItem, ...], int, Points] = ((), -1, np.empty((0, 2)))
+
+
+class Sortie:
+    """One vehicle from the first heartbeat to the landing.
+
+    Parameters
+    ----------
+    number : SortieNumber
+    task : FlightTask
+    plan : PlanResult
+        What is uploaded before take-off.
+    scenario : Scenario
+        With the name of this one vehicle.
+    leaf_camera : Camera
+        What it looks with.
+    on_transfer : callable, optional
+        ``on_transfer(done, total)`` as mission items cross.
+    start_delay_s : float
+        How long it waits before it starts.
+    clearance : Clearance, optional
+        What has to hold before its motors start.
+    force : bool
+        Send also what the autopilot would refuse or not fly.
+    maker : TransferMaker
+        Who carries its plans up.
+    place : int
+        Which of those that fly together it is, from 0.
+
+    Attributes
+    ----------
+    ground : GroundStation
+        What flies it.
+    images_missed : callable
+        Returns how many images were never taken because the link was dead; the host sets it.
+    send : callable
+        Sends messages of the ground station; the host sets it.
+    """
+
+    def __init__(
+        self,
+        number: SortieNumber,
+        task: FlightTask,
+        plan: PlanResult,
+        scenario: Scenario,
+        leaf_camera: Camera,
+        on_transfer: Callable[[int, int], None] | None = None,
+        start_delay_s: float = 0.0,
+        clearance: Clearance | None = None,
+        maker: TransferMaker = OWN_TRANSFERS,
+        *,
+        force: bool = False,
+        place: int = 0,
+    ) -> None:
+        self._reach = reach_of(scenario.vehicle, task, plan)
+        farm = plan.farm
+        self.start_delay_s = start_delay_s
+        self.number, self.task, self.plan = number, task, plan
+        self.send: Callable[[list[Message]], None] = _nobody_sends
+        self.images_missed: Callable[[], int] = _none_missed
+        self.scenario = scenario
+        self.leaf_camera = leaf_camera
+        fields = leaf_camera.options.fields.names
+        self.assembler = ObservationAssembler(farm, day=number.day, fields=fields)
+        self.ground = GroundStation(
+            plan.mission,
+            self.assembler,
+            vehicle_system_id=number.system_id,
+            system_id=GROUND_SYSTEM_ID if clearance is not None else GROUND_SYSTEM_ID + 1 - number.system_id,
+            component_id=_REAL_GROUNDS[place] if clearance is not None else GROUND_COMPONENT_ID,
+            on_progress=on_transfer,
+            start_delay_s=start_delay_s,
+            clearance=clearance,
+            maker=maker,
+            force=force,
+        )
+        self._flown = self.ground.flown_length(farm.frame)
+        self._fares = task.fares_in_flight(plan.path_m)
+        self._last_item = 0
+        self._passed = 0
+        # Paths whose legs are led, or lead round obstacles, by the items that fly them.
+        self._led: list[tuple[tuple[MissionItem, ...], Points, Waypoints]] = []
+        if self._leads and scenario.mission.file is None:
+            sent = task.builder.waypoints(plan.path_m, task.request.start_xy_m)
+            self._led = [(plan.mission.items, plan.path_m, sent)]
+        self._rest_known = _NO_REST
+        self._on_path = len(self._rest_points())
+        self._ending_told: int | None = None
+        self._open: list[tuple[int, PathChange]] = []
+
+    @property
+    def system_id(self) -> int:
+        """The vehicle's MAVLink system id."""
+        return self.number.system_id
+
+    @property
+    def _leads(self) -> bool:
+        """Whether it may be sent elsewhere than to the points of its path."""
+        builder = self.task.builder
+        return builder.turns.lead_m > 0.0 or builder.keep_out is not None
+
+    @property
+    def done(self) -> bool:
+        """Whether the flight is over."""
+        return self.ground.done
+
+    def held_mission(self) -> Mission:
+        """Return the mission that the vehicle holds."""
+        return self.ground.mission
+
+    def is_changing(self) -> bool:
+        """Return whether that mission is being changed."""
+        return self.ground.changing
+
+    def take(self) -> Observations:
+        """Return the observations that arrived since the last call."""
+        seen, offset_s = self.assembler.take(), self.ground.clock_offset_s
+        # Vehicles that were switched on at different times count on one clock.
+        return replace(seen, time_s=seen.time_s + offset_s) if offset_s and len(seen) else seen
+
+    @property
+    def _rest(self) -> list[int]:
+        """The items of the waypoints that are still to be flown to."""
+        items = self.ground.mission.items
+        return [k for k in range(self._item, len(items)) if items[k].command == Command.NAV_WAYPOINT]
+
+    @property
+    def _item(self) -> int:
+        """The item that is flown; the last one told of, while a changed mission is not spoken of yet."""
+        told = self.ground.vehicle_state.item
+        if told is not None:
+            self._last_item = told
+        return self._last_item
+
+    def _rest_points(self) -> Points:
+        """Return the points of the path that are still to be reached, in metres of the farm frame."""
+        items, item = self.ground.mission.items, self._item
+        known_items, known_item, known = self._rest_known
+        if known_items is not items or known_item != item:
+            known = self._points_of(items, self._rest)
+            self._rest_known = items, item, known
+        return known.copy()
+
+    def _points_of(self, items: tuple[MissionItem, ...], left: list[int]) -> Points:
+        """Return the points of some items of the mission, the last ones of their path."""
+        for held, path_m, sent in self._led:
+            if held is items:
+                return path_m[sent.of_point[-len(left)] :] if left else path_m[:0]
+        rest = np.array([(items[k].x, items[k].y) for k in left]).reshape(-1, 2)
+        return np.column_stack(self.plan.farm.frame.from_wgs84(rest[:, 0], rest[:, 1]))
+
+    @property
+    def waypoints_reached(self) -> int:
+        """How many waypoints the vehicle has passed on the paths that it was given."""
+        return self._passed + self._on_path - len(self._rest_points())
+
+    def is_ending(self, now_s: float) -> bool:
+        """Return whether the vehicle is about to reach the end of its path; True once for each point left."""
+        if self.status(now_s) is not Status.FLYING:
+            return False
+        rest = self._rest_points()
+        if self._ending_told == len(rest):
+            return False
+        path = np.vstack((self.ground.vehicle_state.position_m(self.plan.farm.frame), rest))
+        length_m = path_length(path)
+        speed_m_s = max(self.ground.vehicle_state.ground_speed_m_s, SLOWEST_M_S)
+        # The last point counts as reached within the radius.
+        left_m = length_m - self.task.builder.turns.radius_m
+        ends = left_m < speed_m_s * (ENDING_S + self._delay_s)
+        if ends:
+            self._ending_told = len(rest)
+        return ends
+
+    def report(self, now_s: float) -> VehicleReport:
+        """Return what is known of the vehicle from its telemetry."""
+        state, frame = self.ground.vehicle_state, self.plan.farm.frame
+        task = self.task
+        heard = state.heard_s > -math.inf
+        position_m = state.position_m(frame) if heard else task.request.start_xy_m
+        velocity_m_s = state.velocity_in(frame) if heard else (0.0, 0.0)
+        in_flight = InFlight(
+            position_m, max(state.height_m, 0.0), velocity_m_s, state.velocity_m_s[2], state.heading_rad
+        )
+        rest_m = self._rest_points()
+        return VehicleReport(
+            system_id=self.system_id,
+            request=task.request,
+            status=self.status(now_s),
+            position_m=position_m,
+            velocity_m_s=velocity_m_s,
+            age_s=now_s - state.heard_s if heard else 0.0,
+            spent=self._spent(now_s),
+            rest_m=rest_m,
+            fares=self._fares(in_flight, rest_m, self.ground.changes_aside),
+            battery=state.battery,
+            delay_s=self._delay_s,
+        )
+
+    def status(self, now_s: float) -> Status:
+        """Return what the vehicle is doing, as far as the ground can tell."""
+        ground, state = self.ground, self.ground.vehicle_state
+        if ground.phase in (Phase.DONE, Phase.FETCH):
+            return Status.ENDED if ground.outcome.is_good else Status.LOST
+        if ground.phase is not Phase.FLIGHT:
+            return Status.READY
+        silent_s = now_s - state.heard_s
+        if silent_s > SILENT_S + self._absence_s(silent_s):
+            return Status.LOST
+        if silent_s > SILENCE_S:
+            return Status.SILENT
+        if ground.pilot.taken_out:
+            return Status.PILOTED
+        if ground.changing:
+            return Status.CHANGING
+        items = ground.mission.items
+        if self._item < len(items) and items[self._item].command == Command.NAV_TAKEOFF:
+            return Status.CLIMBING
+        return Status.FLYING if self._rest else Status.RETURNING
+
+    def _absence_s(self, silent_s: float) -> float:
+        """Return how long the plan explains that nothing is heard of the vehicle."""
+        if self._reach is None or not SILENT_S < silent_s < math.inf:
+            return 0.0
+        onward = np.vstack((self._rest_points(), self._end_m()))
+        return self._reach.absence_s(self.ground.vehicle_state.position_m(self.plan.farm.frame), onward)
+
+    def _end_m(self) -> Points:
+        """Return where the vehicle flies after its path: home, or nowhere."""
+        home = self.task.request.start_xy_m
+        return np.array([home]) if leads_home(self.ground.mission.items, 0) else np.empty((0, 2))
+
+    def give_up_lost(self, now_s: float) -> None:
+        """End the flight of a vehicle that stays out of the radio's range at the end of its path."""
+        stays = self._reach is not None and not len(self._end_m())
+        if stays and not self.done and self.status(now_s) is Status.LOST:
+            silent_s = now_s - self.ground.vehicle_state.heard_s
+            why = f"its path ends beyond the radio's range; not heard of for {silent_s:.0f} s"
+            self.ground.interrupt(Outcome.LINK_LOST, why, now_s)
+
+    def _spent(self, now_s: float) -> float:
+        """Return what the flight has cost so far, in the unit of the budget."""
+        ground, budget, vehicle = self.ground, self.task.request.budget, self.plan.vehicle
+        if ground.started_s is None:
+            return 0.0
+        # A vehicle whose clock runs faster than ours (a simulator) is held to its own.
+        flown_s = max(now_s - ground.started_s, ground.flight_time_s)
+        if budget.unit == "m":
+            # Where nothing was heard it cannot have flown farther than its speed allows.
+            return self._flown.measure() + ground.silent_s * self.task.builder.level.speed_m_s
+        if budget.unit == "steps":
+            return math.floor(flown_s / vehicle.step_s + 1e-6)
+        if budget.unit == "Wh":
+            return ground.vehicle_state.consumed_wh or 0.0
+        return flown_s
+
+    @property
+    def _delay_s(self) -> float:
+        known = [one.delay_s for one in self.ground.changes if one.delay_s is not None]
+        return median(known) if known else 0.0
+
+    def steer(self, points_m: Points, now_s: float) -> PathChange:
+        """Begin to change the path of the vehicle; what becomes of it is noted in what is returned."""
+        ground, frame = self.ground, self.plan.farm.frame
+        started_s = ground.started_s or 0.0
+        position_m = ground.vehicle_state.position_m(frame)
+        change = PathChange(self.system_id, position_m, points_m, math.nan, sent_s=now_s - started_s)
+        if ground.changes_aside and is_same_path(points_m, self._rest_points()):
+            change.outcome = FLOWN_ALREADY
+            return change
+        within_s = (ASIDE_S if ground.changes_aside else WHOLE_S) + self._delay_s
+        if self._reach is not None and self._reach.is_near_border(position_m, within_s):
+            change.outcome = "not sent: it might leave the radio's range before the change is over"
+            return change
+        builder = self.task.builder
+        if not len(points_m) and not len(self._end_m()):
+            # It ends its path where it is: nothing in its mission leads home.
+            points_m = np.array([position_m])
+        sent = builder.waypoints(points_m, position_m)
+        latitude, longitude = frame.to_wgs84(sent.points_m[:, 0], sent.points_m[:, 1])
+        mission, resume_at = revised_mission(
+            ground.mission,
+            self._item,
+            list(zip(latitude.tolist(), longitude.tolist(), strict=True)),
+            altitude_m=builder.level.altitude_m,
+            acceptance_radius_m=sent.radius_m,
+        )
+        if self._leads:
+            self._led = [*self._led[-1:], (mission.items, points_m, sent)]
+            self._rest_known = _NO_REST
+        try:
+            messages = ground.change(mission, resume_at, now_s)
+        except WbfMissionError as error:
+            change.outcome = str(error)
+            return change
+        self._passed, self._on_path = self.waypoints_reached, len(points_m)
+        self._ending_told = None
+        self._open.append((len(ground.changes), change))
+        self.send(messages)
+        return change
+
+    def note_changes(self) -> None:
+        """Note what became of the changes that were under way."""
+        started_s = self.ground.started_s or 0.0
+        still = []
+        for number, change in self._open:
+            if number >= len(self.ground.changes):
+                if self.done and self.ground.outcome.is_good and not len(change.path_m):
+                    # It went home at once, or ended where it was, before the change was confirmed.
+                    change.outcome, change.effect_s = "flown", self.ground.flight_time_s
+                    continue
+                still.append((number, change))
+                continue
+            record = self.ground.changes[number]
+            done = record.outcome is ChangeOutcome.DONE
+            change.outcome = "flown" if done else f"{record.outcome.value}: {record.text}"
+            turned = record.turned_s if record.turned_s is not None else record.in_effect_s
+            change.effect_s = None if turned is None else turned - started_s
+        self._open = still
+
+    def record(self) -> FlightRecord:
+        """Return what the flight gave."""
+        ground, battery = self.ground, self.plan.vehicle.battery
+        used = None
+        if battery is not None:
+            used = ground.battery.used_since(ground.battery_before, battery.capacity_wh)
+        frame = self.plan.farm.frame
+        track = ground.track(frame)
+        return FlightRecord(
+            day=self.number.day,
+            flight=self.number.flight,
+            system_id=self.system_id,
+            plan=self.plan,
+            outcome=ground.outcome,
+            reason=ground.reason,
+            track=replace(track, time_s=track.time_s + ground.clock_offset_s),
+            true_track=ground.true_track(frame),
+            camera=self.assembler.statistics,
+            transfers=ground.transfers,
+            battery_used=used,
+            flight_time_s=ground.flight_time_s,
+            texts=ground.texts,
+            link=ground.link_report,
+            missing_images=self._missing_images,
+            warnings=[*self.plan.warnings, *filter(None, [self.assembler.mismatch(), self._missing()])],
+        )
+
+    @property
+    def _missing_images(self) -> int:
+        """How many images will not come any more: lost on the way, or never taken over a dead link."""
+        return len(self.assembler.missing()) + self.images_missed()
+
+    def _missing(self) -> str | None:
+        """Say how many images of a real flight are missing for good; None if none are."""
+        missing, report = self._missing_images, self.ground.link_report
+        if report is None or not missing:
+            return None
+        silent = f"; nothing was heard of the vehicle for {report.silent_s:.0f} s" if report.silent_s else ""
+        return f"about {missing} images are missing for good{silent}"
+
+
+def _none_missed() -> int:
+    return 0
+
+
+def _nobody_sends(_messages: list[Message]) -> None:
+    msg = "the sortie is not flown by a host"
+    raise RuntimeError(msg)

@@ -44,9 +44,9 @@
     +-- wbf_mission.rl.errors.TrainingError               a training environment
     +-- wbf_mission.results.tables.ResultError                    the folder of a result
     +-- wbf_mission.cli.targets.TargetError               a file or folder to be written
-    +-- wbf_mission.check.errors.CheckError               a check that does not exist
-    +-- wbf_mission.check.errors.FailedError              a check that failed
-    +-- wbf_mission.check.errors.SkippedError             a check that does not apply
+    +-- mission.check.errors.CheckError               a check that does not exist
+    +-- mission.check.errors.FailedError              a check that failed
+    +-- mission.check.errors.SkippedError             a check that does not apply
 """
 
 

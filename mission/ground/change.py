@@ -8,13 +8,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 
+from mission.autopilots.profile import Profile
 from mission.errors import MissionError
 from mission.ground.guard import FailsafeGuard
 from mission.ground.texts import TextLog
 from mission.ground.vehicle_state import VehicleMonitor
 from mission.link.codec.dialect import Message
 from mission.model import Command, Mission, MissionItem, MissionType
-from mission.transfer import Profile
 from mission.transfer.making import OWN_TRANSFERS, Transfer, TransferMaker, Upload
 from mission.transfer.round_trip import RoundTrip
 from mission.transfer.upload import check_plan

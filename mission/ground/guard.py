@@ -6,11 +6,11 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 
+from mission.autopilots.profile import NeededParameter
 from mission.ground.orders import retry_s_over, tries_over
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.transfer import RoundTrip
-from mission.transfer.profile import NeededParameter
 
 __all__ = ["FailsafeGuard"]
 

@@ -6,11 +6,12 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from mission.autopilots.registry import profile_for
 from mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID
 from mission.ground.texts import TextLog
 from mission.link import MavlinkEndpoint, open_link
 from mission.model import Mission, MissionType
-from mission.transfer import Event, Progress, RemoteTransferError, TransferStatistics, profile_for
+from mission.transfer import Event, Progress, RemoteTransferError, TransferStatistics
 from mission.transfer.driver import OnEvent, OnText, TransferDriver
 from mission.transfer.vehicles import Vehicle
 

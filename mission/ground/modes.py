@@ -1,7 +1,4 @@
-"""Flight modes of autopilots by their names, and those that an operator wants in a hurry.
-
-Names and numbers are pymavlink's: those of PX4's ``px4_custom_mode.h`` and ArduPilot's ``mode.h``.
-"""
+"""Flight modes of autopilots by their names, and those that an operator wants in a hurry."""
 
 from __future__ import annotations
 
@@ -11,6 +8,7 @@ from enum import Enum
 from pymavlink import mavutil
 
 from geo.errors import WbfMissionError
+from mission.autopilots.registry import profile_for
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command
 
@@ -26,14 +24,8 @@ __all__ = [
     "maneuver_modes",
     "mode_name",
     "mode_named",
+    "told_name",
 ]
-
-_CUSTOM = float(m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
-_PX4_MISSION, _PX4_HOLD = ("MISSION", "TAKEOFF"), "LOITER"
-_ARDUPILOT_MISSION = "AUTO"
-_ARDUPILOT_HOLD = {m.MAV_TYPE_FIXED_WING: "LOITER", m.MAV_TYPE_GROUND_ROVER: "HOLD"}
-# A copter in LOITER without a stick in the middle sinks.
-_COPTER_HOLD = "BRAKE"
 
 
 class ModeError(WbfMissionError, ValueError):
@@ -88,29 +80,32 @@ def mode_named(autopilot: int, vehicle_type: int, name: str) -> ModeNumbers:
     (ModeNumbers(base=1.0, main=6.0, sub=0.0), ModeNumbers(base=29.0, main=4.0, sub=4.0))
     """
     wanted = name.strip().upper()
-    if autopilot == m.MAV_AUTOPILOT_PX4:
-        known = {mode: ModeNumbers(*map(float, numbers)) for mode, numbers in mavutil.px4_map.items()}
-        known["HOLD"] = known[_PX4_HOLD]
-    else:
-        table = mavutil.mode_mapping_bynumber(vehicle_type) or {}
-        known = {mode: ModeNumbers(_CUSTOM, float(number), 0.0) for number, mode in table.items()}
+    modes = profile_for(autopilot).modes
+    known = {} if modes is None else dict(modes.numbers(vehicle_type))
+    if modes is not None:
+        known |= {alias: known[of] for alias, of in modes.aliases.items()}
     if wanted not in known:
         msg = f"mode {name!r} is unknown to this vehicle; it has {', '.join(sorted(known)) or 'none by name'}"
         raise ModeError(msg)
-    return known[wanted]
+    return ModeNumbers(*known[wanted])
+
+
+def told_name(autopilot: int, name: str) -> str:
+    """Return how HEARTBEAT's mode is called after a mode was asked for by a name.
+
+    Examples
+    --------
+    >>> told_name(12, "hold"), told_name(3, "guided")
+    ('LOITER', 'GUIDED')
+    """
+    wanted, modes = name.strip().upper(), profile_for(autopilot).modes
+    return wanted if modes is None else modes.aliases.get(wanted, wanted)
 
 
 def arming_mode_name(autopilot: int, vehicle_type: int) -> str | None:
-    """Return the name of the mode in which a vehicle arms without a stick; None where it may arm in any.
-
-    ArduCopter arms neither in AUTO nor, with the throttle down, in modes that hold the height; PX4 does not
-    without a radio control in those that want sticks. QGroundControl chooses in the same way.
-    """
-    if autopilot == m.MAV_AUTOPILOT_PX4:
-        return _PX4_HOLD
-    if autopilot == m.MAV_AUTOPILOT_ARDUPILOTMEGA and vehicle_type not in _ARDUPILOT_HOLD:
-        return "GUIDED"
-    return None
+    """Return the name of the mode in which a vehicle arms without a stick; None where it may arm in any."""
+    modes = profile_for(autopilot).modes
+    return None if modes is None else modes.arming.get(vehicle_type, modes.arming[None])
 
 
 def arming_mode(autopilot: int, vehicle_type: int) -> ModeNumbers | None:
@@ -131,45 +126,35 @@ def maneuver_command(kind: Maneuver, autopilot: int, vehicle_type: int) -> tuple
         return int(Command.NAV_RETURN_TO_LAUNCH), ()
     if kind is Maneuver.LAND:
         return int(Command.NAV_LAND), ()
-    if autopilot == m.MAV_AUTOPILOT_PX4:
-        mode = mode_named(autopilot, vehicle_type, _PX4_HOLD)
-    elif autopilot == m.MAV_AUTOPILOT_ARDUPILOTMEGA:
-        mode = mode_named(autopilot, vehicle_type, _ARDUPILOT_HOLD.get(vehicle_type, _COPTER_HOLD))
-    else:
+    modes = profile_for(autopilot).modes
+    if modes is None:
         return int(m.MAV_CMD_DO_PAUSE_CONTINUE), (0.0,)
+    mode = mode_named(autopilot, vehicle_type, modes.hold_of(vehicle_type))
     return int(m.MAV_CMD_DO_SET_MODE), (mode.base, mode.main, mode.sub)
 
 
 def maneuver_modes(kind: Maneuver, autopilot: int, vehicle_type: int) -> frozenset[str]:
     """Return the names of the modes that show that a maneuver is flown; none where they are not known."""
-    if autopilot not in (m.MAV_AUTOPILOT_PX4, m.MAV_AUTOPILOT_ARDUPILOTMEGA):
+    modes = profile_for(autopilot).modes
+    if modes is None:
         return frozenset()
     if kind is Maneuver.RETURN:
         return frozenset({"RTL", "SMART_RTL"})
     if kind is Maneuver.LAND:
         return frozenset({"LAND"})
-    if autopilot == m.MAV_AUTOPILOT_PX4:
-        return frozenset({_PX4_HOLD})
-    return frozenset({_ARDUPILOT_HOLD.get(vehicle_type, _COPTER_HOLD)})
+    return frozenset({modes.hold_of(vehicle_type)})
 
 
 def end_modes(autopilot: int, vehicle_type: int, last_command: int) -> frozenset[str]:
     """Return the names of the modes that a mission leads to when it is over, besides its own.
-
-    PX4 flies a return that ends a mission in the mode for that, and holds after another last item.
-    ArduCopter stays in AUTO; ArduPlane returns and ArduRover holds.
 
     Examples
     --------
     >>> [sorted(end_modes(12, 2, command)) for command in (20, 16)], sorted(end_modes(3, 2, 20))
     ([['RTL'], ['LOITER']], [])
     """
-    if autopilot == m.MAV_AUTOPILOT_PX4:
-        returns = last_command == Command.NAV_RETURN_TO_LAUNCH
-        return frozenset({"RTL"} if returns else {_PX4_HOLD})
-    if autopilot == m.MAV_AUTOPILOT_ARDUPILOTMEGA and vehicle_type in _ARDUPILOT_HOLD:
-        return frozenset({"RTL", _ARDUPILOT_HOLD[vehicle_type]})
-    return frozenset()
+    modes = profile_for(autopilot).modes
+    return frozenset() if modes is None else modes.ends(vehicle_type, last_command)
 
 
 def is_in_mission(autopilot: int, vehicle_type: int, base_mode: int, custom_mode: int) -> bool:
@@ -180,9 +165,7 @@ def is_in_mission(autopilot: int, vehicle_type: int, base_mode: int, custom_mode
     >>> is_in_mission(3, 2, 81, 3), is_in_mission(3, 2, 81, 5), is_in_mission(12, 2, 29, 4 << 16 | 2 << 24)
     (True, False, True)
     """
-    name = mode_name(autopilot, vehicle_type, base_mode, custom_mode)
-    if autopilot == m.MAV_AUTOPILOT_PX4:
-        return name in _PX4_MISSION
-    if autopilot == m.MAV_AUTOPILOT_ARDUPILOTMEGA:
-        return name == _ARDUPILOT_MISSION
-    return bool(base_mode & m.MAV_MODE_FLAG_AUTO_ENABLED)
+    modes = profile_for(autopilot).modes
+    if modes is None:
+        return bool(base_mode & m.MAV_MODE_FLAG_AUTO_ENABLED)
+    return mode_name(autopilot, vehicle_type, base_mode, custom_mode) in modes.mission

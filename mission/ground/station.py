@@ -10,6 +10,8 @@ from typing import Any
 
 from geo.errors import WbfMissionError
 from geo.frame import LocalFrame
+from mission.autopilots.profile import Profile
+from mission.autopilots.registry import profile_for
 from mission.ground.change import (
     FLOWN_TO,
     ChangeRecord,
@@ -43,15 +45,7 @@ from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import handler
 from mission.model import Command, Mission
 from mission.outcome import Outcome, Phase
-from mission.transfer import (
-    CLIENT_MESSAGES,
-    Profile,
-    RoundTrip,
-    TransferStatistics,
-    profile_for,
-    refuse_errors,
-    render,
-)
+from mission.transfer import CLIENT_MESSAGES, RoundTrip, TransferStatistics, refuse_errors, render
 from mission.transfer.making import OWN_TRANSFERS, TransferMaker
 from mission.transfer.wire import ground_heartbeat
 from sensors.camera.wire import ObservationAssembler
@@ -588,7 +582,7 @@ class GroundStation:
         if self._disarmed_s is not None or not leads_home(items, 0):
             return True
         kind = self._monitor.vehicle_type
-        if kind == m.MAV_TYPE_GROUND_ROVER and self._autopilot == m.MAV_AUTOPILOT_ARDUPILOTMEGA:
+        if kind in profile_for(self._autopilot).stays_armed:
             # It stands at home and stays armed.
             return True
         # A wing whose mission ends with a return may circle over home for ever.

@@ -6,14 +6,14 @@ import math
 from collections import deque
 from collections.abc import Callable
 
+from mission.autopilots import GENERIC
+from mission.autopilots.profile import Profile
 from mission.link.codec.dialect import Message
 from mission.model import Mission, MissionType
 from mission.transfer import (
-    GENERIC,
     FailureReason,
     LocalTransferError,
     Output,
-    Profile,
     Progress,
     Rendered,
     RoundTrip,

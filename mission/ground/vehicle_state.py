@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from geo.frame import LocalFrame
+from mission.autopilots.registry import profile_for
 from mission.ground.modes import is_in_mission, mode_name
 from mission.link.codec.dialect import mavlink as m
 from mission.model import DEGREES_E7
-from mission.transfer import profile_for
 
 __all__ = ["UNKNOWN_ITEM", "Battery", "BootClock", "VehicleMonitor", "VehicleState"]
 

@@ -29,13 +29,8 @@ if TYPE_CHECKING:
     from mission.transfer.events import TransferStatistics as TransferStatistics
     from mission.transfer.events import UploadComplete as UploadComplete
     from mission.transfer.events import UploadVerified as UploadVerified
+    from mission.transfer.plan_remarks import count_warning as count_warning
     from mission.transfer.plan_store import StoredPlan as StoredPlan
-    from mission.transfer.profile import ARDUPILOT as ARDUPILOT
-    from mission.transfer.profile import GENERIC as GENERIC
-    from mission.transfer.profile import PX4 as PX4
-    from mission.transfer.profile import Profile as Profile
-    from mission.transfer.profile import count_warning as count_warning
-    from mission.transfer.profile import profile_for as profile_for
     from mission.transfer.remark import Remark as Remark
     from mission.transfer.remark import Severity as Severity
     from mission.transfer.rendering import Rendered as Rendered
@@ -79,14 +74,7 @@ else:
                 "UploadComplete",
                 "UploadVerified",
             ),
-            "mission.transfer.profile": (
-                "ARDUPILOT",
-                "GENERIC",
-                "PX4",
-                "Profile",
-                "count_warning",
-                "profile_for",
-            ),
+            "mission.transfer.plan_remarks": ("count_warning",),
             "mission.transfer.plan_store": ("StoredPlan",),
             "mission.transfer.remark": ("Remark", "Severity"),
             "mission.transfer.rendering": ("Rendered", "refuse_errors", "render"),

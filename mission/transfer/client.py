@@ -6,6 +6,8 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any, assert_never
 
+from mission.autopilots import GENERIC
+from mission.autopilots.profile import Profile
 from mission.link.codec.dialect import Message
 from mission.model import MissionType
 from mission.transfer import wire
@@ -27,7 +29,6 @@ from mission.transfer.events import (
     TransferFailed,
     TransferStatistics,
 )
-from mission.transfer.profile import GENERIC, Profile
 from mission.transfer.round_trip import RoundTrip
 
 _I = ClientInput

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from mission.autopilots import GENERIC
+from mission.autopilots.profile import Profile
 from mission.model import Command, MissionItem, plan_of
-from mission.transfer.profile import GENERIC, Profile
 
 _PLACE_DEG = 2.5e-7
 _ALTITUDE_M = 0.011

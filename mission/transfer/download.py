@@ -15,7 +15,7 @@ from mission.transfer.client import ClientTransfer
 from mission.transfer.client_table import LISTING, ClientAction, ClientInput
 from mission.transfer.errors import LocalTransferError
 from mission.transfer.events import DownloadComplete, FailureReason, Output, Progress
-from mission.transfer.profile import from_wire_order
+from mission.transfer.wire import from_wire_order
 
 _I = ClientInput
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from mission.autopilots.profile import Profile
 from mission.link.codec.dialect import mavlink
 from mission.model import GLOBAL_FRAMES, Mission, MissionItem, MissionType
-from mission.transfer.profile import Profile, count_warning
 from mission.transfer.remark import Remark, Severity
 
 __all__ = ["area_remarks", "count_remarks", "frame_name", "longer_plan_fix"]
@@ -103,7 +103,7 @@ def longer_plan_fix(count: int, mission_type: MissionType, profile: Profile) -> 
 
     Examples
     --------
-    >>> from mission.transfer.profile import ARDUPILOT
+    >>> from mission.autopilots import ARDUPILOT
     >>> longer_plan_fix(700, MissionType.MISSION, ARDUPILOT)
     'set BRD_SD_MISSION to 11 and restart the vehicle, or fly the mission in parts'
     """
@@ -124,3 +124,19 @@ def frame_name(frame: int) -> str:
     """
     entry = mavlink.enums["MAV_FRAME"].get(frame)
     return str(frame) if entry is None else f"{frame} ({str(entry.name).removeprefix('MAV_FRAME_')})"
+
+
+def count_warning(profile: Profile, mission_type: MissionType, number: int) -> str | None:
+    """Return a line of warning if common boards of this autopilot do not hold so many items.
+
+    Examples
+    --------
+    >>> from mission.autopilots import PX4
+    >>> count_warning(PX4, MissionType.MISSION, 501)
+    '501 mission items: many PX4 boards hold only 500'
+    """
+    limit = profile.usual_limits[mission_type]
+    if limit is None or number <= limit:
+        return None
+    card = " without an SD card" if mission_type in profile.cards else ""
+    return f"{number} {mission_type.name.lower()} items: many {profile.name} boards hold only {limit}{card}"

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
+from mission.autopilots.profile import Profile
 from mission.model import GeoPoint, MissionItem, MissionType
 from mission.transfer import wire
-from mission.transfer.profile import Profile, home_items, to_wire_order
+from mission.transfer.wire import home_items, to_wire_order
 
 
 @dataclass(frozen=True, slots=True)

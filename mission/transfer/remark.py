@@ -3,24 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import Any
 
+from mission.autopilots.dialect import Severity
 from mission.model import MissionType
 from mission.transfer.wire import command_name
 
 __all__ = ["Remark", "Severity"]
-
-
-class Severity(StrEnum):
-    """How much a remark matters."""
-
-    ERROR = "error"
-    """The autopilot would refuse the plan, or would not fly it."""
-    WARNING = "warning"
-    """Something is ignored or sent in another way, which the flight shows."""
-    NOTE = "note"
-    """Something is ignored that hardly matters."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,12 +10,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+from mission.autopilots.dialect import ArmingCondition
+from mission.autopilots.profile import Profile
 from mission.link.codec.dialect import mavlink
 from mission.model import GLOBAL_FRAMES, Command, Frame, Mission, MissionItem, MissionType, has_position
-from mission.transfer.dialect import ArmingCondition
 from mission.transfer.errors import LocalTransferError
 from mission.transfer.plan_remarks import area_remarks, count_remarks, frame_name
-from mission.transfer.profile import Profile
 from mission.transfer.remark import Remark, Severity
 
 __all__ = ["Rendered", "refuse_errors", "render"]
@@ -87,7 +87,7 @@ def render(
 
     Examples
     --------
-    >>> from mission.transfer.profile import PX4
+    >>> from mission.autopilots import PX4
     >>> rtl = MissionItem(Command.NAV_RETURN_TO_LAUNCH, Frame.GLOBAL_RELATIVE_ALT)
     >>> turns = MissionItem(Command.NAV_LOITER_TURNS, 3, 2.0, x=28.05, y=-82.15, z=10.0)
     >>> rendered = render(Mission((turns, rtl)), PX4)

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, assert_never
 
+from mission.autopilots import PX4
+from mission.autopilots.profile import Profile
 from mission.link.codec.dialect import Message, mavlink
 from mission.model import GeoPoint, MissionItem, MissionType
 from mission.transfer import wire
 from mission.transfer.events import NOTHING, Output
 from mission.transfer.plan_store import PlanStore, StoredPlan
-from mission.transfer.profile import PX4, Profile
 from mission.transfer.server_incoming import IncomingPlan
 from mission.transfer.server_judge import ServerJudge, Validator
 from mission.transfer.server_outgoing import OutgoingPlan

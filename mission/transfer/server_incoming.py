@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from mission.autopilots.profile import Profile
 from mission.link.codec.dialect import mavlink
 from mission.model import MissionItem, MissionType
 from mission.transfer import wire
@@ -17,10 +18,10 @@ from mission.transfer.events import (
     TransferStarted,
 )
 from mission.transfer.plan_store import PlanStore
-from mission.transfer.profile import Profile, from_wire_order, to_wire_order
 from mission.transfer.server_replies import ServerReplies
 from mission.transfer.server_session import EndedUpload, ServerSession
 from mission.transfer.server_table import RECEIVING
+from mission.transfer.wire import from_wire_order, to_wire_order
 
 _CRITICAL = mavlink.MAV_SEVERITY_CRITICAL
 _INFO = mavlink.MAV_SEVERITY_INFO

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from mission.autopilots.profile import Profile
 from mission.errors import MissionError
 from mission.link.codec.dialect import mavlink
 from mission.link.codec.typed import is_a
 from mission.model import Command, MissionItem, MissionType
 from mission.transfer import wire
 from mission.transfer.plan_store import PlanStore
-from mission.transfer.profile import Profile
 from mission.transfer.server_session import ServerSession
 from mission.transfer.server_table import IDLE, RECEIVING, SENDING, ServerInput
 from mission.transfer.storage import UncheckedItem, as_stored, judge_item, judge_numbers

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from mission.autopilots.profile import Profile
 from mission.link.codec.dialect import mavlink
 from mission.link.codec.typed import is_a
 from mission.model import MissionItem, MissionType
@@ -17,7 +18,6 @@ from mission.transfer.events import (
     TransferStarted,
 )
 from mission.transfer.plan_store import PlanStore
-from mission.transfer.profile import Profile
 from mission.transfer.server_replies import ServerReplies
 from mission.transfer.server_session import ServerSession
 from mission.transfer.server_table import SENDING

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from mission.autopilots.profile import Profile
 from mission.link.codec.dialect import mavlink
 from mission.model import MissionType
 from mission.transfer import wire
 from mission.transfer.events import NOTHING, Event, Output, StatusText
 from mission.transfer.plan_store import PlanStore
-from mission.transfer.profile import Profile
 from mission.transfer.server_session import ServerSession
 
 _WARNING = mavlink.MAV_SEVERITY_WARNING

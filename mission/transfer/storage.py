@@ -10,9 +10,9 @@ import math
 from dataclasses import replace
 from typing import Any
 
+from mission.autopilots.profile import Profile
 from mission.model import Command, Frame, MissionItem, MissionType, has_position, plan_of
 from mission.transfer import wire
-from mission.transfer.profile import Profile
 
 __all__ = ["UncheckedItem", "as_read_back", "as_stored", "frame_on_wire", "judge_item", "judge_numbers"]
 
@@ -71,7 +71,7 @@ def judge_item(item: MissionItem, count: int, profile: Profile) -> int:
 
     Examples
     --------
-    >>> from mission.transfer.profile import PX4
+    >>> from mission.autopilots import PX4
     >>> judge_item(MissionItem(Command.NAV_RETURN_TO_LAUNCH, Frame.GLOBAL_RELATIVE_ALT), 1, PX4)
     3
     """
@@ -98,7 +98,7 @@ def as_stored(item: MissionItem, profile: Profile) -> MissionItem:
 
     Examples
     --------
-    >>> from mission.transfer.profile import ARDUPILOT
+    >>> from mission.autopilots import ARDUPILOT
     >>> as_stored(MissionItem(Command.NAV_RETURN_TO_LAUNCH), ARDUPILOT).frame
     0
     """
@@ -132,7 +132,7 @@ def as_read_back(item: MissionItem, profile: Profile) -> MissionItem:
 
     Examples
     --------
-    >>> from mission.transfer.profile import ARDUPILOT
+    >>> from mission.autopilots import ARDUPILOT
     >>> loiter = MissionItem(Command.NAV_LOITER_TIME, 3, 2.5, x=28.05, y=-82.15, z=10.0)
     >>> back = as_read_back(loiter, ARDUPILOT)
     >>> back.param1, back.param3

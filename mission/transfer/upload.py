@@ -17,7 +17,7 @@ from mission.transfer.client_table import CLEARING, CONFIRMING, COUNTING, UPLOAD
 from mission.transfer.errors import LocalTransferError
 from mission.transfer.events import NOTHING, FailureReason, Output, PlanState, Progress, UploadComplete
 from mission.transfer.plan_remarks import longer_plan_fix
-from mission.transfer.profile import to_wire_order
+from mission.transfer.wire import to_wire_order
 
 _I = ClientInput
 _SHORTEST_TRIP_S = 0.02

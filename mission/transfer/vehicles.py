@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass
 
+from mission.autopilots.profile import Profile
+from mission.autopilots.registry import profile_for
 from mission.link.codec.dialect import Message, mavlink
 from mission.link.codec.typed import is_a
 from mission.transfer.errors import NoVehicleError
-from mission.transfer.profile import Profile, profile_for
 
 __all__ = ["Vehicle", "VehicleSearch", "vehicle_of"]
 

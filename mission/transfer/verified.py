@@ -20,6 +20,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
+from mission.autopilots.profile import Profile
 from mission.link.codec.dialect import Message
 from mission.model import GeoPoint, MissionItem, MissionType
 from mission.transfer import wire
@@ -41,7 +42,6 @@ from mission.transfer.events import (
     UploadComplete,
     UploadVerified,
 )
-from mission.transfer.profile import Profile
 from mission.transfer.round_trip import RoundTrip
 from mission.transfer.upload import MissionUpload
 

@@ -10,10 +10,22 @@ import math
 import struct
 import zlib
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import TYPE_CHECKING, TypeAlias
 
+from mission.autopilots.profile import Profile
 from mission.link.codec.dialect import Message, mavlink
-from mission.model import DEGREES_E7, FLOAT32_MAX, GLOBAL_FRAMES, MissionItem, MissionType, has_position
+from mission.model import (
+    DEGREES_E7,
+    FLOAT32_MAX,
+    GLOBAL_FRAMES,
+    Command,
+    Frame,
+    GeoPoint,
+    MissionItem,
+    MissionType,
+    has_position,
+)
 
 if TYPE_CHECKING:
     from typing_extensions import TypeIs
@@ -300,3 +312,38 @@ def plan_checksum(items: Iterable[MissionItem]) -> int:
 def plan_type(number: int) -> MissionType | None:
     """Return the plan's kind, None if the number is none of the three."""
     return MissionType(number) if 0 <= number <= 2 else None
+
+
+def _shift_jump(item: MissionItem, by: int) -> MissionItem:
+    if item.command != Command.DO_JUMP or item.param1 is None:
+        return item
+    return replace(item, param1=item.param1 + by)
+
+
+def home_items(home: GeoPoint) -> tuple[MissionItem]:
+    """Return the item that stands for home, alone."""
+    return (
+        MissionItem(
+            Command.NAV_WAYPOINT, Frame.GLOBAL, x=home.latitude_deg, y=home.longitude_deg, z=home.altitude_m
+        ),
+    )
+
+
+def to_wire_order(
+    items: tuple[MissionItem, ...], mission_type: MissionType, profile: Profile, home: GeoPoint | None = None
+) -> tuple[MissionItem, ...]:
+    """Return the items as the autopilot counts them: home in front and jump targets moved, if it does so."""
+    if not profile.home_at_zero or mission_type != MissionType.MISSION or not items:
+        return items
+    first = home_items(GeoPoint(0.0, 0.0, 0.0) if home is None else home)
+    return (*first, *(_shift_jump(item, 1) for item in items))
+
+
+def from_wire_order(
+    items: tuple[MissionItem, ...], mission_type: MissionType, profile: Profile
+) -> tuple[tuple[MissionItem, ...], GeoPoint | None]:
+    """Undo `to_wire_order`: return the items and the home position, if there was one in front."""
+    if not profile.home_at_zero or mission_type != MissionType.MISSION or not items:
+        return items, None
+    home = GeoPoint(items[0].x, items[0].y, items[0].z) if items[0].has_position else None
+    return tuple(_shift_jump(item, -1) for item in items[1:]), home

@@ -10,6 +10,7 @@ from sim_vehicle.autopilot.registry import (
     flight_procedures,
     forget_autopilots,
     get_autopilot,
+    name_of_number,
     with_autopilot,
     with_return_margin,
 )
@@ -25,6 +26,7 @@ __all__ = [
     "flight_procedures",
     "forget_autopilots",
     "get_autopilot",
+    "name_of_number",
     "with_autopilot",
     "with_return_margin",
 ]

@@ -12,7 +12,7 @@ from sim_vehicle.autopilot.mission_habits import MissionHabits
 from sim_vehicle.errors import VehicleError
 
 if TYPE_CHECKING:
-    from mission.transfer.profile import Profile
+    from mission.autopilots.profile import Profile
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.autopilot.cold_boot import ColdBoot
     from sim_vehicle.autopilot.failsafe_rules import FailsafeRules
@@ -35,7 +35,7 @@ class Firmware:
         How it shows itself on MAVLink.
     rules : FailsafeRules
         What it does when something goes wrong.
-    profile : mission.transfer.profile.Profile
+    profile : mission.autopilots.profile.Profile
         How it speaks the mission protocol.
     parameter_table : callable
         Given the vehicle and its MAVLink system id, the parameters besides those of the procedures.

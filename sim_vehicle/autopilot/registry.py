@@ -34,6 +34,7 @@ __all__ = [
     "flight_procedures",
     "forget_autopilots",
     "get_autopilot",
+    "name_of_number",
     "with_autopilot",
     "with_return_margin",
 ]
@@ -88,12 +89,17 @@ def autopilot_of_number(mav_autopilot: int) -> Autopilot:
     >>> autopilot_of_number(3).title, autopilot_of_number(0).title
     ('ArduPilot', 'PX4')
     """
+    name = name_of_number(mav_autopilot)
+    return get_autopilot() if name is None else get_autopilot(name)
+
+
+def name_of_number(mav_autopilot: int) -> str | None:
+    """Name of the autopilot whose MAV_AUTOPILOT a heartbeat has; None when none of the installed has it."""
     for name in autopilot_names():
-        autopilot = get_autopilot(name)
-        numbers = {firmware.persona.identity.mav_autopilot for firmware in autopilot.firmwares.values()}
-        if mav_autopilot in numbers:
-            return autopilot
-    return get_autopilot()
+        firmwares = get_autopilot(name).firmwares.values()
+        if mav_autopilot in {firmware.persona.identity.mav_autopilot for firmware in firmwares}:
+            return name
+    return None
 
 
 def forget_autopilots() -> None:

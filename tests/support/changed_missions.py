@@ -7,7 +7,7 @@ from mission.link import FrameReader, FrameWriter
 from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint, MissionItem, MissionType
 from mission.transfer import wire
-from mission.transfer.profile import to_wire_order
+from mission.transfer.wire import to_wire_order
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT

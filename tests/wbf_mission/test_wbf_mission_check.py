@@ -6,6 +6,9 @@ import threading
 
 import pytest
 
+from mission.check import Verdict, all_checks, check_vehicle
+from mission.check.errors import CheckError
+from mission.check.runner import check_link
 from mission.errors import LinkError
 from mission.link import MavlinkEndpoint
 from mission.link.codec.dialect import mavlink as m
@@ -17,9 +20,6 @@ from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.host.server import Server
 from sim_vehicle.host.simulation import Simulation
 from sim_vehicle.mavlink import SimVehicle
-from wbf_mission.check import Verdict, all_checks, check_vehicle
-from wbf_mission.check.errors import CheckError
-from wbf_mission.check.runner import check_link
 from wbf_mission.cli.app import main
 
 HOME = GeoPoint(28.05, -82.15, 20.0)

@@ -2,12 +2,12 @@
 
 import pytest
 
+from mission.check.runner import check_link
 from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.host.simulation import Simulation
 from sim_vehicle.mavlink import SimVehicle
-from wbf_mission.check.runner import check_link
 
 HOME = GeoPoint(28.05, -82.15, 20.0)
 GROUPS = ("identity", "command", "telemetry", "param", "mission", "transfer")

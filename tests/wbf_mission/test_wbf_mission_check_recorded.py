@@ -8,8 +8,8 @@ from recorded import HOME, Bench, Item, served
 from recorded_ardupilot import ArduCopter
 from recorded_px4 import Px4
 
-from wbf_mission.check import Verdict, all_checks, check_vehicle
-from wbf_mission.check.runner import check_link
+from mission.check import Verdict, all_checks, check_vehicle
+from mission.check.runner import check_link
 from wbf_mission.cli.app import main
 
 REAL = {"ArduPilot": ArduCopter, "PX4": Px4}

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from mission.transfer import ARDUPILOT, PX4
-from wbf_mission.check.catalog import _MODULES, all_checks, chosen_checks
-from wbf_mission.check.errors import CheckError
-from wbf_mission.check.registry import CheckResult, Checks, Verdict
+from mission.autopilots import ARDUPILOT, PX4
+from mission.check.catalog import _MODULES, all_checks, chosen_checks
+from mission.check.errors import CheckError
+from mission.check.registry import CheckResult, Checks, Verdict
 
 
 def test_the_catalog_has_each_modules_checks_once_and_in_groups():

@@ -10,7 +10,7 @@ from wbf_mission.cli import options
 from wbf_mission.cli.output import Output
 
 if TYPE_CHECKING:
-    from wbf_mission.check.registry import CheckResult
+    from mission.check.registry import CheckResult
 
 EXAMPLES = """
 Examples
@@ -46,7 +46,7 @@ def check_command(
     It never arms unless --fly is given, and puts the vehicle's plans back. Exit code 1: something required
     does not hold.
     """
-    from wbf_mission.check import Verdict, all_checks, check_vehicle
+    from mission.check import Verdict, all_checks, check_vehicle
 
     output = Output(as_json=json, quiet=quiet)
     if list_checks:

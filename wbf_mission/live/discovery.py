@@ -9,12 +9,12 @@ from geo.errors import WbfMissionError
 from mission.link.codec.dialect import mavlink as m
 from mission.transfer.vehicles import Vehicle
 from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.autopilot import name_of_number
 from wbf_mission.scenario import Scenario, scenario_with
 from wbf_mission.scenario.parts import MOST_VEHICLES
 
 __all__ = ["LiveFlightError", "fitted_to", "require_single_flight", "typical_vehicle", "wanted_vehicles"]
 
-_AUTOPILOTS = {int(m.MAV_AUTOPILOT_PX4): "px4", int(m.MAV_AUTOPILOT_ARDUPILOTMEGA): "ardupilot"}
 _KINDS = {int(m.MAV_TYPE_FIXED_WING): "fixed-wing", int(m.MAV_TYPE_GROUND_ROVER): "rover"}
 _TYPICAL = {"multirotor": "quad", "fixed-wing": "fixed-wing", "rover": "rover"}
 
@@ -114,7 +114,7 @@ def fitted_to(scenario: Scenario, *vehicles: Vehicle) -> Scenario:
             does = f"a {kind} is heard{which}; name one of its kind with --vehicle"
             msg = f"vehicle {name} is a {planned}, but {does}"
             raise LiveFlightError(msg)
-        fitted.append((heard.system_id, name, _AUTOPILOTS.get(heard.autopilot, planned_for)))
+        fitted.append((heard.system_id, name, name_of_number(heard.autopilot) or planned_for))
     _, names, autopilots = zip(*sorted(fitted), strict=True)
     if len(vehicles) == 1:
         return scenario_with(scenario, {"autopilot": autopilots[0]})

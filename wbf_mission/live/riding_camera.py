@@ -6,12 +6,12 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from mission.ground.modes import is_in_mission, mode_name
+from mission.autopilots.registry import profile_for
+from mission.ground.modes import end_modes, is_in_mission, mode_name
 from mission.ground.vehicle_state import BootClock
 from mission.link.codec.dialect import Message, mavlink
 from mission.link.codec.typed import CommandMessage, is_a, is_command
 from mission.model import Command, Mission
-from mission.transfer import profile_for
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.camera.trigger import MAX_GAP_MS
 from wbf_mission.live.missed_images import Silence, images_in
@@ -109,9 +109,9 @@ class RidingCamera:
             kind = (message.autopilot, message.type, message.base_mode, message.custom_mode)
             armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
             self._in_mission = armed and is_in_mission(*kind)
-            self._returns = (
-                armed and message.autopilot == mavlink.MAV_AUTOPILOT_PX4 and mode_name(*kind) == "RTL"
-            )
+            # Only a mode that nothing but a mission's last return leads to tells that the mission is over.
+            ends = end_modes(message.autopilot, message.type, Command.NAV_RETURN_TO_LAUNCH)
+            self._returns = armed and ends == {mode_name(*kind)}
         if isinstance(message, mavlink.MAVLink_global_position_int_message) and self._is_autopilot(message):
             self._on_position(message, now_s)
         if isinstance(message, mavlink.MAVLink_mission_current_message):

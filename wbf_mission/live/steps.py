@@ -6,11 +6,11 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from mission.ground.modes import Maneuver, maneuver_command, maneuver_modes, mode_named
+from mission.autopilots.registry import profile_for
+from mission.ground.modes import Maneuver, maneuver_command, maneuver_modes, mode_named, told_name
 from mission.ground.vehicle_state import VehicleMonitor
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
-from mission.transfer import profile_for
 from wbf_mission.live.errors import MotorsStandError, VehicleRefusedError
 from wbf_mission.live.wishes import Wish
 
@@ -79,9 +79,9 @@ def step_of(wish: Wish, vehicle: tuple[int, int], heard: VehicleMonitor) -> Step
     if wish.order == "takeoff":
         return _takeoff(wish, vehicle[0], heard)
     if wish.order == "mission":
-        if heard.autopilot == m.MAV_AUTOPILOT_PX4 and not heard.state.armed and not wish.arms:
+        if profile_for(heard.autopilot).start_arms and not heard.state.armed and not wish.arms:
             msg = (
-                f"system {vehicle[0]}: {wish}: the motors stand still; PX4 starts them and takes off at this"
+                f"system {vehicle[0]}: {wish}: the motors stand still; {profile_for(heard.autopilot).name} starts them and takes off at this"
                 " order: give --arm, too, if it may"
             )
             raise MotorsStandError(msg)
@@ -89,7 +89,7 @@ def step_of(wish: Wish, vehicle: tuple[int, int], heard: VehicleMonitor) -> Step
     if wish.order == "set-item":
         return _set_item(wish, vehicle, heard)
     if wish.order == "mode":
-        numbers, name = mode_named(*kind, wish.value), _spoken(kind, wish.value)
+        numbers, name = mode_named(*kind, wish.value), told_name(kind[0], wish.value)
         params = (numbers.base, numbers.main, numbers.sub)
         return Step(lambda one: one.mode == name, int(m.MAV_CMD_DO_SET_MODE), params)
     maneuver = Maneuver(wish.order)
@@ -110,10 +110,9 @@ def _takeoff(wish: Wish, system_id: int, heard: VehicleMonitor) -> Step:
             f" {heard.mode}; give the orders hold, return, land, mission or mode"
         )
         raise VehicleRefusedError(msg)
-    # Above sea level; ArduPilot counts from home.
-    from_home = heard.autopilot == m.MAV_AUTOPILOT_ARDUPILOTMEGA
-    altitude_m = wish.height_m if from_home else wish.height_m + heard.home_altitude_m
-    default = 0.0 if from_home else math.nan
+    profile = profile_for(heard.autopilot)
+    altitude_m = wish.height_m + (heard.home_altitude_m if profile.takeoff_above_sea else 0.0)
+    default = math.nan if profile.nan_parameters is None else 0.0
     params = (0.0, 0.0, 0.0, default, default, default, altitude_m)
     start_m = state.height_m
     return Step(lambda one: one.state.height_m > start_m + OFF_GROUND_M, int(m.MAV_CMD_NAV_TAKEOFF), params)
@@ -125,14 +124,8 @@ def _set_item(wish: Wish, vehicle: tuple[int, int], heard: VehicleMonitor) -> St
         there = f"its mission has {count} items; give 1 to {count}"
         msg = f"system {vehicle[0]}: {wish}: {there if count else 'it holds no mission; upload one'}"
         raise VehicleRefusedError(msg)
-    seq = item + (1 if profile_for(heard.autopilot).home_at_zero else 0)
+    profile = profile_for(heard.autopilot)
+    seq = item + (1 if profile.home_at_zero else 0)
     by_message = m.MAVLink_mission_set_current_message(*vehicle, seq)
-    # PX4 1.17 does not know the command.
-    command = None if heard.autopilot == m.MAV_AUTOPILOT_PX4 else int(m.MAV_CMD_DO_SET_MISSION_CURRENT)
+    command = int(m.MAV_CMD_DO_SET_MISSION_CURRENT) if profile.item_command else None
     return Step(lambda one: one.state.item == item, command, (float(seq),), by_message)
-
-
-def _spoken(kind: tuple[int, int], name: str) -> str:
-    """Return how HEARTBEAT's mode is called then."""
-    wanted = name.strip().upper()
-    return "LOITER" if wanted == "HOLD" and kind[0] == m.MAV_AUTOPILOT_PX4 else wanted

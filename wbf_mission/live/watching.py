@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from mission.autopilots.registry import profile_for
 from mission.ground.link_state import LinkState
 from mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID
 from mission.ground.texts import TextLog
 from mission.ground.vehicle_state import VehicleMonitor
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
-from mission.transfer import profile_for
 from mission.transfer.wire import ground_heartbeat
 
 __all__ = ["FleetWatch", "WatchedVehicle"]

@@ -10,8 +10,9 @@ import shapely
 from numpy.typing import NDArray
 
 from geo import Farm
+from mission.autopilots import GENERIC, PX4
 from mission.model import Command, Mission, MissionItem
-from mission.transfer import GENERIC, PX4, Rendered, Severity, render
+from mission.transfer import Rendered, Severity, render
 from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.autopilot import firmware_of
 from sim_vehicle.prediction.flight import Prediction

@@ -7,8 +7,9 @@ from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
 from geo import Farm
+from mission.autopilots.profile import Profile
+from mission.autopilots.registry import profile_for
 from mission.model import Frame, Mission
-from mission.transfer import Profile, profile_for
 from sim_vehicle.camera.component import MIN_INTERVAL_S
 from wbf_mission.planning.builder import flown_vehicle
 from wbf_mission.planning.result import PlanResult

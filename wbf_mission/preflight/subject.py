@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from geo import Farm
 from geo.frame import LocalFrame
+from mission.autopilots import GENERIC
+from mission.autopilots.profile import Profile
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Frame, Mission, MissionItem
-from mission.transfer import GENERIC, Profile
 from mission.transfer.wire import command_name
 from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.autopilot import estimate_errs, firmware_of

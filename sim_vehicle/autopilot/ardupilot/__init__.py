@@ -6,9 +6,9 @@ from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
 
+from mission.autopilots import ARDUPILOT as PROFILE
 from mission.model import Command
 from mission.planners.turns import Turns
-from mission.transfer import profile
 from sim_vehicle.autopilot.ardupilot.copter import ARDUCOPTER
 from sim_vehicle.autopilot.ardupilot.failsafe import COPTER_RULES, PLANE_RULES, ROVER_RULES
 from sim_vehicle.autopilot.ardupilot.fixed_wing import ARDUPLANE
@@ -31,13 +31,13 @@ def _simulator_urls(index: int) -> tuple[str, ...]:
 
 # StorageManager.cpp: copters have 690 bytes for rally points, of 15 each. All others have 9842 bytes for
 # missions, 655 items with home, 672 for the fence and 750 for rally points.
-_COPTER_PROFILE = replace(profile.ARDUPILOT, capacity=(649, 70, 46))
-_ROOMY_PROFILE = replace(profile.ARDUPILOT, capacity=(654, 84, 50))
+_COPTER_PROFILE = replace(PROFILE, capacity=(649, 70, 46))
+_ROOMY_PROFILE = replace(PROFILE, capacity=(654, 84, 50))
 # ArduPlane stores the acceptance and pass radii of waypoints, and the pitch of a take-off.
 _PLANE_PROFILE = replace(
     _ROOMY_PROFILE,
     lossy={
-        **profile.ARDUPILOT.lossy,
+        **PROFILE.lossy,
         Command.NAV_WAYPOINT: frozenset({"param4"}),
         Command.NAV_TAKEOFF: frozenset({"param2", "param3", "param4"}),
     },

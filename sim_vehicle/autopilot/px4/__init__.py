@@ -6,9 +6,9 @@ from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
 
+from mission.autopilots import PX4 as PROFILE
 from mission.link.codec.dialect import mavlink as m
 from mission.planners.turns import Turns
-from mission.transfer import profile
 from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
 from sim_vehicle.autopilot.px4.copter import PX4_MULTIROTOR, strays_m
 from sim_vehicle.autopilot.px4.failsafe import FIXED_WING_RULES, ROVER_RULES, RULES
@@ -37,7 +37,7 @@ _COPTER = Firmware(
     title="PX4",
     persona=persona_of(m.MAV_TYPE_QUADROTOR),
     rules=RULES,
-    profile=profile.PX4,
+    profile=PROFILE,
     parameter_table=copter_parameters,
     procedures=PX4_MULTIROTOR,
     takes_off=True,

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from geo.farms import get_farm
 from geo.frame import LocalFrame
 from mission import outcome
+from mission.autopilots.profile import NeededParameter
 from mission.errors import MissionError
 from mission.ground.change import ChangeOutcome, revised_mission
 from mission.ground.guard import FailsafeGuard
@@ -19,7 +20,6 @@ from mission.ground.station import GroundStation, NotFlyingError
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, GeoPoint, Mission, MissionItem
 from mission.outcome import Outcome
-from mission.transfer.profile import NeededParameter
 from sensors.camera.leaf_camera import LeafCamera
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import get_autopilot, with_autopilot

@@ -6,12 +6,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mission.autopilots import ARDUPILOT, PX4
 from mission.link import FrameReader, FrameWriter
 from mission.link.codec.dialect import mavlink
 from mission.model import Command, GeoPoint, MissionItem, MissionType
 from mission.transfer import (
-    ARDUPILOT,
-    PX4,
     ClearComplete,
     ClientTimers,
     DownloadComplete,

@@ -8,19 +8,12 @@ from dataclasses import replace
 
 import pytest
 
+from mission.autopilots import ARDUPILOT, PX4
 from mission.errors import LinkError, TransferError
 from mission.link import MavlinkEndpoint, memory_pair, open_link
 from mission.link.codec.dialect import mavlink
 from mission.model import Mission, MissionItem, MissionType
-from mission.transfer import (
-    ARDUPILOT,
-    PX4,
-    LocalTransferError,
-    MissionServer,
-    Progress,
-    RemoteTransferError,
-    StatusText,
-)
+from mission.transfer import LocalTransferError, MissionServer, Progress, RemoteTransferError, StatusText
 from mission.transfer.driver import TransferDriver, wait_readable
 from mission.transfer.storage import as_stored
 from mission.transfer.vehicles import Vehicle

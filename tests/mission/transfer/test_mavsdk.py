@@ -10,10 +10,11 @@ from contextlib import contextmanager
 
 import pytest
 
+from mission.autopilots import ARDUPILOT, PX4
 from mission.link import MavlinkEndpoint, open_link
 from mission.link.codec.dialect import mavlink
 from mission.model import Command, Frame, MissionItem, MissionType
-from mission.transfer import ARDUPILOT, PX4, MissionServer, PlanReplaced, VerifiedUpload
+from mission.transfer import MissionServer, PlanReplaced, VerifiedUpload
 from mission.transfer.driver import TransferDriver, wait_readable
 from mission.transfer.storage import as_stored
 

@@ -7,13 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mission.autopilots import ARDUPILOT, GENERIC, PX4
 from mission.link.codec.frames import FrameReader, FrameWriter
 from mission.link.faults import Faults, FaultyChannel
 from mission.model import MissionItem, MissionType
 from mission.transfer import (
-    ARDUPILOT,
-    GENERIC,
-    PX4,
     DownloadComplete,
     FailureReason,
     MissionDownload,

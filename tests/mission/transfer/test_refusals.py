@@ -6,13 +6,11 @@ from dataclasses import replace
 
 import pytest
 
+from mission.autopilots import ARDUPILOT, GENERIC, PX4
 from mission.link.codec.dialect import mavlink
 from mission.link.codec.frames import FrameReader, FrameWriter
 from mission.model import GeoPoint, MissionItem, MissionType
 from mission.transfer import (
-    ARDUPILOT,
-    GENERIC,
-    PX4,
     FailureReason,
     MissionServer,
     PlanState,

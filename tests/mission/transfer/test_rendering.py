@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mission.autopilots import ARDUPILOT, GENERIC, PX4
 from mission.model import Command, Frame, GeoPoint, Mission, MissionItem, MissionType
-from mission.transfer import ARDUPILOT, GENERIC, PX4, LocalTransferError, refuse_errors, render
+from mission.transfer import LocalTransferError, refuse_errors, render
 from mission.transfer.storage import judge_item
 
 COPTER, PLANE, ROVER = 2, 1, 10

@@ -8,13 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mission.autopilots import ARDUPILOT, GENERIC, PX4
 from mission.link import FrameReader, FrameWriter
 from mission.link.codec.dialect import mavlink
 from mission.model import GeoPoint, MissionItem, MissionType
 from mission.transfer import (
-    ARDUPILOT,
-    GENERIC,
-    PX4,
     FailureReason,
     MissionServer,
     PlanCleared,

@@ -10,22 +10,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mission.autopilots import ARDUPILOT, GENERIC, PX4
+from mission.autopilots.registry import profile_for
 from mission.link import FrameReader, FrameWriter
 from mission.link.codec.dialect import mavlink
 from mission.model import Command, Frame, GeoPoint, MissionItem, MissionType
-from mission.transfer import (
-    ARDUPILOT,
-    GENERIC,
-    PX4,
-    compare_plans,
-    count_warning,
-    item_from_message,
-    item_to_message,
-    plan_checksum,
-    profile_for,
-    result_text,
-)
-from mission.transfer.profile import from_wire_order, to_wire_order
+from mission.transfer import compare_plans, item_from_message, item_to_message, plan_checksum, result_text
+from mission.transfer.plan_remarks import count_warning
+from mission.transfer.wire import from_wire_order, to_wire_order
 
 parameter = st.one_of(st.none(), st.floats(-1e30, 1e30))
 places = st.builds(

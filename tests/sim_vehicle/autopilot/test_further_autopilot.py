@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 
 from geo.frame import LocalFrame
+from mission.autopilots import registry
 from mission.ground.station import GroundStation
 from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint, Mission, MissionItem
 from mission.outcome import Outcome
-from mission.transfer import profile
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import autopilot_names, forget_autopilots, get_autopilot, with_autopilot
 from sim_vehicle.errors import VehicleError
@@ -35,7 +35,7 @@ nimbus = nimbus:PROFILE
 
 def forget():
     forget_autopilots()
-    profile._profiles.cache_clear()
+    registry._profiles.cache_clear()
 
 
 @pytest.fixture(scope="module")

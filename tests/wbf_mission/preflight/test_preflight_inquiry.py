@@ -7,11 +7,11 @@ import pytest
 from preflight_plans import HOME
 from stand_in import stand_in
 
+from mission.autopilots.registry import profile_for
 from mission.link.codec.dialect import mavlink as m
 from mission.transfer.errors import NoVehicleError
 from wbf_mission.preflight.vehicle.asking import ask_vehicle
 from wbf_mission.preflight.vehicle.inquiry import Inquiry, decoded
-from wbf_mission.preflight.vehicle.questions import questions_for
 
 PX4, ARDUPILOT = 12, 3
 
@@ -30,7 +30,9 @@ class Answering:
 
     def __init__(self, autopilot=PX4, parameters=None, *, ready=True):
         self.autopilot = autopilot
-        names = [one for question in questions_for(autopilot, 2) for one, _ in question.names[-1:]]
+        names = [
+            one for question in profile_for(autopilot).settings.asked_of(2) for one, _ in question.names[-1:]
+        ]
         self.parameters = dict.fromkeys(names, 7.0) if parameters is None else parameters
         self.asked = []
         self.ready = ready
@@ -107,7 +109,7 @@ def test_everything_is_asked_and_noted(autopilot):
 
 
 def test_a_parameter_that_it_does_not_have_is_given_up():
-    names = {one: 1.0 for question in questions_for(PX4, 2) for one, _ in question.names}
+    names = {one: 1.0 for question in profile_for(PX4).settings.asked_of(2) for one, _ in question.names}
     del names["MIS_TKO_LAND_REQ"]
     vehicle = Answering(PX4, names)
     answers, took_s = converse(vehicle)

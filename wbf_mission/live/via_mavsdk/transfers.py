@@ -10,19 +10,19 @@ from typing import Any
 from mavsdk.plugins.mission_raw import MissionItem as RawItem
 from mavsdk.plugins.mission_raw import MissionRaw, MissionRawError, MissionRawResult
 
+from mission.autopilots import GENERIC
+from mission.autopilots.profile import Profile
 from mission.errors import MissionError
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint, MissionItem, MissionType
 from mission.transfer import (
-    GENERIC,
     DownloadComplete,
     FailureReason,
     LocalTransferError,
     MissionUpload,
     Output,
     PlanState,
-    Profile,
     Progress,
     TransferFailed,
     TransferStatistics,
@@ -31,8 +31,8 @@ from mission.transfer import (
     wire,
 )
 from mission.transfer.events import NOTHING, Event
-from mission.transfer.profile import from_wire_order
 from mission.transfer.verified import told_of_held
+from mission.transfer.wire import from_wire_order
 from wbf_mission.live.via_mavsdk.call import Call
 from wbf_mission.live.via_mavsdk.link import MavsdkLink
 

@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+from mission.autopilots.registry import profile_for
+from mission.autopilots.settings import Meaning, Question, answer_to
 from mission.model import Command
-from mission.transfer import ARDUPILOT, PX4
 from sim_vehicle.airframe.parameters import parameter_value
 from sim_vehicle.autopilot import firmware_of
 from wbf_mission.preflight.checks.legs import legs_of
 from wbf_mission.preflight.finding import Concern, Finding, Measure, Severity
 from wbf_mission.preflight.flow import LANDINGS, TAKEOFFS
 from wbf_mission.preflight.subject import Subject
-from wbf_mission.preflight.vehicle.questions import Meaning, Question, answer_to, questions_for
 
 __all__ = [
     "check_calibration",
@@ -30,7 +30,6 @@ _NOTICEABLE_HEIGHT_M = 1.0
 _HIGHEST_M = 120.0
 _CEILING_BIT, _RADIUS_BIT = 1, 2  # FENCE_TYPE of ArduPilot
 _CONTINUES_BIT = 2  # FS_OPTIONS of ArduCopter: a mission goes on without a ground station
-_LINK_GOES_ON = 2  # FS_GCS_ENABLE of old ArduCopters
 
 
 def _value(subject: Subject, meaning: Meaning) -> tuple[str, float] | None:
@@ -40,7 +39,9 @@ def _value(subject: Subject, meaning: Meaning) -> tuple[str, float] | None:
 
 def _questions(subject: Subject) -> tuple[Question, ...]:
     snapshot = subject.snapshot
-    return () if snapshot is None else questions_for(snapshot.autopilot, snapshot.vehicle_type)
+    return (
+        () if snapshot is None else profile_for(snapshot.autopilot).settings.asked_of(snapshot.vehicle_type)
+    )
 
 
 def _finding(
@@ -161,9 +162,7 @@ def check_failsafes(subject: Subject) -> Iterator[Finding]:
     name, value = link
     options = _value(subject, Meaning.LINK_LOST_OPTIONS)
     goes_on = options is not None and bool(int(options[1]) & _CONTINUES_BIT)
-    if subject.profile.autopilot == ARDUPILOT.autopilot:
-        goes_on = goes_on or value == _LINK_GOES_ON
-    if value == 0.0 or goes_on:
+    if goes_on or value in subject.profile.settings.link_goes_on:
         yield _finding(
             Severity.NOTE,
             "link-lost-flies-on",
@@ -221,10 +220,10 @@ def check_fence_settings(subject: Subject) -> Iterator[Finding]:
     """A fence that does nothing, and a ceiling or a radius that the plan breaks."""
     on, action = _value(subject, Meaning.FENCE_ON), _value(subject, Meaning.FENCE_ACTION)
     off = next((one for one in (on,) if one is not None and one[1] == 0.0), None)
-    px4 = subject.profile.autopilot == PX4.autopilot
-    if off is None and px4 and action is not None and action[1] == 0.0:
+    settings = subject.profile.settings
+    if off is None and action is not None and action[1] in settings.fence_off:
         off = action
-    weak = action is not None and action[1] == (1.0 if px4 else 0.0)
+    weak = action is not None and action[1] in settings.fence_tells
     if subject.mission.fence:
         if off is not None:
             yield _finding(

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from mission.model import Command
-from mission.transfer import PX4
 from sim_vehicle.execution.items import Settings, do_items
 from sim_vehicle.motion.legs import Position
 from wbf_mission.preflight.finding import Finding, Hit, Measure, worst_of
@@ -118,8 +117,8 @@ def check_lengths(subject: Subject) -> Iterator[Finding]:
 
 
 def check_radii(subject: Subject) -> Iterator[Finding]:
-    """Acceptance radii that a real PX4 cannot hold: the error of its height estimate counts in them."""
-    if subject.profile.autopilot != PX4.autopilot or subject.vehicle.kind != "multirotor":
+    """Acceptance radii that the vehicle cannot hold: the error of its height estimate counts in them."""
+    if not subject.profile.radius_in_space or subject.vehicle.kind != "multirotor":
         return
     hits = [Hit(leg.item, leg.radius_m) for leg in legs_of(subject) if leg.radius_m < _SMALLEST_RADIUS_M]
     if (found := worst_of(hits, largest=False)) is not None:
@@ -127,7 +126,7 @@ def check_radii(subject: Subject) -> Iterator[Finding]:
             found,
             "small-radius",
             "the acceptance radius counts in space, and the height estimate is wrong by half a metre: "
-            "PX4 may wait at the waypoint",
+            f"{subject.profile.name} may wait at the waypoint",
             "give 2 m, or 0 for the autopilot's own",
             Measure.at_least("acceptance radius", found[0].value, _SMALLEST_RADIUS_M, "m"),
         )

@@ -6,16 +6,17 @@ import math
 import struct
 from types import MappingProxyType
 
+from mission.autopilots.profile import Profile
+from mission.autopilots.registry import profile_for
+from mission.autopilots.settings import Question
 from mission.ground.clearance import Clearance
 from mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID
 from mission.ground.texts import TextLog
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
-from mission.transfer import ARDUPILOT, PX4
 from mission.transfer.vehicles import VehicleSearch
 from mission.transfer.wire import ground_heartbeat
 from wbf_mission.preflight.vehicle.heard import ESTIMATES, STATE_MESSAGES, HeardState
-from wbf_mission.preflight.vehicle.questions import Question, questions_for
 from wbf_mission.preflight.vehicle.snapshot import VehicleSnapshot
 
 __all__ = ["Inquiry", "decoded"]
@@ -140,13 +141,13 @@ class Inquiry:
     @property
     def _estimator(self) -> int:
         """The message that tells of the estimator."""
-        return ESTIMATES[self._heard.monitor.autopilot == ARDUPILOT.autopilot]
+        return self._profile.estimator_message
 
     def _begin(self, now_s: float) -> list[Message]:
         assert self.vehicle is not None
         self._begun_s = now_s
         self._reasons = Clearance(self.vehicle)
-        self._questions = questions_for(self._heard.monitor.autopilot, self._heard.monitor.vehicle_type)
+        self._questions = self._profile.settings.asked_of(self._heard.monitor.vehicle_type)
         checks = self._command(int(m.MAV_CMD_RUN_PREARM_CHECKS), 0.0)
         return [*self._ask(now_s), *([] if self._heard.monitor.state.armed else [checks])]
 
@@ -201,7 +202,7 @@ class Inquiry:
         name = str(message.param_id)
         if not any(name == one for question in self._questions for one, _ in question.names):
             return
-        value = decoded(message.param_value, message.param_type, bytewise=self._bytewise)
+        value = decoded(message.param_value, message.param_type, bytewise=self._profile.bytewise)
         if value is not None:
             self._parameters[name] = value
             self._measure_pace(now_s)
@@ -213,8 +214,8 @@ class Inquiry:
             self._due_s = min(self._due_s, now_s + max(_FIRST_RETRY_S, 1.5 * self._answer_s))
 
     @property
-    def _bytewise(self) -> bool:
-        return self._heard.monitor.autopilot == PX4.autopilot
+    def _profile(self) -> Profile:
+        return profile_for(self._heard.monitor.autopilot)
 
     def _settle(self, now_s: float) -> None:
         """Be done once everything is answered or given up, and the vehicle had time to say why not."""

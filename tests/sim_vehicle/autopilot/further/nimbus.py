@@ -3,8 +3,8 @@
 from dataclasses import replace
 from types import MappingProxyType
 
+from mission.autopilots.profile import Profile
 from mission.link.codec.dialect import mavlink as m
-from mission.transfer.profile import Profile
 from sim_vehicle.airframe.parameters import ParameterSpec
 from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
 from sim_vehicle.autopilot.failsafe_rules import FailsafeDefaults, FailsafeRules, actions_by_value

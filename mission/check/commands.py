@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from mission.check.errors import FailedError
+from mission.check.peer import Peer, result_name
+from mission.check.registry import Checks
 from mission.link.codec.dialect import mavlink as m
-from wbf_mission.check.errors import FailedError
-from wbf_mission.check.peer import Peer, result_name
-from wbf_mission.check.registry import Checks
 
 check = Checks()
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+from mission.check.errors import FailedError
+from mission.check.peer import Peer
+from mission.check.registry import Checks
+from mission.ground.modes import arming_mode
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import is_a
 from mission.model import Command, MissionItem
-from wbf_mission.check.errors import FailedError
-from wbf_mission.check.peer import Peer
-from wbf_mission.check.registry import Checks
 
 check = Checks()
 
@@ -22,8 +23,9 @@ _ALTITUDE_M = 8.0
 
 def _ready_mode(peer: Peer) -> None:
     """Take a mode in which it arms and takes commands: GUIDED of ArduCopter, hold of PX4."""
-    modes = peer.persona.modes
-    peer.must(m.MAV_CMD_DO_SET_MODE, 1.0, *modes.set_mode_parameters(modes.after_command))
+    mode = arming_mode(peer.vehicle.autopilot, peer.vehicle.vehicle_type)
+    if mode is not None:
+        peer.must(m.MAV_CMD_DO_SET_MODE, mode.base, mode.main, mode.sub)
 
 
 def _arm(peer: Peer) -> None:
@@ -60,9 +62,9 @@ def takeoff_land(peer: Peer) -> str:
     peer.command(m.MAV_CMD_SET_MESSAGE_INTERVAL, float(m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT), 500_000.0)
     _ready_mode(peer)
     default = math.nan if peer.profile.nan_parameters is None else 0.0
-    base_m = peer.home.altitude_m if peer.persona.takeoff_above_sea else 0.0
+    base_m = peer.home.altitude_m if peer.profile.takeoff_above_sea else 0.0
     takeoff = (*[default] * 6, base_m + _ALTITUDE_M)
-    if not peer.persona.takeoff_needs_arming:
+    if not peer.profile.takeoff_needs_arming:
         peer.command(m.MAV_CMD_NAV_TAKEOFF, *takeoff)
     _arm(peer)
     peer.must(m.MAV_CMD_NAV_TAKEOFF, *takeoff)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from wbf_mission.check import addressing, commands, flight, identity, missions, parameters, transfers
-from wbf_mission.check.errors import CheckError
-from wbf_mission.check.registry import Check
+from mission.check import addressing, commands, flight, identity, missions, parameters, transfers
+from mission.check.errors import CheckError
+from mission.check.registry import Check
 
 __all__ = ["all_checks", "chosen_checks"]
 

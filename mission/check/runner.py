@@ -9,6 +9,10 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 from geo.errors import WbfMissionError
+from mission.check.catalog import chosen_checks
+from mission.check.errors import CheckError, FailedError, SkippedError
+from mission.check.peer import Peer
+from mission.check.registry import Check, CheckResult, Verdict
 from mission.errors import LinkError, TransferError
 from mission.link import open_link
 from mission.link.address import Link
@@ -18,10 +22,6 @@ from mission.model import GeoPoint
 from mission.transfer import RemoteTransferError
 from mission.transfer.driver import wait_readable
 from mission.transfer.vehicles import Vehicle
-from wbf_mission.check.catalog import chosen_checks
-from wbf_mission.check.errors import CheckError, FailedError, SkippedError
-from wbf_mission.check.peer import Peer
-from wbf_mission.check.registry import Check, CheckResult, Verdict
 
 __all__ = ["CheckReport", "check_link", "check_vehicle"]
 

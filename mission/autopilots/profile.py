@@ -1,36 +1,16 @@
-"""How autopilots differ in the mission protocol, as data for both roles.
-
-Sources: PX4 ``mavlink_mission.cpp``/``.h``, ArduPilot ``MissionItemProtocol*.cpp`` and ``AP_Mission.cpp``,
-and what PX4 1.17 (SIH) and ArduCopter 4.7 (SITL) were seen to do.
-"""
+"""What a ground station has to know of an autopilot, as data: `Profile`."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from functools import cache
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 
-from geo.installed import entry_points
-from mission.errors import TransferError
-from mission.link.codec.dialect import mavlink
-from mission.model import Command, Frame, GeoPoint, MissionItem, MissionType
-from mission.transfer import wire
-from mission.transfer.dialect import ARDUPILOT_DIALECT, COPTERS, FIXED_WING, PX4_DIALECT, ROVER, Dialect
-from mission.transfer.item_tables import (
-    ARDUPILOT_LOSSY,
-    ARDUPILOT_PLACED,
-    ARDUPILOT_READ_BACK,
-    ARDUPILOT_UNPLACED,
-    PX4_LOSSY,
-    PX4_PLACED,
-    PX4_READ_BACK,
-    PX4_UNPLACED,
-    ReadBack,
-)
+from mission.autopilots.dialect import Dialect, ReadBack
+from mission.autopilots.settings import VehicleSettings
+from mission.link.codec.dialect import mavlink as m
+from mission.model import MAX_ITEMS, MissionType
 
-PROFILE_GROUP = "wbf_mission.transfer_profiles"
-"""The entry point group in which further packages give a `Profile`, found by its MAV_AUTOPILOT."""
-_GLOBAL_AND_MISSION = frozenset({0, 2, 3, 5, 6})
+__all__ = ["CardRoom", "FlightModes", "NeededParameter", "Profile"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +89,39 @@ class CardRoom:
         """Return the smallest value with room for so many items; None if there is none."""
         kib = -(-(items * self.item_bytes + self.header_bytes) // 1024)
         return kib if kib <= self.largest_kib and items <= self.items(kib) else None
+
+
+@dataclass(frozen=True, slots=True)
+class FlightModes:
+    """An autopilot's flight modes by their names, and what they are for.
+
+    Parameters
+    ----------
+    numbers : callable
+        Given a MAV_TYPE, the parameters 1 to 3 of DO_SET_MODE by the names of the modes.
+    mission : frozenset of str
+        In which it flies its mission by itself.
+    hold : mapping of int or None to str
+        In which it stays where it is, by MAV_TYPE; None for any other.
+    arming : mapping of int or None to str or None
+        In which it arms without a stick; None where it may arm in any.
+    ends : callable
+        Given a MAV_TYPE and the last command of a mission, the modes that the mission leads to when it is
+        over, besides its own.
+    aliases : mapping of str to str
+        Further names.
+    """
+
+    numbers: Callable[[int], Mapping[str, tuple[float, float, float]]]
+    mission: frozenset[str]
+    hold: Mapping[int | None, str]
+    arming: Mapping[int | None, str | None]
+    ends: Callable[[int, int], frozenset[str]]
+    aliases: Mapping[str, str] = field(default_factory=dict)
+
+    def hold_of(self, vehicle_type: int) -> str:
+        """Return the name of the mode in which a vehicle (MAV_TYPE) stays where it is."""
+        return self.hold.get(vehicle_type, self.hold[None])
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,6 +227,26 @@ class Profile:
         is gone comes home.
     dialect : Dialect
         In which form it takes items, for `mission.transfer.rendering`.
+    modes : FlightModes or None
+        Its flight modes; None where they are not known.
+    settings : VehicleSettings
+        Its parameters that a plan depends on.
+    bytewise : bool
+        Integer parameters travel as the bytes of a float (otherwise as numbers).
+    start_arms : bool
+        MISSION_START starts the motors of a vehicle that stands, and it takes off.
+    takeoff_needs_arming : bool
+        NAV_TAKEOFF is refused while the motors stand.
+    takeoff_above_sea : bool
+        The altitude of NAV_TAKEOFF counts from mean sea level (otherwise from home).
+    item_command : bool
+        DO_SET_MISSION_CURRENT chooses an item (otherwise only the message does).
+    stays_armed : frozenset of int
+        MAV_TYPEs that stay armed when they have come home.
+    radius_in_space : bool
+        The acceptance radius of a multirotor counts in space, errors of its height estimate with it.
+    estimator_message : int
+        The message that tells how good its estimate is.
     """
 
     name: str
@@ -227,9 +260,9 @@ class Profile:
     re_request_s: float = 0.25
     abort_s: float = 5.0
     abort_result: int | None = None
-    busy_result: int = wire.ERROR
+    busy_result: int = m.MAV_MISSION_ERROR
     order_result: int | None = None
-    range_result: int | None = wire.ERROR
+    range_result: int | None = m.MAV_MISSION_ERROR
     clear_all_types: bool = True
     frames: frozenset[int] | None = None
     usual_limits: tuple[int | None, int | None, int | None] = (None, None, None)
@@ -248,14 +281,14 @@ class Profile:
     checks_jumps: bool = False
     marks_current: bool = True
     opaque_ids: bool = True
-    capacity: tuple[int, int, int] = (wire.MAX_ITEMS, wire.MAX_ITEMS, wire.MAX_ITEMS)
+    capacity: tuple[int, int, int] = (MAX_ITEMS, MAX_ITEMS, MAX_ITEMS)
     card: CardRoom | None = None
     fence_card: CardRoom | None = None
     space_text: str | None = "Only {} items are supported"
     item_text: str | None = None
-    type_result: int = wire.INVALID
+    type_result: int = m.MAV_MISSION_INVALID
     partial_write: bool = False
-    partial_result: int | None = wire.ERROR
+    partial_result: int | None = m.MAV_MISSION_ERROR
     empty_hold_s: float = 0.0
     received_texts: tuple[str, str, str] | None = None
     timeout_text: str = "Operation timeout"
@@ -264,6 +297,16 @@ class Profile:
     change_modes: Mapping[int, tuple[int, int]] | None = None
     change_failsafe: Mapping[int, tuple[NeededParameter, ...]] = field(default_factory=dict)
     dialect: Dialect = field(default_factory=Dialect)
+    modes: FlightModes | None = None
+    settings: VehicleSettings = field(default_factory=VehicleSettings)
+    bytewise: bool = False
+    start_arms: bool = False
+    takeoff_needs_arming: bool = False
+    takeoff_above_sea: bool = True
+    item_command: bool = True
+    stays_armed: frozenset[int] = frozenset()
+    radius_in_space: bool = False
+    estimator_message: int = m.MAVLINK_MSG_ID_ESTIMATOR_STATUS
 
     @property
     def cards(self) -> dict[MissionType, CardRoom]:
@@ -282,6 +325,7 @@ class Profile:
 
         Examples
         --------
+        >>> from mission.autopilots import ARDUPILOT
         >>> ARDUPILOT.room(MissionType.MISSION), ARDUPILOT.room(MissionType.MISSION, 64)
         (649, 4367)
         >>> ARDUPILOT.room(MissionType.FENCE), ARDUPILOT.room(MissionType.FENCE, 1)
@@ -296,177 +340,3 @@ class Profile:
         """Return how many items of a plan it takes with the largest card, without home."""
         card = self.cards.get(mission_type)
         return self.room(mission_type, 0.0 if card is None else card.largest_kib)
-
-
-_YAW = frozenset({"param4"})
-
-GENERIC = Profile("the vehicle", mavlink.MAV_AUTOPILOT_GENERIC)
-
-PX4 = Profile(
-    "PX4",
-    mavlink.MAV_AUTOPILOT_PX4,
-    float_answers=True,
-    frames=_GLOBAL_AND_MISSION,
-    range_result=None,
-    int_frames=True,
-    range_checked=False,
-    space_text=None,
-    item_text="IGN MISSION_ITEM: Invalid item",
-    placed=PX4_PLACED,
-    unplaced=PX4_UNPLACED,
-    capacity=(wire.MAX_ITEMS - 1, wire.MAX_ITEMS, wire.MAX_ITEMS),
-    partial_result=None,
-    empty_hold_s=5.0,
-    text_prefix="WPM: ",
-    usual_limits=(500, 64, 32),
-    lossy=PX4_LOSSY,
-    read_back=PX4_READ_BACK,
-    keeps_autocontinue=frozenset({MissionType.MISSION}),
-    dialect=PX4_DIALECT,
-)
-
-ARDUPILOT = Profile(
-    "ArduPilot",
-    mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA,
-    home_at_zero=True,
-    atomic=False,
-    request_int=False,
-    float_answers=True,
-    stateless_download=True,
-    restart_on_count=True,
-    re_request_s=1.0,
-    abort_s=8.0,
-    abort_result=wire.OPERATION_CANCELLED,
-    busy_result=wire.DENIED,
-    order_result=wire.INVALID_SEQUENCE,
-    range_result=wire.INVALID_SEQUENCE,
-    clear_all_types=False,
-    frames=frozenset({0, 3, 5, 6, 10, 11}),
-    strict_frames=False,
-    keeps_frame=False,
-    nan_parameters={
-        Command.NAV_WAYPOINT: _YAW,
-        Command.NAV_LAND: _YAW,
-        Command.NAV_TAKEOFF: _YAW,
-    },
-    checks_jumps=True,
-    marks_current=False,
-    opaque_ids=False,
-    # Of a copter's 16 KiB of storage (StorageManager.cpp) 9758 bytes are for missions, 15 for each item; 560
-    # for the fence, 8 for each; 690 for rally points, 15 for each (50 on planes and rovers).
-    capacity=(649, 70, 50),
-    card=CardRoom("BRD_SD_MISSION", 64, 1312),
-    fence_card=CardRoom("BRD_SD_FENCE", 64, 84, item_bytes=8, header_bytes=0),
-    type_result=wire.UNSUPPORTED,
-    partial_write=True,
-    received_texts=("Flight plan received", "Fence received", "Rally points received"),
-    timeout_text="Mission upload timeout",
-    usual_limits=(649, 70, 46),
-    placed=ARDUPILOT_PLACED,
-    unplaced=ARDUPILOT_UNPLACED,
-    lossy=ARDUPILOT_LOSSY,
-    read_back=ARDUPILOT_READ_BACK,
-    whole_seconds=True,
-    keeps_autocontinue=frozenset(),
-    dialect=ARDUPILOT_DIALECT,
-    keeps_default=False,
-    streams_on_request=True,
-    change_modes={
-        **dict.fromkeys(COPTERS, (4, 3)),
-        FIXED_WING: (15, 10),
-        ROVER: (15, 10),
-    },
-    # Return when the ground station is silent for longer than a link may be dead; but a mission goes on.
-    change_failsafe=dict.fromkeys(
-        COPTERS,
-        (
-            # In this order: switched on last, it never finds a mission that it would break off.
-            NeededParameter("FS_OPTIONS", bits=2),
-            NeededParameter("FS_GCS_TIMEOUT", least=90),
-            NeededParameter("FS_GCS_ENABLE", good=frozenset({1, 2, 3, 6}), value=1),
-        ),
-    ),
-)
-
-
-def profile_for(autopilot: int) -> Profile:
-    """Profile for the MAV_AUTOPILOT of a heartbeat, `GENERIC` for one of which no installed package has any.
-
-    Raises
-    ------
-    TransferError
-        If an installed package does not give the profile that it promises.
-
-    Examples
-    --------
-    >>> profile_for(12).name
-    'PX4'
-    """
-    return _profiles().get(autopilot, GENERIC)
-
-
-@cache
-def _profiles() -> Mapping[int, Profile]:
-    """Profiles by MAV_AUTOPILOT: those of this module, and those of further packages."""
-    found = {profile.autopilot: profile for profile in (PX4, ARDUPILOT)}
-    for entry in entry_points(group=PROFILE_GROUP):
-        try:
-            profile = entry.load()
-        except (ImportError, AttributeError) as error:
-            msg = f"transfer profile {entry.name} ({entry.value}) cannot be loaded: {error}"
-            raise TransferError(msg) from error
-        if not isinstance(profile, Profile):
-            msg = f"transfer profile {entry.name} ({entry.value}) is no mission.transfer.profile.Profile"
-            raise TransferError(msg)
-        found[profile.autopilot] = profile
-    return found
-
-
-def count_warning(profile: Profile, mission_type: MissionType, number: int) -> str | None:
-    """Return a line of warning if common boards of this autopilot do not hold so many items.
-
-    Examples
-    --------
-    >>> count_warning(PX4, MissionType.MISSION, 501)
-    '501 mission items: many PX4 boards hold only 500'
-    """
-    limit = profile.usual_limits[mission_type]
-    if limit is None or number <= limit:
-        return None
-    card = " without an SD card" if mission_type in profile.cards else ""
-    return f"{number} {mission_type.name.lower()} items: many {profile.name} boards hold only {limit}{card}"
-
-
-def _shift_jump(item: MissionItem, by: int) -> MissionItem:
-    if item.command != Command.DO_JUMP or item.param1 is None:
-        return item
-    return replace(item, param1=item.param1 + by)
-
-
-def home_items(home: GeoPoint) -> tuple[MissionItem]:
-    """Return the item that stands for home, alone."""
-    return (
-        MissionItem(
-            Command.NAV_WAYPOINT, Frame.GLOBAL, x=home.latitude_deg, y=home.longitude_deg, z=home.altitude_m
-        ),
-    )
-
-
-def to_wire_order(
-    items: tuple[MissionItem, ...], mission_type: MissionType, profile: Profile, home: GeoPoint | None = None
-) -> tuple[MissionItem, ...]:
-    """Return the items as the autopilot counts them: home in front and jump targets moved, if it does so."""
-    if not profile.home_at_zero or mission_type != MissionType.MISSION or not items:
-        return items
-    first = home_items(GeoPoint(0.0, 0.0, 0.0) if home is None else home)
-    return (*first, *(_shift_jump(item, 1) for item in items))
-
-
-def from_wire_order(
-    items: tuple[MissionItem, ...], mission_type: MissionType, profile: Profile
-) -> tuple[tuple[MissionItem, ...], GeoPoint | None]:
-    """Undo `to_wire_order`: return the items and the home position, if there was one in front."""
-    if not profile.home_at_zero or mission_type != MissionType.MISSION or not items:
-        return items, None
-    home = GeoPoint(items[0].x, items[0].y, items[0].z) if items[0].has_position else None
-    return tuple(_shift_jump(item, -1) for item in items[1:]), home

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
-from mission.transfer import ARDUPILOT, PX4, Profile
-from wbf_mission.check.peer import Peer
+from mission.autopilots import ARDUPILOT, PX4
+from mission.autopilots.profile import Profile
+from mission.check.peer import Peer
 
 __all__ = ["Check", "CheckResult", "Checks", "Verdict"]
 

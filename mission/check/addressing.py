@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from mission.link.codec.dialect import mavlink as m
-from mission.link.codec.typed import is_a
-from mission.transfer import wire
-from wbf_mission.check.errors import FailedError
-from wbf_mission.check.peer import GROUND, Peer
-from wbf_mission.check.registry import Checks
-from wbf_mission.check.sender import (
+from mission.check.errors import FailedError
+from mission.check.peer import GROUND, Peer
+from mission.check.registry import Checks
+from mission.check.sender import (
     ACK,
     ANSWERS,
     MISSION,
@@ -18,6 +15,9 @@ from wbf_mission.check.sender import (
     require_accepted,
     told,
 )
+from mission.link.codec.dialect import mavlink as m
+from mission.link.codec.typed import is_a
+from mission.transfer import wire
 
 check = Checks()
 

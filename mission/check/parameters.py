@@ -5,10 +5,10 @@ from __future__ import annotations
 import struct
 from typing import TypeAlias
 
+from mission.check.errors import FailedError, SkippedError
+from mission.check.peer import Peer
+from mission.check.registry import Checks
 from mission.link.codec.dialect import mavlink as m
-from wbf_mission.check.errors import FailedError, SkippedError
-from wbf_mission.check.peer import Peer
-from wbf_mission.check.registry import Checks
 
 check = Checks()
 

@@ -5,14 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from mission.link.codec.dialect import mavlink as m
-from mission.link.codec.typed import is_a
-from mission.model import MissionItem, MissionType
-from mission.transfer import result_text, wire
-from wbf_mission.check.errors import FailedError
-from wbf_mission.check.peer import Peer
-from wbf_mission.check.registry import Checks
-from wbf_mission.check.sender import (
+from mission.check.errors import FailedError
+from mission.check.peer import Peer
+from mission.check.registry import Checks
+from mission.check.sender import (
     ACK,
     ANSWERS,
     MISSION,
@@ -22,6 +18,10 @@ from wbf_mission.check.sender import (
     require_accepted,
     told,
 )
+from mission.link.codec.dialect import mavlink as m
+from mission.link.codec.typed import is_a
+from mission.model import MissionItem, MissionType
+from mission.transfer import result_text, wire
 
 check = Checks()
 

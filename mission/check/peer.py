@@ -8,18 +8,17 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from typing import TypeAlias, TypeVar
 
+from mission.autopilots.profile import Profile
+from mission.check.errors import FailedError
 from mission.link.address import Link
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import is_a
 from mission.link.endpoint import MavlinkEndpoint
 from mission.model import Command, GeoPoint, Mission, MissionItem, MissionType
-from mission.transfer import Profile, RoundTrip, VerifiedUpload, compare_plans, wire
+from mission.transfer import RoundTrip, VerifiedUpload, compare_plans, wire
 from mission.transfer.driver import TransferDriver, wait_readable
 from mission.transfer.vehicles import Vehicle
-from sim_vehicle.autopilot import autopilot_of_number
-from sim_vehicle.autopilot.persona import Persona
-from wbf_mission.check.errors import FailedError
 
 __all__ = ["GROUND", "Peer"]
 
@@ -86,11 +85,6 @@ class Peer:
     def profile(self) -> Profile:
         """The mission habits of its autopilot."""
         return self.vehicle.profile
-
-    @property
-    def persona(self) -> Persona:
-        """How its autopilot shows itself on a multirotor."""
-        return autopilot_of_number(self.vehicle.autopilot).for_vehicle("multirotor").persona
 
     @property
     def address(self) -> tuple[int, int]:

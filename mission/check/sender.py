@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from mission.check.errors import FailedError
+from mission.check.peer import Peer
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import is_a
 from mission.model import MissionItem, MissionType
 from mission.transfer import result_text, wire
-from wbf_mission.check.errors import FailedError
-from wbf_mission.check.peer import Peer
 
 ACK = m.MAVLink_mission_ack_message
 REQUESTS: tuple[type[wire.RequestMessage], ...] = (

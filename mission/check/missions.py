@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from mission.check.errors import FailedError, SkippedError
+from mission.check.peer import Peer
+from mission.check.registry import Checks
+from mission.check.sender import ACK, ANSWERS, MISSION, RE_REQUEST_S, Sender, require_accepted, told
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Frame, GeoPoint, MissionItem, MissionType
 from mission.transfer import result_text, wire
-from wbf_mission.check.errors import FailedError, SkippedError
-from wbf_mission.check.peer import Peer
-from wbf_mission.check.registry import Checks
-from wbf_mission.check.sender import ACK, ANSWERS, MISSION, RE_REQUEST_S, Sender, require_accepted, told
 
 check = Checks()
 

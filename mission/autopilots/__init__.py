@@ -1,0 +1,7 @@
+"""What a ground station has to know of each autopilot: a module of data for each."""
+
+from mission.autopilots.ardupilot import ARDUPILOT as ARDUPILOT
+from mission.autopilots.profile import Profile as Profile
+from mission.autopilots.px4 import PX4 as PX4
+from mission.autopilots.registry import GENERIC as GENERIC
+from mission.autopilots.registry import profile_for as profile_for

@@ -1,0 +1,197 @@
+"""In which form an autopilot takes mission items, and what it keeps of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from enum import Enum, StrEnum
+
+from mission.link.codec.dialect import mavlink
+from mission.model import Command, MissionItem
+
+FIXED_WING = int(mavlink.MAV_TYPE_FIXED_WING)
+ROVER = int(mavlink.MAV_TYPE_GROUND_ROVER)
+COPTERS = (2, 3, 4, 13, 14, 15, 29, 35)
+"""MAV_TYPEs: quadrotor, coaxial, helicopter, hexa-, octo-, tri-, dodecarotor, decarotor."""
+
+
+class Severity(StrEnum):
+    """How much a remark matters."""
+
+    ERROR = "error"
+    """The autopilot would refuse the plan, or would not fly it."""
+    WARNING = "warning"
+    """Something is ignored or sent in another way, which the flight shows."""
+    NOTE = "note"
+    """Something is ignored that hardly matters."""
+
+
+class ReadBack(Enum):
+    """What comes back of a number of an item."""
+
+    NOTHING = "nothing"
+    """0."""
+    WHOLE = "whole"
+    """Without its fraction."""
+    SIGN = "sign"
+    """-1 for less than zero, otherwise 1."""
+    FLAG = "flag"
+    """1 for more than zero, otherwise 0."""
+
+    def of(self, value: float | None) -> float:
+        """The number that comes back for one that was sent; None is unset.
+
+        >>> ReadBack.WHOLE.of(-2.7), ReadBack.SIGN.of(0.0), ReadBack.FLAG.of(None)
+        (-2.0, 1.0, 0.0)
+        """
+        number = value or 0.0
+        match self:
+            case ReadBack.NOTHING:
+                return 0.0
+            case ReadBack.WHOLE:
+                return float(int(number))
+            case ReadBack.SIGN:
+                return -1.0 if number < 0.0 else 1.0
+            case ReadBack.FLAG:
+                return float(number > 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Substitute:
+    """What is sent in place of a command that an autopilot does not know.
+
+    Parameters
+    ----------
+    make : callable
+        Returns the item to send; None leaves it out.
+    text : str
+        What is done, for the operator.
+    """
+
+    make: Callable[[MissionItem], MissionItem | None]
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class IgnoredField:
+    """A parameter that an autopilot does not heed.
+
+    Parameters
+    ----------
+    command : int
+        MAV_CMD.
+    name : str
+        Field of `MissionItem`.
+    text, fix : str
+        What happens in its place, and what would be heeded.
+    severity : Severity
+    vehicle_types : frozenset of int or None
+        MAV_TYPEs to which it applies; None for any.
+    """
+
+    command: int
+    name: str
+    text: str
+    fix: str = ""
+    severity: Severity = Severity.WARNING
+    vehicle_types: frozenset[int] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ArmingCondition:
+    """What a parameter of the vehicle asks of a mission before the vehicle flies it.
+
+    Parameters
+    ----------
+    parameter : str
+    refusing : frozenset of float
+        Its values that ask for it.
+    usual : float
+        Its value as the autopilot comes.
+    text, fix : str
+    unknown : Severity
+        Of the remark when the vehicle's value is not known and the usual one asks for it.
+    needed : frozenset of int
+        Commands of which the mission needs one; empty for none.
+    barred : frozenset of int
+        Commands of which the mission may have none.
+    vehicle_types : frozenset of int
+        MAV_TYPEs to which it applies.
+    """
+
+    parameter: str
+    refusing: frozenset[float]
+    usual: float
+    text: str
+    fix: str
+    unknown: Severity
+    needed: frozenset[int] = frozenset()
+    barred: frozenset[int] = frozenset()
+    vehicle_types: frozenset[int] = frozenset({FIXED_WING})
+
+
+@dataclass(frozen=True, slots=True)
+class Dialect:
+    """How a plan has to be written for one autopilot.
+
+    Parameters
+    ----------
+    standard_frames : bool
+        Items without a position go in frame MISSION.
+    zero_is_here : bool
+        Latitude and longitude 0, 0 mean where the vehicle is. Otherwise they are a place in the Atlantic.
+    land_start_placed : bool or None
+        DO_LAND_START has a position; False: none; None: as it is.
+    yaw_in_waypoints : bool
+        A heading is a parameter of the waypoint that is flown to, not of CONDITION_YAW.
+    roi_modes : frozenset of int or None
+        Modes (MAV_ROI) that DO_SET_ROI with a position may have.
+    not_for : mapping of int to frozenset of int
+        By MAV_TYPE, commands that other vehicles of this autopilot know.
+    substitutes : mapping of int to Substitute
+        By command.
+    instead : mapping of int to str
+        By command, what would be accepted in place of one that has no substitute.
+    defaults : mapping of int to mapping of str to float
+        By command, what is sent for an unset parameter that may not be NaN; 0 for all others.
+    highest_m : float
+        Altitudes at least so far from zero are refused.
+    most_jumps : int or None
+        DO_JUMPs that every board can count; further ones may be passed over.
+    ignored : tuple of IgnoredField
+    conditions : tuple of ArmingCondition
+    """
+
+    standard_frames: bool = False
+    zero_is_here: bool = True
+    land_start_placed: bool | None = None
+    yaw_in_waypoints: bool = False
+    roi_modes: frozenset[int] | None = None
+    not_for: Mapping[int, frozenset[int]] = field(default_factory=dict)
+    substitutes: Mapping[int, Substitute] = field(default_factory=dict)
+    instead: Mapping[int, str] = field(default_factory=dict)
+    defaults: Mapping[int, Mapping[str, float]] = field(default_factory=dict)
+    highest_m: float = float("inf")
+    most_jumps: int | None = None
+    ignored: tuple[IgnoredField, ...] = ()
+    conditions: tuple[ArmingCondition, ...] = ()
+
+
+def _straight(item: MissionItem) -> MissionItem:
+    return replace(item, command=Command.NAV_WAYPOINT, param2=0.0, param3=0.0, param4=None)
+
+
+STRAIGHT = Substitute(_straight, "sent as NAV_WAYPOINT: flown in straight lines")
+"""Of a spline waypoint."""
+
+_NOTHING = ReadBack.NOTHING
+FIRST_ALONE = {"param2": _NOTHING, "param3": _NOTHING, "param4": _NOTHING}
+"""What comes back of an item of which only the first parameter is kept."""
+NO_PARAMETERS = {"param1": _NOTHING, **FIRST_ALONE}
+FENCE_READ_BACK: Mapping[int, Mapping[str, ReadBack]] = {
+    Command.NAV_FENCE_RETURN_POINT: NO_PARAMETERS,
+    Command.NAV_FENCE_POLYGON_VERTEX_INCLUSION: FIRST_ALONE,
+    Command.NAV_FENCE_POLYGON_VERTEX_EXCLUSION: FIRST_ALONE,
+    Command.NAV_FENCE_CIRCLE_INCLUSION: FIRST_ALONE,
+    Command.NAV_FENCE_CIRCLE_EXCLUSION: FIRST_ALONE,
+}

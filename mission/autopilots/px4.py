@@ -1,0 +1,187 @@
+"""PX4, as a ground station has to know it.
+
+Sources: ``mavlink_mission.cpp``/``.h`` (parse_mavlink_mission_item, format_mavlink_mission_item),
+``px4_custom_mode.h`` through pymavlink, ``rc.fw_defaults``, the parameter reference 1.14 to 1.17, and what
+PX4 1.17 (SIH) was seen to do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from pymavlink import mavutil
+
+from mission.autopilots.dialect import (
+    FENCE_READ_BACK,
+    FIXED_WING,
+    NO_PARAMETERS,
+    ROVER,
+    STRAIGHT,
+    ArmingCondition,
+    Dialect,
+    IgnoredField,
+    ReadBack,
+    Severity,
+)
+from mission.autopilots.profile import FlightModes, Profile
+from mission.autopilots.settings import Meaning, VehicleSettings, question
+from mission.link.codec.dialect import mavlink as m
+from mission.model import MAX_ITEMS, Command, MissionType
+
+__all__ = ["PX4"]
+
+_LANDINGS = frozenset({21, 85})
+_TAKEOFFS = frozenset({22, 84})
+# After parse_mavlink_mission_item: commands in a global frame, and in the frame MISSION.
+_PLACED = frozenset({16, 17, 19, 21, 22, 31, 80, 84, 85, 195, 201, 4501, 5000, 5001, 5002, 5003, 5004, 5100})
+_UNPLACED = frozenset(
+    {20, 80, 93, 112, 114, 177, 178, 179, 187, 189, 196, 197, 200, 201, 203, 204, 205, 206, 211, 214}
+    | {260, 530, 531, 532, 1000, 1001, 2000, 2001, 2003, 2500, 2501, 3000, 42600}
+)
+_NOTHING, _FLAG = ReadBack.NOTHING, ReadBack.FLAG
+_LOSSY: Mapping[int, frozenset[str]] = {
+    Command.NAV_WAYPOINT: frozenset({"param3"}),
+    Command.NAV_TAKEOFF: frozenset({"param1", "param2", "param3"}),
+    Command.NAV_LAND: frozenset({"param1", "param2", "param3"}),
+}
+_READ_BACK: Mapping[int, Mapping[str, ReadBack]] = {
+    Command.NAV_LOITER_UNLIM: {"param1": _NOTHING, "param2": _NOTHING},
+    Command.NAV_LOITER_TIME: {"param2": _FLAG, "param4": _FLAG},
+    Command.NAV_LOITER_TO_ALT: {"param1": _FLAG, "param3": _NOTHING, "param4": _FLAG},
+    Command.DO_SET_ROI_LOCATION: NO_PARAMETERS,
+    Command.NAV_RALLY_POINT: NO_PARAMETERS,
+    **FENCE_READ_BACK,
+}
+_DIALECT = Dialect(
+    standard_frames=True,
+    zero_is_here=False,
+    land_start_placed=False,
+    yaw_in_waypoints=True,
+    roi_modes=frozenset({0, 3}),
+    substitutes={
+        Command.NAV_SPLINE_WAYPOINT: STRAIGHT,
+    },
+    instead={
+        Command.NAV_LOITER_TURNS: "use NAV_LOITER_TIME, or waypoints around the circle",
+        m.MAV_CMD_NAV_CONTINUE_AND_CHANGE_ALT: "use NAV_LOITER_TO_ALT",
+        m.MAV_CMD_NAV_PAYLOAD_PLACE: "use NAV_LAND and DO_GRIPPER",
+        Command.CONDITION_YAW: "give the heading, in degrees from north, as param4 of the waypoint after it",
+        m.MAV_CMD_DO_SET_SERVO: "use DO_SET_ACTUATOR",
+        m.MAV_CMD_DO_FENCE_ENABLE: "switch the fence by the parameter GF_ACTION",
+        m.MAV_CMD_JUMP_TAG: "use DO_JUMP with the number of an item",
+        m.MAV_CMD_DO_JUMP_TAG: "use DO_JUMP with the number of an item",
+    },
+    ignored=(
+        IgnoredField(
+            Command.NAV_WAYPOINT,
+            "param3",
+            "PX4 does not pass waypoints at a distance (param3): it flies through or near the point",
+            severity=Severity.NOTE,
+        ),
+        IgnoredField(
+            Command.NAV_LAND,
+            "param1",
+            "PX4 does not heed the height to abort the landing at (param1)",
+            severity=Severity.NOTE,
+        ),
+    ),
+    conditions=(
+        ArmingCondition(
+            "MIS_TKO_LAND_REQ",
+            frozenset({2.0, 3.0}),
+            2.0,
+            "a fixed wing of PX4 flies no mission without a landing while MIS_TKO_LAND_REQ is {value:g}",
+            "end it with DO_LAND_START and NAV_LAND, or set MIS_TKO_LAND_REQ to 0",
+            Severity.ERROR,
+            needed=_LANDINGS,
+        ),
+        ArmingCondition(
+            "MIS_TKO_LAND_REQ",
+            frozenset({1.0, 3.0}),
+            2.0,
+            "a fixed wing of PX4 flies no mission without a take-off while MIS_TKO_LAND_REQ is {value:g}",
+            "begin it with NAV_TAKEOFF, or set MIS_TKO_LAND_REQ to 0",
+            Severity.ERROR,
+            needed=_TAKEOFFS,
+        ),
+    ),
+)
+_ANY = (
+    question(Meaning.ACCEPTANCE_RADIUS, "NAV_ACC_RAD"),
+    question(Meaning.RETURN_HEIGHT, "RTL_RETURN_ALT"),
+    question(Meaning.LOW_BATTERY, "COM_LOW_BAT_ACT"),
+    question(Meaning.LINK_LOST, "NAV_DLL_ACT"),
+    question(Meaning.TAKEOFF_AND_LANDING, "MIS_TKO_LAND_REQ"),
+    question(Meaning.FENCE_ACTION, "GF_ACTION"),
+    question(Meaning.FENCE_CEILING, "GF_MAX_VER_DIST"),
+    question(Meaning.FENCE_RADIUS, "GF_MAX_HOR_DIST"),
+    question(Meaning.ACCELEROMETER, "CAL_ACC0_ID"),
+    question(Meaning.GYROSCOPE, "CAL_GYRO0_ID"),
+    question(Meaning.COMPASS, "CAL_MAG0_ID"),
+)
+_COPTER = (
+    question(Meaning.CRUISE_SPEED, "MPC_XY_CRUISE"),
+    question(Meaning.FASTEST, "MPC_XY_VEL_MAX"),
+    *_ANY,
+)
+_WING = (
+    question(Meaning.CRUISE_SPEED, "FW_AIRSPD_TRIM"),
+    question(Meaning.FASTEST, "FW_AIRSPD_MAX"),
+    *_ANY,
+)
+_HOLD = "LOITER"
+
+
+def _numbers(_vehicle_type: int) -> Mapping[str, tuple[float, float, float]]:
+    return {
+        name: (float(base), float(main), float(sub)) for name, (base, main, sub) in mavutil.px4_map.items()
+    }
+
+
+def _ends(_vehicle_type: int, last_command: int) -> frozenset[str]:
+    """A return that ends a mission is flown in the mode for that; another last item is held at."""
+    return frozenset({"RTL" if last_command == Command.NAV_RETURN_TO_LAUNCH else _HOLD})
+
+
+_MODES = FlightModes(
+    _numbers,
+    mission=frozenset({"MISSION", "TAKEOFF"}),
+    hold={None: _HOLD},
+    # Without a radio control it does not arm in modes that want sticks.
+    arming={None: _HOLD},
+    ends=_ends,
+    aliases={"HOLD": _HOLD},
+)
+
+PX4 = Profile(
+    "PX4",
+    m.MAV_AUTOPILOT_PX4,
+    float_answers=True,
+    frames=frozenset({0, 2, 3, 5, 6}),
+    range_result=None,
+    int_frames=True,
+    range_checked=False,
+    space_text=None,
+    item_text="IGN MISSION_ITEM: Invalid item",
+    placed=_PLACED,
+    unplaced=_UNPLACED,
+    capacity=(MAX_ITEMS - 1, MAX_ITEMS, MAX_ITEMS),
+    partial_result=None,
+    empty_hold_s=5.0,
+    text_prefix="WPM: ",
+    usual_limits=(500, 64, 32),
+    lossy=_LOSSY,
+    read_back=_READ_BACK,
+    keeps_autocontinue=frozenset({MissionType.MISSION}),
+    dialect=_DIALECT,
+    modes=_MODES,
+    settings=VehicleSettings(
+        {FIXED_WING: _WING, ROVER: _ANY, None: _COPTER},
+        fence_off=frozenset({0.0}),
+        fence_tells=frozenset({1.0}),
+    ),
+    bytewise=True,
+    start_arms=True,
+    item_command=False,
+    radius_in_space=True,
+)

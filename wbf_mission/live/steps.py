@@ -79,10 +79,11 @@ def step_of(wish: Wish, vehicle: tuple[int, int], heard: VehicleMonitor) -> Step
     if wish.order == "takeoff":
         return _takeoff(wish, vehicle[0], heard)
     if wish.order == "mission":
-        if profile_for(heard.autopilot).start_arms and not heard.state.armed and not wish.arms:
+        profile = profile_for(heard.autopilot)
+        if profile.start_arms and not heard.state.armed and not wish.arms:
             msg = (
-                f"system {vehicle[0]}: {wish}: the motors stand still; {profile_for(heard.autopilot).name} starts them and takes off at this"
-                " order: give --arm, too, if it may"
+                f"system {vehicle[0]}: {wish}: the motors stand still; {profile.name} starts them and takes off"
+                " at this order: give --arm, too, if it may"
             )
             raise MotorsStandError(msg)
         return Step(lambda one: one.in_mission, int(m.MAV_CMD_MISSION_START))

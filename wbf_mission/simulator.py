@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 from geo import get_farm
 from geo.seeds import stream
-from geo.texts import one_line, parse_number
+from geo.texts import parse_number
 from mission.model import GeoPoint
 from sensors.camera.leaf_camera import LeafCamera
 from sim_vehicle.autopilot import get_autopilot
@@ -23,15 +20,7 @@ from sim_vehicle.prediction.compile_ahead import warm_up
 from wbf_mission.planning import flown_vehicle
 from wbf_mission.planning.weather import noise_of, wind_of_run
 from wbf_mission.run.surroundings import camera_options, make_environment
-from wbf_mission.scenario import Scenario, ScenarioError, read_table, scenario_from_table, take_faults
-from wbf_mission.scenario.option import Part, option, options_of
-from wbf_mission.scenario.parts import CAMERA, VEHICLE
-from wbf_mission.scenario.scenario import unknown_key
-
-if TYPE_CHECKING:
-    from sim_vehicle.faults.fault import Fault
-
-__all__ = ["SimOptions", "load_sim", "parse_speed"]
+from wbf_mission.scenario import Scenario, ScenarioError
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,130 +172,3 @@ def make_components(
                 )
             )
     return Simulated(fleet, tuple(cameras))
-
-
-LINKS = "Links and time"
-_BOOTS = ("warm", "cold")
-_SLOWEST, _FASTEST = 0.01, 10_000.0
-
-
-@dataclass(frozen=True, slots=True)
-class SimOptions(Part):
-    """The simulator besides its scenario; the keys of the table ``[sim]`` of a file."""
-
-    count: int | None = option(
-        None,
-        "How many vehicles, each a system of its own at its own ports",
-        VEHICLE,
-        low=1,
-        high=250,
-        default="one for each home",
-    )
-    system_id: int = option(
-        1, "System id of the first vehicle; the others' follow it", VEHICLE, low=1, high=250
-    )
-    home: tuple[str, ...] = option(
-        (),
-        "Start at LAT,LON[,ALT[,HEADING]]: degrees, metres above sea level, degrees; once for all or once for"
-        " each vehicle",
-        VEHICLE,
-        default="the farm's home",
-        metavar="LAT,LON",
-    )
-    boot: str = option(
-        "warm",
-        "warm: the autopilot is up and can arm; cold: it boots when it is first spoken to, and can arm some"
-        " 40 s later (ArduCopter)",
-        VEHICLE,
-        metavar="KIND",
-    )
-    spacing_m: float = option(4.0, "Between vehicles that share a home", VEHICLE, low=0.0, high=1000.0)
-    listen: tuple[str, ...] = option(
-        (),
-        "Link for ground stations, with all vehicles behind it; may be repeated: udpin:, udpout: or"
-        " tcpin:HOST:PORT, serial:DEVICE:BAUD",
-        LINKS,
-        default="the autopilot's own simulator ports",
-        metavar="URL",
-    )
-    connect: tuple[str, ...] = option(
-        (),
-        "Link that we open: udpout:HOST:PORT or tcp:HOST:PORT; may be repeated",
-        LINKS,
-        default="none",
-        metavar="URL",
-    )
-    speed: float | str = option(
-        1.0, "Simulated seconds per second of wall time, or max", LINKS, metavar="FACTOR"
-    )
-    duration_s: float | None = option(
-        None,
-        "Simulated time after which it stops",
-        LINKS,
-        default="until Ctrl-C",
-    )
-    camera: bool = option(True, "Carry the leaf camera", CAMERA)
-
-    def check(self) -> None:
-        """Refuse speeds, durations and kinds of boot that cannot be."""
-        if self.boot not in _BOOTS:
-            msg = f"boot {one_line(str(self.boot), 40)!r} is unknown: give {' or '.join(_BOOTS)}"
-            raise ScenarioError(msg)
-        parse_speed(self.speed)
-        if self.duration_s is not None and not 0.0 < self.duration_s < 1e9:
-            msg = f"duration {self.duration_s} is out of range: give a positive number of simulated seconds"
-            raise ScenarioError(msg)
-
-
-def parse_speed(speed: float | str) -> float:
-    """Return a speed as a number; "max" is infinity.
-
-    Raises
-    ------
-    ScenarioError
-        If it is neither "max" nor a number from 0.01 to 10000.
-
-    Examples
-    --------
-    >>> parse_speed("max"), parse_speed("2.5")
-    (inf, 2.5)
-    """
-    if isinstance(speed, str) and speed.strip().lower() == "max":
-        return math.inf
-    try:
-        number = parse_number(speed) if isinstance(speed, str) else float(speed)
-    except ValueError:
-        number = math.nan
-    if not _SLOWEST <= number <= _FASTEST:
-        msg = f"speed {speed} is out of range: give {_SLOWEST:g} to {_FASTEST:g} (1 is real time), or max"
-        raise ScenarioError(msg)
-    return number
-
-
-def load_sim(path: str | Path) -> tuple[Scenario, SimOptions, tuple[Fault, ...]]:
-    """Read a scenario file for the simulator: a scenario's keys, a table ``[sim]``, tables ``[[fault]]``.
-
-    Raises
-    ------
-    ScenarioError
-        If the file cannot be read, or something in it is wrong.
-    FaultError
-        If a fault is wrong.
-    """
-    path = Path(path)
-    table = read_table(path)
-    faults = take_faults(table, path)
-    given = table.pop("sim", {})
-    scenario = scenario_from_table(table, path)
-    if not isinstance(given, dict):
-        msg = f"{path}: sim is written as a table [sim]"
-        raise ScenarioError(msg)
-    known = list(options_of(SimOptions))
-    unknown = [key for key in given if key not in known]
-    try:
-        if unknown:
-            raise ScenarioError(unknown_key(unknown[0], known) + " in [sim]")
-        return scenario, SimOptions(**given), faults
-    except ScenarioError as error:
-        msg = f"{path}: {error}"
-        raise ScenarioError(msg) from error

@@ -17,7 +17,7 @@ from wbf_mission.cli.targets import Overwrite, refuse_overwrite
 from wbf_mission.exit_codes import ExitCode
 from wbf_mission.scenario import CameraOptions, FarmOptions, ScenarioError, VehicleOptions, WeatherOptions
 from wbf_mission.scenario.option import options_of
-from wbf_mission.simulator import LINKS, SimOptions, load_sim, parse_speed
+from wbf_mission.scenario.sim_options import LINKS, SimOptions, load_sim, parse_speed
 
 if TYPE_CHECKING:
     from mission.link.codec.signing import Signing

@@ -82,8 +82,8 @@ def step_of(wish: Wish, vehicle: tuple[int, int], heard: VehicleMonitor) -> Step
         profile = profile_for(heard.autopilot)
         if profile.start_arms and not heard.state.armed and not wish.arms:
             msg = (
-                f"system {vehicle[0]}: {wish}: the motors stand still; {profile.name} starts them and takes off"
-                " at this order: give --arm, too, if it may"
+                f"system {vehicle[0]}: {wish}: the motors stand still; {profile.name} starts them and takes"
+                " off at this order: give --arm, too, if it may"
             )
             raise MotorsStandError(msg)
         return Step(lambda one: one.in_mission, int(m.MAV_CMD_MISSION_START))

@@ -17,8 +17,7 @@ from typing import Any
 import numpy as np
 
 from mission.policies.learned import SHIPPED
-from mission.policies.network import Network
-from mission.policies.network_view import NetworkView
+from mission.policies.network import Network, NetworkView
 from sensors.scoring.score import ScoreWeights
 from wbf_mission import BenchSpec, benchmark
 from wbf_mission.bench.standings import mean_interval

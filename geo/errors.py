@@ -40,13 +40,13 @@
     +-- wbf_mission.flight.FlightError                    a flight that cannot go on
     +-- wbf_mission.pictures.animation.AnimationError              a moving picture of a run
     +-- wbf_mission.results.arrays.ArrayFileError                 arrays of a result
-    +-- wbf_mission.bench.cluster.ClusterError            a Dask cluster
+    +-- wbf_mission.bench.engine.ClusterError            a Dask cluster
     +-- wbf_mission.rl.errors.TrainingError               a training environment
     +-- wbf_mission.results.tables.ResultError                    the folder of a result
     +-- wbf_mission.cli.targets.TargetError               a file or folder to be written
-    +-- mission.check.errors.CheckError               a check that does not exist
-    +-- mission.check.errors.FailedError              a check that failed
-    +-- mission.check.errors.SkippedError             a check that does not apply
+    +-- mission.check.peer.CheckError               a check that does not exist
+    +-- mission.check.peer.FailedError              a check that failed
+    +-- mission.check.peer.SkippedError             a check that does not apply
 """
 
 

@@ -22,7 +22,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecEnv
 
-from mission.policies.network_view import NetworkView
+from mission.policies.network import NetworkView
 from sensors.scoring.score import ScoreWeights
 from wbf_mission.rl import SurveyVectorEnv
 

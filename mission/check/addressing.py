@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from mission.check.errors import FailedError
-from mission.check.peer import GROUND, Peer
+from mission.check.peer import GROUND, FailedError, Peer
 from mission.check.registry import Checks
 from mission.check.sender import (
     ACK,

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from mission.check.errors import FailedError
-from mission.check.peer import Peer, result_name
+from mission.check.peer import FailedError, Peer, result_name
 from mission.check.registry import Checks
 from mission.link.codec.dialect import mavlink as m
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from mission.check.errors import FailedError
-from mission.check.peer import Peer
+from mission.check.peer import FailedError, Peer
 from mission.check.registry import Checks
 from mission.ground.modes import arming_mode
 from mission.link.codec.dialect import Message

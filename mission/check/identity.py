@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-from mission.check.errors import FailedError, SkippedError
-from mission.check.peer import Peer
+from mission.check.peer import FailedError, Peer, SkippedError
 from mission.check.registry import Checks
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from mission.check.errors import FailedError, SkippedError
-from mission.check.peer import Peer
+from mission.check.peer import FailedError, Peer, SkippedError
 from mission.check.registry import Checks
 from mission.check.sender import ACK, ANSWERS, MISSION, RE_REQUEST_S, Sender, require_accepted, told
 from mission.link.codec.dialect import mavlink as m

@@ -5,8 +5,7 @@ from __future__ import annotations
 import struct
 from typing import TypeAlias
 
-from mission.check.errors import FailedError, SkippedError
-from mission.check.peer import Peer
+from mission.check.peer import FailedError, Peer, SkippedError
 from mission.check.registry import Checks
 from mission.link.codec.dialect import mavlink as m
 

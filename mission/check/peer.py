@@ -8,8 +8,8 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from typing import TypeAlias, TypeVar
 
+from geo.errors import WbfMissionError
 from mission.autopilots.profile import Profile
-from mission.check.errors import FailedError
 from mission.link.address import Link
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
@@ -20,7 +20,20 @@ from mission.transfer import RoundTrip, VerifiedUpload, compare_plans, wire
 from mission.transfer.driver import TransferDriver, wait_readable
 from mission.transfer.vehicles import Vehicle
 
-__all__ = ["GROUND", "Peer"]
+__all__ = ["GROUND", "CheckError", "FailedError", "Peer", "SkippedError"]
+
+
+class CheckError(WbfMissionError, ValueError):
+    """A check that does not exist."""
+
+
+class FailedError(WbfMissionError):
+    """What a check raises when its point does not hold; the text says what was seen."""
+
+
+class SkippedError(WbfMissionError):
+    """What a check raises when its point cannot be tried on this vehicle; the text says why."""
+
 
 M = TypeVar("M", bound=Message)
 Ack: TypeAlias = m.MAVLink_command_ack_message
@@ -40,7 +53,7 @@ class Peer:
         Where the vehicle is.
     clock, wait : callable
         Monotonic seconds; ``wait(link, seconds)`` until something may have arrived. Those of a
-        `sim_vehicle.host.virtual_link.VirtualLink` check a simulation on its own clock.
+        `sim_vehicle.host.simulation.VirtualLink` check a simulation on its own clock.
 
     Attributes
     ----------

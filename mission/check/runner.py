@@ -9,9 +9,8 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 from geo.errors import WbfMissionError
-from mission.check.catalog import chosen_checks
-from mission.check.errors import CheckError, FailedError, SkippedError
-from mission.check.peer import Peer
+from mission.check import addressing, commands, flight, identity, missions, parameters, transfers
+from mission.check.peer import CheckError, FailedError, Peer, SkippedError
 from mission.check.registry import Check, CheckResult, Verdict
 from mission.errors import LinkError, TransferError
 from mission.link import open_link
@@ -23,7 +22,43 @@ from mission.transfer import RemoteTransferError
 from mission.transfer.driver import wait_readable
 from mission.transfer.vehicles import Vehicle
 
-__all__ = ["CheckReport", "check_link", "check_vehicle"]
+__all__ = ["CheckReport", "all_checks", "check_link", "check_vehicle", "chosen_checks"]
+
+_MODULES = (identity, commands, parameters, missions, transfers, addressing, flight)
+_GROUPS = ("identity", "command", "telemetry", "param", "mission", "transfer", "fly")
+
+
+def all_checks() -> tuple[Check, ...]:
+    """Every check in its order.
+
+    Examples
+    --------
+    >>> all_checks()[0].id
+    'identity.heartbeat'
+    """
+    checks = (one for module in _MODULES for one in module.check)
+    return tuple(sorted(checks, key=lambda one: _GROUPS.index(one.group)))
+
+
+def chosen_checks(only: tuple[str, ...], *, fly: bool) -> tuple[Check, ...]:
+    """The checks whose id or group is among ``only`` (empty: all).
+
+    Raises
+    ------
+    CheckError
+        If one of ``only`` is neither an id nor a group.
+    """
+    checks = all_checks()
+    known = {check.id for check in checks} | {check.group for check in checks}
+    for name in only:
+        if name not in known:
+            groups = ", ".join(dict.fromkeys(check.group for check in checks))
+            msg = f"unknown check {name!r}: give an id of 'wbf-mission check --list' or a group ({groups})"
+            raise CheckError(msg)
+    return tuple(
+        one for one in checks if (fly or not one.flies) and (not only or one.id in only or one.group in only)
+    )
+
 
 _MISSION_GROUPS = frozenset({"mission", "transfer", "fly"})
 OnResult = Callable[[CheckResult], None]

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from mission.check.errors import FailedError
-from mission.check.peer import Peer
+from mission.check.peer import FailedError, Peer
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import is_a
 from mission.model import MissionItem, MissionType

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from mission.check.errors import FailedError
-from mission.check.peer import Peer
+from mission.check.peer import FailedError, Peer
 from mission.check.registry import Checks
 from mission.check.sender import (
     ACK,

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from geo.seeds import stream
 from mission.policies.chart import Chart, LegCosts
 from mission.policies.decision import GO_ON, Decision
-from mission.policies.network import Network
-from mission.policies.network_view import NetworkView
+from mission.policies.network import Network, NetworkView
 from mission.policies.policy import LEAST_S, Asking
 from mission.policies.situation import Situation, Status, VehicleReport
 from mission.policies.steering import affordable

@@ -5,11 +5,8 @@ from typing import TYPE_CHECKING
 from geo.lazy import attach
 
 if TYPE_CHECKING:
-    from mission.transfer.clear import MissionClear as MissionClear
     from mission.transfer.client import ClientTimers as ClientTimers
     from mission.transfer.client import ClientTransfer as ClientTransfer
-    from mission.transfer.compare import Difference as Difference
-    from mission.transfer.compare import compare_plans as compare_plans
     from mission.transfer.download import MissionDownload as MissionDownload
     from mission.transfer.errors import LocalTransferError as LocalTransferError
     from mission.transfer.errors import RemoteTransferError as RemoteTransferError
@@ -38,9 +35,12 @@ if TYPE_CHECKING:
     from mission.transfer.rendering import render as render
     from mission.transfer.round_trip import RoundTrip as RoundTrip
     from mission.transfer.server import MissionServer as MissionServer
+    from mission.transfer.upload import MissionClear as MissionClear
     from mission.transfer.upload import MissionUpload as MissionUpload
     from mission.transfer.upload import check_plan as check_plan
+    from mission.transfer.verified import Difference as Difference
     from mission.transfer.verified import VerifiedUpload as VerifiedUpload
+    from mission.transfer.verified import compare_plans as compare_plans
     from mission.transfer.wire import CLIENT_MESSAGES as CLIENT_MESSAGES
     from mission.transfer.wire import SERVER_MESSAGES as SERVER_MESSAGES
     from mission.transfer.wire import item_from_message as item_from_message
@@ -51,9 +51,9 @@ else:
     __getattr__, __dir__, __all__ = attach(
         __name__,
         {
-            "mission.transfer.clear": ("MissionClear",),
+            "mission.transfer.upload": ("MissionClear", "MissionUpload", "check_plan"),
             "mission.transfer.client": ("ClientTimers", "ClientTransfer"),
-            "mission.transfer.compare": ("Difference", "compare_plans"),
+            "mission.transfer.verified": ("Difference", "VerifiedUpload", "compare_plans"),
             "mission.transfer.download": ("MissionDownload",),
             "mission.transfer.errors": ("LocalTransferError", "RemoteTransferError"),
             "mission.transfer.events": (
@@ -80,8 +80,6 @@ else:
             "mission.transfer.rendering": ("Rendered", "refuse_errors", "render"),
             "mission.transfer.round_trip": ("RoundTrip",),
             "mission.transfer.server": ("MissionServer",),
-            "mission.transfer.upload": ("MissionUpload", "check_plan"),
-            "mission.transfer.verified": ("VerifiedUpload",),
             "mission.transfer.wire": (
                 "CLIENT_MESSAGES",
                 "SERVER_MESSAGES",

@@ -15,13 +15,13 @@ from mission.link.codec.typed import is_a
 from mission.link.endpoint import MavlinkEndpoint
 from mission.model import GeoPoint, Mission, MissionType
 from mission.transfer import wire
-from mission.transfer.clear import MissionClear
 from mission.transfer.client import ClientTimers
 from mission.transfer.errors import RemoteTransferError
 from mission.transfer.events import DownloadComplete, Event, Output, TransferFailed, TransferStatistics
 from mission.transfer.making import OWN_TRANSFERS, Transfer, TransferMaker
 from mission.transfer.rendering import Rendered, refuse_errors, render
 from mission.transfer.round_trip import RoundTrip
+from mission.transfer.upload import MissionClear
 from mission.transfer.vehicles import Vehicle, VehicleSearch
 
 OnEvent = Callable[[Event], None]

@@ -12,11 +12,9 @@ from mission.model import GeoPoint, MissionItem, MissionType
 from mission.transfer import wire
 from mission.transfer.events import NOTHING, Output
 from mission.transfer.plan_store import PlanStore, StoredPlan
-from mission.transfer.server_incoming import IncomingPlan
+from mission.transfer.server_incoming import IncomingPlan, OutgoingPlan
 from mission.transfer.server_judge import ServerJudge, Validator
-from mission.transfer.server_outgoing import OutgoingPlan
-from mission.transfer.server_replies import ServerReplies
-from mission.transfer.server_session import ServerSession
+from mission.transfer.server_session import ServerReplies, ServerSession
 from mission.transfer.server_table import (
     IDLE,
     RECEIVING,

@@ -1,7 +1,5 @@
 """Uploading a plan, the ground station's side, sans-IO."""
 
-# ruff: noqa: ARG002 - the actions of the transition table share one signature
-
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -15,9 +13,20 @@ from mission.transfer import wire
 from mission.transfer.client import ClientTransfer
 from mission.transfer.client_table import CLEARING, CONFIRMING, COUNTING, UPLOADING, ClientAction, ClientInput
 from mission.transfer.errors import LocalTransferError
-from mission.transfer.events import NOTHING, FailureReason, Output, PlanState, Progress, UploadComplete
+from mission.transfer.events import (
+    NOTHING,
+    ClearComplete,
+    FailureReason,
+    Output,
+    PlanState,
+    Progress,
+    UploadComplete,
+)
 from mission.transfer.plan_remarks import longer_plan_fix
 from mission.transfer.wire import to_wire_order
+
+# ruff: noqa: ARG002 - the actions of the transition table share one signature
+
 
 _I = ClientInput
 _SHORTEST_TRIP_S = 0.02
@@ -263,3 +272,37 @@ class MissionUpload(ClientTransfer):
         number = self._refused_item()
         assert number is not None
         return f"{number + 1} ({wire.command_name(self._wire[self._last].command)})"
+
+
+# ruff: noqa: ARG002 - the actions of the transition table share one signature
+
+
+class MissionClear(ClientTransfer):
+    """Empties one plan; ends with `ClearComplete` or `TransferFailed`.
+
+    Parameters
+    ----------
+    mission_type : MissionType
+        Which plan.
+    **options
+        See `mission.transfer.client.ClientTransfer`.
+    """
+
+    _opening_input = ClientInput.START_CLEAR
+
+    def _item_count(self) -> int:
+        return 0
+
+    def _opening(self) -> Message:
+        return wire.clear_all(self.target, self.mission_type)
+
+    def _judge(self, message: Message, now_s: float) -> ClientInput:
+        if is_a(message, mavlink.MAVLink_mission_ack_message):
+            return self._judge_ack(message, accepted=True)
+        return ClientInput.STRAY
+
+    def _complete(self, message: wire.AckMessage, now_s: float) -> Output:
+        return Output(events=(ClearComplete(self.mission_type),))
+
+    def _plan_state(self) -> PlanState:
+        return PlanState.UNKNOWN if self._openings else PlanState.OLD

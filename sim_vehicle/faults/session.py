@@ -21,9 +21,56 @@ from mission.link.faults import Faults, FaultyChannel
 from mission.transfer import wire
 from sim_vehicle.component import NEVER, Component, SaysGoodbye
 from sim_vehicle.faults.fault import Direction, Fault, FaultError, parse_fault
-from sim_vehicle.faults.vehicle import break_vehicle
 
-__all__ = ["FaultSession", "FaultyComponent", "FaultyLink", "check_vehicles"]
+__all__ = ["FaultSession", "FaultyComponent", "FaultyLink", "break_vehicle", "check_vehicles"]
+
+
+def break_vehicle(component: Component, kind: str, broken: bool, value: float = 0.0) -> None:
+    """Break or mend something of a vehicle; a component that has no such part is left alone.
+
+    Parameters
+    ----------
+    component : Component
+        A `sim_vehicle.mavlink.SimVehicle`.
+    kind : str
+        A fault of the group vehicle in `sim_vehicle.faults.fault.KINDS`.
+    broken : bool
+        False mends it.
+    value : float
+        The fault's value; 0 for none.
+    """
+    switch = _SWITCHES.get(kind)
+    if getattr(component, "pilot", None) is not None and switch is not None:
+        switch(component, broken, value)
+
+
+def _gps(vehicle: Any, broken: bool, _value: float) -> None:
+    vehicle.pilot.controls.position_ok = not broken
+
+
+def _motor(vehicle: Any, broken: bool, _value: float) -> None:
+    vehicle.pilot.fail_motor(broken)
+
+
+def _battery(vehicle: Any, broken: bool, value: float) -> None:
+    # Nobody changes a battery in flight: the end of the fault does not charge it.
+    if broken:
+        vehicle.pilot.drain_battery(value)
+
+
+def _reboot(vehicle: Any, broken: bool, _value: float) -> None:
+    if broken:
+        vehicle.reboot()
+
+
+_SWITCHES: dict[str, Callable[[Any, bool, float], None]] = {
+    "low-battery": _battery,
+    "reboot": _reboot,
+    "gps-loss": _gps,
+    "motor-failure": _motor,
+    "dead-battery": _battery,
+}
+
 
 _AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
 _IGNORED_REQUESTS = {

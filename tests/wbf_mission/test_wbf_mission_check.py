@@ -7,7 +7,7 @@ import threading
 import pytest
 
 from mission.check import Verdict, all_checks, check_vehicle
-from mission.check.errors import CheckError
+from mission.check.peer import CheckError
 from mission.check.runner import check_link
 from mission.errors import LinkError
 from mission.link import MavlinkEndpoint

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from mission.autopilots import ARDUPILOT, PX4
-from mission.check.catalog import _MODULES, all_checks, chosen_checks
-from mission.check.errors import CheckError
+from mission.check.peer import CheckError
 from mission.check.registry import CheckResult, Checks, Verdict
+from mission.check.runner import _MODULES, all_checks, chosen_checks
 
 
 def test_the_catalog_has_each_modules_checks_once_and_in_groups():

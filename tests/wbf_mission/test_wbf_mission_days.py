@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import wbf_mission.run.campaign
-import wbf_mission.run.day_record
 import wbf_mission.run.flights
+import wbf_mission.run.run_record
 from geo.farms import get_farm
 from mission.outcome import Outcome
 from sensors.environment import Environment
@@ -217,7 +217,7 @@ def test_each_day_has_its_report_truth_and_estimate(result: Result, tmp_path: Pa
 
 
 def test_large_farms_keep_the_last_day_only(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(wbf_mission.run.day_record, "KEPT_DAYS_BYTES", 1000)
+    monkeypatch.setattr(wbf_mission.run.run_record, "KEPT_DAYS_BYTES", 1000)
     result = fly(changed(flights_per_day=1))
     assert all(one.truth is None and one.model is None and one.report for one in result.days)
     folder = result.save(tmp_path / "run", plots=False)

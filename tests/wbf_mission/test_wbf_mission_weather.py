@@ -19,7 +19,7 @@ from wbf_mission.planning.weather import flight_level, noise_of, wind_of, wind_o
 from wbf_mission.results.flight_files import track_table
 from wbf_mission.results.result import Result
 from wbf_mission.scenario import Scenario, ScenarioError, load_scenario
-from wbf_mission.scenario.texts import shear_values, turbulence_value
+from wbf_mission.scenario.parts import shear_values, turbulence_value
 from wbf_mission.simulator import make_components
 
 WINDY = Scenario(

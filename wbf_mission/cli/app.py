@@ -18,7 +18,6 @@ from geo.texts import printable
 from wbf_mission.cli import (
     bench,
     check,
-    contracts,
     farm,
     fly,
     operate,
@@ -68,9 +67,9 @@ app.add_typer(farm.app, name="farm")
 app.add_typer(vehicle.app, name="vehicle")
 app.command("warm-up", cls=HelpCommand, epilog=warm_up.EXAMPLES)(warm_up.warm_up_command)
 app.add_typer(bench.app, name="bench")
-app.command("check-planner", cls=HelpCommand, epilog=contracts.EXAMPLES)(contracts.check_planner_command)
-app.command("check-policy", cls=HelpCommand, epilog=contracts.EXAMPLES)(contracts.check_policy_command)
-app.command("check-estimator", cls=HelpCommand, epilog=contracts.EXAMPLES)(contracts.check_estimator_command)
+app.command("check-planner", cls=HelpCommand, epilog=check.CONTRACT_EXAMPLES)(check.check_planner_command)
+app.command("check-policy", cls=HelpCommand, epilog=check.CONTRACT_EXAMPLES)(check.check_policy_command)
+app.command("check-estimator", cls=HelpCommand, epilog=check.CONTRACT_EXAMPLES)(check.check_estimator_command)
 
 
 def _print_version(wanted: bool) -> None:

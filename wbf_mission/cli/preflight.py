@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from mission.model import Mission
     from wbf_mission.preflight.finding import Finding, PreflightError, Report
     from wbf_mission.preflight.run import Circumstances, Preflight
-    from wbf_mission.preflight.vehicle.snapshot import VehicleSnapshot
+    from wbf_mission.preflight.snapshot import VehicleSnapshot
 
 CHECKED = options.scenario_options(
     MissionOptions,
@@ -213,7 +213,7 @@ def tell(output: Output, report: Report, refused: PreflightError | None = None, 
 
 def asked(output: Output, url: str, wait_s: float, system_id: int | None) -> VehicleSnapshot:
     """Ask the vehicle behind a link what a plan assumes of it."""
-    from wbf_mission.preflight.vehicle.asking import ask_vehicle
+    from wbf_mission.preflight.inquiry import ask_vehicle
 
     return ask_vehicle(url, wait_s=wait_s, system_id=system_id, note=output.note)
 

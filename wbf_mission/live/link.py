@@ -14,9 +14,9 @@ from wbf_mission.live.discovery import LiveFlightError, fitted_to, require_singl
 from wbf_mission.live.via import OwnVia, Via
 from wbf_mission.planning import PlanResult, flight_builder
 from wbf_mission.preflight.finding import Concern, Finding, PreflightError, Report, Severity
+from wbf_mission.preflight.inquiry import ask_vehicle
 from wbf_mission.preflight.run import Circumstances, Tell, check_mission, tell_nobody
-from wbf_mission.preflight.vehicle.asking import ask_vehicle
-from wbf_mission.preflight.vehicle.snapshot import VehicleSnapshot
+from wbf_mission.preflight.snapshot import VehicleSnapshot
 from wbf_mission.run.fleet import Vehicle
 from wbf_mission.run.hosting import Hosting
 from wbf_mission.run.joint_flight import Attendant

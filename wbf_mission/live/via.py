@@ -89,7 +89,7 @@ class OwnVia:
 def via_named(name: str) -> Via:
     """Return a way by its name, ``own`` or ``mavsdk``; MAVSDK is loaded only when it is asked for."""
     if name == "mavsdk":
-        from wbf_mission.live.via_mavsdk.via import MavsdkVia
+        from wbf_mission.live.via_mavsdk.hosting import MavsdkVia
 
         return MavsdkVia()
     return OwnVia()

@@ -14,14 +14,67 @@ from sim_vehicle.camera.component import MIN_INTERVAL_S
 from wbf_mission.planning.builder import flown_vehicle
 from wbf_mission.planning.result import PlanResult
 from wbf_mission.planning.weather import flight_level, wind_of
-from wbf_mission.preflight.checks.legs import PLACED
-from wbf_mission.preflight.finding import Concern, PreflightError, Report, Severity
-from wbf_mission.preflight.inspection import inspect
+from wbf_mission.preflight import flight_rules, plan_rules, vehicle_rules
+from wbf_mission.preflight.finding import Concern, Finding, PreflightError, Report, Severity
+from wbf_mission.preflight.plan_rules import PLACED
+from wbf_mission.preflight.snapshot import VehicleSnapshot
 from wbf_mission.preflight.subject import Subject, subject_of
-from wbf_mission.preflight.vehicle.snapshot import VehicleSnapshot
 from wbf_mission.scenario import MissionOptions, Scenario, VehicleOptions, WeatherOptions
 
-__all__ = ["Circumstances", "Preflight", "Tell", "check_mission", "check_plans", "tell_nobody"]
+__all__ = [
+    "CHECKS",
+    "Circumstances",
+    "Preflight",
+    "Tell",
+    "check_mission",
+    "check_plans",
+    "inspect",
+    "tell_nobody",
+]
+
+CHECKS: tuple[Callable[[Subject], Iterable[Finding]], ...] = (
+    plan_rules.check_problems,
+    plan_rules.check_predicted,
+    plan_rules.check_dialect,
+    plan_rules.check_unknown,
+    plan_rules.check_flown,
+    plan_rules.check_ends,
+    plan_rules.check_frames,
+    plan_rules.check_takeoff,
+    plan_rules.check_end,
+    flight_rules.check_fence,
+    flight_rules.check_obstacles,
+    plan_rules.check_heights,
+    plan_rules.check_start_distance,
+    plan_rules.check_lengths,
+    plan_rules.check_radii,
+    flight_rules.check_speeds,
+    flight_rules.check_short_legs,
+    flight_rules.check_turns,
+    flight_rules.check_climbs,
+    flight_rules.check_wind,
+    flight_rules.check_battery,
+    plan_rules.check_camera,
+    vehicle_rules.check_firmware,
+    vehicle_rules.check_readiness,
+    vehicle_rules.check_gps,
+    vehicle_rules.check_estimator,
+    vehicle_rules.check_battery_now,
+    vehicle_rules.check_place,
+    vehicle_rules.check_motion_settings,
+    vehicle_rules.check_landing_rules,
+    vehicle_rules.check_fence_settings,
+    vehicle_rules.check_failsafes,
+    vehicle_rules.check_calibration,
+    vehicle_rules.check_unread,
+)
+"""Each takes what is checked and yields what it finds; the later ones only of a vehicle that was asked."""
+
+
+def inspect(subject: Subject) -> Report:
+    """Return the findings of all checks."""
+    return Report(tuple(finding for check in CHECKS for finding in check(subject)))
+
 
 Tell: TypeAlias = Callable[[Report, PreflightError | None, str], None]
 """Takes what is found, the error with which a plan is refused, if it is, and what each line begins with."""

@@ -21,16 +21,14 @@ from sensors.scoring.information import CLASSES, InformationModel
 from sensors.scoring.score import Score
 from sim_vehicle.airframe.spec import VehicleSpec
 from wbf_mission.deciding.files import DecisionEntry, decision_table
-from wbf_mission.maps.map_files import read_maps, write_maps
 from wbf_mission.maps.report import FarmReport
 from wbf_mission.planning import flown_vehicle
-from wbf_mission.results.arrays import SUFFIX, read_array, write_array
+from wbf_mission.results.arrays import SUFFIX, read_array, read_maps, write_array, write_maps
 from wbf_mission.results.flight_files import FlightEntry, flight_entries, read_flights, write_flights
 from wbf_mission.results.tables import ResultError, read_table, write_table
-from wbf_mission.run.day_record import DayRecord, keeps_days
 from wbf_mission.run.estimation import ScoreHistory
 from wbf_mission.run.fleet import single_scenarios
-from wbf_mission.run.run_record import RunRecord
+from wbf_mission.run.run_record import DayRecord, RunRecord, keeps_days
 from wbf_mission.scenario import Scenario, scenario_with
 
 R = TypeVar("R", bound=RunRecord)

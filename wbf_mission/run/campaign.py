@@ -23,9 +23,7 @@ from wbf_mission.maps.field_maps import FieldMap, field_maps
 from wbf_mission.maps.report import report_of_maps
 from wbf_mission.planning import PlanResult
 from wbf_mission.progress import Progress, Stopwatch
-from wbf_mission.run.day_record import DayRecord, keeps_days
-from wbf_mission.run.estimation import RunEstimate, attribute_errors_to, readings_a_score
-from wbf_mission.run.evidence import Evidence
+from wbf_mission.run.estimation import Evidence, RunEstimate, attribute_errors_to, readings_a_score
 from wbf_mission.run.fleet import Vehicle
 from wbf_mission.run.flight_memory import FlightMemory
 from wbf_mission.run.flight_record import FlightRecord, FlownFlight
@@ -33,6 +31,7 @@ from wbf_mission.run.flights import Decider, Flights, PlannedFlight
 from wbf_mission.run.flights_ahead import FlightAlone, FlightsAhead, can_fly_ahead
 from wbf_mission.run.hosting import Hosting
 from wbf_mission.run.joint_flight import Attendant, JointFlight
+from wbf_mission.run.run_record import DayRecord, keeps_days
 from wbf_mission.scenario import Scenario
 
 

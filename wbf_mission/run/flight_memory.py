@@ -31,7 +31,7 @@ from wbf_mission.deciding.record import DecisionRecord
 from wbf_mission.planning import PlanResult
 from wbf_mission.planning.sortie_number import SortieNumber
 from wbf_mission.progress import Progress, Stopwatch, silent
-from wbf_mission.run.evidence import Evidence
+from wbf_mission.run.estimation import Evidence
 from wbf_mission.run.fleet import Vehicle
 from wbf_mission.run.flight_record import FlightRecord, FlownFlight
 from wbf_mission.run.flights import Flights, PlannedFlight

@@ -24,7 +24,7 @@ from wbf_mission.planning import PlanResult, home_of
 from wbf_mission.planning.clearance import ground_clearance_m
 from wbf_mission.planning.sortie_number import SortieNumber
 from wbf_mission.progress import Progress, Stopwatch
-from wbf_mission.run.evidence import Evidence
+from wbf_mission.run.estimation import Evidence
 from wbf_mission.run.fleet import Vehicle
 from wbf_mission.run.hosting import Hosting
 from wbf_mission.run.joint_flight import Attendant, JointFlight

@@ -16,7 +16,7 @@ from mission.policies.situation import Event
 from sim_vehicle.host.simulation import StopReason
 from wbf_mission.deciding.loop import DecisionLoop
 from wbf_mission.progress import Progress, Stopwatch
-from wbf_mission.run.evidence import Evidence
+from wbf_mission.run.estimation import Evidence
 from wbf_mission.run.hosting import FlightHost
 from wbf_mission.run.sortie import Sortie
 

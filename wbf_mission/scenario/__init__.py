@@ -1,12 +1,13 @@
 """Scenarios: everything that decides a run, in parts, and the files that hold them. Imports nothing heavy."""
 
-from wbf_mission.scenario.catalogue import about_scenario, scenario_ids
 from wbf_mission.scenario.choice import Choice
 from wbf_mission.scenario.files import (
+    about_scenario,
     load_broken_scenario,
     load_scenario,
     read_table,
     scenario_from_table,
+    scenario_ids,
     take_faults,
 )
 from wbf_mission.scenario.option import ScenarioError

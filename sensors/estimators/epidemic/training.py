@@ -28,7 +28,6 @@ from sensors.dynamics.epidemic import MAX_DAYS, EpidemicParameters
 from sensors.dynamics.outbreak import NEVER, simulate_outbreak, value_table
 from sensors.errors import EstimatorError
 from sensors.estimators.base import Step, no_step
-from sensors.estimators.epidemic.chase import chasing_path
 from sensors.estimators.epidemic.context import N_CONTEXT, context_features
 from sensors.estimators.epidemic.features import (
     N_FEATURES,
@@ -42,7 +41,7 @@ from sensors.estimators.epidemic.features import (
 )
 from sensors.estimators.epidemic.judge import FieldJudge
 from sensors.estimators.epidemic.network import Network, train
-from sensors.estimators.epidemic.paths import random_path
+from sensors.estimators.epidemic.paths import chasing_path, random_path
 from sensors.estimators.epidemic.rings import REACH
 
 VERSION = 5

@@ -10,13 +10,20 @@ from mission.autopilots import ARDUPILOT as PROFILE
 from mission.model import Command
 from mission.planners.turns import Turns
 from sim_vehicle.autopilot.ardupilot.copter import ARDUCOPTER
-from sim_vehicle.autopilot.ardupilot.failsafe import COPTER_RULES, PLANE_RULES, ROVER_RULES
 from sim_vehicle.autopilot.ardupilot.fixed_wing import ARDUPLANE
-from sim_vehicle.autopilot.ardupilot.habits import COLD_BOOT, HABITS
+from sim_vehicle.autopilot.ardupilot.habits import (
+    COLD_BOOT,
+    COPTER_RULES,
+    COPTER_STICKS,
+    HABITS,
+    PLANE_RULES,
+    PLANE_STICKS,
+    ROVER_RULES,
+    ROVER_STICKS,
+)
 from sim_vehicle.autopilot.ardupilot.parameters import copter_parameters, vehicle_parameters
 from sim_vehicle.autopilot.ardupilot.persona import COPTER_PERSONA, PLANE_PERSONA, ROVER_PERSONA
 from sim_vehicle.autopilot.ardupilot.rover import ARDUROVER
-from sim_vehicle.autopilot.ardupilot.sticks import COPTER_STICKS, PLANE_STICKS, ROVER_STICKS
 from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
 from sim_vehicle.autopilot.mission_rules import arduplane_landing
 from sim_vehicle.autopilot.reference_parameters import reference_parameters

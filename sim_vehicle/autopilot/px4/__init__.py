@@ -11,13 +11,19 @@ from mission.link.codec.dialect import mavlink as m
 from mission.planners.turns import Turns
 from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
 from sim_vehicle.autopilot.px4.copter import PX4_MULTIROTOR, strays_m
-from sim_vehicle.autopilot.px4.failsafe import FIXED_WING_RULES, ROVER_RULES, RULES
 from sim_vehicle.autopilot.px4.fixed_wing import PX4_FIXED_WING
-from sim_vehicle.autopilot.px4.habits import HABITS
+from sim_vehicle.autopilot.px4.habits import (
+    COPTER_STICKS,
+    FIXED_WING_RULES,
+    FIXED_WING_STICKS,
+    HABITS,
+    ROVER_RULES,
+    ROVER_STICKS,
+    RULES,
+)
 from sim_vehicle.autopilot.px4.parameters import copter_parameters, fixed_wing_parameters, rover_parameters
 from sim_vehicle.autopilot.px4.persona import persona_of
 from sim_vehicle.autopilot.px4.rover import PX4_ROVER
-from sim_vehicle.autopilot.px4.sticks import COPTER_STICKS, FIXED_WING_STICKS, ROVER_STICKS
 from sim_vehicle.autopilot.reference_parameters import reference_parameters
 
 __all__ = ["PX4"]

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import struct
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, TypeAlias
+from urllib.parse import parse_qsl
 
+from mission.link.codec.dialect import mavlink as m
+from mission.model import MissionType
+from sim_vehicle.autopilot.mav_parameter import MavParameter
 from sim_vehicle.mavlink.ftp.files import FileTree, MadeFile, TakenFile
 from sim_vehicle.mavlink.ftp.metadata import GENERAL_PATH, PARAMETERS_PATH, metadata_files
-from sim_vehicle.mavlink.ftp.packed_parameters import packed, unpacked
-from sim_vehicle.mavlink.ftp.packed_plan import PLAN_PATHS, pack_plan, unpack_plan
 
 if TYPE_CHECKING:
     from mission.model import MissionType
@@ -19,7 +23,247 @@ if TYPE_CHECKING:
     from sim_vehicle.mavlink.parameters import ParameterSet
     from sim_vehicle.mavlink.plan_receiver import PlanReceiver
 
-__all__ = ["general_metadata", "vehicle_files"]
+__all__ = [
+    "PLAN_PATHS",
+    "PackedPlan",
+    "asked_for",
+    "general_metadata",
+    "pack_plan",
+    "packed",
+    "unpack_plan",
+    "unpacked",
+    "vehicle_files",
+]
+
+_MAGIC, _MAGIC_WITH_DEFAULTS = 0x671B, 0x671C
+_HEADER = struct.Struct("<HHH")
+_INTEGERS = {8: (1, "<b"), 16: (2, "<h"), 32: (3, "<i")}
+_FLOAT = (4, "<f")
+_CODES = dict((*_INTEGERS.values(), _FLOAT))
+_LONGEST_NAME = 16
+_MOST = 65534
+
+
+def asked_for(query: str) -> tuple[int, int, bool] | None:
+    """Read what follows the ``?``: first parameter, how many (0 for all), with defaults; None if wrong.
+
+    Examples
+    --------
+    >>> asked_for("start=10&count=5&withdefaults=1")
+    (10, 5, True)
+    """
+    start, count, defaults = 0, 0, False
+    for key, text in parse_qsl(query, keep_blank_values=True):
+        if not (text.isascii() and text.isdigit() and len(text) <= 5 and int(text) <= _MOST):
+            return None
+        if key == "start":
+            start = int(text)
+        elif key == "count":
+            count = int(text)
+        elif key == "withdefaults" and int(text) <= 1:
+            defaults = text == "1"
+        else:
+            return None
+    return start, count, defaults
+
+
+def packed(
+    table: Sequence[MavParameter],
+    value: Callable[[str], float],
+    default: Callable[[str], float],
+    query: str = "",
+    read_size: int = 0,
+) -> bytes | None:
+    """Pack parameters.
+
+    Parameters
+    ----------
+    table : sequence of MavParameter
+    value, default : callable
+        Given a name, its value now, and at the start.
+    query : str
+        See `asked_for`.
+    read_size : int
+        Bytes of the client's reads: values are padded so that none crosses from one read to the next.
+
+    Returns
+    -------
+    bytes or None
+        None if the query is wrong.
+    """
+    asked = asked_for(query)
+    if asked is None or asked[0] >= len(table):
+        return None
+    start, count, defaults = asked
+    chosen = table[start : start + count] if count else table[start:]
+    out = bytearray(_HEADER.pack(_MAGIC_WITH_DEFAULTS if defaults else _MAGIC, len(chosen), len(table)))
+    before = ""
+    for parameter in chosen:
+        kind, code = _INTEGERS[parameter.bits] if parameter.integer else _FLOAT
+        now = _bytes(parameter, code, value(parameter.name))
+        first = _bytes(parameter, code, default(parameter.name))
+        differs = defaults and first != now
+        common = _common(before, parameter.name)
+        rest = parameter.name[common:]
+        entry = bytes([kind | differs << 4, common | len(rest) - 1 << 4]) + rest.encode("ascii") + now
+        entry += first if differs else b""
+        beyond = (len(out) + len(entry)) % read_size if read_size else 0
+        if len(now) > 1 and 0 < beyond < len(now):
+            out += bytes(len(now) - beyond)
+        out += entry
+        before = parameter.name
+    return bytes(out)
+
+
+def unpacked(data: bytes) -> list[tuple[str, float]] | None:
+    """Read an upload: names and values in their order; None where it is damaged.
+
+    Its header has the length of the file in the place of the number of all parameters.
+
+    Examples
+    --------
+    >>> unpacked(bytes.fromhex("1b67 0100 0c00 01 20 414243 07"))
+    [('ABC', 7.0)]
+    """
+    if len(data) < _HEADER.size:
+        return None
+    magic, number, length = _HEADER.unpack_from(data)
+    if magic != _MAGIC or length != len(data):
+        return None
+    found: list[tuple[str, float]] = []
+    at, before = _HEADER.size, b""
+    for _ in range(number):
+        if at + 2 > length or data[at] not in _CODES:
+            return None
+        code = _CODES[data[at]]
+        common, rest = data[at + 1] & 15, (data[at + 1] >> 4) + 1
+        value_at = at + 2 + rest
+        name = before[:common] + data[at + 2 : value_at]
+        at = value_at + struct.calcsize(code)
+        if common > len(before) or common + rest > _LONGEST_NAME or at > length or not name.isascii():
+            return None
+        (value,) = struct.unpack_from(code, data, value_at)
+        found.append((name.decode("ascii"), float(value)))
+        before = name
+    return found
+
+
+def _common(one: str, other: str) -> int:
+    """Count the characters that two names have in common at their beginning."""
+    return next((i for i, pair in enumerate(zip(one, other, strict=False)) if pair[0] != pair[1]), len(one))
+
+
+def _bytes(parameter: MavParameter, code: str, value: float) -> bytes:
+    """Return a value as its type holds it."""
+    if not parameter.integer:
+        return struct.pack(code, value)
+    limit = 1 << parameter.bits - 1
+    return struct.pack(code, min(max(round(value), -limit), limit - 1))
+
+
+PLAN_PATHS = {
+    MissionType.MISSION: "@MISSION/mission.dat",
+    MissionType.FENCE: "@MISSION/fence.dat",
+    MissionType.RALLY: "@MISSION/rally.dat",
+}
+"""The file of each plan."""
+_PLAN_MAGIC = 0x763D
+_PLAN_HEADER = struct.Struct("<5H")  # magic, kind of plan, options, first item, number of items
+_ITEM = struct.Struct("<4f2if2H6B")
+_PART = 1
+
+
+@dataclass(frozen=True, slots=True)
+class PackedPlan:
+    """A plan as it was uploaded.
+
+    Parameters
+    ----------
+    mission_type : MissionType
+    items : tuple of MISSION_ITEM_INT
+        Numbered from `start`.
+    start : int or None
+        The first item that they replace; None where they are a whole plan.
+    """
+
+    mission_type: MissionType
+    items: tuple[m.MAVLink_mission_item_int_message, ...]
+    start: int | None = None
+
+
+def pack_plan(mission_type: MissionType, items: Sequence[m.MAVLink_mission_item_int_message]) -> bytes:
+    """Pack a whole plan.
+
+    Examples
+    --------
+    >>> pack_plan(MissionType.FENCE, []).hex()
+    '3d760100000000000000'
+    """
+    return _PLAN_HEADER.pack(_PLAN_MAGIC, mission_type, 0, 0, len(items)) + b"".join(
+        _ITEM.pack(
+            item.param1,
+            item.param2,
+            item.param3,
+            item.param4,
+            item.x,
+            item.y,
+            item.z,
+            item.seq,
+            item.command,
+            item.target_system,
+            item.target_component,
+            item.frame,
+            item.current,
+            item.autocontinue,
+            item.mission_type,
+        )
+        for item in items
+    )
+
+
+def unpack_plan(data: bytes, mission_type: MissionType) -> PackedPlan | None:
+    """Read an upload; None where it is no plan of this kind, or has gaps.
+
+    Only a mission can be replaced in part, as in ArduPilot.
+    """
+    if len(data) < _PLAN_HEADER.size:
+        return None
+    magic, kind, options, start, number = _PLAN_HEADER.unpack_from(data)
+    if magic != _PLAN_MAGIC or kind != mission_type or len(data) != _PLAN_HEADER.size + number * _ITEM.size:
+        return None
+    in_part = bool(options & _PART)
+    if in_part and (mission_type is not MissionType.MISSION or number == 0 or start + number > 65535):
+        return None
+    first = start if in_part else 0
+    items = []
+    for place in range(number):
+        packed = data[_PLAN_HEADER.size + place * _ITEM.size :][: _ITEM.size]
+        if not any(packed):
+            return None
+        fields = _ITEM.unpack(packed)
+        param1, param2, param3, param4, x, y, z, _seq, command = fields[:9]
+        frame, current, goes_on = fields[11:14]
+        items.append(
+            m.MAVLink_mission_item_int_message(
+                0,
+                0,
+                first + place,
+                frame,
+                command,
+                current,
+                goes_on,
+                param1,
+                param2,
+                param3,
+                param4,
+                x,
+                y,
+                z,
+                int(mission_type),
+            )
+        )
+    return PackedPlan(mission_type, tuple(items), first if in_part else None)
+
 
 Details: TypeAlias = "Callable[[], Mapping[str, ParameterDetails]]"
 

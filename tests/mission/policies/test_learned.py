@@ -6,8 +6,7 @@ import pytest
 from geo import get_farm
 from mission.errors import PlanningError
 from mission.policies.learned import Learned
-from mission.policies.network import Network
-from mission.policies.network_view import NetworkView
+from mission.policies.network import Network, NetworkView
 from sensors.fields import PAPER_FIELDS
 from sensors.scoring.score import PAPER_WEIGHTS
 from wbf_mission import fly, load_scenario

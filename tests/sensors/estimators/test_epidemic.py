@@ -14,10 +14,10 @@ from sensors.dynamics.outbreak import simulate_outbreak
 from sensors.environment import CCR, TYLCV, SoilParameters, generate_environment
 from sensors.errors import EstimatorError
 from sensors.estimators import check_estimator, make_estimator
-from sensors.estimators.epidemic import ahead, training
 from sensors.estimators.epidemic import belief as belief_module
+from sensors.estimators.epidemic import estimator as ahead
 from sensors.estimators.epidemic import judge as judge_module
-from sensors.estimators.epidemic.chase import chasing_path
+from sensors.estimators.epidemic import training
 from sensors.estimators.epidemic.context import N_CONTEXT, context_features
 from sensors.estimators.epidemic.decision import (
     CLASS_VALUES,
@@ -36,7 +36,7 @@ from sensors.estimators.epidemic.features import (
 )
 from sensors.estimators.epidemic.judge import FieldJudge
 from sensors.estimators.epidemic.network import Network, train
-from sensors.estimators.epidemic.paths import random_path
+from sensors.estimators.epidemic.paths import chasing_path, random_path
 from sensors.estimators.epidemic.rings import REACH, Rings
 from sensors.estimators.epidemic.soil import SoilField
 from sensors.estimators.epidemic.training import TrainingTask, classes_of, load_network, network_for

@@ -15,7 +15,7 @@ from wbf_mission.preflight.finding import (
     Report,
     Severity,
 )
-from wbf_mission.preflight.flow import followers, never_ends, reachable
+from wbf_mission.preflight.subject import followers, never_ends, reachable
 
 ERROR = Finding(
     Severity.ERROR,

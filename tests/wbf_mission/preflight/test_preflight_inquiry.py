@@ -10,8 +10,7 @@ from stand_in import stand_in
 from mission.autopilots.registry import profile_for
 from mission.link.codec.dialect import mavlink as m
 from mission.transfer.errors import NoVehicleError
-from wbf_mission.preflight.vehicle.asking import ask_vehicle
-from wbf_mission.preflight.vehicle.inquiry import Inquiry, decoded
+from wbf_mission.preflight.inquiry import Inquiry, ask_vehicle, decoded
 
 PX4, ARDUPILOT = 12, 3
 

@@ -6,24 +6,63 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+from geo import Crop
 from geo.farms import get_farm
 from wbf_mission.bench.benchmark import benchmark
 from wbf_mission.bench.page import Page, Picture, Section
 from wbf_mission.bench.paper.comparison import plot_pairs, plot_scores
 from wbf_mission.bench.paper.cost import FARMS, LIMIT_S, measured_costs, plot_costs
 from wbf_mission.bench.paper.dynamics import DAYS, Dynamics, plot_dynamics
-from wbf_mission.bench.paper.geometry import plot_geometry
+from wbf_mission.bench.paper.sheet import new_sheet, save_sheet
 from wbf_mission.bench.paper.shown import shown_runs
 from wbf_mission.bench.paper.tables import authors_table, early_table, lead_table, standings_table
 from wbf_mission.bench.row import BenchRow
 from wbf_mission.bench.spec import BenchSpec
 from wbf_mission.flight import FlightError
-from wbf_mission.pictures.plots import LINE_COLOURS
+from wbf_mission.pictures.plots import CROP_COLOURS, LINE_COLOURS, draw_farm
 from wbf_mission.progress import Progress, silent
 from wbf_mission.results.tables import ResultError
 
-__all__ = ["FIGURES", "FORMATS", "Paper", "make_paper"]
+__all__ = ["FIGURES", "FORMATS", "Paper", "make_paper", "plot_geometry"]
+
+_DRAWN = ("waterberry", "miniberry-10", "miniberry-30", "miniberry-100")
+"""The paper's, the full one first."""
+
+
+def plot_geometry(paths: Sequence[Path]) -> None:
+    """Draw the paper's farms: the full one large, the small ones beside it.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        The same picture as PNG, PDF, ... by suffix.
+    """
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    figure = new_sheet(8.0, 5.2)
+    panels = figure.add_gridspec(3, 2, width_ratios=(3.6, 1.0))
+    farms = [get_farm(name) for name in _DRAWN]
+    shown: set[Crop] = set()
+    for number, farm in enumerate(farms):
+        axes = figure.add_subplot(panels[:, 0] if number == 0 else panels[number - 1, 1])
+        draw_farm(axes, farm, legend=False)
+        shown |= {patch.crop for patch in farm.patches}
+        cells = f"{farm.width_cells} x {farm.height_cells} cells of one square foot"
+        axes.set_title(f"{farm.name}\n{cells}" if number == 0 else farm.name, fontsize=9)
+        axes.tick_params(labelsize=7)
+        if number:
+            axes.set_ylabel("")
+            if number < len(farms) - 1:
+                axes.set_xlabel("")
+    crops = sorted(shown - {Crop.NONE})
+    handles: list[Any] = [Patch(color=CROP_COLOURS[crop], label=crop.name.lower()) for crop in crops]
+    handles.append(Line2D([], [], color="#5b4636", linewidth=1.2, linestyle="--", label="the owner's land"))
+    figure.legend(handles=handles, loc="outside lower center", ncols=5, fontsize=8, frameon=False)
+    save_sheet(figure, paths)
+
 
 FIGURES = ("geometry", "dynamics", "comparison", "cost")
 FORMATS = ("png", "pdf")

@@ -9,22 +9,26 @@ from pathlib import Path
 from numpy.random import SeedSequence
 
 from mission.ground.clearance import Clearance
-from mission.ground.station import GroundStation
+from mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID, GroundStation
+from mission.link import MavlinkEndpoint
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import is_a
 from mission.link.tlog import FrameSink
+from mission.transfer.driver import OnEvent, OnText, TransferDriver
 from mission.transfer.vehicles import Vehicle
 from sim_vehicle.component import Component
 from sim_vehicle.host.server import Server, ServerUrl
+from wbf_mission.live.discovery import LiveFlightError
 from wbf_mission.live.hosting import LinkHost, LinkHosting, riding_camera, time_of_day
 from wbf_mission.live.via_mavsdk.link import MavsdkLink
 from wbf_mission.live.via_mavsdk.orders import MavsdkOrders
 from wbf_mission.live.via_mavsdk.transfers import MavsdkTransfers
 from wbf_mission.run.hosting import tap_of
 from wbf_mission.run.sortie import Sortie
+from wbf_mission.scenario import Scenario
 
-__all__ = ["MavsdkHosting"]
+__all__ = ["MavsdkHosting", "MavsdkVia", "mavsdk_driver"]
 
 _POLL_S = 0.02
 
@@ -154,3 +158,66 @@ class _GroundByMavsdk:
                 rest.append(message)
         self._due_s = min(self._due_s, now_s + _POLL_S)
         return rest
+
+
+def mavsdk_driver(url: str, on_event: OnEvent, on_text: OnText | None = None) -> TransferDriver:
+    """Let MAVSDK open a link; return what transfers plans with a vehicle there, by MAVSDK.
+
+    Raises
+    ------
+    LinkError
+        If the address is wrong, or MAVSDK cannot open it.
+    """
+    link = MavsdkLink(url)
+    endpoint = MavlinkEndpoint(link, GROUND_SYSTEM_ID, GROUND_COMPONENT_ID, wanted=())
+    transfers = MavsdkTransfers(lambda: link)
+    return TransferDriver(endpoint, on_event=on_event, on_text=on_text, maker=transfers, heartbeat=False)
+
+
+class MavsdkVia:
+    """MAVSDK keeps the link, carries the plans and gives the orders; see `wbf_mission.live.via.Via`."""
+
+    def driver(self, url: str, on_event: OnEvent, on_text: OnText | None = None) -> TransferDriver:
+        """Open a link; return what transfers plans over it."""
+        return mavsdk_driver(url, on_event, on_text)
+
+    def check_count(self, vehicles: int) -> None:
+        """Refuse several vehicles.
+
+        Raises
+        ------
+        LiveFlightError
+            If there are several.
+        """
+        if vehicles > 1:
+            msg = f"--via mavsdk flies one vehicle, not {vehicles}: leave out --via mavsdk, or fly one"
+            raise LiveFlightError(msg)
+
+    def check(self, scenario: Scenario, vehicle: Vehicle) -> None:
+        """Refuse a policy for a vehicle that leaves its mission while that is changed.
+
+        Raises
+        ------
+        LiveFlightError
+            If that is so.
+        """
+        policy = scenario.mission.policy
+        if policy is not None and vehicle.vehicle_type in (vehicle.profile.change_modes or {}):
+            msg = (
+                f"policy {policy} changes the mission in flight, which --via mavsdk does not do with "
+                f"{vehicle.profile.name}: leave out --via mavsdk, or give a planner"
+            )
+            raise LiveFlightError(msg)
+
+    def hosting(
+        self,
+        heard: Sequence[tuple[str, Vehicle]],
+        tlog: Path | None,
+        *,
+        agreed: bool,
+        force: bool,
+        note: Callable[[str], None],
+    ) -> MavsdkHosting:
+        """Return where the flight takes place."""
+        ((url, vehicle),) = heard
+        return MavsdkHosting(url, vehicle, tlog, agreed=agreed, force=force, note=note)

@@ -16,7 +16,7 @@ from mission.link.codec.frames import FrameReader, FrameWriter
 from mission.model import GeoPoint
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import get_autopilot
-from sim_vehicle.mavlink.ftp import packed_parameters
+from sim_vehicle.mavlink.ftp import vehicle_files
 from sim_vehicle.mavlink.ftp.files import FileTree
 from sim_vehicle.mavlink.ftp.packet import MOST_DATA, FtpError, Operation, Packet
 from sim_vehicle.mavlink.ftp.server import FtpServer
@@ -437,5 +437,5 @@ def test_parameters_are_written_as_a_file():
 @settings(max_examples=200)
 def test_any_bytes_are_parameters_or_none(data):
     head = struct.pack("<HHH", 0x671B, 3, 6 + len(data))
-    values = packed_parameters.unpacked(head + data)
+    values = vehicle_files.unpacked(head + data)
     assert values is None or len(values) == 3

@@ -12,8 +12,8 @@ from mission.link.codec.frames import FrameReader, FrameWriter
 from mission.model import GeoPoint, MissionType
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import get_autopilot
-from sim_vehicle.mavlink.ftp.packed_plan import PLAN_PATHS, pack_plan, unpack_plan
 from sim_vehicle.mavlink.ftp.packet import FtpError, Operation, Packet
+from sim_vehicle.mavlink.ftp.vehicle_files import PLAN_PATHS, pack_plan, unpack_plan
 from sim_vehicle.mavlink.vehicle import SimVehicle
 
 HOME = GeoPoint(28.05, -82.15, 10.0)

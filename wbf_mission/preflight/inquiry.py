@@ -4,22 +4,107 @@ from __future__ import annotations
 
 import math
 import struct
+from collections.abc import Callable
 from types import MappingProxyType
 
 from mission.autopilots.profile import Profile
 from mission.autopilots.registry import profile_for
 from mission.autopilots.settings import Question
+from mission.errors import MissionError
 from mission.ground.clearance import Clearance
 from mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID
 from mission.ground.texts import TextLog
+from mission.ground.vehicle_state import VehicleMonitor
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
+from mission.model import DEGREES_E7, GeoPoint
 from mission.transfer.vehicles import VehicleSearch
 from mission.transfer.wire import ground_heartbeat
-from wbf_mission.preflight.vehicle.heard import ESTIMATES, STATE_MESSAGES, HeardState
-from wbf_mission.preflight.vehicle.snapshot import VehicleSnapshot
+from sim_vehicle.host.server import Server
+from sim_vehicle.host.simulation import StopReason
+from wbf_mission.preflight.snapshot import FirmwareVersion, Gps, VehicleSnapshot
 
-__all__ = ["Inquiry", "decoded"]
+__all__ = ["ESTIMATES", "STATE_MESSAGES", "HeardState", "Inquiry", "ask_vehicle", "decoded"]
+
+_UNKNOWN = 65535
+_UNKNOWN_SATELLITES = 255
+_PREARM = int(m.MAV_SYS_STATUS_PREARM_CHECK)
+STATE_MESSAGES = (
+    int(m.MAVLINK_MSG_ID_AUTOPILOT_VERSION),
+    int(m.MAVLINK_MSG_ID_SYS_STATUS),
+    int(m.MAVLINK_MSG_ID_GPS_RAW_INT),
+    int(m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT),
+    int(m.MAVLINK_MSG_ID_BATTERY_STATUS),
+)
+"""What every vehicle is asked for."""
+ESTIMATES = (int(m.MAVLINK_MSG_ID_ESTIMATOR_STATUS), int(m.MAVLINK_MSG_ID_EKF_STATUS_REPORT))
+"""What tells of the estimator: on most autopilots, and on ArduPilot."""
+
+
+class HeardState:
+    """Keeps what a vehicle told; everything is None until it did.
+
+    Attributes
+    ----------
+    monitor : VehicleMonitor
+        Its heartbeat and battery.
+    ids : set of int
+        Messages that came.
+    """
+
+    def __init__(self) -> None:
+        self.monitor = VehicleMonitor()
+        self.ids: set[int] = set()
+        self.version: FirmwareVersion | None = None
+        self.status: m.MAVLink_sys_status_message | None = None
+        self.gps: Gps | None = None
+        self.estimator_flags: int | None = None
+        self.position: GeoPoint | None = None
+
+    def take(self, message: Message) -> None:
+        """Take a message of the vehicle."""
+        self.ids.add(type(message).id)
+        if isinstance(message, m.MAVLink_autopilot_version_message):
+            self.version = FirmwareVersion.of(message.flight_sw_version)
+        elif isinstance(message, m.MAVLink_sys_status_message):
+            self.status = message
+        elif isinstance(message, m.MAVLink_gps_raw_int_message):
+            seen, eph = message.satellites_visible, message.eph
+            self.gps = Gps(
+                message.fix_type,
+                None if seen == _UNKNOWN_SATELLITES else seen,
+                None if eph == _UNKNOWN else eph / 100.0,
+            )
+        elif isinstance(message, m.MAVLink_estimator_status_message | m.MAVLink_ekf_status_report_message):
+            self.estimator_flags = message.flags
+        elif isinstance(message, m.MAVLink_battery_status_message):
+            self.monitor.on_battery(message)
+        elif isinstance(message, m.MAVLink_global_position_int_message):
+            self.position = _point(message)
+
+    @property
+    def battery(self) -> float | None:
+        """Fraction that is left, as BATTERY_STATUS tells, else SYS_STATUS."""
+        remaining = self.monitor.battery.remaining
+        if remaining is None and self.status is not None and self.status.battery_remaining >= 0:
+            return self.status.battery_remaining / 100.0
+        return remaining
+
+    @property
+    def says_ready(self) -> bool:
+        """Whether it did not say that it cannot arm."""
+        return self.status is None or bool(self.status.onboard_control_sensors_health & _PREARM)
+
+
+def _point(message: m.MAVLink_global_position_int_message) -> GeoPoint | None:
+    """Return a position; None without one, and for one that cannot be."""
+    if message.lat == 0 and message.lon == 0:
+        return None
+    try:
+        return GeoPoint(message.lat / DEGREES_E7, message.lon / DEGREES_E7, message.alt / 1e3)
+    except MissionError:
+        return None
+
 
 _HEARTBEAT_S = 1.0
 _FIRST_RETRY_S = 0.5
@@ -251,3 +336,52 @@ def decoded(value: float, kind: int, *, bytewise: bool) -> float | None:
     if bytewise and kind in _INTEGERS:
         return float(struct.unpack_from(_INTEGERS[kind], struct.pack("<f", value))[0])
     return float(value) if math.isfinite(value) else None
+
+
+def _silent(_text: str) -> None:
+    """Tell nobody."""
+
+
+def ask_vehicle(
+    url: str,
+    *,
+    wait_s: float = 10.0,
+    system_id: int | None = None,
+    note: Callable[[str], None] = _silent,
+) -> VehicleSnapshot:
+    """Wait for the vehicle behind a link, and ask it for what a plan assumes.
+
+    Nothing is changed on the vehicle.
+
+    Parameters
+    ----------
+    url : str
+        ``udpin:``, ``udpout:``, ``tcp:`` or ``tcpin:HOST:PORT``, or ``serial:DEVICE:BAUD``.
+    wait_s : float
+        How long to wait for its heartbeat.
+    system_id : int, optional
+        Of the vehicle; by default the first one that is heard.
+    note : callable
+        Takes lines for the operator.
+
+    Raises
+    ------
+    LinkError
+        If there is no link.
+    NoVehicleError
+        If nobody is heard.
+    KeyboardInterrupt
+        At Ctrl-C.
+    """
+    inquiry = Inquiry(system_id=system_id)
+    with Server([inquiry], [url]) as server:
+        name = server.urls[0]
+        note(f"asking the vehicle on {name}")
+        reason = server.run(until=lambda _now_s: inquiry.vehicle is not None, limit_s=wait_s)
+        if reason is StopReason.FINISHED:
+            reason = server.run(until=lambda _now_s: inquiry.done)
+    if reason is StopReason.STOPPED:
+        raise KeyboardInterrupt
+    if inquiry.vehicle is None:
+        raise inquiry.search.failure(name, wait_s)
+    return inquiry.snapshot()

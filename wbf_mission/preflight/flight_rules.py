@@ -1,0 +1,404 @@
+"""What the vehicle can do: speeds, turns, climbs, and the wind that it withstands."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+
+import numpy as np
+import shapely
+
+from mission.errors import MissionFileError
+from mission.files.fence import geo_fence
+from mission.model import Command, MissionType
+from sim_vehicle.autopilot import fixed_wing_procedures
+from sim_vehicle.execution.fixed_wing_items import must_circle
+from sim_vehicle.pilot.fence import Fence
+from wbf_mission.preflight.finding import Finding, Hit, Measure, Severity, worst_of
+from wbf_mission.preflight.plan_rules import Leg, legs_of, remarks_of
+from wbf_mission.preflight.subject import FlownTrack, Subject
+
+__all__ = [
+    "check_battery",
+    "check_climbs",
+    "check_fence",
+    "check_obstacles",
+    "check_short_legs",
+    "check_speeds",
+    "check_turns",
+    "check_wind",
+    "share_flown",
+]
+
+_FOLLOW_STEP_M = 0.5
+_MOST_POINTS = 20_000
+
+
+def share_flown(subject: Subject, legs: Sequence[Leg], within_m: float) -> float | None:
+    """Return which part of the length of legs the vehicle passes at no more than a distance, over ground.
+
+    Parameters
+    ----------
+    subject : Subject
+    legs : sequence of Leg
+    within_m : float
+
+    Returns
+    -------
+    float or None
+        From 0 to 1, of the flight that follows them least; None without a predicted flight.
+    """
+    tracks = [track.points_m[:, :2] for track in subject.tracks if len(track.points_m) > 1]
+    lengths_m = np.array([leg.length_m for leg in legs])
+    if not tracks or not lengths_m.any():
+        return None
+    starts = np.array([leg.start_m[:2] for leg in legs])
+    ends = np.array([leg.end_m[:2] for leg in legs])
+    step_m = max(_FOLLOW_STEP_M, float(lengths_m.sum()) / _MOST_POINTS)
+    counts = np.maximum(np.ceil(lengths_m / step_m), 1).astype(np.int64)
+    of_leg = np.repeat(np.arange(len(legs)), counts)
+    along = (np.arange(len(of_leg)) - np.repeat(np.cumsum(counts) - counts, counts) + 0.5) / counts[of_leg]
+    points = shapely.points(starts[of_leg] + along[:, None] * (ends - starts)[of_leg])
+    weights = (lengths_m / counts)[of_leg]
+    shares = []
+    for track in tracks:
+        flown = shapely.STRtree(shapely.linestrings(np.stack((track[:-1], track[1:]), axis=1)))
+        near = np.unique(flown.query(points, predicate="dwithin", distance=within_m)[0])
+        shares.append(float(weights[near].sum() / weights.sum()))
+    return min(shares)
+
+
+_GROUND_OR_AIR = (0.0, 1.0)
+_TURN_BACK = 2.0
+_ZERO_M = 0.01
+_MOST_OF_IT = 0.9
+_BESIDE_M = 5.0
+"""What lies so far beside the path is still in an image that is taken from ten metres and more."""
+
+
+def check_speeds(subject: Subject) -> Iterator[Finding]:
+    """Speeds that the vehicle does not reach, or at which it would stall."""
+    vehicle = subject.vehicle
+    orders = [
+        Hit(k, item.param2)
+        for k, item in enumerate(subject.items)
+        if item.command == Command.DO_CHANGE_SPEED
+        and (item.param1 or 0.0) in _GROUND_OR_AIR
+        and item.param2 is not None
+        and item.param2 > 0.0
+    ]
+    fast = [hit for hit in orders if hit.value > vehicle.fastest_m_s * 1.001]
+    if (found := worst_of(fast, largest=True)) is not None:
+        yield subject.worst(
+            found,
+            "too-fast",
+            f"faster than {vehicle.name} flies: it will take longer than the speed tells",
+            "give a speed that it reaches",
+            Measure.at_most("speed", found[0].value, vehicle.fastest_m_s, "m/s"),
+        )
+    if must_circle(vehicle):
+        least = fixed_wing_procedures(vehicle).limits(vehicle).airspeed_min
+        slow = [hit for hit in orders if hit.value < least]
+        if (found := worst_of(slow, largest=False)) is not None:
+            yield subject.worst(
+                found,
+                "too-slow",
+                "below the least airspeed of the fixed wing: the autopilot flies faster",
+                "give at least that",
+                Measure.at_least("airspeed", found[0].value, least, "m/s"),
+            )
+
+
+def check_short_legs(subject: Subject) -> Iterator[Finding]:
+    """Several legs that lie within one acceptance radius, so that the vehicle leaves them out.
+
+    One short leg alone is the way from a row to the next, and many along a line or a wide curve are followed.
+    """
+    vehicle = subject.vehicle
+    if must_circle(vehicle) or _flies_to_the_end(subject):
+        return
+    pairs = pairwise(legs_of(subject))
+    short = list(dict.fromkeys(leg for pair in pairs if all(map(_is_short, pair)) for leg in pair))
+    found = worst_of([Hit(leg.item, leg.length_m) for leg in short], largest=False)
+    if found is None:
+        return
+    radius_m = next(leg.radius_m for leg in short if leg.item == found[0].item)
+    share = share_flown(subject, short, 0.5 * radius_m)
+    if share is None or share < _MOST_OF_IT:
+        yield subject.worst(
+            found,
+            "short-leg",
+            "legs in a row are shorter than the acceptance radius: they count as flown at once",
+            "give a smaller radius, or leave waypoints out",
+            Measure.at_least("length of the leg", found[0].value, radius_m, "m"),
+        )
+
+
+def _is_short(leg: Leg) -> bool:
+    return leg.passed and _ZERO_M < leg.length_m < leg.radius_m
+
+
+def _flies_to_the_end(subject: Subject) -> bool:
+    """ArduCopter flies its path to the end, whatever the radius."""
+    lossy = subject.profile.lossy.get(int(Command.NAV_WAYPOINT), frozenset())
+    return subject.vehicle.kind == "multirotor" and "param2" in lossy
+
+
+def check_turns(subject: Subject) -> Iterator[Finding]:
+    """Corners for which the legs are too short, so that a fixed wing does not fly what is planned."""
+    vehicle = subject.vehicle
+    if not must_circle(vehicle):
+        return
+    limits = fixed_wing_procedures(vehicle).limits(vehicle)
+    legs = legs_of(subject)
+    needs = [0.0] * (len(legs) + 1)
+    for k in range(len(legs) - 1):
+        if legs[k].passed and legs[k + 1].item != legs[k].item:
+            radius_m = limits.tightest_m(max(legs[k].speed_m_s, limits.airspeed_min))
+            needs[k + 1] = radius_m * min(math.tan(0.5 * _turn_rad(legs[k], legs[k + 1])), _TURN_BACK)
+    tight = []
+    for k, leg in enumerate(legs):
+        needed_m = needs[k] + needs[k + 1]
+        if leg.passed and 0.0 < leg.length_m < needed_m:
+            tight.append((Hit(leg.item, leg.length_m / needed_m), leg, needed_m))
+    found = worst_of([hit for hit, _, _ in tight], largest=False)
+    share = share_flown(subject, [leg for leg in legs if leg.passed], _BESIDE_M)
+    if found is None or (share is not None and share >= _MOST_OF_IT):
+        return
+    leg, needed_m = next((leg, needed) for hit, leg, needed in tight if hit == found[0])
+    room_m = max(2.0 * limits.tightest_m(max(leg.speed_m_s, limits.airspeed_min)), 1.0)
+    yield subject.worst(
+        found,
+        "tight-turn",
+        "the legs are too short for the turns of a fixed wing: much of the plan is not flown",
+        f"lay rows at least {room_m:.0f} m apart; where the field is too small for that, fly a multirotor",
+        Measure.at_least("length of the leg", leg.length_m, needed_m, "m")
+        if share is None
+        else Measure.at_least(
+            f"part of the path flown within {_BESIDE_M:g} m", 100.0 * share, 100.0 * _MOST_OF_IT, "%"
+        ),
+    )
+
+
+def check_climbs(subject: Subject) -> Iterator[Finding]:
+    """Legs that climb or sink faster than the vehicle does at the speed of the leg."""
+    vehicle = subject.vehicle
+    if vehicle.kind not in ("multirotor", "fixed-wing"):
+        return
+    steep = []
+    for leg in legs_of(subject)[1:]:
+        limit = vehicle.climb_speed_m_s if leg.climb_m > 0.0 else vehicle.descent_speed_m_s
+        lands = subject.items[leg.item].command == Command.NAV_LAND
+        if leg.length_m <= 0.0 or lands or not leg.passed:
+            continue
+        rate = abs(leg.climb_m) * leg.speed_m_s / leg.length_m
+        if rate > limit:
+            steep.append((Hit(leg.item, rate / limit), rate, limit))
+    if (found := worst_of([hit for hit, _, _ in steep], largest=True)) is not None:
+        rate, limit = next((rate, limit) for hit, rate, limit in steep if hit == found[0])
+        wing = must_circle(vehicle)
+        what = "the height is not reached at the waypoint" if wing else "the leg is flown slower"
+        yield subject.worst(
+            found,
+            "steep-leg",
+            f"the leg climbs or sinks faster than the vehicle does: {what}",
+            "make the leg longer, or fly slower",
+            Measure.at_most("climb or descent", rate, limit, "m/s"),
+            Severity.WARNING if wing else Severity.NOTE,
+        )
+
+
+def check_wind(subject: Subject) -> Iterator[Finding]:
+    """A mean wind in which the vehicle would be blown away."""
+    vehicle, wind = subject.vehicle, subject.wind
+    if wind is None or vehicle.is_ideal:
+        return
+    top_m = max((leg.end_m[2] for leg in legs_of(subject)), default=vehicle.takeoff_altitude_m)
+    speed = math.hypot(*wind.mean_at(max(top_m, 0.0)))
+    if speed >= vehicle.airspeed_limit_m_s:
+        yield Finding(
+            Severity.WARNING if subject.assumed else Severity.ERROR,
+            "too-windy",
+            f"{vehicle.name} would be blown away",
+            "wait for less wind",
+            measure=Measure.at_most("wind", speed, vehicle.airspeed_limit_m_s, "m/s"),
+        )
+
+
+def _turn_rad(one: Leg, following: Leg) -> float:
+    """Return by how much the direction changes, 0 to pi."""
+    first = math.atan2(one.end_m[1] - one.start_m[1], one.end_m[0] - one.start_m[0])
+    second = math.atan2(following.end_m[1] - following.start_m[1], following.end_m[0] - following.start_m[0])
+    return abs(math.remainder(second - first, math.tau))
+
+
+_COMFORT = 0.1
+"""Less than this above the reserve deserves a look; who plans for the whole battery has nothing above it."""
+
+
+def check_battery(subject: Subject) -> Iterator[Finding]:
+    """What is left of a full battery at the end, against its reserve; and what the flight takes."""
+    prediction, battery = subject.prediction, subject.vehicle.battery
+    if prediction is None:
+        return
+    minutes, seconds = divmod(round(prediction.duration_s), 60)
+    takes = f"{minutes} min {seconds} s" if minutes else f"{seconds} s"
+    until = "" if subject.stopped is None else "until it ends there, "
+    wind = subject.wind
+    speed_m_s = 0.0 if wind is None else math.hypot(wind.east_m_s, wind.north_m_s)
+    gusty = wind is not None and wind.is_gusty
+    air = (
+        f"a wind of {speed_m_s:.3g} m/s{' and gusts' if gusty else ''}" if speed_m_s or gusty else "calm air"
+    )
+    over_ground = f"{prediction.ground_length_m:.1f} m over ground"
+    text = f"{until}the flight is predicted to take {takes} in {air}: {over_ground}"
+    if battery is None or subject.stopped is not None:
+        yield Finding(Severity.NOTE, "flight", text)
+        return
+    left = 1.0 - prediction.energy_wh / battery.capacity_wh
+    reserve = battery.reserve_fraction
+    text += f", {prediction.energy_wh:.1f} of {battery.capacity_wh:g} Wh"
+    measure = Measure.at_least("left in the battery at the end", 100.0 * left, 100.0 * reserve, "%")
+    if left >= reserve + _COMFORT:
+        yield Finding(Severity.NOTE, "flight", text, measure=measure)
+        return
+    short = left < reserve
+    severity = Severity.NOTE
+    if short:
+        severity = Severity.WARNING if subject.assumed else Severity.ERROR
+    yield Finding(
+        severity,
+        "battery" if short else "battery-close",
+        f"{text}; {prediction.reason if short else 'hardly more is left at the end than the reserve'}",
+        "fly a shorter mission, or in parts" if short else "begin with a full battery",
+        measure=measure,
+    )
+
+
+_STEP_M, _MOST_STEPS = 1.0, 1000
+_INSIDE = "distance inside the fence"
+
+
+def check_fence(subject: Subject) -> Iterator[Finding]:
+    """Whether home, the rally points and the path that is flown stay within the fence, with the margin."""
+    if not subject.mission.fence:
+        return
+    try:
+        geo_fence(subject.mission.fence)
+    except MissionFileError as error:
+        told = any(
+            one.plan is MissionType.FENCE and one.severity is Severity.ERROR for one in remarks_of(subject)
+        )
+        if not told:
+            yield Finding(Severity.ERROR, "bad-fence", str(error), "draw the fence again", plan="fence")
+        return
+    fence = _fence_of(subject)
+    home_m = fence.margin_m(0.0, 0.0)
+    if home_m < 0.0:
+        yield Finding(
+            Severity.ERROR,
+            "home-outside-fence",
+            "home is outside the fence: the vehicle would not arm",
+            "move the fence or home",
+            plan="fence",
+            measure=Measure.at_least(_INSIDE, home_m, 0.0, "m"),
+        )
+    for k, item in enumerate(subject.mission.rally):
+        margin_m = fence.margin_m(*subject.frame.from_wgs84(item.x, item.y))
+        if margin_m < 0.0:
+            yield Finding(
+                Severity.WARNING,
+                "rally-outside-fence",
+                "a rally point outside the fence",
+                "move it inside",
+                plan="rally",
+                item=k + 1,
+                command="NAV_RALLY_POINT",
+                measure=Measure.at_least(_INSIDE, margin_m, 0.0, "m"),
+            )
+    yield from _path_findings(subject, fence)
+
+
+def _fence_of(subject: Subject) -> Fence:
+    """Return the fence as the autopilot takes it: within one area or within all."""
+    from sim_vehicle.autopilot import autopilot_of_number
+
+    firmware = autopilot_of_number(subject.profile.autopilot).for_vehicle(subject.vehicle.kind)
+    return Fence.of(subject.mission.fence, subject.frame, any_inclusion=firmware.rules.any_inclusion)
+
+
+def _path_findings(subject: Subject, fence: Fence) -> Iterator[Finding]:
+    hits = [
+        Hit(int(item), float(margin))
+        for track in _paths(subject)
+        for item, margin in zip(track.items, fence.margins_m(*track.points_m[:, :2].T), strict=True)
+        if margin < subject.margin_m
+    ]
+    outside = [hit for hit in hits if hit.value < 0.0]
+    if (found := worst_of(outside, largest=False)) is not None:
+        hit, count = found
+        yield subject.finding(
+            Severity.ERROR,
+            "outside-fence",
+            "the path to it leaves the fence, or enters what it shuts out",
+            "move the waypoint or the fence",
+            item=hit.item,
+            measure=Measure.at_least(_INSIDE, hit.value, 0.0, "m"),
+            count=count,
+        )
+    elif (found := worst_of(hits, largest=False)) is not None:
+        hit, count = found
+        yield subject.finding(
+            Severity.WARNING,
+            "near-fence",
+            "the path to it comes near the edge of the fence",
+            "keep away from the edge, or give the margin that is meant",
+            item=hit.item,
+            measure=Measure.at_least(_INSIDE, hit.value, subject.margin_m, "m"),
+            count=count,
+        )
+
+
+def check_obstacles(subject: Subject) -> Iterator[Finding]:
+    """Whether the path that is flown stays clear of the farm's obstacles, with the margin."""
+    if not subject.obstacles:
+        return
+    obstacles = shapely.union_all(list(subject.obstacles))
+    shapely.prepare(obstacles)
+    hits = []
+    for track in _paths(subject):
+        legs = shapely.linestrings(np.stack((track.points_m[:-1, :2], track.points_m[1:, :2]), axis=1))
+        near = np.flatnonzero(shapely.dwithin(legs, obstacles, subject.margin_m))
+        away = shapely.distance(legs[near], obstacles)
+        hits += [Hit(int(track.items[k + 1]), float(metres)) for k, metres in zip(near, away, strict=True)]
+    if (found := worst_of(hits, largest=False)) is None:
+        return
+    hit, count = found
+    crosses = hit.value == 0.0
+    yield subject.finding(
+        Severity.ERROR if crosses else Severity.WARNING,
+        "obstacle" if crosses else "near-obstacle",
+        "the path to it crosses an obstacle of the farm"
+        if crosses
+        else "the path to it comes near an obstacle of the farm",
+        "fly round it",
+        item=hit.item,
+        measure=Measure.at_least("distance from the obstacle", hit.value, subject.margin_m, "m"),
+        count=count,
+    )
+
+
+def _paths(subject: Subject) -> list[FlownTrack]:
+    """Return the paths that are judged: as they are flown, else from position to position."""
+    if subject.tracks:
+        return [track for track in subject.tracks if len(track.points_m) > 1]
+    placed = [(k, position) for k, position in enumerate(subject.positions) if not np.isnan(position[0])]
+    if not placed:
+        return []
+    points = np.array([(0.0, 0.0, 0.0), *(position for _, position in placed)])
+    ends = np.array([k for k, _ in placed], dtype=np.int64)
+    lengths = np.hypot(*np.diff(points[:, :2], axis=0).T)
+    steps = np.clip(np.ceil(lengths / _STEP_M), 1, _MOST_STEPS).astype(np.int64)
+    path = [np.linspace(points[k], points[k + 1], n, endpoint=False) for k, n in enumerate(steps)]
+    return [FlownTrack(np.vstack((*path, points[-1:])), np.append(np.repeat(ends, steps), ends[-1]))]

@@ -1,0 +1,531 @@
+"""The list of items itself: what cannot be flown, is never flown, or does not fit into the autopilot."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from mission.model import Command, Frame
+from mission.transfer.remark import Remark
+from mission.transfer.rendering import render
+from mission.transfer.wire import command_name
+from sim_vehicle.execution.feasibility import ItemProblem
+from sim_vehicle.execution.items import DO_COMMANDS, NAV_COMMANDS, Settings, do_items
+from sim_vehicle.motion.legs import Position
+from wbf_mission.planning.result import turns_camera
+from wbf_mission.preflight.finding import Concern, Finding, Hit, Measure, Severity, worst_of
+from wbf_mission.preflight.subject import (
+    LANDINGS,
+    LAST_NAV,
+    TAKEOFFS,
+    Subject,
+    followers,
+    never_ends,
+    reachable,
+)
+
+__all__ = [
+    "PLACED",
+    "Leg",
+    "check_camera",
+    "check_dialect",
+    "check_end",
+    "check_ends",
+    "check_flown",
+    "check_frames",
+    "check_heights",
+    "check_lengths",
+    "check_predicted",
+    "check_problems",
+    "check_radii",
+    "check_start_distance",
+    "check_takeoff",
+    "check_unknown",
+    "legs_of",
+    "remarks_of",
+]
+
+PLACED = frozenset({16, 17, 18, 19, 22, 31, 82})
+"""Commands that are flown to at a height of their own."""
+_FLOWN_TO = PLACED | {int(Command.NAV_LAND)}
+_PASSED = frozenset({int(Command.NAV_WAYPOINT), int(Command.NAV_SPLINE_WAYPOINT)})
+_FAR_FROM_HOME = PLACED - {int(Command.NAV_TAKEOFF)}
+_ZERO_M = 0.01
+_LONGEST_M = 10_000.0
+_FARTHEST_START_M = 1000.0
+_SMALLEST_RADIUS_M = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Leg:
+    """The way to an item, in the order of the items; jumps are not followed.
+
+    Parameters
+    ----------
+    item : int
+        It ends there; counted from 0.
+    start_m, end_m : Position
+        East, north, up about home.
+    speed_m_s : float
+        Ordered.
+    radius_m : float
+        At which its end counts as reached.
+    passed : bool
+        It is flown through, without a pause at its end.
+    """
+
+    item: int
+    start_m: Position
+    end_m: Position
+    speed_m_s: float
+    radius_m: float
+    passed: bool
+
+    @property
+    def length_m(self) -> float:
+        """Over ground."""
+        return math.hypot(self.end_m[0] - self.start_m[0], self.end_m[1] - self.start_m[1])
+
+    @property
+    def climb_m(self) -> float:
+        """How much higher its end is."""
+        return self.end_m[2] - self.start_m[2]
+
+
+def legs_of(subject: Subject) -> tuple[Leg, ...]:
+    """Return the legs of a mission; the first begins at home, on the ground.
+
+    An item without a position of its own, and a return, begin the legs anew at the next position.
+    """
+    legs: list[Leg] = []
+    settings = Settings(subject.vehicle.cruise_speed_m_s, default_m_s=subject.vehicle.cruise_speed_m_s)
+    last: Position | None = (0.0, 0.0, 0.0)
+    for k, (item, position) in enumerate(zip(subject.items, subject.positions, strict=True)):
+        if item.command == Command.DO_CHANGE_SPEED:
+            do_items((item,), 0, settings, subject.vehicle.top_speed_m_s)
+        elif item.command == Command.NAV_RETURN_TO_LAUNCH:
+            last = None
+        elif item.command in _FLOWN_TO:
+            end: Position | None = position
+            if math.isnan(position[0]):
+                end = None if last is None else (last[0], last[1], position[2])
+            if last is not None and end is not None:
+                hold = item.param1 or 0.0
+                passed = item.command in _PASSED and hold <= 0.0
+                legs.append(Leg(k, last, end, settings.speed_m_s, _radius_m(subject, k), passed))
+            last = end
+    return tuple(legs)
+
+
+def _radius_m(subject: Subject, item: int) -> float:
+    """Return the acceptance radius of an item: its own where the autopilot keeps it."""
+    one = subject.items[item]
+    own = one.param2 if one.command == Command.NAV_WAYPOINT else None
+    kept = "param2" not in subject.profile.lossy.get(one.command, frozenset())
+    return own if own and kept else subject.vehicle.acceptance_radius_m
+
+
+def check_lengths(subject: Subject) -> Iterator[Finding]:
+    """Legs of no length, and longer than 10 km."""
+    legs = legs_of(subject)
+    zero = [Hit(leg.item, 0.0) for leg in legs if leg.passed and _is_zero(leg, subject)]
+    if (found := worst_of(zero, largest=True)) is not None:
+        yield subject.worst(
+            found,
+            "zero-leg",
+            "the same position as before",
+            "remove one of the two",
+        )
+    long = [Hit(leg.item, leg.length_m) for leg in legs if leg.length_m > _LONGEST_M]
+    if (found := worst_of(long, largest=True)) is not None:
+        yield subject.worst(
+            found,
+            "long-leg",
+            "a very long leg",
+            "is the position right?",
+            Measure.at_most("length of the leg", found[0].value, _LONGEST_M, "m"),
+        )
+
+
+def check_radii(subject: Subject) -> Iterator[Finding]:
+    """Acceptance radii that the vehicle cannot hold: the error of its height estimate counts in them."""
+    if not subject.profile.radius_in_space or subject.vehicle.kind != "multirotor":
+        return
+    hits = [Hit(leg.item, leg.radius_m) for leg in legs_of(subject) if leg.radius_m < _SMALLEST_RADIUS_M]
+    if (found := worst_of(hits, largest=False)) is not None:
+        yield subject.worst(
+            found,
+            "small-radius",
+            "the acceptance radius counts in space, and the height estimate is wrong by half a metre: "
+            f"{subject.profile.name} may wait at the waypoint",
+            "give 2 m, or 0 for the autopilot's own",
+            Measure.at_least("acceptance radius", found[0].value, _SMALLEST_RADIUS_M, "m"),
+        )
+
+
+def check_start_distance(subject: Subject) -> Iterator[Finding]:
+    """A mission that lies far from home. On a large farm the first position alone may be far away."""
+    positions = zip(subject.items, subject.positions, strict=True)
+    away = [
+        Hit(k, math.hypot(x, y))
+        for k, (item, (x, y, _)) in enumerate(positions)
+        if item.command in _FAR_FROM_HOME
+    ]
+    if (found := worst_of(away, largest=False)) is not None and found[0].value > _FARTHEST_START_M:
+        nearest = found[0]
+        yield subject.worst(
+            (nearest, 1),
+            "far-start",
+            "the whole mission is far from home: this is its nearest position",
+            "is home right?",
+            Measure.at_most("distance from home", nearest.value, _FARTHEST_START_M, "m"),
+        )
+
+
+def _is_zero(leg: Leg, subject: Subject) -> bool:
+    """Return whether a waypoint repeats the waypoint before it."""
+    before = next((k for k in range(leg.item - 1, -1, -1) if subject.items[k].command in _FLOWN_TO), None)
+    repeated = before is not None and subject.items[before].command in _PASSED
+    return repeated and leg.length_m <= _ZERO_M and abs(leg.climb_m) <= _ZERO_M
+
+
+_FRAMES = {
+    int(Frame.GLOBAL): "above the sea",
+    int(Frame.GLOBAL_RELATIVE_ALT): "above home",
+    int(Frame.GLOBAL_TERRAIN_ALT): "above the terrain",
+}
+_REMARKS = {
+    Severity.ERROR: "autopilot-refuses",
+    Severity.WARNING: "autopilot-changes",
+    Severity.NOTE: "autopilot-ignores",
+}
+_FIXES = {
+    "empty": "give a mission with items",
+    "no-position": "add a waypoint",
+    "no-takeoff": "begin with NAV_TAKEOFF",
+    "altitude": "give a height within the limits",
+    "far-from-home": "plan from a home nearby",
+    "frame": "use frame 0 or 3",
+    "jump-loop": "jump to a position, or before one",
+}
+
+
+def check_problems(subject: Subject) -> Iterator[Finding]:
+    """What the vehicle cannot fly, as its own checks before arming find it."""
+    # Where a jump leads is told of every autopilot.
+    problems = [one for one in subject.problems if one.code != "jump-target"]
+    for code in dict.fromkeys(one.code for one in problems):
+        yield _problem_finding([one for one in problems if one.code == code])
+    if subject.stopped is not None:
+        item, reason = subject.stopped
+        fix = "change the item, or fly another vehicle"
+        yield subject.finding(
+            Severity.WARNING if subject.assumed else Severity.ERROR,
+            "stops",
+            reason,
+            fix,
+            item=item,
+        )
+
+
+def check_predicted(subject: Subject) -> Iterator[Finding]:
+    """A plan whose flight could not be predicted: several checks know less then."""
+    if subject.prediction is None:
+        yield Finding(
+            Severity.NOTE,
+            "no-prediction",
+            "the flight is not predicted, because the vehicle cannot fly the plan: battery and time are not"
+            " known, and fence and obstacles are checked along straight legs",
+            "correct the errors, then check again",
+        )
+
+
+def _problem_finding(problems: list[ItemProblem]) -> Finding:
+    first = problems[0]
+    return Finding(
+        Severity.ERROR,
+        first.code,
+        first.reason,
+        _FIXES.get(first.code, "correct the item"),
+        item=None if first.item is None else first.item + 1,
+        command="" if first.item is None else command_name(first.command),
+        count=len(problems),
+    )
+
+
+def check_unknown(subject: Subject) -> Iterator[Finding]:
+    """Commands and heights that the prediction leaves out."""
+    unknown = [
+        k
+        for k, item in enumerate(subject.items)
+        if item.command not in NAV_COMMANDS and item.command not in DO_COMMANDS
+    ]
+    if unknown:
+        first = unknown[0]
+        yield subject.finding(
+            Severity.WARNING,
+            "not-predicted",
+            "this command is not predicted: time, path and battery are without it",
+            "check the item by hand",
+            item=first,
+            count=len(unknown),
+        )
+    terrain = [k for k, item in enumerate(subject.items) if item.frame == Frame.GLOBAL_TERRAIN_ALT]
+    if terrain:
+        yield subject.finding(
+            Severity.WARNING,
+            "terrain-heights",
+            "heights above the terrain are predicted as heights above home",
+            "check heights and battery where the ground rises",
+            item=terrain[0],
+            count=len(terrain),
+        )
+
+
+def check_flown(subject: Subject) -> Iterator[Finding]:
+    """Items behind the end of the mission."""
+    seen = reachable(subject.items)
+    never = [k for k in range(len(subject.items)) if k not in seen]
+    if never:
+        yield subject.finding(
+            Severity.WARNING,
+            "unreachable",
+            "is never flown: what is before it ends the mission, and nothing jumps there",
+            "remove it, or put the end of the mission behind it",
+            item=never[0],
+            count=len(never),
+        )
+
+
+def check_ends(subject: Subject) -> Iterator[Finding]:
+    """Jumps that go round for ever."""
+    if never_ends(subject.items):
+        jump = max((k for k in reachable(subject.items) if k < len(subject.items)), default=0)
+        yield subject.finding(
+            Severity.WARNING,
+            "endless",
+            "the mission goes round until the battery is low",
+            "give DO_JUMP a number of times",
+            item=jump,
+        )
+
+
+def check_frames(subject: Subject) -> Iterator[Finding]:
+    """Heights that count from different levels."""
+    frames = [
+        (k, item.frame)
+        for k, item in enumerate(subject.items)
+        if item.command in PLACED and item.frame in _FRAMES and item.has_position
+    ]
+    usual = Counter(frame for _, frame in frames).most_common()
+    if len(usual) > 1:
+        others = [(k, frame) for k, frame in frames if frame != usual[0][0]]
+        item, frame = others[0]
+        yield subject.finding(
+            Severity.WARNING,
+            "mixed-frames",
+            f"its height counts {_FRAMES[frame]}, that of others {_FRAMES[usual[0][0]]}",
+            "give all heights in one frame",
+            item=item,
+            count=len(others),
+        )
+
+
+def check_dialect(subject: Subject) -> Iterator[Finding]:
+    """What the autopilot would refuse, change or ignore, as `mission.transfer.rendering` tells."""
+    for remark in remarks_of(subject):
+        yield Finding(
+            remark.severity,
+            "landing-rule" if remark.parameter else _REMARKS[remark.severity],
+            remark.text,
+            remark.fix,
+            plan=remark.plan.name.lower(),
+            item=None if remark.item is None else remark.item + 1,
+            command="" if remark.command is None else command_name(remark.command),
+            count=remark.count,
+            concern=Concern.PARAMETERS if remark.parameter else Concern.PLAN,
+        )
+
+
+def remarks_of(subject: Subject) -> tuple[Remark, ...]:
+    """Return what is to be said of the plan before it is sent to such an autopilot."""
+    mission, profile = subject.mission, subject.profile
+    told, planned = subject.parameters, dict(subject.vehicle.parameters)
+    return render(mission, profile, subject.vehicle_type, parameters=told, planned=planned).remarks
+
+
+_LOWEST_TAKEOFF_M = 1.5
+_FARTHEST_LANDING_M = 50.0
+
+
+def check_takeoff(subject: Subject) -> Iterator[Finding]:
+    """A take-off that is missing, late or low."""
+    if subject.vehicle.kind == "rover" or subject.vehicle.is_ideal:
+        return
+    nav = [k for k, item in enumerate(subject.items) if item.command <= LAST_NAV]
+    takeoffs = [k for k in nav if subject.items[k].command in TAKEOFFS]
+    known = any(one.code == "no-takeoff" for one in subject.problems)
+    if nav and not known and (not takeoffs or takeoffs[0] != nav[0]):
+        first = nav[0]
+        yield subject.finding(
+            Severity.WARNING,
+            "late-takeoff" if takeoffs else "climbs-by-itself",
+            "comes before the take-off"
+            if takeoffs
+            else "no take-off before it: the vehicle climbs where it stands",
+            "begin with NAV_TAKEOFF",
+            item=first,
+        )
+    for k in takeoffs[:1]:
+        height_m = subject.positions[k][2]
+        if 0.0 < height_m < _LOWEST_TAKEOFF_M:
+            yield subject.finding(
+                Severity.WARNING,
+                "low-takeoff",
+                "takes off to a height at which it is still in its own wash",
+                "take off higher",
+                item=k,
+                measure=Measure.at_least("height", height_m, _LOWEST_TAKEOFF_M, "m"),
+            )
+
+
+def check_end(subject: Subject) -> Iterator[Finding]:
+    """An end in the air, or far from home."""
+    if not subject.items or subject.vehicle.is_ideal:
+        return
+    endless = never_ends(subject.items)
+    flown = (k for k in sorted(reachable(subject.items)) if k < len(subject.items))
+    lasts = [] if endless else [k for k in flown if _is_last(subject, k)]
+    for last in lasts[:1]:
+        command = subject.items[last].command
+        if command not in LANDINGS and command != Command.NAV_RETURN_TO_LAUNCH:
+            yield subject.finding(
+                Severity.WARNING,
+                "no-landing",
+                "the mission ends in the air: the vehicle stays there until the battery is low",
+                "end with NAV_RETURN_TO_LAUNCH or NAV_LAND",
+                item=last,
+            )
+    for k, item in enumerate(subject.items):
+        x, y, _ = subject.positions[k]
+        if item.command in LANDINGS and math.hypot(x, y) > _FARTHEST_LANDING_M:
+            yield subject.finding(
+                Severity.WARNING,
+                "lands-elsewhere",
+                "lands far from home",
+                "is that meant? Otherwise end with NAV_RETURN_TO_LAUNCH",
+                item=k,
+                measure=Measure.at_most("distance from home", math.hypot(x, y), _FARTHEST_LANDING_M, "m"),
+            )
+
+
+def _is_last(subject: Subject, item: int) -> bool:
+    """Return whether the mission ends with a NAV item: nothing but DO items may follow it."""
+    items = subject.items
+    if items[item].command > LAST_NAV:
+        return False
+    open_, seen = list(followers(items, item)), set()
+    while open_:
+        seq = open_.pop()
+        if seq in seen or seq == len(items):
+            continue
+        seen.add(seq)
+        if items[seq].command <= LAST_NAV:
+            return False
+        open_ += followers(items, seq)
+    return True
+
+
+_DISTANCE = int(Command.DO_SET_CAM_TRIGG_DIST)
+_INTERVAL = int(Command.DO_SET_CAM_TRIGG_INTERVAL)
+_START, _STOP = int(Command.IMAGE_START_CAPTURE), int(Command.IMAGE_STOP_CAPTURE)
+
+
+def check_camera(subject: Subject) -> Iterator[Finding]:
+    """Images that would have to follow each other faster than the camera takes them; one that is left on."""
+    speeds = {leg.item: leg.speed_m_s for leg in legs_of(subject)}
+    hits: list[Hit] = []
+    on: int | None = None
+    order, distance_m = 0, 0.0
+    for k, item in enumerate(subject.items):
+        first = item.param1 or 0.0
+        if item.command in (_DISTANCE, _INTERVAL, _START, _STOP):
+            starts = turns_camera(item) is True
+            on, order = (k, k) if starts else (None, order)
+            distance_m = first if item.command == _DISTANCE else 0.0
+            interval_s = {_INTERVAL: first / 1000.0, _START: item.param2 or 0.0}.get(item.command, 0.0)
+            if 0.0 < interval_s < subject.image_interval_s and starts:
+                hits.append(Hit(k, interval_s))
+        elif distance_m > 0.0 and speeds.get(k, 0.0) > 0.0:
+            interval_s = distance_m / speeds[k]
+            if interval_s < subject.image_interval_s:
+                hits.append(Hit(order, interval_s))
+    if (found := worst_of(hits, largest=False)) is not None:
+        hit, count = found
+        yield subject.finding(
+            Severity.WARNING,
+            "camera-too-fast",
+            "the images follow each other faster than the camera takes them: some will be missing",
+            "fly slower, or leave more distance between images",
+            item=hit.item,
+            measure=Measure.at_least("time between images", hit.value, subject.image_interval_s, "s"),
+            count=count,
+        )
+    if on is not None:
+        yield subject.finding(
+            Severity.NOTE,
+            "camera-left-on",
+            "the camera is not stopped before the end: it goes on taking images on the way home",
+            item=on,
+        )
+    if not any(item.command in (_DISTANCE, _INTERVAL, _START) for item in subject.items):
+        yield Finding(Severity.NOTE, "no-camera", "the mission never starts a camera")
+
+
+_HIGHEST_M = 120.0
+"""Open category (EU 2019/947); 400 ft of 14 CFR 107.51 are 122 m."""
+_LOWEST_M = 2.0
+
+
+def check_heights(subject: Subject) -> Iterator[Finding]:
+    """Positions above 120 m and below 2 m, and a path that gets higher than its positions."""
+    if subject.vehicle.kind == "rover" or subject.vehicle.is_ideal:
+        return
+    heights = [
+        Hit(k, position[2])
+        for k, (item, position) in enumerate(zip(subject.items, subject.positions, strict=True))
+        if item.command in PLACED
+    ]
+    flown = [
+        Hit(int(track.items[k]), float(track.points_m[k, 2]))
+        for track in subject.tracks
+        for k in [int(track.points_m[:, 2].argmax())]
+    ]
+    high = [hit for hit in heights if hit.value > _HIGHEST_M]
+    # A return may climb to a height of its own; half a metre above a waypoint is the controller's.
+    high = high or [hit for hit in flown if hit.value > _HIGHEST_M + 1.0]
+    if (found := worst_of(high, largest=True)) is not None:
+        hit, count = found
+        yield subject.finding(
+            Severity.WARNING,
+            "too-high",
+            "higher above home than most rules allow above the ground",
+            "fly lower, or with a permission; mind where the ground falls",
+            item=hit.item,
+            measure=Measure.at_most("height above home", hit.value, _HIGHEST_M, "m"),
+            count=count,
+        )
+    low = [hit for hit in heights if 0.0 < hit.value < _LOWEST_M]
+    if (found := worst_of(low, largest=False)) is not None:
+        hit, count = found
+        yield subject.finding(
+            Severity.WARNING,
+            "too-low",
+            "so low that a slope, a plant or the error of the barometer is in the way",
+            "fly higher",
+            item=hit.item,
+            measure=Measure.at_least("height above home", hit.value, _LOWEST_M, "m"),
+            count=count,
+        )

@@ -10,9 +10,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from datetime import timedelta
-from typing import IO, TYPE_CHECKING, Any
-
-from rich.console import Console
+from typing import TYPE_CHECKING, Any
 
 from geo.texts import printable
 
@@ -20,7 +18,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress
     from rich.table import Table
 
-__all__ = ["PlainConsole"]
+    from wbf_mission.cli.console import PlainConsole
 
 _LEARNING = "training the estimator"  # as sensors.estimators.base.LEARNING, which would load numpy
 _TELL_AFTER_S = {_LEARNING: 0.0, "planning": 5.0}
@@ -64,7 +62,7 @@ class Output:
     """
 
     def __init__(self, *, as_json: bool = False, quiet: bool = False) -> None:
-        from wbf_mission.cli.output import PlainConsole
+        from wbf_mission.cli.console import PlainConsole
 
         self.as_json = as_json
         self.quiet = quiet
@@ -264,7 +262,7 @@ def _print_table(table: Table) -> None:
 
 
 def _stdout_console() -> PlainConsole:
-    from wbf_mission.cli.output import PlainConsole
+    from wbf_mission.cli.console import PlainConsole
 
     return PlainConsole(sys.stdout, width=None if sys.stdout.isatty() else FILE_WIDTH)
 
@@ -311,26 +309,3 @@ def distance(metres: float) -> str:
     '12.35 km'
     """
     return f"{metres / 1000:.2f} km" if metres >= 10_000 else f"{metres:.1f} m"
-
-
-class PlainConsole(Console):
-    """A console without markup, emoji codes and highlighting.
-
-    Parameters
-    ----------
-    stream : text file
-        Where it prints.
-    width : int, optional
-        Columns; by default those of the terminal.
-    wrap : bool
-        Break long lines at the width.
-    """
-
-    def __init__(self, stream: IO[str], *, width: int | None = None, wrap: bool = True) -> None:
-        super().__init__(
-            file=stream, width=width, soft_wrap=not wrap, highlight=False, markup=False, emoji=False
-        )
-
-    def on_broken_pipe(self) -> None:
-        """Let the caller decide what it means that nobody reads (rich would end the process)."""
-        raise

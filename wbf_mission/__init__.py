@@ -48,13 +48,13 @@ if TYPE_CHECKING:
     from sim_vehicle.mavlink import SimVehicle as SimVehicle
     from wbf_mission.bench.benchmark import benchmark as benchmark
     from wbf_mission.bench.spec import BenchSpec as BenchSpec
-    from wbf_mission.flight import FlightError as FlightError
     from wbf_mission.flight import fly as fly
     from wbf_mission.planning import plan as plan
     from wbf_mission.results.result import Result as Result
     from wbf_mission.results.result import load_result as load_result
     from wbf_mission.results.tables import ResultError as ResultError
     from wbf_mission.run.flight_memory import FlightMemory as FlightMemory
+    from wbf_mission.run.resolve import FlightError as FlightError
     from wbf_mission.scenario import Scenario as Scenario
     from wbf_mission.scenario import ScenarioError as ScenarioError
     from wbf_mission.scenario import load_scenario as load_scenario
@@ -90,7 +90,8 @@ else:
             "sim_vehicle.mavlink": ("SimVehicle",),
             "wbf_mission.bench.benchmark": ("benchmark",),
             "wbf_mission.bench.spec": ("BenchSpec",),
-            "wbf_mission.flight": ("FlightError", "fly"),
+            "wbf_mission.flight": ("fly",),
+            "wbf_mission.run.resolve": ("FlightError",),
             "wbf_mission.run.flight_memory": ("FlightMemory",),
             "mission.ground.link": ("download", "upload"),
             "mission.outcome": ("Outcome",),

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from geo.errors import WbfMissionError
 from mission.planners import Planner
-from mission.policies.policy import FixedPlan, KeepPath, Policy
-from mission.policies.registry import make_policy
+from mission.policies.policy import Policy
 from mission.transfer import refuse_errors
 from sensors.estimators import Estimator
 from sensors.field_files import load_field_set
@@ -20,7 +19,6 @@ from sim_vehicle.faults.session import check_vehicles
 from sim_vehicle.host.simulation import Impairment
 from wbf_mission.live.link import LiveLink
 from wbf_mission.maps.field_maps import FieldMap, true_map
-from wbf_mission.planning import plan, planner_of
 from wbf_mission.preflight.run import Tell, check_plans, tell_nobody
 from wbf_mission.progress import Progress, Stopwatch, silent
 from wbf_mission.results.result import Result
@@ -30,19 +28,13 @@ from wbf_mission.run.estimation import (
     estimator_of,
     prepare_days,
     require_run_memory,
-    resolved,
 )
-from wbf_mission.run.fleet import vehicles_of
 from wbf_mission.run.flight_memory import FlightMemory
-from wbf_mission.run.flights import Decider
 from wbf_mission.run.hosting import VirtualHosting
-from wbf_mission.run.surroundings import camera_options, find_environment
+from wbf_mission.run.resolve import resolve
+from wbf_mission.run.surroundings import camera_options
 from wbf_mission.scenario import Scenario, scenario_with
 from wbf_mission.scenario.scenario import require_scenario
-
-
-class FlightError(WbfMissionError, RuntimeError):
-    """A run that cannot be done."""
 
 
 def check_flight(scenario: Scenario) -> None:
@@ -122,25 +114,20 @@ def fly(
     require_scenario(scenario)
     tell = progress or silent
     watch = Stopwatch()
-    fields = load_field_set(scenario.farm.fields)
-    options = camera_options(scenario.camera, fields)
-    given = {"planner": planner, "policy": policy, "estimator": estimator}
-    scenario = resolved(scenario_with(scenario, given))
-    learner = estimator_of(scenario.estimate.estimator, scenario.seed, fields)
+    scenario = scenario_with(scenario, {"planner": planner, "policy": policy, "estimator": estimator})
     breaking = tuple(parse_fault(one) if isinstance(one, str) else one for one in faults)
     check_vehicles(breaking, range(1, len(scenario.vehicle.fleet) + 1))
     if connect is not None:
+        check_flight(scenario)
         scenario = connect.fitted(scenario)
     tell("planning", 0, 1)
-    decider = decider_of(scenario)
-    vehicles = vehicles_of(scenario, tell)
+    run = resolve(scenario, weights=weights, tell=tell)
     if connect is not None:
-        vehicles = connect.numbered(vehicles)
-    campaign = Campaign(scenario, vehicles, decider, options=options, weights=weights, tell=tell, watch=watch)
-    farm = campaign.farm
-    if not decider.steers:
+        run = replace(run, vehicles=connect.numbered(run.vehicles))
+    campaign = Campaign(run, tell=tell, watch=watch)
+    if not run.decider.steers:
         # A planner needs no estimate: what it cannot plan is told before anything takes long.
-        plans = campaign.plan(scenario.farm.day)
+        plans = campaign.plan(run.first_day)
         tell("planning", 1, 1)
         watch.lap("plan")
         for one in plans:
@@ -148,27 +135,23 @@ def fly(
             if connect is None:
                 refuse_errors(one.rendered)
         _check(campaign, connect, force=force, tell=tell_errors)
-    require_run_memory(farm, learner, round(campaign.expected_readings))
-    environment, cached = find_environment(
-        scenario,
-        farm,
-        progress,
-        use_cache=use_cache,
-        memory=None if memory is None else memory.environments,
-    )
+    learner = run.estimator
+    require_run_memory(run.farm, learner, round(campaign.expected_readings))
+    environments = None if memory is None else memory.environments
+    environment, cached = run.environment(progress, use_cache=use_cache, memory=environments)
     watch.lap("environment")
     # One BLAS thread: sums do not depend on the number of cores then, and small matrices are faster.
     with threadpool_limits(1, user_api="blas"):
         with attribute_errors_to(learner):
-            learner.fit(farm.grid())
-        prepare_days(learner, scenario.farm.day, scenario.farm.days, tell)
+            learner.fit(run.farm.grid())
+        prepare_days(learner, run.first_day, run.days, tell)
         watch.lap("learning")
-        campaign.learn_with(learner, environment)
+        campaign.learn_from(environment)
         assert campaign.evidence.estimate is not None
         try:
-            if decider.steers:
-                decider.policy.start()
-                campaign.plan(scenario.farm.day)
+            if run.decider.steers:
+                run.decider.policy.start()
+                campaign.plan(run.first_day)
                 tell("planning", 1, 1)
                 watch.lap("plan")
                 _check(campaign, connect, force=force, tell=tell_errors)
@@ -192,33 +175,11 @@ def fly(
 def _check(campaign: Campaign, connect: LiveLink | None, *, force: bool, tell: Tell) -> None:
     """Refuse plans with errors before anything takes off; vehicles behind links are asked, too."""
     if connect is None:
-        plans = [(plan, vehicle.scenario) for vehicle, plan in campaign.planned]
+        plans = [(plan, vehicle) for vehicle, plan in campaign.planned]
         check_plans(plans, "nothing was flown", force=force, tell=tell)
     else:
         connect.check(campaign.planned)
     campaign.watch.lap("preflight")
-
-
-def decider_of(scenario: Scenario) -> Decider:
-    """Return who decides where the vehicles of a run fly: its mission file, policy or planner.
-
-    Raises
-    ------
-    WbfMissionError
-        If there is no such file, policy or planner, or several vehicles are to fly one file.
-    """
-    options = scenario.mission
-    if options.file is not None:
-        if len(scenario.vehicle.fleet) > 1:
-            msg = f"mission {options.file} is one vehicle's, but {len(scenario.vehicle.fleet)} fly; give one"
-            raise FlightError(msg)
-        return Decider(KeepPath(), f"mission {options.file}", options.file, plan(scenario))
-    if options.policy is not None:
-        choice = options.policy
-        made = make_policy(choice.name if choice.made is None else choice.made, **choice.params)
-        return Decider(made, f"policy {choice}", str(choice))
-    choice = options.planner
-    return Decider(FixedPlan(planner_of(choice), options.partition), f"planner {choice}", str(choice))
 
 
 def _result(campaign: Campaign) -> Result:
@@ -229,10 +190,10 @@ def _result(campaign: Campaign) -> Result:
     maps, truth = campaign.maps, campaign.truth
     true_maps: tuple[FieldMap, ...] = ()
     if truth is not None:
-        true_maps = tuple(true_map(campaign.farm, one.field, truth[k]) for k, one in enumerate(maps))
+        true_maps = tuple(true_map(campaign.run.farm, one.field, truth[k]) for k, one in enumerate(maps))
     watch.lap("report")
     return Result(
-        scenario=campaign.scenario,
+        scenario=campaign.run.asked,
         flights=tuple(campaign.flights),
         observations=campaign.evidence.observations(),
         truth=truth,
@@ -241,7 +202,7 @@ def _result(campaign: Campaign) -> Result:
         simulated_s=campaign.simulated_s,
         frames=campaign.frames,
         timings_s=watch.seconds,
-        fields=campaign.fields,
+        fields=campaign.run.fields,
         maps=maps,
         true_maps=true_maps,
         decisions=campaign.decisions,

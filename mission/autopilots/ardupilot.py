@@ -10,8 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from pymavlink import mavutil
-
 from mission.autopilots.dialect import (
     COPTERS,
     FENCE_READ_BACK,
@@ -197,6 +195,8 @@ _HOLD: Mapping[int | None, str] = {FIXED_WING: "LOITER", ROVER: "HOLD", None: "B
 
 
 def _numbers(vehicle_type: int) -> Mapping[str, tuple[float, float, float]]:
+    from pymavlink import mavutil  # loads its own dialect, which who only transfers does not need
+
     table = mavutil.mode_mapping_bynumber(vehicle_type) or {}
     return {
         mode: (float(m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED), float(number), 0.0)

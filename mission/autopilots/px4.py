@@ -9,8 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from pymavlink import mavutil
-
 from mission.autopilots.dialect import (
     FENCE_READ_BACK,
     FIXED_WING,

@@ -13,15 +13,12 @@ import pytest
 
 import wbf_mission.run.flights_ahead
 from mission.outcome import Outcome
-from sensors.fields import PAPER_FIELDS
-from sensors.scoring.score import ScoreWeights
-from wbf_mission.flight import decider_of, fly
+from wbf_mission.flight import fly
 from wbf_mission.results.result import Result
-from wbf_mission.run.fleet import vehicles_of
 from wbf_mission.run.flights import Flights
 from wbf_mission.run.flights_ahead import FlightsAhead, can_fly_ahead
 from wbf_mission.run.hosting import VirtualHosting
-from wbf_mission.run.surroundings import camera_options
+from wbf_mission.run.resolve import resolve
 from wbf_mission.scenario import Scenario
 
 SHORT = Scenario(
@@ -44,10 +41,7 @@ def worth(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def flights_of(scenario: Scenario) -> Flights:
-    options = camera_options(scenario.camera, PAPER_FIELDS)
-    return Flights(
-        scenario, vehicles_of(scenario), decider_of(scenario), options, ScoreWeights.of(PAPER_FIELDS)
-    )
+    return Flights(resolve(scenario))
 
 
 def assert_alike(one: Result, other: Result) -> None:

@@ -12,7 +12,7 @@ from mission.ground.link import find_vehicles
 from mission.transfer.vehicles import Vehicle as HeardVehicle
 from wbf_mission.live.discovery import LiveFlightError, fitted_to, require_single_flight, wanted_vehicles
 from wbf_mission.live.via import OwnVia, Via
-from wbf_mission.planning import PlanResult, flight_builder
+from wbf_mission.planning import PlanResult
 from wbf_mission.preflight.finding import Concern, Finding, PreflightError, Report, Severity
 from wbf_mission.preflight.inquiry import ask_vehicle
 from wbf_mission.preflight.run import Circumstances, Tell, check_mission, tell_nobody
@@ -136,9 +136,9 @@ class LiveLink:
 
     def _standing(self, one: Vehicle) -> Vehicle:
         """Ask a vehicle where it stands, and let it start from there."""
-        task, options = one.task, one.scenario
+        task = one.task
         stands = self._asked(task.system_id).position
-        if stands is None or options.mission.file is not None:
+        if stands is None or one.mission.file is not None:
             return one
         planned_m, frame = task.builder.home_m, task.builder.farm.frame
         here_m = frame.from_wgs84(stands.latitude_deg, stands.longitude_deg)
@@ -147,8 +147,7 @@ class LiveLink:
             return one
         who = f"vehicle {task.system_id}: " if len(self._heard) > 1 else ""
         self.note(f"{who}it stands {away_m:.0f} m from the start of the farm: planned from where it stands")
-        builder = flight_builder(options, (float(here_m[0]), float(here_m[1])))
-        return replace(one, task=task.moved(options, builder))
+        return one.starting_at((float(here_m[0]), float(here_m[1])))
 
     def _asked(self, number: int) -> VehicleSnapshot:
         """Ask a vehicle for what a plan assumes."""
@@ -171,14 +170,14 @@ class LiveLink:
         """
         refusals = []
         for vehicle, plan in planned:
-            number, options = vehicle.task.system_id, vehicle.scenario
+            number = vehicle.task.system_id
             who = f"vehicle {number}: " if len(self._heard) > 1 else ""
             snapshot = self._asked(number)
             circumstances = Circumstances(
-                options.vehicle, options.weather, plan.farm, options.mission.margin_m, snapshot=snapshot
+                vehicle.vehicle, vehicle.weather, plan.farm, vehicle.mission.margin_m, snapshot=snapshot
             )
             report = check_mission(plan.mission, circumstances).report
-            if who and options.vehicle.keeps.kind == LAYERS:
+            if who and vehicle.vehicle.keeps.kind == LAYERS:
                 report = Report(tuple(map(_in_a_layer, report.findings)))
             counted = report.about(Concern.PLAN, Concern.PARAMETERS, Concern.STATE)
             refused = None if self.force else counted.refusal("nothing was sent")

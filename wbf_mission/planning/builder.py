@@ -31,7 +31,8 @@ from sim_vehicle.prediction.predict import expected_flights, plan_prediction, re
 from wbf_mission.planning.clearance import clearance_m
 from wbf_mission.planning.keep_out import KeepOut, probe_path, stray_m
 from wbf_mission.planning.weather import FlightLevel, flight_level, wind_of
-from wbf_mission.scenario import CameraOptions, MissionOptions, Scenario, VehicleOptions, WeatherOptions
+from wbf_mission.scenario import VehicleOptions, WeatherOptions
+from wbf_mission.scenario.parts import VehicleParts
 
 # Where a fixed wing's climb-out leads to, and the height of its final approach.
 CLIMB_OUT_M = 150.0
@@ -77,7 +78,7 @@ class MissionBuilder:
     keep_out: KeepOut | None = None
 
     @classmethod
-    def of(cls, scenario: Scenario, farm: Farm, home_m: tuple[float, float] | None = None) -> MissionBuilder:
+    def of(cls, one: VehicleParts, farm: Farm, home_m: tuple[float, float] | None = None) -> MissionBuilder:
         """Return the builder of a run's vehicle, which starts at the farm's home if nothing else is said.
 
         Raises
@@ -85,24 +86,23 @@ class MissionBuilder:
         VehicleError
             If the vehicle or a parameter of its autopilot is unknown, or a value out of range.
         """
-        camera: CameraOptions = scenario.camera
-        mission: MissionOptions = scenario.mission
-        vehicle = flown_vehicle(scenario.vehicle)
+        camera, mission, options = one.camera, one.mission, one.vehicle
+        vehicle = flown_vehicle(options)
         made = cls(
             farm,
             vehicle,
             # What the vehicle was built for, not what an autopilot does that is told nothing.
-            flight_level(mission, scenario.vehicle),
-            scenario.weather,
+            flight_level(mission, options),
+            one.weather,
             camera.spacing_m or farm.cell_size_m * camera.footprint,
             turns_of(vehicle, mission.acceptance_radius_m),
             farm.home_m if home_m is None else home_m,
-            scenario.vehicle.estimate_errors and estimate_errs(vehicle),
+            options.estimate_errors and estimate_errs(vehicle),
         )
         if not farm.obstacles or vehicle.is_ideal:
             return made
         # The satellites' error is that of where it believes to be, which it follows.
-        stray = made.stray_m() + clearance_m(scenario.vehicle.gps_noise_m, 0.0)
+        stray = made.stray_m() + clearance_m(options.gps_noise_m, 0.0)
         return replace(made, keep_out=KeepOut.of(farm, mission.margin_m, stray))
 
     @property

@@ -26,7 +26,7 @@ from wbf_mission.planning.fares import FlightFares, StartFares, leg_fares, onwar
 from wbf_mission.planning.result import PlanResult, turns_camera
 from wbf_mission.planning.sortie_number import SortieNumber
 from wbf_mission.progress import Progress, silent
-from wbf_mission.scenario import Scenario, ScenarioError
+from wbf_mission.scenario import MissionOptions, Scenario, ScenarioError
 
 # A track is simplified by so much of what the camera sees at once.
 _SIMPLER = 0.02
@@ -85,7 +85,7 @@ class FlightTask:
         )
         return cls(system_id, builder, request, text, scenario.seed)
 
-    def moved(self, scenario: Scenario, builder: MissionBuilder) -> FlightTask:
+    def moved(self, mission: MissionOptions, builder: MissionBuilder) -> FlightTask:
         """Return the same task for a vehicle that starts and lands where another builder has its home.
 
         Raises
@@ -93,9 +93,10 @@ class FlightTask:
         PlanningError, ScenarioError
             As of `of`.
         """
-        made = FlightTask.of(scenario, builder, system_id=self.system_id)
-        request = replace(made.request, seed=self.request.seed, progress=self.request.progress)
-        return replace(made, request=request)
+        budget, text = make_budget(mission.budget, builder, steered=mission.policy is not None)
+        area, start_xy_m = flyable_area(builder), builder.home_m
+        request = replace(self.request, area=area, start_xy_m=start_xy_m, budget=budget)
+        return replace(self, builder=builder, request=request, budget_text=text)
 
     def of_sortie(self, number: SortieNumber) -> FlightTask:
         """Return the same task for another flight of the run, for which its planner draws anew."""

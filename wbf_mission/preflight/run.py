@@ -19,7 +19,8 @@ from wbf_mission.preflight.finding import Concern, Finding, PreflightError, Repo
 from wbf_mission.preflight.plan_rules import PLACED
 from wbf_mission.preflight.snapshot import VehicleSnapshot
 from wbf_mission.preflight.subject import Subject, subject_of
-from wbf_mission.scenario import MissionOptions, Scenario, VehicleOptions, WeatherOptions
+from wbf_mission.scenario import MissionOptions, VehicleOptions, WeatherOptions
+from wbf_mission.scenario.parts import VehicleParts
 
 __all__ = [
     "CHECKS",
@@ -179,7 +180,7 @@ def check_mission(mission: Mission, circumstances: Circumstances | None = None) 
 
 
 def check_plans(
-    plans: Iterable[tuple[PlanResult, Scenario]],
+    plans: Iterable[tuple[PlanResult, VehicleParts]],
     consequence: str,
     *,
     force: bool = False,
@@ -206,9 +207,9 @@ def check_plans(
     errors = Report(
         tuple(
             finding
-            for plan, scenario in plans
+            for plan, one in plans
             if not plan.vehicle.is_ideal
-            for finding in check_mission(plan.mission, _circumstances(plan, scenario))
+            for finding in check_mission(plan.mission, _circumstances(plan, one))
             .report.about(Concern.PLAN)
             .of(Severity.ERROR)
         )
@@ -220,8 +221,8 @@ def check_plans(
         raise refused
 
 
-def _circumstances(plan: PlanResult, scenario: Scenario) -> Circumstances:
-    return Circumstances(scenario.vehicle, scenario.weather, plan.farm, scenario.mission.margin_m)
+def _circumstances(plan: PlanResult, one: VehicleParts) -> Circumstances:
+    return Circumstances(one.vehicle, one.weather, plan.farm, one.mission.margin_m)
 
 
 def _tells_where(mission: Mission) -> bool:

@@ -115,7 +115,7 @@ class SurveyTask:
         )
         readings = robots * steps * given.camera.footprint**2
         learner = estimator_of(given.estimate.estimator, 0, fields)
-        every = readings_a_score(given, farm, learner, readings, ideal=True)
+        every = readings_a_score(given.score.points, farm, learner, len(flights), readings, ideal=True)
         home = int(farm.home_m[0] / farm.cell_size_m), int(farm.home_m[1] / farm.cell_size_m)
         return cls(
             scenario=given,

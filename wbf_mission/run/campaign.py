@@ -2,37 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from geo import Farm
 from mission.errors import PlanningError
 from mission.link.tlog import TlogWriter
-from sensors.camera.leaf_camera import LeafCameraOptions
 from sensors.environment import Environment
-from sensors.estimators import Estimator, advance_estimator
-from sensors.fields import FieldSet
+from sensors.estimators import advance_estimator
 from sensors.scoring.information import InformationModel
-from sensors.scoring.score import RunningScore, ScoreWeights
+from sensors.scoring.score import RunningScore
 from sim_vehicle.epoch import EPOCH_UNIX_S
 from wbf_mission.deciding.record import DecisionRecord
 from wbf_mission.maps.field_maps import FieldMap, field_maps
 from wbf_mission.maps.report import report_of_maps
 from wbf_mission.planning import PlanResult
 from wbf_mission.progress import Progress, Stopwatch
-from wbf_mission.run.estimation import Evidence, RunEstimate, attribute_errors_to, readings_a_score
+from wbf_mission.run.estimation import Evidence, RunEstimate, attribute_errors_to
 from wbf_mission.run.fleet import Vehicle
 from wbf_mission.run.flight_memory import FlightMemory
 from wbf_mission.run.flight_record import FlightRecord, FlownFlight
-from wbf_mission.run.flights import Decider, Flights, PlannedFlight
+from wbf_mission.run.flights import Flights, PlannedFlight
 from wbf_mission.run.flights_ahead import FlightAlone, FlightsAhead, can_fly_ahead
 from wbf_mission.run.hosting import Hosting
 from wbf_mission.run.joint_flight import Attendant, JointFlight
+from wbf_mission.run.resolve import Run
 from wbf_mission.run.run_record import DayRecord, keeps_days
-from wbf_mission.scenario import Scenario
 
 
 class Campaign:
@@ -46,12 +42,7 @@ class Campaign:
 
     Parameters
     ----------
-    scenario : Scenario
-        That names its estimator.
-    vehicles : sequence of Vehicle
-    decider : Decider
-    options : LeafCameraOptions
-    weights : ScoreWeights or None
+    run : Run
     tell : callable
         Progress.
     watch : Stopwatch
@@ -74,26 +65,18 @@ class Campaign:
 
     def __init__(
         self,
-        scenario: Scenario,
-        vehicles: Sequence[Vehicle],
-        decider: Decider,
+        run: Run,
         *,
-        options: LeafCameraOptions,
-        weights: ScoreWeights | None,
         tell: Progress,
         watch: Stopwatch,
     ) -> None:
-        self.scenario = scenario
-        weights = ScoreWeights.of(options.fields) if weights is None else weights
-        self._all = Flights(scenario, tuple(vehicles), decider, options, weights)
-        self.farm: Farm = self._all.farm
-        self.fields: FieldSet = options.fields
-        self.weights = weights
+        self.run = run
+        self._all = Flights(run)
         self.decisions: list[DecisionRecord] = []
         self.flights: list[FlightRecord] = []
         self.days: list[DayRecord] = []
         self.maps: tuple[FieldMap, ...] = ()
-        self.evidence = Evidence(self.farm, self.fields)
+        self.evidence = Evidence(run.farm, run.fields)
         self.truth: NDArray[np.float32] | None = None
         self.simulated_s = 0.0
         self.frames = 0
@@ -115,7 +98,7 @@ class Campaign:
         """
         planned = self._all.plan(day, flight, self.evidence, self.decisions, self._gone)
         if not planned.sorties and not self.flights:
-            msg = f"{self._all.decider.name} finds nothing worth a flight: no vehicle has a path"
+            msg = f"{self.run.decider.name} finds nothing worth a flight: no vehicle has a path"
             raise PlanningError(msg)
         self._next = planned
         return planned.plans
@@ -128,26 +111,22 @@ class Campaign:
     @property
     def expected_readings(self) -> float:
         """How many readings are expected of all flights, if they are like the one that is planned."""
-        return self.scenario.farm.days * self.scenario.farm.flights_per_day * self._expected_of_next
+        return len(self.run.numbers) * self._expected_of_next
 
     @property
     def _expected_of_next(self) -> float:
-        return 0.0 if self._next is None else self._next.expected_readings(self.scenario.camera)
+        return 0.0 if self._next is None else self._next.expected_readings(self.run.looks)
 
-    def learn_with(self, estimator: Estimator, environment: Environment) -> None:
-        """Let an estimator, fitted to the farm, learn from now on, and score it."""
-        first = self.scenario.farm.day
+    def learn_from(self, environment: Environment) -> None:
+        """Let the estimator, fitted to the farm, learn from now on, and score it."""
+        first, estimator = self.run.first_day, self.run.estimator
         self.truth = environment.values(first)
-        score = RunningScore(self.truth, self.fields.masks(self.farm.grid()), self.weights, self.fields)
+        score = RunningScore(
+            self.truth, self.run.fields.masks(self.run.farm.grid()), self.run.weights, self.run.fields
+        )
         with attribute_errors_to(estimator):
             advance_estimator(estimator, first)
         self.evidence.estimate = RunEstimate(estimator, score, day=first)
-
-    def _score_every(self, estimate: RunEstimate) -> int:
-        """Return after how many observations of a flight the estimate is scored."""
-        ideal = all(one.task.builder.vehicle.is_ideal for one in self._all.vehicles)
-        expected = self._expected_of_next
-        return readings_a_score(self.scenario, self.farm, estimate.estimator, expected, ideal=ideal)
 
     def fly(
         self,
@@ -157,19 +136,19 @@ class Campaign:
         memory: FlightMemory | None = None,
     ) -> None:
         """Fly all days; `attendant` stands by, `memory` has flights that need not be flown again."""
-        first = self.scenario.farm.day
+        first = self.run.first_day
         if self._next is None:
             self.plan(first)
         assert self.evidence.estimate is not None
-        self.evidence.estimate.every = self._score_every(self.evidence.estimate)
+        self.evidence.estimate.every = self.run.readings_a_score(self._expected_of_next)
         self._scored_a_flight = max(1, round(self._expected_of_next / self.evidence.estimate.every))
         ahead = None if attendant is not None else self._ahead(environment, hosting)
         try:
-            for day in range(first, first + self.scenario.farm.days):
+            for day in range(first, self.run.last_day + 1):
                 if day != first:
                     self._begin_day(day, environment)
-                for flight in range(1, self.scenario.farm.flights_per_day + 1):
-                    if len(self._gone) == len(self._all.vehicles):
+                for flight in range(1, self.run.flights_per_day + 1):
+                    if len(self._gone) == len(self.run.vehicles):
                         continue
                     # Without those that are gone the others fly otherwise.
                     flown = None if ahead is None or self._gone else ahead.take(day, flight)
@@ -201,20 +180,20 @@ class Campaign:
         model = estimate.model
         if model is not None:
             self.maps = field_maps(
-                self.farm,
+                self.run.farm,
                 model,
                 self.evidence.observations(),
-                fields=self.fields,
+                fields=self.run.fields,
                 states_deviation=getattr(estimate.estimator, "states_deviation", False),
                 day=estimate.day,
             )
-        report = report_of_maps(self.farm, self.maps) if model is not None else None
+        report = report_of_maps(self.run.farm, self.maps) if model is not None else None
         truth = kept = None
-        if keeps_days(self.farm, len(self.fields), self.scenario.farm.days):
+        if keeps_days(self.run.farm, len(self.run.fields), self.run.days):
             truth = self.truth
             if model is not None:
                 kept = InformationModel(
-                    model.value.copy(), model.uncertainty.copy(), fields=self.fields.names
+                    model.value.copy(), model.uncertainty.copy(), fields=self.run.fields.names
                 )
         self.days.append(DayRecord(estimate.day, report, truth, kept))
         self.watch.lap("report")
@@ -289,9 +268,7 @@ class Campaign:
 
     def _ahead(self, environment: Environment, hosting: Hosting) -> FlightsAhead | None:
         """Return what flies all flights in other processes, if that can be."""
-        of = self.scenario.farm
-        days, flights = range(of.day, of.day + of.days), range(1, of.flights_per_day + 1)
-        numbers = [(day, flight) for day in days for flight in flights]
+        numbers = self.run.numbers
         assert self._next is not None
         if len(numbers) == 1 or not can_fly_ahead(self._all, hosting, len(numbers) * self._next.expected_s):
             return None
@@ -310,9 +287,7 @@ class Campaign:
         for one in flown.decisions:
             one.observations += seen_before
         self.decisions += flown.decisions
-        of = self.scenario.farm
-        number = (day - of.day) * of.flights_per_day + flight
-        self._tell("flying", number, of.days * of.flights_per_day)
+        self._tell("flying", self.run.numbers.index((day, flight)) + 1, len(self.run.numbers))
         self.watch.lap("flight")
         self._note(flown.records, seen_before, flown.duration_s, flown.frames)
 

@@ -109,27 +109,27 @@ def points_a_flight(points: int, flights: int) -> int:
 
 
 def readings_a_score(
-    scenario: Scenario, farm: Farm, estimator: Estimator, expected: float, *, ideal: bool
+    points: int | None, farm: Farm, estimator: Estimator, flights: int, expected: float, *, ideal: bool
 ) -> int:
     """Return after how many observations of a flight the estimate is scored.
 
     Parameters
     ----------
-    scenario : Scenario
+    points : int or None
+        How often it is to be scored; None: as often as the farm can afford.
     farm : Farm
     estimator : Estimator
+    flights : int
+        Of the run.
     expected : float
         How many observations are expected of the flight.
     ideal : bool
         Whether the paper's robots fly.
     """
-    points = scenario.score.points
     if points is None:
         if ideal and farm.owner_cells <= SMALL_FARM_CELLS:
             return 1
-        points = points_a_flight(
-            score_points(farm, estimator), scenario.farm.days * scenario.farm.flights_per_day
-        )
+        points = points_a_flight(score_points(farm, estimator), flights)
     return max(1, round(expected / points))
 
 

@@ -9,15 +9,27 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from geo import Farm, get_farm
+from geo.seeds import child_seed
 from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.airframe.sensor_errors import SensorNoise
 from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.mavlink.fleet import SPACING_M
+from sim_vehicle.weather.wind import Wind
 from wbf_mission.planning import FlightTask, PlanResult, flight_builder, plan, plan_tasks
+from wbf_mission.planning.builder import MissionBuilder
 from wbf_mission.planning.clearance import clearance_m, ground_clearance_m, height_error_m
+from wbf_mission.planning.sortie_number import SortieNumber
 from wbf_mission.planning.task import free_area
-from wbf_mission.planning.weather import flight_level
+from wbf_mission.planning.weather import flight_level, noise_of, wind_of
 from wbf_mission.progress import Progress, silent
-from wbf_mission.scenario import Scenario, ScenarioError, VehicleOptions
+from wbf_mission.scenario import (
+    CameraOptions,
+    MissionOptions,
+    Scenario,
+    ScenarioError,
+    VehicleOptions,
+    WeatherOptions,
+)
 from wbf_mission.scenario.scenario import PARTS
 from wbf_mission.scenario.separation import DISTANCE, LAYERS
 
@@ -30,17 +42,44 @@ _ROW_FACTOR = 1.5
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """One of the vehicles of a run.
+    """One of the vehicles of a run, and the options as far as they concern it alone.
 
     Parameters
     ----------
     task : FlightTask
-    scenario : Scenario
-        The run's, as far as it concerns this vehicle: with its name, its height and its parameters.
+    vehicle : VehicleOptions
+        With its name, and with the parameters of its layer.
+    mission : MissionOptions
+        With the height of its layer.
+    weather : WeatherOptions
+    camera : CameraOptions
     """
 
     task: FlightTask
-    scenario: Scenario
+    vehicle: VehicleOptions
+    mission: MissionOptions
+    weather: WeatherOptions
+    camera: CameraOptions
+
+    def wind(self, number: SortieNumber) -> Wind:
+        """Return the wind that it meets in a flight, gusts included."""
+        seed = child_seed(self.task.seed, *number.stream_names("wind"))
+        return wind_of(self.weather, self.task.builder.level, seed)
+
+    def noise(self, number: SortieNumber) -> SensorNoise:
+        """Return how wrong it is about its position in a flight."""
+        return noise_of(self.vehicle, self.task.seed, number.stream_names("navigation"))
+
+    def starting_at(self, home_m: tuple[float, float]) -> Vehicle:
+        """Return the same vehicle, which starts and lands elsewhere.
+
+        Raises
+        ------
+        WbfMissionError
+            If the budget does not suit it from there.
+        """
+        builder = MissionBuilder.of(self, self.task.builder.farm, home_m)
+        return replace(self, task=self.task.moved(self.mission, builder))
 
 
 def vehicles_of(scenario: Scenario, tell: Progress = silent) -> tuple[Vehicle, ...]:
@@ -60,7 +99,7 @@ def vehicles_of(scenario: Scenario, tell: Progress = silent) -> tuple[Vehicle, .
         together = number == 1 or get_vehicle(one.vehicle.name).is_ideal
         home_m = None if together else _start_m(scenario, farm, number)
         task = FlightTask.of(one, flight_builder(one, home_m), system_id=number, progress=tell)
-        vehicles.append(Vehicle(task, one))
+        vehicles.append(Vehicle(task, one.vehicle, one.mission, one.weather, one.camera))
     _check_radio(scenario, farm, vehicles)
     return tuple(vehicles)
 

@@ -124,7 +124,7 @@ class _KeptFlight:
         )
         log = self.log
         if log is not None:
-            log = log_of_readings(log, readings, LeafLayout.of(flights.fields.names))
+            log = log_of_readings(log, readings, LeafLayout.of(flights.run.fields.names))
         records = [
             replace(
                 one,
@@ -191,9 +191,9 @@ class FlightMemory:
         logged : bool
             Whether every frame is kept; where the hosting says so it is the caller who writes them.
         """
-        expected = planned.expected_readings(flights.scenario.camera)
+        expected = planned.expected_readings(flights.run.looks)
         plain = isinstance(hosting, VirtualHosting) and replace(hosting, tlog=None) == VirtualHosting()
-        if not plain or flights.decider.steers or 2.0 * expected > MOST_READINGS:
+        if not plain or flights.run.decider.steers or 2.0 * expected > MOST_READINGS:
             return None
         key = _key(flights, planned, logged=logged)
         kept = self._kept.pop(key, None)
@@ -221,15 +221,15 @@ def _flown(
     flights: Flights, planned: PlannedFlight, hosting: Hosting, tell: Progress, *, logged: bool
 ) -> _KeptFlight | None:
     """Fly a flight whose cameras number their readings; None if something was decided on the way."""
-    evidence, decisions = Evidence(flights.farm, flights.fields), list[DecisionRecord]()
+    evidence, decisions = Evidence(flights.run.farm, flights.run.fields), list[DecisionRecord]()
     if len(planned.sorties) > 1:
         # Some may take over the rest of one that is lost; the run's own records shall not tell of it twice.
         there = {number.system_id for number, _, _ in planned.sorties}
-        gone = {one.task.system_id for one in flights.vehicles} - there
+        gone = {one.task.system_id for one in flights.run.vehicles} - there
         planned = flights.plan(planned.day, planned.flight, evidence, decisions, gone)
-    options = flights.options
+    options = flights.run.camera
     images = ImageList(options.footprint_cells**2)
-    shape = flights.farm.grid().shape
+    shape = flights.run.farm.grid().shape
     order = [number.system_id for number, _, _ in planned.sorties]
 
     def camera(number: SortieNumber) -> NumberingCamera:
@@ -263,16 +263,16 @@ def _flown(
 
 def _key(flights: Flights, planned: PlannedFlight, *, logged: bool) -> bytes:
     """Return all that decides a flight, written out."""
-    farm, frame = flights.farm, flights.farm.frame
+    farm, frame = flights.run.farm, flights.run.farm.frame
     georeference = (frame.latitude_deg, frame.longitude_deg, frame.altitude_m, frame.rotation_deg)
     sorties = [_sortie_values(*one) for one in planned.sorties]
     drawn = None
     if any(_draws(one) for _, one, _ in planned.sorties):
-        drawn = (flights.scenario.seed, [number for number, _, _ in planned.sorties])
+        drawn = (flights.run.seed, [number for number, _, _ in planned.sorties])
     return msgspec.msgpack.encode(
         [
             [georeference, farm.cell_size_m, farm.width_cells, farm.height_cells, farm.home_m],
-            [flights.options.footprint_cells, flights.fields.names],
+            [flights.run.camera.footprint_cells, flights.run.fields.names],
             sorties,
             drawn,
             logged,
@@ -282,15 +282,14 @@ def _key(flights: Flights, planned: PlannedFlight, *, logged: bool) -> bytes:
 
 
 def _sortie_values(number: SortieNumber, vehicle: Vehicle, plan: PlanResult) -> list[object]:
-    scenario = vehicle.scenario
-    level = (scenario.mission.altitude_m, scenario.mission.cruise_speed_m_s)
-    options = (scenario.vehicle.values(), scenario.weather.values(), level)
+    level = (vehicle.mission.altitude_m, vehicle.mission.cruise_speed_m_s)
+    options = (vehicle.vehicle.values(), vehicle.weather.values(), level)
     return [number.system_id, vehicle.task.builder.home_m, plan.mission, plan.vehicle, options]
 
 
 def _draws(flown: Vehicle) -> bool:
     """Whether a flight depends on chance."""
-    weather, vehicle = flown.scenario.weather, flown.scenario.vehicle
+    weather, vehicle = flown.weather, flown.vehicle
     gusts = weather.wind_gust_m_s > 0.0 or weather.turbulence is not None
     errs = flown.task.builder.estimate_errors
     return gusts or errs or vehicle.gps_noise_m > 0.0 or vehicle.baro_noise_m > 0.0

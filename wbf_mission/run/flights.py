@@ -8,28 +8,24 @@ from itertools import compress
 
 import numpy as np
 
-from geo import Farm
 from geo.frame import LocalFrame
 from geo.seeds import child_seed, stream
 from mission.link.tlog import FrameSink
-from mission.policies.policy import FixedPlan, KeepPath, Policy
-from sensors.camera.leaf_camera import Camera, LeafCamera, LeafCameraOptions
+from sensors.camera.leaf_camera import Camera, LeafCamera
 from sensors.environment import Environment
-from sensors.fields import FieldSet
-from sensors.scoring.score import ScoreWeights
 from wbf_mission.deciding.loop import DecisionLoop, Knowledge
 from wbf_mission.deciding.record import DecisionRecord
 from wbf_mission.deciding.spacing import MARGIN_M, KeptDistance, Positions, least_apart_m
 from wbf_mission.planning import PlanResult, home_of
-from wbf_mission.planning.clearance import ground_clearance_m
 from wbf_mission.planning.sortie_number import SortieNumber
 from wbf_mission.progress import Progress, Stopwatch
 from wbf_mission.run.estimation import Evidence
 from wbf_mission.run.fleet import Vehicle
 from wbf_mission.run.hosting import Hosting
 from wbf_mission.run.joint_flight import Attendant, JointFlight
+from wbf_mission.run.resolve import Run
 from wbf_mission.run.sortie import Sortie
-from wbf_mission.scenario import CameraOptions, Scenario, ScenarioError
+from wbf_mission.scenario import CameraOptions, ScenarioError
 from wbf_mission.scenario.separation import DISTANCE
 
 _LATEST_S = 7200
@@ -89,33 +85,6 @@ def _positions(plan: PlanResult) -> Positions:
 
 
 @dataclass(frozen=True, slots=True)
-class Decider:
-    """Who decides where the vehicles fly.
-
-    Parameters
-    ----------
-    policy : Policy
-        A `FixedPlan` for a planner, a `KeepPath` for a mission from a file.
-    name : str
-        What messages call it: ``planner spiral``, ``policy greedy``.
-    label : str
-        Its name with its parameters.
-    mission : PlanResult or None
-        A mission from a file, which is flown.
-    """
-
-    policy: Policy
-    name: str
-    label: str
-    mission: PlanResult | None = None
-
-    @property
-    def steers(self) -> bool:
-        """Whether it decides by what is believed of the farm; a planner and a mission file do not."""
-        return not isinstance(self.policy, FixedPlan | KeepPath)
-
-
-@dataclass(frozen=True, slots=True)
 class PlannedFlight:
     """A flight before it begins.
 
@@ -160,29 +129,10 @@ class Flights:
 
     Parameters
     ----------
-    scenario : Scenario
-        The run's.
-    vehicles : tuple of Vehicle
-    decider : Decider
-    options : LeafCameraOptions
-    weights : ScoreWeights
+    run : Run
     """
 
-    scenario: Scenario
-    vehicles: tuple[Vehicle, ...]
-    decider: Decider
-    options: LeafCameraOptions
-    weights: ScoreWeights
-
-    @property
-    def farm(self) -> Farm:
-        """Where the vehicles fly."""
-        return self.vehicles[0].task.builder.farm
-
-    @property
-    def fields(self) -> FieldSet:
-        """What there is to see."""
-        return self.options.fields
+    run: Run
 
     def plan(
         self,
@@ -209,15 +159,15 @@ class Flights:
         WbfMissionError
             If there is no path within the budget.
         """
-        first = self.scenario.farm.day
-        there = [one for one in self.vehicles if one.task.system_id not in gone]
+        first = self.run.first_day
+        there = [one for one in self.run.vehicles if one.task.system_id not in gone]
         numbers = [SortieNumber(day, flight, one.task.system_id, first) for one in there]
         vehicles = [
             replace(one, task=one.task.of_sortie(number)) for one, number in zip(there, numbers, strict=True)
         ]
-        decider = self.decider
+        decider = self.run.decider
         knowledge = Knowledge(
-            self.farm, day, self.fields, self.weights, evidence.model, evidence.observations
+            self.run.farm, day, self.run.fields, self.run.weights, evidence.model, evidence.observations
         )
         loop = DecisionLoop(
             decider.policy,
@@ -250,10 +200,10 @@ class Flights:
         """Return the leaf camera of a flight of one vehicle."""
         return LeafCamera(
             environment,
-            self.farm.grid().shape,
+            self.run.farm.grid().shape,
             number.day,
-            self.options,
-            stream(self.scenario.seed, *number.stream_names("camera")),
+            self.run.camera,
+            stream(self.run.seed, *number.stream_names("camera")),
         )
 
     def fly(
@@ -299,9 +249,8 @@ class Flights:
         sorties = [
             Sortie(
                 number,
-                one.task,
+                one,
                 plan,
-                one.scenario,
                 cameras(number),
                 lambda done, total: tell("uploading", done, total),
                 delay,
@@ -316,7 +265,7 @@ class Flights:
             sorties,
             writer,
             offset_s=offset_s,
-            seed=child_seed(self.scenario.seed, "faults", f"day-{planned.day}", f"flight-{planned.flight}"),
+            seed=child_seed(self.run.seed, "faults", f"day-{planned.day}", f"flight-{planned.flight}"),
             gone=gone,
         )
         with opened as host:
@@ -342,14 +291,14 @@ class Flights:
 
     def _start_delays(self, plans: Sequence[PlanResult]) -> Sequence[float]:
         """Return how many seconds after the first start each vehicle starts."""
-        keeps = self.scenario.vehicle.keeps
+        keeps = self.run.keeps
         if keeps.kind != DISTANCE or len(plans) == 1:
             return [0.0] * len(plans)
-        return departure_delays(plans, keeps.metres, ground_clearance_m(self.scenario.vehicle))
+        return departure_delays(plans, keeps.metres, self.run.clearance_m)
 
     def _kept_distance(self, vehicles: Sequence[Vehicle]) -> KeptDistance | None:
         """Return the distance that vehicles keep in flight; None if they need not."""
-        keeps = self.scenario.vehicle.keeps
+        keeps = self.run.keeps
         if keeps.kind != DISTANCE:
             return None
         builders = {one.task.system_id: one.task.builder for one in vehicles}
@@ -360,7 +309,7 @@ class Flights:
                 for number, one in builders.items()
                 if not one.vehicle.is_ideal
             },
-            ground_clearance_m(self.scenario.vehicle),
+            self.run.clearance_m,
         )
 
 

@@ -59,7 +59,7 @@ class FlightAlone:
     def __call__(self, day: int, flight: int) -> FlownFlight:
         """Plan a flight and fly it, unless it was flown in this process before."""
         of = self.flights
-        evidence, decisions = Evidence(of.farm, of.fields), list[DecisionRecord]()
+        evidence, decisions = Evidence(of.run.farm, of.run.fields), list[DecisionRecord]()
         with threadpool_limits(1, user_api="blas"):
             planned = of.plan(day, flight, evidence, decisions)
             _spare_collector()
@@ -104,13 +104,13 @@ def can_fly_ahead(flights: Flights, hosting: Hosting, expected_s: float) -> bool
     """
     from joblib import cpu_count
 
-    farm, scenario = flights.farm, flights.scenario
+    run = flights.run
+    farm = run.farm
     plain = isinstance(hosting, VirtualHosting) and hosting.pace is None
-    named = flights.decider.mission is not None or scenario.mission.planner.made is None
     return (
         plain
-        and named
-        and not flights.decider.steers
+        and run.decider.named
+        and not run.decider.steers
         and expected_s >= WORTH_S
         and farm.width_cells * farm.height_cells <= MOST_CELLS
         and cpu_count() > 1

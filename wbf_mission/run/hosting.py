@@ -24,7 +24,6 @@ from sim_vehicle.host.radio_range import RadioRange
 from sim_vehicle.host.simulation import Impairment, Simulation, StopReason
 from sim_vehicle.mavlink import SimVehicle
 from wbf_mission.planning import home_of
-from wbf_mission.planning.weather import noise_of, wind_of_run
 from wbf_mission.run.sortie import Sortie
 
 __all__ = ["FlightHost", "Hosting", "VirtualHosting"]
@@ -155,7 +154,7 @@ class VirtualHosting:
 
 def _radio_range(sorties: Sequence[Sortie], vehicles: Sequence[SimVehicle]) -> RadioRange | None:
     """Return the range of the radios of the ground stations, which all stand at the farm's home."""
-    range_m, farm = sorties[0].scenario.vehicle.radio_range_m, sorties[0].plan.farm
+    range_m, farm = sorties[0].vehicle.vehicle.radio_range_m, sorties[0].plan.farm
     if range_m is None:
         return None
     latitude_deg, longitude_deg = farm.frame.to_wgs84(*farm.home_m)
@@ -164,15 +163,15 @@ def _radio_range(sorties: Sequence[Sortie], vehicles: Sequence[SimVehicle]) -> R
 
 def _aboard(sortie: Sortie) -> tuple[SimVehicle, LeafCameraComponent]:
     """Return the simulated vehicle of a sortie, and the camera that rides on it."""
-    plan, scenario, number = sortie.plan, sortie.scenario, sortie.number
+    plan, one, number = sortie.plan, sortie.vehicle, sortie.number
     vehicle = SimVehicle(
         plan.vehicle,
         home_of(plan.mission, plan.farm),
-        wind=wind_of_run(scenario, number.stream_names("wind")),
-        autopilot=get_autopilot(scenario.vehicle.autopilot),
+        wind=one.wind(number),
+        autopilot=get_autopilot(one.vehicle.autopilot),
         system_id=number.system_id,
         epoch_unix_s=EPOCH_UNIX_S,
-        noise=noise_of(scenario.vehicle, scenario.seed, number.stream_names("navigation")),
+        noise=one.noise(number),
         sd_card=True,
     )
     camera = LeafCameraComponent(

@@ -30,8 +30,9 @@ from wbf_mission.deciding.record import FLOWN_ALREADY, PathChange
 from wbf_mission.planning import FlightTask, PlanResult
 from wbf_mission.planning.fares import is_same_path
 from wbf_mission.planning.sortie_number import SortieNumber
+from wbf_mission.run.fleet import Vehicle
 from wbf_mission.run.flight_record import FlightRecord
-from wbf_mission.scenario import Scenario, VehicleOptions
+from wbf_mission.scenario import VehicleOptions
 from wbf_mission.scenario.parts import MOST_VEHICLES
 
 SLOWER, SPARE_S = 1.2, 5.0
@@ -142,11 +143,9 @@ class Sortie:
     Parameters
     ----------
     number : SortieNumber
-    task : FlightTask
+    vehicle : Vehicle
     plan : PlanResult
         What is uploaded before take-off.
-    scenario : Scenario
-        With the name of this one vehicle.
     leaf_camera : Camera
         What it looks with.
     on_transfer : callable, optional
@@ -175,9 +174,8 @@ class Sortie:
     def __init__(
         self,
         number: SortieNumber,
-        task: FlightTask,
+        vehicle: Vehicle,
         plan: PlanResult,
-        scenario: Scenario,
         leaf_camera: Camera,
         on_transfer: Callable[[int, int], None] | None = None,
         start_delay_s: float = 0.0,
@@ -187,13 +185,14 @@ class Sortie:
         force: bool = False,
         place: int = 0,
     ) -> None:
-        self._reach = reach_of(scenario.vehicle, task, plan)
+        task = vehicle.task
+        self._reach = reach_of(vehicle.vehicle, task, plan)
         farm = plan.farm
         self.start_delay_s = start_delay_s
         self.number, self.task, self.plan = number, task, plan
         self.send: Callable[[list[Message]], None] = _nobody_sends
         self.images_missed: Callable[[], int] = _none_missed
-        self.scenario = scenario
+        self.vehicle = vehicle
         self.leaf_camera = leaf_camera
         fields = leaf_camera.options.fields.names
         self.assembler = ObservationAssembler(farm, day=number.day, fields=fields)
@@ -215,7 +214,7 @@ class Sortie:
         self._passed = 0
         # Paths whose legs are led, or lead round obstacles, by the items that fly them.
         self._led: list[tuple[tuple[MissionItem, ...], Points, Waypoints]] = []
-        if self._leads and scenario.mission.file is None:
+        if self._leads and vehicle.mission.file is None:
             sent = task.builder.waypoints(plan.path_m, task.request.start_xy_m)
             self._led = [(plan.mission.items, plan.path_m, sent)]
         self._rest_known = _NO_REST

@@ -18,18 +18,25 @@ def make_environment(
     scenario: Scenario, farm: Farm, progress: Progress | None = None, *, use_cache: bool = True
 ) -> Environment:
     """Return the environment of the scenario's seed on its days; large ones are kept in the user's cache."""
-    return find_environment(scenario, farm, progress, use_cache=use_cache)[0]
+    days = scenario.farm.day, scenario.farm.day + scenario.farm.days - 1
+    fields = load_field_set(scenario.farm.fields)
+    return environment_of(farm, fields, days, scenario.seed, progress, use_cache=use_cache)[0]
 
 
-def find_environment(
-    scenario: Scenario,
+def environment_of(
     farm: Farm,
+    fields: FieldSet,
+    days: tuple[int, int],
+    seed: int,
     progress: Progress | None,
     *,
     use_cache: bool,
     memory: EnvironmentMemory | None = None,
 ) -> tuple[Environment, bool]:
-    """Return the environment, maybe one that other runs with the memory had, and whether the cache had it."""
+    """Return the environment of a run's seed from its first to its last day, and whether the cache had it.
+
+    It may be one that other runs with the memory had.
+    """
 
     def tell(done: int, total: int) -> None:
         if progress is not None:
@@ -40,10 +47,10 @@ def find_environment(
     return memory.environment(
         cache,
         farm.grid(),
-        day=scenario.farm.day,
-        last_day=scenario.farm.day + scenario.farm.days - 1,
-        seed=child_seed(scenario.seed, "environment"),
-        fields=load_field_set(scenario.farm.fields),
+        day=days[0],
+        last_day=days[1],
+        seed=child_seed(seed, "environment"),
+        fields=fields,
         progress=tell,
     )
 

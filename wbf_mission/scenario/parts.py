@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
 from geo.texts import parse_number
 from sim_vehicle.airframe.autopilot_names import DEFAULT_AUTOPILOT, autopilot_names
@@ -481,3 +481,23 @@ class ScoreOptions(Part):
         default="25; Waterberry 10, with the disks 100; fewer in a run of more than six flights; ideal"
         " vehicle on a small farm: always",
     )
+
+
+class VehicleParts(Protocol):
+    """What has the options that concern one vehicle: a scenario, or one of the vehicles of a run."""
+
+    @property
+    def vehicle(self) -> VehicleOptions:
+        """Who flies."""
+
+    @property
+    def mission(self) -> MissionOptions:
+        """What it flies."""
+
+    @property
+    def weather(self) -> WeatherOptions:
+        """In which air."""
+
+    @property
+    def camera(self) -> CameraOptions:
+        """What it looks with."""

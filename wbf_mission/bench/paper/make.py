@@ -20,10 +20,10 @@ from wbf_mission.bench.paper.shown import shown_runs
 from wbf_mission.bench.paper.tables import authors_table, early_table, lead_table, standings_table
 from wbf_mission.bench.row import BenchRow
 from wbf_mission.bench.spec import BenchSpec
-from wbf_mission.flight import FlightError
 from wbf_mission.pictures.plots import CROP_COLOURS, LINE_COLOURS, draw_farm
 from wbf_mission.progress import Progress, silent
 from wbf_mission.results.tables import ResultError
+from wbf_mission.run.resolve import FlightError
 
 __all__ = ["FIGURES", "FORMATS", "Paper", "make_paper", "plot_geometry"]
 

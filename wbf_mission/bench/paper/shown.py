@@ -16,10 +16,11 @@ from geo.workers import Processes
 from mission.ground.tracks import Track
 from mission.outcome import Outcome
 from wbf_mission.bench.spec import BenchRun
-from wbf_mission.flight import FlightError, fly
+from wbf_mission.flight import fly
 from wbf_mission.pictures.plots import shown_every
 from wbf_mission.progress import Progress
 from wbf_mission.results.tables import ResultError
+from wbf_mission.run.resolve import FlightError
 
 __all__ = ["ShownRun", "shown_runs"]
 

@@ -1,0 +1,205 @@
+"""What the names in a scenario stand for, made and checked once, before anything is planned or flown."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+from geo import Farm
+from geo.errors import WbfMissionError
+from mission.policies.policy import FixedPlan, KeepPath, Policy
+from mission.policies.registry import make_policy
+from sensors.camera.leaf_camera import LeafCameraOptions
+from sensors.environment import Environment
+from sensors.environment.memory import EnvironmentMemory
+from sensors.estimators import Estimator
+from sensors.field_files import load_field_set
+from sensors.fields import FieldSet
+from sensors.scoring.score import ScoreWeights
+from wbf_mission.planning import PlanResult, plan, planner_of
+from wbf_mission.planning.clearance import ground_clearance_m
+from wbf_mission.progress import Progress, silent
+from wbf_mission.run.estimation import estimator_of, readings_a_score, resolved
+from wbf_mission.run.fleet import Vehicle, vehicles_of
+from wbf_mission.run.surroundings import camera_options, environment_of
+from wbf_mission.scenario import CameraOptions, Scenario
+from wbf_mission.scenario.separation import Separation
+
+
+class FlightError(WbfMissionError, RuntimeError):
+    """A run that cannot be done."""
+
+
+@dataclass(frozen=True, slots=True)
+class Decider:
+    """Who decides where the vehicles fly.
+
+    Parameters
+    ----------
+    policy : Policy
+        A `FixedPlan` for a planner, a `KeepPath` for a mission from a file.
+    name : str
+        What messages call it: ``planner spiral``, ``policy greedy``.
+    label : str
+        Its name with its parameters.
+    mission : PlanResult or None
+        A mission from a file, which is flown.
+    named : bool
+        Whether any process can make it by its name; an object may be bound to this one.
+    """
+
+    policy: Policy
+    name: str
+    label: str
+    mission: PlanResult | None = None
+    named: bool = True
+
+    @property
+    def steers(self) -> bool:
+        """Whether it decides by what is believed of the farm; a planner and a mission file do not."""
+        return not isinstance(self.policy, FixedPlan | KeepPath)
+
+
+@dataclass(frozen=True)
+class Run:
+    """Everything that decides a run.
+
+    Parameters
+    ----------
+    asked : Scenario
+        What was asked for, with the default estimator named: for the record.
+    farm : Farm
+    fields : FieldSet
+        What there is to see.
+    vehicles : tuple of Vehicle
+        In the order of their system ids.
+    decider : Decider
+    estimator : Estimator
+    camera : LeafCameraOptions
+    looks : CameraOptions
+        How often it looks, and at how much.
+    weights : ScoreWeights
+        What errors cost.
+    seed : int
+    first_day, days, flights_per_day : int
+    points : int or None
+        How often the estimate of a flight is scored; None: as often as the farm can afford.
+    keeps : Separation
+        How the vehicles stay apart.
+    clearance_m : float
+        How much nearer to each other over ground two vehicles may be than they believe.
+    """
+
+    asked: Scenario
+    farm: Farm
+    fields: FieldSet
+    vehicles: tuple[Vehicle, ...]
+    decider: Decider
+    estimator: Estimator
+    camera: LeafCameraOptions
+    looks: CameraOptions
+    weights: ScoreWeights
+    seed: int
+    first_day: int
+    days: int
+    flights_per_day: int
+    points: int | None
+    keeps: Separation
+    clearance_m: float
+
+    def __getstate__(self) -> dict[str, object]:
+        """Leave out the estimator, which may be large: other processes fly, and estimate nothing."""
+        return {name: value for name, value in self.__dict__.items() if name != "estimator"}
+
+    @cached_property
+    def numbers(self) -> tuple[tuple[int, int], ...]:
+        """Day and number of each flight, in their order."""
+        return tuple(
+            (day, flight)
+            for day in range(self.first_day, self.first_day + self.days)
+            for flight in range(1, self.flights_per_day + 1)
+        )
+
+    def readings_a_score(self, expected: float) -> int:
+        """Return after how many observations of a flight the estimate is scored, of so many expected."""
+        ideal = all(one.task.builder.vehicle.is_ideal for one in self.vehicles)
+        flights = len(self.numbers)
+        return readings_a_score(self.points, self.farm, self.estimator, flights, expected, ideal=ideal)
+
+    @property
+    def last_day(self) -> int:
+        """The last day that is flown."""
+        return self.first_day + self.days - 1
+
+    def environment(
+        self, progress: Progress | None, *, use_cache: bool, memory: EnvironmentMemory | None = None
+    ) -> tuple[Environment, bool]:
+        """Return its environment, and whether the cache had it."""
+        return environment_of(
+            self.farm,
+            self.fields,
+            (self.first_day, self.last_day),
+            self.seed,
+            progress,
+            use_cache=use_cache,
+            memory=memory,
+        )
+
+
+def resolve(scenario: Scenario, *, weights: ScoreWeights | None = None, tell: Progress = silent) -> Run:
+    """Make and check everything that a scenario names.
+
+    Raises
+    ------
+    WbfMissionError
+        If a name is unknown, a value out of range, or the parts do not suit each other.
+    """
+    fields = load_field_set(scenario.farm.fields)
+    camera = camera_options(scenario.camera, fields)
+    scenario = resolved(scenario)
+    choice = scenario.estimate.estimator
+    assert choice is not None
+    estimator = estimator_of(choice, scenario.seed, fields)
+    decider = decider_of(scenario)
+    vehicles = vehicles_of(scenario, tell)
+    return Run(
+        asked=scenario,
+        farm=vehicles[0].task.builder.farm,
+        fields=fields,
+        vehicles=vehicles,
+        decider=decider,
+        estimator=estimator,
+        camera=camera,
+        looks=scenario.camera,
+        weights=ScoreWeights.of(fields) if weights is None else weights,
+        seed=scenario.seed,
+        first_day=scenario.farm.day,
+        days=scenario.farm.days,
+        flights_per_day=scenario.farm.flights_per_day,
+        points=scenario.score.points,
+        keeps=scenario.vehicle.keeps,
+        clearance_m=ground_clearance_m(scenario.vehicle),
+    )
+
+
+def decider_of(scenario: Scenario) -> Decider:
+    """Return who decides where the vehicles of a run fly: its mission file, policy or planner.
+
+    Raises
+    ------
+    WbfMissionError
+        If there is no such file, policy or planner, or several vehicles are to fly one file.
+    """
+    options = scenario.mission
+    if options.file is not None:
+        if len(scenario.vehicle.fleet) > 1:
+            msg = f"mission {options.file} is one vehicle's, but {len(scenario.vehicle.fleet)} fly; give one"
+            raise FlightError(msg)
+        return Decider(KeepPath(), f"mission {options.file}", options.file, plan(scenario))
+    if options.policy is not None:
+        choice = options.policy
+        made = make_policy(choice.name if choice.made is None else choice.made, **choice.params)
+        return Decider(made, f"policy {choice}", str(choice), named=choice.made is None)
+    choice = options.planner
+    policy = FixedPlan(planner_of(choice), options.partition)
+    return Decider(policy, f"planner {choice}", str(choice), named=choice.made is None)

@@ -131,9 +131,10 @@ _HOLD = "LOITER"
 
 
 def _numbers(_vehicle_type: int) -> Mapping[str, tuple[float, float, float]]:
-    return {
-        name: (float(base), float(main), float(sub)) for name, (base, main, sub) in mavutil.px4_map.items()
-    }
+    from pymavlink import mavutil  # loads its own dialect, which who only transfers does not need
+
+    table = mavutil.px4_map.items()
+    return {name: (float(base), float(main), float(sub)) for name, (base, main, sub) in table}
 
 
 def _ends(_vehicle_type: int, last_command: int) -> frozenset[str]:

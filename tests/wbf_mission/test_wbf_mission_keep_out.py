@@ -35,7 +35,6 @@ POLICIES = (
     "refining-lawnmower",
     "confidence-guided",
     "grid-limited-randomness",
-    "learned",
     "market",
 )
 QUICK_POLICIES = ("grid-limited-randomness", "market")

@@ -12,7 +12,6 @@ OURS = (
     "confidence-guided",
     "greedy",
     "grid-limited-randomness",
-    "learned",
     "market",
     "orienteering",
     "refining-lawnmower",

@@ -31,10 +31,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from geo.compiled import compiled
 from geo.seeds import stream
 
-__all__ = ["COLUMNS", "GRID_S", "HEIGHT_M", "SETTLED_S", "EstimateErrors", "carried_aside_m", "recur"]
+__all__ = ["COLUMNS", "GRID_S", "HEIGHT_M", "SETTLED_S", "EstimateErrors", "carried_aside_m"]
 
 GRID_S = 0.1
 COLUMNS = 6
@@ -135,7 +134,7 @@ class EstimateErrors:
         self, name: str, count: int, deviation: float, time_s: float, damping: float
     ) -> NDArray[np.float64]:
         # Imported here: who has no errors needs no compiler.
-        from sim_vehicle.airframe.estimate_errors import recur
+        from sim_vehicle.airframe.drift import recur
 
         # The poles of the process, sampled; the drive from the variance of an autoregression.
         decay = math.exp(-damping * GRID_S / time_s)
@@ -156,27 +155,3 @@ class EstimateErrors:
                 return jumps
             side = -side
             jumps[first:] = side * (LEAST_LEVEL_M + LEVEL_SCALE_M * random.standard_exponential())
-
-
-@compiled
-def recur(noise: NDArray[np.float64], first: float, second: float, drive: float) -> NDArray[np.float64]:
-    """Return a second-order autoregressive recursion, from rest.
-
-    Parameters
-    ----------
-    noise : float64[n]
-    first, second : float
-        What the last value and the one before it are multiplied by.
-    drive : float
-        What the noise is multiplied by.
-
-    Returns
-    -------
-    float64[n]
-    """
-    result = np.empty_like(noise)
-    last = before = 0.0
-    for k in range(len(noise)):
-        last, before = first * last + second * before + drive * noise[k], last
-        result[k] = last
-    return result

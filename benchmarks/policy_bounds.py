@@ -205,7 +205,7 @@ def main() -> int:
     with threadpool_limits(1):
         for seed in seeds:
             fixed.append([fly(case, made(name), seed).losses for name in FIXED])
-            oracle.append(fly(case, Greedy(TrueLoss(*truth_of(case.farm, seed))), seed).losses)
+            oracle.append(fly(case, Greedy(acquisition=TrueLoss(*truth_of(case.farm, seed))), seed).losses)
     theirs, ours = np.array(fixed), np.array(oracle)
     print(f"{case.name}: {options.environments} environments; the oracle by the best of {', '.join(FIXED)}")
     best = []

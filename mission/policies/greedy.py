@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
-from mission.policies.acquisition import Acquisition
-from mission.policies.coordination import Coordination
 from mission.policies.leg_search import leg_values
 from mission.policies.map_policy import MapPolicy
-from mission.policies.policy import LEAST_S
 from mission.policies.route_search import leg_offsets, pool, take_leg
 from mission.policies.steering import Route, RouteProblem
 
@@ -18,67 +17,37 @@ _ALTERNATIVES = 4
 _LEAST_LEGS = 4
 
 
+@dataclass(kw_only=True, eq=False, repr=False)
 class Greedy(MapPolicy):
     """Fly the straight leg whose cells are worth most by what the leg costs; choose again after a few cells.
 
     So that there is always a path, further legs are chosen after it as if nothing were found.
 
+    It takes the parameters of `MapPolicy`, too.
+
     Parameters
     ----------
-    acquisition : str or Acquisition
-        What seeing a cell is worth.
     share, spread : float
         Seeing a cell takes ``share * exp(-d^2 / spread)`` of the worth of one d cells away.
     longest, ahead : float
         Length of the longest leg, and of the path that is planned, in cells.
-    every : int
-        Choose again after so many observations.
-    least_s : float
-        But not before so many seconds of flight.
-    caution, reach : float
-        See `mission.policies.acquisition.WithCoverage`.
-    least_weight : float
-        See `mission.policies.acquisition.Balanced`.
-    coordination : {"sequential", "auction"} or Coordination
-        Who of a fleet flies where (`mission.policies.coordination`).
     """
 
-    reason = "most for its cost"
+    reason: ClassVar[str] = "most for its cost"
 
-    def __init__(
-        self,
-        acquisition: str | Acquisition = "expected-loss",
-        share: float = 0.12,
-        spread: float = 4.5,
-        longest: float = 40.0,
-        ahead: float = 60.0,
-        every: int = 5,
-        least_s: float = LEAST_S,
-        caution: float = 0.0,
-        reach: float = 3.0,
-        least_weight: float = 0.0,
-        coordination: str | Coordination = "sequential",
-    ) -> None:
-        super().__init__(
-            acquisition=acquisition,
-            share=share,
-            spread=spread,
-            every=every,
-            least_s=least_s,
-            caution=caution,
-            reach=reach,
-            least_weight=least_weight,
-            coordination=coordination,
-        )
-        self._offsets = leg_offsets(max(1, int(longest)))
-        self._ahead = float(ahead)
+    longest: float = 40.0
+    ahead: float = 60.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._offsets = leg_offsets(max(1, int(self.longest)))
 
     def _search(self, problem: RouteProblem) -> Sequence[Route]:
         shares, free = problem.shares, problem.chart.free
         left, pooled = problem.worth.copy(), np.empty_like(problem.worth)
         values, costs = np.empty((2, len(self._offsets)))
         x, y, spent, gained = problem.x, problem.y, 0.0, 0.0
-        limit = min(self._ahead * problem.costs.per_cell, problem.vehicle.left)
+        limit = min(self.ahead * problem.costs.per_cell, problem.vehicle.left)
         corners: list[tuple[float, float]] = []
         others: list[Route] = []
         while spent < limit or (len(corners) < _LEAST_LEGS and spent < problem.vehicle.left):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -13,7 +13,7 @@ from mission.policies.acquisition import Acquisition, Balanced, WithCoverage, Wi
 from mission.policies.chart import MOST_CELLS, strip_width
 from mission.policies.coordination import Coordination, make_coordination
 from mission.policies.decision import Decision
-from mission.policies.policy import Asking
+from mission.policies.policy import LEAST_S, Asking
 from mission.policies.route_search import neighbour_shares, take_leg
 from mission.policies.situation import Situation
 from mission.policies.steering import Route, RouteProblem, Steering, far_route
@@ -23,6 +23,7 @@ CELLS_A_LEG = 8.0
 """About how far a route flies between two turns."""
 
 
+@dataclass(kw_only=True, eq=False, repr=False)
 class MapPolicy(ABC):
     """Search a route for each vehicle on the map of what seeing each cell is worth; again when more is seen.
 
@@ -47,32 +48,29 @@ class MapPolicy(ABC):
     reason: ClassVar[str]
     """What is noted of each decision."""
 
-    def __init__(
-        self,
-        *,
-        acquisition: str | Acquisition,
-        share: float,
-        spread: float,
-        every: int,
-        least_s: float,
-        caution: float,
-        reach: float,
-        least_weight: float,
-        coordination: str | Coordination,
-    ) -> None:
-        shares = neighbour_shares(share, spread, _RADIUS)
-        swept = WithReach(make_acquisition(acquisition), strip_width(shares), MOST_CELLS)
+    acquisition: str | Acquisition = "expected-loss"
+    share: float = 0.12
+    spread: float = 4.5
+    every: int = 5
+    least_s: float = LEAST_S
+    caution: float = 0.0
+    reach: float = 3.0
+    least_weight: float = 0.0
+    coordination: str | Coordination = "sequential"
+
+    def __post_init__(self) -> None:
+        shares = neighbour_shares(self.share, self.spread, _RADIUS)
+        swept = WithReach(make_acquisition(self.acquisition), strip_width(shares), MOST_CELLS)
         self._steering = Steering(
-            Balanced(WithCoverage(swept, caution, reach), least_weight),
+            Balanced(WithCoverage(swept, self.caution, self.reach), self.least_weight),
             shares,
-            make_coordination(coordination),
+            make_coordination(self.coordination),
         )
-        self._every, self._least_s = int(every), float(least_s)
 
     @property
     def asking(self) -> Asking:
         """After some observations."""
-        return Asking(observations=self._every, least_s=self._least_s)
+        return Asking(observations=int(self.every), least_s=float(self.least_s))
 
     def start(self) -> None:
         """Forget the run before."""

@@ -27,19 +27,31 @@ if TYPE_CHECKING:
     from mission.ground.link import upload as upload
     from mission.model import Mission as Mission
     from mission.outcome import Outcome as Outcome
+    from mission.planners import CropArea as CropArea
+    from mission.planners import PlannedPath as PlannedPath
     from mission.planners import Planner as Planner
+    from mission.planners import PlanningRequest as PlanningRequest
     from mission.planners import check_planner as check_planner
     from mission.planners import make_planner as make_planner
+    from mission.policies.conformance import check_policy as check_policy
+    from mission.policies.decision import GO_ON as GO_ON
     from mission.policies.decision import Decision as Decision
     from mission.policies.policy import Asking as Asking
     from mission.policies.policy import Policy as Policy
     from mission.policies.registry import make_policy as make_policy
+    from mission.policies.situation import Event as Event
     from mission.policies.situation import Situation as Situation
+    from mission.policies.situation import Status as Status
+    from mission.policies.situation import VehicleReport as VehicleReport
     from sensors.errors import EstimatorError as EstimatorError
+    from sensors.estimators.base import BaseEstimator as BaseEstimator
     from sensors.estimators.base import Estimator as Estimator
     from sensors.estimators.base import make_estimator as make_estimator
     from sensors.estimators.check import check_estimator as check_estimator
+    from sensors.fields import PAPER_FIELDS as PAPER_FIELDS
+    from sensors.fields import FieldSet as FieldSet
     from sensors.observations import Observations as Observations
+    from sensors.scoring.information import InformationModel as InformationModel
     from sensors.scoring.score import ScoreWeights as ScoreWeights
     from sim_vehicle.airframe.catalog import get_vehicle as get_vehicle
     from sim_vehicle.errors import VehicleError as VehicleError
@@ -71,18 +83,37 @@ else:
             "geo.farms": ("get_farm",),
             "geo.geojson": ("load_farm",),
             "sensors.errors": ("EstimatorError",),
-            "sensors.estimators.base": ("Estimator", "make_estimator"),
+            "sensors.estimators.base": (
+                "BaseEstimator",
+                "Estimator",
+                "make_estimator",
+            ),
             "sensors.estimators.check": ("check_estimator",),
             "sensors.observations": ("Observations",),
             "sensors.scoring.score": ("ScoreWeights",),
             "mission.errors": ("LinkError", "MissionFileError", "PlanningError", "TransferError"),
             "mission.files": ("read_mission", "write_mission"),
             "mission.model": ("Mission",),
-            "mission.planners": ("Planner", "check_planner", "make_planner"),
-            "mission.policies.decision": ("Decision",),
+            "mission.planners": (
+                "CropArea",
+                "PlannedPath",
+                "Planner",
+                "PlanningRequest",
+                "check_planner",
+                "make_planner",
+            ),
+            "mission.policies.decision": (
+                "Decision",
+                "GO_ON",
+            ),
             "mission.policies.policy": ("Asking", "Policy"),
             "mission.policies.registry": ("make_policy",),
-            "mission.policies.situation": ("Situation",),
+            "mission.policies.situation": (
+                "Event",
+                "Situation",
+                "Status",
+                "VehicleReport",
+            ),
             "sim_vehicle.airframe.catalog": ("get_vehicle",),
             "sim_vehicle.errors": ("VehicleError",),
             "sim_vehicle.faults.fault": ("Fault",),
@@ -99,6 +130,12 @@ else:
             "wbf_mission.results.tables": ("ResultError",),
             "wbf_mission.results.result": ("Result", "load_result"),
             "wbf_mission.scenario": ("Scenario", "ScenarioError", "load_scenario", "scenario_with"),
+            "mission.policies.conformance": ("check_policy",),
+            "sensors.fields": (
+                "FieldSet",
+                "PAPER_FIELDS",
+            ),
+            "sensors.scoring.information": ("InformationModel",),
             "wbf_mission.version": ("__version__",),
         },
     )

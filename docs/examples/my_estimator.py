@@ -3,9 +3,7 @@
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from sensors.estimators.base import BaseEstimator
-from sensors.fields import PAPER_FIELDS
-from sensors.scoring.information import InformationModel
+from wbf_mission import PAPER_FIELDS, BaseEstimator, InformationModel
 
 
 class Smooth(BaseEstimator):

@@ -1,8 +1,6 @@
 """A policy of one's own: rows first, and when a part of the budget is spent, wherever it is worth most."""
 
-from mission.policies.decision import GO_ON
-from mission.policies.situation import Event
-from wbf_mission import Decision, make_planner, make_policy
+from wbf_mission import GO_ON, Decision, Event, make_planner, make_policy
 
 
 class RowsThenGreedy:

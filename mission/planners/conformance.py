@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from typing import Any
 
 import numpy as np
@@ -35,7 +35,11 @@ class _TurnBudget:
         return float(legs.sum() / 5.0 + 1.5 * len(legs))
 
 
-def check_planner(planner: str | Planner, **parameters: Any) -> None:
+LANDS = ("convex", "concave", "pierced", "apart")
+"""The kinds of land of the kit: without a dent, with one, with a hole, in parts that do not hang together."""
+
+
+def check_planner(planner: str | Planner, lands: Collection[str] = LANDS, /, **parameters: Any) -> None:
     """Check that a planner keeps the rules of the house.
 
     Over convex, concave, pierced and disconnected areas, budgets of several units, and starts inside and
@@ -48,6 +52,8 @@ def check_planner(planner: str | Planner, **parameters: Any) -> None:
     ----------
     planner : str or Planner
         A name or a planner, as for `mission.planners.registry.make_planner`.
+    lands : collection of str
+        Of `LANDS`, the kinds of land that the planner is made for.
     **parameters
         With which it is checked.
 
@@ -56,35 +62,42 @@ def check_planner(planner: str | Planner, **parameters: Any) -> None:
     AssertionError
         If a rule is broken; the text says which, and for what problem.
     PlanningError, ParameterError
-        If it is no planner, or it does not have one of the parameters.
+        If it is no planner, it does not have one of the parameters, or there is no such land.
 
     Examples
     --------
     >>> check_planner("random-waypoint", waypoints=20)
     """
+    unknown = sorted(set(lands) - set(LANDS))
+    if unknown or not lands:
+        msg = f"unknown land {unknown[0]!r}: choose {', '.join(LANDS)}" if unknown else "no land to check on"
+        raise PlanningError(msg)
     chosen = make_planner(planner, **parameters)
     for name, argument in inspect.signature(chosen.planner).parameters.items():
         catches_all = argument.kind in (argument.VAR_KEYWORD, argument.VAR_POSITIONAL)
         _require(not catches_all, f"parameter {name}", "it takes any name, so a wrong one goes unnoticed")
     for name, default in planner_parameters(chosen).items():
         _require(default is not inspect.Parameter.empty, f"parameter {name}", "it has no default")
-    for what, request in conformance_requests():
+    for what, request in conformance_requests(lands):
         _check_one(chosen, what, request)
 
 
-def conformance_requests() -> Iterator[tuple[str, PlanningRequest]]:
-    """Yield the problems of the kit with a description of each."""
-    areas: dict[str, Area] = {
-        "square": shapely.box(0, 0, 60, 60),
-        "oblong off the origin": shapely.box(1000, -500, 1100, -440),
-        "triangle": Polygon([(0, 0), (80, 10), (20, 70)]),
-        "L": Polygon([(0, 0), (80, 0), (80, 20), (20, 20), (20, 80), (0, 80)]),
-        "square with a pond": Polygon(
-            [(0, 0), (70, 0), (70, 70), (0, 70)], [[(20, 20), (20, 50), (50, 50), (50, 20)]]
+def conformance_requests(lands: Collection[str] = LANDS) -> Iterator[tuple[str, PlanningRequest]]:
+    """Yield the problems of the kit on some kinds of land, with a description of each."""
+    areas: dict[str, tuple[str, Area]] = {
+        "square": ("convex", shapely.box(0, 0, 60, 60)),
+        "oblong off the origin": ("convex", shapely.box(1000, -500, 1100, -440)),
+        "triangle": ("convex", Polygon([(0, 0), (80, 10), (20, 70)])),
+        "L": ("concave", Polygon([(0, 0), (80, 0), (80, 20), (20, 20), (20, 80), (0, 80)])),
+        "square with a pond": (
+            "pierced",
+            Polygon([(0, 0), (70, 0), (70, 70), (0, 70)], [[(20, 20), (20, 50), (50, 50), (50, 20)]]),
         ),
-        "two fields": MultiPolygon([shapely.box(0, 0, 30, 40), shapely.box(60, 10, 90, 50)]),
+        "two fields": ("apart", MultiPolygon([shapely.box(0, 0, 30, 40), shapely.box(60, 10, 90, 50)])),
     }
-    for name, area in areas.items():
+    for name, (land, area) in areas.items():
+        if land not in lands:
+            continue
         inside = area.representative_point()
         x_min, y_min, x_max, y_max = area.bounds
         middle = (y_min + y_max) / 2

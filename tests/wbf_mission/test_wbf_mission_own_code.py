@@ -13,6 +13,7 @@ from wbf_mission.own_code import own_choice
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 POLICY = f"{EXAMPLES / 'my_policy.py'}:RowsThenGreedy"
+ZIGZAG = f"{EXAMPLES / 'my_planner.py'}:zigzag"
 ESTIMATOR = f"{EXAMPLES / 'my_estimator.py'}:Smooth"
 PLANNER = """
 from wbf_mission import make_planner
@@ -22,7 +23,7 @@ def wide(request, *, spacing_m=2.0):
 """
 
 
-@pytest.mark.parametrize("name", ["my_policy.py", "my_estimator.py"])
+@pytest.mark.parametrize("name", ["my_policy.py", "my_estimator.py", "my_planner.py"])
 def test_the_page_shows_the_examples_as_they_are(name):
     page = (EXAMPLES.parent / "your-own.md").read_text()
     text = (EXAMPLES / name).read_text()
@@ -33,10 +34,15 @@ def test_the_page_shows_the_examples_as_they_are(name):
 
 @pytest.mark.parametrize(
     ("command", "name"),
-    [("check-policy", POLICY), ("check-planner", "spiral"), ("check-estimator", ESTIMATOR)],
+    [
+        ("check-policy", [POLICY]),
+        ("check-planner", ["spiral"]),
+        ("check-planner", [ZIGZAG, "--land", "convex"]),
+        ("check-estimator", [ESTIMATOR]),
+    ],
 )
 def test_a_contract_that_is_kept(command, name, capsys):
-    assert main([command, name, "--json"]) == 0
+    assert main([command, *name, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["keeps"] is True
 
 
@@ -47,6 +53,13 @@ def test_a_contract_that_is_broken_is_told(tmp_path, capsys):
     found = json.loads(capsys.readouterr().out)
     assert found["keeps"] is False
     assert len(found["broken"]) > 10
+
+
+def test_a_kit_is_as_wide_as_is_asked(capsys):
+    assert main(["check-planner", ZIGZAG, "--land", "convex,concave", "--json"]) == 1
+    assert json.loads(capsys.readouterr().out)["broken"].startswith("L, start ")
+    assert main(["check-planner", "spiral", "--land", "flat"]) == 2
+    assert "unknown land 'flat': choose convex, concave, pierced, apart" in capsys.readouterr().err
 
 
 def test_they_fly(tmp_path, capsys):

@@ -55,6 +55,9 @@ def test_what_is_loaded_is_what_was_saved(result: Result, tmp_path: Path) -> Non
     result.save(tmp_path / "run", plots=False)
     again = load_result(tmp_path / "run")
     assert result.model is not None and again.model is not None
+    assert again == result
+    assert dataclasses.replace(again, frames=again.frames + 1) != result
+    assert dataclasses.replace(again, truth=None) != result
     # What changed since the estimate before is of no use to a reader.
     plain = dataclasses.replace(result, model=type(again.model)(result.model.value, result.model.uncertainty))
     assert_same(without_plans(plain), without_plans(again))

@@ -3,6 +3,7 @@
 import dataclasses
 import os
 import pickle
+import typing
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +14,9 @@ from hypothesis import strategies as st
 from sensors.dynamics.epidemic import MAX_DAYS
 from wbf_mission.scenario import Choice, FarmOptions, Scenario, ScenarioError, load_scenario, scenario_with
 from wbf_mission.scenario.choice import choose, split_choices
+from wbf_mission.scenario.keywords import ScenarioKeywords
 from wbf_mission.scenario.parts import LAST_DAY
-from wbf_mission.scenario.scenario import all_options
+from wbf_mission.scenario.scenario import PARTS, all_options
 
 REPOSITORY = Path(__file__).parents[2]
 
@@ -193,3 +195,23 @@ def test_a_choice_is_read_as_it_is_written(params: dict[str, object]) -> None:
     assert choose(str(choice), "planner") == choice
     (one, other) = (choose(text, "planner") for text in split_choices(f"{choice},other", "planner"))
     assert (one, other) == (choice, Choice("other"))
+
+
+def test_the_keywords_that_an_editor_knows_are_the_options():
+    told = typing.get_type_hints(ScenarioKeywords)
+    assert set(told) == set(all_options()) | set(PARTS)
+    for key, (part, name, _) in all_options().items():
+        kind = typing.get_type_hints(part)[name]
+        if key in PARTS:
+            kind |= PARTS[key]
+        if typing.get_origin(kind) in (tuple, dict) or (key == "camera_fields"):
+            continue  # any sequence, any mapping
+        assert told[key] == kind, key
+
+
+def test_an_option_is_read_under_its_key():
+    scenario = Scenario(farm="miniberry-10", planner="spiral", seed=4)
+    assert (scenario["farm"], scenario["planner"].name, scenario["seed"]) == ("miniberry-10", "spiral", 4)
+    assert {key: scenario[key] for key in all_options()}.keys() == scenario.to_dict().keys()
+    with pytest.raises(ScenarioError, match="unknown key 'plannr'; is 'planner' meant"):
+        scenario["plannr"]

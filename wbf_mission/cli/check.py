@@ -93,6 +93,8 @@ Examples
 
 wbf-mission check-planner spiral
 
+wbf-mission check-planner my_planner.py:zigzag --land convex
+
 wbf-mission check-policy greedy:least_weight=0.35
 
 wbf-mission check-policy my_policy.py:MyPolicy
@@ -104,13 +106,27 @@ _Name = Annotated[
 ]
 
 
-def check_planner_command(name: _Name, json: options.Json = False) -> int:
+def check_planner_command(
+    name: _Name,
+    land: Annotated[
+        str | None,
+        typer.Option(
+            "--land",
+            help="The kinds of land that it is made for, separated by commas: convex, concave, pierced, apart"
+            " (parts that do not hang together).",
+            metavar="KINDS",
+            show_default="all",
+        ),
+    ] = None,
+    json: options.Json = False,
+) -> int:
     """Check that a planner keeps its contract: budget, area, the same path again."""
 
     def check(choice: Choice) -> dict[str, Any]:
-        from mission.planners import check_planner
+        from mission.planners.conformance import LANDS, check_planner
 
-        check_planner(choice.name if choice.made is None else choice.made, **choice.params)
+        lands = LANDS if land is None else tuple(one.strip() for one in land.split(","))
+        check_planner(choice.name if choice.made is None else choice.made, lands, **choice.params)
         return {}
 
     return _run(name, "planner", check, as_json=json)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import time
 from collections.abc import Callable
+from typing import Any
 
 from wbf_mission.cli import options
 from wbf_mission.cli.output import Output, duration
@@ -67,7 +68,8 @@ def fly_all(told: Callable[[str], None]) -> None:
 
     for what, given in _FLIGHTS.items():
         told(what)
-        fly(Scenario(**{"farm": "miniberry-10", **given}))
+        options: dict[str, Any] = {"farm": "miniberry-10", **given}
+        fly(Scenario(**options))
 
 
 def _step_batched() -> None:

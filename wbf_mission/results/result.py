@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from geo.errors import WbfMissionError
 from sensors.estimators import Estimator
+from sensors.scoring.information import InformationModel
 from wbf_mission.deciding.files import decision_table
 from wbf_mission.progress import Progress
 from wbf_mission.results.flight_files import track_table
@@ -19,9 +23,18 @@ from wbf_mission.run.run_record import RunRecord
 __all__ = ["Result", "load_result"]
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class Result(RunRecord):
-    """What a run gave (`wbf_mission.run.run_record.RunRecord` tells its parts), to be shown and saved."""
+    """What a run gave (`wbf_mission.run.run_record.RunRecord` tells its parts), to be shown and saved.
+
+    Results are equal when all that is saved of them is: the result of `load_result` equals the one that was
+    saved.
+    """
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Result) and _alike(self, other)
+
+    __hash__ = None  # type: ignore[assignment]
 
     def tables(self) -> dict[str, Any]:
         """Return tracks, observations, decisions and history as pyarrow tables."""
@@ -131,3 +144,29 @@ def load_result(path: str | Path) -> Result:
             raise
         msg = f"{path}: the result is damaged ({' '.join(str(error).split())})"
         raise ResultError(msg) from error
+
+
+def _alike(one: Any, other: Any) -> bool:
+    """Return whether two values are the same to the bit, as far as they are saved."""
+    if isinstance(one, np.ndarray):
+        same = isinstance(other, np.ndarray) and one.dtype == other.dtype
+        return same and np.array_equal(one, other, equal_nan=one.dtype.kind == "f")
+    if isinstance(one, InformationModel):
+        # What an estimator knows besides, for decisions in flight, is not saved.
+        names = ("value", "uncertainty", "fields", "probabilities")
+        return isinstance(other, InformationModel) and all(
+            _alike(getattr(one, name), getattr(other, name)) for name in names
+        )
+    if is_dataclass(one):
+        return type(one) is type(other) and all(
+            _alike(getattr(one, part.name), getattr(other, part.name)) for part in fields(one)
+        )
+    if isinstance(one, Mapping):
+        return (
+            isinstance(other, Mapping)
+            and one.keys() == other.keys()
+            and all(_alike(value, other[key]) for key, value in one.items())
+        )
+    if isinstance(one, list | tuple):
+        return len(one) == len(other) and all(map(_alike, one, other))
+    return bool(one == other or (one != one and other != other))

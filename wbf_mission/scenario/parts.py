@@ -153,7 +153,7 @@ class MissionOptions(Part):
         None,
         "Policy that decides in flight where to go next, NAME[:KEY=VALUE,...]: greedy,"
         " orienteering, rolling-horizon, refining-lawnmower, confidence-guided, grid-limited-randomness,"
-        " learned, market, or one of yours",
+        " market, or one of yours",
         RUN,
         kind="policy",
         not_with=("mission",),

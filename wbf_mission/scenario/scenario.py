@@ -7,9 +7,10 @@ import difflib
 import typing
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Unpack
 
 from wbf_mission.scenario.choice import Choice
+from wbf_mission.scenario.keywords import ScenarioKeywords
 from wbf_mission.scenario.option import Option, Part, ScenarioError, converted, option, options_of
 from wbf_mission.scenario.parts import (
     RUN,
@@ -63,9 +64,10 @@ class Scenario:
     score: ScoreOptions
     seed: int = option(0, "Everything random comes from it", RUN, low=0, high=2**64 - 1)
 
-    def __init__(self, /, **options: Any) -> None:
-        whole = {key: one for key, one in options.items() if isinstance(one, Part)}
-        flat = {key: one for key, one in options.items() if key not in whole}
+    def __init__(self, /, **options: Unpack[ScenarioKeywords]) -> None:
+        given_all: dict[str, Any] = {**options}
+        whole = {key: one for key, one in given_all.items() if isinstance(one, Part)}
+        flat = {key: one for key, one in given_all.items() if key not in whole}
         mixed = sorted(set(flat) & set(PARTS)) if whole else []
         if mixed:
             msg = f"{mixed[0]} is given as a value beside whole parts: use scenario_with to change it"
@@ -86,6 +88,26 @@ class Scenario:
         one = options_of(Scenario)["seed"]
         object.__setattr__(self, "seed", converted(seed, int, one))
         one.check(self.seed)
+
+    def __getitem__(self, key: str) -> Any:
+        """Return an option by the key under which it is given.
+
+        Raises
+        ------
+        ScenarioError
+            If there is no such option.
+
+        Examples
+        --------
+        >>> Scenario(farm="miniberry-10", wind_speed_m_s=4)["wind_speed_m_s"]
+        4.0
+        """
+        if key == "seed":
+            return self.seed
+        if key not in _PLACES:
+            raise ScenarioError(unknown_key(key, [*_PLACES, "seed"]))
+        part, name = _PLACES[key]
+        return getattr(getattr(self, part), name)
 
     def to_dict(self) -> dict[str, Any]:
         """Return all options by their keys as plain values, for a file or a summary.

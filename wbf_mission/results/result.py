@@ -148,8 +148,8 @@ def load_result(path: str | Path) -> Result:
 
 def _alike(one: Any, other: Any) -> bool:
     """Return whether two values are the same to the bit, as far as they are saved."""
-    if isinstance(one, np.ndarray):
-        same = isinstance(other, np.ndarray) and one.dtype == other.dtype
+    if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
+        same = isinstance(one, np.ndarray) and isinstance(other, np.ndarray) and one.dtype == other.dtype
         return same and np.array_equal(one, other, equal_nan=one.dtype.kind == "f")
     if isinstance(one, InformationModel):
         # What an estimator knows besides, for decisions in flight, is not saved.

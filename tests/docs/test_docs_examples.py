@@ -13,7 +13,13 @@ from pathlib import Path
 import pytest
 
 REPOSITORY = Path(__file__).parents[2]
-PAGES = sorted([REPOSITORY / "README.md", *(REPOSITORY / "docs").glob("*.md")])
+PAGES = sorted(
+    [
+        REPOSITORY / "README.md",
+        *(REPOSITORY / "docs").glob("*.md"),
+        *(REPOSITORY / "docs" / "evidence").glob("*.md"),
+    ]
+)
 
 PAGES_BY_NAME = {page.stem: page for page in PAGES}
 
@@ -25,7 +31,7 @@ def blocks(page: Path, language: str) -> list[str]:
 
 def commands(page: Path) -> list[str]:
     lines = [line for block in blocks(page, "sh") for line in block.splitlines()]
-    # The benchmark of the README takes a minute: two environments show that the line is right.
+    # The benchmark of the evidence takes a minute: two environments show that the line is right.
     return [line.replace("--seeds 10", "--seeds 1") for line in lines if line.startswith("wbf-mission ")]
 
 

@@ -184,7 +184,7 @@ class PyPolo:
         path = np.vstack((vehicle.rest_m, [goal]))
         for share in (1.0, 0.8, 0.6, 0.4, 0.2, 0.1, 0.05):
             path[-1] = here + share * (np.asarray(goal) - here)
-            if vehicle.fares.rest([path])[0] <= vehicle.left:
+            if vehicle.travel_cost.rest([path])[0] <= vehicle.left:
                 return Decision({vehicle.system_id: path}, reason="goal")
         return GO_ON
 

@@ -43,10 +43,10 @@ from geo.seeds import child_seed, sealed_seed
 from mission.errors import PlanningError
 from mission.planners import CropArea, PlanningRequest, StepBudget
 from mission.policies.decision import Decision
-from mission.policies.fares import GeometricFares
 from mission.policies.policy import FixedPlan, Policy
 from mission.policies.registry import make_policy
 from mission.policies.situation import Event, Situation, Status, VehicleReport
+from mission.policies.travel_cost import GeometricTravelCost
 from sensors.environment import generate_environment
 from sensors.estimators import make_estimator
 from sensors.fields import PAPER_FIELDS
@@ -126,10 +126,10 @@ class Robot:
     def report(self, started: bool) -> VehicleReport:
         """What its telemetry would tell."""
         status = Status.READY if not started else Status.FLYING if self.flying else Status.ENDED
-        fares = GeometricFares(self.request.budget, self.here)
+        travel_cost = GeometricTravelCost(self.request.budget, self.here)
         spent = float(self.spent)
         return VehicleReport(
-            self._id, self.request, status, self.here, self._velocity, 0.0, spent, self.rest, fares
+            self._id, self.request, status, self.here, self._velocity, 0.0, spent, self.rest, travel_cost
         )
 
 
@@ -218,7 +218,7 @@ def fly(
         for report, robot in zip(reports, robots, strict=True):
             path = answer.paths.get(report.system_id)
             if path is not None:
-                cost = report.fares.rest([path])[0]
+                cost = report.travel_cost.rest([path])[0]
                 assert cost <= report.left + 1e-9, f"{policy}: a path of {cost}, {report.left} are left"
                 robot.rest = path
 

@@ -31,7 +31,7 @@
     +-- mission.ground.station.NotFlyingError         a mission that cannot be changed now
     +-- mission.ground.telling.NotStartedError        Ctrl-C before a vehicle was started
     +-- mission.ground.modes.ModeError                a flight mode that the vehicle does not have
-    +-- wbf_mission.live.wishes.OrderError                an order that is none
+    +-- wbf_mission.live.orders.OrderError                an order that is none
     +-- wbf_mission.live.discovery.LiveFlightError        a run that a vehicle behind a link cannot do
     +-- wbf_mission.live.errors.VehicleRefusedError       a vehicle that does not do what it is told
     +-- wbf_mission.live.errors.MotorsStandError          an order that would start motors, which was not said

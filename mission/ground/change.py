@@ -15,9 +15,9 @@ from mission.ground.texts import TextLog
 from mission.ground.vehicle_state import VehicleMonitor
 from mission.link.codec.dialect import Message
 from mission.model import Command, Mission, MissionItem, MissionType
-from mission.transfer.making import OWN_TRANSFERS, Transfer, TransferMaker, Upload
 from mission.transfer.round_trip import RoundTrip
 from mission.transfer.upload import check_plan
+from mission.transfer.uploader import OWN_TRANSFERS, Transfer, TransferMaker, Upload
 
 __all__ = [
     "FLOWN_TO",

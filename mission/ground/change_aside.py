@@ -31,7 +31,7 @@ from mission.transfer import (
     TransferFailed,
     UploadVerified,
 )
-from mission.transfer.making import Upload
+from mission.transfer.uploader import Upload
 
 __all__ = ["AsideChange"]
 

@@ -27,7 +27,7 @@ from mission.transfer import (
     UploadVerified,
     compare_plans,
 )
-from mission.transfer.making import Transfer, Upload
+from mission.transfer.uploader import Transfer, Upload
 
 __all__ = ["WholeListChange"]
 

@@ -46,7 +46,7 @@ from mission.link.codec.typed import handler
 from mission.model import Command, Mission
 from mission.outcome import Outcome, Phase
 from mission.transfer import CLIENT_MESSAGES, RoundTrip, TransferStatistics, refuse_errors, render
-from mission.transfer.making import OWN_TRANSFERS, TransferMaker
+from mission.transfer.uploader import OWN_TRANSFERS, TransferMaker
 from mission.transfer.wire import ground_heartbeat
 from sensors.camera.wire import ObservationAssembler
 

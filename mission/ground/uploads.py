@@ -23,7 +23,7 @@ from mission.transfer import (
     refuse_errors,
     render,
 )
-from mission.transfer.making import OWN_TRANSFERS, Transfer, TransferMaker
+from mission.transfer.uploader import OWN_TRANSFERS, Transfer, TransferMaker
 
 __all__ = ["PlanUploads"]
 

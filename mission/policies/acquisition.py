@@ -136,7 +136,7 @@ class WithReach:
     acquisition : Acquisition
     strip : float
         How wide a strip the searches of routes take a track to see, cells
-        (`mission.policies.chart.strip_width`).
+        (`mission.policies.planning_grid.strip_width`).
     beyond : int
         Farms with no side longer than this many cells are left as they are: on small ones the first rows tell
         the field, and flights end alike either way.

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mission.planners.path import Points
 from mission.policies.packages import VARIANTS, Package, corners_of
-from mission.policies.situation import Fares
+from mission.policies.situation import TravelCost
 
 _FREE, _HOME, _FIRST = 0, 1, 2
 _CORNERS = 2 * VARIANTS
@@ -68,7 +68,7 @@ class Bidder:
     def of(
         cls,
         system_id: int,
-        fares: Fares,
+        travel_cost: TravelCost,
         packages: Sequence[Package],
         takes: Sequence[bool],
         free_m: Points,
@@ -78,12 +78,12 @@ class Bidder:
         *,
         returns: bool,
     ) -> Bidder:
-        """Ask the fares once for all that bids need.
+        """Ask the travel costs once for all that bids need.
 
         Parameters
         ----------
         system_id : int
-        fares : Fares
+        travel_cost : TravelCost
         packages : sequence of Package
         takes : sequence of bool
             Which of them it bids on.
@@ -95,10 +95,10 @@ class Bidder:
         """
         nodes = np.vstack((free_m, home_m, corners_of(packages).reshape(-1, 2)))
         own = [
-            _rows_cost(fares, package) if take else math.inf
+            _rows_cost(travel_cost, package) if take else math.inf
             for package, take in zip(packages, takes, strict=True)
         ]
-        return cls(system_id, fares.legs(nodes, nodes), np.array(own), until_free, limit, returns)
+        return cls(system_id, travel_cost.legs(nodes, nodes), np.array(own), until_free, limit, returns)
 
     @property
     def cost(self) -> float:
@@ -173,26 +173,26 @@ def hold_auction(bidders: Sequence[Bidder], offered: Iterable[int]) -> list[int]
         bids[winner] = {package: bidders[winner].bid(package) for package in left}
 
 
-def path_cost(fares: Fares, points_m: Points) -> float:
+def path_cost(travel_cost: TravelCost, points_m: Points) -> float:
     """Return roughly what flying through points costs, from the first one on."""
     if len(points_m) < 2:
         return 0.0
-    return float(leg_costs(fares, points_m).sum())
+    return float(leg_costs(travel_cost, points_m).sum())
 
 
-def leg_costs(fares: Fares, points_m: Points) -> NDArray[np.float64]:
+def leg_costs(travel_cost: TravelCost, points_m: Points) -> NDArray[np.float64]:
     """Return roughly what each leg between neighbouring points costs, float64[n - 1], n > 1."""
-    # The fares price all pairs: in blocks, so that long paths do not take their square.
+    # The travel costs price all pairs: in blocks, so that long paths do not take their square.
     begins, ends = points_m[:-1], points_m[1:]
     parts = [
-        np.diagonal(fares.legs(begins[k : k + _AT_ONCE], ends[k : k + _AT_ONCE]))
+        np.diagonal(travel_cost.legs(begins[k : k + _AT_ONCE], ends[k : k + _AT_ONCE]))
         for k in range(0, len(begins), _AT_ONCE)
     ]
     return np.concatenate(parts)
 
 
-def _rows_cost(fares: Fares, package: Package) -> float:
-    return path_cost(fares, np.concatenate([ends for _, ends in package.ordered(0)]))
+def _rows_cost(travel_cost: TravelCost, package: Package) -> float:
+    return path_cost(travel_cost, np.concatenate([ends for _, ends in package.ordered(0)]))
 
 
 def _entry(package: int, variant: int) -> int:

@@ -98,7 +98,7 @@ class ConfidenceGuided:
         if self._on_its_way(problem):
             if len(vehicle.rest_m) > 1:
                 return []
-            to_x, to_y = vehicle.rest_m[0] / problem.chart.cell_m
+            to_x, to_y = vehicle.rest_m[0] / problem.planning_grid.cell_m
             take_leg(left, problem.shares, x, y, to_x, to_y)
             x, y = to_x, to_y
             corners.append((x, y))
@@ -120,7 +120,7 @@ class ConfidenceGuided:
         target = self._targets.get(vehicle.system_id)
         if target is None or not len(vehicle.rest_m):
             return False
-        return float(np.hypot(*(vehicle.rest_m[0] - target))) < _SAME_CELLS * problem.chart.cell_m
+        return float(np.hypot(*(vehicle.rest_m[0] - target))) < _SAME_CELLS * problem.planning_grid.cell_m
 
     def _least_certain(
         self, problem: RouteProblem, left: Worth, x: float, y: float
@@ -128,14 +128,18 @@ class ConfidenceGuided:
         """Return the next waypoint's cell; None if no uncertain one can be reached."""
         rng = self._stream(problem)
         here = np.floor(np.array([x, y]) + 1e-9).astype(np.int64)
-        span = max(1, round(self._span / problem.chart.block))
+        span = max(1, round(self._span / problem.planning_grid.block))
         shape = np.array(left.shape)
         while True:
             low, high = np.maximum(here - span, 0), np.minimum(here + span + 1, shape)
             cells = np.stack(np.meshgrid(*map(np.arange, low, np.maximum(high, low)), indexing="ij"), axis=-1)
             cells = cells.reshape(-1, 2)
             known = left[cells[:, 0], cells[:, 1]]
-            kept = problem.chart.free[cells[:, 0], cells[:, 1]] & (known > 0.0) & (cells != here).any(axis=1)
+            kept = (
+                problem.planning_grid.free[cells[:, 0], cells[:, 1]]
+                & (known > 0.0)
+                & (cells != here).any(axis=1)
+            )
             cells, known = cells[kept], known[kept]
             reached = self._reached(problem, x, y, cells)
             cells, known = cells[reached], known[reached]
@@ -150,13 +154,17 @@ class ConfidenceGuided:
     @staticmethod
     def _reached(problem: RouteProblem, x: float, y: float, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return which cells a straight leg leads to within the area; the way into it is allowed."""
-        chart = problem.chart
-        here = np.array([x, y]) * chart.cell_m
-        if chart.convex or not len(cells) or not shapely.covers(chart.area, shapely.Point(here)):
+        planning_grid = problem.planning_grid
+        here = np.array([x, y]) * planning_grid.cell_m
+        if (
+            planning_grid.convex
+            or not len(cells)
+            or not shapely.covers(planning_grid.area, shapely.Point(here))
+        ):
             return np.ones(len(cells), np.bool_)
-        ends = (cells + 0.5) * chart.cell_m
+        ends = (cells + 0.5) * planning_grid.cell_m
         legs = np.stack(np.broadcast_arrays(here, ends), axis=1)
-        return np.asarray(shapely.covers(chart.area, shapely.linestrings(legs)))
+        return np.asarray(shapely.covers(planning_grid.area, shapely.linestrings(legs)))
 
     def _stream(self, problem: RouteProblem) -> np.random.Generator:
         number = problem.vehicle.system_id

@@ -19,10 +19,10 @@ from mission.planners.budget import LengthBudget, StepBudget
 from mission.planners.path import Area, Points
 from mission.planners.request import CropArea, PlanningRequest
 from mission.policies.decision import Decision
-from mission.policies.fares import GeometricFares
 from mission.policies.policy import Asking, Policy
 from mission.policies.registry import make_policy
 from mission.policies.situation import Event, Situation, Status, VehicleReport
+from mission.policies.travel_cost import GeometricTravelCost
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
@@ -179,7 +179,7 @@ class _Vehicle:
         return VehicleReport(
             self.system_id, self.request, Status.LOST if self.lost else status, (x, y),
             (float(self.velocity[0]), float(self.velocity[1])), 0.0, self.spent, self.rest,
-            GeometricFares(budget, (x, y)),
+            GeometricTravelCost(budget, (x, y)),
         )  # fmt: skip
 
 
@@ -278,7 +278,7 @@ def _answer(policy: Policy, situation: Situation, what: str, times: list[float])
         _require(system_id in known, whose, "there is no such vehicle")
         vehicle = known[system_id]
         _require(vehicle.steerable, whose, f"it is {vehicle.status.value} and cannot be steered")
-        cost = vehicle.fares.rest([points])[0]
+        cost = vehicle.travel_cost.rest([points])[0]
         left = vehicle.left
         _require(cost <= left * (1 + 1e-9) + 1e-9, whose, f"its path costs {cost:g}, {left:g} are left")
         _require(_lies_inside(vehicle, points), whose, "its path leaves the area")

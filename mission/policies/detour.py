@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mission.planners.inside_routing import TOLERANCE_M, is_rectangle
 from mission.planners.path import Area, Points
 from mission.policies.acquisition import scored_cells
-from mission.policies.chart import LegCosts
+from mission.policies.planning_grid import LegCosts
 from mission.policies.route_search import COST, WORTH, leg_offsets, neighbour_shares, search_route
 from mission.policies.situation import Situation, VehicleReport
 

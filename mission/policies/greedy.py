@@ -43,7 +43,7 @@ class Greedy(MapPolicy):
         self._offsets = leg_offsets(max(1, int(self.longest)))
 
     def _search(self, problem: RouteProblem) -> Sequence[Route]:
-        shares, free = problem.shares, problem.chart.free
+        shares, free = problem.shares, problem.planning_grid.free
         left, pooled = problem.worth.copy(), np.empty_like(problem.worth)
         values, costs = np.empty((2, len(self._offsets)))
         x, y, spent, gained = problem.x, problem.y, 0.0, 0.0

@@ -19,11 +19,11 @@ from mission.planners.path import Area, Points, drop_coincident
 from mission.planners.places import draw_places
 from mission.planners.search import densest_feasible
 from mission.policies.decision import GO_ON, Decision
-from mission.policies.fares import pays_for_return
 from mission.policies.policy import NEVER_AGAIN, Asking
 from mission.policies.round_tour import insert_by_detour, shorten
 from mission.policies.situation import Event, Situation, VehicleReport
 from mission.policies.steering import affordable
+from mission.policies.travel_cost import pays_for_return
 
 ORDERS = ("end", "detour", "tour")
 _MOST_PLACES = 4000

@@ -51,7 +51,7 @@ class OnwardBudget:
 
     def costs(self, paths_xy_m: Sequence[NDArray[np.float64]]) -> list[float]:
         """Return the `cost` of each path."""
-        return self.vehicle.fares.rest([np.vstack((self.before_m, path[1:])) for path in paths_xy_m])
+        return self.vehicle.travel_cost.rest([np.vstack((self.before_m, path[1:])) for path in paths_xy_m])
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +127,9 @@ def hand_over(
 
 def _pieces(land: Area, takers: Sequence[VehicleReport]) -> list[Area]:
     """Return the piece of each taker: by what it has to spare beyond its own path."""
-    spare = np.array([max(one.left - one.fares.rest([one.rest_m])[0], 0.0) / one.left for one in takers])
+    spare = np.array(
+        [max(one.left - one.travel_cost.rest([one.rest_m])[0], 0.0) / one.left for one in takers]
+    )
     if not spare.any():
         spare[:] = 1.0
     try:

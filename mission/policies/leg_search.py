@@ -28,7 +28,7 @@ def leg_to(x: float, y: float, i: int, j: int, slopes: Any) -> tuple[float, floa
     i, j : int
         The cell.
     slopes : float64[directions]
-        See `mission.policies.chart.LegCosts`.
+        See `mission.policies.planning_grid.LegCosts`.
 
     Returns
     -------
@@ -64,7 +64,7 @@ def leg_values(
     offsets : int64[n, 2]
         Ends of the legs, in cells from the one of the place (`mission.policies.route_search.leg_offsets`).
     turn, slopes
-        See `mission.policies.chart.LegCosts`.
+        See `mission.policies.planning_grid.LegCosts`.
     values, costs : float64[n]
         Filled; a leg that cannot be flown has the value -1.
     """

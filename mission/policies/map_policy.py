@@ -10,9 +10,9 @@ from typing import ClassVar
 import numpy as np
 
 from mission.policies.acquisition import Acquisition, Balanced, WithCoverage, WithReach, make_acquisition
-from mission.policies.chart import MOST_CELLS, strip_width
 from mission.policies.coordination import Coordination, make_coordination
 from mission.policies.decision import Decision
+from mission.policies.planning_grid import MOST_CELLS, strip_width
 from mission.policies.policy import LEAST_S, Asking
 from mission.policies.route_search import neighbour_shares, take_leg
 from mission.policies.situation import Situation

@@ -18,15 +18,15 @@ from mission.planners.inside_routing import TOLERANCE_M, Terrain
 from mission.planners.path import Points
 from mission.planners.places import draw_places
 from mission.policies.auction import Bidder, hold_auction, leg_costs, path_cost
-from mission.policies.chart import LegCosts
 from mission.policies.contract import NO_POINTS, Contract, Stretch
 from mission.policies.decision import GO_ON, Decision
-from mission.policies.fares import pays_for_return
 from mission.policies.finds import Finds
 from mission.policies.packages import Package, blocks_of, rows_over
+from mission.policies.planning_grid import LegCosts
 from mission.policies.policy import LEAST_S, Asking
 from mission.policies.situation import Event, Situation, Status, VehicleReport
 from mission.policies.steering import affordable
+from mission.policies.travel_cost import pays_for_return
 
 _NAME = "market"
 _MOST_LEGS = 40
@@ -228,12 +228,12 @@ class Market:
         first = np.concatenate([np.asarray(vehicle.position_m)[None], *(one.points_m for one in kept)])
         return Bidder.of(
             vehicle.system_id,
-            vehicle.fares,
+            vehicle.travel_cost,
             packages,
             [bool(shapely.covers(flyable, one)) for one in rows],
             first[-1],
             vehicle.request.start_xy_m,
-            path_cost(vehicle.fares, first),
+            path_cost(vehicle.travel_cost, first),
             vehicle.left,
             returns=pays_for_return(vehicle),
         )
@@ -296,12 +296,12 @@ class Market:
             number, stream(vehicle.request.seed, _NAME, f"vehicle-{number}", "wander")
         )
         here = after_m[-1] if len(after_m) else np.asarray(vehicle.position_m)
-        left = vehicle.left - vehicle.fares.rest([after_m])[0]
+        left = vehicle.left - vehicle.travel_cost.rest([after_m])[0]
         places = draw_places(terrain.flyable, _MOST_LEGS, rng)[:_MOST_LEGS]
         legs = terrain.legs(list(places[:, None, :]), here)
         way = np.vstack((here, *legs))
         ends = np.cumsum([len(leg) for leg in legs])
-        spent = np.cumsum(leg_costs(vehicle.fares, way))[ends - 1]
+        spent = np.cumsum(leg_costs(vehicle.travel_cost, way))[ends - 1]
         count = int(np.searchsorted(spent, left)) + 1
         return [Stretch(None, 0, leg) for leg in legs[:count]]
 

@@ -8,11 +8,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from mission.policies.fares import pays_for_return
 from mission.policies.map_policy import CELLS_A_LEG, MapPolicy
 from mission.policies.route_search import pool
 from mission.policies.steering import Route, RouteProblem
 from mission.policies.tour_search import candidate_places, search_tour
+from mission.policies.travel_cost import pays_for_return
 
 _MOST_STOPS = 40
 
@@ -21,7 +21,7 @@ _MOST_STOPS = 40
 class Orienteering(MapPolicy):
     """Choose places and their order so that the legs see most, early, within what is left of the budget.
 
-    Costs of legs are the vehicle's own fares, and where the budget pays for the way home it is kept.
+    Costs of legs are the vehicle's own travel costs, and where the budget pays for the way home it is kept.
 
     It takes the parameters of `MapPolicy`, too.
 
@@ -49,16 +49,16 @@ class Orienteering(MapPolicy):
     rounds: int = 2
 
     def _search(self, problem: RouteProblem) -> Sequence[Route]:
-        vehicle, cell_m = problem.vehicle, problem.chart.cell_m
+        vehicle, cell_m = problem.vehicle, problem.planning_grid.cell_m
         pooled = np.empty_like(problem.worth)
         pool(problem.worth, problem.shares, 0, pooled.shape[0], 0, pooled.shape[1], pooled)
-        pooled[~problem.chart.free] = 0.0
+        pooled[~problem.planning_grid.free] = 0.0
         goals = candidate_places(pooled, problem.x, problem.y, int(self.near), int(self.places))
         places = np.vstack((np.array([[problem.x, problem.y]]), goals))
-        costs = vehicle.fares.legs(places * cell_m, places * cell_m)
+        costs = vehicle.travel_cost.legs(places * cell_m, places * cell_m)
         home = np.asarray(vehicle.request.start_xy_m)[None]
         back = (
-            vehicle.fares.legs(places * cell_m, home)[:, 0]
+            vehicle.travel_cost.legs(places * cell_m, home)[:, 0]
             if pays_for_return(vehicle)
             else np.zeros(len(places))
         )

@@ -76,7 +76,7 @@ class Policy(Protocol):
         At `Event.START` every vehicle must be named. One whose path has no points stays on the ground in this
         flight: nothing is worth it. In the first flight of a run at least one has to fly. Later `GO_ON`
         leaves all as it is. Every path must lie in the area of its vehicle's request, and cost no more
-        (`VehicleReport.fares`) than is left of the budget.
+        (`VehicleReport.travel_cost`) than is left of the budget.
 
         Raises
         ------

@@ -148,7 +148,7 @@ class RefiningLawnmower:
         request, cell_m = vehicle.request, situation.farm.cell_size_m
         points, here = _NOTHING, vehicle.position_m
         for number, land in enumerate(self._lands(vehicle, part, situation)):
-            spent = vehicle.fares.rest([points])[0] if len(points) else 0.0
+            spent = vehicle.travel_cost.rest([points])[0] if len(points) else 0.0
             left = self._coarse * vehicle.left - spent
             if left <= 0.0:
                 break

@@ -52,7 +52,7 @@ class RollingHorizon(MapPolicy):
         # With a turn every few cells: a vehicle whose turns cost more than its way would see nothing ahead.
         horizon = self.horizon * (per_cell + problem.costs.turn / CELLS_A_LEG)
         route = search_route(
-            problem.worth, problem.shares, problem.chart.free, problem.x, problem.y, self._offsets,
+            problem.worth, problem.shares, problem.planning_grid.free, problem.x, problem.y, self._offsets,
             min(horizon, problem.vehicle.left), problem.costs.turn, problem.costs.slopes,
             self.patience * per_cell, self._groups, int(self.beam),
         )  # fmt: skip

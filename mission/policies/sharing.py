@@ -11,8 +11,8 @@ import shapely
 from geo.named import ParameterError
 from mission.planners.partition import PARTITIONS, STRIPS, balanced
 from mission.planners.path import Area
-from mission.policies.fares import pays_for_return
 from mission.policies.situation import VehicleReport
+from mission.policies.travel_cost import pays_for_return
 
 WHOLE = "none"
 """No parts: everybody has the whole farm."""
@@ -34,7 +34,7 @@ def reach_m(vehicle: VehicleReport) -> float:
     length = max(high_x - low_x, high_y - low_y)
     here = np.array([[0.5 * (low_x + high_x), 0.5 * (low_y + high_y)]])
     around = here + length * np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
-    cost = float(np.mean(vehicle.fares.legs(here, around)))
+    cost = float(np.mean(vehicle.travel_cost.legs(here, around)))
     return vehicle.left * length / cost if cost > 0.0 else math.inf
 
 

@@ -62,7 +62,7 @@ class Status(Enum):
     """Failed, or silent for longer than its plan explains: nobody counts on it."""
 
 
-class Fares(Protocol):
+class TravelCost(Protocol):
     """What flying costs one vehicle from where it is now, in the unit of its budget."""
 
     def rest(self, paths_m: Sequence[Points]) -> list[float]:
@@ -108,7 +108,7 @@ class VehicleReport:
         What the flight has cost so far, in the unit of the budget.
     rest_m : float64[n, 2]
         The points of its path that are still to be reached, the present target first; read-only.
-    fares : Fares
+    travel_cost : TravelCost
         What rests of the path cost from here.
     battery : float or None
         Fraction of the battery that is left; None if nobody told.
@@ -124,7 +124,7 @@ class VehicleReport:
     age_s: float
     spent: float
     rest_m: Points
-    fares: Fares
+    travel_cost: TravelCost
     battery: float | None = None
     delay_s: float = 0.0
 
@@ -135,6 +135,11 @@ class VehicleReport:
             raise PlanningError(msg)
         rest.flags.writeable = False
         object.__setattr__(self, "rest_m", rest)
+
+    @property
+    def fares(self) -> TravelCost:
+        """The name of `travel_cost` before version 0.2, for policies that were written for it."""
+        return self.travel_cost
 
     @property
     def left(self) -> float:

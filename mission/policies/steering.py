@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from mission.planners.path import Points
 from mission.policies.acquisition import Acquisition, Worth
-from mission.policies.chart import Chart, LegCosts
 from mission.policies.coordination import Bid, Coordination, Promised, sequential
 from mission.policies.decision import Alternative, Decision
+from mission.policies.planning_grid import LegCosts, PlanningGrid
 from mission.policies.route_search import take_leg
 from mission.policies.situation import Event, Situation, Status, VehicleReport
 
@@ -24,12 +24,12 @@ _STAY: Points = np.empty((0, 2))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RouteProblem:
-    """What a search of one vehicle's route works on; lengths are in cells of the chart.
+    """What a search of one vehicle's route works on; lengths are in cells of the planning grid.
 
     Parameters
     ----------
     vehicle : VehicleReport
-    chart : Chart
+    planning_grid : PlanningGrid
     worth : float32[w, h]
         What is left to be seen, when the other vehicles have flown their routes.
     shares : float32[2 r + 1, 2 r + 1]
@@ -40,7 +40,7 @@ class RouteProblem:
     """
 
     vehicle: VehicleReport
-    chart: Chart
+    planning_grid: PlanningGrid
     worth: Worth
     shares: NDArray[np.float32]
     costs: LegCosts
@@ -50,7 +50,7 @@ class RouteProblem:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Route:
-    """What a search found: corners float64[n, 2] in cells of the chart, and what each part of it is worth."""
+    """What a search found: corners float64[n, 2] in cells of the planning grid, and what it is worth."""
 
     corners: NDArray[np.float64]
     value: float
@@ -78,8 +78,8 @@ class Steering:
     acquisition: Acquisition
     shares: NDArray[np.float32]
     coordination: Coordination = sequential
-    _charts: dict[int, Chart] = field(default_factory=dict, init=False)
-    _drawn: dict[tuple[bytes, float], Chart] = field(default_factory=dict, init=False)
+    _charts: dict[int, PlanningGrid] = field(default_factory=dict, init=False)
+    _drawn: dict[tuple[bytes, float], PlanningGrid] = field(default_factory=dict, init=False)
 
     def start(self) -> None:
         """Forget the charts of the run before."""
@@ -92,20 +92,23 @@ class Steering:
         """
         worth = self.acquisition(situation)
         found: dict[int, list[Alternative]] = {}
-        pooled: dict[Chart, Worth] = {}
+        pooled: dict[PlanningGrid, Worth] = {}
 
         def bid(vehicle: VehicleReport, promised: Promised) -> Bid | None:
-            chart = self._chart(situation, vehicle)
-            if chart not in pooled:
-                pooled[chart] = chart.pooled(worth)
-            problem = self._problem(vehicle, chart, pooled[chart].copy(), situation, promised)
+            planning_grid = self._chart(situation, vehicle)
+            if planning_grid not in pooled:
+                pooled[planning_grid] = planning_grid.pooled(worth)
+            problem = self._problem(vehicle, planning_grid, pooled[planning_grid].copy(), situation, promised)
             routes = search(problem)
-            paths = [chart.inside(vehicle.position_m, route.corners * chart.cell_m) for route in routes]
+            paths = [
+                planning_grid.inside(vehicle.position_m, route.corners * planning_grid.cell_m)
+                for route in routes
+            ]
             mine = []
-            for route, points, cost in zip(routes, paths, vehicle.fares.rest(paths), strict=True):
+            for route, points, cost in zip(routes, paths, vehicle.travel_cost.rest(paths), strict=True):
                 if cost > most_payable(vehicle):
                     points = affordable(vehicle, points)
-                    cost = vehicle.fares.rest([points])[0]
+                    cost = vehicle.travel_cost.rest([points])[0]
                 if len(points):
                     mine.append(Alternative(vehicle.system_id, points, route.value, cost))
             found[vehicle.system_id] = mine
@@ -123,36 +126,38 @@ class Steering:
         alternatives = tuple(one for mine in found.values() for one in mine)
         return Decision(paths, reason=reason, alternatives=alternatives)
 
-    def _chart(self, situation: Situation, vehicle: VehicleReport) -> Chart:
-        chart = self._charts.get(vehicle.system_id)
-        if chart is None:
-            # Vehicles with the same area share its chart, and what is worked out on it.
+    def _chart(self, situation: Situation, vehicle: VehicleReport) -> PlanningGrid:
+        planning_grid = self._charts.get(vehicle.system_id)
+        if planning_grid is None:
+            # Vehicles with the same area share its planning grid, and what is worked out on it.
             request, shape = vehicle.request, situation.model.shape
             area = request.area.wkb, request.footprint_m
             if area not in self._drawn:
-                drawn = Chart.of(request.area, shape, situation.farm.cell_size_m, request.footprint_m)
+                drawn = PlanningGrid.of(request.area, shape, situation.farm.cell_size_m, request.footprint_m)
                 self._drawn[area] = drawn
-            chart = self._charts[vehicle.system_id] = self._drawn[area]
-        return chart
+            planning_grid = self._charts[vehicle.system_id] = self._drawn[area]
+        return planning_grid
 
     def _problem(
         self,
         vehicle: VehicleReport,
-        chart: Chart,
+        planning_grid: PlanningGrid,
         worth: Worth,
         situation: Situation,
         planned: Promised,
     ) -> RouteProblem:
-        shares = chart.shares(self.shares)
+        shares = planning_grid.shares(self.shares)
         for other in situation.vehicles:
             route = planned.get(other.system_id)
             if other.system_id == vehicle.system_id or route is None:
                 continue
-            corners = np.vstack((np.asarray(other.position_m)[None], route)) / chart.cell_m
+            corners = np.vstack((np.asarray(other.position_m)[None], route)) / planning_grid.cell_m
             for begin, end in itertools.pairwise(corners):
                 take_leg(worth, shares, *begin, *end)
-        x, y = vehicle.position_m[0] / chart.cell_m, vehicle.position_m[1] / chart.cell_m
-        return RouteProblem(vehicle, chart, worth, shares, LegCosts.of(vehicle, chart.cell_m), x, y)
+        x, y = vehicle.position_m[0] / planning_grid.cell_m, vehicle.position_m[1] / planning_grid.cell_m
+        return RouteProblem(
+            vehicle, planning_grid, worth, shares, LegCosts.of(vehicle, planning_grid.cell_m), x, y
+        )
 
 
 def _flies_on(vehicle: VehicleReport) -> bool:
@@ -164,10 +169,10 @@ def _flies_on(vehicle: VehicleReport) -> bool:
 def _is_worth_a_change(problem: RouteProblem, points_m: Points) -> bool:
     """Return whether a path gains more than the present one while that lasts, the price of the change paid.
 
-    Worth a question only where the vehicle loses something by a change (`Fares.change`).
+    Worth a question only where the vehicle loses something by a change (`TravelCost.change`).
     """
-    vehicle, cell_m = problem.vehicle, problem.chart.cell_m
-    price = vehicle.fares.change(points_m)
+    vehicle, cell_m = problem.vehicle, problem.planning_grid.cell_m
+    price = vehicle.travel_cost.change(points_m)
     if price <= 0.0:
         return True
     here = np.asarray(vehicle.position_m)[None]
@@ -213,9 +218,9 @@ def affordable(vehicle: VehicleReport, points_m: Points) -> Points:
     if not len(points_m):
         return points_m
     left = most_payable(vehicle)
-    if vehicle.fares.rest([points_m])[0] <= left:
+    if vehicle.travel_cost.rest([points_m])[0] <= left:
         return points_m
-    costs = vehicle.fares.rest([points_m[:count] for count in range(len(points_m))])
+    costs = vehicle.travel_cost.rest([points_m[:count] for count in range(len(points_m))])
     fits = np.flatnonzero(np.asarray(costs) <= left)
     if not len(fits):
         return points_m[:0]
@@ -224,7 +229,7 @@ def affordable(vehicle: VehicleReport, points_m: Points) -> Points:
     step = points_m[count] - begin
     parts = np.linspace(1.0 / 16.0, 15.0 / 16.0, 15)
     cut = [np.vstack((points_m[:count], begin + part * step)) for part in parts]
-    payable = np.flatnonzero(np.asarray(vehicle.fares.rest(cut)) <= left)
+    payable = np.flatnonzero(np.asarray(vehicle.travel_cost.rest(cut)) <= left)
     if not len(payable) or np.hypot(*(parts[payable[-1]] * step)) < _LEAST_LEG:
         return points_m[:count]
     return cut[int(payable[-1])]

@@ -18,10 +18,10 @@ from mission.transfer import wire
 from mission.transfer.client import ClientTimers
 from mission.transfer.errors import RemoteTransferError
 from mission.transfer.events import DownloadComplete, Event, Output, TransferFailed, TransferStatistics
-from mission.transfer.making import OWN_TRANSFERS, Transfer, TransferMaker
 from mission.transfer.rendering import Rendered, refuse_errors, render
 from mission.transfer.round_trip import RoundTrip
 from mission.transfer.upload import MissionClear
+from mission.transfer.uploader import OWN_TRANSFERS, Transfer, TransferMaker
 from mission.transfer.vehicles import Vehicle, VehicleSearch
 
 OnEvent = Callable[[Event], None]

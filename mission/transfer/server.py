@@ -13,7 +13,6 @@ from mission.transfer import wire
 from mission.transfer.events import NOTHING, Output
 from mission.transfer.plan_store import PlanStore, StoredPlan
 from mission.transfer.server_incoming import IncomingPlan, OutgoingPlan
-from mission.transfer.server_judge import ServerJudge, Validator
 from mission.transfer.server_session import ServerReplies, ServerSession
 from mission.transfer.server_table import (
     IDLE,
@@ -23,6 +22,7 @@ from mission.transfer.server_table import (
     ServerInput,
     ServerState,
 )
+from mission.transfer.server_validator import ServerJudge, Validator
 
 _I = ServerInput
 _A = ServerAction

@@ -4,8 +4,8 @@ import numpy as np
 
 from geo.farms import get_farm
 from mission.planners import PlanningRequest, StepBudget
-from mission.policies.fares import GeometricFares
 from mission.policies.situation import Event, Situation, Status, VehicleReport
+from mission.policies.travel_cost import GeometricTravelCost
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
@@ -29,7 +29,7 @@ def report(system_id=1, *, farm="miniberry-30", area=None, budget=None, steps=20
         0.0,
         known.get("spent", 0.0),
         known.get("rest", NOWHERE),
-        GeometricFares(budget, here),
+        GeometricTravelCost(budget, here),
     )
 
 

@@ -6,7 +6,7 @@ from mission.link.codec.dialect import mavlink as m
 from wbf_mission.exit_codes import ExitCode, exit_code_of
 from wbf_mission.live.commanding import CommandSession
 from wbf_mission.live.errors import MotorsStandError, VehicleRefusedError, VehicleSilentError
-from wbf_mission.live.wishes import Wish
+from wbf_mission.live.orders import Wish
 
 PX4, ARDUPILOT = m.MAV_AUTOPILOT_PX4, m.MAV_AUTOPILOT_ARDUPILOTMEGA
 ARMED = m.MAV_MODE_FLAG_SAFETY_ARMED | m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED

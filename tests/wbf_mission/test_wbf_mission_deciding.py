@@ -12,7 +12,7 @@ from mission.policies.situation import Event, Status
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.score import PAPER_WEIGHTS
-from wbf_mission.deciding.loop import DecisionLoop, Knowledge
+from wbf_mission.replanning.loop import DecisionLoop, Knowledge
 
 
 @dataclass

@@ -6,10 +6,10 @@ import shapely
 
 from mission.outcome import Outcome
 from mission.planners import LengthBudget, PlanningRequest
-from mission.policies.fares import GeometricFares
 from mission.policies.situation import Status, VehicleReport
+from mission.policies.travel_cost import GeometricTravelCost
 from wbf_mission import Scenario, fly
-from wbf_mission.deciding.spacing import KeptDistance, least_apart_m
+from wbf_mission.replanning.spacing import KeptDistance, least_apart_m
 from wbf_mission.run.fleet import plan_fleet
 from wbf_mission.run.flights import departure_delays
 from wbf_mission.scenario import ScenarioError
@@ -51,8 +51,8 @@ def test_who_would_wait_too_long_is_told(monkeypatch):
 
 def aloft(number, position, rest, status=Status.FLYING):
     request = PlanningRequest(shapely.box(0, 0, 100, 100), (0.0, 10.0 * number), LengthBudget(1e4))
-    fares = GeometricFares(request.budget, position)
-    return VehicleReport(number, request, status, position, (0.0, 0.0), 0.0, 0.0, np.array(rest), fares)
+    travel_cost = GeometricTravelCost(request.budget, position)
+    return VehicleReport(number, request, status, position, (0.0, 0.0), 0.0, 0.0, np.array(rest), travel_cost)
 
 
 def test_a_path_towards_another_vehicle_is_refused():

@@ -6,7 +6,7 @@ from stand_in import scenario
 
 from mission.ground.clearance import Clearance
 from mission.outcome import Outcome
-from mission.transfer.making import OWN_TRANSFERS
+from mission.transfer.uploader import OWN_TRANSFERS
 from mission.transfer.vehicles import Vehicle
 from sim_vehicle.host.simulation import Simulation
 from wbf_mission.flight import fly

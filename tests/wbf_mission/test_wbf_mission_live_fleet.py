@@ -17,12 +17,12 @@ from mission.outcome import Outcome, Phase
 from mission.policies.situation import Status
 from mission.transfer.errors import NoVehicleError
 from mission.transfer.vehicles import Vehicle
-from wbf_mission.deciding.loop import DecisionLoop
 from wbf_mission.flight import fly
 from wbf_mission.live.discovery import LiveFlightError, fitted_to, wanted_vehicles
 from wbf_mission.live.hosting import links_of
 from wbf_mission.live.link import LiveLink
 from wbf_mission.live.via import via_named
+from wbf_mission.replanning.loop import DecisionLoop
 from wbf_mission.run import joint_flight, sortie
 from wbf_mission.run.fleet import vehicles_of
 from wbf_mission.run.joint_flight import JointFlight

@@ -11,7 +11,7 @@ from stand_in import stand_in
 from mission.ground.link import upload
 from mission.outcome import Outcome
 from wbf_mission.cli.app import main
-from wbf_mission.live.wishes import OrderError, Wish
+from wbf_mission.live.orders import OrderError, Wish
 from wbf_mission.planning import plan
 from wbf_mission.scenario import Scenario
 

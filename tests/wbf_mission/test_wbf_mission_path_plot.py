@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from wbf_mission.deciding.record import DecisionRecord, PathChange
 from wbf_mission.flight import fly
 from wbf_mission.pictures import path_plot
 from wbf_mission.pictures.path_plot import changes_flown, plot_run, rest_of_path
+from wbf_mission.replanning.record import DecisionRecord, PathChange
 from wbf_mission.scenario import Scenario
 
 OPTIONS = {"farm": "miniberry-10", "vehicle": "ideal", "budget": "20steps", "estimator": "point"}

@@ -23,8 +23,8 @@ from sim_vehicle.prediction.predict import PREDICTION_PAIRS, expected_flights
 from wbf_mission.cli import output
 from wbf_mission.cli.app import main
 from wbf_mission.planning import plan
-from wbf_mission.planning.fares import FlightFares, LegFares
 from wbf_mission.planning.task import predicted_coverage
+from wbf_mission.planning.travel_cost import FlightTravelCost, LegFares
 from wbf_mission.scenario import Scenario, ScenarioError, scenario_with
 
 
@@ -298,14 +298,14 @@ def test_leaving_the_path_that_is_flown_has_its_price_where_the_autopilot_loses_
     present = np.array([[80.0, 0.0], [80.0, 40.0]])
     rough = LegFares(5.0, spec.acceleration_m_s2, (0.0, 0.0), 1.0)
     state = InFlight((40.0, 0.0), 10.0, (5.0, 0.0))
-    fares = FlightFares(state, predictor, rough, "s", float, present, autopilot == "ardupilot")
+    travel_cost = FlightTravelCost(state, predictor, rough, "s", float, present, autopilot == "ardupilot")
     ahead, aside = np.array([[81.0, 0.0]]), np.array([[40.0, 40.0]])
-    prices = [fares.change(path) for path in (present, present + 0.01, ahead, aside)]
+    prices = [travel_cost.change(path) for path in (present, present + 0.01, ahead, aside)]
     if autopilot == "px4":
         assert prices == [0.0] * 4
         return
     assert prices[:2] == [0.0, 0.0]
     assert 0.5 < prices[2] < prices[3] < 8.0
     # A path that is changed to, and would be gone on with otherwise, is held to the same.
-    on = FlightFares(state, predictor, rough, "s", float, ahead, True)
-    assert fares.rest([ahead])[0] - on.rest([ahead])[0] > 0.5
+    on = FlightTravelCost(state, predictor, rough, "s", float, ahead, True)
+    assert travel_cost.rest([ahead])[0] - on.rest([ahead])[0] > 0.5

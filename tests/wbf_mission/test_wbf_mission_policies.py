@@ -12,8 +12,8 @@ from mission.policies.decision import GO_ON, Alternative, Decision
 from mission.policies.policy import Asking
 from mission.policies.situation import Event, Situation, Status
 from sim_vehicle.host.simulation import Impairment
-from wbf_mission.deciding.record import STAYS
 from wbf_mission.flight import fly
+from wbf_mission.replanning.record import STAYS
 from wbf_mission.results.result import Result, load_result
 from wbf_mission.scenario import Scenario, scenario_with
 
@@ -47,7 +47,7 @@ class Wanderer:
             x0, y0, x1, y1 = vehicle.request.area.bounds
             for _ in range(20):
                 path = self._random.uniform((x0 + 0.2, y0 + 0.2), (x1 - 0.2, y1 - 0.2), (2, 2))
-                cost = vehicle.fares.rest([path])[0]
+                cost = vehicle.travel_cost.rest([path])[0]
                 if cost <= vehicle.left:
                     paths[vehicle.system_id] = path
                     alternatives.append(Alternative(vehicle.system_id, path, 1.0, cost))

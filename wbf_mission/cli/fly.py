@@ -307,7 +307,7 @@ def _decision_rows(result: Result) -> dict[str, str]:
     """Return what the terminal tells of a policy's decisions; nothing of a planner's."""
     if result.scenario.mission.policy is None:
         return {}
-    from wbf_mission.deciding.record import PLANNED_PATH, STAYS
+    from wbf_mission.replanning.record import PLANNED_PATH, STAYS
 
     records = result.decisions
     first_paths = (PLANNED_PATH, STAYS)

@@ -16,8 +16,8 @@ from wbf_mission.cli.output import Output, to_stdout
 from wbf_mission.exit_codes import ExitCode
 
 if TYPE_CHECKING:
+    from wbf_mission.live.orders import Wish
     from wbf_mission.live.watching import FleetWatch
-    from wbf_mission.live.wishes import Wish
 
 MONITOR_EXAMPLES = """
 Examples
@@ -192,7 +192,7 @@ def command_command(
 ) -> None:
     """Give a vehicle one order, and wait until it shows that it obeys."""
     from wbf_mission.live.errors import MotorsStandError
-    from wbf_mission.live.wishes import Wish
+    from wbf_mission.live.orders import Wish
 
     output = Output(as_json=json, quiet=quiet)
     try:

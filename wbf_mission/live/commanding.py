@@ -26,7 +26,7 @@ from mission.link.codec.dialect import mavlink as m
 from mission.transfer.vehicles import VehicleSearch
 from mission.transfer.wire import ground_heartbeat
 from wbf_mission.live.errors import MotorsStandError, VehicleRefusedError, VehicleSilentError
-from wbf_mission.live.wishes import Wish
+from wbf_mission.live.orders import Wish
 
 __all__ = ["OFF_GROUND_M", "CommandSession", "Step", "is_ready", "step_of"]
 

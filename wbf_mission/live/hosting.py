@@ -16,7 +16,7 @@ from mission.ground.clearance import Clearance
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.tlog import FrameSink
-from mission.transfer.making import OWN_TRANSFERS, OwnTransfers
+from mission.transfer.uploader import OWN_TRANSFERS, OwnTransfers
 from mission.transfer.vehicles import Vehicle
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.component import NEVER, Component

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from wbf_mission.deciding.record import PLANNED_PATH, DecisionRecord, PathChange
 from wbf_mission.pictures.plots import draw_farm, new_figure, save_figure
+from wbf_mission.replanning.record import PLANNED_PATH, DecisionRecord, PathChange
 from wbf_mission.run.flight_record import FlightRecord
 
 if TYPE_CHECKING:

@@ -19,12 +19,12 @@ from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from sensors.scoring.score import ScoreWeights
 from sim_vehicle.airframe.spec import VehicleSpec
-from wbf_mission.deciding.loop import DecisionLoop, Knowledge
 from wbf_mission.planning.builder import MissionBuilder
 from wbf_mission.planning.result import PlanResult
-from wbf_mission.planning.task import FlightTask, predicted_coverage
+from wbf_mission.planning.task import VehicleAssignment, predicted_coverage
 from wbf_mission.planning.weather import wind_of
 from wbf_mission.progress import Progress, silent
+from wbf_mission.replanning.loop import DecisionLoop, Knowledge
 from wbf_mission.scenario import Choice, MissionOptions, Scenario, ScenarioError
 from wbf_mission.scenario.scenario import require_scenario
 
@@ -52,11 +52,11 @@ def plan(scenario: Scenario, *, progress: Progress = silent) -> PlanResult:
     builder = flight_builder(scenario)
     if scenario.mission.file is not None:
         return _read(scenario, builder)
-    task = FlightTask.of(scenario, builder, progress=progress)
+    task = VehicleAssignment.of(scenario, builder, progress=progress)
     return plan_tasks(scenario, [task])[0]
 
 
-def plan_tasks(scenario: Scenario, tasks: Sequence[FlightTask]) -> tuple[PlanResult, ...]:
+def plan_tasks(scenario: Scenario, tasks: Sequence[VehicleAssignment]) -> tuple[PlanResult, ...]:
     """Return what the scenario's planner plans for vehicles that fly together.
 
     Raises

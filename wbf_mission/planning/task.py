@@ -16,15 +16,20 @@ from mission.planners import CropArea, PlannedPath, PlanningRequest, coverage
 from mission.planners.inside_routing import parts_of
 from mission.planners.path import Area, Points, drop_coincident
 from mission.policies.decision import Decision
-from mission.policies.fares import GeometricFares
-from mission.policies.situation import Fares, Status, VehicleReport
+from mission.policies.situation import Status, TravelCost, VehicleReport
+from mission.policies.travel_cost import GeometricTravelCost
 from sim_vehicle.prediction.flight import Prediction, home_frame
 from sim_vehicle.prediction.onward import InFlight
 from wbf_mission.planning.budget import FlightBudget, make_budget
 from wbf_mission.planning.builder import MissionBuilder
-from wbf_mission.planning.fares import FlightFares, StartFares, leg_fares, onward_predictor
 from wbf_mission.planning.result import PlanResult, turns_camera
 from wbf_mission.planning.sortie_number import SortieNumber
+from wbf_mission.planning.travel_cost import (
+    FlightTravelCost,
+    StartTravelCost,
+    leg_travel_cost,
+    onward_predictor,
+)
 from wbf_mission.progress import Progress, silent
 from wbf_mission.scenario import MissionOptions, Scenario, ScenarioError
 
@@ -33,7 +38,7 @@ _SIMPLER = 0.02
 
 
 @dataclass(frozen=True, slots=True)
-class FlightTask:
+class VehicleAssignment:
     """One vehicle's task.
 
     Parameters
@@ -59,7 +64,7 @@ class FlightTask:
     @classmethod
     def of(
         cls, scenario: Scenario, builder: MissionBuilder, *, system_id: int = 1, progress: Progress = silent
-    ) -> FlightTask:
+    ) -> VehicleAssignment:
         """Return the task of a vehicle.
 
         Raises
@@ -85,7 +90,7 @@ class FlightTask:
         )
         return cls(system_id, builder, request, text, scenario.seed)
 
-    def moved(self, mission: MissionOptions, builder: MissionBuilder) -> FlightTask:
+    def moved(self, mission: MissionOptions, builder: MissionBuilder) -> VehicleAssignment:
         """Return the same task for a vehicle that starts and lands where another builder has its home.
 
         Raises
@@ -98,7 +103,7 @@ class FlightTask:
         request = replace(self.request, area=area, start_xy_m=start_xy_m, budget=budget)
         return replace(self, builder=builder, request=request, budget_text=text)
 
-    def of_sortie(self, number: SortieNumber) -> FlightTask:
+    def of_sortie(self, number: SortieNumber) -> VehicleAssignment:
         """Return the same task for another flight of the run, for which its planner draws anew."""
         return replace(self, request=replace(self.request, seed=_planner_seed(self.seed, number)))
 
@@ -119,11 +124,11 @@ class FlightTask:
             age_s=0.0,
             spent=0.0,
             rest_m=np.empty((0, 2)),
-            fares=StartFares(self.request, self.builder, steered),
+            travel_cost=StartTravelCost(self.request, self.builder, steered),
             battery=None if self.builder.vehicle.battery is None else 1.0,
         )
 
-    def fares_in_flight(self, first_m: Points) -> Callable[[InFlight, Points, bool], Fares]:
+    def travel_cost_in_flight(self, first_m: Points) -> Callable[[InFlight, Points, bool], TravelCost]:
         """Return what tells what flying on costs the vehicle, in what state and on what path it is.
 
         The last argument is whether its autopilot leaves its mission for a change.
@@ -133,16 +138,18 @@ class FlightTask:
         first_m : float64[n, 2]
             The path that is flown first.
         """
-        rough = leg_fares(self.request, self.builder)
-        if isinstance(rough, GeometricFares):
+        rough = leg_travel_cost(self.request, self.builder)
+        if isinstance(rough, GeometricTravelCost):
             budget = rough.budget
-            return lambda state, *_: GeometricFares(budget, state.position_m)
+            return lambda state, *_: GeometricTravelCost(budget, state.position_m)
         flown = self.request.budget
         charged: Callable[[float], float] = float
         if isinstance(flown, FlightBudget):
             charged = flown.onward(np.vstack((self.request.start_xy_m, first_m)))
         predictor, unit = onward_predictor(self.builder), flown.unit
-        return lambda state, path, aside: FlightFares(state, predictor, rough, unit, charged, path, aside)
+        return lambda state, path, aside: FlightTravelCost(
+            state, predictor, rough, unit, charged, path, aside
+        )
 
     def plan_of(self, decision: Decision, decided_by: str, *, steered: bool = False) -> PlanResult:
         """Return the plan that flies the path of this vehicle in a decision.

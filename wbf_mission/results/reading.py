@@ -20,9 +20,9 @@ from sensors.observations import Observations
 from sensors.scoring.information import CLASSES, InformationModel
 from sensors.scoring.score import Score
 from sim_vehicle.airframe.spec import VehicleSpec
-from wbf_mission.deciding.files import DecisionEntry, decision_table
 from wbf_mission.maps.report import FarmReport
 from wbf_mission.planning import flown_vehicle
+from wbf_mission.replanning.files import DecisionEntry, decision_table
 from wbf_mission.results.arrays import SUFFIX, read_array, read_maps, write_array, write_maps
 from wbf_mission.results.flight_files import FlightEntry, flight_entries, read_flights, write_flights
 from wbf_mission.results.tables import ResultError, read_table, write_table

@@ -12,8 +12,8 @@ import numpy as np
 from geo.errors import WbfMissionError
 from sensors.estimators import Estimator
 from sensors.scoring.information import InformationModel
-from wbf_mission.deciding.files import decision_table
 from wbf_mission.progress import Progress
+from wbf_mission.replanning.files import decision_table
 from wbf_mission.results.flight_files import track_table
 from wbf_mission.results.reading import history_table, read_result
 from wbf_mission.results.tables import ResultError

@@ -14,11 +14,11 @@ from sensors.estimators import advance_estimator
 from sensors.scoring.information import InformationModel
 from sensors.scoring.score import RunningScore
 from sim_vehicle.epoch import EPOCH_UNIX_S
-from wbf_mission.deciding.record import DecisionRecord
 from wbf_mission.maps.field_maps import FieldMap, field_maps
 from wbf_mission.maps.report import report_of_maps
 from wbf_mission.planning import PlanResult
 from wbf_mission.progress import Progress, Stopwatch
+from wbf_mission.replanning.record import DecisionRecord
 from wbf_mission.run.estimation import Evidence, RunEstimate, attribute_errors_to
 from wbf_mission.run.fleet import Vehicle
 from wbf_mission.run.flight_memory import FlightMemory

@@ -15,7 +15,7 @@ from sim_vehicle.airframe.sensor_errors import SensorNoise
 from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.mavlink.fleet import SPACING_M
 from sim_vehicle.weather.wind import Wind
-from wbf_mission.planning import FlightTask, PlanResult, flight_builder, plan, plan_tasks
+from wbf_mission.planning import PlanResult, VehicleAssignment, flight_builder, plan, plan_tasks
 from wbf_mission.planning.builder import MissionBuilder
 from wbf_mission.planning.clearance import clearance_m, ground_clearance_m, height_error_m
 from wbf_mission.planning.sortie_number import SortieNumber
@@ -46,7 +46,7 @@ class Vehicle:
 
     Parameters
     ----------
-    task : FlightTask
+    task : VehicleAssignment
     vehicle : VehicleOptions
         With its name, and with the parameters of its layer.
     mission : MissionOptions
@@ -55,7 +55,7 @@ class Vehicle:
     camera : CameraOptions
     """
 
-    task: FlightTask
+    task: VehicleAssignment
     vehicle: VehicleOptions
     mission: MissionOptions
     weather: WeatherOptions
@@ -98,7 +98,7 @@ def vehicles_of(scenario: Scenario, tell: Progress = silent) -> tuple[Vehicle, .
     for number, one in enumerate(single_scenarios(scenario), start=1):
         together = number == 1 or get_vehicle(one.vehicle.name).is_ideal
         home_m = None if together else _start_m(scenario, farm, number)
-        task = FlightTask.of(one, flight_builder(one, home_m), system_id=number, progress=tell)
+        task = VehicleAssignment.of(one, flight_builder(one, home_m), system_id=number, progress=tell)
         vehicles.append(Vehicle(task, one.vehicle, one.mission, one.weather, one.camera))
     _check_radio(scenario, farm, vehicles)
     return tuple(vehicles)

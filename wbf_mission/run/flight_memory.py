@@ -27,10 +27,10 @@ from sensors.environment import Environment
 from sensors.environment.memory import EnvironmentMemory
 from sensors.observations import Observations
 from sim_vehicle.epoch import EPOCH_UNIX_S
-from wbf_mission.deciding.record import DecisionRecord
 from wbf_mission.planning import PlanResult
 from wbf_mission.planning.sortie_number import SortieNumber
 from wbf_mission.progress import Progress, Stopwatch, silent
+from wbf_mission.replanning.record import DecisionRecord
 from wbf_mission.run.estimation import Evidence
 from wbf_mission.run.fleet import Vehicle
 from wbf_mission.run.flight_record import FlightRecord, FlownFlight

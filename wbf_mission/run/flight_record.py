@@ -13,8 +13,8 @@ from mission.link.tlog import FrameLog
 from mission.outcome import Outcome
 from sensors.camera.wire import AssemblerStatistics
 from sensors.observations import Observations
-from wbf_mission.deciding.record import DecisionRecord
 from wbf_mission.planning import PlanResult
+from wbf_mission.replanning.record import DecisionRecord
 
 
 @dataclass(slots=True)

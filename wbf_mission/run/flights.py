@@ -13,12 +13,12 @@ from geo.seeds import child_seed, stream
 from mission.link.tlog import FrameSink
 from sensors.camera.leaf_camera import Camera, LeafCamera
 from sensors.environment import Environment
-from wbf_mission.deciding.loop import DecisionLoop, Knowledge
-from wbf_mission.deciding.record import DecisionRecord
-from wbf_mission.deciding.spacing import MARGIN_M, KeptDistance, Positions, least_apart_m
 from wbf_mission.planning import PlanResult, home_of
 from wbf_mission.planning.sortie_number import SortieNumber
 from wbf_mission.progress import Progress, Stopwatch
+from wbf_mission.replanning.loop import DecisionLoop, Knowledge
+from wbf_mission.replanning.record import DecisionRecord
+from wbf_mission.replanning.spacing import MARGIN_M, KeptDistance, Positions, least_apart_m
 from wbf_mission.run.estimation import Evidence
 from wbf_mission.run.fleet import Vehicle
 from wbf_mission.run.hosting import Hosting

@@ -21,8 +21,8 @@ from geo.workers import CallsAhead
 from mission.link.tlog import FrameLog
 from sensors.environment import Environment
 from sim_vehicle.epoch import EPOCH_UNIX_S
-from wbf_mission.deciding.record import DecisionRecord
 from wbf_mission.progress import Stopwatch, silent
+from wbf_mission.replanning.record import DecisionRecord
 from wbf_mission.run.estimation import Evidence
 from wbf_mission.run.flight_memory import memory_of_process
 from wbf_mission.run.flight_record import FlownFlight

@@ -14,7 +14,7 @@ from mission.ground.clearance import Clearance
 from mission.link.codec.dialect import Message
 from mission.link.tlog import FrameSink
 from mission.model import GeoPoint
-from mission.transfer.making import OWN_TRANSFERS, OwnTransfers, TransferMaker
+from mission.transfer.uploader import OWN_TRANSFERS, OwnTransfers, TransferMaker
 from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.component import NEVER, Component

@@ -14,8 +14,8 @@ from mission.ground.telling import NotStartedError, doing, not_started
 from mission.outcome import Outcome, Phase
 from mission.policies.situation import Event
 from sim_vehicle.host.simulation import StopReason
-from wbf_mission.deciding.loop import DecisionLoop
 from wbf_mission.progress import Progress, Stopwatch
+from wbf_mission.replanning.loop import DecisionLoop
 from wbf_mission.run.estimation import Evidence
 from wbf_mission.run.hosting import FlightHost
 from wbf_mission.run.sortie import Sortie

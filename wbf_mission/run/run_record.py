@@ -17,10 +17,10 @@ from sensors.camera.wire import AssemblerStatistics
 from sensors.fields import PAPER_FIELDS, FieldSet
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
-from wbf_mission.deciding.record import STAYS, DecisionRecord
 from wbf_mission.maps.field_maps import FieldMap
 from wbf_mission.maps.report import FarmReport, report_of_maps
 from wbf_mission.planning import PlanResult
+from wbf_mission.replanning.record import STAYS, DecisionRecord
 from wbf_mission.run.estimation import ScoreHistory
 from wbf_mission.run.flight_record import FlightRecord
 from wbf_mission.scenario import Scenario

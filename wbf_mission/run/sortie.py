@@ -21,15 +21,15 @@ from mission.outcome import Outcome, Phase
 from mission.planners.path import Points, path_length
 from mission.planners.turns import Waypoints
 from mission.policies.situation import Status, VehicleReport
-from mission.transfer.making import OWN_TRANSFERS, TransferMaker
+from mission.transfer.uploader import OWN_TRANSFERS, TransferMaker
 from sensors.camera.leaf_camera import Camera
 from sensors.camera.wire import ObservationAssembler
 from sensors.observations import Observations
 from sim_vehicle.prediction.onward import InFlight
-from wbf_mission.deciding.record import FLOWN_ALREADY, PathChange
-from wbf_mission.planning import FlightTask, PlanResult
-from wbf_mission.planning.fares import is_same_path
+from wbf_mission.planning import PlanResult, VehicleAssignment
 from wbf_mission.planning.sortie_number import SortieNumber
+from wbf_mission.planning.travel_cost import is_same_path
+from wbf_mission.replanning.record import FLOWN_ALREADY, PathChange
 from wbf_mission.run.fleet import Vehicle
 from wbf_mission.run.flight_record import FlightRecord
 from wbf_mission.scenario import VehicleOptions
@@ -114,7 +114,7 @@ class Reach:
         return distance_m + within_s * self.speed_m_s > self.radius_m
 
 
-def reach_of(options: VehicleOptions, task: FlightTask, plan: PlanResult) -> Reach | None:
+def reach_of(options: VehicleOptions, task: VehicleAssignment, plan: PlanResult) -> Reach | None:
     """Return how far the ground station at the farm's home reaches for a vehicle; None: everywhere."""
     if options.radio_range_m is None:
         return None
@@ -209,7 +209,7 @@ class Sortie:
             force=force,
         )
         self._flown = self.ground.flown_length(farm.frame)
-        self._fares = task.fares_in_flight(plan.path_m)
+        self._travel_cost = task.travel_cost_in_flight(plan.path_m)
         self._last_item = 0
         self._passed = 0
         # Paths whose legs are led, or lead round obstacles, by the items that fly them.
@@ -325,7 +325,7 @@ class Sortie:
             age_s=now_s - state.heard_s if heard else 0.0,
             spent=self._spent(now_s),
             rest_m=rest_m,
-            fares=self._fares(in_flight, rest_m, self.ground.changes_aside),
+            travel_cost=self._travel_cost(in_flight, rest_m, self.ground.changes_aside),
             battery=state.battery,
             delay_s=self._delay_s,
         )

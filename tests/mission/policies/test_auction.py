@@ -5,11 +5,11 @@ import pytest
 
 from mission.planners import LengthBudget
 from mission.policies.auction import Bidder, hold_auction, leg_costs, path_cost
-from mission.policies.fares import GeometricFares
 from mission.policies.packages import Package, Row
+from mission.policies.travel_cost import GeometricTravelCost
 
 HOME = (0.0, 0.0)
-FARES = GeometricFares(LengthBudget(1000.0), HOME)
+FARES = GeometricTravelCost(LengthBudget(1000.0), HOME)
 
 
 def _strip(number, y, x=(0.0, 10.0)):

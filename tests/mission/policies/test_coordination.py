@@ -9,9 +9,9 @@ from geo import get_farm
 from geo.named import ParameterError
 from mission.planners import PlanningRequest, StepBudget
 from mission.policies.coordination import COORDINATIONS, Bid, auction, make_coordination, sequential
-from mission.policies.fares import GeometricFares
 from mission.policies.greedy import Greedy
 from mission.policies.situation import Event, Situation, Status, VehicleReport
+from mission.policies.travel_cost import GeometricTravelCost
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
@@ -25,7 +25,7 @@ def robot(number, steps=40.0, *, status=Status.READY, rest=()):
     request = PlanningRequest(FARM.owner_area, FARM.home_m, budget, FARM.cell_size_m)
     here = FARM.home_m
     return VehicleReport(
-        number, request, status, here, (0.0, 0.0), 0.0, 0.0, np.array(rest), GeometricFares(budget, here)
+        number, request, status, here, (0.0, 0.0), 0.0, 0.0, np.array(rest), GeometricTravelCost(budget, here)
     )
 
 

@@ -10,10 +10,10 @@ from geo import get_farm
 from geo.named import ParameterError
 from mission.planners import PlanningRequest, StepBudget
 from mission.policies.decision import GO_ON
-from mission.policies.fares import GeometricFares
 from mission.policies.policy import FixedPlan
 from mission.policies.sharing import PARTITION_NAMES, reach_m, shared
 from mission.policies.situation import Event, Situation, Status, VehicleReport
+from mission.policies.travel_cost import GeometricTravelCost
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
@@ -26,8 +26,10 @@ FARM = get_farm("miniberry-30")
 def vehicle(number, steps=200.0, *, status=Status.READY, position=(0.0, 0.0), spent=0.0, rest=()):
     budget = StepBudget(steps)
     request = PlanningRequest(FARM.owner_area, (0.0, 0.0), budget)
-    fares = GeometricFares(budget, position)
-    return VehicleReport(number, request, status, position, (0.0, 0.0), 0.0, spent, np.array(rest), fares)
+    travel_cost = GeometricTravelCost(budget, position)
+    return VehicleReport(
+        number, request, status, position, (0.0, 0.0), 0.0, spent, np.array(rest), travel_cost
+    )
 
 
 def situation(vehicles, event=Event.START):
@@ -108,7 +110,7 @@ def test_the_rest_of_a_lost_vehicle_is_seen_by_the_others():
     assert shapely.union_all(flown).intersection(FARM.owner_area).area > 0.97 * FARM.owner_area.area
     for one in now:
         if one.system_id != 2:
-            assert one.fares.rest([answer.paths[one.system_id]])[0] <= one.left
+            assert one.travel_cost.rest([answer.paths[one.system_id]])[0] <= one.left
     # The same vehicle is not handed over again when another one fails.
     third = [
         now[0],
@@ -124,7 +126,7 @@ def test_little_left_is_spread_more_thinly():
     assert answer.paths
     for one in now:
         if one.system_id in answer.paths:
-            assert one.fares.rest([answer.paths[one.system_id]])[0] <= one.left
+            assert one.travel_cost.rest([answer.paths[one.system_id]])[0] <= one.left
     lost = shapely.LineString(paths[2][6:]).buffer(0.1)
     assert any(shapely.LineString(path).intersects(lost) for path in answer.paths.values())
 

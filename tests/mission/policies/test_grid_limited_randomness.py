@@ -51,7 +51,7 @@ def test_better_orders_visit_more_places_for_the_budget():
 @pytest.mark.parametrize("order", ORDERS)
 def test_the_budget_is_kept_and_nearly_used(order):
     vehicle = report(budget=LengthBudget(60.0, return_to=get_farm("miniberry-30").home_m))
-    cost = vehicle.fares.rest([_path(vehicle, order=order)])[0]
+    cost = vehicle.travel_cost.rest([_path(vehicle, order=order)])[0]
     assert 50.0 <= cost <= 60.0
 
 

@@ -25,7 +25,7 @@ def _fleet(count, **known):
 def _flown(vehicle, path, points):
     """The vehicle when it has passed so many points of its path."""
     here = tuple(path[points - 1].tolist())
-    spent = vehicle.fares.rest([path[:points]])[0]
+    spent = vehicle.travel_cost.rest([path[:points]])[0]
     status = Status.FLYING
     known = report(vehicle.system_id, steps=vehicle.request.budget.limit, here=here, status=status)
     return replace(known, spent=spent, rest_m=path[points:])
@@ -185,7 +185,7 @@ def test_a_path_that_is_about_to_end_goes_on_while_something_is_left_of_the_budg
     ending = _flown(vehicle, path, len(path) - 1)
     assert ending.left > 100.0
     on = policy.decide(situation(ending, event=Event.ENDING)).paths[1]
-    assert len(on) > 5 and ending.fares.rest([on])[0] <= ending.left
+    assert len(on) > 5 and ending.travel_cost.rest([on])[0] <= ending.left
     spent = replace(ending, spent=4000.0)
     assert policy.decide(situation(spent, event=Event.ENDING)) is GO_ON
 
@@ -202,7 +202,7 @@ def test_the_way_home_is_kept():
     budget = LengthBudget(60.0, return_to=FARM.home_m)
     vehicles = _fleet(2, budget=budget)
     for k, path in Market().decide(situation(*vehicles)).paths.items():
-        assert 40.0 < vehicles[k - 1].fares.rest([path])[0] <= 60.0
+        assert 40.0 < vehicles[k - 1].travel_cost.rest([path])[0] <= 60.0
 
 
 def _about_finds(policy, vehicles, day, seen):

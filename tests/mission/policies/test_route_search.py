@@ -8,13 +8,13 @@ from hypothesis import strategies as st
 
 from mission.planners.budget import LengthBudget, StepBudget
 from mission.planners.request import PlanningRequest
-from mission.policies.chart import Chart, LegCosts
-from mission.policies.fares import GeometricFares
 from mission.policies.leg_search import leg_values
+from mission.policies.planning_grid import LegCosts, PlanningGrid
 from mission.policies.route_search import leg_offsets, neighbour_shares, search_route, take_leg
 from mission.policies.situation import Status, VehicleReport
 from mission.policies.steering import affordable
 from mission.policies.tour_search import candidate_places, search_tour
+from mission.policies.travel_cost import GeometricTravelCost
 
 pytestmark = pytest.mark.kernel
 ALONE = neighbour_shares(0.0, 1.0, 1)
@@ -23,8 +23,10 @@ FLAT = np.ones(8)
 
 def _vehicle(budget, here=(0.0, 0.0), spent=0.0):
     request = PlanningRequest(shapely.box(0, 0, 50, 50), (0.0, 0.0), budget, 0.0)
-    fares = GeometricFares(budget, here)
-    return VehicleReport(1, request, Status.FLYING, here, (0.0, 0.0), 0.0, spent, np.empty((0, 2)), fares)
+    travel_cost = GeometricTravelCost(budget, here)
+    return VehicleReport(
+        1, request, Status.FLYING, here, (0.0, 0.0), 0.0, spent, np.empty((0, 2)), travel_cost
+    )
 
 
 def _search(worth, x, y, horizon, free=None, beam=6, patience=1e9, shares=ALONE):
@@ -130,20 +132,25 @@ def test_a_tour_visits_what_pays_and_keeps_what_the_way_home_takes():
 
 def test_charts_of_large_farms_have_few_blocks_and_keep_the_worth():
     worth = np.random.default_rng(0).random((600, 500)).astype(np.float32)
-    chart = Chart.of(shapely.box(0, 0, 600, 500), worth.shape, 1.0, 1.0)
-    assert chart.block == 5 and chart.free.shape == (120, 100) and chart.free.all()
-    assert chart.pooled(worth).sum() == pytest.approx(worth.sum(), rel=1e-5)
+    planning_grid = PlanningGrid.of(shapely.box(0, 0, 600, 500), worth.shape, 1.0, 1.0)
+    assert planning_grid.block == 5 and planning_grid.free.shape == (120, 100) and planning_grid.free.all()
+    assert planning_grid.pooled(worth).sum() == pytest.approx(worth.sum(), rel=1e-5)
     fine = neighbour_shares(0.12, 4.5, 3)
-    assert 1 / 5 < chart.shares(fine)[0, 0] < 1.0
+    assert 1 / 5 < planning_grid.shares(fine)[0, 0] < 1.0
 
 
 def test_blocks_lie_in_the_area_whole_and_legs_that_leave_it_are_cut_off():
     area = shapely.box(0, 0, 10, 10) - shapely.box(4.5, -1, 5.5, 8)
-    chart = Chart.of(area, (10, 10), 1.0, 1.0)
-    assert not chart.free[4, 0] and not chart.free[5, 7] and chart.free[3, 0] and chart.free[5, 8]
+    planning_grid = PlanningGrid.of(area, (10, 10), 1.0, 1.0)
+    assert (
+        not planning_grid.free[4, 0]
+        and not planning_grid.free[5, 7]
+        and planning_grid.free[3, 0]
+        and planning_grid.free[5, 8]
+    )
     points = np.array([[1.0, 9.0], [9.0, 9.0], [9.0, 1.0], [1.0, 1.0]])
-    assert chart.inside((1.0, 1.0), points).tolist() == points[:3].tolist()
-    assert len(chart.inside((1.0, 1.0), np.array([[9.0, 1.0]]))) == 0
+    assert planning_grid.inside((1.0, 1.0), points).tolist() == points[:3].tolist()
+    assert len(planning_grid.inside((1.0, 1.0), np.array([[9.0, 1.0]]))) == 0
 
 
 def test_costs_of_legs_come_from_the_fares():
@@ -158,5 +165,5 @@ def test_what_cannot_be_paid_is_cut_off():
     assert affordable(there, points).tolist() == points.tolist()
     short = _vehicle(LengthBudget(40.0, return_to=(0.0, 0.0)))
     cut = affordable(short, points)
-    assert len(cut) == 2 and 0.0 < cut[1, 1] < 20.0 and short.fares.rest([cut])[0] <= 40.0
+    assert len(cut) == 2 and 0.0 < cut[1, 1] < 20.0 and short.travel_cost.rest([cut])[0] <= 40.0
     assert len(affordable(_vehicle(LengthBudget(5.0), (30.0, 0.0), spent=5.0), points)) == 0

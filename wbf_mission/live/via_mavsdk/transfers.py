@@ -86,7 +86,7 @@ class MavsdkTransfers:
         profile: Profile = GENERIC,
         **_options: Any,
     ) -> MavsdkUpload:
-        """Return an upload that is read back; see `mission.transfer.making.TransferMaker`."""
+        """Return an upload that is read back; see `mission.transfer.uploader.TransferMaker`."""
         if not items and mission_type is not MissionType.MISSION:
             msg = f"MAVSDK cannot empty a vehicle's {mission_type.name.lower()} plan; leave out --via mavsdk"
             raise LocalTransferError(msg)

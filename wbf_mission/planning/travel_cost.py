@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mission.planners.budget import LengthBudget, StepBudget
 from mission.planners.path import Points, drop_coincident
 from mission.planners.request import PlanningRequest
-from mission.policies.fares import GeometricFares
+from mission.policies.travel_cost import GeometricTravelCost
 from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.energy.endurance import endurance_s
 from sim_vehicle.prediction.onward import InFlight, OnwardPredictor
@@ -61,8 +61,8 @@ class LegFares:
 
 
 @dataclass(frozen=True, slots=True)
-class StartFares:
-    """Fares of a vehicle that stands at its start: whole flights, as its budget prices them.
+class StartTravelCost:
+    """TravelCost of a vehicle that stands at its start: whole flights, as its budget prices them.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class StartFares:
     builder : MissionBuilder
     steered : bool
         Whether the paths are changed in flight: then a point that is named again is no stay
-        (`FlightTask.plan_of`).
+        (`VehicleAssignment.plan_of`).
     """
 
     request: PlanningRequest
@@ -85,7 +85,7 @@ class StartFares:
 
     def legs(self, from_m: Points, to_m: Points) -> NDArray[np.float64]:
         """Return roughly what straight legs cost, float64[n, m]."""
-        return leg_fares(self.request, self.builder).legs(from_m, to_m)
+        return leg_travel_cost(self.request, self.builder).legs(from_m, to_m)
 
     def change(self, points_m: Points) -> float:  # noqa: ARG002 (the same for every path)
         """Return 0: no path is flown yet."""
@@ -93,8 +93,8 @@ class StartFares:
 
 
 @dataclass(frozen=True, slots=True)
-class FlightFares:
-    """Fares of a vehicle in flight, where the budget counts seconds or watt hours.
+class FlightTravelCost:
+    """TravelCost of a vehicle in flight, where the budget counts seconds or watt hours.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ class FlightFares:
 
     state: InFlight
     predictor: OnwardPredictor
-    rough: LegFares | GeometricFares
+    rough: LegFares | GeometricTravelCost
     unit: str
     charged: Callable[[float], float]
     present_m: Points = field(default_factory=lambda: np.empty((0, 2)))
@@ -175,11 +175,11 @@ def onward_predictor(builder: MissionBuilder) -> OnwardPredictor:
     )
 
 
-def leg_fares(request: PlanningRequest, builder: MissionBuilder) -> LegFares | GeometricFares:
+def leg_travel_cost(request: PlanningRequest, builder: MissionBuilder) -> LegFares | GeometricTravelCost:
     """Return what tells roughly what legs cost, in the unit of the request's budget."""
     budget, vehicle = request.budget, builder.vehicle
     if isinstance(budget, LengthBudget | StepBudget):
-        return GeometricFares(budget, request.start_xy_m)
+        return GeometricTravelCost(budget, request.start_xy_m)
     wind = wind_of(builder.weather, builder.level, gusts=False).mean_at(builder.level.altitude_m)
     return LegFares(
         min(builder.level.speed_m_s, vehicle.top_speed_m_s),

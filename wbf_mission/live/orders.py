@@ -48,7 +48,7 @@ class Wish:
     >>> Wish("takeoff", "100000")
     Traceback (most recent call last):
     ...
-    wbf_mission.live.wishes.OrderError: takeoff 100000: give a height above home of 1 to 1000 metres
+    wbf_mission.live.orders.OrderError: takeoff 100000: give a height above home of 1 to 1000 metres
     """
 
     order: str

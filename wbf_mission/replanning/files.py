@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from mission.policies.decision import Alternative
-from wbf_mission.deciding.record import DecisionRecord, PathChange
+from wbf_mission.replanning.record import DecisionRecord, PathChange
 
 _Points = list[tuple[float, float]]
 

@@ -14,8 +14,8 @@ from mission.policies.situation import VehicleReport
 
 
 @dataclass(frozen=True, slots=True)
-class GeometricFares:
-    """Fares of a budget that counts metres or steps.
+class GeometricTravelCost:
+    """TravelCost of a budget that counts metres or steps.
 
     Parameters
     ----------
@@ -26,10 +26,10 @@ class GeometricFares:
 
     Examples
     --------
-    >>> fares = GeometricFares(LengthBudget(50.0, return_to=(0.0, 0.0)), (3.0, 4.0))
-    >>> fares.rest([np.empty((0, 2)), np.array([[3.0, 0.0]])])
+    >>> travel costs = GeometricTravelCost(LengthBudget(50.0, return_to=(0.0, 0.0)), (3.0, 4.0))
+    >>> travel costs.rest([np.empty((0, 2)), np.array([[3.0, 0.0]])])
     [5.0, 7.0]
-    >>> fares.legs(np.array([[0.0, 0.0]]), np.array([[3.0, 4.0], [0.0, 2.0]])).tolist()
+    >>> travel costs.legs(np.array([[0.0, 0.0]]), np.array([[3.0, 4.0], [0.0, 2.0]])).tolist()
     [[5.0, 2.0]]
     """
 
@@ -62,6 +62,6 @@ def pays_for_return(vehicle: VehicleReport) -> bool:
     request = vehicle.request
     place = np.array(request.area.representative_point().coords)
     home = np.array([request.start_xy_m])
-    there, and_home = vehicle.fares.rest([place, np.vstack((place, home))])
-    back = float(vehicle.fares.legs(place, home)[0, 0])
+    there, and_home = vehicle.travel_cost.rest([place, np.vstack((place, home))])
+    back = float(vehicle.travel_cost.legs(place, home)[0, 0])
     return not and_home - there > 0.5 * back

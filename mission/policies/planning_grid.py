@@ -15,13 +15,13 @@ from mission.policies.acquisition import Worth
 from mission.policies.situation import VehicleReport
 
 MOST_CELLS = 128
-"""Longest side of a chart, in its cells."""
+"""Longest side of a planning grid, in its cells."""
 DIRECTIONS = 64
 _PROBE_CELLS = (8.0, 24.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Chart:
+class PlanningGrid:
     """Where legs may lead, in square blocks of the farm's cells.
 
     Parameters
@@ -45,8 +45,8 @@ class Chart:
     area: Area
 
     @classmethod
-    def of(cls, area: Area, shape: tuple[int, int], cell_size_m: float, footprint_m: float) -> Chart:
-        """Draw the chart of an area on a farm of this shape.
+    def of(cls, area: Area, shape: tuple[int, int], cell_size_m: float, footprint_m: float) -> PlanningGrid:
+        """Draw the planning grid of an area on a farm of this shape.
 
         Blocks are as small as `MOST_CELLS` allows, and not smaller than the camera's footprint.
         """
@@ -106,7 +106,7 @@ def strip_width(shares: NDArray[np.float32]) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LegCosts:
-    """What legs cost a vehicle, in the unit of its budget, for lengths in cells of a chart.
+    """What legs cost a vehicle, in the unit of its budget, for lengths in cells of a planning grid.
 
     Parameters
     ----------
@@ -121,11 +121,11 @@ class LegCosts:
 
     @classmethod
     def of(cls, vehicle: VehicleReport, cell_m: float) -> LegCosts:
-        """Take the costs from the vehicle's fares, by legs of two lengths in each direction."""
+        """Take the costs from the vehicle's travel costs, by legs of two lengths in each direction."""
         angle = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
         rays = np.stack((np.cos(angle), np.sin(angle)), axis=1) * cell_m
         here = np.asarray(vehicle.position_m)
-        short, long = (vehicle.fares.legs(here[None], here + rays * cells)[0] for cells in _PROBE_CELLS)
+        short, long = (vehicle.travel_cost.legs(here[None], here + rays * cells)[0] for cells in _PROBE_CELLS)
         slopes = np.maximum((long - short) / (_PROBE_CELLS[1] - _PROBE_CELLS[0]), 1e-9)
         return cls(float(np.maximum(np.mean(short - _PROBE_CELLS[0] * slopes), 0.0)), slopes)
 

@@ -22,8 +22,8 @@ from sensors.fields import FieldSet
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from sensors.scoring.score import ScoreWeights
-from wbf_mission.deciding.record import PLANNED_PATH, STAYS, DecisionRecord, PathChange
-from wbf_mission.deciding.spacing import KeptDistance
+from wbf_mission.replanning.record import PLANNED_PATH, STAYS, DecisionRecord, PathChange
+from wbf_mission.replanning.spacing import KeptDistance
 
 _INSIDE_M = 1e-6
 _OF_LIMIT = 1e-9
@@ -99,7 +99,7 @@ def _checked_cost(name: str, vehicle: VehicleReport, points: Points) -> float:
     if not vehicle.steerable:
         msg = f"{who} changes the path of a vehicle that is {vehicle.status.value}"
         raise AnswerError(msg, "not steerable")
-    cost = vehicle.fares.rest([points])[0]
+    cost = vehicle.travel_cost.rest([points])[0]
     budget = vehicle.request.budget
     # Home at once is the least that a vehicle can do: in wind, or round an obstacle, even that may be over.
     if len(points) and not cost <= vehicle.left + budget.limit * _OF_LIMIT:

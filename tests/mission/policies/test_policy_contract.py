@@ -7,7 +7,7 @@ from geo.named import ParameterError
 from mission.errors import PlanningError
 from mission.planners import LengthBudget, PlanningRequest, StepBudget
 from mission.policies.decision import GO_ON, Decision
-from mission.policies.fares import GeometricFares
+from mission.policies.travel_cost import GeometricTravelCost
 from mission.policies.policy import NEVER_AGAIN, FixedPlan, KeepPath, Policy
 from mission.policies.registry import make_policy
 from mission.policies.situation import Event, Situation, Status, VehicleReport
@@ -90,11 +90,11 @@ def test_a_path_from_elsewhere_is_kept():
 
 
 class _Dear:
-    """Fares of a vehicle that loses time when its path is changed."""
+    """TravelCost of a vehicle that loses time when its path is changed."""
 
     def __init__(self, position_m, price):
-        fares = GeometricFares(LengthBudget(1000.0), position_m)
-        self.rest, self.legs, self._price = fares.rest, fares.legs, price
+        travel_cost = GeometricTravelCost(LengthBudget(1000.0), position_m)
+        self.rest, self.legs, self._price = travel_cost.rest, travel_cost.legs, price
 
     def change(self, points_m):
         return self._price
@@ -119,3 +119,9 @@ def test_a_path_is_left_only_for_one_that_gains_more_than_the_change_costs(polic
             asked.start()
             changed.append(1 in asked.decide(situation).paths)
     assert changed == [True, True, True, True, False, True]
+
+
+def test_what_flying_costs_has_its_old_name_for_one_version():
+    cost = _Free()
+    one = VehicleReport(1, None, Status.READY, (0.0, 0.0), (0.0, 0.0), 0.0, 0.0, np.empty((0, 2)), cost)
+    assert one.fares is one.travel_cost is cost

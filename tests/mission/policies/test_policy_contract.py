@@ -7,10 +7,10 @@ from geo.named import ParameterError
 from mission.errors import PlanningError
 from mission.planners import LengthBudget, PlanningRequest, StepBudget
 from mission.policies.decision import GO_ON, Decision
-from mission.policies.travel_cost import GeometricTravelCost
 from mission.policies.policy import NEVER_AGAIN, FixedPlan, KeepPath, Policy
 from mission.policies.registry import make_policy
 from mission.policies.situation import Event, Situation, Status, VehicleReport
+from mission.policies.travel_cost import GeometricTravelCost
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel

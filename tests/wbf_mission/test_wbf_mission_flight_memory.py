@@ -43,6 +43,7 @@ def timeless(run: Result) -> dict[str, Any]:
         pytest.param(
             {"camera_noise": 0.1, "false_positive_rate": 0.1, "camera_footprint": 3}, 1, id="camera that errs"
         ),
+        pytest.param({"vehicle": "quad", "budget": "60m"}, 2, id="PX4's estimate"),
         pytest.param({"planner": "random-waypoint"}, 2, id="planner that draws"),
         pytest.param({"vehicle": "quad", "budget": "60m", "wind_gust_m_s": 2.0}, 2, id="gusts"),
         pytest.param({"vehicle": "quad", "budget": "60m", "gps_noise_m": 1.0}, 2, id="errors of position"),

@@ -12,7 +12,7 @@ from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from wbf_mission.maps import block_sums, cell_sums
 from wbf_mission.maps.blocks import MapGrid
-from wbf_mission.maps.field_maps import field_maps, outbreak_of, true_map
+from wbf_mission.maps.field_maps import FieldMap, field_maps, outbreak_of, true_map
 from wbf_mission.maps.report import farm_report, gamma_interval, report_of_maps
 from wbf_mission.pictures import plots
 
@@ -186,3 +186,21 @@ def test_every_field_has_a_sheet(tmp_path, states_deviation):
         truth = true_map(FARM, one.field, healthy()[k]) if states_deviation else None
         path = plots.plot_field(FARM, one, tmp_path / f"{k}.png", truth=truth, flown_m=flown, about="a test")
         assert path.read_bytes().startswith(b"\x89PNG")
+
+
+def test_cells_that_err_as_one_are_no_more_than_there_are():
+    cells = np.array([[4.0, 100.0]])
+    one = FieldMap(
+        PAPER_FIELDS["tylcv"],
+        MapGrid.of(FARM),
+        cells,
+        total=cells / 2,
+        least=np.zeros((1, 2)),
+        variance=cells / 4,
+        seen=np.zeros((1, 2)),
+        seen_sick=np.zeros((1, 2)),
+        finds=np.empty((0, 2), np.int32),
+        together=25.0,
+    )
+    # A block of 4 cells is sick or healthy as a whole; in one of 100 there are four that differ.
+    np.testing.assert_allclose(one.deviation, [[0.5, 0.25]])

@@ -175,3 +175,16 @@ def test_an_order_waits_longer_while_the_vehicle_works_on_it():
     assert order.answer(working, 10.1) is Answer.NONE and order.due_s > usual_s + 1.0
     done = m.MAVLink_command_ack_message(m.MAV_CMD_COMPONENT_ARM_DISARM, m.MAV_RESULT_ACCEPTED)
     assert order.answer(done, 10.2) is Answer.ACCEPTED
+
+
+def test_what_was_unhealthy_once_is_remembered():
+    def healthy(bits):
+        status = [0] * 10
+        return m.MAVLink_sys_status_message(
+            m.MAV_SYS_STATUS_SENSOR_GPS, m.MAV_SYS_STATUS_SENSOR_GPS, bits, *status
+        )
+
+    watch = FailureWatch(began=[0])
+    watch.on_sys_status(healthy(0))
+    watch.on_sys_status(healthy(m.MAV_SYS_STATUS_SENSOR_GPS))
+    assert watch.cause([]) == (Outcome.POSITION_LOST, "position lost")

@@ -77,3 +77,14 @@ def test_legs_are_priced_one_by_one_however_many():
     points = np.random.default_rng(1).random((50, 2))
     assert leg_costs(FARES, points) == pytest.approx(np.hypot(*np.diff(points, axis=0).T))
     assert path_cost(FARES, points[:1]) == 0.0
+
+
+@pytest.mark.parametrize("returns", [True, False])
+def test_a_bid_is_what_everything_costs_then(returns):
+    packages = [_strip(k, 3.0 * k, (5.0 * (k % 3), 5.0 * (k % 3) + 10.0)) for k in range(7)]
+    bidder = _bidder(1, packages, (0, 0), returns=returns, until_free=3.0)
+    # Those in the middle are put between others, whose way from one to the next they replace.
+    for package in (0, 6, 3, 1, 5, 2, 4):
+        bid = bidder.bid(package)
+        bidder.award(package, bid)
+        assert bidder.cost == pytest.approx(bid.cost)

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 from preflight_plans import (
@@ -23,6 +24,7 @@ from preflight_plans import (
 
 from mission.model import Command, Frame, Mission, MissionItem
 from wbf_mission.preflight.finding import Severity
+from wbf_mission.preflight.flight_rules import check_battery
 
 JUMP = Command.DO_JUMP
 PATTERN = (
@@ -348,3 +350,18 @@ def test_a_broken_polygon_is_told_once():
     report = checked(fenced(good(), box(-9, -9, 60, 60)[:3])).report
     assert [one.code for one in report.findings if one.severity is Severity.ERROR] == ["autopilot-refuses"]
     assert "bad-fence" not in findings(fenced(good(), fence([(-50, -50), (100, -50), (0, 150)])))
+
+
+@pytest.mark.parametrize(
+    ("above", "code"),
+    [(0.11, "flight"), (0.09, "battery-close"), (0.03, "battery-close"), (-0.01, "battery")],
+)
+def test_a_tenth_of_the_battery_above_the_reserve_is_enough(above, code):
+    takes = SimpleNamespace(
+        duration_s=60.0, ground_length_m=100.0, energy_wh=80.0 - 100.0 * above, reason="low"
+    )
+    battery = SimpleNamespace(capacity_wh=100.0, reserve_fraction=0.2)
+    subject = SimpleNamespace(
+        prediction=takes, vehicle=SimpleNamespace(battery=battery), stopped=None, wind=None, assumed=False
+    )
+    assert [one.code for one in check_battery(subject)] == [code]

@@ -1,4 +1,4 @@
-"""Failsafe rules of a firmware as data: actions by parameter value, texts, and default values."""
+"""What a vehicle does by itself, as data: failsafe actions by parameter value, texts, disarming when idle."""
 
 from __future__ import annotations
 
@@ -8,12 +8,41 @@ from enum import Enum
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Protocol
 
-from sim_vehicle.autopilot.idle_disarm import IdleDisarm
+from sim_vehicle.autopilot.mav_parameter import Setting
 
 if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
 
-__all__ = ["Action", "ActionParameters", "FailsafeDefaults", "FailsafeRules", "actions_by_value"]
+__all__ = [
+    "Action",
+    "ActionParameters",
+    "FailsafeDefaults",
+    "FailsafeRules",
+    "IdleDisarm",
+    "actions_by_value",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class IdleDisarm:
+    """The rule of one firmware.
+
+    Parameters
+    ----------
+    delay : Setting
+        Time on the ground, in seconds; 0 and less is for ever.
+    texts : tuple of str
+        What is said.
+    first_flight : bool
+        It is only for a vehicle that has not taken off since it was armed (PX4, which has another delay after
+        a landing). Otherwise each time on the ground counts, with the throttle stick down or without sticks
+        (ArduCopter); a vehicle that lands by itself does not wait for it.
+    """
+
+    delay: Setting
+    texts: tuple[str, ...]
+    first_flight: bool = False
+
 
 _VOLTAGE_CELLS = 3
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Protocol
 
 from mission.link.codec.dialect import mavlink as m
 
-__all__ = ["MavParameter"]
+__all__ = ["KeptParameters", "MavParameter", "Setting"]
 
 _INTEGERS = {8: m.MAV_PARAM_TYPE_INT8, 16: m.MAV_PARAM_TYPE_INT16, 32: m.MAV_PARAM_TYPE_INT32}
 
@@ -57,3 +58,32 @@ class MavParameter:
     def mav_type(self) -> int:
         """MAV_PARAM_TYPE."""
         return int(_INTEGERS[self.bits] if self.integer else m.MAV_PARAM_TYPE_REAL32)
+
+
+class KeptParameters(Protocol):
+    """The parameters of a vehicle, as `RuntimeParameters` keeps them."""
+
+    def kept(self, name: str, default: float) -> float:
+        """Value of a parameter in its own unit."""
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """A parameter of the autopilot.
+
+    Parameters
+    ----------
+    name : str
+    default : float
+        In its own unit.
+    scale : float
+        SI value per unit.
+    """
+
+    name: str
+    default: float
+    scale: float = 1.0
+
+    def of(self, parameters: KeptParameters) -> float:
+        """Its value now, in SI units."""
+        return self.scale * parameters.kept(self.name, self.default)

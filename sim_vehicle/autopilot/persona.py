@@ -8,9 +8,9 @@ from types import MappingProxyType
 from typing import Literal
 
 from mission.link.codec.dialect import mavlink as m
+from sim_vehicle.autopilot.mav_parameter import Setting
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.reference_parameters import ParameterDetails
-from sim_vehicle.autopilot.setting import Setting
 
 __all__ = [
     "COMMON_CAPABILITIES",

@@ -12,8 +12,7 @@ from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.fixed_wing_items import circle_leg, lands, must_circle
 from sim_vehicle.execution.items import MAX_TURNS
 from sim_vehicle.execution.leg_follower import LegFollower
-from sim_vehicle.execution.leg_plan import AfterLastLeg
-from sim_vehicle.execution.legs import circle_legs
+from sim_vehicle.execution.legs import AfterLastLeg, circle_legs
 from sim_vehicle.execution.sequencer import MissionSequencer
 from sim_vehicle.execution.state import FlightEvent, FlightPhase, LandedState, VehicleState
 from sim_vehicle.execution.state_reader import read_state

@@ -17,8 +17,7 @@ from sim_vehicle.execution.fixed_wing_items import (
     next_move,
     next_position,
 )
-from sim_vehicle.execution.leg_plan import AfterLastLeg, LegPlan
-from sim_vehicle.execution.legs import circle_legs, spline_legs
+from sim_vehicle.execution.legs import AfterLastLeg, LegPlan, circle_legs, spline_legs
 from sim_vehicle.motion.legs import ALONG, KEEP, Heading, Leg
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from sim_vehicle.autopilot import flight_procedures
 from sim_vehicle.energy.battery import WH_J, BatteryMeter, remaining_fraction
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.execution.leg_plan import AfterLastLeg, LegPlan
+from sim_vehicle.execution.legs import AfterLastLeg, LegPlan
 from sim_vehicle.execution.state import (
     BatteryDepleted,
     Disarmed,

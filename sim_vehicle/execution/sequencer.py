@@ -25,7 +25,7 @@ from sim_vehicle.execution.items import (
     time_of_day_wait_s,
 )
 from sim_vehicle.execution.leg_follower import Waiting
-from sim_vehicle.execution.leg_plan import AfterLastLeg, LegPlan
+from sim_vehicle.execution.legs import AfterLastLeg, LegPlan
 from sim_vehicle.execution.return_points import ReturnPoints
 from sim_vehicle.execution.state import (
     CameraCommand,

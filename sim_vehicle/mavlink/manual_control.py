@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import is_a
-from sim_vehicle.autopilot.setting import Setting
+from sim_vehicle.autopilot.mav_parameter import Setting
 from sim_vehicle.autopilot.stick_rules import StickRules, Sticks
 
 if TYPE_CHECKING:

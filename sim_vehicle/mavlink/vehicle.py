@@ -22,8 +22,8 @@ from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.autopilot import adapt_vehicle, get_autopilot
 from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
 from sim_vehicle.autopilot.cold_boot import ColdBoot
+from sim_vehicle.autopilot.mav_parameter import Setting
 from sim_vehicle.autopilot.modes import Mode
-from sim_vehicle.autopilot.setting import Setting
 from sim_vehicle.component import NEVER, UNHEARD
 from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.errors import VehicleError
@@ -34,7 +34,6 @@ from sim_vehicle.mavlink import setpoint_messages
 from sim_vehicle.mavlink.calibration import GyroCalibration
 from sim_vehicle.mavlink.camera_commands import CAMERA, CameraOrders, camera_feedback
 from sim_vehicle.mavlink.commands import CommandReceiver, set_custom_mode
-from sim_vehicle.mavlink.data_streams import STREAMS
 from sim_vehicle.mavlink.ftp.metadata import GENERAL_PATH, uri
 from sim_vehicle.mavlink.ftp.server import FtpServer, checksum
 from sim_vehicle.mavlink.ftp.vehicle_files import general_metadata, vehicle_files
@@ -46,7 +45,7 @@ from sim_vehicle.mavlink.manual_control import StickMessage, StickReader
 from sim_vehicle.mavlink.orders import Order
 from sim_vehicle.mavlink.parameters import ParameterMessage, ParameterSet
 from sim_vehicle.mavlink.plan_receiver import PlanReceiver
-from sim_vehicle.mavlink.schedule import Schedule
+from sim_vehicle.mavlink.schedule import STREAMS, Schedule
 from sim_vehicle.mavlink.status_texts import StatusTexts
 from sim_vehicle.mavlink.telemetry import BUILDERS, built
 from sim_vehicle.mavlink.wire_state import WireState

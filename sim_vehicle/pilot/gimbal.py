@@ -12,12 +12,12 @@ from collections import deque
 from enum import IntEnum
 from typing import TYPE_CHECKING, NamedTuple
 
-from sim_vehicle.autopilot.setting import Setting
+from sim_vehicle.autopilot.mav_parameter import Setting
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from sim_vehicle.autopilot.setting import KeptParameters
+    from sim_vehicle.autopilot.mav_parameter import KeptParameters
     from sim_vehicle.execution.state import VehicleState
 
 __all__ = ["RATE_RAD_S", "Attitude", "Gimbal", "GimbalMode"]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from sim_vehicle.execution.state import FlightPhase, LandedState
 
 if TYPE_CHECKING:
-    from sim_vehicle.autopilot.idle_disarm import IdleDisarm
+    from sim_vehicle.autopilot.failsafe_rules import IdleDisarm
     from sim_vehicle.autopilot.runtime_parameters import RuntimeParameters
     from sim_vehicle.pilot.controls import Controls
 

@@ -12,10 +12,10 @@ from mission.model import Command, MissionItem
 from mission.outcome import Outcome
 from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.autopilot.failsafe_rules import Action, FailsafeRules
+from sim_vehicle.autopilot.mav_parameter import Setting
 from sim_vehicle.autopilot.mission_habits import MissionHabits
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.runtime_parameters import RuntimeParameters
-from sim_vehicle.autopilot.setting import Setting
 from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor

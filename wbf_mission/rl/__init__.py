@@ -8,7 +8,7 @@ Discrete(5)
 
 from typing import TYPE_CHECKING
 
-from wbf_mission.rl.libraries import require_libraries
+from wbf_mission.rl.errors import require_libraries
 
 require_libraries()
 

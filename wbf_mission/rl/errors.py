@@ -1,7 +1,23 @@
-"""Errors of training environments."""
+"""Errors of training environments, and which libraries they need."""
+
+from __future__ import annotations
+
+import importlib.util
 
 from geo.errors import WbfMissionError
+
+__all__ = ["require_libraries"]
 
 
 class TrainingError(WbfMissionError, ValueError):
     """A training environment that cannot be made, or is used in a way that makes no sense."""
+
+
+def require_libraries() -> None:
+    """Raise TrainingError if a library of the extra is not installed."""
+    missing = [name for name in ("gymnasium", "pettingzoo") if importlib.util.find_spec(name) is None]
+    if missing:
+        msg = (
+            f"training environments need {' and '.join(missing)}: install with pip install 'wbf-mission[rl]'"
+        )
+        raise TrainingError(msg)

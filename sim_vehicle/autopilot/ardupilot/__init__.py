@@ -25,7 +25,7 @@ from sim_vehicle.autopilot.ardupilot.parameters import copter_parameters, vehicl
 from sim_vehicle.autopilot.ardupilot.persona import COPTER_PERSONA, PLANE_PERSONA, ROVER_PERSONA
 from sim_vehicle.autopilot.ardupilot.rover import ARDUROVER
 from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
-from sim_vehicle.autopilot.mission_rules import arduplane_landing
+from sim_vehicle.autopilot.mission_habits import arduplane_landing
 from sim_vehicle.autopilot.reference_parameters import reference_parameters
 
 __all__ = ["ARDUPILOT"]

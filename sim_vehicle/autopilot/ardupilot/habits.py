@@ -12,11 +12,16 @@ from types import MappingProxyType
 
 from mission.link.codec.dialect import mavlink as m
 from sim_vehicle.autopilot.cold_boot import BootStage, ColdBoot
-from sim_vehicle.autopilot.failsafe_rules import Action, FailsafeDefaults, FailsafeRules, actions_by_value
-from sim_vehicle.autopilot.idle_disarm import IdleDisarm
+from sim_vehicle.autopilot.failsafe_rules import (
+    Action,
+    FailsafeDefaults,
+    FailsafeRules,
+    IdleDisarm,
+    actions_by_value,
+)
+from sim_vehicle.autopilot.mav_parameter import Setting
 from sim_vehicle.autopilot.mission_habits import MissionHabits
 from sim_vehicle.autopilot.modes import Mode
-from sim_vehicle.autopilot.setting import Setting
 from sim_vehicle.autopilot.stick_rules import Axis, StickLoss, StickRules, Sticks, WingSticks, bits
 
 __all__ = [

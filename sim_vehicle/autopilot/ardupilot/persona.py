@@ -10,6 +10,7 @@ from dataclasses import replace
 from types import MappingProxyType
 
 from mission.link.codec.dialect import mavlink as m
+from sim_vehicle.autopilot.mav_parameter import Setting
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.persona import (
     COMMON_CAPABILITIES,
@@ -20,7 +21,6 @@ from sim_vehicle.autopilot.persona import (
     Persona,
     RefusalTexts,
 )
-from sim_vehicle.autopilot.setting import Setting
 
 __all__ = ["COPTER_PERSONA", "PLANE_PERSONA", "ROVER_PERSONA"]
 

@@ -10,13 +10,11 @@ import math
 from dataclasses import replace
 from types import MappingProxyType
 
-from sim_vehicle.autopilot.failsafe_rules import Action, FailsafeRules, actions_by_value
-from sim_vehicle.autopilot.idle_disarm import IdleDisarm
-from sim_vehicle.autopilot.mission_habits import MissionHabits
-from sim_vehicle.autopilot.mission_rules import px4_takeoff_and_landing
+from sim_vehicle.autopilot.failsafe_rules import Action, FailsafeRules, IdleDisarm, actions_by_value
+from sim_vehicle.autopilot.mav_parameter import Setting
+from sim_vehicle.autopilot.mission_habits import MissionHabits, px4_takeoff_and_landing
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.persona import px4_custom_mode
-from sim_vehicle.autopilot.setting import Setting
 from sim_vehicle.autopilot.stick_rules import Axis, StickLoss, StickRules, TiltSticks, WingSticks, bits
 from sim_vehicle.motion.px4.parameters import drag_of
 

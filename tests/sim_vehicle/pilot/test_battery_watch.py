@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from sim_vehicle.pilot.battery_watch import BatteryWatch
+from sim_vehicle.pilot.failsafe import BatteryWatch
 
 PARAMETERS = SimpleNamespace(
     low_fraction=0.3,

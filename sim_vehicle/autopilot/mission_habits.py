@@ -1,4 +1,4 @@
-"""Which missions an autopilot takes, how it takes one that is changed in flight, and what it does around it."""
+"""Which missions an autopilot takes, how it takes one changed in flight, and what it does around it."""
 
 from __future__ import annotations
 

@@ -32,3 +32,18 @@ def test_the_picture_is_drawn_from_the_code(tmp_path):
     command = [sys.executable, str(ROOT / "docs" / "draw_architecture.py"), "--out", str(out)]
     subprocess.run(command, check=True, cwd=ROOT)
     assert out.read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_walk_through_a_flight_names_what_there_is():
+    page = (ROOT / "docs" / "flight-in-code.md").read_text(encoding="utf-8")
+    stops = re.findall(r"`([\w/]+\.py)`: `(\w+)`", page)
+    assert len(stops) > 30
+    for file, name in stops:
+        text = (ROOT / file).read_text(encoding="utf-8")
+        assert re.search(rf"^ *(?:def|class) {name}\b", text, re.MULTILINE), (file, name)
+
+
+def test_every_room_of_the_application_is_told_of():
+    rooms = {path.parent.name for path in (ROOT / "wbf_mission").glob("*/__init__.py")}
+    told = PAGE.split("## The rooms of the application")[1].split("##")[0]
+    assert rooms == set(re.findall(r"`(\w+)`", told)) - {"resolve"}

@@ -2,51 +2,51 @@
 
 ::
 
-    WbfMissionError                                       anything a user can mend; its text is one line
-    +-- geo.errors.FarmError                              a farm or a farm file
-    +-- geo.atomic_folder.FolderError                     a folder that cannot be written now
-    +-- geo.memory.NotEnoughMemoryError                   work that needs more memory than there is
-    +-- geo.named.ParameterError                          parameters of a planner or an estimator
-    +-- geo.reading.UnreadableError                       a file that a user names
-    +-- geo.seeds.SeedError                               a seed
-    +-- sensors.errors.FieldError                         a field of an environment
-    +-- sensors.errors.EnvironmentDataError               an environment or its files
-    +-- sensors.errors.ObservationError                   observations
-    +-- sensors.errors.EstimatorError                     an estimator
-    +-- mission.errors.PlanningError                      a planner, a budget or a path
-    |   +-- mission.errors.AnswerError                    an answer of a policy
-    +-- mission.errors.MissionError                       a mission or one of its items
-    +-- mission.errors.MissionFileError                   a mission file
-    +-- mission.errors.TransferError                      an upload, a download or a clear
-    |   +-- mission.transfer.errors.LocalTransferError    called in a way that makes no sense
-    |   +-- mission.transfer.errors.RemoteTransferError   failed by the vehicle or the link
-    |   |   +-- mission.transfer.errors.NoVehicleError    nobody was there
-    +-- mission.errors.LinkError                          a link that cannot be opened
-    |   +-- mission.errors.NoPeerError                    nobody answers at the other end
-    |   +-- mission.errors.LinkLostError                  a link that broke
-    +-- sim_vehicle.errors.VehicleError                   a vehicle or its specification
-    |   +-- sim_vehicle.faults.fault.FaultError           a fault to be injected
-    |   +-- sim_vehicle.pilot.notices.RefusedError        a command that the vehicle refuses
-    +-- wbf_mission.scenario.option.ScenarioError         a scenario or one of its options
-    +-- mission.ground.station.NotFlyingError         a mission that cannot be changed now
-    +-- mission.ground.telling.NotStartedError        Ctrl-C before a vehicle was started
-    +-- mission.ground.modes.ModeError                a flight mode that the vehicle does not have
-    +-- wbf_mission.live.orders.OrderError                an order that is none
-    +-- wbf_mission.live.discovery.LiveFlightError        a run that a vehicle behind a link cannot do
-    +-- wbf_mission.live.errors.VehicleRefusedError       a vehicle that does not do what it is told
-    +-- wbf_mission.live.errors.MotorsStandError          an order that would start motors, which was not said
-    +-- wbf_mission.live.errors.VehicleSilentError        a vehicle that does not answer any more
-    +-- wbf_mission.preflight.finding.PreflightError      a plan that cannot be checked, or must not go up
-    +-- wbf_mission.flight.FlightError                    a flight that cannot go on
-    +-- wbf_mission.pictures.animation.AnimationError              a moving picture of a run
-    +-- wbf_mission.results.arrays.ArrayFileError                 arrays of a result
+    WbfMissionError                                      anything a user can mend; its text is one line
+    +-- geo.errors.FarmError                             a farm or a farm file
+    +-- geo.atomic_folder.FolderError                    a folder that cannot be written now
+    +-- geo.memory.NotEnoughMemoryError                  work that needs more memory than there is
+    +-- geo.named.ParameterError                         parameters of a planner or an estimator
+    +-- geo.reading.UnreadableError                      a file that a user names
+    +-- geo.seeds.SeedError                              a seed
+    +-- sensors.errors.FieldError                        a field of an environment
+    +-- sensors.errors.EnvironmentDataError              an environment or its files
+    +-- sensors.errors.ObservationError                  observations
+    +-- sensors.errors.EstimatorError                    an estimator
+    +-- mission.errors.PlanningError                     a planner, a budget or a path
+    |   +-- mission.errors.AnswerError                   an answer of a policy
+    +-- mission.errors.MissionError                      a mission or one of its items
+    +-- mission.errors.MissionFileError                  a mission file
+    +-- mission.errors.TransferError                     an upload, a download or a clear
+    |   +-- mission.transfer.errors.LocalTransferError   called in a way that makes no sense
+    |   +-- mission.transfer.errors.RemoteTransferError  failed by the vehicle or the link
+    |   |   +-- mission.transfer.errors.NoVehicleError   nobody was there
+    +-- mission.errors.LinkError                         a link that cannot be opened
+    |   +-- mission.errors.NoPeerError                   nobody answers at the other end
+    |   +-- mission.errors.LinkLostError                 a link that broke
+    +-- mission.ground.station.NotFlyingError            a mission that cannot be changed now
+    +-- mission.ground.telling.NotStartedError           Ctrl-C before a vehicle was started
+    +-- mission.ground.modes.ModeError                   a flight mode that the vehicle does not have
+    +-- mission.check.peer.CheckError                    a check that does not exist
+    +-- mission.check.peer.FailedError                   a check that failed
+    +-- mission.check.peer.SkippedError                  a check that does not apply
+    +-- sim_vehicle.errors.VehicleError                  a vehicle or its specification
+    |   +-- sim_vehicle.faults.fault.FaultError          a fault to be injected
+    |   +-- sim_vehicle.pilot.notices.RefusedError       a command that the vehicle refuses
+    +-- wbf_mission.scenario.option.ScenarioError        a scenario or one of its options
+    +-- wbf_mission.live.orders.OrderError               an order that is none
+    +-- wbf_mission.live.discovery.LiveFlightError       a run that a vehicle behind a link cannot do
+    +-- wbf_mission.live.errors.VehicleRefusedError      a vehicle that does not do what it is told
+    +-- wbf_mission.live.errors.MotorsStandError         an order that would start motors, which was not said
+    +-- wbf_mission.live.errors.VehicleSilentError       a vehicle that does not answer any more
+    +-- wbf_mission.preflight.finding.PreflightError     a plan that cannot be checked, or must not go up
+    +-- wbf_mission.run.resolve.FlightError              a flight that cannot go on
+    +-- wbf_mission.pictures.animation.AnimationError    a moving picture of a run
+    +-- wbf_mission.results.arrays.ArrayFileError        arrays of a result
     +-- wbf_mission.bench.engine.ClusterError            a Dask cluster
-    +-- wbf_mission.rl.errors.TrainingError               a training environment
-    +-- wbf_mission.results.tables.ResultError                    the folder of a result
-    +-- wbf_mission.cli.targets.TargetError               a file or folder to be written
-    +-- mission.check.peer.CheckError               a check that does not exist
-    +-- mission.check.peer.FailedError              a check that failed
-    +-- mission.check.peer.SkippedError             a check that does not apply
+    +-- wbf_mission.rl.errors.TrainingError              a training environment
+    +-- wbf_mission.results.tables.ResultError           the folder of a result
+    +-- wbf_mission.cli.targets.TargetError              a file or folder to be written
 """
 
 

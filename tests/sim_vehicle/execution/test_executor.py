@@ -3,8 +3,8 @@ import re
 from dataclasses import replace
 
 import pytest
+from mission_items import HOME, RTL, at, do, takeoff, wp
 
-from geo.frame import LocalFrame
 from mission.model import MissionItem
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.errors import VehicleError
@@ -26,29 +26,10 @@ from sim_vehicle.execution.state import (
 from sim_vehicle.motion.legs import Heading, LegKind
 from sim_vehicle.weather.wind import Wind
 
-HOME = LocalFrame(28.05, -82.15, 30.0)
 QUAD = get_vehicle("quad")
 IDEAL = get_vehicle("ideal")
 
 
-def wp(x, y, z=10.0, **options):
-    return MissionItem.waypoint(*HOME.to_wgs84(float(x), float(y)), z, **options)
-
-
-def at(command, x, y, z=10.0, *params):
-    params = (*params, *(None,) * (4 - len(params)))
-    return MissionItem(command, 3, *params, *HOME.to_wgs84(float(x), float(y)), z)
-
-
-def do(command, *params):
-    return MissionItem(command, 2, *params)
-
-
-def takeoff(z=10.0):
-    return MissionItem(22, 3, 0, 0, 0, None, 0.0, 0.0, z)
-
-
-RTL = do(20)
 SQUARE = [takeoff(), wp(40, 0), wp(40, 40), wp(0, 40), RTL]
 
 

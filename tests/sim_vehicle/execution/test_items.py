@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from mission_items import HOME, RTL, at, do, takeoff, wp
 
-from geo.frame import LocalFrame
 from mission.model import Mission, MissionItem
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.errors import VehicleError
@@ -30,28 +30,7 @@ from sim_vehicle.execution.state import (
 from sim_vehicle.motion.legs import ALONG, Heading
 from sim_vehicle.prediction.predict import predict_flight
 
-HOME = LocalFrame(28.05, -82.15, 30.0)
 QUAD = get_vehicle("quad")
-
-
-def wp(x, y, z=10.0, **options):
-    return MissionItem.waypoint(*HOME.to_wgs84(float(x), float(y)), z, **options)
-
-
-def at(command, x, y, z=10.0, *params):
-    params = (*params, *(None,) * (4 - len(params)))
-    return MissionItem(command, 3, *params, *HOME.to_wgs84(float(x), float(y)), z)
-
-
-def do(command, *params):
-    return MissionItem(command, 2, *params)
-
-
-def takeoff(z=10.0):
-    return MissionItem(22, 3, 0, 0, 0, None, 0.0, 0.0, z)
-
-
-RTL = do(20)
 
 
 def flown(items, spec=QUAD, step_s=0.1, limit_s=1500.0, prepare=None):

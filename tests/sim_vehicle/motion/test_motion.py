@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from motion_limits import check_limits
 
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.motion.legs import ALONG, KEEP, Heading, Leg, Route
@@ -32,21 +33,6 @@ def fly(legs, *, wind=None, spec=QUAD, chunk=1, vehicle=None, limit=400_000):
     pytest.fail("the legs were never flown")
 
 
-def check_limits(states, spec=QUAD):
-    velocity, acceleration = states[:, 3:6], states[:, 6:9]
-    jerk = np.diff(acceleration, axis=0) / spec.step_s
-    slack = 1.0 + 1e-9
-    assert np.hypot(*velocity[:, :2].T).max() <= spec.speed_limit_m_s * slack
-    assert velocity[:, 2].max() <= spec.climb_speed_m_s * slack
-    assert velocity[:, 2].min() >= -spec.descent_speed_m_s * slack
-    assert np.hypot(*acceleration[:, :2].T).max() <= spec.acceleration_m_s2 * slack
-    assert np.abs(acceleration[:, 2]).max() <= spec.vertical_acceleration_m_s2 * slack
-    assert np.hypot(*jerk[:, :2].T).max() <= spec.jerk_m_s3 * (1.0 + 1e-6)
-    assert np.abs(jerk[:, 2]).max() <= spec.vertical_jerk_m_s3 * (1.0 + 1e-6)
-    assert np.abs(states[:, 10]).max() <= spec.yaw_rate_rad_s * slack
-    assert np.abs(np.diff(states[:, 10])).max() <= spec.yaw_acceleration_rad_s2 * spec.step_s * (1.0 + 1e-6)
-
-
 def leg(size, low, high):
     coordinate = st.floats(-size, size)
     radius = st.sampled_from([0.0, 0.1, 0.5, 1.0, 3.0])
@@ -67,7 +53,7 @@ FARMS = st.one_of(
 def test_limits_hold_and_every_leg_is_flown(legs):
     vehicle, states, event = fly(legs)
     assert event is MotionEvent.REACHED
-    check_limits(states)
+    check_limits(states, QUAD)
     for leg, when in zip(legs[:-1], vehicle.arrivals, strict=False):
         assert np.linalg.norm(states[when, :3] - leg.end_m) <= max(leg.radius_m, 0.05) + 1e-9
     assert np.linalg.norm(states[-1, :3] - legs[-1].end_m) <= 0.05
@@ -83,7 +69,7 @@ def test_limits_hold_when_the_target_changes_on_the_way(first, second, steps):
         vehicle.advance(1)
     _, states, event = fly(second, vehicle=vehicle)
     assert event is MotionEvent.REACHED
-    check_limits(states)
+    check_limits(states, QUAD)
 
 
 @settings(max_examples=20, deadline=None)
@@ -142,7 +128,7 @@ def test_corners_are_flown_near_the_acceptance_radius(turn_deg, radius, speed):
     along = np.einsum("ij,j->i", after, out)
     assert along.min() >= -radius * 1.6
     assert np.hypot(states[when, 3], states[when, 4]) > 0.0
-    check_limits(states)
+    check_limits(states, QUAD)
 
 
 def test_a_slight_bend_is_hardly_slowed_for():
@@ -252,7 +238,7 @@ def test_the_stopping_point_is_where_it_stops():
     point = vehicle.stopping_point()
     _, states, _ = fly([Leg(point, 13.0, heading=KEEP)], vehicle=vehicle)
     assert np.linalg.norm(states[-1, :3] - point) < 0.05
-    check_limits(states)
+    check_limits(states, QUAD)
     assert (
         np.linalg.norm(states[:, :3] - states[0, :3], axis=1).max() <= math.dist(point, states[0, :3]) + 0.01
     )

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from motion_limits import check_limits
 
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.errors import VehicleError
@@ -18,21 +19,6 @@ from sim_vehicle.weather.wind import Wind
 
 QUAD = replace(get_vehicle("quad"), battery=None)
 FALSE_CALM = Wind(3.0, -2.0, gust_m_s=1.0, seed=3)
-
-
-def check_limits(states, spec=QUAD):
-    velocity, acceleration = states[:, 3:6], states[:, 6:9]
-    jerk = np.diff(acceleration, axis=0) / spec.step_s
-    slack = 1.0 + 1e-9
-    assert np.hypot(*velocity[:, :2].T).max() <= spec.speed_limit_m_s * slack
-    assert velocity[:, 2].max() <= spec.climb_speed_m_s * slack
-    assert velocity[:, 2].min() >= -spec.descent_speed_m_s * slack
-    assert np.hypot(*acceleration[:, :2].T).max() <= spec.acceleration_m_s2 * slack
-    assert np.abs(acceleration[:, 2]).max() <= spec.vertical_acceleration_m_s2 * slack
-    assert np.hypot(*jerk[:, :2].T).max() <= spec.jerk_m_s3 * (1.0 + 1e-6)
-    assert np.abs(jerk[:, 2]).max() <= spec.vertical_jerk_m_s3 * (1.0 + 1e-6)
-    assert np.abs(states[:, 10]).max() <= spec.yaw_rate_rad_s * slack
-    assert np.abs(np.diff(states[:, 10])).max() <= spec.yaw_acceleration_rad_s2 * spec.step_s * (1.0 + 1e-6)
 
 
 def aloft(height_m=50.0, wind=None, spec=QUAD):
@@ -76,7 +62,7 @@ def test_limits_hold_whatever_velocities_are_told(orders, windy):
     for order in orders:
         obey(vehicle, order)
         states.append(run(vehicle, order[-1])[1:])
-    check_limits(np.vstack(states))
+    check_limits(np.vstack(states), QUAD)
 
 
 @settings(max_examples=40, deadline=None)
@@ -91,7 +77,7 @@ def test_limits_hold_between_velocities_and_places(orders, x, y):
         states.append(run(vehicle, 60)[1:])
     states.append(run(vehicle, 6000)[1:])
     states = np.vstack(states)
-    check_limits(states)
+    check_limits(states, QUAD)
     assert np.linalg.norm(states[-1, :3] - (x, y, 30.0)) < 0.06
 
 
@@ -168,7 +154,7 @@ def test_going_down_ends_softly_on_the_ground(sink):
     assert vehicle.arrivals[0] == vehicle.step
     assert -0.1 < states[-1, 2] <= 0.0
     assert -states[-1, 5] <= min(sink, QUAD.landing_speed_m_s) + 0.02
-    check_limits(states)
+    check_limits(states, QUAD)
 
 
 def test_a_storm_bounds_the_ground_speed():

@@ -1,16 +1,15 @@
 """The pages of a benchmark in a browser: light, dark and narrow."""
 
 import io
-from array import array
 
 import numpy as np
 import pytest
+from bench_rows import made_row
 from browser import CHROMIUM, Browser
 from PIL import Image
 
 from wbf_mission.bench.page import Page, Picture, Section, Table
 from wbf_mission.bench.report import write_report
-from wbf_mission.bench.row import BenchRow
 from wbf_mission.cli.app import main
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium")
@@ -34,27 +33,13 @@ def browser(tmp_path_factory):
 
 
 def row(planner, seed, draw, **given):
-    scores = sorted(draw.uniform(-2.0, -0.1, 12).tolist())
     values = {
-        "key": f"{planner}{seed}",
         "scenario": "WBF/Miniberry-30-Sweep-v1",
-        "planner": planner,
         "estimator": "gp:learn_from=model,length_scale=4.0",
-        "seed": seed,
-        "score": float(np.mean(scores)),
-        "final_score": scores[-1],
         "losses": {"tylcv": 0.2, "ccr": 0.3, "soil": 0.1},
-        "times_s": array("d", [10.0 * (k + 1) for k in range(len(scores))]),
-        "scores": array("d", scores),
-        "decisions": 1,
-        "flight_time_s": 33.0,
-        "predicted_time_s": 30.0,
-        "path_length_m": 100.0,
-        "wall_time_s": 2.0,
-        "cpu_time_s": 1.0,
         "timings_s": {"plan": 0.5, "flight": 1.0, "decide": 0.2, "estimate and score": 0.3},
     }
-    return BenchRow(**{**values, **given})
+    return made_row(planner, seed, sorted(draw.uniform(-2.0, -0.1, 12).tolist()), **{**values, **given})
 
 
 @pytest.fixture(scope="module")

@@ -1,38 +1,14 @@
 """The report of a benchmark."""
 
-from array import array
 from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from bench_rows import made_row
 from PIL import Image
 
 from wbf_mission.bench.report import score_over_time, standing_table, write_report
-from wbf_mission.bench.row import BenchRow
 from wbf_mission.bench.standings import standings
-
-
-def row(planner, seed, scores, **given):
-    values = {
-        "key": f"{planner}{seed}",
-        "scenario": "WBF/Some-v1",
-        "planner": planner,
-        "estimator": "gp",
-        "seed": seed,
-        "score": float(np.mean(scores)),
-        "final_score": scores[-1],
-        "losses": {"tylcv": -scores[-1]},
-        "times_s": array("d", [10.0 * (k + 1) for k in range(len(scores))]),
-        "scores": array("d", scores),
-        "decisions": 1,
-        "flight_time_s": 33.0,
-        "predicted_time_s": 30.0,
-        "path_length_m": 100.0,
-        "wall_time_s": 2.0,
-        "cpu_time_s": 1.0,
-        "timings_s": {"plan": 0.5, "flight": 1.5},
-    }
-    return BenchRow(**{**values, **given})
 
 
 class Cells(HTMLParser):
@@ -57,15 +33,15 @@ class Cells(HTMLParser):
 def rows():
     draw = np.random.default_rng(1)
     good = [
-        row(planner, seed, sorted(draw.uniform(-2.0, -0.1 - 0.5 * k, 3).tolist()))
+        made_row(planner, seed, sorted(draw.uniform(-2.0, -0.1 - 0.5 * k, 3).tolist()))
         for k, planner in enumerate(["greedy", "spiral"])
         for seed in range(6)
     ]
-    return [*good, row("<b>", 0, [-1.0], error="it | failed & fell", score=None, final_score=None)]
+    return [*good, made_row("<b>", 0, [-1.0], error="it | failed & fell", score=None, final_score=None)]
 
 
 def test_the_score_over_time_holds_until_the_next_scored_time():
-    times_s, scores = score_over_time([row("a", 0, [-3.0, -1.0]), row("a", 1, [-5.0, -4.0, -2.0])])
+    times_s, scores = score_over_time([made_row("a", 0, [-3.0, -1.0]), made_row("a", 1, [-5.0, -4.0, -2.0])])
     assert (times_s[0], times_s[-1]) == (0.0, 30.0)
     one, two = scores
     assert set(one[times_s < 20.0]) == {-3.0}
@@ -104,12 +80,12 @@ def test_the_files_say_what_the_standings_are(rows, tmp_path):
 
 
 def test_a_plan_that_was_changed_on_the_way_is_not_compared_with_its_prediction(tmp_path):
-    files = write_report([row("greedy", 0, [-1.0], decisions=7)], tmp_path, title="x")
+    files = write_report([made_row("greedy", 0, [-1.0], decisions=7)], tmp_path, title="x")
     assert "Planned and flown" not in files[0].read_text()
 
 
 def test_only_failures_make_a_report_without_pictures(tmp_path):
-    failed = row("a", 0, [-1.0], error="no", score=None, final_score=None)
+    failed = made_row("a", 0, [-1.0], error="no", score=None, final_score=None)
     files = write_report([failed], tmp_path, title="x")
     assert [one.name for one in files] == ["report.md", "report.html"]
     assert "Runs that failed" in files[0].read_text()
@@ -117,10 +93,10 @@ def test_only_failures_make_a_report_without_pictures(tmp_path):
 
 def test_costs_stand_with_their_scenario_and_the_cheapest_comes_first(tmp_path):
     rows = [
-        row("slow", 0, [-1.0], scenario="A", cpu_time_s=9.0, timings_s={"plan": 0.1, "decide": 8.0}),
-        row("slow", 1, [-1.0], scenario="A", cpu_time_s=7.0, timings_s={"plan": 0.3, "decide": 6.0}),
-        row("quick", 0, [-1.0], scenario="A", cpu_time_s=0.5, timings_s={"plan": 0.2}),
-        row("quick", 0, [-1.0], scenario="B", cpu_time_s=0.75, timings_s={"estimate and score": 0.7}),
+        made_row("slow", 0, [-1.0], scenario="A", cpu_time_s=9.0, timings_s={"plan": 0.1, "decide": 8.0}),
+        made_row("slow", 1, [-1.0], scenario="A", cpu_time_s=7.0, timings_s={"plan": 0.3, "decide": 6.0}),
+        made_row("quick", 0, [-1.0], scenario="A", cpu_time_s=0.5, timings_s={"plan": 0.2}),
+        made_row("quick", 0, [-1.0], scenario="B", cpu_time_s=0.75, timings_s={"estimate and score": 0.7}),
     ]
     markdown = write_report(rows, tmp_path, title="x")[0].read_text()
     first, second = markdown.split("## B\n")

@@ -1,0 +1,31 @@
+"""Rows of a benchmark that nobody flew."""
+
+from array import array
+
+import numpy as np
+
+from wbf_mission.bench.row import BenchRow
+
+
+def made_row(planner, seed, scores, **given):
+    """Return a row with these scores over time."""
+    values = {
+        "key": f"{planner}{seed}",
+        "scenario": "WBF/Some-v1",
+        "planner": planner,
+        "estimator": "gp",
+        "seed": seed,
+        "score": float(np.mean(scores)),
+        "final_score": scores[-1],
+        "losses": {"tylcv": -scores[-1]},
+        "times_s": array("d", [10.0 * (k + 1) for k in range(len(scores))]),
+        "scores": array("d", scores),
+        "decisions": 1,
+        "flight_time_s": 33.0,
+        "predicted_time_s": 30.0,
+        "path_length_m": 100.0,
+        "wall_time_s": 2.0,
+        "cpu_time_s": 1.0,
+        "timings_s": {"plan": 0.5, "flight": 1.5},
+    }
+    return BenchRow(**{**values, **given})

@@ -1,0 +1,26 @@
+"""Items of missions about a home, in metres east and north of it."""
+
+from geo.frame import LocalFrame
+from mission.model import MissionItem
+
+HOME = LocalFrame(28.05, -82.15, 30.0)
+
+
+def wp(x, y, z=10.0, **options):
+    return MissionItem.waypoint(*HOME.to_wgs84(float(x), float(y)), z, **options)
+
+
+def at(command, x, y, z=10.0, *params):
+    params = (*params, *(None,) * (4 - len(params)))
+    return MissionItem(command, 3, *params, *HOME.to_wgs84(float(x), float(y)), z)
+
+
+def do(command, *params):
+    return MissionItem(command, 2, *params)
+
+
+def takeoff(z=10.0):
+    return MissionItem(22, 3, 0, 0, 0, None, 0.0, 0.0, z)
+
+
+RTL = do(20)

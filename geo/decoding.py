@@ -67,7 +67,6 @@ def misfit(error: msgspec.ValidationError, path: str = "") -> str:
 
     Parameters
     ----------
-    error : msgspec.ValidationError
     path : str
         Where the part stands that was read, as of `place_in_words`.
 

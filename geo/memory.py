@@ -26,7 +26,6 @@ class AvailableMemory:
 
     Parameters
     ----------
-    bytes : int
     limited_by : str
         What sets this limit, in words.
     """

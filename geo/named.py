@@ -78,7 +78,6 @@ def format_named(name: str, parameters: Mapping[str, object]) -> str:
 
     Parameters
     ----------
-    name : str
     parameters : mapping
         Values by key. Those that `parse_named` gives come back equal: finite numbers, true, false and none,
         texts without quotation marks, and sequences of these.

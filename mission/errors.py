@@ -12,7 +12,6 @@ class AnswerError(PlanningError):
 
     Parameters
     ----------
-    text : str
     kind : str
         What is wrong with it, in a word or two, for counts.
     """

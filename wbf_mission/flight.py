@@ -73,7 +73,6 @@ def fly(
 
     Parameters
     ----------
-    scenario : Scenario
     planner, policy, estimator : object or str, optional
         In place of the scenario's.
     weights : ScoreWeights, optional

@@ -29,7 +29,6 @@ class Simulated:
 
     Parameters
     ----------
-    fleet : Fleet
     cameras : tuple of LeafCameraComponent
         One for each vehicle, or none.
     """

@@ -84,7 +84,6 @@ class IgnoredField:
         Field of `MissionItem`.
     text, fix : str
         What happens in its place, and what would be heeded.
-    severity : Severity
     vehicle_types : frozenset of int or None
         MAV_TYPEs to which it applies; None for any.
     """
@@ -103,12 +102,10 @@ class ArmingCondition:
 
     Parameters
     ----------
-    parameter : str
     refusing : frozenset of float
         Its values that ask for it.
     usual : float
         Its value as the autopilot comes.
-    text, fix : str
     unknown : Severity
         Of the remark when the vehicle's value is not known and the usual one asks for it.
     needed : frozenset of int

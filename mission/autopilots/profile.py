@@ -19,13 +19,10 @@ class NeededParameter:
 
     Parameters
     ----------
-    name : str
     good : frozenset of int
         The values; empty if it is the bits that count.
     value : int
         The one that is set.
-    bits : int
-    least : int
 
     Examples
     --------
@@ -319,7 +316,6 @@ class Profile:
 
         Parameters
         ----------
-        mission_type : MissionType
         card_kib : float
             Value of the parameter of the plan's card; 0 without a card.
 

@@ -38,7 +38,6 @@ class Question:
 
     Parameters
     ----------
-    meaning : Meaning
     names : tuple of (str, float)
         Its names, that of the newest version first, and SI units in a unit of each.
     """

@@ -72,10 +72,8 @@ class CheckResult:
 
     Parameters
     ----------
-    check : Check
     required : bool
         It is required of this vehicle's autopilot.
-    verdict : Verdict
     detail : str
         Why, or what was measured.
     seconds : float

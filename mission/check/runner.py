@@ -72,7 +72,6 @@ class CheckReport:
     ----------
     name : str
         The link.
-    vehicle : Vehicle
     results : tuple of CheckResult
     warnings : tuple of str
         What the vehicle lost by being checked.

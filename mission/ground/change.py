@@ -72,7 +72,6 @@ class ChangeRecord:
         When its id, item or mode showed that it flies it.
     ended_s : float
         When the session was over.
-    outcome : ChangeOutcome
     text : str
         Why it did not come about, in the autopilot's own words where it said any.
     items, resume_at : int
@@ -399,7 +398,6 @@ def revised_mission(
         Latitude and longitude of the waypoints; none is the way home at once.
     altitude_m : float
         Of the waypoints, above home.
-    acceptance_radius_m : float
 
     Examples
     --------

@@ -47,7 +47,6 @@ class Clearance:
 
     Attributes
     ----------
-    stage : Stage
     reasons : list of str
         Why the vehicle would not arm, in its own words, the latest last.
     told : int

@@ -23,8 +23,6 @@ class ImageFetch:
 
     Parameters
     ----------
-    assembler : ObservationAssembler
-    vehicle_system_id : int
     round_trip : RoundTrip, optional
         Of a real link: answers are waited for, and so many are asked for at once as come back.
 
@@ -65,7 +63,6 @@ class ImageFetch:
 
         Parameters
         ----------
-        now_s : float
         since_s : float
             The vehicle's clock when the flight began.
         """

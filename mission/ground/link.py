@@ -33,8 +33,6 @@ class TransferReport:
         Items of each plan, by its name.
     verified : bool
         Every plan was read back and found equal, and the vehicle did not reject the mission.
-    messages_sent, messages_received, retries : int
-    duration_s : float
     texts : list of str
         What the vehicle warned of meanwhile (STATUSTEXT).
     remarks : list of dict
@@ -103,8 +101,6 @@ def upload(
 
     Parameters
     ----------
-    mission : Mission
-    url : str
     wait_s : float
         How long to wait for a vehicle.
     system_id : int, optional
@@ -198,7 +194,6 @@ def find_vehicles(
 
     Parameters
     ----------
-    url : str
     system_ids : sequence of int or None
         The vehicles; None is any other than those that are named or were heard before it.
     wait_s, note, open_driver

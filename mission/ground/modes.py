@@ -42,12 +42,7 @@ class Maneuver(Enum):
 
 @dataclass(frozen=True, slots=True)
 class ModeNumbers:
-    """The parameters of MAV_CMD_DO_SET_MODE.
-
-    Parameters
-    ----------
-    base, main, sub : float
-    """
+    """The parameters of MAV_CMD_DO_SET_MODE."""
 
     base: float
     main: float

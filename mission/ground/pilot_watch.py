@@ -87,8 +87,6 @@ class PilotWatch:
 
         Parameters
         ----------
-        message : HEARTBEAT
-        now_s : float
         expects_change : bool
             The vehicle may be out of its mission now: that is being changed, or it is on the way home.
         unsure : bool
@@ -153,7 +151,6 @@ class PilotWatch:
         ----------
         message : HEARTBEAT or None
             The one that came since it is heard again; None if none has come yet.
-        now_s : float
         """
         self._restarted = True
         if message is not None:

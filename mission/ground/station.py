@@ -88,7 +88,6 @@ class GroundStation:
         Fence and rally points go up before the mission.
     assembler : ObservationAssembler or None
         Turns the camera's messages into observations.
-    vehicle_system_id : int
     system_id, component_id : int
         Its own.
     on_progress : callable, optional
@@ -105,9 +104,6 @@ class GroundStation:
 
     Attributes
     ----------
-    vehicle_system_id : int
-    phase : Phase
-    outcome : Outcome
     reason : str
         Why it ended so, in the vehicle's words where it said any.
     pilot : PilotWatch
@@ -283,7 +279,6 @@ class GroundStation:
         resume_at : int
             The item of it to fly to next. DO items directly before it are carried out where they set
             something else than what holds.
-        now_s : float
 
         Returns
         -------

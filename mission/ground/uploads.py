@@ -115,10 +115,8 @@ class PlanUploads:
 
         Parameters
         ----------
-        profile : Profile
         vehicle_type : int
             MAV_TYPE.
-        now_s : float
         """
         self._profile = profile
         self._rendered = render(self._rendered.mission, profile, vehicle_type)

@@ -113,7 +113,6 @@ class VehicleState:
         Fraction that is left.
     consumed_wh : float or None
         Used since the start.
-    armed : bool
     custom_mode : int
         The flight mode, in the autopilot's own number.
     item : int or None
@@ -170,7 +169,6 @@ class VehicleMonitor:
     ----------
     vehicle_type, autopilot : int
         MAV_TYPE and MAV_AUTOPILOT of its heartbeat.
-    battery : Battery
     flies : bool or None
         Whether it is off the ground, as EXTENDED_SYS_STATE tells; None when it is not told.
     clock : BootClock

@@ -29,7 +29,6 @@ class _Returning(ABC, Generic[_Link]):
 
     Parameters
     ----------
-    address : LinkAddress
     link : TcpLink or SerialLink
         As it was opened the first time.
     clock : callable

@@ -25,7 +25,6 @@ def draw_places(area: Area, count: int, rng: np.random.Generator) -> Points:
         In metres.
     count : int
         How many are wanted.
-    rng : numpy.random.Generator
 
     Returns
     -------

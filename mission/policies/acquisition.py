@@ -91,7 +91,6 @@ class WithCoverage:
 
     Parameters
     ----------
-    acquisition : Acquisition
     caution : float
         In units of loss; 0 for none.
     reach : float
@@ -133,7 +132,6 @@ class WithReach:
 
     Parameters
     ----------
-    acquisition : Acquisition
     strip : float
         How wide a strip the searches of routes take a track to see, cells
         (`mission.policies.planning_grid.strip_width`).
@@ -169,7 +167,6 @@ class Balanced:
 
     Parameters
     ----------
-    acquisition : Acquisition
     least_weight : float
         A disease that counts at all counts at least this part of the weightiest one; 0: by its weight.
     """

@@ -41,7 +41,6 @@ class Bidder:
 
     Parameters
     ----------
-    system_id : int
     legs : float64[n, n]
         Costs between where it will be free, home, and the corners of all packages.
     own : float64[packages]
@@ -82,8 +81,6 @@ class Bidder:
 
         Parameters
         ----------
-        system_id : int
-        travel_cost : TravelCost
         packages : sequence of Package
         takes : sequence of bool
             Which of them it bids on.

@@ -40,8 +40,6 @@ def detour(
 
     Parameters
     ----------
-    vehicle : VehicleReport
-    situation : Situation
     promised : iterable of float64[n, 2]
         What other vehicles are going to fly, metres; what they will see counts as observed.
     least_rate : float

@@ -68,7 +68,6 @@ class Finds:
 
         Parameters
         ----------
-        situation : Situation
         terrains : sequence of Terrain
             Of the vehicles; a package lies in the area of one of them.
         ahead : sequence of Package

@@ -27,7 +27,6 @@ class OnwardBudget:
 
     Parameters
     ----------
-    vehicle : VehicleReport
     before_m : float64[n, 2]
         Points that are flown before the planned path.
     """
@@ -98,7 +97,6 @@ def hand_over(
     lost, takers : sequence of VehicleReport
     shares : mapping of int to Share
         By system id: of all that are lost, and of the takers that have one.
-    planner : Planner
 
     Returns
     -------

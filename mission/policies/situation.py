@@ -97,7 +97,6 @@ class VehicleReport:
         Its MAVLink system id, the name by which decisions speak of it.
     request : PlanningRequest
         Its task: area, start, whole budget, footprint, seed.
-    status : Status
     position_m : tuple of float
         x and y in metres of the farm frame.
     velocity_m_s : tuple of float
@@ -169,7 +168,6 @@ class Situation:
         Seconds since the mission began; 0 before.
     day : int
         Day of the environment.
-    farm : Farm
     fields : FieldSet
         What is sensed and scored.
     weights : ScoreWeights

@@ -28,13 +28,10 @@ class RouteProblem:
 
     Parameters
     ----------
-    vehicle : VehicleReport
-    planning_grid : PlanningGrid
     worth : float32[w, h]
         What is left to be seen, when the other vehicles have flown their routes.
     shares : float32[2 r + 1, 2 r + 1]
         What seeing a cell takes of it and its neighbours.
-    costs : LegCosts
     x, y : float
         Where the vehicle is.
     """
@@ -68,7 +65,6 @@ class Steering:
 
     Parameters
     ----------
-    acquisition : Acquisition
     shares : float32[2 r + 1, 2 r + 1]
         See `mission.policies.route_search.neighbour_shares`.
     coordination : Coordination

@@ -233,7 +233,6 @@ class TransferDriver:
 
         Parameters
         ----------
-        mission : Mission
         parameters : mapping of str to float, optional
             The vehicle's, as far as it told them.
 

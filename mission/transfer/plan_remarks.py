@@ -64,10 +64,8 @@ def count_remarks(
 
     Parameters
     ----------
-    mission : Mission
     sent : int
         Items of the mission as it is sent.
-    profile : Profile
     parameters : mapping of str to float
         Of the vehicle, as far as it told them.
     """

@@ -18,11 +18,9 @@ class Remark:
 
     Parameters
     ----------
-    plan : MissionType
     item : int or None
         The item of the plan that was made, from 0 (a user counts from 1); None for the plan as a whole. Where
         several items share a remark, the first.
-    severity : Severity
     text : str
         What is wrong, or what is done about it.
     fix : str

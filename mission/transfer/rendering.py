@@ -75,7 +75,6 @@ def render(
 
     Parameters
     ----------
-    mission : Mission
     profile : Profile
         The autopilot.
     vehicle_type : int
@@ -122,7 +121,6 @@ def refuse_errors(rendered: Rendered, *, arming: bool = True) -> None:
 
     Parameters
     ----------
-    rendered : Rendered
     arming : bool
         Refuse also what it takes and would not arm with, by its parameters.
 

@@ -67,7 +67,6 @@ def judge_item(item: MissionItem, count: int, profile: Profile) -> int:
         As it came, jump targets as the autopilot counts.
     count : int
         Items of the plan on the wire.
-    profile : Profile
 
     Examples
     --------

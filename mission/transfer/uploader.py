@@ -70,7 +70,6 @@ class TransferMaker(Protocol):
         ----------
         items : sequence of MissionItem
             The plan, without a home item.
-        mission_type : MissionType
         home : GeoPoint, optional
             Home position for autopilots that want it as item 0.
         start_sequence : int or None

@@ -66,7 +66,6 @@ class VehicleSearch:
 
     Attributes
     ----------
-    found : Vehicle or None
     others : dict of int to Vehicle
         Those that were heard and are not wanted, by system id.
     """

@@ -79,7 +79,6 @@ class NumberingCamera:
         Of this camera there.
     shape : tuple of int
         Width and height of the farm in cells.
-    options : LeafCameraOptions
     """
 
     def __init__(

@@ -111,10 +111,6 @@ class ObservationAssembler:
     fields : tuple of str
         The names of the fields that are expected, in order.
 
-    Attributes
-    ----------
-    statistics : AssemblerStatistics
-
     Notes
     -----
     Lost messages cost their image, duplicates are counted, nonsense is counted and never raises. At most

@@ -85,9 +85,6 @@ class Task:
         The farm.
     days : tuple of int
         The kept days.
-    seed : SeedSequence
-    fields : FieldSet
-    farm_name : str
     """
 
     grid: FarmGrid

@@ -88,12 +88,9 @@ def carried(
 
     Parameters
     ----------
-    field : Field
-    grid : FarmGrid
     values : float[n]
     days : int[n]
         When each was read, at most the day.
-    day : int
     seed : int
         Of the simulations.
 
@@ -115,8 +112,6 @@ def transition(field: Field, grid: FarmGrid, earlier: int, later: int, seed: int
 
     Parameters
     ----------
-    field : Field
-    grid : FarmGrid
     earlier, later : int
         Days of the environment.
     seed : int

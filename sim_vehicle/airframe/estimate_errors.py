@@ -93,10 +93,6 @@ def carried_aside_m(gain_1_s: float) -> float:
 class EstimateErrors:
     """The errors of one vehicle's estimate.
 
-    Parameters
-    ----------
-    seed : numpy.random.SeedSequence or int
-
     Examples
     --------
     >>> errors = EstimateErrors(1)
@@ -110,10 +106,6 @@ class EstimateErrors:
         """Return the first errors (estimate less truth) from the first take-off on, every `GRID_S`.
 
         All processes begin at 0.
-
-        Parameters
-        ----------
-        count : int
 
         Returns
         -------

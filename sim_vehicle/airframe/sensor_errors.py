@@ -107,7 +107,6 @@ class SensorNoise:
         exact receiver. Without corrections 1 to 2 m, with SBAS 0.5 m, RTK 0.01 m.
     barometer_m : float
         Standard deviation of the barometer's slow error; 0 is an exact barometer.
-    seed : numpy.random.SeedSequence or int
     estimate_errors : bool
         Whether the height and velocities that PX4 estimates are wrong as recorded
         (`sim_vehicle.airframe.estimate_errors`).
@@ -164,10 +163,6 @@ class SensorNoise:
 
 class NavigationErrors:
     """The errors of one vehicle's sensors over time.
-
-    Parameters
-    ----------
-    noise : SensorNoise
 
     Examples
     --------

@@ -63,7 +63,6 @@ class FixedWingProcedures(ABC):
 
         Parameters
         ----------
-        spec : VehicleSpec
         rotation : float
             Airspeed at which a runway is left; 0 without a runway.
         least : float

@@ -73,7 +73,6 @@ class Setting:
 
     Parameters
     ----------
-    name : str
     default : float
         In its own unit.
     scale : float

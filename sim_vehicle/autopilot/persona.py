@@ -256,8 +256,6 @@ class Persona:
 
     Parameters
     ----------
-    identity : Identity
-    modes : ModeTable
     parameter_encoding : {"bytewise", "cast"}
         How integer parameters travel in a float.
     data_streams : bool
@@ -319,7 +317,6 @@ class Persona:
         Its words when it refuses an order.
     gimbal : Setting, optional
         The parameter that is above 0 where it moves a gimbal; without, it never does.
-    logs : LogHabits
     """
 
     identity: Identity

@@ -179,7 +179,6 @@ class StickRules:
     speeds : mapping of Mode to Setting or None
         The modes that sticks fly, with the speed of a stick that is moved all the way; None is the vehicle's
         greatest.
-    loss : StickLoss
     level, vertical, turning : Axis
         Sticks for the horizontal movement, for climbing and for turning.
     turn_rate : Setting

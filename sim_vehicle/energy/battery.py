@@ -78,10 +78,6 @@ def remaining_fraction(battery: BatterySpec, used_j: float) -> float:
 class BatteryMeter:
     """Follows the voltage of one battery; time only goes forward.
 
-    Parameters
-    ----------
-    battery : BatterySpec
-
     Examples
     --------
     >>> from sim_vehicle.airframe.catalog import get_vehicle

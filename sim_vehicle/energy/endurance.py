@@ -45,7 +45,6 @@ def endurance_s(spec: VehicleSpec, airspeed_m_s: float, *, used_fraction: float 
 
     Parameters
     ----------
-    spec : VehicleSpec
     airspeed_m_s : float
         0 hovers.
     used_fraction : float
@@ -74,7 +73,6 @@ def best_speeds(spec: VehicleSpec, *, least_airspeed_m_s: float | None = None) -
 
     Parameters
     ----------
-    spec : VehicleSpec
     least_airspeed_m_s : float, optional
         How slowly a fixed wing may fly, as its autopilot limits it; 0.8 of the cruise speed without.
 

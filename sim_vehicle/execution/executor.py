@@ -44,7 +44,6 @@ class MissionExecutor:
 
     Parameters
     ----------
-    spec : VehicleSpec
     frame : LocalFrame
         About home: origin (0, 0) is home, ``altitude_m`` the height of the ground there above sea level.
     wind : Wind, optional
@@ -305,7 +304,6 @@ class MissionExecutor:
             More than the vehicle flies is reduced.
         height_m : float
             Height to keep instead of the vertical speed, NaN for none.
-        heading : Heading
 
         Raises
         ------

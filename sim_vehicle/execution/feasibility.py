@@ -46,7 +46,6 @@ class ItemProblem:
         MAV_CMD of the item; 0 for the mission as a whole.
     code : str
         What kind of problem, in words joined by hyphens.
-    reason : str
 
     Examples
     --------
@@ -84,7 +83,6 @@ def check_mission(
         Without a home item.
     frame : LocalFrame
         About home.
-    spec : VehicleSpec
     needs_takeoff : bool
         Whether the vehicle does not take off by itself to reach the first position.
     outside : callable, optional

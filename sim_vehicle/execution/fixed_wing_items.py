@@ -32,7 +32,6 @@ class FixedWingLeg:
 
     Parameters
     ----------
-    leg : Leg
     wait_s : float or None
         How long it circles once it is there; None goes on.
     forever : bool
@@ -82,12 +81,10 @@ def fixed_wing_leg(
 
     Parameters
     ----------
-    item : MissionItem
     position : tuple of 3 floats
         Of the item: east, north, up about home.
     speed : float
         Airspeed.
-    spec : VehicleSpec
     ahead : tuple of 3 floats, optional
         The position after it, towards which a circle is left.
     following : MissionItem, optional

@@ -55,7 +55,6 @@ class LegFollower:
 
     Parameters
     ----------
-    spec : VehicleSpec
     wind : Wind, optional
         The ideal vehicle knows none.
     yaw_rad : float
@@ -81,7 +80,6 @@ class LegFollower:
         Steps of the motion at which a pause ends, and at which the motors stop.
     waiting : Waiting
         What waits for a condition.
-    battery_meter : BatteryMeter or None
     """
 
     def __init__(self, spec: VehicleSpec, *, wind: Wind | None = None, yaw_rad: float = 0.0) -> None:

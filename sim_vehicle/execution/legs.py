@@ -64,7 +64,6 @@ def spline_legs(
         Where it begins, where it ends, and the position after; without one it arrives on the straight line.
     tangent : tuple of 3 floats
         Direction at the beginning; zero is the straight line.
-    speed : float
     heading : Heading
         Of the legs.
     """
@@ -134,7 +133,6 @@ class LegPlan:
         Whether the leg completes its item.
     speeds : list of float or None
         The ground speed that was set for the leg; a curve may be flown more slowly.
-    after_last : AfterLastLeg
     wait_s : float
         Of a WAIT; NaN until the time of day that the item names.
     open : bool

@@ -83,7 +83,6 @@ class MissionSequencer:
         The item that is being flown or comes next, -1 without a mission.
     settings : Settings
         What items and orders have changed for the legs to come.
-    return_points : ReturnPoints
     """
 
     def __init__(

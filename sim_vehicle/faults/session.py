@@ -208,7 +208,6 @@ class FaultyLink:
         Of the group link.
     session : FaultSession
         Tells which hold.
-    seed : int or SeedSequence
     name : str
         Names the random streams of the link.
     """

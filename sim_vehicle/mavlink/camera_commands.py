@@ -50,7 +50,6 @@ class CameraOrders:
 
     Parameters
     ----------
-    system_id : int
     warn : callable
         Told why a command had no effect.
     """

@@ -68,12 +68,7 @@ def execute(vehicle: CommandedVehicle, order: Order) -> tuple[Answer, str]:
 
 
 class CommandReceiver:
-    """Carries out commands and acknowledges them; a command that a peer repeats is done once.
-
-    Parameters
-    ----------
-    vehicle : CommandedVehicle
-    """
+    """Carries out commands and acknowledges them; a command that a peer repeats is done once."""
 
     def __init__(self, vehicle: CommandedVehicle) -> None:
         self._vehicle = vehicle

@@ -30,8 +30,6 @@ def start_positions(home: GeoPoint, count: int, spacing_m: float = SPACING_M) ->
 
     Parameters
     ----------
-    home : GeoPoint
-    count : int
     spacing_m : float
         Between neighbours.
 
@@ -82,7 +80,6 @@ class Fleet:
 
     Parameters
     ----------
-    spec : VehicleSpec
     home : GeoPoint or sequence of (GeoPoint, heading in degrees)
         One position for all (they stand `spacing_m` apart around it), or one for each.
     count : int or None
@@ -93,8 +90,6 @@ class Fleet:
         The steady wind is the same for all; each has its own gusts.
     noise : SensorNoise, optional
         Each vehicle has its own errors of this size.
-    spacing_m : float
-    epoch_unix_s : float
     cold : bool
         See `SimVehicle`.
     first_system : int

@@ -36,7 +36,6 @@ class StickReader:
         How the autopilot takes them; None where it has no sticks.
     system_id : int
         Of the vehicle.
-    parameters : RuntimeParameters
     """
 
     def __init__(self, rules: StickRules | None, system_id: int, parameters: RuntimeParameters) -> None:

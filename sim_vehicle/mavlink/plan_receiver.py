@@ -52,8 +52,6 @@ class PlanReceiver:
     ----------
     state : WireState
         The vehicle; it tells the ids of the plans.
-    component_id : int
-    texts : StatusTexts
     reports : ItemReports
         Begin anew with another mission.
 
@@ -96,7 +94,6 @@ class PlanReceiver:
 
         Parameters
         ----------
-        mission_type : MissionType
         items : sequence of MISSION_ITEM_INT
             Numbered from 0, or from ``start``.
         start : int or None

@@ -112,7 +112,6 @@ def attitude_of(
 
     Parameters
     ----------
-    message : MAVLink_set_attitude_target_message
     spec : VehicleSpec
         Its climb and descent speeds are those of a thrust of 1 and 0.
     by_thrust : bool

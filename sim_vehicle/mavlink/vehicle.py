@@ -82,10 +82,8 @@ class SimVehicle:
         What it can do.
     home : GeoPoint
         Where it stands at the start; the altitude is that of the ground.
-    wind : Wind, optional
     autopilot : Autopilot, optional
         Whom it shows itself as; the default autopilot without.
-    system_id : int
     yaw_deg : float
         Compass heading at the start.
     epoch_unix_s : float

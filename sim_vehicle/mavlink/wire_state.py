@@ -32,7 +32,6 @@ class WireState:
         What the autopilot is to its peers.
     home : GeoPoint
         Where it stands at the start; the altitude is that of the ground.
-    system_id : int
     epoch_unix_s : float
         Time of day at the host's time 0, seconds since 1970.
     noise : SensorNoise, optional
@@ -42,7 +41,6 @@ class WireState:
     ----------
     now_us, boot_ms, unix_us : int
         Time of the host, since boot, and of day.
-    errors : NavigationErrors or None
     sensed : Sensed
         Where it is, in truth and by its sensors.
     position_e7 : tuple of 3 ints

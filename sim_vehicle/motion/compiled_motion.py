@@ -30,8 +30,6 @@ class CompiledMotion(ABC):
 
     Parameters
     ----------
-    spec : VehicleSpec
-    wind : Wind, optional
     yaw_rad : float
         Heading at the start.
     """

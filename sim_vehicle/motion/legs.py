@@ -54,7 +54,6 @@ class Heading:
 
     Parameters
     ----------
-    mode : HeadingMode
     angle_rad : float
         Compass heading of a fixed one.
     rate_rad_s : float
@@ -127,8 +126,6 @@ class Leg:
         Horizontal ground speed (airspeed of a fixed wing); None leaves it to the vehicle.
     radius_m : float
         Acceptance radius; 0 is a stop.
-    heading : Heading
-    kind : LegKind
     vertical_speed_m_s : float or None
         Speed of a vertical leg, up or down; None is the vehicle's own.
     near_m : float

@@ -20,7 +20,6 @@ def wind_row(step: int, first: int, rows: int) -> int:
 
     Parameters
     ----------
-    step : int
     first : int
         Grid index of the first row.
     rows : int

@@ -49,7 +49,6 @@ class AttitudeTarget:
     ----------
     roll_rad, pitch_rad : float
         Right and up; NaN where only rates are asked for.
-    heading : Heading
     climb_m_s : float
         NaN where a thrust is asked for.
     rates_rad_s : tuple of 2 floats
@@ -76,7 +75,6 @@ class AttitudePilot:
     ----------
     controls : Controls
         The vehicle; its ``attitude`` is what is flown here.
-    parameters : RuntimeParameters
     """
 
     def __init__(self, controls: Controls, parameters: RuntimeParameters) -> None:

@@ -58,7 +58,6 @@ class AutoYaw:
             Of the turn; without a positive one, and at most, the vehicle's own.
         direction : int
             1 clockwise, -1 counter-clockwise, 0 (of a heading) the short way.
-        relative : bool
         """
         if self._mode() not in _MODES or self._controls.landed is LandedState.ON_GROUND:
             return

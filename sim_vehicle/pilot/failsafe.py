@@ -124,10 +124,8 @@ class Reaction:
 
     Parameters
     ----------
-    action : Action
     outcome : Outcome
         How the run has ended with it.
-    reason : str
     return_point_m : tuple of 3 floats or None
         Where a return leads to instead of home (east, north, least height); the vehicle holds there.
     """
@@ -158,8 +156,6 @@ class Failsafe:
     ----------
     active : bool
         Whether one of them has taken over since the vehicle was armed.
-    battery : BatteryWatch
-    fence : FenceWatch
     link_lost : bool
         Whether heartbeats of the ground station came once and come no more.
     """

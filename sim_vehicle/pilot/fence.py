@@ -157,11 +157,6 @@ class Bounds:
 class FenceWatch:
     """A fence and the vehicle in it.
 
-    Parameters
-    ----------
-    fence : Fence
-    bounds : Bounds
-
     Attributes
     ----------
     breach : Breach

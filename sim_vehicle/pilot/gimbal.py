@@ -83,7 +83,6 @@ class Gimbal:
         Whether there is one.
     awake : bool
         Whether anybody has asked or told it anything since the vehicle booted.
-    mode : GimbalMode
     yaw_lock : bool
         Whether sticks turn it against north, not against the vehicle.
     controller : tuple of 2 ints

@@ -22,8 +22,6 @@ class IdleWatch:
     ----------
     controls : Controls
         The vehicle.
-    parameters : RuntimeParameters
-    rule : IdleDisarm
     throttle_down : callable
         Whether no stick asks for thrust.
     """

@@ -41,7 +41,6 @@ class ModeControl:
 
     Attributes
     ----------
-    mode : Mode
     by_itself : bool
         The vehicle took it by its own decision.
     intended : Mode

@@ -73,10 +73,8 @@ class Pilot:
 
     Parameters
     ----------
-    spec : VehicleSpec
     frame : LocalFrame
         About home.
-    wind : Wind, optional
     yaw_rad : float
         Compass heading at the start.
     mode : Mode
@@ -104,11 +102,8 @@ class Pilot:
         The vehicle: its state, its executor, what works.
     failsafe : Failsafe
         The safety functions.
-    arming : ArmingChecks
     mission : MissionStatus
         Whether the mission can be flown, and how far it is.
-    setpoints : SetpointFollower
-    modes : ModeControl
     attitude : AttitudePilot
         Flies attitudes.
     auto_yaw : AutoYaw
@@ -661,7 +656,6 @@ class Pilot:
 
         Parameters
         ----------
-        sticks : Sticks
         flown : bool
             Whether they move the vehicle in the mode as it was asked for.
         by_rate : bool
@@ -710,7 +704,6 @@ class Pilot:
 
         Parameters
         ----------
-        now_s : float
         by_sticks : bool
             Whether sticks move the vehicle in the mode as it was asked for.
 

@@ -37,8 +37,6 @@ class StickTilt:
     ----------
     controls : Controls
         The vehicle.
-    parameters : RuntimeParameters
-    rules : TiltSticks
     """
 
     def __init__(self, controls: Controls, parameters: RuntimeParameters, rules: TiltSticks) -> None:
@@ -59,10 +57,8 @@ class StickTilt:
 
         Parameters
         ----------
-        sticks : Sticks
         climb_m_s : float or None
             The vertical speed that is asked for; the height is held at 0. None: the stick is the thrust.
-        heading : Heading
         by_rate : bool
             The sticks turn the vehicle about its axes, and it keeps its lean without them (acro).
 
@@ -166,7 +162,6 @@ class StickWing:
     ----------
     controls : Controls
         The vehicle.
-    parameters : RuntimeParameters
     """
 
     def __init__(self, controls: Controls, parameters: RuntimeParameters) -> None:
@@ -243,9 +238,6 @@ class StickPilot:
     ----------
     controls : Controls
         The vehicle.
-    parameters : RuntimeParameters
-    rules : StickRules
-    notices : NoticeLog
     mode : callable
         The flight mode now.
 
@@ -284,7 +276,6 @@ class StickPilot:
 
         Parameters
         ----------
-        sticks : Sticks
         flown : bool
             Whether they move the vehicle in the mode as it was asked for.
         by_rate : bool

@@ -178,7 +178,6 @@ def time_home_s(positions_m: NDArray[np.float64], spec: VehicleSpec) -> NDArray[
     ----------
     positions_m : float64[n, 3]
         East, north, up about home.
-    spec : VehicleSpec
 
     Returns
     -------

@@ -54,7 +54,6 @@ class Prediction:
         Flown, climbs included.
     track_m : float64[n, 3]
         East, north, up about home, every ``track_step_s`` and at the end.
-    track_step_s : float
     feasible : bool
         Whether the vehicle completes the mission with the battery's reserve left.
     reason : str

@@ -149,7 +149,6 @@ class OnwardPredictor:
 
         Parameters
         ----------
-        state : InFlight
         paths : sequence of float64[n, 2]
             Waypoints in metres of the farm frame; none is the way home at once.
         anew : sequence of bool, optional
@@ -286,7 +285,6 @@ class _Flight:
         What is flown next.
     wait_s : float
         Stay so long at its end.
-    motion : MotionModel
     slot : int
         Its number in the squadron.
     seconds, joules : float

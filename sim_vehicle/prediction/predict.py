@@ -65,9 +65,6 @@ def predict_flight(
 
     Parameters
     ----------
-    mission : Mission
-    spec : VehicleSpec
-    wind : Wind, optional
     frame : LocalFrame, optional
         About home; by default about the mission's home, otherwise about its first position.
     track_step_s : float

@@ -90,7 +90,6 @@ def spectrum(
     component : {"u", "v", "w"}
     frequency_hz : float64[n]
         That the vehicle meets.
-    intensity_m_s, length_m, airspeed_m_s : float
 
     Returns
     -------

@@ -50,7 +50,6 @@ def wind_at(row: Floats, height_m: float) -> tuple[float, float, float]:
     ----------
     row : float64[9]
         Of a wind block.
-    height_m : float
 
     Notes
     -----

@@ -49,7 +49,6 @@ def benchmark(
 
     Parameters
     ----------
-    spec : BenchSpec
     out : path-like, optional
         Folder where each run is kept when it ends; what it holds is not flown again.
     jobs : int

@@ -20,7 +20,6 @@ class Comparison:
 
     Parameters
     ----------
-    scenario, estimator, mine, against : str
     environments : int
         On which both have a score.
     score, final_score : Interval

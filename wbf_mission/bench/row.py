@@ -58,7 +58,6 @@ class BenchRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     ----------
     key, scenario, planner, estimator, seed
         Which run (`wbf_mission.bench.spec.BenchRun`).
-    outcome : str or None
     error : str or None
         Why it failed.
     score, final_score : float or None

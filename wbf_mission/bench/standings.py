@@ -37,10 +37,8 @@ class Standing:
 
     Parameters
     ----------
-    scenario, planner, estimator : str
     runs : int
         Good ones, with a score.
-    failed : int
     score, final_score : Interval
         Over the seeds; 0 is perfect.
     behind : Interval

@@ -46,8 +46,6 @@ class _Vehicle:
 
     Parameters
     ----------
-    sortie : Sortie
-    output : Output
     alone : bool
         No other flies with it; otherwise each line begins with its number.
     """
@@ -171,12 +169,7 @@ class _Vehicle:
 
 
 class Operator:
-    """Shows how the flight goes, asks before the start, and asks what Ctrl-C means.
-
-    Parameters
-    ----------
-    output : Output
-    """
+    """Shows how the flight goes, asks before the start, and asks what Ctrl-C means."""
 
     def __init__(self, output: Output) -> None:
         self._output = output

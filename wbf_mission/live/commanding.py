@@ -69,7 +69,6 @@ def step_of(wish: Wish, vehicle: tuple[int, int], heard: VehicleMonitor) -> Step
 
     Parameters
     ----------
-    wish : Wish
     vehicle : tuple of int
         System and component id.
     heard : VehicleMonitor
@@ -167,13 +166,11 @@ class CommandSession:
 
     Parameters
     ----------
-    wish : Wish
     system_id : int or None
         Of the vehicle; None: the first one that is heard.
 
     Attributes
     ----------
-    done : bool
     error : Exception or None
         Why it was not carried out.
     search : VehicleSearch

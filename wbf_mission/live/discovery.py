@@ -93,7 +93,6 @@ def fitted_to(scenario: Scenario, *vehicles: Vehicle) -> Scenario:
     ----------
     scenario : Scenario
         Its vehicles are those that were heard, in this order; one name is that of all.
-    *vehicles : Vehicle
 
     Returns
     -------

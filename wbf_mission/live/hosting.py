@@ -112,7 +112,6 @@ class LinkHost:
 
     Parameters
     ----------
-    server : Server
     through : callable
         Takes what a component wants to send of its own accord, and the time; returns what is sent as it is.
     """

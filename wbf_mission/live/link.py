@@ -51,7 +51,6 @@ class LiveLink:
     urls : str or sequence of str
         ``udpin:``, ``udpout:``, ``tcp:`` or ``tcpin:HOST:PORT``, or ``serial:DEVICE:BAUD``: one for each
         vehicle, or one for all.
-    attendant : Attendant
     agreed : bool
         The start of the motors is agreed to beforehand.
     wait_s : float

@@ -101,7 +101,6 @@ class MissionShots:
             By the mission, at the item that the vehicle has just told.
         does : Shots
             What the camera does.
-        now_s : float
         may_stop : bool
             False while the mission is being changed: an item of the one, read in the other, must not end
             the images.

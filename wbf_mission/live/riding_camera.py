@@ -31,7 +31,6 @@ class Silence:
         Latitude and longitude, in degrees.
     item : int
         Of the mission, that was flown before; -1 if none was.
-    seconds : float
     shots : Shots
         What the camera did before.
     """
@@ -51,7 +50,6 @@ def images_in(silence: Silence, mission: Mission, item: int) -> int:
 
     Parameters
     ----------
-    silence : Silence
     mission : Mission
         That was flown.
     item : int

@@ -28,9 +28,6 @@ class WatchedVehicle:
 
     Attributes
     ----------
-    system_id : int
-    monitor : VehicleMonitor
-    texts : TextLog
     link : LinkState
         How well it is heard.
     gps_fix, satellites : int or None

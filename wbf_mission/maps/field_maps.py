@@ -107,8 +107,6 @@ class FieldMap:
 
     Parameters
     ----------
-    field : Field
-    grid : MapGrid
     cells : float64
         The owner's cells with the field's crops.
     total : float64
@@ -173,7 +171,6 @@ def field_maps(
 
     Parameters
     ----------
-    farm : Farm
     model : InformationModel
         The estimate, float32[n, W, H]. One whose values are not means needs its class probabilities.
     observations : Observations

@@ -134,14 +134,12 @@ def animate(
 
     Parameters
     ----------
-    record : RunRecord
     path : Path
         A GIF, or an MP4 file, which needs the program ffmpeg.
     frames : int
         About so many, 2 to 300; each flight has two at least.
     estimator : Estimator, optional
         In place of the run's: it is fitted anew.
-    progress : callable, optional
 
     Raises
     ------

@@ -170,7 +170,6 @@ def plot_field(
 
     Parameters
     ----------
-    farm : Farm
     estimate : FieldMap
         `wbf_mission.maps.field_maps.field_maps`.
     path : Path

@@ -38,10 +38,6 @@ class ReserveCharge:
     are charged. What disturbs flights varies less over longer ones: the part of it that is spread grows with
     the square root of what is flown.
 
-    Parameters
-    ----------
-    builder : MissionBuilder
-
     Attributes
     ----------
     factor : float or None
@@ -114,7 +110,6 @@ def flight_budget(
 
     Parameters
     ----------
-    limit : float
     unit : {"s", "Wh"}
     builder : MissionBuilder
         Makes and predicts the mission of a path.
@@ -180,7 +175,6 @@ def make_budget(text: str | None, builder: MissionBuilder, *, steered: bool = Fa
     text : str or None
         As of `mission.planners.parse_budget`; None: the vehicle's battery less its reserve, for the ideal
         vehicle 0.4 times the owner's cells in timesteps.
-    builder : MissionBuilder
     steered : bool
         The path is decided in flight: of the battery's usable part a little is spared then, because the last
         decision is priced from what telemetry tells, which is rounded and a moment old.

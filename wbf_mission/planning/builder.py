@@ -49,11 +49,8 @@ class MissionBuilder:
 
     Parameters
     ----------
-    farm : Farm
     vehicle : VehicleSpec
         As its autopilot flies it.
-    level : FlightLevel
-    weather : WeatherOptions
     image_spacing_m : float
         Distance between images.
     turns : Turns

@@ -55,7 +55,6 @@ class KeepOut:
 
         Parameters
         ----------
-        farm : Farm
         margin_m : float
             How far the flown path stays away.
         stray : float

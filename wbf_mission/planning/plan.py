@@ -34,7 +34,6 @@ def plan(scenario: Scenario, *, progress: Progress = silent) -> PlanResult:
 
     Parameters
     ----------
-    scenario : Scenario
     progress : callable
         Told how far the planner's search is: see `wbf_mission.progress.Progress`.
 

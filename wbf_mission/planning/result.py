@@ -33,13 +33,10 @@ class PlanResult:
 
     Parameters
     ----------
-    farm : Farm
-    vehicle : VehicleSpec
     planner : str or None
         The planner with its parameters; None for a mission file.
     seed : int
         The run's.
-    mission : Mission
     path_m : float64[n, 2]
         The waypoints in metres of the farm frame.
     spacing_m : float or None

@@ -156,7 +156,6 @@ class VehicleAssignment:
 
         Parameters
         ----------
-        decision : Decision
         decided_by : str
             Planner or policy, with its parameters.
         steered : bool

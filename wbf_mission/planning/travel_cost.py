@@ -66,8 +66,6 @@ class StartTravelCost:
 
     Parameters
     ----------
-    request : PlanningRequest
-    builder : MissionBuilder
     steered : bool
         Whether the paths are changed in flight: then a point that is named again is no stay
         (`VehicleAssignment.plan_of`).
@@ -100,8 +98,6 @@ class FlightTravelCost:
     ----------
     state : InFlight
         The vehicle, as its telemetry tells it.
-    predictor : OnwardPredictor
-    rough : LegFares
     unit : {"s", "Wh"}
     charged : callable
         From what a rest takes in the mean wind to what is charged for it (`FlightBudget.onward`).

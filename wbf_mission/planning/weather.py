@@ -62,7 +62,6 @@ def wind_of(
 
     Parameters
     ----------
-    weather : WeatherOptions
     level : FlightLevel
         Where and how fast is flown: Dryden's turbulence depends on it.
     seed : SeedSequence or int

@@ -29,7 +29,6 @@ class PreflightError(WbfMissionError, ValueError):
 
     Parameters
     ----------
-    message : str
     finding : Finding, optional
         The error that it tells of.
     """
@@ -74,7 +73,6 @@ class Measure:
     ----------
     name : str
         What was measured.
-    value, limit : float
     unit : str
         Of both; empty for a number of things.
     against : Against
@@ -150,7 +148,6 @@ class Finding:
 
     Parameters
     ----------
-    severity : Severity
     code : str
         What was found, in words joined by hyphens; it never changes, so that scripts can rely on it.
     text : str
@@ -164,10 +161,8 @@ class Finding:
         finding, the worst.
     command : str
         Name of the item's command.
-    measure : Measure or None
     count : int
         How many items share the finding.
-    concern : Concern
     """
 
     severity: Severity

@@ -40,9 +40,7 @@ def share_flown(subject: Subject, legs: Sequence[Leg], within_m: float) -> float
 
     Parameters
     ----------
-    subject : Subject
     legs : sequence of Leg
-    within_m : float
 
     Returns
     -------

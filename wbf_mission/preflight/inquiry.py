@@ -128,7 +128,6 @@ class Inquiry:
 
     Attributes
     ----------
-    done : bool
     search : VehicleSearch
         For the vehicle.
     """

@@ -93,7 +93,6 @@ class Circumstances:
     ----------
     vehicle : VehicleOptions
         Of one vehicle.
-    weather : WeatherOptions
     farm : Farm or None
         Whose obstacles count.
     margin_m : float
@@ -123,7 +122,6 @@ class Preflight:
     ----------
     subject : Subject
         The plan with its predicted flight.
-    report : Report
     """
 
     subject: Subject

@@ -19,7 +19,6 @@ class FirmwareVersion:
 
     Parameters
     ----------
-    major, minor, patch : int
     kind : int
         FIRMWARE_VERSION_TYPE; 255 is an official release.
 
@@ -57,8 +56,6 @@ class Gps:
     ----------
     fix : int
         GPS_FIX_TYPE.
-    satellites : int or None
-    hdop : float or None
     """
 
     fix: int
@@ -74,13 +71,10 @@ class VehicleSnapshot:
     ----------
     system_id, autopilot, vehicle_type : int
         Ids of its heartbeat: MAV_AUTOPILOT, MAV_TYPE.
-    armed : bool
     parameters : mapping of str to float
         Those that it told, of those that were asked for.
-    version : FirmwareVersion or None
     sensors_present, sensors_enabled, sensors_health : int or None
         Of SYS_STATUS: MAV_SYS_STATUS_SENSOR.
-    gps : Gps or None
     estimator_flags : int or None
         ESTIMATOR_STATUS_FLAGS, or EKF_STATUS_FLAGS, whose lower bits mean the same.
     position : GeoPoint or None

@@ -160,7 +160,6 @@ class Subject:
         What planning predicts of it, too (`sim_vehicle.prediction.predict.plan_prediction`).
     stopped : tuple of (int, str) or None
         The item, from 0, at which a predicted flight ended before its end, and why.
-    wind : Wind or None
     obstacles : tuple of shapely geometries
         Where no flight may pass, metres about home.
     margin_m : float
@@ -262,12 +261,10 @@ def subject_of(
 
     Parameters
     ----------
-    mission : Mission
     vehicle : VehicleSpec
         As its autopilot flies it.
     profile : mission.transfer.Profile, optional
         Of an autopilot that was heard; by default that of the vehicle's autopilot.
-    wind : Wind, optional
     farm : Farm, optional
         Whose obstacles count, and whose home it is where the mission has none.
     margin_m, image_interval_s, assumed, snapshot

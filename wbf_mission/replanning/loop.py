@@ -37,7 +37,6 @@ class Answer:
 
     Parameters
     ----------
-    decision : Decision
     costs : dict of int to float
         What each new rest of a path costs, in the unit of the vehicle's budget.
     compute_s : float
@@ -54,10 +53,8 @@ def ask(policy: Policy, name: str, situation: Situation) -> Answer:
 
     Parameters
     ----------
-    policy : Policy
     name : str
         What messages call it.
-    situation : Situation
 
     Raises
     ------
@@ -149,10 +146,6 @@ class Knowledge:
 
     Parameters
     ----------
-    farm : Farm
-    day : int
-    fields : FieldSet
-    weights : ScoreWeights
     model : callable
         What is believed after all observations so far.
     observations : callable
@@ -189,10 +182,8 @@ class DecisionLoop:
 
     Parameters
     ----------
-    policy : Policy
     name : str
         What messages call it.
-    knowledge : Knowledge
     records : list of DecisionRecord
         Takes every question.
     flight : int
@@ -303,7 +294,6 @@ class DecisionLoop:
 
         Parameters
         ----------
-        event : Event
         vehicles : sequence of Steered
         time_s : float
             Since the mission began.

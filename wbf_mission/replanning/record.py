@@ -25,7 +25,6 @@ class PathChange:
 
     Parameters
     ----------
-    system_id : int
     position_m : tuple of float
         Where it was then, in metres of the farm frame.
     path_m : float64[n, 2]

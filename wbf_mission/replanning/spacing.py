@@ -68,7 +68,6 @@ class KeptDistance:
 
     Parameters
     ----------
-    distance_m : float
     speeds_m_s : mapping of int to float
         By system id; a vehicle that is not there keeps no distance and need not be kept from.
     clearance_m : float

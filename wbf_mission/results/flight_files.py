@@ -109,8 +109,6 @@ def read_flights(
     ----------
     entries : sequence of FlightEntry
         Of its record.
-    folder : Path
-    farm : Farm
     vehicles : sequence of VehicleSpec
         In the order of their system ids.
     seed : int

@@ -22,7 +22,6 @@ class Batch:
 
     Parameters
     ----------
-    task : SurveyTask
     size : int
         How many.
 

@@ -33,7 +33,6 @@ class Episode:
 
     Parameters
     ----------
-    task : SurveyTask
     seed : int
         As that of a scenario: equal seeds give the same environment and the same errors of the camera.
 
@@ -45,7 +44,6 @@ class Episode:
         Moves of each robot in this flight.
     seen : float32[W, H]
         1 where something was seen in the run.
-    returns : Returns
     """
 
     def __init__(self, task: SurveyTask, seed: int) -> None:

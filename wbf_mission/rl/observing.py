@@ -27,13 +27,11 @@ class Shown:
 
     Parameters
     ----------
-    task : SurveyTask
     block : int, optional
         Cells along a side of a block of the maps; by default the least that `MOST_BLOCKS` allow.
 
     Attributes
     ----------
-    block : int
     map_shape : tuple of int
         Blocks along x and y.
 

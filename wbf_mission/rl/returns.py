@@ -26,7 +26,6 @@ def rewards_of(
     Parameters
     ----------
     number : int[n]
-    points : int
     before, after : float64[n]
         The losses at the scored time before each, and at it.
 

@@ -44,15 +44,10 @@ class SurveyTask:
     ----------
     scenario : Scenario
         That names its estimator; its seed is not used.
-    farm : Farm
-    grid : FarmGrid
-    fields : FieldSet
-    camera : LeafCameraOptions
     home : tuple of int
         The cell in which every flight begins.
     allowed : bool[W, H]
         The cells that may be flown to: the owner's, without obstacles.
-    robots : int
     steps : int
         Images that a robot takes in a flight, the one at home among them; as many moves less one.
     flights : tuple of (int, int)

@@ -34,7 +34,6 @@ class SurveyVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
 
     Parameters
     ----------
-    num_envs : int
     scenario : Scenario, str or path-like
         Of one of the paper's robots, one flight, and images of one cell.
     estimator : str
@@ -95,7 +94,6 @@ class SurveyVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         ----------
         seed : int or sequence of int or None, optional
             Of the first run, the others have the next ones; or of each.
-        options : dict, optional
 
         Raises
         ------

@@ -42,10 +42,8 @@ class Campaign:
 
     Parameters
     ----------
-    run : Run
     tell : callable
         Progress.
-    watch : Stopwatch
 
     Attributes
     ----------
@@ -56,11 +54,8 @@ class Campaign:
     maps : tuple of FieldMap
         The estimate at the end of the last of these days, in blocks of cells.
     decisions : list of DecisionRecord
-    evidence : Evidence
     truth : float32[n, W, H] or None
         Of the day that is flown.
-    simulated_s : float
-    frames : int
     """
 
     def __init__(

@@ -117,8 +117,6 @@ def readings_a_score(
     ----------
     points : int or None
         How often it is to be scored; None: as often as the farm can afford.
-    farm : Farm
-    estimator : Estimator
     flights : int
         Of the run.
     expected : float
@@ -208,8 +206,6 @@ class RunEstimate:
 
     Attributes
     ----------
-    estimator : Estimator
-    every : int
     day : int
         The one that is estimated.
     history : ScoreHistory
@@ -272,7 +268,6 @@ class RunEstimate:
 
         Parameters
         ----------
-        day : int
         truth : float32[n, W, H]
         time_s : float
             Seconds since the beginning of the run.
@@ -382,13 +377,7 @@ def believed(estimator: Estimator) -> InformationModel:
 
 
 class Evidence:
-    """Observations of all flights, and the estimate that learns from them.
-
-    Parameters
-    ----------
-    farm : Farm
-    fields : FieldSet
-    """
+    """Observations of all flights, and the estimate that learns from them."""
 
     def __init__(self, farm: Farm, fields: FieldSet) -> None:
         self.estimate: RunEstimate | None = None

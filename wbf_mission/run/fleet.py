@@ -46,13 +46,10 @@ class Vehicle:
 
     Parameters
     ----------
-    task : VehicleAssignment
     vehicle : VehicleOptions
         With its name, and with the parameters of its layer.
     mission : MissionOptions
         With the height of its layer.
-    weather : WeatherOptions
-    camera : CameraOptions
     """
 
     task: VehicleAssignment

@@ -96,13 +96,10 @@ class _KeptFlight:
     Parameters
     ----------
     records : tuple of FlightRecord
-    images : ImageList
     seen : Observations
         Without values.
     reading : int64[n]
         Which reading each observation is.
-    duration_s : float
-    frames : int
     log : FrameLog or None
         With the numbers of the readings.
     """
@@ -182,10 +179,8 @@ class FlightMemory:
         ----------
         flights : Flights
             Of the run.
-        planned : PlannedFlight
         environment : Environment
             What is seen.
-        hosting : Hosting
         tell : callable
             Progress.
         logged : bool

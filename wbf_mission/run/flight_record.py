@@ -115,7 +115,6 @@ class FlownFlight:
         In the order in which they arrived.
     duration_s : float
         Simulated seconds.
-    frames : int
     decisions : list of DecisionRecord
         With the number of observations since the flight began; without those that the run has already.
     log : FrameLog or None

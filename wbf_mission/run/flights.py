@@ -41,7 +41,6 @@ def departure_delays(plans: Sequence[PlanResult], distance_m: float, clearance_m
     Parameters
     ----------
     plans : sequence of PlanResult
-    distance_m : float
     clearance_m : float
         How much nearer to each other two vehicles may be than they believe.
 
@@ -90,7 +89,6 @@ class PlannedFlight:
 
     Parameters
     ----------
-    day, flight : int
     loop : DecisionLoop
         Who is asked during it.
     sorties : tuple of (SortieNumber, Vehicle, PlanResult)
@@ -125,12 +123,7 @@ class PlannedFlight:
 
 @dataclass(frozen=True, slots=True)
 class Flights:
-    """Plans and sets up any flight of a run; it remembers nothing of them but what the policy does.
-
-    Parameters
-    ----------
-    run : Run
-    """
+    """Plans and sets up any flight of a run; it remembers nothing of them but what the policy does."""
 
     run: Run
 
@@ -146,7 +139,6 @@ class Flights:
 
         Parameters
         ----------
-        day, flight : int
         evidence : Evidence
             What is known by then.
         decisions : list of DecisionRecord
@@ -225,15 +217,12 @@ class Flights:
 
         Parameters
         ----------
-        planned : PlannedFlight
         evidence : Evidence
             Takes what is seen.
         cameras : callable
             Returns the leaf camera of each vehicle; see `camera`.
-        hosting : Hosting
         tell : callable
             Progress.
-        watch : Stopwatch
         began : callable, optional
             Takes the flight before it begins.
         attendant : Attendant or None

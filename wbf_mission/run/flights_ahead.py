@@ -45,8 +45,6 @@ class FlightAlone:
     ----------
     flights : Flights
         With a decider that does not ask what is believed.
-    environment : Environment
-    hosting : Hosting
     logged : bool
         Whether frames are kept.
     """
@@ -97,8 +95,6 @@ def can_fly_ahead(flights: Flights, hosting: Hosting, expected_s: float) -> bool
 
     Parameters
     ----------
-    flights : Flights
-    hosting : Hosting
     expected_s : float
         About how many seconds all vehicles fly in all flights.
     """
@@ -123,7 +119,6 @@ class FlightsAhead:
 
     Parameters
     ----------
-    fly : FlightAlone
     numbers : sequence of (int, int)
         Day and flight of each, in their order.
     """

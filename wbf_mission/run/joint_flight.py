@@ -57,7 +57,6 @@ class JointFlight:
         Who stands by; without, a flight that takes far too long is given up.
     tell : callable
         Progress.
-    watch : Stopwatch
 
     Attributes
     ----------

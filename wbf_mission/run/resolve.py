@@ -68,20 +68,14 @@ class Run:
     ----------
     asked : Scenario
         What was asked for, with the default estimator named: for the record.
-    farm : Farm
     fields : FieldSet
         What there is to see.
     vehicles : tuple of Vehicle
         In the order of their system ids.
-    decider : Decider
-    estimator : Estimator
-    camera : LeafCameraOptions
     looks : CameraOptions
         How often it looks, and at how much.
     weights : ScoreWeights
         What errors cost.
-    seed : int
-    first_day, days, flights_per_day : int
     points : int or None
         How often the estimate of a flight is scored; None: as often as the farm can afford.
     keeps : Separation

@@ -35,7 +35,6 @@ class DayRecord:
 
     Parameters
     ----------
-    day : int
     report : FarmReport or None
         What the estimate at the end of the day says of the farm; None without an estimate.
     truth : float32[n, W, H] or None
@@ -94,7 +93,6 @@ class RunRecord:
 
     Parameters
     ----------
-    scenario : Scenario
     flights : tuple of FlightRecord
         Of each vehicle in each flight of each day, at least one, in that order; none of those that were not
         worth making (`stays`).

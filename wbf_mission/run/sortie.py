@@ -142,8 +142,6 @@ class Sortie:
 
     Parameters
     ----------
-    number : SortieNumber
-    vehicle : Vehicle
     plan : PlanResult
         What is uploaded before take-off.
     leaf_camera : Camera

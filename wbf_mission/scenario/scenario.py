@@ -33,13 +33,6 @@ class Scenario:
 
     Parameters
     ----------
-    farm : FarmOptions
-    mission : MissionOptions
-    vehicle : VehicleOptions
-    weather : WeatherOptions
-    camera : CameraOptions
-    estimate : EstimateOptions
-    score : ScoreOptions
     seed : int
         Everything random comes from it.
 

@@ -41,7 +41,6 @@ class Field:
 
     Parameters
     ----------
-    name : str
     kind : str
         Its C type, as in ``uint16_t``.
     length : int

@@ -24,7 +24,6 @@ class Disk:
 
     Parameters
     ----------
-    first : int
     low, high : int32[rows]
     """
 
@@ -84,7 +83,6 @@ class Painting:
         The first observation to paint; the ones before are there already.
     x, y : int32[n]
         The observed cells from `start` on.
-    disk : Disk
     """
 
     tiles: NDArray[np.bool_]

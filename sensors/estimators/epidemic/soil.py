@@ -361,7 +361,6 @@ class _Posterior:
 
     Parameters
     ----------
-    day : int
     noise : float
         Variance of the noise that the readings are taken with.
     shown : float

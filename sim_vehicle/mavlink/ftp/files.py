@@ -20,12 +20,7 @@ Path = tuple[str, ...]
 
 
 class FileError(Exception):
-    """A file operation that cannot be done.
-
-    Parameters
-    ----------
-    code : FtpError
-    """
+    """A file operation that cannot be done."""
 
     def __init__(self, code: FtpError) -> None:
         super().__init__(code.name)

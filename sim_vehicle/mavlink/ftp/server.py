@@ -60,12 +60,7 @@ class _Burst:
 
 
 class FtpServer:
-    """Answers FILE_TRANSFER_PROTOCOL.
-
-    Parameters
-    ----------
-    files : FileTree
-    """
+    """Answers FILE_TRANSFER_PROTOCOL."""
 
     def __init__(self, files: FileTree) -> None:
         self._files = files

@@ -179,7 +179,6 @@ class PackedPlan:
 
     Parameters
     ----------
-    mission_type : MissionType
     items : tuple of MISSION_ITEM_INT
         Numbered from `start`.
     start : int or None

@@ -54,8 +54,6 @@ class LogTransfer:
 
     Parameters
     ----------
-    logs : FlightLogs
-    habits : LogHabits
     refuse : callable
         Is given the reason where a request is refused with a text.
     """

@@ -111,7 +111,6 @@ class ArduRover(Rover):
 
     Parameters
     ----------
-    spec : VehicleSpec
     limits_of, law_of : callable
         What the autopilot makes of a vehicle's parameters.
     wind : Wind, optional

@@ -28,7 +28,6 @@ def drag(limits: Floats, airspeed: float, load: float) -> float:
     Parameters
     ----------
     limits : float64[LIMITS]
-    airspeed : float
     load : float
         Lift over weight.
     """

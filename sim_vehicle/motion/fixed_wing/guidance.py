@@ -159,7 +159,6 @@ def l1_line(
         Velocity over ground.
     period, damping, gain : float
         Of the loop; gain of the integral of the cross-track angle.
-    dt : float
     state : float64[n]
         Holds at ``at`` the last angle, after it the integral.
     """

@@ -105,7 +105,6 @@ class FixedWingLimits:
     ----------
     law : {0.0, 1.0}
         Guidance: `sim_vehicle.motion.fixed_wing.guidance.NPFG` or `L1`.
-    airspeed_min, airspeed_trim, airspeed_max : float
     bank_limit, roll_s, roll_rate, roll_slew : float
         Greatest bank, time constant and greatest rate of the roll, greatest rate of its set-point.
     climb_max, climb_rate : float
@@ -114,7 +113,6 @@ class FixedWingLimits:
         Sink rate at which heights are changed, and greatest.
     height_s, speed_s : float
         Time constants of height and airspeed.
-    vertical_acceleration : float
     period, damping, integral : float
         Of the guidance.
     switch_share : float
@@ -192,12 +190,7 @@ class FixedWingLimits:
     total_for_load: float = 0.0
 
     def tightest_m(self, airspeed_m_s: float) -> float:
-        """Return the radius of a level turn at the bank limit.
-
-        Parameters
-        ----------
-        airspeed_m_s : float
-        """
+        """Return the radius of a level turn at the bank limit."""
         return airspeed_m_s * airspeed_m_s / (GRAVITY_M_S2 * math.tan(self.bank_limit))
 
 
@@ -208,8 +201,6 @@ def limits_row(
 
     Parameters
     ----------
-    spec : VehicleSpec
-    limits : FixedWingLimits
     control : ArduPlaneControl or None
         None for other autopilots.
     """

@@ -40,10 +40,8 @@ class FixedWing(CompiledMotion):
 
     Parameters
     ----------
-    spec : VehicleSpec
     limits_of : callable
         What the autopilot makes of a vehicle's parameters.
-    wind : Wind, optional
     yaw_rad : float
         Heading at the start.
     control_of : callable, optional

@@ -29,8 +29,6 @@ class Multirotor(CompiledMotion):
 
     Parameters
     ----------
-    spec : VehicleSpec
-    wind : Wind, optional
     yaw_rad : float
         Heading at the start.
 

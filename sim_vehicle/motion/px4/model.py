@@ -45,7 +45,6 @@ def law_of(spec: VehicleSpec, value: Callable[[str], float]) -> NDArray[np.float
 
     Parameters
     ----------
-    spec : VehicleSpec
     value : callable
         The value of a parameter by its name, in its own unit.
     """
@@ -109,8 +108,6 @@ class Px4Multirotor(Multirotor):
 
     Parameters
     ----------
-    spec : VehicleSpec
-    wind : Wind, optional
     yaw_rad : float
         Heading at the start, and after a return.
 

@@ -78,7 +78,6 @@ class RoverLimits:
 
     Parameters
     ----------
-    speed_max, acceleration, deceleration : float
     turn_radius, turn_rate, lateral : float
         Tightest turn, greatest rate of turning and lateral acceleration.
     steering_s : float
@@ -137,7 +136,6 @@ class Rover(CompiledMotion):
 
     Parameters
     ----------
-    spec : VehicleSpec
     limits_of : callable
         What the autopilot makes of a vehicle's parameters.
     wind : Wind, optional

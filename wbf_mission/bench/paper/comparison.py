@@ -49,8 +49,6 @@ def plot_pairs(
 
     Parameters
     ----------
-    scenario : Scenario
-    estimator : str
     shown : mapping of (str, str) to ShownRun
         By planner and estimator.
     rows : sequence of BenchRow

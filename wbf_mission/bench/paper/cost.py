@@ -56,13 +56,10 @@ class Cost(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ----------
     method : str
         An estimator, or ``"score"``.
-    farm : str
-    cells : int
     observations : int
         0 for a score.
     cpu_s : float or None
         None: more than the limit, or refused for lack of memory.
-    machine : str
     """
 
     method: str
@@ -98,7 +95,6 @@ def measured_costs(
         Of observations, growing.
     limit_s : float
         Processor seconds.
-    progress : callable
 
     Raises
     ------

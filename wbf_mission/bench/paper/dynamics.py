@@ -36,8 +36,6 @@ class Dynamics:
 
     Parameters
     ----------
-    farm : Farm
-    fields : FieldSet
     maps : dict of int to float32[n, W, H]
         The values of the first seed on the days that are shown.
     sick, lost : float64[seeds, days, n]
@@ -89,7 +87,6 @@ def plot_dynamics(dynamics: Dynamics, paths: Sequence[Path]) -> None:
 
     Parameters
     ----------
-    dynamics : Dynamics
     paths : sequence of Path
         The same picture as PNG, PDF, ... by suffix.
     """

@@ -135,7 +135,6 @@ def make_paper(
         Processes that fly; -1: one per core.
     cost_farms : sequence of str
         Where costs are measured.
-    progress : callable, optional
 
     Returns
     -------

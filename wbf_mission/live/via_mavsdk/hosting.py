@@ -50,12 +50,6 @@ class MavsdkHosting:
         Send also what the autopilot would refuse or not fly.
     note : callable
         Takes a line for the operator when MAVSDK tells of a refusal.
-
-    Attributes
-    ----------
-    tlog : Path or None
-    force : bool
-    transfers : MavsdkTransfers
     """
 
     def __init__(
@@ -114,13 +108,7 @@ class MavsdkHosting:
 
 
 class _GroundByMavsdk:
-    """A ground station whose orders MAVSDK carries out, as a component of the host.
-
-    Parameters
-    ----------
-    ground : GroundStation
-    orders : MavsdkOrders
-    """
+    """A ground station whose orders MAVSDK carries out, as a component of the host."""
 
     def __init__(self, ground: GroundStation, orders: MavsdkOrders) -> None:
         self.system_id, self.component_id = ground.system_id, ground.component_id

@@ -48,10 +48,6 @@ class MavsdkLink:
     url : str
         See `mission.link.address.parse_link_url`.
 
-    Attributes
-    ----------
-    name : str
-
     Raises
     ------
     LinkError

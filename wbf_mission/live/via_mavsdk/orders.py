@@ -64,7 +64,6 @@ class MavsdkOrders:
 
     Parameters
     ----------
-    link : MavsdkLink
     system_id : int
         Of the vehicle.
     autopilot, vehicle_type : int

@@ -15,7 +15,7 @@ from mission.policies.situation import VehicleReport
 
 @dataclass(frozen=True, slots=True)
 class GeometricTravelCost:
-    """TravelCost of a budget that counts metres or steps.
+    """The travel cost of a budget that counts metres or steps.
 
     Parameters
     ----------
@@ -26,10 +26,10 @@ class GeometricTravelCost:
 
     Examples
     --------
-    >>> travel costs = GeometricTravelCost(LengthBudget(50.0, return_to=(0.0, 0.0)), (3.0, 4.0))
-    >>> travel costs.rest([np.empty((0, 2)), np.array([[3.0, 0.0]])])
+    >>> cost = GeometricTravelCost(LengthBudget(50.0, return_to=(0.0, 0.0)), (3.0, 4.0))
+    >>> cost.rest([np.empty((0, 2)), np.array([[3.0, 0.0]])])
     [5.0, 7.0]
-    >>> travel costs.legs(np.array([[0.0, 0.0]]), np.array([[3.0, 4.0], [0.0, 2.0]])).tolist()
+    >>> cost.legs(np.array([[0.0, 0.0]]), np.array([[3.0, 4.0], [0.0, 2.0]])).tolist()
     [[5.0, 2.0]]
     """
 

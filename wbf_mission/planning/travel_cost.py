@@ -62,7 +62,7 @@ class LegFares:
 
 @dataclass(frozen=True, slots=True)
 class StartTravelCost:
-    """TravelCost of a vehicle that stands at its start: whole flights, as its budget prices them.
+    """The travel cost of a vehicle that stands at its start: whole flights, as its budget prices them.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ class StartTravelCost:
 
 @dataclass(frozen=True, slots=True)
 class FlightTravelCost:
-    """TravelCost of a vehicle in flight, where the budget counts seconds or watt hours.
+    """The travel cost of a vehicle in flight, where the budget counts seconds or watt hours.
 
     Parameters
     ----------

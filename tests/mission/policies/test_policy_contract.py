@@ -90,7 +90,7 @@ def test_a_path_from_elsewhere_is_kept():
 
 
 class _Dear:
-    """TravelCost of a vehicle that loses time when its path is changed."""
+    """The travel cost of a vehicle that loses time when its path is changed."""
 
     def __init__(self, position_m, price):
         travel_cost = GeometricTravelCost(LengthBudget(1000.0), position_m)

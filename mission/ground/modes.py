@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
-from pymavlink import mavutil
-
 from geo.errors import WbfMissionError
+from mission.autopilots.profile import told_mode
 from mission.autopilots.registry import profile_for
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command
@@ -57,8 +56,10 @@ def mode_name(autopilot: int, vehicle_type: int, base_mode: int, custom_mode: in
     >>> mode_name(3, 2, 81, 6), mode_name(12, 2, 29, 4 << 16 | 4 << 24)
     ('RTL', 'MISSION')
     """
-    beat = m.MAVLink_heartbeat_message(vehicle_type, autopilot, base_mode, custom_mode, 4, 3)
-    return str(mavutil.mode_string_v10(beat))
+    modes = profile_for(autopilot).modes
+    if modes is not None:
+        return modes.name(base_mode, custom_mode, vehicle_type)
+    return told_mode(autopilot)(base_mode, custom_mode, vehicle_type)
 
 
 def mode_named(autopilot: int, vehicle_type: int, name: str) -> ModeNumbers:

@@ -11,6 +11,9 @@ import pytest
 
 from geo.frame import LocalFrame
 from mission.autopilots import registry
+from mission.autopilots.registry import profile_for
+from mission.autopilots.settings import Meaning, answer_to
+from mission.ground.modes import Maneuver, ModeError, is_in_mission, maneuver_command, mode_name, mode_named
 from mission.ground.station import GroundStation
 from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint, Mission, MissionItem
@@ -132,6 +135,17 @@ def test_its_parameters_and_failsafe_rules_act(nimbus):
     arm._header.srcSystem = 255
     texts = [message.text for message in vehicle.receive(arm, 60.0) if message.get_type() == "STATUSTEXT"]
     assert any(text.startswith("Nimbus arming: ") for text in texts), texts
+
+
+def test_a_ground_station_knows_its_modes_and_parameters(nimbus):
+    reflex = m.MAV_AUTOPILOT_REFLEX
+    assert mode_name(reflex, 2, 129, 75) == "SURVEY" and is_in_mission(reflex, 2, 129, 75)
+    assert mode_name(reflex, 2, 129, 99) == "Mode(99)" and not is_in_mission(reflex, 2, 129, 72)
+    assert maneuver_command(Maneuver.HOLD, reflex, 2) == (m.MAV_CMD_DO_SET_MODE, (1.0, 72.0, 0.0))
+    with pytest.raises(ModeError, match="mode 'auto' is unknown to this vehicle; it has STAY, SURVEY"):
+        mode_named(reflex, 2, "auto")
+    asked = profile_for(reflex).settings.asked_of(2)
+    assert answer_to(Meaning.LINK_LOST, asked, {"NIM_LINK_ACT": 1.0}) == ("NIM_LINK_ACT", 1.0)
 
 
 def test_a_fleet_of_it_is_found_at_its_own_ports(nimbus):

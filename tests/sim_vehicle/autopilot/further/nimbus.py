@@ -3,7 +3,8 @@
 from dataclasses import replace
 from types import MappingProxyType
 
-from mission.autopilots.profile import Profile
+from mission.autopilots.profile import FlightModes, Profile
+from mission.autopilots.settings import Meaning, VehicleSettings, question
 from mission.link.codec.dialect import mavlink as m
 from sim_vehicle.airframe.parameters import ParameterSpec
 from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
@@ -33,7 +34,20 @@ def parameter_table(spec, system_id):
     ]
 
 
-PROFILE = Profile("Nimbus", m.MAV_AUTOPILOT_REFLEX, home_at_zero=True, streams_on_request=True)
+PROFILE = Profile(
+    "Nimbus",
+    m.MAV_AUTOPILOT_REFLEX,
+    home_at_zero=True,
+    streams_on_request=True,
+    modes=FlightModes(
+        lambda _kind: {"STAY": (1.0, 72.0, 0.0), "SURVEY": (1.0, 75.0, 0.0)},
+        mission=frozenset({"SURVEY"}),
+        hold={None: "STAY"},
+        arming={None: None},
+        ends=lambda _kind, _last: frozenset(),
+    ),
+    settings=VehicleSettings({None: (question(Meaning.LINK_LOST, "NIM_LINK_ACT"),)}),
+)
 RULES = FailsafeRules(
     fence_actions=actions_by_value(NONE="0", RETURN="1"),
     link_actions=actions_by_value(NONE="0", LAND="1"),

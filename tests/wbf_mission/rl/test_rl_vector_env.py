@@ -65,6 +65,7 @@ def test_all_that_gymnasiums_own_vector_environment_gives_is_the_same(name, move
     assert ended or name == "WBF/Miniberry-100-v1"
 
 
+@pytest.mark.kernel
 @settings(deadline=None, max_examples=25)
 @given(
     actions=st.lists(st.integers(0, 4), min_size=39, max_size=39),
@@ -102,6 +103,7 @@ def test_ids_make_the_batched_environment():
     assert wbf_mission.rl.MOVE_NAMES[0] == "stay"
 
 
+@pytest.mark.kernel
 def test_seeds_of_each_run_and_runs_that_begin_anew_alone():
     envs = SurveyVectorEnv(3, "WBF/Miniberry-10-v1", autoreset_mode="Disabled")
     first, info = envs.reset(seed=[4, None, 4])
@@ -118,6 +120,7 @@ def test_seeds_of_each_run_and_runs_that_begin_anew_alone():
     assert np.array_equal(first["value"][0], first["value"][2])
 
 
+@pytest.mark.kernel
 def test_observations_stay_as_they_are_unless_that_is_not_wanted():
     kept, shared = (SurveyVectorEnv(2, "WBF/Miniberry-10-v1", copy=copy) for copy in (True, False))
     for envs, same in ((kept, False), (shared, True)):

@@ -116,11 +116,8 @@ def fly(
     scenario = scenario_with(scenario, {"planner": planner, "policy": policy, "estimator": estimator})
     breaking = tuple(parse_fault(one) if isinstance(one, str) else one for one in faults)
     check_vehicles(breaking, range(1, len(scenario.vehicle.fleet) + 1))
-    if connect is not None:
-        check_flight(scenario)
-        scenario = connect.fitted(scenario)
-    tell("planning", 0, 1)
-    run = resolve(scenario, weights=weights, tell=tell)
+    fitted = None if connect is None else connect.fitted
+    run = resolve(scenario, fitted=fitted, weights=weights, tell=tell)
     if connect is not None:
         run = replace(run, vehicles=connect.numbered(run.vehicles))
     campaign = Campaign(run, tell=tell, watch=watch)

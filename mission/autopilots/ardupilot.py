@@ -25,7 +25,7 @@ from mission.autopilots.dialect import (
     Severity,
     Substitute,
 )
-from mission.autopilots.profile import CardRoom, FlightModes, NeededParameter, Profile, told_mode
+from mission.autopilots.profile import CardRoom, FlightModes, NeededParameter, Profile
 from mission.autopilots.settings import Meaning, VehicleSettings, question
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, MissionItem, has_position
@@ -216,7 +216,7 @@ _MODES = FlightModes(
     # ArduCopter arms neither in AUTO nor, with the throttle down, in modes that hold the height.
     arming={FIXED_WING: None, ROVER: None, None: "GUIDED"},
     ends=_ends,
-    told=told_mode(m.MAV_AUTOPILOT_ARDUPILOTMEGA),
+    in_pymavlink=True,
 )
 
 ARDUPILOT = Profile(

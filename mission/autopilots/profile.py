@@ -10,7 +10,7 @@ from mission.autopilots.settings import VehicleSettings
 from mission.link.codec.dialect import mavlink as m
 from mission.model import MAX_ITEMS, MissionType
 
-__all__ = ["CardRoom", "FlightModes", "NeededParameter", "Profile", "told_mode"]
+__all__ = ["CardRoom", "FlightModes", "NeededParameter", "Profile"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,18 +88,6 @@ class CardRoom:
         return kib if kib <= self.largest_kib and items <= self.items(kib) else None
 
 
-def told_mode(autopilot: int) -> Callable[[int, int, int], str]:
-    """Return what names a mode as pymavlink does, by base mode, custom mode and MAV_TYPE of a HEARTBEAT."""
-
-    def told(base_mode: int, custom_mode: int, vehicle_type: int) -> str:
-        from pymavlink import mavutil  # loads its own dialect, which who only transfers does not need
-
-        beat = m.MAVLink_heartbeat_message(vehicle_type, autopilot, base_mode, custom_mode, 4, 3)
-        return str(mavutil.mode_string_v10(beat))
-
-    return told
-
-
 @dataclass(frozen=True, slots=True)
 class FlightModes:
     """An autopilot's flight modes by their names, and what they are for.
@@ -119,9 +107,8 @@ class FlightModes:
         over, besides its own.
     aliases : mapping of str to str
         Further names.
-    told : callable or None
-        Given base mode and custom mode of a HEARTBEAT and the MAV_TYPE, the name of the mode; None where the
-        custom mode is parameter 2 of DO_SET_MODE.
+    in_pymavlink : bool
+        Whether pymavlink names what a HEARTBEAT tells; else its custom mode is parameter 2 of DO_SET_MODE.
     """
 
     numbers: Callable[[int], Mapping[str, tuple[float, float, float]]]
@@ -130,12 +117,10 @@ class FlightModes:
     arming: Mapping[int | None, str | None]
     ends: Callable[[int, int], frozenset[str]]
     aliases: Mapping[str, str] = field(default_factory=dict)
-    told: Callable[[int, int, int], str] | None = None
+    in_pymavlink: bool = False
 
-    def name(self, base_mode: int, custom_mode: int, vehicle_type: int) -> str:
-        """Return the name of the mode that a HEARTBEAT tells."""
-        if self.told is not None:
-            return self.told(base_mode, custom_mode, vehicle_type)
+    def name(self, custom_mode: int, vehicle_type: int) -> str:
+        """Return the name of the mode whose parameter 2 of DO_SET_MODE is the custom mode of a HEARTBEAT."""
         names = {int(main): name for name, (_, main, _) in self.numbers(vehicle_type).items()}
         return names.get(custom_mode, f"Mode({custom_mode})")
 

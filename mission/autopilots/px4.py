@@ -21,7 +21,7 @@ from mission.autopilots.dialect import (
     ReadBack,
     Severity,
 )
-from mission.autopilots.profile import FlightModes, Profile, told_mode
+from mission.autopilots.profile import FlightModes, Profile
 from mission.autopilots.settings import Meaning, VehicleSettings, question
 from mission.link.codec.dialect import mavlink as m
 from mission.model import MAX_ITEMS, Command, MissionType
@@ -150,7 +150,7 @@ _MODES = FlightModes(
     arming={None: _HOLD},
     ends=_ends,
     aliases={"HOLD": _HOLD},
-    told=told_mode(m.MAV_AUTOPILOT_PX4),
+    in_pymavlink=True,
 )
 
 PX4 = Profile(

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
+from pymavlink import mavutil
+
 from geo.errors import WbfMissionError
-from mission.autopilots.profile import told_mode
 from mission.autopilots.registry import profile_for
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command
@@ -57,9 +58,10 @@ def mode_name(autopilot: int, vehicle_type: int, base_mode: int, custom_mode: in
     ('RTL', 'MISSION')
     """
     modes = profile_for(autopilot).modes
-    if modes is not None:
-        return modes.name(base_mode, custom_mode, vehicle_type)
-    return told_mode(autopilot)(base_mode, custom_mode, vehicle_type)
+    if modes is not None and not modes.in_pymavlink:
+        return modes.name(custom_mode, vehicle_type)
+    beat = m.MAVLink_heartbeat_message(vehicle_type, autopilot, base_mode, custom_mode, 4, 3)
+    return str(mavutil.mode_string_v10(beat))
 
 
 def mode_named(autopilot: int, vehicle_type: int, name: str) -> ModeNumbers:

@@ -1,4 +1,4 @@
-"""The vehicle's side of an upload: asking for items, taking them, and what is in force at the end."""
+"""The vehicle's side of a transfer: asking for items, taking and keeping them; sending them."""
 
 from __future__ import annotations
 
@@ -31,17 +31,17 @@ _INFO = mavlink.MAV_SEVERITY_INFO
 _Sender = tuple[int, int]
 
 
-class IncomingPlan:
-    """Receives a plan and puts it in force.
+class _PlanOnWire:
+    """One way of a plan.
 
     Parameters
     ----------
     profile : Profile
         Whose habits to follow.
     store : PlanStore
-        Where the plan goes.
+        Where the plan goes, or comes from.
     session : ServerSession
-        The transfer that runs; its upload fields are written here.
+        The transfer that runs; the fields of this way are written here.
     replies : ServerReplies
         How to answer.
     """
@@ -53,6 +53,10 @@ class IncomingPlan:
         self._store = store
         self._session = session
         self._replies = replies
+
+
+class IncomingPlan(_PlanOnWire):
+    """Receives a plan and puts it in force."""
 
     def ask_first(self, message: wire.CountMessage, sender: _Sender, now_s: float) -> Output:
         """Begin the upload of a whole plan; a vehicle that overwrites in place forgets what is beyond it."""
@@ -209,28 +213,8 @@ class IncomingPlan:
         return (self._put(self._merged(), complete=False),)
 
 
-class OutgoingPlan:
-    """Sends a plan.
-
-    Parameters
-    ----------
-    profile : Profile
-        Whose habits to follow.
-    store : PlanStore
-        Where the plan comes from.
-    session : ServerSession
-        The transfer that runs; its download fields are written here.
-    replies : ServerReplies
-        How to answer.
-    """
-
-    def __init__(
-        self, profile: Profile, store: PlanStore, session: ServerSession, replies: ServerReplies
-    ) -> None:
-        self._profile = profile
-        self._store = store
-        self._session = session
-        self._replies = replies
+class OutgoingPlan(_PlanOnWire):
+    """Sends a plan."""
 
     def send_count(self, message: wire.MissionMessage, sender: _Sender, now_s: float) -> Output:
         """Begin the download."""

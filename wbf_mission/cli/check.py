@@ -126,7 +126,7 @@ def check_planner_command(
         from mission.planners.conformance import LANDS, check_planner
 
         lands = LANDS if land is None else tuple(one.strip() for one in land.split(","))
-        check_planner(choice.name if choice.made is None else choice.made, lands, **choice.params)
+        check_planner(choice.chosen, lands, **choice.params)
         return {}
 
     return _run(name, "planner", check, as_json=json)
@@ -142,7 +142,7 @@ def check_policy_command(name: _Name, json: options.Json = False) -> int:
     def check(choice: Choice) -> dict[str, Any]:
         from mission.policies.conformance import check_policy
 
-        found = check_policy(choice.name if choice.made is None else choice.made, **choice.params)
+        found = check_policy(choice.chosen, **choice.params)
         return {"decisions": found.decisions, "time_share": found.time_share}
 
     return _run(name, "policy", check, as_json=json)

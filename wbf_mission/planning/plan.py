@@ -103,7 +103,7 @@ def planner_of(choice: Choice) -> Planner:
     ParameterError
         If it does not have one of the parameters.
     """
-    return make_planner(choice.name if choice.made is None else choice.made, **choice.params)
+    return make_planner(choice.chosen, **choice.params)
 
 
 def check_wind(builder: MissionBuilder) -> None:

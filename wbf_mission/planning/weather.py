@@ -49,10 +49,10 @@ def flight_level(mission: MissionOptions, vehicle: VehicleOptions) -> FlightLeve
     )
 
 
-def wind_of_run(scenario: Scenario, names: tuple[str, ...] = ("wind",)) -> Wind:
-    """Return the wind that a run's vehicle meets, gusts included; `names` are those of its random stream."""
+def wind_of_run(scenario: Scenario) -> Wind:
+    """Return the wind that a run's first flight meets, gusts included."""
     level = flight_level(scenario.mission, scenario.vehicle)
-    return wind_of(scenario.weather, level, child_seed(scenario.seed, *names))
+    return wind_of(scenario.weather, level, child_seed(scenario.seed, "wind"))
 
 
 def wind_of(

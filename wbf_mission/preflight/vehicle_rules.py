@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from functools import partial
 
 from geo.frame import LocalFrame
 from mission.autopilots.registry import profile_for
@@ -54,9 +55,19 @@ def _questions(subject: Subject) -> tuple[Question, ...]:
 
 
 def _finding(
-    severity: Severity, code: str, text: str, fix: str = "", measure: Measure | None = None
+    severity: Severity,
+    code: str,
+    text: str,
+    fix: str = "",
+    measure: Measure | None = None,
+    *,
+    concern: Concern = Concern.PARAMETERS,
 ) -> Finding:
-    return Finding(severity, code, text, fix, measure=measure, concern=Concern.PARAMETERS)
+    return Finding(severity, code, text, fix, measure=measure, concern=concern)
+
+
+_standing = partial(_finding, concern=Concern.STATE)
+"""What is found in how the vehicle stands there."""
 
 
 def check_unread(subject: Subject) -> Iterator[Finding]:
@@ -475,15 +486,3 @@ def _is_unsettled(snapshot: VehicleSnapshot) -> bool:
     if snapshot.estimator_flags is None:
         return snapshot.gps is not None and snapshot.gps.fix < _FIX_3D
     return not snapshot.estimator_flags & m.ESTIMATOR_POS_HORIZ_ABS
-
-
-def _standing(
-    severity: Severity,
-    code: str,
-    text: str,
-    fix: str = "",
-    measure: Measure | None = None,
-    *,
-    concern: Concern = Concern.STATE,
-) -> Finding:
-    return Finding(severity, code, text, fix, measure=measure, concern=concern)

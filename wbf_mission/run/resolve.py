@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -140,8 +141,20 @@ class Run:
         )
 
 
-def resolve(scenario: Scenario, *, weights: ScoreWeights | None = None, tell: Progress = silent) -> Run:
+def resolve(
+    scenario: Scenario,
+    *,
+    fitted: Callable[[Scenario], Scenario] | None = None,
+    weights: ScoreWeights | None = None,
+    tell: Progress = silent,
+) -> Run:
     """Make and check everything that a scenario names.
+
+    Parameters
+    ----------
+    fitted : callable, optional
+        Returns the scenario as the vehicles behind a link want it. They are waited for when what does not
+        depend on them has been found to be in order.
 
     Raises
     ------
@@ -154,6 +167,9 @@ def resolve(scenario: Scenario, *, weights: ScoreWeights | None = None, tell: Pr
     choice = scenario.estimate.estimator
     assert choice is not None
     estimator = estimator_of(choice, scenario.seed, fields)
+    if fitted is not None:
+        scenario = fitted(scenario)
+    tell("planning", 0, 1)
     decider = decider_of(scenario)
     vehicles = vehicles_of(scenario, tell)
     return Run(
@@ -192,7 +208,7 @@ def decider_of(scenario: Scenario) -> Decider:
         return Decider(KeepPath(), f"mission {options.file}", options.file, plan(scenario))
     if options.policy is not None:
         choice = options.policy
-        made = make_policy(choice.name if choice.made is None else choice.made, **choice.params)
+        made = make_policy(choice.chosen, **choice.params)
         return Decider(made, f"policy {choice}", str(choice), named=choice.made is None)
     choice = options.planner
     policy = FixedPlan(planner_of(choice), options.partition)

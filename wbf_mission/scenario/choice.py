@@ -32,6 +32,11 @@ class Choice:
         return format_named(self.name, self.params)
 
     @property
+    def chosen(self) -> Any:
+        """The object, where one was given, else the name."""
+        return self.name if self.made is None else self.made
+
+    @property
     def value(self) -> str | dict[str, Any]:
         """As a file holds it: the name, or a table with the parameters."""
         return {"name": self.name, **self.params} if self.params else self.name

@@ -36,7 +36,7 @@ class TransferReport:
     texts : list of str
         What the vehicle warned of meanwhile (STATUSTEXT).
     remarks : list of dict
-        What its autopilot does not take as it is (`mission.transfer.remark.Remark`).
+        What its autopilot does not take as it is (`mission.transfer.remarks.Remark`).
     accepted : bool or None
         Whether the vehicle would fly the mission that it holds; None when it does not tell.
     """

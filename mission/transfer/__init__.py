@@ -26,15 +26,15 @@ if TYPE_CHECKING:
     from mission.transfer.events import TransferStatistics as TransferStatistics
     from mission.transfer.events import UploadComplete as UploadComplete
     from mission.transfer.events import UploadVerified as UploadVerified
-    from mission.transfer.plan_remarks import count_warning as count_warning
-    from mission.transfer.plan_store import StoredPlan as StoredPlan
-    from mission.transfer.remark import Remark as Remark
-    from mission.transfer.remark import Severity as Severity
+    from mission.transfer.remarks import Remark as Remark
+    from mission.transfer.remarks import Severity as Severity
+    from mission.transfer.remarks import count_warning as count_warning
     from mission.transfer.rendering import Rendered as Rendered
     from mission.transfer.rendering import refuse_errors as refuse_errors
     from mission.transfer.rendering import render as render
     from mission.transfer.round_trip import RoundTrip as RoundTrip
     from mission.transfer.server import MissionServer as MissionServer
+    from mission.transfer.server_state import StoredPlan as StoredPlan
     from mission.transfer.upload import MissionClear as MissionClear
     from mission.transfer.upload import MissionUpload as MissionUpload
     from mission.transfer.upload import check_plan as check_plan
@@ -74,9 +74,8 @@ else:
                 "UploadComplete",
                 "UploadVerified",
             ),
-            "mission.transfer.plan_remarks": ("count_warning",),
-            "mission.transfer.plan_store": ("StoredPlan",),
-            "mission.transfer.remark": ("Remark", "Severity"),
+            "mission.transfer.server_state": ("StoredPlan",),
+            "mission.transfer.remarks": ("Remark", "Severity", "count_warning"),
             "mission.transfer.rendering": ("Rendered", "refuse_errors", "render"),
             "mission.transfer.round_trip": ("RoundTrip",),
             "mission.transfer.server": ("MissionServer",),

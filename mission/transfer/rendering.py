@@ -15,8 +15,7 @@ from mission.autopilots.profile import Profile
 from mission.link.codec.dialect import mavlink
 from mission.model import GLOBAL_FRAMES, Command, Frame, Mission, MissionItem, MissionType, has_position
 from mission.transfer.errors import LocalTransferError
-from mission.transfer.plan_remarks import area_remarks, count_remarks, frame_name
-from mission.transfer.remark import Remark, Severity
+from mission.transfer.remarks import Remark, Severity, area_remarks, count_remarks, frame_name
 
 __all__ = ["Rendered", "refuse_errors", "render"]
 

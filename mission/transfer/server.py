@@ -1,39 +1,100 @@
 """The vehicle's side of the mission protocol, sans-IO."""
 
+# ruff: noqa: ARG002 - the actions of the transition table share one signature
+
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, assert_never
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 from mission.autopilots import PX4
 from mission.autopilots.profile import Profile
 from mission.link.codec.dialect import Message, mavlink
+from mission.link.codec.typed import is_a
 from mission.model import GeoPoint, MissionItem, MissionType
 from mission.transfer import wire
-from mission.transfer.events import NOTHING, Output
-from mission.transfer.plan_store import PlanStore, StoredPlan
-from mission.transfer.server_incoming import IncomingPlan, OutgoingPlan
-from mission.transfer.server_session import ServerReplies, ServerSession
+from mission.transfer.events import (
+    NOTHING,
+    Event,
+    FailureReason,
+    Output,
+    PlanCleared,
+    PlanPart,
+    PlanReplaced,
+    PlanSent,
+    StatusText,
+    TransferFailed,
+    TransferStarted,
+)
+from mission.transfer.server_inputs import ServerInputs, Validator
+from mission.transfer.server_state import EndedUpload, PlanStore, StoredPlan
 from mission.transfer.server_table import (
     IDLE,
     RECEIVING,
+    SENDING,
     SERVER_TABLE,
     ServerAction,
     ServerInput,
     ServerState,
 )
-from mission.transfer.server_validator import ServerJudge, Validator
+from mission.transfer.storage import as_read_back, frame_on_wire
+from mission.transfer.wire import from_wire_order, to_wire_order
 
 _I = ServerInput
 _A = ServerAction
 _COMPONENTS = frozenset({0, mavlink.MAV_COMP_ID_MISSIONPLANNER})
+_CRITICAL = mavlink.MAV_SEVERITY_CRITICAL
+_WARNING = mavlink.MAV_SEVERITY_WARNING
+_INFO = mavlink.MAV_SEVERITY_INFO
+_Sender = tuple[int, int]
 
 
-class MissionServer:
+class _Refusal(NamedTuple):
+    """An answer that changes nothing.
+
+    ``result`` is the MAV_MISSION_RESULT to answer, None for no answer; ``text`` is said with it,
+    ``silent_text`` where there is none.
+    """
+
+    result: Callable[[Profile], int | None]
+    text: str = ""
+    silent_text: str = ""
+
+
+def _always(result: int) -> Callable[[Profile], int]:
+    return lambda _: int(result)
+
+
+def _where_denied(result: int) -> Callable[[Profile], int | None]:
+    """An answer of those that deny what comes while they are busy; the others only say that they are."""
+    return lambda profile: int(result) if profile.busy_result == wire.DENIED else None
+
+
+_IGNORED = "IGN. CMD: Busy"
+_REFUSALS = {
+    _A.REFUSE_BUSY: _Refusal(lambda profile: profile.busy_result, "REJ. CMD: Busy"),
+    _A.REFUSE_TYPE: _Refusal(lambda profile: profile.type_result),
+    _A.REFUSE_PARTIAL: _Refusal(lambda profile: profile.partial_result),
+    _A.REFUSE_UNEXPECTED_ITEM: _Refusal(_always(wire.ERROR), "REJ. item: no transfer is running"),
+    _A.REFUSE_ITEM_TYPE: _Refusal(_always(wire.ERROR)),
+    _A.REFUSE_FOREIGN_ITEM: _Refusal(_where_denied(wire.DENIED), silent_text=_IGNORED),
+    _A.ANSWER_ORDER: _Refusal(lambda profile: profile.order_result),
+    _A.REFUSE_LIST: _Refusal(_where_denied(wire.DENIED), silent_text=_IGNORED),
+    _A.REFUSE_REQUEST: _Refusal(_always(wire.ERROR), "REJ. request: no LIST before it"),
+    _A.REFUSE_REQUEST_NOW: _Refusal(lambda profile: wire.DENIED if profile.stateless_download else None),
+    _A.REFUSE_CHANGED: _Refusal(_always(wire.ERROR), "REJ. MISSION_REQUEST after _INT"),
+    _A.REFUSE_CLEAR: _Refusal(_always(wire.UNSUPPORTED)),
+    _A.REFUSE_CLEAR_NOW: _Refusal(_where_denied(wire.ERROR), silent_text=_IGNORED),
+    _A.SAY_BUSY: _Refusal(lambda _: None, silent_text=_IGNORED),
+}
+
+
+class MissionServer(ServerInputs):
     """Stores the three plans of a vehicle and talks about them with ground stations.
 
     No socket and no clock: the owner feeds messages and the time, sends what comes out, and calls `poll` at
-    `next_deadline`. Nothing that arrives raises. The rules are in `mission.transfer.server_table`.
+    `next_deadline`. Nothing that arrives raises. The rules are in `mission.transfer.server_table`: an action
+    of it is a row of the refusals above, or the method of its name.
 
     Parameters
     ----------
@@ -74,16 +135,10 @@ class MissionServer:
         validator: Validator | None = None,
         home: GeoPoint | None = None,
     ) -> None:
+        super().__init__(profile, PlanStore(profile, capacity, home), validator)
         self.system_id = system_id
         self.component_id = component_id
-        self.profile = profile
         self.current_sequence = 0
-        self._store = PlanStore(profile, capacity, home)
-        self._session = ServerSession()
-        self._replies = ServerReplies(profile, self._store, self._session)
-        self._incoming = IncomingPlan(profile, self._store, self._session, self._replies)
-        self._outgoing = OutgoingPlan(profile, self._store, self._session, self._replies)
-        self._judge = ServerJudge(profile, self._store, self._session, validator)
 
     @property
     def home(self) -> GeoPoint | None:
@@ -93,24 +148,6 @@ class MissionServer:
     @home.setter
     def home(self, home: GeoPoint | None) -> None:
         self._store.home = home
-
-    @property
-    def validator(self) -> Validator | None:
-        """What judges each mission item by itself."""
-        return self._judge.validator
-
-    @validator.setter
-    def validator(self, validator: Validator | None) -> None:
-        self._judge.validator = validator
-
-    @property
-    def locked(self) -> bool:
-        """Whether the mission may not be cleared now."""
-        return self._judge.locked
-
-    @locked.setter
-    def locked(self, locked: bool) -> None:
-        self._judge.locked = locked
 
     @property
     def state(self) -> ServerState:
@@ -128,7 +165,10 @@ class MissionServer:
 
     def live_plan(self, mission_type: MissionType) -> tuple[MissionItem, ...]:
         """Return what a vehicle that overwrites in place would fly now, in the middle of an upload too."""
-        return self._incoming.live(mission_type)
+        session = self._session
+        if session.state is not RECEIVING or session.type is not mission_type or self.profile.atomic:
+            return self._store.plan(mission_type).items
+        return self._merged()
 
     def set_card(self, mission_type: MissionType, kib: float) -> None:
         """Take the room for a plan from the parameter of its card, as at a start of the vehicle."""
@@ -139,8 +179,13 @@ class MissionServer:
         return len(self._store.wire_items(mission_type))
 
     def items_on_wire(self, mission_type: MissionType) -> list[mavlink.MAVLink_mission_item_int_message]:
-        """Return the MISSION_ITEM_INT of all items of a plan, as a download has them."""
-        return self._outgoing.all_items(mission_type)
+        """Return the MISSION_ITEM_INT of all items of a plan, as a download has them, addressed to nobody."""
+        items = []
+        for seq, item in enumerate(self._store.wire_items(mission_type)):
+            message = self._item_message(item, seq, mission_type, (0, 0), None, integer=True)
+            assert is_a(message, mavlink.MAVLink_mission_item_int_message)
+            items.append(message)
+        return items
 
     def set_plan(self, mission_type: MissionType, items: Sequence[MissionItem]) -> StoredPlan:
         """Put a plan in force from inside the vehicle and return it with its id."""
@@ -161,7 +206,7 @@ class MissionServer:
         before = NOTHING
         while True:
             state = self._session.state
-            found = self._judge.judge(message, sender, now_s)
+            found = self._input_of(message, sender, now_s)
             if state is not IDLE and sender == self._session.partner:
                 self._session.heard_s = now_s
             output = before + self._step(found, message, sender, now_s)
@@ -171,12 +216,13 @@ class MissionServer:
 
     def poll(self, now_s: float) -> Output:
         """Act on the timers that are due."""
-        if self._session.state is IDLE:
+        session = self._session
+        if session.state is IDLE:
             return NOTHING
-        if now_s >= self._session.heard_s + self.profile.abort_s:
-            return self._step(_I.ABORT, None, self._session.partner, now_s)
-        if self._session.state is RECEIVING and now_s >= self._session.asked_s + self.profile.re_request_s:
-            return self._step(_I.RETRY, None, self._session.partner, now_s)
+        if now_s >= session.heard_s + self.profile.abort_s:
+            return self._step(_I.ABORT, None, session.partner, now_s)
+        if session.state is RECEIVING and now_s >= session.asked_s + self.profile.re_request_s:
+            return self._step(_I.RETRY, None, session.partner, now_s)
         return NOTHING
 
     def restart(self, now_s: float) -> Output:
@@ -187,97 +233,304 @@ class MissionServer:
 
     def next_deadline(self) -> float | None:
         """When `poll` has something to do, None if no transfer runs."""
-        if self._session.state is IDLE:
+        session = self._session
+        if session.state is IDLE:
             return None
-        abort = self._session.heard_s + self.profile.abort_s
-        return (
-            min(abort, self._session.asked_s + self.profile.re_request_s)
-            if self._session.state is RECEIVING
-            else abort
-        )
+        abort_s = session.heard_s + self.profile.abort_s
+        if session.state is not RECEIVING:
+            return abort_s
+        return min(abort_s, session.asked_s + self.profile.re_request_s)
+
+    # The machinery.
 
     def _step(
-        self, found: ServerInput, message: wire.MissionMessage | None, sender: tuple[int, int], now_s: float
+        self, found: ServerInput, message: wire.MissionMessage | None, sender: _Sender, now_s: float
     ) -> Output:
+        """Do what a row of the table says, then change the state.
+
+        Each input belongs to messages of one kind only, so the message is what the action takes.
+        """
         action, following = SERVER_TABLE[self._session.state, found]
-        output = self._act(action, message, sender, now_s)
+        refusal = _REFUSALS.get(action)
+        output: Output
+        if refusal is not None:
+            assert message is not None
+            output = self._refuse(refusal, message, sender)
+        else:
+            output = getattr(self, f"_{action.name.lower()}")(message, sender, now_s)
         self._session.state = following
         return output
 
-    def _act(self, action: ServerAction, message: Any, sender: tuple[int, int], now_s: float) -> Output:
-        """Do what a row of the table says, before the state changes.
+    def _refuse(self, refusal: _Refusal, message: wire.MissionMessage, sender: _Sender) -> Output:
+        result = refusal.result(self.profile)
+        text = refusal.silent_text if result is None else refusal.text
+        said = (self._status(text),) if text else ()
+        if result is None:
+            return Output(events=said)
+        return self._answer(result, message.mission_type, sender, *said)
 
-        The judge gives each input to messages of one kind only, so ``message`` is what the action takes.
-        """
-        incoming, outgoing, replies = self._incoming, self._outgoing, self._replies
-        match action:
-            case _A.ASK_FIRST:
-                return incoming.ask_first(message, sender, now_s)
-            case _A.CLEAR_BY_COUNT:
-                return incoming.clear_by_count(message, sender, now_s)
-            case _A.REFUSE_SPACE:
-                return replies.refuse_space(message, sender)
-            case _A.REFUSE_BUSY:
-                return replies.refuse_busy(message, sender)
-            case _A.REFUSE_TYPE:
-                return replies.refuse_type(message, sender)
-            case _A.REPEAT_ACK:
-                return replies.repeat_ack()
-            case _A.IGNORE:
-                return NOTHING
-            case _A.REFUSE_UNEXPECTED_ITEM:
-                return replies.refuse_unexpected_item(message, sender)
-            case _A.SEND_COUNT:
-                return outgoing.send_count(message, sender, now_s)
-            case _A.SEND_ITEM:
-                return outgoing.send_item(message, sender, self.current_sequence)
-            case _A.ANSWER_BEYOND:
-                return outgoing.answer_beyond(message, sender)
-            case _A.REFUSE_REQUEST:
-                return replies.refuse_request(message, sender)
-            case _A.CLEAR:
-                return incoming.clear(message, sender)
-            case _A.REFUSE_CLEAR:
-                return replies.refuse_clear(message, sender)
-            case _A.REFUSE_CLEAR_NOW:
-                return replies.refuse_clear_now(message, sender)
-            case _A.REFUSE_PARTIAL:
-                return replies.refuse_partial(message, sender)
-            case _A.ASK_PART:
-                return incoming.ask_part(message, sender, now_s)
-            case _A.TAKE_ITEM:
-                return incoming.take_item(message, now_s)
-            case _A.TAKE_LAST_ITEM:
-                return incoming.take_last_item(message, sender)
-            case _A.REFUSE_ITEM:
-                return incoming.refuse_item(message, sender)
-            case _A.ANSWER_ORDER:
-                return replies.answer_order(sender)
-            case _A.REFUSE_ITEM_TYPE:
-                return replies.refuse_item_type(message, sender)
-            case _A.REFUSE_FOREIGN_ITEM:
-                return replies.refuse_foreign_item(message, sender)
-            case _A.REFUSE_LIST:
-                return replies.refuse_list(message, sender)
-            case _A.REFUSE_REQUEST_NOW:
-                return replies.refuse_request_now(message, sender)
-            case _A.END_CANCELLED:
-                return incoming.cancelled()
-            case _A.ASK_AGAIN:
-                return incoming.ask(now_s)
-            case _A.ABORT_UPLOAD:
-                return incoming.abort(sender)
-            case _A.SAY_BUSY:
-                return replies.say_busy()
-            case _A.REFUSE_CHANGED:
-                return replies.refuse_changed(message, sender)
-            case _A.REFUSE_JUMP:
-                return outgoing.refuse_jump(message, sender)
-            case _A.END_SENT:
-                return outgoing.end()
-            case _A.END_REFUSED:
-                return outgoing.refused(message)
-            case _A.ABORT_DOWNLOAD:
-                return outgoing.abort()
-            case _:
-                assert_never(action)
+    def _answer(self, result: int, mission_type: int, target: _Sender, *events: Event) -> Output:
+        """A MISSION_ACK, with the plan's id where it is accepted."""
+        plan = wire.plan_type(mission_type)
+        opaque_id = self._store.plan(plan).opaque_id if plan is not None and result == wire.ACCEPTED else 0
+        return Output((wire.ack(target, result, mission_type, opaque_id),), events)
+
+    def _status(self, text: str) -> StatusText:
+        """A warning, as this autopilot begins its texts."""
+        return StatusText(self._session.type, _WARNING, self.profile.text_prefix + text)
+
+    def _warn_of_floats(
+        self, text: str, message: wire.ItemMessage | wire.RequestMessage, old: int
+    ) -> tuple[Event, ...]:
+        """ArduPilot complains once a transfer about messages of the old kind ``old``."""
+        if self._session.warned or type(message).id != old or not self.profile.stateless_download:
+            return ()
+        self._session.warned = True
+        return (StatusText(self._session.type, _WARNING, text),)
+
+    def _failed(self, reason: FailureReason, text: str, result: int | None = None) -> TransferFailed:
+        return TransferFailed(self._session.type, reason, text, result)
+
+    def _ignore(self, message: Any, sender: _Sender, now_s: float) -> Output:
+        return NOTHING
+
+    # A plan comes.
+
+    def _ask_first(self, message: wire.CountMessage, sender: _Sender, now_s: float) -> Output:
+        """Begin the upload of a whole plan; a vehicle that overwrites in place forgets what is beyond it."""
+        session, before = self._session, self._kept()
+        session.partner, session.type = sender, MissionType(message.mission_type)
+        session.count = message.count
+        if not self.profile.atomic and message.count < len(self._store.wire_items(session.type)):
+            session.items, session.first, session.part = [], 0, False
+            self._store.put(session.type, self._merged())
+            session.cut = True
+            before = (*before, PlanPart(session.type))
+        return Output(events=before) + self._begin(0, now_s, part=False)
+
+    def _ask_part(
+        self, message: mavlink.MAVLink_mission_write_partial_list_message, sender: _Sender, now_s: float
+    ) -> Output:
+        """Begin the upload of a part of the plan."""
+        self._session.partner, self._session.type = sender, MissionType(message.mission_type)
+        self._session.count = message.end_index + 1
+        return self._begin(message.start_index, now_s, part=True)
+
+    def _begin(self, first: int, now_s: float, *, part: bool) -> Output:
+        session = self._session
+        session.items, session.start, session.ended = [], None, None
+        session.first, session.part, session.warned = first, part, False
+        session.heard_s = now_s
+        started = TransferStarted(session.type, upload=True, count=session.count - first)
+        return self._ask(now_s) + Output(events=(started,))
+
+    def _ask(self, now_s: float) -> Output:
+        """Ask for the item that is expected."""
+        session = self._session
+        session.asked_s = now_s
+        build = (
+            mavlink.MAVLink_mission_request_int_message
+            if self.profile.request_int
+            else mavlink.MAVLink_mission_request_message
+        )
+        return Output((build(*session.partner, session.expected, session.type),))
+
+    def _ask_again(self, message: None, sender: _Sender, now_s: float) -> Output:
+        return self._ask(now_s)
+
+    def _take_item(self, message: wire.ItemMessage, sender: _Sender, now_s: float) -> Output:
+        """Keep the item and ask for the next one."""
+        said = self._keep(message)
+        part = () if self.profile.atomic else (PlanPart(self._session.type),)
+        return self._ask(now_s) + Output(events=(*said, *part))
+
+    def _take_last_item(self, message: wire.ItemMessage, sender: _Sender, now_s: float) -> Output:
+        """Keep the item and put the plan in force."""
+        session = self._session
+        said = self._keep(message)
+        last = session.candidate if message.seq or not self._store.home_items(session.type) else None
+        session.ended = EndedUpload(sender, session.type, message.seq, last, wire.ACCEPTED)
+        replaced = self._put(self._merged(), start=session.start)
+        return self._answer(wire.ACCEPTED, session.type, sender, replaced, *said, *self._received())
+
+    def _keep(self, message: wire.ItemMessage) -> tuple[Event, ...]:
+        """Keep the item that was validated; ArduPilot complains once about items of the old kind."""
+        session = self._session
+        assert session.candidate is not None
+        own = message.seq - self._store.home_items(session.type)
+        if message.current and own >= 0:
+            session.start = own
+        session.items.append(session.candidate)
+        return self._warn_of_floats("got MISSION_ITEM; GCS should send MISSION_ITEM_INT", message, wire.ITEM)
+
+    def _refuse_item(self, message: wire.ItemMessage, sender: _Sender, now_s: float) -> Output:
+        """End the upload with the verdict on the item."""
+        session = self._session
+        session.ended = EndedUpload(sender, session.type, message.seq, None, session.verdict)
+        text = f"item {message.seq}: {wire.result_text(session.verdict)}"
+        failed = self._given_up(FailureReason.REFUSED, text, session.verdict)
+        told = None if session.verdict == wire.ERROR else self.profile.item_text
+        said = () if told is None else (StatusText(session.type, _CRITICAL, told),)
+        return self._answer(session.verdict, session.type, sender, *failed, *said)
+
+    def _repeat_ack(self, message: wire.ItemMessage, sender: _Sender, now_s: float) -> Output:
+        """The answer to the last upload, once more."""
+        ended = self._session.ended
+        assert ended is not None
+        return self._answer(ended.result, ended.mission_type, ended.sender)
+
+    def _refuse_space(self, message: wire.CountMessage, sender: _Sender, now_s: float) -> Output:
+        mission_type, text = MissionType(message.mission_type), self.profile.space_text
+        room = self._store.room(mission_type)
+        said = () if text is None else (StatusText(mission_type, _WARNING, text.format(room)),)
+        return self._answer(wire.NO_SPACE, mission_type, sender, *said)
+
+    def _clear(self, message: wire.MissionMessage, sender: _Sender, now_s: float) -> Output:
+        """Empty one plan or all."""
+        everything = message.mission_type == wire.ALL_TYPES
+        kinds = tuple(MissionType) if everything else (MissionType(message.mission_type),)
+        self._store.clear(kinds)
+        self._session.ended = None
+        cleared = (PlanCleared(kind) for kind in kinds)
+        return self._answer(wire.ACCEPTED, message.mission_type, sender, *cleared)
+
+    def _clear_by_count(self, message: wire.CountMessage, sender: _Sender, now_s: float) -> Output:
+        """Empty a plan: a COUNT of 0."""
+        self._session.held_until_s = now_s + self.profile.empty_hold_s
+        self._session.type = MissionType(message.mission_type)
+        return self._clear(message, sender, now_s) + Output(events=self._received())
+
+    def _end_cancelled(self, message: Any, sender: _Sender, now_s: float) -> Output:
+        """End the transfer, an upload or a download, for the ground station wants no more of it."""
+        text = "the ground station cancelled the transfer"
+        return Output(events=self._given_up(FailureReason.CANCELLED, text))
+
+    def _abort_upload(self, message: None, sender: _Sender, now_s: float) -> Output:
+        """End the upload, for nothing comes any more."""
+        session = self._session
+        item = f"item {session.expected} of {session.count}"
+        text = f"{item} did not come in {self.profile.abort_s:g} s"
+        said = StatusText(session.type, _CRITICAL, self.profile.timeout_text)
+        events = (*self._given_up(FailureReason.TIMEOUT, text), said)
+        if self.profile.abort_result is None:
+            return Output(events=events)
+        return self._answer(self.profile.abort_result, session.type, sender, *events)
+
+    def _received(self) -> tuple[Event, ...]:
+        texts = self.profile.received_texts
+        return () if texts is None else (StatusText(self._session.type, _INFO, texts[self._session.type]),)
+
+    def _merged(self) -> tuple[MissionItem, ...]:
+        """Return the plan after what has come: the whole new one, or the old one with a part replaced."""
+        session = self._session
+        came = tuple(session.items)
+        if session.first or session.part or len(came) < session.count:
+            old = self._store.wire_items(session.type)
+            if not old and came:
+                old = to_wire_order(came[:1], session.type, self.profile, self._store.home)[:1]
+            end = len(old) if session.part else session.count
+            came = old[: session.first] + came + old[session.first + len(came) : end]
+        return from_wire_order(came, session.type, self.profile)[0]
+
+    def _put(
+        self, items: tuple[MissionItem, ...], *, start: int | None = None, complete: bool = True
+    ) -> Event:
+        session = self._session
+        plan, changed = self._store.received(session.type, items)
+        changed |= session.cut
+        session.items, session.cut = [], False
+        return PlanReplaced(session.type, items, plan.opaque_id, changed, start, complete)
+
+    def _given_up(self, reason: FailureReason, text: str, result: int | None = None) -> tuple[Event, ...]:
+        """End the transfer; a vehicle that overwrites in place now holds what has come, and the old rest."""
+        failed, kept = self._failed(reason, text, result), self._kept()
+        self._session.items = []
+        return (failed, *kept)
+
+    def _kept(self) -> tuple[Event, ...]:
+        """Put in force what has come of an upload that is given up, where it overwrites in place."""
+        session = self._session
+        came = session.items or session.cut
+        if session.state is not RECEIVING or self.profile.atomic or not came:
+            return ()
+        return (self._put(self._merged(), complete=False),)
+
+    # A plan goes.
+
+    def _send_count(self, message: wire.MissionMessage, sender: _Sender, now_s: float) -> Output:
+        """Begin the download."""
+        session = self._session
+        session.partner, session.type = sender, MissionType(message.mission_type)
+        session.outgoing, session.next, session.heard_s = self._store.wire_items(session.type), 0, now_s
+        session.asked_int = session.warned = False
+        number = len(session.outgoing)
+        reply = wire.count(sender, number, session.type, self._store.plan(session.type).opaque_id)
+        return Output((reply,), (TransferStarted(session.type, upload=False, count=number),))
+
+    def _send_item(self, message: wire.RequestMessage, sender: _Sender, now_s: float) -> Output:
+        """Send the item that is asked for, marked where it is the current one."""
+        session = self._session
+        mission_type = MissionType(message.mission_type)
+        items = session.outgoing if session.state is SENDING else self._store.wire_items(mission_type)
+        session.next = max(session.next, message.seq + 1)
+        asked_int = type(message).id == wire.REQUEST_INT
+        session.asked_int |= asked_int
+        integer = asked_int or not self.profile.float_answers
+        current = self.current_sequence + self._store.home_items(mission_type)
+        item = items[message.seq]
+        reply = self._item_message(item, message.seq, mission_type, sender, current, integer=integer)
+        said = self._warn_of_floats("got MISSION_REQUEST; use MISSION_REQUEST_INT!", message, wire.REQUEST)
+        return Output((reply,), said)
+
+    def _item_message(
+        self,
+        item: MissionItem,
+        seq: int,
+        mission_type: MissionType,
+        target: _Sender,
+        current: int | None,
+        *,
+        integer: bool,
+    ) -> wire.ItemMessage:
+        """Return an item as it is read back; ``current`` is the number of the one that is marked."""
+        item = as_read_back(item, self.profile)
+        marked = self.profile.marks_current and mission_type == MissionType.MISSION and seq == current
+        frame = frame_on_wire(item, self.profile, integer=integer)
+        return wire.item_to_message(
+            item, seq, mission_type, target, current=marked, integer=integer, frame=frame
+        )
+
+    def _answer_beyond(self, message: wire.RequestMessage, sender: _Sender, now_s: float) -> Output:
+        """Answer a request for an item that the plan does not have."""
+        if self.profile.range_result is None:
+            return NOTHING
+        refused = self._answer(self.profile.range_result, message.mission_type, sender)
+        if not self.profile.stateless_download:
+            return refused
+        number = self.count(MissionType(message.mission_type))
+        return Output((wire.count(sender, number, message.mission_type),)) + refused
+
+    def _refuse_jump(self, message: wire.RequestMessage, sender: _Sender, now_s: float) -> Output:
+        """End the download: an item was asked for before the one that comes next."""
+        following = self._session.next
+        said = self._status(f"REJ. request of {message.seq}: next is {following}")
+        text = f"item {message.seq} was requested, {following} is next"
+        failed = self._failed(FailureReason.BROKEN, text)
+        return self._answer(wire.ERROR, message.mission_type, sender, failed, said)
+
+    def _end_sent(self, message: Any, sender: _Sender, now_s: float) -> Output:
+        return Output(events=(PlanSent(self._session.type),))
+
+    def _end_refused(self, message: wire.AckMessage, sender: _Sender, now_s: float) -> Output:
+        """End the download, for the ground station refuses it."""
+        text = f"the ground station answers: {wire.result_text(message.type)}"
+        return Output(events=(self._failed(FailureReason.REFUSED, text, message.type),))
+
+    def _abort_download(self, message: None, sender: _Sender, now_s: float) -> Output:
+        """End the download, for nothing is asked for any more."""
+        session = self._session
+        if session.all_sent:
+            return Output(events=(self._failed(FailureReason.TIMEOUT, "the last item was never confirmed"),))
+        text = f"item {session.next} was not requested in {self.profile.abort_s:g} s"
+        said = StatusText(session.type, _CRITICAL, "Operation timeout")
+        return Output(events=(self._failed(FailureReason.TIMEOUT, text), said))

@@ -14,7 +14,7 @@ from mission.autopilots.profile import Profile
 from mission.model import Command, Frame, MissionItem, MissionType, has_position, plan_of
 from mission.transfer import wire
 
-__all__ = ["UncheckedItem", "as_read_back", "as_stored", "frame_on_wire", "judge_item", "judge_numbers"]
+__all__ = ["UncheckedItem", "as_read_back", "as_stored", "frame_on_wire", "validate_item", "validate_numbers"]
 
 _PARAMETERS = ("param1", "param2", "param3", "param4")
 _INT_FRAMES = {0: 5, 3: 6, 10: 11}
@@ -44,7 +44,7 @@ class UncheckedItem(MissionItem):
         return cls(message.command, message.frame, first, second, third, fourth, x, y, message.z, carry_on)
 
 
-def judge_numbers(message: wire.ItemMessage, profile: Profile) -> int:
+def validate_numbers(message: wire.ItemMessage, profile: Profile) -> int:
     """Return the MAV_MISSION_RESULT for the parameters of an item as they came (NaN where it may not be)."""
     if profile.nan_parameters is None:
         return int(wire.ACCEPTED)
@@ -58,7 +58,7 @@ def judge_numbers(message: wire.ItemMessage, profile: Profile) -> int:
     return int(wire.ACCEPTED)
 
 
-def judge_item(item: MissionItem, count: int, profile: Profile) -> int:
+def validate_item(item: MissionItem, count: int, profile: Profile) -> int:
     """Return the MAV_MISSION_RESULT for command, frame and jump target of an item.
 
     Parameters
@@ -71,7 +71,7 @@ def judge_item(item: MissionItem, count: int, profile: Profile) -> int:
     Examples
     --------
     >>> from mission.autopilots import PX4
-    >>> judge_item(MissionItem(Command.NAV_RETURN_TO_LAUNCH, Frame.GLOBAL_RELATIVE_ALT), 1, PX4)
+    >>> validate_item(MissionItem(Command.NAV_RETURN_TO_LAUNCH, Frame.GLOBAL_RELATIVE_ALT), 1, PX4)
     3
     """
     known = profile.unplaced if item.frame == Frame.MISSION else profile.placed

@@ -22,7 +22,7 @@ from mission.transfer.events import (
     Progress,
     UploadComplete,
 )
-from mission.transfer.plan_remarks import longer_plan_fix
+from mission.transfer.remarks import longer_plan_fix
 from mission.transfer.wire import to_wire_order
 
 # ruff: noqa: ARG002 - the actions of the transition table share one signature

@@ -9,7 +9,7 @@ from enum import Enum, StrEnum
 from typing import Any
 
 from geo.errors import WbfMissionError
-from mission.transfer.remark import Severity
+from mission.transfer.remarks import Severity
 
 __all__ = [
     "Against",

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from mission.model import Command, Frame
-from mission.transfer.remark import Remark
+from mission.transfer.remarks import Remark
 from mission.transfer.rendering import render
 from mission.transfer.wire import command_name
 from sim_vehicle.execution.feasibility import ItemProblem

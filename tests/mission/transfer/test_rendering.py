@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from mission.autopilots import ARDUPILOT, GENERIC, PX4
 from mission.model import Command, Frame, GeoPoint, Mission, MissionItem, MissionType
 from mission.transfer import LocalTransferError, refuse_errors, render
-from mission.transfer.storage import judge_item
+from mission.transfer.storage import validate_item
 
 COPTER, PLANE, ROVER = 2, 1, 10
 HOME = GeoPoint(28.05, -82.15, 30.0)
@@ -345,7 +345,7 @@ def test_what_is_no_error_would_be_taken(items, profile, vehicle_type):
             on_wire = replace(item, param1=item.param1 + 1)
         count = len(sent) + int(profile.home_at_zero)
         if origin not in bad:
-            assert judge_item(on_wire, count, profile) == 0
+            assert validate_item(on_wire, count, profile) == 0
     # Nothing is changed twice.
     again = render(found.mission, profile, vehicle_type)
     assert again.mission == found.mission

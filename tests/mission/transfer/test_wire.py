@@ -16,7 +16,7 @@ from mission.link import FrameReader, FrameWriter
 from mission.link.codec.dialect import mavlink
 from mission.model import Command, Frame, GeoPoint, MissionItem, MissionType
 from mission.transfer import compare_plans, item_from_message, item_to_message, plan_checksum, result_text
-from mission.transfer.plan_remarks import count_warning
+from mission.transfer.remarks import count_warning
 from mission.transfer.wire import from_wire_order, to_wire_order
 
 parameter = st.one_of(st.none(), st.floats(-1e30, 1e30))

@@ -1,13 +1,15 @@
-"""The plans that a vehicle holds."""
+"""What a vehicle remembers: the plans that it holds, and the transfer that runs."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from mission.autopilots.profile import Profile
 from mission.model import GeoPoint, MissionItem, MissionType
 from mission.transfer import wire
+from mission.transfer.server_table import IDLE, ServerState
 from mission.transfer.wire import home_items, to_wire_order
 
 
@@ -20,22 +22,7 @@ class StoredPlan:
 
 
 class PlanStore:
-    """The vehicle's three plans, and how they look on the wire.
-
-    Parameters
-    ----------
-    profile : Profile
-        Whether plans have ids, and home is item 0.
-    capacity : mapping of MissionType to int, optional
-        The most items per plan; default: the profile's.
-    home : GeoPoint, optional
-        Home, which profiles with a home item show as item 0; assign `home` when it changes.
-
-    Attributes
-    ----------
-    capacity : dict of MissionType to int
-        The most items per plan.
-    """
+    """The vehicle's three plans, how many items each may have, and how they look on the wire."""
 
     def __init__(
         self,
@@ -81,6 +68,10 @@ class PlanStore:
         """Return how many items home takes on the wire: 0 or 1."""
         return int(self._profile.home_at_zero and mission_type == MissionType.MISSION)
 
+    def room(self, mission_type: MissionType) -> int:
+        """Return how many items of a plan fit on the wire."""
+        return self.capacity[mission_type] + self.home_items(mission_type)
+
     def wire_items(self, mission_type: MissionType) -> tuple[MissionItem, ...]:
         """Return the items of a download."""
         items = self._plans[mission_type].items
@@ -93,3 +84,80 @@ class PlanStore:
         if not items and not self._cleared and self.home is not None:
             return home_items(self.home)
         return cached[2]
+
+
+class EndedUpload(NamedTuple):
+    """How the last upload ended, to know echoes of it: by which item, what was kept of it, the answer."""
+
+    sender: tuple[int, int]
+    mission_type: MissionType
+    sequence: int
+    item: MissionItem | None
+    result: int
+
+
+@dataclass(slots=True)
+class ServerSession:
+    """What the server remembers of the transfer that runs, or of the last one.
+
+    Parameters
+    ----------
+    count, first : int
+        Upload: items on the wire, and the first one that is sent (above 0 in a partial upload).
+    part : bool
+        Upload: whether it replaces a part of the plan.
+    items : list of MissionItem
+        Upload: what has come.
+    cut : bool
+        Upload: whether a smaller count has shortened the plan already.
+    start : int or None
+        Upload: the item marked as current.
+    candidate, verdict : MissionItem or None, int
+        Upload: the item validated last, and the MAV_MISSION_RESULT for it.
+    outgoing : tuple of MissionItem
+        Download: what is sent.
+    next : int
+        Download: one more than the highest item that was asked for.
+    asked_int : bool
+        Download: whether MISSION_REQUEST_INT was used.
+    warned : bool
+        Whether the float messages were complained about.
+    heard_s, asked_s : float
+        When the partner was heard, and when an item was asked for.
+    held_until_s : float
+        Until when a COUNT is refused after an empty one.
+    """
+
+    state: ServerState = IDLE
+    partner: tuple[int, int] = (0, 0)
+    type: MissionType = MissionType.MISSION
+    count: int = 0
+    first: int = 0
+    part: bool = False
+    items: list[MissionItem] = field(default_factory=list)
+    cut: bool = False
+    start: int | None = None
+    candidate: MissionItem | None = None
+    verdict: int = int(wire.ACCEPTED)
+    outgoing: tuple[MissionItem, ...] = ()
+    next: int = 0
+    asked_int: bool = False
+    warned: bool = False
+    heard_s: float = 0.0
+    asked_s: float = 0.0
+    held_until_s: float = -1.0
+    ended: EndedUpload | None = None
+
+    @property
+    def expected(self) -> int:
+        """Upload: the number of the item that is asked for."""
+        return self.first + len(self.items)
+
+    @property
+    def all_sent(self) -> bool:
+        """Download: whether every item was asked for."""
+        return self.next >= len(self.outgoing)
+
+    def is_with(self, sender: tuple[int, int], mission_type: int) -> bool:
+        """Tell whether a transfer of this plan runs with this partner."""
+        return self.state is not IDLE and sender == self.partner and mission_type == self.type

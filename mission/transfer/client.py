@@ -1,10 +1,13 @@
 """What upload, download and clear have in common on the ground station's side, sans-IO."""
 
+# ruff: noqa: ARG002 - the actions of the transition table share one signature
+
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, assert_never
+from typing import Any
 
 from mission.autopilots import GENERIC
 from mission.autopilots.profile import Profile
@@ -32,7 +35,6 @@ from mission.transfer.events import (
 from mission.transfer.round_trip import RoundTrip
 
 _I = ClientInput
-_A = ClientAction
 _TROUBLE = frozenset({wire.ERROR, wire.INVALID_SEQUENCE, wire.DENIED})
 GROUND_STATION = (255, 190)
 _MORE_OPENINGS = 3
@@ -151,7 +153,7 @@ class ClientTransfer(ABC):
         if not wire.to_client(message) or not self._is_ours(message):
             return NOTHING
         self._messages_received += 1
-        return self._step(_I.STRAY if self.done else self._judge(message, now_s), message, now_s)
+        return self._step(_I.STRAY if self.done else self._input_of(message, now_s), message, now_s)
 
     def poll(self, now_s: float) -> Output:
         """Act on the timers that are due."""
@@ -160,7 +162,7 @@ class ClientTransfer(ABC):
         if now_s >= self._give_up_s():
             return self._step(_I.GIVE_UP, None, now_s)
         if now_s >= self._retry_s():
-            return self._step(self._judge_retry(), None, now_s)
+            return self._step(self._retry_input(), None, now_s)
         return NOTHING
 
     def next_deadline(self) -> float | None:
@@ -197,7 +199,7 @@ class ClientTransfer(ABC):
     # What the kinds of transfer add.
 
     @abstractmethod
-    def _judge(self, message: Message, now_s: float) -> ClientInput:
+    def _input_of(self, message: Message, now_s: float) -> ClientInput:
         """Return the input of the table that the message is."""
 
     @abstractmethod
@@ -219,7 +221,7 @@ class ClientTransfer(ABC):
         timers = self.timers
         return self.round_trip.wait(timers.reply_s, 2.0 * timers.item_s, timers.reply_s)
 
-    def _judge_retry(self) -> ClientInput:
+    def _retry_input(self) -> ClientInput:
         return _I.RETRY
 
     def _opening_limit_s(self) -> float:
@@ -252,7 +254,7 @@ class ClientTransfer(ABC):
             return False
         return self.target[1] in (0, message.get_srcComponent())
 
-    def _judge_ack(self, message: wire.AckMessage, *, accepted: bool) -> ClientInput:
+    def _input_of_ack(self, message: wire.AckMessage, *, accepted: bool) -> ClientInput:
         if message.type == wire.ACCEPTED:
             return _I.ACK_ACCEPTED if accepted else _I.STRAY
         return _I.ACK_TROUBLE if message.type in _TROUBLE else _I.ACK_REFUSED
@@ -267,54 +269,29 @@ class ClientTransfer(ABC):
         return output
 
     def _act(self, action: ClientAction, message: Any, now_s: float) -> Output:
-        """Do what a row of the table says; the kinds of transfer add their own actions.
+        """Do what a row of the table says: the method of its name; the kinds of transfer add their own.
 
         Each input belongs to messages of one kind or to a timer (None); ``message`` fits the action.
         """
-        match action:
-            case _A.SEND_OPENING:
-                return self._send_opening(now_s)
-            case _A.IGNORE:
-                return NOTHING
-            case _A.FAIL_UNSTARTED:
-                return self._fail_unstarted()
-            case _A.NOTE_TROUBLE:
-                return self._note_trouble(message, now_s)
-            case _A.FAIL_REFUSED:
-                return self._fail_refused(message)
-            case _A.REPEAT_OPENING:
-                return self._repeat_opening(now_s)
-            case _A.FAIL_SILENT:
-                return self._fail_silent()
-            case _A.FAIL_CANCELLED:
-                return self._fail_cancelled()
-            case _A.COMPLETE:
-                return self._complete(message, now_s)
-            case (
-                _A.SEND_ITEM
-                | _A.NOTE_REQUEST
-                | _A.REPEAT_ITEM
-                | _A.ASK_FIRST
-                | _A.TAKE_ITEM
-                | _A.FAIL_BROKEN
-                | _A.ASK_AGAIN
-                | _A.RESTART
-            ):
-                msg = f"{self._what()}: {action.value!r} belongs to another kind of transfer"
-                raise AssertionError(msg)
-            case _:
-                assert_never(action)
+        act: Callable[[Any, float], Output] | None = getattr(self, f"_{action.name.lower()}", None)
+        if act is None:
+            msg = f"{self._what()}: {action.value!r} belongs to another kind of transfer"
+            raise AssertionError(msg)
+        return act(message, now_s)
 
-    def _send_opening(self, now_s: float) -> Output:
+    def _ignore(self, message: Message, now_s: float) -> Output:
+        return NOTHING
+
+    def _send_opening(self, message: None, now_s: float) -> Output:
         self._openings += 1
         self._sent_s = now_s
         if self._openings == 1:
             self._opened_s = now_s
         return Output((self._opening(),))
 
-    def _repeat_opening(self, now_s: float) -> Output:
+    def _repeat_opening(self, message: None, now_s: float) -> Output:
         self._retries += 1
-        return self._send_opening(now_s)
+        return self._send_opening(None, now_s)
 
     def _measure_opening(self, now_s: float) -> None:
         """Take the round trip from the answer to the opening; of one that was repeated it is only a bound."""
@@ -333,11 +310,11 @@ class ClientTransfer(ABC):
         messages = (wire.ack(self.target, wire.OPERATION_CANCELLED, self.mission_type),) if tell else ()
         return Output(messages, (failed,))
 
-    def _fail_refused(self, message: wire.AckMessage) -> Output:
+    def _fail_refused(self, message: wire.AckMessage, now_s: float) -> Output:
         text = f"{self._what()} was refused{self._at()}: {wire.result_text(message.type)}"
         return self._failed(FailureReason.REFUSED, text, message.type, tell=False)
 
-    def _fail_silent(self) -> Output:
+    def _fail_silent(self, message: None, now_s: float) -> Output:
         where = self._where()
         if self._trouble is not None:
             result = self._trouble[0]
@@ -346,11 +323,11 @@ class ClientTransfer(ABC):
         text = f"{self._what()} failed {where}: the vehicle did not answer; check the link and try again"
         return self._failed(FailureReason.TIMEOUT, text, None, tell=True)
 
-    def _fail_cancelled(self) -> Output:
+    def _fail_cancelled(self, message: None, now_s: float) -> Output:
         text = f"{self._what()} was cancelled {self._where()}"
         return self._failed(FailureReason.CANCELLED, text, None, tell=True)
 
-    def _fail_unstarted(self) -> Output:
+    def _fail_unstarted(self, message: None, now_s: float) -> Output:
         return self._failed(FailureReason.CANCELLED, f"{self._what()} was cancelled", None, tell=False)
 
     def _what(self) -> str:

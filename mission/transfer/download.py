@@ -12,7 +12,7 @@ from mission.link.codec.typed import is_a
 from mission.model import MissionItem, MissionType
 from mission.transfer import wire
 from mission.transfer.client import ClientTransfer
-from mission.transfer.client_table import LISTING, ClientAction, ClientInput
+from mission.transfer.client_table import LISTING, ClientInput
 from mission.transfer.errors import LocalTransferError
 from mission.transfer.events import DownloadComplete, FailureReason, Output, Progress
 from mission.transfer.wire import from_wire_order
@@ -66,9 +66,9 @@ class MissionDownload(ClientTransfer):
     def _opening(self) -> Message:
         return mavlink.MAVLink_mission_request_list_message(*self.target, self.mission_type)
 
-    def _judge(self, message: Message, now_s: float) -> ClientInput:
+    def _input_of(self, message: Message, now_s: float) -> ClientInput:
         if is_a(message, mavlink.MAVLink_mission_ack_message):
-            return self._judge_ack(message, accepted=False)
+            return self._input_of_ack(message, accepted=False)
         if self._state is LISTING:
             if not is_a(message, mavlink.MAVLink_mission_count_message):
                 return _I.STRAY
@@ -84,21 +84,6 @@ class MissionDownload(ClientTransfer):
             self._broken = f"item {message.seq if home else message.seq + 1} of the vehicle: {error}"
             return _I.ITEM_BROKEN
         return _I.ITEM_LAST if self._missing == 1 else _I.ITEM
-
-    def _act(self, action: ClientAction, message: Any, now_s: float) -> Output:
-        match action:
-            case ClientAction.ASK_FIRST:
-                return self._ask_first(message, now_s)
-            case ClientAction.TAKE_ITEM:
-                return self._take_item(now_s)
-            case ClientAction.FAIL_BROKEN:
-                return self._fail_broken()
-            case ClientAction.ASK_AGAIN:
-                return self._ask_again(now_s)
-            case ClientAction.RESTART:
-                return self._restart(now_s)
-            case _:
-                return super()._act(action, message, now_s)
 
     def _ask_first(self, message: wire.CountMessage, now_s: float) -> Output:
         self._measure_opening(now_s)
@@ -135,7 +120,7 @@ class MissionDownload(ClientTransfer):
         self._most = max(self._most, done)
         return Progress(self.mission_type, done, len(self._items))
 
-    def _take_item(self, now_s: float) -> Output:
+    def _take_item(self, message: wire.ItemMessage, now_s: float) -> Output:
         progress = self._store(now_s)
         return Output(self._ask_more(now_s).messages, (progress,))
 
@@ -166,7 +151,7 @@ class MissionDownload(ClientTransfer):
             return super()._retry_s()
         return min(self._again_s(*asked) for asked in self._asked.values())
 
-    def _judge_retry(self) -> ClientInput:
+    def _retry_input(self) -> ClientInput:
         if self._state is LISTING:
             return _I.RETRY
         if self._restarts >= self.timers.retries:
@@ -175,7 +160,7 @@ class MissionDownload(ClientTransfer):
         vain = any(times > 2 * self.timers.retries * copies for _, times in self._asked.values())
         return _I.RESTART if vain or self._trouble is not None else _I.RETRY
 
-    def _ask_again(self, now_s: float) -> Output:
+    def _ask_again(self, message: None, now_s: float) -> Output:
         late = [
             (number, times)
             for number, (asked_s, times) in self._asked.items()
@@ -184,17 +169,17 @@ class MissionDownload(ClientTransfer):
         self._retries += len(late)
         return Output(tuple(self._ask(sequence, now_s, times + 1) for sequence, times in late))
 
-    def _restart(self, now_s: float) -> Output:
+    def _restart(self, message: None, now_s: float) -> Output:
         """Ask for the list again: the vehicle has left the transfer."""
         self._restarts += 1
         self._asked, self._openings = {}, 0
-        return self._repeat_opening(now_s)
+        return self._repeat_opening(None, now_s)
 
     def _give_up_s(self) -> float:
         limit_s = self._progress_s + self._silence_s()
         return min(limit_s, self._opening_limit_s()) if self._state is LISTING else limit_s
 
-    def _fail_broken(self) -> Output:
+    def _fail_broken(self, message: wire.ItemMessage, now_s: float) -> Output:
         return self._failed(FailureReason.BROKEN, self._broken, None, tell=True)
 
     def _where(self) -> str:

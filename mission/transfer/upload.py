@@ -1,5 +1,7 @@
 """Uploading a plan, the ground station's side, sans-IO."""
 
+# ruff: noqa: ARG002 - the actions of the transition table share one signature
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -11,7 +13,7 @@ from mission.link.codec.typed import is_a
 from mission.model import GeoPoint, MissionItem, MissionType, plan_of
 from mission.transfer import wire
 from mission.transfer.client import ClientTransfer
-from mission.transfer.client_table import CLEARING, CONFIRMING, COUNTING, UPLOADING, ClientAction, ClientInput
+from mission.transfer.client_table import CLEARING, CONFIRMING, COUNTING, UPLOADING, ClientInput
 from mission.transfer.errors import LocalTransferError
 from mission.transfer.events import (
     NOTHING,
@@ -24,9 +26,6 @@ from mission.transfer.events import (
 )
 from mission.transfer.remarks import longer_plan_fix
 from mission.transfer.wire import to_wire_order
-
-# ruff: noqa: ARG002 - the actions of the transition table share one signature
-
 
 _I = ClientInput
 _SHORTEST_TRIP_S = 0.02
@@ -133,7 +132,7 @@ class MissionUpload(ClientTransfer):
             return wire.count(self.target, len(self._wire), self.mission_type)
         return wire.clear_all(self.target, self.mission_type)
 
-    def _judge(self, message: Message, now_s: float) -> ClientInput:
+    def _input_of(self, message: Message, now_s: float) -> ClientInput:
         if wire.is_request(message) and self._state is not CLEARING:
             if message.seq >= len(self._wire):
                 return _I.STRAY
@@ -142,7 +141,7 @@ class MissionUpload(ClientTransfer):
                 return _I.REQUEST_LAST if self._unsent == 1 else _I.REQUEST
             return _I.REQUEST if self._is_worth_sending(answers, now_s) else _I.REQUEST_REPEATED
         if is_a(message, mavlink.MAVLink_mission_ack_message):
-            return self._judge_ack(message, accepted=self._state in (CONFIRMING, CLEARING))
+            return self._input_of_ack(message, accepted=self._state in (CONFIRMING, CLEARING))
         return _I.STRAY
 
     @property
@@ -156,17 +155,9 @@ class MissionUpload(ClientTransfer):
         copies, apart_s = self.round_trip.copies(self.profile.abort_s)
         return answers.copies < copies and now_s >= answers.last_s + apart_s
 
-    def _act(self, action: ClientAction, message: Any, now_s: float) -> Output:
-        match action:
-            case ClientAction.SEND_ITEM:
-                return self._send_item(message, now_s)
-            case ClientAction.NOTE_REQUEST:
-                self._trouble = None
-                return NOTHING
-            case ClientAction.REPEAT_ITEM:
-                return self._repeat_item(now_s)
-            case _:
-                return super()._act(action, message, now_s)
+    def _note_request(self, message: wire.RequestMessage, now_s: float) -> Output:
+        self._trouble = None
+        return NOTHING
 
     def _send_item(self, message: wire.RequestMessage, now_s: float) -> Output:
         sequence = message.seq
@@ -214,7 +205,7 @@ class MissionUpload(ClientTransfer):
         """Return every item as it is sent, for those who bring the plan to the vehicle in another way."""
         return [self._item_message(sequence) for sequence in range(len(self._wire))]
 
-    def _repeat_item(self, now_s: float) -> Output:
+    def _repeat_item(self, message: None, now_s: float) -> Output:
         """Send the item again that was sent last: the item, or the answer to it, was lost."""
         self._retries += 1
         return self._item(self._last, now_s)
@@ -248,9 +239,9 @@ class MissionUpload(ClientTransfer):
             return "at the start"
         return f"after item {self._named_item()}, {len(self._wire) - self._unsent} of {len(self._wire)} sent"
 
-    def _fail_refused(self, message: wire.AckMessage) -> Output:
+    def _fail_refused(self, message: wire.AckMessage, now_s: float) -> Output:
         if message.type != wire.NO_SPACE or self.profile.card is None:
-            return super()._fail_refused(message)
+            return super()._fail_refused(message, now_s)
         fix = longer_plan_fix(len(self.items), self.mission_type, self.profile)
         text = (
             f"{self._what()} was refused: it has no space for {len(self._wire)} items (MAV_MISSION_NO_SPACE):"
@@ -274,9 +265,6 @@ class MissionUpload(ClientTransfer):
         return f"{number + 1} ({wire.command_name(self._wire[self._last].command)})"
 
 
-# ruff: noqa: ARG002 - the actions of the transition table share one signature
-
-
 class MissionClear(ClientTransfer):
     """Empties one plan; ends with `ClearComplete` or `TransferFailed`.
 
@@ -296,9 +284,9 @@ class MissionClear(ClientTransfer):
     def _opening(self) -> Message:
         return wire.clear_all(self.target, self.mission_type)
 
-    def _judge(self, message: Message, now_s: float) -> ClientInput:
+    def _input_of(self, message: Message, now_s: float) -> ClientInput:
         if is_a(message, mavlink.MAVLink_mission_ack_message):
-            return self._judge_ack(message, accepted=True)
+            return self._input_of_ack(message, accepted=True)
         return ClientInput.STRAY
 
     def _complete(self, message: wire.AckMessage, now_s: float) -> Output:

@@ -21,9 +21,9 @@ from scratch import end_on_signals
 
 from mission.planners.path import PlannedPath
 from mission.planners.request import PlanningRequest
-from mission.policies.decision import GO_ON
-from mission.policies.policy import Asking
-from mission.policies.situation import Event, Situation
+from mission.policies.decision import NO_CHANGE
+from mission.policies.observation import Event, PolicyObservation
+from mission.policies.policy import Triggers
 from wbf_mission import Decision
 
 FOLDER = "WBF_MISSION_PEERS"
@@ -161,39 +161,39 @@ class PyPolo:
         self._told = 0
 
     @property
-    def asking(self) -> Asking:
+    def triggers(self) -> Triggers:
         """When a goal is reached."""
-        return Asking(waypoints=True)
+        return Triggers(waypoints=True)
 
     def start(self) -> None:
         """Begin a flight."""
         self._told = 0
 
-    def decide(self, situation: Situation) -> Decision:
+    def decide(self, observation: PolicyObservation) -> Decision:
         """Fly to PyPolo's next goal, as far as the budget goes."""
-        if situation.event is Event.LOST or not situation.steerable:
-            return GO_ON
-        vehicle = situation.steerable[0]
+        if observation.event is Event.LOST or not observation.steerable:
+            return NO_CHANGE
+        vehicle = observation.steerable[0]
         if len(vehicle.rest_m) > _GOALS_AHEAD:
-            return GO_ON
+            return NO_CHANGE
         ask = worker("pypolo").ask
-        if situation.event is Event.START:
+        if observation.event is Event.START:
             ask({"ask": "start", **box(vehicle.request), "kernel": self.kernel, "reach_m": self.reach_m})
         here = np.asarray(vehicle.position_m if len(vehicle.rest_m) == 0 else vehicle.rest_m[-1])
-        goal = ask({"ask": "goal", "position": here.tolist(), "seen": self._seen(situation)})["goal"]
+        goal = ask({"ask": "goal", "position": here.tolist(), "seen": self._seen(observation)})["goal"]
         path = np.vstack((vehicle.rest_m, [goal]))
         for share in (1.0, 0.8, 0.6, 0.4, 0.2, 0.1, 0.05):
             path[-1] = here + share * (np.asarray(goal) - here)
             if vehicle.travel_cost.rest([path])[0] <= vehicle.left:
                 return Decision({vehicle.system_id: path}, reason="goal")
-        return GO_ON
+        return NO_CHANGE
 
-    def _seen(self, situation: Situation) -> list[list[float]]:
+    def _seen(self, observation: PolicyObservation) -> list[list[float]]:
         """What came since the last question: x, y in metres and how sick both plants look, 0 to 1."""
-        seen, begin = situation.observations, self._told
+        seen, begin = observation.observations, self._told
         self._told = len(seen)
-        side = situation.farm.grid().cell_size_m
-        chosen = [situation.fields.index(one.name) for one in situation.fields.diseases]
+        side = observation.farm.grid().cell_size_m
+        chosen = [observation.fields.index(one.name) for one in observation.fields.diseases]
         values = 1.0 - np.nan_to_num(seen.values[begin:, chosen], nan=1.0).clip(0.0, 1.0).mean(axis=1)
         places = np.stack((seen.x[begin:], seen.y[begin:]), axis=1) * side + 0.5 * side
         return np.column_stack((places, values)).tolist()

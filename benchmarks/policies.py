@@ -43,9 +43,9 @@ from geo.seeds import child_seed, sealed_seed
 from mission.errors import PlanningError
 from mission.planners import CropArea, PlanningRequest, StepBudget
 from mission.policies.decision import Decision
+from mission.policies.observation import Event, PolicyObservation, Status, VehicleReport
 from mission.policies.policy import FixedPlan, Policy
 from mission.policies.registry import make_policy
-from mission.policies.situation import Event, Situation, Status, VehicleReport
 from mission.policies.travel_cost import GeometricTravelCost
 from sensors.environment import generate_environment
 from sensors.estimators import make_estimator
@@ -197,7 +197,7 @@ def fly(
     scored = np.unique(np.round(np.arange(1, SCORED + 1) * steps / SCORED).astype(int))
     seen = Observations.empty()
     model = estimator.predict()
-    period = every or policy.asking.observations
+    period = every or policy.triggers.observations
     policy.start()
     spent_s, decisions, fresh, told = 0.0, 0, 0, len(seen)
     parts: list[Observations] = []
@@ -207,9 +207,11 @@ def fly(
     def ask(event: Event, step: int) -> None:
         nonlocal spent_s, decisions
         reports = tuple(robot.report(step > 0) for robot in robots)
-        situation = Situation(event, float(step), DAY, farm, PAPER_FIELDS, WEIGHTS, model, seen, reports, 1.0)
+        observation = PolicyObservation(
+            event, float(step), DAY, farm, PAPER_FIELDS, WEIGHTS, model, seen, reports, 1.0
+        )
         begin = time.perf_counter()
-        answer = policy.decide(situation)
+        answer = policy.decide(observation)
         spent_s += time.perf_counter() - begin
         decisions += 1
         take(answer, reports)
@@ -235,7 +237,7 @@ def fly(
             parts.append(Observations(x, y, np.full(n, float(step)), np.full(n, DAY), values))
         fresh += len(flying)
         due = period is not None and fresh >= period
-        waypoint = policy.asking.waypoints and any(reached)
+        waypoint = policy.triggers.waypoints and any(reached)
         if step in scored or ((due or waypoint) and step < steps):
             seen = Observations.concatenate([seen, *parts])
             parts = []

@@ -27,9 +27,9 @@ from threadpoolctl import threadpool_limits
 from geo.farm import Crop, Farm
 from geo.farms import get_farm
 from geo.seeds import child_seed
+from mission.policies.observation import Event, PolicyObservation
 from mission.policies.policy import Policy
 from mission.policies.registry import make_policy
-from mission.policies.situation import Event, Situation
 from sensors.environment import generate_environment
 from sensors.estimators import make_estimator
 from sensors.fields import PAPER_FIELDS
@@ -111,7 +111,7 @@ def fly(way: Way, name: str, seed: int) -> Losses:
                 x, y = farm.cell_of(*np.array([robot.here]).T)
                 values = diseases_alone(environment.sample(day, x, y))
                 parts.append(Observations(x, y, np.array([float(step)]), np.array([day]), values))
-            asks = policy is not None and step < STEPS and step % (policy.asking.observations or STEPS) == 0
+            asks = policy is not None and step < STEPS and step % (policy.triggers.observations or STEPS) == 0
             scored = step > 0 and step % (STEPS // SCORED) == 0
             if (asks or scored) and parts:
                 new = Observations.concatenate(parts)
@@ -123,10 +123,10 @@ def fly(way: Way, name: str, seed: int) -> Losses:
             if asks and policy is not None:
                 event = Event.OBSERVATIONS if step else Event.START
                 report = robot.report(step > 0)
-                situation = Situation(
+                observation = PolicyObservation(
                     event, float(step), day, farm, PAPER_FIELDS, WEIGHTS, model, seen, (report,), 1.0
                 )
-                robot.rest = policy.decide(situation).paths.get(1, robot.rest)
+                robot.rest = policy.decide(observation).paths.get(1, robot.rest)
     return out
 
 

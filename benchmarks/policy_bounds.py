@@ -32,7 +32,7 @@ from geo.farms import get_farm
 from geo.seeds import child_seed
 from mission.policies.acquisition import Worth
 from mission.policies.greedy import Greedy
-from mission.policies.situation import Situation
+from mission.policies.observation import PolicyObservation
 from sensors.environment import generate_environment
 from sensors.estimators import make_estimator
 from sensors.fields import PAPER_FIELDS
@@ -57,11 +57,11 @@ class TrueLoss:
     truth: NDArray[np.float32]
     masks: NDArray[np.bool_]
 
-    def __call__(self, situation: Situation, /) -> Worth:
+    def __call__(self, observation: PolicyObservation, /) -> Worth:
         """Return the worth of each cell."""
-        worth = np.zeros(situation.model.shape, np.float32)
-        for k, weight in enumerate(situation.weights.field):
-            error = situation.model.value[k] - self.truth[k]
+        worth = np.zeros(observation.model.shape, np.float32)
+        for k, weight in enumerate(observation.weights.field):
+            error = observation.model.value[k] - self.truth[k]
             cost = np.where(error > 0.0, WEIGHTS.too_healthy[k], WEIGHTS.too_sick[k])
             worth += weight * self.masks[k] * cost * error**2
         return worth

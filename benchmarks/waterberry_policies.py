@@ -29,8 +29,8 @@ from geo.farm import Crop, Farm
 from geo.farms import get_farm
 from geo.seeds import child_seed, sealed_seed
 from mission.planners import CropArea, PlanningRequest, StepBudget
+from mission.policies.observation import Event, PolicyObservation
 from mission.policies.policy import Policy
-from mission.policies.situation import Event, Situation
 from sensors.environment import Environment, generate_environment
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
@@ -77,13 +77,13 @@ def fly(
             *cells[:count].T, np.arange(1.0, count + 1.0), np.full(count, DAY), values[:count]
         )
         report = robot.report(count > 0)
-        situation = Situation(
+        observation = PolicyObservation(
             event, float(count), DAY, farm, PAPER_FIELDS, WEIGHTS, model, seen, (report,), 1.0
         )
-        robot.rest = policy.decide(situation).paths.get(1, robot.rest)
+        robot.rest = policy.decide(observation).paths.get(1, robot.rest)
 
     ask(Event.START)
-    period = policy.asking.observations
+    period = policy.triggers.observations
     while robot.flying:
         robot.step()
         cells[robot.spent - 1] = np.stack(farm.cell_of(*np.array([robot.here]).T), axis=1)[0]

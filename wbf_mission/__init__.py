@@ -35,14 +35,17 @@ if TYPE_CHECKING:
     from mission.planners import make_planner as make_planner
     from mission.policies.conformance import check_policy as check_policy
     from mission.policies.decision import GO_ON as GO_ON
+    from mission.policies.decision import NO_CHANGE as NO_CHANGE
     from mission.policies.decision import Decision as Decision
+    from mission.policies.observation import Event as Event
+    from mission.policies.observation import PolicyObservation as PolicyObservation
+    from mission.policies.observation import Situation as Situation
+    from mission.policies.observation import Status as Status
+    from mission.policies.observation import VehicleReport as VehicleReport
     from mission.policies.policy import Asking as Asking
     from mission.policies.policy import Policy as Policy
+    from mission.policies.policy import Triggers as Triggers
     from mission.policies.registry import make_policy as make_policy
-    from mission.policies.situation import Event as Event
-    from mission.policies.situation import Situation as Situation
-    from mission.policies.situation import Status as Status
-    from mission.policies.situation import VehicleReport as VehicleReport
     from sensors.errors import EstimatorError as EstimatorError
     from sensors.estimators.base import BaseEstimator as BaseEstimator
     from sensors.estimators.base import Estimator as Estimator
@@ -105,11 +108,13 @@ else:
             "mission.policies.decision": (
                 "Decision",
                 "GO_ON",
+                "NO_CHANGE",
             ),
-            "mission.policies.policy": ("Asking", "Policy"),
+            "mission.policies.policy": ("Asking", "Policy", "Triggers"),
             "mission.policies.registry": ("make_policy",),
-            "mission.policies.situation": (
+            "mission.policies.observation": (
                 "Event",
+                "PolicyObservation",
                 "Situation",
                 "Status",
                 "VehicleReport",

@@ -1,6 +1,6 @@
 """A policy of one's own: rows first, and when a part of the budget is spent, wherever it is worth most."""
 
-from wbf_mission import GO_ON, Decision, Event, make_planner, make_policy
+from wbf_mission import NO_CHANGE, Decision, Event, make_planner, make_policy
 
 
 class RowsThenGreedy:
@@ -12,16 +12,16 @@ class RowsThenGreedy:
         self.greedy = make_policy("greedy")
 
     @property
-    def asking(self):
-        return self.greedy.asking
+    def triggers(self):
+        return self.greedy.triggers
 
     def start(self):
         self.greedy.start()
 
-    def decide(self, situation):
-        if situation.event is Event.START:
-            return Decision({one.system_id: self.rows(one.request).points_m for one in situation.vehicles})
-        spent = [one.spent / (one.spent + one.left) for one in situation.steerable]
-        if situation.event is not Event.LOST and max(spent, default=1.0) < self.share:
-            return GO_ON
-        return self.greedy.decide(situation)
+    def decide(self, observation):
+        if observation.event is Event.START:
+            return Decision({one.system_id: self.rows(one.request).points_m for one in observation.vehicles})
+        spent = [one.spent / (one.spent + one.left) for one in observation.steerable]
+        if observation.event is not Event.LOST and max(spent, default=1.0) < self.share:
+            return NO_CHANGE
+        return self.greedy.decide(observation)

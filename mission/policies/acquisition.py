@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from geo.grid import FarmGrid
 from mission.errors import PlanningError
-from mission.policies.situation import Situation
+from mission.policies.observation import PolicyObservation
 from sensors.fields import Field
 from sensors.scoring.information import InformationModel
 
@@ -26,29 +26,29 @@ _COLUMNS_A_PART = 32
 class Acquisition(Protocol):
     """Tells what seeing each cell is worth."""
 
-    def __call__(self, situation: Situation, /) -> Worth:
+    def __call__(self, observation: PolicyObservation, /) -> Worth:
         """Return float32[W, H], not negative: the worth of each cell, zero where nothing is scored."""
 
 
-def expected_loss(situation: Situation) -> Worth:
+def expected_loss(observation: PolicyObservation) -> Worth:
     """Return the loss that the score is expected to charge for each cell of the present estimate.
 
     It is what an observation of the cell saves: the sum over the fields of their weights and the loss
     expected under the estimator's class probabilities. Without these, the cost of a squared error, the mean
     of both sides, times the variance that the estimator states.
     """
-    known = situation.model.expected_loss
+    known = observation.model.expected_loss
     if known is not None:
-        return _weighted(situation, lambda k, _field: known[k])
-    return _weighted(situation, lambda k, field: _loss_of_field(situation, k, field))
+        return _weighted(observation, lambda k, _field: known[k])
+    return _weighted(observation, lambda k, field: _loss_of_field(observation, k, field))
 
 
-def variance(situation: Situation) -> Worth:
+def variance(observation: PolicyObservation) -> Worth:
     """Return the variance that the estimator states, weighted by field."""
-    return _weighted(situation, lambda k, _field: situation.model.uncertainty[k] ** 2)
+    return _weighted(observation, lambda k, _field: observation.model.uncertainty[k] ** 2)
 
 
-def entropy(situation: Situation) -> Worth:
+def entropy(observation: PolicyObservation) -> Worth:
     """Return the entropy of the classes (nats) of each disease, weighted by field.
 
     Fields without class probabilities count by the entropy of a normal distribution, relative to a standard
@@ -56,16 +56,16 @@ def entropy(situation: Situation) -> Worth:
     """
 
     def of_field(k: int, field: Field) -> NDArray[np.floating]:
-        classes = _classes(situation.model, field.name)
+        classes = _classes(observation.model, field.name)
         if classes is None:
-            deviation = np.maximum(situation.model.uncertainty[k], np.float32(0.01))
+            deviation = np.maximum(observation.model.uncertainty[k], np.float32(0.01))
             return np.asarray(np.log(deviation / np.float32(0.01)))
         return np.asarray(-np.sum(classes * np.log(np.maximum(classes, 1e-12)), axis=0))
 
-    return _weighted(situation, of_field)
+    return _weighted(observation, of_field)
 
 
-def probability_of_sick(situation: Situation) -> Worth:
+def probability_of_sick(observation: PolicyObservation) -> Worth:
     """Return the probability that a plant that is not known is sick, weighted by disease.
 
     Without class probabilities, how far the estimate is below healthy. Cells without doubt are worth nothing.
@@ -73,12 +73,12 @@ def probability_of_sick(situation: Situation) -> Worth:
 
     def of_field(k: int, field: Field) -> NDArray[np.floating]:
         if field.kind != "disease":
-            return np.zeros(situation.model.shape, np.float32)
-        classes = _classes(situation.model, field.name)
-        sick = 1.0 - situation.model.value[k] if classes is None else 1.0 - classes[0]
-        return np.where(situation.model.uncertainty[k] > 1e-6, np.clip(sick, 0.0, 1.0), 0.0)
+            return np.zeros(observation.model.shape, np.float32)
+        classes = _classes(observation.model, field.name)
+        sick = 1.0 - observation.model.value[k] if classes is None else 1.0 - classes[0]
+        return np.where(observation.model.uncertainty[k] > 1e-6, np.clip(sick, 0.0, 1.0), 0.0)
 
-    return _weighted(situation, of_field)
+    return _weighted(observation, of_field)
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,16 +101,16 @@ class WithCoverage:
     caution: float
     reach: float = 3.0
 
-    def __call__(self, situation: Situation, /) -> Worth:
+    def __call__(self, observation: PolicyObservation, /) -> Worth:
         """Return the worth of each cell."""
-        worth = self.acquisition(situation)
+        worth = self.acquisition(observation)
         if self.caution <= 0.0:
             return worth
         from scipy import ndimage
 
-        seen = situation.observations
-        today = seen[seen.day == situation.day]
-        unseen = np.ones(situation.model.shape, np.bool_)
+        seen = observation.observations
+        today = seen[seen.day == observation.day]
+        unseen = np.ones(observation.model.shape, np.bool_)
         unseen[today.x, today.y] = False
         if unseen.all():
             far = np.ones(unseen.shape, np.float32)
@@ -118,7 +118,7 @@ class WithCoverage:
             distance = ndimage.distance_transform_edt(unseen).astype(np.float32)
             far = 1.0 - np.exp(-((distance / np.float32(self.reach)) ** 4))
         far *= np.float32(self.caution)
-        return worth + _weighted(situation, lambda _k, field: far if field.kind == "disease" else 0.0 * far)
+        return worth + _weighted(observation, lambda _k, field: far if field.kind == "disease" else 0.0 * far)
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,16 +144,16 @@ class WithReach:
     strip: float
     beyond: int
 
-    def __call__(self, situation: Situation, /) -> Worth:
+    def __call__(self, observation: PolicyObservation, /) -> Worth:
         """Return the worth of each cell."""
-        reach, widest = situation.model.reach, max(situation.model.shape)
+        reach, widest = observation.model.reach, max(observation.model.shape)
         if reach is None or widest <= self.beyond:
-            return self.acquisition(situation)
+            return self.acquisition(observation)
         field = tuple(
             weight if one.kind == "disease" else weight * self._swath(cells, widest)
-            for one, weight, cells in zip(situation.fields, situation.weights.field, reach, strict=True)
+            for one, weight, cells in zip(observation.fields, observation.weights.field, reach, strict=True)
         )
-        return self.acquisition(replace(situation, weights=replace(situation.weights, field=field)))
+        return self.acquisition(replace(observation, weights=replace(observation.weights, field=field)))
 
     def _swath(self, reach: float, widest: int) -> float:
         return max(1.0, min(math.sqrt(math.pi) * reach, widest) / self.strip)
@@ -174,17 +174,17 @@ class Balanced:
     acquisition: Acquisition
     least_weight: float
 
-    def __call__(self, situation: Situation, /) -> Worth:
+    def __call__(self, observation: PolicyObservation, /) -> Worth:
         """Return the worth of each cell."""
-        weights = situation.weights.field
+        weights = observation.weights.field
         least = self.least_weight * max(weights)
         balanced = tuple(
             max(weight, least) if weight > 0.0 and field.kind == "disease" else weight
-            for weight, field in zip(weights, situation.fields, strict=True)
+            for weight, field in zip(weights, observation.fields, strict=True)
         )
         if balanced == tuple(weights):
-            return self.acquisition(situation)
-        return self.acquisition(replace(situation, weights=replace(situation.weights, field=balanced)))
+            return self.acquisition(observation)
+        return self.acquisition(replace(observation, weights=replace(observation.weights, field=balanced)))
 
 
 ACQUISITIONS: dict[str, Acquisition] = {
@@ -211,12 +211,14 @@ def make_acquisition(acquisition: str | Acquisition) -> Acquisition:
     return ACQUISITIONS[acquisition]
 
 
-def _weighted(situation: Situation, of_field: Callable[[int, Field], NDArray[np.floating]]) -> Worth:
+def _weighted(
+    observation: PolicyObservation, of_field: Callable[[int, Field], NDArray[np.floating]]
+) -> Worth:
     """Sum maps of the fields over the cells where they are scored, by the fields' weights."""
-    total = np.zeros(situation.model.shape, np.float32)
-    grid = situation.farm.grid()
-    for k, field in enumerate(situation.fields):
-        weight = situation.weights.field[k]
+    total = np.zeros(observation.model.shape, np.float32)
+    grid = observation.farm.grid()
+    for k, field in enumerate(observation.fields):
+        weight = observation.weights.field[k]
         if weight > 0.0:
             mask, values = scored_cells(field, grid), of_field(k, field)
             # Part by part: what lies between stays in the processor's cache.
@@ -238,13 +240,13 @@ def _classes(model: InformationModel, name: str) -> NDArray[np.floating] | None:
     return model.probabilities[name]
 
 
-def _loss_of_field(situation: Situation, k: int, field: Field) -> NDArray[np.floating]:
-    above, below = situation.weights.too_healthy[k], situation.weights.too_sick[k]
-    classes = _classes(situation.model, field.name)
+def _loss_of_field(observation: PolicyObservation, k: int, field: Field) -> NDArray[np.floating]:
+    above, below = observation.weights.too_healthy[k], observation.weights.too_sick[k]
+    classes = _classes(observation.model, field.name)
     if classes is None:
-        return np.asarray(0.5 * (above + below) * situation.model.uncertainty[k] ** 2)
-    loss = np.zeros(situation.model.shape, np.float32)
+        return np.asarray(0.5 * (above + below) * observation.model.uncertainty[k] ** 2)
+    loss = np.zeros(observation.model.shape, np.float32)
     for share, truth in zip(classes, _CLASS_VALUES, strict=True):
-        error = situation.model.value[k] - np.float32(truth)
+        error = observation.model.value[k] - np.float32(truth)
         loss += share * np.where(error > 0.0, above, below) * error**2
     return loss

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mission.planners.path import Points
+from mission.policies.observation import TravelCost
 from mission.policies.packages import VARIANTS, Package, corners_of
-from mission.policies.situation import TravelCost
 
 _FREE, _HOME, _FIRST = 0, 1, 2
 _CORNERS = 2 * VARIANTS

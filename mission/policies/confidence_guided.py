@@ -15,10 +15,10 @@ from geo.seeds import stream
 from mission.errors import PlanningError
 from mission.planners.path import Points
 from mission.policies.acquisition import Worth
-from mission.policies.decision import GO_ON, Decision
-from mission.policies.policy import LEAST_S, Asking
+from mission.policies.decision import NO_CHANGE, Decision
+from mission.policies.observation import PolicyObservation
+from mission.policies.policy import LEAST_S, Triggers
 from mission.policies.route_search import neighbour_shares, take_leg
-from mission.policies.situation import Situation
 from mission.policies.steering import Route, RouteProblem, Steering
 
 ALL = "all"
@@ -63,31 +63,31 @@ class ConfidenceGuided:
         self._targets: dict[int, Points] = {}
 
     @property
-    def asking(self) -> Asking:
+    def triggers(self) -> Triggers:
         """At every waypoint."""
-        return Asking(waypoints=True, least_s=LEAST_S)
+        return Triggers(waypoints=True, least_s=LEAST_S)
 
     def start(self) -> None:
         """Forget the run before."""
         self._steering.start()
         self._streams, self._targets = {}, {}
 
-    def decide(self, situation: Situation) -> Decision:
+    def decide(self, observation: PolicyObservation) -> Decision:
         """Choose for every vehicle that has reached its waypoint."""
-        decision = self._steering.decide(situation, self._search, "least certain")
+        decision = self._steering.decide(observation, self._search, "least certain")
         paths = decision.paths.items()
         self._targets |= {system_id: points[0] for system_id, points in paths if len(points)}
-        return decision if decision.changes else GO_ON
+        return decision if decision.changes else NO_CHANGE
 
-    def _uncertainty(self, situation: Situation) -> Worth:
-        names = situation.fields.names
+    def _uncertainty(self, observation: PolicyObservation) -> Worth:
+        names = observation.fields.names
         if self._field != ALL and self._field not in names:
             msg = f"{_NAME}: no field is named {self._field!r}; there are {', '.join(names)}, and {ALL}"
             raise PlanningError(msg)
-        uncertainty = situation.model.uncertainty
+        uncertainty = observation.model.uncertainty
         if self._field != ALL:
             return np.array(uncertainty[names.index(self._field)])
-        weights = np.asarray(situation.weights.field, np.float32)
+        weights = np.asarray(observation.weights.field, np.float32)
         return np.tensordot(weights, uncertainty, axes=1).astype(np.float32)
 
     def _search(self, problem: RouteProblem) -> Sequence[Route]:

@@ -19,9 +19,9 @@ from mission.planners.budget import LengthBudget, StepBudget
 from mission.planners.path import Area, Points
 from mission.planners.request import CropArea, PlanningRequest
 from mission.policies.decision import Decision
-from mission.policies.policy import Asking, Policy
+from mission.policies.observation import Event, PolicyObservation, Status, VehicleReport
+from mission.policies.policy import Policy, Triggers
 from mission.policies.registry import make_policy
-from mission.policies.situation import Event, Situation, Status, VehicleReport
 from mission.policies.travel_cost import GeometricTravelCost
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
@@ -101,8 +101,8 @@ def check_policy(policy: str | Policy, **parameters: Any) -> PolicyCheck:
     True
     """
     chosen = make_policy(policy, **parameters)
-    asking = chosen.asking
-    _require(isinstance(asking, Asking), "asking", f"it is a {type(asking).__name__}, not an Asking")
+    triggers = chosen.triggers
+    _require(isinstance(triggers, Triggers), "triggers", f"it is a {type(triggers).__name__}, not a Triggers")
     truth = _some_truth()
     times: list[float] = []
     for case in _cases():
@@ -207,7 +207,7 @@ class _Flight:
             _require(named, case.name, f"vehicle {vehicle.system_id} is not named at the start")
         self._vehicles = [one for one in self._vehicles if len(one.rest)]
         _require(bool(self._vehicles), case.name, "no vehicle has a path at the start of the first flight")
-        asking, fresh, step = policy.asking, 0, 0
+        triggers, fresh, step = policy.triggers, 0, 0
         lose_at = round(_LOST_AFTER * case.budget.limit / self._step_cost) if case.loses_one else -1
         while any(len(one.rest) and not one.lost for one in self._vehicles):
             step += 1
@@ -219,12 +219,12 @@ class _Flight:
                 self._vehicles[0].lost = True
                 self._vehicles[0].rest = np.empty((0, 2))
                 self._ask(Event.LOST, step, times)
-            elif asking.waypoints and any(reached):
+            elif triggers.waypoints and any(reached):
                 self._ask(Event.WAYPOINT, step, times)
-            elif asking.observations is not None and fresh >= asking.observations:
+            elif triggers.observations is not None and fresh >= triggers.observations:
                 fresh = 0
                 self._ask(Event.OBSERVATIONS, step, times)
-            elif asking.period_s is not None and step % max(1, round(asking.period_s)) == 0:
+            elif triggers.period_s is not None and step % max(1, round(triggers.period_s)) == 0:
                 self._ask(Event.PERIOD, step, times)
 
     @property
@@ -249,8 +249,8 @@ class _Flight:
         if event is not Event.START:
             self._model = _model(self._truth, self._seen)
         reports = tuple(one.report(step > 0) for one in self._vehicles)
-        situation = _situation(event, float(step), self._farm, self._model, self._seen, reports)
-        answer = _answer(self._policy, situation, self._case.name, times)
+        observation = _observation(event, float(step), self._farm, self._model, self._seen, reports)
+        answer = _answer(self._policy, observation, self._case.name, times)
         for one in self._vehicles:
             if one.system_id in answer.paths:
                 one.rest = answer.paths[one.system_id]
@@ -258,11 +258,11 @@ class _Flight:
         return answer
 
 
-def _answer(policy: Policy, situation: Situation, what: str, times: list[float]) -> Decision:
+def _answer(policy: Policy, observation: PolicyObservation, what: str, times: list[float]) -> Decision:
     """Ask, and hold the answer to the contract."""
     begin = time.process_time()
     try:
-        answer = policy.decide(situation)
+        answer = policy.decide(observation)
     except PlanningError:
         raise
     except ValueError as error:
@@ -273,8 +273,8 @@ def _answer(policy: Policy, situation: Situation, what: str, times: list[float])
     times.append(time.process_time() - begin)
     _require(isinstance(answer, Decision), what, f"the answer is a {type(answer).__name__}, not a Decision")
     for system_id, points in answer.paths.items():
-        whose = f"{what}, after {situation.time_s:g} steps: vehicle {system_id}"
-        known = {one.system_id: one for one in situation.vehicles}
+        whose = f"{what}, after {observation.time_s:g} steps: vehicle {system_id}"
+        known = {one.system_id: one for one in observation.vehicles}
         _require(system_id in known, whose, "there is no such vehicle")
         vehicle = known[system_id]
         _require(vehicle.steerable, whose, f"it is {vehicle.status.value} and cannot be steered")
@@ -316,12 +316,12 @@ def _check_all_known(policy: Policy, truth: NDArray[np.float32], times: list[flo
     vehicle.spent = 30.0
     policy.start()
     reports = (vehicle.report(started=True),)
-    situation = _situation(Event.OBSERVATIONS, 30.0, farm, _model(truth, seen), seen, reports)
-    _answer(policy, situation, "all is known", times)
+    observation = _observation(Event.OBSERVATIONS, 30.0, farm, _model(truth, seen), seen, reports)
+    _answer(policy, observation, "all is known", times)
     nothing_left = replace(reports[0], spent=case.budget.limit)
-    _answer(policy, replace(situation, vehicles=(nothing_left,)), "nothing left of the budget", times)
+    _answer(policy, replace(observation, vehicles=(nothing_left,)), "nothing left of the budget", times)
     waiting = _Vehicle(1, _request(farm, case), farm.cell_size_m).report(started=False)
-    later = replace(situation, event=Event.START, time_s=0.0, vehicles=(waiting,))
+    later = replace(observation, event=Event.START, time_s=0.0, vehicles=(waiting,))
     answer = _answer(policy, later, "all is known before a later flight", times)
     named = waiting.system_id in answer.paths
     _require(
@@ -338,15 +338,15 @@ def _request(farm: Farm, case: _Case) -> PlanningRequest:
     return PlanningRequest(case.area, case.start_m, case.budget, farm.cell_size_m, crops, seed=11)
 
 
-def _situation(
+def _observation(
     event: Event,
     time_s: float,
     farm: Farm,
     model: InformationModel,
     seen: Observations,
     vehicles: tuple[VehicleReport, ...],
-) -> Situation:
-    return Situation(
+) -> PolicyObservation:
+    return PolicyObservation(
         event, time_s, _DAY, farm, PAPER_FIELDS, PAPER_WEIGHTS, model, seen, vehicles, _COMPUTE_S
     )
 

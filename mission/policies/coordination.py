@@ -8,7 +8,7 @@ from typing import TypeAlias
 
 from geo.named import ParameterError
 from mission.planners.path import Points
-from mission.policies.situation import VehicleReport
+from mission.policies.observation import VehicleReport
 
 
 @dataclass(frozen=True, slots=True, eq=False)

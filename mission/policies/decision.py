@@ -58,7 +58,7 @@ class Decision:
 
     Examples
     --------
-    >>> GO_ON.changes
+    >>> NO_CHANGE.changes
     False
     >>> Decision({1: [[0.0, 0.0], [5.0, 0.0]]}).paths[1].shape
     (2, 2)
@@ -94,5 +94,8 @@ class Decision:
         return bool(self.paths)
 
 
-GO_ON = Decision()
+NO_CHANGE = Decision()
 """Everybody flies on as before."""
+
+GO_ON = NO_CHANGE
+"""Its name before version 0.2, for policies that were written for it."""

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from mission.planners.inside_routing import TOLERANCE_M, is_rectangle
 from mission.planners.path import Area, Points
 from mission.policies.acquisition import scored_cells
+from mission.policies.observation import PolicyObservation, VehicleReport
 from mission.policies.planning_grid import LegCosts
 from mission.policies.route_search import COST, WORTH, leg_offsets, neighbour_shares, search_route
-from mission.policies.situation import Situation, VehicleReport
 
 SICK_BELOW = 0.75
 """A plant with a smaller value is sick."""
@@ -31,7 +31,7 @@ _ALONE = neighbour_shares(0.0, 1.0, 1)
 
 
 def detour(
-    vehicle: VehicleReport, situation: Situation, promised: Iterable[Points], least_rate: float
+    vehicle: VehicleReport, observation: PolicyObservation, promised: Iterable[Points], least_rate: float
 ) -> Points:
     """Find the route through plants beside sick ones, near a vehicle, that sees most of them early.
 
@@ -50,11 +50,11 @@ def detour(
     float64[n, 2]
         Metres; no points if there is nothing worth while.
     """
-    cell_m, shape = situation.farm.cell_size_m, np.array(situation.model.shape)
+    cell_m, shape = observation.farm.cell_size_m, np.array(observation.model.shape)
     here = np.asarray(vehicle.position_m) / cell_m
     low = np.clip(np.floor(here).astype(int) - _WINDOW, 0, shape - 1)
     high = np.clip(np.floor(here).astype(int) + _WINDOW + 1, low + 1, shape)
-    worth = _beside_sick(situation, low, high)
+    worth = _beside_sick(observation, low, high)
     for path in promised:
         _take(worth, path / cell_m - low)
     if not worth.any():
@@ -78,20 +78,22 @@ def detour(
     return points
 
 
-def _beside_sick(situation: Situation, low: NDArray[np.int_], high: NDArray[np.int_]) -> NDArray[np.float32]:
+def _beside_sick(
+    observation: PolicyObservation, low: NDArray[np.int_], high: NDArray[np.int_]
+) -> NDArray[np.float32]:
     """Return what the plants of a window are worth, float32[w, h]."""
-    grid, seen = situation.farm.grid(), situation.observations
+    grid, seen = observation.farm.grid(), observation.observations
     reach = math.ceil(_NEAR)
     near = (seen.x >= low[0] - reach) & (seen.x < high[0] + reach)
-    near &= (seen.y >= low[1] - reach) & (seen.y < high[1] + reach) & (seen.day == situation.day)
+    near &= (seen.y >= low[1] - reach) & (seen.y < high[1] + reach) & (seen.day == observation.day)
     rows = np.flatnonzero(near)
     x, y, values = seen.x[rows] - low[0], seen.y[rows] - low[1], seen.values[rows]
     width, height = high - low
     inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
     columns, lines = np.arange(width)[:, None], np.arange(height)[None, :]
     worth = np.zeros((width, height), np.float32)
-    for k, field in enumerate(situation.fields):
-        if field.kind != "disease" or situation.weights.field[k] <= 0.0:
+    for k, field in enumerate(observation.fields):
+        if field.kind != "disease" or observation.weights.field[k] <= 0.0:
             continue
         with np.errstate(invalid="ignore"):
             sick = np.flatnonzero(values[:, k] < SICK_BELOW)

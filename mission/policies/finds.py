@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from mission.errors import PlanningError
 from mission.planners.inside_routing import Terrain
+from mission.policies.observation import PolicyObservation
 from mission.policies.packages import Box, Package, groups_of, rows_over
-from mission.policies.situation import Situation
 
 ALL = "all"
 _MOST_SEEN = 0.8
@@ -62,7 +62,7 @@ class Finds:
         return self._numbers
 
     def packages(
-        self, situation: Situation, terrains: Sequence[Terrain], ahead: Sequence[Package]
+        self, observation: PolicyObservation, terrains: Sequence[Terrain], ahead: Sequence[Package]
     ) -> list[Package]:
         """Return packages about the groups of finds that are over.
 
@@ -78,11 +78,11 @@ class Finds:
         PlanningError
             If there is no such disease.
         """
-        fields = self._fields(situation)
-        seen = situation.observations
+        fields = self._fields(observation)
+        seen = observation.observations
         latest, self._known = self._known, len(seen)
         with np.errstate(invalid="ignore"):
-            sick = (seen.values[:, fields] < self.below).any(axis=1) & (seen.day == situation.day)
+            sick = (seen.values[:, fields] < self.below).any(axis=1) & (seen.day == observation.day)
         numbers = np.flatnonzero(sick)
         cells = np.stack((seen.x[numbers], seen.y[numbers]), axis=1)
         for x_0, y_0, x_1, y_1 in self._offered:
@@ -93,17 +93,19 @@ class Finds:
         for group in groups_of(cells, self.border):
             if numbers[group].max() >= latest:
                 continue
-            package = self._package(situation, cells[group], terrains, [*ahead, *made])
+            package = self._package(observation, cells[group], terrains, [*ahead, *made])
             if package is not None:
                 made.append(package)
         return made
 
-    def _fields(self, situation: Situation) -> list[int]:
-        weights = situation.weights.field
-        diseases = [k for k, one in enumerate(situation.fields) if one.kind == "disease" and weights[k] > 0.0]
+    def _fields(self, observation: PolicyObservation) -> list[int]:
+        weights = observation.weights.field
+        diseases = [
+            k for k, one in enumerate(observation.fields) if one.kind == "disease" and weights[k] > 0.0
+        ]
         if self.field_name == ALL:
             return diseases
-        names = {situation.fields.names[k]: k for k in diseases}
+        names = {observation.fields.names[k]: k for k in diseases}
         if self.field_name not in names:
             known = ", ".join([*names, ALL])
             msg = f"{self.who}: no disease that is scored is named {self.field_name!r}; there are {known}"
@@ -112,22 +114,26 @@ class Finds:
 
     def _package(
         self,
-        situation: Situation,
+        observation: PolicyObservation,
         cells: NDArray[np.integer],
         terrains: Sequence[Terrain],
         ahead: Sequence[Package],
     ) -> Package | None:
-        border, shape = round(self.border), situation.model.shape
+        border, shape = round(self.border), observation.model.shape
         x_0, y_0 = np.maximum(cells.min(axis=0) - border, 0).tolist()
         x_1, y_1 = np.minimum(cells.max(axis=0) + border + 1, shape).tolist()
-        cell_m = situation.farm.cell_size_m
+        cell_m = observation.farm.cell_size_m
         box: Box = (x_0 * cell_m, y_0 * cell_m, x_1 * cell_m, y_1 * cell_m)
         if any(package.overlaps(box) for package in ahead):
             return None
         self._offered.append((x_0, y_0, x_1, y_1))
-        seen = situation.observations
+        seen = observation.observations
         inside = (
-            (seen.x >= x_0) & (seen.x < x_1) & (seen.y >= y_0) & (seen.y < y_1) & (seen.day == situation.day)
+            (seen.x >= x_0)
+            & (seen.x < x_1)
+            & (seen.y >= y_0)
+            & (seen.y < y_1)
+            & (seen.day == observation.day)
         )
         known = len(np.unique(seen.x[inside].astype(np.int64) * shape[1] + seen.y[inside]))
         if known >= _MOST_SEEN * (x_1 - x_0) * (y_1 - y_0):

@@ -18,10 +18,10 @@ from mission.planners.inside_routing import Terrain
 from mission.planners.path import Area, Points, drop_coincident
 from mission.planners.places import draw_places
 from mission.planners.search import densest_feasible
-from mission.policies.decision import GO_ON, Decision
-from mission.policies.policy import NEVER_AGAIN, Asking
+from mission.policies.decision import NO_CHANGE, Decision
+from mission.policies.observation import Event, PolicyObservation, VehicleReport
+from mission.policies.policy import NEVER_AGAIN, Triggers
 from mission.policies.round_tour import insert_by_detour, shorten
-from mission.policies.situation import Event, Situation, VehicleReport
 from mission.policies.steering import affordable
 from mission.policies.travel_cost import pays_for_return
 
@@ -64,18 +64,18 @@ class GridLimitedRandomness:
         self._order = order
 
     @property
-    def asking(self) -> Asking:
+    def triggers(self) -> Triggers:
         """Only at the start."""
         return NEVER_AGAIN
 
     def start(self) -> None:
         """Nothing is remembered."""
 
-    def decide(self, situation: Situation) -> Decision:
+    def decide(self, observation: PolicyObservation) -> Decision:
         """Draw a path for every vehicle at the start, else go on."""
-        if situation.event is not Event.START:
-            return GO_ON
-        return Decision({one.system_id: self._path(one) for one in situation.steerable}, reason="draw")
+        if observation.event is not Event.START:
+            return NO_CHANGE
+        return Decision({one.system_id: self._path(one) for one in observation.steerable}, reason="draw")
 
     def _path(self, vehicle: VehicleReport) -> Points:
         request = vehicle.request

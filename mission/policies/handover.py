@@ -13,7 +13,7 @@ from mission.errors import PlanningError
 from mission.planners.partition import strips
 from mission.planners.path import Area, PlannedPath, Points
 from mission.planners.request import Planner
-from mission.policies.situation import VehicleReport
+from mission.policies.observation import VehicleReport
 
 # Rows count as seen to a little more than half of their distance, so that no gaps are left between them.
 _OF_SPACING = 0.55

@@ -12,10 +12,10 @@ import numpy as np
 from mission.policies.acquisition import Acquisition, Balanced, WithCoverage, WithReach, make_acquisition
 from mission.policies.coordination import Coordination, make_coordination
 from mission.policies.decision import Decision
+from mission.policies.observation import PolicyObservation
 from mission.policies.planning_grid import MOST_CELLS, strip_width
-from mission.policies.policy import LEAST_S, Asking
+from mission.policies.policy import LEAST_S, Triggers
 from mission.policies.route_search import neighbour_shares, take_leg
-from mission.policies.situation import Situation
 from mission.policies.steering import Route, RouteProblem, Steering, far_route
 
 _RADIUS = 3
@@ -68,17 +68,17 @@ class MapPolicy(ABC):
         )
 
     @property
-    def asking(self) -> Asking:
+    def triggers(self) -> Triggers:
         """After some observations."""
-        return Asking(observations=int(self.every), least_s=float(self.least_s))
+        return Triggers(observations=int(self.every), least_s=float(self.least_s))
 
     def start(self) -> None:
         """Forget the run before."""
         self._steering.start()
 
-    def decide(self, situation: Situation) -> Decision:
+    def decide(self, observation: PolicyObservation) -> Decision:
         """Search a route for every vehicle, in turn."""
-        return self._steering.decide(situation, self._routes, self.reason)
+        return self._steering.decide(observation, self._routes, self.reason)
 
     def _routes(self, problem: RouteProblem) -> Sequence[Route]:
         """Search; where nothing is to be gained near the vehicle, go far first and search on from there."""

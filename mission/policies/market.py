@@ -19,12 +19,12 @@ from mission.planners.path import Points
 from mission.planners.places import draw_places
 from mission.policies.auction import Bidder, hold_auction, leg_costs, path_cost
 from mission.policies.contract import NO_POINTS, Contract, Stretch
-from mission.policies.decision import GO_ON, Decision
+from mission.policies.decision import NO_CHANGE, Decision
 from mission.policies.finds import Finds
+from mission.policies.observation import Event, PolicyObservation, Status, VehicleReport
 from mission.policies.packages import Package, blocks_of, rows_over
 from mission.policies.planning_grid import LegCosts
-from mission.policies.policy import LEAST_S, Asking
-from mission.policies.situation import Event, Situation, Status, VehicleReport
+from mission.policies.policy import LEAST_S, Triggers
 from mission.policies.steering import affordable
 from mission.policies.travel_cost import pays_for_return
 
@@ -92,9 +92,9 @@ class Market:
         self.start()
 
     @property
-    def asking(self) -> Asking:
+    def triggers(self) -> Triggers:
         """After some observations."""
-        return Asking(observations=self._every, least_s=LEAST_S)
+        return Triggers(observations=self._every, least_s=LEAST_S)
 
     def start(self) -> None:
         """Forget the run before."""
@@ -105,24 +105,24 @@ class Market:
         self._terrains: dict[int, Terrain] = {}
         self._streams: dict[int, np.random.Generator] = {}
 
-    def decide(self, situation: Situation) -> Decision:
+    def decide(self, observation: PolicyObservation) -> Decision:
         """Sell what there is to be sold, if that changed."""
         spacing: dict[int, float] = {}
-        if situation.event is Event.START:
-            self._begin_flight(situation.day)
-            spacing = self._divide(situation)
+        if observation.event is Event.START:
+            self._begin_flight(observation.day)
+            spacing = self._divide(observation)
             returned = True
         else:
-            returned = self._settle(situation)
-        terrains = [self._terrain(one) for one in situation.steerable]
-        found = self._finds.packages(situation, terrains, self._fine_ahead())
+            returned = self._settle(observation)
+        terrains = [self._terrain(one) for one in observation.steerable]
+        found = self._finds.packages(observation, terrains, self._fine_ahead())
         self._open += found
-        idle = self._open and self._somebody_idle(situation)
-        if not (found or returned or idle or situation.event is Event.ENDING):
-            return GO_ON
-        paths = self._trade(situation)
+        idle = self._open and self._somebody_idle(observation)
+        if not (found or returned or idle or observation.event is Event.ENDING):
+            return NO_CHANGE
+        paths = self._trade(observation)
         if not paths:
-            return GO_ON
+            return NO_CHANGE
         reason = "first look" if spacing else "packages about finds" if found else "packages sold anew"
         return Decision(paths, reason=reason, spacing_m=spacing)
 
@@ -138,15 +138,15 @@ class Market:
             self._finds.begin_day()
         self._day = day
 
-    def _divide(self, situation: Situation) -> dict[int, float]:
+    def _divide(self, observation: PolicyObservation) -> dict[int, float]:
         """Offer the coarse packages of every area; return the distance of their rows for each vehicle."""
         spacings: dict[int, float] = {}
-        vehicles = list(situation.steerable)
+        vehicles = list(observation.steerable)
         while vehicles:
             same = [one for one in vehicles if one.request.area == vehicles[0].request.area]
             vehicles = [one for one in vehicles if one not in same]
             flyable, footprint = self._terrain(same[0]).flyable, same[0].request.footprint_m
-            cell_m = situation.farm.cell_size_m
+            cell_m = observation.farm.cell_size_m
             reach = sum(one.left * cell_m / LegCosts.of(one, cell_m).per_cell for one in same)
             spacing = max(flyable.area / (self._explore * reach), footprint, TOLERANCE_M)
             for box in blocks_of(flyable, self._blocks * len(same)):
@@ -156,10 +156,10 @@ class Market:
             spacings |= {one.system_id: spacing for one in same}
         return spacings
 
-    def _settle(self, situation: Situation) -> bool:
+    def _settle(self, observation: PolicyObservation) -> bool:
         """Take note of what was flown; return whether packages are to be sold again."""
         returned: list[Package] = []
-        for vehicle in situation.vehicles:
+        for vehicle in observation.vehicles:
             contract = self._contracts.get(vehicle.system_id)
             if contract is None or vehicle.status in _KEEP:
                 continue
@@ -178,13 +178,13 @@ class Market:
         sold = [one.package for contract in self._contracts.values() for one, _ in contract.ahead]
         return [package for package in [*self._open, *sold] if package is not None and package.fine]
 
-    def _somebody_idle(self, situation: Situation) -> bool:
-        contracts = [self._contracts.get(one.system_id) for one in situation.steerable]
+    def _somebody_idle(self, observation: PolicyObservation) -> bool:
+        contracts = [self._contracts.get(one.system_id) for one in observation.steerable]
         return any(contract is None or not len(contract.work()) for contract in contracts)
 
-    def _trade(self, situation: Situation) -> dict[int, Points]:
+    def _trade(self, observation: PolicyObservation) -> dict[int, Points]:
         """Sell all that is not begun; return the paths of the vehicles that have something else to do now."""
-        vehicles = situation.steerable
+        vehicles = observation.steerable
         kept: dict[int, list[Stretch]] = {}
         for vehicle in vehicles:
             kept[vehicle.system_id] = []
@@ -208,19 +208,19 @@ class Market:
         bidders = [self._bidder(one, packages, kept[one.system_id]) for one in vehicles]
         fine = [k for k, package in enumerate(packages) if package.fine]
         coarse = [k for k, package in enumerate(packages) if not package.fine]
-        contractors = [one for one in bidders if not self._is_pioneer(one.system_id, situation)]
+        contractors = [one for one in bidders if not self._is_pioneer(one.system_id, observation)]
         unsold = hold_auction(contractors or bidders, fine) + hold_auction(bidders, coarse)
         self._open = [packages[k] for k in unsold]
         paths: dict[int, Points] = {}
         for vehicle, bidder in zip(vehicles, bidders, strict=True):
             awarded = [(packages[k], variant) for k, variant in bidder.route]
-            points = self._sign(situation, vehicle, kept[vehicle.system_id], awarded)
+            points = self._sign(observation, vehicle, kept[vehicle.system_id], awarded)
             if points is not None:
                 paths[vehicle.system_id] = points
         return paths
 
-    def _is_pioneer(self, system_id: int, situation: Situation) -> bool:
-        return system_id in sorted(one.system_id for one in situation.vehicles)[: self._pioneers]
+    def _is_pioneer(self, system_id: int, observation: PolicyObservation) -> bool:
+        return system_id in sorted(one.system_id for one in observation.vehicles)[: self._pioneers]
 
     def _bidder(self, vehicle: VehicleReport, packages: Sequence[Package], kept: list[Stretch]) -> Bidder:
         flyable = shapely.buffer(self._terrain(vehicle).flyable, TOLERANCE_M)
@@ -240,7 +240,7 @@ class Market:
 
     def _sign(
         self,
-        situation: Situation,
+        observation: PolicyObservation,
         vehicle: VehicleReport,
         kept: list[Stretch],
         awarded: list[tuple[Package, int]],
@@ -249,10 +249,10 @@ class Market:
 
         What it cannot pay for after all is open again.
         """
-        stretches = kept + self._stretches(situation, vehicle, kept, awarded)
+        stretches = kept + self._stretches(observation, vehicle, kept, awarded)
         before = self._contracts.get(vehicle.system_id)
         work = affordable(vehicle, _points(stretches))
-        ending = situation.event is Event.ENDING and len(vehicle.rest_m) <= 1
+        ending = observation.event is Event.ENDING and len(vehicle.rest_m) <= 1
         if before is not None and _same(before.work(), work) and not ending:
             return None
         if len(work) < len(_points(stretches)):
@@ -261,7 +261,7 @@ class Market:
             stretches = stretches + self._wander(vehicle, work)
         points = affordable(vehicle, _points(stretches))
         if not len(points):
-            if situation.event is Event.START:
+            if observation.event is Event.START:
                 budget = vehicle.request.budget
                 msg = f"budget of {budget.limit:g} {budget.unit} is too small: {_NAME} cannot reach the area"
                 raise PlanningError(msg)
@@ -272,7 +272,7 @@ class Market:
 
     def _stretches(
         self,
-        situation: Situation,
+        observation: PolicyObservation,
         vehicle: VehicleReport,
         kept: list[Stretch],
         awarded: list[tuple[Package, int]],
@@ -283,7 +283,7 @@ class Market:
         here = kept[-1].points_m[-1] if kept else np.asarray(vehicle.position_m)
         legs = self._terrain(vehicle).legs([ends for _, _, ends in flown], here)
         # A waypoint where the vehicle is already would only make it stop there.
-        near = np.hypot(*(legs[0] - here).T) < _AT_CELLS * situation.farm.cell_size_m
+        near = np.hypot(*(legs[0] - here).T) < _AT_CELLS * observation.farm.cell_size_m
         passed = int(np.argmin(near)) if not near.all() else len(near) - 1
         legs[0] = legs[0][passed:]
         return [Stretch(package, row, leg) for (package, row, _), leg in zip(flown, legs, strict=True)]

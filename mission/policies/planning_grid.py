@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mission.planners.inside_routing import TOLERANCE_M, is_rectangle
 from mission.planners.path import Area, Points
 from mission.policies.acquisition import Worth
-from mission.policies.situation import VehicleReport
+from mission.policies.observation import VehicleReport
 
 MOST_CELLS = 128
 """Longest side of a planning grid, in its cells."""

@@ -13,14 +13,14 @@ from typing import Protocol, runtime_checkable
 from mission.planners.partition import STRIPS
 from mission.planners.registry import make_planner
 from mission.planners.request import Planner
-from mission.policies.decision import GO_ON, Decision
+from mission.policies.decision import NO_CHANGE, Decision
 from mission.policies.handover import Share, hand_over
+from mission.policies.observation import Event, PolicyObservation, Status, VehicleReport
 from mission.policies.sharing import WHOLE, check_partition, shared
-from mission.policies.situation import Event, Situation, Status, VehicleReport
 
 
 @dataclass(frozen=True, slots=True)
-class Asking:
+class Triggers:
     """When a policy wants to be asked, besides at the start and when a vehicle is lost.
 
     One that wants any of these is also asked before a path ends.
@@ -51,7 +51,10 @@ class Asking:
 LEAST_S = 4.0
 """How often our policies want to be asked at most: a vehicle passes many cells in a second."""
 
-NEVER_AGAIN = Asking()
+Asking = Triggers
+"""The name of `Triggers` before version 0.2, for policies that were written for it."""
+
+NEVER_AGAIN = Triggers()
 """Only at the start, and when a vehicle is lost."""
 
 
@@ -60,21 +63,21 @@ class Policy(Protocol):
     """Decides where vehicles go next.
 
     It is an object of its own for each run: `start` makes it forget everything, then `decide` is called with
-    one situation after the other. It gets no object that leads to the true state of the farm.
+    one observation after the other. It gets no object that leads to the true state of the farm.
     """
 
     @property
-    def asking(self) -> Asking:
+    def triggers(self) -> Triggers:
         """When it wants to be asked."""
 
     def start(self) -> None:
         """Forget everything: a new run begins."""
 
-    def decide(self, situation: Situation) -> Decision:
-        """Answer, within the situation's computing time.
+    def decide(self, observation: PolicyObservation) -> Decision:
+        """Answer, within the observation's computing time.
 
         At `Event.START` every vehicle must be named. One whose path has no points stays on the ground in this
-        flight: nothing is worth it. In the first flight of a run at least one has to fly. Later `GO_ON`
+        flight: nothing is worth it. In the first flight of a run at least one has to fly. Later `NO_CHANGE`
         leaves all as it is. Every path must lie in the area of its vehicle's request, and cost no more
         (`VehicleReport.travel_cost`) than is left of the budget.
 
@@ -107,7 +110,7 @@ class FixedPlan:
 
     Examples
     --------
-    >>> FixedPlan("spiral").asking == NEVER_AGAIN
+    >>> FixedPlan("spiral").triggers == NEVER_AGAIN
     True
     """
 
@@ -119,7 +122,7 @@ class FixedPlan:
         check_partition(self.partition)
 
     @property
-    def asking(self) -> Asking:
+    def triggers(self) -> Triggers:
         """Only at the start."""
         return NEVER_AGAIN
 
@@ -127,19 +130,19 @@ class FixedPlan:
         """Forget whose land is which."""
         self._shares = {}
 
-    def decide(self, situation: Situation) -> Decision:
+    def decide(self, observation: PolicyObservation) -> Decision:
         """Plan for every vehicle at the start; share what a lost one leaves; else go on."""
-        if situation.event is Event.START:
-            return self._plan(situation.steerable)
-        if situation.event is Event.LOST and self.partition != WHOLE:
-            return self._hand_over(situation)
-        return GO_ON
+        if observation.event is Event.START:
+            return self._plan(observation.steerable)
+        if observation.event is Event.LOST and self.partition != WHOLE:
+            return self._hand_over(observation)
+        return NO_CHANGE
 
     def _plan(self, vehicles: Sequence[VehicleReport]) -> Decision:
         planner = make_planner(self.planner)
         self._shares = {}
         if not vehicles:
-            return GO_ON
+            return NO_CHANGE
         parts = shared(vehicles, self.partition)
         paths, spacings = {}, {}
         for one in vehicles:
@@ -150,13 +153,13 @@ class FixedPlan:
             self._shares[one.system_id] = Share(parts[one.system_id], path.spacing_m)
         return Decision(paths, reason="plan", spacing_m=spacings)
 
-    def _hand_over(self, situation: Situation) -> Decision:
+    def _hand_over(self, observation: PolicyObservation) -> Decision:
         lost = [
-            one for one in situation.vehicles if one.status is Status.LOST and one.system_id in self._shares
+            one for one in observation.vehicles if one.status is Status.LOST and one.system_id in self._shares
         ]
-        taken = hand_over(lost, situation.steerable, self._shares, make_planner(self.planner))
+        taken = hand_over(lost, observation.steerable, self._shares, make_planner(self.planner))
         if not taken:
-            return GO_ON
+            return NO_CHANGE
         for one in lost:
             del self._shares[one.system_id]
         self._shares.update({system_id: share for system_id, (_, share) in taken.items()})
@@ -172,13 +175,13 @@ class KeepPath:
     """Leave every vehicle on the path that it was given otherwise: in a mission from a file."""
 
     @property
-    def asking(self) -> Asking:
+    def triggers(self) -> Triggers:
         """Never."""
         return NEVER_AGAIN
 
     def start(self) -> None:
         """Nothing is remembered."""
 
-    def decide(self, situation: Situation) -> Decision:  # noqa: ARG002
+    def decide(self, observation: PolicyObservation) -> Decision:  # noqa: ARG002
         """Go on."""
-        return GO_ON
+        return NO_CHANGE

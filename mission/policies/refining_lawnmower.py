@@ -13,12 +13,12 @@ from mission.planners import Budget, make_planner
 from mission.planners.inside_routing import TOLERANCE_M, Terrain
 from mission.planners.partition import STRIPS
 from mission.planners.path import Area, Points, path_length
-from mission.policies.decision import GO_ON, Decision
+from mission.policies.decision import NO_CHANGE, Decision
 from mission.policies.detour import detour
-from mission.policies.policy import LEAST_S, Asking
+from mission.policies.observation import Event, PolicyObservation, VehicleReport
+from mission.policies.policy import LEAST_S, Triggers
 from mission.policies.rolling_horizon import RollingHorizon
 from mission.policies.sharing import shared
-from mission.policies.situation import Event, Situation, VehicleReport
 from mission.policies.steering import affordable
 
 _RENEW_CELLS = 6.0
@@ -100,54 +100,58 @@ class RefiningLawnmower:
         self._terrains: dict[int, Terrain] = {}
 
     @property
-    def asking(self) -> Asking:
+    def triggers(self) -> Triggers:
         """After some observations."""
-        return Asking(observations=self._every, least_s=LEAST_S)
+        return Triggers(observations=self._every, least_s=LEAST_S)
 
     def start(self) -> None:
         """Forget the run before."""
         self._rows, self._away = {}, set()
         self._after.start()
 
-    def decide(self, situation: Situation) -> Decision:
+    def decide(self, observation: PolicyObservation) -> Decision:
         """Give rows at the start; then detours, the way back to the rows, and routes when these are flown."""
-        if situation.event is Event.START:
-            return self._begin(situation)
+        if observation.event is Event.START:
+            return self._begin(observation)
         paths: dict[int, Points] = {}
         done: list[int] = []
-        for vehicle in situation.steerable:
+        for vehicle in observation.steerable:
             rows = self._rows.get(vehicle.system_id)
             if rows is None:
                 done.append(vehicle.system_id)
                 continue
-            path = self._path(vehicle, rows, situation, paths)
-            ends = situation.event is Event.ENDING and len(vehicle.rest_m) <= 1
-            if path is None and (ends or _nearly_flown(vehicle, situation.farm.cell_size_m)):
+            path = self._path(vehicle, rows, observation, paths)
+            ends = observation.event is Event.ENDING and len(vehicle.rest_m) <= 1
+            if path is None and (ends or _nearly_flown(vehicle, observation.farm.cell_size_m)):
                 del self._rows[vehicle.system_id]
                 done.append(vehicle.system_id)
             elif path is not None:
                 paths[vehicle.system_id] = path
         if done:
-            paths |= self._route(situation, done)
-        return Decision(paths, reason="plants beside sick ones" if self._away else "rows") if paths else GO_ON
+            paths |= self._route(observation, done)
+        return (
+            Decision(paths, reason="plants beside sick ones" if self._away else "rows")
+            if paths
+            else NO_CHANGE
+        )
 
-    def _begin(self, situation: Situation) -> Decision:
-        vehicles = situation.steerable
+    def _begin(self, observation: PolicyObservation) -> Decision:
+        vehicles = observation.steerable
         if not vehicles:
-            return GO_ON
+            return NO_CHANGE
         parts = shared(vehicles, STRIPS)
         self._rows, self._away = {}, set()
         for one in vehicles:
             self._terrains[one.system_id] = Terrain(one.request.area, one.request.footprint_m)
-            points = affordable(one, self._plan(one, parts[one.system_id], situation))
+            points = affordable(one, self._plan(one, parts[one.system_id], observation))
             self._rows[one.system_id] = _Rows(points, np.asarray(one.position_m))
         return Decision({system_id: rows.rest for system_id, rows in self._rows.items()}, reason="rows")
 
-    def _plan(self, vehicle: VehicleReport, part: Area, situation: Situation) -> Points:
+    def _plan(self, vehicle: VehicleReport, part: Area, observation: PolicyObservation) -> Points:
         """Return the rows of one land after the other, as long as the budget for rows lasts."""
-        request, cell_m = vehicle.request, situation.farm.cell_size_m
+        request, cell_m = vehicle.request, observation.farm.cell_size_m
         points, here = _NOTHING, vehicle.position_m
-        for number, land in enumerate(self._lands(vehicle, part, situation)):
+        for number, land in enumerate(self._lands(vehicle, part, observation)):
             spent = vehicle.travel_cost.rest([points])[0] if len(points) else 0.0
             left = self._coarse * vehicle.left - spent
             if left <= 0.0:
@@ -171,9 +175,9 @@ class RefiningLawnmower:
         return make_planner("lawnmower")(replace(request, area=part)).points_m
 
     @staticmethod
-    def _lands(vehicle: VehicleReport, part: Area, situation: Situation) -> list[Area]:
+    def _lands(vehicle: VehicleReport, part: Area, observation: PolicyObservation) -> list[Area]:
         """Return the land of the crops in a part of the area, that of the weightiest disease first."""
-        fields, weights = situation.fields, situation.weights.field
+        fields, weights = observation.fields, observation.weights.field
         worth = {
             crop: max(
                 weights[k] for k, one in enumerate(fields) if one.kind == "disease" and crop in one.crops
@@ -191,7 +195,7 @@ class RefiningLawnmower:
         return lands or [part]
 
     def _path(
-        self, vehicle: VehicleReport, rows: _Rows, situation: Situation, new: dict[int, Points]
+        self, vehicle: VehicleReport, rows: _Rows, observation: PolicyObservation, new: dict[int, Points]
     ) -> Points | None:
         """Return a vehicle's new path while it has rows, and note where it is on them; None to go on."""
         here = np.asarray(vehicle.position_m)
@@ -200,10 +204,10 @@ class RefiningLawnmower:
             self._away.discard(vehicle.system_id)
         promised = [
             np.vstack((np.asarray(other.position_m), new.get(other.system_id, other.rest_m)))
-            for other in situation.vehicles
+            for other in observation.vehicles
             if other.system_id != vehicle.system_id and other.system_id in self._away
         ]
-        route = detour(vehicle, situation, promised, self._least_rate)
+        route = detour(vehicle, observation, promised, self._least_rate)
         if len(route):
             self._away.add(vehicle.system_id)
             return self._joined(vehicle, [route, rows.resumed(route[-1])])
@@ -225,9 +229,9 @@ class RefiningLawnmower:
         path = affordable(vehicle, self._terrains[vehicle.system_id].join(kept, vehicle.position_m))
         return path[:-1] if len(path) and not shapely.covers(area, shapely.Point(path[-1])) else path
 
-    def _route(self, situation: Situation, done: list[int]) -> dict[int, Points]:
+    def _route(self, observation: PolicyObservation, done: list[int]) -> dict[int, Points]:
         """Return routes of the vehicles whose rows are flown."""
-        found = self._after.decide(situation).paths
+        found = self._after.decide(observation).paths
         return {system_id: found[system_id] for system_id in done if system_id in found}
 
 

@@ -56,7 +56,7 @@ def make_policy(policy: str | Policy, /, **parameters: Any) -> Policy:
         if inspect.isclass(policy) or not isinstance(policy, Policy):
             what = policy.__name__ if inspect.isclass(policy) else type(policy).__name__
             fault = "is a class; give an object of it" if inspect.isclass(policy) else "is no policy"
-            msg = f"policy {what} {fault}: a policy has asking, start() and decide(situation)"
+            msg = f"policy {what} {fault}: a policy has {_renamed(policy)}, start() and decide(observation)"
             raise PlanningError(msg)
         if parameters:
             msg = (
@@ -73,9 +73,13 @@ def make_policy(policy: str | Policy, /, **parameters: Any) -> Policy:
     made = factory(**{**given, **parameters})
     if not isinstance(made, Policy):
         kind = type(made).__name__
-        msg = f"policy {name} makes a {kind}, which has not asking, start() and decide(situation)"
+        msg = f"policy {name} makes a {kind}, which has not {_renamed(made)}, start() and decide(observation)"
         raise PlanningError(msg)
     return made
+
+
+def _renamed(policy: object) -> str:
+    return "triggers (called asking before version 0.2)" if hasattr(policy, "asking") else "triggers"
 
 
 def _parameters(factory: Callable[..., Any]) -> dict[str, Any]:

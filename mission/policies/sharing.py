@@ -11,7 +11,7 @@ import shapely
 from geo.named import ParameterError
 from mission.planners.partition import PARTITIONS, STRIPS, balanced
 from mission.planners.path import Area
-from mission.policies.situation import VehicleReport
+from mission.policies.observation import VehicleReport
 from mission.policies.travel_cost import pays_for_return
 
 WHOLE = "none"

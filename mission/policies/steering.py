@@ -14,9 +14,9 @@ from mission.planners.path import Points
 from mission.policies.acquisition import Acquisition, Worth
 from mission.policies.coordination import Bid, Coordination, Promised, sequential
 from mission.policies.decision import Alternative, Decision
+from mission.policies.observation import Event, PolicyObservation, Status, VehicleReport
 from mission.policies.planning_grid import LegCosts, PlanningGrid
 from mission.policies.route_search import take_leg
-from mission.policies.situation import Event, Situation, Status, VehicleReport
 
 _LEAST_LEG = 1e-3
 _STAY: Points = np.empty((0, 2))
@@ -74,27 +74,29 @@ class Steering:
     acquisition: Acquisition
     shares: NDArray[np.float32]
     coordination: Coordination = sequential
-    _charts: dict[int, PlanningGrid] = field(default_factory=dict, init=False)
+    _grids: dict[int, PlanningGrid] = field(default_factory=dict, init=False)
     _drawn: dict[tuple[bytes, float], PlanningGrid] = field(default_factory=dict, init=False)
 
     def start(self) -> None:
-        """Forget the charts of the run before."""
-        self._charts, self._drawn = {}, {}
+        """Forget the planning grids of the run before."""
+        self._grids, self._drawn = {}, {}
 
-    def decide(self, situation: Situation, search: Search, reason: str) -> Decision:
+    def decide(self, observation: PolicyObservation, search: Search, reason: str) -> Decision:
         """Find new routes for all vehicles that can be steered.
 
         A vehicle for which nothing affordable is found goes on as before; at the start it stays where it is.
         """
-        worth = self.acquisition(situation)
+        worth = self.acquisition(observation)
         found: dict[int, list[Alternative]] = {}
         pooled: dict[PlanningGrid, Worth] = {}
 
         def bid(vehicle: VehicleReport, promised: Promised) -> Bid | None:
-            planning_grid = self._chart(situation, vehicle)
+            planning_grid = self._grid(observation, vehicle)
             if planning_grid not in pooled:
                 pooled[planning_grid] = planning_grid.pooled(worth)
-            problem = self._problem(vehicle, planning_grid, pooled[planning_grid].copy(), situation, promised)
+            problem = self._problem(
+                vehicle, planning_grid, pooled[planning_grid].copy(), observation, promised
+            )
             routes = search(problem)
             paths = [
                 planning_grid.inside(vehicle.position_m, route.corners * planning_grid.cell_m)
@@ -111,27 +113,29 @@ class Steering:
             if not mine:
                 return None
             best = mine[0]
-            if situation.event is not Event.ENDING and not _is_worth_a_change(problem, best.points_m):
+            if observation.event is not Event.ENDING and not _is_worth_a_change(problem, best.points_m):
                 return None
             return Bid(best.points_m, best.value, best.cost / vehicle.left if vehicle.left > 0.0 else 1.0)
 
-        present = {one.system_id: one.rest_m for one in situation.vehicles if _flies_on(one)}
-        paths = self.coordination(situation.steerable, present, bid)
-        if situation.event is Event.START:
-            paths = {one.system_id: paths.get(one.system_id, _STAY) for one in situation.steerable}
+        present = {one.system_id: one.rest_m for one in observation.vehicles if _flies_on(one)}
+        paths = self.coordination(observation.steerable, present, bid)
+        if observation.event is Event.START:
+            paths = {one.system_id: paths.get(one.system_id, _STAY) for one in observation.steerable}
         alternatives = tuple(one for mine in found.values() for one in mine)
         return Decision(paths, reason=reason, alternatives=alternatives)
 
-    def _chart(self, situation: Situation, vehicle: VehicleReport) -> PlanningGrid:
-        planning_grid = self._charts.get(vehicle.system_id)
+    def _grid(self, observation: PolicyObservation, vehicle: VehicleReport) -> PlanningGrid:
+        planning_grid = self._grids.get(vehicle.system_id)
         if planning_grid is None:
             # Vehicles with the same area share its planning grid, and what is worked out on it.
-            request, shape = vehicle.request, situation.model.shape
+            request, shape = vehicle.request, observation.model.shape
             area = request.area.wkb, request.footprint_m
             if area not in self._drawn:
-                drawn = PlanningGrid.of(request.area, shape, situation.farm.cell_size_m, request.footprint_m)
+                drawn = PlanningGrid.of(
+                    request.area, shape, observation.farm.cell_size_m, request.footprint_m
+                )
                 self._drawn[area] = drawn
-            planning_grid = self._charts[vehicle.system_id] = self._drawn[area]
+            planning_grid = self._grids[vehicle.system_id] = self._drawn[area]
         return planning_grid
 
     def _problem(
@@ -139,11 +143,11 @@ class Steering:
         vehicle: VehicleReport,
         planning_grid: PlanningGrid,
         worth: Worth,
-        situation: Situation,
+        observation: PolicyObservation,
         planned: Promised,
     ) -> RouteProblem:
         shares = planning_grid.shares(self.shares)
-        for other in situation.vehicles:
+        for other in observation.vehicles:
             route = planned.get(other.system_id)
             if other.system_id == vehicle.system_id or route is None:
                 continue

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mission.planners.budget import LengthBudget, StepBudget
 from mission.planners.path import Points, drop_coincident
-from mission.policies.situation import VehicleReport
+from mission.policies.observation import VehicleReport
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,18 +16,18 @@ POLICY = """
 import time
 import numpy as np
 from mission.planners import make_planner
-from mission.policies.decision import GO_ON, Decision
-from mission.policies.policy import Asking
+from mission.policies.decision import NO_CHANGE, Decision
+from mission.policies.policy import Triggers
 
 class Mine:
-    asking = Asking(period_s=2.0)
+    triggers = Triggers(period_s=2.0)
 
     def start(self):
         self.count = 0
 
-    def decide(self, situation):
-        if situation.event.value == "start":
-            return Decision({1: make_planner("spiral")(situation.vehicles[0].request).points_m})
+    def decide(self, observation):
+        if observation.event.value == "start":
+            return Decision({1: make_planner("spiral")(observation.vehicles[0].request).points_m})
         self.count += 1
         ANSWER
 """
@@ -54,11 +54,11 @@ def policy_file(folder, answer):
         ("return 1 / 0", "crashed"),
         ("return Decision({1: [[np.nan, 1.0]]})", "not finite"),
         ("return Decision({1: [1.0, 2.0, 3.0]})", "no points"),
-        ("return Decision({1: [[-0.1, situation.vehicles[0].position_m[1]]]})", "outside the area"),
+        ("return Decision({1: [[-0.1, observation.vehicles[0].position_m[1]]]})", "outside the area"),
         ("return Decision({1: np.tile([[0.5, 0.5], [2.0, 2.0]], (40, 1))})", "over the budget"),
         ("return Decision({7: [[1.0, 1.0]]})", "wrong vehicle"),
         ("return 3", "no Decision"),
-        pytest.param("time.sleep(1.01); return GO_ON", "too late", marks=pytest.mark.slow),
+        pytest.param("time.sleep(1.01); return NO_CHANGE", "too late", marks=pytest.mark.slow),
     ],
 )
 def test_bad_answers_are_counted_and_too_many_are_a_failure(tmp_path, answer, kind):
@@ -79,7 +79,7 @@ def test_bad_answers_are_counted_and_too_many_are_a_failure(tmp_path, answer, ki
 
 
 def test_a_few_bad_answers_are_a_warning(tmp_path, capsys):
-    name = policy_file(tmp_path, "return 1 / 0 if self.count == 3 else GO_ON")
+    name = policy_file(tmp_path, "return 1 / 0 if self.count == 3 else NO_CHANGE")
     arguments = ["--scenarios", TEN[0], "--planners", name, "--estimators", "point", "--seeds", "1"]
     assert main(["bench", "run", *arguments, "--out", str(tmp_path / "b")]) == 0
     assert "warning: Mine: in 1 runs answers were not flown or came too late" in capsys.readouterr().err
@@ -102,8 +102,8 @@ def test_a_policy_that_crashes_always_is_not_good(tmp_path, capsys):
 @pytest.mark.parametrize("command", ["check-policy", "check-planner", "check-estimator"])
 def test_a_check_blames_the_users_line(tmp_path, capsys, command):
     if command == "check-policy":
-        name = policy_file(tmp_path, "return situation.nix")
-        words = "AttributeError: 'Situation' object has no attribute 'nix' (mine.py, line 18)"
+        name = policy_file(tmp_path, "return observation.nix")
+        words = "AttributeError: 'PolicyObservation' object has no attribute 'nix' (mine.py, line 18)"
     elif command == "check-planner":
         (tmp_path / "mine.py").write_text("def Mine(request):\n    return {}['nix']\n")
         name, words = f"{tmp_path / 'mine.py'}:Mine", "KeyError: 'nix' (mine.py, line 2)"
@@ -146,11 +146,11 @@ def test_estimates_that_are_none_are_told_in_one_line(tmp_path, capsys, answer, 
     ("good", "bad", "words"),
     [
         ("self.count = 0", "1 / 0", "ZeroDivisionError: division by zero (mine.py, line 12)"),
-        ("Asking(period_s=2.0)", "3", "asking is 3, not an Asking"),
+        ("Triggers(period_s=2.0)", "3", "triggers is 3, not a Triggers"),
     ],
 )
 def test_an_error_beside_the_decisions_is_the_users_too(tmp_path, capsys, good, bad, words):
-    name = policy_file(tmp_path, "return GO_ON")
+    name = policy_file(tmp_path, "return NO_CHANGE")
     (tmp_path / "mine.py").write_text((tmp_path / "mine.py").read_text().replace(good, bad))
     assert main([*FLY, "--policy", name]) == 2
     err = capsys.readouterr().err

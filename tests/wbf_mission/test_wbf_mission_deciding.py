@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from policy_situations import report
+from policy_observations import report
 
 from geo import get_farm
-from mission.policies.policy import Asking, FixedPlan
-from mission.policies.situation import Event, Status
+from mission.policies.observation import Event, Status
+from mission.policies.policy import FixedPlan, Triggers
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.score import PAPER_WEIGHTS
@@ -57,10 +57,12 @@ def test_a_planner_is_not_asked_on_the_way():
     assert loop.due([Told(1, waypoints_reached=3)], 1e3, 1000) is None
 
 
-@pytest.mark.parametrize("asking", [Asking(period_s=5.0), Asking(observations=3), Asking(waypoints=True)])
-def test_who_wants_to_be_asked_is(asking):
+@pytest.mark.parametrize(
+    "triggers", [Triggers(period_s=5.0), Triggers(observations=3), Triggers(waypoints=True)]
+)
+def test_who_wants_to_be_asked_is(triggers):
     policy = FixedPlan("spiral")
-    loop = loop_of(type("Asks", (), {"asking": asking, "decide": policy.decide, "start": policy.start})())
+    loop = loop_of(type("Asks", (), {"triggers": triggers, "decide": policy.decide, "start": policy.start})())
     assert loop.asks_on_the_way
     assert loop.due([Told(1)], 0.0, 0) is None
     assert loop.due([Told(1, waypoints_reached=1)], 6.0, 3) is not None
@@ -73,7 +75,11 @@ def test_what_was_known_before_the_flight_is_no_reason_to_ask():
     often = type(
         "Often",
         (),
-        {"asking": Asking(observations=3), "decide": lambda _self, told: policy.decide(told), "start": None},
+        {
+            "triggers": Triggers(observations=3),
+            "decide": lambda _self, told: policy.decide(told),
+            "start": None,
+        },
     )()
     farm = get_farm("miniberry-30")
     knowledge = Knowledge(farm, 6, PAPER_FIELDS, PAPER_WEIGHTS, lambda: None, lambda: seen)

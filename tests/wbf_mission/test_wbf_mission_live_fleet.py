@@ -14,7 +14,7 @@ from stand_in import scenario, stand_in
 from mission.ground.clearance import Clearance, Stage
 from mission.link.codec.dialect import mavlink as m
 from mission.outcome import Outcome, Phase
-from mission.policies.situation import Status
+from mission.policies.observation import Status
 from mission.transfer.errors import NoVehicleError
 from mission.transfer.vehicles import Vehicle
 from wbf_mission.flight import fly

@@ -110,7 +110,7 @@ def test_a_benchmark_takes_them_from_the_command_line(tmp_path, capsys):
         ("class Other: pass", "has no Mine; it has Other"),
         ("", "has no Mine; it has nothing of its own"),
         ("class Mine:\n    def __init__(self):\n        1 / 0", "Mine cannot be made: ZeroDivisionError"),
-        ("class Mine: pass", "a policy has asking, start() and decide(situation)"),
+        ("class Mine: pass", "a policy has triggers, start() and decide(observation)"),
     ],
 )
 def test_what_is_wrong_is_one_line(tmp_path, capsys, text, words):

@@ -8,9 +8,9 @@ import pytest
 
 from mission.errors import PlanningError
 from mission.outcome import Outcome
-from mission.policies.decision import GO_ON, Alternative, Decision
-from mission.policies.policy import Asking
-from mission.policies.situation import Event, Situation, Status
+from mission.policies.decision import NO_CHANGE, Alternative, Decision
+from mission.policies.observation import Event, PolicyObservation, Status
+from mission.policies.policy import Triggers
 from sim_vehicle.host.simulation import Impairment
 from wbf_mission.flight import fly
 from wbf_mission.replanning.record import STAYS
@@ -24,26 +24,28 @@ QUAD = Scenario(farm="miniberry-30", vehicle="quad", budget="60s", estimator="ad
 class Wanderer:
     """Goes to random points that its budget allows; with a hook that may answer something else."""
 
-    def __init__(self, asking: Asking, answer: Callable[[Situation], Decision | None] | None = None) -> None:
-        self._asking = asking
+    def __init__(
+        self, triggers: Triggers, answer: Callable[[PolicyObservation], Decision | None] | None = None
+    ) -> None:
+        self._asking = triggers
         self._answer = answer
-        self.situations: list[Situation] = []
+        self.observations: list[PolicyObservation] = []
         self.start()
 
     @property
-    def asking(self) -> Asking:
+    def triggers(self) -> Triggers:
         return self._asking
 
     def start(self) -> None:
         self._random = np.random.default_rng(1)
 
-    def decide(self, situation: Situation) -> Decision:
-        self.situations.append(situation)
-        answer = self._answer(situation) if self._answer is not None else None
+    def decide(self, observation: PolicyObservation) -> Decision:
+        self.observations.append(observation)
+        answer = self._answer(observation) if self._answer is not None else None
         if answer is not None:
             return answer
         paths, alternatives = {}, []
-        for vehicle in situation.steerable:
+        for vehicle in observation.steerable:
             x0, y0, x1, y1 = vehicle.request.area.bounds
             for _ in range(20):
                 path = self._random.uniform((x0 + 0.2, y0 + 0.2), (x1 - 0.2, y1 - 0.2), (2, 2))
@@ -60,7 +62,7 @@ def changes_of(result: Result) -> list[tuple[str, float | None]]:
 
 
 def test_an_ideal_robot_follows_and_misses_no_cell() -> None:
-    policy = Wanderer(Asking(period_s=7.0))
+    policy = Wanderer(Triggers(period_s=7.0))
     result = fly(IDEAL, policy=policy)
     assert result.outcome is Outcome.COMPLETED
     steps = np.diff(result.observations.time_s)
@@ -70,8 +72,8 @@ def test_an_ideal_robot_follows_and_misses_no_cell() -> None:
     assert flown.count("flown") >= 8 and set(flown) <= {"planned", "flown"}
     asked = np.array([record.time_s for record in result.decisions if record.event != "start"])
     assert np.all(np.diff(asked) < 7.01), "every 7 s, or earlier when a path ends"
-    assert policy.situations[0].event is Event.START and policy.situations[1].event is Event.PERIOD
-    assert [len(one.observations) for one in policy.situations[1:]] == [
+    assert policy.observations[0].event is Event.START and policy.observations[1].event is Event.PERIOD
+    assert [len(one.observations) for one in policy.observations[1:]] == [
         record.observations for record in result.decisions[1:]
     ]
 
@@ -79,7 +81,7 @@ def test_an_ideal_robot_follows_and_misses_no_cell() -> None:
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_a_quad_follows_within_its_budget(autopilot: str) -> None:
     scenario = Scenario(**{**QUAD.to_dict(), "autopilot": autopilot})
-    policy = Wanderer(Asking(period_s=8.0))
+    policy = Wanderer(Triggers(period_s=8.0))
     result = fly(scenario, policy=policy)
     assert result.outcome is Outcome.COMPLETED, result.reason
     assert result.flight_time_s < 60.0 * 1.05
@@ -89,11 +91,11 @@ def test_a_quad_follows_within_its_budget(autopilot: str) -> None:
     assert outcomes[0][0] == "planned" and sum(outcome == "flown" for outcome, _ in outcomes) >= least
     assert all(effect_s is not None for outcome, effect_s in outcomes if outcome == "flown")
     # A policy knows from telemetry where the vehicle is, how fast, and what is left.
-    for situation in policy.situations[1:]:
-        vehicle = situation.vehicles[0]
+    for observation in policy.observations[1:]:
+        vehicle = observation.vehicles[0]
         assert vehicle.age_s < 0.5 and 0.0 < vehicle.spent < 62.0
         assert vehicle.battery is not None and 0.5 < vehicle.battery <= 1.0
-    flying = [one.vehicles[0] for one in policy.situations[1:] if one.vehicles[0].status is Status.FLYING]
+    flying = [one.vehicles[0] for one in policy.observations[1:] if one.vehicles[0].status is Status.FLYING]
     assert max(np.hypot(*one.velocity_m_s) for one in flying) > 0.2
 
 
@@ -107,10 +109,10 @@ def test_a_path_is_not_changed_before_the_vehicle_is_at_its_height(autopilot: st
         autopilot=autopilot,
         estimate_errors=False,
     )
-    policy = Wanderer(Asking(period_s=2.0))
+    policy = Wanderer(Triggers(period_s=2.0))
     result = fly(scenario, policy=policy)
     assert result.outcome is Outcome.COMPLETED, result.reason
-    climbing = [one.vehicles[0].status is Status.CLIMBING for one in policy.situations[1:]]
+    climbing = [one.vehicles[0].status is Status.CLIMBING for one in policy.observations[1:]]
     assert any(outcome == "flown" for outcome, _ in changes_of(result)) and not any(climbing)
     aside_m = np.hypot(result.track.x_m - result.track.x_m[0], result.track.y_m - result.track.y_m[0])
     assert result.track.altitude_m[np.argmax(aside_m > 1.0)] > 9.5
@@ -146,7 +148,7 @@ def test_a_tour_of_a_vehicle_whose_turns_cost_time_keeps_the_way_home(budget: st
 
 
 def test_equal_runs_are_equal_to_the_bit_and_load_again(tmp_path: Path) -> None:
-    one, other = (fly(IDEAL, policy=Wanderer(Asking(observations=9))) for _ in range(2))
+    one, other = (fly(IDEAL, policy=Wanderer(Triggers(observations=9))) for _ in range(2))
     for name in ("x", "y", "time_s", "values"):
         np.testing.assert_array_equal(getattr(one.observations, name), getattr(other.observations, name))
     assert one.history.scores == other.history.scores
@@ -173,7 +175,7 @@ def test_equal_runs_are_equal_to_the_bit_and_load_again(tmp_path: Path) -> None:
 )
 def test_a_wrong_answer_is_noted_and_the_old_path_flown(answer: Callable[..., Decision], why: str) -> None:
     first = Decision({1: [[0.5, 0.5], [5.0, 5.0]]})
-    policy = Wanderer(Asking(period_s=5.0), lambda s: first if s.event is Event.START else answer(s))
+    policy = Wanderer(Triggers(period_s=5.0), lambda s: first if s.event is Event.START else answer(s))
     result = fly(IDEAL, policy=policy)
     assert result.outcome is Outcome.COMPLETED
     assert len(result.decisions) > 2
@@ -186,12 +188,12 @@ def test_an_ideal_robot_that_is_to_go_home_now_ends_its_flight() -> None:
     """Its mission does not lead home: it is over where it is, as no way home is paid for."""
     first = Decision({1: [[0.5, 0.5], [8.5, 0.5], [8.5, 8.5]]})
 
-    def home(situation: Situation) -> Decision:
-        if situation.event is Event.START:
+    def home(observation: PolicyObservation) -> Decision:
+        if observation.event is Event.START:
             return first
-        return GO_ON if situation.time_s < 12.0 else Decision({1: []}, reason="home")
+        return NO_CHANGE if observation.time_s < 12.0 else Decision({1: []}, reason="home")
 
-    result = fly(IDEAL, policy=Wanderer(Asking(period_s=3.0), home))
+    result = fly(IDEAL, policy=Wanderer(Triggers(period_s=3.0), home))
     assert result.outcome is Outcome.COMPLETED
     assert not result.bad_answers
     asked = [one for one in result.decisions if one.reason == "home"]
@@ -202,27 +204,27 @@ def test_an_ideal_robot_that_is_to_go_home_now_ends_its_flight() -> None:
 
 def test_without_a_first_path_nothing_flies() -> None:
     with pytest.raises(PlanningError, match=r"policy Wanderer has no path for vehicle 1"):
-        fly(IDEAL, policy=Wanderer(Asking(), lambda s: GO_ON))
+        fly(IDEAL, policy=Wanderer(Triggers(), lambda s: NO_CHANGE))
 
 
 def test_without_anything_worth_a_first_flight_nothing_flies() -> None:
     with pytest.raises(PlanningError, match=r"policy Wanderer finds nothing worth a flight"):
-        fly(IDEAL, policy=Wanderer(Asking(), lambda s: Decision({1: []})))
+        fly(IDEAL, policy=Wanderer(Triggers(), lambda s: Decision({1: []})))
 
 
 def test_a_later_flight_that_is_not_worth_making_is_not_made(tmp_path: Path) -> None:
     """The days go on, and what is believed holds for as long as the flight would have taken."""
     flown: list[int] = []
 
-    def every_other(situation: Situation) -> Decision | None:
-        if situation.event is Event.START:
-            flown.append(situation.day)
+    def every_other(observation: PolicyObservation) -> Decision | None:
+        if observation.event is Event.START:
+            flown.append(observation.day)
             return Decision({1: []}) if len(flown) % 2 == 0 else Decision({1: [[0.5, 0.5], [6.0, 6.0]]})
-        return GO_ON
+        return NO_CHANGE
 
     options = {**IDEAL.to_dict(), "days": 2, "day": 5, "budget": "30steps", "flights_per_day": 2}
     result = fly(
-        scenario_with(Scenario(**options), {"score_points": 5}), policy=Wanderer(Asking(), every_other)
+        scenario_with(Scenario(**options), {"score_points": 5}), policy=Wanderer(Triggers(), every_other)
     )
     assert result.outcome is Outcome.COMPLETED and not result.reason
     assert [(one.day, one.flight) for one in result.flights] == [(5, 1), (6, 1)]
@@ -252,43 +254,43 @@ def test_days_go_on_where_nothing_is_left_to_gain(policy: str) -> None:
 
 
 def test_of_a_fleet_one_may_stay_in_the_first_flight() -> None:
-    def first_only(situation: Situation) -> Decision | None:
-        told.append(len(situation.vehicles))
-        return Decision({1: [[4.0, 4.0]], 2: []}) if situation.event is Event.START else GO_ON
+    def first_only(observation: PolicyObservation) -> Decision | None:
+        told.append(len(observation.vehicles))
+        return Decision({1: [[4.0, 4.0]], 2: []}) if observation.event is Event.START else NO_CHANGE
 
     told: list[int] = []
-    result = fly(scenario_with(IDEAL, {"vehicles": 2}), policy=Wanderer(Asking(period_s=5.0), first_only))
+    result = fly(scenario_with(IDEAL, {"vehicles": 2}), policy=Wanderer(Triggers(period_s=5.0), first_only))
     assert result.outcome is Outcome.COMPLETED
     assert [one.system_id for one in result.flights] == [1] and result.stays == 1
     assert told[0] == 2 and set(told[1:]) == {1}
 
 
 def test_home_at_once_is_flown() -> None:
-    def homewards(situation: Situation) -> Decision | None:
-        if situation.event is Event.START:
+    def homewards(observation: PolicyObservation) -> Decision | None:
+        if observation.event is Event.START:
             return Decision({1: [[8.0, 8.0], [1.0, 8.0]]})
-        asked.append(situation)
-        return Decision({1: []}) if len(asked) < 2 else GO_ON
+        asked.append(observation)
+        return Decision({1: []}) if len(asked) < 2 else NO_CHANGE
 
-    asked: list[Situation] = []
-    result = fly(QUAD, policy=Wanderer(Asking(period_s=3.0), homewards))
+    asked: list[PolicyObservation] = []
+    result = fly(QUAD, policy=Wanderer(Triggers(period_s=3.0), homewards))
     assert result.outcome is Outcome.COMPLETED
     assert result.flight_time_s < 40.0
     assert changes_of(result)[1][0] == "flown"
 
 
 def test_vehicles_fly_together_and_share_what_they_see() -> None:
-    policy = Wanderer(Asking(period_s=6.0))
+    policy = Wanderer(Triggers(period_s=6.0))
     result = fly(Scenario(**{**IDEAL.to_dict(), "vehicles": 3, "budget": "40steps"}), policy=policy)
     assert result.outcome is Outcome.COMPLETED
     assert [one.system_id for one in result.flights] == [1, 2, 3]
-    assert [len(one.vehicles) for one in policy.situations] == [3] * len(policy.situations)
+    assert [len(one.vehicles) for one in policy.observations] == [3] * len(policy.observations)
     assert len(result.observations) > 90
     assert len({tuple(one.track.x_m) for one in result.flights}) == 3
 
 
 def test_days_go_on_with_one_estimate() -> None:
-    policy = Wanderer(Asking(period_s=10.0))
+    policy = Wanderer(Triggers(period_s=10.0))
     options = {**IDEAL.to_dict(), "days": 3, "day": 5, "budget": "30steps", "flights_per_day": 2}
     result = fly(Scenario(**options), policy=policy)
     assert [(one.day, one.flight) for one in result.flights] == [
@@ -300,37 +302,37 @@ def test_days_go_on_with_one_estimate() -> None:
         (7, 2),
     ]
     assert np.unique(result.observations.day).tolist() == [5, 6, 7]
-    starts = [one for one in policy.situations if one.event is Event.START]
+    starts = [one for one in policy.observations if one.event is Event.START]
     assert [len(one.observations) > 0 for one in starts] == [False, *[True] * 5]
     assert [one.day for one in starts] == [5, 5, 6, 6, 7, 7]
     assert np.all(np.diff(result.history.times_s) >= 0.0)
 
 
 def test_a_policy_is_asked_before_a_path_ends() -> None:
-    def last_moment(situation: Situation) -> Decision | None:
-        if situation.event is Event.START:
+    def last_moment(observation: PolicyObservation) -> Decision | None:
+        if observation.event is Event.START:
             return Decision({1: [[4.0, 4.0]]})
-        if situation.event is Event.ENDING and situation.time_s < 40.0:
+        if observation.event is Event.ENDING and observation.time_s < 40.0:
             return None
-        return GO_ON
+        return NO_CHANGE
 
-    policy = Wanderer(Asking(period_s=1000.0), last_moment)
+    policy = Wanderer(Triggers(period_s=1000.0), last_moment)
     result = fly(QUAD, policy=policy)
-    ending = [one for one in policy.situations if one.event is Event.ENDING]
+    ending = [one for one in policy.observations if one.event is Event.ENDING]
     assert len(ending) >= 2 and all(len(one.vehicles[0].rest_m) for one in ending)
     assert result.outcome is Outcome.COMPLETED
     assert sum(outcome == "flown" for outcome, _ in changes_of(result)) >= 2
 
 
 def test_a_policy_is_not_asked_more_often_than_it_wants() -> None:
-    result = fly(IDEAL, policy=Wanderer(Asking(observations=1, least_s=6.0)))
+    result = fly(IDEAL, policy=Wanderer(Triggers(observations=1, least_s=6.0)))
     times = [record.time_s for record in result.decisions if record.event == "observations"]
     assert len(times) > 5 and min(np.diff(times)) > 5.99
 
 
 def test_images_that_are_fetched_after_the_flight_ask_nobody() -> None:
     lossy = Impairment(loss=0.2)
-    result = fly(IDEAL, policy=Wanderer(Asking(observations=1)), impairment=lossy)
+    result = fly(IDEAL, policy=Wanderer(Triggers(observations=1)), impairment=lossy)
     assert result.outcome is Outcome.COMPLETED
     assert result.decisions[-1].observations < len(result.observations)
 
@@ -339,20 +341,20 @@ def test_a_joint_of_two_pieces_of_a_path_takes_no_step() -> None:
     """The robot flies on there, so a path may be as long as if each point were named once."""
 
     def named(times: int) -> Result:
-        def eastwards(situation: Situation) -> Decision:
-            if situation.event is Event.START:
+        def eastwards(observation: PolicyObservation) -> Decision:
+            if observation.event is Event.START:
                 return Decision({1: [[0.15, 8.0]]})
             if len(asked) > 0:
-                return GO_ON
-            vehicle = situation.vehicles[0]
-            asked.append(situation)
-            legs = np.arange(5.0, 5.0 * (vehicle.left // 5.0) + 1.0, 5.0) * situation.farm.cell_size_m
+                return NO_CHANGE
+            vehicle = observation.vehicles[0]
+            asked.append(observation)
+            legs = np.arange(5.0, 5.0 * (vehicle.left // 5.0) + 1.0, 5.0) * observation.farm.cell_size_m
             ends = np.array(vehicle.position_m) + np.outer(legs, (1.0, 0.0))
             return Decision({1: np.repeat(ends, times, axis=0)})
 
-        asked: list[Situation] = []
+        asked: list[PolicyObservation] = []
         return fly(
-            scenario_with(IDEAL, {"budget": "30steps"}), policy=Wanderer(Asking(observations=5), eastwards)
+            scenario_with(IDEAL, {"budget": "30steps"}), policy=Wanderer(Triggers(observations=5), eastwards)
         )
 
     once, twice = named(1), named(2)
@@ -364,16 +366,16 @@ def test_a_joint_of_two_pieces_of_a_path_takes_no_step() -> None:
 
 def test_a_joint_of_the_first_path_costs_no_step_either() -> None:
     def flown(times: int) -> Result:
-        def decide(situation: Situation) -> Decision:
-            if situation.event is not Event.START:
-                return GO_ON
-            cell_m = situation.farm.cell_size_m
+        def decide(observation: PolicyObservation) -> Decision:
+            if observation.event is not Event.START:
+                return NO_CHANGE
+            cell_m = observation.farm.cell_size_m
             there = np.array([[(0.5 + 4 * k % 8) * cell_m, 0.5 * cell_m] for k in range(6)])
             return Decision({1: np.repeat(there, times, axis=0)})
 
         # Six stays more would not fit.
         shorter = scenario_with(IDEAL, {"budget": "24steps"})
-        return fly(shorter, policy=Wanderer(Asking(observations=500), decide))
+        return fly(shorter, policy=Wanderer(Triggers(observations=500), decide))
 
     once, twice = flown(1), flown(2)
     assert once.decisions[0].changes[0].cost == twice.decisions[0].changes[0].cost
@@ -382,7 +384,7 @@ def test_a_joint_of_the_first_path_costs_no_step_either() -> None:
 
 def test_a_policy_is_scored_as_often_as_a_planner() -> None:
     """It begins with a short path; the number of scored times follows from what the budget pays for."""
-    short = Wanderer(Asking(observations=10))
+    short = Wanderer(Triggers(observations=10))
     result = fly(scenario_with(QUAD, {"score_points": 12}), policy=short)
     assert len(result.decisions) > 3
     assert 6 <= len(result.history.entries) <= 24

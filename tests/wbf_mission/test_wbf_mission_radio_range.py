@@ -9,9 +9,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from mission.outcome import Outcome
-from mission.policies.decision import GO_ON, Decision
-from mission.policies.policy import Asking, FixedPlan
-from mission.policies.situation import Event, Status
+from mission.policies.decision import NO_CHANGE, Decision
+from mission.policies.observation import Event, Status
+from mission.policies.policy import FixedPlan, Triggers
 from wbf_mission import Scenario, fly
 from wbf_mission.run.fleet import vehicles_of
 from wbf_mission.run.sortie import SILENT_S, SLOWER, SPARE_S, Reach
@@ -70,19 +70,19 @@ def test_the_map_of_a_fixed_plan_is_the_same_in_the_end(autopilot, vehicles):
 class Watching:
     """Flies rows, and notes what is told every two seconds."""
 
-    asking = Asking(period_s=2.0)
+    triggers = Triggers(period_s=2.0)
 
     def __init__(self):
         self.plan = FixedPlan("lawnmower")
-        self.situations = []
+        self.observations = []
 
     def start(self):
-        self.situations = []
+        self.observations = []
         self.plan.start()
 
-    def decide(self, situation):
-        self.situations.append(situation)
-        return self.plan.decide(situation) if len(self.situations) == 1 else GO_ON
+    def decide(self, observation):
+        self.observations.append(observation)
+        return self.plan.decide(observation) if len(self.observations) == 1 else NO_CHANGE
 
 
 def test_a_policy_knows_how_old_is_what_it_sees():
@@ -91,7 +91,7 @@ def test_a_policy_knows_how_old_is_what_it_sees():
     result = fly(Scenario(**scenario, vehicles=2, radio_range_m=6.0), policy=policy)
     assert result.outcome is Outcome.COMPLETED
     # Only asked while somebody can be told something; then the other one may be silent.
-    reports = [one for situation in policy.situations for one in situation.vehicles]
+    reports = [one for observation in policy.observations for one in observation.vehicles]
     silent = [one for one in reports if one.status is Status.SILENT]
     assert silent and all(one.age_s > 2.0 and not one.steerable for one in silent)
     heard = [one for one in reports if one.status is Status.FLYING]
@@ -105,7 +105,7 @@ def test_observations_come_when_it_is_in_range_again_and_not_before():
     result = fly(Scenario(**{**scenario, "budget": "120m"}, radio_range_m=6.0), policy=policy)
     assert result.outcome is Outcome.COMPLETED
     # Nobody is asked while nobody can be told: the questions, two seconds apart, have gaps.
-    asked = policy.situations[1:]
+    asked = policy.observations[1:]
     gaps = [k for k, (a, b) in enumerate(pairwise(asked)) if b.time_s - a.time_s > 4.0]
     assert gaps
     for k in gaps:
@@ -119,10 +119,10 @@ def test_observations_come_when_it_is_in_range_again_and_not_before():
 class NearAndFar(Watching):
     """The first vehicle stays near home for long, the second flies far out and back once."""
 
-    def decide(self, situation):
-        self.situations.append(situation)
-        if len(self.situations) > 1:
-            return GO_ON
+    def decide(self, observation):
+        self.observations.append(observation)
+        if len(self.observations) > 1:
+            return NO_CHANGE
         near = [[0.5 + 3.0 * (k % 2), 0.5 + 0.04 * k] for k in range(50)]
         return Decision({1: near, 2: [[8.5, 8.5], [8.5, 0.5], [0.5, 0.5]]})
 
@@ -133,16 +133,18 @@ def test_a_vehicle_that_fails_beyond_the_range_is_lost_after_the_time_that_its_p
     # Layers of exact vehicles are thin enough for that range.
     fleet = Scenario(**{**scenario, "budget": "200m"}, vehicles=2, radio_range_m=7.0, estimate_errors=False)
     assert fly(fleet, policy=policy).outcome is Outcome.COMPLETED
-    reports = [(one.time_s, one.vehicle(2)) for one in policy.situations]
+    reports = [(one.time_s, one.vehicle(2)) for one in policy.observations]
     assert all(one.status is not Status.LOST for _, one in reports)
     away_s = next(time_s for time_s, one in reports if one.status is Status.SILENT)
     fly(fleet, policy=policy, faults=[f"motor-failure,vehicle=2,at=armed,from={away_s - 1.0}"])
-    assert policy.situations[-1].event is not Event.START
-    reports = [one.vehicle(2) for one in policy.situations]
+    assert policy.observations[-1].event is not Event.START
+    reports = [one.vehicle(2) for one in policy.observations]
     silent = [one.age_s for one in reports if one.status is Status.SILENT]
     lost = [one.age_s for one in reports if one.status is Status.LOST]
     assert lost and SILENT_S < max(silent) < min(lost) < SILENT_S + 40.0
-    assert next(one for one in policy.situations if one.vehicle(2).status is Status.LOST).event is Event.LOST
+    assert (
+        next(one for one in policy.observations if one.vehicle(2).status is Status.LOST).event is Event.LOST
+    )
 
 
 @pytest.mark.parametrize("autopilot", AUTOPILOTS)

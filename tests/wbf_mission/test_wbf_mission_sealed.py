@@ -9,9 +9,9 @@ import pytest
 from geo import FarmGrid, get_farm
 from geo.seeds import child_seed
 from mission.planners import PlannedPath, PlanningRequest, make_planner
-from mission.policies.decision import GO_ON, Decision
-from mission.policies.policy import Asking
-from mission.policies.situation import Event, Situation
+from mission.policies.decision import NO_CHANGE, Decision
+from mission.policies.observation import Event, PolicyObservation
+from mission.policies.policy import Triggers
 from sensors.camera.leaf_camera import LeafCamera
 from sensors.environment import Environment
 from sensors.environment.cache import EnvironmentCache
@@ -158,30 +158,30 @@ def test_an_estimator_that_draws_gets_a_sealed_seed(name: str) -> None:
 
 
 class CheatingPolicy:
-    """Keeps every situation that it is told, and goes on along its first path."""
+    """Keeps every observation that it is told, and goes on along its first path."""
 
     def __init__(self) -> None:
-        self.situations: list[Situation] = []
+        self.observations: list[PolicyObservation] = []
 
     @property
-    def asking(self) -> Asking:
-        return Asking(period_s=4.0)
+    def triggers(self) -> Triggers:
+        return Triggers(period_s=4.0)
 
     def start(self) -> None:
         pass
 
-    def decide(self, situation: Situation) -> Decision:
-        self.situations.append(situation)
-        if situation.event is Event.START:
+    def decide(self, observation: PolicyObservation) -> Decision:
+        self.observations.append(observation)
+        if observation.event is Event.START:
             return Decision({1: [[0.5, 0.5], [2.5, 0.5], [2.5, 2.5]]})
-        return GO_ON
+        return NO_CHANGE
 
 
 def test_a_policy_that_cheats_finds_nothing() -> None:
     policy = CheatingPolicy()
     fly(RUN, policy=policy)
-    assert len(policy.situations) > 3
-    objects = reachable(*policy.situations)
+    assert len(policy.observations) > 3
+    objects = reachable(*policy.observations)
     assert not [one for one in objects if isinstance(one, FORBIDDEN)]
     assert RUN.seed not in [one for one in objects if isinstance(one, int)]
     grid, truth = true_state(RUN)

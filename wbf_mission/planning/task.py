@@ -16,7 +16,7 @@ from mission.planners import CropArea, PlannedPath, PlanningRequest, coverage
 from mission.planners.inside_routing import parts_of
 from mission.planners.path import Area, Points, drop_coincident
 from mission.policies.decision import Decision
-from mission.policies.situation import Status, TravelCost, VehicleReport
+from mission.policies.observation import Status, TravelCost, VehicleReport
 from mission.policies.travel_cost import GeometricTravelCost
 from sim_vehicle.prediction.flight import Prediction, home_frame
 from sim_vehicle.prediction.onward import InFlight

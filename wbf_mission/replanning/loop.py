@@ -16,8 +16,8 @@ from geo.errors import WbfMissionError
 from mission.errors import AnswerError, PlanningError
 from mission.planners.path import Points
 from mission.policies.decision import Decision
-from mission.policies.policy import Asking, Policy
-from mission.policies.situation import Event, Situation, Status, VehicleReport
+from mission.policies.observation import Event, PolicyObservation, Status, VehicleReport
+from mission.policies.policy import Policy, Triggers
 from sensors.fields import FieldSet
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
@@ -48,7 +48,7 @@ class Answer:
     compute_s: float
 
 
-def ask(policy: Policy, name: str, situation: Situation) -> Answer:
+def ask(policy: Policy, name: str, observation: PolicyObservation) -> Answer:
     """Ask a policy.
 
     Parameters
@@ -63,7 +63,7 @@ def ask(policy: Policy, name: str, situation: Situation) -> Answer:
     """
     begin = time.perf_counter()
     try:
-        decision = policy.decide(situation)
+        decision = policy.decide(observation)
     except AnswerError:
         raise
     except PlanningError as error:
@@ -83,7 +83,7 @@ def ask(policy: Policy, name: str, situation: Situation) -> Answer:
     costs = {}
     for system_id, points in decision.paths.items():
         try:
-            vehicle = situation.vehicle(system_id)
+            vehicle = observation.vehicle(system_id)
         except PlanningError as error:
             raise AnswerError(f"{name}: {error}", "wrong vehicle") from None
         costs[system_id] = _checked_cost(name, vehicle, points)
@@ -159,11 +159,11 @@ class Knowledge:
     model: Callable[[], InformationModel]
     observations: Callable[[], Observations]
 
-    def situation(
+    def observation(
         self, event: Event, time_s: float, vehicles: Sequence[VehicleReport], compute_s: float
-    ) -> Situation:
+    ) -> PolicyObservation:
         """Return what a policy is told."""
-        return Situation(
+        return PolicyObservation(
             event=event,
             time_s=time_s,
             day=self.day,
@@ -225,19 +225,19 @@ class DecisionLoop:
         PlanningError
             If the policy fails, breaks a rule, or does not name a vehicle.
         """
-        asking = self._policy.asking
-        if not isinstance(asking, Asking):
-            msg = f"{self._name}: asking is {asking!r}, not an Asking"
+        triggers = self._policy.triggers
+        if not isinstance(triggers, Triggers):
+            msg = f"{self._name}: triggers is {triggers!r}, not a Triggers"
             raise PlanningError(msg)
-        situation = self._knowledge.situation(Event.START, 0.0, vehicles, self._compute_s)
-        answer = ask(self._policy, self._name, situation)
-        for vehicle in situation.steerable:
+        observation = self._knowledge.observation(Event.START, 0.0, vehicles, self._compute_s)
+        answer = ask(self._policy, self._name, observation)
+        for vehicle in observation.steerable:
             if vehicle.system_id not in answer.decision.paths:
                 msg = f"{self._name} has no path for vehicle {vehicle.system_id}"
                 raise PlanningError(msg)
-        self._observations = len(situation.observations)
-        record = self._note(Event.START, 0.0, situation, answer)
-        for vehicle in situation.steerable:
+        self._observations = len(observation.observations)
+        record = self._note(Event.START, 0.0, observation, answer)
+        for vehicle in observation.steerable:
             points = answer.decision.paths[vehicle.system_id]
             cost = answer.costs[vehicle.system_id]
             outcome = PLANNED_PATH if len(points) else STAYS
@@ -247,11 +247,11 @@ class DecisionLoop:
     @property
     def asks_on_the_way(self) -> bool:
         """Whether `due` can ever give a reason, as the policy is now."""
-        return not self._policy.asking.never
+        return not self._policy.triggers.never
 
     def is_early(self, time_s: float) -> bool:
         """Return whether the policy was asked so little ago that `due` gives no reason."""
-        return time_s - self._asked_s < self._policy.asking.least_s - 1e-9
+        return time_s - self._asked_s < self._policy.triggers.least_s - 1e-9
 
     def due(self, vehicles: Sequence[Steered], time_s: float, observations: int) -> Event | None:
         """Return why the policy has to be asked now; None if there is no reason.
@@ -264,14 +264,14 @@ class DecisionLoop:
         observations : int
             How many there are so far.
         """
-        asking = self._policy.asking
+        triggers = self._policy.triggers
         if self.is_early(time_s):
             return None
-        if asking.observations is not None and observations - self._observations >= asking.observations:
+        if triggers.observations is not None and observations - self._observations >= triggers.observations:
             return Event.OBSERVATIONS
-        if asking.waypoints and sum(one.waypoints_reached for one in vehicles) > self._reached:
+        if triggers.waypoints and sum(one.waypoints_reached for one in vehicles) > self._reached:
             return Event.WAYPOINT
-        if asking.period_s is not None and time_s - self._asked_s >= asking.period_s - 1e-9:
+        if triggers.period_s is not None and time_s - self._asked_s >= triggers.period_s - 1e-9:
             return Event.PERIOD
         return None
 
@@ -304,15 +304,15 @@ class DecisionLoop:
         self._asked_s = time_s
         self._reached = sum(one.waypoints_reached for one in vehicles)
         self._lost = frozenset(one.system_id for one in reports if one.status is Status.LOST)
-        situation = self._knowledge.situation(event, time_s, reports, self._compute_s)
-        self._observations = len(situation.observations)
-        if not situation.steerable:
+        observation = self._knowledge.observation(event, time_s, reports, self._compute_s)
+        self._observations = len(observation.observations)
+        if not observation.steerable:
             return
         try:
-            answer = ask(self._policy, self._name, situation)
+            answer = ask(self._policy, self._name, observation)
         except AnswerError as error:
             record = DecisionRecord(
-                situation.day,
+                observation.day,
                 self._flight,
                 time_s,
                 event.value,
@@ -322,14 +322,14 @@ class DecisionLoop:
             )
             self._records.append(record)
             return
-        record = self._note(event, time_s, situation, answer)
+        record = self._note(event, time_s, observation, answer)
         by_id = {vehicle.system_id: vehicle for vehicle in vehicles}
         refused = {}
         if self._kept_distance is not None:
             refused = self._kept_distance.refusals(reports, answer.decision.paths)
         for system_id, points in answer.decision.paths.items():
             if system_id in refused:
-                position_m, cost = situation.vehicle(system_id).position_m, answer.costs[system_id]
+                position_m, cost = observation.vehicle(system_id).position_m, answer.costs[system_id]
                 text = f"not sent: {refused[system_id]}"
                 record.changes.append(PathChange(system_id, position_m, points, cost, text))
                 continue
@@ -337,18 +337,20 @@ class DecisionLoop:
             change.cost = answer.costs[system_id]
             record.changes.append(change)
 
-    def _note(self, event: Event, time_s: float, situation: Situation, answer: Answer) -> DecisionRecord:
+    def _note(
+        self, event: Event, time_s: float, observation: PolicyObservation, answer: Answer
+    ) -> DecisionRecord:
         record = DecisionRecord(
-            situation.day,
+            observation.day,
             self._flight,
             time_s,
             event.value,
-            len(situation.observations),
+            len(observation.observations),
             reason=answer.decision.reason,
             compute_s=answer.compute_s,
             alternatives=answer.decision.alternatives,
         )
-        if event is not Event.START and answer.compute_s > situation.compute_s:
+        if event is not Event.START and answer.compute_s > observation.compute_s:
             record.fault = TOO_LATE
         self._records.append(record)
         return record

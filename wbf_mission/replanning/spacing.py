@@ -11,7 +11,7 @@ import shapely
 from numpy.typing import NDArray
 
 from mission.planners.path import Points
-from mission.policies.situation import Status, VehicleReport
+from mission.policies.observation import Status, VehicleReport
 
 TOLERANCE_S, TOLERANCE_SHARE = 3.0, 0.12
 """A vehicle may be so much earlier or later than predicted, and by so much of the time that it has flown."""

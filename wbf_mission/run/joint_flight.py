@@ -12,7 +12,7 @@ from mission.ground.clearance import Stage
 from mission.ground.modes import Maneuver
 from mission.ground.telling import NotStartedError, doing, not_started
 from mission.outcome import Outcome, Phase
-from mission.policies.situation import Event
+from mission.policies.observation import Event
 from sim_vehicle.host.simulation import StopReason
 from wbf_mission.progress import Progress, Stopwatch
 from wbf_mission.replanning.loop import DecisionLoop

@@ -20,7 +20,7 @@ from mission.model import Command, Mission, MissionItem
 from mission.outcome import Outcome, Phase
 from mission.planners.path import Points, path_length
 from mission.planners.turns import Waypoints
-from mission.policies.situation import Status, VehicleReport
+from mission.policies.observation import Status, VehicleReport
 from mission.transfer.uploader import OWN_TRANSFERS, TransferMaker
 from sensors.camera.leaf_camera import Camera
 from sensors.camera.wire import ObservationAssembler

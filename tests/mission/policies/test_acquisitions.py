@@ -14,7 +14,7 @@ from mission.policies.acquisition import (
     make_acquisition,
     variance,
 )
-from mission.policies.situation import Event, Situation
+from mission.policies.observation import Event, PolicyObservation
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
@@ -24,10 +24,10 @@ TOMATO, STRAWBERRY = (5, 8), (5, 2)
 SEEN = Observations([5], [8], [0.0], [6], [[1.0, 1.0, 0.4]])
 
 
-def _situation(model, seen=None):
+def _observation(model, seen=None):
     farm = get_farm("miniberry-10")
     seen = Observations.empty() if seen is None else seen
-    return Situation(Event.PERIOD, 0.0, 6, farm, PAPER_FIELDS, PAPER_WEIGHTS, model, seen, (), 1.0)
+    return PolicyObservation(Event.PERIOD, 0.0, 6, farm, PAPER_FIELDS, PAPER_WEIGHTS, model, seen, (), 1.0)
 
 
 def _believed(healthy, infected, lost, value):
@@ -42,13 +42,13 @@ def _believed(healthy, infected, lost, value):
 def test_worth_is_a_map_not_negative_by_weight_of_field(name):
     shape = get_farm("miniberry-10").grid().shape
     model = InformationModel.uniform(shape, value=(0.8, 0.8, 0.4), uncertainty=0.3)
-    worth = make_acquisition(name)(_situation(model))
+    worth = make_acquisition(name)(_observation(model))
     assert worth.dtype == np.float32 and worth.shape == shape and (worth >= 0).all()
     assert worth[TOMATO] > worth[STRAWBERRY] > 0
 
 
 def test_expected_loss_is_that_of_the_score():
-    worth = expected_loss(_situation(_believed(0.5, 0.3, 0.2, 0.6)))
+    worth = expected_loss(_observation(_believed(0.5, 0.3, 0.2, 0.6)))
     loss = 0.5 * 0.4**2 + 10 * (0.3 * 0.1**2 + 0.2 * 0.6**2)
     assert worth[TOMATO] == pytest.approx(1.0 * loss) and worth[STRAWBERRY] == pytest.approx(0.2 * loss)
 
@@ -56,32 +56,32 @@ def test_expected_loss_is_that_of_the_score():
 def test_an_estimators_own_map_of_loss_is_taken():
     shape = get_farm("miniberry-10").grid().shape
     given = np.full((3, *shape), 0.25, np.float32)
-    worth = expected_loss(_situation(replace(_believed(1, 0, 0, 1.0), loss_map=given)))
+    worth = expected_loss(_observation(replace(_believed(1, 0, 0, 1.0), loss_map=given)))
     assert worth[TOMATO] == pytest.approx(0.25 * 1.1) and worth[STRAWBERRY] == pytest.approx(0.25 * 0.3)
 
 
 def test_nothing_is_worth_anything_where_all_is_known():
     model = _believed(1.0, 0.0, 0.0, 1.0)
     for acquisition in ACQUISITIONS.values():
-        assert acquisition(_situation(model)).max() == pytest.approx(0.0, abs=1e-6)
+        assert acquisition(_observation(model)).max() == pytest.approx(0.0, abs=1e-6)
 
 
 def test_coverage_grows_with_the_distance_from_what_was_seen_today():
-    nothing = WithCoverage(lambda situation: np.zeros(situation.model.shape, np.float32), 0.5, reach=2.0)
+    nothing = WithCoverage(lambda observation: np.zeros(observation.model.shape, np.float32), 0.5, reach=2.0)
     model = _believed(1.0, 0.0, 0.0, 1.0)
-    worth = nothing(_situation(model, SEEN))
+    worth = nothing(_observation(model, SEEN))
     assert worth[TOMATO] == 0.0
     assert worth[7, 8] == pytest.approx(0.5 * (1 - np.exp(-1.0))) and worth[9, 8] > worth[7, 8]
-    assert nothing(_situation(model))[TOMATO] == pytest.approx(0.5)
+    assert nothing(_observation(model))[TOMATO] == pytest.approx(0.5)
     yesterday = Observations([5], [8], [0.0], [5], [[1.0, 1.0, 0.4]])
-    assert nothing(_situation(model, yesterday))[TOMATO] == pytest.approx(0.5)
+    assert nothing(_observation(model, yesterday))[TOMATO] == pytest.approx(0.5)
 
 
 def test_a_pass_over_a_smooth_field_saves_the_loss_of_a_swath():
     shape = get_farm("miniberry-10").grid().shape
     model = InformationModel.uniform(shape, value=(1.0, 1.0, 0.4), uncertainty=0.5)
     model.uncertainty[2] *= 2.0
-    told = _situation(model)
+    told = _observation(model)
     plain = variance(told)
     diseases = variance(replace(told, weights=replace(told.weights, field=(*told.weights.field[:2], 0.0))))
 
@@ -101,7 +101,7 @@ def test_unknown_names_are_refused():
 
 
 def test_a_light_disease_counts_at_least_a_part_of_the_weightiest():
-    told = _situation(InformationModel.uniform((10, 10), value=(1.0, 1.0, 0.4), uncertainty=1.0))
+    told = _observation(InformationModel.uniform((10, 10), value=(1.0, 1.0, 0.4), uncertainty=1.0))
     plain, balanced = (Balanced(variance, least)(told) for least in (0.0, 0.5))
     tomatoes, strawberries = (field.mask(told.farm.grid()) for field in told.fields.diseases)
     assert np.array_equal(plain, variance(told))

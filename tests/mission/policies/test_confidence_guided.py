@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 import shapely
-from policy_situations import report, situation
+from policy_observations import observation, report
 
 from geo.farms import get_farm
 from mission.errors import PlanningError
 from mission.policies.confidence_guided import ConfidenceGuided
-from mission.policies.decision import GO_ON
-from mission.policies.situation import Event, Status
+from mission.policies.decision import NO_CHANGE
+from mission.policies.observation import Event, Status
 from sensors.scoring.information import InformationModel
 
 FARM = get_farm("miniberry-30")
@@ -28,7 +28,7 @@ def _flying(system_id=1, rest=((20.0, 20.0),), **known):
 
 
 def _next(policy, *vehicles, model):
-    decision = policy.decide(situation(*vehicles, event=Event.WAYPOINT, model=model))
+    decision = policy.decide(observation(*vehicles, event=Event.WAYPOINT, model=model))
     return {k: tuple(np.floor(points[0] / CELL).astype(int).tolist()) for k, points in decision.paths.items()}
 
 
@@ -49,7 +49,7 @@ def test_the_square_grows_when_all_in_it_is_certain():
 
 def test_nothing_is_changed_when_everything_is_certain():
     certain = InformationModel.uniform((30, 30), value=(1, 1, 1), uncertainty=0.0)
-    assert ConfidenceGuided().decide(situation(_flying(), event=Event.WAYPOINT, model=certain)) is GO_ON
+    assert ConfidenceGuided().decide(observation(_flying(), event=Event.WAYPOINT, model=certain)) is NO_CHANGE
 
 
 def test_one_field_counts_or_all_by_their_weights():
@@ -57,24 +57,24 @@ def test_one_field_counts_or_all_by_their_weights():
     assert _next(ConfidenceGuided(field="ccr"), _flying(), model=ccr) == {1: (12, 12)}
     assert _next(ConfidenceGuided(field="all"), _flying(), model=ccr) == {1: (12, 12)}
     with pytest.raises(PlanningError, match="no field is named 'rust'; there are tylcv, ccr, soil, and all"):
-        ConfidenceGuided(field="rust").decide(situation(_flying(), model=ccr))
+        ConfidenceGuided(field="rust").decide(observation(_flying(), model=ccr))
 
 
 def test_a_chosen_waypoint_is_flown_to_whatever_is_learned_meanwhile():
     policy = ConfidenceGuided()
-    first = policy.decide(situation(_flying(), model=_believed((20, 15)))).paths[1]
+    first = policy.decide(observation(_flying(), model=_believed((20, 15)))).paths[1]
     on_its_way = _flying(rest=first / CELL)
-    other = situation(on_its_way, event=Event.WAYPOINT, model=_believed((10, 10)))
-    assert policy.decide(other) is GO_ON
+    other = observation(on_its_way, event=Event.WAYPOINT, model=_believed((10, 10)))
+    assert policy.decide(other) is NO_CHANGE
     there = _flying(rest=first[1:] / CELL)
     assert _next(policy, there, model=_believed((10, 10))) == {1: (10, 10)}
 
 
 def test_a_path_that_is_about_to_end_goes_on_behind_its_waypoint():
     policy = ConfidenceGuided()
-    first = policy.decide(situation(_flying(), model=_believed((20, 15)))).paths[1]
+    first = policy.decide(observation(_flying(), model=_believed((20, 15)))).paths[1]
     last = _flying(rest=first[:1] / CELL)
-    path = policy.decide(situation(last, event=Event.ENDING, model=_believed((10, 10)))).paths[1]
+    path = policy.decide(observation(last, event=Event.ENDING, model=_believed((10, 10)))).paths[1]
     assert len(path) > 5 and np.allclose(path[0], first[0])
 
 
@@ -102,7 +102,7 @@ def test_vehicles_do_not_choose_the_same_place():
 def test_legs_lead_around_nothing_that_must_not_be_crossed():
     pond = shapely.box(16.5 * CELL, 0, 17.5 * CELL, 29 * CELL)
     vehicle = _flying(area=FARM.owner_area - pond)
-    decision = ConfidenceGuided().decide(situation(vehicle, model=_believed((19, 15))))
+    decision = ConfidenceGuided().decide(observation(vehicle, model=_believed((19, 15))))
     path = shapely.LineString(np.vstack((HERE, decision.paths[1])))
     assert not path.intersects(pond)
 

@@ -10,7 +10,7 @@ from geo.named import ParameterError
 from mission.planners import PlanningRequest, StepBudget
 from mission.policies.coordination import COORDINATIONS, Bid, auction, make_coordination, sequential
 from mission.policies.greedy import Greedy
-from mission.policies.situation import Event, Situation, Status, VehicleReport
+from mission.policies.observation import Event, PolicyObservation, Status, VehicleReport
 from mission.policies.travel_cost import GeometricTravelCost
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
@@ -94,20 +94,20 @@ def test_policies_take_a_coordination():
     model = InformationModel.uniform(FARM.grid().shape, value=(1, 1, 0.4), uncertainty=1)
     seen = Observations.empty(PAPER_FIELDS.names)
     vehicles = (robot(1), robot(2), robot(3))
-    situation = Situation(
+    observation = PolicyObservation(
         Event.START, 0.0, 6, FARM, PAPER_FIELDS, PAPER_WEIGHTS, model, seen, vehicles, compute_s=1.0
     )
     for name in COORDINATIONS:
         policy = Greedy(coordination=name)
         policy.start()
-        paths = policy.decide(situation).paths
+        paths = policy.decide(observation).paths
         assert sorted(paths) == [1, 2, 3]
         assert len({tuple(map(tuple, path.tolist())) for path in paths.values()}) == 3
     # A vehicle whose new path is still on its way to it has promised that path.
     changing = robot(1, status=Status.CHANGING, rest=paths[1])
     policy.start()
     other = policy.decide(
-        Situation(
+        PolicyObservation(
             Event.PERIOD, 5.0, 6, FARM, PAPER_FIELDS, PAPER_WEIGHTS, model, seen, (changing, robot(2)), 1.0
         )
     ).paths

@@ -9,10 +9,10 @@ import shapely
 from geo import get_farm
 from geo.named import ParameterError
 from mission.planners import PlanningRequest, StepBudget
-from mission.policies.decision import GO_ON
+from mission.policies.decision import NO_CHANGE
+from mission.policies.observation import Event, PolicyObservation, Status, VehicleReport
 from mission.policies.policy import FixedPlan
 from mission.policies.sharing import PARTITION_NAMES, reach_m, shared
-from mission.policies.situation import Event, Situation, Status, VehicleReport
 from mission.policies.travel_cost import GeometricTravelCost
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
@@ -32,10 +32,10 @@ def vehicle(number, steps=200.0, *, status=Status.READY, position=(0.0, 0.0), sp
     )
 
 
-def situation(vehicles, event=Event.START):
+def observation(vehicles, event=Event.START):
     model = InformationModel.uniform(FARM.grid().shape, value=(1, 1, 0.4), uncertainty=1)
     seen = Observations.empty(PAPER_FIELDS.names)
-    return Situation(
+    return PolicyObservation(
         event, 0.0, 6, FARM, PAPER_FIELDS, PAPER_WEIGHTS, model, seen, tuple(vehicles), compute_s=1.0
     )
 
@@ -55,8 +55,8 @@ def test_a_single_vehicle_has_everything():
     west = replace(halves[0].request, area=shapely.box(0.0, 0.0, 4.0, 9.0))
     halves[0] = replace(halves[0], request=west)
     assert shared(halves, "strips") == {1: west.area, 2: FARM.owner_area}
-    alone = FixedPlan("spiral", "voronoi").decide(situation([vehicle(1)])).paths[1]
-    assert alone.tolist() == FixedPlan("spiral").decide(situation([vehicle(1)])).paths[1].tolist()
+    alone = FixedPlan("spiral", "voronoi").decide(observation([vehicle(1)])).paths[1]
+    assert alone.tolist() == FixedPlan("spiral").decide(observation([vehicle(1)])).paths[1].tolist()
     with pytest.raises(ParameterError, match="partition 'halves': give strips, voronoi or none"):
         FixedPlan("spiral", "halves")
 
@@ -66,7 +66,7 @@ def test_each_vehicle_keeps_to_its_part(partition):
     for count in (2, 3, 5, 10):
         vehicles = [vehicle(number) for number in range(1, count + 1)]
         parts = shared(vehicles, partition)
-        paths = FixedPlan("lawnmower", partition).decide(situation(vehicles)).paths
+        paths = FixedPlan("lawnmower", partition).decide(observation(vehicles)).paths
         for number, path in paths.items():
             assert parts[number].buffer(1e-6).covers(shapely.LineString(path))
 
@@ -82,7 +82,7 @@ def test_a_vehicle_that_flies_farther_gets_more():
 def fly(policy, lost_after, *, steps=360.0, lost=2):
     """Return the paths of three robots, where they are when one of them fails, and the answer to that."""
     vehicles = [vehicle(number, steps) for number in (1, 2, 3)]
-    paths = policy.decide(situation(vehicles)).paths
+    paths = policy.decide(observation(vehicles)).paths
     now = [
         vehicle(
             number,
@@ -94,7 +94,7 @@ def fly(policy, lost_after, *, steps=360.0, lost=2):
         )
         for number in paths
     ]
-    return paths, now, policy.decide(situation(now, Event.LOST))
+    return paths, now, policy.decide(observation(now, Event.LOST))
 
 
 def test_the_rest_of_a_lost_vehicle_is_seen_by_the_others():
@@ -117,7 +117,7 @@ def test_the_rest_of_a_lost_vehicle_is_seen_by_the_others():
         now[1],
         vehicle(3, 360.0, status=Status.LOST, position=now[2].position_m, rest=answer.paths[3]),
     ]
-    again = policy.decide(situation(third, Event.LOST))
+    again = policy.decide(observation(third, Event.LOST))
     assert set(again.paths) == {1} and "lost vehicle 2, 3" not in again.reason
 
 
@@ -133,9 +133,9 @@ def test_little_left_is_spread_more_thinly():
 
 def test_nobody_takes_over_what_nobody_shares_or_can_pay():
     _, _, answer = fly(FixedPlan("lawnmower", "none"), 5)
-    assert answer is GO_ON
+    assert answer is NO_CHANGE
     policy = FixedPlan("lawnmower")
     _, now, _ = fly(policy, 5)
     gone = [vehicle(one.system_id, status=Status.LOST, position=one.position_m) for one in now]
-    assert policy.decide(situation(gone, Event.LOST)) is GO_ON
-    assert policy.decide(situation([vehicle(1)], Event.PERIOD)) is GO_ON
+    assert policy.decide(observation(gone, Event.LOST)) is NO_CHANGE
+    assert policy.decide(observation([vehicle(1)], Event.PERIOD)) is NO_CHANGE

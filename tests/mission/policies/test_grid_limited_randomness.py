@@ -1,18 +1,18 @@
 import numpy as np
 import pytest
 import shapely
-from policy_situations import report, situation
+from policy_observations import observation, report
 
 from geo.farms import get_farm
 from mission.errors import PlanningError
 from mission.planners import LengthBudget
-from mission.policies.decision import GO_ON
+from mission.policies.decision import NO_CHANGE
 from mission.policies.grid_limited_randomness import ORDERS, GridLimitedRandomness
-from mission.policies.situation import Event
+from mission.policies.observation import Event
 
 
 def _path(vehicle, **parameters):
-    return GridLimitedRandomness(**parameters).decide(situation(vehicle)).paths[vehicle.system_id]
+    return GridLimitedRandomness(**parameters).decide(observation(vehicle)).paths[vehicle.system_id]
 
 
 def _cells(points, columns, rows):
@@ -72,7 +72,7 @@ def test_seeds_and_vehicles_draw_different_paths_and_equal_ones_the_same():
 
 def test_nothing_is_decided_in_flight():
     policy = GridLimitedRandomness()
-    assert policy.decide(situation(report(), event=Event.LOST)) is GO_ON
+    assert policy.decide(observation(report(), event=Event.LOST)) is NO_CHANGE
 
 
 def test_parameters_out_of_range_are_refused():

@@ -3,14 +3,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
-from policy_situations import report, situation
+from policy_observations import observation, report
 
 from geo.farms import get_farm
 from mission.errors import PlanningError
 from mission.planners import LengthBudget
-from mission.policies.decision import GO_ON
+from mission.policies.decision import NO_CHANGE
 from mission.policies.market import Market
-from mission.policies.situation import Event, Status
+from mission.policies.observation import Event, Status
 from sensors.observations import Observations
 
 FARM = get_farm("miniberry-30")
@@ -48,10 +48,10 @@ def _passes(path, low, high, start=(0.0, 0.0)):
 
 def _asked(policy, vehicles, seen):
     """Show finds, then that there are no more; return the decision."""
-    policy.decide(situation(*vehicles, event=Event.OBSERVATIONS, seen=seen))
+    policy.decide(observation(*vehicles, event=Event.OBSERVATIONS, seen=seen))
     healthy = _seen([(1, 1)], 1.0, begin=100)
     both = Observations.concatenate([seen, healthy])
-    return policy.decide(situation(*vehicles, event=Event.OBSERVATIONS, seen=both))
+    return policy.decide(observation(*vehicles, event=Event.OBSERVATIONS, seen=both))
 
 
 def _rows(path):
@@ -69,7 +69,7 @@ def _covered(rows, paths):
 
 
 def test_the_first_look_is_divided_among_the_vehicles():
-    decision = Market().decide(situation(*_fleet(3)))
+    decision = Market().decide(observation(*_fleet(3)))
     spacing = decision.spacing_m[1]
     # Half of 3 times 200 steps of a cell.
     assert spacing == pytest.approx(SIDE**2 / (0.5 * 600 * CELL), rel=0.2)
@@ -84,15 +84,15 @@ def test_the_first_look_is_divided_among_the_vehicles():
 def test_nothing_new_is_no_reason_to_change():
     policy = Market()
     vehicles = _fleet(3)
-    paths = policy.decide(situation(*vehicles)).paths
+    paths = policy.decide(observation(*vehicles)).paths
     flying = [_flown(one, paths[one.system_id], 1) for one in vehicles]
     healthy = _seen([(k, 5) for k in range(9)], 1.0)
-    assert policy.decide(situation(*flying, event=Event.OBSERVATIONS, seen=healthy)) is GO_ON
+    assert policy.decide(observation(*flying, event=Event.OBSERVATIONS, seen=healthy)) is NO_CHANGE
 
 
 def _with_finds(policy, seen, count=3, points=2):
     vehicles = _fleet(count)
-    paths = policy.decide(situation(*vehicles)).paths
+    paths = policy.decide(observation(*vehicles)).paths
     flying = [_flown(one, paths[one.system_id], points) for one in vehicles]
     return flying, paths, _asked(policy, flying, seen)
 
@@ -120,19 +120,19 @@ def test_a_pioneer_takes_fine_packages_only_when_it_is_alone():
 def test_a_run_of_finds_is_waited_for():
     policy = Market()
     vehicles = _fleet(2)
-    paths = policy.decide(situation(*vehicles)).paths
+    paths = policy.decide(observation(*vehicles)).paths
     flying = [_flown(one, paths[one.system_id], 2) for one in vehicles]
     finds = _seen([(20, 20), (21, 20)])
-    assert policy.decide(situation(*flying, event=Event.OBSERVATIONS, seen=finds)) is GO_ON
+    assert policy.decide(observation(*flying, event=Event.OBSERVATIONS, seen=finds)) is NO_CHANGE
     more = Observations.concatenate([finds, _seen([(22, 20)], begin=2)])
-    assert policy.decide(situation(*flying, event=Event.OBSERVATIONS, seen=more)) is GO_ON
-    assert policy.decide(situation(*flying, event=Event.OBSERVATIONS, seen=more)).changes
+    assert policy.decide(observation(*flying, event=Event.OBSERVATIONS, seen=more)) is NO_CHANGE
+    assert policy.decide(observation(*flying, event=Event.OBSERVATIONS, seen=more)).changes
 
 
 def test_what_is_a_find():
     infected, other = _seen([(20, 20)], 0.5), _seen([(20, 20)], field=1)
     for finds in (infected, other):
-        assert _with_finds(Market(), finds)[2] is GO_ON
+        assert _with_finds(Market(), finds)[2] is NO_CHANGE
     assert _with_finds(Market(below=0.75), infected)[2].changes
     assert _with_finds(Market(field="ccr"), other)[2].changes
     assert _with_finds(Market(field="all"), other)[2].changes
@@ -150,16 +150,16 @@ def test_finds_are_offered_once():
     on = [replace(one, rest_m=first.paths.get(one.system_id, one.rest_m)) for one in flying]
     again = Observations.concatenate([finds, _seen([(1, 1)], 1.0, 100), _seen([(21, 21)], 0.0, 101)])
     for _ in range(3):
-        assert policy.decide(situation(*on, event=Event.OBSERVATIONS, seen=again)) is GO_ON
+        assert policy.decide(observation(*on, event=Event.OBSERVATIONS, seen=again)) is NO_CHANGE
 
 
 def test_what_a_lost_vehicle_has_not_flown_is_sold_to_the_others():
     policy = Market()
     vehicles = _fleet(3, steps=300)
-    paths = policy.decide(situation(*vehicles)).paths
+    paths = policy.decide(observation(*vehicles)).paths
     flying = [_flown(one, paths[one.system_id], 4) for one in vehicles]
     lost = replace(flying[0], status=Status.LOST)
-    decision = policy.decide(situation(lost, *flying[1:], event=Event.LOST))
+    decision = policy.decide(observation(lost, *flying[1:], event=Event.LOST))
     assert set(decision.paths) <= {2, 3} and decision.changes
     rows = _rows(paths[1][4:])
     before = [one.rest_m for one in flying[1:]]
@@ -171,29 +171,29 @@ def test_what_a_lost_vehicle_has_not_flown_is_sold_to_the_others():
 def test_a_vehicle_that_did_not_take_its_path_has_its_packages_sold_again():
     policy = Market()
     vehicles = _fleet(2)
-    paths = policy.decide(situation(*vehicles)).paths
+    paths = policy.decide(observation(*vehicles)).paths
     flying = [_flown(one, paths[one.system_id], 2) for one in vehicles]
     astray = replace(flying[0], rest_m=np.array([[3.0, 3.0]]))
-    decision = policy.decide(situation(astray, flying[1], event=Event.OBSERVATIONS))
+    decision = policy.decide(observation(astray, flying[1], event=Event.OBSERVATIONS))
     assert 1 in decision.paths and len(decision.paths[1]) > 3
 
 
 def test_a_path_that_is_about_to_end_goes_on_while_something_is_left_of_the_budget():
     policy = Market()
     vehicle = report(steps=4000.0)
-    path = policy.decide(situation(vehicle)).paths[1]
+    path = policy.decide(observation(vehicle)).paths[1]
     ending = _flown(vehicle, path, len(path) - 1)
     assert ending.left > 100.0
-    on = policy.decide(situation(ending, event=Event.ENDING)).paths[1]
+    on = policy.decide(observation(ending, event=Event.ENDING)).paths[1]
     assert len(on) > 5 and ending.travel_cost.rest([on])[0] <= ending.left
     spent = replace(ending, spent=4000.0)
-    assert policy.decide(situation(spent, event=Event.ENDING)) is GO_ON
+    assert policy.decide(observation(spent, event=Event.ENDING)) is NO_CHANGE
 
 
 def test_runs_are_alike_and_vehicles_wander_apart():
-    first, second = (Market().decide(situation(*_fleet(3))).paths for _ in range(2))
+    first, second = (Market().decide(observation(*_fleet(3))).paths for _ in range(2))
     assert all(np.array_equal(first[k], second[k]) for k in first)
-    other = Market().decide(situation(*_fleet(3, seed=4))).paths
+    other = Market().decide(observation(*_fleet(3, seed=4))).paths
     assert not np.array_equal(first[1][-3:], other[1][-3:])
     assert not np.array_equal(first[1][-3:], first[2][-3:])
 
@@ -201,18 +201,18 @@ def test_runs_are_alike_and_vehicles_wander_apart():
 def test_the_way_home_is_kept():
     budget = LengthBudget(60.0, return_to=FARM.home_m)
     vehicles = _fleet(2, budget=budget)
-    for k, path in Market().decide(situation(*vehicles)).paths.items():
+    for k, path in Market().decide(observation(*vehicles)).paths.items():
         assert 40.0 < vehicles[k - 1].travel_cost.rest([path])[0] <= 60.0
 
 
 def _about_finds(policy, vehicles, day, seen):
     """Fly and show finds; return the first paths, whether fine packages were sold, and what was seen."""
-    first = policy.decide(replace(situation(*vehicles, seen=seen), day=day)).paths
+    first = policy.decide(replace(observation(*vehicles, seen=seen), day=day)).paths
     flying = [_flown(one, first[one.system_id], 2) for one in vehicles]
     finds = Observations.concatenate([seen, _seen([(20, 20), (21, 20)], begin=200, day=day)])
     healthy = Observations.concatenate([finds, _seen([(1, 1)], 1.0, begin=300, day=day)])
     for now in (finds, healthy):
-        answer = policy.decide(replace(situation(*flying, event=Event.OBSERVATIONS, seen=now), day=day))
+        answer = policy.decide(replace(observation(*flying, event=Event.OBSERVATIONS, seen=now), day=day))
     return first, answer.reason == "packages about finds", healthy
 
 

@@ -3,10 +3,10 @@ import pytest
 
 from mission.errors import PlanningError
 from mission.policies.conformance import check_policy
-from mission.policies.decision import GO_ON, Decision
-from mission.policies.policy import Asking, FixedPlan
+from mission.policies.decision import NO_CHANGE, Decision
+from mission.policies.observation import Event
+from mission.policies.policy import FixedPlan, Triggers
 from mission.policies.registry import policy_names
-from mission.policies.situation import Event
 
 OURS = (
     "confidence-guided",
@@ -36,52 +36,52 @@ def test_planners_conform():
 class _Rows:
     """A lawnmower that can be bent."""
 
-    asking = Asking(observations=20)
+    triggers = Triggers(observations=20)
 
     def start(self):
         self.asked = 0
         self.plan = FixedPlan("lawnmower")
 
-    def decide(self, situation):
+    def decide(self, observation):
         self.asked += 1
-        return self.plan.decide(situation)
+        return self.plan.decide(observation)
 
 
 class _OverBudget(_Rows):
-    def decide(self, situation):
+    def decide(self, observation):
         ends = np.array([[0.2, 0.2], [8.0, 8.0]])
-        return Decision({one.system_id: np.tile(ends, (40, 1)) for one in situation.steerable})
+        return Decision({one.system_id: np.tile(ends, (40, 1)) for one in observation.steerable})
 
 
 class _Outside(_Rows):
-    def decide(self, situation):
-        return Decision({one.system_id: [[-1.0, 1.0]] for one in situation.steerable})
+    def decide(self, observation):
+        return Decision({one.system_id: [[-1.0, 1.0]] for one in observation.steerable})
 
 
 class _NoPath(_Rows):
-    def decide(self, situation):
-        return GO_ON
+    def decide(self, observation):
+        return NO_CHANGE
 
 
 class _StaysAtHome(_Rows):
-    def decide(self, situation):
-        return Decision({one.system_id: np.empty((0, 2)) for one in situation.steerable})
+    def decide(self, observation):
+        return Decision({one.system_id: np.empty((0, 2)) for one in observation.steerable})
 
 
 class _LastOneStays(_Rows):
     """Of a fleet, the last vehicle has nothing to do that is worth it."""
 
-    def decide(self, situation):
-        plan = super().decide(situation)
-        if situation.event is not Event.START or len(plan.paths) < 2:
+    def decide(self, observation):
+        plan = super().decide(observation)
+        if observation.event is not Event.START or len(plan.paths) < 2:
             return plan
         return Decision({**plan.paths, max(plan.paths): np.empty((0, 2))})
 
 
 class _Strangers(_Rows):
-    def decide(self, situation):
-        plan = super().decide(situation)
-        return plan if situation.event is Event.START else Decision({99: [[1.0, 1.0]]})
+    def decide(self, observation):
+        plan = super().decide(observation)
+        return plan if observation.event is Event.START else Decision({99: [[1.0, 1.0]]})
 
 
 class _Restless(_Rows):
@@ -92,47 +92,47 @@ class _Restless(_Rows):
         super().start()
         self.flights += 1
 
-    def decide(self, situation):
-        if situation.event is Event.START or self.flights % 2:
-            return super().decide(situation)
-        return Decision({one.system_id: one.rest_m[:1] for one in situation.steerable if len(one.rest_m)})
+    def decide(self, observation):
+        if observation.event is Event.START or self.flights % 2:
+            return super().decide(observation)
+        return Decision({one.system_id: one.rest_m[:1] for one in observation.steerable if len(one.rest_m)})
 
 
 class _Drawer(_Rows):
-    def decide(self, situation):
+    def decide(self, observation):
         np.random.random()  # noqa: NPY002
-        return super().decide(situation)
+        return super().decide(observation)
 
 
 class _Writer(_Rows):
-    def decide(self, situation):
-        situation.model.value[0] = 0.0
-        return super().decide(situation)
+    def decide(self, observation):
+        observation.model.value[0] = 0.0
+        return super().decide(observation)
 
 
 class _Silent(_Rows):
     """Says nothing before a later flight."""
 
-    def decide(self, situation):
-        return GO_ON if len(situation.observations) else super().decide(situation)
+    def decide(self, observation):
+        return NO_CHANGE if len(observation.observations) else super().decide(observation)
 
 
 class _NoDecision(_Rows):
-    def decide(self, situation):
-        return dict(super().decide(situation).paths)
+    def decide(self, observation):
+        return dict(super().decide(observation).paths)
 
 
 class _Seer(_Rows):
     """Knows the truth by the back door: whether cells that nobody looked at are sick."""
 
-    def decide(self, situation):
+    def decide(self, observation):
         import sys
 
         frame = sys._getframe()
         while "self" not in frame.f_locals or not hasattr(frame.f_locals["self"], "_truth"):
             frame = frame.f_back
         sick = float(frame.f_locals["self"]._truth.mean())
-        plan = super().decide(situation)
+        plan = super().decide(observation)
         return Decision({key: points + 0.01 * sick for key, points in plan.paths.items()})
 
 

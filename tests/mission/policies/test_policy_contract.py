@@ -6,10 +6,10 @@ from geo import get_farm
 from geo.named import ParameterError
 from mission.errors import PlanningError
 from mission.planners import LengthBudget, PlanningRequest, StepBudget
-from mission.policies.decision import GO_ON, Decision
+from mission.policies.decision import NO_CHANGE, Decision
+from mission.policies.observation import Event, PolicyObservation, Status, VehicleReport
 from mission.policies.policy import NEVER_AGAIN, FixedPlan, KeepPath, Policy
 from mission.policies.registry import make_policy
-from mission.policies.situation import Event, Situation, Status, VehicleReport
 from mission.policies.travel_cost import GeometricTravelCost
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
@@ -28,24 +28,24 @@ class _Free:
         return 0.0
 
 
-def _situation(event=Event.START, status=Status.READY, spent=0.0):
+def _observation(event=Event.START, status=Status.READY, spent=0.0):
     farm = get_farm("miniberry-10")
     request = PlanningRequest(farm.owner_area, (0.0, 0.0), StepBudget(60.0), seed=3)
     vehicle = VehicleReport(1, request, status, (0.0, 0.0), (0.0, 0.0), 0.1, spent, np.empty((0, 2)), _Free())
     model = InformationModel.uniform(farm.grid().shape, value=(1, 1, 0.4), uncertainty=1)
     seen = Observations.concatenate([], PAPER_FIELDS.names)
-    return Situation(event, 0.0, 6, farm, PAPER_FIELDS, PAPER_WEIGHTS, model, seen, (vehicle,), 0.5)
+    return PolicyObservation(event, 0.0, 6, farm, PAPER_FIELDS, PAPER_WEIGHTS, model, seen, (vehicle,), 0.5)
 
 
 def test_a_planner_is_a_policy_that_never_changes_its_mind():
     policy = FixedPlan("spiral")
-    assert isinstance(policy, Policy) and policy.asking == NEVER_AGAIN
+    assert isinstance(policy, Policy) and policy.triggers == NEVER_AGAIN
     policy.start()
-    first = policy.decide(_situation())
+    first = policy.decide(_observation())
     area = get_farm("miniberry-10").owner_area
     assert len(first.paths[1]) > 3 and area.buffer(1e-6).covers(shapely.LineString(first.paths[1]))
     for event in set(Event) - {Event.START}:
-        assert policy.decide(_situation(event, Status.FLYING)) is GO_ON
+        assert policy.decide(_observation(event, Status.FLYING)) is NO_CHANGE
 
 
 def test_paths_of_a_decision_are_checked_copied_and_read_only():
@@ -61,13 +61,13 @@ def test_paths_of_a_decision_are_checked_copied_and_read_only():
 
 
 def test_what_is_left_and_who_can_be_steered():
-    situation = _situation(status=Status.FLYING, spent=45.0)
-    assert situation.vehicle(1).left == 15.0 and situation.steerable == situation.vehicles
-    assert _situation(status=Status.FLYING, spent=90.0).vehicle(1).left == 0.0
+    observation = _observation(status=Status.FLYING, spent=45.0)
+    assert observation.vehicle(1).left == 15.0 and observation.steerable == observation.vehicles
+    assert _observation(status=Status.FLYING, spent=90.0).vehicle(1).left == 0.0
     for status in (Status.RETURNING, Status.ENDED, Status.LOST):
-        assert not _situation(status=status).steerable
+        assert not _observation(status=status).steerable
     with pytest.raises(PlanningError, match="no vehicle has the system id 4; there are 1"):
-        situation.vehicle(4)
+        observation.vehicle(4)
 
 
 def test_policies_are_made_by_name_or_taken_as_they_are():
@@ -85,8 +85,8 @@ def test_policies_are_made_by_name_or_taken_as_they_are():
 
 def test_a_path_from_elsewhere_is_kept():
     policy = KeepPath()
-    assert isinstance(policy, Policy) and policy.asking == NEVER_AGAIN
-    assert all(policy.decide(_situation(event)) is GO_ON for event in Event)
+    assert isinstance(policy, Policy) and policy.triggers == NEVER_AGAIN
+    assert all(policy.decide(_observation(event)) is NO_CHANGE for event in Event)
 
 
 class _Dear:
@@ -114,10 +114,12 @@ def test_a_path_is_left_only_for_one_that_gains_more_than_the_change_costs(polic
             1, request, Status.FLYING, (1.0, 1.0), (1.0, 0.0), 0.1, 0.0, rest, _Dear((1.0, 1.0), price)
         )
         for event in (Event.OBSERVATIONS, Event.ENDING):
-            situation = Situation(event, 0.0, 6, farm, PAPER_FIELDS, PAPER_WEIGHTS, model, seen, (one,), 0.5)
+            observation = PolicyObservation(
+                event, 0.0, 6, farm, PAPER_FIELDS, PAPER_WEIGHTS, model, seen, (one,), 0.5
+            )
             asked = make_policy(policy)
             asked.start()
-            changed.append(1 in asked.decide(situation).paths)
+            changed.append(1 in asked.decide(observation).paths)
     assert changed == [True, True, True, True, False, True]
 
 

@@ -3,16 +3,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from policy_situations import report, situation
+from policy_observations import observation, report
 
 from geo.farm import Crop
 from geo.farms import get_farm
 from mission.errors import PlanningError
 from mission.planners.request import CropArea
-from mission.policies.decision import GO_ON
+from mission.policies.decision import NO_CHANGE
 from mission.policies.detour import detour
+from mission.policies.observation import Event, Status
 from mission.policies.refining_lawnmower import RefiningLawnmower
-from mission.policies.situation import Event, Status
 from sensors.observations import Observations
 
 FARM = get_farm("miniberry-30")
@@ -53,7 +53,7 @@ def _cells(route):
 
 def _detour(*cells, vehicle=None, promised=(), least_rate=0.2, **known):
     vehicle = _vehicle() if vehicle is None else vehicle
-    told = situation(vehicle, event=Event.OBSERVATIONS, seen=_seen(*cells, **known))
+    told = observation(vehicle, event=Event.OBSERVATIONS, seen=_seen(*cells, **known))
     return detour(vehicle, told, promised, least_rate)
 
 
@@ -88,7 +88,7 @@ def test_rows_begin_on_the_land_of_the_weightier_disease_and_keep_their_distance
     vehicle = replace(_vehicle(rest=(), x=0.0, y=0.0, spent=0.0), status=Status.READY)
     policy = RefiningLawnmower(gap=6.0, later_gap=3.0)
     policy.start()
-    rows = policy.decide(situation(vehicle)).paths[1] / CELL
+    rows = policy.decide(observation(vehicle)).paths[1] / CELL
     tomatoes = rows[:, 1] > 15.0
     assert tomatoes[0] and not tomatoes[-1] and np.count_nonzero(np.diff(tomatoes.astype(int))) == 1
     for land, gap in ((tomatoes, 6.0), (~tomatoes, 3.0)):
@@ -100,15 +100,15 @@ def test_rows_are_left_at_a_find_and_taken_up_again_where_they_were_left():
     ready = replace(_vehicle(rest=(), x=0.0, y=0.0, spent=0.0), status=Status.READY)
     policy = RefiningLawnmower()
     policy.start()
-    rows = policy.decide(situation(ready)).paths[1] / CELL
+    rows = policy.decide(observation(ready)).paths[1] / CELL
     row = rows[2, 1]
     here = (15.5, float(row))
     # On its second row; the first two points are behind it.
     flying = _vehicle(x=here[0], y=here[1], rest=rows[3:])
     healthy = _seen((14, int(row)), (15, int(row)), values=(1.0, 1.0, 0.4))
-    assert policy.decide(situation(flying, event=Event.OBSERVATIONS, seen=healthy)) is GO_ON
+    assert policy.decide(observation(flying, event=Event.OBSERVATIONS, seen=healthy)) is NO_CHANGE
     sick = _seen((15, int(row)))
-    away = policy.decide(situation(flying, event=Event.OBSERVATIONS, seen=sick)).paths[1] / CELL
+    away = policy.decide(observation(flying, event=Event.OBSERVATIONS, seen=sick)).paths[1] / CELL
     assert np.allclose(away[-len(rows[3:]) :], rows[3:])
     back = away[-len(rows[3:]) - 1]
     assert back[1] == pytest.approx(row) and len(away) > len(rows[3:]) + 2
@@ -116,9 +116,9 @@ def test_rows_are_left_at_a_find_and_taken_up_again_where_they_were_left():
     cells = [(x, y) for x in range(11, 20) for y in range(15, 30) if (x, y) != (15, int(row))]
     known = _seen((15, int(row)), *cells, values=_one_sick(len(cells) + 1))
     detoured = _vehicle(x=16.5, y=here[1] + 2.0, rest=away[-len(rows[3:]) - 2 :])
-    again = policy.decide(situation(detoured, event=Event.OBSERVATIONS, seen=known)).paths[1] / CELL
+    again = policy.decide(observation(detoured, event=Event.OBSERVATIONS, seen=known)).paths[1] / CELL
     assert np.allclose(again[1:], rows[3:]) and again[0, 1] == pytest.approx(row)
-    assert policy.decide(situation(detoured, event=Event.OBSERVATIONS, seen=known)) is GO_ON
+    assert policy.decide(observation(detoured, event=Event.OBSERVATIONS, seen=known)) is NO_CHANGE
 
 
 @pytest.mark.parametrize("wrong", [{"coarse": 0.0}, {"coarse": 1.5}, {"gap": 0.0}, {"later_gap": -1.0}])

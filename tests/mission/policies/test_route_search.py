@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from mission.planners.budget import LengthBudget, StepBudget
 from mission.planners.request import PlanningRequest
 from mission.policies.leg_search import leg_values
+from mission.policies.observation import Status, VehicleReport
 from mission.policies.planning_grid import LegCosts, PlanningGrid
 from mission.policies.route_search import leg_offsets, neighbour_shares, search_route, take_leg
-from mission.policies.situation import Status, VehicleReport
 from mission.policies.steering import affordable
 from mission.policies.tour_search import candidate_places, search_tour
 from mission.policies.travel_cost import GeometricTravelCost
@@ -130,7 +130,7 @@ def test_a_tour_visits_what_pays_and_keeps_what_the_way_home_takes():
     assert [tuple(place) for place in places[order]] == [(3.5, 10.5)]
 
 
-def test_charts_of_large_farms_have_few_blocks_and_keep_the_worth():
+def test_planning_grids_of_large_farms_have_few_blocks_and_keep_the_worth():
     worth = np.random.default_rng(0).random((600, 500)).astype(np.float32)
     planning_grid = PlanningGrid.of(shapely.box(0, 0, 600, 500), worth.shape, 1.0, 1.0)
     assert planning_grid.block == 5 and planning_grid.free.shape == (120, 100) and planning_grid.free.all()

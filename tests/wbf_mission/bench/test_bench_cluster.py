@@ -94,22 +94,22 @@ def test_two_workers_one_of_them_killed_in_the_middle():
 OWN = """
 from dataclasses import dataclass
 from mission.planners import make_planner
-from mission.policies.decision import GO_ON, Decision
-from mission.policies.policy import Asking
+from mission.policies.decision import NO_CHANGE, Decision
+from mission.policies.policy import Triggers
 from sensors.estimators.point import PointEstimator
 
 @dataclass
 class Mine:
     share: float = 0.5
-    asking = Asking(period_s=5.0)
+    triggers = Triggers(period_s=5.0)
 
     def start(self):
         pass
 
-    def decide(self, situation):
-        if situation.event.value == "start":
-            return Decision({1: make_planner("spiral")(situation.vehicles[0].request).points_m})
-        return GO_ON
+    def decide(self, observation):
+        if observation.event.value == "start":
+            return Decision({1: make_planner("spiral")(observation.vehicles[0].request).points_m})
+        return NO_CHANGE
 
 class Guess(PointEstimator):
     pass

@@ -8,9 +8,9 @@ import pytest
 from gymnasium.utils import env_checker
 from pettingzoo.test import parallel_api_test, parallel_seed_test
 
-from mission.policies.decision import GO_ON, Decision
+from mission.policies.decision import NO_CHANGE, Decision
+from mission.policies.observation import Event
 from mission.policies.policy import NEVER_AGAIN
-from mission.policies.situation import Event
 from sim_vehicle.motion.ideal import ideal_positions
 from wbf_mission import Scenario, fly, load_scenario, scenario_with
 from wbf_mission.rl import SurveyEnv, TrainingError, parallel_env
@@ -21,7 +21,7 @@ from wbf_mission.rl.task import MOVES, SurveyTask
 class Paths:
     """Flies given paths, one for each vehicle."""
 
-    asking = NEVER_AGAIN
+    triggers = NEVER_AGAIN
 
     def __init__(self, paths):
         self.paths = paths
@@ -29,11 +29,11 @@ class Paths:
     def start(self):
         pass
 
-    def decide(self, situation):
-        if situation.event is not Event.START:
-            return GO_ON
+    def decide(self, observation):
+        if observation.event is not Event.START:
+            return NO_CHANGE
         return Decision(
-            {one.system_id: path for one, path in zip(situation.vehicles, self.paths, strict=True)}
+            {one.system_id: path for one, path in zip(observation.vehicles, self.paths, strict=True)}
         )
 
 

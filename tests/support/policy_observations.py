@@ -4,7 +4,7 @@ import numpy as np
 
 from geo.farms import get_farm
 from mission.planners import PlanningRequest, StepBudget
-from mission.policies.situation import Event, Situation, Status, VehicleReport
+from mission.policies.observation import Event, PolicyObservation, Status, VehicleReport
 from mission.policies.travel_cost import GeometricTravelCost
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
@@ -33,9 +33,9 @@ def report(system_id=1, *, farm="miniberry-30", area=None, budget=None, steps=20
     )
 
 
-def situation(*vehicles, farm="miniberry-30", event=Event.START, model=None, seen=None):
+def observation(*vehicles, farm="miniberry-30", event=Event.START, model=None, seen=None):
     farm = get_farm(farm)
     if model is None:
         model = InformationModel.uniform(farm.grid().shape, value=(1, 1, 0.4), uncertainty=1)
     seen = Observations.empty() if seen is None else seen
-    return Situation(event, 0.0, 6, farm, PAPER_FIELDS, PAPER_WEIGHTS, model, seen, vehicles, 2.0)
+    return PolicyObservation(event, 0.0, 6, farm, PAPER_FIELDS, PAPER_WEIGHTS, model, seen, vehicles, 2.0)

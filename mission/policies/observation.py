@@ -157,7 +157,7 @@ class VehicleReport:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Situation:
+class PolicyObservation:
     """What is known when a policy is asked.
 
     Parameters
@@ -212,3 +212,7 @@ class Situation:
         known = ", ".join(str(vehicle.system_id) for vehicle in self.vehicles)
         msg = f"no vehicle has the system id {system_id}; there are {known}"
         raise PlanningError(msg)
+
+
+Situation = PolicyObservation
+"""The name of `PolicyObservation` before version 0.2, for policies that were written for it."""

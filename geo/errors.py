@@ -25,7 +25,7 @@
     |   +-- mission.errors.NoPeerError                   nobody answers at the other end
     |   +-- mission.errors.LinkLostError                 a link that broke
     +-- mission.ground.station.NotFlyingError            a mission that cannot be changed now
-    +-- mission.ground.telling.NotStartedError           Ctrl-C before a vehicle was started
+    +-- mission.ground.status_text.NotStartedError           Ctrl-C before a vehicle was started
     +-- mission.ground.modes.ModeError                   a flight mode that the vehicle does not have
     +-- mission.check.peer.CheckError                    a check that does not exist
     +-- mission.check.peer.FailedError                   a check that failed

@@ -50,7 +50,7 @@ def exit_code_of(error: Exception) -> ExitCode:
     <ExitCode.BAD_INPUT: 2>
     """
     from mission.errors import LinkLostError, NoPeerError, TransferError
-    from mission.ground.telling import NotStartedError
+    from mission.ground.status_text import NotStartedError
     from wbf_mission.live.errors import VehicleRefusedError, VehicleSilentError
 
     if isinstance(error, NotStartedError):

@@ -131,7 +131,7 @@ class FlightModes:
 
 @dataclass(frozen=True, slots=True)
 class Profile:
-    """One autopilot's habits.
+    """One autopilot's behaviour.
 
     Parameters
     ----------

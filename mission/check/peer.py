@@ -96,7 +96,7 @@ class Peer:
 
     @property
     def profile(self) -> Profile:
-        """The mission habits of its autopilot."""
+        """The mission behaviour of its autopilot."""
         return self.vehicle.profile
 
     @property

@@ -37,7 +37,7 @@ class Check:
     text : str
         What must hold, in one line.
     requirement : callable
-        ``requirement(profile)`` tells whether autopilots with these habits have to do so: ground software
+        ``requirement(profile)`` tells whether autopilots that behave so have to do it: ground software
         relies on it, and the real ones do it. Otherwise it is advice.
     flies : bool
         It arms the vehicle.

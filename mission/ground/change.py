@@ -116,7 +116,7 @@ class ChangeRequest:
     vehicle, ground : tuple of int
         System and component ids.
     profile : Profile
-        The autopilot's habits.
+        The autopilot's behaviour.
     monitor : VehicleMonitor
         What the vehicle tells of itself.
     texts : TextLog

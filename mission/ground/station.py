@@ -12,6 +12,7 @@ from geo.errors import WbfMissionError
 from geo.frame import LocalFrame
 from mission.autopilots.profile import Profile
 from mission.autopilots.registry import profile_for
+from mission.ground.arming_gate import FARTHEST_M, ArmingGate, Stage
 from mission.ground.change import (
     FLOWN_TO,
     ChangeRecord,
@@ -22,7 +23,6 @@ from mission.ground.change import (
 )
 from mission.ground.change_aside import AsideChange
 from mission.ground.change_whole import WholeListChange
-from mission.ground.clearance import FARTHEST_M, Clearance, Stage
 from mission.ground.failures import FailureWatch
 from mission.ground.guard import FailsafeGuard
 from mission.ground.images import ImageFetch
@@ -93,8 +93,8 @@ class GroundStation:
     on_progress : callable, optional
         ``on_progress(done, total)`` as items of the plans cross.
     start_delay_s : float
-        How long it waits between the upload and the start, unless there is a clearance.
-    clearance : Clearance, optional
+        How long it waits between the upload and the start, unless there is an arming gate.
+    arming_gate : ArmingGate, optional
         What has to hold before the motors start; without, they start at once. With it somebody else may fly
         the vehicle, too: that is noticed, and then nothing is ordered any more.
     maker : TransferMaker
@@ -126,7 +126,7 @@ class GroundStation:
         component_id: int = GROUND_COMPONENT_ID,
         on_progress: Callable[[int, int], None] | None = None,
         start_delay_s: float = 0.0,
-        clearance: Clearance | None = None,
+        arming_gate: ArmingGate | None = None,
         maker: TransferMaker = OWN_TRANSFERS,
         force: bool = False,
     ) -> None:
@@ -162,11 +162,11 @@ class GroundStation:
             ground=(system_id, self.component_id),
             on_progress=on_progress,
             maker=maker,
-            round_trip=None if clearance is None else self.link.round_trip,
+            round_trip=None if arming_gate is None else self.link.round_trip,
             force=force,
         )
         self._maker = maker
-        self.clearance = clearance
+        self.arming_gate = arming_gate
         self.pilot = PilotWatch()
         self._ready_s = math.inf
         self._refusal: tuple[str, float] | None = None
@@ -208,14 +208,14 @@ class GroundStation:
             self._handlers[m.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED] = self._on_image
             self._handlers[m.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY] = self._on_image
             self._handlers[m.MAVLINK_MSG_ID_CAMERA_CAPTURE_STATUS] = self._on_capture_status
-        if clearance is not None:
+        if arming_gate is not None:
             self._handlers[m.MAVLINK_MSG_ID_SYSTEM_TIME] = self._on_system_time
             self._handlers[m.MAVLINK_MSG_ID_MISSION_ITEM_REACHED] = self._on_reached
             self._handlers[m.MAVLINK_MSG_ID_GPS_RAW_INT] = self._on_fix
             self._handlers[m.MAVLINK_MSG_ID_EKF_STATUS_REPORT] = self._on_estimate
             self._handlers[m.MAVLINK_MSG_ID_ESTIMATOR_STATUS] = self._on_estimate
         # Of a real vehicle every frame tells how good the link is.
-        self.wanted: frozenset[int] | None = None if clearance is not None else frozenset(self._handlers)
+        self.wanted: frozenset[int] | None = None if arming_gate is not None else frozenset(self._handlers)
 
     @property
     def done(self) -> bool:
@@ -247,7 +247,7 @@ class GroundStation:
     @property
     def clock_offset_s(self) -> float:
         """What a time that a real vehicle tells lacks to one of our clock; 0 before its mission."""
-        if self.clearance is None or self.started_s is None:
+        if self.arming_gate is None or self.started_s is None:
             return 0.0
         return self.started_s - self._started_boot_s
 
@@ -326,7 +326,7 @@ class GroundStation:
 
     @property
     def _state_s(self) -> float:
-        return _STATE_S if self.clearance is None else _STATE_BEHIND_LINK_S
+        return _STATE_S if self.arming_gate is None else _STATE_BEHIND_LINK_S
 
     def _guard_of(self, profile: Profile) -> FailsafeGuard | None:
         """Return what has to be set before the vehicle leaves its mission; the same one for a flight."""
@@ -338,18 +338,19 @@ class GroundStation:
     @property
     def _round_trip(self) -> RoundTrip | None:
         """Of the link to a real vehicle, where it is measured."""
-        return None if self.clearance is None else self.link.round_trip
+        return None if self.arming_gate is None else self.link.round_trip
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
         """Take one message and return the answers."""
-        if self.clearance is not None and self._is_vehicle(message):
+        if self.arming_gate is not None and self._is_vehicle(message):
             self.link.receive(message, now_s)
         handle = self._handlers.get(type(message).id)
         if handle is None:
             return []
         # Beside a real vehicle rides a camera of ours, which is always heard.
-        its = message.get_srcSystem() == self._vehicle[0]
-        if self.phase is Phase.FLIGHT and (self._is_vehicle(message) if self.clearance is not None else its):
+        real = self.arming_gate is not None
+        its = self._is_vehicle(message) if real else message.get_srcSystem() == self._vehicle[0]
+        if self.phase is Phase.FLIGHT and its:
             self._on_contact(now_s)
         out = handle(message, now_s)
         if self._change is not None and self.phase is Phase.FLIGHT and self._is_vehicle(message):
@@ -364,7 +365,7 @@ class GroundStation:
         if now_s >= self._heartbeat_s:
             self._heartbeat_s = now_s + _HEARTBEAT_S
             out.append(ground_heartbeat())
-        if self.clearance is not None and not self.done:
+        if self.arming_gate is not None and not self.done:
             out += self.link.poll(now_s)
         if self.phase is Phase.CONTACT and now_s - self._first_s > _CONTACT_S:
             self._end(
@@ -402,14 +403,14 @@ class GroundStation:
         if self.done:
             return math.inf
         deadline_s = min(self._heartbeat_s, self.pilot.next_deadline())
-        if self.clearance is not None:
+        if self.arming_gate is not None:
             deadline_s = min(deadline_s, self.link.next_deadline())
         if self.phase is Phase.WAIT:
             deadline_s = min(deadline_s, self._arm_s)
         if self._refusal is not None:
             deadline_s = min(deadline_s, self._refusal[1])
-        if self.phase is Phase.READY and self.clearance is not None:
-            deadline_s = min(deadline_s, self.clearance.next_deadline())
+        if self.phase is Phase.READY and self.arming_gate is not None:
+            deadline_s = min(deadline_s, self.arming_gate.next_deadline())
         if self._order is not None:
             deadline_s = min(deadline_s, self._order.due_s)
         if self.phase is Phase.UPLOAD:
@@ -423,7 +424,7 @@ class GroundStation:
     @property
     def link_report(self) -> LinkReport | None:
         """How good the link to a real vehicle was; None where the link is none."""
-        if self.clearance is None:
+        if self.arming_gate is None:
             return None
         link, contact = self.link, self._contact
         return LinkReport(
@@ -492,7 +493,7 @@ class GroundStation:
         self._flew |= self._armed and self.phase is Phase.FLIGHT
         if self.phase is Phase.FLIGHT:
             self._failures.on_heartbeat(message, len(self.texts) - self._texts_before)
-            if self.clearance is not None:
+            if self.arming_gate is not None:
                 last = int(self.mission.items[-1].command) if self.mission.items else 0
                 self.pilot.on_heartbeat(
                     message,
@@ -634,10 +635,10 @@ class GroundStation:
             self._monitor.on_sys_status(message)
         if self._is_vehicle(message) and self.phase is Phase.FLIGHT:
             self._failures.on_sys_status(message)
-        if self._is_vehicle(message) and self.clearance is not None:
+        if self._is_vehicle(message) and self.arming_gate is not None:
             settled = now_s >= self._mode_s + _MODE_SETTLES_S
             if self.phase is not Phase.MODE and settled and now_s >= self._again_s:
-                self.clearance.on_sys_status(message, has_position=self._monitor.knows_position)
+                self.arming_gate.on_sys_status(message, has_position=self._monitor.knows_position)
         return []
 
     def _on_fix(self, message: m.MAVLink_gps_raw_int_message, now_s: float) -> list[Message]:  # noqa: ARG002
@@ -663,8 +664,8 @@ class GroundStation:
     def _on_text(self, message: m.MAVLink_statustext_message, now_s: float) -> list[Message]:
         if self._is_vehicle(message):
             self._texts.on_text(message, now_s)
-            if self.clearance is not None:
-                self.clearance.on_text(message.text)
+            if self.arming_gate is not None:
+                self.arming_gate.on_text(message.text)
             # It is said when the vehicle leaves its mission, whatever list is on its way to it.
             if self.phase is Phase.FLIGHT and self._armed and _FINISHED.match(message.text):
                 self.pilot.on_mission_end(now_s)
@@ -698,7 +699,7 @@ class GroundStation:
         if answer is Answer.REFUSED:
             armed = self.phase is Phase.START
             self._refused(result_name(message.result), now_s)
-            if armed and self.clearance is not None:
+            if armed and self.arming_gate is not None:
                 # Its motors run, and it does not fly.
                 return Order(self._vehicle, int(m.MAV_CMD_COMPONENT_ARM_DISARM), 0.0).send(now_s)
         if answer is not Answer.ACCEPTED:
@@ -712,7 +713,7 @@ class GroundStation:
         if self.phase is Phase.START:
             self.phase = Phase.FLIGHT
             self.started_s = self._started_boot_s = now_s
-            if self.clearance is not None:
+            if self.arming_gate is not None:
                 # A real vehicle's clock began long before ours.
                 self._started_boot_s = self._monitor.boot_s
             self.battery_before = self._monitor.battery
@@ -726,10 +727,10 @@ class GroundStation:
         """Go on when the plans have arrived, or one has not."""
         if self._uploads.failure:
             reason = self._texts.explain(self._uploads.failure, self._texts_before)
-            silent = self.clearance is not None and self._uploads.fell_silent
+            silent = self.arming_gate is not None and self._uploads.fell_silent
             outcome = Outcome.NO_ANSWER if silent else Outcome.UPLOAD_FAILED
             self._end(outcome, reason, now_s)
-        elif self._uploads.done and self.clearance is not None:
+        elif self._uploads.done and self.arming_gate is not None:
             self._ready_s = now_s + _READY_S
             out += self._choose_mode(now_s)
         elif self._uploads.done and self._start_delay_s > 0.0:
@@ -740,28 +741,28 @@ class GroundStation:
 
     def _clear(self, now_s: float) -> list[Message]:
         """Go on when the vehicle can arm and the operator agrees, or end it."""
-        clearance = self.clearance
-        assert clearance is not None
-        if clearance.stage is Stage.REFUSED:
+        gate = self.arming_gate
+        assert gate is not None
+        if gate.stage is Stage.REFUSED:
             self._end(Outcome.NOT_STARTED, "the operator did not let it start", now_s)
-        elif clearance.stage is Stage.CHECKING and now_s >= self._ready_s:
-            why = "; ".join(clearance.reasons) or f"it did not say that it can arm in {_READY_S:.0f} s"
+        elif gate.stage is Stage.CHECKING and now_s >= self._ready_s:
+            why = "; ".join(gate.reasons) or f"it did not say that it can arm in {_READY_S:.0f} s"
             if self._again_s > -math.inf:
                 # Asked, it has refused: its last word counts.
                 why = self._texts.last_warning(why, self._texts_before)
             self._end(Outcome.ARMING_REFUSED, why, now_s)
-        elif clearance.stage is not Stage.CHECKING and self._away_m > FARTHEST_M:
+        elif gate.stage is not Stage.CHECKING and self._away_m > FARTHEST_M:
             text = f"the vehicle stands {self._away_m:.0f} m from the start of its plan"
             self._end(Outcome.NOT_STARTED, text, now_s)
-        elif clearance.stage is Stage.GRANTED and self._is_in_other_mode(now_s):
-            clearance.check_again(now_s)
+        elif gate.stage is Stage.GRANTED and self._is_in_other_mode(now_s):
+            gate.check_again(now_s)
             return self._choose_mode(now_s)
-        elif clearance.stage is Stage.GRANTED:
-            self._texts_before, self._reasons_before = len(self.texts), clearance.told
+        elif gate.stage is Stage.GRANTED:
+            self._texts_before, self._reasons_before = len(self.texts), gate.told
             return self._arm(now_s)
-        elif clearance.stage in (Stage.ASKING, Stage.WAITING):
+        elif gate.stage in (Stage.ASKING, Stage.WAITING):
             self._ready_s = now_s + _READY_S
-        return clearance.poll(now_s)
+        return gate.poll(now_s)
 
     def _choose_mode(self, now_s: float) -> list[Message]:
         """Choose the mode in which the vehicle arms, if it has one, and wait until it can."""
@@ -833,7 +834,7 @@ class GroundStation:
 
     def _repeat_order(self, order: Order, now_s: float) -> list[Message]:
         if order.is_given_up:
-            if self.clearance is not None and self.phase is not Phase.FLIGHT:
+            if self.arming_gate is not None and self.phase is not Phase.FLIGHT:
                 self._end(Outcome.NO_ANSWER, f"no answer while {self.phase.value}", now_s)
             else:
                 self._refused("no answer", now_s)
@@ -848,7 +849,7 @@ class GroundStation:
             self._texts.note(f"{why}: the vehicle did not take the order", now_s)
             return
         self._order = None
-        if self.clearance is not None and self.phase in (Phase.MODE, Phase.ARM):
+        if self.arming_gate is not None and self.phase in (Phase.MODE, Phase.ARM):
             self._refusal = why, now_s + _LAST_WORDS_S
             return
         outcome = Outcome.ARMING_REFUSED if self.phase is Phase.ARM else Outcome.MISSION_REJECTED
@@ -856,12 +857,12 @@ class GroundStation:
 
     def _after_refusal(self, why: str, now_s: float) -> None:
         """Wait and ask again where the vehicle gives a reason that may pass; for so long as it may take."""
-        clearance = self.clearance
-        assert clearance is not None
+        gate = self.arming_gate
+        assert gate is not None
         self._refusal = None
-        if clearance.told > self._reasons_before and now_s < self._ready_s:
+        if gate.told > self._reasons_before and now_s < self._ready_s:
             self.phase, self._again_s = Phase.READY, now_s + _AGAIN_S
-            clearance.check_again(now_s)
+            gate.check_again(now_s)
             return
         outcome = Outcome.ARMING_REFUSED if self.phase is Phase.ARM else Outcome.MISSION_REJECTED
         self._end(outcome, self._texts.last_warning(why, self._texts_before), now_s)

@@ -78,10 +78,10 @@ def build_mission(
     place of the return: ``DO_LAND_START``, ``NAV_LOITER_TO_ALT`` on a circle that touches the final approach,
     ``NAV_LAND`` at home.
 
-    Points closer than 1 cm to the one before are stays there: with a camera interval each is a hold (param1)
-    of one interval more, for one image more; with a camera distance, where staying shows nothing, they are
-    dropped. Legs are led on where the autopilot turns early (`mission.planners.turns.Turns`); the heading is
-    left to the vehicle.
+    Points closer than 1 cm to the one before are loiters there: with a camera interval each is a hold
+    (param1) of one interval more, for one image more; with a camera distance, where staying shows nothing,
+    they are dropped. Legs are led on where the autopilot turns early (`mission.planners.turns.Turns`); the
+    heading is left to the vehicle.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def build_mission(
     route = (turns or Turns()).waypoints(path.points_m, home_xy_m, avoid=avoid)
     points = route.points_m
     ending = 3 if pattern is not None else 1
-    holds_s = route.stays * (camera_interval_s or 0.0)
+    holds_s = route.loiters * (camera_interval_s or 0.0)
     # The camera comes on at the first point, before the vehicle stays there: it is sent there once more.
     twice = bool(holds_s[:1].any()) and not camera_on_approach
     count = len(points) + twice + 2 + (2 if camera else 0) + (ending if return_home else 0)

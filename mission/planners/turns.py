@@ -43,14 +43,14 @@ class Waypoints:
         For each the point of the path that it stands for, in ascending order.
     radius_m : float
         Their acceptance radius; 0 is the autopilot's own.
-    stays : int64[n]
+    loiters : int64[n]
         How often the path names each once more, right after it came there.
     """
 
     points_m: Points
     of_point: NDArray[np.int64]
     radius_m: float
-    stays: NDArray[np.int64]
+    loiters: NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +97,7 @@ class Turns:
     def waypoints(
         self, path_m: Points, start_m: tuple[float, float] | None = None, *, avoid: Area | None = None
     ) -> Waypoints:
-        """Return the waypoints of a path; points closer than 1 cm to the one before are stays at that one.
+        """Return the waypoints of a path; points closer than 1 cm to the one before are loiters at that one.
 
         Parameters
         ----------
@@ -110,18 +110,18 @@ class Turns:
         """
         of_point = distinct(path_m)
         points = path_m[of_point]
-        stays = np.diff(of_point, append=len(path_m)) - 1
+        loiters = np.diff(of_point, append=len(path_m)) - 1
         if self.lead_m > 0.0 and len(points):
             places, led = self._led(points, start_m, avoid)
             kept = distinct(led)
             # It stays at the last of the waypoints that stand for a point.
             last = np.diff(places[kept], append=len(of_point)) > 0
-            points, of_point, stays = (
+            points, of_point, loiters = (
                 led[kept],
                 of_point[places[kept]],
-                np.where(last, stays[places[kept]], 0),
+                np.where(last, loiters[places[kept]], 0),
             )
-        return Waypoints(points, of_point, self.radius_m, stays)
+        return Waypoints(points, of_point, self.radius_m, loiters)
 
     def _led(
         self, points: Points, start_m: tuple[float, float] | None, avoid: Area | None

@@ -85,7 +85,7 @@ class ClientTransfer(ABC):
     source : tuple of int
         Our system and component id.
     profile : Profile
-        The autopilot's habits.
+        The autopilot's behaviour.
     timers : ClientTimers
         How long to wait.
     round_trip : RoundTrip, optional

@@ -101,7 +101,7 @@ class MissionServer(ServerInputs):
     system_id, component_id : int
         The vehicle's ids; messages for others are ignored.
     profile : Profile
-        Whose habits to follow: `PX4` (atomic, strict) or `ARDUPILOT` (in place, stateless download).
+        Whose behaviour to follow: `PX4` (atomic, strict) or `ARDUPILOT` (in place, stateless download).
     capacity : mapping of MissionType to int, optional
         The most items per plan; default 65535.
     validator : callable, optional

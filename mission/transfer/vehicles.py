@@ -35,7 +35,7 @@ class Vehicle:
 
     @property
     def profile(self) -> Profile:
-        """The autopilot's habits."""
+        """The autopilot's behaviour."""
         return profile_for(self.autopilot)
 
     def __str__(self) -> str:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from mission.planners.turns import Turns
 from sim_vehicle.autopilot.mav_parameter import MavParameter
-from sim_vehicle.autopilot.mission_habits import MissionHabits
+from sim_vehicle.autopilot.mission_behaviour import MissionBehaviour
 from sim_vehicle.errors import VehicleError
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from sim_vehicle.autopilot.cold_boot import ColdBoot
     from sim_vehicle.autopilot.failsafe_rules import FailsafeRules
     from sim_vehicle.autopilot.flight_procedures import FlightProcedures
-    from sim_vehicle.autopilot.persona import Persona
+    from sim_vehicle.autopilot.mavlink_profile import MavlinkProfile
     from sim_vehicle.autopilot.stick_rules import StickRules
 
 __all__ = ["Autopilot", "Firmware"]
@@ -31,7 +31,7 @@ class Firmware:
     ----------
     title : str
         Its name for readers.
-    persona : Persona
+    mavlink : MavlinkProfile
         How it shows itself on MAVLink.
     rules : FailsafeRules
         What it does when something goes wrong.
@@ -43,7 +43,7 @@ class Firmware:
         How it moves the vehicle: parameters of the motion, take-off, return, landing.
     takes_off : bool
         A mission that begins on the ground needs no take-off item.
-    habits : MissionHabits
+    behaviour : MissionBehaviour
         How it takes a mission that is changed while it flies.
     cold_boot : ColdBoot, optional
         How it comes up, where that is known.
@@ -59,13 +59,13 @@ class Firmware:
     """
 
     title: str
-    persona: Persona
+    mavlink: MavlinkProfile
     rules: FailsafeRules
     profile: Profile
     parameter_table: Callable[[VehicleSpec, int], Sequence[MavParameter]]
     procedures: FlightProcedures
     takes_off: bool = False
-    habits: MissionHabits = field(default_factory=MissionHabits)
+    behaviour: MissionBehaviour = field(default_factory=MissionBehaviour)
     cold_boot: ColdBoot | None = None
     turns: Turns = field(default_factory=Turns)
     sticks: StickRules | None = None

@@ -97,7 +97,7 @@ def name_of_number(mav_autopilot: int) -> str | None:
     """Name of the autopilot whose MAV_AUTOPILOT a heartbeat has; None when none of the installed has it."""
     for name in autopilot_names():
         firmwares = get_autopilot(name).firmwares.values()
-        if mav_autopilot in {firmware.persona.identity.mav_autopilot for firmware in firmwares}:
+        if mav_autopilot in {firmware.mavlink.identity.mav_autopilot for firmware in firmwares}:
             return name
     return None
 

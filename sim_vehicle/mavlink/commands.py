@@ -27,7 +27,7 @@ from sim_vehicle.pilot.arming import FORCE
 from sim_vehicle.pilot.notices import RefusedError
 
 if TYPE_CHECKING:
-    from sim_vehicle.autopilot.persona import Persona
+    from sim_vehicle.autopilot.mavlink_profile import MavlinkProfile
     from sim_vehicle.mavlink.orders import CommandedVehicle
 
 __all__ = ["HANDLERS", "CommandReceiver", "execute", "set_custom_mode"]
@@ -56,15 +56,15 @@ INT_ONLY = Answer(int(m.MAV_RESULT_COMMAND_INT_ONLY))
 def execute(vehicle: CommandedVehicle, order: Order) -> tuple[Answer, str]:
     """Do a command; returns the answer and what is told when it was refused."""
     handler = HANDLERS.get(order.command)
-    persona = vehicle.state.firmware.persona
-    if handler is None or order.command in persona.unsupported:
+    profile = vehicle.state.firmware.mavlink
+    if handler is None or order.command in profile.unsupported:
         return UNSUPPORTED, ""
-    if order.long and order.command in persona.int_only:
+    if order.long and order.command in profile.int_only:
         return INT_ONLY, ""
     try:
         return handler(vehicle, order), ""
     except RefusedError as refusal:
-        return (DENIED if refusal.denied else Answer(persona.refused_result)), refusal.told
+        return (DENIED if refusal.denied else Answer(profile.refused_result)), refusal.told
 
 
 class CommandReceiver:
@@ -77,7 +77,7 @@ class CommandReceiver:
     def receive(self, message: CommandMessage) -> list[Message]:
         """Take COMMAND_LONG or COMMAND_INT; the acknowledgement and what follows it."""
         order = order_of(message)
-        if order.command in self._vehicle.state.firmware.persona.silent:
+        if order.command in self._vehicle.state.firmware.mavlink.silent:
             return []
         last = self._last.get(order.source)
         if order.again and last is not None and last[0].is_same(order):
@@ -103,7 +103,7 @@ def set_custom_mode(vehicle: CommandedVehicle, number: int) -> None:
     RefusedError
         When it is unknown or not possible now.
     """
-    modes = vehicle.state.firmware.persona.modes
+    modes = vehicle.state.firmware.mavlink.modes
     mode = modes.mode_of(number)
     if mode is Mode.FLIP and vehicle.state.custom_mode not in modes.flips_from:
         told = modes.refusal(number)
@@ -132,13 +132,13 @@ def _told_as(vehicle: CommandedVehicle, number: int | None) -> Iterator[None]:
         if number is None:
             raise
         has_position = vehicle.pilot.controls.position_ok
-        told = vehicle.state.firmware.persona.modes.refusal(number, has_position=has_position)
+        told = vehicle.state.firmware.mavlink.modes.refusal(number, has_position=has_position)
         raise RefusedError(str(refusal), denied=refusal.denied, told=told) from None
 
 
-def _available_modes(persona: Persona, index: int) -> tuple[Message, ...]:
+def _available_modes(profile: MavlinkProfile, index: int) -> tuple[Message, ...]:
     """AVAILABLE_MODES for one mode (from 1) or, with 0, for all."""
-    modes = list(persona.modes.numbers.items())
+    modes = list(profile.modes.numbers.items())
     chosen = range(1, len(modes) + 1) if index == 0 else [index] if 1 <= index <= len(modes) else []
     return tuple(
         m.MAVLink_available_modes_message(
@@ -151,7 +151,7 @@ def _available_modes(persona: Persona, index: int) -> tuple[Message, ...]:
 def _arm(vehicle: CommandedVehicle, order: Order) -> Answer:
     arm, force = order.params[0], order.number(2) == FORCE
     if arm not in (0.0, 1.0):
-        vehicle.say_refusal(vehicle.state.firmware.persona.refusals.arming.format(arm))
+        vehicle.say_refusal(vehicle.state.firmware.mavlink.refusals.arming.format(arm))
         return UNSUPPORTED
     if arm:
         vehicle.pilot.arm(force=force)
@@ -164,7 +164,7 @@ def _set_mode(vehicle: CommandedVehicle, order: Order) -> Answer:
     if not order.number(1) & m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
         msg = "Mode refused: only custom modes are known"
         raise RefusedError(msg, denied=True)
-    modes = vehicle.state.firmware.persona.modes
+    modes = vehicle.state.firmware.mavlink.modes
     set_custom_mode(vehicle, modes.custom_mode_of(order.number(2), order.number(3)))
     return ACCEPTED
 
@@ -173,20 +173,20 @@ def _set_standard_mode(vehicle: CommandedVehicle, order: Order) -> Answer:
     mode = _STANDARD_MODES.get(order.number(1))
     if mode is None:
         return UNSUPPORTED
-    _enter(vehicle, mode, vehicle.state.firmware.persona.modes[mode])
+    _enter(vehicle, mode, vehicle.state.firmware.mavlink.modes[mode])
     return ACCEPTED
 
 
 def _takeoff(vehicle: CommandedVehicle, order: Order) -> Answer:
     pilot = vehicle.pilot
     altitude = order.params[6]
-    if vehicle.state.firmware.persona.takeoff_needs_arming and not pilot.armed:
+    if vehicle.state.firmware.mavlink.takeoff_needs_arming and not pilot.armed:
         return FAILED
-    if vehicle.state.firmware.persona.takeoff_above_sea and order.frame not in RELATIVE_FRAMES:
+    if vehicle.state.firmware.mavlink.takeoff_above_sea and order.frame not in RELATIVE_FRAMES:
         altitude -= vehicle.state.home.altitude_m
     if not altitude > 0.0:
         altitude = pilot.spec.takeoff_altitude_m
-    modes = vehicle.state.firmware.persona.modes
+    modes = vehicle.state.firmware.mavlink.modes
     number = modes[Mode.TAKEOFF]
     with _told_as(vehicle, None if number == modes[Mode.GUIDED] else number):
         pilot.takeoff(altitude)
@@ -195,7 +195,7 @@ def _takeoff(vehicle: CommandedVehicle, order: Order) -> Answer:
 
 def _mode(mode: Mode) -> Handler:
     def handler(vehicle: CommandedVehicle, _order: Order) -> Answer:
-        number = vehicle.state.firmware.persona.modes[mode]
+        number = vehicle.state.firmware.mavlink.modes[mode]
         _enter(vehicle, mode, number)
         vehicle.state.name_mode(number)
         return ACCEPTED
@@ -215,11 +215,11 @@ def _reposition(vehicle: CommandedVehicle, order: Order) -> Answer:
         altitude = pilot.state.position_m[2]
     # The heading is in radians here, other than in mission items.
     speed, yaw_rad = order.params[0], order.params[3]
-    turns = math.isfinite(yaw_rad) and vehicle.state.firmware.persona.reposition_turns
+    turns = math.isfinite(yaw_rad) and vehicle.state.firmware.mavlink.reposition_turns
     pilot.goto(
         *position,
         altitude,
-        mode=vehicle.state.firmware.persona.modes.after_command,
+        mode=vehicle.state.firmware.mavlink.modes.after_command,
         heading=Heading.fixed(yaw_rad) if turns else ALONG,
         speed_m_s=speed if speed > 0.0 and math.isfinite(speed) else None,
     )
@@ -228,7 +228,7 @@ def _reposition(vehicle: CommandedVehicle, order: Order) -> Answer:
 
 def _mission_start(vehicle: CommandedVehicle, order: Order) -> Answer:
     first = order.number(1)
-    with _told_as(vehicle, vehicle.state.firmware.persona.modes[Mode.MISSION]):
+    with _told_as(vehicle, vehicle.state.firmware.mavlink.modes[Mode.MISSION]):
         reason = vehicle.pilot.mission.why_not
         if reason is not None:
             msg = f"Mission start refused: {reason}"
@@ -277,7 +277,7 @@ def _region(vehicle: CommandedVehicle, order: Order) -> Answer:
 
 
 def _gimbal(vehicle: CommandedVehicle, order: Order) -> Answer:
-    if vehicle.state.firmware.persona.gimbal is None:
+    if vehicle.state.firmware.mavlink.gimbal is None:
         return UNSUPPORTED
     return order_gimbal(vehicle.state, order)
 
@@ -289,7 +289,7 @@ def _get_home(vehicle: CommandedVehicle, _order: Order) -> Answer:
 def _set_interval(vehicle: CommandedVehicle, order: Order) -> Answer:
     message_id, interval = order.number(1, -1), order.params[1]
     if message_id not in BUILDERS:
-        vehicle.say_refusal(vehicle.state.firmware.persona.refusals.interval.format(message_id))
+        vehicle.say_refusal(vehicle.state.firmware.mavlink.refusals.interval.format(message_id))
         return DENIED
     if math.isnan(interval) or abs(interval) > 1e10:
         return DENIED
@@ -319,7 +319,7 @@ def _request_message(vehicle: CommandedVehicle, order: Order) -> Answer:
     if message_id == m.MAVLINK_MSG_ID_MESSAGE_INTERVAL:
         return _interval_of(vehicle, order.number(2, -1))
     if message_id == m.MAVLINK_MSG_ID_AVAILABLE_MODES:
-        messages = _available_modes(vehicle.state.firmware.persona, order.number(2))
+        messages = _available_modes(vehicle.state.firmware.mavlink, order.number(2))
         return Answer(messages=messages) if messages else DENIED
     if message_id == m.MAVLINK_MSG_ID_COMPONENT_METADATA:
         messages = vehicle.metadata()
@@ -331,7 +331,7 @@ def _request_message(vehicle: CommandedVehicle, order: Order) -> Answer:
     if messages or known:
         return Answer(messages=messages)
     # PX4's MavlinkReceiver::handle_request_message_command, ArduPilot's handle_command_request_message.
-    return Answer(vehicle.state.firmware.persona.unknown_message_result)
+    return Answer(vehicle.state.firmware.mavlink.unknown_message_result)
 
 
 def _capabilities(vehicle: CommandedVehicle, _order: Order) -> Answer:
@@ -351,7 +351,7 @@ def _camera(vehicle: CommandedVehicle, order: Order) -> Answer:
 
 def _reboot(vehicle: CommandedVehicle, order: Order) -> Answer:
     if vehicle.pilot.armed:
-        return Answer(vehicle.state.firmware.persona.armed_reboot_result)
+        return Answer(vehicle.state.firmware.mavlink.armed_reboot_result)
     if order.number(1) == 1:
         vehicle.reboot()
     return ACCEPTED
@@ -360,7 +360,7 @@ def _reboot(vehicle: CommandedVehicle, order: Order) -> Answer:
 def _calibrate(vehicle: CommandedVehicle, order: Order) -> Answer:
     if vehicle.pilot.armed:
         msg = "Calibration refused: armed"
-        raise RefusedError(msg, told=vehicle.state.firmware.persona.calibration_text)
+        raise RefusedError(msg, told=vehicle.state.firmware.mavlink.calibration_text)
     if order.number(1) == 1:
         vehicle.calibrate_gyro()
     return ACCEPTED

@@ -73,9 +73,9 @@ def orbit(vehicle: CommandedVehicle, order: Order) -> None:
         _altitude(vehicle, order, order.params[6]),
         radius_m=radius if math.isfinite(radius) and radius else 10.0,
         speed_m_s=speed if math.isfinite(speed) and speed > 0.0 else pilot.spec.cruise_speed_m_s,
-        mode=vehicle.state.firmware.persona.modes.after_command,
+        mode=vehicle.state.firmware.mavlink.modes.after_command,
     )
-    if (number := vehicle.state.firmware.persona.modes.orbit) is not None:
+    if (number := vehicle.state.firmware.mavlink.modes.orbit) is not None:
         vehicle.state.name_mode(number)
 
 
@@ -92,7 +92,7 @@ def change_altitude(vehicle: CommandedVehicle, order: Order) -> None:
     pilot.goto(
         *pilot.frame.to_wgs84(x, y),
         altitude,
-        mode=vehicle.state.firmware.persona.modes.after_command,
+        mode=vehicle.state.firmware.mavlink.modes.after_command,
         heading=KEEP,
     )
 
@@ -102,7 +102,7 @@ def land_start(vehicle: CommandedVehicle, _order: Order) -> None:
     seq = vehicle.pilot.executor.sequencer.landing_start()
     if seq is None:
         msg = "Land start refused: the mission has none"
-        raise RefusedError(msg, told=vehicle.state.firmware.persona.refusals.landing)
+        raise RefusedError(msg, told=vehicle.state.firmware.mavlink.refusals.landing)
     vehicle.pilot.set_current(seq)
     vehicle.pilot.set_mode(Mode.MISSION)
 

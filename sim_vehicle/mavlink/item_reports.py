@@ -14,7 +14,7 @@ from sim_vehicle.execution.state import FlightEvent, ItemReached
 
 if TYPE_CHECKING:
     from mission.model import MissionItem
-    from sim_vehicle.autopilot.persona import Persona
+    from sim_vehicle.autopilot.mavlink_profile import MavlinkProfile
 
 __all__ = ["ItemReports"]
 
@@ -26,13 +26,13 @@ class ItemReports:
 
     Parameters
     ----------
-    persona : Persona
+    profile : MavlinkProfile
         Whether items that end together are merged, and how often a report is repeated.
     """
 
-    def __init__(self, persona: Persona) -> None:
-        self._merges = persona.reached_merged
-        self._repeats = persona.reached_repeats
+    def __init__(self, profile: MavlinkProfile) -> None:
+        self._merges = profile.reached_merged
+        self._repeats = profile.reached_repeats
         self._returning = -1
         self._latest: tuple[int, int, float] | None = None
 

@@ -170,13 +170,13 @@ class PlanReceiver:
     def _tell(self, change: MissionChange) -> None:
         """Say what a change means to the flight, as far as the autopilot does."""
         pilot = self._pilot
-        habits = pilot.habits
+        behaviour = pilot.behaviour
         if change is MissionChange.TURNED:
             seq = self._state.wire_seq(pilot.mission.current_seq)
-            for text in habits.changed_texts:
+            for text in behaviour.changed_texts:
                 pilot.note(Severity.INFO, text.format(seq))
-        elif change is MissionChange.LOST and habits.restart_failed_text:
-            pilot.note(Severity.CRITICAL, habits.restart_failed_text)
+        elif change is MissionChange.LOST and behaviour.restart_failed_text:
+            pilot.note(Severity.CRITICAL, behaviour.restart_failed_text)
 
     def _take(self, output: Output, now_s: float) -> list[Message]:
         sent = list(output.messages)
@@ -214,10 +214,10 @@ class PlanReceiver:
         (self._pilot.set_fence if is_fence else self._pilot.set_rally)(sound)
 
     def _replace_mission(self, event: PlanReplaced, now_s: float) -> None:
-        pilot, habits = self._pilot, self._pilot.habits
-        marked = event.start_sequence if habits.obeys_mark else None
+        pilot, behaviour = self._pilot, self._pilot.behaviour
+        marked = event.start_sequence if behaviour.obeys_mark else None
         flies = self._flies
-        if not event.changed and not (flies and habits.restarts_leg):
+        if not event.changed and not (flies and behaviour.restarts_leg):
             if flies and marked is not None and marked != pilot.mission.current_seq:
                 pilot.set_current(marked)
             return
@@ -232,7 +232,7 @@ class PlanReceiver:
         self._reports.restart()
         self._tell(pilot.load(event.items, marked=marked))
         if flies:
-            self._state.forget_item(now_s + habits.unknown_current_s)
+            self._state.forget_item(now_s + behaviour.unknown_current_s)
 
 
 def _check_item(item: MissionItem) -> int:

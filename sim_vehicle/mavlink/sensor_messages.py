@@ -58,7 +58,7 @@ def gps_raw_int(source: WireState) -> Message:
             vertical_mm = round(1000.0 * noise.vertical_accuracy_m)
     return m.MAVLink_gps_raw_int_message(
         source.unix_us,
-        source.firmware.persona.gps_fix,
+        source.firmware.mavlink.gps_fix,
         position[0],
         position[1],
         position[2],

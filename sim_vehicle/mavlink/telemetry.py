@@ -50,9 +50,9 @@ _UNKNOWN_COVARIANCE = [_NAN] * 21
 
 
 def _heartbeat(source: WireState) -> Message:
-    pilot, persona = source.pilot, source.firmware.persona
+    pilot, profile = source.pilot, source.firmware.mavlink
     # Without the custom mode bit peers do not read the custom mode.
-    base_mode = m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | persona.modes.base.of(pilot.mode)
+    base_mode = m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | profile.modes.base.of(pilot.mode)
     if pilot.armed:
         base_mode |= m.MAV_MODE_FLAG_SAFETY_ARMED
     if pilot.failsafe.active:
@@ -60,8 +60,8 @@ def _heartbeat(source: WireState) -> Message:
     else:
         status = m.MAV_STATE_ACTIVE if pilot.armed else m.MAV_STATE_STANDBY
     return m.MAVLink_heartbeat_message(
-        persona.identity.mav_type,
-        persona.identity.mav_autopilot,
+        profile.identity.mav_type,
+        profile.identity.mav_autopilot,
         int(base_mode),
         source.custom_mode,
         status,
@@ -210,7 +210,7 @@ def _battery_status(source: WireState) -> Message:
 def _remaining_s(source: WireState) -> int:
     """Return how long the battery lasts in flight; 0 (unknown) on the ground and from an ArduPilot."""
     battery, pilot = source.pilot.state.battery, source.pilot
-    told = source.firmware.persona.tells_remaining_time and pilot.landed is not LandedState.ON_GROUND
+    told = source.firmware.mavlink.tells_remaining_time and pilot.landed is not LandedState.ON_GROUND
     if battery is None or not told or not math.isfinite(battery.remaining_s):
         return 0
     return min(round(battery.remaining_s), 2**31 - 1)
@@ -233,18 +233,18 @@ def _mission_current(source: WireState) -> Message:
     in_mode = pilot.mode is Mode.MISSION
     seq = source.wire_seq(pilot.mission.current_seq) if size else 0
     state = pilot.mission_state
-    hovers = pilot.habits.stays_after_last and pilot.landed is not LandedState.ON_GROUND
+    hovers = pilot.behaviour.stays_after_last and pilot.landed is not LandedState.ON_GROUND
     if state is MissionState.COMPLETE and not (hovers or pilot.mission.returns):
         seq = 0
     if not source.item_known:
         seq = UNUSED
     mode = 1 if in_mode else 2
-    if pilot.habits.stopped_state and (not in_mode or pilot.mission.waits):
+    if pilot.behaviour.stopped_state and (not in_mode or pilot.mission.waits):
         mode = int(in_mode)
         if state is MissionState.PAUSED:
             state = MissionState.NOT_STARTED
     return m.MAVLink_mission_current_message(
-        seq, size or source.firmware.persona.no_mission_total, int(state), mode, *source.plan_ids
+        seq, size or source.firmware.mavlink.no_mission_total, int(state), mode, *source.plan_ids
     )
 
 
@@ -262,7 +262,7 @@ def _wind(source: WireState) -> Message:
 
 
 def _autopilot_version(source: WireState) -> Message:
-    identity = source.firmware.persona.identity
+    identity = source.firmware.mavlink.identity
     nothing = [0] * 8
     return m.MAVLink_autopilot_version_message(
         identity.capabilities,

@@ -140,7 +140,7 @@ class SimVehicle:
         self.autopilot = get_autopilot() if autopilot is None else autopilot
         spec = adapt_vehicle(spec, self.autopilot)
         firmware = self.autopilot.for_vehicle(spec.kind)
-        persona = firmware.persona
+        profile = firmware.mavlink
         self._boots = firmware.cold_boot if cold else None
         if cold and self._boots is None:
             msg = f"how {self.autopilot.title} boots on a {spec.kind} is not known: leave the cold boot out"
@@ -152,11 +152,11 @@ class SimVehicle:
             LocalFrame(home.latitude_deg, home.longitude_deg, home.altitude_m),
             wind=wind,
             yaw_rad=math.radians(yaw_deg % 360.0),
-            mode=persona.modes.boot,
+            mode=profile.modes.boot,
             takes_off=firmware.takes_off,
-            after_takeoff=persona.modes.after_takeoff,
+            after_takeoff=profile.modes.after_takeoff,
             rules=firmware.rules,
-            habits=firmware.habits,
+            behaviour=firmware.behaviour,
             epoch_unix_s=epoch_unix_s,
             estimate_errors=None if noise is None else noise.of_estimate,
             sticks=firmware.sticks,
@@ -177,7 +177,7 @@ class SimVehicle:
         self._shown: tuple[object, ...] = ()
         self._current_due_s = NEVER
         self._texts = StatusTexts()
-        self._reports = ItemReports(persona)
+        self._reports = ItemReports(profile)
         self._calibration = GyroCalibration()
         self._sticks = StickReader(firmware.sticks, system_id, pilot.parameters)
         for card in firmware.profile.cards.values() if sd_card else ():
@@ -189,14 +189,14 @@ class SimVehicle:
         self._parameters = ParameterSet(
             firmware.parameters(spec, system_id),
             pilot.parameters,
-            persona.parameter_encoding,
+            profile.parameter_encoding,
             pilot.apply_parameters,
             self.say_warning,
             self._plans.totals(),
         )
         self._logs = FlightLogs(epoch_unix_s)
-        self._log_transfer = LogTransfer(self._logs, persona.logs, self.say_warning)
-        self._ftp = FtpServer(vehicle_files(persona, self._parameters, self._logs, self._plans))
+        self._log_transfer = LogTransfer(self._logs, profile.logs, self.say_warning)
+        self._ftp = FtpServer(vehicle_files(profile, self._parameters, self._logs, self._plans))
         self._handlers: dict[int, Callable[[Any], None]] = {
             **dict.fromkeys(_COMMAND_IDS, self._on_command),
             **dict.fromkeys(_PARAMETER_IDS, self._on_parameter),
@@ -221,7 +221,7 @@ class SimVehicle:
             ),
             **dict.fromkeys(setpoint_messages.MESSAGES, self._on_setpoint),
         }
-        if pilot.habits.tells_shots:
+        if pilot.behaviour.tells_shots:
             self._handlers[m.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED] = self._on_image
         self.wanted: frozenset[int] | None = frozenset(self._handlers)
 
@@ -411,9 +411,9 @@ class SimVehicle:
             self.state.gimbal.to_default()
         if not camera.shooting:
             return
-        if not pilot.armed or (pilot.habits.pauses_shots and pilot.mode in (Mode.RTL, Mode.LAND)):
+        if not pilot.armed or (pilot.behaviour.pauses_shots and pilot.mode in (Mode.RTL, Mode.LAND)):
             self._outbox += camera.stop(now_s)
-        elif pilot.habits.pauses_shots and was_in_mission and not self._was_in_mission:
+        elif pilot.behaviour.pauses_shots and was_in_mission and not self._was_in_mission:
             self._outbox += camera.pause(now_s)
 
     def _on_image(self, message: m.MAVLink_camera_image_captured_message) -> None:
@@ -448,14 +448,14 @@ class SimVehicle:
             m.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
             m.MAVLINK_MSG_ID_MISSION_CURRENT,
         )
-        guarded = not pilot.habits.clears_in_flight
+        guarded = not pilot.behaviour.clears_in_flight
         self._plans.server.locked = guarded and pilot.armed and pilot.mode is Mode.MISSION
         steps_on = self._progress[1:] == shown[2][1:]
         self._progress = shown[2]
-        lag_s = self.firmware.persona.current_lag_s
+        lag_s = self.firmware.mavlink.current_lag_s
         if pilot.mission.returns and pilot.mode is Mode.MISSION:
             # The mode of returns is told before the item that leads to it.
-            steps_on, lag_s = True, (pilot.habits.return_lag_s or 0.0) + _ITEM_AFTER_MODE_S
+            steps_on, lag_s = True, (pilot.behaviour.return_lag_s or 0.0) + _ITEM_AFTER_MODE_S
         for message_id, old, new in zip(kinds, before, shown, strict=True):
             if old == new:
                 continue
@@ -495,7 +495,7 @@ class SimVehicle:
 
     def metadata(self) -> tuple[Message, ...]:
         """COMPONENT_METADATA; nothing where the autopilot has none."""
-        details = self.firmware.persona.component_metadata
+        details = self.firmware.mavlink.component_metadata
         if details is None:
             return ()
         crc = checksum(general_metadata(self._parameters, details))
@@ -503,7 +503,7 @@ class SimVehicle:
 
     def calibrate_gyro(self) -> None:
         """Calibrate the gyroscopes, and tell how it goes where the autopilot does."""
-        if self.firmware.persona.tells_calibration:
+        if self.firmware.mavlink.tells_calibration:
             self._calibration.begin(self.state.now_us / 1e6)
 
     def reboot(self) -> None:
@@ -515,15 +515,15 @@ class SimVehicle:
         self.state.reboot()
         self._plans.reboot(self.state.now_us / 1e6)
         if not self.pilot.armed:
-            self.pilot.modes.override(self.firmware.persona.modes.boot)
+            self.pilot.modes.override(self.firmware.mavlink.modes.boot)
         self.schedule = self._default_schedule()
 
     def _default_schedule(self) -> Schedule:
         """Rates of the firmware, at most one message per motion step; the true state where it differs."""
         most_hz = 1.0 / self.pilot.spec.step_s
-        rates_hz = {kind: min(rate, most_hz) for kind, rate in self.firmware.persona.rates_hz.items()}
+        rates_hz = {kind: min(rate, most_hz) for kind, rate in self.firmware.mavlink.rates_hz.items()}
         if self.errors is not None:
-            rates_hz[self.firmware.persona.truth_message] = min(_TRUTH_HZ, most_hz)
+            rates_hz[self.firmware.mavlink.truth_message] = min(_TRUTH_HZ, most_hz)
         return Schedule(rates_hz)
 
     def command_camera(self, command: int, params: tuple[float, ...]) -> None:
@@ -548,7 +548,7 @@ class SimVehicle:
         self._outbox += self._parameters.handle(message, self.state.now_us / 1e6)
         if is_a(message, m.MAVLink_param_set_message) and message.param_id.startswith("MNT"):
             self.state.gimbal.wake()
-        if (banner := self.firmware.persona.identity.banner) and is_a(
+        if (banner := self.firmware.mavlink.identity.banner) and is_a(
             message, m.MAVLink_param_request_list_message
         ):
             self.pilot.note(Severity.INFO, banner)
@@ -568,8 +568,8 @@ class SimVehicle:
         self._outbox += self.built(m.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN)
 
     def _on_mission(self, message: Message) -> None:
-        persona = self.firmware.persona
-        if persona.guided_items and wire.is_item(message) and message.current == _GUIDED_ITEM:
+        profile = self.firmware.mavlink
+        if profile.guided_items and wire.is_item(message) and message.current == _GUIDED_ITEM:
             self._outbox.append(self._fly_to_item(message))
             return
         self._outbox += self._plans.receive(message, self.state.now_us / 1e6)
@@ -606,7 +606,7 @@ class SimVehicle:
         try:
             self.pilot.set_current(self.state.own_seq(message.seq))
         except RefusedError:
-            self.say_refusal(self.firmware.persona.refusals.current_item)
+            self.say_refusal(self.firmware.mavlink.refusals.current_item)
             return
         self._outbox += self.built(m.MAVLINK_MSG_ID_MISSION_CURRENT)
 
@@ -614,7 +614,7 @@ class SimVehicle:
         self, message: setpoint_messages.PositionTarget | m.MAVLink_set_attitude_target_message
     ) -> None:
         setpoints = self.pilot.setpoints
-        if is_a(message, m.MAVLink_set_attitude_target_message) and self.firmware.persona.flies_attitudes:
+        if is_a(message, m.MAVLink_set_attitude_target_message) and self.firmware.mavlink.flies_attitudes:
             thrust = bool(int(_GUIDED_OPTIONS.of(self.pilot.parameters)) & _THRUST_AS_THRUST)
             with suppress(RefusedError):
                 self.pilot.take_attitude(
@@ -663,7 +663,7 @@ class SimVehicle:
             self.say_warning("Signing setup refused: not over this link")
 
     def _on_data_stream(self, message: m.MAVLink_request_data_stream_message) -> None:
-        if not self.firmware.persona.data_streams:
+        if not self.firmware.mavlink.data_streams:
             return
         rate = message.req_message_rate if message.start_stop else 0
         interval_us = round(1e6 / rate) if rate else -1

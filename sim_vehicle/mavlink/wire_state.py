@@ -70,7 +70,7 @@ class WireState:
         self.pilot = pilot
         self.firmware = firmware
         self.home = home
-        self.gimbal = Gimbal(pilot.parameters, firmware.persona.gimbal)
+        self.gimbal = Gimbal(pilot.parameters, firmware.mavlink.gimbal)
         self.system_id = system_id
         self.errors = NavigationErrors(noise) if noise is not None and not noise.is_off else None
         self.sensed = Sensed.exact((0.0, 0.0, 0.0))
@@ -103,7 +103,7 @@ class WireState:
         mode = self.pilot.mode
         if self._asked is not None and self._asked[0] is not mode:
             self._asked = None
-        modes = self.firmware.persona.modes
+        modes = self.firmware.mavlink.modes
         if mode is Mode.HOLD and self.pilot.modes.by_itself and modes.own_hold is not None:
             return modes.own_hold
         return modes[mode] if self._asked is None else self._asked[1]

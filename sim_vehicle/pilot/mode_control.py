@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from sim_vehicle.autopilot.mission_habits import MissionHabits
+from sim_vehicle.autopilot.mission_behaviour import MissionBehaviour
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.execution.state import FlightPhase, LandedState
 from sim_vehicle.pilot.notices import RefusedError
@@ -32,7 +32,7 @@ class ModeControl:
         Begun in the mission mode.
     setpoints : SetpointFollower
         Flown in the guided mode.
-    habits : MissionHabits
+    behaviour : MissionBehaviour
         At which speed a mode begins.
     mode : Mode
         At the start.
@@ -54,7 +54,7 @@ class ModeControl:
         controls: Controls,
         mission: MissionStatus,
         setpoints: SetpointFollower,
-        habits: MissionHabits,
+        behaviour: MissionBehaviour,
         *,
         mode: Mode,
         after_takeoff: Mode,
@@ -66,7 +66,7 @@ class ModeControl:
         self._controls = controls
         self._mission = mission
         self._setpoints = setpoints
-        self._habits = habits
+        self._behaviour = behaviour
         self._left: tuple[tuple[MissionItem, ...], int] | None = None
         self._after_takeoff = after_takeoff
 
@@ -99,11 +99,11 @@ class ModeControl:
         self.by_itself = False
         if mode is not self.mode and self._controls.landed is not LandedState.ON_GROUND:
             sequencer = self._controls.executor.sequencer
-            if mode in self._habits.forgets_speed_in:
+            if mode in self._behaviour.forgets_speed_in:
                 sequencer.reset_speed()
-            elif mode is Mode.MISSION and self._habits.replays_speed:
+            elif mode is Mode.MISSION and self._behaviour.replays_speed:
                 sequencer.replay_speed()
-            if mode is Mode.MISSION and self._habits.rewinds_survey and self._left == self._present_item:
+            if mode is Mode.MISSION and self._behaviour.rewinds_survey and self._left == self._present_item:
                 sequencer.rewind_survey()
             if self.mode is Mode.MISSION:
                 self._left = self._present_item

@@ -13,7 +13,7 @@ from mission.outcome import Outcome
 from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.autopilot.failsafe_rules import Action, FailsafeRules
 from sim_vehicle.autopilot.mav_parameter import Setting
-from sim_vehicle.autopilot.mission_habits import MissionHabits
+from sim_vehicle.autopilot.mission_behaviour import MissionBehaviour
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.runtime_parameters import RuntimeParameters
 from sim_vehicle.epoch import EPOCH_UNIX_S
@@ -85,7 +85,7 @@ class Pilot:
         The mode that follows an ordered take-off.
     rules : FailsafeRules
         What the autopilot does when something goes wrong.
-    habits : MissionHabits, optional
+    behaviour : MissionBehaviour, optional
         How it takes a mission that is changed while it flies.
     epoch_unix_s : float
         Time of day at time 0.
@@ -123,7 +123,7 @@ class Pilot:
         takes_off: bool = False,
         after_takeoff: Mode = Mode.HOLD,
         rules: FailsafeRules,
-        habits: MissionHabits | None = None,
+        behaviour: MissionBehaviour | None = None,
         epoch_unix_s: float = EPOCH_UNIX_S,
         estimate_errors: EstimateErrors | None = None,
         sticks: StickRules | None = None,
@@ -143,7 +143,7 @@ class Pilot:
         )
         self._notices = NoticeLog()
         self._rules = rules
-        self.habits = habits = MissionHabits() if habits is None else habits
+        self.behaviour = behaviour = MissionBehaviour() if behaviour is None else behaviour
         self.controls = Controls(self.executor)
         self.failsafe = Failsafe(
             self.controls, parameters, rules, self._notices, in_mission=lambda: self.mode is Mode.MISSION
@@ -152,14 +152,14 @@ class Pilot:
             self.controls,
             parameters,
             self.failsafe,
-            lambda: habits.refuses_to_arm(self.mission.items, parameters),
+            lambda: behaviour.refuses_to_arm(self.mission.items, parameters),
         )
         self.mission = MissionStatus(
-            self.controls, self.failsafe, lambda items: habits.refuses(items, parameters)
+            self.controls, self.failsafe, lambda items: behaviour.refuses(items, parameters)
         )
         self.setpoints = SetpointFollower(self.controls, parameters, self.failsafe, self._notices)
         self.modes = ModeControl(
-            self.controls, self.mission, self.setpoints, habits, mode=mode, after_takeoff=after_takeoff
+            self.controls, self.mission, self.setpoints, behaviour, mode=mode, after_takeoff=after_takeoff
         )
 
         self.auto_yaw = AutoYaw(self.controls, lambda: self.mode)
@@ -246,18 +246,18 @@ class Pilot:
         MissionChange
             What that means to a vehicle that flies the mission.
         """
-        mission, habits = self.mission, self.habits
+        mission, behaviour = self.mission, self.behaviour
         # One that falls takes the list, as autopilots do that do not know, and flies nothing any more.
         flying = self.mode is Mode.MISSION and self.armed and not self.state.phase.is_lost
         airborne = self.armed and self.landed is not LandedState.ON_GROUND
         seq = marked or 0
         if marked is None and airborne:
             seq = mission.current_seq
-            if seq >= len(items) and (habits.clamps_item or not flying):
-                seq = max(len(items) - 1, 0) if habits.clamps_item else 0
+            if seq >= len(items) and (behaviour.clamps_item or not flying):
+                seq = max(len(items) - 1, 0) if behaviour.clamps_item else 0
         if whole:
             mission.judge(items, in_air=airborne)
-        ended = habits.stays_after_last and mission.complete and flying and airborne
+        ended = behaviour.stays_after_last and mission.complete and flying and airborne
         change = MissionChange.STORED
         if flying and items and not mission.problems and not ended:
             change = self._change(items, seq)
@@ -272,15 +272,17 @@ class Pilot:
             self._judged(items)
         if flying and (not items or mission.problems):
             self._turn_to(Mode.HOLD)
-            if not items and habits.no_mission_text:
-                self.note(Severity.CRITICAL, habits.no_mission_text)
+            if not items and behaviour.no_mission_text:
+                self.note(Severity.CRITICAL, behaviour.no_mission_text)
         return change
 
     def _change(self, items: Sequence[MissionItem], seq: int) -> MissionChange:
         """Go on with another mission in flight."""
-        habits, executor = self.habits, self.executor
+        behaviour, executor = self.behaviour, self.executor
         is_beyond = seq >= len(items)
-        turned = executor.change(items, seq, at_waypoints=habits.restarts_leg, keeps_jumps=habits.keeps_jumps)
+        turned = executor.change(
+            items, seq, at_waypoints=behaviour.restarts_leg, keeps_jumps=behaviour.keeps_jumps
+        )
         self.mission.started = True
         self.controls.refresh()
         if turned:
@@ -376,7 +378,7 @@ class Pilot:
             return
         problem = self.mission.why_not
         if problem is not None and not self.mission.items:
-            problem = self.habits.empty_mission_text or problem
+            problem = self.behaviour.empty_mission_text or problem
         reason = None if force else self.arming.why_not(self.mode, problem) or self._mode_problem()
         if reason is None:
             try:
@@ -433,12 +435,12 @@ class Pilot:
         RefusedError
             When the mode is not possible now.
         """
-        text = self.habits.empty_mission_text
+        text = self.behaviour.empty_mission_text
         if text and mode is Mode.MISSION and not self.mission.items and not self.armed:
             self.note(Severity.CRITICAL, f"{self._rules.preflight}: {text}")
         else:
             self._check_mode(mode)
-        if self.habits.stays_after_last and mode is self.mode is Mode.MISSION and self.mission.waits:
+        if self.behaviour.stays_after_last and mode is self.mode is Mode.MISSION and self.mission.waits:
             return
         self._change_mode(mode)
 
@@ -512,7 +514,7 @@ class Pilot:
             self.modes.override(mode)
         else:
             self._hold_in(mode)
-        if speed_m_s is None and self.habits.replays_speed:
+        if speed_m_s is None and self.behaviour.replays_speed:
             # The speed of the mission comes back with it.
             speed_m_s = self.spec.cruise_speed_m_s
         self.controls.order(
@@ -715,8 +717,8 @@ class Pilot:
         events = self.controls.advance(now_s)
         for event in events:
             self._on_event(event)
-        if self.habits.return_lag_s is not None:
-            self._end_in_return(self.habits.return_lag_s)
+        if self.behaviour.return_lag_s is not None:
+            self._end_in_return(self.behaviour.return_lag_s)
         if self.armed:
             for reaction in self.failsafe.check():
                 self._carry_out(reaction)
@@ -749,8 +751,8 @@ class Pilot:
             if not sequencer.returns:
                 return
             mission.returns, self._returns_s = True, now_s + lag_s
-            self.note(Severity.INFO, self.habits.finished_texts[0])
-            self.note(Severity.INFO, self.habits.return_text)
+            self.note(Severity.INFO, self.behaviour.finished_texts[0])
+            self.note(Severity.INFO, self.behaviour.return_text)
         elif now_s >= self._returns_s:
             self._returns_s, intended = math.inf, self.modes.intended
             sequencer.leave_to_return()
@@ -783,8 +785,8 @@ class Pilot:
         elif isinstance(event, MissionComplete):
             self.mission.complete = True
             if not self.mission.returns:
-                self.note(Severity.INFO, self.habits.finished_texts[self.landed is LandedState.ON_GROUND])
-            if self.armed and self.landed is LandedState.IN_AIR and not self.habits.stays_after_last:
+                self.note(Severity.INFO, self.behaviour.finished_texts[self.landed is LandedState.ON_GROUND])
+            if self.armed and self.landed is LandedState.IN_AIR and not self.behaviour.stays_after_last:
                 self._turn_to(Mode.HOLD)
                 self.modes.intended = Mode.HOLD
         elif isinstance(event, CannotFly):

@@ -47,7 +47,7 @@ def test_it_is_recognised(autopilot, ready, tools):
     expected = Autopilot.ARDUPILOT if flying.is_ardupilot else Autopilot.PX4
     assert (system.autopilot_type(), system.vehicle_type()) == (expected, Vehicle.MULTICOPTER)
     version = Info(system).get_version()
-    major, minor, patch = flying.vehicle.firmware.persona.identity.version
+    major, minor, patch = flying.vehicle.firmware.mavlink.identity.version
     assert (version.flight_sw_major, version.flight_sw_minor, version.flight_sw_patch) == (
         major,
         minor,

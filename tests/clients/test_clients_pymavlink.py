@@ -231,7 +231,7 @@ def test_requests_streams_and_refusals(autopilot, master):
     flying, connection = master(autopilot)
     assert ordered(connection, 512, 148) == 0
     version = receive(connection, "AUTOPILOT_VERSION")
-    major, minor, patch = flying.vehicle.firmware.persona.identity.version
+    major, minor, patch = flying.vehicle.firmware.mavlink.identity.version
     assert version.flight_sw_version >> 8 == major << 16 | minor << 8 | patch
     assert ordered(connection, 511, 30, 20_000) == 0
     before = receive(connection, "ATTITUDE").time_boot_ms

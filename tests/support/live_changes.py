@@ -6,8 +6,8 @@ import numpy as np
 
 from geo.farms import get_farm
 from geo.frame import LocalFrame
+from mission.ground.arming_gate import ArmingGate
 from mission.ground.change import revised_mission
-from mission.ground.clearance import Clearance
 from mission.ground.station import GroundStation
 from mission.model import GeoPoint, Mission, MissionItem
 from mission.outcome import Phase
@@ -128,9 +128,9 @@ class LiveChange:
         self.vehicle = SimVehicle(spec, HOME, autopilot=get_autopilot(autopilot))
         self.link = BreakingLink(after, dead_s)
         self.assembler = ObservationAssembler(farm, day=1)
-        clearance = Clearance((1, 1), agreed=True)
+        gate = ArmingGate((1, 1), agreed=True)
         self.old = planned(old)
-        self.station = GroundStation(self.old, self.assembler, clearance=clearance)
+        self.station = GroundStation(self.old, self.assembler, arming_gate=gate)
         optics = LeafCamera(SameEverywhere(), farm.grid().shape, 1)
         camera = LeafCameraComponent(optics, farm)
         near, far = [self.vehicle, camera], [Breaking(self.station, self.link)]

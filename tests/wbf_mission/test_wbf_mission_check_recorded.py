@@ -129,7 +129,7 @@ def test_the_command_says_who_has_trouble_without_advice(capsys):
     assert "MAVSDK" in check["suffers"]
 
 
-# -- habits of which the record knows two, or which another version may have
+# -- behaviour of which the record knows two, or which another version may have
 
 
 class Px4WithoutAnswerToAPart(Px4):
@@ -173,7 +173,7 @@ def test_what_they_may_do_as_well_conforms(variant):
     assert failed(run(variant())) == {}
 
 
-# -- one habit made wrong
+# -- behaviour made wrong
 
 
 class MixesAfterABreak(Px4):
@@ -443,7 +443,7 @@ telemetry.mission-current telemetry.interval
         (ArmsAtAnything, "command.bad-arming", "it armed"),
     ],
 )
-def test_a_wrong_habit_fails_where_it_is_wrong(variant, expected, reason):
+def test_wrong_behaviour_fails_where_it_is_wrong(variant, expected, reason):
     report = run(variant())
     found = failed(report)
     assert set(found) == set(expected.split())

@@ -6,7 +6,7 @@ import pytest
 from stand_in import scenario, stand_in
 
 from geo.errors import WbfMissionError
-from mission.ground.clearance import Clearance
+from mission.ground.arming_gate import ArmingGate
 from mission.ground.station import GroundStation
 from mission.ground.vehicle_state import VehicleMonitor
 from mission.link.codec.dialect import mavlink as m
@@ -63,7 +63,7 @@ class Nobody:
 
 def flown(mission=MISSION, *, home=HOME, cold=True):
     vehicle = SimVehicle(get_vehicle("quad"), home, autopilot=get_autopilot("ardupilot"), cold=cold)
-    ground, log = GroundStation(mission, clearance=Clearance((1, 1), agreed=True)), Log()
+    ground, log = GroundStation(mission, arming_gate=ArmingGate((1, 1), agreed=True)), Log()
     Simulation([vehicle, ground, log]).run(lambda _now_s: ground.done, limit_s=400.0)
     return ground, log
 
@@ -167,7 +167,7 @@ class Stubborn(SimVehicle):
 def test_a_refusal_that_may_pass_is_asked_again_for_a_while(refusals, outcome, reason):
     vehicle = Stubborn(get_vehicle("quad"), HOME, autopilot=get_autopilot("ardupilot"))
     vehicle.refusals = refusals
-    ground = GroundStation(MISSION, clearance=Clearance((1, 1), agreed=True))
+    ground = GroundStation(MISSION, arming_gate=ArmingGate((1, 1), agreed=True))
     Simulation([vehicle, ground]).run(lambda _now_s: ground.done, limit_s=400.0)
     assert ground.outcome is outcome
     assert re.fullmatch(reason, ground.reason), ground.reason

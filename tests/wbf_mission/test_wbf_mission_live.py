@@ -48,7 +48,7 @@ class Watcher:
         if ground.phase not in self.phases:
             self.phases.append(ground.phase)
         if ground.phase is Phase.READY:
-            ground.clearance.agree() if self.agrees else ground.clearance.refuse()
+            ground.arming_gate.agree() if self.agrees else ground.arming_gate.refuse()
         seen = sortie.assembler.statistics.images
         if ground.phase is Phase.FLIGHT and seen >= self.images and not self.acted:
             self.acted = True

@@ -123,7 +123,7 @@ def test_an_autopilot_that_starts_again_with_its_motors_off(autopilot, silent_s)
     vehicle = flight.vehicle
     flight.link.broke_s = flight.simulation.now_s
     vehicle.pilot.disarm(force=True)
-    vehicle.pilot.modes.override(vehicle.firmware.persona.modes.boot)
+    vehicle.pilot.modes.override(vehicle.firmware.mavlink.modes.boot)
     vehicle.reboot()
     flight.fly()
     station = flight.station

@@ -4,7 +4,7 @@ import contextlib
 
 from stand_in import scenario
 
-from mission.ground.clearance import Clearance
+from mission.ground.arming_gate import ArmingGate
 from mission.outcome import Outcome
 from mission.transfer.uploader import OWN_TRANSFERS
 from mission.transfer.vehicles import Vehicle
@@ -62,8 +62,8 @@ class FastVehicle:
 
     # The hosting.
 
-    def clearance(self, system_id):
-        return Clearance((system_id, 1), agreed=True)
+    def arming_gate(self, system_id):
+        return ArmingGate((system_id, 1), agreed=True)
 
     def open(self, sorties, writer, **more):
         (sortie,) = sorties

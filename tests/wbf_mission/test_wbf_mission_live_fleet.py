@@ -11,7 +11,7 @@ import pytest
 from processes import ENVIRONMENT, LONG_S, command, flying, simulator
 from stand_in import scenario, stand_in
 
-from mission.ground.clearance import Clearance, Stage
+from mission.ground.arming_gate import ArmingGate, Stage
 from mission.link.codec.dialect import mavlink as m
 from mission.outcome import Outcome, Phase
 from mission.policies.observation import Status
@@ -43,7 +43,7 @@ class Agreeing:
         assert time.monotonic() < self.began_s + LONG_S, "the flight does not end"
         for one in flight.sorties:
             if one.ground.phase is Phase.READY:
-                one.ground.clearance.agree()
+                one.ground.arming_gate.agree()
         watched = next((one for one in flight.sorties if one.system_id == self.vehicle), None)
         if watched and watched.assembler.statistics.images >= self.images and not self.acted:
             self.acted = True
@@ -183,7 +183,7 @@ def test_no_vehicle_starts_before_all_that_are_left_can():
             system_id=number,
             done=False,
             start_delay_s=delay_s,
-            ground=SimpleNamespace(clearance=Clearance((number, 1), agreed=True), phase=Phase.READY),
+            ground=SimpleNamespace(arming_gate=ArmingGate((number, 1), agreed=True), phase=Phase.READY),
         )
         for number, delay_s in ((1, 0.0), (2, 10.0), (3, 0.0))
     ]
@@ -194,11 +194,11 @@ def test_no_vehicle_starts_before_all_that_are_left_can():
     def stages(now_s):
         host.now_s = now_s
         flight._let_start()
-        return [one.ground.clearance.stage for one in fleet]
+        return [one.ground.arming_gate.stage for one in fleet]
 
     def say(one, can):
         message = m.MAVLink_sys_status_message(ready, ready, ready * can, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
-        one.ground.clearance.on_sys_status(message, has_position=True)
+        one.ground.arming_gate.on_sys_status(message, has_position=True)
 
     say(fleet[0], True), say(fleet[1], True)
     assert stages(1.0) == [Stage.WAITING, Stage.WAITING, Stage.CHECKING]

@@ -51,7 +51,7 @@ class Agreeing:
         told = (sortie.ground.phase, sortie.ground.pilot.mode, sortie.ground.texts, flight.now_s)
         assert time.monotonic() < self.began_s + LONG_S, f"the flight does not end: {told}"
         if sortie.ground.phase is Phase.READY:
-            sortie.ground.clearance.agree()
+            sortie.ground.arming_gate.agree()
         seen = sortie.assembler.statistics.images
         if self.act is not None and sortie.ground.phase is Phase.FLIGHT and seen >= self.images:
             act, self.act = self.act, None

@@ -10,10 +10,10 @@ from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
 from typing import TYPE_CHECKING
 
-from mission.ground.clearance import Stage
+from mission.ground.arming_gate import Stage
 from mission.ground.modes import Maneuver
 from mission.ground.station import NotFlyingError
-from mission.ground.telling import doing
+from mission.ground.status_text import doing
 from mission.outcome import Phase
 from sim_vehicle.mavlink.fleet import SPACING_M
 from wbf_mission.cli import signals
@@ -68,8 +68,8 @@ class _Vehicle:
         ground = self.sortie.ground
         return (
             ground.phase is Phase.READY
-            and ground.clearance is not None
-            and ground.clearance.stage is Stage.ASKING
+            and ground.arming_gate is not None
+            and ground.arming_gate.stage is Stage.ASKING
         )
 
     def tell(self, now_s: float) -> None:
@@ -93,9 +93,8 @@ class _Vehicle:
         for text in ground.parameters_set[self._set :]:
             self._output.warn(f"{self.at}parameter {text}")
         self._set = len(ground.parameters_set)
-        able = (
-            ground.phase is Phase.READY and ground.clearance is not None and ground.clearance.stage in _ABLE
-        )
+        gate = ground.arming_gate
+        able = ground.phase is Phase.READY and gate is not None and gate.stage in _ABLE
         if able and not self._can_start:
             self._can_start = True
             self._output.note(f"{self.at}it can arm; all start together")
@@ -126,8 +125,8 @@ class _Vehicle:
     def order(self, flight: JointFlight, kind: Maneuver) -> None:
         """Take it out of its mission; one that has not started does not start any more."""
         ground = self.sortie.ground
-        if ground.phase in (Phase.MODE, Phase.READY) and ground.clearance is not None:
-            ground.clearance.refuse()
+        if ground.phase in (Phase.MODE, Phase.READY) and ground.arming_gate is not None:
+            ground.arming_gate.refuse()
             return
         try:
             flight.maneuver(kind, self.sortie)
@@ -236,9 +235,9 @@ class Operator:
         answer = _line()
         if answer is not None:
             for one in left:
-                clearance = one.sortie.ground.clearance
-                assert clearance is not None
-                clearance.agree() if answer.strip().lower() in ("y", "yes") else clearance.refuse()
+                gate = one.sortie.ground.arming_gate
+                assert gate is not None
+                gate.agree() if answer.strip().lower() in ("y", "yes") else gate.refuse()
 
     def _take_choice(self, flight: JointFlight) -> None:
         answer = _line()

@@ -12,7 +12,7 @@ from typing import Self
 
 from numpy.random import SeedSequence
 
-from mission.ground.clearance import Clearance
+from mission.ground.arming_gate import ArmingGate
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.tlog import FrameSink
@@ -62,9 +62,9 @@ class LinkHosting:
         """Who carries the plans up to the vehicles."""
         return OWN_TRANSFERS
 
-    def clearance(self, system_id: int) -> Clearance:
+    def arming_gate(self, system_id: int) -> ArmingGate:
         """Return what has to hold before the motors start: the vehicle's own checks, and the operator."""
-        return Clearance((system_id, _AUTOPILOT), agreed=self.agreed)
+        return ArmingGate((system_id, _AUTOPILOT), agreed=self.agreed)
 
     def open(
         self,

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from mission.ground.clearance import FARTHEST_M
+from mission.ground.arming_gate import FARTHEST_M
 from mission.ground.link import find_vehicles
 from mission.transfer.vehicles import Vehicle as HeardVehicle
 from wbf_mission.live.discovery import LiveFlightError, fitted_to, require_single_flight, wanted_vehicles

@@ -79,14 +79,14 @@ class PlanResult:
         firmware = firmware_of(self.vehicle)
         if firmware is None:
             return render(self.mission, GENERIC)
-        mav_type = firmware.persona.identity.mav_type
+        mav_type = firmware.mavlink.identity.mav_type
         return render(self.mission, firmware.profile, mav_type, planned=dict(self.vehicle.parameters))
 
     @property
     def mav_autopilot(self) -> int:
         """MAV_AUTOPILOT for whom the mission is meant; PX4 for a vehicle of none, whose rules are its own."""
         firmware = firmware_of(self.vehicle)
-        return PX4.autopilot if firmware is None else firmware.persona.identity.mav_autopilot
+        return PX4.autopilot if firmware is None else firmware.mavlink.identity.mav_autopilot
 
     @property
     def warnings(self) -> list[str]:

@@ -11,7 +11,7 @@ from mission.autopilots.profile import Profile
 from mission.autopilots.registry import profile_for
 from mission.autopilots.settings import Question
 from mission.errors import MissionError
-from mission.ground.clearance import Clearance
+from mission.ground.arming_gate import ArmingGate
 from mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID
 from mission.ground.texts import TextLog
 from mission.ground.vehicle_state import VehicleMonitor
@@ -149,7 +149,7 @@ class Inquiry:
         self.search = VehicleSearch(system_id)
         self._heard = HeardState()
         self._texts = TextLog()
-        self._reasons: Clearance | None = None
+        self._reasons: ArmingGate | None = None
         self._questions: tuple[Question, ...] = ()
         self._parameters: dict[str, float] = {}
         self._tries: dict[str | int, int] = {}
@@ -230,7 +230,7 @@ class Inquiry:
     def _begin(self, now_s: float) -> list[Message]:
         assert self.vehicle is not None
         self._begun_s = now_s
-        self._reasons = Clearance(self.vehicle)
+        self._reasons = ArmingGate(self.vehicle)
         self._questions = self._profile.settings.asked_of(self._heard.monitor.vehicle_type)
         checks = self._command(int(m.MAV_CMD_RUN_PREARM_CHECKS), 0.0)
         return [*self._ask(now_s), *([] if self._heard.monitor.state.armed else [checks])]

@@ -203,7 +203,7 @@ class Subject:
         if self.snapshot is not None:
             return self.snapshot.vehicle_type
         firmware = firmware_of(self.vehicle)
-        return int(m.MAV_TYPE_QUADROTOR) if firmware is None else firmware.persona.identity.mav_type
+        return int(m.MAV_TYPE_QUADROTOR) if firmware is None else firmware.mavlink.identity.mav_type
 
     @property
     def parameters(self) -> Mapping[str, float]:

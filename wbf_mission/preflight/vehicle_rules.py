@@ -9,7 +9,7 @@ from functools import partial
 from geo.frame import LocalFrame
 from mission.autopilots.registry import profile_for
 from mission.autopilots.settings import Meaning, Question, answer_to
-from mission.ground.clearance import FARTHEST_M
+from mission.ground.arming_gate import FARTHEST_M
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Frame
 from sim_vehicle.airframe.parameters import parameter_value

@@ -243,7 +243,7 @@ class Flights:
                 cameras(number),
                 lambda done, total: tell("uploading", done, total),
                 delay,
-                hosting.clearance(number.system_id),
+                hosting.arming_gate(number.system_id),
                 hosting.transfers,
                 force=hosting.force,
                 place=place,

@@ -10,7 +10,7 @@ from typing import Protocol
 
 from numpy.random import SeedSequence
 
-from mission.ground.clearance import Clearance
+from mission.ground.arming_gate import ArmingGate
 from mission.link.codec.dialect import Message
 from mission.link.tlog import FrameSink
 from mission.model import GeoPoint
@@ -66,7 +66,7 @@ class Hosting(Protocol):
     def force(self) -> bool:
         """Whether plans are sent that the autopilot would refuse or not fly."""
 
-    def clearance(self, system_id: int) -> Clearance | None:
+    def arming_gate(self, system_id: int) -> ArmingGate | None:
         """Return what has to hold before the motors of a vehicle start."""
 
     def open(
@@ -125,7 +125,7 @@ class VirtualHosting:
         """Nothing is sent that the autopilot would refuse."""
         return False
 
-    def clearance(self, system_id: int) -> None:  # noqa: ARG002
+    def arming_gate(self, system_id: int) -> None:  # noqa: ARG002
         """Nobody has to agree."""
         return
 

@@ -8,9 +8,9 @@ from functools import partial
 from typing import Protocol
 
 from geo.interrupts import interrupts_noted
-from mission.ground.clearance import Stage
+from mission.ground.arming_gate import Stage
 from mission.ground.modes import Maneuver
-from mission.ground.telling import NotStartedError, doing, not_started
+from mission.ground.status_text import NotStartedError, doing, not_started
 from mission.outcome import Outcome, Phase
 from mission.policies.observation import Event
 from sim_vehicle.host.simulation import StopReason
@@ -89,12 +89,12 @@ class JointFlight:
         self._host = host
         for sortie in self.sorties:
             sortie.send = partial(host.send, sortie.ground)
-        self._clearances = [
-            (one, one.ground.clearance) for one in self.sorties if one.ground.clearance is not None
+        self._gates = [
+            (one, one.ground.arming_gate) for one in self.sorties if one.ground.arming_gate is not None
         ]
         if len(self.sorties) > 1:
-            for _, clearance in self._clearances:
-                clearance.hold()
+            for _, gate in self._gates:
+                gate.hold()
         self._begun_s: float | None = None
         self._expected_s = expected_s
         self._event: Event | None = None
@@ -123,17 +123,16 @@ class JointFlight:
 
     def _let_start(self) -> None:
         """Let real vehicles start together once all that are left can, each by its delay after the first."""
-        left = [(sortie, clearance) for sortie, clearance in self._clearances if not sortie.done]
+        left = [(sortie, gate) for sortie, gate in self._gates if not sortie.done]
         if self._begun_s is None:
             if not left or not all(
-                sortie.ground.phase is Phase.READY and clearance.stage is Stage.WAITING
-                for sortie, clearance in left
+                sortie.ground.phase is Phase.READY and gate.stage is Stage.WAITING for sortie, gate in left
             ):
                 return
             self._begun_s = self.now_s
-        for sortie, clearance in left:
+        for sortie, gate in left:
             if self.now_s >= self._begun_s + sortie.start_delay_s:
-                clearance.release()
+                gate.release()
 
     def fly(self) -> None:
         """Fly until every vehicle is down.

@@ -10,8 +10,8 @@ from statistics import median
 import numpy as np
 
 from geo.errors import WbfMissionError
+from mission.ground.arming_gate import ArmingGate
 from mission.ground.change import ChangeOutcome, leads_home, revised_mission
-from mission.ground.clearance import Clearance
 from mission.ground.link_state import SILENCE_S
 from mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID, GroundStation
 from mission.link.codec.dialect import Message
@@ -150,7 +150,7 @@ class Sortie:
         ``on_transfer(done, total)`` as mission items cross.
     start_delay_s : float
         How long it waits before it starts.
-    clearance : Clearance, optional
+    arming_gate : ArmingGate, optional
         What has to hold before its motors start.
     force : bool
         Send also what the autopilot would refuse or not fly.
@@ -177,7 +177,7 @@ class Sortie:
         leaf_camera: Camera,
         on_transfer: Callable[[int, int], None] | None = None,
         start_delay_s: float = 0.0,
-        clearance: Clearance | None = None,
+        arming_gate: ArmingGate | None = None,
         maker: TransferMaker = OWN_TRANSFERS,
         *,
         force: bool = False,
@@ -198,11 +198,13 @@ class Sortie:
             plan.mission,
             self.assembler,
             vehicle_system_id=number.system_id,
-            system_id=GROUND_SYSTEM_ID if clearance is not None else GROUND_SYSTEM_ID + 1 - number.system_id,
-            component_id=_REAL_GROUNDS[place] if clearance is not None else GROUND_COMPONENT_ID,
+            system_id=GROUND_SYSTEM_ID
+            if arming_gate is not None
+            else GROUND_SYSTEM_ID + 1 - number.system_id,
+            component_id=_REAL_GROUNDS[place] if arming_gate is not None else GROUND_COMPONENT_ID,
             on_progress=on_transfer,
             start_delay_s=start_delay_s,
-            clearance=clearance,
+            arming_gate=arming_gate,
             maker=maker,
             force=force,
         )

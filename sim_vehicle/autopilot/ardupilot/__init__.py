@@ -9,23 +9,23 @@ from types import MappingProxyType
 from mission.autopilots import ARDUPILOT as PROFILE
 from mission.model import Command
 from mission.planners.turns import Turns
-from sim_vehicle.autopilot.ardupilot.copter import ARDUCOPTER
-from sim_vehicle.autopilot.ardupilot.fixed_wing import ARDUPLANE
-from sim_vehicle.autopilot.ardupilot.habits import (
+from sim_vehicle.autopilot.ardupilot.behaviour import (
     COLD_BOOT,
     COPTER_RULES,
     COPTER_STICKS,
-    HABITS,
+    MISSION,
     PLANE_RULES,
     PLANE_STICKS,
     ROVER_RULES,
     ROVER_STICKS,
 )
+from sim_vehicle.autopilot.ardupilot.copter import ARDUCOPTER
+from sim_vehicle.autopilot.ardupilot.fixed_wing import ARDUPLANE
+from sim_vehicle.autopilot.ardupilot.mavlink_profile import COPTER_MAVLINK, PLANE_MAVLINK, ROVER_MAVLINK
 from sim_vehicle.autopilot.ardupilot.parameters import copter_parameters, vehicle_parameters
-from sim_vehicle.autopilot.ardupilot.persona import COPTER_PERSONA, PLANE_PERSONA, ROVER_PERSONA
 from sim_vehicle.autopilot.ardupilot.rover import ARDUROVER
 from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
-from sim_vehicle.autopilot.mission_habits import arduplane_landing
+from sim_vehicle.autopilot.mission_behaviour import arduplane_landing
 from sim_vehicle.autopilot.reference_parameters import reference_parameters
 
 __all__ = ["ARDUPILOT"]
@@ -56,24 +56,24 @@ ARDUPILOT = Autopilot(
         {
             "multirotor": Firmware(
                 title="ArduCopter",
-                persona=COPTER_PERSONA,
+                mavlink=COPTER_MAVLINK,
                 rules=COPTER_RULES,
                 profile=_COPTER_PROFILE,
                 parameter_table=copter_parameters,
                 procedures=ARDUCOPTER,
-                habits=HABITS,
+                behaviour=MISSION,
                 cold_boot=COLD_BOOT,
                 reference=partial(reference_parameters, "arducopter"),
                 sticks=COPTER_STICKS,
             ),
             "fixed-wing": Firmware(
                 title="ArduPlane",
-                persona=PLANE_PERSONA,
+                mavlink=PLANE_MAVLINK,
                 rules=PLANE_RULES,
                 profile=_PLANE_PROFILE,
                 parameter_table=vehicle_parameters,
                 procedures=ARDUPLANE,
-                habits=replace(HABITS, refuses_to_arm=arduplane_landing),
+                behaviour=replace(MISSION, refuses_to_arm=arduplane_landing),
                 reference=partial(reference_parameters, "arduplane"),
                 sticks=PLANE_STICKS,
                 # Flown to, not turned before as within WP_RADIUS.
@@ -81,12 +81,12 @@ ARDUPILOT = Autopilot(
             ),
             "rover": Firmware(
                 title="Rover",
-                persona=ROVER_PERSONA,
+                mavlink=ROVER_MAVLINK,
                 rules=ROVER_RULES,
                 profile=_ROOMY_PROFILE,
                 parameter_table=vehicle_parameters,
                 procedures=ARDUROVER,
-                habits=HABITS,
+                behaviour=MISSION,
                 reference=partial(reference_parameters, "rover"),
                 sticks=ROVER_STICKS,
                 takes_off=True,

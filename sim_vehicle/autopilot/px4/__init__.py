@@ -10,19 +10,19 @@ from mission.autopilots import PX4 as PROFILE
 from mission.link.codec.dialect import mavlink as m
 from mission.planners.turns import Turns
 from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
-from sim_vehicle.autopilot.px4.copter import PX4_MULTIROTOR, strays_m
-from sim_vehicle.autopilot.px4.fixed_wing import PX4_FIXED_WING
-from sim_vehicle.autopilot.px4.habits import (
+from sim_vehicle.autopilot.px4.behaviour import (
     COPTER_STICKS,
     FIXED_WING_RULES,
     FIXED_WING_STICKS,
-    HABITS,
+    MISSION,
     ROVER_RULES,
     ROVER_STICKS,
     RULES,
 )
+from sim_vehicle.autopilot.px4.copter import PX4_MULTIROTOR, strays_m
+from sim_vehicle.autopilot.px4.fixed_wing import PX4_FIXED_WING
+from sim_vehicle.autopilot.px4.mavlink_profile import mavlink_profile
 from sim_vehicle.autopilot.px4.parameters import copter_parameters, fixed_wing_parameters, rover_parameters
-from sim_vehicle.autopilot.px4.persona import persona_of
 from sim_vehicle.autopilot.px4.rover import PX4_ROVER
 from sim_vehicle.autopilot.reference_parameters import reference_parameters
 
@@ -41,13 +41,13 @@ def _simulator_urls(index: int) -> tuple[str, ...]:
 _OF_MULTIROTORS = ("FLW_", "HTE_", "LNDMC_", "MC_", "MPC_")
 _COPTER = Firmware(
     title="PX4",
-    persona=persona_of(m.MAV_TYPE_QUADROTOR),
+    mavlink=mavlink_profile(m.MAV_TYPE_QUADROTOR),
     rules=RULES,
     profile=PROFILE,
     parameter_table=copter_parameters,
     procedures=PX4_MULTIROTOR,
     takes_off=True,
-    habits=HABITS,
+    behaviour=MISSION,
     # NAV_ACC_RAD. Less it cannot hold: the error of its height estimate, 0.55 m, counts in the radius.
     turns=Turns(2.0, leads=True),
     reference=partial(reference_parameters, "px4"),
@@ -62,13 +62,13 @@ PX4 = Autopilot(
             "multirotor": _COPTER,
             "fixed-wing": replace(
                 _COPTER,
-                persona=persona_of(m.MAV_TYPE_FIXED_WING),
+                mavlink=mavlink_profile(m.MAV_TYPE_FIXED_WING),
                 parameter_table=fixed_wing_parameters,
                 rules=FIXED_WING_RULES,
                 procedures=PX4_FIXED_WING,
                 takes_off=False,
                 # A wing's mission that ends with a return was not recorded.
-                habits=replace(HABITS, return_lag_s=None),
+                behaviour=replace(MISSION, return_lag_s=None),
                 turns=Turns(2.0),
                 reference=partial(reference_parameters, "px4", without=_OF_MULTIROTORS),
                 sticks=FIXED_WING_STICKS,
@@ -76,7 +76,7 @@ PX4 = Autopilot(
             ),
             "rover": replace(
                 _COPTER,
-                persona=persona_of(m.MAV_TYPE_GROUND_ROVER),
+                mavlink=mavlink_profile(m.MAV_TYPE_GROUND_ROVER),
                 parameter_table=rover_parameters,
                 rules=ROVER_RULES,
                 procedures=PX4_ROVER,

@@ -17,7 +17,7 @@ from sim_vehicle.mavlink.ftp.metadata import GENERAL_PATH, PARAMETERS_PATH, meta
 
 if TYPE_CHECKING:
     from mission.model import MissionType
-    from sim_vehicle.autopilot.persona import Persona
+    from sim_vehicle.autopilot.mavlink_profile import MavlinkProfile
     from sim_vehicle.autopilot.reference_parameters import ParameterDetails
     from sim_vehicle.mavlink.logs.flight_logs import FlightLogs
     from sim_vehicle.mavlink.parameters import ParameterSet
@@ -273,30 +273,30 @@ _metadata = lru_cache(maxsize=16)(metadata_files)
 
 
 def vehicle_files(
-    persona: Persona, parameters: ParameterSet, logs: FlightLogs, plans: PlanReceiver
+    profile: MavlinkProfile, parameters: ParameterSet, logs: FlightLogs, plans: PlanReceiver
 ) -> FileTree:
     """Return the tree of a vehicle; what takes time is made when it is first read."""
     made: dict[str, MadeFile] = {}
     taken: dict[str, TakenFile] = {}
-    if persona.packed_parameters:
+    if profile.packed_parameters:
         made["@PARAM/param.pck"] = lambda query, read_size: packed(
             parameters.table, parameters.value, parameters.default, query, read_size
         )
         taken["@PARAM/param.pck"] = partial(_take_parameters, parameters)
-    if persona.component_metadata is not None:
+    if profile.component_metadata is not None:
         for path in (GENERAL_PATH, PARAMETERS_PATH):
-            made[path] = _read_only(parameters, persona.component_metadata, path)
-    if persona.packed_plans:
+            made[path] = _read_only(parameters, profile.component_metadata, path)
+    if profile.packed_plans:
         for mission_type, path in PLAN_PATHS.items():
             made[path] = partial(_packed_plan, plans, mission_type)
             taken[path] = partial(_take_plan, plans, mission_type)
-    if persona.system_files:
+    if profile.system_files:
         made[_TASKS_PATH] = _task_info
-    habits = persona.logs
+    behaviour = profile.logs
     return FileTree(
-        ("/", habits.directory),
+        ("/", behaviour.directory),
         made=made,
-        mounted={habits.directory: lambda: logs.files(by_date=habits.by_date)},
+        mounted={behaviour.directory: lambda: logs.files(by_date=behaviour.by_date)},
         taken=taken,
     )
 

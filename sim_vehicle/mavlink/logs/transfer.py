@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import is_a
-from sim_vehicle.autopilot.persona import LogHabits
+from sim_vehicle.autopilot.mavlink_profile import LogBehaviour
 from sim_vehicle.component import NEVER
 from sim_vehicle.mavlink.logs.flight_logs import FlightLog, FlightLogs
 
@@ -58,9 +58,9 @@ class LogTransfer:
         Is given the reason where a request is refused with a text.
     """
 
-    def __init__(self, logs: FlightLogs, habits: LogHabits, refuse: Callable[[str], None]) -> None:
+    def __init__(self, logs: FlightLogs, behaviour: LogBehaviour, refuse: Callable[[str], None]) -> None:
         self._logs = logs
-        self._habits = habits
+        self._behaviour = behaviour
         self._refuse = refuse
         self._sending: _Sending | None = None
         self._warned = False
@@ -68,9 +68,9 @@ class LogTransfer:
 
     def receive(self, message: LogMessage, now_s: float, *, armed: bool) -> list[Message]:
         """Answer a request; the data follow in time."""
-        if armed and self._habits.refusal_armed:
+        if armed and self._behaviour.refusal_armed:
             if not self._warned:
-                self._refuse(self._habits.refusal_armed)
+                self._refuse(self._behaviour.refusal_armed)
             self._warned = True
             return []
         self._warned = False
@@ -98,7 +98,7 @@ class LogTransfer:
         return messages
 
     def _list(self, message: m.MAVLink_log_request_list_message) -> list[Message]:
-        logs, first = self._logs.all, self._habits.first_number
+        logs, first = self._logs.all, self._behaviour.first_number
         if not logs:
             return [m.MAVLink_log_entry_message(0, 0, 0, 0, 0)]
         last = len(logs) - 1 + first
@@ -117,11 +117,11 @@ class LogTransfer:
     def _send(self, message: m.MAVLink_log_request_data_message, now_s: float) -> list[Message]:
         peer = (message.get_srcSystem(), message.get_srcComponent())
         busy = self._sending
-        if busy is not None and self._habits.busy_text:
+        if busy is not None and self._behaviour.busy_text:
             if busy.peer != peer:
-                self._refuse(self._habits.busy_text)
+                self._refuse(self._behaviour.busy_text)
             return []
-        logs, place = self._logs.all, message.id - self._habits.first_number
+        logs, place = self._logs.all, message.id - self._behaviour.first_number
         if not 0 <= place < len(logs):
             self._stop()
             return []

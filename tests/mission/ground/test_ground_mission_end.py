@@ -7,7 +7,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from mission.ground.clearance import Clearance
+from mission.ground.arming_gate import ArmingGate
 from mission.ground.modes import Maneuver
 from mission.ground.station import GroundStation, NotFlyingError
 from mission.link.codec.dialect import mavlink as m
@@ -41,7 +41,7 @@ def current(seq: int, state: int) -> Any:
 
 def flying(mission: Mission) -> GroundStation:
     """A ground station whose vehicle has just begun its mission, before 10 s."""
-    ground = GroundStation(mission, clearance=Clearance((1, 1), agreed=True))
+    ground = GroundStation(mission, arming_gate=ArmingGate((1, 1), agreed=True))
     server = MissionServer(1, 1)
     queue = ground.receive(from_vehicle(beat(HOLD, armed=False)), 1.0)
     while queue:

@@ -1,8 +1,8 @@
-"""The parts of a live flight, message by message: clearance, modes, pilot."""
+"""The parts of a live flight, message by message: arming gate, modes, pilot."""
 
 import pytest
 
-from mission.ground.clearance import Clearance, Stage
+from mission.ground.arming_gate import ArmingGate, Stage
 from mission.ground.modes import Maneuver, ModeError, mode_named
 from mission.ground.pilot_watch import PilotWatch
 from mission.link.codec.dialect import mavlink as m
@@ -16,34 +16,34 @@ def status(present, health):
 
 
 def test_the_vehicle_and_the_operator_have_to_agree():
-    clearance = Clearance(VEHICLE)
-    assert {one.command for one in clearance.poll(0.0)} == {
+    gate = ArmingGate(VEHICLE)
+    assert {one.command for one in gate.poll(0.0)} == {
         m.MAV_CMD_SET_MESSAGE_INTERVAL,
         m.MAV_CMD_RUN_PREARM_CHECKS,
     }
-    assert clearance.poll(1.0) == []
-    clearance.on_sys_status(status(PREARM, 0), has_position=True)
-    clearance.on_text("PreArm: GPS 1: Bad fix")
-    clearance.on_text("PreArm: Battery low")
-    clearance.on_text("PreArm: GPS 1: Bad fix")
-    assert clearance.stage is Stage.CHECKING
-    assert clearance.reasons == ["Battery low", "GPS 1: Bad fix"]
-    clearance.on_sys_status(status(PREARM, PREARM), has_position=True)
-    assert clearance.stage is Stage.ASKING
-    clearance.on_sys_status(status(PREARM, 0), has_position=True)
-    assert clearance.stage is Stage.CHECKING, "it has thought better of it"
-    clearance.agree()
-    assert clearance.stage is Stage.CHECKING, "the operator cannot overrule it"
-    clearance.on_sys_status(status(PREARM, PREARM), has_position=True)
-    assert clearance.stage is Stage.GRANTED
+    assert gate.poll(1.0) == []
+    gate.on_sys_status(status(PREARM, 0), has_position=True)
+    gate.on_text("PreArm: GPS 1: Bad fix")
+    gate.on_text("PreArm: Battery low")
+    gate.on_text("PreArm: GPS 1: Bad fix")
+    assert gate.stage is Stage.CHECKING
+    assert gate.reasons == ["Battery low", "GPS 1: Bad fix"]
+    gate.on_sys_status(status(PREARM, PREARM), has_position=True)
+    assert gate.stage is Stage.ASKING
+    gate.on_sys_status(status(PREARM, 0), has_position=True)
+    assert gate.stage is Stage.CHECKING, "it has thought better of it"
+    gate.agree()
+    assert gate.stage is Stage.CHECKING, "the operator cannot overrule it"
+    gate.on_sys_status(status(PREARM, PREARM), has_position=True)
+    assert gate.stage is Stage.GRANTED
 
 
 def test_an_autopilot_without_the_bit_is_ready_once_it_tells_where_it_is():
-    clearance = Clearance(VEHICLE, agreed=True)
-    clearance.on_sys_status(status(1, 1), has_position=False)
-    assert clearance.stage is Stage.CHECKING
-    clearance.on_sys_status(status(1, 1), has_position=True)
-    assert clearance.stage is Stage.GRANTED
+    gate = ArmingGate(VEHICLE, agreed=True)
+    gate.on_sys_status(status(1, 1), has_position=False)
+    assert gate.stage is Stage.CHECKING
+    gate.on_sys_status(status(1, 1), has_position=True)
+    assert gate.stage is Stage.GRANTED
 
 
 def test_an_unknown_mode_is_named_with_those_that_there_are():

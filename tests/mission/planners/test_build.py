@@ -95,7 +95,7 @@ def holds(mission):
     return [item.param1 for item in mission.items if item.command == Command.NAV_WAYPOINT]
 
 
-def test_points_named_again_are_stays_of_a_camera_that_counts_time():
+def test_points_named_again_are_loiters_of_a_camera_that_counts_time():
     points = [(0, 0), (0, 0), (0, 0), (5, 0), (5, 0), (9, 0)]
     by_time = build_mission(planned(points), camera_interval_s=2.0, **ARGUMENTS)
     # The camera comes on at the first point, to which the vehicle is sent once more: that takes an interval.
@@ -107,13 +107,13 @@ def test_points_named_again_are_stays_of_a_camera_that_counts_time():
     assert holds(by_distance) == [0.0, 0.0, 0.0]
 
 
-def test_led_legs_keep_the_stays_of_their_points():
+def test_led_legs_keep_the_loiters_of_their_points():
     rows = np.array([(0.0, 0.0), (30.0, 0.0), (30.0, 0.0), (30.0, 30.0), (30.0, 30.0), (30.0, 30.0)])
     for leads in (False, True):
         sent = Turns(2.0, leads=leads).waypoints(rows, (0.0, 0.0))
-        stays = [int(sent.stays[sent.of_point == k].sum()) for k in (0, 1, 3)]
-        assert stays == [0, 1, 2] and int(sent.stays.sum()) == 3
-        assert not Turns(2.0, leads=leads).waypoints(rows[:0]).stays.size
+        loiters = [int(sent.loiters[sent.of_point == k].sum()) for k in (0, 1, 3)]
+        assert loiters == [0, 1, 2] and int(sent.loiters.sum()) == 3
+        assert not Turns(2.0, leads=leads).waypoints(rows[:0]).loiters.size
 
 
 def test_waypoints_have_the_radius_and_the_leads_that_the_autopilot_wants():

@@ -14,7 +14,7 @@ from mission.outcome import Outcome
 from mission.transfer import wire
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
-from sim_vehicle.autopilot.mission_habits import px4_takeoff_and_landing
+from sim_vehicle.autopilot.mission_behaviour import px4_takeoff_and_landing
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.host.simulation import Simulation
@@ -207,11 +207,11 @@ def test_modes_and_parameters_are_those_of_the_autopilot(name, table, banner):
 
     numbers = {text: number for number, text in getattr(mavutil, f"mode_mapping_{table}").items()}
     vehicle = SimVehicle(get_vehicle(name), POINT, autopilot=ARDUPILOT)
-    modes = vehicle.firmware.persona.modes
+    modes = vehicle.firmware.mavlink.modes
     hold = "LOITER" if name == "fixed-wing" else "HOLD"
     for mode, text in ((Mode.MISSION, "AUTO"), (Mode.RTL, "RTL"), (Mode.GUIDED, "GUIDED"), (Mode.HOLD, hold)):
         assert modes[mode] == numbers[text]
-        assert vehicle.firmware.persona.modes.mode_of(numbers[text]) is mode
+        assert vehicle.firmware.mavlink.modes.mode_of(numbers[text]) is mode
     ask = m.MAVLink_param_request_list_message(1, 1)
     ask._header.srcSystem = 255
     answers = vehicle.receive(ask, 0.0)
@@ -235,7 +235,7 @@ def test_modes_and_parameters_are_those_of_the_autopilot(name, table, banner):
 
 def test_px4_tells_its_kind_by_a_parameter_and_has_its_own_modes():
     vehicle = SimVehicle(get_vehicle("fixed-wing"), POINT, autopilot=PX4)
-    assert vehicle.firmware.persona.modes == PX4.for_vehicle("multirotor").persona.modes
+    assert vehicle.firmware.mavlink.modes == PX4.for_vehicle("multirotor").mavlink.modes
     answers = vehicle.receive(m.MAVLink_param_request_read_message(1, 1, b"MAV_TYPE", -1), 0.0)
     assert answers[0].get_type() == "PARAM_VALUE"
     answers = vehicle.receive(m.MAVLink_param_request_read_message(1, 1, b"MPC_XY_CRUISE", -1), 0.0)

@@ -429,7 +429,7 @@ def test_a_second_flight_after_the_first():
 def test_px4_ends_a_mission_in_the_mode_of_returns():
     """As PX4 1.17 (SIH) does: first the item and the texts, then the mode, then the item that it is at."""
     _, ground, _, _ = fly(SURVEY, [(2.0, ARM), (2.2, START)])
-    last, rtl = len(SURVEY) - 1, PX4.for_vehicle("multirotor").persona.modes[Mode.RTL]
+    last, rtl = len(SURVEY) - 1, PX4.for_vehicle("multirotor").mavlink.modes[Mode.RTL]
     told = [(now_s, message) for now_s, message in ground.heard if message.get_srcComponent() == 1]
     names = [(message.get_type(), message) for _, message in told]
     begin_s, at = next(

@@ -116,7 +116,7 @@ def test_all_modes_are_listed():
     peer = Peer()
     modes = [a for a in peer.order(512, 435, 0) if a.get_type() == "AVAILABLE_MODES"]
     assert [a.mode_index for a in modes] == list(range(1, modes[0].number_modes + 1))
-    assert {a.custom_mode for a in modes} == set(PX4.for_vehicle("multirotor").persona.modes.numbers.values())
+    assert {a.custom_mode for a in modes} == set(PX4.for_vehicle("multirotor").mavlink.modes.numbers.values())
     assert len(peer.order(512, 435, 2)) == 2
     assert peer.order(512, 435, 99)[0].result == 2
 
@@ -147,7 +147,7 @@ def test_ardupilot_claims_what_a_real_one_claims_and_does_it():
 def test_base_modes_of_arducopter(mode, expected):
     peer = Peer(ARDUPILOT)
     peer.upload(survey(home_item=True))
-    assert peer.result(176, 1.0, ARDUPILOT.for_vehicle("multirotor").persona.modes[mode]) == 0
+    assert peer.result(176, 1.0, ARDUPILOT.for_vehicle("multirotor").mavlink.modes[mode]) == 0
     assert requested(peer, m.MAVLINK_MSG_ID_HEARTBEAT).base_mode == expected
 
 
@@ -181,7 +181,7 @@ def test_ardupilots_fence_is_enabled_by_its_parameter():
 @pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT])
 @pytest.mark.parametrize("mode", [Mode.MANUAL, Mode.ALTITUDE, Mode.POSITION, Mode.HOLD, Mode.RTL, Mode.LAND])
 def test_modes_by_command_and_by_message(autopilot, mode):
-    number = autopilot.for_vehicle("multirotor").persona.modes[mode]
+    number = autopilot.for_vehicle("multirotor").mavlink.modes[mode]
     peer = Peer(autopilot)
     if autopilot is PX4:
         assert peer.result(176, 1.0, number >> 16 & 255, number >> 24) == 0
@@ -191,7 +191,7 @@ def test_modes_by_command_and_by_message(autopilot, mode):
     peer = Peer(autopilot)
     peer.tell(m.MAVLink_set_mode_message(1, 1, number))
     assert peer.vehicle.pilot.mode is mode
-    assert autopilot.for_vehicle("multirotor").persona.modes.mode_of(number) is mode
+    assert autopilot.for_vehicle("multirotor").mavlink.modes.mode_of(number) is mode
     beats = [t for t in peer.told if t.get_type() == "HEARTBEAT"]
     assert beats[-1].custom_mode == number
 
@@ -267,7 +267,7 @@ def test_takeoff_heights_of_the_two_autopilots():
         assert peer.result(22, 0, 0, 0, 0, 0, 0, parameter) == 0
         peer.wait(20.0)
         assert peer.vehicle.pilot.state.position_m[2] == pytest.approx(expected, abs=0.1)
-        assert peer.vehicle.pilot.mode is autopilot.for_vehicle("multirotor").persona.modes.after_takeoff
+        assert peer.vehicle.pilot.mode is autopilot.for_vehicle("multirotor").mavlink.modes.after_takeoff
     peer = Peer(ARDUPILOT)
     assert peer.result(22, 0, 0, 0, 0, 0, 0, 6.0) == 4
     peer = Peer(PX4)
@@ -528,7 +528,7 @@ def test_autopilots_by_name():
 
 
 @pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT])
-def test_persona_modes_are_those_of_pymavlink(autopilot):
+def test_mode_numbers_are_those_of_pymavlink(autopilot):
     from pymavlink import mavutil
 
     names = {Mode.HOLD: "LOITER", Mode.MISSION: "MISSION", Mode.RTL: "RTL", Mode.LAND: "LAND"}
@@ -538,7 +538,7 @@ def test_persona_modes_are_those_of_pymavlink(autopilot):
     else:
         expected = {mode: (sub << 24 | main << 16) for mode, (_, main, sub) in
                     ((mode, mavutil.px4_map[name]) for mode, name in names.items())}  # fmt: skip
-    assert {mode: autopilot.for_vehicle("multirotor").persona.modes[mode] for mode in expected} == expected
+    assert {mode: autopilot.for_vehicle("multirotor").mavlink.modes[mode] for mode in expected} == expected
 
 
 WANTED = sorted(SimVehicle(get_vehicle("quad"), HOME).wanted)

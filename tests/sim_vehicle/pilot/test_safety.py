@@ -95,7 +95,7 @@ class Rig:
         return self
 
     def goto(self, x, y, z=20.0, **options):
-        mode = self.vehicle.firmware.persona.modes.after_command
+        mode = self.vehicle.firmware.mavlink.modes.after_command
         self.pilot.goto(*FRAME.to_wgs84(float(x), float(y)), z, mode=mode, **options)
 
     def drift(self, x, y, up=0.0):

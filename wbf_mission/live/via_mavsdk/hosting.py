@@ -8,7 +8,7 @@ from pathlib import Path
 
 from numpy.random import SeedSequence
 
-from mission.ground.clearance import Clearance
+from mission.ground.arming_gate import ArmingGate
 from mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID, GroundStation
 from mission.link import MavlinkEndpoint
 from mission.link.codec.dialect import Message
@@ -74,9 +74,9 @@ class MavsdkHosting:
         """The vehicle decides."""
         return
 
-    def clearance(self, system_id: int) -> Clearance:
+    def arming_gate(self, system_id: int) -> ArmingGate:
         """Return what has to hold before the motors start: the vehicle's own checks, and the operator."""
-        return self._own.clearance(system_id)
+        return self._own.arming_gate(system_id)
 
     def open(
         self,

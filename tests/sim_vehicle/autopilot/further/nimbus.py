@@ -11,8 +11,8 @@ from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
 from sim_vehicle.autopilot.failsafe_rules import FailsafeDefaults, FailsafeRules, actions_by_value
 from sim_vehicle.autopilot.generic import GenericProcedures
 from sim_vehicle.autopilot.mav_parameter import MavParameter
+from sim_vehicle.autopilot.mavlink_profile import COMMON_CAPABILITIES, Identity, MavlinkProfile, ModeTable
 from sim_vehicle.autopilot.modes import Mode
-from sim_vehicle.autopilot.persona import COMMON_CAPABILITIES, Identity, ModeTable, Persona
 
 
 class NimbusProcedures(GenericProcedures):
@@ -69,7 +69,7 @@ RULES = FailsafeRules(
     stream_lost="Nimbus setpoints lost: {}",
     defaults=FailsafeDefaults(link_timeout_s=4.0),
 )
-PERSONA = Persona(
+MAVLINK = MavlinkProfile(
     identity=Identity(
         m.MAV_AUTOPILOT_REFLEX,
         m.MAV_TYPE_QUADROTOR,
@@ -107,7 +107,7 @@ NIMBUS = Autopilot(
         {
             "multirotor": Firmware(
                 title="Nimbus Copter",
-                persona=PERSONA,
+                mavlink=MAVLINK,
                 rules=RULES,
                 profile=PROFILE,
                 parameter_table=parameter_table,

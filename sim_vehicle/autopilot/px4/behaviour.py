@@ -12,9 +12,9 @@ from types import MappingProxyType
 
 from sim_vehicle.autopilot.failsafe_rules import Action, FailsafeRules, IdleDisarm, actions_by_value
 from sim_vehicle.autopilot.mav_parameter import Setting
-from sim_vehicle.autopilot.mission_habits import MissionHabits, px4_takeoff_and_landing
+from sim_vehicle.autopilot.mavlink_profile import px4_custom_mode
+from sim_vehicle.autopilot.mission_behaviour import MissionBehaviour, px4_takeoff_and_landing
 from sim_vehicle.autopilot.modes import Mode
-from sim_vehicle.autopilot.persona import px4_custom_mode
 from sim_vehicle.autopilot.stick_rules import Axis, StickLoss, StickRules, TiltSticks, WingSticks, bits
 from sim_vehicle.motion.px4.parameters import drag_of
 
@@ -22,13 +22,13 @@ __all__ = [
     "COPTER_STICKS",
     "FIXED_WING_RULES",
     "FIXED_WING_STICKS",
-    "HABITS",
+    "MISSION",
     "ROVER_RULES",
     "ROVER_STICKS",
     "RULES",
 ]
 
-HABITS = MissionHabits(
+MISSION = MissionBehaviour(
     replays_speed=True,
     rewinds_survey=True,
     return_lag_s=0.3,

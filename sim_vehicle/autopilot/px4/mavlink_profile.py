@@ -10,19 +10,19 @@ from functools import partial
 from types import MappingProxyType
 
 from mission.link.codec.dialect import mavlink as m
-from sim_vehicle.autopilot.modes import Mode
-from sim_vehicle.autopilot.persona import (
+from sim_vehicle.autopilot.mavlink_profile import (
     COMMON_CAPABILITIES,
     Identity,
-    LogHabits,
+    LogBehaviour,
+    MavlinkProfile,
     ModeTable,
-    Persona,
     RefusalTexts,
     px4_custom_mode,
 )
+from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.reference_parameters import parameter_details
 
-__all__ = ["persona_of"]
+__all__ = ["mavlink_profile"]
 
 _DETAILS = partial(parameter_details, "px4")
 
@@ -93,9 +93,9 @@ _MODES = ModeTable(
 )
 
 
-def persona_of(mav_type: int) -> Persona:
-    """PX4's persona on a vehicle of this MAV_TYPE; all else is equal on all vehicles."""
-    return Persona(
+def mavlink_profile(mav_type: int) -> MavlinkProfile:
+    """PX4's profile on a vehicle of this MAV_TYPE; all else is equal on all vehicles."""
+    return MavlinkProfile(
         identity=Identity(
             mav_autopilot=int(m.MAV_AUTOPILOT_PX4),
             mav_type=int(mav_type),
@@ -133,5 +133,5 @@ def persona_of(mav_type: int) -> Persona:
         refusals=RefusalTexts(
             arming="Unsupported ARM_DISARM param: {:.3f}", current_item="WPM: WP CURR CMD: Not in list"
         ),
-        logs=LogHabits("/fs/microsd/log", by_date=True),
+        logs=LogBehaviour("/fs/microsd/log", by_date=True),
     )

@@ -9,7 +9,7 @@ from enum import Enum
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 
-__all__ = ["FARTHEST_M", "Clearance", "Stage"]
+__all__ = ["FARTHEST_M", "ArmingGate", "Stage"]
 
 FARTHEST_M = 300.0
 """A vehicle that stands farther from the start of its plan is not started."""
@@ -31,7 +31,7 @@ class Stage(Enum):
     REFUSED = "the operator does not want it to start"
 
 
-class Clearance:
+class ArmingGate:
     """Waits for the vehicle's own checks, then for the operator.
 
     The vehicle's word is the bit PREARM_CHECK of the healthy parts in SYS_STATUS, as ArduPilot and PX4 send

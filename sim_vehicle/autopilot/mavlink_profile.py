@@ -16,9 +16,9 @@ __all__ = [
     "COMMON_CAPABILITIES",
     "BaseModes",
     "Identity",
-    "LogHabits",
+    "LogBehaviour",
+    "MavlinkProfile",
     "ModeTable",
-    "Persona",
     "RefusalTexts",
     "px4_custom_mode",
 ]
@@ -201,7 +201,7 @@ def px4_custom_mode(main: int, sub: int = 0) -> int:
 
 
 @dataclass(frozen=True, slots=True)
-class LogHabits:
+class LogBehaviour:
     """Where a firmware keeps its logs, and when it sends them.
 
     Parameters
@@ -251,7 +251,7 @@ class RefusalTexts:
 
 
 @dataclass(frozen=True, slots=True)
-class Persona:
+class MavlinkProfile:
     """One firmware as its MAVLink peers see it.
 
     Parameters
@@ -350,4 +350,4 @@ class Persona:
     calibration_text: str = ""
     refusals: RefusalTexts = RefusalTexts()
     gimbal: Setting | None = None
-    logs: LogHabits = LogHabits()
+    logs: LogBehaviour = LogBehaviour()

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from mission.model import MissionItem
     from sim_vehicle.autopilot.runtime_parameters import RuntimeParameters
 
-__all__ = ["MissionHabits", "MissionRule", "arduplane_landing", "no_rule", "px4_takeoff_and_landing"]
+__all__ = ["MissionBehaviour", "MissionRule", "arduplane_landing", "no_rule", "px4_takeoff_and_landing"]
 
 MissionRule: TypeAlias = "Callable[[Sequence[MissionItem], RuntimeParameters], str | None]"
 """Given a mission and the parameters, why it is refused; None when it is not."""
@@ -52,8 +52,8 @@ def arduplane_landing(items: Sequence[MissionItem], parameters: RuntimeParameter
 
 
 @dataclass(frozen=True, slots=True)
-class MissionHabits:
-    """Habits of one firmware with a mission in flight; the defaults are PX4's, as far as nothing is said.
+class MissionBehaviour:
+    """Behaviour of one firmware with a mission in flight; the defaults are PX4's, as far as nothing is said.
 
     The item that is flown keeps its number when a mission is changed, under any autopilot.
 

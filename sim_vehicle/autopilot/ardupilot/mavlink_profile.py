@@ -11,18 +11,18 @@ from types import MappingProxyType
 
 from mission.link.codec.dialect import mavlink as m
 from sim_vehicle.autopilot.mav_parameter import Setting
-from sim_vehicle.autopilot.modes import Mode
-from sim_vehicle.autopilot.persona import (
+from sim_vehicle.autopilot.mavlink_profile import (
     COMMON_CAPABILITIES,
     BaseModes,
     Identity,
-    LogHabits,
+    LogBehaviour,
+    MavlinkProfile,
     ModeTable,
-    Persona,
     RefusalTexts,
 )
+from sim_vehicle.autopilot.modes import Mode
 
-__all__ = ["COPTER_PERSONA", "PLANE_PERSONA", "ROVER_PERSONA"]
+__all__ = ["COPTER_MAVLINK", "PLANE_MAVLINK", "ROVER_MAVLINK"]
 
 # ArduCopter 4.7 claims 64495: terrain and compass calibration besides, which the simulated one does not do.
 # It says nothing of how parameters are encoded (they are cast).
@@ -44,7 +44,7 @@ _UNSUPPORTED = frozenset(
 )
 # SITL gives copters a mount, planes and rovers none until it is set.
 _NO_MOUNT = Setting("MNT1_TYPE", 0.0)
-COPTER_PERSONA = Persona(
+COPTER_MAVLINK = MavlinkProfile(
     identity=Identity(
         mav_autopilot=int(m.MAV_AUTOPILOT_ARDUPILOTMEGA),
         mav_type=int(m.MAV_TYPE_QUADROTOR),
@@ -132,24 +132,24 @@ COPTER_PERSONA = Persona(
         interval="No ap_message for mavlink id ({})", landing="Unable to start landing sequence"
     ),
     gimbal=Setting("MNT1_TYPE", 1.0),
-    logs=LogHabits(
+    logs=LogBehaviour(
         "/APM/LOGS",
         first_number=1,
         refusal_armed="Disarm for log download",
         busy_text="Log download in progress",
     ),
 )
-PLANE_PERSONA = replace(
-    COPTER_PERSONA,
+PLANE_MAVLINK = replace(
+    COPTER_MAVLINK,
     identity=replace(
-        COPTER_PERSONA.identity,
+        COPTER_MAVLINK.identity,
         mav_type=int(m.MAV_TYPE_FIXED_WING),
         capabilities=_CAPABILITIES,
         version=(4, 7, 0),
         banner="ArduPlane V4.7.0",
     ),
     modes=replace(
-        COPTER_PERSONA.modes,
+        COPTER_MAVLINK.modes,
         numbers=MappingProxyType(
             {
                 Mode.MANUAL: 0,
@@ -176,16 +176,16 @@ PLANE_PERSONA = replace(
     flies_attitudes=False,
     gimbal=_NO_MOUNT,
 )
-ROVER_PERSONA = replace(
-    COPTER_PERSONA,
+ROVER_MAVLINK = replace(
+    COPTER_MAVLINK,
     identity=replace(
-        COPTER_PERSONA.identity,
+        COPTER_MAVLINK.identity,
         mav_type=int(m.MAV_TYPE_GROUND_ROVER),
         capabilities=_CAPABILITIES,
         banner="ArduRover V4.6.0",
     ),
     modes=replace(
-        COPTER_PERSONA.modes,
+        COPTER_MAVLINK.modes,
         numbers=MappingProxyType(
             {
                 Mode.MANUAL: 0,
@@ -205,7 +205,7 @@ ROVER_PERSONA = replace(
         aliases=MappingProxyType({5: Mode.HOLD, 7: Mode.MANUAL, 12: Mode.RTL}),
         base=BaseModes(),
     ),
-    unsupported=COPTER_PERSONA.unsupported | {int(m.MAV_CMD_CONDITION_YAW)},
+    unsupported=COPTER_MAVLINK.unsupported | {int(m.MAV_CMD_CONDITION_YAW)},
     flies_attitudes=False,
     gimbal=_NO_MOUNT,
 )

@@ -294,7 +294,7 @@ def test_the_protocol_version(autopilot):
 @BOTH
 def test_modes_and_their_monitor(autopilot):
     peer = Peer(autopilot)
-    modes = autopilot.for_vehicle("multirotor").persona.modes
+    modes = autopilot.for_vehicle("multirotor").mavlink.modes
     assert peer.asked(436).custom_mode == modes[modes.boot]
     assert peer.asked(437).get_type() == "AVAILABLE_MODES_MONITOR"
     assert peer.result(512, 435, 99) == 2

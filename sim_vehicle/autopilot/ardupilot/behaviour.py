@@ -20,7 +20,7 @@ from sim_vehicle.autopilot.failsafe_rules import (
     actions_by_value,
 )
 from sim_vehicle.autopilot.mav_parameter import Setting
-from sim_vehicle.autopilot.mission_habits import MissionHabits
+from sim_vehicle.autopilot.mission_behaviour import MissionBehaviour
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.stick_rules import Axis, StickLoss, StickRules, Sticks, WingSticks, bits
 
@@ -28,7 +28,7 @@ __all__ = [
     "COLD_BOOT",
     "COPTER_RULES",
     "COPTER_STICKS",
-    "HABITS",
+    "MISSION",
     "PLANE_RULES",
     "PLANE_STICKS",
     "ROVER_RULES",
@@ -55,7 +55,7 @@ COLD_BOOT = ColdBoot(
     no_position="Need Position Estimate",
 )
 
-HABITS = MissionHabits(
+MISSION = MissionBehaviour(
     restarts_leg=True,
     clamps_item=False,
     obeys_mark=False,

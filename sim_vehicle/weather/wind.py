@@ -193,6 +193,30 @@ class Wind:
         factor = 1.0 if self.shear is None else self.shear.factor(height_m, self.height_m)
         return self.east_m_s * factor, self.north_m_s * factor
 
+    def share_above(self, speed_m_s: float, height_m: float) -> float:
+        """Return the share of time in which the horizontal wind at a height is stronger than a speed.
+
+        Its components are normal about the mean, with equal deviations, so that the square of the speed over
+        the variance has the noncentral chi-squared distribution of two degrees of freedom.
+
+        Examples
+        --------
+        >>> round(Wind.from_direction(5.0, 270.0, gust_m_s=2.0).share_above(9.8, 10.0), 4)
+        0.012
+        >>> Wind.from_direction(5.0, 270.0).share_above(9.8, 10.0)
+        0.0
+        """
+        mean_m_s, deviation_m_s = math.hypot(*self.mean_at(height_m)), self.gust_m_s
+        if self.turbulence is not None:
+            deviation_m_s = intensities_m_s(height_m, self.turbulence.w20_m_s)[0]
+        if deviation_m_s == 0.0:
+            return float(mean_m_s > speed_m_s)
+        # Imported here: only forecasts of gusts need it.
+        from scipy.special import chndtr
+
+        below = chndtr((speed_m_s / deviation_m_s) ** 2, 2.0, (mean_m_s / deviation_m_s) ** 2)
+        return 1.0 - float(below)
+
     def series(self) -> WindSeries:
         """Return the wind over time, from its beginning."""
         return WindSeries(self)

@@ -64,9 +64,11 @@ def farm_with_obstacle(west, south, east, north):
     return Farm("walled", frame, 400, 400, (land,), "me", (200.0, 200.0), 1.0, obstacles=(obstacle,))
 
 
-def checked(mission, *, vehicle="quad", autopilot="px4", wind=0.0, **more):
+def checked(mission, *, vehicle="quad", autopilot="px4", wind=0.0, gust=0.0, turbulence=None, **more):
     """The check of a plan."""
-    weather = WeatherOptions(wind_speed_m_s=wind, wind_direction_deg=270.0)
+    weather = WeatherOptions(
+        wind_speed_m_s=wind, wind_direction_deg=270.0, wind_gust_m_s=gust, turbulence=turbulence
+    )
     options = VehicleOptions(name=vehicle, autopilot=autopilot, parameters=more.pop("parameters", {}))
     return check_mission(mission, Circumstances(options, weather, **more))
 

@@ -272,6 +272,19 @@ def test_a_plan_with_an_error_is_not_written(tmp_path, capsys):
         fly(Scenario(farm=str(farm), budget="500m", estimator="point"))
 
 
+def test_gusts_that_no_margin_covers_are_told_with_a_plan_and_before_a_flight(farm, capsys):
+    told = []
+    scenario = Scenario(farm=farm, planner="random-waypoint", budget="300m", estimator="point", **WINDY)
+    result = fly(scenario, tell_errors=lambda report, refused, _: told.append((report, refused)))
+    assert result.outcome is Outcome.COMPLETED
+    assert [(one.code, refused) for report, refused in told for one in report.findings] == [
+        ("too-gusty", None)
+    ]
+    words = ("plan", "--farm", farm, "--planner", "random-waypoint", "--budget", "300m", "--wind", "5,270,2")
+    assert "no margin to obstacles or a fence covers that" in run(capsys, *words, code=0).err
+    assert "gusts" not in run(capsys, *words[:-1], "5,270,1", code=0).err
+
+
 def test_farm_show_lists_obstacles(farm, capsys):
     told = json.loads(run(capsys, "farm", "show", farm, "--json", code=0).out)
     assert len(told["obstacles"]) == 4

@@ -20,6 +20,7 @@ from wbf_mission.preflight.plan_rules import Leg, legs_of, remarks_of
 from wbf_mission.preflight.subject import FlownTrack, Subject
 
 __all__ = [
+    "TOO_GUSTY",
     "check_battery",
     "check_climbs",
     "check_fence",
@@ -207,21 +208,38 @@ def check_climbs(subject: Subject) -> Iterator[Finding]:
         )
 
 
+TOO_GUSTY = "too-gusty"
+_SHORT_GUSTS_S = 1.0
+"""Inertia carries a vehicle through gusts that last less than this in a whole flight."""
+
+
 def check_wind(subject: Subject) -> Iterator[Finding]:
-    """A mean wind in which the vehicle would be blown away."""
+    """A mean wind in which the vehicle would be blown away; gusts that it cannot hold its path against."""
     vehicle, wind = subject.vehicle, subject.wind
     if wind is None or vehicle.is_ideal:
         return
-    top_m = max((leg.end_m[2] for leg in legs_of(subject)), default=vehicle.takeoff_altitude_m)
-    speed = math.hypot(*wind.mean_at(max(top_m, 0.0)))
-    if speed >= vehicle.airspeed_limit_m_s:
+    limit_m_s = vehicle.airspeed_limit_m_s
+    top_m = max(0.0, max((leg.end_m[2] for leg in legs_of(subject)), default=vehicle.takeoff_altitude_m))
+    speed = math.hypot(*wind.mean_at(top_m))
+    if speed >= limit_m_s:
         yield Finding(
             Severity.WARNING if subject.assumed else Severity.ERROR,
             "too-windy",
             f"{vehicle.name} would be blown away",
             "wait for less wind",
-            measure=Measure.at_most("wind", speed, vehicle.airspeed_limit_m_s, "m/s"),
+            measure=Measure.at_most("wind", speed, limit_m_s, "m/s"),
         )
+    elif subject.prediction is not None and vehicle.kind != "rover":
+        beyond_s = wind.share_above(limit_m_s, top_m) * subject.prediction.duration_s
+        if beyond_s >= _SHORT_GUSTS_S:
+            yield Finding(
+                Severity.WARNING,
+                TOO_GUSTY,
+                f"gusts are stronger than the {limit_m_s:.3g} m/s against which {vehicle.name} holds its"
+                " path: it is blown aside then, and no margin to obstacles or a fence covers that",
+                "wait for less wind, or stay farther away",
+                measure=Measure.at_most("time in such gusts", beyond_s, _SHORT_GUSTS_S, "s"),
+            )
 
 
 def _turn_rad(one: Leg, following: Leg) -> float:

@@ -16,6 +16,7 @@ from wbf_mission.planning.result import PlanResult
 from wbf_mission.planning.weather import flight_level, wind_of
 from wbf_mission.preflight import flight_rules, plan_rules, vehicle_rules
 from wbf_mission.preflight.finding import Concern, Finding, PreflightError, Report, Severity
+from wbf_mission.preflight.flight_rules import TOO_GUSTY
 from wbf_mission.preflight.plan_rules import PLACED
 from wbf_mission.preflight.snapshot import VehicleSnapshot
 from wbf_mission.preflight.subject import Subject, subject_of
@@ -186,6 +187,8 @@ def check_plans(
 ) -> None:
     """Refuse plans in which the check finds errors; the paper's robot, which has no size, flies anything.
 
+    Planners and policies keep away from what they know; gusts that the vehicle cannot hold are told, too.
+
     Parameters
     ----------
     plans : iterable of (PlanResult, Scenario)
@@ -195,26 +198,27 @@ def check_plans(
     force : bool
         Only tell.
     tell : callable
-        Takes the errors.
+        Takes the errors and the gusts.
 
     Raises
     ------
     PreflightError
         With the first error.
     """
-    errors = Report(
+    found = Report(
         tuple(
             finding
             for plan, one in plans
             if not plan.vehicle.is_ideal
             for finding in check_mission(plan.mission, _circumstances(plan, one))
             .report.about(Concern.PLAN)
-            .of(Severity.ERROR)
+            .findings
+            if finding.severity is Severity.ERROR or finding.code == TOO_GUSTY
         )
     )
-    refused = None if force else errors.refusal(consequence)
-    if errors.findings:
-        tell(errors, refused, "")
+    refused = None if force else found.refusal(consequence)
+    if found.findings:
+        tell(found, refused, "")
     if refused is not None:
         raise refused
 

@@ -71,6 +71,24 @@ def test_statistics_of_the_gust():
     assert abs(np.mean(gust[:, 0] * gust[:, 1])) < 0.15
 
 
+@pytest.mark.parametrize(
+    "wind",
+    [
+        Wind(4.0, -3.0, gust_m_s=2.0, seed=5),
+        Wind(5.0, turbulence=Turbulence(9.0, height_m=20.0), height_m=20.0, seed=6),
+    ],
+)
+def test_how_often_the_wind_is_stronger_than_a_speed(wind):
+    speeds = np.hypot(*everything(wind, 300)[:, :2].T)
+    for limit in (4.0, 6.0, 8.0):
+        assert wind.share_above(limit, wind.height_m) == pytest.approx(np.mean(speeds > limit), abs=0.02)
+
+
+def test_a_steady_wind_is_always_or_never_stronger():
+    wind = Wind(3.0, 4.0, shear=WindShear("power", exponent=0.5))
+    assert [wind.share_above(5.0, height_m) for height_m in (5.0, 20.0)] == [0.0, 1.0]
+
+
 def everything(wind, count):
     series = wind.series()
     parts = []

@@ -54,6 +54,7 @@ def jumps(target, times):
     return MissionItem(JUMP, param1=float(target), param2=float(times))
 
 
+LONG = good(at(400, 0), at(0, 0), jumps(3, 2))
 # code: (mission with it, mission without, severity, item, options of the check)
 CASES = {
     "empty": (Mission((), HOME), good(), "error", None, {}),
@@ -186,6 +187,7 @@ CASES = {
     ),
     "steep-leg": (wing(*WIDE, at(500, -50, 120.0)), wing(*WIDE), "warning", 6, WING),
     "too-windy": (good(), good(), "error", None, {"wind": (25.0, 5.0)}),
+    "too-gusty": (LONG, LONG, "warning", None, {"wind": 5.0, "gust": (2.5, 1.0)}),
     "battery": (
         good(at(800, 0), at(0, 0), jumps(3, 12)),
         good(at(800, 0), at(0, 0), jumps(3, 1)),
@@ -242,6 +244,15 @@ def test_the_path_that_is_flown_counts_not_the_straight_legs():
 def test_wind_is_in_the_battery_and_in_the_path():
     calm, windy = checked(good()), checked(good(), wind=9.0)
     assert windy.subject.prediction.energy_wh > calm.subject.prediction.energy_wh
+
+
+def test_which_gusts_a_vehicle_cannot_hold_its_path_against():
+    found = findings(LONG, wind=5.0, gust=2.5)["too-gusty"]
+    assert "9.81 m/s against which quad holds" in found.text
+    assert found.measure.value > found.measure.limit
+    assert "too-gusty" in findings(LONG, wind=5.0, turbulence="severe")
+    assert "too-gusty" not in findings(LONG, wind=5.0, gust=2.5, vehicle="mapping-quad")  # has less drag
+    assert "too-gusty" not in findings(LONG, wind=5.0, gust=2.5, vehicle="rover")
 
 
 def test_inside_one_area_or_all_of_them_as_the_autopilot_has_it():

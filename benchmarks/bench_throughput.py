@@ -24,7 +24,7 @@ from typing import Any
 from scratch import scratch_folder
 
 from wbf_mission.bench.benchmark import benchmark
-from wbf_mission.bench.row import BenchRow
+from wbf_mission.bench.rows import BenchRow
 from wbf_mission.bench.spec import BenchSpec
 from wbf_mission.flight import fly
 

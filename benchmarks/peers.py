@@ -23,10 +23,9 @@ from rich.console import Console
 from rich.table import Table
 
 from wbf_mission.bench.benchmark import benchmark
-from wbf_mission.bench.comparison import compare, verdict
-from wbf_mission.bench.row import BenchRow
+from wbf_mission.bench.rows import BenchRow
 from wbf_mission.bench.spec import BenchSpec
-from wbf_mission.bench.standings import standings
+from wbf_mission.bench.standings import compare, standings, verdict
 from wbf_mission.own_code import own_choice
 from wbf_mission.scenario import Choice
 from wbf_mission.scenario.choice import choose, split_choices

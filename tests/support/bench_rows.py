@@ -4,7 +4,7 @@ from array import array
 
 import numpy as np
 
-from wbf_mission.bench.row import BenchRow
+from wbf_mission.bench.rows import BenchRow
 
 
 def made_row(planner, seed, scores, **given):

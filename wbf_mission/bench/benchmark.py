@@ -8,9 +8,8 @@ from pathlib import Path
 
 from geo.interrupts import interrupts_noted
 from wbf_mission.bench.engine import fly_all
-from wbf_mission.bench.row import BenchRow
+from wbf_mission.bench.rows import BenchRow, BenchStore
 from wbf_mission.bench.spec import BenchSpec
-from wbf_mission.bench.store import BenchStore
 from wbf_mission.progress import Progress, silent
 
 __all__ = ["BenchmarkInterrupted", "benchmark"]

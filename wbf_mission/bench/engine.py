@@ -1,23 +1,127 @@
-"""Flies the runs of a benchmark: in this process, in several, or on many machines."""
+"""Flies the runs of a benchmark, each into a row: in this process, in several, or on many machines."""
 
 from __future__ import annotations
 
+import copy
 import pickle
+import platform
 import sys
+import time
+from array import array
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
 from typing import Any, Protocol, TypeAlias, TypeVar, cast
 
+import numpy as np
+
+from geo.blame import told_error
 from geo.errors import WbfMissionError
 from geo.texts import one_line
 from geo.workers import CallsAhead, Processes
+from mission.outcome import Outcome
 from wbf_mission.bench.meaning import built_in_digest, is_own
-from wbf_mission.bench.row import BenchRow, failed_row, fly_run
+from wbf_mission.bench.rows import BenchRow
 from wbf_mission.bench.spec import BenchRun
+from wbf_mission.flight import fly
+from wbf_mission.run.flight_memory import memory_of_process
+from wbf_mission.run.run_record import RunRecord
+from wbf_mission.scenario import Scenario
+from wbf_mission.version import __version__
 
-__all__ = ["Cluster", "ClusterError", "fly_all"]
+__all__ = ["Cluster", "ClusterError", "failed_row", "fly_all", "fly_run"]
+
+
+def fly_run(run: BenchRun) -> BenchRow:
+    """Fly a run and return its row; of a run that fails, one with the cause.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        If it came meanwhile.
+    """
+    wall_s, cpu_s = time.perf_counter(), time.process_time()
+    try:
+        result = fly(_fresh(run.scenario), memory=memory_of_process())
+    except WbfMissionError as error:
+        return failed_row(run, str(error))
+    except MemoryError:
+        return failed_row(run, "not enough memory")
+    except Exception as error:  # a planner or estimator of somebody's: the other runs go on
+        return failed_row(run, told_error(error))
+    if result.outcome is Outcome.INTERRUPTED:
+        raise KeyboardInterrupt
+    return _row_of(run, result, time.perf_counter() - wall_s, time.process_time() - cpu_s)
+
+
+def _fresh(scenario: Scenario) -> Scenario:
+    """Return the scenario with copies of a user's objects: a run is not to see what those before it left."""
+    try:
+        return copy.deepcopy(scenario)
+    except Exception:  # an object that cannot be copied is flown as it is
+        return scenario
+
+
+def failed_row(run: BenchRun, cause: str) -> BenchRow:
+    """Return the row of a run that gave nothing."""
+    return BenchRow(**_which(run), error=" ".join(cause.split()), versions=_versions())
+
+
+def _row_of(run: BenchRun, result: RunRecord, wall_s: float, cpu_s: float) -> BenchRow:
+    summary, history = result.summary(), result.history
+    good = result.outcome.is_good and not result.policy_failed
+    why = f"{result.outcome.value}: {result.reason}"
+    if result.outcome.is_good:
+        why = result.warnings[0] if result.policy_failed else ""
+    names = result.fields.names
+    losses = history.field_losses
+    return BenchRow(
+        **_which(run),
+        outcome=result.outcome.value,
+        error=None if good else why,
+        score=_finite(summary["score"]),
+        final_score=_finite(summary["final_score"]),
+        losses={name: one for name, one in summary["losses"].items() if one is not None},
+        observations=summary["observations"],
+        cells_observed=summary["cells_observed"],
+        path_length_m=_finite(summary["path_length_m"]),
+        flight_time_s=_finite(summary["flight_time_s"]),
+        predicted_time_s=_finite(summary["predicted_time_s"]),
+        decisions=len(result.decisions),
+        bad_answers=result.bad_answers,
+        wall_time_s=wall_s,
+        cpu_time_s=cpu_s,
+        timings_s=dict(result.timings_s),
+        times_s=array("d", history.times_s),
+        scores=array("d", history.scores),
+        history={name: array("d", losses[:, k]) for k, name in enumerate(names)} if len(losses) else {},
+        versions=_versions(),
+    )
+
+
+def _which(run: BenchRun) -> dict[str, Any]:
+    return {
+        "key": run.key,
+        "scenario": run.scenario_id,
+        "planner": run.planner,
+        "estimator": run.estimator,
+        "seed": run.seed,
+        "codes": run.codes,
+    }
+
+
+def _finite(value: float | None) -> float | None:
+    return float(value) if value is not None and np.isfinite(value) else None
+
+
+def _versions() -> dict[str, str]:
+    return {
+        "wbf-mission": __version__,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+    }
+
 
 LOCAL = "local"
 _T = TypeVar("_T")

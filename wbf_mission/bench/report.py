@@ -5,16 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wbf_mission.bench.page import Page, Picture, Section, Table
-from wbf_mission.bench.row import BenchRow
+from wbf_mission.bench.rows import BenchRow, by_pair
 from wbf_mission.bench.standings import Interval, Standing, apart, standings, students_reach
 from wbf_mission.pictures.plots import LINE_COLOURS, new_figure, save_figure
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 __all__ = [
+    "draw_mean_score",
     "score_over_time",
     "scores_at",
     "standing_table",
@@ -78,18 +83,7 @@ def _bad_answers(found: Sequence[Standing]) -> Table:
 
 
 def score_over_time(rows: Sequence[BenchRow]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return times and, at each, the score of each run as it stood then.
-
-    Parameters
-    ----------
-    rows : sequence of BenchRow
-        With a history; before its first scored time a run has the score of that.
-
-    Returns
-    -------
-    times_s : float64[t]
-    scores : float64[runs, t]
-    """
+    """Return times and float64[runs, times], the score of each run (with a history) as it stood then."""
     last_s = max(row.times_s[-1] for row in rows)
     times_s = np.linspace(0.0, last_s, _POINTS)
     return times_s, np.array([scores_at(row, times_s) for row in rows])
@@ -100,6 +94,24 @@ def scores_at(row: BenchRow, times_s: NDArray[np.float64]) -> NDArray[np.float64
     at = np.searchsorted(row.times_s, times_s, side="right") - 1
     scores: NDArray[np.float64] = np.array(row.scores)[np.maximum(at, 0)]
     return scores
+
+
+def draw_mean_score(
+    axes: Axes,
+    rows: Sequence[BenchRow],
+    label: str,
+    colour: str,
+    *,
+    alpha: float,
+    linewidth: float | None = None,
+) -> None:
+    """Draw the mean score of rows over time, of five and more with Student's intervals."""
+    times_s, scores = score_over_time(rows)
+    means = scores.mean(axis=0)
+    axes.plot(times_s, means, color=colour, label=label, linewidth=linewidth)
+    if len(rows) >= _FEWEST_FOR_A_BAND:
+        reach = students_reach(scores)
+        axes.fill_between(times_s, means - reach, means + reach, color=colour, alpha=alpha, linewidth=0.0)
 
 
 def write_report(rows: Sequence[BenchRow], folder: Path, *, title: str) -> list[Path]:
@@ -148,16 +160,10 @@ def _plot(scenario: str, found: Sequence[Standing], rows: Sequence[BenchRow], fo
     """Draw the mean score over time of the best rows, with Student's intervals."""
     figure = new_figure(8.0, 4.5)
     axes = figure.add_subplot()
+    pairs = by_pair(rows)
     for one, colour in zip(found[:_MOST_LINES], LINE_COLOURS, strict=False):
-        own = [row for row in rows if (row.planner, row.estimator) == (one.planner, one.estimator)]
-        if not own:
-            continue
-        times_s, scores = score_over_time(own)
-        means = scores.mean(axis=0)
-        axes.plot(times_s, means, color=colour, label=f"{one.planner}, {one.estimator}")
-        if len(own) >= _FEWEST_FOR_A_BAND:
-            reach = students_reach(scores)
-            axes.fill_between(times_s, means - reach, means + reach, color=colour, alpha=0.12, linewidth=0.0)
+        if own := pairs.get((one.planner, one.estimator)):
+            draw_mean_score(axes, own, f"{one.planner}, {one.estimator}", colour, alpha=0.12)
     axes.set_xlabel("time, s")
     axes.set_ylabel("score, 0 is perfect")
     left_out = f" (the best {_MOST_LINES} of {len(found)})" if len(found) > _MOST_LINES else ""
@@ -201,8 +207,7 @@ def _costs(good: Sequence[BenchRow]) -> Table:
     """Return what runs of one scenario took in the mean, by their parts, the cheapest first."""
     stages = list(dict.fromkeys(name for row in good for name in row.timings_s))
     means = []
-    for pair in sorted({(row.planner, row.estimator) for row in good}):
-        own = [row for row in good if (row.planner, row.estimator) == pair]
+    for pair, own in by_pair(good).items():
         parts = ([row.timings_s.get(name, 0.0) for row in own] for name in stages)
         columns = ([row.wall_time_s for row in own], [row.cpu_time_s for row in own], *parts)
         means.append((", ".join(pair), [float(np.mean(one)) for one in columns]))

@@ -16,7 +16,7 @@ from wbf_mission.exit_codes import ExitCode
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from wbf_mission.bench.row import BenchRow
+    from wbf_mission.bench.rows import BenchRow
     from wbf_mission.bench.spec import BenchSpec
     from wbf_mission.bench.standings import Interval
     from wbf_mission.scenario import Choice
@@ -184,8 +184,8 @@ def compare_command(
     """
     from dataclasses import asdict
 
-    from wbf_mission.bench.comparison import compare, verdict
     from wbf_mission.bench.spec import BenchSpec
+    from wbf_mission.bench.standings import compare, verdict
 
     output = Output(as_json=json, quiet=quiet)
     wanted = BenchSpec.of(**_spec(scenarios, f"{mine},{against}", estimators, seeds))
@@ -280,8 +280,8 @@ def report_command(
 ) -> int:
     """Print what the results in a folder tell, also while they are made, or write it as a report."""
     from wbf_mission.bench.report import write_report
+    from wbf_mission.bench.rows import read_rows
     from wbf_mission.bench.standings import apart
-    from wbf_mission.bench.store import read_rows
     from wbf_mission.results.tables import ResultError
 
     kept = read_rows(folder)

@@ -79,6 +79,19 @@ def save_figure(figure: Figure, path: Path) -> Path:
     return path
 
 
+def new_sheet(width: float, height: float) -> Figure:
+    """Return a figure of so many inches for print, laid out so that nothing overlaps."""
+    figure = new_figure(width, height, dpi=200)
+    figure.set_layout_engine("constrained")
+    return figure
+
+
+def save_sheet(figure: Figure, paths: Sequence[Path]) -> None:
+    """Write a figure into files, the kind of each by its suffix."""
+    for path in paths:
+        save_figure(figure, path)
+
+
 def shown_every(shape: Sequence[int]) -> int:
     """Return which cells of a map are shown along each side: every so-manieth."""
     return max(1, -(-max(shape) // MAX_PIXELS))

@@ -17,10 +17,9 @@ from sensors.estimators.point import PointEstimator
 from wbf_mission import benchmark
 from wbf_mission.bench import engine
 from wbf_mission.bench.benchmark import BenchmarkInterrupted
-from wbf_mission.bench.engine import fly_all
-from wbf_mission.bench.row import fly_run
+from wbf_mission.bench.engine import fly_all, fly_run
+from wbf_mission.bench.rows import BenchStore, read_rows
 from wbf_mission.bench.spec import BenchSpec
-from wbf_mission.bench.store import BenchStore, read_rows
 from wbf_mission.cli.app import main
 
 TEN = ["WBF/Miniberry-10-v1"]

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from wbf_mission.bench.benchmark import benchmark
-from wbf_mission.bench.row import BenchRow
+from wbf_mission.bench.rows import BenchRow, BenchStore, read_rows
 from wbf_mission.bench.spec import BenchSpec
-from wbf_mission.bench.store import BenchStore, read_rows
 
 PAGE_BYTES = 4096
 

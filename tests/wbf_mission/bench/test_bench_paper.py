@@ -11,13 +11,12 @@ from PIL import Image
 from wbf_mission.bench import engine
 from wbf_mission.bench.benchmark import BenchmarkInterrupted
 from wbf_mission.bench.paper import cost, make, shown
+from wbf_mission.bench.paper.comparison import early_table, lead_table
 from wbf_mission.bench.paper.cost import kept_costs, measured_costs, plot_costs
 from wbf_mission.bench.paper.dynamics import DAYS, Dynamics
 from wbf_mission.bench.paper.shown import ShownRun
-from wbf_mission.bench.paper.tables import early_table, lead_table
-from wbf_mission.bench.row import BenchRow
+from wbf_mission.bench.rows import BenchRow, read_rows
 from wbf_mission.bench.spec import BenchSpec
-from wbf_mission.bench.store import read_rows
 from wbf_mission.cli.app import main
 from wbf_mission.progress import silent
 from wbf_mission.results.tables import ResultError

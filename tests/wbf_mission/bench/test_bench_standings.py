@@ -5,9 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from wbf_mission.bench.comparison import compare, verdict
-from wbf_mission.bench.row import BenchRow
-from wbf_mission.bench.standings import mean_interval, standings
+from wbf_mission.bench.rows import BenchRow
+from wbf_mission.bench.standings import compare, mean_interval, standings, verdict
 
 
 def rows(planner, scores, estimator="gp", scenario="s", error=()):

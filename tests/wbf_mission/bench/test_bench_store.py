@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wbf_mission.bench.row import BenchRow
-from wbf_mission.bench.store import TABLE, BenchStore, read_rows
+from wbf_mission.bench.rows import TABLE, BenchRow, BenchStore, read_rows
 from wbf_mission.results.tables import ResultError
 
 NAMES = st.text(st.characters(exclude_categories=("Cs",)), max_size=10)

@@ -1,9 +1,10 @@
-"""The comparison figure: path, truth, estimate and score over time of each planner with each estimator."""
+"""The comparison of planners with estimators: path, truth, estimate and score over time, and the numbers."""
 
 from __future__ import annotations
 
+import itertools
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,24 +15,32 @@ from geo import Farm, FarmGrid
 from geo.farms import get_farm
 from sensors.field_files import load_field_set
 from sensors.fields import FieldSet
-from wbf_mission.bench.paper.sheet import new_sheet, save_sheet
+from wbf_mission.bench.page import Table
 from wbf_mission.bench.paper.shown import ShownRun
-from wbf_mission.bench.report import score_over_time
-from wbf_mission.bench.row import BenchRow
-from wbf_mission.bench.standings import students_reach
+from wbf_mission.bench.report import draw_mean_score, scores_at, standing_table
+from wbf_mission.bench.rows import BenchRow, by_pair
+from wbf_mission.bench.standings import Interval, mean_interval, standings
 from wbf_mission.pictures.path_plot import FLOWN
-from wbf_mission.pictures.plots import LAND, WORST_COLOURS, draw_farm
+from wbf_mission.pictures.plots import LAND, WORST_COLOURS, draw_farm, new_sheet, save_sheet
 from wbf_mission.scenario import Scenario
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["plot_pairs", "plot_scores"]
+__all__ = [
+    "authors_table",
+    "early_table",
+    "lead_table",
+    "plot_pairs",
+    "plot_scores",
+    "standings_table",
+]
 
 _OTHERS = "#b9b6ae"
-_FEWEST_FOR_A_BAND = 5
 _ACROSS = 2
 _WIDTH = 55  # letters of a title over a panel
+_PARTS = (0.1, 0.2, 0.5, 1.0)
+"""Of the time of the longest run."""
 _COLUMNS = ("path", "truth", "estimate", "score, 0 is perfect")
 
 
@@ -45,18 +54,8 @@ def plot_pairs(
 ) -> None:
     """Draw a line of pictures for each planner with one estimator, all in one environment.
 
-    Both diseases are in one map, each on the plants that it can befall.
-
-    Parameters
-    ----------
-    shown : mapping of (str, str) to ShownRun
-        By planner and estimator.
-    rows : sequence of BenchRow
-        Of the environment that is shown.
-    colours : mapping of str to str
-        Of the planners.
-    paths : sequence of Path
-        The same picture as PNG, PDF, ... by suffix.
+    Both diseases are in one map, each on the plants that it can befall. `rows` are of the environment that is
+    shown, `colours` of the planners; `shown` has planner and estimator as keys.
     """
     farm = get_farm(scenario.farm.name)
     fields = load_field_set(scenario.farm.fields)
@@ -96,17 +95,7 @@ def plot_pairs(
 def plot_scores(
     rows: Sequence[BenchRow], estimators: Sequence[str], colours: Mapping[str, str], paths: Sequence[Path]
 ) -> None:
-    """Draw the mean score over time of all planners, a panel for each estimator, with Student's intervals.
-
-    Parameters
-    ----------
-    rows : sequence of BenchRow
-    estimators : sequence of str
-    colours : mapping of str to str
-        Of the planners.
-    paths : sequence of Path
-        The same picture as PNG, PDF, ... by suffix.
-    """
+    """Draw the mean score over time of all planners, a panel for each estimator, with Student's intervals."""
     across = min(len(estimators), _ACROSS)
     down = -(-len(estimators) // across)
     figure = new_sheet(4.4 * across, 0.5 + 3.1 * down)
@@ -114,19 +103,11 @@ def plot_scores(
     panels = grid.flat[: len(estimators)]
     for unused in grid.flat[len(estimators) :]:
         unused.set_visible(False)
+    pairs = by_pair(row for row in rows if row.scores)
     for axes, estimator in zip(panels, estimators, strict=True):
         for planner, colour in colours.items():
-            own = [row for row in rows if (row.planner, row.estimator) == (planner, estimator) and row.scores]
-            if not own:
-                continue
-            times_s, scores = score_over_time(own)
-            means = scores.mean(axis=0)
-            axes.plot(times_s, means, color=colour, label=planner, linewidth=1.6)
-            if len(own) >= _FEWEST_FOR_A_BAND:
-                reach = students_reach(scores)
-                axes.fill_between(
-                    times_s, means - reach, means + reach, color=colour, alpha=0.13, linewidth=0.0
-                )
+            if own := pairs.get((planner, estimator)):
+                draw_mean_score(axes, own, planner, colour, alpha=0.13, linewidth=1.6)
         axes.set_title("\n".join(textwrap.wrap(estimator.replace(",", ", "), _WIDTH)), fontsize=9)
         axes.set_xlabel("time, s")
         axes.grid(alpha=0.3)
@@ -178,3 +159,75 @@ def _score(axes: Axes, planner: str, rows: Sequence[BenchRow], colour: str, lowe
     axes.set_ylim(1.05 * lowest, 0.0)
     axes.set_xlabel("time, s")
     axes.grid(alpha=0.3)
+
+
+def standings_table(rows: Sequence[BenchRow]) -> Table:
+    """Return the standings of one scenario's runs."""
+    return standing_table("Scores over the run and at its end", standings(rows))
+
+
+def early_table(rows: Sequence[BenchRow]) -> Table:
+    """Return the mean score of one scenario's rows at parts of the time, with intervals of 95 %."""
+    good = [row for row in rows if row.scores]
+    last_s = max((row.times_s[-1] for row in good), default=0.0)
+    header = ("planner, estimator", *(f"at {part * last_s:.0f} s" for part in _PARTS))
+    lines = []
+    for (planner, estimator), own in by_pair(good).items():
+        at = np.array([scores_at(row, np.array(_PARTS) * last_s) for row in own])
+        cells = (_interval(mean_interval(one)) for one in at.T)
+        lines.append((f"{planner}, {estimator}", *cells))
+    return Table("How the score stands on the way", header, tuple(lines))
+
+
+def lead_table(rows: Sequence[BenchRow]) -> Table:
+    """Return who has the best mean score at parts of the time, and by how much the others are behind it.
+
+    Differences are taken in pairs of runs in the same environment, with intervals of 95 %.
+    """
+    good = [row for row in rows if row.scores]
+    last_s = max((row.times_s[-1] for row in good), default=0.0)
+    at = {(row.planner, row.estimator, row.seed): row for row in good}
+    planners = list(dict.fromkeys(row.planner for row in good))
+    lines = []
+    for estimator, part in itertools.product(dict.fromkeys(row.estimator for row in good), _PARTS):
+        # Environments in which all planners have a score.
+        seeds = [
+            seed
+            for seed in sorted({row.seed for row in good})
+            if all((planner, estimator, seed) in at for planner in planners)
+        ]
+        if not seeds:
+            continue
+        time_s = np.array([part * last_s])
+        scores = {
+            planner: np.array([scores_at(at[planner, estimator, seed], time_s)[0] for seed in seeds])
+            for planner in planners
+        }
+        first = max(planners, key=lambda planner: float(scores[planner].mean()))
+        behind = [
+            "leads" if one == first else _interval(mean_interval(scores[first] - scores[one]))
+            for one in planners
+        ]
+        lines.append((f"{estimator}, at {part * last_s:.0f} s", *behind))
+    return Table("Who leads, and by how much", ("estimator, time", *planners), tuple(lines))
+
+
+def authors_table(rows: Iterable[BenchRow], shown: Mapping[tuple[str, str], ShownRun]) -> Table:
+    """Return the score at the end of the runs that are shown, and what the published code makes of them."""
+    lines = tuple(
+        (
+            f"{row.planner}, {row.estimator}",
+            "-" if row.final_score is None else f"{row.final_score:.4f}",
+            f"{shown[row.planner, row.estimator].axis_max:.2f}",
+        )
+        for row in rows
+        if (row.planner, row.estimator) in shown
+    )
+    header = ("planner, estimator", "score at the end", "by the published code")
+    return Table("The runs that are shown", header, lines)
+
+
+def _interval(one: Interval) -> str:
+    if np.isnan(one.low):
+        return f"{one.mean:.3f}"
+    return f"{one.mean:.3f} ({one.low:.3f} to {one.high:.3f})"

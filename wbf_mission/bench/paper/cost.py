@@ -22,7 +22,7 @@ from sensors.estimators.base import Estimator, prepare_estimator
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.score import RunningScore
-from wbf_mission.bench.paper.sheet import new_sheet, save_sheet
+from wbf_mission.pictures.plots import new_sheet, save_sheet
 from wbf_mission.progress import Progress, silent
 from wbf_mission.results.tables import ResultError
 
@@ -84,17 +84,7 @@ def measured_costs(
 ) -> list[Cost]:
     """Return the costs of all methods on all farms; what a file does not hold is measured and kept there.
 
-    A method is not asked for more observations on a farm where it took more than the limit.
-
-    Parameters
-    ----------
-    path : Path
-        JSON.
-    farms : sequence of str
-    numbers : sequence of int
-        Of observations, growing.
-    limit_s : float
-        Processor seconds.
+    A method that took more than the limit on a farm is not asked for more observations (`numbers`, growing).
 
     Raises
     ------
@@ -195,16 +185,7 @@ def _median_s(prepared: Callable[[], _T], work: Callable[[_T], object]) -> float
 
 
 def plot_costs(costs: Sequence[Cost], paths: Sequence[Path], limit_s: float = LIMIT_S) -> None:
-    """Draw the costs of estimates, a panel for each estimator, and of scores against the size of the farm.
-
-    Parameters
-    ----------
-    costs : sequence of Cost
-    paths : sequence of Path
-        The same picture as PNG, PDF, ... by suffix.
-    limit_s : float
-        Where methods were stopped.
-    """
+    """Draw the costs of estimates, a panel for each estimator, and of scores against the size of the farm."""
     from matplotlib.lines import Line2D
 
     farms = sorted({one.farm: one.cells for one in costs}.items(), key=lambda one: one[1])

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from geo import Farm
 from geo.farms import get_farm
 from sensors.fields import Field, FieldSet
-from wbf_mission.bench.paper.sheet import new_sheet, save_sheet
-from wbf_mission.pictures.plots import LAND, shown_every
+from wbf_mission.pictures.plots import LAND, new_sheet, save_sheet, shown_every
 from wbf_mission.progress import Progress, silent
 from wbf_mission.run.surroundings import make_environment
 from wbf_mission.scenario import Scenario, scenario_with
@@ -83,13 +82,7 @@ class Dynamics:
 
 
 def plot_dynamics(dynamics: Dynamics, paths: Sequence[Path]) -> None:
-    """Draw a row of maps and a curve over the days for each field.
-
-    Parameters
-    ----------
-    paths : sequence of Path
-        The same picture as PNG, PDF, ... by suffix.
-    """
+    """Draw a row of maps and a curve over the days for each field."""
     fields = dynamics.fields
     figure = new_sheet(10.0, 0.6 + 1.3 * len(fields))
     panels = figure.subplots(

@@ -12,15 +12,20 @@ from geo import Crop
 from geo.farms import get_farm
 from wbf_mission.bench.benchmark import benchmark
 from wbf_mission.bench.page import Page, Picture, Section
-from wbf_mission.bench.paper.comparison import plot_pairs, plot_scores
+from wbf_mission.bench.paper.comparison import (
+    authors_table,
+    early_table,
+    lead_table,
+    plot_pairs,
+    plot_scores,
+    standings_table,
+)
 from wbf_mission.bench.paper.cost import FARMS, LIMIT_S, measured_costs, plot_costs
 from wbf_mission.bench.paper.dynamics import DAYS, Dynamics, plot_dynamics
-from wbf_mission.bench.paper.sheet import new_sheet, save_sheet
 from wbf_mission.bench.paper.shown import shown_runs
-from wbf_mission.bench.paper.tables import authors_table, early_table, lead_table, standings_table
-from wbf_mission.bench.row import BenchRow
+from wbf_mission.bench.rows import BenchRow
 from wbf_mission.bench.spec import BenchSpec
-from wbf_mission.pictures.plots import CROP_COLOURS, LINE_COLOURS, draw_farm
+from wbf_mission.pictures.plots import CROP_COLOURS, LINE_COLOURS, draw_farm, new_sheet, save_sheet
 from wbf_mission.progress import Progress, silent
 from wbf_mission.results.tables import ResultError
 from wbf_mission.run.resolve import FlightError
@@ -32,13 +37,7 @@ _DRAWN = ("waterberry", "miniberry-10", "miniberry-30", "miniberry-100")
 
 
 def plot_geometry(paths: Sequence[Path]) -> None:
-    """Draw the paper's farms: the full one large, the small ones beside it.
-
-    Parameters
-    ----------
-    paths : sequence of Path
-        The same picture as PNG, PDF, ... by suffix.
-    """
+    """Draw the paper's farms: the full one large, the small ones beside it."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 

@@ -1,4 +1,4 @@
-"""The folder of a benchmark: rows that are kept as soon as they are there.
+"""The rows of a benchmark, one for each run, and the folder that keeps them as soon as they are there.
 
 ``journal.jsonl`` takes a line for each run that ends; ``rows.parquet`` takes what is in the journal when the
 benchmark ends or begins, written whole. A process that is killed loses the runs that it was at.
@@ -9,20 +9,99 @@ from __future__ import annotations
 import contextlib
 import fcntl
 from array import array
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, Self
+from typing import IO, TYPE_CHECKING, Any, Self, TypeAlias
 
 import msgspec
 import numpy as np
 
 from geo.atomic import disk_errors_named
 from geo.decoding import misfit
-from wbf_mission.bench.row import BenchRow, Floats, as_floats
 from wbf_mission.results.tables import ResultError, read_batches, write_table
 
-__all__ = ["BenchStore", "read_rows", "rows_table"]
+__all__ = ["BenchRow", "BenchStore", "Floats", "as_floats", "by_pair", "read_rows", "rows_table"]
+
+if TYPE_CHECKING:
+    Floats: TypeAlias = array[float]
+else:
+    Floats = array
+    """Of type code ``d``: in a list a number takes four times as much, and a table has thousands of rows."""
+
+
+def as_floats(kind: type, value: Any) -> Floats:
+    """Return a list of numbers as an array: how msgspec reads the lists of a row.
+
+    Raises
+    ------
+    TypeError
+        If it is none.
+    """
+    if kind is not array or not isinstance(value, list):
+        msg = f"Expected `array` of numbers, got `{type(value).__name__}`"
+        raise TypeError(msg)
+    return array("d", value)
+
+
+def _no_floats() -> Floats:
+    return array("d")
+
+
+class BenchRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A run that was flown, or that failed.
+
+    Losses are means a cell, by the names of the fields; the history has the scored times. Everything but the
+    costs is decided by the run alone.
+
+    Attributes
+    ----------
+    key, scenario, planner, estimator, seed
+        Which run (`wbf_mission.bench.spec.BenchRun`).
+    error : str or None
+        Why it failed.
+    score, final_score : float or None
+        Over the run and at its end; 0 is perfect.
+    losses : dict
+        At the end.
+    wall_time_s, cpu_time_s : float
+        The costs: of the whole run, and by its parts in `timings_s`.
+    times_s, scores, history
+        Seconds of flight, the score and the losses at the scored times.
+    versions : dict
+        Of what flew it.
+    codes : dict
+        Digests of that (`wbf_mission.bench.spec.BenchRun`); empty in rows of old stores, which did not tell.
+    bad_answers : dict
+        How many answers of the policy were not flown, or came too late, by what was wrong with them.
+    """
+
+    key: str
+    scenario: str
+    planner: str
+    estimator: str
+    seed: int
+    outcome: str | None = None
+    error: str | None = None
+    score: float | None = None
+    final_score: float | None = None
+    losses: dict[str, float] = {}
+    observations: int | None = None
+    cells_observed: int | None = None
+    path_length_m: float | None = None
+    flight_time_s: float | None = None
+    predicted_time_s: float | None = None
+    decisions: int | None = None
+    wall_time_s: float = 0.0
+    cpu_time_s: float = 0.0
+    timings_s: dict[str, float] = {}
+    times_s: Floats = msgspec.field(default_factory=_no_floats)
+    scores: Floats = msgspec.field(default_factory=_no_floats)
+    history: dict[str, Floats] = {}
+    versions: dict[str, str] = {}
+    codes: dict[str, str] = {}
+    bad_answers: dict[str, int] = {}
+
 
 TABLE = "rows.parquet"
 _JOURNAL = "journal.jsonl"
@@ -44,12 +123,7 @@ _encoder = msgspec.json.Encoder(enc_hook=list)
 
 
 class BenchStore:
-    """The folder of a benchmark, opened by the one who writes it.
-
-    Parameters
-    ----------
-    folder : Path
-        It is made if need be.
+    """The folder of a benchmark, made if need be, opened by the one who writes it.
 
     Attributes
     ----------
@@ -144,6 +218,14 @@ def read_rows(folder: Path) -> list[BenchRow]:
                 raise ResultError(msg) from None
             found[row.key] = row
     return sorted(found.values(), key=lambda row: (row.scenario, row.planner, row.estimator, row.seed))
+
+
+def by_pair(rows: Iterable[BenchRow]) -> dict[tuple[str, str], list[BenchRow]]:
+    """Return rows by planner and estimator, sorted by these."""
+    found: dict[tuple[str, str], list[BenchRow]] = {}
+    for row in rows:
+        found.setdefault((row.planner, row.estimator), []).append(row)
+    return dict(sorted(found.items()))
 
 
 def rows_table(rows: Sequence[BenchRow]) -> Any:

@@ -175,3 +175,35 @@ def test_an_array_is_not_made_where_none_was_announced():
 
     with pytest.raises(TypingError, match="zeros"):
         zeros(3)
+
+
+SUMS = """
+import numpy as np
+from numba.core.types import functions
+from geo.compiled import compiled
+
+asked = []
+order = functions.utils.order_by_target_specificity
+
+def counted(*args, fnkey=""):
+    asked.append(getattr(fnkey, "__name__", ""))
+    return order(*args, fnkey=fnkey)
+
+functions.utils.order_by_target_specificity = counted
+
+@compiled
+def total(x, rows):
+    return x * x + x * 2.0 + rows[0] * rows[1]
+
+@compiled(fastmath=True)
+def loose(x, rows):
+    return x * rows[0]
+
+found = total(1.0, np.ones(2)) + loose(1.0, np.ones(2))
+print(found if asked.count("mul") == 1 else 0.0)
+"""
+
+
+def test_what_an_operator_does_is_looked_up_once_for_the_same_types(package):
+    (package / "outer.py").write_text(SUMS)
+    assert run(package)[0] == 5.0

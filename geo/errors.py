@@ -42,10 +42,10 @@
     +-- wbf_mission.preflight.finding.PreflightError     a plan that cannot be checked, or must not go up
     +-- wbf_mission.run.resolve.FlightError              a flight that cannot go on
     +-- wbf_mission.pictures.animation.AnimationError    a moving picture of a run
-    +-- wbf_mission.results.arrays.ArrayFileError        arrays of a result
+    +-- wbf_mission.results.storage.ArrayFileError        arrays of a result
     +-- wbf_mission.bench.engine.ClusterError            a Dask cluster
     +-- wbf_mission.rl.errors.TrainingError              a training environment
-    +-- wbf_mission.results.tables.ResultError           the folder of a result
+    +-- wbf_mission.results.storage.ResultError           the folder of a result
     +-- wbf_mission.cli.targets.TargetError              a file or folder to be written
 """
 

@@ -67,9 +67,9 @@ if TYPE_CHECKING:
     from wbf_mission.planning import plan as plan
     from wbf_mission.results.result import Result as Result
     from wbf_mission.results.result import load_result as load_result
-    from wbf_mission.results.tables import ResultError as ResultError
-    from wbf_mission.run.flight_memory import FlightMemory as FlightMemory
+    from wbf_mission.results.storage import ResultError as ResultError
     from wbf_mission.run.resolve import FlightError as FlightError
+    from wbf_mission.run.reuse import FlightMemory as FlightMemory
     from wbf_mission.scenario import Scenario as Scenario
     from wbf_mission.scenario import ScenarioError as ScenarioError
     from wbf_mission.scenario import load_scenario as load_scenario
@@ -128,11 +128,11 @@ else:
             "wbf_mission.bench.spec": ("BenchSpec",),
             "wbf_mission.flight": ("fly",),
             "wbf_mission.run.resolve": ("FlightError",),
-            "wbf_mission.run.flight_memory": ("FlightMemory",),
+            "wbf_mission.run.reuse": ("FlightMemory",),
             "mission.ground.link": ("download", "upload"),
             "mission.outcome": ("Outcome",),
             "wbf_mission.planning": ("plan",),
-            "wbf_mission.results.tables": ("ResultError",),
+            "wbf_mission.results.storage": ("ResultError",),
             "wbf_mission.results.result": ("Result", "load_result"),
             "wbf_mission.scenario": ("Scenario", "ScenarioError", "load_scenario", "scenario_with"),
             "mission.policies.conformance": ("check_policy",),

@@ -29,10 +29,9 @@ from wbf_mission.run.estimation import (
     prepare_days,
     require_run_memory,
 )
-from wbf_mission.run.flight_memory import FlightMemory
 from wbf_mission.run.hosting import VirtualHosting
-from wbf_mission.run.resolve import resolve
-from wbf_mission.run.surroundings import camera_options
+from wbf_mission.run.resolve import camera_options, resolve
+from wbf_mission.run.reuse import FlightMemory
 from wbf_mission.scenario import Scenario, scenario_with
 from wbf_mission.scenario.scenario import require_scenario
 

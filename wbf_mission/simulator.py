@@ -18,8 +18,8 @@ from sim_vehicle.mavlink import SimVehicle
 from sim_vehicle.mavlink.fleet import SPACING_M, Fleet
 from sim_vehicle.prediction.compile_ahead import warm_up
 from wbf_mission.planning import flown_vehicle
-from wbf_mission.planning.weather import noise_of, wind_of_run
-from wbf_mission.run.surroundings import camera_options, make_environment
+from wbf_mission.planning.conditions import noise_of, wind_of_run
+from wbf_mission.run.resolve import camera_options, make_environment
 from wbf_mission.scenario import Scenario, ScenarioError
 
 

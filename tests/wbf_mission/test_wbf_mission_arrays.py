@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import zarr
 
-from wbf_mission.results.arrays import ArrayFileError, read_array, write_array
+from wbf_mission.results.storage import ArrayFileError, read_array, write_array
 
 FIELDS = ("tylcv", "ccr", "soil")
 

@@ -12,9 +12,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from wbf_mission.flight import fly
-from wbf_mission.results.reading import MAX_JSON_BYTES
+from wbf_mission.results.files import MAX_JSON_BYTES
 from wbf_mission.results.result import load_result
-from wbf_mission.results.tables import ResultError
+from wbf_mission.results.storage import ResultError
 from wbf_mission.scenario import Scenario
 
 NEEDED = {

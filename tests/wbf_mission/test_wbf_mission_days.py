@@ -8,7 +8,7 @@ import pytest
 
 import wbf_mission.run.campaign
 import wbf_mission.run.flights
-import wbf_mission.run.run_record
+import wbf_mission.run.record
 from geo.farms import get_farm
 from mission.outcome import Outcome
 from sensors.environment import Environment
@@ -21,7 +21,7 @@ from sensors.scoring.score import RunningScore
 from wbf_mission.flight import fly
 from wbf_mission.results.result import Result, load_result
 from wbf_mission.run.joint_flight import JointFlight
-from wbf_mission.run.surroundings import make_environment
+from wbf_mission.run.resolve import make_environment
 from wbf_mission.scenario import Scenario
 
 DAYS = Scenario(
@@ -217,7 +217,7 @@ def test_each_day_has_its_report_truth_and_estimate(result: Result, tmp_path: Pa
 
 
 def test_large_farms_keep_the_last_day_only(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(wbf_mission.run.run_record, "KEPT_DAYS_BYTES", 1000)
+    monkeypatch.setattr(wbf_mission.run.record, "KEPT_DAYS_BYTES", 1000)
     result = fly(changed(flights_per_day=1))
     assert all(one.truth is None and one.model is None and one.report for one in result.days)
     folder = result.save(tmp_path / "run", plots=False)

@@ -9,8 +9,8 @@ from mission.planners import LengthBudget, PlanningRequest
 from mission.policies.observation import Status, VehicleReport
 from mission.policies.travel_cost import GeometricTravelCost
 from wbf_mission import Scenario, fly
+from wbf_mission.planning.plan import plan_fleet
 from wbf_mission.replanning.spacing import KeptDistance, least_apart_m
-from wbf_mission.run.fleet import plan_fleet
 from wbf_mission.run.flights import departure_delays
 from wbf_mission.scenario import ScenarioError
 

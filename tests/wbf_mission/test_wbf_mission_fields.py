@@ -15,7 +15,7 @@ from sim_vehicle.camera.component import LeafCameraComponent
 from wbf_mission.cli.app import main
 from wbf_mission.flight import fly
 from wbf_mission.results.result import load_result
-from wbf_mission.run import surroundings
+from wbf_mission.run import resolve
 from wbf_mission.scenario import Scenario, load_scenario
 
 NITROGEN = """
@@ -160,8 +160,8 @@ def test_a_vehicle_that_senses_other_fields_is_warned_of(
 
     def carry(_camera: LeafCamera, farm: Farm, **more: object) -> LeafCameraComponent:
         fields = load_field_set(other.farm.fields)
-        environment = surroundings.make_environment(other, farm, use_cache=False)
-        options = surroundings.camera_options(other.camera, fields)
+        environment = resolve.make_environment(other, farm, use_cache=False)
+        options = resolve.camera_options(other.camera, fields)
         camera = LeafCamera(environment, farm.grid().shape, 6, options, np.random.default_rng(1))
         return LeafCameraComponent(camera, farm, **more)  # type: ignore[arg-type]
 

@@ -12,9 +12,10 @@ from sim_vehicle.faults.fault import FaultError
 from wbf_mission import Scenario, fly, load_result
 from wbf_mission.cli.app import main
 from wbf_mission.planning import plan
-from wbf_mission.run.fleet import plan_fleet, single_scenarios, vehicles_of
+from wbf_mission.planning.fleet import single_scenarios, vehicles_of
+from wbf_mission.planning.plan import plan_fleet
 from wbf_mission.scenario import ScenarioError
-from wbf_mission.scenario.separation import Separation, parse_separation
+from wbf_mission.scenario.values import Separation, parse_separation
 
 QUADS = {"farm": "miniberry-30", "vehicle": "quad", "estimator": "point", "planner": "spiral"}
 ROBOTS = {"farm": "miniberry-10", "vehicle": "ideal", "estimator": "point", "planner": "lawnmower"}

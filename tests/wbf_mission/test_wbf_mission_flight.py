@@ -20,7 +20,7 @@ from wbf_mission.flight import fly
 from wbf_mission.planning import plan
 from wbf_mission.preflight.finding import PreflightError, Report
 from wbf_mission.run.estimation import RunEstimate
-from wbf_mission.run.surroundings import make_environment
+from wbf_mission.run.resolve import make_environment
 from wbf_mission.scenario import Scenario, ScenarioError, scenario_with
 
 IDEAL = Scenario(farm="miniberry-10", planner="lawnmower", vehicle="ideal", seed=3, estimator="adaptive-disk")

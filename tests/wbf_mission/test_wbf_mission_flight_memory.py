@@ -10,7 +10,7 @@ from mission.outcome import Outcome
 from sensors.environment import cache
 from wbf_mission.flight import fly
 from wbf_mission.results.result import Result
-from wbf_mission.run.flight_memory import FlightMemory
+from wbf_mission.run.reuse import FlightMemory
 from wbf_mission.scenario import Scenario, scenario_with
 
 BASE = Scenario(farm="miniberry-10", vehicle="ideal", budget="30steps", planner="spiral", estimator="gp")

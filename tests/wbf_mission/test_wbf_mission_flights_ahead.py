@@ -11,14 +11,14 @@ import joblib
 import numpy as np
 import pytest
 
-import wbf_mission.run.flights_ahead
+import wbf_mission.run.reuse
 from mission.outcome import Outcome
 from wbf_mission.flight import fly
 from wbf_mission.results.result import Result
 from wbf_mission.run.flights import Flights
-from wbf_mission.run.flights_ahead import FlightsAhead, can_fly_ahead
 from wbf_mission.run.hosting import VirtualHosting
 from wbf_mission.run.resolve import resolve
+from wbf_mission.run.reuse import FlightsAhead, can_fly_ahead
 from wbf_mission.scenario import Scenario
 
 SHORT = Scenario(
@@ -36,7 +36,7 @@ SHORT = Scenario(
 @pytest.fixture
 def worth(monkeypatch: pytest.MonkeyPatch) -> None:
     """Make every run worth other processes, on a machine of two cores."""
-    monkeypatch.setattr(wbf_mission.run.flights_ahead, "WORTH_S", 0.0)
+    monkeypatch.setattr(wbf_mission.run.reuse, "WORTH_S", 0.0)
     monkeypatch.setattr(joblib, "cpu_count", lambda: 2)
 
 
@@ -119,7 +119,7 @@ def test_a_fleet_that_loses_a_vehicle_is_flown_one_after_the_other(monkeypatch: 
     taken = counted(monkeypatch)
     ahead = fly(fleet, faults=faults)
     assert len(taken) == 1, "what is lost in the first flight is missing in all others"
-    monkeypatch.setattr(wbf_mission.run.flights_ahead, "WORTH_S", np.inf)
+    monkeypatch.setattr(wbf_mission.run.reuse, "WORTH_S", np.inf)
     assert_alike(ahead, fly(fleet, faults=faults))
     assert ahead.outcome is Outcome.CRASHED
 

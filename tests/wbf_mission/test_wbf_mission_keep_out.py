@@ -20,9 +20,8 @@ from mission.planners.budget import LengthBudget
 from mission.planners.inside_routing import parts_of
 from wbf_mission.cli.app import main
 from wbf_mission.flight import fly
-from wbf_mission.planning import plan
+from wbf_mission.planning import MissionBuilder, plan
 from wbf_mission.planning.keep_out import KeepOut
-from wbf_mission.planning.plan import flight_builder
 from wbf_mission.preflight.finding import PreflightError
 from wbf_mission.preflight.run import Circumstances, check_mission
 from wbf_mission.scenario import Scenario, ScenarioError
@@ -49,6 +48,11 @@ OBSTACLES = (
     shapely.box(13, 2, 15, 5),  # near home
     shapely.box(52, -2, 57, 4),  # over the border
 )
+
+
+def builder_of(scenario):
+    """What makes missions of a scenario's vehicle."""
+    return MissionBuilder.of(scenario, get_farm(scenario.farm.name))
 
 
 def yard(*obstacles):
@@ -101,7 +105,7 @@ def test_flights_of_planners_keep_the_margin_in_wind(farm, planner, autopilot):
 def test_plans_keep_the_margin_in_calm_air(farm, planner, autopilot):
     scenario = Scenario(farm=farm, planner=planner, autopilot=autopilot, budget="5min", margin_m=3.0)
     made = plan(scenario)
-    builder = flight_builder(scenario)
+    builder = builder_of(scenario)
     home = made.farm.home_m
     away_m = nearest_m(builder.flown_way(np.vstack((home, made.path_m, home))))
     assert away_m > 3.0 + 0.5, "the margin, and what the vehicle strays"
@@ -143,18 +147,18 @@ def test_home_at_once_is_no_wrong_answer_where_even_that_is_over_the_budget(farm
 
 
 def test_an_error_of_the_satellites_counts(farm):
-    exact = flight_builder(Scenario(farm=farm))
-    wrong = flight_builder(Scenario(farm=farm, gps_noise_m=0.5))
-    calm, windy = exact.keep_out, flight_builder(Scenario(farm=farm, **WINDY)).keep_out
+    exact = builder_of(Scenario(farm=farm))
+    wrong = builder_of(Scenario(farm=farm, gps_noise_m=0.5))
+    calm, windy = exact.keep_out, builder_of(Scenario(farm=farm, **WINDY)).keep_out
     assert wrong.keep_out.distance_m == pytest.approx(calm.distance_m + 1.5)
     assert windy.distance_m > calm.distance_m > 2.5
     check_flown(Scenario(farm=farm, planner="spiral", budget="900m", estimator="point", gps_noise_m=0.5))
 
 
 def test_a_farm_without_obstacles_pays_nothing_and_the_ideal_robot_flies_as_before(farm):
-    assert flight_builder(Scenario()).keep_out is None
+    assert builder_of(Scenario()).keep_out is None
     ideal = Scenario(farm=farm, vehicle="ideal", planner="spiral")
-    assert flight_builder(ideal).keep_out is None
+    assert builder_of(ideal).keep_out is None
     assert nearest_m(plan(ideal).path_m) < 1.0
 
 
@@ -249,7 +253,7 @@ def test_a_plan_and_preflight_of_its_file_agree(farm, tmp_path, capsys):
 
 def test_a_mission_over_an_obstacle_is_refused_before_the_take_off(farm, tmp_path, capsys):
     file, out = tmp_path / "across.plan", tmp_path / "run"
-    builder = replace(flight_builder(Scenario(farm=farm)), keep_out=None)
+    builder = replace(builder_of(Scenario(farm=farm)), keep_out=None)
     across = builder.mission(PlannedPath(np.array([[10.0, 28.0], [60.0, 28.0]]), None, "test"))
     write_mission(across, file)
     words = ("fly", "--farm", farm, "--mission", str(file), "--estimator", "point", "--out", str(out), "-q")

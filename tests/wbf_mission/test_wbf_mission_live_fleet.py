@@ -22,9 +22,9 @@ from wbf_mission.live.discovery import LiveFlightError, fitted_to, wanted_vehicl
 from wbf_mission.live.hosting import links_of
 from wbf_mission.live.link import LiveLink
 from wbf_mission.live.via import via_named
+from wbf_mission.planning.fleet import vehicles_of
 from wbf_mission.replanning.loop import DecisionLoop
 from wbf_mission.run import joint_flight, sortie
-from wbf_mission.run.fleet import vehicles_of
 from wbf_mission.run.joint_flight import JointFlight
 
 A, B = "tcp:127.0.0.1:1", "tcp:127.0.0.1:2"

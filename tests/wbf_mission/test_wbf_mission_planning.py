@@ -23,8 +23,8 @@ from sim_vehicle.prediction.predict import PREDICTION_PAIRS, expected_flights
 from wbf_mission.cli import output
 from wbf_mission.cli.app import main
 from wbf_mission.planning import plan
-from wbf_mission.planning.task import predicted_coverage
-from wbf_mission.planning.travel_cost import FlightTravelCost, LegFares
+from wbf_mission.planning.budget import FlightTravelCost, LegFares
+from wbf_mission.planning.builder import predicted_coverage
 from wbf_mission.scenario import Scenario, ScenarioError, scenario_with
 
 

@@ -16,9 +16,8 @@ from mission.planners.budget import BatchBudget, LengthBudget
 from sim_vehicle.prediction.onward import InFlight
 from wbf_mission.flight import fly
 from wbf_mission.planning import MissionBuilder, plan
-from wbf_mission.planning.budget import flight_budget, make_budget
-from wbf_mission.planning.travel_cost import onward_predictor
-from wbf_mission.planning.weather import wind_of_run
+from wbf_mission.planning.budget import flight_budget, make_budget, onward_predictor
+from wbf_mission.planning.conditions import wind_of_run
 from wbf_mission.scenario import Scenario
 
 PLANNERS = ["lawnmower", "adaptive-lawnmower", "spiral", "random-waypoint"]

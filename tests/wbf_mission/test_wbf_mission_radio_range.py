@@ -13,7 +13,7 @@ from mission.policies.decision import NO_CHANGE, Decision
 from mission.policies.observation import Event, Status
 from mission.policies.policy import FixedPlan, Triggers
 from wbf_mission import Scenario, fly
-from wbf_mission.run.fleet import vehicles_of
+from wbf_mission.planning.fleet import vehicles_of
 from wbf_mission.run.sortie import SILENT_S, SLOWER, SPARE_S, Reach
 from wbf_mission.scenario import ScenarioError
 

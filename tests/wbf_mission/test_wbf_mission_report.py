@@ -10,7 +10,7 @@ from geo.farms import get_farm
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
-from wbf_mission.maps import block_sums, cell_sums
+from wbf_mission.maps import block_sums, blocks
 from wbf_mission.maps.blocks import MapGrid
 from wbf_mission.maps.field_maps import FieldMap, field_maps, outbreak_of, true_map
 from wbf_mission.maps.report import farm_report, gamma_interval, report_of_maps
@@ -65,7 +65,7 @@ def test_sums_of_single_cells_are_those_of_the_compiled_loops_to_the_last_bit(wi
     value = rng.choice(np.array([0.0, 0.75, 1.0, np.nan, *rng.random(5)], np.float32), (width, height))
     begun, lowered = rng.random((width, height, 4)), rng.random((width, height))
     made = []
-    for how in (block_sums, cell_sums):
+    for how in (block_sums, blocks):
         sums, least, squares = begun.copy(), lowered.copy(), lowered.copy()
         how.sum_pixels(mask, value, 1, sums, least)
         how.sum_squares(mask, value, 1, squares)

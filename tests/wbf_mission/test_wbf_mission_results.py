@@ -15,9 +15,9 @@ from mission.outcome import Outcome
 from sensors.observations import Observations
 from wbf_mission.flight import fly
 from wbf_mission.results import writing
-from wbf_mission.results.reading import FORMAT
+from wbf_mission.results.files import FORMAT
 from wbf_mission.results.result import Result, load_result
-from wbf_mission.results.tables import ResultError
+from wbf_mission.results.storage import ResultError
 from wbf_mission.results.writing import ResultFolder, run_name
 from wbf_mission.scenario import Scenario, scenario_with
 
@@ -139,7 +139,7 @@ def test_an_older_result_is_replaced_only_by_a_whole_one(
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device", "value.zarr.zip")
 
-    monkeypatch.setattr("wbf_mission.results.reading.write_array", full)
+    monkeypatch.setattr("wbf_mission.results.files.write_array", full)
     with pytest.raises(OSError, match="No space"):
         result.save(tmp_path / "run", plots=False)
     assert {path.name: path.read_bytes() for path in (tmp_path / "run").iterdir()} == before

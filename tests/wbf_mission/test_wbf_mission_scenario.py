@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 from sensors.dynamics.epidemic import MAX_DAYS
 from wbf_mission.scenario import Choice, FarmOptions, Scenario, ScenarioError, load_scenario, scenario_with
 from wbf_mission.scenario.choice import choose, split_choices
-from wbf_mission.scenario.keywords import ScenarioKeywords
-from wbf_mission.scenario.parts import LAST_DAY
+from wbf_mission.scenario.parts import LAST_DAY, ScenarioKeywords
 from wbf_mission.scenario.scenario import PARTS, all_options
 
 REPOSITORY = Path(__file__).parents[2]

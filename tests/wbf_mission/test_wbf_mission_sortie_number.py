@@ -3,8 +3,8 @@
 import itertools
 
 from wbf_mission import Scenario
-from wbf_mission.planning.sortie_number import SortieNumber
-from wbf_mission.run.fleet import vehicles_of
+from wbf_mission.planning.assignment import SortieNumber
+from wbf_mission.planning.fleet import vehicles_of
 
 
 def test_the_first_flight_has_the_parts_own_stream_and_no_two_flights_the_same():

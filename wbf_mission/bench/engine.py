@@ -25,8 +25,8 @@ from wbf_mission.bench.meaning import built_in_digest, is_own
 from wbf_mission.bench.rows import BenchRow
 from wbf_mission.bench.spec import BenchRun
 from wbf_mission.flight import fly
-from wbf_mission.run.flight_memory import memory_of_process
-from wbf_mission.run.run_record import RunRecord
+from wbf_mission.run.record import RunRecord
+from wbf_mission.run.reuse import memory_of_process
 from wbf_mission.scenario import Scenario
 from wbf_mission.version import __version__
 

@@ -28,8 +28,7 @@ from wbf_mission.scenario import (
     read_table,
     scenario_with,
 )
-from wbf_mission.scenario.choice import choose
-from wbf_mission.scenario.names import names_of
+from wbf_mission.scenario.choice import choose, names_of
 from wbf_mission.scenario.scenario import unknown_key
 
 __all__ = ["BenchRun", "BenchSpec"]

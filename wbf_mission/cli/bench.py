@@ -282,7 +282,7 @@ def report_command(
     from wbf_mission.bench.report import write_report
     from wbf_mission.bench.rows import read_rows
     from wbf_mission.bench.standings import apart
-    from wbf_mission.results.tables import ResultError
+    from wbf_mission.results.storage import ResultError
 
     kept = read_rows(folder)
     rows = apart(kept)

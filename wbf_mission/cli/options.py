@@ -32,7 +32,7 @@ def complete(kind: str) -> Callable[[str], list[str]]:
     """Return what completes the names of a kind: farm, planner, estimator, autopilot or vehicle."""
 
     def names(incomplete: str) -> list[str]:
-        from wbf_mission.scenario.names import names_of
+        from wbf_mission.scenario.choice import names_of
 
         return [name for name in names_of(kind) if name.startswith(incomplete)]
 

@@ -72,8 +72,9 @@ def plan_command(
     from mission.transfer import Severity
     from wbf_mission.cli.preflight import tell
     from wbf_mission.flight import check_flight
+    from wbf_mission.planning.fleet import single_scenarios
+    from wbf_mission.planning.plan import plan_fleet
     from wbf_mission.preflight.run import check_plans
-    from wbf_mission.run.fleet import plan_fleet, single_scenarios
 
     output = Output(as_json=json, quiet=quiet)
     chosen = given.scenario()

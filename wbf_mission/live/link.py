@@ -13,15 +13,15 @@ from mission.transfer.vehicles import Vehicle as HeardVehicle
 from wbf_mission.live.discovery import LiveFlightError, fitted_to, require_single_flight, wanted_vehicles
 from wbf_mission.live.via import OwnVia, Via
 from wbf_mission.planning import PlanResult
+from wbf_mission.planning.fleet import Vehicle
 from wbf_mission.preflight.finding import Concern, Finding, PreflightError, Report, Severity
 from wbf_mission.preflight.inquiry import ask_vehicle
 from wbf_mission.preflight.run import Circumstances, Tell, check_mission, tell_nobody
 from wbf_mission.preflight.snapshot import VehicleSnapshot
-from wbf_mission.run.fleet import Vehicle
 from wbf_mission.run.hosting import Hosting
 from wbf_mission.run.joint_flight import Attendant
 from wbf_mission.scenario import Scenario
-from wbf_mission.scenario.separation import LAYERS
+from wbf_mission.scenario.values import LAYERS
 
 __all__ = ["LiveLink"]
 

@@ -1,4 +1,8 @@
-"""Pixels and blocks of a farm, in which reports and pictures tell of its cells."""
+"""Pixels and blocks of a farm, in which reports and pictures tell of its cells; sums by pixels of one cell.
+
+These are numpy's, for farms shown cell by cell: loading compiled code takes longer than that. They are those
+of `wbf_mission.maps.block_sums` to the last bit.
+"""
 
 from __future__ import annotations
 
@@ -88,3 +92,30 @@ class MapGrid:
         rows = np.arange(0, pixels.shape[1], self.pixels_a_block)
         sums: Floats = np.add.reduceat(np.add.reduceat(pixels, columns, axis=0), rows, axis=1)
         return sums
+
+
+def sum_pixels(
+    mask: NDArray[np.bool_],
+    value: NDArray[np.float32],
+    pixel: int,  # noqa: ARG001
+    sums: Floats,
+    least: Floats,
+) -> None:
+    """Sum values over pixels of one cell: see `wbf_mission.maps.block_sums.sum_pixels`."""
+    v = value[mask].astype(np.float64)
+    terms = np.empty((len(v), sums.shape[2]))
+    terms[:, COUNT], terms[:, ILLNESS], terms[:, SPREAD] = 1.0, 1.0 - v, v * (1.0 - v)
+    terms[:, SICK] = v < SICK_BELOW
+    sums[mask] += terms
+    least[mask] = np.fmin(least[mask], v)
+
+
+def sum_squares(
+    mask: NDArray[np.bool_],
+    deviation: NDArray[np.float32],
+    pixel: int,  # noqa: ARG001
+    sums: Floats,
+) -> None:
+    """Add squares over pixels of one cell: see `wbf_mission.maps.block_sums.sum_squares`."""
+    d = deviation[mask].astype(np.float64)
+    sums[mask] += d * d

@@ -26,7 +26,7 @@ from sensors.dynamics.outbreak import simulate_outbreak, value_table
 from sensors.fields import PAPER_FIELDS, Field, FieldSet
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
-from wbf_mission.maps import cell_sums
+from wbf_mission.maps import blocks
 from wbf_mission.maps.blocks import COUNT, ILLNESS, SICK, SICK_BELOW, SPREAD, MapGrid
 
 _OUTBREAKS = 100
@@ -226,7 +226,7 @@ def true_map(farm: Farm, field: Field, truth: NDArray[np.float32]) -> FieldMap:
 def _summing(grid: MapGrid) -> ModuleType:
     """Choose what sums: loading compiled code takes longer than all sums over a farm shown cell by cell."""
     if grid.pixel == 1:
-        return cell_sums
+        return blocks
     from wbf_mission.maps import block_sums
 
     return block_sums

@@ -32,8 +32,8 @@ from wbf_mission.maps.blocks import COUNT, ILLNESS, MapGrid
 from wbf_mission.maps.field_maps import pixel_sums
 from wbf_mission.progress import Progress, silent
 from wbf_mission.run.estimation import attribute_errors_to, estimator_of, prepare_days
-from wbf_mission.run.flight_record import FlightRecord
-from wbf_mission.run.surroundings import make_environment
+from wbf_mission.run.record import FlightRecord
+from wbf_mission.run.resolve import make_environment
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from matplotlib.lines import Line2D
 
     from sensors.environment.environment import Environment
-    from wbf_mission.run.run_record import RunRecord
+    from wbf_mission.run.record import RunRecord
 
 __all__ = ["GifWriter"]
 

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from wbf_mission.pictures.plots import draw_farm, new_figure, save_figure
 from wbf_mission.replanning.record import PLANNED_PATH, DecisionRecord, PathChange
-from wbf_mission.run.flight_record import FlightRecord
+from wbf_mission.run.record import FlightRecord
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from wbf_mission.run.run_record import RunRecord
+    from wbf_mission.run.record import RunRecord
 
 FLOWN = "#c8102e"
 PLANNED = "#1f4e79"

@@ -1,4 +1,4 @@
-"""From paths to missions of a run, and from missions to what they will take."""
+"""From paths to missions, and from missions to what they will take."""
 
 from __future__ import annotations
 
@@ -6,15 +6,19 @@ import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from geo import Farm
-from mission.model import Mission
-from mission.planners import PlannedPath, WingPattern, build_mission
+from mission.autopilots import GENERIC, PX4
+from mission.model import Command, GeoPoint, Mission, MissionItem
+from mission.planners import PlannedPath, WingPattern, build_mission, coverage
 from mission.planners.path import Area, Points
 from mission.planners.turns import Turns, Waypoints
+from mission.transfer import Rendered, Severity, render
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.autopilot import (
@@ -26,13 +30,130 @@ from sim_vehicle.autopilot import (
 )
 from sim_vehicle.execution.fixed_wing_items import must_circle
 from sim_vehicle.prediction.battery_swaps import batteries_needed
-from sim_vehicle.prediction.flight import Prediction
+from sim_vehicle.prediction.flight import Prediction, home_frame
 from sim_vehicle.prediction.predict import expected_flights, plan_prediction, rehearsed_tracks
-from wbf_mission.planning.clearance import clearance_m
-from wbf_mission.planning.keep_out import KeepOut, probe_path, stray_m
-from wbf_mission.planning.weather import FlightLevel, flight_level, wind_of
-from wbf_mission.scenario import VehicleOptions, WeatherOptions
+from wbf_mission.planning.conditions import FlightLevel, clearance_m, flight_level, wind_of
+from wbf_mission.planning.keep_out import KeepOut, free_area, probe_path, stray_m
+from wbf_mission.scenario import MissionOptions, ScenarioError, VehicleOptions, WeatherOptions
 from wbf_mission.scenario.parts import VehicleParts
+
+_TRIGGERS = (Command.DO_SET_CAM_TRIGG_DIST, Command.DO_SET_CAM_TRIGG_INTERVAL)
+
+
+def turns_camera(item: MissionItem) -> bool | None:
+    """Return whether an item has the camera take images from then on, or none any more; None: neither."""
+    if item.command in _TRIGGERS:
+        return bool(item.param1 and item.param1 > 0.0)
+    return {int(Command.IMAGE_START_CAPTURE): True, int(Command.IMAGE_STOP_CAPTURE): False}.get(item.command)
+
+
+@dataclass(frozen=True, slots=True)
+class PlanResult:
+    """A mission and what it will take.
+
+    Parameters
+    ----------
+    planner : str or None
+        The planner with its parameters; None for a mission file.
+    seed : int
+        The run's.
+    path_m : float64[n, 2]
+        The waypoints in metres of the farm frame.
+    spacing_m : float or None
+        Distance between neighbouring rows or rings; None where the planner has none.
+    budget_text : str
+        The budget in words.
+    length_m : float
+        Length over ground of the predicted flight, from take-off to landing.
+    coverage : float
+        Fraction of the owner's land that the camera's footprint passes over in that flight, while it is on.
+    prediction : Prediction
+        Time, energy and feasibility from the vehicle's own model.
+    batteries : int or None
+        How many the mission needs, changed at home; 0 for a vehicle without one, None if no number is enough.
+    """
+
+    farm: Farm
+    vehicle: VehicleSpec
+    planner: str | None
+    seed: int
+    mission: Mission
+    path_m: NDArray[np.float64]
+    spacing_m: float | None
+    budget_text: str
+    length_m: float
+    coverage: float
+    prediction: Prediction
+    batteries: int | None
+
+    @property
+    def misses_farm(self) -> bool:
+        """Whether no waypoint lies on the farm, so that its camera sees nothing of it."""
+        width, height = self.farm.width_cells, self.farm.height_cells
+        ground = shapely.box(0.0, 0.0, width * self.farm.cell_size_m, height * self.farm.cell_size_m)
+        return not shapely.MultiPoint(self.path_m).intersects(ground)
+
+    @property
+    def rendered(self) -> Rendered:
+        """The mission as the vehicle's autopilot takes it; planned with the parameters of the vehicle."""
+        firmware = firmware_of(self.vehicle)
+        if firmware is None:
+            return render(self.mission, GENERIC)
+        mav_type = firmware.mavlink.identity.mav_type
+        return render(self.mission, firmware.profile, mav_type, planned=dict(self.vehicle.parameters))
+
+    @property
+    def mav_autopilot(self) -> int:
+        """MAV_AUTOPILOT for whom the mission is meant; PX4 for a vehicle of none, whose rules are its own."""
+        firmware = firmware_of(self.vehicle)
+        return PX4.autopilot if firmware is None else firmware.mavlink.identity.mav_autopilot
+
+    @property
+    def warnings(self) -> list[str]:
+        """Return what an operator should know before flying, each in one line."""
+        found = []
+        if not self.prediction.feasible:
+            found.append(f"the vehicle cannot fly this mission: {self.prediction.reason}")
+        if not any(turns_camera(item) for item in self.mission.items):
+            found.append("the mission never starts the camera: there will be no observations")
+        if self.misses_farm:
+            found.append(f"no waypoint lies on the farm {self.farm.name}: is this the right --farm?")
+        found += [str(one) for one in self.rendered.remarks if one.severity is not Severity.NOTE]
+        return found
+
+    @property
+    def battery_used(self) -> float | None:
+        """Fraction of the battery that the flight takes, above 1 if that is too much; None without one."""
+        if self.vehicle.battery is None:
+            return None
+        prediction = self.prediction
+        return max(1.0 - prediction.battery_fraction, prediction.energy_wh / self.vehicle.battery.capacity_wh)
+
+    def summary(self) -> dict[str, Any]:
+        """Return plain values for JSON."""
+        return {
+            "farm": self.farm.name,
+            "vehicle": self.vehicle.name,
+            "planner": self.planner,
+            "seed": self.seed,
+            "budget": self.budget_text,
+            "items": len(self.mission.items),
+            "waypoints": len(self.path_m),
+            "spacing_m": self.spacing_m,
+            "length_m": self.length_m,
+            "predicted_time_s": self.prediction.duration_s,
+            "predicted_time_interval_s": self.prediction.duration_interval_s,
+            "predicted_energy_wh": self.prediction.energy_wh,
+            "predicted_energy_interval_wh": self.prediction.energy_interval_wh,
+            "battery_used": self.battery_used,
+            "batteries": self.batteries,
+            "coverage": self.coverage,
+            "feasible": self.prediction.feasible,
+            "reason": self.prediction.reason,
+            "warnings": self.warnings,
+            "remarks": [remark.summary() for remark in self.rendered.remarks],
+        }
+
 
 # Where a fixed wing's climb-out leads to, and the height of its final approach.
 CLIMB_OUT_M = 150.0
@@ -82,9 +203,12 @@ class MissionBuilder:
         ------
         VehicleError
             If the vehicle or a parameter of its autopilot is unknown, or a value out of range.
+        ScenarioError
+            If it cannot fly in that wind or at that speed.
         """
         camera, mission, options = one.camera, one.mission, one.vehicle
         vehicle = flown_vehicle(options)
+        check_speed(mission, vehicle)
         made = cls(
             farm,
             vehicle,
@@ -96,6 +220,7 @@ class MissionBuilder:
             farm.home_m if home_m is None else home_m,
             options.estimate_errors and estimate_errs(vehicle),
         )
+        check_wind(made)
         if not farm.obstacles or vehicle.is_ideal:
             return made
         # The satellites' error is that of where it believes to be, which it follows.
@@ -123,6 +248,36 @@ class MissionBuilder:
             camera_on_approach=camera_on_approach,
             return_home=not vehicle.is_ideal,
             pattern=self._pattern(),
+        )
+
+    def plan_of(
+        self,
+        mission: Mission,
+        path_m: Points,
+        *,
+        planner: str | None,
+        seed: int,
+        budget_text: str,
+        footprint_m: float,
+        spacing_m: float | None = None,
+    ) -> PlanResult:
+        """Return what a mission that flies ``path_m`` will take; one without a home starts at the farm's."""
+        farm = self.farm
+        placed = mission if mission.home is not None else replace(mission, home=home_of(mission, farm))
+        prediction = self.predict(placed)
+        return PlanResult(
+            farm=farm,
+            vehicle=self.vehicle,
+            planner=planner,
+            seed=seed,
+            mission=mission,
+            path_m=path_m,
+            spacing_m=spacing_m,
+            budget_text=budget_text,
+            length_m=prediction.ground_length_m,
+            coverage=predicted_coverage(farm, placed, prediction, footprint_m),
+            prediction=prediction,
+            batteries=self.batteries(placed, prediction),
         )
 
     def waypoints(self, path_m: Points, from_m: tuple[float, float]) -> Waypoints:
@@ -235,3 +390,56 @@ def turns_of(vehicle: VehicleSpec, radius_m: float | None = None) -> Turns:
 def _threads() -> int:
     """Return how many candidates are flown at the same time; the predictions do not depend on it."""
     return min(_MOST_THREADS, os.cpu_count() or 1)
+
+
+def check_wind(builder: MissionBuilder) -> None:
+    """Raise ScenarioError if the mean wind at the height of the flight would blow the vehicle away."""
+    vehicle, limit = builder.vehicle, builder.vehicle.airspeed_limit_m_s
+    wind = wind_of(builder.weather, builder.level, gusts=False)
+    speed = math.hypot(*wind.mean_at(builder.level.altitude_m))
+    if not vehicle.is_ideal and speed >= limit:
+        msg = (
+            f"wind of {speed:g} m/s: vehicle {vehicle.name} flies at most {limit:.3g} m/s "
+            "through the air and would be blown away; wait for less wind"
+        )
+        raise ScenarioError(msg)
+
+
+def check_speed(mission: MissionOptions, vehicle: VehicleSpec) -> None:
+    """Raise ScenarioError if a cruise speed was asked for that the vehicle cannot fly."""
+    asked, most = mission.cruise_speed_m_s, vehicle.fastest_m_s
+    if asked is not None and asked > most:
+        msg = f"cruise speed {asked:g} m/s: vehicle {vehicle.name} flies at most {most:.3g} m/s"
+        raise ScenarioError(msg + "; give less, or another vehicle")
+
+
+def home_of(mission: Mission, farm: Farm) -> GeoPoint:
+    """Return where a flight of ``mission`` begins: at its own home, without one at the farm's."""
+    latitude_deg, longitude_deg = farm.frame.to_wgs84(*farm.home_m)
+    return mission.home or GeoPoint(latitude_deg, longitude_deg, farm.frame.altitude_m)
+
+
+# A track is simplified by so much of what the camera sees at once.
+_SIMPLER = 0.02
+
+
+def predicted_coverage(farm: Farm, mission: Mission, prediction: Prediction, footprint_m: float) -> float:
+    """Return the fraction of the owner's land that is seen in a predicted flight, while the camera is on.
+
+    That needs no more than the mission, so one that is read from a file has the coverage that it was planned
+    with, whatever its autopilot is told to do at corners.
+    """
+    about_home = home_frame(mission)
+    track_m = np.column_stack(farm.frame.from_wgs84(*about_home.to_wgs84(*prediction.track_m[:, :2].T)))
+    camera_on = [False]
+    for item in mission.items:
+        camera_on.append(camera_on[-1] if (on := turns_camera(item)) is None else on)
+    seen = np.array(camera_on)[np.minimum(prediction.items, len(mission.items))]
+    paths = [np.empty((0, 2))]
+    for first, end in np.flatnonzero(np.diff(seen, prepend=False, append=False)).reshape(-1, 2):
+        # Straight legs without the many points of the track.
+        stretch = shapely.linestrings(track_m[max(first - 1, 0) : end + (first == 0)])
+        legs = shapely.get_coordinates(shapely.simplify(stretch, _SIMPLER * footprint_m))
+        paths += [legs, np.full((1, 2), np.nan)]
+    path = np.vstack(paths)
+    return coverage(path, free_area(farm), footprint_m) if len(path) else 0.0

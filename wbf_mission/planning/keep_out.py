@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from geo import Farm
 from mission.planners.inside_routing import Terrain, parts_of
 from mission.planners.path import Area, Points
-
-__all__ = ["KeepOut", "probe_path", "stray_m"]
+from wbf_mission.scenario import ScenarioError
 
 _SMOOTH_M = 0.25
 _GRAZES_M = 0.01
@@ -145,3 +144,35 @@ def stray_m(planned_m: Points, flown: Iterable[Points], *, gusty: bool) -> float
     farthest_m = max(float(shapely.distance(shapely.points(one), planned).max(initial=0.0)) for one in flown)
     spare = _SPARE_IN_GUSTS if gusty else _SPARE
     return math.ceil(spare * farthest_m * 10.0 - 1e-9) / 10.0
+
+
+def free_area(farm: Farm) -> Area:
+    """Return the owner's land without what must not be flown over."""
+    area = farm.owner_area
+    if farm.obstacles:
+        area = shapely.difference(area, shapely.union_all(list(farm.obstacles)))
+    return area
+
+
+def flyable_area(farm: Farm, keep_out: KeepOut | None) -> Area:
+    """Return the owner's land over which a vehicle's path may lead.
+
+    Raises
+    ------
+    ScenarioError
+        If the obstacles leave nothing.
+    """
+    if keep_out is None:
+        return free_area(farm)
+    wide = [
+        part
+        for part in parts_of(shapely.difference(farm.owner_area, keep_out.area))
+        if not shapely.buffer(part, -0.5 * farm.cell_size_m).is_empty
+    ]
+    if not wide:
+        msg = (
+            f"farm {farm.name}: no land is {keep_out.distance_m:.1f} m away from every obstacle, as the"
+            " margin and what the vehicle strays in that wind need; give a smaller --margin, or fly slower"
+        )
+        raise ScenarioError(msg)
+    return wide[0] if len(wide) == 1 else shapely.MultiPolygon(wide)

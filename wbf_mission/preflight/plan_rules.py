@@ -14,7 +14,7 @@ from mission.transfer.wire import command_name
 from sim_vehicle.execution.feasibility import ItemProblem
 from sim_vehicle.execution.items import DO_COMMANDS, NAV_COMMANDS, Settings, do_items
 from sim_vehicle.motion.legs import Position
-from wbf_mission.planning.result import turns_camera
+from wbf_mission.planning.builder import turns_camera
 from wbf_mission.preflight.finding import Concern, Finding, Hit, Measure, Severity, worst_of
 from wbf_mission.preflight.subject import (
     LANDINGS,

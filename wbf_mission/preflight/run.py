@@ -11,9 +11,8 @@ from mission.autopilots.profile import Profile
 from mission.autopilots.registry import profile_for
 from mission.model import Frame, Mission
 from sim_vehicle.camera.component import MIN_INTERVAL_S
-from wbf_mission.planning.builder import flown_vehicle
-from wbf_mission.planning.result import PlanResult
-from wbf_mission.planning.weather import flight_level, wind_of
+from wbf_mission.planning.builder import PlanResult, flown_vehicle
+from wbf_mission.planning.conditions import flight_level, wind_of
 from wbf_mission.preflight import flight_rules, plan_rules, vehicle_rules
 from wbf_mission.preflight.finding import Concern, Finding, PreflightError, Report, Severity
 from wbf_mission.preflight.flight_rules import TOO_GUSTY

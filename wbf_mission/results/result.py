@@ -14,18 +14,17 @@ from sensors.estimators import Estimator
 from sensors.scoring.information import InformationModel
 from wbf_mission.progress import Progress
 from wbf_mission.replanning.files import decision_table
-from wbf_mission.results.flight_files import track_table
-from wbf_mission.results.reading import history_table, read_result
-from wbf_mission.results.tables import ResultError
+from wbf_mission.results.files import history_table, read_result, track_table
+from wbf_mission.results.storage import ResultError
 from wbf_mission.results.writing import ResultFolder, settle_result
-from wbf_mission.run.run_record import RunRecord
+from wbf_mission.run.record import RunRecord
 
 __all__ = ["Result", "load_result"]
 
 
 @dataclass(slots=True, eq=False)
 class Result(RunRecord):
-    """What a run gave (`wbf_mission.run.run_record.RunRecord` tells its parts), to be shown and saved.
+    """What a run gave (`wbf_mission.run.record.RunRecord` tells its parts), to be shown and saved.
 
     Results are equal when all that is saved of them is: the result of `load_result` equals the one that was
     saved.
@@ -134,7 +133,7 @@ def load_result(path: str | Path) -> Result:
     >>> load_result("no/such/folder")
     Traceback (most recent call last):
     ...
-    wbf_mission.results.tables.ResultError: no/such/folder: holds no result (result.json is missing); give ...
+    wbf_mission.results.storage.ResultError: no/such/folder: holds no result (result.json is missing)...
     """
     try:
         settle_result(Path(path))

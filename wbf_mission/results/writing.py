@@ -20,11 +20,10 @@ from geo.interrupts import interrupts_noted
 from mission.ground.tracks import joined
 from mission.outcome import Outcome
 from wbf_mission.progress import Progress, silent
-from wbf_mission.results.arrays import SUFFIX
-from wbf_mission.results.reading import DECISIONS, PROBABILITIES, RECORD, write_arrays, write_result
-from wbf_mission.results.tables import ResultError
+from wbf_mission.results.files import DECISIONS, PROBABILITIES, RECORD, write_arrays, write_result
+from wbf_mission.results.storage import SUFFIX, ResultError
 from wbf_mission.run.estimation import resolved
-from wbf_mission.run.run_record import RunRecord
+from wbf_mission.run.record import RunRecord
 from wbf_mission.scenario import Scenario
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from geo.seeds import stream
 from sensors.estimators.disk.disks import adaptive_radius, half_widths
 from sensors.scoring.score import ScoreWeights
 from sensors.scoring.tiles import TILE_CELLS, tile_shape
-from wbf_mission.planning.sortie_number import SortieNumber
+from wbf_mission.planning.assignment import SortieNumber
 from wbf_mission.rl.batch_kernel import SCORES_A_STEP, advance, sum_errors
 from wbf_mission.rl.returns import rewards_of
 from wbf_mission.rl.task import MOVES, SurveyTask

@@ -13,7 +13,7 @@ from sensors.estimators import advance_estimator
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from sensors.scoring.score import RunningScore, ScoreWeights
-from wbf_mission.planning.sortie_number import SortieNumber
+from wbf_mission.planning.assignment import SortieNumber
 from wbf_mission.progress import silent
 from wbf_mission.rl.returns import Returns
 from wbf_mission.rl.task import MOVES, SurveyTask

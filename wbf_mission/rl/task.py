@@ -20,7 +20,7 @@ from sensors.fields import FieldSet
 from sim_vehicle.airframe.catalog import get_vehicle
 from wbf_mission.rl.errors import TrainingError
 from wbf_mission.run.estimation import estimator_of, readings_a_score
-from wbf_mission.run.surroundings import camera_options, make_environment
+from wbf_mission.run.resolve import camera_options, make_environment
 from wbf_mission.scenario import Scenario, load_scenario, scenario_with
 
 if TYPE_CHECKING:

@@ -17,18 +17,16 @@ from sim_vehicle.epoch import EPOCH_UNIX_S
 from wbf_mission.maps.field_maps import FieldMap, field_maps
 from wbf_mission.maps.report import report_of_maps
 from wbf_mission.planning import PlanResult
+from wbf_mission.planning.fleet import Vehicle
 from wbf_mission.progress import Progress, Stopwatch
 from wbf_mission.replanning.record import DecisionRecord
 from wbf_mission.run.estimation import Evidence, RunEstimate, attribute_errors_to
-from wbf_mission.run.fleet import Vehicle
-from wbf_mission.run.flight_memory import FlightMemory
-from wbf_mission.run.flight_record import FlightRecord, FlownFlight
 from wbf_mission.run.flights import Flights, PlannedFlight
-from wbf_mission.run.flights_ahead import FlightAlone, FlightsAhead, can_fly_ahead
 from wbf_mission.run.hosting import Hosting
 from wbf_mission.run.joint_flight import Attendant, JointFlight
+from wbf_mission.run.record import DayRecord, FlightRecord, FlownFlight, keeps_days
 from wbf_mission.run.resolve import Run
-from wbf_mission.run.run_record import DayRecord, keeps_days
+from wbf_mission.run.reuse import FlightAlone, FlightMemory, FlightsAhead, can_fly_ahead
 
 
 class Campaign:

@@ -14,19 +14,19 @@ from mission.link.tlog import FrameSink
 from sensors.camera.leaf_camera import Camera, LeafCamera
 from sensors.environment import Environment
 from wbf_mission.planning import PlanResult, home_of
-from wbf_mission.planning.sortie_number import SortieNumber
+from wbf_mission.planning.assignment import SortieNumber
+from wbf_mission.planning.fleet import Vehicle
 from wbf_mission.progress import Progress, Stopwatch
 from wbf_mission.replanning.loop import DecisionLoop, Knowledge
 from wbf_mission.replanning.record import DecisionRecord
 from wbf_mission.replanning.spacing import MARGIN_M, KeptDistance, Positions, least_apart_m
 from wbf_mission.run.estimation import Evidence
-from wbf_mission.run.fleet import Vehicle
 from wbf_mission.run.hosting import Hosting
 from wbf_mission.run.joint_flight import Attendant, JointFlight
 from wbf_mission.run.resolve import Run
 from wbf_mission.run.sortie import Sortie
 from wbf_mission.scenario import CameraOptions, ScenarioError
-from wbf_mission.scenario.separation import DISTANCE
+from wbf_mission.scenario.values import DISTANCE
 
 _LATEST_S = 7200
 _STEP_S = 5

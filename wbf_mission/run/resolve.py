@@ -3,28 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from geo import Farm
 from geo.errors import WbfMissionError
+from geo.seeds import child_seed
 from mission.policies.policy import FixedPlan, KeepPath, Policy
 from mission.policies.registry import make_policy
 from sensors.camera.leaf_camera import LeafCameraOptions
 from sensors.environment import Environment
+from sensors.environment.cache import EnvironmentCache
 from sensors.environment.memory import EnvironmentMemory
 from sensors.estimators import Estimator
 from sensors.field_files import load_field_set
 from sensors.fields import FieldSet
 from sensors.scoring.score import ScoreWeights
-from wbf_mission.planning import PlanResult, plan, planner_of
-from wbf_mission.planning.clearance import ground_clearance_m
+from wbf_mission.planning import PlanResult, planner_of
+from wbf_mission.planning.conditions import ground_clearance_m
+from wbf_mission.planning.fleet import Vehicle, vehicles_of
+from wbf_mission.planning.plan import read_plan, require_one_vehicle
 from wbf_mission.progress import Progress, silent
 from wbf_mission.run.estimation import estimator_of, readings_a_score, resolved
-from wbf_mission.run.fleet import Vehicle, vehicles_of
-from wbf_mission.run.surroundings import camera_options, environment_of
 from wbf_mission.scenario import CameraOptions, Scenario
-from wbf_mission.scenario.separation import Separation
+from wbf_mission.scenario.values import Separation
 
 
 class FlightError(WbfMissionError, RuntimeError):
@@ -172,6 +174,8 @@ def resolve(
     tell("planning", 0, 1)
     decider = decider_of(scenario)
     vehicles = vehicles_of(scenario, tell)
+    if scenario.mission.file is not None:
+        decider = replace(decider, mission=read_plan(scenario, vehicles[0].task.builder))
     return Run(
         asked=scenario,
         farm=vehicles[0].task.builder.farm,
@@ -198,14 +202,12 @@ def decider_of(scenario: Scenario) -> Decider:
     Raises
     ------
     WbfMissionError
-        If there is no such file, policy or planner, or several vehicles are to fly one file.
+        If there is no such policy or planner, or several vehicles are to fly one file.
     """
     options = scenario.mission
     if options.file is not None:
-        if len(scenario.vehicle.fleet) > 1:
-            msg = f"mission {options.file} is one vehicle's, but {len(scenario.vehicle.fleet)} fly; give one"
-            raise FlightError(msg)
-        return Decider(KeepPath(), f"mission {options.file}", options.file, plan(scenario))
+        require_one_vehicle(scenario)
+        return Decider(KeepPath(), f"mission {options.file}", options.file)
     if options.policy is not None:
         choice = options.policy
         made = make_policy(choice.chosen, **choice.params)
@@ -213,3 +215,56 @@ def decider_of(scenario: Scenario) -> Decider:
     choice = options.planner
     policy = FixedPlan(planner_of(choice), options.partition)
     return Decider(policy, f"planner {choice}", str(choice), named=choice.made is None)
+
+
+def make_environment(
+    scenario: Scenario, farm: Farm, progress: Progress | None = None, *, use_cache: bool = True
+) -> Environment:
+    """Return the environment of the scenario's seed on its days; large ones are kept in the user's cache."""
+    days = scenario.farm.day, scenario.farm.day + scenario.farm.days - 1
+    fields = load_field_set(scenario.farm.fields)
+    return environment_of(farm, fields, days, scenario.seed, progress, use_cache=use_cache)[0]
+
+
+def environment_of(
+    farm: Farm,
+    fields: FieldSet,
+    days: tuple[int, int],
+    seed: int,
+    progress: Progress | None,
+    *,
+    use_cache: bool,
+    memory: EnvironmentMemory | None = None,
+) -> tuple[Environment, bool]:
+    """Return the environment of a run's seed from its first to its last day, and whether the cache had it.
+
+    It may be one that other runs with the memory had.
+    """
+
+    def tell(done: int, total: int) -> None:
+        if progress is not None:
+            progress("environment", done, total)
+
+    cache = EnvironmentCache.of_user() if use_cache else EnvironmentCache.off()
+    memory = EnvironmentMemory() if memory is None else memory
+    return memory.environment(
+        cache,
+        farm.grid(),
+        day=days[0],
+        last_day=days[1],
+        seed=child_seed(seed, "environment"),
+        fields=fields,
+        progress=tell,
+    )
+
+
+def camera_options(camera: CameraOptions, fields: FieldSet) -> LeafCameraOptions:
+    """Return the leaf camera's own options, on a farm with these fields."""
+    return LeafCameraOptions(
+        footprint_cells=camera.footprint,
+        noise_std=camera.noise,
+        false_positive_rate=camera.false_positive_rate,
+        false_negative_rate=camera.false_negative_rate,
+        sensed=camera.fields,
+        fields=fields,
+    )

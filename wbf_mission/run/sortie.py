@@ -27,11 +27,11 @@ from sensors.camera.wire import ObservationAssembler
 from sensors.observations import Observations
 from sim_vehicle.prediction.onward import InFlight
 from wbf_mission.planning import PlanResult, VehicleAssignment
-from wbf_mission.planning.sortie_number import SortieNumber
-from wbf_mission.planning.travel_cost import is_same_path
+from wbf_mission.planning.assignment import SortieNumber
+from wbf_mission.planning.budget import is_same_path
+from wbf_mission.planning.fleet import Vehicle
 from wbf_mission.replanning.record import FLOWN_ALREADY, PathChange
-from wbf_mission.run.fleet import Vehicle
-from wbf_mission.run.flight_record import FlightRecord
+from wbf_mission.run.record import FlightRecord
 from wbf_mission.scenario import VehicleOptions
 from wbf_mission.scenario.parts import MOST_VEHICLES
 

@@ -2,82 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, Protocol, TypedDict
 
-from geo.texts import parse_number
 from sim_vehicle.airframe.autopilot_names import DEFAULT_AUTOPILOT, autopilot_names
 from wbf_mission.scenario.choice import Choice, choose
 from wbf_mission.scenario.option import CompoundFlag, Part, ScenarioError, names_in, option
-from wbf_mission.scenario.separation import Separation, parse_separation
-
-
-def wind_values(text: str) -> dict[str, Any]:
-    """Read ``SPEED,FROM[,GUST]``.
-
-    >>> wind_values("5,270")
-    {'wind_speed_m_s': 5.0, 'wind_direction_deg': 270.0}
-    """
-    try:
-        numbers = [parse_number(part) for part in text.split(",")]
-    except ValueError:
-        numbers = []
-    if len(numbers) not in (2, 3):
-        msg = f"--wind {text!r} is not SPEED,FROM or SPEED,FROM,GUST; give numbers such as 5,270 or 5,270,1.5"
-        raise ScenarioError(msg)
-    return dict(zip(("wind_speed_m_s", "wind_direction_deg", "wind_gust_m_s"), numbers, strict=False))
-
-
-def shear_values(text: str) -> dict[str, Any]:
-    """Read ``log[,ROUGHNESS[,HEIGHT]]``, ``power[,EXPONENT[,HEIGHT]]`` or ``sitl``.
-
-    >>> shear_values("power,0.2")
-    {'wind_shear': 'power', 'wind_exponent': 0.2}
-    """
-    law, *rest = (part.strip() for part in text.split(","))
-    try:
-        numbers = [parse_number(part) for part in rest]
-    except ValueError:
-        numbers = [0.0] * 3
-    most = {"log": 2, "power": 2, "sitl": 0}
-    if law not in most or len(numbers) > most[law]:
-        msg = (
-            f"--wind-shear {text!r} is not log[,ROUGHNESS[,HEIGHT]], power[,EXPONENT[,HEIGHT]] or sitl; "
-            "give such as log,0.1,10"
-        )
-        raise ScenarioError(msg)
-    names = ("wind_roughness_m" if law == "log" else "wind_exponent", "wind_height_m")
-    return {"wind_shear": law, **dict(zip(names, numbers, strict=False))}
-
-
-def turbulence_value(text: str) -> str | float:
-    """Read a level of turbulence, or the wind that decides it.
-
-    >>> turbulence_value("light"), turbulence_value("6.5")
-    ('light', 6.5)
-    """
-    try:
-        return parse_number(text)
-    except ValueError:
-        return text
-
-
-def parameter_values(texts: list[str]) -> dict[str, float]:
-    """Read ``NAME=VALUE`` texts.
-
-    >>> parameter_values(["MPC_ACC_HOR=4", "NAV_ACC_RAD=1.5"])
-    {'MPC_ACC_HOR': 4.0, 'NAV_ACC_RAD': 1.5}
-    """
-    values = {}
-    for text in texts:
-        name, _, value = text.partition("=")
-        try:
-            values[name.strip().upper()] = parse_number(value)
-        except ValueError:
-            msg = f"--param {text!r} is not NAME=VALUE; give one such as MPC_ACC_HOR=4"
-            raise ScenarioError(msg) from None
-    return values
-
+from wbf_mission.scenario.values import (
+    Separation,
+    parameter_values,
+    parse_separation,
+    shear_values,
+    turbulence_value,
+    wind_values,
+)
 
 RUN = "What to run"
 VEHICLE = "Vehicle and weather"
@@ -501,3 +440,52 @@ class VehicleParts(Protocol):
     @property
     def camera(self) -> CameraOptions:
         """What it looks with."""
+
+
+class ScenarioKeywords(TypedDict, total=False):
+    """What `Scenario` takes: each option by its key, and whole parts by the names of the parts."""
+
+    farm: str | FarmOptions
+    day: int
+    days: int
+    flights_per_day: int
+    fields: Sequence[str]
+    planner: Any
+    policy: Any
+    budget: str | None
+    mission: str | MissionOptions | None
+    partition: str
+    altitude_m: float | None
+    cruise_speed_m_s: float | None
+    acceptance_radius_m: float | None
+    margin_m: float
+    vehicle: str | VehicleOptions
+    vehicles: int | None
+    autopilot: str
+    parameters: Mapping[str, float]
+    gps_noise_m: float
+    baro_noise_m: float
+    estimate_errors: bool
+    separation: str
+    radio_range_m: float | None
+    wind_speed_m_s: float
+    wind_direction_deg: float
+    wind_gust_m_s: float
+    wind_height_m: float
+    wind_shear: str | None
+    wind_roughness_m: float
+    wind_exponent: float
+    turbulence: str | float | None
+    camera_spacing_m: float | None
+    camera_footprint: int
+    camera_noise: float
+    false_positive_rate: float
+    false_negative_rate: float
+    camera_fields: Sequence[str] | None
+    estimator: Any
+    score_points: int | None
+    seed: int
+    weather: WeatherOptions
+    camera: CameraOptions
+    estimate: EstimateOptions
+    score: ScoreOptions

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Any, Unpack
 
 from wbf_mission.scenario.choice import Choice
-from wbf_mission.scenario.keywords import ScenarioKeywords
 from wbf_mission.scenario.option import Option, Part, ScenarioError, converted, option, options_of
 from wbf_mission.scenario.parts import (
     RUN,
@@ -18,6 +17,7 @@ from wbf_mission.scenario.parts import (
     EstimateOptions,
     FarmOptions,
     MissionOptions,
+    ScenarioKeywords,
     ScoreOptions,
     VehicleOptions,
     WeatherOptions,

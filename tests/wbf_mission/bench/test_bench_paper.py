@@ -19,7 +19,7 @@ from wbf_mission.bench.rows import BenchRow, read_rows
 from wbf_mission.bench.spec import BenchSpec
 from wbf_mission.cli.app import main
 from wbf_mission.progress import silent
-from wbf_mission.results.tables import ResultError
+from wbf_mission.results.storage import ResultError
 from wbf_mission.scenario import load_scenario
 
 SMALL = ("--scenarios", "WBF/Miniberry-10-v1", "--planners", "spiral,lawnmower")

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wbf_mission.bench.rows import TABLE, BenchRow, BenchStore, read_rows
-from wbf_mission.results.tables import ResultError
+from wbf_mission.results.storage import ResultError
 
 NAMES = st.text(st.characters(exclude_categories=("Cs",)), max_size=10)
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)

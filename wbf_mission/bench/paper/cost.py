@@ -24,7 +24,7 @@ from sensors.observations import Observations
 from sensors.scoring.score import RunningScore
 from wbf_mission.pictures.plots import new_sheet, save_sheet
 from wbf_mission.progress import Progress, silent
-from wbf_mission.results.tables import ResultError
+from wbf_mission.results.storage import ResultError
 
 __all__ = ["ESTIMATORS", "FARMS", "NUMBERS", "Cost", "kept_costs", "measured_costs", "plot_costs"]
 

@@ -15,7 +15,7 @@ from geo.farms import get_farm
 from sensors.fields import Field, FieldSet
 from wbf_mission.pictures.plots import LAND, new_sheet, save_sheet, shown_every
 from wbf_mission.progress import Progress, silent
-from wbf_mission.run.surroundings import make_environment
+from wbf_mission.run.resolve import make_environment
 from wbf_mission.scenario import Scenario, scenario_with
 
 if TYPE_CHECKING:

@@ -27,7 +27,7 @@ from wbf_mission.bench.rows import BenchRow
 from wbf_mission.bench.spec import BenchSpec
 from wbf_mission.pictures.plots import CROP_COLOURS, LINE_COLOURS, draw_farm, new_sheet, save_sheet
 from wbf_mission.progress import Progress, silent
-from wbf_mission.results.tables import ResultError
+from wbf_mission.results.storage import ResultError
 from wbf_mission.run.resolve import FlightError
 
 __all__ = ["FIGURES", "FORMATS", "Paper", "make_paper", "plot_geometry"]

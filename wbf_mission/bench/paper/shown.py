@@ -19,7 +19,7 @@ from wbf_mission.bench.spec import BenchRun
 from wbf_mission.flight import fly
 from wbf_mission.pictures.plots import shown_every
 from wbf_mission.progress import Progress
-from wbf_mission.results.tables import ResultError
+from wbf_mission.results.storage import ResultError
 from wbf_mission.run.resolve import FlightError
 
 __all__ = ["ShownRun", "shown_runs"]

@@ -15,12 +15,17 @@ from sim_vehicle.airframe.sensor_errors import SensorNoise
 from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.mavlink.fleet import SPACING_M
 from sim_vehicle.weather.wind import Wind
-from wbf_mission.planning import PlanResult, VehicleAssignment, flight_builder, plan, plan_tasks
+from wbf_mission.planning.assignment import SortieNumber, VehicleAssignment
 from wbf_mission.planning.builder import MissionBuilder
-from wbf_mission.planning.clearance import clearance_m, ground_clearance_m, height_error_m
-from wbf_mission.planning.sortie_number import SortieNumber
-from wbf_mission.planning.task import free_area
-from wbf_mission.planning.weather import flight_level, noise_of, wind_of
+from wbf_mission.planning.conditions import (
+    clearance_m,
+    flight_level,
+    ground_clearance_m,
+    height_error_m,
+    noise_of,
+    wind_of,
+)
+from wbf_mission.planning.keep_out import free_area
 from wbf_mission.progress import Progress, silent
 from wbf_mission.scenario import (
     CameraOptions,
@@ -31,7 +36,7 @@ from wbf_mission.scenario import (
     WeatherOptions,
 )
 from wbf_mission.scenario.scenario import PARTS
-from wbf_mission.scenario.separation import DISTANCE, LAYERS
+from wbf_mission.scenario.values import DISTANCE, LAYERS
 
 HIGHEST_M = 120.0
 # By autopilot: the least height of the return of a multirotor, and its unit in metres.
@@ -95,7 +100,9 @@ def vehicles_of(scenario: Scenario, tell: Progress = silent) -> tuple[Vehicle, .
     for number, one in enumerate(single_scenarios(scenario), start=1):
         together = number == 1 or get_vehicle(one.vehicle.name).is_ideal
         home_m = None if together else _start_m(scenario, farm, number)
-        task = VehicleAssignment.of(one, flight_builder(one, home_m), system_id=number, progress=tell)
+        task = VehicleAssignment.of(
+            one, MissionBuilder.of(one, farm, home_m), system_id=number, progress=tell
+        )
         vehicles.append(Vehicle(task, one.vehicle, one.mission, one.weather, one.camera))
     _check_radio(scenario, farm, vehicles)
     return tuple(vehicles)
@@ -112,23 +119,6 @@ def _check_radio(scenario: Scenario, farm: Farm, vehicles: Sequence[Vehicle]) ->
                 f" ground station; give more than {math.ceil(away_m)} m, or fewer vehicles"
             )
             raise ScenarioError(msg)
-
-
-def plan_fleet(scenario: Scenario, *, progress: Progress = silent) -> tuple[PlanResult, ...]:
-    """Plan for all vehicles of a scenario, in the order of their system ids.
-
-    Raises
-    ------
-    WbfMissionError
-        As of `wbf_mission.planning.plan`, which plans for a single vehicle.
-    """
-    count = len(scenario.vehicle.fleet)
-    if count == 1:
-        return (plan(scenario, progress=progress),)
-    if scenario.mission.file is not None:
-        msg = f"mission {scenario.mission.file} is one vehicle's, but {count} fly; give one"
-        raise ScenarioError(msg)
-    return plan_tasks(scenario, [one.task for one in vehicles_of(scenario, progress)])
 
 
 def single_scenarios(scenario: Scenario) -> tuple[Scenario, ...]:

@@ -58,118 +58,77 @@ class ReadBack(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Substitute:
-    """What is sent in place of a command that an autopilot does not know.
-
-    Parameters
-    ----------
-    make : callable
-        Returns the item to send; None leaves it out.
-    text : str
-        What is done, for the operator.
-    """
+    """What is sent in place of a command that an autopilot does not know."""
 
     make: Callable[[MissionItem], MissionItem | None]
+    """Returns the item to send; None leaves it out."""
     text: str
+    """What is done, for the operator."""
 
 
 @dataclass(frozen=True, slots=True)
 class IgnoredField:
-    """A parameter that an autopilot does not heed.
-
-    Parameters
-    ----------
-    command : int
-        MAV_CMD.
-    name : str
-        Field of `MissionItem`.
-    text, fix : str
-        What happens in its place, and what would be heeded.
-    vehicle_types : frozenset of int or None
-        MAV_TYPEs to which it applies; None for any.
-    """
+    """A parameter that an autopilot does not heed."""
 
     command: int
+    """MAV_CMD."""
     name: str
+    """Field of `MissionItem`."""
+    # What happens in its place, and what would be heeded.
     text: str
     fix: str = ""
     severity: Severity = Severity.WARNING
     vehicle_types: frozenset[int] | None = None
+    """MAV_TYPEs to which it applies; None for any."""
 
 
 @dataclass(frozen=True, slots=True)
 class ArmingCondition:
-    """What a parameter of the vehicle asks of a mission before the vehicle flies it.
-
-    Parameters
-    ----------
-    refusing : frozenset of float
-        Its values that ask for it.
-    usual : float
-        Its value as the autopilot comes.
-    unknown : Severity
-        Of the remark when the vehicle's value is not known and the usual one asks for it.
-    needed : frozenset of int
-        Commands of which the mission needs one; empty for none.
-    barred : frozenset of int
-        Commands of which the mission may have none.
-    vehicle_types : frozenset of int
-        MAV_TYPEs to which it applies.
-    """
+    """What a parameter of the vehicle asks of a mission before the vehicle flies it."""
 
     parameter: str
     refusing: frozenset[float]
+    """Its values that ask for it."""
     usual: float
+    """Its value as the autopilot comes."""
     text: str
     fix: str
     unknown: Severity
+    """Of the remark when the vehicle's value is not known and the usual one asks for it."""
     needed: frozenset[int] = frozenset()
+    """Commands of which the mission needs one; empty for none."""
     barred: frozenset[int] = frozenset()
+    """Commands of which the mission may have none."""
     vehicle_types: frozenset[int] = frozenset({FIXED_WING})
+    """MAV_TYPEs to which it applies."""
 
 
 @dataclass(frozen=True, slots=True)
 class Dialect:
-    """How a plan has to be written for one autopilot.
-
-    Parameters
-    ----------
-    standard_frames : bool
-        Items without a position go in frame MISSION.
-    zero_is_here : bool
-        Latitude and longitude 0, 0 mean where the vehicle is. Otherwise they are a place in the Atlantic.
-    land_start_placed : bool or None
-        DO_LAND_START has a position; False: none; None: as it is.
-    yaw_in_waypoints : bool
-        A heading is a parameter of the waypoint that is flown to, not of CONDITION_YAW.
-    roi_modes : frozenset of int or None
-        Modes (MAV_ROI) that DO_SET_ROI with a position may have.
-    not_for : mapping of int to frozenset of int
-        By MAV_TYPE, commands that other vehicles of this autopilot know.
-    substitutes : mapping of int to Substitute
-        By command.
-    instead : mapping of int to str
-        By command, what would be accepted in place of one that has no substitute.
-    defaults : mapping of int to mapping of str to float
-        By command, what is sent for an unset parameter that may not be NaN; 0 for all others.
-    highest_m : float
-        Altitudes at least so far from zero are refused.
-    most_jumps : int or None
-        DO_JUMPs that every board can count; further ones may be passed over.
-    ignored : tuple of IgnoredField
-    conditions : tuple of ArmingCondition
-    """
+    """How a plan has to be written for one autopilot."""
 
     standard_frames: bool = False
+    """Items without a position go in frame MISSION."""
     zero_is_here: bool = True
+    """Latitude and longitude 0, 0 mean where the vehicle is. Otherwise they are a place in the Atlantic."""
     land_start_placed: bool | None = None
+    """DO_LAND_START has a position; False: none; None: as it is."""
     yaw_in_waypoints: bool = False
+    """A heading is a parameter of the waypoint that is flown to, not of CONDITION_YAW."""
     roi_modes: frozenset[int] | None = None
+    """Modes (MAV_ROI) that DO_SET_ROI with a position may have."""
     not_for: Mapping[int, frozenset[int]] = field(default_factory=dict)
+    """By MAV_TYPE, commands that other vehicles of this autopilot know."""
     substitutes: Mapping[int, Substitute] = field(default_factory=dict)
+    """By command."""
     instead: Mapping[int, str] = field(default_factory=dict)
+    """By command, what would be accepted in place of one that has no substitute."""
     defaults: Mapping[int, Mapping[str, float]] = field(default_factory=dict)
+    """By command, what is sent for an unset parameter that may not be NaN; 0 for all others."""
     highest_m: float = float("inf")
+    """Altitudes at least so far from zero are refused."""
     most_jumps: int | None = None
+    """DO_JUMPs that every board can count; further ones may be passed over."""
     ignored: tuple[IgnoredField, ...] = ()
     conditions: tuple[ArmingCondition, ...] = ()
 

@@ -17,13 +17,6 @@ __all__ = ["CardRoom", "FlightModes", "NeededParameter", "Profile"]
 class NeededParameter:
     """A parameter of a vehicle that has to have one of some values, some bits set, or to be large enough.
 
-    Parameters
-    ----------
-    good : frozenset of int
-        The values; empty if it is the bits that count.
-    value : int
-        The one that is set.
-
     Examples
     --------
     >>> options = NeededParameter("FS_OPTIONS", bits=2)
@@ -35,7 +28,9 @@ class NeededParameter:
 
     name: str
     good: frozenset[int] = frozenset()
+    """The values; empty if it is the bits that count."""
     value: int = 0
+    """The one that is set."""
     bits: int = 0
     least: int = 0
 
@@ -53,17 +48,6 @@ class CardRoom:
     Source: ArduPilot ``StorageManager.cpp`` (attach_file), ``AP_Mission.cpp`` and ``AC_PolyFence_loader.cpp``
     (max_items); the documentation of the parameter tells the size of an item. Numbers of items count home.
 
-    Parameters
-    ----------
-    parameter : str
-        Its name; the value is in KiB, and 0 is no card.
-    largest_kib : int
-        The largest value that is documented.
-    largest_board : int
-        Items that the largest board holds without a card.
-    item_bytes, header_bytes, most_bytes : int
-        Of the file on the card.
-
     Examples
     --------
     >>> room = CardRoom("BRD_SD_MISSION", 64, 1312)
@@ -72,8 +56,12 @@ class CardRoom:
     """
 
     parameter: str
+    """Its name; the value is in KiB, and 0 is no card."""
     largest_kib: int
+    """The largest value that is documented."""
     largest_board: int
+    """Items that the largest board holds without a card."""
+    # Of the file on the card.
     item_bytes: int = 15
     header_bytes: int = 4
     most_bytes: int = 0xFFFF
@@ -90,34 +78,23 @@ class CardRoom:
 
 @dataclass(frozen=True, slots=True)
 class FlightModes:
-    """An autopilot's flight modes by their names, and what they are for.
-
-    Parameters
-    ----------
-    numbers : callable
-        Given a MAV_TYPE, the parameters 1 to 3 of DO_SET_MODE by the names of the modes.
-    mission : frozenset of str
-        In which it flies its mission by itself.
-    hold : mapping of int or None to str
-        In which it stays where it is, by MAV_TYPE; None for any other.
-    arming : mapping of int or None to str or None
-        In which it arms without a stick; None where it may arm in any.
-    ends : callable
-        Given a MAV_TYPE and the last command of a mission, the modes that the mission leads to when it is
-        over, besides its own.
-    aliases : mapping of str to str
-        Further names.
-    in_pymavlink : bool
-        Whether pymavlink names what a HEARTBEAT tells; else its custom mode is parameter 2 of DO_SET_MODE.
-    """
+    """An autopilot's flight modes by their names, and what they are for."""
 
     numbers: Callable[[int], Mapping[str, tuple[float, float, float]]]
+    """Given a MAV_TYPE, the parameters 1 to 3 of DO_SET_MODE by the names of the modes."""
     mission: frozenset[str]
+    """In which it flies its mission by itself."""
     hold: Mapping[int | None, str]
+    """In which it stays where it is, by MAV_TYPE; None for any other."""
     arming: Mapping[int | None, str | None]
+    """In which it arms without a stick; None where it may arm in any."""
     ends: Callable[[int, int], frozenset[str]]
+    """Given a MAV_TYPE and the last command of a mission, the modes that the mission leads to when it is
+    over, besides its own."""
     aliases: Mapping[str, str] = field(default_factory=dict)
+    """Further names."""
     in_pymavlink: bool = False
+    """Whether pymavlink names what a HEARTBEAT tells; else its custom mode is parameter 2 of DO_SET_MODE."""
 
     def name(self, custom_mode: int, vehicle_type: int) -> str:
         """Return the name of the mode whose parameter 2 of DO_SET_MODE is the custom mode of a HEARTBEAT."""
@@ -131,187 +108,127 @@ class FlightModes:
 
 @dataclass(frozen=True, slots=True)
 class Profile:
-    """One autopilot's behaviour.
-
-    Parameters
-    ----------
-    name : str
-        For messages.
-    autopilot : int
-        MAV_AUTOPILOT of its heartbeat.
-    home_at_zero : bool
-        Item 0 of the mission on the wire is home; ours follow it and jump targets count from there.
-    atomic : bool
-        The old plan is kept until the new one is complete.
-    request_int : bool
-        The vehicle asks with MISSION_REQUEST_INT (otherwise with MISSION_REQUEST).
-    float_answers : bool
-        The vehicle answers MISSION_REQUEST with the float MISSION_ITEM.
-    stateless_download : bool
-        The vehicle answers any request at any time, so a client may ask for several items at once.
-    restart_on_count : bool
-        A second COUNT of the same ground station restarts an upload at any point (otherwise only before
-        item 0).
-    re_request_s, abort_s : float
-        The vehicle's timers: ask again for an item; give up after nothing has come for so long.
-    abort_result : int or None
-        ACK that it sends when it gives an upload up, None for none.
-    busy_result : int
-        ACK for a COUNT while another transfer runs.
-    order_result : int or None
-        ACK for an item out of order, None for none.
-    range_result : int or None
-        ACK for a request beyond the plan, None for none.
-    clear_all_types : bool
-        MISSION_CLEAR_ALL with type 255 clears all three plans (otherwise UNSUPPORTED).
-    frames : frozenset of int or None
-        MAV_FRAMEs that are accepted; None for any.
-    usual_limits : tuple of int or None
-        Items that common boards hold, per plan; beyond it `count_warning` speaks up.
-    lossy : mapping
-        Per command, the fields of an item that it does not keep, for the comparison after an upload.
-    read_back : mapping
-        Per command, the fields that come back otherwise than they were sent, and what of them.
-    whole_seconds : bool
-        A waypoint's hold time is kept in whole seconds.
-    keeps_autocontinue : frozenset of MissionType
-        Plans whose items come back with their ``autocontinue``.
-    keeps_default : bool
-        A NaN parameter reads back as NaN (otherwise as 0).
-    keeps_frame : bool
-        The frame of an item without a position is kept (otherwise it reads back as GLOBAL).
-    int_frames : bool
-        MISSION_ITEM_INT carries the frames 5 and 6 for 0 and 3.
-    strict_frames : bool
-        ``frames`` is also asked of items without a position.
-    range_checked : bool
-        Items with positions and numbers out of range are refused (otherwise stored as they came).
-    nan_parameters : mapping of int to frozenset of str, or None
-        Per command, the parameters that may be NaN; None for all of all commands.
-    placed, unplaced : frozenset of int or None
-        Commands that are taken in a global frame, and in the frame MISSION; None for any.
-    checks_jumps : bool
-        A DO_JUMP out of the plan is refused.
-    marks_current : bool
-        A download says which item is the current one.
-    opaque_ids : bool
-        Plans have ids.
-    capacity : tuple of int
-        The most items that the autopilot's simulator takes, per plan, without home; see `room`.
-    card : CardRoom or None
-        Room for a longer mission.
-    fence_card : CardRoom or None
-        Room for a larger fence.
-    space_text : str or None
-        What it says to a plan that is too long, None for nothing; takes the number of items with home.
-    item_text : str or None
-        What it says (MAV_SEVERITY_CRITICAL) when it refuses an item for what the item is, None for nothing;
-        with the ACK ERROR nothing is said either.
-    type_result : int
-        ACK for a plan type that does not exist.
-    partial_write : bool
-        MISSION_WRITE_PARTIAL_LIST works.
-    partial_result : int or None
-        ACK for a part that is not taken, None for none.
-    empty_hold_s : float
-        After a COUNT of 0 every COUNT is refused for so long.
-    received_texts : tuple of str or None
-        What it says (MAV_SEVERITY_INFO) when a plan has been received, per plan.
-    timeout_text : str
-        What it says when an upload is given up.
-    text_prefix : str
-        Before what it says about refusals.
-    streams_on_request : bool
-        It sends nothing but heartbeats until a ground station asks for its streams.
-    change_modes : mapping of int to tuple of int, or None
-        How a mission that is being flown is replaced most safely. None: in the mission mode, by the whole
-        plan at once with the item to go on with marked as current. Otherwise aside from the mission, by a
-        position in the guided mode: by MAV_TYPE the custom modes of the guided and of the mission mode.
-    change_failsafe : mapping of int to tuple of NeededParameter
-        By MAV_TYPE, what has to be set before that, so that a vehicle in the guided mode whose ground station
-        is gone comes home.
-    dialect : Dialect
-        In which form it takes items, for `mission.transfer.rendering`.
-    modes : FlightModes or None
-        Its flight modes; None where they are not known.
-    settings : VehicleSettings
-        Its parameters that a plan depends on.
-    bytewise : bool
-        Integer parameters travel as the bytes of a float (otherwise as numbers).
-    start_arms : bool
-        MISSION_START starts the motors of a vehicle that stands, and it takes off.
-    takeoff_needs_arming : bool
-        NAV_TAKEOFF is refused while the motors stand.
-    takeoff_above_sea : bool
-        The altitude of NAV_TAKEOFF counts from mean sea level (otherwise from home).
-    item_command : bool
-        DO_SET_MISSION_CURRENT chooses an item (otherwise only the message does).
-    stays_armed : frozenset of int
-        MAV_TYPEs that stay armed when they have come home.
-    radius_in_space : bool
-        The acceptance radius of a multirotor counts in space, errors of its height estimate with it.
-    estimator_message : int
-        The message that tells how good its estimate is.
-    """
+    """One autopilot's behaviour."""
 
     name: str
+    """For messages."""
     autopilot: int
+    """MAV_AUTOPILOT of its heartbeat."""
     home_at_zero: bool = False
+    """Item 0 of the mission on the wire is home; ours follow it and jump targets count from there."""
     atomic: bool = True
+    """The old plan is kept until the new one is complete."""
     request_int: bool = True
+    """The vehicle asks with MISSION_REQUEST_INT (otherwise with MISSION_REQUEST)."""
     float_answers: bool = False
+    """The vehicle answers MISSION_REQUEST with the float MISSION_ITEM."""
     stateless_download: bool = False
+    """The vehicle answers any request at any time, so a client may ask for several items at once."""
     restart_on_count: bool = False
+    """A second COUNT of the same ground station restarts an upload at any point (otherwise only before item
+    0)."""
+    # The vehicle's timers: ask again for an item; give up after nothing has come for so long.
     re_request_s: float = 0.25
     abort_s: float = 5.0
     abort_result: int | None = None
+    """ACK that it sends when it gives an upload up, None for none."""
     busy_result: int = m.MAV_MISSION_ERROR
+    """ACK for a COUNT while another transfer runs."""
     order_result: int | None = None
+    """ACK for an item out of order, None for none."""
     range_result: int | None = m.MAV_MISSION_ERROR
+    """ACK for a request beyond the plan, None for none."""
     clear_all_types: bool = True
+    """MISSION_CLEAR_ALL with type 255 clears all three plans (otherwise UNSUPPORTED)."""
     frames: frozenset[int] | None = None
+    """MAV_FRAMEs that are accepted; None for any."""
     usual_limits: tuple[int | None, int | None, int | None] = (None, None, None)
+    """Items that common boards hold, per plan; beyond it `count_warning` speaks up."""
     lossy: Mapping[int, frozenset[str]] = field(default_factory=dict)
+    """Per command, the fields of an item that it does not keep, for the comparison after an upload."""
     read_back: Mapping[int, Mapping[str, ReadBack]] = field(default_factory=dict)
+    """Per command, the fields that come back otherwise than they were sent, and what of them."""
     whole_seconds: bool = False
+    """A waypoint's hold time is kept in whole seconds."""
     keeps_autocontinue: frozenset[MissionType] = frozenset(MissionType)
+    """Plans whose items come back with their ``autocontinue``."""
     keeps_default: bool = True
+    """A NaN parameter reads back as NaN (otherwise as 0)."""
     keeps_frame: bool = True
+    """The frame of an item without a position is kept (otherwise it reads back as GLOBAL)."""
     int_frames: bool = False
+    """MISSION_ITEM_INT carries the frames 5 and 6 for 0 and 3."""
     strict_frames: bool = True
+    """``frames`` is also asked of items without a position."""
     range_checked: bool = True
+    """Items with positions and numbers out of range are refused (otherwise stored as they came)."""
     nan_parameters: Mapping[int, frozenset[str]] | None = None
+    """Per command, the parameters that may be NaN; None for all of all commands."""
+    # Commands that are taken in a global frame, and in the frame MISSION; None for any.
     placed: frozenset[int] | None = None
     unplaced: frozenset[int] | None = None
     checks_jumps: bool = False
+    """A DO_JUMP out of the plan is refused."""
     marks_current: bool = True
+    """A download says which item is the current one."""
     opaque_ids: bool = True
+    """Plans have ids."""
     capacity: tuple[int, int, int] = (MAX_ITEMS, MAX_ITEMS, MAX_ITEMS)
+    """The most items that the autopilot's simulator takes, per plan, without home; see `room`."""
     card: CardRoom | None = None
+    """Room for a longer mission."""
     fence_card: CardRoom | None = None
+    """Room for a larger fence."""
     space_text: str | None = "Only {} items are supported"
+    """What it says to a plan that is too long, None for nothing; takes the number of items with home."""
     item_text: str | None = None
+    """What it says (MAV_SEVERITY_CRITICAL) when it refuses an item for what the item is, None for nothing;
+    with the ACK ERROR nothing is said either."""
     type_result: int = m.MAV_MISSION_INVALID
+    """ACK for a plan type that does not exist."""
     partial_write: bool = False
+    """MISSION_WRITE_PARTIAL_LIST works."""
     partial_result: int | None = m.MAV_MISSION_ERROR
+    """ACK for a part that is not taken, None for none."""
     empty_hold_s: float = 0.0
+    """After a COUNT of 0 every COUNT is refused for so long."""
     received_texts: tuple[str, str, str] | None = None
+    """What it says (MAV_SEVERITY_INFO) when a plan has been received, per plan."""
     timeout_text: str = "Operation timeout"
+    """What it says when an upload is given up."""
     text_prefix: str = ""
+    """Before what it says about refusals."""
     streams_on_request: bool = False
+    """It sends nothing but heartbeats until a ground station asks for its streams."""
     change_modes: Mapping[int, tuple[int, int]] | None = None
+    """How a mission that is being flown is replaced most safely. None: in the mission mode, by the whole plan
+    at once with the item to go on with marked as current. Otherwise aside from the mission, by a position in
+    the guided mode: by MAV_TYPE the custom modes of the guided and of the mission mode."""
     change_failsafe: Mapping[int, tuple[NeededParameter, ...]] = field(default_factory=dict)
+    """By MAV_TYPE, what has to be set before that, so that a vehicle in the guided mode whose ground station
+    is gone comes home."""
     dialect: Dialect = field(default_factory=Dialect)
+    """In which form it takes items, for `mission.transfer.rendering`."""
     modes: FlightModes | None = None
+    """Its flight modes; None where they are not known."""
     settings: VehicleSettings = field(default_factory=VehicleSettings)
+    """Its parameters that a plan depends on."""
     bytewise: bool = False
+    """Integer parameters travel as the bytes of a float (otherwise as numbers)."""
     start_arms: bool = False
+    """MISSION_START starts the motors of a vehicle that stands, and it takes off."""
     takeoff_needs_arming: bool = False
+    """NAV_TAKEOFF is refused while the motors stand."""
     takeoff_above_sea: bool = True
+    """The altitude of NAV_TAKEOFF counts from mean sea level (otherwise from home)."""
     item_command: bool = True
+    """DO_SET_MISSION_CURRENT chooses an item (otherwise only the message does)."""
     stays_armed: frozenset[int] = frozenset()
+    """MAV_TYPEs that stay armed when they have come home."""
     radius_in_space: bool = False
+    """The acceptance radius of a multirotor counts in space, errors of its height estimate with it."""
     estimator_message: int = m.MAVLINK_MSG_ID_ESTIMATOR_STATUS
+    """The message that tells how good its estimate is."""
 
     @property
     def cards(self) -> dict[MissionType, CardRoom]:

@@ -34,16 +34,11 @@ class Meaning(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """A parameter that is asked for.
-
-    Parameters
-    ----------
-    names : tuple of (str, float)
-        Its names, that of the newest version first, and SI units in a unit of each.
-    """
+    """A parameter that is asked for."""
 
     meaning: Meaning
     names: tuple[tuple[str, float], ...]
+    """Its names, that of the newest version first, and SI units in a unit of each."""
 
 
 def question(meaning: Meaning, *names: str | tuple[str, float]) -> Question:
@@ -53,24 +48,16 @@ def question(meaning: Meaning, *names: str | tuple[str, float]) -> Question:
 
 @dataclass(frozen=True, slots=True)
 class VehicleSettings:
-    """The parameters of an autopilot that a plan depends on, and what some of their values mean.
-
-    Parameters
-    ----------
-    questions : mapping of int or None to tuple of Question
-        What is asked, by MAV_TYPE; None for any other.
-    link_goes_on : frozenset of float
-        Values of `Meaning.LINK_LOST` with which a mission is flown on.
-    fence_off : frozenset of float
-        Values of `Meaning.FENCE_ACTION` with which a fence does nothing.
-    fence_tells : frozenset of float
-        Those with which a broken fence is only told.
-    """
+    """The parameters of an autopilot that a plan depends on, and what some of their values mean."""
 
     questions: Mapping[int | None, tuple[Question, ...]] = field(default_factory=dict)
+    """What is asked, by MAV_TYPE; None for any other."""
     link_goes_on: frozenset[float] = frozenset({0.0})
+    """Values of `Meaning.LINK_LOST` with which a mission is flown on."""
     fence_off: frozenset[float] = frozenset()
+    """Values of `Meaning.FENCE_ACTION` with which a fence does nothing."""
     fence_tells: frozenset[float] = frozenset({0.0})
+    """Those with which a broken fence is only told."""
 
     def asked_of(self, vehicle_type: int) -> tuple[Question, ...]:
         """Return what is asked of a vehicle (MAV_TYPE)."""

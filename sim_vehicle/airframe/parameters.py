@@ -16,26 +16,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class ParameterSpec:
-    """One parameter of an autopilot, under its real name.
+    """One parameter of an autopilot, under its real name."""
 
-    Parameters
-    ----------
-    default, low, high : float
-        Default and allowed values, in the parameter's own unit.
-    unit : str
-        Such as ``m/s``, ``cm/s`` or ``deg``; empty for a number.
-    text : str
-        What it is, in a few words.
-    integer : bool
-        Whether it is INT32 on the wire.
-    """
-
+    # Default and allowed values, in the parameter's own unit.
     default: float
     low: float
     high: float
     unit: str
+    """Such as ``m/s``, ``cm/s`` or ``deg``; empty for a number."""
     text: str
+    """What it is, in a few words."""
     integer: bool = False
+    """Whether it is INT32 on the wire."""
 
 
 def parameter_value(spec: VehicleSpec, name: str, table: Mapping[str, ParameterSpec]) -> float:

@@ -25,40 +25,27 @@ GRAVITY_M_S2 = 9.80665
 
 @dataclass(frozen=True, slots=True)
 class BatterySpec:
-    """A battery pack of lithium-polymer cells: an equivalent circuit of one time constant.
-
-    Parameters
-    ----------
-    capacity_wh : float
-        Energy of the full pack, watt hours.
-    cells : int
-        Cells in series.
-    cell_voltage_v : float
-        Nominal voltage of a cell.
-    full_cell_v, empty_cell_v : float
-        Open-circuit voltage of a full and of an empty cell.
-    resistance_ohm : float
-        Internal resistance of the whole pack that acts at once.
-    polarization_ohm : float
-        Further resistance of the whole pack, whose voltage builds up and recovers slowly.
-    relaxation_s : float
-        Time constant of that.
-    reserve_fraction : float
-        Below this fraction the battery is low; a plan should land before it.
-    critical_fraction : float
-        Below this fraction the vehicle must land where it is.
-    """
+    """A battery pack of lithium-polymer cells: an equivalent circuit of one time constant."""
 
     capacity_wh: float
+    """Energy of the full pack, watt hours."""
     cells: int
+    """Cells in series."""
     cell_voltage_v: float = 3.8
+    """Nominal voltage of a cell."""
+    # Open-circuit voltage of a full and of an empty cell.
     full_cell_v: float = 4.2
     empty_cell_v: float = 3.0
     resistance_ohm: float = 0.02
+    """Internal resistance of the whole pack that acts at once."""
     polarization_ohm: float = 0.008
+    """Further resistance of the whole pack, whose voltage builds up and recovers slowly."""
     relaxation_s: float = 30.0
+    """Time constant of that."""
     reserve_fraction: float = 0.2
+    """Below this fraction the battery is low; a plan should land before it."""
     critical_fraction: float = 0.1
+    """Below this fraction the vehicle must land where it is."""
 
     def __post_init__(self) -> None:
         positive(
@@ -99,43 +86,29 @@ class BatterySpec:
 
 @dataclass(frozen=True, slots=True)
 class PowerSpec:
-    """Parameters of the rotorcraft power model (see `sim_vehicle.energy.power.multirotor_power`).
-
-    Parameters
-    ----------
-    mass_kg : float
-        Take-off mass.
-    disc_area_m2 : float
-        Disc area of all rotors together.
-    tip_speed_m_s : float
-        Blade tip speed in hover.
-    solidity : float
-        Blade area over disc area.
-    blade_drag : float
-        Profile drag coefficient of the blades.
-    induced_factor : float
-        Ratio of the real to the ideal induced power.
-    drag_area_m2 : float
-        Equivalent flat plate area of the fuselage.
-    efficiency : float
-        Shaft power over electric power (motors, speed controllers, wiring).
-    avionics_w, camera_w : float
-        Constant power of autopilot and radio, and of the camera.
-    idle_w : float
-        Additional power while armed on the ground.
-    """
+    """Parameters of the rotorcraft power model (see `sim_vehicle.energy.power.multirotor_power`)."""
 
     mass_kg: float
+    """Take-off mass."""
     disc_area_m2: float
+    """Disc area of all rotors together."""
     tip_speed_m_s: float
+    """Blade tip speed in hover."""
     solidity: float = 0.1
+    """Blade area over disc area."""
     blade_drag: float = 0.05
+    """Profile drag coefficient of the blades."""
     induced_factor: float = 1.15
+    """Ratio of the real to the ideal induced power."""
     drag_area_m2: float = 0.03
+    """Equivalent flat plate area of the fuselage."""
     efficiency: float = 0.7
+    """Shaft power over electric power (motors, speed controllers, wiring)."""
+    # Constant power of autopilot and radio, and of the camera.
     avionics_w: float = 8.0
     camera_w: float = 4.0
     idle_w: float = 25.0
+    """Additional power while armed on the ground."""
 
     def __post_init__(self) -> None:
         _check_power(self)
@@ -143,35 +116,24 @@ class PowerSpec:
 
 @dataclass(frozen=True, slots=True)
 class FixedWingPowerSpec:
-    """Parameters of the power model of a fixed wing (see `sim_vehicle.energy.power.fixed_wing_power`).
-
-    Parameters
-    ----------
-    mass_kg : float
-        Take-off mass.
-    wing_area_m2, wing_span_m : float
-        Of the wing; they give its aspect ratio.
-    parasitic_drag : float
-        Drag coefficient without lift, on the wing area.
-    oswald : float
-        Span efficiency of the induced drag.
-    efficiency : float
-        Propulsive over electric power: propeller, motor, speed controller, wiring.
-    avionics_w, camera_w : float
-        Constant power of autopilot, servos and radio, and of the camera.
-    idle_w : float
-        Additional power while armed on the ground.
-    """
+    """Parameters of the power model of a fixed wing (see `sim_vehicle.energy.power.fixed_wing_power`)."""
 
     mass_kg: float
+    """Take-off mass."""
+    # Of the wing; they give its aspect ratio.
     wing_area_m2: float
     wing_span_m: float
     parasitic_drag: float = 0.025
+    """Drag coefficient without lift, on the wing area."""
     oswald: float = 0.8
+    """Span efficiency of the induced drag."""
     efficiency: float = 0.55
+    """Propulsive over electric power: propeller, motor, speed controller, wiring."""
+    # Constant power of autopilot, servos and radio, and of the camera.
     avionics_w: float = 8.0
     camera_w: float = 4.0
     idle_w: float = 2.0
+    """Additional power while armed on the ground."""
 
     def __post_init__(self) -> None:
         _check_power(self)
@@ -184,34 +146,24 @@ class FixedWingPowerSpec:
 
 @dataclass(frozen=True, slots=True)
 class FixedWingAirframe:
-    """How a fixed wing flies, beside the drag of its power model.
-
-    Parameters
-    ----------
-    thrust_n : float or None
-        At full throttle, at any airspeed; None is what climbs as the autopilot's parameter says.
-    lift_level, lift_slope : float
-        Lift coefficient with the fuselage along the flow, and its gain per radian of angle of attack.
-    turn_share : float
-        Rate of a turn over that of a coordinated one, g tan(bank) / airspeed; below 1 it slips outward.
-    elevator_per_lift : float
-        Share of the throw of the elevator that trims it for one more lift coefficient: the static stability
-        over the power of the elevator. Until the pitch control has trimmed a change of airspeed its nose is
-        too high or too low; 0 is always trimmed.
-    liftoff_airspeed_m_s : float or None
-        Airspeed at which it leaves the ground by its own thrust; None: it is thrown, or rolls as the
-        autopilot's parameters say.
-    ground_drag_1_s : float or None
-        Deceleration over speed while it rolls; None is grass, which brakes at any speed alike.
-    """
+    """How a fixed wing flies, beside the drag of its power model."""
 
     thrust_n: float | None = None
+    """At full throttle, at any airspeed; None is what climbs as the autopilot's parameter says."""
+    # Lift coefficient with the fuselage along the flow, and its gain per radian of angle of attack.
     lift_level: float = 0.3
     lift_slope: float = 5.0
     turn_share: float = 1.0
+    """Rate of a turn over that of a coordinated one, g tan(bank) / airspeed; below 1 it slips outward."""
     elevator_per_lift: float = 0.0
+    """Share of the throw of the elevator that trims it for one more lift coefficient: the static stability
+    over the power of the elevator. Until the pitch control has trimmed a change of airspeed its nose is too
+    high or too low; 0 is always trimmed."""
     liftoff_airspeed_m_s: float | None = None
+    """Airspeed at which it leaves the ground by its own thrust; None: it is thrown, or rolls as the
+    autopilot's parameters say."""
     ground_drag_1_s: float | None = None
+    """Deceleration over speed while it rolls; None is grass, which brakes at any speed alike."""
 
     def __post_init__(self) -> None:
         for name, low, high in (
@@ -231,31 +183,21 @@ class FixedWingAirframe:
 
 @dataclass(frozen=True, slots=True)
 class RoverPowerSpec:
-    """Parameters of the power model of a ground vehicle (see `sim_vehicle.energy.power.rover_power`).
-
-    Parameters
-    ----------
-    mass_kg : float
-        Mass as driven.
-    rolling_resistance : float
-        Rolling drag over weight.
-    drag_area_m2 : float
-        Drag coefficient times frontal area.
-    efficiency : float
-        Power at the wheels over electric power.
-    avionics_w, camera_w : float
-        Constant power of computer and radio, and of the camera.
-    idle_w : float
-        Additional power while armed and standing.
-    """
+    """Parameters of the power model of a ground vehicle (see `sim_vehicle.energy.power.rover_power`)."""
 
     mass_kg: float
+    """Mass as driven."""
     rolling_resistance: float = 0.08
+    """Rolling drag over weight."""
     drag_area_m2: float = 0.2
+    """Drag coefficient times frontal area."""
     efficiency: float = 0.6
+    """Power at the wheels over electric power."""
+    # Constant power of computer and radio, and of the camera.
     avionics_w: float = 15.0
     camera_w: float = 4.0
     idle_w: float = 2.0
+    """Additional power while armed and standing."""
 
     def __post_init__(self) -> None:
         _check_power(self)

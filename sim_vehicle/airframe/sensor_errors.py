@@ -51,44 +51,30 @@ GROUND_M = 5.0
 
 
 class SensorErrors(NamedTuple):
-    """Errors at one time, estimate less truth; metres.
+    """Errors at one time, estimate less truth; metres."""
 
-    Parameters
-    ----------
-    east_m, north_m, up_m : float
-        Of the autopilot's estimate; the height is that above the start.
-    gps_east_m, gps_north_m, gps_up_m : float
-        Of the receiver.
-    barometer_m : float
-        Of the barometer's height.
-    """
-
+    # Of the autopilot's estimate; the height is that above the start.
     east_m: float
     north_m: float
     up_m: float
+    # Of the receiver.
     gps_east_m: float
     gps_north_m: float
     gps_up_m: float
     barometer_m: float
+    """Of the barometer's height."""
 
 
 class Sensed(NamedTuple):
-    """Where a vehicle is, in truth and by its sensors: east, north, up about home.
-
-    Parameters
-    ----------
-    believed_m, true_m, gps_m : tuple of 3 floats
-    barometer_m : float
-        Height by the barometer.
-    drift_m_s : tuple of 3 floats
-        Velocity of the truth less the believed one.
-    """
+    """Where a vehicle is, in truth and by its sensors: east, north, up about home."""
 
     believed_m: tuple[float, float, float]
     true_m: tuple[float, float, float]
     gps_m: tuple[float, float, float]
     barometer_m: float
+    """Height by the barometer."""
     drift_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Velocity of the truth less the believed one."""
 
     @classmethod
     def exact(cls, place_m: tuple[float, float, float]) -> Sensed:
@@ -99,17 +85,6 @@ class Sensed(NamedTuple):
 @dataclass(frozen=True, slots=True)
 class SensorNoise:
     """How wrong a vehicle's sensors are.
-
-    Parameters
-    ----------
-    gps_m : float
-        Standard deviation of the slow error of the satellite position along each horizontal axis; 0 is an
-        exact receiver. Without corrections 1 to 2 m, with SBAS 0.5 m, RTK 0.01 m.
-    barometer_m : float
-        Standard deviation of the barometer's slow error; 0 is an exact barometer.
-    estimate_errors : bool
-        Whether the height and velocities that PX4 estimates are wrong as recorded
-        (`sim_vehicle.airframe.estimate_errors`).
 
     Raises
     ------
@@ -123,9 +98,14 @@ class SensorNoise:
     """
 
     gps_m: float = 0.0
+    """Standard deviation of the slow error of the satellite position along each horizontal axis; 0 is an
+    exact receiver. Without corrections 1 to 2 m, with SBAS 0.5 m, RTK 0.01 m."""
     barometer_m: float = 0.0
+    """Standard deviation of the barometer's slow error; 0 is an exact barometer."""
     seed: np.random.SeedSequence | int = 0
     estimate_errors: bool = False
+    """Whether the height and velocities that PX4 estimates are wrong as recorded
+    (`sim_vehicle.airframe.estimate_errors`)."""
 
     def __post_init__(self) -> None:
         for name, most in (("gps_m", 100.0), ("barometer_m", 20.0)):

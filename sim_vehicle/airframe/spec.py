@@ -62,23 +62,15 @@ _NO_LIMITS = (
 
 @dataclass(frozen=True, slots=True)
 class PublishedEndurance:
-    """How long a vehicle flies as its maker tells it.
-
-    Parameters
-    ----------
-    endurance_min : float
-        Minutes.
-    airspeed_m_s : float
-        0 for hovering.
-    used_fraction : float
-        Share of the battery that the flight takes.
-    condition, source : str
-        As published, and where.
-    """
+    """How long a vehicle flies as its maker tells it."""
 
     endurance_min: float
+    """Minutes."""
     airspeed_m_s: float = 0.0
+    """0 for hovering."""
     used_fraction: float = 1.0
+    """Share of the battery that the flight takes."""
+    # As published, and where.
     condition: str = ""
     source: str = ""
 
@@ -96,65 +88,6 @@ class PublishedEndurance:
 class VehicleSpec:
     """A vehicle: limits that its motion never exceeds, defaults, battery and power model.
 
-    Parameters
-    ----------
-    name : str
-        Name for reports.
-    kind : {"multirotor", "fixed-wing", "rover", "ideal"}
-        The motion model.
-    autopilot : str
-        The autopilot that moves it, one of `sim_vehicle.airframe.autopilot_names.autopilot_names`; "generic"
-        is none in particular.
-    parameters : tuple of (str, float)
-        Parameters of the autopilot that are not at their defaults, under their real names.
-    cruise_speed_m_s : float
-        Ground speed on a mission that does not set one.
-    speed_limit_m_s : float
-        Horizontal ground speed that is never exceeded; a mission may command up to 95 % of it.
-    airspeed_limit_m_s : float
-        Horizontal airspeed that the vehicle can hold; bounds the ground speed in a wind.
-    climb_speed_m_s, descent_speed_m_s, landing_speed_m_s : float
-        Vertical speeds: never exceeded; the last one near the ground while landing.
-    acceleration_m_s2, jerk_m_s3 : float
-        Bounds on the horizontal acceleration and jerk vectors; 80 % of each is used along the path, the
-        rest is kept for corners (see docs/vehicle-model.md).
-    vertical_acceleration_m_s2, vertical_jerk_m_s3 : float
-        Bounds on the vertical acceleration and jerk.
-    yaw_rate_rad_s, yaw_acceleration_rad_s2 : float
-        Bounds on the turning of the heading.
-    acceptance_radius_m : float
-        Distance at which a waypoint that sets none is passed.
-    takeoff_altitude_m, return_altitude_m, max_altitude_m : float
-        Default take-off height, least return altitude, and ceiling, all above home.
-    max_distance_m : float
-        Farthest allowed position from home.
-    step_s : float
-        Time step of the motion model.
-    disarm_delay_s : float
-        Time from touch-down to disarming.
-    cell_m : float
-        Length of one step of the ideal vehicle.
-    linear_drag_1_s : float or None
-        Drag of a multirotor per mass and airspeed; None is that of the autopilot's reference airframe.
-    attitude_response_s : float or None
-        Time in which its tilt follows what the autopilot wants; None is that of the reference airframe.
-    battery : BatterySpec or None
-        None is an endless battery.
-    power : PowerSpec, FixedWingPowerSpec, RoverPowerSpec or None
-        The one of its kind; None uses no energy.
-    airframe : FixedWingAirframe or None
-        Of a fixed wing; None is a typical one.
-    return_margin_m : float
-        How much farther from home than planned a return may begin: a return altitude that depends on the
-        distance is that of so much more. 0 for a vehicle that flies; where a way home is priced it is what
-        `sim_vehicle.autopilot.with_return_margin` says.
-    autopilot_parameters : tuple of (str, tuple of (str, float))
-        Per autopilot, the parameters for when it flies this vehicle, under their real names.
-    published : PublishedEndurance or None
-        What the maker of such a vehicle tells, to compare the model with.
-    description : str
-        In a few words, for lists.
-
     Examples
     --------
     >>> VehicleSpec("mine", speed_limit_m_s=10.0).top_speed_m_s
@@ -162,38 +95,68 @@ class VehicleSpec:
     """
 
     name: str
+    """Name for reports."""
     kind: Literal["multirotor", "fixed-wing", "rover", "ideal"] = "multirotor"
+    """The motion model."""
     autopilot: str = NO_AUTOPILOT
+    """The autopilot that moves it, one of `sim_vehicle.airframe.autopilot_names.autopilot_names`; "generic"
+    is none in particular."""
     parameters: tuple[tuple[str, float], ...] = ()
+    """Parameters of the autopilot that are not at their defaults, under their real names."""
     cruise_speed_m_s: float = 8.0
+    """Ground speed on a mission that does not set one."""
     speed_limit_m_s: float = 14.0
+    """Horizontal ground speed that is never exceeded; a mission may command up to 95 % of it."""
     airspeed_limit_m_s: float = 16.0
+    """Horizontal airspeed that the vehicle can hold; bounds the ground speed in a wind."""
+    # Vertical speeds: never exceeded; the last one near the ground while landing.
     climb_speed_m_s: float = 4.0
     descent_speed_m_s: float = 3.0
     landing_speed_m_s: float = 0.7
+    # Bounds on the horizontal acceleration and jerk vectors; 80 % of each is used along the path, the rest is
+    # kept for corners (see docs/vehicle-model.md).
     acceleration_m_s2: float = 3.75
     jerk_m_s3: float = 5.0
+    # Bounds on the vertical acceleration and jerk.
     vertical_acceleration_m_s2: float = 2.5
     vertical_jerk_m_s3: float = 5.0
+    # Bounds on the turning of the heading.
     yaw_rate_rad_s: float = math.radians(60.0)
     yaw_acceleration_rad_s2: float = math.radians(120.0)
     acceptance_radius_m: float = 1.0
+    """Distance at which a waypoint that sets none is passed."""
+    # Default take-off height, least return altitude, and ceiling, all above home.
     takeoff_altitude_m: float = 10.0
     return_altitude_m: float = 15.0
     max_altitude_m: float = 500.0
     max_distance_m: float = 20_000.0
+    """Farthest allowed position from home."""
     step_s: float = 0.02
+    """Time step of the motion model."""
     disarm_delay_s: float = 2.0
+    """Time from touch-down to disarming."""
     cell_m: float = FOOT_M
+    """Length of one step of the ideal vehicle."""
     linear_drag_1_s: float | None = None
+    """Drag of a multirotor per mass and airspeed; None is that of the autopilot's reference airframe."""
     attitude_response_s: float | None = None
+    """Time in which its tilt follows what the autopilot wants; None is that of the reference airframe."""
     battery: BatterySpec | None = None
+    """None is an endless battery."""
     power: AnyPowerSpec | None = None
+    """The one of its kind; None uses no energy."""
     airframe: FixedWingAirframe | None = None
+    """Of a fixed wing; None is a typical one."""
     return_margin_m: float = 0.0
+    """How much farther from home than planned a return may begin: a return altitude that depends on the
+    distance is that of so much more. 0 for a vehicle that flies; where a way home is priced it is what
+    `sim_vehicle.autopilot.with_return_margin` says."""
     autopilot_parameters: tuple[tuple[str, tuple[tuple[str, float], ...]], ...] = ()
+    """Per autopilot, the parameters for when it flies this vehicle, under their real names."""
     published: PublishedEndurance | None = None
+    """What the maker of such a vehicle tells, to compare the model with."""
     description: str = ""
+    """In a few words, for lists."""
 
     def __post_init__(self) -> None:
         for name, known in (("kind", KINDS), ("autopilot", (*autopilot_names(), NO_AUTOPILOT))):

@@ -25,52 +25,35 @@ __all__ = ["Autopilot", "Firmware"]
 
 @dataclass(frozen=True, slots=True)
 class Firmware:
-    """An autopilot on one kind of vehicle: ArduCopter, ArduPlane, PX4 on a rover.
-
-    Parameters
-    ----------
-    title : str
-        Its name for readers.
-    mavlink : MavlinkProfile
-        How it shows itself on MAVLink.
-    rules : FailsafeRules
-        What it does when something goes wrong.
-    profile : mission.autopilots.profile.Profile
-        How it speaks the mission protocol.
-    parameter_table : callable
-        Given the vehicle and its MAVLink system id, the parameters besides those of the procedures.
-    procedures : FlightProcedures
-        How it moves the vehicle: parameters of the motion, take-off, return, landing.
-    takes_off : bool
-        A mission that begins on the ground needs no take-off item.
-    behaviour : MissionBehaviour
-        How it takes a mission that is changed while it flies.
-    cold_boot : ColdBoot, optional
-        How it comes up, where that is known.
-    reference : callable, optional
-        Returns all parameters that the real firmware has; those not named otherwise are only kept.
-    turns : Turns
-        How it takes the corners of a path, and the acceptance radius that it can hold.
-    sticks : StickRules, optional
-        How it flies by sticks; without them they do nothing.
-    strays_m : callable, optional
-        Given the vehicle, the standard deviation of how far the errors of its estimate carry it aside, along
-        a horizontal axis; without, its estimate is exact (`sim_vehicle.airframe.estimate_errors`).
-    """
+    """An autopilot on one kind of vehicle: ArduCopter, ArduPlane, PX4 on a rover."""
 
     title: str
+    """Its name for readers."""
     mavlink: MavlinkProfile
+    """How it shows itself on MAVLink."""
     rules: FailsafeRules
+    """What it does when something goes wrong."""
     profile: Profile
+    """How it speaks the mission protocol."""
     parameter_table: Callable[[VehicleSpec, int], Sequence[MavParameter]]
+    """Given the vehicle and its MAVLink system id, the parameters besides those of the procedures."""
     procedures: FlightProcedures
+    """How it moves the vehicle: parameters of the motion, take-off, return, landing."""
     takes_off: bool = False
+    """A mission that begins on the ground needs no take-off item."""
     behaviour: MissionBehaviour = field(default_factory=MissionBehaviour)
+    """How it takes a mission that is changed while it flies."""
     cold_boot: ColdBoot | None = None
+    """How it comes up, where that is known."""
     turns: Turns = field(default_factory=Turns)
+    """How it takes the corners of a path, and the acceptance radius that it can hold."""
     sticks: StickRules | None = None
+    """How it flies by sticks; without them they do nothing."""
     strays_m: Callable[[VehicleSpec], float] | None = None
+    """Given the vehicle, the standard deviation of how far the errors of its estimate carry it aside, along a
+    horizontal axis; without, its estimate is exact (`sim_vehicle.airframe.estimate_errors`)."""
     reference: Callable[[], Sequence[MavParameter]] = tuple
+    """Returns all parameters that the real firmware has; those not named otherwise are only kept."""
 
     def parameters(self, spec: VehicleSpec, system_id: int) -> tuple[MavParameter, ...]:
         """Parameters of a vehicle over MAVLink, sorted by name.
@@ -98,25 +81,17 @@ class Firmware:
 
 @dataclass(frozen=True, slots=True)
 class Autopilot:
-    """An autopilot, found by its name in the entry point group ``wbf_mission.autopilots``.
-
-    Parameters
-    ----------
-    name : str
-        Its name on the command line, in scenarios and in vehicle files; that of the entry point.
-    title : str
-        Its name for readers.
-    firmwares : mapping of str to Firmware
-        By kind of vehicle (`sim_vehicle.airframe.spec.KINDS`); without those that it does not fly.
-    simulator_urls : callable
-        Given the number of a vehicle (from 0), the ports at which the autopilot's own simulator is found, as
-        URLs of links.
-    """
+    """An autopilot, found by its name in the entry point group ``wbf_mission.autopilots``."""
 
     name: str
+    """Its name on the command line, in scenarios and in vehicle files; that of the entry point."""
     title: str
+    """Its name for readers."""
     firmwares: Mapping[str, Firmware]
+    """By kind of vehicle (`sim_vehicle.airframe.spec.KINDS`); without those that it does not fly."""
     simulator_urls: Callable[[int], tuple[str, ...]]
+    """Given the number of a vehicle (from 0), the ports at which the autopilot's own simulator is found, as
+    URLs of links."""
 
     def for_vehicle(self, kind: str) -> Firmware:
         """Firmware for a kind of vehicle; the ideal vehicle is shown to peers as a multirotor.

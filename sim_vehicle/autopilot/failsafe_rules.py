@@ -25,23 +25,16 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class IdleDisarm:
-    """The rule of one firmware.
-
-    Parameters
-    ----------
-    delay : Setting
-        Time on the ground, in seconds; 0 and less is for ever.
-    texts : tuple of str
-        What is said.
-    first_flight : bool
-        It is only for a vehicle that has not taken off since it was armed (PX4, which has another delay after
-        a landing). Otherwise each time on the ground counts, with the throttle stick down or without sticks
-        (ArduCopter); a vehicle that lands by itself does not wait for it.
-    """
+    """The rule of one firmware."""
 
     delay: Setting
+    """Time on the ground, in seconds; 0 and less is for ever."""
     texts: tuple[str, ...]
+    """What is said."""
     first_flight: bool = False
+    """It is only for a vehicle that has not taken off since it was armed (PX4, which has another delay after
+    a landing). Otherwise each time on the ground counts, with the throttle stick down or without sticks
+    (ArduCopter); a vehicle that lands by itself does not wait for it."""
 
 
 _VOLTAGE_CELLS = 3
@@ -81,38 +74,27 @@ class ActionParameters(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class FailsafeDefaults:
-    """Values with which the safety parameters of a vehicle start.
+    """Values with which the safety parameters of a vehicle start."""
 
-    Parameters
-    ----------
-    low_battery_action, critical_battery_action, fence_enable, fence_action : int
-        The firmware's own values.
-    fence_ceiling_m, fence_radius_m : float
-        Height above and distance from home; 0 is no limit.
-    link_timeout_s : float
-        Silence of the ground station after which it is lost.
-    failsafe_options : int
-        Bits of FS_OPTIONS.
-    setpoint_timeout_s : float
-        Age at which setpoints hold no more.
-    low_voltage_v : float
-        Voltage of the whole pack that is low, for batteries of three cells and more; 0 is none. ArduCopter's
-        default refuses to arm with fewer cells.
-    mission_requirement : int
-        What a mission has to have, in the firmware's own values; 0 is nothing.
-    """
-
+    # The firmware's own values.
     low_battery_action: int = 1
     critical_battery_action: int = 1
     fence_enable: int = 1
     fence_action: int = 2
+    # Height above and distance from home; 0 is no limit.
     fence_ceiling_m: float = 0.0
     fence_radius_m: float = 0.0
     link_timeout_s: float = 10.0
+    """Silence of the ground station after which it is lost."""
     failsafe_options: int = 0
+    """Bits of FS_OPTIONS."""
     setpoint_timeout_s: float = 1.0
+    """Age at which setpoints hold no more."""
     low_voltage_v: float = 0.0
+    """Voltage of the whole pack that is low, for batteries of three cells and more; 0 is none. ArduCopter's
+    default refuses to arm with fewer cells."""
     mission_requirement: int = 0
+    """What a mission has to have, in the firmware's own values; 0 is nothing."""
 
     def low_voltage_for(self, spec: VehicleSpec) -> float:
         """Voltage of a vehicle's pack that is low; 0 is none."""
@@ -127,86 +109,65 @@ class FailsafeRules:
 
     Parameters
     ----------
-    fence_actions, link_actions : mapping of int to Action
-        By the value of their parameter.
-    battery_actions : tuple of 3 mappings of int to Action
-        For a low, a critical and an emergency level, by the value of their parameter.
-    critical_apart : bool
-        The critical level has a parameter of its own (ArduPilot).
-    watches_voltage : bool
-        A voltage that stays too low is a low battery, too (ArduPilot).
-    any_inclusion : bool
-        Being in one of the inclusion zones of a fence is enough.
-    needs_stream : bool
-        Setpoints have to flow before their mode is taken, and the vehicle returns home when they stop (PX4);
-        otherwise only velocities grow old (ArduPilot).
-    pauses_in_mode : bool
-        A pause stops the vehicle without leaving the mode (ArduPilot); otherwise it is the hold mode.
-    yaws_to_setpoint : bool
-        Without a heading, the nose turns to a setpoint's position.
-    fences_setpoints : bool
-        A setpoint outside the fence is refused.
-    tells_link_loss : bool
-        The loss of the ground station is told even where nothing is done about it.
-    mission_goes_on_bit : int
-        The bit of `failsafe_options` with which a mission goes on without a ground station; 0 is none.
-    preflight : str
-        Before what fails when the checks are run without an order to arm.
-    arming_texts : tuple of str
-        What is said when an order to arm is refused; ``{}`` in the first is the reason.
     armed, disarmed : str
         Texts when the motors start, and stop by an order.
-    armed_by_start : str
-        Text when MISSION_START starts them; empty where it does not (ArduPilot).
-    disarming_text : str
-        What is said when an order to disarm is refused in flight; empty for nothing.
-    landed : tuple of str
-        Texts when they stop after a landing.
     fence_text, fence_clear, link_lost, link_regained, stream_lost, link_ignored : str
         Texts for the operator; ``fence_text`` and ``stream_lost`` have a ``{}`` for what follows.
-    defaults : FailsafeDefaults
-        Values with which the safety parameters start.
-    idle : IdleDisarm or None
-        When an armed vehicle that does not fly is disarmed; None is never.
-    any_mode_disarmed : bool
-        Any mode is entered while the vehicle is disarmed; what it lacks keeps it from arming. Otherwise a
-        mode is refused that could not be flown.
-    fence_refusal : str
-        What is said when a position is refused because of the fence; empty for nothing.
-    restores_mode : bool
-        Disarmed, it goes back to the mode that was last asked for and in which it arms (PX4).
     """
 
+    # By the value of their parameter.
     fence_actions: Mapping[int, Action]
     link_actions: Mapping[int, Action]
     battery_actions: tuple[Mapping[int, Action], Mapping[int, Action], Mapping[int, Action]]
+    """For a low, a critical and an emergency level, by the value of their parameter."""
     critical_apart: bool
+    """The critical level has a parameter of its own (ArduPilot)."""
     watches_voltage: bool
+    """A voltage that stays too low is a low battery, too (ArduPilot)."""
     any_inclusion: bool
+    """Being in one of the inclusion zones of a fence is enough."""
     needs_stream: bool
+    """Setpoints have to flow before their mode is taken, and the vehicle returns home when they stop (PX4);
+    otherwise only velocities grow old (ArduPilot)."""
     pauses_in_mode: bool
+    """A pause stops the vehicle without leaving the mode (ArduPilot); otherwise it is the hold mode."""
     yaws_to_setpoint: bool
+    """Without a heading, the nose turns to a setpoint's position."""
     fences_setpoints: bool
+    """A setpoint outside the fence is refused."""
     tells_link_loss: bool
+    """The loss of the ground station is told even where nothing is done about it."""
     preflight: str
+    """Before what fails when the checks are run without an order to arm."""
     arming_texts: tuple[str, ...]
+    """What is said when an order to arm is refused; ``{}`` in the first is the reason."""
     fence_text: str
     fence_clear: str
     link_lost: str
     link_regained: str
     stream_lost: str
     defaults: FailsafeDefaults = FailsafeDefaults()
+    """Values with which the safety parameters start."""
     mission_goes_on_bit: int = 0
+    """The bit of `failsafe_options` with which a mission goes on without a ground station; 0 is none."""
     link_ignored: str = ""
     idle: IdleDisarm | None = None
+    """When an armed vehicle that does not fly is disarmed; None is never."""
     any_mode_disarmed: bool = False
+    """Any mode is entered while the vehicle is disarmed; what it lacks keeps it from arming. Otherwise a mode
+    is refused that could not be flown."""
     restores_mode: bool = False
+    """Disarmed, it goes back to the mode that was last asked for and in which it arms (PX4)."""
     fence_refusal: str = ""
+    """What is said when a position is refused because of the fence; empty for nothing."""
     armed: str = "Armed by external command"
     armed_by_start: str = ""
+    """Text when MISSION_START starts them; empty where it does not (ArduPilot)."""
     disarmed: str = "Disarmed by external command"
     disarming_text: str = "Disarming denied: not landed"
+    """What is said when an order to disarm is refused in flight; empty for nothing."""
     landed: tuple[str, ...] = ("Disarmed by landing",)
+    """Texts when they stop after a landing."""
 
     def fence_action(self, parameters: ActionParameters) -> Action:
         """Action after a breach of the fence."""

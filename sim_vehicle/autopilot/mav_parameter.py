@@ -15,44 +15,30 @@ _INTEGERS = {8: m.MAV_PARAM_TYPE_INT8, 16: m.MAV_PARAM_TYPE_INT16, 32: m.MAV_PAR
 
 @dataclass(frozen=True, slots=True)
 class MavParameter:
-    """One parameter.
-
-    Parameters
-    ----------
-    name : str
-        At most 16 characters.
-    field : str or None
-        The runtime parameter of the vehicle that it is (a field of `RuntimeParameters`); None for a
-        constant.
-    integer : bool
-        An integer rather than REAL32.
-    scale : float
-        The parameter's value per SI value (100 for centimetres).
-    low, high : float
-        Allowed values, in the parameter's unit; of a stored one those that the autopilot documents.
-    value : float
-        Value of a constant; default of a motion parameter.
-    motion : bool
-        Whether it is one of the flight procedures' own parameters, which change how the vehicle moves.
-    stored : bool
-        Whether it is only kept: it can be set and read, and changes nothing here.
-    bits : int
-        Width of an integer: 8, 16 or 32.
-    unit : str
-        Unit as the autopilot's documentation writes it.
-    """
+    """One parameter."""
 
     name: str
+    """At most 16 characters."""
     field: str | None = None
+    """The runtime parameter of the vehicle that it is (a field of `RuntimeParameters`); None for a
+    constant."""
     integer: bool = False
+    """An integer rather than REAL32."""
     scale: float = 1.0
+    """The parameter's value per SI value (100 for centimetres)."""
+    # Allowed values, in the parameter's unit; of a stored one those that the autopilot documents.
     low: float = -math.inf
     high: float = math.inf
     value: float = 0.0
+    """Value of a constant; default of a motion parameter."""
     motion: bool = False
+    """Whether it is one of the flight procedures' own parameters, which change how the vehicle moves."""
     stored: bool = False
+    """Whether it is only kept: it can be set and read, and changes nothing here."""
     bits: int = 32
+    """Width of an integer: 8, 16 or 32."""
     unit: str = ""
+    """Unit as the autopilot's documentation writes it."""
 
     @property
     def mav_type(self) -> int:
@@ -69,19 +55,13 @@ class KeptParameters(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """A parameter of the autopilot.
-
-    Parameters
-    ----------
-    default : float
-        In its own unit.
-    scale : float
-        SI value per unit.
-    """
+    """A parameter of the autopilot."""
 
     name: str
     default: float
+    """In its own unit."""
     scale: float = 1.0
+    """SI value per unit."""
 
     def of(self, parameters: KeptParameters) -> float:
         """Its value now, in SI units."""

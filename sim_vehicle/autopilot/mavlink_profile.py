@@ -40,25 +40,17 @@ _PX4_AUTO = 4
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """The identity that HEARTBEAT and AUTOPILOT_VERSION give.
+    """The identity that HEARTBEAT and AUTOPILOT_VERSION give."""
 
-    Parameters
-    ----------
-    mav_autopilot, mav_type : int
-        MAV_AUTOPILOT and MAV_TYPE of the heartbeat.
-    version : tuple of int
-        Major, minor, patch in AUTOPILOT_VERSION.
-    capabilities : int
-        MAV_PROTOCOL_CAPABILITY bits.
-    banner : str
-        Status text that follows a request for all parameters (ArduPilot); empty for none.
-    """
-
+    # MAV_AUTOPILOT and MAV_TYPE of the heartbeat.
     mav_autopilot: int
     mav_type: int
     version: tuple[int, int, int]
+    """Major, minor, patch in AUTOPILOT_VERSION."""
     capabilities: int
+    """MAV_PROTOCOL_CAPABILITY bits."""
     banner: str = ""
+    """Status text that follows a request for all parameters (ArduPilot); empty for none."""
 
     @property
     def flight_sw_version(self) -> int:
@@ -69,18 +61,9 @@ class Identity:
 
 @dataclass(frozen=True, slots=True)
 class BaseModes:
-    """What HEARTBEAT's base mode says of each mode, besides armed and the custom mode bit.
+    """What HEARTBEAT's base mode says of each mode, besides armed and the custom mode bit."""
 
-    Parameters
-    ----------
-    manual, altitude, position : int
-        MAV_MODE_FLAG bits in MANUAL, ALTITUDE and POSITION.
-    landing : int
-        In LAND.
-    other : int
-        In the modes that fly by themselves.
-    """
-
+    # MAV_MODE_FLAG bits in MANUAL, ALTITUDE and POSITION.
     manual: int = int(m.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED)
     altitude: int = int(m.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED | m.MAV_MODE_FLAG_STABILIZE_ENABLED)
     position: int = int(
@@ -91,9 +74,11 @@ class BaseModes:
     landing: int = int(
         m.MAV_MODE_FLAG_AUTO_ENABLED | m.MAV_MODE_FLAG_STABILIZE_ENABLED | m.MAV_MODE_FLAG_GUIDED_ENABLED
     )
+    """In LAND."""
     other: int = int(
         m.MAV_MODE_FLAG_AUTO_ENABLED | m.MAV_MODE_FLAG_STABILIZE_ENABLED | m.MAV_MODE_FLAG_GUIDED_ENABLED
     )
+    """In the modes that fly by themselves."""
 
     def of(self, mode: Mode) -> int:
         """Bits in a mode."""
@@ -110,51 +95,37 @@ class BaseModes:
 
 @dataclass(frozen=True, slots=True)
 class ModeTable:
-    """The custom modes of a firmware.
-
-    Parameters
-    ----------
-    numbers : mapping of Mode to int
-        The custom mode number of each mode that it has.
-    boot : Mode
-        Mode after the start.
-    after_takeoff : Mode
-        The mode that follows a commanded take-off.
-    after_command : Mode
-        The mode that DO_REPOSITION, DO_ORBIT and DO_CHANGE_ALTITUDE lead to.
-    aliases : mapping of int to Mode
-        Further custom modes that are accepted, flown as another mode.
-    base : BaseModes
-        What the base mode of the heartbeat says of them.
-    flips_from : frozenset of int
-        The custom modes that FLIP is entered from.
-    names : mapping of int to str
-        The firmware's own names of its custom modes, for its texts.
-    refused_text : str
-        What is said of a mode that is not entered: ``{name}`` is its name, ``{reason}`` ArduCopter's reason.
-    unknown_text : str
-        What is said of a mode that there is not; ``{}`` is its number.
-    orbit : int or None
-        The custom mode that peers are told while circles are flown by command; None is that of the hold mode.
-    own_hold : int or None
-        The custom mode in which the vehicle holds by its own decision; None is that of the hold mode.
-    main_and_sub : bool
-        DO_SET_MODE carries main and sub mode in parameters 2 and 3 (PX4), not the custom mode in parameter 2.
-    """
+    """The custom modes of a firmware."""
 
     numbers: Mapping[Mode, int]
+    """The custom mode number of each mode that it has."""
     boot: Mode
+    """Mode after the start."""
     after_takeoff: Mode
+    """The mode that follows a commanded take-off."""
     after_command: Mode
+    """The mode that DO_REPOSITION, DO_ORBIT and DO_CHANGE_ALTITUDE lead to."""
     aliases: Mapping[int, Mode] = field(default_factory=lambda: MappingProxyType({}))
+    """Further custom modes that are accepted, flown as another mode."""
     base: BaseModes = field(default_factory=BaseModes)
+    """What the base mode of the heartbeat says of them."""
     flips_from: frozenset[int] = frozenset()
+    """The custom modes that FLIP is entered from."""
     names: Mapping[int, str] = field(default_factory=lambda: MappingProxyType({}))
+    """The firmware's own names of its custom modes, for its texts."""
     refused_text: str = "Mode {name} refused"
+    """What is said of a mode that is not entered: ``{name}`` is its name, ``{reason}`` ArduCopter's
+    reason."""
     unknown_text: str = "Mode refused: unknown number {}"
+    """What is said of a mode that there is not; ``{}`` is its number."""
     orbit: int | None = None
+    """The custom mode that peers are told while circles are flown by command; None is that of the hold
+    mode."""
     own_hold: int | None = None
+    """The custom mode in which the vehicle holds by its own decision; None is that of the hold mode."""
     main_and_sub: bool = False
+    """DO_SET_MODE carries main and sub mode in parameters 2 and 3 (PX4), not the custom mode in parameter
+    2."""
 
     def __getitem__(self, mode: Mode) -> int:
         return self.numbers[mode]
@@ -202,27 +173,18 @@ def px4_custom_mode(main: int, sub: int = 0) -> int:
 
 @dataclass(frozen=True, slots=True)
 class LogBehaviour:
-    """Where a firmware keeps its logs, and when it sends them.
-
-    Parameters
-    ----------
-    directory : str
-        Where their files are.
-    by_date : bool
-        The files are named by date and time (PX4); otherwise they are numbered.
-    first_number : int
-        Number of the first log in LOG_ENTRY.
-    refusal_armed : str
-        Why none is sent while the vehicle is armed; empty where they are.
-    busy_text : str
-        Why none is sent while another one is; empty where the later request replaces the earlier one.
-    """
+    """Where a firmware keeps its logs, and when it sends them."""
 
     directory: str = "/logs"
+    """Where their files are."""
     by_date: bool = False
+    """The files are named by date and time (PX4); otherwise they are numbered."""
     first_number: int = 0
+    """Number of the first log in LOG_ENTRY."""
     refusal_armed: str = ""
+    """Why none is sent while the vehicle is armed; empty where they are."""
     busy_text: str = ""
+    """Why none is sent while another one is; empty where the later request replaces the earlier one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -231,123 +193,83 @@ class RefusalTexts:
 
     Sources: PX4's ``Commander.cpp`` and ``mavlink_mission.cpp``; ArduPilot's ``GCS_Common.cpp`` and
     ``AP_Mission.cpp``.
-
-    Parameters
-    ----------
-    arming : str
-        To parameter 1 of COMPONENT_ARM_DISARM, which is ``{}``.
-    interval : str
-        To the interval of a message that there is not; ``{}`` is its number.
-    current_item : str
-        To MISSION_SET_CURRENT.
-    landing : str
-        To DO_LAND_START.
     """
 
     arming: str = ""
+    """To parameter 1 of COMPONENT_ARM_DISARM, which is ``{}``."""
     interval: str = ""
+    """To the interval of a message that there is not; ``{}`` is its number."""
     current_item: str = ""
+    """To MISSION_SET_CURRENT."""
     landing: str = ""
+    """To DO_LAND_START."""
 
 
 @dataclass(frozen=True, slots=True)
 class MavlinkProfile:
-    """One firmware as its MAVLink peers see it.
-
-    Parameters
-    ----------
-    parameter_encoding : {"bytewise", "cast"}
-        How integer parameters travel in a float.
-    data_streams : bool
-        REQUEST_DATA_STREAM changes rates (ArduPilot); otherwise it is ignored.
-    rates_hz : mapping of int to float
-        Message id to rate after the start.
-    gps_fix : int
-        GPS_FIX_TYPE in GPS_RAW_INT while the position is known.
-    truth_message : int
-        Message in which the autopilot's simulator sends the true state of the vehicle.
-    reached_repeats : int
-        How often MISSION_ITEM_REACHED is sent again, once a second, after it happened.
-    reached_merged : bool
-        Of items that end together (a waypoint, the commands after it, a return that follows) only the last
-        is reported.
-    current_lag_s : float
-        Time from an item's end to the MISSION_CURRENT that names the next one.
-    no_mission_total : int
-        Total in MISSION_CURRENT when there is no mission.
-    refused_result : int
-        MAV_RESULT of a command that cannot be done now.
-    unknown_message_result : int
-        MAV_RESULT of REQUEST_MESSAGE for a message that it does not send.
-    armed_reboot_result : int
-        MAV_RESULT of an order to start again while it is armed.
-    silent : frozenset of int
-        MAV_CMDs that get no answer.
-    unsupported : frozenset of int
-        MAV_CMDs that the firmware does not take, though the vehicle could.
-    int_only : frozenset of int
-        MAV_CMDs that are only taken as COMMAND_INT.
-    takeoff_needs_arming : bool
-        NAV_TAKEOFF is refused while the vehicle is disarmed (ArduPilot).
-    takeoff_above_sea : bool
-        The altitude of NAV_TAKEOFF counts from mean sea level unless its frame says otherwise (PX4), not from
-        home.
-    reposition_turns : bool
-        DO_REPOSITION's yaw is followed (PX4).
-    flies_attitudes : bool
-        SET_ATTITUDE_TARGET is flown (ArduCopter).
-    guided_items : bool
-        A mission item with ``current`` 2 is flown to at once in the guided mode (ArduPilot).
-    tells_remaining_time : bool
-        BATTERY_STATUS tells how long the battery lasts (PX4).
-    packed_parameters : bool
-        All parameters can be read as one file (ArduPilot).
-    packed_plans : bool
-        Mission, fence and rally points can be read and written as a file each (ArduPilot).
-    system_files : bool
-        Files tell of the board and its tasks (ArduPilot's @SYS).
-    component_metadata : callable, optional
-        What the files that COMPONENT_METADATA names tell of parameters, by their names (PX4); without it
-        there are none.
-    tells_calibration : bool
-        Texts tell how a calibration goes (PX4).
-    calibration_text : str
-        What is said when a calibration is refused, because the vehicle is armed; empty for nothing.
-    refusals : RefusalTexts
-        Its words when it refuses an order.
-    gimbal : Setting, optional
-        The parameter that is above 0 where it moves a gimbal; without, it never does.
-    """
+    """One firmware as its MAVLink peers see it."""
 
     identity: Identity
     modes: ModeTable
     parameter_encoding: Literal["bytewise", "cast"]
+    """How integer parameters travel in a float."""
     data_streams: bool
+    """REQUEST_DATA_STREAM changes rates (ArduPilot); otherwise it is ignored."""
     rates_hz: Mapping[int, float]
+    """Message id to rate after the start."""
     truth_message: int
+    """Message in which the autopilot's simulator sends the true state of the vehicle."""
     gps_fix: int = _FIX_3D
+    """GPS_FIX_TYPE in GPS_RAW_INT while the position is known."""
     reached_repeats: int = 0
+    """How often MISSION_ITEM_REACHED is sent again, once a second, after it happened."""
     reached_merged: bool = False
+    """Of items that end together (a waypoint, the commands after it, a return that follows) only the last is
+    reported."""
     current_lag_s: float = 0.1
+    """Time from an item's end to the MISSION_CURRENT that names the next one."""
     no_mission_total: int = 0
+    """Total in MISSION_CURRENT when there is no mission."""
     refused_result: int = int(m.MAV_RESULT_TEMPORARILY_REJECTED)
+    """MAV_RESULT of a command that cannot be done now."""
     unknown_message_result: int = int(m.MAV_RESULT_DENIED)
+    """MAV_RESULT of REQUEST_MESSAGE for a message that it does not send."""
     armed_reboot_result: int = int(m.MAV_RESULT_DENIED)
+    """MAV_RESULT of an order to start again while it is armed."""
     silent: frozenset[int] = frozenset()
+    """MAV_CMDs that get no answer."""
     unsupported: frozenset[int] = frozenset()
+    """MAV_CMDs that the firmware does not take, though the vehicle could."""
     int_only: frozenset[int] = frozenset()
+    """MAV_CMDs that are only taken as COMMAND_INT."""
     takeoff_needs_arming: bool = False
+    """NAV_TAKEOFF is refused while the vehicle is disarmed (ArduPilot)."""
     takeoff_above_sea: bool = False
+    """The altitude of NAV_TAKEOFF counts from mean sea level unless its frame says otherwise (PX4), not from
+    home."""
     reposition_turns: bool = False
+    """DO_REPOSITION's yaw is followed (PX4)."""
     flies_attitudes: bool = False
+    """SET_ATTITUDE_TARGET is flown (ArduCopter)."""
     guided_items: bool = False
+    """A mission item with ``current`` 2 is flown to at once in the guided mode (ArduPilot)."""
     tells_remaining_time: bool = False
+    """BATTERY_STATUS tells how long the battery lasts (PX4)."""
     packed_parameters: bool = False
+    """All parameters can be read as one file (ArduPilot)."""
     packed_plans: bool = False
+    """Mission, fence and rally points can be read and written as a file each (ArduPilot)."""
     system_files: bool = False
+    """Files tell of the board and its tasks (ArduPilot's @SYS)."""
     component_metadata: Callable[[], Mapping[str, ParameterDetails]] | None = None
+    """What the files that COMPONENT_METADATA names tell of parameters, by their names (PX4); without it there
+    are none."""
     tells_calibration: bool = False
+    """Texts tell how a calibration goes (PX4)."""
     calibration_text: str = ""
+    """What is said when a calibration is refused, because the vehicle is armed; empty for nothing."""
     refusals: RefusalTexts = RefusalTexts()
+    """Its words when it refuses an order."""
     gimbal: Setting | None = None
+    """The parameter that is above 0 where it moves a gimbal; without, it never does."""
     logs: LogBehaviour = LogBehaviour()

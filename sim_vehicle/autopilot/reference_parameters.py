@@ -22,34 +22,23 @@ __all__ = ["ParameterDetails", "parameter_details", "reference_parameters"]
 
 @dataclass(frozen=True, slots=True)
 class ParameterDetails:
-    """What an autopilot tells of one parameter for those who edit it.
-
-    Parameters
-    ----------
-    group : str
-        Heading under which ground stations show it.
-    low, high : float
-        The range that the autopilot documents, in the parameter's unit; infinite where it documents none.
-    decimals : int, optional
-        Decimal places to show.
-    increment : float, optional
-        Step of an editor, in the parameter's unit.
-    reboot : bool
-        Whether a change needs a reboot.
-    values : tuple of (int, str)
-        The values that there are, with short names; empty for any.
-    bits : tuple of (int, str)
-        The bits that there are, counted from 0, with short names; empty for no bit mask.
-    """
+    """What an autopilot tells of one parameter for those who edit it."""
 
     group: str
+    """Heading under which ground stations show it."""
+    # The range that the autopilot documents, in the parameter's unit; infinite where it documents none.
     low: float = -math.inf
     high: float = math.inf
     decimals: int | None = None
+    """Decimal places to show."""
     increment: float | None = None
+    """Step of an editor, in the parameter's unit."""
     reboot: bool = False
+    """Whether a change needs a reboot."""
     values: tuple[tuple[int, str], ...] = ()
+    """The values that there are, with short names; empty for any."""
     bits: tuple[tuple[int, str], ...] = ()
+    """The bits that there are, counted from 0, with short names; empty for no bit mask."""
 
 
 @cache

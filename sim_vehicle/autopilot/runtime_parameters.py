@@ -18,67 +18,53 @@ class RuntimeParameters:
 
     Parameters
     ----------
-    cruise_speed_m_s, acceptance_radius_m, takeoff_altitude_m, return_altitude_m, landing_speed_m_s : float
-        As in `sim_vehicle.airframe.spec.VehicleSpec`.
-    disarm_delay_s : float
-        Time from touch-down to disarming.
-    low_fraction, critical_fraction : float
-        Battery levels of the two failsafes.
-    low_battery_action, critical_battery_action : int
-        The autopilot's own values (see the failsafe rules); the second is used by ArduPilot only.
-    emergency_fraction : float
-        Level of the last battery failsafe.
     low_voltage_v, critical_voltage_v, low_voltage_timer_s : float
         Voltages of the whole pack that are low and critical after that time; 0 is none. Of ArduPilot only.
-    low_voltage_source : int
-        0 for the voltage as it is, 1 for it without the sag of the load.
     fence_enable, fence_action, fence_type : int
         The autopilot's own values; ``fence_type`` as FENCE_TYPE: 1 ceiling, 2 radius, 4 areas.
-    fence_ceiling_m, fence_radius_m : float
-        Height above and distance from home; 0 is no limit.
-    link_action : int
-        The autopilot's own value; 0 is none.
-    link_timeout_s : float
-        Silence of the ground station after which it is lost.
-    failsafe_options : int
-        Bits of FS_OPTIONS (ArduPilot).
-    setpoint_timeout_s : float
-        Age at which setpoints hold no more.
-    mission_requirement : int
-        What a mission has to have (MIS_TKO_LAND_REQ of PX4); 0 is nothing.
-    settings : dict of str to float
-        The autopilot's parameters that move the vehicle and are not at their defaults, in their own units.
-    stored : dict of str to float
-        All others that are not at their defaults, in their own units; see `kept`.
     """
 
+    # As in `sim_vehicle.airframe.spec.VehicleSpec`.
     cruise_speed_m_s: float
     acceptance_radius_m: float
     takeoff_altitude_m: float
     return_altitude_m: float
     landing_speed_m_s: float
     disarm_delay_s: float
+    """Time from touch-down to disarming."""
+    # Battery levels of the two failsafes.
     low_fraction: float
     critical_fraction: float
+    # The autopilot's own values (see the failsafe rules); the second is used by ArduPilot only.
     low_battery_action: int
     critical_battery_action: int
     fence_enable: int
     fence_action: int
+    # Height above and distance from home; 0 is no limit.
     fence_ceiling_m: float
     fence_radius_m: float
     link_timeout_s: float
+    """Silence of the ground station after which it is lost."""
     setpoint_timeout_s: float
+    """Age at which setpoints hold no more."""
     low_voltage_v: float
     emergency_fraction: float = 0.05
+    """Level of the last battery failsafe."""
     critical_voltage_v: float = 0.0
     low_voltage_timer_s: float = 10.0
     low_voltage_source: int = 0
+    """0 for the voltage as it is, 1 for it without the sag of the load."""
     fence_type: int = 7
     link_action: int = 0
+    """The autopilot's own value; 0 is none."""
     failsafe_options: int = 0
+    """Bits of FS_OPTIONS (ArduPilot)."""
     mission_requirement: int = 0
+    """What a mission has to have (MIS_TKO_LAND_REQ of PX4); 0 is nothing."""
     settings: dict[str, float] = field(default_factory=dict)
+    """The autopilot's parameters that move the vehicle and are not at their defaults, in their own units."""
     stored: dict[str, float] = field(default_factory=dict)
+    """All others that are not at their defaults, in their own units; see `kept`."""
 
     def kept(self, name: str, default: float) -> float:
         """Value of a parameter of the autopilot's that is none of the above, in its own unit."""

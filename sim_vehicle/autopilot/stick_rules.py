@@ -24,14 +24,9 @@ __all__ = ["Axis", "StickLoss", "StickRules", "Sticks", "TiltSticks", "WingStick
 
 @dataclass(frozen=True, slots=True)
 class Sticks:
-    """Positions of the sticks, -1 to 1.
+    """Positions of the sticks, -1 to 1."""
 
-    Parameters
-    ----------
-    forward, right, up, turn : float
-        The middle is 0; ``turn`` counts clockwise.
-    """
-
+    # The middle is 0; ``turn`` counts clockwise.
     forward: float = 0.0
     right: float = 0.0
     up: float = 0.0
@@ -42,13 +37,6 @@ class Sticks:
 class Axis:
     """What part of the greatest speed a stick asks for.
 
-    Parameters
-    ----------
-    deadzone : float
-        About the middle.
-    expo : float
-        Share of the cube, which makes small moves finer.
-
     Examples
     --------
     >>> px4 = Axis(0.1, 0.6)
@@ -57,7 +45,9 @@ class Axis:
     """
 
     deadzone: float
+    """About the middle."""
     expo: float = 0.0
+    """Share of the cube, which makes small moves finer."""
 
     def share(self, value: float) -> float:
         """Share of the greatest speed at a position of the stick, both -1 to 1."""
@@ -70,41 +60,27 @@ class Axis:
 
 @dataclass(frozen=True, slots=True)
 class StickLoss:
-    """What an autopilot does when sticks that it has heard fall silent.
-
-    Parameters
-    ----------
-    timeout : Setting
-        Silence after which they are lost.
-    action : Setting
-        Chooses among ``actions``.
-    actions : mapping of int to Action
-    exceptions : mapping of Mode to int
-        The bit of `RuntimeParameters.failsafe_options` with which a mode goes on without sticks.
-    in_stick_modes : Action
-        The least that is done in a mode that the sticks fly (PX4 cannot stay in it).
-    release : Setting or None
-        Silence after which the sticks are let go where nothing else is done; negative is never. None is
-        ``timeout``.
-    delay : Setting or None
-        How long it holds before it does more than that (PX4).
-    on_ground : Action
-        What is done on the ground.
-    arming : Setting or None
-        A parameter with which a vehicle whose sticks are lost does not arm, unless it is 0 (ArduPilot).
-    lost, delayed, ignored, regained : str
-        Texts; ``delayed`` has a ``{}`` for the seconds, ``ignored`` for what goes on. Empty for none.
-    """
+    """What an autopilot does when sticks that it has heard fall silent."""
 
     timeout: Setting
+    """Silence after which they are lost."""
     action: Setting
+    """Chooses among ``actions``."""
     actions: Mapping[int, Action]
     exceptions: Mapping[Mode, int]
+    """The bit of `RuntimeParameters.failsafe_options` with which a mode goes on without sticks."""
     in_stick_modes: Action = Action.NONE
+    """The least that is done in a mode that the sticks fly (PX4 cannot stay in it)."""
     release: Setting | None = None
+    """Silence after which the sticks are let go where nothing else is done; negative is never. None is
+    ``timeout``."""
     delay: Setting | None = None
+    """How long it holds before it does more than that (PX4)."""
     on_ground: Action = Action.NONE
+    """What is done on the ground."""
     arming: Setting | None = None
+    """A parameter with which a vehicle whose sticks are lost does not arm, unless it is 0 (ArduPilot)."""
+    # Texts; ``delayed`` has a ``{}`` for the seconds, ``ignored`` for what goes on. Empty for none.
     lost: str = ""
     delayed: str = ""
     ignored: str = ""
@@ -113,127 +89,88 @@ class StickLoss:
 
 @dataclass(frozen=True, slots=True)
 class WingSticks:
-    """How far a fixed wing goes with its sticks.
-
-    Parameters
-    ----------
-    bank : Setting
-        Greatest angle, radians.
-    up, down : Setting
-        What the stick for the pitch asks for at its ends: pitch angles in radians, or vertical speeds in m/s;
-        the sign does not count.
-    by_rate : bool
-        ``up`` and ``down`` are vertical speeds.
-    """
+    """How far a fixed wing goes with its sticks."""
 
     bank: Setting
+    """Greatest angle, radians."""
+    # What the stick for the pitch asks for at its ends: pitch angles in radians, or vertical speeds in m/s;
+    # the sign does not count.
     up: Setting
     down: Setting
     by_rate: bool = False
+    """``up`` and ``down`` are vertical speeds."""
 
 
 @dataclass(frozen=True, slots=True)
 class TiltSticks:
-    """How a multirotor leans with its sticks.
-
-    Parameters
-    ----------
-    holds_height : frozenset of Mode
-        Modes in which the vertical stick is a climb rate, and the height is held without it.
-    by_throttle : frozenset of Mode
-        Modes in which it is the thrust.
-    by_rate : frozenset of int
-        Custom modes, flown as one of ``by_throttle``, in which the sticks are rates of turning.
-    lean : Setting
-        Greatest lean, radians.
-    roll_rate, pitch_rate, yaw_rate : Setting
-        Greatest rates of turning in ``by_rate``, radians a second.
-    hover_thrust, least_thrust, most_thrust : Setting
-        Thrust with the stick in the middle and at its ends.
-    hold_below : Setting
-        Vertical speed below which the height is held, m/s.
-    drag : callable
-        Drag over mass and airspeed (1/s) of a vehicle.
-    """
+    """How a multirotor leans with its sticks."""
 
     holds_height: frozenset[Mode]
+    """Modes in which the vertical stick is a climb rate, and the height is held without it."""
     by_throttle: frozenset[Mode]
+    """Modes in which it is the thrust."""
     by_rate: frozenset[int]
+    """Custom modes, flown as one of ``by_throttle``, in which the sticks are rates of turning."""
     lean: Setting
+    """Greatest lean, radians."""
+    # Greatest rates of turning in ``by_rate``, radians a second.
     roll_rate: Setting
     pitch_rate: Setting
     yaw_rate: Setting
+    # Thrust with the stick in the middle and at its ends.
     hover_thrust: Setting
     least_thrust: Setting
     most_thrust: Setting
     hold_below: Setting
+    """Vertical speed below which the height is held, m/s."""
     drag: Callable[[VehicleSpec], float]
+    """Drag over mass and airspeed (1/s) of a vehicle."""
 
 
 @dataclass(frozen=True, slots=True)
 class StickRules:
-    """How an autopilot flies by sticks.
-
-    Parameters
-    ----------
-    speeds : mapping of Mode to Setting or None
-        The modes that sticks fly, with the speed of a stick that is moved all the way; None is the vehicle's
-        greatest.
-    level, vertical, turning : Axis
-        Sticks for the horizontal movement, for climbing and for turning.
-    turn_rate : Setting
-        Rate of a turn, radians a second; of a rover 0 is the vehicle's own.
-    climb, descent : Setting or None
-        Vertical speeds; None and 0 are the vehicle's own.
-    without : frozenset of int
-        Custom modes that are flown as one of ``speeds``, but without sticks.
-    coordinated : frozenset of int
-        Custom modes in which the stick to the right turns the vehicle (DRIFT).
-    needed : frozenset of Mode
-        Modes that are not entered in flight, and in which the vehicle does not arm, without sticks (PX4).
-    impossible : frozenset of Mode
-        Modes that are not entered at all in flight, and in which the vehicle does not arm (PX4).
-    overrides : bool
-        RC_CHANNELS_OVERRIDE is taken, and only from the ground station that MAV_GCS_SYSID names (ArduPilot).
-    drives : bool
-        A rover: the vertical stick is the throttle, the one to the right steers.
-    wings : mapping of Mode to WingSticks
-        A fixed wing: the horizontal sticks ask for bank and pitch, in each mode that they fly.
-    landing_abort : Setting or None
-        Not 0: with the throttle all the way up a landing of the mission is broken off (ArduPlane).
-    tilt : TiltSticks or None
-        A multirotor that leans with its sticks in some modes, without a position to hold.
-    takeoff_stick : float
-        Where the vertical stick has to be for a vehicle that stands to take off.
-    receiver : Sticks or None
-        The sticks of a radio receiver, which count until a ground station's are heard; None without one.
-    throttle_middle : float
-        Where the middle of MANUAL_CONTROL's throttle is, 0 to 1000.
-    pwm_half : float
-        Microseconds from the middle of a channel to its end.
-    """
+    """How an autopilot flies by sticks."""
 
     speeds: Mapping[Mode, Setting | None]
+    """The modes that sticks fly, with the speed of a stick that is moved all the way; None is the vehicle's
+    greatest."""
     loss: StickLoss
+    # Sticks for the horizontal movement, for climbing and for turning.
     level: Axis
     vertical: Axis
     turning: Axis
     turn_rate: Setting
+    """Rate of a turn, radians a second; of a rover 0 is the vehicle's own."""
+    # Vertical speeds; None and 0 are the vehicle's own.
     climb: Setting | None = None
     descent: Setting | None = None
     without: frozenset[int] = field(default_factory=frozenset)
+    """Custom modes that are flown as one of ``speeds``, but without sticks."""
     coordinated: frozenset[int] = frozenset()
+    """Custom modes in which the stick to the right turns the vehicle (DRIFT)."""
     needed: frozenset[Mode] = field(default_factory=frozenset)
+    """Modes that are not entered in flight, and in which the vehicle does not arm, without sticks (PX4)."""
     impossible: frozenset[Mode] = field(default_factory=frozenset)
+    """Modes that are not entered at all in flight, and in which the vehicle does not arm (PX4)."""
     overrides: bool = False
+    """RC_CHANNELS_OVERRIDE is taken, and only from the ground station that MAV_GCS_SYSID names
+    (ArduPilot)."""
     drives: bool = False
+    """A rover: the vertical stick is the throttle, the one to the right steers."""
     wings: Mapping[Mode, WingSticks] = field(default_factory=lambda: MappingProxyType({}))
+    """A fixed wing: the horizontal sticks ask for bank and pitch, in each mode that they fly."""
     landing_abort: Setting | None = None
+    """Not 0: with the throttle all the way up a landing of the mission is broken off (ArduPlane)."""
     tilt: TiltSticks | None = None
+    """A multirotor that leans with its sticks in some modes, without a position to hold."""
     takeoff_stick: float = 0.0
+    """Where the vertical stick has to be for a vehicle that stands to take off."""
     receiver: Sticks | None = None
+    """The sticks of a radio receiver, which count until a ground station's are heard; None without one."""
     throttle_middle: float = 500.0
+    """Where the middle of MANUAL_CONTROL's throttle is, 0 to 1000."""
     pwm_half: float = 500.0
+    """Microseconds from the middle of a channel to its end."""
 
 
 def bits(**modes: int) -> Mapping[Mode, int]:

@@ -38,15 +38,6 @@ _TIMED = frozenset({16, 19, 82, 93, 112})
 class ItemProblem:
     """Why a vehicle cannot fly an item, or the mission.
 
-    Parameters
-    ----------
-    item : int or None
-        Counted from 0; None for the mission as a whole.
-    command : int
-        MAV_CMD of the item; 0 for the mission as a whole.
-    code : str
-        What kind of problem, in words joined by hyphens.
-
     Examples
     --------
     >>> str(ItemProblem(3, 16, "altitude", "altitude -1.0 m above home is outside 0..500"))
@@ -54,8 +45,11 @@ class ItemProblem:
     """
 
     item: int | None
+    """Counted from 0; None for the mission as a whole."""
     command: int
+    """MAV_CMD of the item; 0 for the mission as a whole."""
     code: str
+    """What kind of problem, in words joined by hyphens."""
     reason: str
 
     def __str__(self) -> str:

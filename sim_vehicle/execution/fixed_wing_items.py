@@ -28,19 +28,13 @@ _FAR_M = 1e6
 
 @dataclass(frozen=True, slots=True)
 class FixedWingLeg:
-    """The leg of one item as a fixed wing flies it, and what follows it.
-
-    Parameters
-    ----------
-    wait_s : float or None
-        How long it circles once it is there; None goes on.
-    forever : bool
-        Whether it stays.
-    """
+    """The leg of one item as a fixed wing flies it, and what follows it."""
 
     leg: Leg
     wait_s: float | None = None
+    """How long it circles once it is there; None goes on."""
     forever: bool = False
+    """Whether it stays."""
 
     @property
     def goes_on(self) -> bool:

@@ -51,31 +51,21 @@ _SPLINE = int(Command.NAV_SPLINE_WAYPOINT)
 
 @dataclass(slots=True)
 class Settings:
-    """Settings that items change for the items after them.
-
-    Parameters
-    ----------
-    speed_m_s : float
-        Ground speed.
-    heading : Heading
-        Until the next position if that sets none.
-    climb_m_s, descent_m_s : float or None
-        Vertical speeds, None for the vehicle's own.
-    jumps : dict
-        How often each jump was taken, by its item.
-    default_m_s : float
-        Ground speed to come back to.
-    yaw_rad : float
-        Heading now, from which a relative one counts.
-    """
+    """Settings that items change for the items after them."""
 
     speed_m_s: float
+    """Ground speed."""
     heading: Heading = ALONG
+    """Until the next position if that sets none."""
+    # Vertical speeds, None for the vehicle's own.
     climb_m_s: float | None = None
     descent_m_s: float | None = None
     jumps: dict[int, int] = field(default_factory=dict)
+    """How often each jump was taken, by its item."""
     default_m_s: float = 0.0
+    """Ground speed to come back to."""
     yaw_rad: float = field(default=0.0, compare=False)
+    """Heading now, from which a relative one counts."""
 
     def copy(self) -> Settings:
         """Return an independent copy."""

@@ -36,18 +36,12 @@ _FALL_M_S3 = 90.0
 
 @dataclass(slots=True)
 class Waiting:
-    """Items that wait in flight for a condition; they are dropped with the plan that is flown.
-
-    Parameters
-    ----------
-    seqs : list of int
-        The items, in order.
-    step : int or None
-        The step of the motion at which the first of them is due, where its condition is a time.
-    """
+    """Items that wait in flight for a condition; they are dropped with the plan that is flown."""
 
     seqs: list[int] = field(default_factory=list)
+    """The items, in order."""
     step: int | None = None
+    """The step of the motion at which the first of them is due, where its condition is a time."""
 
 
 class LegFollower:

@@ -122,33 +122,22 @@ class AfterLastLeg(Enum):
 
 @dataclass(slots=True)
 class LegPlan:
-    """Legs and what they complete.
-
-    Parameters
-    ----------
-    legs : list of Leg
-    seqs : list of int
-        The item that each leg belongs to, -1 outside a mission.
-    done : list of bool
-        Whether the leg completes its item.
-    speeds : list of float or None
-        The ground speed that was set for the leg; a curve may be flown more slowly.
-    wait_s : float
-        Of a WAIT; NaN until the time of day that the item names.
-    open : bool
-        Whether it was cut short, so it has to be planned again before its end.
-    unsure : bool
-        Whether something between its items waits for a condition, which may change it.
-    """
+    """Legs and what they complete."""
 
     legs: list[Leg] = field(default_factory=list)
     seqs: list[int] = field(default_factory=list)
+    """The item that each leg belongs to, -1 outside a mission."""
     done: list[bool] = field(default_factory=list)
+    """Whether the leg completes its item."""
     speeds: list[float | None] = field(default_factory=list)
+    """The ground speed that was set for the leg; a curve may be flown more slowly."""
     after_last: AfterLastLeg = AfterLastLeg.NEXT
     wait_s: float = 0.0
+    """Of a WAIT; NaN until the time of day that the item names."""
     open: bool = False
+    """Whether it was cut short, so it has to be planned again before its end."""
     unsure: bool = False
+    """Whether something between its items waits for a condition, which may change it."""
 
     def add(self, leg: Leg, seq: int = -1, *, done: bool = False, speed: float | None = None) -> None:
         """Append a leg."""

@@ -12,18 +12,12 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True)
 class ReturnPoints:
-    """Home and the rally points.
-
-    Parameters
-    ----------
-    home_m : tuple of 2 floats
-        East and north of the start.
-    rally_m : tuple of positions
-        East, north, and the least height of the path there.
-    """
+    """Home and the rally points."""
 
     home_m: tuple[float, float] = (0.0, 0.0)
+    """East and north of the start."""
     rally_m: tuple[Position, ...] = ()
+    """East, north, and the least height of the path there."""
 
     def nearest(self, position_m: Position) -> Position:
         """The point nearest to a position: east, north, and the least height of the path there.

@@ -41,59 +41,41 @@ class FlightPhase(Enum):
 
 
 class VehicleState(NamedTuple):
-    """The state of the vehicle at one time.
-
-    Parameters
-    ----------
-    time_s : float
-        Since the start of the simulation.
-    position_m, velocity_m_s, acceleration_m_s2 : tuple of 3 floats
-        East, north, up about home (the ground at home is 0).
-    roll_rad, pitch_rad : float
-        Attitude that gives the acceleration and holds against the drag of the air; roll right and pitch up
-        positive.
-    yaw_rad, yaw_rate_rad_s : float
-        Compass heading (clockwise from north, 0 to 2 pi) and its rate.
-    airspeed_m_s : float
-        Horizontal speed through the air.
-    wind_m_s : tuple of 2 floats
-        Wind now, east and north, the direction that it moves to.
-    power_w : float
-        Electric power now.
-    battery : BatteryState or None
-        None for an endless battery.
-    path_length_m : float
-        Flown so far.
-    armed : bool
-        Whether the motors run.
-    landed : LandedState
-        Ground contact.
-    phase : FlightPhase
-        What the vehicle is doing.
-    current_seq : int
-        The mission item that is being flown, -1 without a mission.
-    throttle : float
-        0 to 1; a half where the motion has none.
-    """
+    """The state of the vehicle at one time."""
 
     time_s: float
+    """Since the start of the simulation."""
+    # East, north, up about home (the ground at home is 0).
     position_m: tuple[float, float, float]
     velocity_m_s: tuple[float, float, float]
     acceleration_m_s2: tuple[float, float, float]
+    # Attitude that gives the acceleration and holds against the drag of the air; roll right and pitch up
+    # positive.
     roll_rad: float
     pitch_rad: float
+    # Compass heading (clockwise from north, 0 to 2 pi) and its rate.
     yaw_rad: float
     yaw_rate_rad_s: float
     airspeed_m_s: float
+    """Horizontal speed through the air."""
     wind_m_s: tuple[float, float]
+    """Wind now, east and north, the direction that it moves to."""
     power_w: float
+    """Electric power now."""
     battery: BatteryState | None
+    """None for an endless battery."""
     path_length_m: float
+    """Flown so far."""
     armed: bool
+    """Whether the motors run."""
     landed: LandedState
+    """Ground contact."""
     phase: FlightPhase
+    """What the vehicle is doing."""
     current_seq: int
+    """The mission item that is being flown, -1 without a mission."""
     throttle: float = 0.5
+    """0 to 1; a half where the motion has none."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -43,26 +43,18 @@ _ROLL_P_1_S = 4.5
 
 @dataclass(frozen=True, slots=True)
 class AttitudeTarget:
-    """What SET_ATTITUDE_TARGET asks for.
+    """What SET_ATTITUDE_TARGET asks for."""
 
-    Parameters
-    ----------
-    roll_rad, pitch_rad : float
-        Right and up; NaN where only rates are asked for.
-    climb_m_s : float
-        NaN where a thrust is asked for.
-    rates_rad_s : tuple of 2 floats
-        Of roll and pitch, without angles.
-    thrust : float
-        0 to 1.
-    """
-
+    # Right and up; NaN where only rates are asked for.
     roll_rad: float
     pitch_rad: float
     heading: Heading
     climb_m_s: float
+    """NaN where a thrust is asked for."""
     rates_rad_s: tuple[float, float] = (0.0, 0.0)
+    """Of roll and pitch, without angles."""
     thrust: float = _HOVER
+    """0 to 1."""
 
 
 _LEVEL = AttitudeTarget(0.0, 0.0, KEEP, 0.0)

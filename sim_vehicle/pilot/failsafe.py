@@ -120,20 +120,14 @@ _CEILING, _RADIUS, _AREAS = 1, 2, 4
 
 @dataclass(frozen=True, slots=True)
 class Reaction:
-    """Reaction that a safety function demands of the pilot.
-
-    Parameters
-    ----------
-    outcome : Outcome
-        How the run has ended with it.
-    return_point_m : tuple of 3 floats or None
-        Where a return leads to instead of home (east, north, least height); the vehicle holds there.
-    """
+    """Reaction that a safety function demands of the pilot."""
 
     action: Action
     outcome: Outcome
+    """How the run has ended with it."""
     reason: str
     return_point_m: Position | None = None
+    """Where a return leads to instead of home (east, north, least height); the vehicle holds there."""
 
 
 class Failsafe:

@@ -69,21 +69,14 @@ class _Zone:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fence:
-    """The zones of a fence plan.
-
-    Parameters
-    ----------
-    zones : tuple
-        Polygons and circles.
-    return_point_m : tuple of 3 floats or None
-        East, north, height of the point to return to.
-    any_inclusion : bool
-        Being inside one of the inclusion zones is enough (PX4); otherwise inside all (ArduPilot).
-    """
+    """The zones of a fence plan."""
 
     zones: tuple[_Zone, ...] = ()
+    """Polygons and circles."""
     return_point_m: tuple[float, float, float] | None = None
+    """East, north, height of the point to return to."""
     any_inclusion: bool = True
+    """Being inside one of the inclusion zones is enough (PX4); otherwise inside all (ArduPilot)."""
 
     @classmethod
     def of(cls, items: Sequence[MissionItem], frame: LocalFrame, *, any_inclusion: bool = True) -> Fence:
@@ -136,21 +129,14 @@ class Fence:
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """Limits that need no plan; 0 and infinity are none.
-
-    Parameters
-    ----------
-    ceiling_m : float
-        Height above home.
-    radius_m : float
-        Distance from home.
-    areas : bool
-        Whether the zones of the plan count.
-    """
+    """Limits that need no plan; 0 and infinity are none."""
 
     ceiling_m: float = math.inf
+    """Height above home."""
     radius_m: float = math.inf
+    """Distance from home."""
     areas: bool = True
+    """Whether the zones of the plan count."""
 
 
 @dataclass(slots=True)

@@ -26,20 +26,13 @@ _SLOWEST_M_S = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Setpoint:
-    """A setpoint of position, velocity and heading; NaN marks a component that is not set.
-
-    Parameters
-    ----------
-    position_m : tuple of 3 floats
-        East, north, up about the start.
-    velocity_m_s : tuple of 3 floats
-        East, north, up.
-    yaw_rad, turn_rad_s : float
-        Compass heading, and rate of turning (clockwise).
-    """
+    """A setpoint of position, velocity and heading; NaN marks a component that is not set."""
 
     position_m: tuple[float, float, float]
+    """East, north, up about the start."""
     velocity_m_s: tuple[float, float, float]
+    """East, north, up."""
+    # Compass heading, and rate of turning (clockwise).
     yaw_rad: float = math.nan
     turn_rad_s: float = math.nan
 

@@ -18,8 +18,8 @@ from geo.frame import LocalFrame
 from mission.model import Command, GeoPoint, MissionItem
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import get_autopilot, with_autopilot
+from sim_vehicle.autopilot.autopilot import flight_procedures
 from sim_vehicle.autopilot.modes import Mode
-from sim_vehicle.autopilot.registry import flight_procedures
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.execution.state import CannotFly, Disarmed, FlightEvent, ItemReached

@@ -1,7 +1,7 @@
 """The autopilots: one package for each, one `Autopilot` in each, found by its name (`get_autopilot`)."""
 
 from sim_vehicle.airframe.autopilot_names import DEFAULT_AUTOPILOT, autopilot_names
-from sim_vehicle.autopilot.registry import (
+from sim_vehicle.autopilot.autopilot import (
     adapt_vehicle,
     autopilot_of_number,
     estimate_errs,

@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Protocol
 
-from sim_vehicle.autopilot.mav_parameter import Setting
-
-if TYPE_CHECKING:
-    from sim_vehicle.airframe.spec import VehicleSpec
+from sim_vehicle.autopilot.parameters import FailsafeDefaults, RuntimeParameters, Setting
 
 __all__ = [
     "Action",
-    "ActionParameters",
-    "FailsafeDefaults",
     "FailsafeRules",
     "IdleDisarm",
     "actions_by_value",
@@ -37,9 +31,6 @@ class IdleDisarm:
     (ArduCopter); a vehicle that lands by itself does not wait for it."""
 
 
-_VOLTAGE_CELLS = 3
-
-
 class Action(Enum):
     """Action of a failsafe."""
 
@@ -50,57 +41,6 @@ class Action(Enum):
     LAND = "landing"
     TERMINATE = "terminating the flight"
     DISARM = "disarming"
-
-
-class ActionParameters(Protocol):
-    """The parameters that choose an action, as numbers of the firmware's own."""
-
-    @property
-    def fence_action(self) -> int:
-        """Value of GF_ACTION or FENCE_ACTION."""
-
-    @property
-    def link_action(self) -> int:
-        """Value of NAV_DLL_ACT or FS_GCS_ENABLE."""
-
-    @property
-    def low_battery_action(self) -> int:
-        """Value of COM_LOW_BAT_ACT or BATT_FS_LOW_ACT."""
-
-    @property
-    def critical_battery_action(self) -> int:
-        """Value of BATT_FS_CRT_ACT."""
-
-
-@dataclass(frozen=True, slots=True)
-class FailsafeDefaults:
-    """Values with which the safety parameters of a vehicle start."""
-
-    # The firmware's own values.
-    low_battery_action: int = 1
-    critical_battery_action: int = 1
-    fence_enable: int = 1
-    fence_action: int = 2
-    # Height above and distance from home; 0 is no limit.
-    fence_ceiling_m: float = 0.0
-    fence_radius_m: float = 0.0
-    link_timeout_s: float = 10.0
-    """Silence of the ground station after which it is lost."""
-    failsafe_options: int = 0
-    """Bits of FS_OPTIONS."""
-    setpoint_timeout_s: float = 1.0
-    """Age at which setpoints hold no more."""
-    low_voltage_v: float = 0.0
-    """Voltage of the whole pack that is low, for batteries of three cells and more; 0 is none. ArduCopter's
-    default refuses to arm with fewer cells."""
-    mission_requirement: int = 0
-    """What a mission has to have, in the firmware's own values; 0 is nothing."""
-
-    def low_voltage_for(self, spec: VehicleSpec) -> float:
-        """Voltage of a vehicle's pack that is low; 0 is none."""
-        if spec.battery is None or spec.battery.cells < _VOLTAGE_CELLS:
-            return 0.0
-        return self.low_voltage_v
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,7 +86,7 @@ class FailsafeRules:
     link_lost: str
     link_regained: str
     stream_lost: str
-    defaults: FailsafeDefaults = FailsafeDefaults()
+    defaults: FailsafeDefaults = field(default_factory=FailsafeDefaults)
     """Values with which the safety parameters start."""
     mission_goes_on_bit: int = 0
     """The bit of `failsafe_options` with which a mission goes on without a ground station; 0 is none."""
@@ -169,15 +109,15 @@ class FailsafeRules:
     landed: tuple[str, ...] = ("Disarmed by landing",)
     """Texts when they stop after a landing."""
 
-    def fence_action(self, parameters: ActionParameters) -> Action:
+    def fence_action(self, parameters: RuntimeParameters) -> Action:
         """Action after a breach of the fence."""
         return self.fence_actions.get(parameters.fence_action, Action.WARN)
 
-    def link_action(self, parameters: ActionParameters) -> Action:
+    def link_action(self, parameters: RuntimeParameters) -> Action:
         """Action after the loss of the ground station."""
         return self.link_actions.get(parameters.link_action, Action.NONE)
 
-    def battery_action(self, level: int, parameters: ActionParameters) -> Action:
+    def battery_action(self, level: int, parameters: RuntimeParameters) -> Action:
         """Action at a low (1), critical (2) or almost empty (3) battery."""
         apart = self.critical_apart and level > 1
         value = parameters.critical_battery_action if apart else parameters.low_battery_action

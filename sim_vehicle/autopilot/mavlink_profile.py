@@ -3,24 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from types import MappingProxyType
+from dataclasses import dataclass
 from typing import Literal
 
 from mission.link.codec.dialect import mavlink as m
-from sim_vehicle.autopilot.mav_parameter import Setting
-from sim_vehicle.autopilot.modes import Mode
-from sim_vehicle.autopilot.reference_parameters import ParameterDetails
+from sim_vehicle.autopilot.modes import ModeTable
+from sim_vehicle.autopilot.parameters import ParameterDetails, Setting
 
 __all__ = [
     "COMMON_CAPABILITIES",
-    "BaseModes",
     "Identity",
     "LogBehaviour",
     "MavlinkProfile",
-    "ModeTable",
     "RefusalTexts",
-    "px4_custom_mode",
 ]
 
 COMMON_CAPABILITIES = int(
@@ -35,7 +30,6 @@ COMMON_CAPABILITIES = int(
 )
 """MAV_PROTOCOL_CAPABILITY bits of what the simulated vehicle does under any autopilot."""
 _FIX_3D = 3
-_PX4_AUTO = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,118 +51,6 @@ class Identity:
         """The version as AUTOPILOT_VERSION packs it, an official release (255)."""
         major, minor, patch = self.version
         return major << 24 | minor << 16 | patch << 8 | 255
-
-
-@dataclass(frozen=True, slots=True)
-class BaseModes:
-    """What HEARTBEAT's base mode says of each mode, besides armed and the custom mode bit."""
-
-    # MAV_MODE_FLAG bits in MANUAL, ALTITUDE and POSITION.
-    manual: int = int(m.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED)
-    altitude: int = int(m.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED | m.MAV_MODE_FLAG_STABILIZE_ENABLED)
-    position: int = int(
-        m.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
-        | m.MAV_MODE_FLAG_STABILIZE_ENABLED
-        | m.MAV_MODE_FLAG_GUIDED_ENABLED
-    )
-    landing: int = int(
-        m.MAV_MODE_FLAG_AUTO_ENABLED | m.MAV_MODE_FLAG_STABILIZE_ENABLED | m.MAV_MODE_FLAG_GUIDED_ENABLED
-    )
-    """In LAND."""
-    other: int = int(
-        m.MAV_MODE_FLAG_AUTO_ENABLED | m.MAV_MODE_FLAG_STABILIZE_ENABLED | m.MAV_MODE_FLAG_GUIDED_ENABLED
-    )
-    """In the modes that fly by themselves."""
-
-    def of(self, mode: Mode) -> int:
-        """Bits in a mode."""
-        known = {
-            Mode.MANUAL: self.manual,
-            Mode.ALTITUDE: self.altitude,
-            Mode.POSITION: self.position,
-            Mode.LAND: self.landing,
-            Mode.ATTITUDE: self.altitude,
-            Mode.FLIP: self.altitude,
-        }
-        return known.get(mode, self.other)
-
-
-@dataclass(frozen=True, slots=True)
-class ModeTable:
-    """The custom modes of a firmware."""
-
-    numbers: Mapping[Mode, int]
-    """The custom mode number of each mode that it has."""
-    boot: Mode
-    """Mode after the start."""
-    after_takeoff: Mode
-    """The mode that follows a commanded take-off."""
-    after_command: Mode
-    """The mode that DO_REPOSITION, DO_ORBIT and DO_CHANGE_ALTITUDE lead to."""
-    aliases: Mapping[int, Mode] = field(default_factory=lambda: MappingProxyType({}))
-    """Further custom modes that are accepted, flown as another mode."""
-    base: BaseModes = field(default_factory=BaseModes)
-    """What the base mode of the heartbeat says of them."""
-    flips_from: frozenset[int] = frozenset()
-    """The custom modes that FLIP is entered from."""
-    names: Mapping[int, str] = field(default_factory=lambda: MappingProxyType({}))
-    """The firmware's own names of its custom modes, for its texts."""
-    refused_text: str = "Mode {name} refused"
-    """What is said of a mode that is not entered: ``{name}`` is its name, ``{reason}`` ArduCopter's
-    reason."""
-    unknown_text: str = "Mode refused: unknown number {}"
-    """What is said of a mode that there is not; ``{}`` is its number."""
-    orbit: int | None = None
-    """The custom mode that peers are told while circles are flown by command; None is that of the hold
-    mode."""
-    own_hold: int | None = None
-    """The custom mode in which the vehicle holds by its own decision; None is that of the hold mode."""
-    main_and_sub: bool = False
-    """DO_SET_MODE carries main and sub mode in parameters 2 and 3 (PX4), not the custom mode in parameter
-    2."""
-
-    def __getitem__(self, mode: Mode) -> int:
-        return self.numbers[mode]
-
-    def mode_of(self, custom_mode: int) -> Mode | None:
-        """Mode with this custom number, None if there is none or it is not flown here."""
-        for mode, number in self.numbers.items():
-            if number == custom_mode:
-                return mode
-        return self.aliases.get(custom_mode)
-
-    def refusal(self, number: int, *, has_position: bool = True) -> str:
-        """What is said when the custom mode with this number is not entered."""
-        mode = self.mode_of(number)
-        name = self.names.get(number, number if mode is None else mode.value)
-        reason = "init failed" if has_position else "requires position"
-        return self.refused_text.format(name=name, reason=reason)
-
-    def ignores(self, number: int) -> bool:
-        """Whether a mode that there is not is passed over without a refusal, as PX4 does with main modes."""
-        return self.main_and_sub and number >> 16 & 255 != _PX4_AUTO
-
-    def custom_mode_of(self, second: int, third: int) -> int:
-        """Custom mode that parameters 2 and 3 of DO_SET_MODE name."""
-        return px4_custom_mode(second & 255, third & 255) if self.main_and_sub else second
-
-    def set_mode_parameters(self, mode: Mode) -> tuple[float, ...]:
-        """Parameters 2 and following of DO_SET_MODE that order a mode; the inverse of `custom_mode_of`."""
-        number = self.numbers[mode]
-        if not self.main_and_sub:
-            return (float(number),)
-        return float(number >> 16 & 255), float(number >> 24 & 255)
-
-
-def px4_custom_mode(main: int, sub: int = 0) -> int:
-    """Pack main and sub mode as PX4's ``px4_custom_mode.h`` does.
-
-    Examples
-    --------
-    >>> px4_custom_mode(4, 4)
-    67371008
-    """
-    return sub << 24 | main << 16
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,8 +13,8 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from sim_vehicle.autopilot.failsafe_rules import Action
-from sim_vehicle.autopilot.mav_parameter import Setting
 from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.parameters import Setting
 
 if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import is_a
-from sim_vehicle.autopilot.mav_parameter import Setting
+from sim_vehicle.autopilot.parameters import Setting
 from sim_vehicle.autopilot.stick_rules import StickRules, Sticks
 
 if TYPE_CHECKING:
-    from sim_vehicle.autopilot.runtime_parameters import RuntimeParameters
+    from sim_vehicle.autopilot.parameters import RuntimeParameters
 
 __all__ = ["StickMessage", "StickReader"]
 

@@ -15,8 +15,7 @@ from typing import Literal, TypeAlias
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import is_a
-from sim_vehicle.autopilot.mav_parameter import MavParameter
-from sim_vehicle.autopilot.runtime_parameters import RuntimeParameters
+from sim_vehicle.autopilot.parameters import MavParameter, RuntimeParameters
 from sim_vehicle.component import NEVER
 
 ParameterMessage: TypeAlias = (

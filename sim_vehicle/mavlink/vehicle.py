@@ -21,9 +21,9 @@ from sim_vehicle.airframe.sensor_errors import NavigationErrors, SensorNoise
 from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.autopilot import adapt_vehicle, get_autopilot
 from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
-from sim_vehicle.autopilot.cold_boot import ColdBoot
-from sim_vehicle.autopilot.mav_parameter import Setting
+from sim_vehicle.autopilot.behaviour import ColdBoot
 from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.parameters import Setting
 from sim_vehicle.component import NEVER, UNHEARD
 from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.errors import VehicleError

@@ -12,7 +12,7 @@ from sim_vehicle.pilot.gimbal import Attitude, Gimbal
 
 if TYPE_CHECKING:
     from sim_vehicle.autopilot.autopilot import Firmware
-    from sim_vehicle.autopilot.cold_boot import BootStage
+    from sim_vehicle.autopilot.behaviour import BootStage
     from sim_vehicle.pilot.pilot import Pilot
 
 __all__ = ["WireState"]

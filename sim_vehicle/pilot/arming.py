@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from sim_vehicle.autopilot.modes import Mode
 
 if TYPE_CHECKING:
-    from sim_vehicle.autopilot.runtime_parameters import RuntimeParameters
+    from sim_vehicle.autopilot.parameters import RuntimeParameters
     from sim_vehicle.pilot.controls import Controls
     from sim_vehicle.pilot.failsafe import Failsafe
 

@@ -14,7 +14,7 @@ from sim_vehicle.pilot.fence import Bounds, Breach, Fence, FenceWatch
 from sim_vehicle.pilot.notices import NoticeLog, Severity
 
 if TYPE_CHECKING:
-    from sim_vehicle.autopilot.runtime_parameters import RuntimeParameters
+    from sim_vehicle.autopilot.parameters import RuntimeParameters
     from sim_vehicle.energy.battery import BatteryState
     from sim_vehicle.motion.legs import Position
     from sim_vehicle.pilot.controls import Controls

@@ -12,12 +12,12 @@ from collections import deque
 from enum import IntEnum
 from typing import TYPE_CHECKING, NamedTuple
 
-from sim_vehicle.autopilot.mav_parameter import Setting
+from sim_vehicle.autopilot.parameters import Setting
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from sim_vehicle.autopilot.mav_parameter import KeptParameters
+    from sim_vehicle.autopilot.parameters import RuntimeParameters
     from sim_vehicle.execution.state import VehicleState
 
 __all__ = ["RATE_RAD_S", "Attitude", "Gimbal", "GimbalMode"]
@@ -72,7 +72,7 @@ class Gimbal:
 
     Parameters
     ----------
-    parameters : KeptParameters
+    parameters : RuntimeParameters
         Of the vehicle: limits, resting attitudes, first mode (``MNT1_*``).
     fitting : Setting, optional
         The parameter that is above 0 where there is a gimbal; read when the vehicle boots. None is never.
@@ -101,7 +101,7 @@ class Gimbal:
     [0.0, -30.0, 60.0]
     """
 
-    def __init__(self, parameters: KeptParameters, fitting: Setting | None = None) -> None:
+    def __init__(self, parameters: RuntimeParameters, fitting: Setting | None = None) -> None:
         self._parameters = parameters
         self._fitting = fitting
         self._time_s = 0.0

@@ -9,7 +9,7 @@ from sim_vehicle.execution.state import FlightPhase, LandedState
 
 if TYPE_CHECKING:
     from sim_vehicle.autopilot.failsafe_rules import IdleDisarm
-    from sim_vehicle.autopilot.runtime_parameters import RuntimeParameters
+    from sim_vehicle.autopilot.parameters import RuntimeParameters
     from sim_vehicle.pilot.controls import Controls
 
 __all__ = ["IdleWatch"]

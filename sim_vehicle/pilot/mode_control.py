@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from sim_vehicle.autopilot.mission_behaviour import MissionBehaviour
+from sim_vehicle.autopilot.behaviour import MissionBehaviour
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.execution.state import FlightPhase, LandedState
 from sim_vehicle.pilot.notices import RefusedError

@@ -11,11 +11,10 @@ from typing import TYPE_CHECKING
 from mission.model import Command, MissionItem
 from mission.outcome import Outcome
 from sim_vehicle.autopilot import with_autopilot
+from sim_vehicle.autopilot.behaviour import MissionBehaviour
 from sim_vehicle.autopilot.failsafe_rules import Action, FailsafeRules
-from sim_vehicle.autopilot.mav_parameter import Setting
-from sim_vehicle.autopilot.mission_behaviour import MissionBehaviour
 from sim_vehicle.autopilot.modes import Mode
-from sim_vehicle.autopilot.runtime_parameters import RuntimeParameters
+from sim_vehicle.autopilot.parameters import RuntimeParameters, Setting
 from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor

@@ -15,7 +15,7 @@ from sim_vehicle.motion.legs import ALONG, KEEP, Heading
 from sim_vehicle.pilot.notices import NoticeLog, RefusedError, Severity
 
 if TYPE_CHECKING:
-    from sim_vehicle.autopilot.runtime_parameters import RuntimeParameters
+    from sim_vehicle.autopilot.parameters import RuntimeParameters
     from sim_vehicle.pilot.controls import Controls
     from sim_vehicle.pilot.failsafe import Failsafe
 

@@ -18,7 +18,7 @@ from sim_vehicle.pilot.failsafe import Reaction
 from sim_vehicle.pilot.notices import NoticeLog, RefusedError, Severity
 
 if TYPE_CHECKING:
-    from sim_vehicle.autopilot.runtime_parameters import RuntimeParameters
+    from sim_vehicle.autopilot.parameters import RuntimeParameters
     from sim_vehicle.autopilot.stick_rules import StickRules, Sticks, TiltSticks, WingSticks
     from sim_vehicle.pilot.controls import Controls
 

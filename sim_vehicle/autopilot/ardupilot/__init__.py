@@ -9,24 +9,27 @@ from types import MappingProxyType
 from mission.autopilots import ARDUPILOT as PROFILE
 from mission.model import Command
 from mission.planners.turns import Turns
-from sim_vehicle.autopilot.ardupilot.behaviour import (
+from sim_vehicle.autopilot.ardupilot.copter import ARDUCOPTER
+from sim_vehicle.autopilot.ardupilot.firmware import (
     COLD_BOOT,
+    COPTER_MAVLINK,
     COPTER_RULES,
     COPTER_STICKS,
     MISSION,
+    PLANE_MAVLINK,
     PLANE_RULES,
     PLANE_STICKS,
+    ROVER_MAVLINK,
     ROVER_RULES,
     ROVER_STICKS,
+    arduplane_landing,
+    copter_parameters,
+    vehicle_parameters,
 )
-from sim_vehicle.autopilot.ardupilot.copter import ARDUCOPTER
 from sim_vehicle.autopilot.ardupilot.fixed_wing import ARDUPLANE
-from sim_vehicle.autopilot.ardupilot.mavlink_profile import COPTER_MAVLINK, PLANE_MAVLINK, ROVER_MAVLINK
-from sim_vehicle.autopilot.ardupilot.parameters import copter_parameters, vehicle_parameters
 from sim_vehicle.autopilot.ardupilot.rover import ARDUROVER
 from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
-from sim_vehicle.autopilot.mission_behaviour import arduplane_landing
-from sim_vehicle.autopilot.reference_parameters import reference_parameters
+from sim_vehicle.autopilot.parameters import reference_parameters
 
 __all__ = ["ARDUPILOT"]
 

@@ -11,9 +11,9 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from sim_vehicle.airframe.parameters import ParameterSpec
+from sim_vehicle.airframe.parameters import ParameterSpec, whole
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
-from sim_vehicle.autopilot.rover import RoverProcedures
+from sim_vehicle.autopilot.procedures import RoverProcedures
 from sim_vehicle.motion.legs import Leg, LegKind
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ PARAMETERS: Mapping[str, ParameterSpec] = MappingProxyType(
         "ATC_STR_RAT_P": ParameterSpec(0.2, 0.0, 2.0, "", "steering over error of the rate of turning"),
         "ATC_TURN_MAX_G": ParameterSpec(0.6, 0.1, 10.0, "g", "lateral acceleration"),
         "CRUISE_SPEED": ParameterSpec(2.0, 0.0, 100.0, "m/s", "speed at CRUISE_THROTTLE"),
-        "CRUISE_THROTTLE": ParameterSpec(50.0, 0.0, 100.0, "%", "throttle at CRUISE_SPEED", integer=True),
+        "CRUISE_THROTTLE": whole(50.0, 0.0, 100.0, "%", "throttle at CRUISE_SPEED"),
         "MOT_SPD_SCA_BASE": ParameterSpec(
             1.0, 0.0, 10.0, "m/s", "speed above which less is steered, 0: none"
         ),
@@ -66,17 +66,13 @@ PARAMETERS: Mapping[str, ParameterSpec] = MappingProxyType(
         "PSC_VEL_FLTE": ParameterSpec(5.0, 0.0, 100.0, "Hz", "filter of the velocity's error"),
         "PSC_VEL_P": ParameterSpec(1.0, 0.1, 6.0, "1/s", "acceleration over error of velocity"),
         "RTL_SPEED": ParameterSpec(0.0, 0.0, 100.0, "m/s", "speed of a return, 0: WP_SPEED"),
-        "SERVO1_FUNCTION": ParameterSpec(26.0, 0.0, 200.0, "", "26 steering, 73 skid steering", integer=True),
+        "SERVO1_FUNCTION": whole(26.0, 0.0, 200.0, "", "26 steering, 73 skid steering"),
         "TURN_RADIUS": ParameterSpec(0.9, 0.0, 10.0, "m", "tightest turn"),
         "WP_ACCEL": ParameterSpec(0.0, 0.0, 100.0, "m/s^2", "acceleration of the path, 0: ATC_ACCEL_MAX"),
         "WP_JERK": ParameterSpec(0.0, 0.0, 100.0, "m/s^3", "jerk of the path, 0: as the acceleration"),
-        "WP_PIVOT_ANGLE": ParameterSpec(
-            60.0, 0.0, 360.0, "deg", "error at which it turns on the spot", integer=True
-        ),
+        "WP_PIVOT_ANGLE": whole(60.0, 0.0, 360.0, "deg", "error at which it turns on the spot"),
         "WP_PIVOT_DELAY": ParameterSpec(0.0, 0.0, 60.0, "s", "pause after a turn on the spot"),
-        "WP_PIVOT_RATE": ParameterSpec(
-            60.0, 0.0, 360.0, "deg/s", "rate of turning on the spot", integer=True
-        ),
+        "WP_PIVOT_RATE": whole(60.0, 0.0, 360.0, "deg/s", "rate of turning on the spot"),
         "WP_RADIUS": ParameterSpec(2.0, 0.1, 100.0, "m", "radius of waypoints"),
         "WP_SPEED": ParameterSpec(2.0, 0.1, 100.0, "m/s", "speed"),
     }
@@ -84,7 +80,7 @@ PARAMETERS: Mapping[str, ParameterSpec] = MappingProxyType(
 
 
 class ArduRover(RoverProcedures):
-    """See `sim_vehicle.autopilot.rover.RoverProcedures`."""
+    """See `sim_vehicle.autopilot.procedures.RoverProcedures`."""
 
     name = "ardupilot"
     parameters = PARAMETERS
@@ -104,7 +100,7 @@ class ArduRover(RoverProcedures):
         """Limits of a vehicle's driving."""
         from sim_vehicle.motion.rover.model import RoverLimits
 
-        value = {name: self.value(spec, name) for name in self.parameters}
+        value = self.values(spec)
         skid = value["SERVO1_FUNCTION"] == _SKID
         acceleration = value["ATC_ACCEL_MAX"] or spec.acceleration_m_s2
         turns = skid and value["WP_PIVOT_ANGLE"] > 5.0
@@ -132,7 +128,7 @@ class ArduRover(RoverProcedures):
         """What Rover makes of a vehicle's parameters."""
         from sim_vehicle.motion.ardurover.model import DriveLaw
 
-        value = {name: self.value(spec, name) for name in self.parameters}
+        value = self.values(spec)
         skid = value["SERVO1_FUNCTION"] == _SKID
         accel = value["ATC_ACCEL_MAX"] or _ANY_ACCELERATION
         decel = value["ATC_DECEL_MAX"] or accel

@@ -10,7 +10,9 @@ from mission.autopilots import PX4 as PROFILE
 from mission.link.codec.dialect import mavlink as m
 from mission.planners.turns import Turns
 from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
-from sim_vehicle.autopilot.px4.behaviour import (
+from sim_vehicle.autopilot.parameters import reference_parameters
+from sim_vehicle.autopilot.px4.copter import PX4_MULTIROTOR, strays_m
+from sim_vehicle.autopilot.px4.firmware import (
     COPTER_STICKS,
     FIXED_WING_RULES,
     FIXED_WING_STICKS,
@@ -18,13 +20,13 @@ from sim_vehicle.autopilot.px4.behaviour import (
     ROVER_RULES,
     ROVER_STICKS,
     RULES,
+    copter_parameters,
+    fixed_wing_parameters,
+    mavlink_profile,
+    rover_parameters,
 )
-from sim_vehicle.autopilot.px4.copter import PX4_MULTIROTOR, strays_m
 from sim_vehicle.autopilot.px4.fixed_wing import PX4_FIXED_WING
-from sim_vehicle.autopilot.px4.mavlink_profile import mavlink_profile
-from sim_vehicle.autopilot.px4.parameters import copter_parameters, fixed_wing_parameters, rover_parameters
 from sim_vehicle.autopilot.px4.rover import PX4_ROVER
-from sim_vehicle.autopilot.reference_parameters import reference_parameters
 
 __all__ = ["PX4"]
 

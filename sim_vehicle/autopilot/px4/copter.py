@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from sim_vehicle.airframe.estimate_errors import carried_aside_m
 from sim_vehicle.airframe.parameters import ParameterSpec
 from sim_vehicle.airframe.spec import GRAVITY_M_S2
-from sim_vehicle.autopilot.flight_procedures import vertical_landing
+from sim_vehicle.autopilot.procedures import FlightProcedures, over_and_down, vertical_landing
 from sim_vehicle.motion.legs import KEEP, Leg, LegKind
 from sim_vehicle.motion.px4.parameters import PARAMETERS, drag_of, value_of
 
@@ -26,40 +26,37 @@ _FOREVER_S = 1e6
 _NEVER_DISARM_S = 3599.0
 
 
-class Px4MultirotorProcedures:
-    """See `sim_vehicle.autopilot.flight_procedures.FlightProcedures`."""
+class Px4MultirotorProcedures(FlightProcedures):
+    """See `sim_vehicle.autopilot.procedures.FlightProcedures`."""
 
     name = "px4"
     parameters: Mapping[str, ParameterSpec] = PARAMETERS
 
     def fit(self, spec: VehicleSpec) -> VehicleSpec:
         """Return the vehicle with the speeds, heights and limits that its parameters say."""
-
-        def value(name: str) -> float:
-            return value_of(spec, name)
-
-        fastest = max(value("MPC_XY_VEL_MAX"), 0.5)
-        disarm = value("COM_DISARM_LAND")
-        lean = GRAVITY_M_S2 * math.tan(math.radians(value("MPC_TILTMAX_AIR")))
+        value = self.values(spec)
+        fastest = max(value["MPC_XY_VEL_MAX"], 0.5)
+        disarm = value["COM_DISARM_LAND"]
+        lean = GRAVITY_M_S2 * math.tan(math.radians(value["MPC_TILTMAX_AIR"]))
         drag = drag_of(spec)
         return replace(
             spec,
-            cruise_speed_m_s=min(value("MPC_XY_CRUISE"), fastest),
+            cruise_speed_m_s=min(value["MPC_XY_CRUISE"], fastest),
             # Missions may command 95 % of the limit.
             speed_limit_m_s=fastest / 0.95,
             airspeed_limit_m_s=min(spec.airspeed_limit_m_s, lean / drag if drag > 0.0 else math.inf),
-            climb_speed_m_s=value("MPC_Z_V_AUTO_UP"),
-            descent_speed_m_s=value("MPC_Z_V_AUTO_DN"),
-            landing_speed_m_s=min(value("MPC_LAND_SPEED"), value("MPC_Z_VEL_MAX_DN")),
-            acceleration_m_s2=value("MPC_ACC_HOR"),
-            jerk_m_s3=value("MPC_JERK_AUTO"),
-            vertical_acceleration_m_s2=min(value("MPC_ACC_UP_MAX"), value("MPC_ACC_DOWN_MAX")),
-            vertical_jerk_m_s3=value("MPC_JERK_AUTO"),
-            yaw_rate_rad_s=math.radians(value("MPC_YAWRAUTO_MAX")),
-            yaw_acceleration_rad_s2=math.radians(value("MPC_YAWRAUTO_ACC")),
-            acceptance_radius_m=value("NAV_ACC_RAD"),
-            takeoff_altitude_m=max(value("MIS_TAKEOFF_ALT"), 0.5),
-            return_altitude_m=max(value("RTL_RETURN_ALT"), 0.5),
+            climb_speed_m_s=value["MPC_Z_V_AUTO_UP"],
+            descent_speed_m_s=value["MPC_Z_V_AUTO_DN"],
+            landing_speed_m_s=min(value["MPC_LAND_SPEED"], value["MPC_Z_VEL_MAX_DN"]),
+            acceleration_m_s2=value["MPC_ACC_HOR"],
+            jerk_m_s3=value["MPC_JERK_AUTO"],
+            vertical_acceleration_m_s2=min(value["MPC_ACC_UP_MAX"], value["MPC_ACC_DOWN_MAX"]),
+            vertical_jerk_m_s3=value["MPC_JERK_AUTO"],
+            yaw_rate_rad_s=math.radians(value["MPC_YAWRAUTO_MAX"]),
+            yaw_acceleration_rad_s2=math.radians(value["MPC_YAWRAUTO_ACC"]),
+            acceptance_radius_m=value["NAV_ACC_RAD"],
+            takeoff_altitude_m=max(value["MIS_TAKEOFF_ALT"], 0.5),
+            return_altitude_m=max(value["RTL_RETURN_ALT"], 0.5),
             disarm_delay_s=disarm if disarm > 0.0 else _NEVER_DISARM_S,
         )
 
@@ -75,7 +72,7 @@ class Px4MultirotorProcedures:
         """Return the legs of a take-off: straight up, then to its position if that is aside."""
         x, y, z = target
         radius = spec.acceptance_radius_m
-        height = max(z, here[2], value_of(spec, "MIS_TAKEOFF_ALT"))
+        height = max(z, here[2], self.value(spec, "MIS_TAKEOFF_ALT"))
         legs = [Leg((here[0], here[1], height), speed, radius, KEEP, LegKind.TAKEOFF)]
         if math.hypot(x - here[0], y - here[1]) > radius:
             legs.append(Leg((x, y, height), speed, radius, heading))
@@ -83,12 +80,7 @@ class Px4MultirotorProcedures:
 
     def landing_legs(self, spec: VehicleSpec, above: Position, last: Position, speed: float) -> list[Leg]:
         """Return the legs to a position, if not within the acceptance radius already, and down."""
-        x, y, z = above
-        legs: list[Leg] = []
-        if math.hypot(x - last[0], y - last[1]) > spec.acceptance_radius_m:
-            legs.append(Leg((x, y, z), speed, kind=LegKind.HOME))
-        legs.append(vertical_landing(spec, x, y))
-        return legs
+        return over_and_down(spec, above, last, speed, spec.acceptance_radius_m)
 
     def return_legs(
         self,
@@ -107,9 +99,9 @@ class Px4MultirotorProcedures:
         if z < height:
             legs.append(Leg((x, y, height), cruise, heading=KEEP, kind=LegKind.CLIMB))
         legs.append(Leg((home_x, home_y, height), cruise, kind=LegKind.HOME))
-        delay = value_of(spec, "RTL_LAND_DELAY")
+        delay = self.value(spec, "RTL_LAND_DELAY")
         if delay != 0.0:
-            wait = min(value_of(spec, "RTL_DESCEND_ALT"), height)
+            wait = min(self.value(spec, "RTL_DESCEND_ALT"), height)
             pause = delay if delay > 0.0 else _FOREVER_S
             over = (home_x, home_y, wait)
             legs.append(Leg(over, cruise, heading=KEEP, kind=LegKind.DESCEND, pause_s=pause))

@@ -10,11 +10,8 @@ import math
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from sim_vehicle.airframe.parameters import ParameterSpec
-from sim_vehicle.autopilot.fixed_wing import (
-    FixedWingProcedures,
-    in_order,
-)
+from sim_vehicle.airframe.parameters import ParameterSpec, whole
+from sim_vehicle.autopilot.procedures import FixedWingProcedures, airspeeds_in_order
 from sim_vehicle.motion.legs import KEEP, Circle, Leg, LegKind
 
 if TYPE_CHECKING:
@@ -70,8 +67,8 @@ PARAMETERS: Mapping[str, ParameterSpec] = MappingProxyType(
         ),
         "RTL_LOITER_RAD": ParameterSpec(80.0, 25.0, 1000.0, "m", "radius of the circle over home"),
         "RTL_RETURN_ALT": ParameterSpec(100.0, 0.0, 500.0, "m", "return altitude"),
-        "RTL_TYPE": ParameterSpec(0.0, 0.0, 5.0, "", "1, 2: land as the mission does", integer=True),
-        "RWTO_TKOFF": ParameterSpec(0.0, 0.0, 1.0, "", "take-off from a runway", integer=True),
+        "RTL_TYPE": whole(0.0, 0.0, 5.0, "", "1, 2: land as the mission does"),
+        "RWTO_TKOFF": whole(0.0, 0.0, 1.0, "", "take-off from a runway"),
         "RWTO_MAX_THR": ParameterSpec(1.0, 0.0, 1.0, "", "throttle of the take-off roll"),
         "RWTO_RAMP_TIME": ParameterSpec(2.0, 1.0, 15.0, "s", "rise of the throttle of the take-off roll"),
         "RWTO_ROT_AIRSPD": ParameterSpec(
@@ -83,7 +80,7 @@ PARAMETERS: Mapping[str, ParameterSpec] = MappingProxyType(
 
 
 class Px4FixedWing(FixedWingProcedures):
-    """See `sim_vehicle.autopilot.fixed_wing.FixedWingProcedures`."""
+    """See `sim_vehicle.autopilot.procedures.FixedWingProcedures`."""
 
     name = "px4"
     parameters = PARAMETERS
@@ -99,8 +96,10 @@ class Px4FixedWing(FixedWingProcedures):
         from sim_vehicle.motion.fixed_wing.guidance import NPFG
         from sim_vehicle.motion.fixed_wing.limits import FixedWingLimits
 
-        value = {name: self.value(spec, name) for name in self.parameters}
-        least, trim, most = in_order(value["FW_AIRSPD_MIN"], value["FW_AIRSPD_TRIM"], value["FW_AIRSPD_MAX"])
+        value = self.values(spec)
+        least, trim, most = airspeeds_in_order(
+            value["FW_AIRSPD_MIN"], value["FW_AIRSPD_TRIM"], value["FW_AIRSPD_MAX"]
+        )
         takeoff = value["FW_TKO_AIRSPD"] if value["FW_TKO_AIRSPD"] > 0.0 else least
         runway = value["RWTO_TKOFF"] > 0.0
         rotation = value["RWTO_ROT_AIRSPD"] if value["RWTO_ROT_AIRSPD"] > 0.0 else 0.9 * takeoff

@@ -12,9 +12,9 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from sim_vehicle.airframe.parameters import ParameterSpec
+from sim_vehicle.airframe.parameters import ParameterSpec, whole
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
-from sim_vehicle.autopilot.rover import RoverProcedures
+from sim_vehicle.autopilot.procedures import RoverProcedures
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -38,7 +38,7 @@ _SIH_STIFFNESS_N_RAD = 500.0
 _SIH_STEPS = 10.0 / 4.0
 PARAMETERS: Mapping[str, ParameterSpec] = MappingProxyType(
     {
-        "CA_AIRFRAME": ParameterSpec(5.0, 5.0, 6.0, "", "5 Ackermann, 6 differential", integer=True),
+        "CA_AIRFRAME": whole(5.0, 5.0, 6.0, "", "5 Ackermann, 6 differential"),
         "NAV_ACC_RAD": ParameterSpec(0.5, 0.05, 200.0, "m", "least acceptance radius"),
         "PP_LOOKAHD_GAIN": ParameterSpec(1.0, 0.1, 100.0, "s", "look-ahead over speed"),
         "PP_LOOKAHD_MAX": ParameterSpec(10.0, 0.1, 100.0, "m", "greatest look-ahead"),
@@ -83,15 +83,13 @@ PARAMETERS: Mapping[str, ParameterSpec] = MappingProxyType(
         "SIH_LOC_LON0": ParameterSpec(8.545594, -180.0, 180.0, "deg", "longitude of the simulated rover"),
         "SIH_MASS": ParameterSpec(1.0, 0.02, 1000.0, "kg", "mass of the simulated rover"),
         "SIH_T_TAU": ParameterSpec(0.05, 0.001, 100.0, "s", "lag of the simulated rover"),
-        "SIH_VEHICLE_TYPE": ParameterSpec(
-            0.0, 0.0, 5.0, "", "5: the vehicle is the rover of PX4's simulator", integer=True
-        ),
+        "SIH_VEHICLE_TYPE": whole(0.0, 0.0, 5.0, "", "5: the vehicle is the rover of PX4's simulator"),
     }
 )
 
 
 class Px4Rover(RoverProcedures):
-    """See `sim_vehicle.autopilot.rover.RoverProcedures`."""
+    """See `sim_vehicle.autopilot.procedures.RoverProcedures`."""
 
     name = "px4"
     parameters = PARAMETERS
@@ -112,7 +110,7 @@ class Px4Rover(RoverProcedures):
         """Limits of a vehicle's driving."""
         from sim_vehicle.motion.rover.model import RoverLimits
 
-        value = {name: self.value(spec, name) for name in self.parameters}
+        value = self.values(spec)
         skid = value["CA_AIRFRAME"] == _DIFFERENTIAL
         rate = value["RO_YAW_RATE_LIM"]
         limit = value["RO_SPEED_LIM"]

@@ -11,8 +11,7 @@ import lzma
 import math
 from collections.abc import Callable, Mapping
 
-from sim_vehicle.autopilot.mav_parameter import MavParameter
-from sim_vehicle.autopilot.reference_parameters import ParameterDetails
+from sim_vehicle.autopilot.parameters import MavParameter, ParameterDetails
 from sim_vehicle.mavlink.ftp.server import checksum
 
 __all__ = ["GENERAL_PATH", "PARAMETERS_PATH", "metadata_files", "uri"]

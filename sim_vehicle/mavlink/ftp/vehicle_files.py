@@ -11,14 +11,14 @@ from urllib.parse import parse_qsl
 
 from mission.link.codec.dialect import mavlink as m
 from mission.model import MissionType
-from sim_vehicle.autopilot.mav_parameter import MavParameter
+from sim_vehicle.autopilot.parameters import MavParameter
 from sim_vehicle.mavlink.ftp.files import FileTree, MadeFile, TakenFile
 from sim_vehicle.mavlink.ftp.metadata import GENERAL_PATH, PARAMETERS_PATH, metadata_files
 
 if TYPE_CHECKING:
     from mission.model import MissionType
     from sim_vehicle.autopilot.mavlink_profile import MavlinkProfile
-    from sim_vehicle.autopilot.reference_parameters import ParameterDetails
+    from sim_vehicle.autopilot.parameters import ParameterDetails
     from sim_vehicle.mavlink.logs.flight_logs import FlightLogs
     from sim_vehicle.mavlink.parameters import ParameterSet
     from sim_vehicle.mavlink.plan_receiver import PlanReceiver

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim_vehicle.autopilot.mav_parameter import Setting
+from sim_vehicle.autopilot.parameters import Setting
 from sim_vehicle.pilot.gimbal import RATE_RAD_S, Gimbal, GimbalMode
 
 NADIR = (0.0, -math.pi / 2.0, 0.0)

@@ -8,11 +8,11 @@ from mission.autopilots.settings import Meaning, VehicleSettings, question
 from mission.link.codec.dialect import mavlink as m
 from sim_vehicle.airframe.parameters import ParameterSpec
 from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
-from sim_vehicle.autopilot.failsafe_rules import FailsafeDefaults, FailsafeRules, actions_by_value
-from sim_vehicle.autopilot.generic import GenericProcedures
-from sim_vehicle.autopilot.mav_parameter import MavParameter
-from sim_vehicle.autopilot.mavlink_profile import COMMON_CAPABILITIES, Identity, MavlinkProfile, ModeTable
-from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.failsafe_rules import FailsafeRules, actions_by_value
+from sim_vehicle.autopilot.mavlink_profile import COMMON_CAPABILITIES, Identity, MavlinkProfile
+from sim_vehicle.autopilot.modes import Mode, ModeTable
+from sim_vehicle.autopilot.parameters import FailsafeDefaults, MavParameter
+from sim_vehicle.autopilot.procedures import GenericProcedures
 
 
 class NimbusProcedures(GenericProcedures):

@@ -1,4 +1,4 @@
-"""Which missions an autopilot takes, how it takes one changed in flight, and what it does around it."""
+"""How a firmware comes up, which missions it takes, and how it takes one that is changed in flight."""
 
 from __future__ import annotations
 
@@ -6,48 +6,26 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
-from mission.model import Command
 from sim_vehicle.autopilot.modes import Mode
 
 if TYPE_CHECKING:
     from mission.model import MissionItem
-    from sim_vehicle.autopilot.runtime_parameters import RuntimeParameters
+    from sim_vehicle.autopilot.parameters import RuntimeParameters
 
-__all__ = ["MissionBehaviour", "MissionRule", "arduplane_landing", "no_rule", "px4_takeoff_and_landing"]
+__all__ = [
+    "BootStage",
+    "ColdBoot",
+    "MissionBehaviour",
+    "MissionRule",
+    "no_rule",
+]
 
 MissionRule: TypeAlias = "Callable[[Sequence[MissionItem], RuntimeParameters], str | None]"
 """Given a mission and the parameters, why it is refused; None when it is not."""
 
-_TAKEOFFS = frozenset({int(Command.NAV_TAKEOFF), 84})
-_LANDINGS = frozenset({int(Command.NAV_LAND), 85})
-_WANTS_TAKEOFF, _WANTS_LANDING = (1, 3), (2, 3)
-_BOTH_OR_NEITHER = (4, 5)
-
 
 def no_rule(_items: Sequence[MissionItem], _parameters: RuntimeParameters) -> str | None:
     """Want nothing."""
-    return None
-
-
-def px4_takeoff_and_landing(items: Sequence[MissionItem], parameters: RuntimeParameters) -> str | None:
-    """MIS_TKO_LAND_REQ: 1 take-off, 2 landing, 3 both, 4 and 5 both or neither; a return is no landing."""
-    rule = parameters.mission_requirement
-    commands = {int(item.command) for item in items}
-    takes_off, lands = bool(commands & _TAKEOFFS), bool(commands & _LANDINGS)
-    if rule in _WANTS_TAKEOFF and not takes_off:
-        return "Takeoff waypoint required."
-    if rule in _WANTS_LANDING and not lands:
-        return "Landing waypoint/pattern required."
-    if rule in _BOTH_OR_NEITHER and takes_off != lands:
-        return "Add Landing item or remove Takeoff." if takes_off else "Add Takeoff item or remove Landing."
-    return None
-
-
-def arduplane_landing(items: Sequence[MissionItem], parameters: RuntimeParameters) -> str | None:
-    """Refuse a landing sequence that a return would not fly."""
-    has_landing = any(item.command == Command.DO_LAND_START for item in items)
-    if has_landing and parameters.settings.get("RTL_AUTOLAND", 0.0) == 0.0:
-        return "DO_LAND_START set and RTL_AUTOLAND disabled"
     return None
 
 
@@ -110,3 +88,45 @@ class MissionBehaviour:
     stopped_state: bool = False
     """Outside its mode a mission is not started (2) and MISSION_CURRENT's mode unknown (0), as ArduPilot
     says; otherwise it is paused (4) and suspended (2)."""
+
+
+@dataclass(frozen=True, slots=True)
+class BootStage:
+    """One stage of a boot, which lasts until the next."""
+
+    begins_s: float
+    """Since the autopilot's start."""
+    problem: str = ""
+    """Why it does not arm, in any mode; empty for nothing."""
+    fix: int = 0
+    """GPS_FIX_TYPE."""
+    tells_place: bool = False
+    """GLOBAL_POSITION_INT tells where it is; latitude and longitude are 0 otherwise."""
+    knows_position: bool = False
+    """The estimator has a position."""
+    untold: frozenset[int] = frozenset()
+    """Messages that are not sent yet."""
+    text: str = ""
+    """What is said when it begins."""
+
+
+@dataclass(frozen=True, slots=True)
+class ColdBoot:
+    """The stages of a boot, the last of which is that of a vehicle that is ready."""
+
+    stages: tuple[BootStage, ...]
+    blind_flags: int
+    """EKF_STATUS_FLAGS before it has a position."""
+    blind_modes: frozenset[Mode]
+    """Modes in which it arms without a position."""
+    no_position: str
+    """Why it does not arm in the others."""
+
+    def at(self, boot_s: float) -> BootStage:
+        """Return the stage at a time since the start."""
+        return [one for one in self.stages if one.begins_s <= max(boot_s, 0.0)][-1]
+
+    def problem(self, stage: BootStage, mode: Mode) -> str | None:
+        """Return why a vehicle does not arm in a mode; None when nothing of the boot is in the way."""
+        blind = not stage.knows_position and mode not in self.blind_modes
+        return stage.problem or (self.no_position if blind else None)

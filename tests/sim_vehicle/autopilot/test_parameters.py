@@ -2,7 +2,7 @@
 
 import math
 
-from sim_vehicle.autopilot.reference_parameters import parameter_details, reference_parameters
+from sim_vehicle.autopilot.parameters import parameter_details, reference_parameters
 
 # Units as PX4's parameter sources spell them ("celcius" is theirs).
 PX4_UNITS = frozenset(

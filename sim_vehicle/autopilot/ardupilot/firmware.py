@@ -1,0 +1,529 @@
+"""ArduPilot's facts: how it shows itself on MAVLink, parameters, what it does by itself, how sticks fly it.
+
+Sources: ``mode.h`` of ArduCopter, ArduPlane and Rover (custom modes), ``GCS_MAVLink_Copter.cpp`` (base
+modes), ``AP_Mission.cpp``, ArduCopter's ``mode_auto.cpp`` and ``mode_guided.cpp``, the parameter references
+4.6, and what ArduCopter 4.7 (SITL) was seen to do.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+from mission.link.codec.dialect import mavlink as m
+from mission.model import Command
+from sim_vehicle.autopilot.behaviour import BootStage, ColdBoot, MissionBehaviour
+from sim_vehicle.autopilot.failsafe_rules import Action, FailsafeRules, IdleDisarm, actions_by_value
+from sim_vehicle.autopilot.mavlink_profile import (
+    COMMON_CAPABILITIES,
+    Identity,
+    LogBehaviour,
+    MavlinkProfile,
+    RefusalTexts,
+)
+from sim_vehicle.autopilot.modes import BaseModes, Mode, ModeTable
+from sim_vehicle.autopilot.parameters import FailsafeDefaults, MavParameter, Setting
+from sim_vehicle.autopilot.stick_rules import Axis, StickLoss, StickRules, Sticks, WingSticks, bits
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from mission.model import MissionItem
+    from sim_vehicle.airframe.spec import VehicleSpec
+    from sim_vehicle.autopilot.parameters import RuntimeParameters
+
+# ArduCopter 4.7 claims 64495: terrain and compass calibration besides, which the simulated one does not do.
+# It says nothing of how parameters are encoded (they are cast).
+_CAPABILITIES = COMMON_CAPABILITIES | int(
+    m.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
+    | m.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT
+    | m.MAV_PROTOCOL_CAPABILITY_FLIGHT_TERMINATION
+)
+_BY_STICKS = int(m.MAV_MODE_FLAG_STABILIZE_ENABLED | m.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED)
+_GUIDED = _BY_STICKS | int(m.MAV_MODE_FLAG_GUIDED_ENABLED)
+
+_UNSUPPORTED = frozenset(
+    int(command)
+    for command in (
+        m.MAV_CMD_DO_ORBIT,
+        m.MAV_CMD_DO_CHANGE_ALTITUDE,
+        m.MAV_CMD_DO_SET_ACTUATOR,
+    )
+)
+# SITL gives copters a mount, planes and rovers none until it is set.
+_NO_MOUNT = Setting("MNT1_TYPE", 0.0)
+COPTER_MAVLINK = MavlinkProfile(
+    identity=Identity(
+        mav_autopilot=int(m.MAV_AUTOPILOT_ARDUPILOTMEGA),
+        mav_type=int(m.MAV_TYPE_QUADROTOR),
+        version=(4, 6, 0),
+        capabilities=_CAPABILITIES | int(m.MAV_PROTOCOL_CAPABILITY_SET_ATTITUDE_TARGET),
+    ),
+    modes=ModeTable(
+        numbers=MappingProxyType(
+            {
+                Mode.MANUAL: 0,
+                Mode.ALTITUDE: 2,
+                Mode.MISSION: 3,
+                Mode.GUIDED: 4,
+                Mode.TAKEOFF: 4,
+                Mode.HOLD: 5,
+                Mode.RTL: 6,
+                Mode.LAND: 9,
+                Mode.POSITION: 16,
+                Mode.CIRCLE: 7,
+                Mode.FLIP: 14,
+                Mode.ATTITUDE: 20,
+            }
+        ),
+        aliases=MappingProxyType(
+            {
+                1: Mode.MANUAL,
+                11: Mode.ALTITUDE,
+                13: Mode.ALTITUDE,
+                17: Mode.HOLD,
+                21: Mode.RTL,
+                24: Mode.POSITION,
+                27: Mode.RTL,
+            }
+        ),
+        own_hold=17,
+        # STABILIZE, ACRO, ALT_HOLD.
+        flips_from=frozenset({0, 1, 2}),
+        names=MappingProxyType(
+            {
+                0: "STABILIZE",
+                1: "ACRO",
+                2: "ALT_HOLD",
+                3: "AUTO",
+                4: "GUIDED",
+                5: "LOITER",
+                6: "RTL",
+                7: "CIRCLE",
+                9: "LAND",
+                11: "DRIFT",
+                13: "SPORT",
+                14: "FLIP",
+                16: "POSHOLD",
+                17: "BRAKE",
+                20: "GUIDED_NOGPS",
+                21: "SMART_RTL",
+                24: "ZIGZAG",
+                27: "AUTO RTL",
+            }
+        ),
+        refused_text="Mode change to {name} failed: {reason}",
+        unknown_text="No such mode {}",
+        boot=Mode.MANUAL,
+        after_takeoff=Mode.GUIDED,
+        after_command=Mode.GUIDED,
+        base=BaseModes(_BY_STICKS, _BY_STICKS, position=_GUIDED, landing=_BY_STICKS, other=_GUIDED),
+    ),
+    parameter_encoding="cast",
+    data_streams=True,
+    rates_hz=MappingProxyType({m.MAVLINK_MSG_ID_HEARTBEAT: 1.0}),
+    truth_message=int(m.MAVLINK_MSG_ID_SIM_STATE),
+    gps_fix=6,
+    refused_result=int(m.MAV_RESULT_FAILED),
+    unknown_message_result=int(m.MAV_RESULT_FAILED),
+    armed_reboot_result=int(m.MAV_RESULT_FAILED),
+    unsupported=_UNSUPPORTED | {int(m.MAV_CMD_DO_GO_AROUND)},
+    int_only=frozenset({int(m.MAV_CMD_DO_REPOSITION)}),
+    takeoff_needs_arming=True,
+    flies_attitudes=True,
+    guided_items=True,
+    packed_parameters=True,
+    packed_plans=True,
+    system_files=True,
+    calibration_text="Disarm to allow calibration",
+    refusals=RefusalTexts(
+        interval="No ap_message for mavlink id ({})", landing="Unable to start landing sequence"
+    ),
+    gimbal=Setting("MNT1_TYPE", 1.0),
+    logs=LogBehaviour(
+        "/APM/LOGS",
+        first_number=1,
+        refusal_armed="Disarm for log download",
+        busy_text="Log download in progress",
+    ),
+)
+PLANE_MAVLINK = replace(
+    COPTER_MAVLINK,
+    identity=replace(
+        COPTER_MAVLINK.identity,
+        mav_type=int(m.MAV_TYPE_FIXED_WING),
+        capabilities=_CAPABILITIES,
+        version=(4, 7, 0),
+        banner="ArduPlane V4.7.0",
+    ),
+    modes=replace(
+        COPTER_MAVLINK.modes,
+        numbers=MappingProxyType(
+            {
+                Mode.MANUAL: 0,
+                Mode.ALTITUDE: 6,
+                Mode.POSITION: 7,
+                Mode.MISSION: 10,
+                Mode.RTL: 11,
+                Mode.HOLD: 12,
+                Mode.TAKEOFF: 13,
+                Mode.GUIDED: 15,
+                Mode.LAND: 26,
+            }
+        ),
+        aliases=MappingProxyType(
+            {1: Mode.HOLD, 2: Mode.MANUAL, 3: Mode.MANUAL, 4: Mode.MANUAL, 5: Mode.MANUAL, 8: Mode.MANUAL}
+        ),
+        own_hold=None,
+        flips_from=frozenset(),
+        refused_text="Flight mode change failed",
+        after_takeoff=Mode.TAKEOFF,
+        base=BaseModes(),
+    ),
+    unsupported=_UNSUPPORTED | {int(m.MAV_CMD_CONDITION_YAW)},
+    flies_attitudes=False,
+    gimbal=_NO_MOUNT,
+)
+ROVER_MAVLINK = replace(
+    COPTER_MAVLINK,
+    identity=replace(
+        COPTER_MAVLINK.identity,
+        mav_type=int(m.MAV_TYPE_GROUND_ROVER),
+        capabilities=_CAPABILITIES,
+        banner="ArduRover V4.6.0",
+    ),
+    modes=replace(
+        COPTER_MAVLINK.modes,
+        numbers=MappingProxyType(
+            {
+                Mode.MANUAL: 0,
+                Mode.ALTITUDE: 1,
+                Mode.POSITION: 3,
+                Mode.HOLD: 4,
+                Mode.MISSION: 10,
+                Mode.RTL: 11,
+                Mode.GUIDED: 15,
+                Mode.TAKEOFF: 15,
+                Mode.LAND: 4,
+            }
+        ),
+        own_hold=None,
+        flips_from=frozenset(),
+        refused_text="Flight mode change failed",
+        aliases=MappingProxyType({5: Mode.HOLD, 7: Mode.MANUAL, 12: Mode.RTL}),
+        base=BaseModes(),
+    ),
+    unsupported=COPTER_MAVLINK.unsupported | {int(m.MAV_CMD_CONDITION_YAW)},
+    flies_attitudes=False,
+    gimbal=_NO_MOUNT,
+)
+
+
+_SAFETY = (
+    MavParameter("BATT_FS_CRT_ACT", "critical_battery_action", integer=True, low=0, high=7),
+    MavParameter("BATT_FS_LOW_ACT", "low_battery_action", integer=True, low=0, high=7),
+    MavParameter("FENCE_ACTION", "fence_action", integer=True, low=0, high=5),
+    MavParameter("FENCE_ALT_MAX", "fence_ceiling_m", low=10.0, high=1000.0),
+    MavParameter("FENCE_ENABLE", "fence_enable", integer=True, low=0, high=1),
+    MavParameter("FENCE_RADIUS", "fence_radius_m", low=30.0, high=10_000.0),
+    MavParameter("FENCE_TYPE", "fence_type", integer=True, low=0, high=7),
+    MavParameter("FS_GCS_ENABLE", "link_action", integer=True, low=0, high=7),
+    MavParameter("FS_GCS_TIMEOUT", "link_timeout_s", low=2.0, high=120.0),
+    MavParameter("GUID_TIMEOUT", "setpoint_timeout_s", low=0.1, high=5.0),
+)
+
+# The gimbal (`sim_vehicle.pilot.gimbal`). It rests straight down, as that of a mapping camera.
+_MOUNT = tuple(
+    MavParameter(f"MNT1_{name}", integer=integer, bits=8, value=value, stored=True, low=low, high=high)
+    for name, integer, value, low, high in (
+        ("DEFLT_MODE", True, 1, 0, 6),
+        ("NEUTRAL_X", False, 0, -180, 180),
+        ("NEUTRAL_Y", False, -90, -180, 180),
+        ("NEUTRAL_Z", False, 0, -180, 180),
+        ("PITCH_MAX", False, 20, -90, 90),
+        ("PITCH_MIN", False, -90, -90, 90),
+        ("RETRACT_X", False, 0, -180, 180),
+        ("RETRACT_Y", False, 0, -180, 180),
+        ("RETRACT_Z", False, 0, -180, 180),
+        ("ROLL_MAX", False, 30, -180, 180),
+        ("ROLL_MIN", False, -30, -180, 180),
+        ("YAW_MAX", False, 180, -180, 180),
+        ("YAW_MIN", False, -180, -180, 180),
+    )
+)
+
+
+def copter_parameters(spec: VehicleSpec, system_id: int) -> list[MavParameter]:
+    """Parameters of ArduCopter."""
+    ceiling_cm = 100.0 * spec.max_altitude_m
+    return [
+        *vehicle_parameters(spec, system_id),
+        MavParameter("DISARM_DELAY", integer=True, value=10.0, stored=True, bits=8, low=0, high=127),
+        MavParameter("FRAME_CLASS", integer=True, value=1),
+        MavParameter("FRAME_TYPE", integer=True, value=1),
+        MavParameter("FS_OPTIONS", "failsafe_options", integer=True, low=0, high=63),
+        MavParameter("LAND_SPEED", "landing_speed_m_s", True, 100.0, 10, 100.0 * spec.descent_speed_m_s),
+        MavParameter("PILOT_TKOFF_ALT", "takeoff_altitude_m", False, 100.0, 50.0, ceiling_cm),
+        MavParameter("RTL_ALT", "return_altitude_m", True, 100.0, 50, ceiling_cm),
+        MavParameter("WPNAV_ACCEL", value=100.0 * spec.acceleration_m_s2),
+        MavParameter("WPNAV_RADIUS", "acceptance_radius_m", False, 100.0, 5.0, 20_000.0),
+        MavParameter("WPNAV_SPEED", "cruise_speed_m_s", False, 100.0, 10.0, 100.0 * spec.top_speed_m_s),
+        MavParameter("WPNAV_SPEED_DN", value=100.0 * spec.descent_speed_m_s),
+        MavParameter("WPNAV_SPEED_UP", value=100.0 * spec.climb_speed_m_s),
+    ]
+
+
+def vehicle_parameters(spec: VehicleSpec, system_id: int) -> list[MavParameter]:
+    """Parameters of ArduPlane and Rover, which ArduCopter has too.
+
+    Examples
+    --------
+    >>> from sim_vehicle.airframe.catalog import get_vehicle
+    >>> "LAND_SPEED" in [parameter.name for parameter in vehicle_parameters(get_vehicle("rover"), 1)]
+    False
+    """
+    return [
+        *_SAFETY,
+        # KiB on the SD card for the plan, 0 for the board's own storage; read at the start.
+        MavParameter("BRD_SD_FENCE", integer=True, value=0.0, stored=True, bits=16, low=0, high=64),
+        MavParameter("BRD_SD_MISSION", integer=True, value=0.0, stored=True, bits=16, low=0, high=64),
+        *_battery_parameters(spec),
+        *_MOUNT,
+        MavParameter("FENCE_TOTAL", integer=True),
+        MavParameter("MIS_TOTAL", integer=True),
+        MavParameter("RALLY_TOTAL", integer=True),
+        MavParameter("MAV_SYSID", integer=True, value=system_id),
+    ]
+
+
+def _battery_parameters(spec: VehicleSpec) -> list[MavParameter]:
+    if spec.battery is None:
+        return []
+    mah = spec.battery.capacity_mah
+    return [
+        MavParameter("BATT_CAPACITY", integer=True, value=round(mah)),
+        MavParameter("BATT_CRT_VOLT", "critical_voltage_v", low=0.0, high=100.0),
+        MavParameter("BATT_FS_VOLTSRC", "low_voltage_source", integer=True, low=0, high=1),
+        MavParameter("BATT_LOW_TIMER", "low_voltage_timer_s", integer=True, low=0, high=120),
+        MavParameter("BATT_LOW_VOLT", "low_voltage_v", low=0.0, high=100.0),
+        MavParameter("BATT_CRT_MAH", "critical_fraction", scale=mah, low=0.0, high=0.5 * mah),
+        MavParameter("BATT_LOW_MAH", "low_fraction", scale=mah, low=0.0, high=0.9 * mah),
+    ]
+
+
+def arduplane_landing(items: Sequence[MissionItem], parameters: RuntimeParameters) -> str | None:
+    """Refuse a landing sequence that a return would not fly."""
+    has_landing = any(item.command == Command.DO_LAND_START for item in items)
+    if has_landing and parameters.settings.get("RTL_AUTOLAND", 0.0) == 0.0:
+        return "DO_LAND_START set and RTL_AUTOLAND disabled"
+    return None
+
+
+_HOME = frozenset({int(m.MAVLINK_MSG_ID_HOME_POSITION)})
+_PLACE = _HOME | {int(m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT), int(m.MAVLINK_MSG_ID_GPS_RAW_INT)}
+_ACCELS, _GYROS = "Accels inconsistent", "Gyros inconsistent"
+# Times of ArduCopter 4.7 (SITL), in its own seconds.
+COLD_BOOT = ColdBoot(
+    stages=(
+        BootStage(0.0, _ACCELS, untold=_PLACE),
+        BootStage(8.5, _ACCELS, untold=_HOME),
+        BootStage(10.0, _ACCELS, fix=1, tells_place=True, untold=_HOME),
+        BootStage(10.2, _ACCELS, fix=6, tells_place=True, untold=_HOME),
+        BootStage(18.5, _GYROS, fix=6, tells_place=True, untold=_HOME),
+        BootStage(20.0, _GYROS, fix=6, tells_place=True, text="EKF3 IMU0 origin set"),
+        BootStage(23.5, fix=6, tells_place=True),
+        BootStage(40.0, fix=6, tells_place=True, knows_position=True, text="EKF3 IMU0 is using GPS"),
+    ),
+    blind_flags=167,
+    blind_modes=frozenset({Mode.MANUAL, Mode.ALTITUDE}),
+    no_position="Need Position Estimate",
+)
+
+MISSION = MissionBehaviour(
+    restarts_leg=True,
+    clamps_item=False,
+    obeys_mark=False,
+    keeps_jumps=True,
+    clears_in_flight=False,
+    stays_after_last=True,
+    forgets_speed_in=frozenset({Mode.MISSION, Mode.GUIDED}),
+    pauses_shots=False,
+    tells_shots=True,
+    changed_texts=("Mission: {} WP", "Auto mission changed, restarted command"),
+    restart_failed_text="Auto mission changed but failed to restart command",
+    empty_mission_text="Mode requires mission",
+    stopped_state=True,
+)
+
+
+_BATTERY = actions_by_value(WARN="0", LAND="1", RETURN="2 3 4 6 7", TERMINATE="5")
+COPTER_RULES = FailsafeRules(
+    fence_actions=actions_by_value(WARN="0", RETURN="1 3", LAND="2 5", HOLD="4"),
+    link_actions=actions_by_value(NONE="0", RETURN="1 2 3 4 6", LAND="5", HOLD="7"),
+    battery_actions=(_BATTERY, _BATTERY, actions_by_value(WARN="0 1 2 3 4 5 6 7")),
+    critical_apart=True,
+    watches_voltage=True,
+    any_inclusion=False,
+    needs_stream=False,
+    pauses_in_mode=True,
+    yaws_to_setpoint=True,
+    fences_setpoints=True,
+    tells_link_loss=False,
+    preflight="PreArm",
+    arming_texts=("Arm: {}",),
+    fence_text="Fence breached: {}",
+    fence_clear="Fence breach cleared",
+    link_lost="GCS Failsafe",
+    link_regained="GCS Failsafe Cleared",
+    stream_lost="Guided timeout: {}",
+    # The simulated vehicle returns at a low and lands at a critical battery; ArduCopter itself only warns.
+    defaults=FailsafeDefaults(
+        fence_enable=0,
+        fence_action=1,
+        fence_ceiling_m=100.0,
+        fence_radius_m=300.0,
+        link_timeout_s=5.0,
+        failsafe_options=16,
+        setpoint_timeout_s=3.0,
+        low_battery_action=2,
+        critical_battery_action=1,
+        low_voltage_v=10.5,
+    ),
+    mission_goes_on_bit=2,
+    link_ignored="GCS Failsafe - Continuing Auto Mode",
+    armed="Arming motors",
+    disarmed="Disarming motors",
+    disarming_text="",
+    landed=("Disarming motors",),
+    idle=IdleDisarm(Setting("DISARM_DELAY", 10.0), ("Disarming motors",)),
+)
+
+# ArduPlane's and Rover's own numbers; a low and a critical battery end the flight as the copter's do.
+_PLANE_ROVER_DEFAULTS = replace(
+    COPTER_RULES.defaults, low_battery_action=1, critical_battery_action=2, low_voltage_v=0.0
+)
+_PLANE_BATTERY = actions_by_value(WARN="0", RETURN="1 6", LAND="2 4 5", TERMINATE="3")
+PLANE_RULES = replace(
+    COPTER_RULES,
+    fence_actions=actions_by_value(WARN="0", RETURN="1 6 7", HOLD="8", LAND="9"),
+    link_actions=actions_by_value(NONE="0", RETURN="1 2 3"),
+    mission_goes_on_bit=0,
+    battery_actions=(_PLANE_BATTERY, _PLANE_BATTERY, actions_by_value(WARN="0 1 2 3 4 5 6 7")),
+    defaults=_PLANE_ROVER_DEFAULTS,
+    armed="Throttle armed",
+    disarmed="Throttle disarmed",
+    landed=("Throttle disarmed", "Auto disarmed"),
+    idle=None,
+)
+_ROVER_BATTERY = actions_by_value(WARN="0", RETURN="1 3 4", HOLD="2 6", TERMINATE="5")
+ROVER_RULES = replace(
+    COPTER_RULES,
+    fence_actions=actions_by_value(WARN="0", RETURN="1 3", HOLD="2 4 5"),
+    link_actions=actions_by_value(NONE="0", RETURN="1 2"),
+    mission_goes_on_bit=0,
+    battery_actions=(_ROVER_BATTERY, _ROVER_BATTERY, actions_by_value(WARN="0 1 2 3 4 5 6 7")),
+    defaults=_PLANE_ROVER_DEFAULTS,
+    armed="Throttle armed",
+    disarmed="Throttle disarmed",
+    landed=("Throttle disarmed",),
+    idle=None,
+)
+
+
+_BRAKE, _DRIFT = 17, 11
+_RELEASE = Setting("RC_OVERRIDE_TIME", 3.0)
+# RCn_DZ: 30 of the 400 microseconds to either side.
+_DEADZONE = Axis(0.075)
+COPTER_STICKS = StickRules(
+    # Leaning with the sticks, as all but LOITER do, ends at the vehicle's greatest speed.
+    speeds=MappingProxyType(
+        {
+            Mode.HOLD: Setting("LOIT_SPEED", 1250.0, 0.01),
+            Mode.POSITION: None,
+            Mode.ALTITUDE: None,
+            Mode.MANUAL: None,
+        }
+    ),
+    # RC1_DZ and RC4_DZ of 500 microseconds, THR_DZ of the throttle's 500.
+    level=Axis(0.04),
+    vertical=Axis(0.2),
+    turning=Axis(0.04),
+    turn_rate=Setting("PILOT_Y_RATE", 202.5, math.radians(1.0)),
+    climb=Setting("PILOT_SPEED_UP", 250.0, 0.01),
+    descent=Setting("PILOT_SPEED_DN", 0.0, 0.01),
+    without=frozenset({_BRAKE}),
+    coordinated=frozenset({_DRIFT}),
+    # SITL's receiver has its throttle at 1000 microseconds (AP_RCProtocol_UDP.cpp).
+    receiver=Sticks(up=-1.0),
+    overrides=True,
+    loss=StickLoss(
+        timeout=Setting("RC_FS_TIMEOUT", 1.0),
+        action=Setting("FS_THR_ENABLE", 1.0),
+        actions=actions_by_value(NONE="0", RETURN="1 2 4 6", LAND="3 5", HOLD="7"),
+        release=_RELEASE,
+        # FS_OPTIONS.
+        exceptions=bits(MISSION=1, GUIDED=4, LAND=8),
+        on_ground=Action.DISARM,
+        arming=Setting("FS_THR_ENABLE", 1.0),
+        lost="Radio Failsafe",
+        ignored="Radio Failsafe - Continuing {}",
+        regained="Radio Failsafe Cleared",
+    ),
+)
+_DEGREE = math.radians(1.0)
+# MANUAL, TRAINING, ACRO, AUTOTUNE.
+_BY_HAND = frozenset({0, 3, 4, 8})
+_WING = WingSticks(
+    bank=Setting("ROLL_LIMIT_DEG", 45.0, _DEGREE),
+    up=Setting("PTCH_LIM_MAX_DEG", 20.0, _DEGREE),
+    down=Setting("PTCH_LIM_MIN_DEG", -25.0, _DEGREE),
+)
+PLANE_STICKS = StickRules(
+    # STABILIZE and FBWA, FBWB, CRUISE.
+    speeds=MappingProxyType({Mode.MANUAL: None, Mode.ALTITUDE: None, Mode.POSITION: None}),
+    level=_DEADZONE,
+    vertical=_DEADZONE,
+    turning=_DEADZONE,
+    turn_rate=Setting("ROLL_LIMIT_DEG", 45.0, _DEGREE),
+    wings=MappingProxyType(dict.fromkeys((Mode.MANUAL, Mode.ALTITUDE, Mode.POSITION), _WING)),
+    landing_abort=Setting("LAND_ABORT_THR", 0.0),
+    without=_BY_HAND,
+    overrides=True,
+    pwm_half=400.0,
+    loss=StickLoss(
+        timeout=Setting("RC_FS_TIMEOUT", 1.0),
+        action=Setting("FS_LONG_ACTN", 0.0),
+        actions=actions_by_value(NONE="0", RETURN="1"),
+        exceptions=bits(),
+        in_stick_modes=Action.RETURN,
+        release=_RELEASE,
+        delay=Setting("FS_LONG_TIMEOUT", 5.0),
+        arming=Setting("THR_FAILSAFE", 1.0),
+        delayed="RC Short Failsafe: switched to CIRCLE",
+        lost="RC Long Failsafe: switched to RTL",
+        regained="RC Failsafe Cleared",
+    ),
+)
+ROVER_STICKS = StickRules(
+    speeds=MappingProxyType({Mode.MANUAL: None, Mode.ALTITUDE: None, Mode.POSITION: None}),
+    level=_DEADZONE,
+    vertical=_DEADZONE,
+    turning=_DEADZONE,
+    turn_rate=Setting("ATC_STR_RAT_MAX", 120.0, math.radians(1.0)),
+    overrides=True,
+    drives=True,
+    throttle_middle=0.0,
+    pwm_half=400.0,
+    loss=StickLoss(
+        timeout=Setting("FS_TIMEOUT", 1.5),
+        action=Setting("FS_ACTION", 2.0),
+        actions=actions_by_value(NONE="0", RETURN="1 3", HOLD="2 4 6", TERMINATE="5"),
+        release=_RELEASE,
+        exceptions=bits(),
+        arming=Setting("FS_THR_ENABLE", 1.0),
+        lost="Radio Failsafe",
+        regained="Radio Failsafe Cleared",
+    ),
+)

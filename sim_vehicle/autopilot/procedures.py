@@ -1,0 +1,299 @@
+"""The part of a flight that the autopilot decides: dynamics, take-off, return, landing, and parameters.
+
+The base classes for firmwares of multirotors, fixed wings and rovers, and the procedures of no autopilot in
+particular.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import replace
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+from sim_vehicle.airframe.parameters import parameter_value
+from sim_vehicle.motion.legs import ALONG, KEEP, Circle, Leg, LegKind
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from sim_vehicle.airframe.parameters import ParameterSpec
+    from sim_vehicle.airframe.spec import VehicleSpec
+    from sim_vehicle.motion.fixed_wing.limits import ArduPlaneControl, FixedWingLimits
+    from sim_vehicle.motion.legs import Heading, Position
+    from sim_vehicle.motion.model import MotionModel
+    from sim_vehicle.motion.rover.model import RoverLimits
+    from sim_vehicle.weather.wind import Wind
+
+__all__ = [
+    "GENERIC",
+    "FixedWingProcedures",
+    "FlightProcedures",
+    "GenericProcedures",
+    "RoverProcedures",
+    "airspeeds_in_order",
+    "over_and_down",
+    "vertical_landing",
+]
+
+# Acceleration of a take-off that is thrown or catapulted, and of one that rolls; airspeed that a throw gives
+# over the least airspeed.
+_THROW_M_S2, _ROLL_M_S2, _THROW_SHARE = 20.0, 3.0, 0.85
+# Nearer than this there is no direction from which a landing could be approached.
+_APPROACH_M = 30.0
+_SLOW_LANDING_M = 5.0
+
+
+class FlightProcedures(ABC):
+    """The flight procedures of a firmware. One object serves all vehicles; they differ by their spec."""
+
+    name: str
+    """That of the autopilot."""
+    parameters: Mapping[str, ParameterSpec]
+    """Those that move the vehicle, by their names."""
+
+    def value(self, spec: VehicleSpec, name: str) -> float:
+        """Value of a parameter for a vehicle, in the parameter's own unit."""
+        return parameter_value(spec, name, self.parameters)
+
+    def values(self, spec: VehicleSpec) -> dict[str, float]:
+        """Values of all parameters for a vehicle, in their own units."""
+        own = dict(spec.parameters)
+        return {name: own.get(name, known.default) for name, known in self.parameters.items()}
+
+    @abstractmethod
+    def fit(self, spec: VehicleSpec) -> VehicleSpec:
+        """Vehicle with what parameters decide of its values (radii, speeds, heights)."""
+
+    @abstractmethod
+    def motion(self, spec: VehicleSpec, wind: Wind | None, yaw_rad: float) -> MotionModel:
+        """Motion of a vehicle that stands at home."""
+
+    @abstractmethod
+    def takeoff_legs(
+        self, spec: VehicleSpec, here: Position, target: Position, speed: float, heading: Heading
+    ) -> list[Leg]:
+        """Legs from the ground to the end of a take-off item."""
+
+    @abstractmethod
+    def landing_legs(self, spec: VehicleSpec, above: Position, last: Position, speed: float) -> list[Leg]:
+        """Legs from ``last`` to the height ``above[2]`` over a position and down to the ground."""
+
+    @abstractmethod
+    def return_legs(
+        self, spec: VehicleSpec, last: Position, speed: float, return_point: Position
+    ) -> list[Leg]:
+        """Legs home and down.
+
+        ``return_point`` is home or another position to return to, and the least height of the path there if
+        that is more than the return altitude.
+        """
+
+
+def vertical_landing(spec: VehicleSpec, x_m: float, y_m: float) -> Leg:
+    """Return the last leg of a landing: straight down to the ground at a position (east, north)."""
+    down = spec.landing_speed_m_s
+    return Leg((x_m, y_m, 0.0), None, heading=KEEP, kind=LegKind.LAND, vertical_speed_m_s=down)
+
+
+def over_and_down(
+    spec: VehicleSpec, above: Position, last: Position, speed: float, near_m: float = 0.05
+) -> list[Leg]:
+    """Return the legs to a position, unless it is within ``near_m``, and straight down there."""
+    x, y, _ = above
+    away = math.hypot(x - last[0], y - last[1]) > near_m
+    over = [Leg(above, speed, kind=LegKind.HOME)] if away else []
+    return [*over, vertical_landing(spec, x, y)]
+
+
+class GenericProcedures(FlightProcedures):
+    """No autopilot in particular: straight up, straight home, straight down; and the paper's ideal robot."""
+
+    name = "generic"
+    parameters: Mapping[str, ParameterSpec] = MappingProxyType({})
+
+    def fit(self, spec: VehicleSpec) -> VehicleSpec:
+        """Vehicle as it is: there are no parameters."""
+        return spec
+
+    def motion(self, spec: VehicleSpec, wind: Wind | None, yaw_rad: float) -> MotionModel:
+        """Motion of a vehicle that stands at home."""
+        if spec.is_ideal:
+            from sim_vehicle.motion.ideal import IdealRobot
+
+            return IdealRobot(spec, yaw_rad)
+        from sim_vehicle.motion.multirotor.model import Multirotor
+
+        return Multirotor(spec, wind, yaw_rad)
+
+    def takeoff_legs(
+        self, spec: VehicleSpec, here: Position, target: Position, speed: float, heading: Heading
+    ) -> list[Leg]:
+        """Straight up, then to its position if that is aside."""
+        x, y, z = target
+        radius = spec.acceptance_radius_m
+        keep = KEEP if heading == ALONG else heading
+        legs = [Leg((here[0], here[1], max(z, here[2])), speed, radius, keep, LegKind.TAKEOFF)]
+        if math.hypot(x - here[0], y - here[1]) > radius:
+            legs.append(Leg((x, y, z), speed, radius, heading))
+        return legs
+
+    def landing_legs(self, spec: VehicleSpec, above: Position, last: Position, speed: float) -> list[Leg]:
+        """To a position and down to the ground there, the last 5 m slowly."""
+        legs = over_and_down(spec, above, last, speed)
+        if above[2] > _SLOW_LANDING_M:
+            low = (above[0], above[1], _SLOW_LANDING_M)
+            down = spec.descent_speed_m_s
+            legs.insert(-1, Leg(low, None, 0.3, KEEP, LegKind.DESCEND, vertical_speed_m_s=down))
+        return legs
+
+    def return_legs(
+        self, spec: VehicleSpec, last: Position, speed: float, return_point: Position
+    ) -> list[Leg]:
+        """Up to the return altitude unless home is right below, over home, and down."""
+        x, y, z = last
+        home_x, home_y, least = return_point
+        if math.hypot(x - home_x, y - home_y) <= spec.acceptance_radius_m:
+            return self.landing_legs(spec, (home_x, home_y, z), last, speed)
+        legs: list[Leg] = []
+        least = max(least, spec.return_altitude_m)
+        if z < least:
+            z = least
+            legs.append(Leg((x, y, z), speed, spec.acceptance_radius_m, KEEP, LegKind.CLIMB))
+        return legs + self.landing_legs(spec, (home_x, home_y, z), (x, y, z), speed)
+
+
+GENERIC = GenericProcedures()
+
+
+class FixedWingProcedures(FlightProcedures):
+    """Procedures of a firmware for fixed wings: the compiled motion, the approach."""
+
+    # Parameters with the least airspeed (m/s), the heights of a take-off and of the return (m).
+    least_airspeed: str
+    takeoff_height: str
+    return_height: str
+    land_start_needs_position: bool
+    """Whether DO_LAND_START has to have a position."""
+    holds_at_waypoints: bool
+    """Whether the hold time of a waypoint counts."""
+    turns_to_zero: bool
+    """Whether the coordinates that a return does not have count as 0 N 0 E, to which the way to it leads."""
+
+    @abstractmethod
+    def limits(self, spec: VehicleSpec) -> FixedWingLimits:
+        """Limits of a vehicle's flight."""
+
+    def control(self, spec: VehicleSpec) -> ArduPlaneControl | None:  # noqa: ARG002
+        """Gains of ArduPlane's control of energy; None for others."""
+        return None
+
+    @abstractmethod
+    def lands_as_mission(self, spec: VehicleSpec) -> bool:
+        """Whether a return flies the landing of the mission, if it has one."""
+
+    def steepest_approach(self, spec: VehicleSpec) -> tuple[str, float] | None:  # noqa: ARG002
+        """Parameter that bounds the slope of an approach and its value in degrees; None without a bound."""
+        return None
+
+    def start_of_flight(self, spec: VehicleSpec, rotation: float, least: float) -> tuple[float, float]:
+        """Airspeed at which the ground is left, and acceleration up to there (0: that of its thrust).
+
+        ``rotation`` is the airspeed at which a runway is left, 0 without a runway; ``least`` the least
+        airspeed.
+        """
+        lifts_off = None if spec.airframe is None else spec.airframe.liftoff_airspeed_m_s
+        if lifts_off is not None:
+            return max(lifts_off, rotation), 0.0
+        return (rotation, _ROLL_M_S2) if rotation > 0.0 else (_THROW_SHARE * least, _THROW_M_S2)
+
+    def fit(self, spec: VehicleSpec) -> VehicleSpec:
+        """Vehicle with the values that parameters decide."""
+        limits = self.limits(spec)
+        return replace(
+            spec,
+            cruise_speed_m_s=limits.airspeed_trim,
+            speed_limit_m_s=limits.airspeed_max / 0.95,
+            airspeed_limit_m_s=limits.airspeed_max,
+            climb_speed_m_s=limits.climb_max,
+            descent_speed_m_s=limits.sink_max,
+            landing_speed_m_s=max(limits.flare_sink, 0.1),
+            acceptance_radius_m=limits.acceptance,
+            takeoff_altitude_m=max(self.value(spec, self.takeoff_height), 1.0),
+            return_altitude_m=max(self.value(spec, self.return_height), 1.0),
+        )
+
+    def motion(self, spec: VehicleSpec, wind: Wind | None, yaw_rad: float) -> MotionModel:
+        """Motion of a vehicle that stands at home."""
+        from sim_vehicle.motion.fixed_wing.model import FixedWing
+
+        return FixedWing(spec, self.limits, wind, yaw_rad, self.control)
+
+    def landing_legs(
+        self,
+        spec: VehicleSpec,
+        above: Position,
+        last: Position,
+        speed: float,  # noqa: ARG002
+    ) -> list[Leg]:
+        """Straight approach from the position before; without one, a circle down to the ground."""
+        x, y, z = above
+        landing = self.limits(spec).landing_airspeed
+        if math.hypot(x - last[0], y - last[1]) >= _APPROACH_M:
+            return [Leg((x, y, 0.0), landing, kind=LegKind.LAND)]
+        return [
+            Leg((x, y, z), spec.cruise_speed_m_s, heading=KEEP, kind=LegKind.LOITER, circle=Circle()),
+            Leg((x, y, 0.0), landing, heading=KEEP, kind=LegKind.LAND, circle=Circle()),
+        ]
+
+
+def airspeeds_in_order(least: float, trim: float, most: float) -> tuple[float, float, float]:
+    """Return airspeeds in order, whatever the parameters say."""
+    trim = max(trim, 3.0)
+    return min(least, trim), trim, max(most, trim)
+
+
+class RoverProcedures(FlightProcedures):
+    """Procedures of a firmware for rovers: the compiled motion; they drive straight and stop."""
+
+    @abstractmethod
+    def limits(self, spec: VehicleSpec) -> RoverLimits:
+        """Limits of a vehicle's driving."""
+
+    def motion(self, spec: VehicleSpec, wind: Wind | None, yaw_rad: float) -> MotionModel:
+        """Motion of a vehicle that stands at home."""
+        from sim_vehicle.motion.rover.model import Rover
+
+        return Rover(spec, self.limits, wind, yaw_rad)
+
+    def takeoff_legs(
+        self,
+        spec: VehicleSpec,  # noqa: ARG002
+        here: Position,
+        target: Position,  # noqa: ARG002
+        speed: float,
+        heading: Heading,  # noqa: ARG002
+    ) -> list[Leg]:
+        """A leg that is done at once: there is nothing to take off."""
+        return [Leg((here[0], here[1], 0.0), speed, kind=LegKind.TAKEOFF)]
+
+    def landing_legs(
+        self,
+        spec: VehicleSpec,  # noqa: ARG002
+        above: Position,
+        last: Position,  # noqa: ARG002
+        speed: float,
+    ) -> list[Leg]:
+        """Route to the position, where it stops."""
+        return [Leg((above[0], above[1], 0.0), speed, kind=LegKind.HOME)]
+
+    def return_legs(
+        self,
+        spec: VehicleSpec,
+        last: Position,
+        speed: float,
+        return_point: Position,
+    ) -> list[Leg]:
+        """Route home, where it stops."""
+        return self.landing_legs(spec, return_point, last, speed)

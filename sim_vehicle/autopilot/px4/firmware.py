@@ -1,0 +1,364 @@
+"""PX4's facts: how it shows itself on MAVLink, its parameters, what it does by itself, how sticks fly it.
+
+Sources: PX4 v1.17 ``px4_custom_mode.h``, ``mavlink_main.cpp`` (rates), ``Commander.cpp`` and ``ModeUtil``
+(texts), ``mission_base.cpp``, ``mission.cpp``, ``mavlink_mission.cpp``, the parameter reference, and what PX4
+1.17 (SIH) was seen to do.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import partial
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+from mission.link.codec.dialect import mavlink as m
+from mission.model import Command
+from sim_vehicle.autopilot.behaviour import MissionBehaviour
+from sim_vehicle.autopilot.failsafe_rules import Action, FailsafeRules, IdleDisarm, actions_by_value
+from sim_vehicle.autopilot.mavlink_profile import (
+    COMMON_CAPABILITIES,
+    Identity,
+    LogBehaviour,
+    MavlinkProfile,
+    RefusalTexts,
+)
+from sim_vehicle.autopilot.modes import Mode, ModeTable, px4_custom_mode
+from sim_vehicle.autopilot.parameters import MavParameter, Setting, parameter_details
+from sim_vehicle.autopilot.stick_rules import Axis, StickLoss, StickRules, TiltSticks, WingSticks, bits
+from sim_vehicle.motion.px4.parameters import drag_of
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from mission.model import MissionItem
+    from sim_vehicle.airframe.spec import VehicleSpec
+    from sim_vehicle.autopilot.parameters import RuntimeParameters
+
+_RATES_HZ = MappingProxyType(
+    {
+        m.MAVLINK_MSG_ID_HEARTBEAT: 1.0,
+        m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 10.0,
+        m.MAVLINK_MSG_ID_ATTITUDE: 10.0,
+        m.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: 5.0,
+        m.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 5.0,
+        m.MAVLINK_MSG_ID_VFR_HUD: 5.0,
+        m.MAVLINK_MSG_ID_ALTITUDE: 1.0,
+        m.MAVLINK_MSG_ID_HIGHRES_IMU: 1.0,
+        m.MAVLINK_MSG_ID_ODOMETRY: 1.0,
+        m.MAVLINK_MSG_ID_GPS_RAW_INT: 2.0,
+        m.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 2.0,
+        m.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
+        m.MAVLINK_MSG_ID_BATTERY_STATUS: 1.0,
+        m.MAVLINK_MSG_ID_MISSION_CURRENT: 1.0,
+        m.MAVLINK_MSG_ID_SYSTEM_TIME: 1.0,
+        m.MAVLINK_MSG_ID_HOME_POSITION: 0.5,
+    }
+)
+_MODES = ModeTable(
+    numbers=MappingProxyType(
+        {
+            Mode.MANUAL: px4_custom_mode(1),
+            Mode.ALTITUDE: px4_custom_mode(2),
+            Mode.POSITION: px4_custom_mode(3),
+            Mode.TAKEOFF: px4_custom_mode(4, 2),
+            Mode.HOLD: px4_custom_mode(4, 3),
+            Mode.MISSION: px4_custom_mode(4, 4),
+            Mode.RTL: px4_custom_mode(4, 5),
+            Mode.LAND: px4_custom_mode(4, 6),
+            Mode.GUIDED: px4_custom_mode(6),
+        }
+    ),
+    aliases=MappingProxyType(
+        {
+            px4_custom_mode(4, 1): Mode.HOLD,
+            px4_custom_mode(5): Mode.MANUAL,
+            px4_custom_mode(7): Mode.MANUAL,
+        }
+    ),
+    boot=Mode.HOLD,
+    after_takeoff=Mode.HOLD,
+    after_command=Mode.HOLD,
+    orbit=px4_custom_mode(3, 1),
+    names=MappingProxyType(
+        {
+            px4_custom_mode(1): "Manual",
+            px4_custom_mode(2): "Altitude",
+            px4_custom_mode(3): "Position",
+            px4_custom_mode(4, 1): "Hold",
+            px4_custom_mode(4, 2): "Takeoff",
+            px4_custom_mode(4, 3): "Hold",
+            px4_custom_mode(4, 4): "Mission",
+            px4_custom_mode(4, 5): "Return",
+            px4_custom_mode(4, 6): "Land",
+            px4_custom_mode(5): "Acro",
+            px4_custom_mode(6): "Offboard",
+            px4_custom_mode(7): "Stabilized",
+        }
+    ),
+    refused_text="Switching to {name} is currently not available",
+    unknown_text="Unsupported auto mode",
+    main_and_sub=True,
+)
+
+
+def mavlink_profile(mav_type: int) -> MavlinkProfile:
+    """PX4's profile on a vehicle of this MAV_TYPE; all else is equal on all vehicles."""
+    return MavlinkProfile(
+        identity=Identity(
+            mav_autopilot=int(m.MAV_AUTOPILOT_PX4),
+            mav_type=int(mav_type),
+            version=(1, 17, 0),
+            capabilities=COMMON_CAPABILITIES | int(m.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE),
+        ),
+        modes=_MODES,
+        parameter_encoding="bytewise",
+        data_streams=False,
+        rates_hz=_RATES_HZ,
+        truth_message=int(m.MAVLINK_MSG_ID_HIL_STATE_QUATERNION),
+        reached_repeats=10,
+        reached_merged=True,
+        no_mission_total=65535,
+        unsupported=frozenset(
+            {
+                int(m.MAV_CMD_CONDITION_YAW),
+                int(m.MAV_CMD_DO_FENCE_ENABLE),
+                int(m.MAV_CMD_DO_GO_AROUND),
+                int(m.MAV_CMD_DO_PAUSE_CONTINUE),
+                int(m.MAV_CMD_DO_SET_MISSION_CURRENT),
+                int(m.MAV_CMD_DO_SET_RELAY),
+                int(m.MAV_CMD_DO_SET_SERVO),
+                int(m.MAV_CMD_DO_START_MAG_CAL),
+                int(m.MAV_CMD_DO_ACCEPT_MAG_CAL),
+                int(m.MAV_CMD_DO_CANCEL_MAG_CAL),
+            }
+        ),
+        silent=frozenset({int(m.MAV_CMD_INJECT_FAILURE)}),
+        takeoff_above_sea=True,
+        reposition_turns=True,
+        tells_remaining_time=True,
+        component_metadata=partial(parameter_details, "px4"),
+        tells_calibration=True,
+        refusals=RefusalTexts(
+            arming="Unsupported ARM_DISARM param: {:.3f}", current_item="WPM: WP CURR CMD: Not in list"
+        ),
+        logs=LogBehaviour("/fs/microsd/log", by_date=True),
+    )
+
+
+_SAFETY = (
+    MavParameter("BAT_EMERGEN_THR", "emergency_fraction", low=0.0, high=0.3),
+    MavParameter("COM_RCL_EXCEPT", "failsafe_options", integer=True, low=0, high=31),
+    MavParameter("COM_DL_LOSS_T", "link_timeout_s", integer=True, low=5, high=300),
+    MavParameter("COM_OF_LOSS_T", "setpoint_timeout_s", low=0.1, high=60.0),
+    MavParameter("GF_ACTION", "fence_action", integer=True, low=0, high=5),
+    MavParameter("GF_MAX_HOR_DIST", "fence_radius_m", low=0.0, high=10_000.0),
+    MavParameter("GF_MAX_VER_DIST", "fence_ceiling_m", low=0.0, high=10_000.0),
+    MavParameter("MIS_TKO_LAND_REQ", "mission_requirement", integer=True, low=0, high=5),
+    MavParameter("NAV_DLL_ACT", "link_action", integer=True, low=0, high=6),
+)
+
+
+def copter_parameters(spec: VehicleSpec, system_id: int) -> list[MavParameter]:
+    """Parameters of a multirotor.
+
+    Examples
+    --------
+    >>> from sim_vehicle.airframe.catalog import get_vehicle
+    >>> [parameter.name for parameter in copter_parameters(get_vehicle("quad"), 1)][-2:]
+    ['MPC_Z_VEL_MAX_DN', 'MPC_Z_VEL_MAX_UP']
+    """
+    return [
+        *_common(spec, system_id, m.MAV_TYPE_QUADROTOR),
+        MavParameter("MPC_ACC_HOR", value=spec.acceleration_m_s2),
+        MavParameter("MPC_JERK_AUTO", value=spec.jerk_m_s3),
+        MavParameter("MPC_LAND_SPEED", "landing_speed_m_s", low=0.1, high=spec.descent_speed_m_s),
+        MavParameter("MPC_XY_CRUISE", "cruise_speed_m_s", low=0.1, high=spec.top_speed_m_s),
+        MavParameter("MPC_XY_VEL_MAX", value=spec.speed_limit_m_s),
+        MavParameter("MPC_Z_VEL_MAX_DN", value=spec.descent_speed_m_s),
+        MavParameter("MPC_Z_VEL_MAX_UP", value=spec.climb_speed_m_s),
+    ]
+
+
+def fixed_wing_parameters(spec: VehicleSpec, system_id: int) -> list[MavParameter]:
+    """Parameters of a fixed wing."""
+    return [
+        *_common(spec, system_id, m.MAV_TYPE_FIXED_WING),
+        MavParameter("FW_MAN_P_MAX", value=30.0, stored=True, low=0.0, high=90.0, unit="deg"),
+        MavParameter("FW_MAN_R_MAX", value=45.0, stored=True, low=0.0, high=90.0, unit="deg"),
+    ]
+
+
+def rover_parameters(spec: VehicleSpec, system_id: int) -> list[MavParameter]:
+    """Parameters of a rover."""
+    return _common(spec, system_id, m.MAV_TYPE_GROUND_ROVER)
+
+
+def _common(spec: VehicleSpec, system_id: int, mav_type: int) -> list[MavParameter]:
+    return [
+        *_SAFETY,
+        MavParameter("BAT1_N_CELLS", integer=True, value=spec.battery.cells if spec.battery else 0),
+        MavParameter("BAT_CRIT_THR", "critical_fraction", low=0.0, high=0.5),
+        MavParameter("BAT_LOW_THR", "low_fraction", low=0.0, high=0.9),
+        MavParameter("COM_DISARM_LAND", "disarm_delay_s", low=0.0, high=600.0),
+        MavParameter("COM_LOW_BAT_ACT", "low_battery_action", integer=True, low=0, high=3),
+        MavParameter("CAL_ACC0_ID", integer=True, value=1310988),
+        MavParameter("CAL_GYRO0_ID", integer=True, value=1310988),
+        MavParameter("CAL_MAG0_ID", integer=True, value=197388),
+        MavParameter("COM_RC_IN_MODE", integer=True, value=1),
+        MavParameter("MAV_COMP_ID", integer=True, value=1),
+        MavParameter("MAV_SYS_ID", integer=True, value=system_id),
+        MavParameter("MAV_TYPE", integer=True, value=mav_type),
+        MavParameter("MIS_TAKEOFF_ALT", "takeoff_altitude_m", low=0.5, high=spec.max_altitude_m),
+        MavParameter("NAV_ACC_RAD", "acceptance_radius_m", low=0.05, high=200.0),
+        MavParameter("RTL_RETURN_ALT", "return_altitude_m", low=0.5, high=spec.max_altitude_m),
+        MavParameter("SYS_AUTOSTART", integer=True, value=4001),
+    ]
+
+
+_TAKEOFFS = frozenset({int(Command.NAV_TAKEOFF), 84})
+_LANDINGS = frozenset({int(Command.NAV_LAND), 85})
+_WANTS_TAKEOFF, _WANTS_LANDING = (1, 3), (2, 3)
+_BOTH_OR_NEITHER = (4, 5)
+
+
+def px4_takeoff_and_landing(items: Sequence[MissionItem], parameters: RuntimeParameters) -> str | None:
+    """MIS_TKO_LAND_REQ: 1 take-off, 2 landing, 3 both, 4 and 5 both or neither; a return is no landing."""
+    rule = parameters.mission_requirement
+    commands = {int(item.command) for item in items}
+    takes_off, lands = bool(commands & _TAKEOFFS), bool(commands & _LANDINGS)
+    if rule in _WANTS_TAKEOFF and not takes_off:
+        return "Takeoff waypoint required."
+    if rule in _WANTS_LANDING and not lands:
+        return "Landing waypoint/pattern required."
+    if rule in _BOTH_OR_NEITHER and takes_off != lands:
+        return "Add Landing item or remove Takeoff." if takes_off else "Add Takeoff item or remove Landing."
+    return None
+
+
+MISSION = MissionBehaviour(
+    replays_speed=True,
+    rewinds_survey=True,
+    return_lag_s=0.3,
+    finished_texts=("Mission finished, loitering", "Mission finished, landed"),
+    return_text="Returning to launch",
+    no_mission_text="No valid mission available, loitering",
+    unknown_current_s=0.5,
+    refuses=px4_takeoff_and_landing,
+)
+
+
+RULES = FailsafeRules(
+    fence_actions=actions_by_value(NONE="0", WARN="1", HOLD="2", RETURN="3", TERMINATE="4", LAND="5"),
+    link_actions=actions_by_value(NONE="0", HOLD="1", RETURN="2", LAND="3", TERMINATE="5 6"),
+    # PX4 no longer uses 1; the simulated vehicle then returns at the low level.
+    battery_actions=(
+        actions_by_value(WARN="0 2 3", RETURN="1"),
+        actions_by_value(WARN="0", LAND="1 2", RETURN="3"),
+        actions_by_value(WARN="0", LAND="1 2 3"),
+    ),
+    critical_apart=False,
+    watches_voltage=False,
+    any_inclusion=True,
+    needs_stream=True,
+    pauses_in_mode=False,
+    yaws_to_setpoint=False,
+    fences_setpoints=False,
+    tells_link_loss=True,
+    preflight="Preflight Fail",
+    arming_texts=("Preflight Fail: {}", "Arming denied: Resolve system health failures first"),
+    fence_text="Geofence violated: {}",
+    fence_clear="Geofence violation cleared",
+    link_lost="Data link lost",
+    link_regained="Data link regained",
+    stream_lost="Offboard control lost: {}",
+    idle=IdleDisarm(
+        Setting("COM_DISARM_PRFLT", 10.0), ("Disarmed by auto preflight disarming",), first_flight=True
+    ),
+    any_mode_disarmed=True,
+    restores_mode=True,
+    fence_refusal="Reposition is outside geofence",
+    armed_by_start="Armed by mission start",
+)
+# PX4's defaults of its fixed wings: a mission has to land, and a return is no landing.
+FIXED_WING_RULES = replace(RULES, defaults=replace(RULES.defaults, mission_requirement=2))
+# An armed rover counts as one that drives.
+ROVER_RULES = replace(RULES, idle=None)
+
+
+_DEGREE = math.radians(1.0)
+_ACRO = px4_custom_mode(5)
+_AXIS = Axis(0.1, 0.6)
+_LOSS = StickLoss(
+    timeout=Setting("COM_RC_LOSS_T", 0.5),
+    action=Setting("NAV_RCL_ACT", 2.0),
+    actions=actions_by_value(NONE="0", HOLD="1", RETURN="2", LAND="3", TERMINATE="5", DISARM="6"),
+    exceptions=bits(MISSION=1, HOLD=2, TAKEOFF=2, LAND=2, RTL=2, GUIDED=4),
+    in_stick_modes=Action.RETURN,
+    delay=Setting("COM_FAIL_ACT_T", 5.0),
+    lost="Failsafe activated",
+    delayed="Failsafe activated: entering Hold for {:.0f} seconds",
+)
+COPTER_STICKS = StickRules(
+    speeds=MappingProxyType(
+        {Mode.POSITION: Setting("MPC_VEL_MANUAL", 10.0), Mode.ALTITUDE: None, Mode.MANUAL: None}
+    ),
+    needed=frozenset({Mode.POSITION, Mode.ALTITUDE, Mode.MANUAL}),
+    level=_AXIS,
+    vertical=_AXIS,
+    turning=_AXIS,
+    turn_rate=Setting("MPC_MAN_Y_MAX", 150.0, _DEGREE),
+    # Without a value of their own, the vehicle's vertical speeds.
+    climb=Setting("MPC_Z_VEL_MAX_UP", 0.0),
+    descent=Setting("MPC_Z_VEL_MAX_DN", 0.0),
+    takeoff_stick=0.3,
+    tilt=TiltSticks(
+        holds_height=frozenset({Mode.ALTITUDE}),
+        by_throttle=frozenset({Mode.MANUAL}),
+        by_rate=frozenset({_ACRO}),
+        lean=Setting("MPC_MAN_TILT_MAX", 35.0, _DEGREE),
+        roll_rate=Setting("MC_ACRO_R_MAX", 100.0, _DEGREE),
+        pitch_rate=Setting("MC_ACRO_P_MAX", 100.0, _DEGREE),
+        yaw_rate=Setting("MC_ACRO_Y_MAX", 100.0, _DEGREE),
+        hover_thrust=Setting("MPC_THR_HOVER", 0.6),
+        least_thrust=Setting("MPC_MANTHR_MIN", 0.08),
+        most_thrust=Setting("MPC_THR_MAX", 1.0),
+        hold_below=Setting("MPC_HOLD_MAX_Z", 0.6),
+        drag=drag_of,
+    ),
+    loss=_LOSS,
+)
+_WHOLE = Axis(0.0)
+_BY_HAND = WingSticks(
+    bank=Setting("FW_MAN_R_MAX", 45.0, _DEGREE),
+    up=Setting("FW_MAN_P_MAX", 30.0, _DEGREE),
+    down=Setting("FW_MAN_P_MAX", 30.0, _DEGREE),
+)
+_BY_HEIGHT = WingSticks(
+    bank=Setting("FW_R_LIM", 50.0, _DEGREE),
+    up=Setting("FW_T_CLMB_R_SP", 3.0),
+    down=Setting("FW_T_SINK_R_SP", 2.0),
+    by_rate=True,
+)
+FIXED_WING_STICKS = StickRules(
+    speeds=MappingProxyType({Mode.POSITION: None, Mode.ALTITUDE: None, Mode.MANUAL: None}),
+    needed=COPTER_STICKS.needed,
+    level=_WHOLE,
+    vertical=_WHOLE,
+    turning=_WHOLE,
+    turn_rate=Setting("FW_R_LIM", 50.0, _DEGREE),
+    wings=MappingProxyType({Mode.POSITION: _BY_HEIGHT, Mode.ALTITUDE: _BY_HEIGHT, Mode.MANUAL: _BY_HAND}),
+    loss=_LOSS,
+)
+ROVER_STICKS = StickRules(
+    speeds=MappingProxyType({Mode.POSITION: None, Mode.MANUAL: None}),
+    needed=frozenset({Mode.POSITION, Mode.MANUAL}),
+    impossible=frozenset({Mode.ALTITUDE}),
+    level=_AXIS,
+    vertical=_AXIS,
+    turning=_AXIS,
+    turn_rate=Setting("RO_YAW_RATE_LIM", 0.0, _DEGREE),
+    drives=True,
+    loss=_LOSS,
+)

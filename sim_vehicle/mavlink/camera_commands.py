@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command
+from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.component import NEVER
 
 if TYPE_CHECKING:
     from sim_vehicle.execution.state import VehicleState
+    from sim_vehicle.mavlink.wire_state import WireState
 
-__all__ = ["CAMERA", "CAMERA_COMMANDS", "CameraOrders", "camera_feedback"]
+__all__ = ["CAMERA", "CAMERA_COMMANDS", "CameraCommands", "camera_feedback"]
 
 CAMERA = int(m.MAV_COMP_ID_CAMERA)
 CAMERA_COMMANDS = frozenset(
@@ -45,22 +47,17 @@ class _Pending:
     due_s: float
 
 
-class CameraOrders:
-    """Commands to the camera of the vehicle's own system.
+class CameraCommands:
+    """Commands to the camera of the vehicle's own system; ``warn`` is told why one had no effect."""
 
-    Parameters
-    ----------
-    warn : callable
-        Told why a command had no effect.
-    """
-
-    def __init__(self, system_id: int, warn: Callable[[str], None]) -> None:
-        self._system_id = system_id
+    def __init__(self, state: WireState, warn: Callable[[str], None]) -> None:
+        self._state = state
         self._warn = warn
         self._pending: list[_Pending] = []
         self._stop: int | None = None
         self._started: tuple[int, tuple[float, ...]] | None = None
         self._paused: tuple[int, tuple[float, ...]] | None = None
+        self._was_in_mission = False
 
     @property
     def shooting(self) -> bool:
@@ -77,20 +74,31 @@ class CameraOrders:
         if command in _STOPPED_BY or command == Command.IMAGE_STOP_CAPTURE:
             self._started = (command, params) if self._stop is not None else None
             self._paused = None
-        message = m.MAVLink_command_long_message(self._system_id, CAMERA, command, 0, *params)
+        message = m.MAVLink_command_long_message(self._state.system_id, CAMERA, command, 0, *params)
         self._pending = [p for p in self._pending if p.message.command != command]
         self._pending.append(_Pending(message, 1, now_s + RETRY_S))
         return message
 
-    def stop(self, now_s: float) -> list[Message]:
-        """End what `shooting` tells, so that the camera does not go on during the return."""
-        command = self._stop
-        return [] if command is None else [self.command(command, (0.0,) * 7, now_s)]
+    def _end(self, now_s: float) -> list[Message]:
+        """End what `shooting` tells."""
+        return [] if self._stop is None else [self.command(self._stop, (0.0,) * 7, now_s)]
 
-    def pause(self, now_s: float) -> list[Message]:
-        """End what `shooting` tells until `resume`."""
+    def watch(self, now_s: float) -> list[Message]:
+        """End shots that go on by themselves where the autopilot does so: disarmed, or out of the mission."""
+        pilot = self._state.pilot
+        left = self._was_in_mission and pilot.mode is not Mode.MISSION
+        self._was_in_mission = pilot.mode is Mode.MISSION
+        if left:
+            self._state.gimbal.to_default()
+        pauses = pilot.behaviour.pauses_shots
+        if not self.shooting:
+            return []
+        if not pilot.armed or (pauses and pilot.mode in (Mode.RTL, Mode.LAND)):
+            return self._end(now_s)
+        if not (pauses and left):
+            return []
         paused = self._started
-        sent = self.stop(now_s)
+        sent = self._end(now_s)
         self._paused = paused
         return sent
 
@@ -106,7 +114,7 @@ class CameraOrders:
         if result != m.MAV_RESULT_ACCEPTED:
             self._warn(f"Camera refused command {command} (result {result})")
 
-    def retry(self, now_s: float) -> list[Message]:
+    def poll(self, now_s: float) -> list[Message]:
         """Unacknowledged commands that are due to be sent again; after three times the operator is told."""
         again: list[Message] = []
         for pending in [p for p in self._pending if p.due_s <= now_s]:
@@ -121,17 +129,15 @@ class CameraOrders:
         return again
 
     def next_deadline(self) -> float:
-        """When `retry` has something to do."""
+        """When `poll` has something to do."""
         return min([p.due_s for p in self._pending]) if self._pending else NEVER
 
 
 def camera_feedback(image: m.MAVLink_camera_image_captured_message, state: VehicleState) -> Message:
-    """CAMERA_FEEDBACK of an image that the autopilot has ordered, with its attitude now."""
+    """CAMERA_FEEDBACK of an image that the autopilot has commanded, with its attitude now."""
     return m.MAVLink_camera_feedback_message(
         image.time_utc or image.time_boot_ms * 1000,
-        0,
-        0,
-        image.image_index & 0xFFFF,
+        *(0, 0, image.image_index & 0xFFFF),
         image.lat,
         image.lon,
         image.alt / 1000.0,

@@ -1,11 +1,15 @@
-"""COMMAND_LONG and COMMAND_INT: one table, MAV_CMD to what the vehicle does and answers."""
+"""COMMAND_LONG and COMMAND_INT: one table, MAV_CMD to what the vehicle does.
+
+A further command is a row of `HANDLERS`: a function of the vehicle and the command that gives a `Result`, or
+raises RefusedError.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
@@ -13,27 +17,24 @@ from mission.link.codec.typed import CommandMessage
 from mission.model import RELATIVE_FRAMES, Command
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.mavlink.camera_commands import CAMERA_COMMANDS
-from sim_vehicle.mavlink.flight_commands import FLIGHT_COMMANDS
-from sim_vehicle.mavlink.gimbal_messages import (
-    GIMBAL_BUILDERS,
-    GIMBAL_COMMANDS,
-    REGION_COMMANDS,
-    order_gimbal,
-)
-from sim_vehicle.mavlink.orders import Answer, Order, order_of
+from sim_vehicle.mavlink.gimbal import GIMBAL_BUILDERS, GIMBAL_COMMANDS, REGION_COMMANDS, command_gimbal
 from sim_vehicle.mavlink.telemetry import BUILDERS, built
-from sim_vehicle.motion.legs import ALONG, Heading
+from sim_vehicle.mavlink.vehicle_command import Result, VehicleCommand, read_command
+from sim_vehicle.motion.legs import ALONG, KEEP, Heading
 from sim_vehicle.pilot.arming import FORCE
 from sim_vehicle.pilot.notices import RefusedError
 
 if TYPE_CHECKING:
     from sim_vehicle.autopilot.mavlink_profile import MavlinkProfile
-    from sim_vehicle.mavlink.orders import CommandedVehicle
+    from sim_vehicle.mavlink.reports import Schedule
+    from sim_vehicle.mavlink.wire_state import WireState
+    from sim_vehicle.pilot.pilot import Pilot
 
-__all__ = ["HANDLERS", "CommandReceiver", "execute", "set_custom_mode"]
+__all__ = ["HANDLERS", "CommandReceiver", "set_custom_mode"]
 
 _MOST_PEERS = 256
 _HEARTBEAT_US = 1e6
+_TERMINATE = 0.5
 _FIRST_FREE_SERVO, _LAST_SERVO = 5, 16
 _STANDARD_MODES = {
     1: Mode.HOLD,
@@ -43,28 +44,43 @@ _STANDARD_MODES = {
     7: Mode.LAND,
     8: Mode.TAKEOFF,
 }
+_ACCEPTED = m.MAV_RESULT_ACCEPTED
+_DENIED = m.MAV_RESULT_DENIED
+_FAILED = m.MAV_RESULT_FAILED
+_UNSUPPORTED = m.MAV_RESULT_UNSUPPORTED
 
 
-Handler = Callable[["CommandedVehicle", Order], Answer]
-ACCEPTED = Answer()
-UNSUPPORTED = Answer(int(m.MAV_RESULT_UNSUPPORTED))
-DENIED = Answer(int(m.MAV_RESULT_DENIED))
-FAILED = Answer(int(m.MAV_RESULT_FAILED))
-INT_ONLY = Answer(int(m.MAV_RESULT_COMMAND_INT_ONLY))
+class CommandedVehicle(Protocol):
+    """A vehicle as its commands see it."""
+
+    pilot: Pilot
+    state: WireState
+    schedule: Schedule
+    has_camera: bool
+
+    def command_camera(self, command: int, params: tuple[float, ...]) -> None:
+        """Send a command to the camera."""
+
+    def metadata(self) -> tuple[Message, ...]:
+        """Where the files are that describe it; nothing where it has none."""
+
+    def on_home_moved(self) -> None:
+        """Tell where home is now."""
+
+    def calibrate_gyro(self) -> None:
+        """Calibrate the gyroscopes, and tell how it goes."""
+
+    def reboot(self) -> None:
+        """Start again."""
+
+    def say_refusal(self, text: str) -> None:
+        """Say why something is refused; nothing where the autopilot has no words for it."""
+
+    def say_warning(self, text: str) -> None:
+        """Tell the operator something."""
 
 
-def execute(vehicle: CommandedVehicle, order: Order) -> tuple[Answer, str]:
-    """Do a command; returns the answer and what is told when it was refused."""
-    handler = HANDLERS.get(order.command)
-    profile = vehicle.state.firmware.mavlink
-    if handler is None or order.command in profile.unsupported:
-        return UNSUPPORTED, ""
-    if order.long and order.command in profile.int_only:
-        return INT_ONLY, ""
-    try:
-        return handler(vehicle, order), ""
-    except RefusedError as refusal:
-        return (DENIED if refusal.denied else Answer(profile.refused_result)), refusal.told
+Handler: TypeAlias = Callable[[CommandedVehicle, VehicleCommand], Result]
 
 
 class CommandReceiver:
@@ -72,38 +88,48 @@ class CommandReceiver:
 
     def __init__(self, vehicle: CommandedVehicle) -> None:
         self._vehicle = vehicle
-        self._last: dict[tuple[int, int], tuple[Order, int]] = {}
+        self._last: dict[tuple[int, int], tuple[VehicleCommand, int]] = {}
 
     def receive(self, message: CommandMessage) -> list[Message]:
         """Take COMMAND_LONG or COMMAND_INT; the acknowledgement and what follows it."""
-        order = order_of(message)
-        if order.command in self._vehicle.state.firmware.mavlink.silent:
+        command = read_command(message)
+        if command.id in self._vehicle.state.mavlink.silent:
             return []
-        last = self._last.get(order.source)
-        if order.again and last is not None and last[0].is_same(order):
-            return [_acknowledgement(order, last[1])]
-        answer, reason = execute(self._vehicle, order)
-        if reason:
-            self._vehicle.say_warning(reason)
+        before = self._last.get(command.source)
+        if command.again and before is not None and before[0].is_same(command):
+            return [_acknowledgement(command, before[1])]
+        result, messages = self._execute(command)
         if len(self._last) > _MOST_PEERS:
             self._last.clear()
-        self._last[order.source] = (order, answer.result)
-        return [_acknowledgement(order, answer.result), *answer.messages]
+        self._last[command.source] = (command, result)
+        return [_acknowledgement(command, result), *messages]
+
+    def _execute(self, command: VehicleCommand) -> tuple[int, tuple[Message, ...]]:
+        """Do a command; the MAV_RESULT and what is sent after it."""
+        handler = HANDLERS.get(command.id)
+        profile = self._vehicle.state.mavlink
+        if handler is None or command.id in profile.unsupported:
+            return _UNSUPPORTED, ()
+        if command.long and command.id in profile.int_only:
+            return m.MAV_RESULT_COMMAND_INT_ONLY, ()
+        try:
+            result = handler(self._vehicle, command)
+        except RefusedError as refusal:
+            self._vehicle.say_refusal(refusal.told)
+            return _DENIED if refusal.denied else profile.refused_result, ()
+        return (result, ()) if isinstance(result, int) else (_ACCEPTED, result or ())
 
 
-def _acknowledgement(order: Order, result: int) -> Message:
-    return m.MAVLink_command_ack_message(order.command, result, 0, 0, *order.source)
+def _acknowledgement(command: VehicleCommand, result: int) -> Message:
+    return m.MAVLink_command_ack_message(command.id, result, 0, 0, *command.source)
+
+
+# Modes
 
 
 def set_custom_mode(vehicle: CommandedVehicle, number: int) -> None:
-    """Take the mode with this custom number.
-
-    Raises
-    ------
-    RefusedError
-        When it is unknown or not possible now.
-    """
-    modes = vehicle.state.firmware.mavlink.modes
+    """Take the mode with this custom number; RefusedError when it is unknown or not possible now."""
+    modes = vehicle.state.mavlink.modes
     mode = modes.mode_of(number)
     if mode is Mode.FLIP and vehicle.state.custom_mode not in modes.flips_from:
         told = modes.refusal(number)
@@ -118,7 +144,6 @@ def set_custom_mode(vehicle: CommandedVehicle, number: int) -> None:
 
 
 def _enter(vehicle: CommandedVehicle, mode: Mode, number: int) -> None:
-    """Take a mode."""
     with _told_as(vehicle, number):
         vehicle.pilot.set_mode(mode)
 
@@ -132,273 +157,323 @@ def _told_as(vehicle: CommandedVehicle, number: int | None) -> Iterator[None]:
         if number is None:
             raise
         has_position = vehicle.pilot.controls.position_ok
-        told = vehicle.state.firmware.mavlink.modes.refusal(number, has_position=has_position)
+        told = vehicle.state.mavlink.modes.refusal(number, has_position=has_position)
         raise RefusedError(str(refusal), denied=refusal.denied, told=told) from None
+
+
+def _mode(mode: Mode) -> Handler:
+    def handler(vehicle: CommandedVehicle, _command: VehicleCommand) -> None:
+        number = vehicle.state.mavlink.modes[mode]
+        _enter(vehicle, mode, number)
+        vehicle.state.name_mode(number)
+
+    return handler
+
+
+def _set_mode(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
+    if not command.number(1) & m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
+        raise RefusedError("Mode refused: only custom modes are known", denied=True)
+    modes = vehicle.state.mavlink.modes
+    set_custom_mode(vehicle, modes.custom_mode_of(command.number(2), command.number(3)))
+
+
+def _set_standard_mode(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
+    mode = _STANDARD_MODES.get(command.number(1))
+    if mode is None:
+        return _UNSUPPORTED
+    _enter(vehicle, mode, vehicle.state.mavlink.modes[mode])
+    return None
 
 
 def _available_modes(profile: MavlinkProfile, index: int) -> tuple[Message, ...]:
     """AVAILABLE_MODES for one mode (from 1) or, with 0, for all."""
     modes = list(profile.modes.numbers.items())
-    chosen = range(1, len(modes) + 1) if index == 0 else [index] if 1 <= index <= len(modes) else []
     return tuple(
-        m.MAVLink_available_modes_message(
-            len(modes), i, 0, modes[i - 1][1], 0, modes[i - 1][0].value.encode()
-        )
-        for i in chosen
+        m.MAVLink_available_modes_message(len(modes), i, 0, number, 0, mode.value.encode())
+        for i, (mode, number) in enumerate(modes, 1)
+        if index in (0, i)
     )
 
 
-def _arm(vehicle: CommandedVehicle, order: Order) -> Answer:
-    arm, force = order.params[0], order.number(2) == FORCE
+# Flight
+
+
+def _arm(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
+    arm, force = command.params[0], command.number(2) == FORCE
     if arm not in (0.0, 1.0):
-        vehicle.say_refusal(vehicle.state.firmware.mavlink.refusals.arming.format(arm))
-        return UNSUPPORTED
-    if arm:
-        vehicle.pilot.arm(force=force)
-    else:
-        vehicle.pilot.disarm(force=force)
-    return ACCEPTED
+        vehicle.say_refusal(vehicle.state.mavlink.refusals.arming.format(arm))
+        return _UNSUPPORTED
+    (vehicle.pilot.arm if arm else vehicle.pilot.disarm)(force=force)
+    return None
 
 
-def _set_mode(vehicle: CommandedVehicle, order: Order) -> Answer:
-    if not order.number(1) & m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
-        msg = "Mode refused: only custom modes are known"
-        raise RefusedError(msg, denied=True)
-    modes = vehicle.state.firmware.mavlink.modes
-    set_custom_mode(vehicle, modes.custom_mode_of(order.number(2), order.number(3)))
-    return ACCEPTED
+def _run_checks(vehicle: CommandedVehicle, _command: VehicleCommand) -> Result:
+    """Run the checks before arming, and say what fails."""
+    if vehicle.pilot.armed:
+        return m.MAV_RESULT_TEMPORARILY_REJECTED
+    problem = vehicle.pilot.arming.health_problem()
+    if problem is not None:
+        vehicle.say_warning(f"{vehicle.pilot.failsafe.rules.preflight}: {problem}")
+    return None
 
 
-def _set_standard_mode(vehicle: CommandedVehicle, order: Order) -> Answer:
-    mode = _STANDARD_MODES.get(order.number(1))
-    if mode is None:
-        return UNSUPPORTED
-    _enter(vehicle, mode, vehicle.state.firmware.mavlink.modes[mode])
-    return ACCEPTED
-
-
-def _takeoff(vehicle: CommandedVehicle, order: Order) -> Answer:
-    pilot = vehicle.pilot
-    altitude = order.params[6]
-    if vehicle.state.firmware.mavlink.takeoff_needs_arming and not pilot.armed:
-        return FAILED
-    if vehicle.state.firmware.mavlink.takeoff_above_sea and order.frame not in RELATIVE_FRAMES:
+def _takeoff(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
+    pilot, profile = vehicle.pilot, vehicle.state.mavlink
+    altitude = command.params[6]
+    if profile.takeoff_needs_arming and not pilot.armed:
+        return _FAILED
+    if profile.takeoff_above_sea and command.frame not in RELATIVE_FRAMES:
         altitude -= vehicle.state.home.altitude_m
     if not altitude > 0.0:
         altitude = pilot.spec.takeoff_altitude_m
-    modes = vehicle.state.firmware.mavlink.modes
-    number = modes[Mode.TAKEOFF]
-    with _told_as(vehicle, None if number == modes[Mode.GUIDED] else number):
+    number = profile.modes[Mode.TAKEOFF]
+    with _told_as(vehicle, None if number == profile.modes[Mode.GUIDED] else number):
         pilot.takeoff(altitude)
-    return ACCEPTED
+    return None
 
 
-def _mode(mode: Mode) -> Handler:
-    def handler(vehicle: CommandedVehicle, _order: Order) -> Answer:
-        number = vehicle.state.firmware.mavlink.modes[mode]
-        _enter(vehicle, mode, number)
-        vehicle.state.name_mode(number)
-        return ACCEPTED
-
-    handler.__doc__ = f"Take the {mode.value} mode."
-    return handler
+def _above_ground(vehicle: CommandedVehicle, command: VehicleCommand, altitude_m: float) -> float:
+    """Height above the ground of an altitude in the command's frame."""
+    return altitude_m - (0.0 if command.frame in RELATIVE_FRAMES else vehicle.state.home.altitude_m)
 
 
-def _reposition(vehicle: CommandedVehicle, order: Order) -> Answer:
-    position = order.position
-    if position is None or order.frame not in (0, 3):
-        msg = "Reposition refused: no position"
-        raise RefusedError(msg, denied=True)
+def _reposition(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
+    position = command.position
+    if position is None or command.frame not in (0, 3):
+        raise RefusedError("Reposition refused: no position", denied=True)
     pilot = vehicle.pilot
-    altitude = order.params[6] - (0.0 if order.frame in RELATIVE_FRAMES else vehicle.state.home.altitude_m)
+    altitude = _above_ground(vehicle, command, command.params[6])
     if math.isnan(altitude):
         altitude = pilot.state.position_m[2]
     # The heading is in radians here, other than in mission items.
-    speed, yaw_rad = order.params[0], order.params[3]
-    turns = math.isfinite(yaw_rad) and vehicle.state.firmware.mavlink.reposition_turns
+    speed, yaw_rad = command.params[0], command.params[3]
+    turns = math.isfinite(yaw_rad) and vehicle.state.mavlink.reposition_turns
     pilot.goto(
         *position,
         altitude,
-        mode=vehicle.state.firmware.mavlink.modes.after_command,
+        mode=vehicle.state.mavlink.modes.after_command,
         heading=Heading.fixed(yaw_rad) if turns else ALONG,
         speed_m_s=speed if speed > 0.0 and math.isfinite(speed) else None,
     )
-    return ACCEPTED
 
 
-def _mission_start(vehicle: CommandedVehicle, order: Order) -> Answer:
-    first = order.number(1)
-    with _told_as(vehicle, vehicle.state.firmware.mavlink.modes[Mode.MISSION]):
+def _change_altitude(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
+    """DO_CHANGE_ALTITUDE: altitude and its frame; where it is."""
+    pilot = vehicle.pilot
+    altitude, frame = command.params[0], command.number(2)
+    if not math.isfinite(altitude) or frame not in (0, 3, 5, 6):
+        raise RefusedError("Altitude refused: no altitude or frame", denied=True)
+    if frame not in RELATIVE_FRAMES:
+        altitude -= vehicle.state.home.altitude_m
+    x, y, _ = pilot.executor.motion.stopping_point()
+    mode = vehicle.state.mavlink.modes.after_command
+    pilot.goto(*pilot.frame.to_wgs84(x, y), altitude, mode=mode, heading=KEEP)
+
+
+def _change_speed(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
+    if command.number(1) not in (0, 1):
+        return _UNSUPPORTED
+    if command.params[1] != -1.0:
+        vehicle.pilot.set_speed(command.params[1])
+    return None
+
+
+def _orbit(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
+    """DO_ORBIT (PX4): radius, speed, -, -, position; what is not given is 10 m, the cruise speed, here."""
+    pilot, modes = vehicle.pilot, vehicle.state.mavlink.modes
+    radius, speed, altitude = command.params[0], command.params[1], command.params[6]
+    position = command.position or pilot.frame.to_wgs84(*pilot.state.position_m[:2])
+    here = pilot.state.position_m[2]
+    pilot.orbit(
+        *position,
+        _above_ground(vehicle, command, altitude) if math.isfinite(altitude) else here,
+        radius_m=radius if math.isfinite(radius) and radius else 10.0,
+        speed_m_s=speed if math.isfinite(speed) and speed > 0.0 else pilot.spec.cruise_speed_m_s,
+        mode=modes.after_command,
+    )
+    if modes.orbit is not None:
+        vehicle.state.name_mode(modes.orbit)
+
+
+def _yaw(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
+    """CONDITION_YAW (ArduCopter): angle, rate, direction, whether it is relative; the vehicle flies on."""
+    angle, rate, _, relative = command.params[:4]
+    if not (0.0 <= angle <= 360.0 and relative in (0.0, 1.0)):
+        raise RefusedError(f"Yaw refused: angle {angle:g}, parameter 4 {relative:g}", told="")
+    direction = (command.number(3) > 0) - (command.number(3) < 0)
+    vehicle.pilot.auto_yaw.order(math.radians(angle), math.radians(rate), direction, relative=relative == 1.0)
+
+
+def _region(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
+    """DO_SET_ROI_LOCATION and its like: nose and gimbal point at a position; without one, no more."""
+    command_gimbal(vehicle.state, command)
+    known = command.id != Command.DO_SET_ROI_NONE and command.frame in (0, *RELATIVE_FRAMES)
+    if known and command.position is not None:
+        vehicle.pilot.look_at(*command.position)
+    else:
+        vehicle.pilot.look_at(None)
+
+
+def _gimbal(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
+    if vehicle.state.mavlink.gimbal is None:
+        return _UNSUPPORTED
+    return command_gimbal(vehicle.state, command)
+
+
+def _camera(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
+    if not vehicle.has_camera:
+        return _UNSUPPORTED
+    vehicle.command_camera(command.id, command.params)
+    return None
+
+
+def _fence_enable(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
+    """DO_FENCE_ENABLE (ArduPilot): 0 off, 1 on, 2 all but the floor."""
+    kind = command.number(1, -1)
+    if kind not in (0, 1, 2):
+        raise RefusedError(f"Fence refused: parameter 1 is {command.params[0]:g}", denied=True)
+    vehicle.pilot.parameters.fence_enable = int(kind > 0)
+    vehicle.pilot.apply_parameters()
+
+
+def _terminate(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
+    if command.params[0] > _TERMINATE:
+        vehicle.pilot.terminate("by command")
+
+
+def _go_around(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
+    """DO_GO_AROUND (ArduPlane): break off the landing, climb to a height (0: the landing's own)."""
+    height = command.params[0]
+    vehicle.pilot.go_around(height if math.isfinite(height) and height > 0.0 else None)
+
+
+def _set_home(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
+    """DO_SET_HOME: here (1) or at a position; the altitude stays that of the ground."""
+    pilot = vehicle.pilot
+    here = command.params[0] == 1.0
+    position = pilot.frame.to_wgs84(*pilot.state.position_m[:2]) if here else command.position
+    if position is None:
+        raise RefusedError("Home refused: no position", denied=True)
+    pilot.set_home(*position)
+    vehicle.on_home_moved()
+
+
+# Mission
+
+
+def _mission_start(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
+    first = command.number(1)
+    with _told_as(vehicle, vehicle.state.mavlink.modes[Mode.MISSION]):
         reason = vehicle.pilot.mission.why_not
         if reason is not None:
-            msg = f"Mission start refused: {reason}"
-            raise RefusedError(msg)
+            raise RefusedError(f"Mission start refused: {reason}")
         vehicle.pilot.start_mission(vehicle.state.own_seq(first) if first > 0 else None)
-    return ACCEPTED
 
 
-def _pause_continue(vehicle: CommandedVehicle, order: Order) -> Answer:
-    if order.params[0] not in (0.0, 1.0):
-        msg = f"Pause refused: parameter 1 is {order.params[0]:g}"
-        raise RefusedError(msg, denied=True)
-    if order.params[0]:
+def _land_start(vehicle: CommandedVehicle, _command: VehicleCommand) -> None:
+    """DO_LAND_START: go on with the mission where its landing begins."""
+    seq = vehicle.pilot.executor.sequencer.landing_start()
+    if seq is None:
+        told = vehicle.state.mavlink.refusals.landing
+        raise RefusedError("Land start refused: the mission has none", told=told)
+    vehicle.pilot.set_current(seq)
+    vehicle.pilot.set_mode(Mode.MISSION)
+
+
+def _pause_continue(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
+    if command.params[0] not in (0.0, 1.0):
+        raise RefusedError(f"Pause refused: parameter 1 is {command.params[0]:g}", denied=True)
+    if command.params[0]:
         vehicle.pilot.resume()
     else:
         vehicle.pilot.pause()
-    return ACCEPTED
 
 
-def _mission_current(vehicle: CommandedVehicle, order: Order) -> Answer:
-    seq = order.number(1, -1)
-    if order.number(2) == 1 and seq < 0:
+def _set_current(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
+    seq = command.number(1, -1)
+    if command.number(2) == 1 and seq < 0:
         vehicle.pilot.set_current(0)
     elif seq >= 0:
         vehicle.pilot.set_current(vehicle.state.own_seq(seq))
-    return Answer(messages=built(m.MAVLINK_MSG_ID_MISSION_CURRENT, vehicle.state))
+    return built(m.MAVLINK_MSG_ID_MISSION_CURRENT, vehicle.state)
 
 
-def _change_speed(vehicle: CommandedVehicle, order: Order) -> Answer:
-    if order.number(1) not in (0, 1):
-        return UNSUPPORTED
-    if order.params[1] != -1.0:
-        vehicle.pilot.set_speed(order.params[1])
-    return ACCEPTED
+# Messages
 
 
-def _flight_command(vehicle: CommandedVehicle, order: Order) -> Answer:
-    FLIGHT_COMMANDS[order.command](vehicle, order)
-    return ACCEPTED
+def _send(message_id: int) -> Handler:
+    return lambda vehicle, _command: built(message_id, vehicle.state)
 
 
-def _region(vehicle: CommandedVehicle, order: Order) -> Answer:
-    """DO_SET_ROI and its like: the nose turns, and the gimbal where there is one."""
-    order_gimbal(vehicle.state, order)
-    return _flight_command(vehicle, order)
-
-
-def _gimbal(vehicle: CommandedVehicle, order: Order) -> Answer:
-    if vehicle.state.firmware.mavlink.gimbal is None:
-        return UNSUPPORTED
-    return order_gimbal(vehicle.state, order)
-
-
-def _get_home(vehicle: CommandedVehicle, _order: Order) -> Answer:
-    return Answer(messages=built(m.MAVLINK_MSG_ID_HOME_POSITION, vehicle.state))
-
-
-def _set_interval(vehicle: CommandedVehicle, order: Order) -> Answer:
-    message_id, interval = order.number(1, -1), order.params[1]
+def _set_interval(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
+    message_id, interval = command.number(1, -1), command.params[1]
     if message_id not in BUILDERS:
-        vehicle.say_refusal(vehicle.state.firmware.mavlink.refusals.interval.format(message_id))
-        return DENIED
+        vehicle.say_refusal(vehicle.state.mavlink.refusals.interval.format(message_id))
+        return _DENIED
     if math.isnan(interval) or abs(interval) > 1e10:
-        return DENIED
+        return _DENIED
     if message_id == m.MAVLINK_MSG_ID_HEARTBEAT and not 0.0 <= interval <= _HEARTBEAT_US:
         # Who is not heard is lost to its peers.
-        return DENIED
+        return _DENIED
     if message_id in GIMBAL_BUILDERS:
         vehicle.state.gimbal.wake()
     vehicle.schedule.set_interval(message_id, int(interval), vehicle.state.now_us)
-    return ACCEPTED
+    return None
 
 
-def _get_interval(vehicle: CommandedVehicle, order: Order) -> Answer:
-    return _interval_of(vehicle, order.number(1, -1))
-
-
-def _interval_of(vehicle: CommandedVehicle, message_id: int) -> Answer:
+def _interval_of(vehicle: CommandedVehicle, message_id: int) -> Result:
     if not 0 <= message_id <= 65535:
-        return DENIED
-    known = message_id in BUILDERS
-    interval = vehicle.schedule.interval_us(message_id) if known else 0
-    return Answer(messages=(m.MAVLink_message_interval_message(message_id, interval),))
+        return _DENIED
+    interval = vehicle.schedule.interval_us(message_id) if message_id in BUILDERS else 0
+    return (m.MAVLink_message_interval_message(message_id, interval),)
 
 
-def _request_message(vehicle: CommandedVehicle, order: Order) -> Answer:
-    message_id = order.number(1, -1)
+def _request_message(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
+    message_id = command.number(1, -1)
     if message_id == m.MAVLINK_MSG_ID_MESSAGE_INTERVAL:
-        return _interval_of(vehicle, order.number(2, -1))
+        return _interval_of(vehicle, command.number(2, -1))
     if message_id == m.MAVLINK_MSG_ID_AVAILABLE_MODES:
-        messages = _available_modes(vehicle.state.firmware.mavlink, order.number(2))
-        return Answer(messages=messages) if messages else DENIED
+        return _available_modes(vehicle.state.mavlink, command.number(2)) or _DENIED
     if message_id == m.MAVLINK_MSG_ID_COMPONENT_METADATA:
         messages = vehicle.metadata()
     else:
         if message_id in GIMBAL_BUILDERS:
             vehicle.state.gimbal.wake()
         messages = built(message_id, vehicle.state)
-    known = message_id in BUILDERS and message_id not in GIMBAL_BUILDERS
-    if messages or known:
-        return Answer(messages=messages)
+    if messages or (message_id in BUILDERS and message_id not in GIMBAL_BUILDERS):
+        return messages
     # PX4's MavlinkReceiver::handle_request_message_command, ArduPilot's handle_command_request_message.
-    return Answer(vehicle.state.firmware.mavlink.unknown_message_result)
+    return vehicle.state.mavlink.unknown_message_result
 
 
-def _capabilities(vehicle: CommandedVehicle, _order: Order) -> Answer:
-    return Answer(messages=built(m.MAVLINK_MSG_ID_AUTOPILOT_VERSION, vehicle.state))
+# Preflight and outputs
 
 
-def _protocol_version(vehicle: CommandedVehicle, _order: Order) -> Answer:
-    return Answer(messages=built(m.MAVLINK_MSG_ID_PROTOCOL_VERSION, vehicle.state))
-
-
-def _camera(vehicle: CommandedVehicle, order: Order) -> Answer:
-    if not vehicle.has_camera:
-        return UNSUPPORTED
-    vehicle.command_camera(order.command, order.params)
-    return ACCEPTED
-
-
-def _reboot(vehicle: CommandedVehicle, order: Order) -> Answer:
+def _reboot(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
     if vehicle.pilot.armed:
-        return Answer(vehicle.state.firmware.mavlink.armed_reboot_result)
-    if order.number(1) == 1:
+        return vehicle.state.mavlink.armed_reboot_result
+    if command.number(1) == 1:
         vehicle.reboot()
-    return ACCEPTED
+    return None
 
 
-def _calibrate(vehicle: CommandedVehicle, order: Order) -> Answer:
+def _calibrate(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
     if vehicle.pilot.armed:
-        msg = "Calibration refused: armed"
-        raise RefusedError(msg, told=vehicle.state.firmware.mavlink.calibration_text)
-    if order.number(1) == 1:
+        raise RefusedError("Calibration refused: armed", told=vehicle.state.mavlink.calibration_text)
+    if command.number(1) == 1:
         vehicle.calibrate_gyro()
-    return ACCEPTED
 
 
-def _accept(_vehicle: CommandedVehicle, _order: Order) -> Answer:
-    """Take an order that nothing here hangs on: actuators, the begin and end of a compass calibration."""
-    return ACCEPTED
-
-
-def _servo(vehicle: CommandedVehicle, order: Order) -> Answer:
+def _servo(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
     """DO_SET_SERVO: the outputs of the motors are not to be had."""
-    channel = order.number(1)
-    if not _FIRST_FREE_SERVO <= channel <= _LAST_SERVO:
-        if 1 <= channel < _FIRST_FREE_SERVO:
-            vehicle.say_warning(f"ServoRelayEvent: Channel {channel} is already in use")
-        return FAILED
-    return ACCEPTED
+    channel = command.number(1)
+    if 1 <= channel < _FIRST_FREE_SERVO:
+        vehicle.say_warning(f"ServoRelayEvent: Channel {channel} is already in use")
+    return None if _FIRST_FREE_SERVO <= channel <= _LAST_SERVO else _FAILED
 
 
-def _relay(_vehicle: CommandedVehicle, order: Order) -> Answer:
-    """DO_SET_RELAY: there is one, number 0."""
-    return ACCEPTED if order.number(1, -1) == 0 else FAILED
-
-
-def _no_compass_result(_vehicle: CommandedVehicle, _order: Order) -> Answer:
-    """DO_ACCEPT_MAG_CAL: a vehicle that nobody turns about has no result to accept."""
-    return FAILED
-
-
-def _run_checks(vehicle: CommandedVehicle, _order: Order) -> Answer:
-    """Run the checks before arming, and say what fails."""
-    if vehicle.pilot.armed:
-        return Answer(m.MAV_RESULT_TEMPORARILY_REJECTED)
-    problem = vehicle.pilot.arming.health_problem()
-    if problem is not None:
-        vehicle.say_warning(f"{vehicle.pilot.failsafe.rules.preflight}: {problem}")
-    return ACCEPTED
+def _accept(_vehicle: CommandedVehicle, _command: VehicleCommand) -> None:
+    """Take a command that nothing here hangs on."""
 
 
 HANDLERS: dict[int, Handler] = {
@@ -411,25 +486,34 @@ HANDLERS: dict[int, Handler] = {
     Command.NAV_RETURN_TO_LAUNCH: _mode(Mode.RTL),
     Command.NAV_LOITER_UNLIM: _mode(Mode.HOLD),
     m.MAV_CMD_DO_REPOSITION: _reposition,
-    m.MAV_CMD_MISSION_START: _mission_start,
-    m.MAV_CMD_DO_PAUSE_CONTINUE: _pause_continue,
-    m.MAV_CMD_DO_SET_MISSION_CURRENT: _mission_current,
+    m.MAV_CMD_DO_CHANGE_ALTITUDE: _change_altitude,
     Command.DO_CHANGE_SPEED: _change_speed,
-    **dict.fromkeys(FLIGHT_COMMANDS, _flight_command),
-    m.MAV_CMD_GET_HOME_POSITION: _get_home,
+    m.MAV_CMD_DO_ORBIT: _orbit,
+    Command.CONDITION_YAW: _yaw,
+    m.MAV_CMD_DO_FENCE_ENABLE: _fence_enable,
+    m.MAV_CMD_DO_FLIGHTTERMINATION: _terminate,
+    m.MAV_CMD_DO_GO_AROUND: _go_around,
+    Command.DO_SET_HOME: _set_home,
+    m.MAV_CMD_MISSION_START: _mission_start,
+    Command.DO_LAND_START: _land_start,
+    m.MAV_CMD_DO_PAUSE_CONTINUE: _pause_continue,
+    m.MAV_CMD_DO_SET_MISSION_CURRENT: _set_current,
+    m.MAV_CMD_GET_HOME_POSITION: _send(m.MAVLINK_MSG_ID_HOME_POSITION),
+    m.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: _send(m.MAVLINK_MSG_ID_AUTOPILOT_VERSION),
+    m.MAV_CMD_REQUEST_PROTOCOL_VERSION: _send(m.MAVLINK_MSG_ID_PROTOCOL_VERSION),
     m.MAV_CMD_SET_MESSAGE_INTERVAL: _set_interval,
-    m.MAV_CMD_GET_MESSAGE_INTERVAL: _get_interval,
+    m.MAV_CMD_GET_MESSAGE_INTERVAL: lambda vehicle, command: _interval_of(vehicle, command.number(1, -1)),
     m.MAV_CMD_REQUEST_MESSAGE: _request_message,
-    m.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: _capabilities,
-    m.MAV_CMD_REQUEST_PROTOCOL_VERSION: _protocol_version,
     m.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: _reboot,
     m.MAV_CMD_PREFLIGHT_CALIBRATION: _calibrate,
     m.MAV_CMD_DO_SET_ACTUATOR: _accept,
     m.MAV_CMD_DO_SET_SERVO: _servo,
-    m.MAV_CMD_DO_SET_RELAY: _relay,
+    # There is one relay, number 0.
+    m.MAV_CMD_DO_SET_RELAY: lambda _, command: None if command.number(1, -1) == 0 else _FAILED,
     m.MAV_CMD_DO_START_MAG_CAL: _accept,
     m.MAV_CMD_DO_CANCEL_MAG_CAL: _accept,
-    m.MAV_CMD_DO_ACCEPT_MAG_CAL: _no_compass_result,
+    # A vehicle that nobody turns about has no result to accept.
+    m.MAV_CMD_DO_ACCEPT_MAG_CAL: lambda _vehicle, _command: _FAILED,
     **dict.fromkeys(REGION_COMMANDS, _region),
     **dict.fromkeys(GIMBAL_COMMANDS, _gimbal),
     **dict.fromkeys(CAMERA_COMMANDS, _camera),

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
+from mission.errors import MissionError
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.frames import FrameReader, FrameWriter
 from mission.link.codec.typed import is_a
-from mission.model import Command, GeoPoint, MissionItem, MissionType
+from mission.model import RELATIVE_FRAMES, Command, MissionItem, MissionType
 from mission.transfer import wire
 from mission.transfer.events import (
     Event,
@@ -28,11 +30,10 @@ from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.component import NEVER
 from sim_vehicle.execution.items import DO_COMMANDS, NAV_COMMANDS
 from sim_vehicle.pilot.mission_status import MissionChange
-from sim_vehicle.pilot.notices import Severity
+from sim_vehicle.pilot.notices import RefusedError, Severity
 
 if TYPE_CHECKING:
-    from sim_vehicle.mavlink.item_reports import ItemReports
-    from sim_vehicle.mavlink.status_texts import StatusTexts
+    from sim_vehicle.mavlink.reports import ItemReports, StatusTexts
     from sim_vehicle.mavlink.wire_state import WireState
 
 __all__ = ["PlanReceiver"]
@@ -46,20 +47,7 @@ _KNOWN_ITEMS = (
 
 
 class PlanReceiver:
-    """Takes missions, fences and rally points and hands them to the pilot.
-
-    Parameters
-    ----------
-    state : WireState
-        The vehicle; it tells the ids of the plans.
-    reports : ItemReports
-        Begin anew with another mission.
-
-    Attributes
-    ----------
-    server : MissionServer
-        The protocol.
-    """
+    """Takes missions, fences and rally points and hands them to the pilot; ``server`` is the protocol."""
 
     def __init__(self, state: WireState, component_id: int, texts: StatusTexts, reports: ItemReports) -> None:
         self._state = state
@@ -92,12 +80,7 @@ class PlanReceiver:
     ) -> bool:
         """Take a plan that came as a file, by the rules of the mission protocol; whether it was accepted.
 
-        Parameters
-        ----------
-        items : sequence of MISSION_ITEM_INT
-            Numbered from 0, or from ``start``.
-        start : int or None
-            The first item that they replace; None where they are a whole plan.
+        The items are numbered from 0, or from ``start``, the first one that they replace.
         """
         now_s = self._state.now_us / 1e6
         if self.server.busy:
@@ -119,6 +102,19 @@ class PlanReceiver:
         if not accepted:
             self.restart(now_s)
         return accepted
+
+    def fly_to(self, message: wire.ItemMessage) -> Message:
+        """Fly to a waypoint outside of the mission, as DroneKit's `simple_goto` asks for; the answer."""
+        result, pilot = wire.ERROR, self._pilot
+        with suppress(RefusedError, MissionError):
+            item = wire.item_from_message(message)
+            if item.command == Command.NAV_WAYPOINT and pilot.mode in (Mode.GUIDED, Mode.TAKEOFF):
+                above_home = item.frame in RELATIVE_FRAMES
+                altitude_m = item.z - (0.0 if above_home else self._state.home.altitude_m)
+                pilot.goto(item.x, item.y, altitude_m, mode=Mode.GUIDED)
+                result = wire.ACCEPTED
+        source = (message.get_srcSystem(), message.get_srcComponent())
+        return wire.ack(source, result, MissionType.MISSION)
 
     def poll(self, now_s: float) -> list[Message]:
         """Do what is due; the messages to send."""
@@ -143,10 +139,6 @@ class PlanReceiver:
         deadline_s = self.server.next_deadline()
         return NEVER if deadline_s is None else deadline_s
 
-    def set_home(self, home: GeoPoint) -> None:
-        """Tell another home from now on."""
-        self.server.home = home
-
     def totals(self) -> dict[str, Callable[[], float]]:
         """The parameters that count the plans, as ArduPilot names them."""
         return {
@@ -160,14 +152,13 @@ class PlanReceiver:
         if now_s <= self._part_s or not self._flies:
             return
         self._part_s = NEVER
-        change = self._pilot.load(self.server.live_plan(MissionType.MISSION), whole=False)
-        self._tell(change)
+        self._say(self._pilot.load(self.server.live_plan(MissionType.MISSION), whole=False))
 
     @property
     def _flies(self) -> bool:
         return self._pilot.armed and self._pilot.mode is Mode.MISSION
 
-    def _tell(self, change: MissionChange) -> None:
+    def _say(self, change: MissionChange) -> None:
         """Say what a change means to the flight, as far as the autopilot does."""
         pilot = self._pilot
         behaviour = pilot.behaviour
@@ -230,7 +221,7 @@ class PlanReceiver:
             pilot.note(Severity.CRITICAL, f"Mission rejected: item {bad + 1} makes no sense")
             return
         self._reports.restart()
-        self._tell(pilot.load(event.items, marked=marked))
+        self._say(pilot.load(event.items, marked=marked))
         if flies:
             self._state.forget_item(now_s + behaviour.unknown_current_s)
 

@@ -1,4 +1,8 @@
-"""Telemetry messages from the state of the vehicle: one table, message id to builder."""
+"""Telemetry from the state of the vehicle: one table, message id to what makes the message.
+
+A further message is a row of `BUILDERS`. Those of ArduPilot's navigation are in `ardupilot_messages`, those
+of the gimbal in `gimbal`.
+"""
 
 from __future__ import annotations
 
@@ -8,21 +12,13 @@ from typing import TYPE_CHECKING
 
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
+from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
+from sim_vehicle.airframe.sensor_errors import HDOP, VDOP, SensorNoise
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.execution.state import FlightPhase, LandedState
-from sim_vehicle.mavlink.flight_messages import FLIGHT_BUILDERS
-from sim_vehicle.mavlink.gimbal_messages import GIMBAL_BUILDERS
-from sim_vehicle.mavlink.sensor_messages import (
-    UNUSED,
-    centidegrees,
-    ekf_status_report,
-    estimator_status,
-    gps_raw_int,
-    highres_imu,
-    scaled_pressure,
-    vibration,
-)
-from sim_vehicle.mavlink.true_state import hil_state_quaternion, int16, quaternion, sim_state, to_body
+from sim_vehicle.mavlink.ardupilot_messages import ARDUPILOT_BUILDERS
+from sim_vehicle.mavlink.gimbal import GIMBAL_BUILDERS
+from sim_vehicle.mavlink.wire_state import UNUSED, Vector, centidegrees, int16, int16_vector
 from sim_vehicle.pilot.fence import Breach
 from sim_vehicle.pilot.notices import MissionState
 
@@ -44,13 +40,17 @@ _CHARGE_STATES = (
     m.MAV_BATTERY_CHARGE_STATE_CRITICAL,
     m.MAV_BATTERY_CHARGE_STATE_EMERGENCY,
 )
+_NO_BATTERY = (0, 1, 1, 32767, [UNUSED] * 10, -1, -1, -1, -1, 0, 0)
 _HOME_Q = [1.0, 0.0, 0.0, 0.0]
-_NAN = math.nan
-_UNKNOWN_COVARIANCE = [_NAN] * 21
+_UNKNOWN_COVARIANCE = [math.nan] * 21
+# attitude, velocities, positions and height above ground; without a position only what the sensors give
+_ESTIMATES_OK = 1 | 2 | 4 | 8 | 16 | 32 | 256 | 512
+_ESTIMATES_BLIND = 1 | 4 | 32
+_FIX_3D = 3
 
 
 def _heartbeat(source: WireState) -> Message:
-    pilot, profile = source.pilot, source.firmware.mavlink
+    pilot, profile = source.pilot, source.mavlink
     # Without the custom mode bit peers do not read the custom mode.
     base_mode = m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | profile.modes.base.of(pilot.mode)
     if pilot.armed:
@@ -59,13 +59,9 @@ def _heartbeat(source: WireState) -> Message:
         status = m.MAV_STATE_EMERGENCY if pilot.state.phase is FlightPhase.DEPLETED else m.MAV_STATE_CRITICAL
     else:
         status = m.MAV_STATE_ACTIVE if pilot.armed else m.MAV_STATE_STANDBY
+    identity = profile.identity
     return m.MAVLink_heartbeat_message(
-        profile.identity.mav_type,
-        profile.identity.mav_autopilot,
-        int(base_mode),
-        source.custom_mode,
-        status,
-        3,
+        identity.mav_type, identity.mav_autopilot, int(base_mode), source.custom_mode, status, 3
     )
 
 
@@ -89,64 +85,55 @@ def _sys_status(source: WireState) -> Message:
     )
 
 
-def _system_time(source: WireState) -> Message:
-    return m.MAVLink_system_time_message(source.unix_us, source.boot_ms)
+def _gps_raw_int(source: WireState) -> Message:
+    boot = source.boot
+    if not source.pilot.controls.position_ok or (boot is not None and boot.fix < _FIX_3D):
+        fix = 1 if boot is None else min(boot.fix, 1)
+        return m.MAVLink_gps_raw_int_message(source.unix_us, fix, 0, 0, 0, UNUSED, UNUSED, UNUSED, UNUSED, 0)
+    east, north, _ = source.pilot.state.velocity_m_s
+    position, accuracy, (eph, epv) = source.position_e7, (500, 800), (70, 90)
+    if source.errors is not None:
+        position = source.e7_of(source.sensed.gps_m)
+        noise = source.errors.noise
+        if noise.gps_m > 0.0:
+            eph, epv = round(100.0 * HDOP), round(100.0 * VDOP)
+            accuracy = (
+                round(1000.0 * noise.horizontal_accuracy_m),
+                round(1000.0 * noise.vertical_accuracy_m),
+            )
+    speed_cm_s = min(65534, round(100.0 * math.hypot(east, north)))
+    course_cdeg = centidegrees(math.atan2(east, north))
+    return m.MAVLink_gps_raw_int_message(
+        source.unix_us,
+        source.mavlink.gps_fix,
+        *position,
+        *(eph, epv, speed_cm_s, course_cdeg),
+        16,
+        position[2],
+        *accuracy,
+        100,
+    )
 
 
 def _global_position_int(source: WireState) -> Message:
-    state = source.pilot.state
-    position = source.position_e7
-    east, north, up = source.velocity_m_s
     return m.MAVLink_global_position_int_message(
         source.boot_ms,
-        position[0],
-        position[1],
-        position[2],
+        *source.position_e7,
         round(1000.0 * source.sensed.believed_m[2]),
-        int16(100.0 * north),
-        int16(100.0 * east),
-        int16(-100.0 * up),
-        centidegrees(state.yaw_rad),
-    )
-
-
-def _local_position_ned(source: WireState) -> Message:
-    east, north, up = source.sensed.believed_m
-    v_east, v_north, v_up = source.velocity_m_s
-    return m.MAVLink_local_position_ned_message(source.boot_ms, north, east, -up, v_north, v_east, -v_up)
-
-
-def _attitude(source: WireState) -> Message:
-    state = source.pilot.state
-    yaw = math.remainder(state.yaw_rad, 2.0 * math.pi)
-    return m.MAVLink_attitude_message(
-        source.boot_ms, state.roll_rad, state.pitch_rad, yaw, 0.0, 0.0, state.yaw_rate_rad_s
-    )
-
-
-def _attitude_quaternion(source: WireState) -> Message:
-    state = source.pilot.state
-    return m.MAVLink_attitude_quaternion_message(
-        source.boot_ms, *quaternion(state), 0.0, 0.0, state.yaw_rate_rad_s
+        *int16_vector(source.ned_m_s, 100.0),
+        centidegrees(source.pilot.state.yaw_rad),
     )
 
 
 def _odometry(source: WireState) -> Message:
-    state = source.pilot.state
-    east, north, up = source.sensed.believed_m
-    v_east, v_north, v_up = source.velocity_m_s
     return m.MAVLink_odometry_message(
         source.boot_ms * 1000,
         m.MAV_FRAME_LOCAL_NED,
         m.MAV_FRAME_BODY_FRD,
-        north,
-        east,
-        -up,
-        quaternion(state),
-        *to_body(state, v_north, v_east, -v_up),
-        0.0,
-        0.0,
-        state.yaw_rate_rad_s,
+        *source.ned_m,
+        source.quaternion,
+        *source.to_body(*source.ned_m_s),
+        *source.turning_rad_s,
         _UNKNOWN_COVARIANCE,
         _UNKNOWN_COVARIANCE,
         0,
@@ -165,39 +152,33 @@ def _vfr_hud(source: WireState) -> Message:
         int(math.degrees(state.yaw_rad)) % 360,
         # A rover that brakes or drives backwards has a negative one; the field is a share of the power.
         min(100, round(100.0 * abs(state.throttle))) if flies else 0,
-        source.position_e7[2] / 1000.0,
+        source.altitude_m,
         up,
     )
 
 
 def _altitude(source: WireState) -> Message:
-    up = source.sensed.believed_m[2]
-    amsl = source.position_e7[2] / 1000.0
+    up, amsl = source.sensed.believed_m[2], source.altitude_m
     return m.MAVLink_altitude_message(source.boot_ms * 1000, amsl, amsl, up, up, up, up)
 
 
 def _fence_status(source: WireState) -> Message:
     watch = source.pilot.failsafe.fence
-    return m.MAVLink_fence_status_message(
-        int(watch.breach is not Breach.NONE),
-        min(watch.count, 65535),
-        int(watch.breach),
-        round(1000.0 * watch.broken_s),
-    )
+    breached, count = int(watch.breach is not Breach.NONE), min(watch.count, 65535)
+    return m.MAVLink_fence_status_message(breached, count, int(watch.breach), round(1000.0 * watch.broken_s))
 
 
 def _battery_status(source: WireState) -> Message:
     battery = source.pilot.state.battery
     if battery is None:
-        return m.MAVLink_battery_status_message(0, 1, 1, 32767, [UNUSED] * 10, -1, -1, -1, -1, 0, 0)
+        return m.MAVLink_battery_status_message(*_NO_BATTERY)
     cell = min(65534, round(1000.0 * battery.voltage_v / battery.cells))
-    cells = [cell] * min(10, battery.cells) + [UNUSED] * max(0, 10 - battery.cells)
     return m.MAVLink_battery_status_message(
         0,
         m.MAV_BATTERY_FUNCTION_ALL,
         m.MAV_BATTERY_TYPE_LIPO,
         2500,
-        cells,
+        [cell] * min(10, battery.cells) + [UNUSED] * max(0, 10 - battery.cells),
         int16(100.0 * battery.current_a),
         round(battery.used_mah),
         round(36.0 * battery.used_wh),
@@ -209,21 +190,16 @@ def _battery_status(source: WireState) -> Message:
 
 def _remaining_s(source: WireState) -> int:
     """Return how long the battery lasts in flight; 0 (unknown) on the ground and from an ArduPilot."""
-    battery, pilot = source.pilot.state.battery, source.pilot
-    told = source.firmware.mavlink.tells_remaining_time and pilot.landed is not LandedState.ON_GROUND
+    battery = source.pilot.state.battery
+    told = source.mavlink.tells_remaining_time and source.pilot.landed is not LandedState.ON_GROUND
     if battery is None or not told or not math.isfinite(battery.remaining_s):
         return 0
     return min(round(battery.remaining_s), 2**31 - 1)
 
 
-def _extended_sys_state(source: WireState) -> Message:
-    return m.MAVLink_extended_sys_state_message(0, int(source.pilot.landed))
-
-
 def _home_position(source: WireState) -> Message:
-    latitude, longitude, altitude = source.home_e7
     return m.MAVLink_home_position_message(
-        latitude, longitude, altitude, 0.0, 0.0, 0.0, _HOME_Q, 0.0, 0.0, 1.0, source.boot_ms * 1000
+        *source.home_e7, 0.0, 0.0, 0.0, _HOME_Q, 0.0, 0.0, 1.0, source.boot_ms * 1000
     )
 
 
@@ -243,15 +219,14 @@ def _mission_current(source: WireState) -> Message:
         mode = int(in_mode)
         if state is MissionState.PAUSED:
             state = MissionState.NOT_STARTED
-    return m.MAVLink_mission_current_message(
-        seq, size or source.firmware.mavlink.no_mission_total, int(state), mode, *source.plan_ids
-    )
+    total = size or source.mavlink.no_mission_total
+    return m.MAVLink_mission_current_message(seq, total, int(state), mode, *source.plan_ids)
 
 
 def _wind_cov(source: WireState) -> Message:
     east, north = source.pilot.state.wind_m_s
     return m.MAVLink_wind_cov_message(
-        source.boot_ms * 1000, north, east, 0.0, 0.0, 0.0, source.position_e7[2] / 1000.0, 0.5, 0.5
+        source.boot_ms * 1000, north, east, 0.0, 0.0, 0.0, source.altitude_m, 0.5, 0.5
     )
 
 
@@ -262,74 +237,146 @@ def _wind(source: WireState) -> Message:
 
 
 def _autopilot_version(source: WireState) -> Message:
-    identity = source.firmware.mavlink.identity
-    nothing = [0] * 8
+    identity, system_id = source.mavlink.identity, source.system_id
     return m.MAVLink_autopilot_version_message(
         identity.capabilities,
         identity.flight_sw_version,
-        0,
-        0,
-        0,
-        nothing,
-        nothing,
-        nothing,
-        0,
-        0,
-        source.system_id,
-        [source.system_id] + [0] * 17,
+        *(0, 0, 0),
+        *([0] * 8, [0] * 8, [0] * 8),
+        *(0, 0, system_id),
+        [system_id] + [0] * 17,
     )
 
 
-def _protocol_version(_state: WireState) -> Message:
-    return m.MAVLink_protocol_version_message(200, 100, 200, [0] * 8, [0] * 8)
+def _estimator_status(source: WireState) -> Message:
+    flags = _ESTIMATES_OK if source.pilot.controls.position_ok else _ESTIMATES_BLIND
+    return m.MAVLink_estimator_status_message(source.unix_us, flags, 0.1, 0.1, 0.1, 0.1, 0.0, 0.0, 0.5, 0.8)
 
 
-def _modes_monitor(_state: WireState) -> Message:
-    return m.MAVLink_available_modes_monitor_message(0)
+def _ekf_status_report(source: WireState) -> Message:
+    flags = _ESTIMATES_OK if source.pilot.controls.position_ok else _ESTIMATES_BLIND
+    boot, cold = source.boot, source.firmware.cold_boot
+    if cold is not None and boot is not None and not boot.knows_position:
+        flags = cold.blind_flags
+    return m.MAVLink_ekf_status_report_message(flags, 0.1, 0.1, 0.1, 0.1, 0.0)
 
 
-def _gps_global_origin(source: WireState) -> Message:
-    return m.MAVLink_gps_global_origin_message(*source.home_e7, source.unix_us)
+def _highres_imu(source: WireState) -> Message:
+    return m.MAVLink_highres_imu_message(
+        source.unix_us,
+        *source.force_m_s2,
+        *source.turning_rad_s,
+        *source.to_body(0.25, 0.0, 0.41),
+        _pressure_hpa(source),
+        0.0,
+        _barometer_m(source),
+        25.0,
+        0x1FFF,
+    )
 
 
-def _current_mode(source: WireState) -> Message:
-    return m.MAVLink_current_mode_message(0, source.custom_mode, source.custom_mode)
+def _pressure_hpa(source: WireState) -> float:
+    """Pressure of the ICAO standard atmosphere at the vehicle's height above the sea."""
+    height_m = min(11_000.0, _barometer_m(source))
+    return float(1013.25 * (1.0 - 2.25577e-5 * height_m) ** 5.25588)
+
+
+def _barometer_m(source: WireState) -> float:
+    """Return the barometer's height above the sea."""
+    if source.errors is None:
+        return source.altitude_m
+    return source.sensed.barometer_m + source.home.altitude_m
+
+
+def _true_velocity(source: WireState) -> Vector:
+    """Return the true velocity: north, east, down."""
+    (east, north, up), drift = source.pilot.state.velocity_m_s, source.sensed.drift_m_s
+    return north + drift[1], east + drift[0], -(up + drift[2])
+
+
+def _hil_state_quaternion(source: WireState) -> Message:
+    """HIL_STATE_QUATERNION, the true state as PX4's simulators send it beside what the vehicle believes."""
+    airspeed = min(65535, round(100.0 * source.pilot.state.airspeed_m_s))
+    return m.MAVLink_hil_state_quaternion_message(
+        source.unix_us,
+        list(source.quaternion),
+        *source.turning_rad_s,
+        *source.e7_of(source.sensed.true_m),
+        *int16_vector(_true_velocity(source), 100.0),
+        airspeed,
+        airspeed,
+        *int16_vector(source.force_m_s2, 1000.0, GRAVITY_M_S2),
+    )
+
+
+def _sim_state(source: WireState) -> Message:
+    """SIM_STATE, the true state as ArduPilot's simulator sends it, with the accuracy of its position."""
+    latitude, longitude, _ = source.e7_of(source.sensed.true_m)
+    noise = source.errors.noise if source.errors is not None else SensorNoise()
+    return m.MAVLink_sim_state_message(
+        *source.quaternion,
+        *source.angles_rad,
+        *source.force_m_s2,
+        *source.turning_rad_s,
+        latitude / 1e7,
+        longitude / 1e7,
+        source.sensed.true_m[2] + source.home.altitude_m,
+        noise.horizontal_accuracy_m,
+        noise.barometer_m,
+        *_true_velocity(source),
+        latitude,
+        longitude,
+    )
 
 
 BUILDERS: dict[int, Callable[[WireState], Message | None]] = {
     m.MAVLINK_MSG_ID_HEARTBEAT: _heartbeat,
     m.MAVLINK_MSG_ID_SYS_STATUS: _sys_status,
-    m.MAVLINK_MSG_ID_SYSTEM_TIME: _system_time,
-    m.MAVLINK_MSG_ID_GPS_RAW_INT: gps_raw_int,
-    m.MAVLINK_MSG_ID_ATTITUDE: _attitude,
-    m.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: _attitude_quaternion,
-    m.MAVLINK_MSG_ID_LOCAL_POSITION_NED: _local_position_ned,
+    m.MAVLINK_MSG_ID_SYSTEM_TIME: lambda s: m.MAVLink_system_time_message(s.unix_us, s.boot_ms),
+    m.MAVLINK_MSG_ID_GPS_RAW_INT: _gps_raw_int,
+    m.MAVLINK_MSG_ID_ATTITUDE: lambda s: m.MAVLink_attitude_message(
+        s.boot_ms, *s.angles_rad, *s.turning_rad_s
+    ),
+    m.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: lambda s: m.MAVLink_attitude_quaternion_message(
+        s.boot_ms, *s.quaternion, *s.turning_rad_s
+    ),
+    m.MAVLINK_MSG_ID_LOCAL_POSITION_NED: lambda s: m.MAVLink_local_position_ned_message(
+        s.boot_ms, *s.ned_m, *s.ned_m_s
+    ),
     m.MAVLINK_MSG_ID_ODOMETRY: _odometry,
     m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: _global_position_int,
     m.MAVLINK_MSG_ID_VFR_HUD: _vfr_hud,
     m.MAVLINK_MSG_ID_ALTITUDE: _altitude,
     m.MAVLINK_MSG_ID_BATTERY_STATUS: _battery_status,
     m.MAVLINK_MSG_ID_FENCE_STATUS: _fence_status,
-    m.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: _extended_sys_state,
+    m.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: lambda s: m.MAVLink_extended_sys_state_message(
+        0, int(s.pilot.landed)
+    ),
     m.MAVLINK_MSG_ID_HOME_POSITION: _home_position,
     m.MAVLINK_MSG_ID_MISSION_CURRENT: _mission_current,
     m.MAVLINK_MSG_ID_WIND_COV: _wind_cov,
     m.MAVLINK_MSG_ID_WIND: _wind,
-    m.MAVLINK_MSG_ID_HIL_STATE_QUATERNION: hil_state_quaternion,
-    m.MAVLINK_MSG_ID_SIM_STATE: sim_state,
+    m.MAVLINK_MSG_ID_HIL_STATE_QUATERNION: _hil_state_quaternion,
+    m.MAVLINK_MSG_ID_SIM_STATE: _sim_state,
     m.MAVLINK_MSG_ID_AUTOPILOT_VERSION: _autopilot_version,
-    m.MAVLINK_MSG_ID_CURRENT_MODE: _current_mode,
-    m.MAVLINK_MSG_ID_AVAILABLE_MODES_MONITOR: _modes_monitor,
-    m.MAVLINK_MSG_ID_PROTOCOL_VERSION: _protocol_version,
-    m.MAVLINK_MSG_ID_ESTIMATOR_STATUS: estimator_status,
-    m.MAVLINK_MSG_ID_EKF_STATUS_REPORT: ekf_status_report,
-    m.MAVLINK_MSG_ID_VIBRATION: vibration,
-    m.MAVLINK_MSG_ID_SCALED_PRESSURE: scaled_pressure,
-    m.MAVLINK_MSG_ID_HIGHRES_IMU: highres_imu,
-    m.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: _gps_global_origin,
-    **FLIGHT_BUILDERS,
+    m.MAVLINK_MSG_ID_CURRENT_MODE: lambda s: m.MAVLink_current_mode_message(0, s.custom_mode, s.custom_mode),
+    m.MAVLINK_MSG_ID_AVAILABLE_MODES_MONITOR: lambda _: m.MAVLink_available_modes_monitor_message(0),
+    m.MAVLINK_MSG_ID_PROTOCOL_VERSION: lambda _: m.MAVLink_protocol_version_message(
+        200, 100, 200, [0] * 8, [0] * 8
+    ),
+    m.MAVLINK_MSG_ID_ESTIMATOR_STATUS: _estimator_status,
+    m.MAVLINK_MSG_ID_EKF_STATUS_REPORT: _ekf_status_report,
+    # of a vehicle that does not vibrate
+    m.MAVLINK_MSG_ID_VIBRATION: lambda s: m.MAVLink_vibration_message(s.unix_us, 0.0, 0.0, 0.0, 0, 0, 0),
+    m.MAVLINK_MSG_ID_SCALED_PRESSURE: lambda s: m.MAVLink_scaled_pressure_message(
+        s.boot_ms, _pressure_hpa(s), 0.0, 2500
+    ),
+    m.MAVLINK_MSG_ID_HIGHRES_IMU: _highres_imu,
+    m.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: lambda s: m.MAVLink_gps_global_origin_message(*s.home_e7, s.unix_us),
+    **ARDUPILOT_BUILDERS,
     **GIMBAL_BUILDERS,
 }
+"""Message id to what makes it; None is that there is nothing to tell now."""
 
 
 def built(message_id: int, source: WireState) -> tuple[Message, ...]:

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from contextlib import suppress
-from dataclasses import replace
 from typing import Any
 
 from geo.frame import LocalFrame
-from mission.errors import LinkError, MissionError
+from mission.errors import LinkError
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.signing import Signing
 from mission.link.codec.typed import CommandMessage, handler, is_a
-from mission.model import RELATIVE_FRAMES, Command, GeoPoint, MissionType
+from mission.model import GeoPoint
 from mission.outcome import Outcome
 from mission.transfer import wire
 from sim_vehicle.airframe.sensor_errors import NavigationErrors, SensorNoise
@@ -23,31 +21,25 @@ from sim_vehicle.autopilot import adapt_vehicle, get_autopilot
 from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
 from sim_vehicle.autopilot.behaviour import ColdBoot
 from sim_vehicle.autopilot.modes import Mode
-from sim_vehicle.autopilot.parameters import Setting
-from sim_vehicle.component import NEVER, UNHEARD
+from sim_vehicle.component import UNHEARD
 from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.items import GIMBAL_COMMANDS as GIMBAL_ITEMS
 from sim_vehicle.execution.items import NAV_COMMANDS
 from sim_vehicle.execution.state import CameraCommand, FlightEvent, HomeMoved, ItemReached
-from sim_vehicle.mavlink import setpoint_messages
-from sim_vehicle.mavlink.calibration import GyroCalibration
-from sim_vehicle.mavlink.camera_commands import CAMERA, CameraOrders, camera_feedback
+from sim_vehicle.mavlink.ardupilot_messages import STREAMS
+from sim_vehicle.mavlink.camera_commands import CAMERA, CameraCommands, camera_feedback
 from sim_vehicle.mavlink.commands import CommandReceiver, set_custom_mode
-from sim_vehicle.mavlink.ftp.metadata import GENERAL_PATH, uri
-from sim_vehicle.mavlink.ftp.server import FtpServer, checksum
-from sim_vehicle.mavlink.ftp.vehicle_files import general_metadata, vehicle_files
-from sim_vehicle.mavlink.gimbal_messages import GIMBAL_MESSAGES, obey_gimbal_message, order_gimbal
-from sim_vehicle.mavlink.item_reports import ItemReports
-from sim_vehicle.mavlink.logs.flight_logs import FlightLogs
-from sim_vehicle.mavlink.logs.transfer import LOG_MESSAGES, LogMessage, LogTransfer
-from sim_vehicle.mavlink.manual_control import StickMessage, StickReader
-from sim_vehicle.mavlink.orders import Order
+from sim_vehicle.mavlink.ftp import FtpServer, checksum
+from sim_vehicle.mavlink.gimbal import GIMBAL_MESSAGES, command_gimbal, obey_gimbal_message
+from sim_vehicle.mavlink.logs import LOG_MESSAGES, FlightLogs, LogMessage, LogTransfer
 from sim_vehicle.mavlink.parameters import ParameterMessage, ParameterSet
 from sim_vehicle.mavlink.plan_receiver import PlanReceiver
-from sim_vehicle.mavlink.schedule import STREAMS, Schedule
-from sim_vehicle.mavlink.status_texts import StatusTexts
+from sim_vehicle.mavlink.reports import GyroCalibration, ItemReports, Schedule, StatusTexts
+from sim_vehicle.mavlink.steering import SETPOINT_MESSAGES, Steering
 from sim_vehicle.mavlink.telemetry import BUILDERS, built
+from sim_vehicle.mavlink.vehicle_command import VehicleCommand
+from sim_vehicle.mavlink.vehicle_files import GENERAL_PATH, general_metadata, uri, vehicle_files
 from sim_vehicle.mavlink.wire_state import WireState
 from sim_vehicle.pilot.notices import RefusedError, Severity
 from sim_vehicle.pilot.pilot import Pilot
@@ -60,17 +52,15 @@ _PLANNER = int(m.MAV_COMP_ID_MISSIONPLANNER)
 _TICK_S = 0.1
 _ITEM_AFTER_MODE_S = 0.03
 _GUIDED_ITEM = 2
-_GUIDED_OPTIONS, _THRUST_AS_THRUST = Setting("GUID_OPTIONS", 0.0), 8
 _TRUTH_HZ = 10.0
 _MISSION_IDS = frozenset(wire.SERVER_MESSAGES)
-_COMMAND_IDS = frozenset({m.MAVLINK_MSG_ID_COMMAND_LONG, m.MAVLINK_MSG_ID_COMMAND_INT})
-_PARAMETER_IDS = frozenset(
-    {
-        m.MAVLINK_MSG_ID_PARAM_REQUEST_LIST,
-        m.MAVLINK_MSG_ID_PARAM_REQUEST_READ,
-        m.MAVLINK_MSG_ID_PARAM_SET,
-    }
+_COMMAND_IDS = (m.MAVLINK_MSG_ID_COMMAND_LONG, m.MAVLINK_MSG_ID_COMMAND_INT)
+_PARAMETER_IDS = (
+    m.MAVLINK_MSG_ID_PARAM_REQUEST_LIST,
+    m.MAVLINK_MSG_ID_PARAM_REQUEST_READ,
+    m.MAVLINK_MSG_ID_PARAM_SET,
 )
+_GIMBAL_ATTITUDE = m.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS
 
 
 class SimVehicle:
@@ -161,13 +151,13 @@ class SimVehicle:
             estimate_errors=None if noise is None else noise.of_estimate,
             sticks=firmware.sticks,
         )
-        self.state = WireState(
+        self.state = state = WireState(
             pilot, firmware, home, system_id=system_id, epoch_unix_s=epoch_unix_s, noise=noise
         )
         self.schedule = self._default_schedule()
         self._heard: frozenset[int] | None = None
         self.has_camera = False
-        self._was_in_mission = self._spoken_to = False
+        self._spoken_to = False
         # What a stream asks for of a gimbal that nobody cares for: told when somebody does.
         self._gimbal_interval_us = 0
         self._signing = signing
@@ -175,16 +165,15 @@ class SimVehicle:
         self._outbox: list[Message] = []
         self._progress: tuple[object, ...] = ()
         self._shown: tuple[object, ...] = ()
-        self._current_due_s = NEVER
-        self._texts = StatusTexts()
-        self._reports = ItemReports(profile)
-        self._calibration = GyroCalibration()
-        self._sticks = StickReader(firmware.sticks, system_id, pilot.parameters)
         for card in firmware.profile.cards.values() if sd_card else ():
             if card.parameter not in pilot.parameters.settings:
                 pilot.parameters.stored[card.parameter] = card.largest_kib
-        self._plans = PlanReceiver(self.state, _AUTOPILOT, self._texts, self._reports)
-        self._camera = CameraOrders(system_id, self.say_warning)
+        self._texts = StatusTexts()
+        self._reports = ItemReports(state)
+        self._calibration = GyroCalibration(lambda text: pilot.note(Severity.INFO, text))
+        self._steering = Steering(state)
+        self._plans = PlanReceiver(state, _AUTOPILOT, self._texts, self._reports)
+        self._camera = CameraCommands(state, self.say_warning)
         self._commands = CommandReceiver(self)
         self._parameters = ParameterSet(
             firmware.parameters(spec, system_id),
@@ -197,33 +186,50 @@ class SimVehicle:
         self._logs = FlightLogs(epoch_unix_s)
         self._log_transfer = LogTransfer(self._logs, profile.logs, self.say_warning)
         self._ftp = FtpServer(vehicle_files(profile, self._parameters, self._logs, self._plans))
-        self._handlers: dict[int, Callable[[Any], None]] = {
+        # What is due by the clock, in the order of sending.
+        self._timed = (
+            self._camera,
+            self._reports,
+            self._plans,
+            self._parameters,
+            self._ftp,
+            self._log_transfer,
+            self._calibration,
+        )
+        self._handlers = self._message_handlers()
+        self.wanted: frozenset[int] | None = frozenset(self._handlers)
+
+    def _message_handlers(self) -> dict[int, Callable[[Any], None]]:
+        """What is done with a message, by its id."""
+        handlers: dict[int, Callable[[Any], None]] = {
             **dict.fromkeys(_COMMAND_IDS, self._on_command),
             **dict.fromkeys(_PARAMETER_IDS, self._on_parameter),
             **dict.fromkeys(LOG_MESSAGES, self._on_log),
             **dict.fromkeys(_MISSION_IDS, self._on_mission),
-            **dict.fromkeys(GIMBAL_MESSAGES, self._on_gimbal),
-            **dict(
-                (
-                    handler(m.MAVLink_command_ack_message, self._on_ack),
-                    handler(m.MAVLink_file_transfer_protocol_message, self._on_ftp),
-                    handler(m.MAVLink_heartbeat_message, self._on_heartbeat),
-                    handler(m.MAVLink_manual_control_message, self._on_sticks),
-                    handler(m.MAVLink_mission_set_current_message, self._on_set_current),
-                    handler(m.MAVLink_ping_message, self._on_ping),
-                    handler(m.MAVLink_rc_channels_override_message, self._on_sticks),
-                    handler(m.MAVLink_request_data_stream_message, self._on_data_stream),
-                    handler(m.MAVLink_set_mode_message, self._on_set_mode),
-                    handler(m.MAVLink_set_gps_global_origin_message, self._on_origin),
-                    handler(m.MAVLink_setup_signing_message, self._on_setup_signing),
-                    handler(m.MAVLink_timesync_message, self._on_timesync),
-                )
-            ),
-            **dict.fromkeys(setpoint_messages.MESSAGES, self._on_setpoint),
+            **dict.fromkeys(GIMBAL_MESSAGES, lambda message: obey_gimbal_message(self.state, message)),
+            **dict.fromkeys(SETPOINT_MESSAGES, self._steering.take_setpoint),
         }
-        if pilot.behaviour.tells_shots:
-            self._handlers[m.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED] = self._on_image
-        self.wanted: frozenset[int] | None = frozenset(self._handlers)
+        handlers |= (
+            handler(m.MAVLink_command_ack_message, self._on_ack),
+            handler(m.MAVLink_file_transfer_protocol_message, self._on_ftp),
+            handler(m.MAVLink_heartbeat_message, self._on_heartbeat),
+            handler(m.MAVLink_manual_control_message, self._steering.take_sticks),
+            handler(m.MAVLink_mission_set_current_message, self._on_set_current),
+            handler(m.MAVLink_ping_message, self._on_ping),
+            handler(m.MAVLink_rc_channels_override_message, self._steering.take_sticks),
+            handler(m.MAVLink_request_data_stream_message, self._on_data_stream),
+            # A vehicle that has a position keeps the origin that it has.
+            handler(
+                m.MAVLink_set_gps_global_origin_message,
+                lambda _: self._send(m.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN),
+            ),
+            handler(m.MAVLink_set_mode_message, self._on_set_mode),
+            handler(m.MAVLink_setup_signing_message, self._on_setup_signing),
+            handler(m.MAVLink_timesync_message, self._on_timesync),
+        )
+        if self.pilot.behaviour.tells_shots:
+            handlers[m.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED] = self._on_image
+        return handlers
 
     @property
     def firmware(self) -> Firmware:
@@ -251,7 +257,7 @@ class SimVehicle:
 
     def camera_attitude(self, boot_us: float) -> tuple[float, float, float] | None:
         """Roll, pitch and compass heading (rad) of the camera at a time of its clock; None straight down."""
-        return self.state.camera_attitude(boot_us)
+        return self.state.gimbal.attitude_at(boot_us)
 
     @property
     def outcome(self) -> Outcome:
@@ -291,18 +297,8 @@ class SimVehicle:
     def poll(self, now_s: float) -> list[Message]:
         """Fly up to now and return the telemetry and whatever else is due."""
         self._advance(now_s)
-        if self._camera.next_deadline() <= now_s:
-            self._outbox += self._camera.retry(now_s)
-        self._outbox += self._reports.repeat(now_s)
-        if self._current_due_s <= now_s:
-            self._current_due_s = NEVER
-            self._outbox += self.built(m.MAVLINK_MSG_ID_MISSION_CURRENT)
-        self._outbox += self._plans.poll(now_s)
-        self._outbox += self._parameters.poll(now_s)
-        self._outbox += self._ftp.poll(now_s)
-        self._outbox += self._log_transfer.poll(now_s)
-        for text in self._calibration.poll(now_s):
-            self.pilot.note(Severity.INFO, text)
+        for part in self._timed:
+            self._outbox += part.poll(now_s)
         self._show_changes()
         outbox, heard, boot = self._outbox, self._heard, self.state.boot
         for message_id in self.schedule.due(self.state.now_us):
@@ -320,20 +316,8 @@ class SimVehicle:
 
     def next_deadline(self) -> float:
         """When the next telemetry, retry or piece of flight is due."""
-        deadline_s = self.schedule.next_us / 1e6
-        if self.pilot.armed:
-            deadline_s = min(deadline_s, self._tick_s + _TICK_S)
-        return min(
-            deadline_s,
-            self._camera.next_deadline(),
-            self._reports.next_deadline(),
-            self._current_due_s,
-            self._plans.next_deadline(),
-            self._parameters.next_deadline(),
-            self._ftp.next_deadline(),
-            self._log_transfer.next_deadline(),
-            self._calibration.next_deadline(),
-        )
+        deadline_s = min(self.schedule.next_us / 1e6, *[part.next_deadline() for part in self._timed])
+        return min(deadline_s, self._tick_s + _TICK_S) if self.pilot.armed else deadline_s
 
     def _sent(self) -> list[Message]:
         outbox, self._outbox = self._outbox, []
@@ -357,7 +341,7 @@ class SimVehicle:
         self._tick_s = now_s
         if self._boots is not None:
             self._boot(self._boots)
-        events = self.pilot.advance(now_s, by_sticks=self._by_sticks)
+        events = self.pilot.advance(now_s, by_sticks=self._steering.by_sticks)
         self.state.sense(now_s)
         self.state.gimbal.advance(self.pilot.state, 1e3 * self.state.boot_ms, self.pilot.home_m)
         for event in self._reports.merged(events, self._plans.mission):
@@ -372,18 +356,13 @@ class SimVehicle:
             if stage.text:
                 self.pilot.note(Severity.INFO, stage.text)
             for message_id in before.untold - stage.untold:
-                self._outbox += self.built(message_id)
-
-    @property
-    def _by_sticks(self) -> bool:
-        """Whether sticks move the vehicle in the mode as peers are told it."""
-        rules = self.firmware.sticks
-        return rules is not None and self.state.custom_mode not in rules.without
+                self._send(message_id)
 
     def _tell(self, event: FlightEvent, now_s: float) -> None:
         if isinstance(event, ItemReached):
-            self._outbox.append(self._reports.report(self.state.wire_seq(event.seq), now_s))
-            if self._is_position(event.seq):
+            self._outbox.append(self._reports.reached(event.seq, now_s))
+            items = self.pilot.mission.items
+            if event.seq < len(items) and items[event.seq].command in NAV_COMMANDS:
                 self._outbox += self._camera.resume(now_s)
         elif isinstance(event, HomeMoved):
             self.on_home_moved()
@@ -395,42 +374,17 @@ class SimVehicle:
                 if item.command == m.MAV_CMD_DO_MOUNT_CONTROL:  # in missions always angles
                     params = (*params[:6], float(m.MAV_MOUNT_MODE_MAVLINK_TARGETING))
                 source = (self.system_id, _AUTOPILOT)
-                order_gimbal(self.state, Order(item.command, params, item.frame, source, again=False))
+                command_gimbal(self.state, VehicleCommand(item.command, params, item.frame, source))
             else:
                 self.command_camera(item.command, params)
-
-    def _is_position(self, seq: int) -> bool:
-        items = self.pilot.mission.items
-        return seq < len(items) and items[seq].command in NAV_COMMANDS
-
-    def _watch_camera(self) -> None:
-        """Stop shots that go on by themselves where the autopilot does so."""
-        pilot, camera, now_s = self.pilot, self._camera, self.state.now_us / 1e6
-        was_in_mission, self._was_in_mission = self._was_in_mission, pilot.mode is Mode.MISSION
-        if was_in_mission and not self._was_in_mission:
-            self.state.gimbal.to_default()
-        if not camera.shooting:
-            return
-        if not pilot.armed or (pilot.behaviour.pauses_shots and pilot.mode in (Mode.RTL, Mode.LAND)):
-            self._outbox += camera.stop(now_s)
-        elif pilot.behaviour.pauses_shots and was_in_mission and not self._was_in_mission:
-            self._outbox += camera.pause(now_s)
-
-    def _on_image(self, message: m.MAVLink_camera_image_captured_message) -> None:
-        """Tell of a shot that this vehicle has ordered, as an autopilot's own camera driver does."""
-        if message.get_srcSystem() != self.system_id or message.get_srcComponent() != CAMERA:
-            return
-        if self._camera.shooting and message.capture_result == 1:
-            self._outbox.append(camera_feedback(message, self.pilot.state))
 
     def _show_changes(self) -> None:
         """Send at once what peers wait for (mode, arming, landing, progress) and what is to be said."""
         pilot = self.pilot
-        self._watch_camera()
+        self._outbox += self._camera.watch(self._now_s)
         if self._gimbal_interval_us and self.state.gimbal.awake:
-            attitude, interval_us = m.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS, self._gimbal_interval_us
-            self._gimbal_interval_us = 0
-            self.schedule.set_interval(attitude, interval_us, self.state.now_us)
+            interval_us, self._gimbal_interval_us = self._gimbal_interval_us, 0
+            self.schedule.set_interval(_GIMBAL_ATTITUDE, interval_us, self.state.now_us)
         for notice in pilot.notices():
             self._outbox += self._texts.messages(notice.severity, notice.text)
         shown = (
@@ -440,29 +394,25 @@ class SimVehicle:
         )
         if shown == self._shown:
             return
-        self._plans.server.current_sequence = pilot.mission.current_seq
-        before = self._shown or shown
-        self._shown = shown
-        kinds = (
-            m.MAVLINK_MSG_ID_HEARTBEAT,
-            m.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
-            m.MAVLINK_MSG_ID_MISSION_CURRENT,
-        )
-        guarded = not pilot.behaviour.clears_in_flight
-        self._plans.server.locked = guarded and pilot.armed and pilot.mode is Mode.MISSION
+        before, self._shown = self._shown or shown, shown
+        server, guarded = self._plans.server, not pilot.behaviour.clears_in_flight
+        server.current_sequence = pilot.mission.current_seq
+        server.locked = guarded and pilot.armed and pilot.mode is Mode.MISSION
         steps_on = self._progress[1:] == shown[2][1:]
         self._progress = shown[2]
-        lag_s = self.firmware.mavlink.current_lag_s
+        lag_s = self.state.mavlink.current_lag_s
         if pilot.mission.returns and pilot.mode is Mode.MISSION:
             # The mode of returns is told before the item that leads to it.
             steps_on, lag_s = True, (pilot.behaviour.return_lag_s or 0.0) + _ITEM_AFTER_MODE_S
-        for message_id, old, new in zip(kinds, before, shown, strict=True):
-            if old == new:
-                continue
-            if message_id == m.MAVLINK_MSG_ID_MISSION_CURRENT and steps_on:
-                self._current_due_s = self.state.now_us / 1e6 + lag_s
-            else:
-                self._outbox += self.built(message_id)
+        changed = [old != new for old, new in zip(before, shown, strict=True)]
+        if changed[0]:
+            self._send(m.MAVLINK_MSG_ID_HEARTBEAT)
+        if changed[1]:
+            self._send(m.MAVLINK_MSG_ID_EXTENDED_SYS_STATE)
+        if changed[2] and steps_on:
+            self._reports.tell_current(self._now_s + lag_s)
+        elif changed[2]:
+            self._send(m.MAVLINK_MSG_ID_MISSION_CURRENT)
 
     def say_refusal(self, text: str) -> None:
         """Say why an order is refused; nothing where the autopilot has no words for it."""
@@ -475,8 +425,8 @@ class SimVehicle:
 
     def on_home_moved(self) -> None:
         """Tell where home is now."""
-        self._plans.set_home(self.state.move_home())
-        self._outbox += self.built(m.MAVLINK_MSG_ID_HOME_POSITION)
+        self._plans.server.home = self.state.move_home()
+        self._send(m.MAVLINK_MSG_ID_HOME_POSITION)
 
     def log_frame(self, frame: bytes, message_id: int, now_s: float) -> None:
         """Keep a frame that was sent or heard in the log of the flight."""
@@ -495,16 +445,24 @@ class SimVehicle:
 
     def metadata(self) -> tuple[Message, ...]:
         """COMPONENT_METADATA; nothing where the autopilot has none."""
-        details = self.firmware.mavlink.component_metadata
+        details = self.state.mavlink.component_metadata
         if details is None:
             return ()
         crc = checksum(general_metadata(self._parameters, details))
         return (m.MAVLink_component_metadata_message(self.state.boot_ms, crc, uri(GENERAL_PATH).encode()),)
 
+    def _send(self, message_id: int) -> None:
+        """Send a message from the state now."""
+        self._outbox += self.built(message_id)
+
+    @property
+    def _now_s(self) -> float:
+        return self.state.now_us / 1e6
+
     def calibrate_gyro(self) -> None:
         """Calibrate the gyroscopes, and tell how it goes where the autopilot does."""
-        if self.firmware.mavlink.tells_calibration:
-            self._calibration.begin(self.state.now_us / 1e6)
+        if self.state.mavlink.tells_calibration:
+            self._calibration.begin(self._now_s)
 
     def reboot(self) -> None:
         """Start again: time since boot, ids of plans, message rates, transfers; the plans are kept.
@@ -513,22 +471,25 @@ class SimVehicle:
         for the ground station's side of it, a simplification of what autopilots do whose watchdog bites.
         """
         self.state.reboot()
-        self._plans.reboot(self.state.now_us / 1e6)
+        self._plans.reboot(self._now_s)
         if not self.pilot.armed:
-            self.pilot.modes.override(self.firmware.mavlink.modes.boot)
+            self.pilot.modes.override(self.state.mavlink.modes.boot)
         self.schedule = self._default_schedule()
 
     def _default_schedule(self) -> Schedule:
         """Rates of the firmware, at most one message per motion step; the true state where it differs."""
         most_hz = 1.0 / self.pilot.spec.step_s
-        rates_hz = {kind: min(rate, most_hz) for kind, rate in self.firmware.mavlink.rates_hz.items()}
+        rates_hz = {kind: min(rate, most_hz) for kind, rate in self.state.mavlink.rates_hz.items()}
         if self.errors is not None:
-            rates_hz[self.firmware.mavlink.truth_message] = min(_TRUTH_HZ, most_hz)
+            rates_hz[self.state.mavlink.truth_message] = min(_TRUTH_HZ, most_hz)
         return Schedule(rates_hz)
 
     def command_camera(self, command: int, params: tuple[float, ...]) -> None:
         """Send a command to the camera, until it is acknowledged or was sent three times."""
-        self._outbox.append(self._camera.command(command, params, self.state.now_us / 1e6))
+        self._outbox.append(self._camera.command(command, params, self._now_s))
+
+    def _is_own_camera(self, message: Message) -> bool:
+        return (message.get_srcSystem(), message.get_srcComponent()) == (self.system_id, CAMERA)
 
     def _on_command(self, message: CommandMessage) -> None:
         # What a command makes the vehicle send goes before its acknowledgement.
@@ -536,104 +497,45 @@ class SimVehicle:
         self._outbox += answers
 
     def _on_ack(self, message: m.MAVLink_command_ack_message) -> None:
-        if message.get_srcSystem() != self.system_id or message.get_srcComponent() != CAMERA:
-            return
-        self._camera.acknowledged(message.command, message.result)
+        if self._is_own_camera(message):
+            self._camera.acknowledged(message.command, message.result)
 
     def _on_heartbeat(self, message: m.MAVLink_heartbeat_message) -> None:
-        if message.get_srcSystem() == self.system_id and message.get_srcComponent() == CAMERA:
-            self.has_camera = True
+        self.has_camera |= self._is_own_camera(message)
+
+    def _on_image(self, message: m.MAVLink_camera_image_captured_message) -> None:
+        """Tell of a shot that this vehicle has commanded, as an autopilot's own camera driver does."""
+        if self._is_own_camera(message) and self._camera.shooting and message.capture_result == 1:
+            self._outbox.append(camera_feedback(message, self.pilot.state))
 
     def _on_parameter(self, message: ParameterMessage) -> None:
-        self._outbox += self._parameters.handle(message, self.state.now_us / 1e6)
+        self._outbox += self._parameters.handle(message, self._now_s)
         if is_a(message, m.MAVLink_param_set_message) and message.param_id.startswith("MNT"):
             self.state.gimbal.wake()
-        if (banner := self.firmware.mavlink.identity.banner) and is_a(
-            message, m.MAVLink_param_request_list_message
-        ):
+        banner = self.state.mavlink.identity.banner
+        if banner and is_a(message, m.MAVLink_param_request_list_message):
             self.pilot.note(Severity.INFO, banner)
 
     def _on_ftp(self, message: m.MAVLink_file_transfer_protocol_message) -> None:
-        self._outbox += self._ftp.receive(message, self.state.now_us / 1e6)
+        self._outbox += self._ftp.receive(message, self._now_s)
 
     def _on_log(self, message: LogMessage) -> None:
-        now_s = self.state.now_us / 1e6
-        self._outbox += self._log_transfer.receive(message, now_s, armed=self.pilot.armed)
-
-    def _on_gimbal(self, message: Any) -> None:
-        obey_gimbal_message(self.state, message)
-
-    def _on_origin(self, _message: m.MAVLink_set_gps_global_origin_message) -> None:
-        """Tell the origin: a vehicle that has a position keeps the one that it has."""
-        self._outbox += self.built(m.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN)
+        self._outbox += self._log_transfer.receive(message, self._now_s, armed=self.pilot.armed)
 
     def _on_mission(self, message: Message) -> None:
-        profile = self.firmware.mavlink
-        if profile.guided_items and wire.is_item(message) and message.current == _GUIDED_ITEM:
-            self._outbox.append(self._fly_to_item(message))
-            return
-        self._outbox += self._plans.receive(message, self.state.now_us / 1e6)
-
-    def _fly_to_item(self, message: wire.ItemMessage) -> Message:
-        """Fly to a waypoint outside of the mission, as DroneKit's `simple_goto` asks for; the answer."""
-        result = wire.ERROR
-        with suppress(RefusedError, MissionError):
-            item = wire.item_from_message(message)
-            if item.command == Command.NAV_WAYPOINT and self.pilot.mode in (Mode.GUIDED, Mode.TAKEOFF):
-                altitude_m = item.z - (0.0 if item.frame in RELATIVE_FRAMES else self.home.altitude_m)
-                self.pilot.goto(item.x, item.y, altitude_m, mode=Mode.GUIDED)
-                result = wire.ACCEPTED
-        source = (message.get_srcSystem(), message.get_srcComponent())
-        return wire.ack(source, result, MissionType.MISSION)
-
-    def _on_sticks(self, message: StickMessage) -> None:
-        sticks, rules = self._sticks.read(message), self.firmware.sticks
-        if sticks is None or rules is None:
-            return
-        if self.state.custom_mode in rules.coordinated:
-            sticks = replace(sticks, right=0.0, turn=min(max(sticks.turn + sticks.right, -1.0), 1.0))
-        try:
-            by_rate = rules.tilt is not None and self.state.custom_mode in rules.tilt.by_rate
-            self.pilot.take_sticks(
-                sticks,
-                flown=self._by_sticks,
-                by_rate=by_rate,
-            )
-        except RefusedError as refusal:
-            self.pilot.setpoints.complain(str(refusal))
+        guided = self.state.mavlink.guided_items
+        if guided and wire.is_item(message) and message.current == _GUIDED_ITEM:
+            self._outbox.append(self._plans.fly_to(message))
+        else:
+            self._outbox += self._plans.receive(message, self._now_s)
 
     def _on_set_current(self, message: m.MAVLink_mission_set_current_message) -> None:
         try:
             self.pilot.set_current(self.state.own_seq(message.seq))
         except RefusedError:
-            self.say_refusal(self.firmware.mavlink.refusals.current_item)
+            self.say_refusal(self.state.mavlink.refusals.current_item)
             return
-        self._outbox += self.built(m.MAVLINK_MSG_ID_MISSION_CURRENT)
-
-    def _on_setpoint(
-        self, message: setpoint_messages.PositionTarget | m.MAVLink_set_attitude_target_message
-    ) -> None:
-        setpoints = self.pilot.setpoints
-        if is_a(message, m.MAVLink_set_attitude_target_message) and self.firmware.mavlink.flies_attitudes:
-            thrust = bool(int(_GUIDED_OPTIONS.of(self.pilot.parameters)) & _THRUST_AS_THRUST)
-            with suppress(RefusedError):
-                self.pilot.take_attitude(
-                    setpoint_messages.attitude_of(message, self.pilot.spec, by_thrust=thrust)
-                )
-        elif is_a(message, m.MAVLink_set_attitude_target_message):
-            setpoints.complain("Setpoint refused: attitudes are not flown")
-        elif setpoints.listens_in(self.pilot.mode):
-            try:
-                self.pilot.take_setpoint(
-                    setpoint_messages.setpoint_of(
-                        message,
-                        self.pilot.state,
-                        self.pilot.frame,
-                        body_positions=not self.pilot.failsafe.rules.needs_stream,
-                    )
-                )
-            except RefusedError as refusal:
-                setpoints.complain(str(refusal))
+        self._send(m.MAVLINK_MSG_ID_MISSION_CURRENT)
 
     def _on_set_mode(self, message: m.MAVLink_set_mode_message) -> None:
         try:
@@ -663,12 +565,12 @@ class SimVehicle:
             self.say_warning("Signing setup refused: not over this link")
 
     def _on_data_stream(self, message: m.MAVLink_request_data_stream_message) -> None:
-        if not self.firmware.mavlink.data_streams:
+        if not self.state.mavlink.data_streams:
             return
         rate = message.req_message_rate if message.start_stop else 0
         interval_us = round(1e6 / rate) if rate else -1
         for message_id in STREAMS.get(message.req_stream_id, ()):
-            if message_id == m.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS and not self.state.gimbal.awake:
+            if message_id == _GIMBAL_ATTITUDE and not self.state.gimbal.awake:
                 self._gimbal_interval_us = interval_us
                 continue
             self.schedule.set_interval(message_id, interval_us, self.state.now_us)

@@ -3,39 +3,49 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
+from geo.rotation import Quaternion, quaternion_of
 from mission.model import GeoPoint
+from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.airframe.sensor_errors import NavigationErrors, Sensed, SensorNoise
 from sim_vehicle.autopilot.modes import Mode
-from sim_vehicle.pilot.gimbal import Attitude, Gimbal
+from sim_vehicle.pilot.gimbal import Gimbal
 
 if TYPE_CHECKING:
     from sim_vehicle.autopilot.autopilot import Firmware
     from sim_vehicle.autopilot.behaviour import BootStage
+    from sim_vehicle.autopilot.mavlink_profile import MavlinkProfile
     from sim_vehicle.pilot.pilot import Pilot
 
-__all__ = ["WireState"]
+__all__ = ["UNUSED", "WireState", "centidegrees", "int16", "int16_vector"]
 
+Vector: TypeAlias = tuple[float, float, float]
+
+UNUSED = 65535
+"""Value of a 16-bit field that is not known."""
 # Rates of turning over a longer time say nothing.
 _LONGEST_MEAN_S = 1.5
 
 
-class WireState:
-    """The source of a vehicle's telemetry.
+def int16(value: float) -> int:
+    """Return a number as a 16-bit integer, within what one holds."""
+    return max(-32767, min(32767, round(value)))
 
-    Parameters
-    ----------
-    pilot : Pilot
-        The vehicle without MAVLink.
-    firmware : Firmware
-        What the autopilot is to its peers.
-    home : GeoPoint
-        Where it stands at the start; the altitude is that of the ground.
-    epoch_unix_s : float
-        Time of day at the host's time 0, seconds since 1970.
-    noise : SensorNoise, optional
-        How wrong it believes to be where it is; exact without.
+
+def int16_vector(vector: Vector, scale: float, unit: float = 1.0) -> tuple[int, int, int]:
+    """Return a vector as 16-bit integers in 1/scale of a unit."""
+    x, y, z = vector
+    return int16(scale * x / unit), int16(scale * y / unit), int16(scale * z / unit)
+
+
+def centidegrees(angle_rad: float) -> int:
+    """Return a direction in hundredths of a degree, 0 to 35,999."""
+    return round(math.degrees(angle_rad) * 100.0) % 36000
+
+
+class WireState:
+    """The source of a vehicle's telemetry: what its messages tell besides the state of its pilot.
 
     Attributes
     ----------
@@ -69,6 +79,7 @@ class WireState:
     ) -> None:
         self.pilot = pilot
         self.firmware = firmware
+        self.mavlink: MavlinkProfile = firmware.mavlink
         self.home = home
         self.gimbal = Gimbal(pilot.parameters, firmware.mavlink.gimbal)
         self.system_id = system_id
@@ -90,7 +101,7 @@ class WireState:
         self._boot_us = 0
         self._unknown_until_us = 0
         self._asked: tuple[Mode, int] | None = None
-        self._attitude: tuple[float, float, float] = (-math.inf, 0.0, 0.0)
+        self._attitude: Vector = (-math.inf, 0.0, 0.0)
         self._rates = (0.0, 0.0, 0.0)
 
     def name_mode(self, number: int) -> None:
@@ -103,7 +114,7 @@ class WireState:
         mode = self.pilot.mode
         if self._asked is not None and self._asked[0] is not mode:
             self._asked = None
-        modes = self.firmware.mavlink.modes
+        modes = self.mavlink.modes
         if mode is Mode.HOLD and self.pilot.modes.by_itself and modes.own_hold is not None:
             return modes.own_hold
         return modes[mode] if self._asked is None else self._asked[1]
@@ -116,6 +127,56 @@ class WireState:
     def item_known(self) -> bool:
         """Whether MISSION_CURRENT tells an item."""
         return self.now_us >= self._unknown_until_us
+
+    @property
+    def ned_m(self) -> Vector:
+        """Where it believes to be: north, east, down of home."""
+        east, north, up = self.sensed.believed_m
+        return north, east, -up
+
+    @property
+    def ned_m_s(self) -> Vector:
+        """How it believes to move: north, east, down."""
+        east, north, up = self.velocity_m_s
+        return north, east, -up
+
+    @property
+    def altitude_m(self) -> float:
+        """Height above the sea that it believes to have."""
+        return self.position_e7[2] / 1000.0
+
+    @property
+    def angles_rad(self) -> Vector:
+        """Roll, pitch, and yaw from -pi to pi."""
+        state = self.pilot.state
+        return state.roll_rad, state.pitch_rad, math.remainder(state.yaw_rad, 2.0 * math.pi)
+
+    @property
+    def quaternion(self) -> Quaternion:
+        """The attitude: w, x, y, z."""
+        state = self.pilot.state
+        return quaternion_of(state.roll_rad, state.pitch_rad, state.yaw_rad)
+
+    @property
+    def turning_rad_s(self) -> Vector:
+        """Rates of roll and pitch, which are not told, and of yaw."""
+        return 0.0, 0.0, self.pilot.state.yaw_rate_rad_s
+
+    @property
+    def force_m_s2(self) -> Vector:
+        """The specific force that accelerometers feel: forward, right, down."""
+        east, north, up = self.pilot.state.acceleration_m_s2
+        return self.to_body(north, east, -(up + GRAVITY_M_S2))
+
+    def to_body(self, north: float, east: float, down: float) -> Vector:
+        """Turn a vector from north, east, down to forward, right, down: by yaw, pitch, then roll."""
+        state = self.pilot.state
+        cy, sy = math.cos(state.yaw_rad), math.sin(state.yaw_rad)
+        cp, sp = math.cos(state.pitch_rad), math.sin(state.pitch_rad)
+        cr, sr = math.cos(state.roll_rad), math.sin(state.roll_rad)
+        x, y = cy * north + sy * east, cy * east - sy * north
+        x, z = cp * x - sp * down, sp * x + cp * down
+        return x, cr * y + sr * z, cr * z - sr * y
 
     def set_time(self, now_us: int) -> None:
         """Set the clocks."""
@@ -138,7 +199,7 @@ class WireState:
         if self.boot is not None and not self.boot.tells_place:
             self.position_e7 = (0, 0, self.position_e7[2])
 
-    def body_rates(self) -> tuple[float, float, float]:
+    def body_rates(self) -> Vector:
         """Rates of turning about forward, right, down, rad/s: the mean since they were last asked for."""
         state, (time_s, roll, pitch) = self.pilot.state, self._attitude
         passed_s = state.time_s - time_s
@@ -158,7 +219,7 @@ class WireState:
             )
         return self._rates
 
-    def e7_of(self, position_m: tuple[float, float, float]) -> tuple[int, int, int]:
+    def e7_of(self, position_m: Vector) -> tuple[int, int, int]:
         """A position about home in the units of the wire; its height counts from the sea."""
         east, north, up = position_m
         latitude, longitude = self.pilot.frame.to_wgs84(east, north)
@@ -188,10 +249,6 @@ class WireState:
     def own_seq(self, seq: int) -> int:
         """Undo `wire_seq`; home itself is the first item."""
         return max(0, seq - 1) if self.firmware.profile.home_at_zero else seq
-
-    def camera_attitude(self, boot_us: float) -> Attitude | None:
-        """Where the camera looked at a time of the vehicle's own clock; None as long as its gimbal rests."""
-        return self.gimbal.attitude_at(boot_us)
 
     def position_error(self, boot_us: float) -> tuple[float, float]:
         """How far east and north of the truth it believed to be, at a time of its own clock."""

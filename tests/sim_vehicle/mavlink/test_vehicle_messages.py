@@ -21,8 +21,8 @@ from sim_vehicle.component import Component
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.mavlink import SimVehicle
 from sim_vehicle.mavlink.commands import HANDLERS
-from sim_vehicle.mavlink.gimbal_messages import GIMBAL_BUILDERS
-from sim_vehicle.mavlink.schedule import LONGEST_US, SHORTEST_US, Schedule
+from sim_vehicle.mavlink.gimbal import GIMBAL_BUILDERS
+from sim_vehicle.mavlink.reports import LONGEST_US, SHORTEST_US, Schedule
 from sim_vehicle.mavlink.telemetry import BUILDERS
 
 HOME = GeoPoint(28.05, -82.15, 20.0)

@@ -16,10 +16,9 @@ from mission.link.codec.frames import FrameReader, FrameWriter
 from mission.model import GeoPoint
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import get_autopilot
-from sim_vehicle.mavlink.ftp import vehicle_files
-from sim_vehicle.mavlink.ftp.files import FileTree
-from sim_vehicle.mavlink.ftp.packet import MOST_DATA, FtpError, Operation, Packet
-from sim_vehicle.mavlink.ftp.server import FtpServer
+from sim_vehicle.mavlink import vehicle_files
+from sim_vehicle.mavlink.file_tree import FileTree, FtpError
+from sim_vehicle.mavlink.ftp import MOST_DATA, FtpServer, Operation, Packet
 from sim_vehicle.mavlink.vehicle import SimVehicle
 
 HOME = GeoPoint(28.05, -82.15, 10.0)

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from enum import IntEnum
 
-from sim_vehicle.mavlink.ftp.packet import FtpError
-
-__all__ = ["FileError", "FileTree", "path_of"]
+__all__ = ["FileError", "FileTree", "FtpError", "path_of"]
 
 _MOST_ENTRIES = 512
 _MOST_BYTES = 4_000_000
@@ -17,6 +16,20 @@ MadeFile = Callable[[str, int], bytes | None]
 TakenFile = Callable[[bytes], bool]
 Mounted = Callable[[], Mapping[str, bytes | bytearray]]
 Path = tuple[str, ...]
+
+
+class FtpError(IntEnum):
+    """Why a request was not carried out."""
+
+    FAIL = 1
+    INVALID_SIZE = 3
+    INVALID_SESSION = 4
+    NO_SESSIONS = 5
+    END_OF_FILE = 6
+    UNKNOWN_COMMAND = 7
+    FILE_EXISTS = 8
+    PROTECTED = 9
+    NOT_FOUND = 10
 
 
 class FileError(Exception):
@@ -47,7 +60,7 @@ def path_of(text: str) -> Path:
 
 
 class FileTree:
-    """Directories and files.
+    """Directories and files; its methods raise FileError for what cannot be done.
 
     Parameters
     ----------
@@ -85,13 +98,7 @@ class FileTree:
         }
 
     def names(self, text: str) -> list[str]:
-        """Return the entries of a directory, as LIST tells them: ``Dname``, or ``Fname`` with its size.
-
-        Raises
-        ------
-        FileError
-            There is no such directory.
-        """
+        """Return the entries of a directory, as LIST tells them: ``Dname``, or ``Fname`` with its size."""
         path = path_of(text)
         mounted = self._mounted_files()
         depth = len(path)
@@ -109,13 +116,7 @@ class FileTree:
         return sorted(entries)
 
     def opened(self, text: str) -> Callable[[int], bytes | None]:
-        """Return the contents of a file, given the size of the first read.
-
-        Raises
-        ------
-        FileError
-            There is no such file.
-        """
+        """Return the contents of a file, given the size of the first read."""
         name, _, query = text.partition("?")
         path = path_of(name)
         if path in self._made:
@@ -130,13 +131,7 @@ class FileTree:
         return lambda _size: contents
 
     def create(self, text: str, *, anew: bool) -> Path:
-        """Make a file, or find one; ``anew`` empties it.
-
-        Raises
-        ------
-        FileError
-            The place cannot be written to, is a directory, or there is no room.
-        """
+        """Make a file, or find one; ``anew`` empties it."""
         path = path_of(text)
         if path not in self._taken:
             path = self._place(text)
@@ -150,13 +145,7 @@ class FileTree:
         return path
 
     def write(self, path: Path, offset: int, data: bytes) -> None:
-        """Write into a file; a hole is filled with zeros.
-
-        Raises
-        ------
-        FileError
-            It is gone, or there is no room.
-        """
+        """Write into a file; a hole is filled with zeros."""
         kept = self._files.get(path)
         if kept is None:
             raise FileError(FtpError.NOT_FOUND)
@@ -167,24 +156,12 @@ class FileTree:
         kept[offset:end] = data
 
     def close(self, path: Path) -> None:
-        """End the writing of a file.
-
-        Raises
-        ------
-        FileError
-            The vehicle takes it over, and does not accept it.
-        """
+        """End the writing of a file."""
         if path in self._taken and not self._taken[path](bytes(self._files.pop(path, b""))):
             raise FileError(FtpError.FAIL)
 
     def truncate(self, text: str, size: int) -> None:
-        """Shorten a file.
-
-        Raises
-        ------
-        FileError
-            There is none, it cannot be written to, or it is shorter.
-        """
+        """Shorten a file."""
         kept = self._files.get(self._place(text))
         if kept is None:
             raise FileError(FtpError.NOT_FOUND)
@@ -193,24 +170,12 @@ class FileTree:
         del kept[size:]
 
     def remove(self, text: str) -> None:
-        """Remove a file.
-
-        Raises
-        ------
-        FileError
-            There is none, or it cannot be written to.
-        """
+        """Remove a file."""
         if self._files.pop(self._place(text), None) is None:
             raise FileError(FtpError.NOT_FOUND)
 
     def make_directory(self, text: str) -> None:
-        """Make a directory.
-
-        Raises
-        ------
-        FileError
-            It is there, its place cannot be written to, or there is no room.
-        """
+        """Make a directory."""
         path = self._place(text)
         if path in self._directories or path in self._files:
             raise FileError(FtpError.FILE_EXISTS)
@@ -218,13 +183,7 @@ class FileTree:
         self._directories.add(path)
 
     def remove_directory(self, text: str) -> None:
-        """Remove an empty directory.
-
-        Raises
-        ------
-        FileError
-            There is none, it has entries, or it cannot be written to.
-        """
+        """Remove an empty directory."""
         path = self._place(text)
         if path not in self._directories:
             raise FileError(FtpError.NOT_FOUND)
@@ -233,13 +192,7 @@ class FileTree:
         self._directories.remove(path)
 
     def rename(self, old: str, new: str) -> None:
-        """Give a file another path.
-
-        Raises
-        ------
-        FileError
-            There is none, the new one exists, or one of them cannot be written to.
-        """
+        """Give a file another path."""
         before, after = self._place(old), self._place(new)
         if before not in self._files:
             raise FileError(FtpError.NOT_FOUND)

@@ -1,7 +1,14 @@
-"""The files that each autopilot has at the start."""
+"""The files of each autopilot: component metadata, packed parameters and plans, logs.
+
+Component metadata: https://mavlink.io/en/services/component_metadata.html, and ``parameter.schema.json`` of
+https://github.com/mavlink/mavlink/tree/master/component_metadata; the version that PX4 writes is 1.
+"""
 
 from __future__ import annotations
 
+import json
+import lzma
+import math
 import struct
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -11,30 +18,32 @@ from urllib.parse import parse_qsl
 
 from mission.link.codec.dialect import mavlink as m
 from mission.model import MissionType
-from sim_vehicle.autopilot.parameters import MavParameter
-from sim_vehicle.mavlink.ftp.files import FileTree, MadeFile, TakenFile
-from sim_vehicle.mavlink.ftp.metadata import GENERAL_PATH, PARAMETERS_PATH, metadata_files
+from sim_vehicle.autopilot.parameters import MavParameter, ParameterDetails
+from sim_vehicle.mavlink.file_tree import FileTree, MadeFile, TakenFile
+from sim_vehicle.mavlink.ftp import checksum
 
 if TYPE_CHECKING:
-    from mission.model import MissionType
     from sim_vehicle.autopilot.mavlink_profile import MavlinkProfile
-    from sim_vehicle.autopilot.parameters import ParameterDetails
-    from sim_vehicle.mavlink.logs.flight_logs import FlightLogs
+    from sim_vehicle.mavlink.logs import FlightLogs
     from sim_vehicle.mavlink.parameters import ParameterSet
     from sim_vehicle.mavlink.plan_receiver import PlanReceiver
 
 __all__ = [
+    "GENERAL_PATH",
     "PLAN_PATHS",
     "PackedPlan",
-    "asked_for",
     "general_metadata",
     "pack_plan",
-    "packed",
     "unpack_plan",
-    "unpacked",
+    "uri",
     "vehicle_files",
 ]
 
+GENERAL_PATH = "/etc/extras/component_general.json.xz"
+PARAMETERS_PATH = "/etc/extras/parameters.json.xz"
+_TYPE_PARAMETERS = 1
+# The readers in ground stations are small ones: they know this checksum only.
+_FILTERS = [{"id": lzma.FILTER_LZMA2, "preset": 6, "dict_size": 1 << 16}]
 _MAGIC, _MAGIC_WITH_DEFAULTS = 0x671B, 0x671C
 _HEADER = struct.Struct("<HHH")
 _INTEGERS = {8: (1, "<b"), 16: (2, "<h"), 32: (3, "<i")}
@@ -42,6 +51,78 @@ _FLOAT = (4, "<f")
 _CODES = dict((*_INTEGERS.values(), _FLOAT))
 _LONGEST_NAME = 16
 _MOST = 65534
+
+Details: TypeAlias = Callable[[], Mapping[str, ParameterDetails]]
+
+
+def metadata_files(
+    table: tuple[MavParameter, ...],
+    defaults: tuple[float, ...],
+    details: Callable[[], Mapping[str, ParameterDetails]],
+) -> dict[str, bytes]:
+    """Return the files by path: the general one, which names the others, and that of the parameters.
+
+    Defaults are the values at the start, each in its own unit; a parameter without details is told as the
+    table has it.
+    """
+    known = details()
+    entries = [
+        _entry(parameter, default, known.get(parameter.name))
+        for parameter, default in zip(table, defaults, strict=True)
+    ]
+    parameters = _compressed({"version": 1, "parameters": entries})
+    types = [{"type": _TYPE_PARAMETERS, "uri": uri(PARAMETERS_PATH), "fileCrc": checksum(parameters)}]
+    return {GENERAL_PATH: _compressed({"version": 1, "metadataTypes": types}), PARAMETERS_PATH: parameters}
+
+
+def uri(path: str) -> str:
+    """Address of a file of the vehicle, for clients.
+
+    Examples
+    --------
+    >>> uri(GENERAL_PATH)
+    'mftp://etc/extras/component_general.json.xz'
+    """
+    return f"mftp:/{path}"
+
+
+def _entry(parameter: MavParameter, default: float, details: ParameterDetails | None) -> dict[str, object]:
+    number: Callable[[float], float] = round if parameter.integer else float
+    entry: dict[str, object] = {
+        "name": parameter.name,
+        "type": f"Int{parameter.bits}" if parameter.integer else "Float",
+        "default": number(default),
+        "group": details.group if details else parameter.name.split("_", 1)[0],
+    }
+    ranged = details or parameter
+    for key, limit in (("min", ranged.low), ("max", ranged.high)):
+        if math.isfinite(limit):
+            entry[key] = number(limit)
+    if parameter.unit:
+        entry["units"] = parameter.unit
+    if details:
+        entry |= _told(details, number)
+    return entry
+
+
+def _told(details: ParameterDetails, number: Callable[[float], float]) -> dict[str, object]:
+    told: dict[str, object] = {}
+    if details.decimals is not None:
+        told["decimalPlaces"] = details.decimals
+    if details.increment is not None:
+        told["increment"] = number(details.increment)
+    if details.reboot:
+        told["rebootRequired"] = True
+    if details.values:
+        told["values"] = [{"value": number(value), "description": label} for value, label in details.values]
+    if details.bits:
+        told["bitmask"] = [{"index": bit, "description": label} for bit, label in details.bits]
+    return told
+
+
+def _compressed(value: object) -> bytes:
+    text = json.dumps(value, separators=(",", ":"), sort_keys=True)
+    return lzma.compress(text.encode("ascii"), lzma.FORMAT_XZ, lzma.CHECK_CRC32, filters=_FILTERS)
 
 
 def asked_for(query: str) -> tuple[int, int, bool] | None:
@@ -263,8 +344,6 @@ def unpack_plan(data: bytes, mission_type: MissionType) -> PackedPlan | None:
         )
     return PackedPlan(mission_type, tuple(items), first if in_part else None)
 
-
-Details: TypeAlias = "Callable[[], Mapping[str, ParameterDetails]]"
 
 # The other files of @SYS tell of threads, memory, ports and storage of a board, which there is not.
 _TASKS_PATH = "@SYS/tasks.txt"

@@ -6,6 +6,7 @@ Source: ArduPilot's ``GCS_Common.cpp``, ``GCS_MAVLink_Copter.cpp`` and the const
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from mission.link.codec.dialect import Message
@@ -14,14 +15,13 @@ from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.stick_rules import Sticks
 from sim_vehicle.execution.state import FlightPhase, LandedState
-from sim_vehicle.mavlink.sensor_messages import UNUSED
-from sim_vehicle.mavlink.true_state import int16, to_body
+from sim_vehicle.mavlink.wire_state import UNUSED, int16_vector
 
 if TYPE_CHECKING:
     from sim_vehicle.mavlink.wire_state import WireState
     from sim_vehicle.motion.legs import Position
 
-__all__ = ["FLIGHT_BUILDERS"]
+__all__ = ["ARDUPILOT_BUILDERS", "STREAMS"]
 
 # Type masks of what is not told: all but a position (with ArduPilot's unused bits), but a velocity, but both.
 _ONLY_GLOBAL, _ONLY_POSITION, _ONLY_VELOCITY, _BOTH = 0xFDF8, 0xDF8, 0xC07, 0xC00
@@ -52,8 +52,7 @@ def _target(source: WireState) -> tuple[Position, Position] | None:
 
 
 def _nav_controller_output(source: WireState) -> Message:
-    state = source.pilot.state
-    x, y, z = state.position_m
+    x, y, z = source.pilot.state.position_m
     bearing = distance = rise = aside = 0.0
     target = _target(source)
     if target is not None:
@@ -66,15 +65,9 @@ def _nav_controller_output(source: WireState) -> Message:
             aside = (x - ax) * uy - (y - ay) * ux
             share = min(max(((x - ax) * ux + (y - ay) * uy) / length, 0.0), 1.0)
         rise = az + share * (bz - az) - z
+    roll, pitch, yaw = map(math.degrees, source.angles_rad)
     return m.MAVLink_nav_controller_output_message(
-        math.degrees(state.roll_rad),
-        math.degrees(state.pitch_rad),
-        round(math.degrees(math.remainder(state.yaw_rad, 2.0 * math.pi))),
-        round(bearing),
-        min(round(distance), UNUSED),
-        rise,
-        0.0,
-        aside,
+        roll, pitch, round(yaw), round(bearing), min(round(distance), UNUSED), rise, 0.0, aside
     )
 
 
@@ -100,18 +93,8 @@ def _position_target_local_ned(source: WireState) -> Message | None:
     mask = _ONLY_VELOCITY if target is None else _BOTH if moves else _ONLY_POSITION
     east, north, up = (0.0, 0.0, 0.0) if target is None else target[1]
     v_east, v_north, v_up = velocity if moves else (0.0, 0.0, 0.0)
-    return m.MAVLink_position_target_local_ned_message(
-        source.boot_ms,
-        m.MAV_FRAME_LOCAL_NED,
-        mask,
-        north,
-        east,
-        -up,
-        v_north,
-        v_east,
-        -v_up,
-        *[0.0] * 5,
-    )
+    numbers = (north, east, -up, v_north, v_east, -v_up, *[0.0] * 5)
+    return m.MAVLink_position_target_local_ned_message(source.boot_ms, m.MAV_FRAME_LOCAL_NED, mask, *numbers)
 
 
 def _servo_output_raw(source: WireState) -> Message:
@@ -134,62 +117,27 @@ def _servo_output_raw(source: WireState) -> Message:
     return m.MAVLink_servo_output_raw_message(source.boot_ms * 1000 & 0xFFFFFFFF, 0, *outputs, 0, 0, 0, 0)
 
 
-def _readings(source: WireState) -> list[int]:
+def _readings(source: WireState, *further: int) -> list[int]:
     """Accelerometer (1e-3 g), gyroscope (mrad/s) and compass (mgauss): forward, right, down of each."""
-    state = source.pilot.state
-    east, north, up = state.acceleration_m_s2
-    force = to_body(state, north, east, -(up + GRAVITY_M_S2))
     return [
-        *(int16(1000.0 * part / GRAVITY_M_S2) for part in force),
-        *(int16(1000.0 * part) for part in source.body_rates()),
-        *(int16(1000.0 * part) for part in to_body(state, *_GAUSS)),
+        *int16_vector(source.force_m_s2, 1000.0, GRAVITY_M_S2),
+        *int16_vector(source.body_rates(), 1000.0),
+        *int16_vector(source.to_body(*_GAUSS), 1000.0),
+        *further,
     ]
-
-
-def _raw_imu(source: WireState) -> Message:
-    numbers = [*_readings(source), 0, _CENTIDEGREES]
-    return m.MAVLink_raw_imu_message(source.boot_ms * 1000, *numbers)
-
-
-def _scaled_imu2(source: WireState) -> Message:
-    numbers = [*_readings(source), _CENTIDEGREES]
-    return m.MAVLink_scaled_imu2_message(source.boot_ms, *numbers)
-
-
-def _power_status(_source: WireState) -> Message:
-    return m.MAVLink_power_status_message(_BOARD_MV, 0, 0)
-
-
-def _meminfo(_source: WireState) -> Message:
-    return m.MAVLink_meminfo_message(0, UNUSED, _FREE_BYTES)
-
-
-def _ahrs(_source: WireState) -> Message:
-    """AHRS of gyroscopes that do not drift."""
-    return m.MAVLink_ahrs_message(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def _ahrs2(source: WireState) -> Message:
     """AHRS2, the second estimator: it takes its position from the receiver as it is."""
-    state = source.pilot.state
     latitude, longitude, altitude_mm = source.e7_of(source.sensed.gps_m)
-    yaw = math.remainder(state.yaw_rad, 2.0 * math.pi)
-    return m.MAVLink_ahrs2_message(
-        state.roll_rad, state.pitch_rad, yaw, altitude_mm / 1000.0, latitude, longitude
-    )
+    return m.MAVLink_ahrs2_message(*source.angles_rad, altitude_mm / 1000.0, latitude, longitude)
 
 
 def _terrain_report(source: WireState) -> Message:
     """TERRAIN_REPORT of ground that is as high as at home everywhere."""
-    latitude, longitude, _ = source.position_e7
+    height_m = source.sensed.believed_m[2]
     return m.MAVLink_terrain_report_message(
-        latitude,
-        longitude,
-        _SPACING_M,
-        source.home.altitude_m,
-        source.sensed.believed_m[2],
-        0,
-        _LOADED,
+        *source.position_e7[:2], _SPACING_M, source.home.altitude_m, height_m, 0, _LOADED
     )
 
 
@@ -205,18 +153,63 @@ def _rc_channels(source: WireState) -> Message:
     return m.MAVLink_rc_channels_message(source.boot_ms, 16, *numbers)
 
 
-FLIGHT_BUILDERS = {
+ARDUPILOT_BUILDERS: dict[int, Callable[[WireState], Message | None]] = {
     m.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT: _nav_controller_output,
     m.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT: _position_target_global_int,
     m.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: _position_target_local_ned,
     m.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: _servo_output_raw,
-    m.MAVLINK_MSG_ID_RAW_IMU: _raw_imu,
-    m.MAVLINK_MSG_ID_SCALED_IMU2: _scaled_imu2,
-    m.MAVLINK_MSG_ID_POWER_STATUS: _power_status,
-    m.MAVLINK_MSG_ID_MEMINFO: _meminfo,
-    m.MAVLINK_MSG_ID_AHRS: _ahrs,
+    m.MAVLINK_MSG_ID_RAW_IMU: lambda s: m.MAVLink_raw_imu_message(
+        s.boot_ms * 1000, *_readings(s, 0, _CENTIDEGREES)
+    ),
+    m.MAVLINK_MSG_ID_SCALED_IMU2: lambda s: m.MAVLink_scaled_imu2_message(
+        s.boot_ms, *_readings(s, _CENTIDEGREES)
+    ),
+    m.MAVLINK_MSG_ID_POWER_STATUS: lambda _: m.MAVLink_power_status_message(_BOARD_MV, 0, 0),
+    m.MAVLINK_MSG_ID_MEMINFO: lambda _: m.MAVLink_meminfo_message(0, UNUSED, _FREE_BYTES),
+    # of gyroscopes that do not drift
+    m.MAVLINK_MSG_ID_AHRS: lambda _: m.MAVLink_ahrs_message(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
     m.MAVLINK_MSG_ID_AHRS2: _ahrs2,
     m.MAVLINK_MSG_ID_TERRAIN_REPORT: _terrain_report,
     m.MAVLINK_MSG_ID_RC_CHANNELS: _rc_channels,
 }
-"""Message id to its maker; None is that there is nothing to tell now."""
+"""Message id to what makes it; None is that there is nothing to tell now."""
+
+_GROUPS: dict[int, tuple[int, ...]] = {
+    m.MAV_DATA_STREAM_RAW_SENSORS: (
+        m.MAVLINK_MSG_ID_RAW_IMU,
+        m.MAVLINK_MSG_ID_SCALED_IMU2,
+        m.MAVLINK_MSG_ID_SCALED_PRESSURE,
+    ),
+    m.MAV_DATA_STREAM_EXTENDED_STATUS: (
+        m.MAVLINK_MSG_ID_SYS_STATUS,
+        m.MAVLINK_MSG_ID_POWER_STATUS,
+        m.MAVLINK_MSG_ID_MEMINFO,
+        m.MAVLINK_MSG_ID_MISSION_CURRENT,
+        m.MAVLINK_MSG_ID_GPS_RAW_INT,
+        m.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT,
+        m.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT,
+        m.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
+    ),
+    m.MAV_DATA_STREAM_POSITION: (
+        m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
+        m.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
+    ),
+    m.MAV_DATA_STREAM_RC_CHANNELS: (m.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW, m.MAVLINK_MSG_ID_RC_CHANNELS),
+    m.MAV_DATA_STREAM_EXTRA1: (m.MAVLINK_MSG_ID_ATTITUDE, m.MAVLINK_MSG_ID_AHRS2),
+    m.MAV_DATA_STREAM_EXTRA2: (m.MAVLINK_MSG_ID_VFR_HUD,),
+    m.MAV_DATA_STREAM_EXTRA3: (
+        m.MAVLINK_MSG_ID_AHRS,
+        m.MAVLINK_MSG_ID_SYSTEM_TIME,
+        m.MAVLINK_MSG_ID_WIND,
+        m.MAVLINK_MSG_ID_TERRAIN_REPORT,
+        m.MAVLINK_MSG_ID_BATTERY_STATUS,
+        m.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS,
+        m.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
+        m.MAVLINK_MSG_ID_VIBRATION,
+    ),
+}
+STREAMS: dict[int, tuple[int, ...]] = {
+    m.MAV_DATA_STREAM_ALL: tuple(message_id for group in _GROUPS.values() for message_id in group),
+    **_GROUPS,
+}
+"""What REQUEST_DATA_STREAM switches on an ArduPilot."""

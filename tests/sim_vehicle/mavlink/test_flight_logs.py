@@ -11,7 +11,7 @@ from mission.model import GeoPoint
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.host.server import Server
-from sim_vehicle.mavlink.logs.flight_logs import FlightLogs
+from sim_vehicle.mavlink.logs import FlightLogs
 from sim_vehicle.mavlink.vehicle import SimVehicle
 
 HOME = GeoPoint(28.05, -82.15, 10.0)

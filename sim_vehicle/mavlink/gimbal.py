@@ -15,11 +15,11 @@ from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import is_a
 from mission.model import RELATIVE_FRAMES, Command
-from sim_vehicle.mavlink.orders import Answer, Order
+from sim_vehicle.mavlink.vehicle_command import Result, VehicleCommand
 from sim_vehicle.pilot.gimbal import Gimbal, GimbalMode
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
 
     from sim_vehicle.mavlink.wire_state import WireState
 
@@ -28,13 +28,12 @@ __all__ = [
     "GIMBAL_COMMANDS",
     "GIMBAL_MESSAGES",
     "REGION_COMMANDS",
+    "command_gimbal",
     "obey_gimbal_message",
-    "order_gimbal",
 ]
 
 _DEVICE = 1
-_FAILED = Answer(int(m.MAV_RESULT_FAILED))
-_ACCEPTED = Answer()
+_FAILED = m.MAV_RESULT_FAILED
 _LOCKS = m.GIMBAL_DEVICE_FLAGS_ROLL_LOCK | m.GIMBAL_DEVICE_FLAGS_PITCH_LOCK
 _AXES = 0b111_111_111 << 2  # an axis, following and lock, of roll, pitch and yaw
 _CAPABILITIES = (
@@ -45,22 +44,24 @@ _CAPABILITIES = (
     | m.GIMBAL_MANAGER_CAP_FLAGS_CAN_POINT_LOCATION_LOCAL
     | m.GIMBAL_MANAGER_CAP_FLAGS_CAN_POINT_LOCATION_GLOBAL
 )
+_RESTING = {
+    GimbalMode.RETRACT: m.GIMBAL_DEVICE_FLAGS_RETRACT,
+    GimbalMode.NEUTRAL: m.GIMBAL_DEVICE_FLAGS_NEUTRAL,
+}
 _UNIT = 0.1
+_NAN_3 = (math.nan, math.nan, math.nan)
 _MOST_DEG = (90.0, 180.0, 360.0)
-_LOCATIONS = frozenset({int(Command.DO_SET_ROI_LOCATION), int(Command.DO_SET_ROI)})
-REGION_COMMANDS = _LOCATIONS | {int(Command.DO_SET_ROI_NONE)}
+_LOCATIONS = frozenset({Command.DO_SET_ROI_LOCATION, Command.DO_SET_ROI})
+REGION_COMMANDS = _LOCATIONS | {Command.DO_SET_ROI_NONE}
 """MAV_CMDs of regions of interest, which turn the vehicle's nose, too."""
 
 
-def _turn(gimbal: Gimbal, flags: int, angles_deg: tuple[float, ...], rates_deg: tuple[float, ...]) -> Answer:
+def _turn(gimbal: Gimbal, flags: int, angles_deg: tuple[float, ...], rates_deg: tuple[float, ...]) -> Result:
     """Take angles, or else rates (roll, pitch, yaw), or else only the lock of the sticks' yaw."""
-    for flag, mode in (
-        (m.GIMBAL_MANAGER_FLAGS_RETRACT, GimbalMode.RETRACT),
-        (m.GIMBAL_MANAGER_FLAGS_NEUTRAL, GimbalMode.NEUTRAL),
-    ):
+    for mode, flag in _RESTING.items():  # the manager's flags are those of the device
         if flags & flag:
             gimbal.set_mode(mode)
-            return _ACCEPTED
+            return None
     earth = bool(flags & m.GIMBAL_MANAGER_FLAGS_YAW_LOCK)
     if all(map(math.isfinite, angles_deg)):
         gimbal.turn_to(tuple(map(math.radians, angles_deg)), earth=earth)
@@ -71,97 +72,91 @@ def _turn(gimbal: Gimbal, flags: int, angles_deg: tuple[float, ...], rates_deg: 
         gimbal.wake()
     else:
         return _FAILED
-    return _ACCEPTED
+    return None
 
 
-def _pitch_yaw(source: WireState, order: Order) -> Answer:
+def _pitch_yaw(source: WireState, command: VehicleCommand) -> Result:
     """DO_GIMBAL_MANAGER_PITCHYAW: degrees, degrees a second, flags, -, device."""
-    if order.number(7, -1) not in (0, _DEVICE):
+    if command.number(7, -1) not in (0, _DEVICE):
         return _FAILED
-    pitch, yaw, pitch_rate, yaw_rate, flags = order.params[:5]
-    if not order.long and order.frame in (0, 3, 10):
+    pitch, yaw, pitch_rate, yaw_rate, flags = command.params[:5]
+    if not command.long and command.frame in (0, 3, 10):
         flags *= 1e7  # no latitude
     if not 0.0 <= flags < 2**32:
         return _FAILED
     return _turn(source.gimbal, round(flags), (0.0, pitch, yaw), (0.0, pitch_rate, yaw_rate))
 
 
-def _configure(source: WireState, order: Order) -> Answer:
+def _configure(source: WireState, command: VehicleCommand) -> Result:
     """DO_GIMBAL_MANAGER_CONFIGURE: who controls it; -1 leaves that, -2 takes it, -3 gives it up."""
-    system, component = order.params[:2]
+    system, component = command.params[:2]
     known = all(-3.0 <= one <= 255.0 for one in (system, component))
-    if not known or order.number(7, -1) not in (0, _DEVICE):
+    if not known or command.number(7, -1) not in (0, _DEVICE):
         return _FAILED
     gimbal, before = source.gimbal, source.gimbal.controller
     if system == -2.0:
-        gimbal.controller = order.source
+        gimbal.controller = command.source
     elif system == -3.0:
-        gimbal.controller = (0, 0) if before == order.source else before
+        gimbal.controller = (0, 0) if before == command.source else before
     elif system >= 0.0:
         gimbal.controller = (int(system), int(component) & 255)
-    return Answer(messages=() if gimbal.controller == before else (_status(source),))
+    return () if gimbal.controller == before else (_status(source),)
 
 
-def _mount_configure(source: WireState, order: Order) -> Answer:
+def _mount_configure(source: WireState, command: VehicleCommand) -> None:
     """DO_MOUNT_CONFIGURE: the mode; there is no more to choose."""
-    source.gimbal.set_mode(order.number(1, -1))
-    return _ACCEPTED
+    source.gimbal.set_mode(command.number(1, -1))
 
 
-def _mount_control(source: WireState, order: Order) -> Answer:
+def _mount_control(source: WireState, command: VehicleCommand) -> Result:
     """DO_MOUNT_CONTROL: pitch, roll, yaw against the vehicle, height above home, position; the mode."""
-    gimbal, mode = source.gimbal, order.number(7, -1)
+    gimbal, mode = source.gimbal, command.number(7, -1)
     if mode == GimbalMode.TARGET:
-        angles = order.params[:3]
+        angles = command.params[:3]
         if not all(abs(angle) <= most for angle, most in zip(angles, _MOST_DEG, strict=True)):
             return _FAILED
         pitch, roll, yaw = map(math.radians, angles)
         gimbal.turn_to((roll, pitch, yaw), earth=False)
     elif mode == GimbalMode.POINT:
-        position, height_m = order.position, order.params[3]
+        position, height_m = command.position, command.params[3]
         if position is None or not math.isfinite(height_m):
             return _FAILED
         gimbal.point_at((*source.pilot.frame.from_wgs84(*position), height_m))
     elif not gimbal.set_mode(mode):
         return _FAILED
-    return _ACCEPTED
+    return None
 
 
-def _region(source: WireState, order: Order) -> Answer:
+def _region(source: WireState, command: VehicleCommand) -> None:
     """DO_SET_ROI_LOCATION, DO_SET_ROI and DO_SET_ROI_NONE: point at a position; without one, no more."""
-    position = order.position if order.command in _LOCATIONS else None
+    position = command.position if command.id in _LOCATIONS else None
     if position is None:
         source.gimbal.point_at(None)
-        return _ACCEPTED
-    height_m = order.params[6] if math.isfinite(order.params[6]) else 0.0
-    if not order.long and order.frame not in RELATIVE_FRAMES:
+        return
+    height_m = command.params[6] if math.isfinite(command.params[6]) else 0.0
+    if not command.long and command.frame not in RELATIVE_FRAMES:
         height_m -= source.home.altitude_m
     source.gimbal.point_at((*source.pilot.frame.from_wgs84(*position), height_m))
-    return _ACCEPTED
 
 
-_POINTING: dict[int, Callable[[WireState, Order], Answer]] = {
-    int(m.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW): _pitch_yaw,
-    int(m.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE): _configure,
-    int(m.MAV_CMD_DO_MOUNT_CONFIGURE): _mount_configure,
-    int(m.MAV_CMD_DO_MOUNT_CONTROL): _mount_control,
+_POINTING: dict[int, Callable[[WireState, VehicleCommand], Result]] = {
+    m.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW: _pitch_yaw,
+    m.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE: _configure,
+    m.MAV_CMD_DO_MOUNT_CONFIGURE: _mount_configure,
+    m.MAV_CMD_DO_MOUNT_CONTROL: _mount_control,
     **dict.fromkeys(REGION_COMMANDS, _region),
 }
 GIMBAL_COMMANDS = frozenset(_POINTING) - REGION_COMMANDS
 """MAV_CMDs that are the gimbal's alone."""
 
 
-def order_gimbal(source: WireState, order: Order) -> Answer:
+def command_gimbal(source: WireState, command: VehicleCommand) -> Result:
     """Do a command, or what a mission item says, where it concerns the gimbal; FAILED where there is none."""
-    obey = _POINTING.get(order.command)
+    obey = _POINTING.get(command.id)
     if obey is None or not source.gimbal.fitted:
         return _FAILED
     source.gimbal.wake()
-    return obey(source, order)
-
-
-def _is_rotation(q: Sequence[float]) -> bool:
-    return abs(math.hypot(*q) - 1.0) < _UNIT
+    return obey(source, command)
 
 
 _SetMessage = (
@@ -181,11 +176,9 @@ def obey_gimbal_message(source: WireState, message: _SetMessage) -> None:
         gimbal.set_mode(message.mount_mode)
     elif is_a(message, m.MAVLink_mount_control_message):
         if gimbal.mode is GimbalMode.POINT:
-            position = (message.input_a, message.input_b)
-            if abs(position[0]) <= 90e7 and abs(position[1]) <= 180e7:
-                latitude_deg, longitude_deg = (1e-7 * angle for angle in position)
-                east_m, north_m = source.pilot.frame.from_wgs84(latitude_deg, longitude_deg)
-                gimbal.point_at((east_m, north_m, message.input_c / 100.0))
+            if abs(message.input_a) <= 90e7 and abs(message.input_b) <= 180e7:
+                place_m = source.pilot.frame.from_wgs84(1e-7 * message.input_a, 1e-7 * message.input_b)
+                gimbal.point_at((*place_m, message.input_c / 100.0))
             return
         asked = (message.input_a, message.input_b, message.input_c)
         pitch, roll, yaw = (math.radians(angle / 100.0) for angle in asked)
@@ -195,7 +188,7 @@ def obey_gimbal_message(source: WireState, message: _SetMessage) -> None:
             angles: tuple[float, ...] = (0.0, message.pitch, message.yaw)
             rates: tuple[float, ...] = (0.0, message.pitch_rate, message.yaw_rate)
         else:
-            angles = angles_of(message.q) if _is_rotation(message.q) else (math.nan,) * 3
+            angles = angles_of(message.q) if abs(math.hypot(*message.q) - 1.0) < _UNIT else _NAN_3
             rates = (message.angular_velocity_x, message.angular_velocity_y, message.angular_velocity_z)
         if not all(map(math.isfinite, (*angles, *rates))):
             _turn(gimbal, message.flags, tuple(map(math.degrees, angles)), tuple(map(math.degrees, rates)))
@@ -225,27 +218,12 @@ def _status(source: WireState) -> Message:
 
 def _attitude_status(source: WireState) -> Message:
     gimbal = source.gimbal
-    resting = {
-        GimbalMode.RETRACT: m.GIMBAL_DEVICE_FLAGS_RETRACT,
-        GimbalMode.NEUTRAL: m.GIMBAL_DEVICE_FLAGS_NEUTRAL,
-    }
-    flags = _LOCKS | m.GIMBAL_DEVICE_FLAGS_YAW_IN_VEHICLE_FRAME | resting.get(gimbal.mode, 0)
+    flags = _LOCKS | m.GIMBAL_DEVICE_FLAGS_YAW_IN_VEHICLE_FRAME | _RESTING.get(gimbal.mode, 0)
     if gimbal.locks_yaw:
         flags |= m.GIMBAL_DEVICE_FLAGS_YAW_LOCK
-    unknown = math.nan
+    attitude = quaternion_of(*gimbal.angles_rad)
     return m.MAVLink_gimbal_device_attitude_status_message(
-        0,
-        0,
-        source.boot_ms,
-        int(flags),
-        quaternion_of(*gimbal.angles_rad),
-        unknown,
-        unknown,
-        unknown,
-        0,
-        unknown,
-        unknown,
-        _DEVICE,
+        0, 0, source.boot_ms, int(flags), attitude, *_NAN_3, 0, math.nan, math.nan, _DEVICE
     )
 
 

@@ -1,22 +1,38 @@
-"""LOG_REQUEST_LIST, LOG_REQUEST_DATA, LOG_REQUEST_END and LOG_ERASE.
+"""The logs that a vehicle keeps of its flights, and LOG_REQUEST_LIST, LOG_REQUEST_DATA and their like.
 
-Sources: ArduPilot's ``AP_Logger_MAVLinkLogTransfer.cpp``, PX4's ``mavlink_log_handler.cpp``.
+A log begins when the vehicle arms and ends a second after it has disarmed, as those of autopilots do
+(ArduPilot's LOG_DISARMED 0, PX4's SDLOG_MODE 0). It is a telemetry log (.tlog) of what the vehicle sent and
+heard. Sources: ArduPilot's ``AP_Logger_MAVLinkLogTransfer.cpp``, PX4's ``mavlink_log_handler.cpp``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
+from mission.link.codec.signing import SETUP_SIGNING
 from mission.link.codec.typed import is_a
+from mission.link.tlog import tlog_record
 from sim_vehicle.autopilot.mavlink_profile import LogBehaviour
 from sim_vehicle.component import NEVER
-from sim_vehicle.mavlink.logs.flight_logs import FlightLog, FlightLogs
 
-__all__ = ["LOG_MESSAGES", "LogMessage", "LogTransfer"]
+__all__ = ["LOG_MESSAGES", "FlightLog", "FlightLogs", "LogMessage", "LogTransfer"]
 
+_MOST_BYTES = 16 * 2**20
+_MOST_LOGS = 32
+_AFTER_S = 1.0
+# Keys are never logged; the others would make a log grow while it is read.
+_UNLOGGED = frozenset(
+    {
+        SETUP_SIGNING,
+        m.MAVLINK_MSG_ID_LOG_ENTRY,
+        m.MAVLINK_MSG_ID_LOG_DATA,
+        m.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL,
+    }
+)
 LogMessage = (
     m.MAVLink_log_request_list_message
     | m.MAVLink_log_request_data_message
@@ -36,6 +52,114 @@ _PART = 90
 # As many at a time as ArduPilot's simulator sends.
 _BATCH = 40
 _BATCH_S = 0.01
+
+
+@dataclass(slots=True)
+class FlightLog:
+    """One log.
+
+    Parameters
+    ----------
+    number : int
+        Counts from 1 since the logs were erased.
+    begun_unix_s : float
+        When it began, seconds since 1970.
+    data : bytearray
+        Its records.
+    """
+
+    number: int
+    begun_unix_s: float
+    data: bytearray = field(default_factory=bytearray)
+
+    def path(self, *, by_date: bool) -> str:
+        """Its place below the directory of logs: PX4's by date and time, or ArduPilot's by number.
+
+        Examples
+        --------
+        >>> log = FlightLog(3, 1_700_000_000.0)
+        >>> log.path(by_date=True), log.path(by_date=False)
+        ('2023-11-14/22_13_20.tlog', '00000003.tlog')
+        """
+        if by_date:
+            return time.strftime("%Y-%m-%d/%H_%M_%S.tlog", time.gmtime(self.begun_unix_s))
+        return f"{self.number:08d}.tlog"
+
+
+class FlightLogs:
+    """The logs of a vehicle.
+
+    The oldest ones give way to new ones; a log that alone fills the room ends there.
+
+    Parameters
+    ----------
+    epoch_unix_s : float
+        Time of day at the host's time 0, seconds since 1970.
+    most_bytes, most_logs : int
+        Room for all of them.
+
+    Examples
+    --------
+    >>> logs = FlightLogs(1_700_000_000.0)
+    >>> logs.write(b"frame", 0, 1.0, armed=True)
+    >>> [len(log.data) for log in logs.all]
+    [13]
+    """
+
+    def __init__(
+        self, epoch_unix_s: float, *, most_bytes: int = _MOST_BYTES, most_logs: int = _MOST_LOGS
+    ) -> None:
+        self._epoch_unix_s = epoch_unix_s
+        self._most_bytes, self._most_logs = most_bytes, most_logs
+        self._logs: list[FlightLog] = []
+        self._open: FlightLog | None = None
+        self._last = 0
+        self._ends_s = 0.0
+        self._size = 0
+
+    @property
+    def all(self) -> tuple[FlightLog, ...]:
+        """The logs, the oldest first."""
+        return tuple(self._logs)
+
+    def files(self, *, by_date: bool) -> Mapping[str, bytearray]:
+        """Their contents by path."""
+        return {log.path(by_date=by_date): log.data for log in self._logs}
+
+    def write(self, frame: bytes, message_id: int, now_s: float, *, armed: bool) -> None:
+        """Take a frame, at a time of the host; it is kept while the vehicle is armed and shortly after."""
+        if armed:
+            self._ends_s = now_s + _AFTER_S
+            if self._open is None:
+                self._begin(now_s)
+        elif self._open is not None and now_s > self._ends_s:
+            self._open = None
+        if self._open is None or message_id in _UNLOGGED:
+            return
+        record = tlog_record(frame, self._epoch_unix_s + now_s)
+        while self._size + len(record) > self._most_bytes and self._logs[0] is not self._open:
+            self._drop_oldest()
+        if self._size + len(record) <= self._most_bytes:
+            self._open.data += record
+            self._size += len(record)
+
+    def erase(self, *, armed: bool) -> None:
+        """Forget the logs, but the one that is being written."""
+        if not armed:
+            self._open = None
+        self._logs = [log for log in self._logs if log is self._open]
+        self._size = sum(len(log.data) for log in self._logs)
+        self._last = max((log.number for log in self._logs), default=0)
+
+    def _begin(self, now_s: float) -> None:
+        if len(self._logs) >= self._most_logs:
+            self._drop_oldest()
+        self._last += 1
+        self._open = FlightLog(self._last, self._epoch_unix_s + now_s)
+        self._logs.append(self._open)
+
+    def _drop_oldest(self) -> None:
+        self._size -= len(self._logs.pop(0).data)
 
 
 @dataclass(slots=True)

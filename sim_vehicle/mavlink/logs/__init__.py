@@ -1,1 +1,0 @@
-"""Logs of flights: what a vehicle keeps of them in memory, and the messages that list and send them."""

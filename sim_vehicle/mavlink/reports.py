@@ -1,0 +1,226 @@
+"""What the vehicle sends by itself: telemetry on schedule, status texts, reached items, a calibration."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from mission.link.codec.dialect import Message
+from mission.link.codec.dialect import mavlink as m
+from mission.model import Command
+from sim_vehicle.component import NEVER
+from sim_vehicle.execution.state import FlightEvent, ItemReached
+from sim_vehicle.mavlink.telemetry import built
+
+if TYPE_CHECKING:
+    from mission.model import MissionItem
+    from sim_vehicle.mavlink.wire_state import WireState
+
+__all__ = ["GyroCalibration", "ItemReports", "Schedule", "StatusTexts"]
+
+SHORTEST_US = 5_000
+"""A peer cannot ask for more than 200 messages a second."""
+LONGEST_US = 2**31 - 1
+"""Longest interval that MESSAGE_INTERVAL can hold, in microseconds."""
+_TEXT_BYTES = 50
+_REPEAT_S = 1.0
+_CALIBRATION_STEP_S = 0.25
+_CALIBRATION_TEXTS = (
+    "[cal] calibration started: 2 gyro",
+    *(f"[cal] progress <{share}>" for share in range(0, 100, 10)),
+    "[cal] calibration done: gyro",
+)
+
+
+class Schedule:
+    """Message intervals and their next times, from default rates by message id in the order of sending.
+
+    Times are whole microseconds and every rate has its phase at zero, so messages of different rates fall on
+    the same instants and one step of the vehicle serves them all.
+
+    Examples
+    --------
+    >>> schedule = Schedule({0: 1.0, 33: 10.0})
+    >>> schedule.due(0), schedule.due(50_000), schedule.due(100_000)
+    ([0, 33], [], [33])
+    >>> schedule.next_us
+    200000
+    """
+
+    def __init__(self, rates_hz: Mapping[int, float]) -> None:
+        self._default_us = {message_id: round(1e6 / rate) for message_id, rate in rates_hz.items()}
+        self._interval_us = dict(self._default_us)
+        self._groups: dict[int, list[int]] = {}
+        self._due_us: dict[int, int] = {}
+        self.next_us = 0
+        self._regroup(0)
+
+    def interval_us(self, message_id: int) -> int:
+        """Interval of a message, -1 when it is not sent."""
+        return self._interval_us.get(message_id, -1)
+
+    def set_interval(self, message_id: int, interval_us: int, now_us: int) -> int:
+        """Change an interval: 0 is the default, negative is off; returns what holds now (-1 is off)."""
+        if interval_us == 0:
+            interval_us = self._default_us.get(message_id, -1)
+        if interval_us < 0:
+            self._interval_us.pop(message_id, None)
+        else:
+            self._interval_us[message_id] = min(max(SHORTEST_US, interval_us), LONGEST_US)
+        self._regroup(now_us)
+        return self.interval_us(message_id)
+
+    def due(self, now_us: int) -> list[int]:
+        """Return the ids whose time has come, once each, and plan their next times."""
+        if now_us < self.next_us:
+            return []
+        found: list[int] = []
+        due_us = self._due_us
+        for interval_us, ids in self._groups.items():
+            if due_us[interval_us] <= now_us:
+                found += ids
+                due_us[interval_us] = (now_us // interval_us + 1) * interval_us
+        self.next_us = min(due_us.values(), default=1 << 62)
+        return found
+
+    def _regroup(self, now_us: int) -> None:
+        groups: dict[int, list[int]] = {}
+        for message_id, interval_us in self._interval_us.items():
+            groups.setdefault(interval_us, []).append(message_id)
+        self._due_us = {
+            interval_us: self._due_us.get(interval_us, -(-now_us // interval_us) * interval_us)
+            for interval_us in groups
+        }
+        self._groups = groups
+        self.next_us = min(self._due_us.values(), default=1 << 62)
+
+
+class StatusTexts:
+    """STATUSTEXT messages, in numbered chunks where a text is longer than one message holds.
+
+    Examples
+    --------
+    >>> texts = StatusTexts()
+    >>> [(part.id, part.chunk_seq) for part in texts.messages(6, "a" * 120)]
+    [(1, 0), (1, 1), (1, 2)]
+    """
+
+    def __init__(self) -> None:
+        self._number = 0
+
+    def messages(self, severity: int, text: str) -> list[Message]:
+        """The messages of one text; severity as MAV_SEVERITY."""
+        data = text.encode("ascii", "replace")
+        if len(data) <= _TEXT_BYTES:
+            return [m.MAVLink_statustext_message(int(severity), data)]
+        self._number = self._number % 65535 + 1
+        # A last chunk that is not full (perhaps empty) tells the reader that the text is complete.
+        return [
+            m.MAVLink_statustext_message(
+                int(severity), data[k * _TEXT_BYTES : (k + 1) * _TEXT_BYTES], self._number, k
+            )
+            for k in range(len(data) // _TEXT_BYTES + 1)
+        ]
+
+
+class ItemReports:
+    """MISSION_ITEM_REACHED as each autopilot sends it (which items, how often), and MISSION_CURRENT later."""
+
+    def __init__(self, state: WireState) -> None:
+        self._state = state
+        self._merges = state.mavlink.reached_merged
+        self._repeats = state.mavlink.reached_repeats
+        self._current_due_s = NEVER
+        self._returning = -1
+        self._latest: tuple[int, int, float] | None = None
+
+    def restart(self) -> None:
+        """Begin with another mission."""
+        self._returning = -1
+
+    def merged(self, events: list[FlightEvent], items: Sequence[MissionItem]) -> list[FlightEvent]:
+        """Keep of items that ended together the last, where the autopilot tells no more.
+
+        A return that follows counts as reached already.
+        """
+        if not self._merges:
+            return events
+        last = {event.time_s: event for event in events if isinstance(event, ItemReached)}
+        kept: list[FlightEvent] = []
+        for event in events:
+            if not isinstance(event, ItemReached):
+                kept.append(event)
+            elif event.seq == self._returning:
+                self._returning = -1
+            elif last[event.time_s] is event:
+                following = event.seq + 1
+                if following < len(items) and items[following].command == Command.NAV_RETURN_TO_LAUNCH:
+                    self._returning = following
+                    kept.append(replace(event, seq=following))
+                else:
+                    kept.append(event)
+        return kept
+
+    def reached(self, seq: int, now_s: float) -> Message:
+        """Report one of our items; `poll` tells it again."""
+        wire_seq = self._state.wire_seq(seq)
+        self._latest = (wire_seq, self._repeats, now_s + _REPEAT_S) if self._repeats else None
+        return m.MAVLink_mission_item_reached_message(wire_seq)
+
+    def tell_current(self, due_s: float) -> None:
+        """Send MISSION_CURRENT at a time."""
+        self._current_due_s = due_s
+
+    def poll(self, now_s: float) -> list[Message]:
+        """The latest report again, and MISSION_CURRENT, where they are due."""
+        messages: list[Message] = []
+        if self._latest is not None and self._latest[2] <= now_s:
+            seq, left, due_s = self._latest
+            self._latest = (seq, left - 1, due_s + _REPEAT_S) if left > 1 else None
+            messages.append(m.MAVLink_mission_item_reached_message(seq))
+        if self._current_due_s <= now_s:
+            self._current_due_s = NEVER
+            messages += built(m.MAVLINK_MSG_ID_MISSION_CURRENT, self._state)
+        return messages
+
+    def next_deadline(self) -> float:
+        """When `poll` has something to do."""
+        return self._current_due_s if self._latest is None else min(self._latest[2], self._current_due_s)
+
+
+class GyroCalibration:
+    """Tells of a calibration of the gyroscopes text by text, as PX4 does, for whoever waits for the texts.
+
+    A vehicle that stands still has nothing to find out, so that only the time passes. Source: PX4
+    ``calibration_messages.h`` and ``gyro_calibration.cpp``.
+
+    Examples
+    --------
+    >>> calibration = GyroCalibration(print)
+    >>> calibration.begin(5.0)
+    >>> calibration.poll(5.0)
+    [cal] calibration started: 2 gyro
+    []
+    """
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        self._say = say
+        self._left: list[str] = []
+        self._due_s = NEVER
+
+    def begin(self, now_s: float) -> None:
+        """Begin; one that runs begins anew."""
+        self._left = list(_CALIBRATION_TEXTS)
+        self._due_s = now_s
+
+    def poll(self, now_s: float) -> list[Message]:
+        """Say what is due; there are no other messages."""
+        while self._due_s <= now_s:
+            self._say(self._left.pop(0))
+            self._due_s = self._due_s + _CALIBRATION_STEP_S if self._left else NEVER
+        return []
+
+    def next_deadline(self) -> float:
+        """When the next text is due."""
+        return self._due_s

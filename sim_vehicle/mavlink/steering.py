@@ -1,0 +1,232 @@
+"""What steers the vehicle from the ground: sticks, and setpoints of GUIDED (ArduPilot) and OFFBOARD (PX4).
+
+Sources: MAVLink common.xml (SET_POSITION_TARGET_LOCAL_NED, SET_POSITION_TARGET_GLOBAL_INT, their type masks),
+ArduPilot "Copter commands in guided mode", ``GCS_Common.cpp`` and ``GCS_MAVLink_Copter.cpp``, PX4 "Offboard
+mode" and ``mavlink_receiver.cpp``.
+"""
+
+from __future__ import annotations
+
+import math
+from contextlib import suppress
+from dataclasses import replace
+from typing import TYPE_CHECKING, TypeAlias
+
+from geo.rotation import angles_of
+from mission.link.codec.dialect import mavlink as m
+from mission.link.codec.typed import is_a
+from sim_vehicle.autopilot.parameters import Setting
+from sim_vehicle.autopilot.stick_rules import StickRules, Sticks
+from sim_vehicle.motion.legs import KEEP, Heading
+from sim_vehicle.pilot.attitude import AttitudeTarget
+from sim_vehicle.pilot.notices import RefusedError
+from sim_vehicle.pilot.setpoints import Setpoint
+
+if TYPE_CHECKING:
+    from sim_vehicle.airframe.spec import VehicleSpec
+    from sim_vehicle.mavlink.wire_state import WireState
+    from sim_vehicle.motion.legs import Position
+
+__all__ = ["SETPOINT_MESSAGES", "SetpointMessage", "Steering", "StickMessage"]
+
+StickMessage: TypeAlias = m.MAVLink_manual_control_message | m.MAVLink_rc_channels_override_message
+PositionTarget: TypeAlias = (
+    m.MAVLink_set_position_target_local_ned_message | m.MAVLink_set_position_target_global_int_message
+)
+SetpointMessage: TypeAlias = PositionTarget | m.MAVLink_set_attitude_target_message
+SETPOINT_MESSAGES = (
+    m.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED,
+    m.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT,
+    m.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET,
+)
+_GROUND_STATION = Setting("MAV_GCS_SYSID", 255.0)
+_GUIDED_OPTIONS, _THRUST_AS_THRUST = Setting("GUID_OPTIONS", 0.0), 8
+_FULL = 1000.0
+# MAVLink's number for an axis that the sender does not have.
+_NO_AXIS = 2**15 - 1
+_MIDDLE_US = 1500
+_RELEASED, _KEPT = 0, 65535
+_IGNORE_POSITION, _IGNORE_FORCE, _FORCE, _IGNORE_YAW, _IGNORE_TURN = 7, 448, 512, 1024, 2048
+_IGNORE_RATES, _IGNORE_THRUST, _IGNORE_ATTITUDE = 7, 64, 128
+# How far the length of a quaternion may be from 1.
+_UNIT = 2e-3
+_LOCAL, _LOCAL_OFFSET, _BODY, _BODY_OFFSET, _BODY_FRD = 1, 7, 8, 9, 12
+_GLOBAL = {0: False, 5: False, 3: True, 6: True}
+
+
+class Steering:
+    """Takes the messages that steer a vehicle."""
+
+    def __init__(self, state: WireState) -> None:
+        self._state = state
+        self._pilot = state.pilot
+        self._rules = state.firmware.sticks
+        self._channels = [_RELEASED] * 4
+
+    @property
+    def by_sticks(self) -> bool:
+        """Whether sticks move the vehicle in the mode as peers are told it."""
+        return self._rules is not None and self._state.custom_mode not in self._rules.without
+
+    def take_sticks(self, message: StickMessage) -> None:
+        """Take MANUAL_CONTROL or RC_CHANNELS_OVERRIDE."""
+        rules = self._rules
+        sticks = None if rules is None else self._read_sticks(message, rules)
+        if sticks is None or rules is None:
+            return
+        mode = self._state.custom_mode
+        if mode in rules.coordinated:
+            sticks = replace(sticks, right=0.0, turn=min(max(sticks.turn + sticks.right, -1.0), 1.0))
+        by_rate = rules.tilt is not None and mode in rules.tilt.by_rate
+        try:
+            self._pilot.take_sticks(sticks, flown=self.by_sticks, by_rate=by_rate)
+        except RefusedError as refusal:
+            self._pilot.setpoints.complain(str(refusal))
+
+    def take_setpoint(self, message: SetpointMessage) -> None:
+        """Take SET_POSITION_TARGET_LOCAL_NED, SET_POSITION_TARGET_GLOBAL_INT or SET_ATTITUDE_TARGET."""
+        pilot = self._pilot
+        if is_a(message, m.MAVLink_set_attitude_target_message):
+            if not self._state.mavlink.flies_attitudes:
+                pilot.setpoints.complain("Setpoint refused: attitudes are not flown")
+                return
+            thrust = bool(int(_GUIDED_OPTIONS.of(pilot.parameters)) & _THRUST_AS_THRUST)
+            with suppress(RefusedError):
+                pilot.take_attitude(_attitude_of(message, pilot.spec, by_thrust=thrust))
+        elif pilot.setpoints.listens_in(pilot.mode):
+            try:
+                pilot.take_setpoint(self._setpoint_of(message))
+            except RefusedError as refusal:
+                pilot.setpoints.complain(str(refusal))
+
+    def _read_sticks(self, message: StickMessage, rules: StickRules) -> Sticks | None:
+        """Return where the sticks are; None where the message does not count."""
+        parameters, release = self._pilot.parameters, rules.loss.release
+        if release is not None and release.of(parameters) == 0.0:
+            return None
+        if rules.overrides and message.get_srcSystem() != int(_GROUND_STATION.of(parameters)):
+            return None
+        if is_a(message, m.MAVLink_rc_channels_override_message):
+            return self._of_channels(message, rules) if rules.overrides else None
+        if message.target != self._state.system_id:
+            return None
+        up = _axis(message.z, middle=rules.throttle_middle)
+        return Sticks(_axis(message.x), _axis(message.y), up, _axis(message.r))
+
+    def _of_channels(
+        self, message: m.MAVLink_rc_channels_override_message, rules: StickRules
+    ) -> Sticks | None:
+        """Read roll, pitch, throttle and yaw; a channel that is not overridden is centred."""
+        told = (message.chan1_raw, message.chan2_raw, message.chan3_raw, message.chan4_raw)
+        self._channels = [
+            before if now == _KEPT else now for before, now in zip(self._channels, told, strict=True)
+        ]
+        if not any(self._channels):
+            return None
+        right, back, up, turn = (
+            min(max((pulse - _MIDDLE_US) / rules.pwm_half, -1.0), 1.0) if pulse != _RELEASED else 0.0
+            for pulse in self._channels
+        )
+        return Sticks(-back, right, up, turn)
+
+    def _setpoint_of(self, message: PositionTarget) -> Setpoint:
+        """Read a position target.
+
+        Raises
+        ------
+        RefusedError
+            For a frame that is not flown, a force, or numbers that are none.
+        """
+        kind, mask = int(message.coordinate_frame), int(message.type_mask)
+        if mask & _FORCE and mask & _IGNORE_FORCE != _IGNORE_FORCE:
+            raise RefusedError("Setpoint refused: forces are not flown", denied=True)
+        numbers = [message.vx, message.vy, message.vz]
+        numbers += (
+            [message.x, message.y, message.z]
+            if is_a(message, m.MAVLink_set_position_target_local_ned_message)
+            else [message.alt]
+        )
+        if any(map(math.isinf, numbers)):
+            raise RefusedError("Setpoint refused: infinity is no number to fly", denied=True)
+        state, frame = self._pilot.state, self._pilot.frame
+        x, y, z, yaw = *state.position_m, state.yaw_rad
+        turned = kind in (_BODY, _BODY_OFFSET, _BODY_FRD)
+        velocity = _enu(message.vx, message.vy, message.vz, yaw if turned else 0.0)
+        if not is_a(message, m.MAVLink_set_position_target_local_ned_message):
+            if kind not in _GLOBAL:
+                raise RefusedError(f"Setpoint refused: frame {kind}", denied=True)
+            x_m, y_m = frame.from_wgs84(message.lat_int / 1e7, message.lon_int / 1e7)
+            position = (x_m, y_m, message.alt - (0.0 if _GLOBAL[kind] else frame.altitude_m))
+        elif kind in (_LOCAL, _LOCAL_OFFSET, _BODY, _BODY_OFFSET, _BODY_FRD):
+            asked = mask & _IGNORE_POSITION != _IGNORE_POSITION
+            # Only ArduPilot takes positions that are offsets from the vehicle.
+            if kind != _LOCAL and asked and self._pilot.failsafe.rules.needs_stream:
+                raise RefusedError(f"Setpoint refused: no positions in frame {kind}", denied=True)
+            position = _enu(message.x, message.y, message.z, yaw if turned else 0.0)
+            if kind != _LOCAL:
+                position = (x + position[0], y + position[1], z + position[2])
+        else:
+            raise RefusedError(f"Setpoint refused: frame {kind}", denied=True)
+        heading = message.yaw + (yaw if turned else 0.0)
+        if mask & _IGNORE_YAW or not math.isfinite(heading):
+            heading = math.nan
+        turn = math.nan if mask & _IGNORE_TURN else float(message.yaw_rate)
+        setpoint = Setpoint(_masked(position, mask), _masked(velocity, mask >> 3), heading, turn)
+        if all(map(math.isnan, (*setpoint.position_m, *setpoint.velocity_m_s, heading, turn))):
+            raise RefusedError("Setpoint refused: neither position nor velocity", denied=True)
+        return setpoint
+
+
+def _axis(value: int, middle: float = 0.0) -> float:
+    """Position that an axis of MANUAL_CONTROL tells; one that is not there is centred."""
+    return 0.0 if value == _NO_AXIS else min(max((value - middle) / (_FULL - middle), -1.0), 1.0)
+
+
+def _attitude_of(
+    message: m.MAVLink_set_attitude_target_message, spec: VehicleSpec, *, by_thrust: bool
+) -> AttitudeTarget | None:
+    """Read SET_ATTITUDE_TARGET as ArduCopter does; None is what makes it stop.
+
+    A thrust of 1 and 0 is the vehicle's climb and descent speed, unless it is a thrust (GUID_OPTIONS).
+    """
+    mask = int(message.type_mask)
+    rates = [message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate]
+    ignored = mask & _IGNORE_RATES
+    if mask & _IGNORE_THRUST or ignored not in (0, _IGNORE_RATES) or not math.isfinite(message.thrust):
+        return None
+    roll = pitch = math.nan
+    heading = KEEP
+    if not mask & _IGNORE_ATTITUDE:
+        w, x, y, z = message.q
+        if not abs(w * w + x * x + y * y + z * z - 1.0) < _UNIT:
+            return None
+        roll, pitch, yaw = angles_of(message.q)
+        heading = Heading.fixed(yaw)
+    elif ignored or not all(map(math.isfinite, rates)):
+        return None
+    if not ignored and math.isfinite(rates[2]) and (rates[2] or math.isnan(roll)):
+        heading = Heading.turning(rates[2])
+    thrust = min(max(message.thrust, 0.0), 1.0)
+    share = 2.0 * thrust - 1.0
+    climb = share * (spec.climb_speed_m_s if share > 0.0 else spec.descent_speed_m_s)
+    return AttitudeTarget(
+        roll,
+        pitch,
+        heading,
+        math.nan if by_thrust else climb,
+        (rates[0], rates[1]),
+        thrust,
+    )
+
+
+def _enu(north: float, east: float, down: float, yaw: float) -> Position:
+    """Turn north-east-down, or forward-right-down of a vehicle with this heading, into east-north-up."""
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    return north * sin + east * cos, north * cos - east * sin, -down
+
+
+def _masked(vector: Position, mask: int) -> Position:
+    """Hide what is to be ignored; the bits are in the order north, east, down."""
+    hidden = bool(mask & 3) or math.isnan(vector[0] + vector[1])
+    flat = (math.nan, math.nan) if hidden else vector[:2]
+    return *flat, math.nan if mask & 4 else vector[2]

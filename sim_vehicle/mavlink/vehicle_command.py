@@ -1,0 +1,76 @@
+"""Commands as they come over MAVLink."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from mission.link.codec.dialect import Message
+from mission.link.codec.dialect import mavlink as m
+from mission.link.codec.typed import CommandMessage, is_a
+
+__all__ = ["Result", "VehicleCommand", "read_command"]
+
+_INT_FRAMES = {5: 0, 6: 3, 11: 10}
+
+Result: TypeAlias = "int | tuple[Message, ...] | None"
+"""Of a command: MAV_RESULT, or (accepted) what is sent after the acknowledgement; None is nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleCommand:
+    """A command as it came, long or int.
+
+    Parameters
+    ----------
+    id : int
+        MAV_CMD.
+    params : tuple of 7 floats
+        Parameters 1 to 7; a position's latitude and longitude are degrees.
+    frame : int
+        MAV_FRAME, without the INT variants; COMMAND_LONG has GLOBAL.
+    source : tuple of int
+        System and component of the sender.
+    again : bool
+        The sender repeats a command that it had no answer to.
+    long : bool
+        It came as COMMAND_LONG, with positions in 32-bit floats.
+    """
+
+    id: int
+    params: tuple[float, ...]
+    frame: int
+    source: tuple[int, int]
+    again: bool = False
+    long: bool = False
+
+    def number(self, index: int, default: int = 0) -> int:
+        """Return a parameter (from 1) as an integer; the default when it is not finite."""
+        value = self.params[index - 1]
+        return int(value) if math.isfinite(value) else default
+
+    def is_same(self, other: VehicleCommand) -> bool:
+        """Whether it is the same command with the same parameters."""
+        return self.id == other.id and repr(self.params) == repr(other.params)
+
+    @property
+    def position(self) -> tuple[float, float] | None:
+        """Latitude and longitude, None when none is given."""
+        latitude, longitude = self.params[4:6]
+        if not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0) or latitude == longitude == 0.0:
+            return None
+        return latitude, longitude
+
+
+def read_command(message: CommandMessage) -> VehicleCommand:
+    """Read COMMAND_LONG or COMMAND_INT."""
+    source = (message.get_srcSystem(), message.get_srcComponent())
+    first = (message.param1, message.param2, message.param3, message.param4)
+    if is_a(message, m.MAVLink_command_long_message):
+        params = (*first, message.param5, message.param6, message.param7)
+        return VehicleCommand(message.command, params, 0, source, message.confirmation > 0, long=True)
+    frame = _INT_FRAMES.get(message.frame, message.frame)
+    scale = 1e-7 if frame in (0, 3, 10) else 1.0
+    params = (*first, message.x * scale, message.y * scale, message.z)
+    return VehicleCommand(message.command, params, frame, source)

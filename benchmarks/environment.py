@@ -37,9 +37,8 @@ from scratch import scratch_folder
 from geo.farms import get_farm
 from geo.grid import STRAWBERRY, TOMATO, FarmGrid
 from geo.units import FOOT_M
-from sensors.dynamics.epidemic import InfectionRule, step
-from sensors.dynamics.outbreak import draw_seeds
-from sensors.dynamics.soil import Shower, draw_weather, write_soil
+from sensors.dynamics.epidemic import InfectionRule, draw_seeds, step
+from sensors.dynamics.soil import Shower, SoilCourse, draw_weather
 from sensors.environment import CCR, TYLCV, EpidemicParameters, SoilParameters, generate_environment
 
 ON_DISK_FROM_CELLS = 10_000_000
@@ -118,11 +117,8 @@ def reference_soil(shape: tuple[int, int], days: int, measured_days: int) -> tup
     seconds = time.perf_counter() - start
     humps = len(weather.start_corners) + sum(len(s.corners) for s in shown if s is not None)
     ours = np.empty(shape, np.float32)
-
-    def keep(_day: int, first_x: int, block: NDArray[np.float32]) -> None:
-        ours[first_x : first_x + block.shape[0]] = block
-
-    write_soil(shape, weather, parameters, [len(shown) - parameters.warm_up_days], keep)
+    day = len(shown) - parameters.warm_up_days
+    SoilCourse(shape, weather, parameters, day).compute(day, ours)
     return seconds * all_humps / humps, float(np.abs(ours - humidity).max())
 
 

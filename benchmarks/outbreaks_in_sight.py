@@ -32,8 +32,7 @@ from scipy import ndimage
 
 from geo.farms import get_farm
 from geo.seeds import stream
-from sensors.dynamics.epidemic import EpidemicParameters
-from sensors.dynamics.outbreak import simulate_outbreak, value_table
+from sensors.dynamics.epidemic import EpidemicParameters, simulate_outbreak, value_table
 from sensors.fields import PAPER_FIELDS, Field
 
 DAY = 6

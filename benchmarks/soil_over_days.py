@@ -23,7 +23,6 @@ from threadpoolctl import threadpool_limits
 
 from geo.farms import get_farm
 from geo.seeds import stream
-from sensors.dynamics.soil import simulate_coarse
 from sensors.estimators import advance_estimator, make_estimator
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
@@ -60,7 +59,7 @@ def measured(name: str, farm: str, seed: int) -> NDArray[np.float64]:
     shape = grid.shape
     rng = stream(seed, "benchmark", "weather")
     side = min(SIMULATED_CELLS, max(shape))
-    truth = simulate_coarse(PAPER_FIELDS["soil"].humidity, shape, DAYS, side, [rng])[:, 0]
+    truth = PAPER_FIELDS["soil"].continuous.simulate_coarse(shape, DAYS, side, [rng])[:, 0]
 
     def at(day: int, cells: NDArray[np.intp]) -> NDArray[np.float64]:
         coarse = truth[DAYS.index(day)]

@@ -2,7 +2,8 @@
 
 A field file is TOML with one or more tables ``[[field]]``; `field_from_table` says what is in one. Names are
 those of the benchmark's fields and of fields that packages register under the entry point group
-``wbf_mission.fields`` (each entry a `sensors.fields.Field`).
+``wbf_mission.fields`` (each entry a `sensors.fields.Field`). What a file calls ``kind`` is "disease",
+"continuous" or the `ContinuousDynamics.kind` of a class registered under ``wbf_mission.dynamics``.
 
 >>> load_field_set(["soil", "tylcv"])
 FieldSet(soil, tylcv)
@@ -11,7 +12,7 @@ FieldSet(soil, tylcv)
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,14 +22,16 @@ from geo.decoding import misfit
 from geo.errors import WbfMissionError
 from geo.installed import entry_points
 from geo.reading import UnreadableError, read_toml
+from sensors.dynamics.continuous import ContinuousDynamics
 from sensors.dynamics.epidemic import EpidemicParameters
 from sensors.dynamics.soil import SoilParameters
 from sensors.errors import FieldError
-from sensors.fields import PAPER_FIELDS, Dynamics, Field, FieldSet, Kind
+from sensors.fields import PAPER_FIELDS, Dynamics, Field, FieldSet
 
 ENTRY_POINT_GROUP = "wbf_mission.fields"
+DYNAMICS_GROUP = "wbf_mission.dynamics"
 
-_DYNAMICS: dict[Kind, type[Dynamics]] = {"disease": EpidemicParameters, "continuous": SoilParameters}
+_DYNAMICS: dict[str, type[Dynamics]] = {one.kind: one for one in (EpidemicParameters, SoilParameters)}
 _REQUIRED = ("name", "kind", "crops", "default")
 
 
@@ -36,7 +39,7 @@ class _Table(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
     """A field in plain values."""
 
     name: str
-    kind: Kind
+    kind: str
     crops: tuple[str, ...]
     default: float
     weight: float = 1.0
@@ -105,7 +108,7 @@ def field_from_table(table: Mapping[str, Any], where: str) -> Field:
     Parameters
     ----------
     table : mapping
-        ``name``, ``kind`` ("disease" or "continuous"), ``crops`` and ``default``; if wanted ``weight``,
+        ``name``, ``kind`` (of its dynamics), ``crops`` and ``default``; if wanted ``weight``,
         ``cost_above``, ``cost_below``, ``title``, ``unit`` and ``colours`` as of `sensors.fields.Field`;
         and a table ``dynamics`` with the parameters of `sensors.dynamics.epidemic.EpidemicParameters` (of
         which a disease needs ``likelihood`` and ``duration_days``) or
@@ -150,20 +153,21 @@ def field_to_table(field: Field) -> dict[str, Any]:
     Parameters of its dynamics that have no value are left out, as TOML has none for them.
     """
     table = {one.name: getattr(field, one.name) for one in fields(field)}
-    table["kind"] = field.kind
+    table["kind"] = field.dynamics.kind
     table["crops"], table["colours"] = list(field.crops), list(field.colours)
     table["dynamics"] = {key: value for key, value in asdict(field.dynamics).items() if value is not None}
     return table
 
 
-def _convert_dynamics(kind: Kind, given: dict[str, Any]) -> Dynamics:
-    known = [one.name for one in fields(_DYNAMICS[kind])]
+def _convert_dynamics(kind: str, given: dict[str, Any]) -> Dynamics:
+    dynamics = _DYNAMICS[kind] if kind in _DYNAMICS else _registered_dynamics(kind)
+    known = [one.name for one in fields(dynamics)]
     unknown = [name for name in given if name not in known]
     if unknown:
         msg = f"dynamics: unknown parameter {unknown[0]!r} of a {kind} field; known: {', '.join(known)}"
         raise FieldError(msg)
     try:
-        return msgspec.convert(given, _DYNAMICS[kind])
+        return msgspec.convert(given, dynamics)
     except msgspec.ValidationError as error:
         raise FieldError(misfit(error, "dynamics")) from None
 
@@ -171,17 +175,36 @@ def _convert_dynamics(kind: Kind, given: dict[str, Any]) -> Dynamics:
 def _registered(name: str) -> Field:
     if name in PAPER_FIELDS:
         return PAPER_FIELDS[name]
-    points = [point for point in entry_points(group=ENTRY_POINT_GROUP) if point.name == name]
-    if not points:
+    found, where = _load(ENTRY_POINT_GROUP, name, "field")
+    if not where:
         msg = f"no field {name!r:.60}, expected one of {', '.join(field_names())}, or a field file (.toml)"
         raise FieldError(msg)
-    if len({point.value for point in points}) > 1:
-        msg = f"field {name!r} is registered twice: {points[0].value} and {points[1].value}"
-        raise FieldError(msg)
-    try:
-        found = points[0].load()
-    except (ImportError, AttributeError) as error:
-        raise FieldError(f"field {name!r} ({points[0].value}) cannot be loaded: {error}") from error
     if not isinstance(found, Field) or found.name != name:
-        raise FieldError(f"field {name!r} ({points[0].value}) is not a sensors.fields.Field of this name")
+        raise FieldError(f"{where} is not a sensors.fields.Field of this name")
     return found
+
+
+def _registered_dynamics(kind: str) -> type[Dynamics]:
+    found, where = _load(DYNAMICS_GROUP, kind, "dynamics")
+    if not where:
+        raise FieldError(f"kind: {kind!r:.60} is unknown")
+    good = isinstance(found, type) and issubclass(found, ContinuousDynamics) and is_dataclass(found)
+    if not good or found.kind != kind:
+        raise FieldError(f"{where} is not a dataclass of ContinuousDynamics of this kind")
+    dynamics: type[Dynamics] = found
+    return dynamics
+
+
+def _load(group: str, name: str, what: str) -> tuple[Any, str]:
+    """Load what packages register, and tell what and where that is: nowhere if nobody does."""
+    points = [point for point in entry_points(group=group) if point.name == name]
+    if not points:
+        return None, ""
+    if len({point.value for point in points}) > 1:
+        msg = f"{what} {name!r} is registered twice: {points[0].value} and {points[1].value}"
+        raise FieldError(msg)
+    where = f"{what} {name!r} ({points[0].value})"
+    try:
+        return points[0].load(), where
+    except (ImportError, AttributeError) as error:
+        raise FieldError(f"{where} cannot be loaded: {error}") from error

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from geo.farm import Crop
+from sensors.dynamics.continuous import ContinuousDynamics
 from sensors.dynamics.epidemic import CCR, TYLCV, EpidemicParameters
 from sensors.dynamics.soil import SoilParameters
 from sensors.errors import FieldError
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
     from geo.grid import FarmGrid
 
 Kind = Literal["disease", "continuous"]
-Dynamics = EpidemicParameters | SoilParameters
+Dynamics = EpidemicParameters | ContinuousDynamics
 
 MAX_FIELDS = 16
 """So many readings of a cell fit into one MAVLink message with room to spare."""
@@ -61,8 +62,8 @@ class Field:
     name : str
         Lower-case letters, digits and underscores, at most 24; the name of columns, arrays and streams of
         random numbers.
-    dynamics : EpidemicParameters or SoilParameters
-        How it develops; that also says which kind of field it is.
+    dynamics : EpidemicParameters or ContinuousDynamics
+        How it develops, `SoilParameters` among others; that also says which kind of field it is.
     crops : tuple of str
         The crops that it concerns (`CROPS`). A disease infects them on everybody's land; errors are counted
         on the owner's cells with these crops.
@@ -103,9 +104,9 @@ class Field:
                 f" begins with a letter and is none of {', '.join(_RESERVED)}"
             )
             raise FieldError(msg)
-        if not isinstance(self.dynamics, EpidemicParameters | SoilParameters):
+        if not isinstance(self.dynamics, EpidemicParameters | ContinuousDynamics):
             found = type(self.dynamics).__name__
-            raise self._error(f"dynamics is {found}, expected EpidemicParameters or SoilParameters")
+            raise self._error(f"dynamics is {found}, expected EpidemicParameters, SoilParameters or others")
         unknown = [crop for crop in self.crops if crop not in CROPS]
         if unknown or not self.crops or len(set(self.crops)) < len(self.crops):
             found = f"unknown crop {unknown[0]!r}" if unknown else f"crops {', '.join(self.crops) or 'empty'}"
@@ -143,9 +144,9 @@ class Field:
         return self.dynamics
 
     @property
-    def humidity(self) -> SoilParameters:
-        """The parameters of a continuous field; FieldError if it is a disease."""
-        if not isinstance(self.dynamics, SoilParameters):
+    def continuous(self) -> ContinuousDynamics:
+        """The dynamics of a continuous field; FieldError if it is a disease."""
+        if not isinstance(self.dynamics, ContinuousDynamics):
             raise self._error("is a disease, not a continuous field")
         return self.dynamics
 

@@ -13,23 +13,23 @@ a (k, H) matrix, and its sum over the farm needs the sums of the columns and row
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from sensors.dynamics.continuous import ContinuousDynamics
 from sensors.errors import EnvironmentDataError
 
 # A block of this many cells and its rain fit the second-level cache of a core.
 _BLOCK_CELLS = 1 << 17
 
-SoilSink = Callable[[int, int, NDArray[np.float32]], None]
-
 
 @dataclass(frozen=True, slots=True)
-class SoilParameters:
+class SoilParameters(ContinuousDynamics):
     """Parameters of the soil humidity.
 
     Parameters
@@ -57,6 +57,8 @@ class SoilParameters:
         If a value is out of its range.
     """
 
+    kind: ClassVar[str] = "continuous"
+
     evaporation: float = 0.04
     rain_probability: float = 0.8
     mean_rain: float = 0.06
@@ -81,6 +83,10 @@ class SoilParameters:
     def hump_sides(self, shape: tuple[int, int]) -> tuple[int, int]:
         """Sides of a hump on a farm of this shape, cells."""
         return (min(shape), min(shape)) if self.square_humps else shape
+
+    def course(self, shape: tuple[int, int], last_day: int, rng: Generator) -> SoilCourse:
+        """Draw the weather up to a day; see `ContinuousDynamics.course`."""
+        return SoilCourse(shape, draw_weather(shape, last_day, self, rng), self, last_day)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -281,6 +287,11 @@ class SoilCourse:
             for shower in weather.showers[: parameters.warm_up_days + last_day]
         ]
 
+    @property
+    def pieces(self) -> int:
+        """In how many blocks a day is computed."""
+        return len(self.blocks)
+
     def begin(self, rows: slice, out: NDArray[np.float32]) -> None:
         """Compute a block before the warm-up: day `first_day`.
 
@@ -326,103 +337,16 @@ class SoilCourse:
         day: int,
         out: NDArray[np.float32],
         earlier: tuple[int, NDArray[np.float32]] | None = None,
-        on_block: Callable[[], None] = lambda: None,
+        on_piece: Callable[[], None] = lambda: None,
     ) -> None:
-        """Compute a day of the whole farm.
-
-        Parameters
-        ----------
-        day : int
-            The day, 0 for the state before the first step.
-        out : float32[W, H]
-            Is filled.
-        earlier : (int, float32[W, H]), optional
-            An earlier day and its humidity, to go on from.
-        on_block : callable
-            Called after each of `blocks`.
-        """
+        """Compute a day of the whole farm, block by block; see `Course.compute`."""
         for rows in self.blocks:
             if earlier is None:
                 self.begin(rows, out[rows])
                 self.advance(rows, out[rows], self.first_day, day, out[rows])
             else:
                 self.advance(rows, earlier[1][rows], earlier[0], day, out[rows])
-            on_block()
-
-
-def write_soil(
-    shape: tuple[int, int],
-    weather: Weather,
-    parameters: SoilParameters,
-    keep_days: Collection[int],
-    sink: SoilSink,
-) -> None:
-    """Compute the humidity of chosen days block by block, each block through all days at once.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        The farm, cells.
-    weather : Weather
-        Of the warm-up and at least the last kept day.
-    parameters : SoilParameters
-        The model.
-    keep_days : collection of int
-        Days to give to the sink, 0 for the state before the first step.
-    sink : callable
-        Called as ``sink(day, first_x, block)`` with a float32 block of rows ``first_x...`` that is reused
-        afterwards; for each day in ascending order of rows.
-    """
-    course = SoilCourse(shape, weather, parameters, max(keep_days, default=0))
-    for rows in course.blocks:
-        block = np.empty((rows.stop - rows.start, shape[1]), np.float32)
-        course.begin(rows, block)
-        at = course.first_day
-        for day in sorted(keep_days):
-            course.advance(rows, block, at, day, block)
-            sink(day, rows.start, block)
-            at = day
-
-
-def simulate_coarse(
-    parameters: SoilParameters,
-    shape: tuple[int, int],
-    days: Sequence[int],
-    side: int,
-    rngs: Sequence[Generator],
-) -> NDArray[np.float64]:
-    """Simulate the humidity of some days on few cells with the proportions of a farm: its humps grow with it.
-
-    Parameters
-    ----------
-    parameters : SoilParameters
-        The model.
-    shape : tuple of int
-        The farm, cells.
-    days : sequence of int
-        The days, ascending. A day's humidity does not depend on the others.
-    side : int
-        Cells along the longer side; the shorter one has at least 8.
-    rngs : sequence of numpy.random.Generator
-        One for each simulation.
-
-    Returns
-    -------
-    float64[days, n, w, h]
-        The humidity of each simulation on each day.
-    """
-    scale = side / max(shape)
-    coarse = (max(8, round(shape[0] * scale)), max(8, round(shape[1] * scale)))
-    fields = np.empty((len(days), len(rngs), *coarse))
-    places = {day: k for k, day in enumerate(days)}
-    for number, rng in enumerate(rngs):
-        weather = draw_weather(coarse, max(days), parameters, rng)
-
-        def keep(day: int, first: int, block: NDArray[np.float32], number: int = number) -> None:
-            fields[places[day], number, first : first + len(block)] = block
-
-        write_soil(coarse, weather, parameters, days, keep)
-    return fields
+            on_piece()
 
 
 def _single(

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sensors.dynamics.epidemic import IMMUNE, SUSCEPTIBLE
-from sensors.dynamics.outbreak import NO_HOST, status_table, value_table
+from sensors.dynamics.epidemic import IMMUNE, NO_HOST, SUSCEPTIBLE, status_table, value_table
 from sensors.environment.layers import ArrayLayer, Layer, T
 from sensors.errors import EnvironmentDataError
 from sensors.fields import FieldSet
@@ -70,7 +69,7 @@ class Environment:
     days : iterable of int
         The kept days.
     onset : mapping of str to int8[W, H]
-        Day of infection of each cell for each disease; -1 never, -2 no host (`sensors.dynamics.outbreak`).
+        Day of infection of each cell for each disease; -1 never, -2 no host (`sensors.dynamics.epidemic`).
     levels : mapping of str to mapping of int to float32[W, H]
         Values of each continuous field on each kept day.
     provenance : Provenance

@@ -17,10 +17,9 @@ from threadpoolctl import threadpool_limits
 
 from geo.memory import NotEnoughMemoryError, require_memory
 from geo.seeds import root_seed, stream
-from sensors.dynamics.epidemic import MAX_DAYS
-from sensors.dynamics.front import FRONT_BYTES_A_CELL
-from sensors.dynamics.outbreak import simulate_outbreak
-from sensors.dynamics.soil import SoilCourse, draw_weather
+from sensors.dynamics.continuous import Course
+from sensors.dynamics.epidemic import MAX_DAYS, simulate_outbreak
+from sensors.dynamics.infection import FRONT_BYTES_A_CELL
 from sensors.environment.environment import Environment, Provenance
 from sensors.environment.storage import load_environment, stored_environment, unfinished_store
 from sensors.environment.store import EnvironmentStore, Header
@@ -286,11 +285,11 @@ class _Work:
     def __init__(self, task: Task, progress: Progress | None, threads: int | None) -> None:
         self._task = task
         last = task.days[-1]
-        self.courses: dict[str, SoilCourse] = {}
-        for field in task.fields.continuous:
-            weather = draw_weather(task.shape, last, field.humidity, stream(task.seed, field.name))
-            self.courses[field.name] = SoilCourse(task.shape, weather, field.humidity, last)
-        blocks = sum(len(course.blocks) for course in self.courses.values())
+        self.courses: dict[str, Course] = {
+            field.name: field.continuous.course(task.shape, last, stream(task.seed, field.name))
+            for field in task.fields.continuous
+        }
+        blocks = sum(course.pieces for course in self.courses.values())
         self.step = _Steps(len(task.fields.diseases) * last + blocks * len(task.days), progress)
         self._threads = _thread_count(task.grid.crop.size, threads)
         self._stack = contextlib.ExitStack()
@@ -373,7 +372,7 @@ def _write_levels(store: EnvironmentStore, work: _Work, task: Task, before_day: 
             saved = store.saved_level(name, day)
             if saved is not None:
                 earlier = day, saved
-                work.step(len(course.blocks))
+                work.step(course.pieces)
                 continue
             # The other one may still be on its way to the disk.
             level = spare[0]

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.texts import one_line
-from sensors.dynamics.outbreak import NO_HOST
+from sensors.dynamics.epidemic import NO_HOST
 from sensors.environment.environment import Environment, Provenance
 from sensors.environment.layers import ArrayLayer, ChunkCache, ChunkedLayer
 from sensors.errors import EnvironmentDataError, FieldError

@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 
 from geo.grid import FarmGrid
 from geo.seeds import stream
-from sensors.dynamics.epidemic import MAX_DAYS, EpidemicParameters
-from sensors.dynamics.outbreak import simulate_outbreak, value_table
-from sensors.dynamics.soil import SoilParameters, simulate_coarse
+from sensors.dynamics.continuous import ContinuousDynamics
+from sensors.dynamics.epidemic import MAX_DAYS, EpidemicParameters, simulate_outbreak, value_table
 from sensors.fields import Field
 
 __all__ = ["Transition", "carried", "humidity_transition", "transition"]
@@ -120,7 +119,7 @@ def transition(field: Field, grid: FarmGrid, earlier: int, later: int, seed: int
     if field.kind == "disease":
         hosts = int(np.count_nonzero(field.hosts(grid)))
         return _of_classes(field.epidemic, grid.shape, hosts, earlier, later, seed, field.name)
-    return humidity_transition(field.humidity, grid.shape, earlier, later, seed, field.name)
+    return humidity_transition(field.continuous, grid.shape, earlier, later, seed, field.name)
 
 
 @lru_cache(maxsize=64)
@@ -174,16 +173,18 @@ def _moments(weights: _Floats, values: _Floats) -> tuple[float, float]:
 
 
 @lru_cache(maxsize=256)
-def _humidity(parameters: SoilParameters, shape: tuple[int, int], day: int, seed: int, name: str) -> _Floats:
+def _humidity(
+    parameters: ContinuousDynamics, shape: tuple[int, int], day: int, seed: int, name: str
+) -> _Floats:
     """Return simulated humidity on a day; the weather of equal seeds is the same up to every day."""
     rngs = [stream(seed, "carrying", name, str(number)) for number in range(_WEATHERS)]
-    fields = simulate_coarse(parameters, shape, (day,), _SOIL_CELLS, rngs).ravel()
+    fields = parameters.simulate_coarse(shape, (day,), _SOIL_CELLS, rngs).ravel()
     fields.flags.writeable = False
     return fields
 
 
 def humidity_transition(
-    parameters: SoilParameters,
+    parameters: ContinuousDynamics,
     shape: tuple[int, int],
     earlier: int,
     later: int,

@@ -74,7 +74,7 @@ def test_a_file_may_hold_several_fields_and_begins_at_its_folder(tmp_path: Path)
     """
     found = load_field_set(["soil", write(tmp_path, text)], tmp_path)
     assert found.names == ("soil", "nitrogen", "rust")
-    assert found["nitrogen"].humidity == SoilParameters()
+    assert found["nitrogen"].dynamics == SoilParameters()
     assert found["rust"].epidemic == EpidemicParameters(0.3, 8)
     assert (found["rust"].title, len(found["rust"].colours)) == ("rust", 3)
 

@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 
 from geo import Farm
 from geo.seeds import stream
-from sensors.dynamics.epidemic import MAX_DAYS, EpidemicParameters
-from sensors.dynamics.outbreak import simulate_outbreak, value_table
+from sensors.dynamics.epidemic import MAX_DAYS, EpidemicParameters, simulate_outbreak, value_table
 from sensors.fields import PAPER_FIELDS, Field, FieldSet
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.workers import CallsAhead
+from sensors.dynamics.soil import SoilParameters
 from sensors.errors import EstimatorError
 from sensors.estimators.append_buffer import GrowingArray
 from sensors.estimators.base import LEARNING, BaseEstimator, Progress, require_paper_fields
@@ -222,7 +223,11 @@ class EpidemicEstimator(BaseEstimator):
         self._cells = GrowingArray((2,), np.int32)
         self._days = GrowingArray((), np.int32)
         self._values = GrowingArray((len(fields),), np.float64)
-        self._soil = SoilField(grid.shape, fields["soil"].humidity, self.training_seed)
+        weather = fields["soil"].continuous
+        if not isinstance(weather, SoilParameters):
+            msg = f"epidemic: the soil changes by {weather.kind!r}, which it does not know; use 'gp'"
+            raise EstimatorError(msg)
+        self._soil = SoilField(grid.shape, weather, self.training_seed)
         self._beliefs = [
             DiseaseBelief(
                 field.hosts(grid),

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from geo.seeds import stream
-from sensors.dynamics.soil import SoilParameters, simulate_coarse
+from sensors.dynamics.soil import SoilParameters
 from sensors.estimators.carrying import humidity_transition
 from sensors.estimators.passing_day import Crowding, pass_day
 
@@ -92,7 +92,7 @@ def _soil_priors(
     rngs = [stream(seed, "epidemic-estimator", "soil", name) for name in names]
     days = range(_SIMULATED_DAYS * block, _SIMULATED_DAYS * (block + 1))
     priors = []
-    for fields in simulate_coarse(parameters, shape, days, _SIMULATED_CELLS, rngs):
+    for fields in parameters.simulate_coarse(shape, days, _SIMULATED_CELLS, rngs):
         mean = fields.mean(axis=0)
         around = fields - mean
         level = float(around.mean(axis=(1, 2)).var())

@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 from geo.atomic import atomic_write
 from geo.seeds import stream
 from geo.user_cache import user_cache_folder, warn_of_cache
-from sensors.dynamics.epidemic import MAX_DAYS, EpidemicParameters
-from sensors.dynamics.outbreak import NEVER, simulate_outbreak, value_table
+from sensors.dynamics.epidemic import MAX_DAYS, NEVER, EpidemicParameters, simulate_outbreak, value_table
 from sensors.errors import EstimatorError
 from sensors.estimators.base import Step, no_step
 from sensors.estimators.epidemic.context import N_CONTEXT, context_features

@@ -21,9 +21,8 @@ from geo.atomic import atomic_write
 from geo.grid import FarmGrid
 from geo.seeds import stream
 from geo.user_cache import warn_of_cache
-from sensors.dynamics.epidemic import MAX_DAYS, EpidemicParameters
-from sensors.dynamics.outbreak import simulate_outbreak, value_table
-from sensors.dynamics.soil import SoilParameters, simulate_coarse
+from sensors.dynamics.continuous import ContinuousDynamics
+from sensors.dynamics.epidemic import MAX_DAYS, EpidemicParameters, simulate_outbreak, value_table
 from sensors.errors import EstimatorError
 from sensors.estimators.base import Step, no_step
 from sensors.estimators.gp.rbf import Floats, RbfKernel
@@ -85,7 +84,9 @@ def learn_priors(
         raise EstimatorError(msg)
     told = {
         "version": VERSION,
-        "fields": [(field.name, field.kind, field.crops, asdict(field.dynamics)) for field in fields],
+        "fields": [
+            (field.name, field.dynamics.kind, field.crops, asdict(field.dynamics)) for field in fields
+        ],
         "shape": grid.shape,
         "day": day,
         "seed": seed,
@@ -111,7 +112,7 @@ def learn_priors(
 def _learn(field: Field, grid: FarmGrid, day: int, seed: int) -> FieldPrior:
     if field.kind == "disease":
         return disease_prior(field.epidemic, field.hosts(grid), day, seed, field.name)
-    return continuous_prior(field.humidity, grid.shape, day, seed, field.name)
+    return continuous_prior(field.continuous, grid.shape, day, seed, field.name)
 
 
 def disease_prior(
@@ -155,11 +156,11 @@ def disease_prior(
 
 
 def continuous_prior(
-    parameters: SoilParameters, shape: tuple[int, int], day: int, seed: int, name: str = "soil"
+    parameters: ContinuousDynamics, shape: tuple[int, int], day: int, seed: int, name: str = "soil"
 ) -> FieldPrior:
     """Return the prior of a continuous field, simulated on few cells: its humps grow with the farm."""
     rngs = [stream(seed, "gp", name, str(number)) for number in range(_SOIL_SIMULATIONS)]
-    fields = simulate_coarse(parameters, shape, (day,), _SOIL_CELLS, rngs)[0]
+    fields = parameters.simulate_coarse(shape, (day,), _SOIL_CELLS, rngs)[0]
     coarse = fields.shape[1:]
     lattice = [np.unique(np.linspace(0, side - 1, _SOIL_LATTICE).round().astype(int)) for side in coarse]
     x, y = (part.ravel() for part in np.meshgrid(*lattice, indexing="ij"))

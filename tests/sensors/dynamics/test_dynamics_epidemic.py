@@ -9,10 +9,18 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.signal import convolve2d
 
-from sensors.dynamics.epidemic import CCR, TYLCV, EpidemicParameters, InfectionRule, age, step
-from sensors.dynamics.front import InfectionFront
-from sensors.dynamics.kernel import DistanceKernel, make_kernel
-from sensors.dynamics.outbreak import draw_seeds, simulate_outbreak, status_table
+from sensors.dynamics.epidemic import (
+    CCR,
+    TYLCV,
+    EpidemicParameters,
+    InfectionRule,
+    age,
+    draw_seeds,
+    simulate_outbreak,
+    status_table,
+    step,
+)
+from sensors.dynamics.infection import DistanceKernel, InfectionFront, make_kernel
 from sensors.errors import EnvironmentDataError
 
 SIZES = st.sampled_from([1, 3, 5, 7, 9, 11])

@@ -8,9 +8,18 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sensors.dynamics.epidemic import CCR, IMMUNE, TYLCV, EpidemicParameters, step
-from sensors.dynamics.outbreak import NEVER, NO_HOST, status_table, value_table
-from sensors.dynamics.soil import SoilParameters, draw_weather, hump_factors, soil_step, write_soil
+from sensors.dynamics.epidemic import (
+    CCR,
+    IMMUNE,
+    NEVER,
+    NO_HOST,
+    TYLCV,
+    EpidemicParameters,
+    status_table,
+    step,
+    value_table,
+)
+from sensors.dynamics.soil import SoilCourse, SoilParameters, draw_weather, hump_factors, soil_step
 
 GOLDEN = Path(__file__).parents[2] / "data" / "golden"
 DAYS = range(1, 16)
@@ -119,14 +128,10 @@ def test_the_blockwise_soil_is_the_authors_soil_too() -> None:
     shape = golden["type_map"].shape
     parameters = SoilParameters()
     weather = draw_weather(shape, 15, parameters, np.random.default_rng(1))
-    seen = []
-
-    def sink(day: int, first_x: int, block: NDArray[np.float32]) -> None:
-        wanted = golden[f"soil_value_{day:02d}"][first_x : first_x + block.shape[0]]
-        np.testing.assert_allclose(block, wanted, rtol=0, atol=2e-6)
-        seen.append(day)
-
-    write_soil(shape, weather, parameters, DAYS, sink)
-    assert seen == list(DAYS)
+    course = SoilCourse(shape, weather, parameters, max(DAYS))
+    level = np.empty(shape, np.float32)
+    for day in DAYS:
+        course.compute(day, level)
+        np.testing.assert_allclose(level, golden[f"soil_value_{day:02d}"], rtol=0, atol=2e-6)
     means = {day: float(golden[f"soil_value_{day:02d}"].mean()) for day in (1, 6, 15)}
     assert means == pytest.approx({1: 0.261, 6: 0.442, 15: 0.643}, abs=0.001)

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from geo.farms import get_farm
 from geo.grid import FarmGrid
@@ -19,9 +18,7 @@ from sensors.dynamics.soil import (
     draw_weather,
     hump_factors,
     rain_factors,
-    simulate_coarse,
     soil_step,
-    write_soil,
 )
 from sensors.environment import (
     TYLCV,
@@ -322,11 +319,9 @@ def test_soil_in_blocks_is_the_soil_step_repeated(width: int, height: int, seed:
     parameters = SoilParameters(square_humps=square)
     weather = draw_weather(shape, 6, parameters, np.random.default_rng(seed))
     got = {day: np.empty(shape, np.float32) for day in (0, 3, 6)}
-
-    def sink(day: int, first_x: int, block: NDArray[np.float32]) -> None:
-        got[day][first_x : first_x + block.shape[0]] = block
-
-    write_soil(shape, weather, parameters, got, sink)
+    course = SoilCourse(shape, weather, parameters, 6)
+    for day, level in got.items():
+        course.compute(day, level)
     along_x, along_y = hump_factors(weather.start_corners, shape, parameters)
     humidity = along_x @ along_y
     for index, shower in enumerate(weather.showers):
@@ -339,10 +334,11 @@ def test_soil_in_blocks_is_the_soil_step_repeated(width: int, height: int, seed:
 def test_a_large_farm_is_computed_in_several_blocks() -> None:
     shape = (90, 4000)
     parameters = SoilParameters(warm_up_days=0, start_humps=40)
-    weather = draw_weather(shape, 2, parameters, np.random.default_rng(4))
-    firsts: dict[int, list[int]] = {0: [], 2: []}
-    write_soil(shape, weather, parameters, [0, 2], lambda day, first, block: firsts[day].append(first))
-    assert firsts[0] == firsts[2] == [0, 32, 64]
+    course = parameters.course(shape, 2, np.random.default_rng(4))
+    told: list[int] = []
+    course.compute(2, np.empty(shape, np.float32), on_piece=lambda: told.append(len(told)))
+    assert [rows.start for rows in course.blocks] == [0, 32, 64]
+    assert len(told) == course.pieces == 3
 
 
 def test_a_shower_has_its_mean_over_the_farm() -> None:
@@ -465,7 +461,7 @@ def test_day_six_of_waterberry() -> None:
 def test_coarse_soil_of_a_day_does_not_depend_on_the_other_days(shape):
     def simulated(days):
         rngs = [np.random.default_rng(seed) for seed in range(3)]
-        return simulate_coarse(SoilParameters(), shape, days, 20, rngs)
+        return SoilParameters().simulate_coarse(shape, days, 20, rngs)
 
     together = simulated((0, 3, 7))
     alone = np.concatenate([simulated((day,)) for day in (0, 3, 7)])

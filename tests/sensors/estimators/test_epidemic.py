@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from geo.farms import get_farm
 from geo.grid import FarmGrid
-from sensors.dynamics.outbreak import simulate_outbreak
+from sensors.dynamics.epidemic import simulate_outbreak
 from sensors.environment import CCR, TYLCV, SoilParameters, generate_environment
 from sensors.errors import EstimatorError
 from sensors.estimators import check_estimator, make_estimator

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from geo.farms import get_farm
 from geo.grid import FarmGrid
 from geo.seeds import stream
-from sensors.dynamics.soil import simulate_coarse
 from sensors.estimators import advance_estimator, make_estimator
 from sensors.estimators.gp.estimator import GaussianProcessEstimator
 from sensors.estimators.gp.rbf import RbfKernel
@@ -73,7 +72,7 @@ def test_the_day_after_many_readings_the_soil_is_as_uncertain_as_its_change_make
     errors, stated = {6: [], 7: []}, {6: [], 7: []}
     for number in range(12):
         rng = stream(4100 + number, "test", "weather")
-        truth = simulate_coarse(PAPER_FIELDS["soil"].humidity, GRID.shape, (6, 7), max(GRID.shape), [rng])
+        truth = PAPER_FIELDS["soil"].continuous.simulate_coarse(GRID.shape, (6, 7), max(GRID.shape), [rng])
         x, y = rows.T
         values = np.full((len(rows), 3), np.nan)
         values[:, SOIL] = truth[0, 0, x, y]
@@ -97,7 +96,7 @@ def test_readings_of_a_later_day_tell_how_the_farm_changed_where_none_were_made(
     before, after = [], []
     for number in range(12):
         rng = stream(4200 + number, "test", "weather")
-        truth = simulate_coarse(PAPER_FIELDS["soil"].humidity, GRID.shape, (6, 7), max(GRID.shape), [rng])
+        truth = PAPER_FIELDS["soil"].continuous.simulate_coarse(GRID.shape, (6, 7), max(GRID.shape), [rng])
 
         def seen(day, where, truth=truth[:, 0]):
             values = np.full((where.sum(), 3), np.nan)

@@ -157,7 +157,6 @@ def fly(
                 else:
                     campaign.fly(environment, connect.hosting(tlog), connect.attendant)
             except KeyboardInterrupt:
-                campaign.interrupt()
                 if not campaign.flights:
                     raise
             result = _result(campaign)

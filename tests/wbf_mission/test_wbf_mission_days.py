@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import wbf_mission.run.campaign
-import wbf_mission.run.flights
+import wbf_mission.run.flight
 import wbf_mission.run.record
 from geo.farms import get_farm
 from mission.outcome import Outcome
@@ -141,7 +141,7 @@ def spoil(monkeypatch: pytest.MonkeyPatch, outcome: Outcome, of: set[int]) -> No
                 self.sorties[0].ground.outcome = outcome
                 self.sorties[0].ground.reason = "spoilt"
 
-    monkeypatch.setattr(wbf_mission.run.flights, "JointFlight", Spoilt)
+    monkeypatch.setattr(wbf_mission.run.flight, "JointFlight", Spoilt)
 
 
 def test_a_flight_that_went_wrong_does_not_end_the_run(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,7 +11,7 @@ from mission.policies.travel_cost import GeometricTravelCost
 from wbf_mission import Scenario, fly
 from wbf_mission.planning.plan import plan_fleet
 from wbf_mission.replanning.spacing import KeptDistance, least_apart_m
-from wbf_mission.run.flights import departure_delays
+from wbf_mission.run.flight import departure_delays
 from wbf_mission.scenario import ScenarioError
 
 QUADS = {"farm": "miniberry-30", "vehicle": "quad", "estimator": "point", "separation": "distance:3m"}
@@ -44,7 +44,7 @@ def test_robots_without_size_start_at_once():
 
 def test_who_would_wait_too_long_is_told(monkeypatch):
     plans = plan_fleet(Scenario(**QUADS, vehicles=2))
-    monkeypatch.setattr("wbf_mission.run.flights._LATEST_S", 3)
+    monkeypatch.setattr("wbf_mission.run.flight._LATEST_S", 3)
     with pytest.raises(ScenarioError, match="vehicle 2 would wait for more than two hours to keep 50 m"):
         departure_delays(plans, 50.0)
 

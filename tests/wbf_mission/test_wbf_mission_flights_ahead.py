@@ -15,7 +15,6 @@ import wbf_mission.run.reuse
 from mission.outcome import Outcome
 from wbf_mission.flight import fly
 from wbf_mission.results.result import Result
-from wbf_mission.run.flights import Flights
 from wbf_mission.run.hosting import VirtualHosting
 from wbf_mission.run.resolve import resolve
 from wbf_mission.run.reuse import FlightsAhead, can_fly_ahead
@@ -38,10 +37,6 @@ def worth(monkeypatch: pytest.MonkeyPatch) -> None:
     """Make every run worth other processes, on a machine of two cores."""
     monkeypatch.setattr(wbf_mission.run.reuse, "WORTH_S", 0.0)
     monkeypatch.setattr(joblib, "cpu_count", lambda: 2)
-
-
-def flights_of(scenario: Scenario) -> Flights:
-    return Flights(resolve(scenario))
 
 
 def assert_alike(one: Result, other: Result) -> None:
@@ -134,9 +129,9 @@ def test_a_fleet_that_loses_a_vehicle_is_flown_one_after_the_other(monkeypatch: 
     ],
 )
 def test_some_runs_are_not_flown_ahead(options: dict[str, Any], hosting: VirtualHosting) -> None:
-    assert can_fly_ahead(flights_of(SHORT), VirtualHosting(), 1.0)
+    assert can_fly_ahead(resolve(SHORT), VirtualHosting(), 1.0)
     given = {key: value for key, value in {**SHORT.to_dict(), **options}.items() if value is not None}
-    assert not can_fly_ahead(flights_of(Scenario(**given)), hosting, 1e9)
+    assert not can_fly_ahead(resolve(Scenario(**given)), hosting, 1e9)
 
 
 def _dies(day: int, flight: int) -> int:

@@ -32,7 +32,7 @@ from sim_vehicle.execution.fixed_wing_items import must_circle
 from sim_vehicle.prediction.battery_swaps import batteries_needed
 from sim_vehicle.prediction.flight import Prediction, home_frame
 from sim_vehicle.prediction.predict import expected_flights, plan_prediction, rehearsed_tracks
-from wbf_mission.planning.conditions import FlightLevel, clearance_m, flight_level, wind_of
+from wbf_mission.planning.conditions import FlightLevel, flight_level, separation_margin_m, wind_of
 from wbf_mission.planning.keep_out import KeepOut, free_area, probe_path, stray_m
 from wbf_mission.scenario import MissionOptions, ScenarioError, VehicleOptions, WeatherOptions
 from wbf_mission.scenario.parts import VehicleParts
@@ -224,7 +224,7 @@ class MissionBuilder:
         if not farm.obstacles or vehicle.is_ideal:
             return made
         # The satellites' error is that of where it believes to be, which it follows.
-        stray = made.stray_m() + clearance_m(options.gps_noise_m, 0.0)
+        stray = made.stray_m() + separation_margin_m(options.gps_noise_m, 0.0)
         return replace(made, keep_out=KeepOut.of(farm, mission.margin_m, stray))
 
     @property

@@ -122,7 +122,7 @@ _DEVIATIONS = 3.0
 _STEPS_PER_M = 10
 
 
-def clearance_m(first_m: float, second_m: float) -> float:
+def separation_margin_m(first_m: float, second_m: float) -> float:
     """Return how much nearer to each other two vehicles may be than they believe.
 
     Three standard deviations of what their errors, which are independent, differ by, up to the next 0.1 m.
@@ -134,18 +134,18 @@ def clearance_m(first_m: float, second_m: float) -> float:
 
     Examples
     --------
-    >>> clearance_m(0.0, 0.0), clearance_m(0.3, 0.4), clearance_m(0.0, 0.51)
+    >>> separation_margin_m(0.0, 0.0), separation_margin_m(0.3, 0.4), separation_margin_m(0.0, 0.51)
     (0.0, 1.5, 1.6)
     """
     return math.ceil(_DEVIATIONS * math.hypot(first_m, second_m) * _STEPS_PER_M - 1e-9) / _STEPS_PER_M
 
 
-def ground_clearance_m(options: VehicleOptions) -> float:
+def ground_separation_margin_m(options: VehicleOptions) -> float:
     """Return how much nearer to each other over ground two vehicles of a run may be than they believe.
 
     The swings of an erring estimate are as large as those by gusts, for which there is room anyway.
     """
-    return clearance_m(options.gps_noise_m, options.gps_noise_m)
+    return separation_margin_m(options.gps_noise_m, options.gps_noise_m)
 
 
 def height_error_m(options: VehicleOptions, spec: VehicleSpec) -> float:

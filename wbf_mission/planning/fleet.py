@@ -18,11 +18,11 @@ from sim_vehicle.weather.wind import Wind
 from wbf_mission.planning.assignment import SortieNumber, VehicleAssignment
 from wbf_mission.planning.builder import MissionBuilder
 from wbf_mission.planning.conditions import (
-    clearance_m,
     flight_level,
-    ground_clearance_m,
+    ground_separation_margin_m,
     height_error_m,
     noise_of,
+    separation_margin_m,
     wind_of,
 )
 from wbf_mission.planning.keep_out import free_area
@@ -143,7 +143,7 @@ def single_scenarios(scenario: Scenario) -> tuple[Scenario, ...]:
         mission, spec = scenario.mission, get_vehicle(name)
         if layered and flies(spec):
             error_m = height_error_m(vehicle, spec)
-            lowest_m = below_m + separation.metres + clearance_m(below_error_m, error_m)
+            lowest_m = below_m + separation.metres + separation_margin_m(below_error_m, error_m)
             height_m = max(flight_level(mission, vehicle).altitude_m, round(lowest_m, 2))
             if height_m > HIGHEST_M:
                 msg = (
@@ -179,7 +179,9 @@ def _start_m(scenario: Scenario, farm: Farm, number: int) -> tuple[float, float]
     separation = scenario.vehicle.keeps
     spacing_m = SPACING_M
     if separation.kind in (LAYERS, DISTANCE):
-        spacing_m = max(SPACING_M, _ROW_FACTOR * separation.metres) + ground_clearance_m(scenario.vehicle)
+        spacing_m = max(SPACING_M, _ROW_FACTOR * separation.metres) + ground_separation_margin_m(
+            scenario.vehicle
+        )
     home = np.asarray(farm.home_m)
     centre = free_area(farm).centroid
     away = home - (centre.x, centre.y)

@@ -70,13 +70,13 @@ class KeptDistance:
     ----------
     speeds_m_s : mapping of int to float
         By system id; a vehicle that is not there keeps no distance and need not be kept from.
-    clearance_m : float
+    separation_margin_m : float
         How much nearer to each other two vehicles may be than they believe.
     """
 
     distance_m: float
     speeds_m_s: Mapping[int, float]
-    clearance_m: float = 0.0
+    separation_margin_m: float = 0.0
 
     def refusals(self, vehicles: Sequence[VehicleReport], paths: Mapping[int, Points]) -> dict[int, str]:
         """Return which new paths must not be flown, and why.
@@ -100,7 +100,7 @@ class KeptDistance:
             new = self._track(flying[number], paths[number])
             near, apart = self._nearest(new, number, tracks)
             if (
-                apart < self.distance_m + self.clearance_m + MARGIN_M
+                apart < self.distance_m + self.separation_margin_m + MARGIN_M
                 and apart < self._nearest(tracks[number], number, tracks)[1]
             ):
                 refused[number] = f"it would come within {apart:.1f} m of vehicle {near}"

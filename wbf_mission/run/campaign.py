@@ -21,10 +21,10 @@ from wbf_mission.planning.fleet import Vehicle
 from wbf_mission.progress import Progress, Stopwatch
 from wbf_mission.replanning.record import DecisionRecord
 from wbf_mission.run.estimation import Evidence, RunEstimate, attribute_errors_to
-from wbf_mission.run.flights import Flights, PlannedFlight
+from wbf_mission.run.flight import FlightInterrupted, PlannedFlight, fly_once, leaf_camera, plan_flight
 from wbf_mission.run.hosting import Hosting
-from wbf_mission.run.joint_flight import Attendant, JointFlight
-from wbf_mission.run.record import DayRecord, FlightRecord, FlownFlight, keeps_days
+from wbf_mission.run.joint_flight import Attendant
+from wbf_mission.run.record import DayRecord, Flight, FlightRecord, keeps_days
 from wbf_mission.run.resolve import Run
 from wbf_mission.run.reuse import FlightAlone, FlightMemory, FlightsAhead, can_fly_ahead
 
@@ -64,7 +64,6 @@ class Campaign:
         watch: Stopwatch,
     ) -> None:
         self.run = run
-        self._all = Flights(run)
         self.decisions: list[DecisionRecord] = []
         self.flights: list[FlightRecord] = []
         self.days: list[DayRecord] = []
@@ -77,7 +76,7 @@ class Campaign:
         self._tell = tell
         self._next: PlannedFlight | None = None
         self._scored_a_flight = 0
-        self._flying: JointFlight | None = None
+        self._seen_before = 0
         self._gone: set[int] = set()
         self._log: TlogWriter | None = None
 
@@ -89,7 +88,7 @@ class Campaign:
         WbfMissionError
             If there is no path within the budget, or the first flight is not worth making.
         """
-        planned = self._all.plan(day, flight, self.evidence, self.decisions, self._gone)
+        planned = plan_flight(self.run, day, flight, self.evidence, self.decisions, self._gone)
         if not planned.sorties and not self.flights:
             msg = f"{self.run.decider.name} finds nothing worth a flight: no vehicle has a path"
             raise PlanningError(msg)
@@ -146,23 +145,19 @@ class Campaign:
                     # Without those that are gone the others fly otherwise.
                     flown = None if ahead is None or self._gone else ahead.take(day, flight)
                     if flown is None and memory is not None and attendant is None:
-                        flown = self._remembered(memory, day, flight, environment, hosting)
+                        planned, logged = self._planned(day, flight), hosting.tlog is not None
+                        flown = memory.fly(self.run, planned, environment, hosting, self._tell, logged=logged)
                     if flown is None:
                         self._fly_once(day, flight, environment, hosting, attendant)
                     else:
-                        self._take(flown, day, flight, hosting)
+                        self._tell("flying", self.run.numbers.index((day, flight)) + 1, len(self.run.numbers))
+                        self._take(flown, hosting)
                 self.end_day()
         finally:
             if ahead is not None:
                 ahead.close()
             if self._log is not None:
                 self._log.close()
-
-    def interrupt(self) -> None:
-        """Stop where we are; what was seen so far is kept."""
-        if self._flying is not None:
-            self._flying.interrupt()
-            self._end_flight()
 
     def end_day(self) -> None:
         """Sum up the day that is estimated, unless that was done."""
@@ -207,28 +202,27 @@ class Campaign:
     ) -> None:
         planned, self._next = self._planned(day, flight), None
         if not planned.sorties:
-            self._stay()
+            self._skip()
             return
+        try:
+            flown = fly_once(
+                self.run,
+                planned,
+                self.evidence,
+                partial(leaf_camera, self.run, environment=environment),
+                hosting,
+                tell=self._tell,
+                watch=self.watch,
+                attendant=attendant,
+                writer=self._open_log(hosting),
+                offset_s=self.simulated_s,
+            )
+        except FlightInterrupted as stop:
+            self._take(stop.flight, hosting)
+            raise
+        self._take(flown, hosting)
 
-        def began(flying: JointFlight) -> None:
-            self._flying = flying
-
-        self._all.fly(
-            planned,
-            self.evidence,
-            partial(self._all.camera, environment=environment),
-            hosting,
-            began=began,
-            tell=self._tell,
-            watch=self.watch,
-            attendant=attendant,
-            writer=self._open_log(hosting),
-            offset_s=self.simulated_s,
-            gone=self._gone,
-        )
-        self._end_flight()
-
-    def _stay(self) -> None:
+    def _skip(self) -> None:
         """Leave out a flight that is not worth making."""
         assert self.evidence.estimate is not None
         self.evidence.estimate.hold(self._scored_a_flight, self.simulated_s)
@@ -242,16 +236,6 @@ class Campaign:
         assert self._next is not None
         return self._next
 
-    def _remembered(
-        self, memory: FlightMemory, day: int, flight: int, environment: Environment, hosting: Hosting
-    ) -> FlownFlight | None:
-        """Return what a flight gives that may have been flown before; None if it has to be flown now."""
-        planned, logged = self._planned(day, flight), hosting.tlog is not None
-        flown = memory.fly(self._all, planned, environment, hosting, self._tell, logged=logged)
-        if flown is not None:
-            self._next = None
-        return flown
-
     def _open_log(self, hosting: Hosting) -> TlogWriter | None:
         """Return what writes every frame, if wanted; its file is made when there is something to keep."""
         if self._log is None and hosting.tlog is not None:
@@ -263,41 +247,30 @@ class Campaign:
         """Return what flies all flights in other processes, if that can be."""
         numbers = self.run.numbers
         assert self._next is not None
-        if len(numbers) == 1 or not can_fly_ahead(self._all, hosting, len(numbers) * self._next.expected_s):
+        if len(numbers) == 1 or not can_fly_ahead(self.run, hosting, len(numbers) * self._next.expected_s):
             return None
         # The first one is planned where it is flown.
         self._next = None
         self.decisions.clear()
-        return FlightsAhead(FlightAlone(self._all, environment, hosting, hosting.tlog is not None), numbers)
+        return FlightsAhead(FlightAlone(self.run, environment, hosting, hosting.tlog is not None), numbers)
 
-    def _take(self, flown: FlownFlight, day: int, flight: int, hosting: Hosting) -> None:
-        """Take what a flight gave that was flown elsewhere."""
+    def _take(self, flown: Flight, hosting: Hosting) -> None:
+        """Add a flight that is over, with what the run has not got of it yet."""
         writer = self._open_log(hosting)
         if writer is not None and flown.log is not None:
             writer.write_all(flown.log, EPOCH_UNIX_S + self.simulated_s)
-        seen_before = len(self.evidence)
-        self.evidence.add(*flown.parts, offset_s=self.simulated_s)
         for one in flown.decisions:
-            one.observations += seen_before
+            one.observations += len(self.evidence)
+        self.evidence.add(*flown.parts, offset_s=self.simulated_s)
         self.decisions += flown.decisions
-        self._tell("flying", self.run.numbers.index((day, flight)) + 1, len(self.run.numbers))
         self.watch.lap("flight")
-        self._note(flown.records, seen_before, flown.duration_s, flown.frames)
-
-    def _end_flight(self) -> None:
-        flown, self._flying = self._flying, None
-        assert flown is not None
-        records = [sortie.record() for sortie in flown.sorties]
-        self._note(records, flown.seen_before, flown.now_s, flown.frames)
-
-    def _note(self, records: list[FlightRecord], seen_before: int, duration_s: float, frames: int) -> None:
-        """Add a flight that is over."""
-        for one in records:
-            one.seen_before = seen_before
-        self.flights += records
-        self._gone |= {one.system_id for one in records if one.outcome.loses_vehicle}
-        self.simulated_s += duration_s
-        self.frames += frames
+        for record in flown.records:
+            record.seen_before = self._seen_before
+        self._seen_before, self._next = len(self.evidence), None
+        self.flights += flown.records
+        self._gone |= {one.system_id for one in flown.records if one.outcome.loses_vehicle}
+        self.simulated_s += flown.duration_s
+        self.frames += flown.frames
         assert self.evidence.estimate is not None
         self.evidence.estimate.end_flight(self.simulated_s)
         self.watch.lap("estimate and score")

@@ -18,6 +18,7 @@ from wbf_mission.progress import Progress, Stopwatch
 from wbf_mission.replanning.loop import DecisionLoop
 from wbf_mission.run.estimation import Evidence
 from wbf_mission.run.hosting import FlightHost
+from wbf_mission.run.record import Flight
 from wbf_mission.run.sortie import Sortie
 
 SLICE_S = 1.0
@@ -57,11 +58,6 @@ class JointFlight:
         Who stands by; without, a flight that takes far too long is given up.
     tell : callable
         Progress.
-
-    Attributes
-    ----------
-    seen_before : int
-        How many observations of the run there were when it began.
     """
 
     def __init__(
@@ -81,7 +77,6 @@ class JointFlight:
         self.sorties = tuple(sorties)
         self._decisions = decisions
         self._evidence = evidence
-        self.seen_before = len(evidence)
         self._offset_s = offset_s
         self._pace = pace
         self._attendant = attendant
@@ -108,6 +103,10 @@ class JointFlight:
     def frames(self) -> int:
         """How many MAVLink frames were sent."""
         return self._host.frames
+
+    def given(self) -> Flight:
+        """Return what the flight gave, as it stands; its observations went on as they arrived."""
+        return Flight([sortie.record() for sortie in self.sorties], self.now_s, self.frames)
 
     def maneuver(self, kind: Maneuver, only: Sortie | None = None) -> None:
         """Take every vehicle that is not down out of its mission, or one of them.

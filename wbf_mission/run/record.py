@@ -114,27 +114,27 @@ class FlightRecord:
 
 
 @dataclass(frozen=True, slots=True)
-class FlownFlight:
-    """What a flight gave that was flown in another process, or for another run.
+class Flight:
+    """What a flight gave, in whatever way it was got.
 
     Parameters
     ----------
     records : list of FlightRecord
         Of each vehicle.
-    parts : tuple of Observations
-        In the order in which they arrived.
     duration_s : float
         Simulated seconds.
+    parts : tuple of Observations
+        Those that the run has not got yet, in the order in which they arrived.
     decisions : list of DecisionRecord
-        With the number of observations since the flight began; without those that the run has already.
+        Those that the run has not got yet, with the number of observations since the flight began.
     log : FrameLog or None
-        All frames, with their times since the flight began.
+        All frames that are not written yet, with their times since the flight began.
     """
 
     records: list[FlightRecord]
-    parts: tuple[Observations, ...]
     duration_s: float
     frames: int
+    parts: tuple[Observations, ...] = ()
     decisions: list[DecisionRecord] = field(default_factory=list)
     log: FrameLog | None = None
 

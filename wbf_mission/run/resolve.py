@@ -20,7 +20,7 @@ from sensors.field_files import load_field_set
 from sensors.fields import FieldSet
 from sensors.scoring.score import ScoreWeights
 from wbf_mission.planning import PlanResult, planner_of
-from wbf_mission.planning.conditions import ground_clearance_m
+from wbf_mission.planning.conditions import ground_separation_margin_m
 from wbf_mission.planning.fleet import Vehicle, vehicles_of
 from wbf_mission.planning.plan import read_plan, require_one_vehicle
 from wbf_mission.progress import Progress, silent
@@ -83,7 +83,7 @@ class Run:
         How often the estimate of a flight is scored; None: as often as the farm can afford.
     keeps : Separation
         How the vehicles stay apart.
-    clearance_m : float
+    separation_margin_m : float
         How much nearer to each other over ground two vehicles may be than they believe.
     """
 
@@ -102,7 +102,7 @@ class Run:
     flights_per_day: int
     points: int | None
     keeps: Separation
-    clearance_m: float
+    separation_margin_m: float
 
     def __getstate__(self) -> dict[str, object]:
         """Leave out the estimator, which may be large: other processes fly, and estimate nothing."""
@@ -192,7 +192,7 @@ def resolve(
         flights_per_day=scenario.farm.flights_per_day,
         points=scenario.score.points,
         keeps=scenario.vehicle.keeps,
-        clearance_m=ground_clearance_m(scenario.vehicle),
+        separation_margin_m=ground_separation_margin_m(scenario.vehicle),
     )
 
 

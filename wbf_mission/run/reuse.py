@@ -1,9 +1,13 @@
-"""Flights that are flown once for all runs in which they would be the same.
+"""Flights that are flown once for all runs in which they would be the same, or ahead in other processes.
 
 The vehicle of a planner flies its path whatever its camera sees. So a flight is decided by the mission, the
 vehicle, the weather and, where something is drawn on the way, the seed; the environment, the errors of the
 camera and the estimator are not among these. It is flown with cameras that number their readings
 (`sensors.camera.numbering`). What an environment gives to read then takes the places of the numbers.
+
+Nor need the flights of a run wait for each other then: each draws from the random streams of its own number,
+so those that are flown ahead are the same as one after the other. `wbf_mission.run.flight.fly_once` knows
+nothing of all this.
 """
 
 from __future__ import annotations
@@ -12,7 +16,7 @@ import contextlib
 import gc
 import multiprocessing
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from functools import cache, partial
@@ -29,6 +33,7 @@ from mission.link.codec.frames import FrameReader, FrameWriter
 from mission.link.codec.typed import is_a
 from mission.link.tlog import FrameLog
 from sensors.camera.layout import LeafLayout
+from sensors.camera.leaf_camera import Camera
 from sensors.camera.numbering import ImageList, NumberingCamera
 from sensors.environment import Environment
 from sensors.environment.memory import EnvironmentMemory
@@ -37,12 +42,13 @@ from sim_vehicle.epoch import EPOCH_UNIX_S
 from wbf_mission.planning import PlanResult
 from wbf_mission.planning.assignment import SortieNumber
 from wbf_mission.planning.fleet import Vehicle
-from wbf_mission.progress import Progress, Stopwatch, silent
+from wbf_mission.progress import Progress, silent
 from wbf_mission.replanning.record import DecisionRecord
 from wbf_mission.run.estimation import Evidence
-from wbf_mission.run.flights import Flights, PlannedFlight
+from wbf_mission.run.flight import FlightInterrupted, PlannedFlight, fly_once, leaf_camera, plan_flight
 from wbf_mission.run.hosting import Hosting, VirtualHosting
-from wbf_mission.run.record import FlightRecord, FlownFlight
+from wbf_mission.run.record import Flight, FlightRecord
+from wbf_mission.run.resolve import Run
 
 _SEQUENCE = 4
 _ID = slice(7, 10)
@@ -117,16 +123,16 @@ class _KeptFlight:
     frames: int
     log: FrameLog | None
 
-    def of_run(self, flights: Flights, planned: PlannedFlight, environment: Environment) -> FlownFlight:
+    def of_run(self, run: Run, planned: PlannedFlight, environment: Environment) -> Flight:
         """Return the flight of a run, with what is seen in its environment."""
-        cameras = [flights.camera(number, environment) for number, _, _ in planned.sorties]
+        cameras = [leaf_camera(run, number, environment) for number, _, _ in planned.sorties]
         readings = self.images.read(cameras)
         seen = replace(
             self.seen, day=np.full(len(self.seen), planned.day, np.int32), values=readings[self.reading]
         )
         log = self.log
         if log is not None:
-            log = log_of_readings(log, readings, LeafLayout.of(flights.run.fields.names))
+            log = log_of_readings(log, readings, LeafLayout.of(run.fields.names))
         records = [
             replace(
                 one,
@@ -140,7 +146,7 @@ class _KeptFlight:
             )
             for one, plan in zip(self.records, planned.plans, strict=True)
         ]
-        return FlownFlight(records, (seen,), self.duration_s, self.frames, log=log)
+        return Flight(records, self.duration_s, self.frames, (seen,), log=log)
 
 
 class FlightMemory:
@@ -167,44 +173,34 @@ class FlightMemory:
 
     def fly(
         self,
-        flights: Flights,
+        run: Run,
         planned: PlannedFlight,
         environment: Environment,
         hosting: Hosting,
         tell: Progress = silent,
         *,
         logged: bool = False,
-    ) -> FlownFlight | None:
+    ) -> Flight | None:
         """Fly a flight, or take it as it was flown before; None if it has to be flown for its run alone.
 
         That is so if what is seen or a person at the other end of a link may change it, something goes wrong
-        on purpose, it is very long, or something was decided on the way.
-
-        Parameters
-        ----------
-        flights : Flights
-            Of the run.
-        environment : Environment
-            What is seen.
-        tell : callable
-            Progress.
-        logged : bool
-            Whether every frame is kept; where the hosting says so it is the caller who writes them.
+        on purpose, it is very long, or something was decided on the way. With `logged` every frame is kept,
+        whatever the hosting says.
         """
-        expected = planned.expected_readings(flights.run.looks)
+        expected = planned.expected_readings(run.looks)
         plain = isinstance(hosting, VirtualHosting) and replace(hosting, tlog=None) == VirtualHosting()
-        if not plain or flights.run.decider.steers or 2.0 * expected > MOST_READINGS:
+        if not plain or run.decider.steers or 2.0 * expected > MOST_READINGS:
             return None
-        key = _key(flights, planned, logged=logged)
+        key = _key(run, planned, logged=logged)
         kept = self._kept.pop(key, None)
         if kept is None:
-            kept = _flown(flights, planned, hosting, tell, logged=logged)
+            kept = _flown(run, planned, hosting, tell, logged=logged)
             if kept is None:
                 return None
         self._kept[key] = kept
         while len(self._kept) > self._most or self._readings > MOST_READINGS:
             self._kept.popitem(last=False)
-        return kept.of_run(flights, planned, environment)
+        return kept.of_run(run, planned, environment)
 
     @property
     def _readings(self) -> int:
@@ -218,61 +214,69 @@ def memory_of_process() -> FlightMemory:
 
 
 def _flown(
-    flights: Flights, planned: PlannedFlight, hosting: Hosting, tell: Progress, *, logged: bool
+    run: Run, planned: PlannedFlight, hosting: Hosting, tell: Progress, *, logged: bool
 ) -> _KeptFlight | None:
     """Fly a flight whose cameras number their readings; None if something was decided on the way."""
-    evidence, decisions = Evidence(flights.run.farm, flights.run.fields), list[DecisionRecord]()
+    evidence, decisions = Evidence(run.farm, run.fields), list[DecisionRecord]()
     if len(planned.sorties) > 1:
         # Some may take over the rest of one that is lost; the run's own records shall not tell of it twice.
         there = {number.system_id for number, _, _ in planned.sorties}
-        gone = {one.task.system_id for one in flights.run.vehicles} - there
-        planned = flights.plan(planned.day, planned.flight, evidence, decisions, gone)
-    options = flights.run.camera
-    images = ImageList(options.footprint_cells**2)
-    shape = flights.run.farm.grid().shape
+        gone = {one.task.system_id for one in run.vehicles} - there
+        planned = plan_flight(run, planned.day, planned.flight, evidence, decisions, gone)
+    images = ImageList(run.camera.footprint_cells**2)
+    shape = run.farm.grid().shape
     order = [number.system_id for number, _, _ in planned.sorties]
 
     def camera(number: SortieNumber) -> NumberingCamera:
-        return NumberingCamera(images, order.index(number.system_id), shape, options)
+        return NumberingCamera(images, order.index(number.system_id), shape, run.camera)
 
     log = FrameLog() if logged else None
-    flown = flights.fly(
-        planned,
-        evidence,
-        camera,
-        hosting,
-        tell=tell,
-        watch=Stopwatch(),
-        writer=log,
-        # Nobody knows yet when the flight begins: frames have their times since then.
-        offset_s=-EPOCH_UNIX_S,
-    )
+    flown = _fly_apart(run, planned, evidence, camera, hosting, log, tell)
     if len(decisions) > 1 or not images.is_exact:
         return None
     seen = evidence.observations()
     return _KeptFlight(
-        tuple(sortie.record() for sortie in flown.sorties),
+        tuple(flown.records),
         images,
         replace(seen, values=np.broadcast_to(np.float32(np.nan), seen.values.shape)),
         seen.values[:, 0].astype(np.int64),
-        flown.now_s,
+        flown.duration_s,
         flown.frames,
         log,
     )
 
 
-def _key(flights: Flights, planned: PlannedFlight, *, logged: bool) -> bytes:
+def _fly_apart(
+    run: Run,
+    planned: PlannedFlight,
+    evidence: Evidence,
+    cameras: Callable[[SortieNumber], Camera],
+    hosting: Hosting,
+    log: FrameLog | None,
+    tell: Progress,
+) -> Flight:
+    """Fly a flight for itself; what it gave until a Ctrl-C is of no use to a run."""
+    try:
+        # Nobody knows yet when the flight begins: frames have their times since then.
+        return fly_once(
+            run, planned, evidence, cameras, hosting, tell=tell, writer=log, offset_s=-EPOCH_UNIX_S
+        )
+    except FlightInterrupted:
+        raise KeyboardInterrupt from None
+
+
+def _key(run: Run, planned: PlannedFlight, *, logged: bool) -> bytes:
     """Return all that decides a flight, written out."""
-    farm, frame = flights.run.farm, flights.run.farm.frame
+    farm, frame = run.farm, run.farm.frame
     georeference = (frame.latitude_deg, frame.longitude_deg, frame.altitude_m, frame.rotation_deg)
     sorties = [_sortie_values(*one) for one in planned.sorties]
     drawn = None
     if any(_draws(one) for _, one, _ in planned.sorties):
-        drawn = (flights.run.seed, [number for number, _, _ in planned.sorties])
+        drawn = (run.seed, [number for number, _, _ in planned.sorties])
     return msgspec.msgpack.encode(
         [
             [georeference, farm.cell_size_m, farm.width_cells, farm.height_cells, farm.home_m],
-            [flights.run.camera.footprint_cells, flights.run.fields.names],
+            [run.camera.footprint_cells, run.fields.names],
             sorties,
             drawn,
             logged,
@@ -307,41 +311,30 @@ class FlightAlone:
 
     Parameters
     ----------
-    flights : Flights
+    run : Run
         With a decider that does not ask what is believed.
     logged : bool
         Whether frames are kept.
     """
 
-    flights: Flights
+    run: Run
     environment: Environment
     hosting: Hosting
     logged: bool = False
 
-    def __call__(self, day: int, flight: int) -> FlownFlight:
+    def __call__(self, day: int, flight: int) -> Flight:
         """Plan a flight and fly it, unless it was flown in this process before."""
-        of = self.flights
-        evidence, decisions = Evidence(of.run.farm, of.run.fields), list[DecisionRecord]()
+        run, evidence, decisions = self.run, Evidence(self.run.farm, self.run.fields), list[DecisionRecord]()
         with threadpool_limits(1, user_api="blas"):
-            planned = of.plan(day, flight, evidence, decisions)
+            planned = plan_flight(run, day, flight, evidence, decisions)
             _spare_collector()
-            known = memory_of_process().fly(of, planned, self.environment, self.hosting, logged=self.logged)
-            if known is not None:
-                return replace(known, decisions=decisions)
-            log = FrameLog() if self.logged else None
-            flown = of.fly(
-                planned,
-                evidence,
-                partial(of.camera, environment=self.environment),
-                self.hosting,
-                tell=silent,
-                watch=Stopwatch(),
-                writer=log,
-                # Nobody knows yet when the flight begins: frames have their times since then.
-                offset_s=-EPOCH_UNIX_S,
-            )
-        records = [sortie.record() for sortie in flown.sorties]
-        return FlownFlight(records, evidence.parts, flown.now_s, flown.frames, decisions, log)
+            flown = memory_of_process().fly(run, planned, self.environment, self.hosting, logged=self.logged)
+            if flown is None:
+                log = FrameLog() if self.logged else None
+                cameras = partial(leaf_camera, run, environment=self.environment)
+                flown = _fly_apart(run, planned, evidence, cameras, self.hosting, log, silent)
+                flown = replace(flown, parts=evidence.parts, log=log)
+        return replace(flown, decisions=decisions)
 
 
 @cache
@@ -350,21 +343,15 @@ def _spare_collector() -> None:
     gc.freeze()
 
 
-def can_fly_ahead(flights: Flights, hosting: Hosting, expected_s: float) -> bool:
+def can_fly_ahead(run: Run, hosting: Hosting, expected_s: float) -> bool:
     """Return whether the flights of a run can be flown in other processes, and whether that is worth it.
 
     Who steers has to see first; a flight in real time is followed while it goes on. A planner that is an
     object may be bound to this process. Where this process is itself one of several, these share the cores
-    already.
-
-    Parameters
-    ----------
-    expected_s : float
-        About how many seconds all vehicles fly in all flights.
+    already. All vehicles fly for about `expected_s` in all flights.
     """
     from joblib import cpu_count
 
-    run = flights.run
     farm = run.farm
     plain = isinstance(hosting, VirtualHosting) and hosting.pace is None
     return (
@@ -391,7 +378,7 @@ class FlightsAhead:
         self._order = {number: k for k, number in enumerate(numbers)}
         self._calls = CallsAhead(fly, numbers)
 
-    def take(self, day: int, flight: int) -> FlownFlight | None:
+    def take(self, day: int, flight: int) -> Flight | None:
         """Wait for a flight and return it; in their order, each once.
 
         None if it has to be flown here in its turn: a process was killed, something is wrong that is found

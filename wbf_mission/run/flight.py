@@ -1,0 +1,310 @@
+"""One flight of a run, of one vehicle or ten, simulated or behind links: planned, and flown once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
+from itertools import compress
+
+import numpy as np
+
+from geo.frame import LocalFrame
+from geo.seeds import child_seed, stream
+from mission.link.tlog import FrameSink
+from sensors.camera.leaf_camera import Camera, LeafCamera
+from sensors.environment import Environment
+from wbf_mission.planning import PlanResult, home_of
+from wbf_mission.planning.assignment import SortieNumber
+from wbf_mission.planning.fleet import Vehicle
+from wbf_mission.progress import Progress, Stopwatch, silent
+from wbf_mission.replanning.loop import DecisionLoop, Knowledge
+from wbf_mission.replanning.record import DecisionRecord
+from wbf_mission.replanning.spacing import MARGIN_M, KeptDistance, Positions, least_apart_m
+from wbf_mission.run.estimation import Evidence
+from wbf_mission.run.hosting import Hosting
+from wbf_mission.run.joint_flight import Attendant, JointFlight
+from wbf_mission.run.record import Flight
+from wbf_mission.run.resolve import Run
+from wbf_mission.run.sortie import Sortie
+from wbf_mission.scenario import CameraOptions, ScenarioError
+from wbf_mission.scenario.values import DISTANCE
+
+_LATEST_S = 7200
+_STEP_S = 5
+
+
+class FlightInterrupted(KeyboardInterrupt):
+    """Ctrl-C during a flight, with what it gave until then."""
+
+    def __init__(self, flight: Flight) -> None:
+        super().__init__()
+        self.flight = flight
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedFlight:
+    """A flight before it begins.
+
+    Parameters
+    ----------
+    loop : DecisionLoop
+        Who is asked during it.
+    sorties : tuple of (SortieNumber, Vehicle, PlanResult)
+        Of each vehicle that flies; none if the flight is not worth making.
+    times : tuple of float
+        Who decides in flight begins with a short path: how many such paths the budget of each pays for.
+    gone : collection of int
+        System ids of the vehicles that do not fly any more.
+    """
+
+    day: int
+    flight: int
+    loop: DecisionLoop
+    sorties: tuple[tuple[SortieNumber, Vehicle, PlanResult], ...]
+    times: tuple[float, ...]
+    gone: Collection[int] = ()
+
+    @property
+    def plans(self) -> tuple[PlanResult, ...]:
+        """The plan of each vehicle."""
+        return tuple(plan for _, _, plan in self.sorties)
+
+    @property
+    def expected_s(self) -> float:
+        """About how many seconds the vehicles fly, all together."""
+        return sum(
+            times * plan.prediction.duration_s for times, plan in zip(self.times, self.plans, strict=True)
+        )
+
+    def expected_readings(self, camera: CameraOptions) -> float:
+        """Return how many readings of cells are expected."""
+        readings = [_expected_readings(camera, plan) for plan in self.plans]
+        return sum(times * one for times, one in zip(self.times, readings, strict=True))
+
+
+def plan_flight(
+    run: Run,
+    day: int,
+    flight: int,
+    evidence: Evidence,
+    decisions: list[DecisionRecord],
+    gone: Collection[int] = (),
+) -> PlannedFlight:
+    """Ask for the paths of a flight; vehicles whose paths have no points stay on the ground.
+
+    Parameters
+    ----------
+    evidence : Evidence
+        What is known by then.
+    decisions : list of DecisionRecord
+        Takes what is decided.
+    gone : collection of int
+        System ids of the vehicles that do not fly any more.
+
+    Raises
+    ------
+    WbfMissionError
+        If there is no path within the budget.
+    """
+    there = [one for one in run.vehicles if one.task.system_id not in gone]
+    numbers = [SortieNumber(day, flight, one.task.system_id, run.first_day) for one in there]
+    vehicles = [
+        replace(one, task=one.task.of_sortie(number)) for one, number in zip(there, numbers, strict=True)
+    ]
+    decider = run.decider
+    knowledge = Knowledge(run.farm, day, run.fields, run.weights, evidence.model, evidence.observations)
+    loop = DecisionLoop(
+        decider.policy,
+        decider.name,
+        knowledge,
+        flight=flight,
+        records=decisions,
+        kept_distance=_kept_distance(run, vehicles),
+    )
+    times = (1.0,) * len(vehicles)
+    if decider.mission is not None:
+        plans = (decider.mission,) * len(vehicles)
+    else:
+        answer = loop.start([one.task.report(steered=decider.steers) for one in vehicles])
+        flies = [len(answer.decision.paths[one.task.system_id]) > 0 for one in vehicles]
+        numbers, vehicles = list(compress(numbers, flies)), list(compress(vehicles, flies))
+        tasks = [one.task for one in vehicles]
+        plans = tuple(one.plan_of(answer.decision, decider.label, steered=decider.steers) for one in tasks)
+        times = (1.0,) * len(vehicles)
+        if decider.steers:
+            times = tuple(
+                max(1.0, one.request.budget.limit / max(answer.costs[one.system_id], 1e-9)) for one in tasks
+            )
+    return PlannedFlight(day, flight, loop, tuple(zip(numbers, vehicles, plans, strict=True)), times, gone)
+
+
+def leaf_camera(run: Run, number: SortieNumber, environment: Environment) -> LeafCamera:
+    """Return the leaf camera of a flight of one vehicle."""
+    rng = stream(run.seed, *number.stream_names("camera"))
+    return LeafCamera(environment, run.farm.grid().shape, number.day, run.camera, rng)
+
+
+def fly_once(
+    run: Run,
+    planned: PlannedFlight,
+    evidence: Evidence,
+    cameras: Callable[[SortieNumber], Camera],
+    hosting: Hosting,
+    *,
+    tell: Progress = silent,
+    watch: Stopwatch | None = None,
+    attendant: Attendant | None = None,
+    writer: FrameSink | None = None,
+    offset_s: float = 0.0,
+) -> Flight:
+    """Fly a flight to its end.
+
+    Parameters
+    ----------
+    evidence : Evidence
+        Takes what is seen, as it arrives.
+    cameras : callable
+        Returns the leaf camera of each vehicle; see `leaf_camera`.
+    hosting : Hosting
+        Where it takes place.
+    attendant : Attendant or None
+        Stands by.
+    writer : FrameSink or None
+        Takes every frame.
+    offset_s : float
+        When it begins, in seconds since the beginning of the run.
+
+    Raises
+    ------
+    FlightInterrupted
+        At Ctrl-C, when the flight has begun.
+    """
+    delays = _start_delays(run, planned.plans)
+    sorties = [
+        Sortie(
+            number,
+            one,
+            plan,
+            cameras(number),
+            lambda done, total: tell("uploading", done, total),
+            delay,
+            hosting.arming_gate(number.system_id),
+            hosting.transfers,
+            force=hosting.force,
+            place=place,
+        )
+        for place, ((number, one, plan), delay) in enumerate(zip(planned.sorties, delays, strict=True))
+    ]
+    expected_s = max(
+        one.start_delay_s + times * one.plan.prediction.duration_s
+        for one, times in zip(sorties, planned.times, strict=True)
+    )
+    opened = hosting.open(
+        sorties,
+        writer,
+        offset_s=offset_s,
+        seed=child_seed(run.seed, "faults", f"day-{planned.day}", f"flight-{planned.flight}"),
+        gone=planned.gone,
+    )
+    flying: JointFlight | None = None
+    try:
+        with opened as host:
+            flying = JointFlight(
+                sorties,
+                planned.loop,
+                evidence,
+                host,
+                offset_s=offset_s,
+                pace=hosting.pace,
+                attendant=attendant,
+                expected_s=expected_s,
+                tell=tell,
+                watch=watch or Stopwatch(),
+            )
+            flying.fly()
+    except KeyboardInterrupt:
+        if flying is None:
+            raise
+        flying.interrupt()
+        raise FlightInterrupted(flying.given()) from None
+    return flying.given()
+
+
+def departure_delays(plans: Sequence[PlanResult], distance_m: float, margin_m: float = 0.0) -> list[int]:
+    """Return how many seconds after the first start each vehicle starts.
+
+    In their order each starts as soon as its predicted flight keeps the distance from those before it. The
+    paper's robots, which have no size, start at once.
+
+    Parameters
+    ----------
+    margin_m : float
+        How much nearer to each other two vehicles may be than they believe.
+
+    Raises
+    ------
+    ScenarioError
+        If a vehicle would have to wait for more than two hours.
+    """
+    flights: list[tuple[Positions, int]] = []
+    delays = []
+    for number, plan in enumerate(plans, start=1):
+        delay = 0
+        if not plan.vehicle.is_ideal:
+            flight = _positions(plan)
+            while any(
+                least_apart_m(other, flight, delay - begin) < distance_m + margin_m + MARGIN_M
+                for other, begin in flights
+            ):
+                delay += _STEP_S
+                if delay > _LATEST_S:
+                    msg = (
+                        f"separation distance: vehicle {number} would wait for more than two hours to keep"
+                        f" {distance_m:g} m from the others; give a smaller distance, or layers"
+                    )
+                    raise ScenarioError(msg)
+            flights.append((flight, delay))
+        delays.append(delay)
+    return delays
+
+
+def _positions(plan: PlanResult) -> Positions:
+    """Return where a vehicle is predicted to be at each full second of its flight, in the farm frame."""
+    prediction, farm = plan.prediction, plan.farm
+    home = home_of(plan.mission, farm)
+    about_home = LocalFrame(home.latitude_deg, home.longitude_deg, home.altitude_m)
+    latitude, longitude = about_home.to_wgs84(prediction.track_m[:, 0], prediction.track_m[:, 1])
+    places = np.column_stack(farm.frame.from_wgs84(latitude, longitude))
+    times = np.minimum(np.arange(len(places)) * prediction.track_step_s, prediction.duration_s)
+    seconds = np.arange(0.0, prediction.duration_s, 1.0)
+    return np.column_stack([np.interp(seconds, times, places[:, axis]) for axis in range(2)])
+
+
+def _start_delays(run: Run, plans: Sequence[PlanResult]) -> Sequence[float]:
+    """Return how many seconds after the first start each vehicle starts."""
+    if run.keeps.kind != DISTANCE or len(plans) == 1:
+        return [0.0] * len(plans)
+    return departure_delays(plans, run.keeps.metres, run.separation_margin_m)
+
+
+def _kept_distance(run: Run, vehicles: Sequence[Vehicle]) -> KeptDistance | None:
+    """Return the distance that vehicles keep in flight; None if they need not."""
+    if run.keeps.kind != DISTANCE:
+        return None
+    builders = {one.task.system_id: one.task.builder for one in vehicles}
+    speeds_m_s = {
+        number: min(one.level.speed_m_s, one.vehicle.top_speed_m_s)
+        for number, one in builders.items()
+        if not one.vehicle.is_ideal
+    }
+    return KeptDistance(run.keeps.metres, speeds_m_s, run.separation_margin_m)
+
+
+def _expected_readings(camera: CameraOptions, planned: PlanResult) -> float:
+    """Return how many readings of cells are expected of a flight."""
+    if planned.vehicle.is_ideal:
+        images = planned.prediction.duration_s / planned.vehicle.step_s
+    else:
+        spacing_m = camera.spacing_m or planned.farm.cell_size_m * camera.footprint
+        images = planned.prediction.path_length_m / spacing_m
+    return images * camera.footprint**2

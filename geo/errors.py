@@ -25,7 +25,7 @@
     |   +-- mission.errors.NoPeerError                   nobody answers at the other end
     |   +-- mission.errors.LinkLostError                 a link that broke
     +-- mission.ground.station.NotFlyingError            a mission that cannot be changed now
-    +-- mission.ground.status_text.NotStartedError           Ctrl-C before a vehicle was started
+    +-- mission.ground.status_text.NotStartedError       Ctrl-C before a vehicle was started
     +-- mission.ground.modes.ModeError                   a flight mode that the vehicle does not have
     +-- mission.check.peer.CheckError                    a check that does not exist
     +-- mission.check.peer.FailedError                   a check that failed
@@ -34,11 +34,11 @@
     |   +-- sim_vehicle.faults.fault.FaultError          a fault to be injected
     |   +-- sim_vehicle.pilot.notices.RefusedError       a command that the vehicle refuses
     +-- wbf_mission.scenario.option.ScenarioError        a scenario or one of its options
-    +-- wbf_mission.live.orders.OrderError               an order that is none
+    +-- wbf_mission.live.command.OrderError              an order that is none
     +-- wbf_mission.live.discovery.LiveFlightError       a run that a vehicle behind a link cannot do
-    +-- wbf_mission.live.errors.VehicleRefusedError      a vehicle that does not do what it is told
-    +-- wbf_mission.live.errors.MotorsStandError         an order that would start motors, which was not said
-    +-- wbf_mission.live.errors.VehicleSilentError       a vehicle that does not answer any more
+    +-- wbf_mission.live.command.VehicleRefusedError     a vehicle that does not do what it is told
+    +-- wbf_mission.live.command.MotorsStandError        an order that would start motors, which was not said
+    +-- wbf_mission.live.command.VehicleSilentError      a vehicle that does not answer any more
     +-- wbf_mission.preflight.finding.PreflightError     a plan that cannot be checked, or must not go up
     +-- wbf_mission.run.resolve.FlightError              a flight that cannot go on
     +-- wbf_mission.pictures.animation.AnimationError    a moving picture of a run

@@ -51,7 +51,7 @@ def exit_code_of(error: Exception) -> ExitCode:
     """
     from mission.errors import LinkLostError, NoPeerError, TransferError
     from mission.ground.status_text import NotStartedError
-    from wbf_mission.live.errors import VehicleRefusedError, VehicleSilentError
+    from wbf_mission.live.command import VehicleRefusedError, VehicleSilentError
 
     if isinstance(error, NotStartedError):
         return ExitCode.INTERRUPTED

@@ -72,6 +72,14 @@ _FINISHED = re.compile(r"Mission (?:finished|complete)", re.IGNORECASE)
 _STREAM_HZ = 4
 _FAST = (int(m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT), int(m.MAVLINK_MSG_ID_ATTITUDE))
 _FAST_US = 100_000
+_IMAGES = (int(m.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED), int(m.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY))
+_OF_CAMERA = frozenset({*_IMAGES, int(m.MAVLINK_MSG_ID_CAMERA_CAPTURE_STATUS)})
+_ESTIMATES = (
+    int(m.MAVLINK_MSG_ID_GPS_RAW_INT),
+    int(m.MAVLINK_MSG_ID_EKF_STATUS_REPORT),
+    int(m.MAVLINK_MSG_ID_ESTIMATOR_STATUS),
+)
+"""What only `VehicleMonitor` looks at."""
 _WAYS = {False: WholeListChange, True: AsideChange}
 
 
@@ -173,6 +181,7 @@ class GroundStation:
         self._mode_s = self._again_s = -math.inf
         self._reasons_before = 0
         self._started_boot_s = 0.0
+        self._restarts = 0
         self._monitor = VehicleMonitor()
         self._contact = ContactWatch()
         self._back_s, self._unsure_s = math.inf, -math.inf
@@ -186,7 +195,7 @@ class GroundStation:
         self._fetch = (
             None if assembler is None else ImageFetch(assembler, vehicle_system_id, self._round_trip)
         )
-        self._handlers: dict[int, Callable[[Any, float], list[Message]]] = {
+        self._handlers: dict[int, Callable[[Any, float], list[Message] | None]] = {
             **dict(
                 (
                     handler(m.MAVLink_heartbeat_message, self._on_heartbeat),
@@ -197,23 +206,21 @@ class GroundStation:
                     handler(m.MAVLink_sys_status_message, self._on_sys_status),
                     handler(m.MAVLink_mission_current_message, self._on_mission_current),
                     handler(m.MAVLink_extended_sys_state_message, self._on_landed),
-                    handler(m.MAVLink_param_value_message, self._on_parameter),
                     handler(m.MAVLink_hil_state_quaternion_message, self._on_truth),
                     handler(m.MAVLink_sim_state_message, self._on_truth),
                 )
             ),
+            # It is for the change that asked for it.
+            int(m.MAVLINK_MSG_ID_PARAM_VALUE): _take_note,
             **dict.fromkeys(CLIENT_MESSAGES, self._on_transfer),
         }
         if assembler is not None:
-            self._handlers[m.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED] = self._on_image
-            self._handlers[m.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY] = self._on_image
+            self._handlers |= dict.fromkeys(_IMAGES, self._on_image)
             self._handlers[m.MAVLINK_MSG_ID_CAMERA_CAPTURE_STATUS] = self._on_capture_status
         if arming_gate is not None:
             self._handlers[m.MAVLINK_MSG_ID_SYSTEM_TIME] = self._on_system_time
             self._handlers[m.MAVLINK_MSG_ID_MISSION_ITEM_REACHED] = self._on_reached
-            self._handlers[m.MAVLINK_MSG_ID_GPS_RAW_INT] = self._on_fix
-            self._handlers[m.MAVLINK_MSG_ID_EKF_STATUS_REPORT] = self._on_estimate
-            self._handlers[m.MAVLINK_MSG_ID_ESTIMATOR_STATUS] = self._on_estimate
+            self._handlers |= dict.fromkeys(_ESTIMATES, _take_note)
         # Of a real vehicle every frame tells how good the link is.
         self.wanted: frozenset[int] | None = None if arming_gate is not None else frozenset(self._handlers)
 
@@ -342,18 +349,20 @@ class GroundStation:
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
         """Take one message and return the answers."""
-        if self.arming_gate is not None and self._is_vehicle(message):
+        number, is_autopilot = type(message).id, self._is_autopilot(message)
+        if self.arming_gate is not None and is_autopilot:
             self.link.receive(message, now_s)
-        handle = self._handlers.get(type(message).id)
-        if handle is None:
+        handle = self._handlers.get(number)
+        if handle is None or message.get_srcSystem() != self._vehicle[0]:
             return []
         # Beside a real vehicle rides a camera of ours, which is always heard.
-        real = self.arming_gate is not None
-        its = self._is_vehicle(message) if real else message.get_srcSystem() == self._vehicle[0]
-        if self.phase is Phase.FLIGHT and its:
+        if self.phase is Phase.FLIGHT and (is_autopilot or self.arming_gate is None):
             self._on_contact(now_s)
-        out = handle(message, now_s)
-        if self._change is not None and self.phase is Phase.FLIGHT and self._is_vehicle(message):
+        if not is_autopilot:
+            return handle(message, now_s) or [] if number in _OF_CAMERA else []
+        self._monitor.receive(message, now_s)
+        out = handle(message, now_s) or []
+        if self._change is not None and self.phase is Phase.FLIGHT:
             out = out + self._after_change(self._change.receive(message, now_s))
         return out
 
@@ -378,7 +387,7 @@ class GroundStation:
         if self._refusal is not None and now_s >= self._refusal[1]:
             self._after_refusal(self._refusal[0], now_s)
         if self.phase is Phase.READY:
-            out += self._clear(now_s)
+            out += self._pass_gate(now_s)
         if self._order is not None and now_s >= self._order.due_s:
             out += self._repeat_order(self._order, now_s)
         if self._change is not None and self.phase is Phase.FLIGHT and now_s >= self._change.next_deadline():
@@ -402,24 +411,25 @@ class GroundStation:
         """When `poll` has something to do."""
         if self.done:
             return math.inf
-        deadline_s = min(self._heartbeat_s, self.pilot.next_deadline())
-        if self.arming_gate is not None:
-            deadline_s = min(deadline_s, self.link.next_deadline())
-        if self.phase is Phase.WAIT:
-            deadline_s = min(deadline_s, self._arm_s)
+        phase, gate = self.phase, self.arming_gate
+        due_s = [self._heartbeat_s, self.pilot.next_deadline()]
+        if gate is not None:
+            due_s.append(self.link.next_deadline())
+            if phase is Phase.READY:
+                due_s.append(gate.next_deadline())
+        if phase is Phase.WAIT:
+            due_s.append(self._arm_s)
+        if phase is Phase.UPLOAD:
+            due_s.append(self._uploads.next_deadline())
+        if phase is Phase.FLIGHT and self._change is not None:
+            due_s.append(self._change.next_deadline())
         if self._refusal is not None:
-            deadline_s = min(deadline_s, self._refusal[1])
-        if self.phase is Phase.READY and self.arming_gate is not None:
-            deadline_s = min(deadline_s, self.arming_gate.next_deadline())
+            due_s.append(self._refusal[1])
         if self._order is not None:
-            deadline_s = min(deadline_s, self._order.due_s)
-        if self.phase is Phase.UPLOAD:
-            deadline_s = min(deadline_s, self._uploads.next_deadline())
-        if self._change is not None and self.phase is Phase.FLIGHT:
-            deadline_s = min(deadline_s, self._change.next_deadline())
+            due_s.append(self._order.due_s)
         if self._fetch is not None and self._fetches:
-            deadline_s = min(deadline_s, self._fetch.due_s)
-        return deadline_s
+            due_s.append(self._fetch.due_s)
+        return min(due_s)
 
     @property
     def link_report(self) -> LinkReport | None:
@@ -486,9 +496,6 @@ class GroundStation:
                 self._fetch.look_back(now_s, self._started_boot_s)
 
     def _on_heartbeat(self, message: m.MAVLink_heartbeat_message, now_s: float) -> list[Message]:
-        if not self._is_vehicle(message):
-            return []
-        self._monitor.on_heartbeat(message, now_s)
         self._armed = bool(message.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED)
         self._flew |= self._armed and self.phase is Phase.FLIGHT
         if self.phase is Phase.FLIGHT:
@@ -532,20 +539,17 @@ class GroundStation:
         ]
         return asked
 
-    def _on_mission_current(self, message: m.MAVLink_mission_current_message, now_s: float) -> list[Message]:
-        if self._is_vehicle(message):
-            self._monitor.on_mission_current(message, now_s)
-            self._mission_state = message.mission_state
-            state = self._monitor.state
-            if state.item is not None:
-                self._progress = f" at item {state.item + 1} of {state.total or len(self.mission.items)}"
-                if self._flies_mission and self._leads_on(state.item):
-                    self.pilot.on_mission_goes_on(now_s)
-                    self._says_finished &= self.pilot.mission_over
-            self._look_for_end(now_s)
-            if self.phase is Phase.FLIGHT and self._mission_state == _COMPLETE and self._ends_when_complete():
-                self._complete(now_s)
-        return []
+    def _on_mission_current(self, message: m.MAVLink_mission_current_message, now_s: float) -> None:
+        self._mission_state = message.mission_state
+        state = self._monitor.state
+        if state.item is not None:
+            self._progress = f" at item {state.item + 1} of {state.total or len(self.mission.items)}"
+            if self._flies_mission and self._leads_on(state.item):
+                self.pilot.on_mission_goes_on(now_s)
+                self._says_finished &= self.pilot.mission_over
+        self._look_for_end(now_s)
+        if self.phase is Phase.FLIGHT and self._mission_state == _COMPLETE and self._ends_when_complete():
+            self._complete(now_s)
 
     @property
     def _flies_mission(self) -> bool:
@@ -564,13 +568,12 @@ class GroundStation:
         ):
             self.pilot.on_mission_end(now_s)
 
-    def _on_reached(self, message: m.MAVLink_mission_item_reached_message, now_s: float) -> list[Message]:
+    def _on_reached(self, message: m.MAVLink_mission_item_reached_message, now_s: float) -> None:
         """Note that the last item that is flown to was reached; PX4 says so before it names the next one."""
-        if self._is_vehicle(message) and self._flies_mission and now_s > self._changed_s + _REPEATS_S:
+        if self._flies_mission and now_s > self._changed_s + _REPEATS_S:
             item = message.seq - (1 if profile_for(self._autopilot).home_at_zero else 0)
             if 0 <= item < len(self.mission.items) and not self._leads_on(item + 1):
                 self.pilot.on_mission_end(now_s)
-        return []
 
     def _ends_when_complete(self) -> bool:
         """Return whether a complete mission ends the flight; otherwise the vehicle is on its way home."""
@@ -584,108 +587,69 @@ class GroundStation:
         # A wing whose mission ends with a return may circle over home for ever.
         return kind == m.MAV_TYPE_FIXED_WING and not any(item.command == Command.NAV_LAND for item in items)
 
-    def _on_position(self, message: m.MAVLink_global_position_int_message, now_s: float) -> list[Message]:
-        if not self._is_vehicle(message):
-            return []
+    def _on_position(self, message: m.MAVLink_global_position_int_message, now_s: float) -> None:
         self._silent = False
-        monitor, restarts = self._monitor, self._monitor.clock.restarts
-        monitor.on_position(message, now_s)
-        self._on_clock(restarts, now_s)
+        self._on_clock(now_s)
         if self.phase is Phase.FLIGHT:
+            monitor = self._monitor
             is_rover = monitor.vehicle_type == m.MAV_TYPE_GROUND_ROVER
             self._tracks.on_position(message, round(1e3 * monitor.boot_s), is_rover=is_rover)
-        return []
 
-    def _on_system_time(self, message: m.MAVLink_system_time_message, now_s: float) -> list[Message]:
+    def _on_system_time(self, message: m.MAVLink_system_time_message, now_s: float) -> None:
         """Take the clock, which an autopilot that has just started tells before it knows where it is."""
-        if self._is_vehicle(message):
-            restarts = self._monitor.clock.restarts
-            self._monitor.clock.take(message.time_boot_ms, now_s)
-            self._on_clock(restarts, now_s)
-        return []
+        self._monitor.clock.take(message.time_boot_ms, now_s)
+        self._on_clock(now_s)
 
-    def _on_clock(self, restarts: int, now_s: float) -> None:
-        """Take note that the vehicle has told its clock; so many restarts were known before."""
+    def _on_clock(self, now_s: float) -> None:
+        """Take note that the vehicle has told its clock."""
         unsure, self._unsure_s = now_s < self._unsure_s, -math.inf
-        if self._monitor.clock.restarts > restarts:
+        clock = self._monitor.clock
+        if clock.restarts > self._restarts:
             # Its clock, its telemetry and its camera begin anew.
+            self._restarts = clock.restarts
             told_since = unsure and self._monitor.mode_heard_s >= self._back_s
             self.pilot.on_restart(self._monitor.heartbeat if told_since else None, now_s)
             if self._assembler is not None:
-                self._assembler.move_clock(self._monitor.clock.offset_ms / 1e3)
+                self._assembler.move_clock(clock.offset_ms / 1e3)
         elif unsure:
             self.pilot.settle()
 
-    def _on_landed(self, message: m.MAVLink_extended_sys_state_message, now_s: float) -> list[Message]:  # noqa: ARG002
-        if self._is_vehicle(message):
-            self._tracks.on_landed_state(message)
-        return []
+    def _on_landed(self, message: m.MAVLink_extended_sys_state_message, now_s: float) -> None:  # noqa: ARG002
+        self._tracks.on_landed_state(message)
 
-    def _on_parameter(self, message: m.MAVLink_param_value_message, now_s: float) -> list[Message]:  # noqa: ARG002
-        """Leave it to the change that asked for it."""
-        return []
+    def _on_truth(self, message: TrueState, now_s: float) -> None:
+        self._tracks.on_truth(message, now_s, flying=self.phase is Phase.FLIGHT)
 
-    def _on_truth(self, message: TrueState, now_s: float) -> list[Message]:
-        if self._is_vehicle(message):
-            self._tracks.on_truth(message, now_s, flying=self.phase is Phase.FLIGHT)
-        return []
-
-    def _on_sys_status(self, message: m.MAVLink_sys_status_message, now_s: float) -> list[Message]:
-        if self._is_vehicle(message):
-            self._monitor.on_sys_status(message)
-        if self._is_vehicle(message) and self.phase is Phase.FLIGHT:
+    def _on_sys_status(self, message: m.MAVLink_sys_status_message, now_s: float) -> None:
+        if self.phase is Phase.FLIGHT:
             self._failures.on_sys_status(message)
-        if self._is_vehicle(message) and self.arming_gate is not None:
-            settled = now_s >= self._mode_s + _MODE_SETTLES_S
-            if self.phase is not Phase.MODE and settled and now_s >= self._again_s:
-                self.arming_gate.on_sys_status(message, has_position=self._monitor.knows_position)
-        return []
+        settled = now_s >= max(self._mode_s + _MODE_SETTLES_S, self._again_s)
+        if self.arming_gate is not None and self.phase is not Phase.MODE and settled:
+            self.arming_gate.on_sys_status(message, has_position=self._monitor.knows_position)
 
-    def _on_fix(self, message: m.MAVLink_gps_raw_int_message, now_s: float) -> list[Message]:  # noqa: ARG002
-        if self._is_vehicle(message):
-            self._monitor.on_fix(message)
-        return []
+    def _on_battery(self, message: m.MAVLink_battery_status_message, now_s: float) -> None:  # noqa: ARG002
+        self._failures.on_battery_status(message)
 
-    def _on_estimate(
-        self,
-        message: m.MAVLink_ekf_status_report_message | m.MAVLink_estimator_status_message,
-        now_s: float,  # noqa: ARG002
-    ) -> list[Message]:
-        if self._is_vehicle(message):
-            self._monitor.on_estimate(message)
-        return []
+    def _on_text(self, message: m.MAVLink_statustext_message, now_s: float) -> None:
+        self._texts.on_text(message, now_s)
+        if self.arming_gate is not None:
+            self.arming_gate.on_text(message.text)
+        # It is said when the vehicle leaves its mission, whatever list is on its way to it.
+        if self.phase is Phase.FLIGHT and self._armed and _FINISHED.match(message.text):
+            self.pilot.on_mission_end(now_s)
+            self._says_finished = True
 
-    def _on_battery(self, message: m.MAVLink_battery_status_message, now_s: float) -> list[Message]:  # noqa: ARG002
-        if self._is_vehicle(message):
-            self._failures.on_battery_status(message)
-            self._monitor.on_battery(message)
-        return []
-
-    def _on_text(self, message: m.MAVLink_statustext_message, now_s: float) -> list[Message]:
-        if self._is_vehicle(message):
-            self._texts.on_text(message, now_s)
-            if self.arming_gate is not None:
-                self.arming_gate.on_text(message.text)
-            # It is said when the vehicle leaves its mission, whatever list is on its way to it.
-            if self.phase is Phase.FLIGHT and self._armed and _FINISHED.match(message.text):
-                self.pilot.on_mission_end(now_s)
-                self._says_finished = True
-        return []
-
-    def _on_image(self, message: Message, now_s: float) -> list[Message]:  # noqa: ARG002
+    def _on_image(self, message: Message, now_s: float) -> None:  # noqa: ARG002
         assert self._assembler is not None
-        if message.get_srcSystem() == self._vehicle[0]:
-            self._assembler.add(message)
-        return []
+        self._assembler.add(message)
 
     def _on_capture_status(
         self,
         message: m.MAVLink_camera_capture_status_message,
         now_s: float,  # noqa: ARG002
-    ) -> list[Message]:
+    ) -> None:
         assert self._fetch is not None
         self._fetch.on_capture_status(message)
-        return []
 
     def _on_transfer(self, message: Message, now_s: float) -> list[Message]:
         if self.phase is not Phase.UPLOAD:
@@ -693,7 +657,7 @@ class GroundStation:
         return self._after_upload(self._uploads.receive(message, now_s), now_s)
 
     def _on_ack(self, message: m.MAVLink_command_ack_message, now_s: float) -> list[Message]:
-        if self._order is None or not self._is_vehicle(message):
+        if self._order is None:
             return []
         answer = self._order.answer(message, now_s)
         if answer is Answer.REFUSED:
@@ -739,30 +703,30 @@ class GroundStation:
             out += self._arm(now_s)
         return out
 
-    def _clear(self, now_s: float) -> list[Message]:
+    def _pass_gate(self, now_s: float) -> list[Message]:
         """Go on when the vehicle can arm and the operator agrees, or end it."""
-        gate = self.arming_gate
-        assert gate is not None
-        if gate.stage is Stage.REFUSED:
+        arming_gate = self.arming_gate
+        assert arming_gate is not None
+        if arming_gate.stage is Stage.REFUSED:
             self._end(Outcome.NOT_STARTED, "the operator did not let it start", now_s)
-        elif gate.stage is Stage.CHECKING and now_s >= self._ready_s:
-            why = "; ".join(gate.reasons) or f"it did not say that it can arm in {_READY_S:.0f} s"
+        elif arming_gate.stage is Stage.CHECKING and now_s >= self._ready_s:
+            why = "; ".join(arming_gate.reasons) or f"it did not say that it can arm in {_READY_S:.0f} s"
             if self._again_s > -math.inf:
                 # Asked, it has refused: its last word counts.
                 why = self._texts.last_warning(why, self._texts_before)
             self._end(Outcome.ARMING_REFUSED, why, now_s)
-        elif gate.stage is not Stage.CHECKING and self._away_m > FARTHEST_M:
+        elif arming_gate.stage is not Stage.CHECKING and self._away_m > FARTHEST_M:
             text = f"the vehicle stands {self._away_m:.0f} m from the start of its plan"
             self._end(Outcome.NOT_STARTED, text, now_s)
-        elif gate.stage is Stage.GRANTED and self._is_in_other_mode(now_s):
-            gate.check_again(now_s)
+        elif arming_gate.stage is Stage.GRANTED and self._is_in_other_mode(now_s):
+            arming_gate.check_again(now_s)
             return self._choose_mode(now_s)
-        elif gate.stage is Stage.GRANTED:
-            self._texts_before, self._reasons_before = len(self.texts), gate.told
+        elif arming_gate.stage is Stage.GRANTED:
+            self._texts_before, self._reasons_before = len(self.texts), arming_gate.told
             return self._arm(now_s)
-        elif gate.stage in (Stage.ASKING, Stage.WAITING):
+        elif arming_gate.stage in (Stage.ASKING, Stage.WAITING):
             self._ready_s = now_s + _READY_S
-        return gate.poll(now_s)
+        return arming_gate.poll(now_s)
 
     def _choose_mode(self, now_s: float) -> list[Message]:
         """Choose the mode in which the vehicle arms, if it has one, and wait until it can."""
@@ -857,12 +821,12 @@ class GroundStation:
 
     def _after_refusal(self, why: str, now_s: float) -> None:
         """Wait and ask again where the vehicle gives a reason that may pass; for so long as it may take."""
-        gate = self.arming_gate
-        assert gate is not None
+        arming_gate = self.arming_gate
+        assert arming_gate is not None
         self._refusal = None
-        if gate.told > self._reasons_before and now_s < self._ready_s:
+        if arming_gate.told > self._reasons_before and now_s < self._ready_s:
             self.phase, self._again_s = Phase.READY, now_s + _AGAIN_S
-            gate.check_again(now_s)
+            arming_gate.check_again(now_s)
             return
         outcome = Outcome.ARMING_REFUSED if self.phase is Phase.ARM else Outcome.MISSION_REJECTED
         self._end(outcome, self._texts.last_warning(why, self._texts_before), now_s)
@@ -896,5 +860,9 @@ class GroundStation:
         if self.ended_s is None:
             self.ended_s = now_s
 
-    def _is_vehicle(self, message: Message) -> bool:
+    def _is_autopilot(self, message: Message) -> bool:
         return (message.get_srcSystem(), message.get_srcComponent()) == self._vehicle
+
+
+def _take_note(_message: Message, _now_s: float) -> None:
+    """Do nothing more than what is done with every message of the autopilot."""

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
 from geo.frame import LocalFrame
 from mission.autopilots.registry import profile_for
 from mission.ground.modes import is_in_mission, mode_name
+from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
+from mission.link.codec.typed import handler
 from mission.model import DEGREES_E7
 
 __all__ = ["UNKNOWN_ITEM", "Battery", "BootClock", "VehicleMonitor", "VehicleState"]
@@ -191,26 +194,64 @@ class VehicleMonitor:
         self.flies: bool | None = None
         self.clock = BootClock()
         self._boot_ms = 0
+        self._takes: dict[int, Callable[[Any, float], None]] = dict(
+            (
+                handler(m.MAVLink_heartbeat_message, self._on_heartbeat),
+                handler(m.MAVLink_global_position_int_message, self._on_position),
+                handler(m.MAVLink_mission_current_message, self._on_mission_current),
+                handler(m.MAVLink_extended_sys_state_message, self._on_landed_state),
+                handler(m.MAVLink_battery_status_message, self._on_battery),
+                handler(m.MAVLink_sys_status_message, self._on_sys_status),
+                handler(m.MAVLink_gps_raw_int_message, self._on_fix),
+                handler(m.MAVLink_ekf_status_report_message, self._on_estimate),
+                handler(m.MAVLink_estimator_status_message, self._on_estimate),
+            )
+        )
 
-    def on_heartbeat(self, message: m.MAVLink_heartbeat_message, now_s: float) -> None:
-        """Take type, autopilot, mode and whether it is armed."""
+    def receive(self, message: Message, now_s: float) -> None:
+        """Take any message of the vehicle's autopilot."""
+        take = self._takes.get(type(message).id)
+        if take is not None:
+            take(message, now_s)
+
+    def _on_heartbeat(self, message: m.MAVLink_heartbeat_message, now_s: float) -> None:
         self.vehicle_type, self.autopilot = message.type, message.autopilot
         self._heartbeat, self.mode_heard_s = message, now_s
 
-    def on_position(self, message: m.MAVLink_global_position_int_message, now_s: float) -> None:
-        """Take position, velocity and heading."""
+    def _on_position(self, message: m.MAVLink_global_position_int_message, now_s: float) -> None:
         self._position, self.position_heard_s = message, now_s
         self._boot_ms = self.clock.take(message.time_boot_ms, now_s)
 
-    def on_fix(self, message: m.MAVLink_gps_raw_int_message) -> None:
-        """Take the kind of fix."""
+    def _on_fix(self, message: m.MAVLink_gps_raw_int_message, _now_s: float) -> None:
         self._fix = message.fix_type
 
-    def on_estimate(
-        self, message: m.MAVLink_ekf_status_report_message | m.MAVLink_estimator_status_message
+    def _on_estimate(
+        self, message: m.MAVLink_ekf_status_report_message | m.MAVLink_estimator_status_message, _now_s: float
     ) -> None:
         """Take what its estimator knows; the lower bits mean the same in both messages."""
         self._estimate = message.flags
+
+    def _on_mission_current(self, message: m.MAVLink_mission_current_message, now_s: float) -> None:
+        self._current, self.item_heard_s = message, now_s
+
+    def _on_landed_state(self, message: m.MAVLink_extended_sys_state_message, _now_s: float) -> None:
+        told = message.landed_state != _LANDED_UNKNOWN
+        self.flies = message.landed_state != m.MAV_LANDED_STATE_ON_GROUND if told else None
+
+    def _on_battery(self, message: m.MAVLink_battery_status_message, _now_s: float) -> None:
+        """Take what is left of the battery, and what was used; a negative number tells nothing."""
+        remaining, consumed_wh = self.battery.remaining, self.battery.consumed_wh
+        if message.battery_remaining >= 0:
+            self._has_battery = True
+            remaining = message.battery_remaining / 100.0
+        if message.energy_consumed >= 0:
+            consumed_wh = message.energy_consumed * 100.0 / 3600.0
+        self.battery = Battery(remaining, consumed_wh)
+
+    def _on_sys_status(self, message: m.MAVLink_sys_status_message, _now_s: float) -> None:
+        """Take what is left of the battery from a vehicle that tells nothing of it otherwise."""
+        if message.battery_remaining >= 0 and not self._has_battery:
+            self.battery = replace(self.battery, remaining=message.battery_remaining / 100.0)
 
     @property
     def knows_position(self) -> bool:
@@ -225,30 +266,6 @@ class VehicleMonitor:
             held = self._estimate & (_POSITION_HELD | _POSITION_AIDED) == _POSITION_HELD
             return bool(self._estimate & _POSITION_KNOWN) and not held
         return self._fix is None or self._fix >= m.GPS_FIX_TYPE_3D_FIX
-
-    def on_mission_current(self, message: m.MAVLink_mission_current_message, now_s: float) -> None:
-        """Take the item and the mission's id."""
-        self._current, self.item_heard_s = message, now_s
-
-    def on_landed_state(self, message: m.MAVLink_extended_sys_state_message) -> None:
-        """Take whether it is off the ground."""
-        told = message.landed_state != _LANDED_UNKNOWN
-        self.flies = message.landed_state != m.MAV_LANDED_STATE_ON_GROUND if told else None
-
-    def on_battery(self, message: m.MAVLink_battery_status_message) -> None:
-        """Take what is left of the battery, and what was used; a negative number tells nothing."""
-        remaining, consumed_wh = self.battery.remaining, self.battery.consumed_wh
-        if message.battery_remaining >= 0:
-            self._has_battery = True
-            remaining = message.battery_remaining / 100.0
-        if message.energy_consumed >= 0:
-            consumed_wh = message.energy_consumed * 100.0 / 3600.0
-        self.battery = Battery(remaining, consumed_wh)
-
-    def on_sys_status(self, message: m.MAVLink_sys_status_message) -> None:
-        """Take what is left of the battery from a vehicle that tells nothing of it otherwise."""
-        if message.battery_remaining >= 0 and not self._has_battery:
-            self.battery = replace(self.battery, remaining=message.battery_remaining / 100.0)
 
     @property
     def boot_s(self) -> float:

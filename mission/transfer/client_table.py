@@ -1,7 +1,7 @@
 """The ground station's side of the mission protocol as one table.
 
 Each row reads: in this state, on this input, do this and go there. An input is a message already judged
-against the state, or a timer, or a wish of the owner. After https://mavlink.io/en/services/mission.html;
+against the state, or a timer, or a call of the owner. After https://mavlink.io/en/services/mission.html;
 where real autopilots answer errors and carry on (ArduPilot: out of order; PX4: busy), such an ACK is only
 trouble, which ends the transfer if nothing better follows.
 """

@@ -179,13 +179,13 @@ def test_a_position_counts_with_an_estimate_or_a_fix():
     monitor = VehicleMonitor()
 
     def at(lat, lon):
-        monitor.on_position(m.MAVLink_global_position_int_message(0, lat, lon, 0, 0, 0, 0, 0, 0), 1.0)
+        monitor.receive(m.MAVLink_global_position_int_message(0, lat, lon, 0, 0, 0, 0, 0, 0), 1.0)
 
     def fix(kind):
-        monitor.on_fix(m.MAVLink_gps_raw_int_message(0, kind, 1, 1, 0, 0, 0, 0, 0, 9))
+        monitor.receive(m.MAVLink_gps_raw_int_message(0, kind, 1, 1, 0, 0, 0, 0, 0, 9), 1.0)
 
     def estimate(flags):
-        monitor.on_estimate(m.MAVLink_ekf_status_report_message(flags, 0, 0, 0, 0, 0))
+        monitor.receive(m.MAVLink_ekf_status_report_message(flags, 0, 0, 0, 0, 0), 1.0)
 
     assert not monitor.knows_position
     at(0, 0)

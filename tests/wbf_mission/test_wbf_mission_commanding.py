@@ -4,9 +4,13 @@ import pytest
 
 from mission.link.codec.dialect import mavlink as m
 from wbf_mission.exit_codes import ExitCode, exit_code_of
-from wbf_mission.live.commanding import CommandSession
-from wbf_mission.live.errors import MotorsStandError, VehicleRefusedError, VehicleSilentError
-from wbf_mission.live.orders import Wish
+from wbf_mission.live.command import (
+    MotorsStandError,
+    OperatorCommand,
+    VehicleRefusedError,
+    VehicleSilentError,
+)
+from wbf_mission.live.command_session import CommandSession
 
 PX4, ARDUPILOT = m.MAV_AUTOPILOT_PX4, m.MAV_AUTOPILOT_ARDUPILOTMEGA
 ARMED = m.MAV_MODE_FLAG_SAFETY_ARMED | m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
@@ -16,7 +20,7 @@ class Vehicle:
     """What a vehicle sends, by hand, to a session whose time is ours."""
 
     def __init__(self, order, value="", *, autopilot=ARDUPILOT, system_id=1, only=None):
-        self.session = CommandSession(Wish(order, value), system_id=only)
+        self.session = CommandSession(OperatorCommand(order, value), system_id=only)
         self.autopilot, self.system_id = autopilot, system_id
         self.now_s, self.sent, self._number = 0.0, [], 0
 
@@ -217,7 +221,7 @@ def test_a_mission_starts_the_motors_of_a_px4_only_where_that_was_said():
     assert exit_code_of(vehicle.session.error) is ExitCode.BAD_INPUT
     for given in ({"arms": True}, {"autopilot": ARDUPILOT}, {"armed": True}):
         vehicle = Vehicle("mission", autopilot=given.get("autopilot", PX4))
-        vehicle.session = CommandSession(Wish("mission", arms=given.get("arms", False)))
+        vehicle.session = CommandSession(OperatorCommand("mission", arms=given.get("arms", False)))
         vehicle.beats(armed=given.get("armed", False))
         assert len(vehicle.commands(m.MAV_CMD_MISSION_START)) == 1
 

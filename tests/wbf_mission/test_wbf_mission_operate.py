@@ -11,7 +11,7 @@ from stand_in import stand_in
 from mission.ground.link import upload
 from mission.outcome import Outcome
 from wbf_mission.cli.app import main
-from wbf_mission.live.orders import OrderError, Wish
+from wbf_mission.live.command import OperatorCommand, OrderError
 from wbf_mission.planning import plan
 from wbf_mission.scenario import Scenario
 
@@ -100,7 +100,7 @@ def test_a_vehicle_that_is_not_there(capsys):
 def test_orders_that_are_none_open_no_link(capsys, words, text):
     assert text in command(capsys, "tcp:127.0.0.1:1", *words, code=2)
     with pytest.raises(OrderError):
-        Wish(*words)
+        OperatorCommand(*words)
 
 
 def test_a_mode_that_the_vehicle_does_not_have(capsys):

@@ -16,7 +16,7 @@ from wbf_mission.cli.output import Output, to_stdout
 from wbf_mission.exit_codes import ExitCode
 
 if TYPE_CHECKING:
-    from wbf_mission.live.orders import Wish
+    from wbf_mission.live.command import OperatorCommand
     from wbf_mission.live.watching import FleetWatch
 
 MONITOR_EXAMPLES = """
@@ -191,28 +191,27 @@ def command_command(
     quiet: options.Quiet = False,
 ) -> None:
     """Give a vehicle one order, and wait until it shows that it obeys."""
-    from wbf_mission.live.errors import MotorsStandError
-    from wbf_mission.live.orders import Wish
+    from wbf_mission.live.command import MotorsStandError, OperatorCommand
 
     output = Output(as_json=json, quiet=quiet)
     try:
-        _give(Wish(order, value, arm), url, system_id, wait, output)
+        _give(OperatorCommand(order, value, arm), url, system_id, wait, output)
     except MotorsStandError:
         if not sys.stdin.isatty():
             raise
         output.note("the motors stand still: the vehicle starts them and takes off; start the motors? [y/N]")
         if sys.stdin.readline().strip().lower() not in ("y", "yes"):
             raise
-        _give(Wish(order, value, arms=True), url, system_id, wait, output)
+        _give(OperatorCommand(order, value, arms=True), url, system_id, wait, output)
 
 
-def _give(wish: Wish, url: str, system_id: int | None, wait: float, output: Output) -> None:
+def _give(wanted: OperatorCommand, url: str, system_id: int | None, wait: float, output: Output) -> None:
     """Give an order over a link of its own, and tell what came of it."""
     from sim_vehicle.host.server import Server
     from sim_vehicle.host.simulation import StopReason
-    from wbf_mission.live.commanding import CommandSession
+    from wbf_mission.live.command_session import CommandSession
 
-    session = CommandSession(wish, system_id=system_id)
+    session = CommandSession(wanted, system_id=system_id)
     with Server([session], [url]) as server:
         reason = server.run(until=lambda _now_s: session.vehicle is not None, limit_s=wait)
         if reason is StopReason.FINISHED:
@@ -228,9 +227,9 @@ def _give(wish: Wish, url: str, system_id: int | None, wait: float, output: Outp
         raise session.error
     done = {
         "system_id": session.vehicle[0],
-        "order": wish.order,
-        "value": wish.value or None,
+        "order": wanted.order,
+        "value": wanted.value or None,
         "mode": session.mode,
     }
-    told = f"{wish.order} {wish.value}".strip()
+    told = f"{wanted.order} {wanted.value}".strip()
     output.result(done, {"vehicle": f"system {session.vehicle[0]}", "done": told, "mode": session.mode})

@@ -45,15 +45,8 @@ class WatchedVehicle:
     def receive(self, message: Message, now_s: float) -> None:
         """Take a message of its autopilot."""
         self.link.receive(message, now_s)
-        if isinstance(message, m.MAVLink_heartbeat_message):
-            self.monitor.on_heartbeat(message, now_s)
-        elif isinstance(message, m.MAVLink_global_position_int_message):
-            self.monitor.on_position(message, now_s)
-        elif isinstance(message, m.MAVLink_mission_current_message):
-            self.monitor.on_mission_current(message, now_s)
-        elif isinstance(message, m.MAVLink_battery_status_message):
-            self.monitor.on_battery(message)
-        elif isinstance(message, m.MAVLink_statustext_message):
+        self.monitor.receive(message, now_s)
+        if isinstance(message, m.MAVLink_statustext_message):
             self.texts.on_text(message, now_s)
         elif isinstance(message, m.MAVLink_gps_raw_int_message):
             self.gps_fix, self.satellites = message.fix_type, message.satellites_visible

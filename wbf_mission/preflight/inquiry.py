@@ -77,18 +77,8 @@ class HeardState:
             )
         elif isinstance(message, m.MAVLink_estimator_status_message | m.MAVLink_ekf_status_report_message):
             self.estimator_flags = message.flags
-        elif isinstance(message, m.MAVLink_battery_status_message):
-            self.monitor.on_battery(message)
         elif isinstance(message, m.MAVLink_global_position_int_message):
             self.position = _point(message)
-
-    @property
-    def battery(self) -> float | None:
-        """Fraction that is left, as BATTERY_STATUS tells, else SYS_STATUS."""
-        remaining = self.monitor.battery.remaining
-        if remaining is None and self.status is not None and self.status.battery_remaining >= 0:
-            return self.status.battery_remaining / 100.0
-        return remaining
 
     @property
     def says_ready(self) -> bool:
@@ -173,8 +163,8 @@ class Inquiry:
         first = self.search.take(message) is not None
         if source != self.vehicle:
             return []
+        self._heard.monitor.receive(message, now_s)
         if isinstance(message, m.MAVLink_heartbeat_message):
-            self._heard.monitor.on_heartbeat(message, now_s)
             return self._begin(now_s) if first else []
         self._take(message, now_s)
         self._settle(now_s)
@@ -218,7 +208,7 @@ class Inquiry:
             gps=heard.gps,
             estimator_flags=heard.estimator_flags,
             position=heard.position,
-            battery=heard.battery,
+            battery=monitor.battery.remaining,
             reasons=() if self._reasons is None else tuple(self._reasons.reasons),
         )
 

@@ -240,13 +240,13 @@ def test_a_battery_is_told_by_sys_status_where_nothing_else_tells_it() -> None:
         return m.MAVLink_sys_status_message(0, 0, 0, 0, 0, 0, percent, 0, 0, 0, 0, 0, 0)
 
     monitor = VehicleMonitor()
-    monitor.on_sys_status(status(-1))
+    monitor.receive(status(-1), 0.0)
     assert monitor.battery == Battery()
-    monitor.on_sys_status(status(80))
+    monitor.receive(status(80), 0.0)
     before = monitor.battery
-    monitor.on_sys_status(status(55))
+    monitor.receive(status(55), 0.0)
     assert before == Battery(0.8)
     assert monitor.battery.used_since(before, 50.0) == pytest.approx(0.25)
-    monitor.on_battery(m.MAVLink_battery_status_message(0, 0, 0, 0, [65535] * 10, -1, -1, -1, 54))
-    monitor.on_sys_status(status(80))
+    monitor.receive(m.MAVLink_battery_status_message(0, 0, 0, 0, [65535] * 10, -1, -1, -1, 54), 0.0)
+    monitor.receive(status(80), 0.0)
     assert monitor.battery == Battery(0.54), "BATTERY_STATUS counts first"

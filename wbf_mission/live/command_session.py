@@ -25,8 +25,12 @@ from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.transfer.vehicles import VehicleSearch
 from mission.transfer.wire import ground_heartbeat
-from wbf_mission.live.errors import MotorsStandError, VehicleRefusedError, VehicleSilentError
-from wbf_mission.live.orders import Wish
+from wbf_mission.live.command import (
+    MotorsStandError,
+    OperatorCommand,
+    VehicleRefusedError,
+    VehicleSilentError,
+)
 
 __all__ = ["OFF_GROUND_M", "CommandSession", "Step", "is_ready", "step_of"]
 
@@ -56,15 +60,15 @@ class Step:
     message: Message | None = None
 
 
-def is_ready(wish: Wish, heard: VehicleMonitor) -> bool:
+def is_ready(wanted: OperatorCommand, heard: VehicleMonitor) -> bool:
     """Tell whether all is heard of a vehicle that `step_of` asks for."""
-    if wish.order == "takeoff":
+    if wanted.order == "takeoff":
         # Who stands with motors that are off is refused anyway.
         return not heard.state.armed or (heard.position_heard_s > -math.inf and heard.flies is not None)
-    return wish.order != "set-item" or heard.item_heard_s > -math.inf
+    return wanted.order != "set-item" or heard.item_heard_s > -math.inf
 
 
-def step_of(wish: Wish, vehicle: tuple[int, int], heard: VehicleMonitor) -> Step:
+def step_of(wanted: OperatorCommand, vehicle: tuple[int, int], heard: VehicleMonitor) -> Step:
     """Return how a vehicle is given an order.
 
     Parameters
@@ -79,64 +83,62 @@ def step_of(wish: Wish, vehicle: tuple[int, int], heard: VehicleMonitor) -> Step
     VehicleRefusedError
         If the vehicle, as it is now, could not carry it out.
     MotorsStandError
-        If it would start its motors, and the wish does not say so.
+        If it would start its motors, and the order does not say so.
     ModeError
         If it has no mode of that name.
     """
     kind = (heard.autopilot, heard.vehicle_type)
-    if wish.order in ("arm", "disarm"):
-        wanted = wish.order == "arm"
-        return Step(
-            lambda one: one.state.armed == wanted, int(m.MAV_CMD_COMPONENT_ARM_DISARM), (float(wanted),)
-        )
-    if wish.order == "takeoff":
-        return _takeoff(wish, vehicle[0], heard)
-    if wish.order == "mission":
+    if wanted.order in ("arm", "disarm"):
+        arms = wanted.order == "arm"
+        return Step(lambda one: one.state.armed == arms, int(m.MAV_CMD_COMPONENT_ARM_DISARM), (float(arms),))
+    if wanted.order == "takeoff":
+        return _takeoff(wanted, vehicle[0], heard)
+    if wanted.order == "mission":
         profile = profile_for(heard.autopilot)
-        if profile.start_arms and not heard.state.armed and not wish.arms:
+        if profile.start_arms and not heard.state.armed and not wanted.arms:
             msg = (
-                f"system {vehicle[0]}: {wish}: the motors stand still; {profile.name} starts them and takes"
+                f"system {vehicle[0]}: {wanted}: the motors stand still; {profile.name} starts them and takes"
                 " off at this order: give --arm, too, if it may"
             )
             raise MotorsStandError(msg)
         return Step(lambda one: one.in_mission, int(m.MAV_CMD_MISSION_START))
-    if wish.order == "set-item":
-        return _set_item(wish, vehicle, heard)
-    if wish.order == "mode":
-        numbers, name = mode_named(*kind, wish.value), told_name(kind[0], wish.value)
+    if wanted.order == "set-item":
+        return _set_item(wanted, vehicle, heard)
+    if wanted.order == "mode":
+        numbers, name = mode_named(*kind, wanted.value), told_name(kind[0], wanted.value)
         params = (numbers.base, numbers.main, numbers.sub)
         return Step(lambda one: one.mode == name, int(m.MAV_CMD_DO_SET_MODE), params)
-    maneuver = Maneuver(wish.order)
+    maneuver = Maneuver(wanted.order)
     modes = maneuver_modes(maneuver, *kind)
     return Step(
         lambda one: one.mode in modes if modes else not one.in_mission, *maneuver_command(maneuver, *kind)
     )
 
 
-def _takeoff(wish: Wish, system_id: int, heard: VehicleMonitor) -> Step:
+def _takeoff(wanted: OperatorCommand, system_id: int, heard: VehicleMonitor) -> Step:
     state = heard.state
     if not state.armed:
-        msg = f"system {system_id}: {wish}: the motors stand still; arm first (order arm)"
+        msg = f"system {system_id}: {wanted}: the motors stand still; arm first (order arm)"
         raise VehicleRefusedError(msg)
     if heard.flies if heard.flies is not None else state.height_m > OFF_GROUND_M:
         msg = (
-            f"system {system_id}: {wish}: it flies already, {state.height_m:.1f} m above home in mode"
+            f"system {system_id}: {wanted}: it flies already, {state.height_m:.1f} m above home in mode"
             f" {heard.mode}; give the orders hold, return, land, mission or mode"
         )
         raise VehicleRefusedError(msg)
     profile = profile_for(heard.autopilot)
-    altitude_m = wish.height_m + (heard.home_altitude_m if profile.takeoff_above_sea else 0.0)
+    altitude_m = wanted.height_m + (heard.home_altitude_m if profile.takeoff_above_sea else 0.0)
     default = math.nan if profile.nan_parameters is None else 0.0
     params = (0.0, 0.0, 0.0, default, default, default, altitude_m)
     start_m = state.height_m
     return Step(lambda one: one.state.height_m > start_m + OFF_GROUND_M, int(m.MAV_CMD_NAV_TAKEOFF), params)
 
 
-def _set_item(wish: Wish, vehicle: tuple[int, int], heard: VehicleMonitor) -> Step:
-    count, item = heard.state.total, wish.item
+def _set_item(wanted: OperatorCommand, vehicle: tuple[int, int], heard: VehicleMonitor) -> Step:
+    count, item = heard.state.total, wanted.item
     if count is not None and item >= count:
         there = f"its mission has {count} items; give 1 to {count}"
-        msg = f"system {vehicle[0]}: {wish}: {there if count else 'it holds no mission; upload one'}"
+        msg = f"system {vehicle[0]}: {wanted}: {there if count else 'it holds no mission; upload one'}"
         raise VehicleRefusedError(msg)
     profile = profile_for(heard.autopilot)
     seq = item + (1 if profile.home_at_zero else 0)
@@ -181,11 +183,11 @@ class CommandSession:
     component_id = GROUND_COMPONENT_ID
     wanted: frozenset[int] | None = None
 
-    def __init__(self, wish: Wish, *, system_id: int | None = None) -> None:
+    def __init__(self, wanted: OperatorCommand, *, system_id: int | None = None) -> None:
         self.done = False
         self.error: Exception | None = None
         self.search = VehicleSearch(system_id)
-        self._wish = wish
+        self._wanted = wanted
         self._heard = VehicleMonitor()
         self._link = LinkState()
         self._texts = TextLog()
@@ -240,12 +242,12 @@ class CommandSession:
         if self._refusal is not None:
             if now_s >= self._refusal[1]:
                 reason = (self._said or f"{self._refusal[0]}; it says no reason") + self._advice
-                self._fail(VehicleRefusedError(f"{self._name} refused {self._wish}: {reason}"))
+                self._fail(VehicleRefusedError(f"{self._name} refused {self._wanted}: {reason}"))
         elif self._step is None:
             out += self._begin(now_s)
         elif self._order is not None and now_s >= self._order.due_s:
             if self._order.is_given_up:
-                self._fail(VehicleSilentError(f"{self._name}: no answer to {self._wish}"))
+                self._fail(VehicleSilentError(f"{self._name}: no answer to {self._wanted}"))
             else:
                 out += self._order.send(now_s)
         elif now_s >= self._message_s:
@@ -288,7 +290,7 @@ class CommandSession:
     def _advice(self) -> str:
         """What to do where it refused to arm in a mode in which it does not; empty for nothing."""
         name = arming_mode_name(self._heard.autopilot, self._heard.vehicle_type)
-        if self._wish.order != "arm" or not self._heard.in_mission or name is None:
+        if self._wanted.order != "arm" or not self._heard.in_mission or name is None:
             return ""
         return f"; it arms in {name}: give the order mode {name} first"
 
@@ -309,16 +311,8 @@ class CommandSession:
         ]
 
     def _note(self, message: Message, now_s: float) -> list[Message]:
-        heard = self._heard
-        if isinstance(message, m.MAVLink_heartbeat_message):
-            heard.on_heartbeat(message, now_s)
-        elif isinstance(message, m.MAVLink_global_position_int_message):
-            heard.on_position(message, now_s)
-        elif isinstance(message, m.MAVLink_mission_current_message):
-            heard.on_mission_current(message, now_s)
-        elif isinstance(message, m.MAVLink_extended_sys_state_message):
-            heard.on_landed_state(message)
-        elif isinstance(message, m.MAVLink_statustext_message):
+        self._heard.receive(message, now_s)
+        if isinstance(message, m.MAVLink_statustext_message):
             self._texts.on_text(message, now_s)
             if self._refusal is not None:
                 result, until_s = self._refusal
@@ -327,17 +321,17 @@ class CommandSession:
             return self._on_ack(message, now_s)
         if self._step is None:
             return self._begin(now_s)
-        if self._accepted and self._step.shown(heard):
+        if self._accepted and self._step.shown(self._heard):
             self.done = True
         return []
 
     def _begin(self, now_s: float) -> list[Message]:
         """Give the order, once all is known that it takes, or the vehicle does not tell it."""
         vehicle = self.vehicle
-        if vehicle is None or not (is_ready(self._wish, self._heard) or now_s >= self._ready_s):
+        if vehicle is None or not (is_ready(self._wanted, self._heard) or now_s >= self._ready_s):
             return []
         try:
-            step = self._step = step_of(self._wish, vehicle, self._heard)
+            step = self._step = step_of(self._wanted, vehicle, self._heard)
         except WbfMissionError as error:
             self._fail(error)
             return []
@@ -373,12 +367,12 @@ class CommandSession:
 
     def _not_shown(self) -> Exception:
         if not self._accepted:
-            return VehicleSilentError(f"{self._name}: no answer to {self._wish}")
+            return VehicleSilentError(f"{self._name}: no answer to {self._wanted}")
         answered = "accepted" if self._step is not None and self._message_s == math.inf else "was given"
         text = self._said or f"it is in mode {self.mode}"
         seconds = self._end_s - self._begun_s
         return VehicleRefusedError(
-            f"{self._name} {answered} {self._wish}, but does not show it in {seconds:.0f} s: {text}"
+            f"{self._name} {answered} {self._wanted}, but does not show it in {seconds:.0f} s: {text}"
         )
 
     def _fail(self, error: Exception) -> None:

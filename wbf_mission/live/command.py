@@ -1,4 +1,4 @@
-"""What an operator wants of a vehicle: one order, read strictly before a link is opened."""
+"""A command of an operator to a vehicle, read strictly before a link is opened; what can go wrong with it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,16 @@ from dataclasses import dataclass
 from geo.errors import WbfMissionError
 from geo.texts import one_line, parse_number, parse_whole
 
-__all__ = ["HIGHEST_TAKEOFF_M", "LOWEST_TAKEOFF_M", "ORDERS", "OrderError", "Wish"]
+__all__ = [
+    "HIGHEST_TAKEOFF_M",
+    "LOWEST_TAKEOFF_M",
+    "ORDERS",
+    "MotorsStandError",
+    "OperatorCommand",
+    "OrderError",
+    "VehicleRefusedError",
+    "VehicleSilentError",
+]
 
 ORDERS = ("arm", "disarm", "takeoff", "mission", "hold", "return", "land", "set-item", "mode")
 """What can be ordered; takeoff takes a height in metres, set-item the number of an item, mode its name."""
@@ -25,9 +34,21 @@ class OrderError(WbfMissionError, ValueError):
     """An order that is none."""
 
 
+class VehicleRefusedError(WbfMissionError, RuntimeError):
+    """The vehicle did not do what it was told to."""
+
+
+class MotorsStandError(WbfMissionError, ValueError):
+    """An order would start motors that stand, which was not said."""
+
+
+class VehicleSilentError(WbfMissionError, RuntimeError):
+    """The vehicle was heard before, but does not answer."""
+
+
 @dataclass(frozen=True, slots=True)
-class Wish:
-    """What an operator wants.
+class OperatorCommand:
+    """A command of an operator.
 
     Parameters
     ----------
@@ -45,10 +66,10 @@ class Wish:
 
     Examples
     --------
-    >>> Wish("takeoff", "100000")
+    >>> OperatorCommand("takeoff", "100000")
     Traceback (most recent call last):
     ...
-    wbf_mission.live.orders.OrderError: takeoff 100000: give a height above home of 1 to 1000 metres
+    wbf_mission.live.command.OrderError: takeoff 100000: give a height above home of 1 to 1000 metres
     """
 
     order: str

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mission.check.peer import FailedError, Peer, result_name
+from mission.check.peer import FailedError, Peer, needed, result_name
 from mission.check.registry import Checks
 from mission.link.codec.dialect import mavlink as m
 
@@ -15,9 +15,7 @@ _REFUSED = frozenset({m.MAV_RESULT_UNSUPPORTED, m.MAV_RESULT_DENIED, m.MAV_RESUL
 @check("command.unknown-long", "an unknown COMMAND_LONG is answered UNSUPPORTED")
 def unknown_long(peer: Peer) -> None:
     """Send a number that is no command."""
-    answer = peer.command(_UNKNOWN)
-    if answer is None:
-        raise FailedError("no COMMAND_ACK")
+    answer = needed(peer.command(_UNKNOWN), "no COMMAND_ACK")
     if answer.result != m.MAV_RESULT_UNSUPPORTED:
         raise FailedError(f"it is answered {result_name(answer.result)}")
 
@@ -26,9 +24,10 @@ def unknown_long(peer: Peer) -> None:
 def unknown_int(peer: Peer) -> None:
     """Send a number that is no command."""
     question = m.MAVLink_command_int_message(*peer.address, 0, _UNKNOWN, 0, 0, 0.0, 0.0, 0.0, 0.0, 0, 0, 0.0)
-    answer = peer.ask(question, m.MAVLink_command_ack_message, where=lambda a: a.command == _UNKNOWN)
-    if answer is None:
-        raise FailedError("no COMMAND_ACK")
+    answer = needed(
+        peer.ask(question, m.MAVLink_command_ack_message, where=lambda a: a.command == _UNKNOWN),
+        "no COMMAND_ACK",
+    )
     if answer.result != m.MAV_RESULT_UNSUPPORTED:
         raise FailedError(f"it is answered {result_name(answer.result)}")
 
@@ -36,9 +35,7 @@ def unknown_int(peer: Peer) -> None:
 @check("command.ack-address", "COMMAND_ACK is addressed to the sender, or (as in MAVLink 1) to nobody")
 def ack_address(peer: Peer) -> str | None:
     """Look at the target of an answer."""
-    answer = peer.command(_UNKNOWN)
-    if answer is None:
-        raise FailedError("no COMMAND_ACK")
+    answer = needed(peer.command(_UNKNOWN), "no COMMAND_ACK")
     target = (answer.target_system, answer.target_component)
     if target == (0, 0):
         return "to nobody: where there are several ground stations, each takes it for its own"
@@ -56,9 +53,7 @@ def request_message(peer: Peer) -> None:
 @check("command.request-unknown", "REQUEST_MESSAGE for a message that does not exist is not accepted")
 def request_unknown(peer: Peer) -> None:
     """Ask for a number that is no message."""
-    answer = peer.command(m.MAV_CMD_REQUEST_MESSAGE, 65500.0)
-    if answer is None:
-        raise FailedError("no COMMAND_ACK")
+    answer = needed(peer.command(m.MAV_CMD_REQUEST_MESSAGE, 65500.0), "no COMMAND_ACK")
     if answer.result not in _REFUSED:
         raise FailedError(f"it is answered {result_name(answer.result)}")
 
@@ -69,13 +64,14 @@ def repeated(peer: Peer) -> None:
     values = (float(m.MAVLINK_MSG_ID_AUTOPILOT_VERSION), *[0.0] * 6)
     command = m.MAV_CMD_REQUEST_MESSAGE
     for confirmation in (0, 1):
-        answer = peer.ask(
-            m.MAVLink_command_long_message(*peer.address, command, confirmation, *values),
-            m.MAVLink_command_ack_message,
-            where=lambda a: a.command == command,
+        needed(
+            peer.ask(
+                m.MAVLink_command_long_message(*peer.address, command, confirmation, *values),
+                m.MAVLink_command_ack_message,
+                where=lambda a: a.command == command,
+            ),
+            f"no COMMAND_ACK with confirmation {confirmation}",
         )
-        if answer is None:
-            raise FailedError(f"no COMMAND_ACK with confirmation {confirmation}")
 
 
 @check("command.foreign-system", "a command for another system is not answered")

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
-from mission.check.peer import FailedError, Peer, SkippedError
+from mission.check.peer import FailedError, Peer, SkippedError, needed
 from mission.check.registry import Checks
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
@@ -30,9 +33,7 @@ def heartbeat(peer: Peer) -> str:
 @check("identity.heartbeat-fields", "HEARTBEAT: a vehicle type, an autopilot, the custom mode bit, a state")
 def heartbeat_fields(peer: Peer) -> str:
     """Look into one heartbeat."""
-    message = peer.expect(m.MAVLink_heartbeat_message, 3.0)
-    if message is None:
-        raise FailedError("no heartbeat")
+    message = needed(peer.expect(m.MAVLink_heartbeat_message, 3.0), "no heartbeat")
     if message.type in _GROUND_TYPES or message.type == m.MAV_TYPE_GENERIC:
         raise FailedError(f"type {message.type} is no vehicle")
     if message.autopilot == m.MAV_AUTOPILOT_INVALID:
@@ -59,9 +60,7 @@ def component(peer: Peer) -> None:
 @check("identity.mavlink2", "it speaks MAVLink 2 to a peer that does")
 def mavlink2(peer: Peer) -> None:
     """Look at the frame of a heartbeat."""
-    message = peer.expect(m.MAVLink_heartbeat_message, 3.0)
-    if message is None:
-        raise FailedError("no heartbeat")
+    message = needed(peer.expect(m.MAVLink_heartbeat_message, 3.0), "no heartbeat")
     if message.get_msgbuf()[0] != 0xFD:
         raise FailedError("its frames are MAVLink 1")
 
@@ -69,9 +68,7 @@ def mavlink2(peer: Peer) -> None:
 @check("identity.version", "AUTOPILOT_VERSION is sent on REQUEST_MESSAGE")
 def version(peer: Peer) -> str:
     """Ask for it."""
-    message = peer.request(m.MAVLink_autopilot_version_message)
-    if message is None:
-        raise FailedError("it does not come")
+    message = needed(peer.request(m.MAVLink_autopilot_version_message), "it does not come")
     number = message.flight_sw_version
     return f"firmware {number >> 24}.{number >> 16 & 255}.{number >> 8 & 255}"
 
@@ -98,9 +95,7 @@ def capabilities(peer: Peer) -> str:
 
     Of the way to encode parameters there may be no word but PARAM_FLOAT (ArduPilot): values are cast then.
     """
-    message = peer.request(m.MAVLink_autopilot_version_message)
-    if message is None:
-        raise FailedError("no AUTOPILOT_VERSION")
+    message = needed(peer.request(m.MAVLink_autopilot_version_message), "no AUTOPILOT_VERSION")
     bits = message.capabilities
     for name in ("MISSION_INT", "MAVLINK2"):
         if not bits & getattr(m, f"MAV_PROTOCOL_CAPABILITY_{name}"):
@@ -122,70 +117,75 @@ def capabilities(peer: Peer) -> str:
 )
 def protocol_version(peer: Peer) -> str:
     """Ask for it."""
-    message = peer.request(m.MAVLink_protocol_version_message)
-    if message is None:
-        raise FailedError("it does not come")
+    message = needed(peer.request(m.MAVLink_protocol_version_message), "it does not come")
     return f"{message.min_version} to {message.max_version}"
 
 
-def _streamed(peer: Peer, kind: type[Message], name: str, interval_us: float = 500_000.0) -> str:
-    """Find a message in what comes; some autopilots have to be asked for their streams."""
-    found = peer.collect(kind, 2.5)
-    asked = ""
-    if not found:
-        peer.command(m.MAV_CMD_SET_MESSAGE_INTERVAL, float(kind.id), interval_us)
-        found, asked = peer.collect(kind, 3.0), ", after SET_MESSAGE_INTERVAL"
-    if not found:
-        raise FailedError(f"no {name} in 3 s, also not after SET_MESSAGE_INTERVAL")
-    return f"{len(found)} in 3 s{asked}"
+@dataclass(frozen=True, slots=True)
+class _Stream:
+    """A message that comes by itself; ``problem`` tells what is wrong with one, None for nothing."""
+
+    kind: type[Message]
+    interval_us: float = 500_000.0
+    problem: Callable[[Any], str | None] | None = None
+
+    def __call__(self, peer: Peer) -> str:
+        """Find it in what comes; some autopilots have to be asked for their streams."""
+        found, asked = peer.collect(self.kind, 2.5), ""
+        if not found:
+            peer.command(m.MAV_CMD_SET_MESSAGE_INTERVAL, float(self.kind.id), self.interval_us)
+            found, asked = peer.collect(self.kind, 3.0), ", after SET_MESSAGE_INTERVAL"
+        if not found:
+            raise FailedError(f"no {self.kind.msgname} in 3 s, also not after SET_MESSAGE_INTERVAL")
+        if self.problem is not None:
+            message = peer.expect(self.kind, 3.0)
+            problem = None if message is None else self.problem(message)
+            if problem is not None:
+                raise FailedError(problem)
+        return f"{len(found)} in 3 s{asked}"
 
 
-@check("telemetry.position", "GLOBAL_POSITION_INT comes, with a position on the globe")
-def position(peer: Peer) -> str:
-    """Look at the position."""
-    note = _streamed(peer, m.MAVLink_global_position_int_message, "GLOBAL_POSITION_INT")
-    message = peer.expect(m.MAVLink_global_position_int_message, 3.0)
-    if message is not None and (abs(message.lat) > 900_000_000 or abs(message.lon) > 1_800_000_000):
-        raise FailedError(f"latitude {message.lat}, longitude {message.lon} are no position")
-    return note
+def _position_problem(message: m.MAVLink_global_position_int_message) -> str | None:
+    if abs(message.lat) > 900_000_000 or abs(message.lon) > 1_800_000_000:
+        return f"latitude {message.lat}, longitude {message.lon} are no position"
+    return None
 
 
-@check("telemetry.attitude", "ATTITUDE comes")
-def attitude(peer: Peer) -> str:
-    """Look for it."""
-    return _streamed(peer, m.MAVLink_attitude_message, "ATTITUDE")
+def _sensors_problem(message: m.MAVLink_sys_status_message) -> str | None:
+    return None if message.onboard_control_sensors_present else "no sensor is present"
 
 
-@check("telemetry.sys-status", "SYS_STATUS comes, with sensors and battery")
-def sys_status(peer: Peer) -> str:
-    """Look for it and for the sensors."""
-    note = _streamed(peer, m.MAVLink_sys_status_message, "SYS_STATUS")
-    message = peer.expect(m.MAVLink_sys_status_message, 3.0)
-    if message is not None and not message.onboard_control_sensors_present:
-        raise FailedError("no sensor is present")
-    return note
+def _landed_problem(message: m.MAVLink_extended_sys_state_message) -> str | None:
+    if message.landed_state != m.MAV_LANDED_STATE_ON_GROUND:
+        return f"landed_state is {message.landed_state} on a vehicle that is disarmed"
+    return None
 
 
-@check("telemetry.gps", "GPS_RAW_INT comes")
-def gps(peer: Peer) -> str:
-    """Look for it."""
-    return _streamed(peer, m.MAVLink_gps_raw_int_message, "GPS_RAW_INT")
-
-
-@check("telemetry.landed-state", "EXTENDED_SYS_STATE says that it is on the ground")
-def landed_state(peer: Peer) -> str:
-    """Look for it and for the landed state."""
-    note = _streamed(peer, m.MAVLink_extended_sys_state_message, "EXTENDED_SYS_STATE")
-    message = peer.expect(m.MAVLink_extended_sys_state_message, 3.0)
-    if message is not None and message.landed_state != m.MAV_LANDED_STATE_ON_GROUND:
-        raise FailedError(f"landed_state is {message.landed_state} on a vehicle that is disarmed")
-    return note
-
-
-@check("telemetry.mission-current", "MISSION_CURRENT comes at about 1 Hz")
-def mission_current(peer: Peer) -> str:
-    """Look for it."""
-    return _streamed(peer, m.MAVLink_mission_current_message, "MISSION_CURRENT", 1e6)
+for _name, _text, _stream in (
+    (
+        "position",
+        "GLOBAL_POSITION_INT comes, with a position on the globe",
+        _Stream(m.MAVLink_global_position_int_message, problem=_position_problem),
+    ),
+    ("attitude", "ATTITUDE comes", _Stream(m.MAVLink_attitude_message)),
+    (
+        "sys-status",
+        "SYS_STATUS comes, with sensors and battery",
+        _Stream(m.MAVLink_sys_status_message, problem=_sensors_problem),
+    ),
+    ("gps", "GPS_RAW_INT comes", _Stream(m.MAVLink_gps_raw_int_message)),
+    (
+        "landed-state",
+        "EXTENDED_SYS_STATE says that it is on the ground",
+        _Stream(m.MAVLink_extended_sys_state_message, problem=_landed_problem),
+    ),
+    (
+        "mission-current",
+        "MISSION_CURRENT comes at about 1 Hz",
+        _Stream(m.MAVLink_mission_current_message, 1e6),
+    ),
+):
+    check(f"telemetry.{_name}", _text)(_stream)
 
 
 @check("telemetry.home", "HOME_POSITION is sent on REQUEST_MESSAGE or GET_HOME_POSITION")
@@ -246,9 +246,9 @@ def interval_get(peer: Peer) -> str:
     """Ask for the interval of the heartbeat."""
     kind = m.MAVLink_message_interval_message
     question = m.MAVLink_command_long_message(*peer.address, m.MAV_CMD_GET_MESSAGE_INTERVAL, 0, *[0.0] * 7)
-    message = peer.ask(question, kind, where=lambda answer: answer.message_id == 0)
-    if message is None:
-        raise FailedError("it does not come")
+    message = needed(
+        peer.ask(question, kind, where=lambda answer: answer.message_id == 0), "it does not come"
+    )
     return f"heartbeat {message.interval_us} us"
 
 
@@ -257,9 +257,10 @@ def timesync(peer: Peer) -> None:
     """Send one with a time that cannot be by chance."""
     own = 123_456_789_123
     kind = m.MAVLink_timesync_message
-    answer = peer.ask(m.MAVLink_timesync_message(0, own), kind, where=lambda a: a.ts1 == own)
-    if answer is None:
-        raise FailedError("no answer with our time")
+    answer = needed(
+        peer.ask(m.MAVLink_timesync_message(0, own), kind, where=lambda a: a.ts1 == own),
+        "no answer with our time",
+    )
     if answer.tc1 == 0:
         raise FailedError("the vehicle's time is 0")
 
@@ -272,21 +273,19 @@ def timesync(peer: Peer) -> None:
 )
 def ping(peer: Peer) -> None:
     """Send one."""
-    answer = peer.ask(
-        m.MAVLink_ping_message(77, 4242, 0, 0), m.MAVLink_ping_message, where=lambda a: a.seq == 4242
+    answer = needed(
+        peer.ask(
+            m.MAVLink_ping_message(77, 4242, 0, 0), m.MAVLink_ping_message, where=lambda a: a.seq == 4242
+        ),
+        "no answer",
     )
-    if answer is None:
-        raise FailedError("no answer")
     if answer.target_system != peer.endpoint.system_id:
         raise FailedError(f"it is addressed to system {answer.target_system}")
 
 
-@check(
+check(
     "telemetry.system-time",
     "SYSTEM_TIME comes",
     required=False,
     suffers="who wants the date in a telemetry log",
-)
-def system_time(peer: Peer) -> str:
-    """Look for it."""
-    return _streamed(peer, m.MAVLink_system_time_message, "SYSTEM_TIME", 1e6)
+)(_Stream(m.MAVLink_system_time_message, 1e6))

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
-from mission.check.peer import FailedError, Peer, SkippedError
+from mission.check.peer import FailedError, Peer, SkippedError, needed
 from mission.check.registry import Checks
 from mission.check.sender import ACK, ANSWERS, MISSION, RE_REQUEST_S, Sender, require_accepted, told
 from mission.link.codec.dialect import mavlink as m
@@ -18,42 +19,26 @@ _RALLY_BIT = m.MAV_PROTOCOL_CAPABILITY_MISSION_RALLY
 _HOME_DEG = 1e-5
 
 
-def _round_trip(peer: Peer, number: int) -> str:
-    began_s = peer.now()
-    peer.upload(peer.items(number))
-    return f"up and down in {peer.now() - began_s:.2f} s"
+def _round_trip(number: int) -> Callable[[Peer], str]:
+    def check_it(peer: Peer) -> str:
+        began_s = peer.now()
+        peer.upload(peer.items(number))
+        return f"up and down in {peer.now() - began_s:.2f} s"
+
+    return check_it
 
 
-@check("mission.one-item", "a mission of 1 item goes up, comes down and is equal")
-def one_item(peer: Peer) -> str:
-    """The smallest."""
-    return _round_trip(peer, 1)
-
-
-@check(
-    "mission.ten-items",
-    "a mission of 10 items (take-off, waypoints, return) goes up and comes down equal",
-)
-def ten_items(peer: Peer) -> str:
-    """A usual one."""
-    return _round_trip(peer, 10)
-
-
-@check("mission.hundred-items", "a mission of 100 items goes up, comes down and is equal")
-def hundred_items(peer: Peer) -> str:
-    """A long one."""
-    return _round_trip(peer, 100)
-
-
-@check(
+check("mission.one-item", "a mission of 1 item goes up, comes down and is equal")(_round_trip(1))
+check(
+    "mission.ten-items", "a mission of 10 items (take-off, waypoints, return) goes up and comes down equal"
+)(_round_trip(10))
+check("mission.hundred-items", "a mission of 100 items goes up, comes down and is equal")(_round_trip(100))
+check(
     "mission.five-hundred-items",
     "a mission of 500 items fits",
     required=False,
     suffers="surveys; 100 waypoints of MAVSDK with camera and gimbal are 500 items",
-)
-def five_hundred_items(peer: Peer) -> str:
-    """What most boards hold."""
-    return _round_trip(peer, 500)
+)(_round_trip(500))
 
 
 @check("mission.camera-items", "speed change, hold time and camera trigger distance are kept")
@@ -122,9 +107,7 @@ def home(peer: Peer) -> str:
         raise SkippedError("its home is not known")
     elsewhere = GeoPoint(peer.home.latitude_deg + 0.01, peer.home.longitude_deg, peer.home.altitude_m)
     peer.upload(peer.items(3), home=elsewhere)
-    found = peer.driver.download(types=[MissionType.MISSION])[0].home
-    if found is None:
-        raise FailedError("item 0 has no position")
+    found = needed(peer.driver.download(types=[MissionType.MISSION])[0].home, "item 0 has no position")
     here = place.latitude / 1e7, place.longitude / 1e7
     away = abs(found.latitude_deg - here[0]), abs(found.longitude_deg - here[1])
     if max(away) > _HOME_DEG:
@@ -140,9 +123,7 @@ def home(peer: Peer) -> str:
 def clear_all(peer: Peer) -> str:
     """Clear type 255, read the mission afterwards."""
     peer.upload(peer.items(4))
-    answer = peer.ask(wire.clear_all(peer.address, wire.ALL_TYPES), ACK)
-    if answer is None:
-        raise FailedError("no MISSION_ACK")
+    answer = needed(peer.ask(wire.clear_all(peer.address, wire.ALL_TYPES), ACK), "no MISSION_ACK")
     accepted = answer.type == wire.ACCEPTED
     left, expected = len(peer.download()), 0 if accepted else 4
     if left != expected:
@@ -171,9 +152,7 @@ def part(peer: Peer) -> str:
             raise FailedError(f"{told(answer)} instead of {number}")
         peer.forget()
         sender.send(number)
-        end = peer.expect(ACK, RE_REQUEST_S)
-        if end is None:
-            raise FailedError("the item is not acknowledged")
+        end = needed(peer.expect(ACK, RE_REQUEST_S), "the item is not acknowledged")
         require_accepted(end)
         peer.require_equal(changed)
         return "changed"
@@ -194,9 +173,7 @@ def total(peer: Peer) -> str:
     """Compare with what was sent."""
     peer.upload(peer.items(7))
     peer.sleep(1.0)
-    message = peer.request(m.MAVLink_mission_current_message)
-    if message is None:
-        raise FailedError("no MISSION_CURRENT")
+    message = needed(peer.request(m.MAVLink_mission_current_message), "no MISSION_CURRENT")
     if message.total != 7:
         raise FailedError(f"total is {message.total} with 7 items")
     return f"total {message.total}, state {message.mission_state}"

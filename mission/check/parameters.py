@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from typing import TypeAlias
 
-from mission.check.peer import FailedError, Peer, SkippedError
+from mission.check.peer import FailedError, Peer, SkippedError, needed
 from mission.check.registry import Checks
 from mission.link.codec.dialect import mavlink as m
 
@@ -99,9 +99,7 @@ def param_list(peer: Peer) -> str:
 def read_index(peer: Peer) -> str:
     """Read the first."""
     question = m.MAVLink_param_request_read_message(*peer.address, b"", 0)
-    answer = peer.ask(question, _Value, where=lambda a: a.param_index == 0)
-    if answer is None:
-        raise FailedError("no PARAM_VALUE")
+    answer = needed(peer.ask(question, _Value, where=lambda a: a.param_index == 0), "no PARAM_VALUE")
     return _name(answer)
 
 
@@ -109,13 +107,12 @@ def read_index(peer: Peer) -> str:
 def read_name(peer: Peer) -> str:
     """Read the first by its name."""
     question = m.MAVLink_param_request_read_message(*peer.address, b"", 0)
-    first = peer.ask(question, _Value, where=lambda a: a.param_index == 0)
-    if first is None:
-        raise FailedError("the first parameter cannot be read by index")
+    first = needed(
+        peer.ask(question, _Value, where=lambda a: a.param_index == 0),
+        "the first parameter cannot be read by index",
+    )
     name = _name(first)
-    answer = _read(peer, name)
-    if answer is None:
-        raise FailedError(f"no PARAM_VALUE for {name}")
+    answer = needed(_read(peer, name), f"no PARAM_VALUE for {name}")
     if answer.param_type != first.param_type or _bits(answer.param_value) != _bits(first.param_value):
         raise FailedError(f"{name} is {answer.param_value}, by index {first.param_value}")
     return name
@@ -143,9 +140,7 @@ def param_set(peer: Peer) -> str:
     else:
         changed = struct.unpack("<f", _bits(before.param_value * 1.05 + 0.1))[0]
     try:
-        answer = _set(peer, name, changed, before.param_type)
-        if answer is None:
-            raise FailedError(f"no PARAM_VALUE for {name}")
+        answer = needed(_set(peer, name, changed, before.param_type), f"no PARAM_VALUE for {name}")
         if _bits(answer.param_value) != _bits(changed):
             raise FailedError(f"{name} set to {changed} is answered as {answer.param_value}")
         read = _read(peer, name)

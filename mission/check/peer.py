@@ -20,7 +20,7 @@ from mission.transfer import RoundTrip, VerifiedUpload, compare_plans, wire
 from mission.transfer.driver import TransferDriver, wait_readable
 from mission.transfer.vehicles import Vehicle
 
-__all__ = ["GROUND", "CheckError", "FailedError", "Peer", "SkippedError"]
+__all__ = ["GROUND", "CheckError", "FailedError", "Peer", "SkippedError", "needed", "result_name"]
 
 
 class CheckError(WbfMissionError, ValueError):
@@ -36,6 +36,7 @@ class SkippedError(WbfMissionError):
 
 
 M = TypeVar("M", bound=Message)
+T = TypeVar("T")
 Ack: TypeAlias = m.MAVLink_command_ack_message
 GROUND = (255, int(m.MAV_COMP_ID_MISSIONPLANNER))
 _LONGEST_WAIT_S = 0.1
@@ -306,6 +307,13 @@ class Peer:
     def close(self) -> None:
         """Close the link."""
         self.endpoint.close()
+
+
+def needed(answer: T | None, otherwise: str) -> T:
+    """Return an answer that has to come; FailedError with this text where it did not."""
+    if answer is None:
+        raise FailedError(otherwise)
+    return answer
 
 
 def result_name(result: int) -> str:

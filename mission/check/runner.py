@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 from geo.errors import WbfMissionError
-from mission.check import addressing, commands, flight, identity, missions, parameters, transfers
+from mission.check import commands, flight, identity, missions, parameters, transfers
 from mission.check.peer import CheckError, FailedError, Peer, SkippedError
 from mission.check.registry import Check, CheckResult, Verdict
 from mission.errors import LinkError, TransferError
@@ -24,7 +24,7 @@ from mission.transfer.vehicles import Vehicle
 
 __all__ = ["CheckReport", "all_checks", "check_link", "check_vehicle", "chosen_checks"]
 
-_MODULES = (identity, commands, parameters, missions, transfers, addressing, flight)
+_MODULES = (identity, commands, parameters, missions, transfers, flight)
 _GROUPS = ("identity", "command", "telemetry", "param", "mission", "transfer", "fly")
 
 

@@ -1,11 +1,11 @@
-"""Checks of what a vehicle does when its peer breaks the rules of the mission transfer."""
+"""Checks of the mission transfer: peers that break its rules, several stations, addresses."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
 
-from mission.check.peer import FailedError, Peer
+from mission.check.peer import GROUND, FailedError, Peer, needed
 from mission.check.registry import Checks
 from mission.check.sender import (
     ACK,
@@ -29,6 +29,8 @@ _ITEMS: tuple[type[wire.ItemMessage], ...] = (
     m.MAVLink_mission_item_message,
 )
 _GIVE_UP_S = 12.0
+_COUNT = m.MAVLink_mission_count_message
+_OTHER_GROUND = GROUND[0] - 1
 
 
 def _require_ours(peer: Peer, answer: wire.RequestMessage | wire.AckMessage) -> None:
@@ -85,7 +87,7 @@ def duplicate_count(peer: Peer) -> None:
     """Send it again before item 0."""
     sender = Sender(peer, peer.items(4))
     sender.begin()
-    peer.send(m.MAVLink_mission_count_message(*peer.address, len(sender.items), MISSION))
+    peer.send(_COUNT(*peer.address, len(sender.items), MISSION))
     require_accepted(sender.finish())
     peer.require_equal(peer.items(4))
 
@@ -149,7 +151,7 @@ def cancel(peer: Peer) -> None:
 def cancel_download(peer: Peer) -> None:
     """Break off after COUNT."""
     peer.upload(peer.items(4))
-    peer.ask(m.MAVLink_mission_request_list_message(*peer.address, MISSION), m.MAVLink_mission_count_message)
+    peer.ask(m.MAVLink_mission_request_list_message(*peer.address, MISSION), _COUNT)
     peer.send(m.MAVLink_mission_ack_message(*peer.address, wire.OPERATION_CANCELLED, MISSION))
     peer.upload(peer.items(3))
 
@@ -256,9 +258,7 @@ def nan(peer: Peer) -> str:
     item = sender.message(index)
     item.param4 = float("nan")
     peer.send(item)
-    answer = peer.expect(ANSWERS, RE_REQUEST_S)
-    if answer is None:
-        raise FailedError("the vehicle falls silent")
+    answer = needed(peer.expect(ANSWERS, RE_REQUEST_S), "the vehicle falls silent")
     if is_a(answer, ACK) and answer.type != wire.ACCEPTED:
         return f"refused: {result_text(answer.type)}"
     sender.cancel()
@@ -273,7 +273,7 @@ def nan(peer: Peer) -> str:
 )
 def too_many(peer: Peer) -> str:
     """Announce more than anybody holds."""
-    question = m.MAVLink_mission_count_message(*peer.address, 65535, MISSION)
+    question = _COUNT(*peer.address, 65535, MISSION)
     answer = peer.ask(question, ANSWERS)
     Sender(peer, ()).cancel()
     if answer is None:
@@ -287,9 +287,7 @@ def too_many(peer: Peer) -> str:
 def count_zero(peer: Peer) -> None:
     """Announce nothing."""
     peer.upload(peer.items(4))
-    answer = peer.ask(m.MAVLink_mission_count_message(*peer.address, 0, MISSION), ACK)
-    if answer is None:
-        raise FailedError("no MISSION_ACK")
+    answer = needed(peer.ask(_COUNT(*peer.address, 0, MISSION), ACK), "no MISSION_ACK")
     require_accepted(answer)
     # PX4 refuses the next uploads for some seconds.
     peer.sleep(6.0)
@@ -306,7 +304,7 @@ def count_zero(peer: Peer) -> None:
 )
 def unknown_type(peer: Peer) -> str:
     """Announce plan type 77."""
-    answer = peer.ask(m.MAVLink_mission_count_message(*peer.address, 3, 77), ANSWERS)
+    answer = peer.ask(_COUNT(*peer.address, 3, 77), ANSWERS)
     Sender(peer, ()).cancel()
     if answer is None:
         raise FailedError("no answer")
@@ -319,7 +317,7 @@ def unknown_type(peer: Peer) -> str:
 def request_beyond(peer: Peer) -> None:
     """Ask for item 300 of 3."""
     peer.upload(peer.items(3))
-    peer.ask(m.MAVLink_mission_request_list_message(*peer.address, MISSION), m.MAVLink_mission_count_message)
+    peer.ask(m.MAVLink_mission_request_list_message(*peer.address, MISSION), _COUNT)
     peer.forget()
     peer.send(m.MAVLink_mission_request_int_message(*peer.address, 300, MISSION))
     answer = peer.expect(_ITEMS, 1.0)
@@ -333,12 +331,54 @@ def request_beyond(peer: Peer) -> None:
 def re_read(peer: Peer) -> None:
     """Ask for item 0 twice, as after a loss."""
     peer.upload(peer.items(3))
-    peer.ask(m.MAVLink_mission_request_list_message(*peer.address, MISSION), m.MAVLink_mission_count_message)
+    peer.ask(m.MAVLink_mission_request_list_message(*peer.address, MISSION), _COUNT)
     question = m.MAVLink_mission_request_int_message(*peer.address, 0, MISSION)
     for number in (1, 2):
         if peer.ask(question, m.MAVLink_mission_item_int_message, where=lambda a: a.seq == 0) is None:
             raise FailedError(f"request {number} of item 0 gives no MISSION_ITEM_INT")
     peer.send(m.MAVLink_mission_ack_message(*peer.address, wire.OPERATION_CANCELLED, MISSION))
+
+
+@check("transfer.second-station", "a second ground station does not get into an upload")
+def second_station(peer: Peer) -> str:
+    """Announce a plan from another system in the middle of ours."""
+    items = peer.items(4)
+    sender = Sender(peer, items)
+    sender.begin()
+    sender.send(0)
+    peer.expect(REQUESTS, RE_REQUEST_S, lambda a: a.seq == 1)
+    peer.forget()
+    peer.send_as(_OTHER_GROUND, _COUNT(*peer.address, 2, MISSION))
+    answer = peer.expect(ANSWERS, where=lambda a: a.target_system == _OTHER_GROUND)
+    if answer is not None and not (is_a(answer, ACK) and answer.type != wire.ACCEPTED):
+        peer.send_as(_OTHER_GROUND, wire.ack(peer.address, wire.OPERATION_CANCELLED, MISSION))
+        # Not all know cancelling: what is left of it runs out.
+        peer.sleep(peer.profile.abort_s + 1.0)
+        raise FailedError(f"{told(answer)} of the second station")
+    require_accepted(sender.finish(1))
+    peer.require_equal(items)
+    return "not answered" if answer is None else told(answer)
+
+
+@check("transfer.components", "a request for component 0 or 190 of the vehicle's system is answered")
+def components(peer: Peer) -> None:
+    """Ask for the list as clients do that know only the system, and those that mean any mission planner."""
+    for component in (0, int(m.MAV_COMP_ID_MISSIONPLANNER)):
+        question = m.MAVLink_mission_request_list_message(peer.address[0], component, MISSION)
+        if peer.ask(question, _COUNT) is None:
+            raise FailedError(f"no MISSION_COUNT for component {component}")
+        peer.send(wire.ack(peer.address, wire.OPERATION_CANCELLED, MISSION))
+
+
+@check("transfer.foreign-system", "a request for another system is not answered")
+def foreign_system(peer: Peer) -> None:
+    """Ask for the list of a system that nobody has."""
+    other = 237 if peer.address[0] != 237 else 236
+    peer.forget()
+    peer.send(m.MAVLink_mission_request_list_message(other, peer.address[1], MISSION))
+    if peer.expect((_COUNT,)) is not None:
+        peer.send(wire.ack(peer.address, wire.OPERATION_CANCELLED, MISSION))
+        raise FailedError(f"it answers a request for system {other}")
 
 
 def _refused(peer: Peer, items: Sequence[MissionItem]) -> str:

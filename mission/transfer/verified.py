@@ -339,17 +339,20 @@ class VerifiedUpload:
                 return Output(events=(replace(self._refusal, vehicle_plan=PlanState.OLD),))
             text = f"{self._refusal.text}; {told_of_held(self.items, received.items, self._upload.profile)}"
             return Output(events=(replace(self._refusal, text=text),))
-        number = len(self.differences)
-        plan = self.mission_type.name.lower()
-        text = f"the vehicle does not hold the {plan} that was sent: {self.differences[0]}"
-        if number > 1:
-            text += f" (and {number - 1} more)"
         state = (
             PlanState.UNKNOWN
             if self.confirmed_s is not None or not self._upload.profile.atomic
             else PlanState.OLD
         )
-        return Output(events=(TransferFailed(self.mission_type, FailureReason.DIFFERENT, text, None, state),))
+        return Output(events=(different_plan(self.mission_type, self.differences, state),))
+
+
+def different_plan(kind: MissionType, found: Sequence[Difference], state: PlanState) -> TransferFailed:
+    """Return the event of a plan that was read back and is another one."""
+    text = f"the vehicle does not hold the {kind.name.lower()} that was sent: {found[0]}"
+    if len(found) > 1:
+        text += f" (and {len(found) - 1} more)"
+    return TransferFailed(kind, FailureReason.DIFFERENT, text, None, state)
 
 
 def told_of_held(sent: Sequence[MissionItem], held: Sequence[MissionItem], profile: Profile) -> str:

@@ -16,7 +16,7 @@ from mission.ground.arming_gate import ArmingGate
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.tlog import FrameSink
-from mission.transfer.uploader import OWN_TRANSFERS, OwnTransfers
+from mission.transfer.uploader import OWN_TRANSFERS, TransferMaker
 from mission.transfer.vehicles import Vehicle
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.component import NEVER, Component
@@ -31,7 +31,7 @@ __all__ = ["LinkHost", "LinkHosting", "links_of", "riding_camera", "time_of_day"
 _AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass
 class LinkHosting:
     """Vehicles behind links: ours are the ground stations, and the leaf cameras that ride along.
 
@@ -40,7 +40,7 @@ class LinkHosting:
     links : tuple of ServerUrl
         See `links_of`.
     tlog : Path or None
-        Where every MAVLink frame is written.
+        Where every MAVLink frame is written that is heard and sent here.
     agreed : bool
         The operator agrees to the start beforehand.
     force : bool
@@ -58,7 +58,7 @@ class LinkHosting:
         return
 
     @property
-    def transfers(self) -> OwnTransfers:
+    def transfers(self) -> TransferMaker:
         """Who carries the plans up to the vehicles."""
         return OWN_TRANSFERS
 

@@ -6,6 +6,8 @@ import contextlib
 import socket
 import time
 from collections import deque
+from collections.abc import Callable
+from queue import Empty, SimpleQueue
 from typing import Any
 
 from mavsdk import Configuration, ConnectionResult, ForwardingOption, Mavsdk, System
@@ -16,7 +18,7 @@ from mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID
 from mission.link.address import SERIAL, LinkAddress, parse_link_url
 from mission.transfer.errors import NoVehicleError
 
-__all__ = ["MavsdkLink", "mavsdk_url"]
+__all__ = ["Call", "MavsdkLink", "mavsdk_url"]
 
 _SCHEMES = {"udpin": "udpin", "udpout": "udpout", "tcp": "tcpout", "tcpin": "tcpin", SERIAL: "serial"}
 _WIRELESS = "raw://"
@@ -154,3 +156,22 @@ class MavsdkLink:
         self._systems.clear()
         self._wake.close()
         self._woken.close()
+
+
+class Call:
+    """A call of one of MAVSDK's ``..._async`` functions, whose answer comes in another thread."""
+
+    def __init__(self, begin: Callable[..., None], *arguments: Any) -> None:
+        self._answers: SimpleQueue[tuple[Any, ...]] = SimpleQueue()
+        begin(*arguments, self._on_answer)
+
+    def _on_answer(self, *answer: Any) -> None:
+        # The last one is MAVSDK's user data, of which there is none.
+        self._answers.put(answer[:-1])
+
+    def answer(self) -> tuple[Any, ...] | None:
+        """Return what MAVSDK answered, its result first; None while it has not."""
+        try:
+            return self._answers.get_nowait()
+        except Empty:
+            return None

@@ -16,8 +16,7 @@ from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.frames import FrameReader, FrameWriter
 from mission.model import Command
-from wbf_mission.live.via_mavsdk.call import Call
-from wbf_mission.live.via_mavsdk.link import MavsdkLink
+from wbf_mission.live.via_mavsdk.link import Call, MavsdkLink
 
 __all__ = ["MavsdkOrders"]
 

@@ -31,10 +31,9 @@ from mission.transfer import (
     wire,
 )
 from mission.transfer.events import NOTHING, Event
-from mission.transfer.verified import told_of_held
+from mission.transfer.verified import different_plan, told_of_held
 from mission.transfer.wire import from_wire_order
-from wbf_mission.live.via_mavsdk.call import Call
-from wbf_mission.live.via_mavsdk.link import MavsdkLink
+from wbf_mission.live.via_mavsdk.link import Call, MavsdkLink
 
 __all__ = ["MavsdkTransfers"]
 
@@ -338,10 +337,7 @@ class MavsdkUpload(_Transfer):
                     f"upload of the {self._plan_name}", MissionRawResult.TIMEOUT, PlanState.UNKNOWN
                 ),
             )
-        text = f"the vehicle does not hold the {self._plan_name} that was sent: {differences[0]}"
-        if len(differences) > 1:
-            text += f" (and {len(differences) - 1} more)"
-        different = TransferFailed(self.mission_type, FailureReason.DIFFERENT, text, None, PlanState.UNKNOWN)
+        different = different_plan(self.mission_type, differences, PlanState.UNKNOWN)
         return self._finish(now_s, different)
 
 

@@ -1,14 +1,14 @@
-"""Flights of a vehicle behind a link that MAVSDK keeps: it uploads, arms, starts and orders; we look on."""
+"""MAVSDK as a way to a vehicle: it keeps the link, uploads, arms, starts and orders; we look on."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from numpy.random import SeedSequence
 
-from mission.ground.arming_gate import ArmingGate
 from mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID, GroundStation
 from mission.link import MavlinkEndpoint
 from mission.link.codec.dialect import Message
@@ -21,6 +21,7 @@ from sim_vehicle.component import Component
 from sim_vehicle.host.server import Server, ServerUrl
 from wbf_mission.live.discovery import LiveFlightError
 from wbf_mission.live.hosting import LinkHost, LinkHosting, riding_camera, time_of_day
+from wbf_mission.live.via import Via
 from wbf_mission.live.via_mavsdk.link import MavsdkLink
 from wbf_mission.live.via_mavsdk.orders import MavsdkOrders
 from wbf_mission.live.via_mavsdk.transfers import MavsdkTransfers
@@ -28,55 +29,27 @@ from wbf_mission.run.hosting import tap_of
 from wbf_mission.run.sortie import Sortie
 from wbf_mission.scenario import Scenario
 
-__all__ = ["MavsdkHosting", "MavsdkVia", "mavsdk_driver"]
+__all__ = ["MavsdkHosting", "MavsdkVia"]
 
 _POLL_S = 0.02
 
 
-class MavsdkHosting:
+@dataclass
+class MavsdkHosting(LinkHosting):
     """A vehicle behind a link that MAVSDK keeps; station, camera and estimate are those of the own way.
 
-    Parameters
-    ----------
-    url : str
-        See `mission.link.address.parse_link_url`.
-    vehicle : Vehicle
-        The one that was heard there.
-    tlog : Path or None
-        Where every MAVLink frame is written that MAVSDK hands on; its own are not among them.
-    agreed : bool
-        The operator agrees to the start beforehand.
-    force : bool
-        Send also what the autopilot would refuse or not fly.
-    note : callable
-        Takes a line for the operator when MAVSDK tells of a refusal.
+    ``note`` takes a line for the operator when MAVSDK tells of a refusal. What MAVSDK sends by itself is not in
+    the tlog, only what it hands on.
     """
 
-    def __init__(
-        self,
-        url: str,
-        vehicle: Vehicle,
-        tlog: Path | None,
-        *,
-        agreed: bool,
-        force: bool,
-        note: Callable[[str], None],
-    ) -> None:
-        self.tlog, self.force = tlog, force
-        self.transfers = MavsdkTransfers(self._opened)
-        self._own = LinkHosting((ServerUrl(url),), tlog, agreed, force)
-        self._url, self._vehicle = url, vehicle
-        self._note = note
-        self._link: MavsdkLink | None = None
+    vehicle: Vehicle = field(kw_only=True)
+    note: Callable[[str], None] = field(kw_only=True)
+    _link: MavsdkLink | None = field(default=None, init=False)
 
     @property
-    def pace(self) -> None:
-        """The vehicle decides."""
-        return
-
-    def arming_gate(self, system_id: int) -> ArmingGate:
-        """Return what has to hold before the motors start: the vehicle's own checks, and the operator."""
-        return self._own.arming_gate(system_id)
+    def transfers(self) -> MavsdkTransfers:
+        """Who carries the plans up to the vehicle."""
+        return MavsdkTransfers(self._opened)
 
     def open(
         self,
@@ -87,17 +60,10 @@ class MavsdkHosting:
         seed: SeedSequence,  # noqa: ARG002
         gone: Collection[int],  # noqa: ARG002
     ) -> LinkHost:
-        """Let MAVSDK open the link, for one vehicle.
-
-        Raises
-        ------
-        LinkError
-            If the address is wrong, or MAVSDK cannot open it.
-        """
-        (sortie,) = sorties
-        link = self._link = MavsdkLink(self._url)
-        vehicle = self._vehicle
-        orders = MavsdkOrders(link, vehicle.system_id, vehicle.autopilot, vehicle.vehicle_type, self._note)
+        """Let MAVSDK open the link, for one vehicle; LinkError if it cannot."""
+        ((sortie,), (at,), vehicle) = sorties, self.links, self.vehicle
+        link = self._link = MavsdkLink(at.url)
+        orders = MavsdkOrders(link, vehicle.system_id, vehicle.autopilot, vehicle.vehicle_type, self.note)
         ground = _GroundByMavsdk(sortie.ground, orders)
         components: list[Component] = [riding_camera(sortie), ground]
         return LinkHost(Server(components, [], tap=tap_of(writer, time_of_day), links=[link]), ground.hand_on)
@@ -148,47 +114,24 @@ class _GroundByMavsdk:
         return rest
 
 
-def mavsdk_driver(url: str, on_event: OnEvent, on_text: OnText | None = None) -> TransferDriver:
-    """Let MAVSDK open a link; return what transfers plans with a vehicle there, by MAVSDK.
-
-    Raises
-    ------
-    LinkError
-        If the address is wrong, or MAVSDK cannot open it.
-    """
-    link = MavsdkLink(url)
-    endpoint = MavlinkEndpoint(link, GROUND_SYSTEM_ID, GROUND_COMPONENT_ID, wanted=())
-    transfers = MavsdkTransfers(lambda: link)
-    return TransferDriver(endpoint, on_event=on_event, on_text=on_text, maker=transfers, heartbeat=False)
-
-
-class MavsdkVia:
-    """MAVSDK keeps the link, carries the plans and gives the orders; see `wbf_mission.live.via.Via`."""
+class MavsdkVia(Via):
+    """MAVSDK keeps the link, carries the plans and gives the orders; all else is as in the own way."""
 
     def driver(self, url: str, on_event: OnEvent, on_text: OnText | None = None) -> TransferDriver:
-        """Open a link; return what transfers plans over it."""
-        return mavsdk_driver(url, on_event, on_text)
+        """Let MAVSDK open a link; LinkError if the address is wrong, or MAVSDK cannot open it."""
+        link = MavsdkLink(url)
+        endpoint = MavlinkEndpoint(link, GROUND_SYSTEM_ID, GROUND_COMPONENT_ID, wanted=())
+        transfers = MavsdkTransfers(lambda: link)
+        return TransferDriver(endpoint, on_event=on_event, on_text=on_text, maker=transfers, heartbeat=False)
 
     def check_count(self, vehicles: int) -> None:
-        """Refuse several vehicles.
-
-        Raises
-        ------
-        LiveFlightError
-            If there are several.
-        """
+        """Refuse several vehicles."""
         if vehicles > 1:
             msg = f"--via mavsdk flies one vehicle, not {vehicles}: leave out --via mavsdk, or fly one"
             raise LiveFlightError(msg)
 
     def check(self, scenario: Scenario, vehicle: Vehicle) -> None:
-        """Refuse a policy for a vehicle that leaves its mission while that is changed.
-
-        Raises
-        ------
-        LiveFlightError
-            If that is so.
-        """
+        """Refuse a policy for a vehicle that leaves its mission while that is changed."""
         policy = scenario.mission.policy
         if policy is not None and vehicle.vehicle_type in (vehicle.profile.change_modes or {}):
             msg = (
@@ -208,4 +151,4 @@ class MavsdkVia:
     ) -> MavsdkHosting:
         """Return where the flight takes place."""
         ((url, vehicle),) = heard
-        return MavsdkHosting(url, vehicle, tlog, agreed=agreed, force=force, note=note)
+        return MavsdkHosting((ServerUrl(url),), tlog, agreed, force, vehicle=vehicle, note=note)

@@ -21,6 +21,7 @@ _HOME_DEG = 1e-5
 
 def _round_trip(number: int) -> Callable[[Peer], str]:
     def check_it(peer: Peer) -> str:
+        """Send a mission of so many items, read it back and compare."""
         began_s = peer.now()
         peer.upload(peer.items(number))
         return f"up and down in {peer.now() - began_s:.2f} s"

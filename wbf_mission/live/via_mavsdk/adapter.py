@@ -38,8 +38,8 @@ _POLL_S = 0.02
 class MavsdkHosting(LinkHosting):
     """A vehicle behind a link that MAVSDK keeps; station, camera and estimate are those of the own way.
 
-    ``note`` takes a line for the operator when MAVSDK tells of a refusal. What MAVSDK sends by itself is not in
-    the tlog, only what it hands on.
+    ``note`` takes a line for the operator when MAVSDK tells of a refusal. The tlog has what MAVSDK hands on;
+    what it sends by itself is not in it.
     """
 
     vehicle: Vehicle = field(kw_only=True)

@@ -1,4 +1,4 @@
-"""Flights of vehicles behind links, on the wall clock."""
+"""Vehicles behind links: the way to them, and their flights on the wall clock."""
 
 from __future__ import annotations
 
@@ -13,9 +13,11 @@ from typing import Self
 from numpy.random import SeedSequence
 
 from mission.ground.arming_gate import ArmingGate
+from mission.ground.link import own_driver
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.tlog import FrameSink
+from mission.transfer.driver import OnEvent, OnText, TransferDriver
 from mission.transfer.uploader import OWN_TRANSFERS, TransferMaker
 from mission.transfer.vehicles import Vehicle
 from sim_vehicle.camera.component import LeafCameraComponent
@@ -25,8 +27,9 @@ from sim_vehicle.host.simulation import StopReason
 from wbf_mission.live.riding_camera import RidingCamera
 from wbf_mission.run.hosting import tap_of
 from wbf_mission.run.sortie import Sortie
+from wbf_mission.scenario import Scenario
 
-__all__ = ["LinkHost", "LinkHosting", "links_of", "riding_camera", "time_of_day"]
+__all__ = ["LinkHost", "LinkHosting", "Via", "links_of", "riding_camera", "time_of_day"]
 
 _AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
 
@@ -156,6 +159,32 @@ class LinkHost:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._server.close()
+
+
+class Via:
+    """A way to a vehicle: our own transfers and orders; another way says where it differs."""
+
+    def driver(self, url: str, on_event: OnEvent, on_text: OnText | None = None) -> TransferDriver:
+        """Open a link; return what transfers plans over it. LinkError if the link cannot be opened."""
+        return own_driver(url, on_event, on_text)
+
+    def check_count(self, vehicles: int) -> None:
+        """Refuse more vehicles than can be flown together in this way, with LiveFlightError."""
+
+    def check(self, scenario: Scenario, vehicle: Vehicle) -> None:
+        """Refuse what cannot be done in this way with a vehicle that was heard, with LiveFlightError."""
+
+    def hosting(
+        self,
+        heard: Sequence[tuple[str, Vehicle]],
+        tlog: Path | None,
+        *,
+        agreed: bool,
+        force: bool,
+        note: Callable[[str], None],  # noqa: ARG002
+    ) -> LinkHosting:
+        """Return where the flight of the vehicles takes place, each behind its link."""
+        return LinkHosting(links_of(heard), tlog, agreed, force)
 
 
 def riding_camera(sortie: Sortie) -> RidingCamera:

@@ -20,8 +20,7 @@ from mission.transfer.vehicles import Vehicle
 from sim_vehicle.component import Component
 from sim_vehicle.host.server import Server, ServerUrl
 from wbf_mission.live.discovery import LiveFlightError
-from wbf_mission.live.hosting import LinkHost, LinkHosting, riding_camera, time_of_day
-from wbf_mission.live.via import Via
+from wbf_mission.live.hosting import LinkHost, LinkHosting, Via, riding_camera, time_of_day
 from wbf_mission.live.via_mavsdk.link import MavsdkLink
 from wbf_mission.live.via_mavsdk.orders import MavsdkOrders
 from wbf_mission.live.via_mavsdk.transfers import MavsdkTransfers

@@ -50,8 +50,6 @@ class Peer:
 
     Parameters
     ----------
-    link : Link
-        Where the vehicle is.
     clock, wait : callable
         Monotonic seconds; ``wait(link, seconds)`` until something may have arrived. Those of a
         `sim_vehicle.host.simulation.VirtualLink` check a simulation on its own clock.
@@ -60,10 +58,6 @@ class Peer:
     ----------
     vehicle : Vehicle
         Who is checked; known after `find`.
-    driver : TransferDriver
-        Whole mission transfers.
-    texts : list of str
-        What the vehicle said.
     """
 
     def __init__(

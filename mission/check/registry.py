@@ -68,17 +68,7 @@ class Check:
 
 @dataclass(frozen=True, slots=True)
 class CheckResult:
-    """What a check found.
-
-    Parameters
-    ----------
-    required : bool
-        It is required of this vehicle's autopilot.
-    detail : str
-        Why, or what was measured.
-    seconds : float
-        How long it took.
-    """
+    """What a check found: whether it is required here, why or what was measured, how many seconds it took."""
 
     check: Check
     required: bool

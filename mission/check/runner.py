@@ -41,13 +41,7 @@ def all_checks() -> tuple[Check, ...]:
 
 
 def chosen_checks(only: tuple[str, ...], *, fly: bool) -> tuple[Check, ...]:
-    """The checks whose id or group is among ``only`` (empty: all).
-
-    Raises
-    ------
-    CheckError
-        If one of ``only`` is neither an id nor a group.
-    """
+    """The checks whose id or group is among ``only`` (empty: all); CheckError if one is neither."""
     checks = all_checks()
     known = {check.id for check in checks} | {check.group for check in checks}
     for name in only:
@@ -66,16 +60,7 @@ OnResult = Callable[[CheckResult], None]
 
 @dataclass(frozen=True, slots=True)
 class CheckReport:
-    """What was found.
-
-    Parameters
-    ----------
-    name : str
-        The link.
-    results : tuple of CheckResult
-    warnings : tuple of str
-        What the vehicle lost by being checked.
-    """
+    """What was found on a link, and what the vehicle lost by being checked."""
 
     name: str
     vehicle: Vehicle
@@ -138,10 +123,6 @@ def check_vehicle(
         How long to wait for its heartbeat.
     on_result : callable, optional
         Called with each result as it is found.
-
-    Returns
-    -------
-    CheckReport
 
     Raises
     ------

@@ -38,13 +38,6 @@ class ArmingGate:
     it, in the mode in which it is to arm: in others it may not need a position. An autopilot that does not
     know the bit is taken as ready; none is before it knows where it is.
 
-    Parameters
-    ----------
-    vehicle : tuple of int
-        System and component.
-    agreed : bool
-        The operator agrees beforehand.
-
     Attributes
     ----------
     reasons : list of str

@@ -59,25 +59,15 @@ class ChangeRecord:
 
     Parameters
     ----------
-    asked_s : float
-        When it was asked for.
-    sent_s : float or None
-        When the first message went out.
     turned_s : float or None
         When the vehicle took the new target: with its confirmation of the whole mission, or before that where
         it is flown to aside from the mission.
-    acknowledged_s : float or None
-        When the vehicle confirmed the whole mission.
     in_effect_s : float or None
         When its id, item or mode showed that it flies it.
-    ended_s : float
-        When the session was over.
     text : str
         Why it did not come about, in the autopilot's own words where it said any.
     items, resume_at : int
         Length of the new mission, and the item to go on with.
-    retries : int
-        Messages that were sent again.
     """
 
     asked_s: float
@@ -113,20 +103,10 @@ class ChangeRequest:
         The item of the old mission that is flown.
     resume_at : int
         The item of the new mission to fly to next.
-    vehicle, ground : tuple of int
-        System and component ids.
-    profile : Profile
-        The autopilot's behaviour.
-    monitor : VehicleMonitor
-        What the vehicle tells of itself.
-    texts : TextLog
-        What it says.
     seconds_an_item : float
         What an item took to send and read back.
     guard : FailsafeGuard or None
         What has to be set before the vehicle leaves its mission.
-    maker : TransferMaker
-        Who carries the plans.
     round_trip : RoundTrip or None
         Of the link; the change measures its own without.
     """
@@ -152,12 +132,7 @@ class ChangeSession(ABC):
     Feed it with `start`, `receive` (after the monitor took the message) and `poll` (at `next_deadline`);
     send what comes out. `record` is there when it is over.
 
-    Attributes
-    ----------
-    record : ChangeRecord or None
-        What came of it.
-    held : Mission
-        The mission that the vehicle holds, as far as is known.
+    `held` is the mission that the vehicle holds, as far as is known.
     """
 
     def __init__(self, request: ChangeRequest) -> None:
@@ -248,13 +223,8 @@ def check_change(new: Mission, resume_at: int, old: Mission) -> None:
 
     What the autopilot would not take is told by `mission.transfer.rendering`.
 
-    Raises
-    ------
-    MissionError
-        If the item to go on with is no position to fly to, the mission does not lead home although the old
-        one did, or a position is far from home or too high.
-    LocalTransferError
-        If the plan cannot be sent at all.
+    MissionError if the item to go on with is no position to fly to, the mission does not lead home although
+    the old one did, or a position is far from home or too high; LocalTransferError if it cannot be sent at all.
 
     Examples
     --------

@@ -121,11 +121,6 @@ class FailureWatch:
 
         The vehicle's texts say it best. When they were lost on the way, its state, battery and health are
         what is left.
-
-        Parameters
-        ----------
-        texts : sequence of (float, int, str)
-            STATUSTEXTs of the flight: time in seconds, severity, text.
         """
         found: tuple[Outcome, str] | None = None
         candidate: tuple[Outcome, str] | None = None

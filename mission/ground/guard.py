@@ -21,21 +21,10 @@ class FailsafeGuard:
     One is set after the other: the link may break after each of them, and what the last one switches on
     must then find the others as they have to be.
 
-    Parameters
-    ----------
-    needed : sequence of NeededParameter
-        In the order in which they are set.
-    vehicle : tuple of int
-        System and component ids.
-    round_trip : RoundTrip, optional
-        Of the link.
-
     Attributes
     ----------
     refused : str
         Why it cannot be; empty while it may.
-    due_s : float
-        When `poll` has something to do; infinity for never.
     was_set : list of str
         Which parameters were set, from what and to what.
     """

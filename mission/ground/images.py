@@ -21,15 +21,7 @@ _MANY_CAME, _FEW_CAME = 0.6, 0.3
 class ImageFetch:
     """Asks a vehicle's camera for the images that an assembler misses, a few at a time.
 
-    Parameters
-    ----------
-    round_trip : RoundTrip, optional
-        Of a real link: answers are waited for, and so many are asked for at once as come back.
-
-    Attributes
-    ----------
-    due_s : float
-        When to ask (again).
+    With the round trip of a real link answers are waited for, and so many are asked for at once as come back.
     """
 
     def __init__(
@@ -61,10 +53,7 @@ class ImageFetch:
     def look_back(self, now_s: float, since_s: float) -> None:
         """Begin after a silence: the camera has to tell how many images there are, too.
 
-        Parameters
-        ----------
-        since_s : float
-            The vehicle's clock when the flight began.
+        ``since_s`` is the vehicle's clock when the flight began.
         """
         self._assembler.expect_from_first(since_s)
         self._counts = True

@@ -192,12 +192,8 @@ def find_vehicles(
 ) -> tuple[Vehicle, ...]:
     """Wait for the heartbeats of several vehicles behind ``url``.
 
-    Parameters
-    ----------
-    system_ids : sequence of int or None
-        The vehicles; None is any other than those that are named or were heard before it.
-    wait_s, note, open_driver
-        As of `find_vehicle`, which tells the errors, too; each vehicle is waited for so long.
+    None among ``system_ids`` is any other than those that are named or were heard before it; each is waited
+    for so long. Errors as of `find_vehicle`.
     """
     known = {one for one in system_ids if one is not None}
     found = []

@@ -29,8 +29,6 @@ class LinkReport:
     ----------
     frames, lost_frames : int
         Frames of the vehicle's autopilot that arrived, and that are missing by their sequence numbers.
-    round_trip_s : float or None
-        How long an answer took, smoothed; None if none came.
     worst_silence_s, silent_s : float
         The longest silence of the flight, and all of them together.
     """
@@ -60,8 +58,6 @@ class LinkState:
         When its last frame came; -inf before the first.
     frames, lost_frames : int
         How many came, and how many are missing by their sequence numbers.
-    round_trip : RoundTrip
-        Time and losses, for transfers and orders over the same link.
     """
 
     def __init__(self) -> None:
@@ -142,17 +138,7 @@ SILENCE_S = 2.0
 
 
 class ContactWatch:
-    """Notes when messages of one vehicle arrive.
-
-    Attributes
-    ----------
-    heard_s : float
-        When the last one did; -inf for never.
-    silent_s : float
-        How long all silences of the flight were together.
-    worst_s : float
-        How long the longest of them was.
-    """
+    """Notes when messages of a vehicle arrive, and how long its silences were: together, and the longest."""
 
     def __init__(self) -> None:
         self.heard_s = -math.inf

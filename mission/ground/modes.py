@@ -65,12 +65,7 @@ def mode_name(autopilot: int, vehicle_type: int, base_mode: int, custom_mode: in
 
 
 def mode_named(autopilot: int, vehicle_type: int, name: str) -> ModeNumbers:
-    """Return the numbers of a mode.
-
-    Raises
-    ------
-    ModeError
-        If the autopilot has no mode of that name; the text lists those that it has.
+    """Return the numbers of a mode; ModeError, which lists the modes there are, if it has none of that name.
 
     Examples
     --------

@@ -32,23 +32,12 @@ class Order:
 
     Parameters
     ----------
-    target : tuple of int
-        System and component.
-    command : int
-        MAV_CMD.
-    params : float
-        The first parameters; the others are 0.
     position : tuple of 3 floats, optional
         Latitude and longitude in degrees, altitude above home in metres.
     tries : int, optional
         So often it is worth sending; by default four times, more often over a link that loses frames.
     round_trip : RoundTrip, optional
         Of the link: an answer is waited for before the order is sent again.
-
-    Attributes
-    ----------
-    due_s : float
-        When it is to be sent (again).
     """
 
     def __init__(

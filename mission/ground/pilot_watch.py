@@ -22,10 +22,6 @@ class PilotWatch:
 
     Attributes
     ----------
-    events : list of (float, str)
-        Time in seconds, and what happened.
-    mode : str
-        Name of the flight mode that was told last.
     ordered : Maneuver or None
         What we ourselves take the vehicle out of its mission for; None again when it is back.
     obeyed : str
@@ -147,10 +143,7 @@ class PilotWatch:
     def on_restart(self, message: m.MAVLink_heartbeat_message | None, now_s: float) -> None:
         """Note that the autopilot has started again; it is told with the state in which it came up.
 
-        Parameters
-        ----------
-        message : HEARTBEAT or None
-            The one that came since it is heard again; None if none has come yet.
+        The HEARTBEAT is the one that came since it is heard again; None if none has come yet.
         """
         self._restarted = True
         if message is not None:

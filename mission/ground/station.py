@@ -96,8 +96,6 @@ class GroundStation:
         Fence and rally points go up before the mission.
     assembler : ObservationAssembler or None
         Turns the camera's messages into observations.
-    system_id, component_id : int
-        Its own.
     on_progress : callable, optional
         ``on_progress(done, total)`` as items of the plans cross.
     start_delay_s : float
@@ -105,8 +103,6 @@ class GroundStation:
     arming_gate : ArmingGate, optional
         What has to hold before the motors start; without, they start at once. With it somebody else may fly
         the vehicle, too: that is noticed, and then nothing is ordered any more.
-    maker : TransferMaker
-        Who carries the plans up.
     force : bool
         Send also what the autopilot would refuse or not fly.
 
@@ -286,11 +282,6 @@ class GroundStation:
         resume_at : int
             The item of it to fly to next. DO items directly before it are carried out where they set
             something else than what holds.
-
-        Returns
-        -------
-        list of messages
-            To be sent.
 
         Raises
         ------
@@ -760,15 +751,7 @@ class GroundStation:
     def maneuver(self, kind: Maneuver, now_s: float) -> list[Message]:
         """Take the vehicle out of its mission: the operator wants it to hold, to return or to land.
 
-        Returns
-        -------
-        list of messages
-            To be sent.
-
-        Raises
-        ------
-        NotFlyingError
-            Before or after the flight, or while somebody else flies the vehicle.
+        NotFlyingError before or after the flight, or while somebody else flies the vehicle.
         """
         if self.phase is not Phase.FLIGHT or self._disarmed_s is not None:
             msg = f"the vehicle does not fly: the ground station is at {self.phase.value!r}"

@@ -19,13 +19,7 @@ _NO_REASON = re.compile(
 
 
 class TextLog:
-    """The STATUSTEXTs of one vehicle.
-
-    Attributes
-    ----------
-    texts : list of (float, int, str)
-        Time in seconds, severity, text.
-    """
+    """The STATUSTEXTs of one vehicle: time in seconds, severity, text."""
 
     def __init__(self) -> None:
         self.texts: list[tuple[float, int, str]] = []

@@ -145,15 +145,7 @@ class TrackRecorder:
 
 
 class FlownLength:
-    """The length over ground of a flight that goes on; each fix is looked at once.
-
-    Parameters
-    ----------
-    tracks : TrackRecorder
-        Of the flight.
-    frame : LocalFrame
-        In whose plane lengths are measured.
-    """
+    """The length over ground of a flight that goes on; each fix is looked at once."""
 
     def __init__(self, tracks: TrackRecorder, frame: LocalFrame) -> None:
         self._tracks = tracks

@@ -38,16 +38,8 @@ class PlanUploads:
     ----------
     mission : Mission
         Its fence and rally points are sent if it has any, then its items.
-    vehicle, ground : tuple of int
-        System and component ids.
-    on_progress : callable, optional
-        ``on_progress(done, total)`` as items cross.
-    maker : TransferMaker
-        Who carries the plans.
     round_trip : RoundTrip, optional
         Of the link; each plan measures its own without.
-    force : bool
-        Send also what the autopilot would refuse or not fly.
 
     Attributes
     ----------
@@ -112,11 +104,6 @@ class PlanUploads:
         """Begin with the first plan, in the way of an autopilot, and return what is to be sent.
 
         Nothing is sent, and `failure` tells why, if the autopilot would not take a plan.
-
-        Parameters
-        ----------
-        vehicle_type : int
-            MAV_TYPE.
         """
         self._profile = profile
         self._rendered = render(self._rendered.mission, profile, vehicle_type)

@@ -26,8 +26,6 @@ class BootClock:
 
     Attributes
     ----------
-    restarts : int
-        How often it started again.
     offset_ms : int
         What is added to the times that the vehicle tells now.
 
@@ -66,15 +64,7 @@ _NO_HEADING = 65535
 
 @dataclass(frozen=True, slots=True)
 class Battery:
-    """What the vehicle told about its battery; None for what it never told.
-
-    Parameters
-    ----------
-    remaining : float or None
-        Fraction that is left.
-    consumed_wh : float or None
-        Used since the start.
-    """
+    """What the vehicle told of its battery: fraction left and energy used; None for what it never told."""
 
     remaining: float | None = None
     consumed_wh: float | None = None

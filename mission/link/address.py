@@ -88,10 +88,6 @@ def parse_link_url(url: str) -> LinkAddress:
         tcpout) or tcpin. An empty host is the loopback address; IPv6 addresses stand in brackets. Or
         ``serial:DEVICE[:BAUD]``, 57600 baud unless given.
 
-    Returns
-    -------
-    LinkAddress
-
     Raises
     ------
     LinkError

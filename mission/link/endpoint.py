@@ -44,10 +44,6 @@ class MavlinkEndpoint:
 
     Parameters
     ----------
-    link : Link
-        What carries the bytes.
-    system_id, component_id : int
-        Who sends.
     wanted : iterable of int, optional
         Ids of the messages that `receive` returns; the others are checked and counted only. None: all.
     tap : callable, optional

@@ -6,13 +6,7 @@ from mission.errors import LinkError
 
 
 class MemoryLink:
-    """One end of a pair made by `memory_pair`.
-
-    Parameters
-    ----------
-    name : str
-        Name for messages.
-    """
+    """One end of a pair made by `memory_pair`."""
 
     __slots__ = ("_inbox", "_open", "_peer_inbox", "name")
 

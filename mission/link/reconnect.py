@@ -25,15 +25,7 @@ _Link = TypeVar("_Link", TcpLink, SerialLink)
 
 
 class _Returning(ABC, Generic[_Link]):
-    """A link that is opened again when it was lost; what is sent meanwhile is dropped.
-
-    Parameters
-    ----------
-    link : TcpLink or SerialLink
-        As it was opened the first time.
-    clock : callable
-        Monotonic seconds.
-    """
+    """A link that is opened again when it was lost; what is sent meanwhile is dropped. It counts openings."""
 
     def __init__(self, address: LinkAddress, link: _Link, clock: Callable[[], float]) -> None:
         self.name = str(address)
@@ -93,24 +85,7 @@ class TcpClientLink(_Returning[TcpLink]):
     While the host is away, what is sent is dropped and a new connection is tried each second, without ever
     blocking.
 
-    Parameters
-    ----------
-    address : LinkAddress
-        Whom to call.
-    timeout_s : float
-        How long the first connection may take.
-    clock : callable
-        Monotonic seconds.
-
-    Attributes
-    ----------
-    connections : int
-        How often it was connected.
-
-    Raises
-    ------
-    LinkError
-        If the first connection cannot be made.
+    LinkError if the first connection cannot be made in ``timeout_s``.
     """
 
     def __init__(
@@ -176,22 +151,7 @@ class SerialClientLink(_Returning[SerialLink]):
 
     While it is away, what is sent is dropped and it is tried again each second.
 
-    Parameters
-    ----------
-    address : LinkAddress
-        ``host`` is the device, ``port`` the bits per second.
-    clock : callable
-        Monotonic seconds.
-
-    Attributes
-    ----------
-    connections : int
-        How often it was opened.
-
-    Raises
-    ------
-    LinkError
-        If it cannot be opened the first time.
+    LinkError if it cannot be opened the first time.
     """
 
     def __init__(self, address: LinkAddress, *, clock: Callable[[], float] = time.monotonic) -> None:

@@ -28,15 +28,7 @@ class SerialLink:
     What the line does not take at once is kept (up to 64 KiB; then whole frames are dropped and counted in
     ``dropped``) and goes out with the next `send` or `receive`.
 
-    Parameters
-    ----------
-    address : LinkAddress
-        ``host`` is the device, ``port`` the bits per second.
-
-    Raises
-    ------
-    LinkError
-        If pyserial is not installed or the device cannot be opened.
+    LinkError if pyserial is not installed or the device cannot be opened.
     """
 
     def __init__(self, address: LinkAddress) -> None:

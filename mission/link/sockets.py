@@ -53,15 +53,7 @@ def _resolve(address: LinkAddress, kind: socket.SocketKind) -> tuple[int, Any]:
 class UdpSocket:
     """A bound UDP socket that any number of peers may call; the piece that multi-client hosts build on.
 
-    Parameters
-    ----------
-    address : LinkAddress
-        Where to bind; port 0 lets the system choose.
-
-    Raises
-    ------
-    LinkError
-        If it cannot be bound.
+    LinkError if it cannot be bound; port 0 lets the system choose.
     """
 
     def __init__(self, address: LinkAddress) -> None:
@@ -108,13 +100,7 @@ class UdpSocket:
 
 
 class UdpInLink:
-    """A UDP link that waits for a caller and answers whoever called last.
-
-    Parameters
-    ----------
-    address : LinkAddress
-        Where to bind.
-    """
+    """A UDP link that waits for a caller and answers whoever called last."""
 
     def __init__(self, address: LinkAddress) -> None:
         self._socket = UdpSocket(address)
@@ -143,13 +129,7 @@ class UdpInLink:
 
 
 class UdpOutLink:
-    """A UDP link that calls a host and hears only that host.
-
-    Parameters
-    ----------
-    address : LinkAddress
-        Whom to call.
-    """
+    """A UDP link that calls a host and hears only that host."""
 
     def __init__(self, address: LinkAddress) -> None:
         family, where = _resolve(address, socket.SOCK_DGRAM)
@@ -198,13 +178,6 @@ class TcpLink:
 
     Bytes that the network does not take at once are kept (up to 1 MiB; then whole frames are dropped and
     counted in ``dropped``) and go out with the next `send` or `receive`.
-
-    Parameters
-    ----------
-    connection : socket.socket
-        The connected socket; it is made non-blocking.
-    name : str
-        Name for messages.
     """
 
     def __init__(self, connection: socket.socket, name: str) -> None:
@@ -292,15 +265,7 @@ class TcpLink:
 class TcpListener:
     """A listening TCP socket; the piece that multi-client hosts build on.
 
-    Parameters
-    ----------
-    address : LinkAddress
-        Where to listen; port 0 lets the system choose.
-
-    Raises
-    ------
-    LinkError
-        If the port cannot be listened on.
+    LinkError if the port cannot be listened on; port 0 lets the system choose.
     """
 
     def __init__(self, address: LinkAddress) -> None:
@@ -339,13 +304,7 @@ class TcpListener:
 
 
 class TcpServerLink:
-    """A TCP link that listens and serves one client at a time; a new client replaces the old one.
-
-    Parameters
-    ----------
-    address : LinkAddress
-        Where to listen.
-    """
+    """A TCP link that listens and serves one client at a time; a new client replaces the old one."""
 
     def __init__(self, address: LinkAddress) -> None:
         self._listener = TcpListener(address)

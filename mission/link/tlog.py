@@ -33,18 +33,7 @@ class FrameSink(Protocol):
 
 
 class TlogWriter:
-    """Writes frames to a log.
-
-    Parameters
-    ----------
-    path : Path or str
-        File to write; an existing one is replaced.
-
-    Raises
-    ------
-    LinkError
-        If the file cannot be written.
-    """
+    """Writes frames to a log, in place of an existing one; LinkError if the file cannot be written."""
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)

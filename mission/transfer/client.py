@@ -78,16 +78,10 @@ class ClientTransfer(ABC):
 
     Parameters
     ----------
-    mission_type : MissionType
-        Which plan.
     target : tuple of int
         System and component id of the vehicle.
     source : tuple of int
         Our system and component id.
-    profile : Profile
-        The autopilot's behaviour.
-    timers : ClientTimers
-        How long to wait.
     round_trip : RoundTrip, optional
         Shared measurement of the link.
     """
@@ -135,13 +129,7 @@ class ClientTransfer(ABC):
         return self._state is COMPLETE or self._state is FAILED
 
     def start(self, now_s: float) -> Output:
-        """Begin.
-
-        Raises
-        ------
-        LocalTransferError
-            If it was started before.
-        """
+        """Begin; LocalTransferError if it was started before."""
         if self._state is not READY:
             msg = "this transfer was started before; make a new one"
             raise LocalTransferError(msg)
@@ -172,13 +160,7 @@ class ClientTransfer(ABC):
         return min(self._give_up_s(), self._retry_s())
 
     def cancel(self, now_s: float) -> Output:
-        """Break the transfer off and tell the vehicle.
-
-        Raises
-        ------
-        LocalTransferError
-            If it is over.
-        """
+        """Break the transfer off and tell the vehicle; LocalTransferError if it is over."""
         if self.done:
             msg = "this transfer is over; there is nothing to cancel"
             raise LocalTransferError(msg)

@@ -25,8 +25,6 @@ class MissionDownload(ClientTransfer):
 
     Parameters
     ----------
-    mission_type : MissionType
-        Which plan.
     window : int, optional
         How many items to ask for at once. More than 1 works only with vehicles that answer any request
         (ArduPilot); default 10 for profiles that do, otherwise 1.

@@ -61,8 +61,6 @@ class TransferDriver:
         Monotonic seconds.
     wait : callable
         ``wait(link, seconds)`` returns when something may have arrived, at the latest after that time.
-    timers : ClientTimers, optional
-        How long to wait for answers.
     on_event : callable, optional
         Called with each event, for a progress bar.
     maker : TransferMaker
@@ -231,17 +229,7 @@ class TransferDriver:
     def render(self, mission: Mission, *, parameters: Mapping[str, float] | None = None) -> Rendered:
         """Return a mission as the vehicle's autopilot takes it, with remarks (`mission.transfer.rendering`).
 
-        Parameters
-        ----------
-        parameters : mapping of str to float, optional
-            The vehicle's, as far as it told them.
-
-        Raises
-        ------
-        NoVehicleError
-            If none is heard.
-        LinkError
-            If the link breaks.
+        ``parameters`` are those of the vehicle, as far as it told them; errors as of `wait_for_vehicle`.
         """
         vehicle = self.vehicle or self.wait_for_vehicle()
         return render(mission, vehicle.profile, vehicle.vehicle_type, parameters=parameters)
@@ -261,19 +249,12 @@ class TransferDriver:
 
         Parameters
         ----------
-        mission : Mission
-            What to send.
         types : iterable of MissionType, optional
             Which plans; default the mission, and fence and rally points if there are any.
         force : bool
             Send also what the autopilot would refuse or not fly.
         parameters : mapping of str to float, optional
             The vehicle's, as far as it told them: they decide what it would not fly.
-
-        Returns
-        -------
-        tuple of TransferStatistics
-            One for each plan that was sent.
 
         Raises
         ------
@@ -320,20 +301,7 @@ class TransferDriver:
         PX4 judges a mission after it has confirmed it: one that it would not fly is stored, but its state is
         MISSION_STATE_NO_MISSION, and its mission mode is refused.
 
-        Parameters
-        ----------
-        listen_s : float
-            How long to listen; a round trip more over a slow link.
-
-        Returns
-        -------
-        int or None
-            The last MISSION_STATE that it told; None if it told none.
-
-        Raises
-        ------
-        LinkError
-            If the link breaks.
+        Return the last MISSION_STATE that it told while we listened; None if it told none.
         """
         vehicle = self.vehicle or self.wait_for_vehicle()
         target = (vehicle.system_id, vehicle.component_id)
@@ -363,10 +331,6 @@ class TransferDriver:
         """Read the vehicle's plans.
 
         A vehicle that has no fence or rally points at all (it answers UNSUPPORTED) has empty ones.
-
-        Returns
-        -------
-        Mission, tuple of TransferStatistics
 
         Raises
         ------

@@ -32,13 +32,7 @@ class PlanState(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something that happened in a transfer.
-
-    Parameters
-    ----------
-    mission_type : MissionType
-        Which plan it concerns.
-    """
+    """Something that happened in a transfer of one kind of plan."""
 
     mission_type: MissionType
 
@@ -86,14 +80,10 @@ class TransferFailed(Event):
 
     Parameters
     ----------
-    reason : FailureReason
-        The kind of failure.
     text : str
         One line for people.
     result : int or None
         The MAV_MISSION_RESULT that was received or sent, if any.
-    vehicle_plan : PlanState
-        What the vehicle holds now.
     item : int or None
         The item, from 0, that was sent last when a vehicle refused an upload.
     """
@@ -119,8 +109,6 @@ class PlanReplaced(Event):
 
     Parameters
     ----------
-    items : tuple of MissionItem
-        The plan.
     opaque_id : int
         Its checksum; equal plans have equal ids.
     changed : bool
@@ -181,10 +169,6 @@ class TransferStatistics:
 
     Parameters
     ----------
-    mission_type : MissionType
-        The plan.
-    items : int
-        Items of the plan.
     messages_sent, messages_received : int
         Mission messages of this transfer.
     retries : int

@@ -135,15 +135,7 @@ def _same_polygon(one: MissionItem, other: MissionItem) -> bool:
 def count_remarks(
     mission: Mission, sent: int, profile: Profile, parameters: Mapping[str, float]
 ) -> list[Remark]:
-    """Tell plans that are longer than the autopilot, or many of its boards, can hold.
-
-    Parameters
-    ----------
-    sent : int
-        Items of the mission as it is sent.
-    parameters : mapping of str to float
-        Of the vehicle, as far as it told them.
-    """
+    """Tell plans that are longer than the autopilot, or many of its boards, can hold."""
     found = []
     for kind in MissionType:
         count = sent if kind is MissionType.MISSION else len(mission.plan(kind))

@@ -65,12 +65,7 @@ class RoundTrip:
     def wait(self, default_s: float, floor_s: float, most_s: float) -> float:
         """Return how long to wait for an answer before asking again: four round trips, at least one.
 
-        Parameters
-        ----------
-        default_s : float
-            While nothing is known.
-        floor_s, most_s : float
-            Limits of the four round trips; a single one that is longer is waited for in any case.
+        ``default_s`` while nothing is known; ``floor_s`` and ``most_s`` limit the four, not a single one.
         """
         known_s = self.known_s
         if known_s is None:
@@ -83,10 +78,7 @@ class RoundTrip:
         One, unless the link loses frames and the other side gives up before it could be sent again often
         enough: then so many, at most four, that all of them are lost once in a hundred times.
 
-        Parameters
-        ----------
-        patience_s : float
-            After so long without anything new the other side gives up.
+        ``patience_s`` is after how long without anything new the other side gives up.
 
         Examples
         --------

@@ -61,12 +61,7 @@ def validate_numbers(message: wire.ItemMessage, profile: Profile) -> int:
 def validate_item(item: MissionItem, count: int, profile: Profile) -> int:
     """Return the MAV_MISSION_RESULT for command, frame and jump target of an item.
 
-    Parameters
-    ----------
-    item : MissionItem
-        As it came, jump targets as the autopilot counts.
-    count : int
-        Items of the plan on the wire.
+    The item as it came, jump targets as the autopilot counts, of a plan of ``count`` items on the wire.
 
     Examples
     --------

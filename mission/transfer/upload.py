@@ -69,7 +69,7 @@ def check_plan(items: Sequence[MissionItem], mission_type: MissionType) -> None:
 
 
 class MissionUpload(ClientTransfer):
-    """Sends a plan; ends with `UploadComplete` or `TransferFailed`.
+    """Sends a plan; ends with `UploadComplete` or `TransferFailed`. LocalTransferError if it cannot be sent.
 
     An empty plan is sent as MISSION_CLEAR_ALL (PX4 hangs for a while after a COUNT of 0).
 
@@ -77,8 +77,6 @@ class MissionUpload(ClientTransfer):
     ----------
     items : sequence of MissionItem
         The plan, without a home item, as the autopilot takes it (`mission.transfer.rendering`).
-    mission_type : MissionType
-        Which plan it is.
     home : GeoPoint, optional
         Home position for autopilots that want it as item 0.
     start_sequence : int or None
@@ -87,11 +85,6 @@ class MissionUpload(ClientTransfer):
         For each item its number, from 0, in the plan that the user knows; without, its own.
     **options
         See `mission.transfer.client.ClientTransfer`.
-
-    Raises
-    ------
-    LocalTransferError
-        If the plan cannot be sent.
 
     Examples
     --------
@@ -266,15 +259,7 @@ class MissionUpload(ClientTransfer):
 
 
 class MissionClear(ClientTransfer):
-    """Empties one plan; ends with `ClearComplete` or `TransferFailed`.
-
-    Parameters
-    ----------
-    mission_type : MissionType
-        Which plan.
-    **options
-        See `mission.transfer.client.ClientTransfer`.
-    """
+    """Empties one plan; ends with `ClearComplete` or `TransferFailed`."""
 
     _opening_input = ClientInput.START_CLEAR
 

@@ -66,21 +66,7 @@ class TransferMaker(Protocol):
     ) -> Upload:
         """Return an upload of a plan that is read back.
 
-        Parameters
-        ----------
-        items : sequence of MissionItem
-            The plan, without a home item.
-        home : GeoPoint, optional
-            Home position for autopilots that want it as item 0.
-        start_sequence : int or None
-            The item to mark as current, None for none.
-        **options
-            See `mission.transfer.client.ClientTransfer`; a maker uses those that mean something to it.
-
-        Raises
-        ------
-        LocalTransferError
-            If the plan cannot be sent.
+        Parameters and errors are those of `MissionUpload`; a maker uses the options that it knows.
         """
 
     def download(self, mission_type: MissionType, **options: Any) -> Transfer:

@@ -16,17 +16,7 @@ __all__ = ["Vehicle", "VehicleSearch", "vehicle_of"]
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """A vehicle that was heard.
-
-    Parameters
-    ----------
-    system_id, component_id : int
-        Its autopilot's ids.
-    autopilot : int
-        MAV_AUTOPILOT.
-    vehicle_type : int
-        MAV_TYPE.
-    """
+    """A vehicle that was heard: ids of its autopilot, MAV_AUTOPILOT and MAV_TYPE."""
 
     system_id: int
     component_id: int
@@ -55,14 +45,7 @@ def vehicle_of(message: Message) -> Vehicle | None:
 
 
 class VehicleSearch:
-    """Looks for a vehicle among the messages of a link.
-
-    Parameters
-    ----------
-    system_id : int, optional
-        The vehicle that is wanted; by default the first one that is heard.
-    besides : collection of int
-        System ids of those that are known already.
+    """Looks for a vehicle among the messages of a link: a certain one, or the first one besides those known.
 
     Attributes
     ----------

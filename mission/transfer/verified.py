@@ -122,20 +122,6 @@ def compare_plans(
     Allowed are: 32-bit floats (1e-5 relative), 2.5e-7 degree, 1.1 cm of altitude, a yaw that differs by
     full turns, the frames 5/6/11 for 0/3/10 (the same by `MissionItem`), and what the profile says of the
     fields that an autopilot does not keep, or keeps roughly.
-
-    Parameters
-    ----------
-    sent, received : tuple of MissionItem
-        The plans.
-    profile : Profile
-        The autopilot that stored the plan.
-    limit : int
-        Stop after so many differences.
-
-    Returns
-    -------
-    tuple of Difference
-        Empty if the plans are the same.
     """
     if len(sent) != len(received):
         return (Difference(-1, "count", len(sent), len(received)),)
@@ -163,20 +149,12 @@ class VerifiedUpload:
     Over a link that loses so much that a vehicle may give up by bad luck (`RoundTrip.copies`), an upload or
     a reading that was given up is made again, five times at most.
 
+    Takes what `MissionUpload` takes, besides:
+
     Parameters
     ----------
-    items : sequence of MissionItem
-        The plan, without a home item.
-    mission_type : MissionType
-        Which plan it is.
-    home : GeoPoint, optional
-        Home position for autopilots that want it as item 0.
     readings : int
         How often to read back before a difference is believed (an echo of an older transfer can spoil one).
-    origins : sequence of int, optional
-        See `mission.transfer.upload.MissionUpload`.
-    **options
-        See `mission.transfer.client.ClientTransfer`.
 
     Attributes
     ----------

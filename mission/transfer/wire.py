@@ -195,12 +195,6 @@ def item_to_message(
     ----------
     item : MissionItem
         The item; a parameter that is None goes out as NaN.
-    sequence : int
-        Its number in the plan.
-    mission_type : int
-        MAV_MISSION_TYPE.
-    target : tuple of int
-        System and component id of the receiver.
     current : bool
         Mark the item as the one to start with.
     integer : bool

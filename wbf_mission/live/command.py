@@ -48,21 +48,12 @@ class VehicleSilentError(WbfMissionError, RuntimeError):
 
 @dataclass(frozen=True, slots=True)
 class OperatorCommand:
-    """A command of an operator.
+    """A command of an operator; OrderError if there is no such order, or its value is missing or wrong.
 
     Parameters
     ----------
-    order : str
-        One of `ORDERS`.
-    value : str
-        What it takes; empty for nothing.
     arms : bool
         It may start motors that stand, though it is no order to arm.
-
-    Raises
-    ------
-    OrderError
-        If there is no such order, or its value is missing or wrong.
 
     Examples
     --------

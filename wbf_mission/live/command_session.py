@@ -48,8 +48,6 @@ class Step:
         Tells by what was heard of the vehicle whether it is carried out.
     command : int or None
         MAV_CMD; None where only `message` is sent.
-    params : tuple of float
-        Its first parameters.
     message : Message or None
         What is sent to a vehicle that does not know the command. Nothing answers it.
     """
@@ -70,13 +68,6 @@ def is_ready(wanted: OperatorCommand, heard: VehicleMonitor) -> bool:
 
 def step_of(wanted: OperatorCommand, vehicle: tuple[int, int], heard: VehicleMonitor) -> Step:
     """Return how a vehicle is given an order.
-
-    Parameters
-    ----------
-    vehicle : tuple of int
-        System and component id.
-    heard : VehicleMonitor
-        What it told of itself.
 
     Raises
     ------
@@ -164,20 +155,7 @@ _STREAMED = (
 
 
 class CommandSession:
-    """A component that gives one order to one vehicle.
-
-    Parameters
-    ----------
-    system_id : int or None
-        Of the vehicle; None: the first one that is heard.
-
-    Attributes
-    ----------
-    error : Exception or None
-        Why it was not carried out.
-    search : VehicleSearch
-        For the vehicle.
-    """
+    """A component that gives one order to one vehicle, to the first that is heard where none is named."""
 
     system_id = GROUND_SYSTEM_ID
     component_id = GROUND_COMPONENT_ID

@@ -24,13 +24,7 @@ class LiveFlightError(WbfMissionError, ValueError):
 
 
 def require_single_flight(scenario: Scenario) -> None:
-    """Refuse what needs hands: more flights than one, robots of no size.
-
-    Raises
-    ------
-    LiveFlightError
-        If the scenario asks for it.
-    """
+    """Refuse with LiveFlightError what needs hands: more flights than one, robots of no size."""
     if scenario.farm.days * scenario.farm.flights_per_day > 1:
         msg = "--connect does one flight: batteries are not changed by a program; leave out days and flights"
         raise LiveFlightError(msg)
@@ -45,19 +39,8 @@ def wanted_vehicles(
 ) -> tuple[tuple[str, int | None], ...]:
     """Return link and system id of each vehicle; None is one that need not be named.
 
-    Parameters
-    ----------
-    urls : sequence of str
-        The link of each, or one for all.
-    system_ids : sequence of int
-        Of each, or none.
-    named : int
-        How many vehicles the scenario names; one may stand for all.
-
-    Raises
-    ------
-    LiveFlightError
-        If the numbers do not fit, or one vehicle is named twice.
+    One link stands for all, and one of the names that the scenario has, too. LiveFlightError if the numbers
+    do not fit, or one vehicle is named twice.
 
     Examples
     --------
@@ -89,20 +72,8 @@ def fitted_to(scenario: Scenario, *vehicles: Vehicle) -> Scenario:
 
     Those of the scenario hold for an autopilot of which no rules are known.
 
-    Parameters
-    ----------
-    scenario : Scenario
-        Its vehicles are those that were heard, in this order; one name is that of all.
-
-    Returns
-    -------
-    Scenario
-        With the vehicles in the order of their system ids.
-
-    Raises
-    ------
-    LiveFlightError
-        If one of the scenario's vehicles is of another kind.
+    The scenario's vehicles are those that were heard, in this order; the answer has them by their system ids.
+    LiveFlightError if one is of another kind.
     """
     options = scenario.vehicle if len(vehicles) == 1 else replace(scenario.vehicle, vehicles=len(vehicles))
     fitted = []

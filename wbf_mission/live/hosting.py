@@ -78,25 +78,13 @@ class LinkHosting:
         seed: SeedSequence,  # noqa: ARG002
         gone: Collection[int],  # noqa: ARG002
     ) -> LinkHost:
-        """Open the links.
-
-        Raises
-        ------
-        LinkError
-            If an address is wrong, in use or not reachable.
-        """
+        """Open the links; LinkError if an address is wrong, in use or not reachable."""
         components: list[Component] = [part for one in sorties for part in (riding_camera(one), one.ground)]
         return LinkHost(Server(components, self.links, tap=tap_of(writer, time_of_day)))
 
 
 def links_of(heard: Iterable[tuple[str, Vehicle]]) -> tuple[ServerUrl, ...]:
-    """Return the links of vehicles that were heard; of several each carries its own vehicles only.
-
-    Parameters
-    ----------
-    heard : iterable of (str, Vehicle)
-        Address and vehicle.
-    """
+    """Return the links of vehicles that were heard; of several each carries its own vehicles only."""
     systems: dict[str, set[int]] = {}
     for url, vehicle in heard:
         systems.setdefault(url, set()).add(vehicle.system_id)
@@ -113,10 +101,7 @@ def _as_it_is(messages: Iterable[Message], _now_s: float) -> Iterable[Message]:
 class LinkHost:
     """A server whose Ctrl-C is the caller's.
 
-    Parameters
-    ----------
-    through : callable
-        Takes what a component wants to send of its own accord, and the time; returns what is sent as it is.
+    ``through`` takes what a component sends by itself, and the time; it returns what is sent as it is.
     """
 
     def __init__(
@@ -136,13 +121,7 @@ class LinkHost:
         return self._server.frames
 
     def run(self, until: Callable[[float], bool] | None = None, limit_s: float = NEVER) -> StopReason:
-        """Serve until a condition holds or so many more seconds went by.
-
-        Raises
-        ------
-        KeyboardInterrupt
-            At Ctrl-C; the link stays open.
-        """
+        """Serve until a condition holds or time is up; the link stays open at KeyboardInterrupt."""
         reason = self._server.run(until=until, limit_s=limit_s)
         if reason is StopReason.STOPPED:
             raise KeyboardInterrupt

@@ -51,21 +51,13 @@ class LiveLink:
     urls : str or sequence of str
         ``udpin:``, ``udpout:``, ``tcp:`` or ``tcpin:HOST:PORT``, or ``serial:DEVICE:BAUD``: one for each
         vehicle, or one for all.
-    agreed : bool
-        The start of the motors is agreed to beforehand.
-    wait_s : float
-        How long to wait for a vehicle's heartbeat.
     system_ids : sequence of int
         Of each vehicle; without, those that are heard first.
-    note : callable
-        Takes lines for the operator.
     force : bool
         Fly a plan in which the preflight check finds errors, among them what the autopilot would refuse.
     tell : callable
         Takes what the preflight check finds, the error with which the flight is refused, if it is, and of
         which vehicle, ``"vehicle 2: "``, where several fly.
-    via : Via
-        Who talks to the vehicle.
     """
 
     urls: str | Sequence[str]
@@ -82,12 +74,7 @@ class LiveLink:
     def fitted(self, scenario: Scenario) -> Scenario:
         """Wait for the vehicles; return the scenario by the rules of their autopilots.
 
-        Raises
-        ------
-        LiveFlightError
-            If these vehicles cannot do the run.
-        LinkError, NoVehicleError
-            If there is no link, or nobody on it.
+        LiveFlightError if these vehicles cannot do the run; LinkError or NoVehicleError without any.
         """
         require_single_flight(scenario)
         urls = (self.urls,) if isinstance(self.urls, str) else tuple(self.urls)
@@ -121,12 +108,7 @@ class LiveLink:
         start stays that of one that stands within a few metres of it, and of one that is too far away to be
         started at all.
 
-        Raises
-        ------
-        LinkError, NoVehicleError
-            If a vehicle is not there any more.
-        WbfMissionError
-            If the budget does not suit the vehicle from there.
+        WbfMissionError if the budget does not suit a vehicle from there, or it is not there any more.
         """
         return tuple(
             self._standing(replace(one, task=replace(one.task, system_id=number)))
@@ -160,12 +142,7 @@ class LiveLink:
 
         That a vehicle cannot arm yet is no error: the start waits for it.
 
-        Raises
-        ------
-        PreflightError
-            If there are errors, unless they are overruled; all vehicles are asked before.
-        LinkError, NoVehicleError
-            If a vehicle is not there any more.
+        PreflightError if there are errors, unless they are overruled; all vehicles are asked before.
         """
         refusals = []
         for vehicle, plan in planned:

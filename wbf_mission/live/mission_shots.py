@@ -15,15 +15,7 @@ _SAME = 1e-5  # parameters cross the link as 32-bit floats
 
 @dataclass(frozen=True, slots=True)
 class Shots:
-    """What a camera does by itself; neither distance nor interval is nothing.
-
-    Parameters
-    ----------
-    distance_m : float
-        Between images, along the path.
-    interval_ms : float
-        Between images.
-    """
+    """What a camera does by itself, by distance or by time between images; neither is nothing."""
 
     distance_m: float = 0.0
     interval_ms: float = 0.0
@@ -68,13 +60,6 @@ class MissionShots:
     does not command it is not waited for. So a command that is lost, late, or overtaken by an older one
     does not decide for longer than that. What a ground station ordered holds until the mission orders
     something else. A vehicle that orders image by image needs nothing of this.
-
-    Attributes
-    ----------
-    commanded : bool
-        The vehicle commands this camera.
-    single : bool
-        The vehicle orders each image.
     """
 
     def __init__(self) -> None:
@@ -97,10 +82,6 @@ class MissionShots:
 
         Parameters
         ----------
-        ordered : Shots or None
-            By the mission, at the item that the vehicle has just told.
-        does : Shots
-            What the camera does.
         may_stop : bool
             False while the mission is being changed: an item of the one, read in the other, must not end
             the images.

@@ -27,12 +27,8 @@ class Silence:
 
     Parameters
     ----------
-    before, after : tuple of float
-        Latitude and longitude, in degrees.
     item : int
         Of the mission, that was flown before; -1 if none was.
-    shots : Shots
-        What the camera did before.
     """
 
     before: tuple[float, float]
@@ -48,12 +44,7 @@ def images_in(silence: Silence, mission: Mission, item: int) -> int:
     The way goes straight from position to position of the items that were flown; its time is spread evenly
     over its length. Where a mission orders nothing of the camera, it does what it did.
 
-    Parameters
-    ----------
-    mission : Mission
-        That was flown.
-    item : int
-        That is flown after it; from the number of items on, the mission is over.
+    From the number of items on, ``item`` means that the mission is over.
     """
     first, last = silence.item, min(item, len(mission.items) - 1)
     if first < 0:
@@ -113,20 +104,6 @@ class RidingCamera:
     mission (`wbf_mission.live.mission_shots`). What it has ordered to stop stays stopped in any mode: a PX4
     tells the last item, the return, after it has left the mission's mode for that of returns, in which its
     shots stop anyway.
-
-    Parameters
-    ----------
-    camera : LeafCameraComponent
-        Of the vehicle's system.
-    mission : callable
-        Returns the mission that the vehicle holds.
-    changing : callable, optional
-        Returns whether that is being changed.
-
-    Attributes
-    ----------
-    missed : int
-        About how many images were not taken because nothing was heard of the vehicle.
     """
 
     def __init__(

@@ -24,15 +24,7 @@ _MOST_VEHICLES = 250
 
 
 class WatchedVehicle:
-    """One vehicle.
-
-    Attributes
-    ----------
-    link : LinkState
-        How well it is heard.
-    gps_fix, satellites : int or None
-        GPS_FIX_TYPE, and how many satellites are seen.
-    """
+    """One vehicle: what it told, and how well it is heard."""
 
     def __init__(self, system_id: int) -> None:
         self.system_id = system_id

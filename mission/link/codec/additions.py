@@ -37,14 +37,7 @@ _FIELD = re.compile(r"(\w+)(?:\[(\d+)\])? (\w+)")
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """One field of a message.
-
-    Parameters
-    ----------
-    kind : str
-        Its C type, as in ``uint16_t``.
-    length : int
-        Elements of an array, 0 for a single value.
+    """One field of a message: its C type, and the elements of an array, 0 for a single value.
 
     Examples
     --------

@@ -113,8 +113,6 @@ class FrameWriter:
 
     Parameters
     ----------
-    system_id, component_id : int
-        The sender.
     codec : mavlink.MAVLink, optional
         The generated codec; its sequence number is used.
     signing : Signing, optional
@@ -136,13 +134,7 @@ class FrameWriter:
         self.codec.srcComponent = component_id
 
     def encode(self, message: Message) -> bytes:
-        """Return the MAVLink 2 frame of the message, and count the sequence on.
-
-        Raises
-        ------
-        struct.error
-            If a field does not fit its type.
-        """
+        """Return the MAVLink 2 frame, and count on; struct.error if a field does not fit its type."""
         codec = self.codec
         kind = _KINDS[type(message).id]
         sequence: int = codec.seq
@@ -166,17 +158,7 @@ class FrameWriter:
 
 @dataclass(slots=True)
 class SourceStatistics:
-    """What was heard of one sender.
-
-    Parameters
-    ----------
-    received : int
-        Frames.
-    lost : int
-        Frames missing by the gaps in the sequence numbers.
-    late : int
-        Frames that came again or out of order.
-    """
+    """Frames of one sender: received, missing by their sequence numbers, come again or out of order."""
 
     received: int = 0
     lost: int = 0

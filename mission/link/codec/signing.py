@@ -37,10 +37,7 @@ _LATEST = (1 << 48) - 1
 def key_from_text(text: str) -> bytes:
     """Return the key for what a person types: 64 hexadecimal digits, or a phrase, hashed as MAVProxy does.
 
-    Raises
-    ------
-    LinkError
-        If it is empty.
+    LinkError if it is empty.
 
     Examples
     --------
@@ -63,19 +60,7 @@ def key_from_text(text: str) -> bytes:
 
 @dataclass(slots=True)
 class SigningStatistics:
-    """What was judged so far.
-
-    Parameters
-    ----------
-    good : int
-        Frames with a right signature.
-    unsigned : int
-        Frames refused because they had none.
-    wrong : int
-        Frames refused because their signature was wrong.
-    old : int
-        Frames refused as replays.
-    """
+    """Frames with a right signature; those refused for having none, a wrong one, or as replays."""
 
     good: int = 0
     unsigned: int = 0
@@ -148,10 +133,7 @@ class Signing:
     def setup(self, key: bytes, initial_timestamp: int = 0) -> None:
         """Take a new key (all zeros: none) and start no earlier than a time stamp.
 
-        Raises
-        ------
-        LinkError
-            If the key may not be changed, or has not 32 bytes.
+        LinkError if the key may not be changed, or has not 32 bytes.
         """
         if not self.may_setup:
             msg = "signing: the key may not be changed over this link"

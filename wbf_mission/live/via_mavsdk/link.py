@@ -45,15 +45,7 @@ class MavsdkLink:
     comes out here, and what is sent here goes to the vehicle. It is the ground station on the link: it sends
     the heartbeat, and answers to its own commands and transfers stay with it.
 
-    Parameters
-    ----------
-    url : str
-        See `mission.link.address.parse_link_url`.
-
-    Raises
-    ------
-    LinkError
-        If the address is wrong, or MAVSDK cannot open it.
+    LinkError if the address is wrong, or MAVSDK cannot open it.
     """
 
     def __init__(self, url: str) -> None:
@@ -116,13 +108,7 @@ class MavsdkLink:
         return None if self._closed else self._woken.fileno()
 
     def plugin(self, kind: type, system_id: int) -> Any:
-        """Return a plugin of MAVSDK for one vehicle; the same one at each call.
-
-        Raises
-        ------
-        NoVehicleError
-            If MAVSDK has not heard of the vehicle.
-        """
+        """Return the plugin of MAVSDK for a vehicle; NoVehicleError if it has not heard of it."""
         key = (kind, system_id)
         if key not in self._plugins:
             self._plugins[key] = kind(self._system(system_id))

@@ -60,15 +60,6 @@ class MavsdkOrders:
 
     MISSION_SET_CURRENT is not for MAVSDK: its set_current_mission_item sends it again at each MISSION_CURRENT
     that names another item, without end if a vehicle goes on from a command to its next waypoint at once.
-
-    Parameters
-    ----------
-    system_id : int
-        Of the vehicle.
-    autopilot, vehicle_type : int
-        MAV_AUTOPILOT and MAV_TYPE.
-    note : callable
-        Takes a line for the operator when MAVSDK tells of a refusal.
     """
 
     def __init__(

@@ -62,13 +62,7 @@ _LONGEST_S = 300.0
 
 
 class MavsdkTransfers:
-    """Makes transfers that MAVSDK carries out.
-
-    Parameters
-    ----------
-    link : callable
-        Returns the link that MAVSDK keeps, when a transfer begins.
-    """
+    """Makes transfers that MAVSDK carries out over the link that it keeps when one begins."""
 
     def __init__(self, link: Callable[[], MavsdkLink]) -> None:
         self._link = link
@@ -228,21 +222,7 @@ class MavsdkDownload(_Transfer):
 class MavsdkUpload(_Transfer):
     """Sends a plan, reads it back and compares; ends with `UploadVerified` or `TransferFailed`.
 
-    Parameters
-    ----------
-    plan : MissionUpload
-        What is to be sent, never started.
-    reading : MavsdkDownload
-        Reads it back.
-    link : callable
-        Returns the link that MAVSDK keeps.
-
-    Attributes
-    ----------
-    confirmed_s : float or None
-        When the vehicle confirmed the plan.
-    opaque_id : int
-        MAVSDK does not tell the plan's id: 0.
+    The plan is a `MissionUpload` that is never started. MAVSDK does not tell its id.
     """
 
     opaque_id = 0
@@ -342,12 +322,6 @@ class MavsdkUpload(_Transfer):
 
 
 def _item_of(raw: RawItem) -> MissionItem:
-    """Return an item that MAVSDK read.
-
-    Raises
-    ------
-    MissionError
-        If a number is infinite, or the position is none on the globe.
-    """
+    """Return an item that MAVSDK read; MissionError for infinite numbers, or a position that is none."""
     fields = [getattr(raw, field) for field in _ITEM_FIELDS]
     return wire.item_from_message(m.MAVLink_mission_item_int_message(0, 0, *fields))

@@ -224,7 +224,7 @@ def check_change(new: Mission, resume_at: int, old: Mission) -> None:
     What the autopilot would not take is told by `mission.transfer.rendering`.
 
     MissionError if the item to go on with is no position to fly to, the mission does not lead home although
-    the old one did, or a position is far from home or too high; LocalTransferError if it cannot be sent at all.
+    the old one did, or a position is far from home or too high; LocalTransferError if it cannot be sent.
 
     Examples
     --------

@@ -30,7 +30,7 @@ from threadpoolctl import threadpool_limits
 
 from geo.farms import get_farm
 from geo.seeds import child_seed
-from mission.policies.acquisition import Worth
+from mission.policies.acquisition import ValueMap
 from mission.policies.greedy import Greedy
 from mission.policies.observation import PolicyObservation
 from sensors.environment import generate_environment
@@ -57,14 +57,14 @@ class TrueLoss:
     truth: NDArray[np.float32]
     masks: NDArray[np.bool_]
 
-    def __call__(self, observation: PolicyObservation, /) -> Worth:
-        """Return the worth of each cell."""
-        worth = np.zeros(observation.model.shape, np.float32)
+    def __call__(self, observation: PolicyObservation, /) -> ValueMap:
+        """Return the acquisition value of each cell."""
+        values = np.zeros(observation.model.shape, np.float32)
         for k, weight in enumerate(observation.weights.field):
             error = observation.model.value[k] - self.truth[k]
             cost = np.where(error > 0.0, WEIGHTS.too_healthy[k], WEIGHTS.too_sick[k])
-            worth += weight * self.masks[k] * cost * error**2
-        return worth
+            values += weight * self.masks[k] * cost * error**2
+        return values
 
 
 def truth_of(farm_name: str, seed: int) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:

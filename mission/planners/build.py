@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from mission.errors import PlanningError
 from mission.model import Command, Frame, GeoPoint, Mission, MissionItem
+from mission.planners.cornering import Cornering
 from mission.planners.path import Area, PlannedPath
-from mission.planners.turns import Turns
 
 if TYPE_CHECKING:
     from geo.frame import LocalFrame
@@ -54,7 +54,7 @@ def build_mission(
     speed_m_s: float,
     camera_distance_m: float | None = None,
     camera_interval_s: float | None = None,
-    turns: Turns | None = None,
+    cornering: Cornering | None = None,
     avoid: Area | None = None,
     camera_on_approach: bool = False,
     return_home: bool = True,
@@ -80,8 +80,8 @@ def build_mission(
 
     Points closer than 1 cm to the one before are loiters there: with a camera interval each is a hold
     (param1) of one interval more, for one image more; with a camera distance, where staying shows nothing,
-    they are dropped. Legs are led on where the autopilot turns early (`mission.planners.turns.Turns`); the
-    heading is left to the vehicle.
+    they are dropped. Legs overshoot where the autopilot turns early (`mission.planners.cornering.Cornering`);
+    the heading is left to the vehicle.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def build_mission(
         Ground speed.
     camera_distance_m, camera_interval_s : float, optional
         Distance or time between two images; at most one of them.
-    turns : Turns, optional
+    cornering : Cornering, optional
         How the autopilot takes corners; by default it is sent to the points of the path, within its own
         acceptance radius.
     avoid : Polygon or MultiPolygon, optional
@@ -122,7 +122,7 @@ def build_mission(
     _check_positive("altitude", altitude_m, "m")
     _check_positive("speed", speed_m_s, "m/s")
     camera = _camera_command(camera_distance_m, camera_interval_s)
-    route = (turns or Turns()).waypoints(path.points_m, home_xy_m, avoid=avoid)
+    route = (cornering or Cornering()).waypoints(path.points_m, home_xy_m, avoid=avoid)
     points = route.points_m
     ending = 3 if pattern is not None else 1
     holds_s = route.loiters * (camera_interval_s or 0.0)

@@ -1,4 +1,4 @@
-"""Acquisitions: what seeing a cell is worth, from what is believed."""
+"""Acquisition functions: the value of seeing a cell, from what is believed."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from mission.policies.observation import PolicyObservation
 from sensors.fields import Field
 from sensors.scoring.information import InformationModel
 
-Worth: TypeAlias = NDArray[np.float32]
+ValueMap: TypeAlias = NDArray[np.float32]
 
 _CLASS_VALUES = (1.0, 0.5, 0.0)
 _COLUMNS_A_PART = 32
@@ -26,11 +26,11 @@ _COLUMNS_A_PART = 32
 class Acquisition(Protocol):
     """Tells what seeing each cell is worth."""
 
-    def __call__(self, observation: PolicyObservation, /) -> Worth:
-        """Return float32[W, H], not negative: the worth of each cell, zero where nothing is scored."""
+    def __call__(self, observation: PolicyObservation, /) -> ValueMap:
+        """Return the values of the cells, float32[W, H]: not negative, zero where nothing is scored."""
 
 
-def expected_loss(observation: PolicyObservation) -> Worth:
+def expected_loss(observation: PolicyObservation) -> ValueMap:
     """Return the loss that the score is expected to charge for each cell of the present estimate.
 
     It is what an observation of the cell saves: the sum over the fields of their weights and the loss
@@ -43,12 +43,12 @@ def expected_loss(observation: PolicyObservation) -> Worth:
     return _weighted(observation, lambda k, field: _loss_of_field(observation, k, field))
 
 
-def variance(observation: PolicyObservation) -> Worth:
+def variance(observation: PolicyObservation) -> ValueMap:
     """Return the variance that the estimator states, weighted by field."""
     return _weighted(observation, lambda k, _field: observation.model.uncertainty[k] ** 2)
 
 
-def entropy(observation: PolicyObservation) -> Worth:
+def entropy(observation: PolicyObservation) -> ValueMap:
     """Return the entropy of the classes (nats) of each disease, weighted by field.
 
     Fields without class probabilities count by the entropy of a normal distribution, relative to a standard
@@ -65,7 +65,7 @@ def entropy(observation: PolicyObservation) -> Worth:
     return _weighted(observation, of_field)
 
 
-def probability_of_sick(observation: PolicyObservation) -> Worth:
+def probability_of_sick(observation: PolicyObservation) -> ValueMap:
     """Return the probability that a plant that is not known is sick, weighted by disease.
 
     Without class probabilities, how far the estimate is below healthy. Cells without doubt are worth nothing.
@@ -101,11 +101,11 @@ class WithCoverage:
     caution: float
     reach: float = 3.0
 
-    def __call__(self, observation: PolicyObservation, /) -> Worth:
-        """Return the worth of each cell."""
-        worth = self.acquisition(observation)
+    def __call__(self, observation: PolicyObservation, /) -> ValueMap:
+        """Return the acquisition value of each cell."""
+        values = self.acquisition(observation)
         if self.caution <= 0.0:
-            return worth
+            return values
         from scipy import ndimage
 
         seen = observation.observations
@@ -118,7 +118,9 @@ class WithCoverage:
             distance = ndimage.distance_transform_edt(unseen).astype(np.float32)
             far = 1.0 - np.exp(-((distance / np.float32(self.reach)) ** 4))
         far *= np.float32(self.caution)
-        return worth + _weighted(observation, lambda _k, field: far if field.kind == "disease" else 0.0 * far)
+        return values + _weighted(
+            observation, lambda _k, field: far if field.kind == "disease" else 0.0 * far
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,8 +146,8 @@ class WithReach:
     strip: float
     beyond: int
 
-    def __call__(self, observation: PolicyObservation, /) -> Worth:
-        """Return the worth of each cell."""
+    def __call__(self, observation: PolicyObservation, /) -> ValueMap:
+        """Return the acquisition value of each cell."""
         reach, widest = observation.model.reach, max(observation.model.shape)
         if reach is None or widest <= self.beyond:
             return self.acquisition(observation)
@@ -174,8 +176,8 @@ class Balanced:
     acquisition: Acquisition
     least_weight: float
 
-    def __call__(self, observation: PolicyObservation, /) -> Worth:
-        """Return the worth of each cell."""
+    def __call__(self, observation: PolicyObservation, /) -> ValueMap:
+        """Return the acquisition value of each cell."""
         weights = observation.weights.field
         least = self.least_weight * max(weights)
         balanced = tuple(
@@ -213,7 +215,7 @@ def make_acquisition(acquisition: str | Acquisition) -> Acquisition:
 
 def _weighted(
     observation: PolicyObservation, of_field: Callable[[int, Field], NDArray[np.floating]]
-) -> Worth:
+) -> ValueMap:
     """Sum maps of the fields over the cells where they are scored, by the fields' weights."""
     total = np.zeros(observation.model.shape, np.float32)
     grid = observation.farm.grid()

@@ -1,4 +1,4 @@
-"""A sequential single-item auction of packages among vehicles."""
+"""A sequential single-item auction of segments among vehicles."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mission.planners.path import Points
 from mission.policies.observation import TravelCost
-from mission.policies.packages import VARIANTS, Package, corners_of
+from mission.policies.segments import VARIANTS, Segment, corners_of
 
 _FREE, _HOME, _FIRST = 0, 1, 2
 _CORNERS = 2 * VARIANTS
@@ -20,14 +20,14 @@ _AT_ONCE = 16
 
 @dataclass(frozen=True, slots=True)
 class Bid:
-    """What a vehicle asks for a package: all that it would have flown when it is done with everything.
+    """What a vehicle asks for a segment: all that it would have flown when it is done with everything.
 
     Parameters
     ----------
     cost : float
         In the unit of the vehicle's budget.
     position, variant : int
-        Where in its route the package would stand, and from which corner it would be flown.
+        Where in its route the segment would stand, and from which corner it would be flown.
     """
 
     cost: float
@@ -42,8 +42,8 @@ class Bidder:
     Parameters
     ----------
     legs : float64[n, n]
-        Costs between where it will be free, home, and the corners of all packages.
-    own : float64[packages]
+        Costs between where it will be free, home, and the corners of all segments.
+    own : float64[segments]
         Cost of the rows of each; infinite for what it does not take.
     until_free : float
         Cost of what it has to finish first.
@@ -52,7 +52,7 @@ class Bidder:
     returns : bool
         Whether the way home counts.
     route : list of tuple of int
-        What it was awarded: number of the package on the list, and variant, in the order of the flight.
+        What it was awarded: number of the segment on the list, and variant, in the order of the flight.
     """
 
     system_id: int
@@ -68,7 +68,7 @@ class Bidder:
         cls,
         system_id: int,
         travel_cost: TravelCost,
-        packages: Sequence[Package],
+        segments: Sequence[Segment],
         takes: Sequence[bool],
         free_m: Points,
         home_m: tuple[float, float],
@@ -81,7 +81,7 @@ class Bidder:
 
         Parameters
         ----------
-        packages : sequence of Package
+        segments : sequence of Segment
         takes : sequence of bool
             Which of them it bids on.
         free_m : float64[2]
@@ -90,10 +90,10 @@ class Bidder:
         until_free, limit, returns
             As above.
         """
-        nodes = np.vstack((free_m, home_m, corners_of(packages).reshape(-1, 2)))
+        nodes = np.vstack((free_m, home_m, corners_of(segments).reshape(-1, 2)))
         own = [
-            _rows_cost(travel_cost, package) if take else math.inf
-            for package, take in zip(packages, takes, strict=True)
+            _rows_cost(travel_cost, segment) if take else math.inf
+            for segment, take in zip(segments, takes, strict=True)
         ]
         return cls(system_id, travel_cost.legs(nodes, nodes), np.array(own), until_free, limit, returns)
 
@@ -106,9 +106,9 @@ class Bidder:
             at = _exit(k, variant)
         return cost + self._home(at)
 
-    def bid(self, package: int) -> Bid | None:
-        """Return its bid for a package, by the cheapest insertion into its route; None if it cannot."""
-        if not math.isfinite(self.own[package]):
+    def bid(self, segment: int) -> Bid | None:
+        """Return its bid for a segment, by the cheapest insertion into its route; None if it cannot."""
+        if not math.isfinite(self.own[segment]):
             return None
         before, best = self.cost, Bid(math.inf, 0, 0)
         for position in range(len(self.route) + 1):
@@ -117,23 +117,23 @@ class Bidder:
             onward = None if last else _entry(*self.route[position])
             without = self._home(at) if onward is None else float(self.legs[at, onward])
             for variant in range(VARIANTS):
-                end = _exit(package, variant)
+                end = _exit(segment, variant)
                 after = self._home(end) if onward is None else float(self.legs[end, onward])
-                extra = float(self.legs[at, _entry(package, variant)] + self.own[package]) + after - without
+                extra = float(self.legs[at, _entry(segment, variant)] + self.own[segment]) + after - without
                 if before + extra < best.cost:
                     best = Bid(before + extra, position, variant)
         return best if best.cost <= self.limit else None
 
-    def award(self, package: int, bid: Bid) -> None:
-        """Put a package into its route as it was bid for."""
-        self.route.insert(bid.position, (package, bid.variant))
+    def award(self, segment: int, bid: Bid) -> None:
+        """Put a segment into its route as it was bid for."""
+        self.route.insert(bid.position, (segment, bid.variant))
 
     def _home(self, at: int) -> float:
         return float(self.legs[at, _HOME]) if self.returns else 0.0
 
 
 def hold_auction(bidders: Sequence[Bidder], offered: Iterable[int]) -> list[int]:
-    """Sell packages one after the other, each time the one with the lowest bid of all, to who made it.
+    """Sell segments one after the other, each time the one with the lowest bid of all, to who made it.
 
     A bid is what the vehicle would have flown in all, so that vehicles come to about the same (the rule
     MiniMax of sequential single-item auctions; Lagoudakis et al. 2005, Koenig et al. 2006). Equal bids go to
@@ -144,7 +144,7 @@ def hold_auction(bidders: Sequence[Bidder], offered: Iterable[int]) -> list[int]
     bidders : sequence of Bidder
         Their routes grow.
     offered : iterable of int
-        Numbers of packages on the list that the bidders know.
+        Numbers of segments on the list that the bidders know.
 
     Returns
     -------
@@ -152,14 +152,14 @@ def hold_auction(bidders: Sequence[Bidder], offered: Iterable[int]) -> list[int]
         What nobody could take.
     """
     left = list(offered)
-    bids = [{package: bidder.bid(package) for package in left} for bidder in bidders]
+    bids = [{segment: bidder.bid(segment) for segment in left} for bidder in bidders]
     while True:
         best: tuple[float, int, int] | None = None
         for k, of_bidder in enumerate(bids):
-            for package in left:
-                bid = of_bidder[package]
+            for segment in left:
+                bid = of_bidder[segment]
                 if bid is not None and (best is None or bid.cost < best[0]):
-                    best = bid.cost, k, package
+                    best = bid.cost, k, segment
         if best is None:
             return left
         _, winner, sold = best
@@ -167,7 +167,7 @@ def hold_auction(bidders: Sequence[Bidder], offered: Iterable[int]) -> list[int]
         assert bid is not None
         bidders[winner].award(sold, bid)
         left.remove(sold)
-        bids[winner] = {package: bidders[winner].bid(package) for package in left}
+        bids[winner] = {segment: bidders[winner].bid(segment) for segment in left}
 
 
 def path_cost(travel_cost: TravelCost, points_m: Points) -> float:
@@ -188,13 +188,13 @@ def leg_costs(travel_cost: TravelCost, points_m: Points) -> NDArray[np.float64]:
     return np.concatenate(parts)
 
 
-def _rows_cost(travel_cost: TravelCost, package: Package) -> float:
-    return path_cost(travel_cost, np.concatenate([ends for _, ends in package.ordered(0)]))
+def _rows_cost(travel_cost: TravelCost, segment: Segment) -> float:
+    return path_cost(travel_cost, np.concatenate([ends for _, ends in segment.ordered(0)]))
 
 
-def _entry(package: int, variant: int) -> int:
-    return _FIRST + package * _CORNERS + variant
+def _entry(segment: int, variant: int) -> int:
+    return _FIRST + segment * _CORNERS + variant
 
 
-def _exit(package: int, variant: int) -> int:
-    return _FIRST + package * _CORNERS + VARIANTS + variant
+def _exit(segment: int, variant: int) -> int:
+    return _FIRST + segment * _CORNERS + VARIANTS + variant

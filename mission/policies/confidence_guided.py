@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from geo.seeds import stream
 from mission.errors import PlanningError
 from mission.planners.path import Points
-from mission.policies.acquisition import Worth
+from mission.policies.acquisition import ValueMap
 from mission.policies.decision import NO_CHANGE, Decision
 from mission.policies.observation import PolicyObservation
 from mission.policies.policy import LEAST_S, Triggers
@@ -79,7 +79,7 @@ class ConfidenceGuided:
         self._targets |= {system_id: points[0] for system_id, points in paths if len(points)}
         return decision if decision.changes else NO_CHANGE
 
-    def _uncertainty(self, observation: PolicyObservation) -> Worth:
+    def _uncertainty(self, observation: PolicyObservation) -> ValueMap:
         names = observation.fields.names
         if self._field != ALL and self._field not in names:
             msg = f"{_NAME}: no field is named {self._field!r}; there are {', '.join(names)}, and {ALL}"
@@ -92,7 +92,7 @@ class ConfidenceGuided:
 
     def _search(self, problem: RouteProblem) -> Sequence[Route]:
         vehicle = problem.vehicle
-        left, x, y = problem.worth.copy(), problem.x, problem.y
+        left, x, y = problem.values.copy(), problem.x, problem.y
         corners: list[tuple[float, float]] = []
         found: list[float] = []
         if self._on_its_way(problem):
@@ -123,7 +123,7 @@ class ConfidenceGuided:
         return float(np.hypot(*(vehicle.rest_m[0] - target))) < _SAME_CELLS * problem.planning_grid.cell_m
 
     def _least_certain(
-        self, problem: RouteProblem, left: Worth, x: float, y: float
+        self, problem: RouteProblem, left: ValueMap, x: float, y: float
     ) -> tuple[int, int] | None:
         """Return the next waypoint's cell; None if no uncertain one can be reached."""
         rng = self._stream(problem)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from mission.planners.path import Points
-from mission.policies.packages import SHORTEST_M, Package, Row
+from mission.policies.segments import SHORTEST_M, Row, Segment
 
 _SAME_M = 0.1
 _ROW_POINTS = 2
@@ -20,15 +20,15 @@ class Stretch:
 
     Parameters
     ----------
-    package : Package or None
+    segment : Segment or None
         None if the leg only uses up the budget.
     row : int
-        Which of the package's rows.
+        Which of the segment's rows.
     points_m : float64[n, 2]
         The last two are the row's ends; only its far one if the vehicle stood at the other.
     """
 
-    package: Package | None
+    segment: Segment | None
     row: int
     points_m: Points
 
@@ -43,13 +43,13 @@ class Contract:
         In the order of the flight.
     points_m : float64[n, 2]
         The path as it was sent: theirs, the last leg perhaps cut.
-    under_way : Package or None
-        The first package, if something of it was flown before.
+    under_way : Segment or None
+        The first segment, if something of it was flown before.
     """
 
     stretches: tuple[Stretch, ...]
     points_m: Points
-    under_way: Package | None = None
+    under_way: Segment | None = None
     _left: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
@@ -80,38 +80,38 @@ class Contract:
         return found
 
     @property
-    def begun(self) -> Package | None:
-        """The package of which something was flown and something is left."""
+    def begun(self) -> Segment | None:
+        """The segment of which something was flown and something is left."""
         ahead = self.ahead
         if not ahead:
             return None
         stretch, left = ahead[0]
-        first = next(one for one in self.stretches if one.package is stretch.package)
+        first = next(one for one in self.stretches if one.segment is stretch.segment)
         whole = stretch is first and left == len(stretch.points_m)
-        return None if whole and stretch.package is not self.under_way else stretch.package
+        return None if whole and stretch.segment is not self.under_way else stretch.segment
 
     def work(self) -> Points:
-        """Return the points that are left of all packages, float64[n, 2]."""
-        parts = [one.points_m[-left:] for one, left in self.ahead if one.package is not None]
+        """Return the points that are left of all segments, float64[n, 2]."""
+        parts = [one.points_m[-left:] for one, left in self.ahead if one.segment is not None]
         return np.concatenate(parts) if parts else NO_POINTS
 
-    def unflown(self, here_m: tuple[float, float] | None = None) -> list[Package]:
-        """Return the packages with the rows that are left of them; of a row, what is ahead of a place."""
+    def unflown(self, here_m: tuple[float, float] | None = None) -> list[Segment]:
+        """Return the segments with the rows that are left of them; of a row, what is ahead of a place."""
         rows: dict[int, dict[int, Row]] = {}
-        packages: dict[int, Package] = {}
+        segments: dict[int, Segment] = {}
         for stretch, left in self.ahead:
-            if stretch.package is None:
+            if stretch.segment is None:
                 continue
-            row = stretch.package.rows[stretch.row]
+            row = stretch.segment.rows[stretch.row]
             if left < _ROW_POINTS and here_m is not None:
                 row = _rest_of(row, stretch.points_m[-1], here_m)
             if np.hypot(*(row.ends_m[1] - row.ends_m[0])) <= SHORTEST_M:
                 continue
-            packages[stretch.package.number] = stretch.package
-            rows.setdefault(stretch.package.number, {})[stretch.row] = row
+            segments[stretch.segment.number] = stretch.segment
+            rows.setdefault(stretch.segment.number, {})[stretch.row] = row
         return [
-            replace(package, rows=tuple(rows[number][k] for k in sorted(rows[number])))
-            for number, package in packages.items()
+            replace(segment, rows=tuple(rows[number][k] for k in sorted(rows[number])))
+            for number, segment in segments.items()
         ]
 
 

@@ -15,7 +15,7 @@ from mission.planners.path import Area, Points
 from mission.policies.acquisition import scored_cells
 from mission.policies.observation import PolicyObservation, VehicleReport
 from mission.policies.planning_grid import LegCosts
-from mission.policies.route_search import COST, WORTH, leg_offsets, neighbour_shares, search_route
+from mission.policies.route_search import COST, VALUE, leg_offsets, neighbour_shares, search_route
 
 SICK_BELOW = 0.75
 """A plant with a smaller value is sick."""
@@ -25,7 +25,7 @@ _LONGEST_LEG = 10
 _INTERVAL = 3.0
 _BEAM = 4
 _BESIDE, _NEAR = 1.5, 2.9
-_NEAR_WORTH = 0.3
+_NEAR_VALUE = 0.3
 _OFFSETS = leg_offsets(_LONGEST_LEG)
 _ALONE = neighbour_shares(0.0, 1.0, 1)
 
@@ -54,22 +54,22 @@ def detour(
     here = np.asarray(vehicle.position_m) / cell_m
     low = np.clip(np.floor(here).astype(int) - _WINDOW, 0, shape - 1)
     high = np.clip(np.floor(here).astype(int) + _WINDOW + 1, low + 1, shape)
-    worth = _beside_sick(observation, low, high)
+    values = _beside_sick(observation, low, high)
     for path in promised:
-        _take(worth, path / cell_m - low)
-    if not worth.any():
+        _take(values, path / cell_m - low)
+    if not values.any():
         return np.empty((0, 2))
     costs = LegCosts.of(vehicle, cell_m)
     free = _free(vehicle.request.area, low, high, cell_m)
     per_cell = costs.per_cell
     horizon = min(_HORIZON * per_cell, vehicle.left)
     route = search_route(
-        np.where(free, worth, np.float32(0.0)), _ALONE, free, here[0] - low[0], here[1] - low[1], _OFFSETS,
+        np.where(free, values, np.float32(0.0)), _ALONE, free, here[0] - low[0], here[1] - low[1], _OFFSETS,
         horizon, costs.turn, costs.slopes, _HORIZON * per_cell, max(1, int(_HORIZON / _INTERVAL)), _BEAM,
     )  # fmt: skip
     if not len(route):
         return np.empty((0, 2))
-    rates = per_cell * route[:, WORTH] / np.maximum(route[:, COST], per_cell)
+    rates = per_cell * route[:, VALUE] / np.maximum(route[:, COST], per_cell)
     good = np.flatnonzero(rates >= least_rate)
     if not len(good):
         return np.empty((0, 2))
@@ -91,7 +91,7 @@ def _beside_sick(
     width, height = high - low
     inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
     columns, lines = np.arange(width)[:, None], np.arange(height)[None, :]
-    worth = np.zeros((width, height), np.float32)
+    values = np.zeros((width, height), np.float32)
     for k, field in enumerate(observation.fields):
         if field.kind != "disease" or observation.weights.field[k] <= 0.0:
             continue
@@ -107,17 +107,17 @@ def _beside_sick(
             part = slice(max(i - reach, 0), i + reach + 1), slice(max(j - reach, 0), j + reach + 1)
             there = (columns[part[0]] - i) ** 2 + (lines[:, part[1]] - j) ** 2
             np.minimum(away[part], there, out=away[part])
-        worth += unknown * np.where(away <= _BESIDE**2, 1.0, np.where(away <= _NEAR**2, _NEAR_WORTH, 0.0))
-    return worth
+        values += unknown * np.where(away <= _BESIDE**2, 1.0, np.where(away <= _NEAR**2, _NEAR_VALUE, 0.0))
+    return values
 
 
-def _take(worth: NDArray[np.float32], path: NDArray[np.float64]) -> None:
+def _take(values: NDArray[np.float32], path: NDArray[np.float64]) -> None:
     """Take the cells that a path leads over from a window; the path in cells of it."""
     for begin, end in itertools.pairwise(path):
         steps = max(1, math.ceil(float(np.hypot(*(end - begin)))))
         cells = np.floor(begin + np.linspace(0.0, 1.0, steps + 1)[:, None] * (end - begin)).astype(int)
-        cells = cells[((cells >= 0) & (cells < worth.shape)).all(axis=1)]
-        worth[cells[:, 0], cells[:, 1]] = 0.0
+        cells = cells[((cells >= 0) & (cells < values.shape)).all(axis=1)]
+        values[cells[:, 0], cells[:, 1]] = 0.0
 
 
 def _free(area: Area, low: NDArray[np.int_], high: NDArray[np.int_], cell_m: float) -> NDArray[np.bool_]:

@@ -28,7 +28,7 @@ class Greedy(MapPolicy):
     Parameters
     ----------
     share, spread : float
-        Seeing a cell takes ``share * exp(-d^2 / spread)`` of the worth of one d cells away.
+        Seeing a cell takes ``share * exp(-d^2 / spread)`` of the acquisition value of one d cells away.
     longest, ahead : float
         Length of the longest leg, and of the path that is planned, in cells.
     """
@@ -44,7 +44,7 @@ class Greedy(MapPolicy):
 
     def _search(self, problem: RouteProblem) -> Sequence[Route]:
         shares, free = problem.shares, problem.planning_grid.free
-        left, pooled = problem.worth.copy(), np.empty_like(problem.worth)
+        left, pooled = problem.values.copy(), np.empty_like(problem.values)
         values, costs = np.empty((2, len(self._offsets)))
         x, y, spent, gained = problem.x, problem.y, 0.0, 0.0
         limit = min(self.ahead * problem.costs.per_cell, problem.vehicle.left)

@@ -53,7 +53,7 @@ def leg_values(
     values: Any,
     costs: Any,
 ) -> None:
-    """Fill in the worth and the cost of the legs from a place to cells around it.
+    """Fill in the value and the cost of the legs from a place to cells around it.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What policies have in common that search routes over a map of worth."""
+"""What policies have in common that search routes over a map of acquisition values."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class MapPolicy(ABC):
     acquisition : str or Acquisition
         What seeing a cell is worth.
     share, spread : float
-        Seeing a cell takes ``share * exp(-d^2 / spread)`` of the worth of one d cells away.
+        Seeing a cell takes ``share * exp(-d^2 / spread)`` of the acquisition value of one d cells away.
     every : int
         Search again after so many observations.
     least_s : float
@@ -87,9 +87,9 @@ class MapPolicy(ABC):
         if not far:
             return routes
         x, y = far[0].corners[-1].tolist()
-        worth = problem.worth.copy()
-        take_leg(worth, problem.shares, problem.x, problem.y, x, y)
-        onward = self._search(replace(problem, worth=worth, x=x, y=y))
+        values = problem.values.copy()
+        take_leg(values, problem.shares, problem.x, problem.y, x, y)
+        onward = self._search(replace(problem, values=values, x=x, y=y))
         if not onward:
             return far
         corners = np.vstack((far[0].corners, onward[0].corners))

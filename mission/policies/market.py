@@ -1,4 +1,4 @@
-"""The market: several vehicles sell each other packages of rows, coarse ones first, fine ones about finds.
+"""The market: vehicles sell each other survey segments, coarse ones first, fine ones about detections.
 
 Source: the exploration packages, pioneers and contractors of ``papers/y2025_mrmr`` and ``papers/y2027_mrmr``
 (multi-resolution multi-robot) of the authors' repository WaterberryFarms; the contract net of R. G. Smith,
@@ -20,11 +20,11 @@ from mission.planners.places import draw_places
 from mission.policies.auction import Bidder, hold_auction, leg_costs, path_cost
 from mission.policies.contract import NO_POINTS, Contract, Stretch
 from mission.policies.decision import NO_CHANGE, Decision
-from mission.policies.finds import Finds
+from mission.policies.detections import Detections
 from mission.policies.observation import Event, PolicyObservation, Status, VehicleReport
-from mission.policies.packages import Package, blocks_of, rows_over
 from mission.policies.planning_grid import LegCosts
 from mission.policies.policy import LEAST_S, Triggers
+from mission.policies.segments import Segment, blocks_of, rows_over
 from mission.policies.steering import affordable
 from mission.policies.travel_cost import pays_for_return
 
@@ -36,31 +36,31 @@ _KEEP = (Status.READY, Status.CLIMBING, Status.CHANGING, Status.SILENT)
 
 
 class Market:
-    """Sell packages of rows to the vehicles that are done with them first.
+    """Sell survey segments to the vehicles that are done with them first.
 
     At the start the farm is divided into blocks with rows far apart, which are sold. Where sick plants were
-    found and the run of finds is over, a package of rows close to each other is made about them; then
-    everything is sold anew that is not begun, the fine packages first, and rows of coarse ones that are not
+    found and the run of detections is over, a segment of rows close to each other is made about them; then
+    everything is sold anew that is not begun, the fine segments first, and rows of coarse ones that are not
     flown. The same happens when a vehicle is lost. Who has nothing left to do flies to random places.
 
     Parameters
     ----------
     border : float
-        A fine package reaches so far beyond the finds, cells.
+        A fine segment reaches so far beyond the detections, cells.
     step : float
         Distance of its rows, cells.
     pioneers : int
-        So many vehicles, the first ones, take no fine packages as long as there are others.
+        So many vehicles, the first ones, take no fine segments as long as there are others.
     field : str
-        Of which disease the finds are; ``all``: of every one that is scored.
+        Of which disease the detections are; ``all``: of every one that is scored.
     below : float
-        A plant is a find if its value is less: by default the lost ones (0), not the infected ones (0.5).
+        A plant is a detection if its value is less: by default the lost ones (0), not infected ones (0.5).
     explore : float
-        Part of the fleet's budget for the coarse packages, between 0 and 1.
+        Part of the fleet's budget for the coarse segments, between 0 and 1.
     blocks : int
-        Coarse packages, for each vehicle.
+        Coarse segments, for each vehicle.
     every : int
-        Look for finds after so many observations.
+        Look for detections after so many observations.
 
     Raises
     ------
@@ -88,7 +88,7 @@ class Market:
                 raise PlanningError(msg)
         self._explore, self._blocks = float(explore), int(blocks)
         self._pioneers, self._every = int(pioneers), int(every)
-        self._finds = Finds(float(border), float(step), field, float(below), _NAME)
+        self._detections = Detections(float(border), float(step), field, float(below), _NAME)
         self.start()
 
     @property
@@ -98,10 +98,10 @@ class Market:
 
     def start(self) -> None:
         """Forget the run before."""
-        self._finds.start()
+        self._detections.start()
         self._day: int | None = None
         self._contracts: dict[int, Contract] = {}
-        self._open: list[Package] = []
+        self._open: list[Segment] = []
         self._terrains: dict[int, Terrain] = {}
         self._streams: dict[int, np.random.Generator] = {}
 
@@ -115,7 +115,7 @@ class Market:
         else:
             returned = self._settle(observation)
         terrains = [self._terrain(one) for one in observation.steerable]
-        found = self._finds.packages(observation, terrains, self._fine_ahead())
+        found = self._detections.segments(observation, terrains, self._fine_ahead())
         self._open += found
         idle = self._open and self._somebody_idle(observation)
         if not (found or returned or idle or observation.event is Event.ENDING):
@@ -127,19 +127,19 @@ class Market:
         return Decision(paths, reason=reason, spacing_m=spacing)
 
     def _begin_flight(self, day: int) -> None:
-        """Keep of the flight before what is left of its fine packages, if it was on the same day."""
+        """Keep of the flight before what is left of its fine segments, if it was on the same day."""
         left = [*self._open]
         for contract in self._contracts.values():
             left += contract.unflown()
         self._contracts, self._open = {}, []
         if day == self._day:
-            self._open = [package for package in left if package.fine]
+            self._open = [segment for segment in left if segment.fine]
         else:
-            self._finds.begin_day()
+            self._detections.begin_day()
         self._day = day
 
     def _divide(self, observation: PolicyObservation) -> dict[int, float]:
-        """Offer the coarse packages of every area; return the distance of their rows for each vehicle."""
+        """Offer the coarse segments of every area; return the distance of their rows for each vehicle."""
         spacings: dict[int, float] = {}
         vehicles = list(observation.steerable)
         while vehicles:
@@ -152,13 +152,13 @@ class Market:
             for box in blocks_of(flyable, self._blocks * len(same)):
                 rows = rows_over(box, flyable, spacing)
                 if rows:
-                    self._open.append(Package(self._finds.next_number(), False, box, rows))
+                    self._open.append(Segment(self._detections.next_number(), False, box, rows))
             spacings |= {one.system_id: spacing for one in same}
         return spacings
 
     def _settle(self, observation: PolicyObservation) -> bool:
-        """Take note of what was flown; return whether packages are to be sold again."""
-        returned: list[Package] = []
+        """Take note of what was flown; return whether segments are to be sold again."""
+        returned: list[Segment] = []
         for vehicle in observation.vehicles:
             contract = self._contracts.get(vehicle.system_id)
             if contract is None or vehicle.status in _KEEP:
@@ -173,10 +173,10 @@ class Market:
         self._open += returned
         return bool(returned)
 
-    def _fine_ahead(self) -> list[Package]:
-        """Return the fine packages that are not flown yet."""
-        sold = [one.package for contract in self._contracts.values() for one, _ in contract.ahead]
-        return [package for package in [*self._open, *sold] if package is not None and package.fine]
+    def _fine_ahead(self) -> list[Segment]:
+        """Return the fine segments that are not flown yet."""
+        sold = [one.segment for contract in self._contracts.values() for one, _ in contract.ahead]
+        return [segment for segment in [*self._open, *sold] if segment is not None and segment.fine]
 
     def _somebody_idle(self, observation: PolicyObservation) -> bool:
         contracts = [self._contracts.get(one.system_id) for one in observation.steerable]
@@ -194,26 +194,26 @@ class Market:
             begun = contract.begun
             finishes = begun is not None and begun.fine
             self._open += [
-                package
-                for package in contract.unflown(vehicle.position_m)
-                if not (finishes and begun is not None and package.number == begun.number)
+                segment
+                for segment in contract.unflown(vehicle.position_m)
+                if not (finishes and begun is not None and segment.number == begun.number)
             ]
             if finishes:
                 kept[vehicle.system_id] = [
-                    Stretch(one.package, one.row, one.points_m[-left:])
+                    Stretch(one.segment, one.row, one.points_m[-left:])
                     for one, left in contract.ahead
-                    if one.package is begun
+                    if one.segment is begun
                 ]
-        packages = sorted(self._open, key=lambda package: package.number)
-        bidders = [self._bidder(one, packages, kept[one.system_id]) for one in vehicles]
-        fine = [k for k, package in enumerate(packages) if package.fine]
-        coarse = [k for k, package in enumerate(packages) if not package.fine]
+        segments = sorted(self._open, key=lambda segment: segment.number)
+        bidders = [self._bidder(one, segments, kept[one.system_id]) for one in vehicles]
+        fine = [k for k, segment in enumerate(segments) if segment.fine]
+        coarse = [k for k, segment in enumerate(segments) if not segment.fine]
         contractors = [one for one in bidders if not self._is_pioneer(one.system_id, observation)]
         unsold = hold_auction(contractors or bidders, fine) + hold_auction(bidders, coarse)
-        self._open = [packages[k] for k in unsold]
+        self._open = [segments[k] for k in unsold]
         paths: dict[int, Points] = {}
         for vehicle, bidder in zip(vehicles, bidders, strict=True):
-            awarded = [(packages[k], variant) for k, variant in bidder.route]
+            awarded = [(segments[k], variant) for k, variant in bidder.route]
             points = self._sign(observation, vehicle, kept[vehicle.system_id], awarded)
             if points is not None:
                 paths[vehicle.system_id] = points
@@ -222,14 +222,14 @@ class Market:
     def _is_pioneer(self, system_id: int, observation: PolicyObservation) -> bool:
         return system_id in sorted(one.system_id for one in observation.vehicles)[: self._pioneers]
 
-    def _bidder(self, vehicle: VehicleReport, packages: Sequence[Package], kept: list[Stretch]) -> Bidder:
+    def _bidder(self, vehicle: VehicleReport, segments: Sequence[Segment], kept: list[Stretch]) -> Bidder:
         flyable = shapely.buffer(self._terrain(vehicle).flyable, TOLERANCE_M)
-        rows = [shapely.multilinestrings([row.ends_m for row in package.rows]) for package in packages]
+        rows = [shapely.multilinestrings([row.ends_m for row in segment.rows]) for segment in segments]
         first = np.concatenate([np.asarray(vehicle.position_m)[None], *(one.points_m for one in kept)])
         return Bidder.of(
             vehicle.system_id,
             vehicle.travel_cost,
-            packages,
+            segments,
             [bool(shapely.covers(flyable, one)) for one in rows],
             first[-1],
             vehicle.request.start_xy_m,
@@ -243,7 +243,7 @@ class Market:
         observation: PolicyObservation,
         vehicle: VehicleReport,
         kept: list[Stretch],
-        awarded: list[tuple[Package, int]],
+        awarded: list[tuple[Segment, int]],
     ) -> Points | None:
         """Make the path of what was awarded; None if it is what the vehicle flies already.
 
@@ -266,7 +266,7 @@ class Market:
                 msg = f"budget of {budget.limit:g} {budget.unit} is too small: {_NAME} cannot reach the area"
                 raise PlanningError(msg)
             return None
-        under_way = kept[0].package if kept else None
+        under_way = kept[0].segment if kept else None
         self._contracts[vehicle.system_id] = Contract(tuple(stretches), points, under_way)
         return points
 
@@ -275,9 +275,9 @@ class Market:
         observation: PolicyObservation,
         vehicle: VehicleReport,
         kept: list[Stretch],
-        awarded: list[tuple[Package, int]],
+        awarded: list[tuple[Segment, int]],
     ) -> list[Stretch]:
-        flown = [(package, *row) for package, variant in awarded for row in package.ordered(variant)]
+        flown = [(segment, *row) for segment, variant in awarded for row in segment.ordered(variant)]
         if not flown:
             return []
         here = kept[-1].points_m[-1] if kept else np.asarray(vehicle.position_m)
@@ -286,7 +286,7 @@ class Market:
         near = np.hypot(*(legs[0] - here).T) < _AT_CELLS * observation.farm.cell_size_m
         passed = int(np.argmin(near)) if not near.all() else len(near) - 1
         legs[0] = legs[0][passed:]
-        return [Stretch(package, row, leg) for (package, row, _), leg in zip(flown, legs, strict=True)]
+        return [Stretch(segment, row, leg) for (segment, row, _), leg in zip(flown, legs, strict=True)]
 
     def _wander(self, vehicle: VehicleReport, after_m: Points) -> list[Stretch]:
         """Return legs to random places for what is left of the budget."""
@@ -320,8 +320,8 @@ def _same(before: Points, after: Points) -> bool:
     return len(before) == len(after) and np.allclose(before, after, rtol=0.0, atol=_SAME_M)
 
 
-def _beyond(stretches: list[Stretch], flown: Points) -> list[Package]:
-    """Return packages of the rows that a path does not reach to the end of."""
+def _beyond(stretches: list[Stretch], flown: Points) -> list[Segment]:
+    """Return segments of the rows that a path does not reach to the end of."""
     whole = Contract(tuple(stretches), _points(stretches))
     whole.follow(whole.points_m[max(len(flown) - 1, 0) :])
     here = flown[-1] if len(flown) else whole.points_m[0]

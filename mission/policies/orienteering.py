@@ -32,12 +32,12 @@ class Orienteering(MapPolicy):
     near : int
         Side of the window about the vehicle, cells.
     horizon, patience : float
-        Largest length of a tour, and the length after which worth counts 1/e, in cells of flight with a turn
+        Largest length of a tour, and the length after which value counts 1/e, in cells of flight with a turn
         every few of them.
     rounds : int
         Of taking a part out and filling up again.
     share, spread : float
-        Seeing a cell takes ``share * exp(-d^2 / spread)`` of the worth of one d cells away.
+        Seeing a cell takes ``share * exp(-d^2 / spread)`` of the acquisition value of one d cells away.
     """
 
     reason: ClassVar[str] = "tour"
@@ -50,8 +50,8 @@ class Orienteering(MapPolicy):
 
     def _search(self, problem: RouteProblem) -> Sequence[Route]:
         vehicle, cell_m = problem.vehicle, problem.planning_grid.cell_m
-        pooled = np.empty_like(problem.worth)
-        pool(problem.worth, problem.shares, 0, pooled.shape[0], 0, pooled.shape[1], pooled)
+        pooled = np.empty_like(problem.values)
+        pool(problem.values, problem.shares, 0, pooled.shape[0], 0, pooled.shape[1], pooled)
         pooled[~problem.planning_grid.free] = 0.0
         goals = candidate_places(pooled, problem.x, problem.y, int(self.near), int(self.places))
         places = np.vstack((np.array([[problem.x, problem.y]]), goals))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mission.planners.inside_routing import TOLERANCE_M, is_rectangle
 from mission.planners.path import Area, Points
-from mission.policies.acquisition import Worth
+from mission.policies.acquisition import ValueMap
 from mission.policies.observation import VehicleReport
 
 MOST_CELLS = 128
@@ -62,22 +62,22 @@ class PlanningGrid:
             free = shapely.covers(wide, shapely.points(x + 0.5 * cell_m, y + 0.5 * cell_m))
         return cls(free, cell_m, block, is_rectangle(area), wide)
 
-    def pooled(self, worth: Worth) -> Worth:
-        """Return the worth of the blocks, float32[w, h]: the sum over their cells, nothing where not free."""
+    def pooled(self, values: ValueMap) -> ValueMap:
+        """Return the values of the blocks, float32[w, h]: sums over their cells, nothing where not free."""
         if self.block == 1:
-            return np.where(self.free, worth, np.float32(0.0)).astype(np.float32)
+            return np.where(self.free, values, np.float32(0.0)).astype(np.float32)
         width, height = self.free.shape
         sums = np.empty((width, height), np.float32)
         column = np.zeros((self.block, height * self.block), np.float32)
         for number in range(width):
-            part = worth[number * self.block : (number + 1) * self.block]
+            part = values[number * self.block : (number + 1) * self.block]
             column[: len(part), : part.shape[1]] = part
             column[len(part) :] = 0.0
             sums[number] = column.reshape(self.block, height, self.block).sum(axis=(0, 2), dtype=np.float32)
         return np.where(self.free, sums, np.float32(0.0)).astype(np.float32)
 
     def shares(self, fine: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return what seeing a block takes of its neighbours' worth, from the shares of single cells.
+        """Return what seeing a block takes of its neighbours' values, from the shares of single cells.
 
         A vehicle that crosses a block sees a strip of it and, by the neighbours' shares, something beside it.
         """
@@ -97,7 +97,7 @@ class PlanningGrid:
 
 
 def strip_width(shares: NDArray[np.float32]) -> float:
-    """Return the worth of how many cells a long straight pass takes with each cell of its length."""
+    """Return the value of how many cells a long straight pass takes with each cell of its length."""
     # Of a cell beside the pass, what is left after all the cells of the pass.
     beside = 1.0 - np.prod(1.0 - shares.astype(np.float64), axis=0)
     beside[len(shares) // 2] = 1.0

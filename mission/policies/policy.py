@@ -14,8 +14,8 @@ from mission.planners.partition import STRIPS
 from mission.planners.registry import make_planner
 from mission.planners.request import Planner
 from mission.policies.decision import NO_CHANGE, Decision
-from mission.policies.handover import Share, hand_over
 from mission.policies.observation import Event, PolicyObservation, Status, VehicleReport
+from mission.policies.reallocation import Share, reallocate
 from mission.policies.sharing import WHOLE, check_partition, shared
 
 
@@ -93,7 +93,7 @@ class FixedPlan:
     """A planner as a policy: it plans at the start and does not change its mind.
 
     Several vehicles get a part of the land each (`mission.policies.sharing`). When one of them is lost, the
-    others take over what it has not flown, as far as their budgets allow (`mission.policies.handover`).
+    others take over what it has not flown, as far as their budgets allow (`mission.policies.reallocation`).
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ class FixedPlan:
         As for `mission.planners.make_planner`.
     partition : {"strips", "voronoi", "none"}
         How several vehicles share the land; with none of it each plans for the whole, and nothing is
-        handed over.
+        reallocated.
 
     Raises
     ------
@@ -135,7 +135,7 @@ class FixedPlan:
         if observation.event is Event.START:
             return self._plan(observation.steerable)
         if observation.event is Event.LOST and self.partition != WHOLE:
-            return self._hand_over(observation)
+            return self._reallocate(observation)
         return NO_CHANGE
 
     def _plan(self, vehicles: Sequence[VehicleReport]) -> Decision:
@@ -153,11 +153,11 @@ class FixedPlan:
             self._shares[one.system_id] = Share(parts[one.system_id], path.spacing_m)
         return Decision(paths, reason="plan", spacing_m=spacings)
 
-    def _hand_over(self, observation: PolicyObservation) -> Decision:
+    def _reallocate(self, observation: PolicyObservation) -> Decision:
         lost = [
             one for one in observation.vehicles if one.status is Status.LOST and one.system_id in self._shares
         ]
-        taken = hand_over(lost, observation.steerable, self._shares, make_planner(self.planner))
+        taken = reallocate(lost, observation.steerable, self._shares, make_planner(self.planner))
         if not taken:
             return NO_CHANGE
         for one in lost:

@@ -178,14 +178,14 @@ class RefiningLawnmower:
     def _lands(vehicle: VehicleReport, part: Area, observation: PolicyObservation) -> list[Area]:
         """Return the land of the crops in a part of the area, that of the weightiest disease first."""
         fields, weights = observation.fields, observation.weights.field
-        worth = {
+        weight_of = {
             crop: max(
                 weights[k] for k, one in enumerate(fields) if one.kind == "disease" and crop in one.crops
             )
             for crop in {crop for one in fields.diseases for crop in one.crops}
         }
-        grown = [one for one in vehicle.request.crop_areas if worth.get(one.crop.name.lower(), 0.0) > 0.0]
-        grown.sort(key=lambda one: -worth[one.crop.name.lower()])
+        grown = [one for one in vehicle.request.crop_areas if weight_of.get(one.crop.name.lower(), 0.0) > 0.0]
+        grown.sort(key=lambda one: -weight_of[one.crop.name.lower()])
         lands = []
         for one in grown:
             pieces = shapely.get_parts(shapely.intersection(one.area, part))

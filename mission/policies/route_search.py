@@ -1,7 +1,7 @@
-"""Searching routes of straight legs over a map of worth: a beam search in compiled code.
+"""Searching routes of straight legs over a map of acquisition values: a beam search in compiled code.
 
 A leg sees the cells along it. What a cell is worth is gained once; seeing it also takes a share of its
-neighbours' worth, as what is learned of a plant tells of those around it. Routes are compared at equal cost:
+neighbours' values, as what is learned of a plant tells of those around it. Routes are compared at equal cost:
 the search keeps the best few of each interval of cost up to its horizon (a beam by cost), each with its own
 map of what is left.
 """
@@ -19,12 +19,12 @@ from mission.policies.leg_search import is_free, leg_to
 
 _SECTORS = 32
 
-X, Y, COST, WORTH = range(4)
-"""Columns of a route: place in cells, cost and discounted worth until there."""
+X, Y, COST, VALUE = range(4)
+"""Columns of a route: place in cells, cost and discounted value until there."""
 
 
 def neighbour_shares(share: float, spread: float, radius: int) -> NDArray[np.float32]:
-    """Return the share of a neighbour's worth that seeing a cell takes, float32[2 radius + 1, 2 radius + 1].
+    """Return the share of a neighbour's value that seeing a cell takes, float32[2 radius + 1, 2 radius + 1].
 
     ``share * exp(-d^2 / spread)`` at a distance of d cells; the cell itself is seen whole.
     """
@@ -57,7 +57,7 @@ def pool(left: Any, shares: Any, x_0: int, x_1: int, y_0: int, y_1: int, out: An
 
 @compiled
 def take_leg(left: Any, shares: Any, x: float, y: float, to_x: float, to_y: float) -> None:
-    """Take from a map of worth what a leg sees, the cell where it begins left out."""
+    """Take from a map of acquisition values what a leg sees, the cell where it begins left out."""
     width, height = left.shape
     radius = shares.shape[0] // 2
     length = math.hypot(to_x - x, to_y - y)
@@ -109,7 +109,7 @@ def _expand(
 ) -> None:
     """Find the best leg in each sector of directions into each interval of cost.
 
-    Fills `best`, float64[sectors, groups + 1], with the worth projected to the end of the interval, and
+    Fills `best`, float64[sectors, groups + 1], with the value projected to the end of the interval, and
     `best_end`, float64[sectors, groups + 1, 4], with the end of the leg.
     """
     sectors, groups = best.shape[0], best.shape[1] - 1
@@ -125,7 +125,7 @@ def _expand(
         dx, dy, length, direction, slope = leg_to(x, y, target_i, target_j, slopes)
         steps = math.ceil(length - 1e-6)
         cost = place[COST] + turn
-        value = place[WORTH]
+        value = place[VALUE]
         fade = math.exp(-slope / patience)
         factor = math.exp(-cost / patience)
         last_i, last_j = begin_i, begin_j
@@ -161,7 +161,7 @@ def _expand(
             best_end[sector, group, X] = end_x
             best_end[sector, group, Y] = end_y
             best_end[sector, group, COST] = cost
-            best_end[sector, group, WORTH] = value
+            best_end[sector, group, VALUE] = value
 
 
 @compiled
@@ -182,7 +182,7 @@ def _insert(ranks: Any, ends: Any, parents: Any, rank: float, end: Any, node: in
 
 @compiled
 def search_route(
-    worth: Any,
+    values: Any,
     shares: Any,
     free: Any,
     x: float,
@@ -195,11 +195,11 @@ def search_route(
     groups: int,
     beam: int,
 ) -> Any:
-    """Search the route that takes most worth early, up to a horizon of cost.
+    """Search the route that takes most value early, up to a horizon of cost.
 
     Parameters
     ----------
-    worth : float32[W, H]
+    values : float32[W, H]
         What seeing each cell is worth.
     shares : float32[2 r + 1, 2 r + 1]
         See `neighbour_shares`.
@@ -216,17 +216,17 @@ def search_route(
     slopes : float64[directions]
         Cost of a cell's length in the directions of legs, all around from the x-axis towards y.
     patience : float
-        Worth gained later counts less: by ``exp(-cost / patience)``.
+        Value gained later counts less: by ``exp(-cost / patience)``.
     groups, beam : int
         Number of intervals of cost, and of routes that are kept in each.
 
     Returns
     -------
     float64[legs, 4]
-        Ends of the legs of the best route: x, y, cost and discounted worth until there; no legs if nothing
+        Ends of the legs of the best route: x, y, cost and discounted value until there; no legs if nothing
         can be reached.
     """
-    width, height = worth.shape
+    width, height = values.shape
     radius = shares.shape[0] // 2
     most = groups * beam + 1
     place = np.zeros((most, 4))
@@ -239,7 +239,7 @@ def search_route(
     ends = np.zeros((groups + 1, beam, 4))
     parents = np.full((groups + 1, beam), -1)
     place[0, X], place[0, Y] = x, y
-    lefts[0] = worth
+    lefts[0] = values
     pool(lefts[0], shares, 0, width, 0, height, pools[0])
     first, nodes = 0, 1
     for group in range(-1, groups):

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mission.planners.path import Points
-from mission.policies.acquisition import Acquisition, Worth
+from mission.policies.acquisition import Acquisition, ValueMap
 from mission.policies.coordination import Bid, Coordination, Promised, sequential
 from mission.policies.decision import Alternative, Decision
 from mission.policies.observation import Event, PolicyObservation, Status, VehicleReport
@@ -28,7 +28,7 @@ class RouteProblem:
 
     Parameters
     ----------
-    worth : float32[w, h]
+    values : float32[w, h]
         What is left to be seen, when the other vehicles have flown their routes.
     shares : float32[2 r + 1, 2 r + 1]
         What seeing a cell takes of it and its neighbours.
@@ -38,7 +38,7 @@ class RouteProblem:
 
     vehicle: VehicleReport
     planning_grid: PlanningGrid
-    worth: Worth
+    values: ValueMap
     shares: NDArray[np.float32]
     costs: LegCosts
     x: float
@@ -86,14 +86,14 @@ class Steering:
 
         A vehicle for which nothing affordable is found goes on as before; at the start it stays where it is.
         """
-        worth = self.acquisition(observation)
+        values = self.acquisition(observation)
         found: dict[int, list[Alternative]] = {}
-        pooled: dict[PlanningGrid, Worth] = {}
+        pooled: dict[PlanningGrid, ValueMap] = {}
 
         def bid(vehicle: VehicleReport, promised: Promised) -> Bid | None:
             planning_grid = self._grid(observation, vehicle)
             if planning_grid not in pooled:
-                pooled[planning_grid] = planning_grid.pooled(worth)
+                pooled[planning_grid] = planning_grid.pooled(values)
             problem = self._problem(
                 vehicle, planning_grid, pooled[planning_grid].copy(), observation, promised
             )
@@ -113,7 +113,7 @@ class Steering:
             if not mine:
                 return None
             best = mine[0]
-            if observation.event is not Event.ENDING and not _is_worth_a_change(problem, best.points_m):
+            if observation.event is not Event.ENDING and not _pays_for_change(problem, best.points_m):
                 return None
             return Bid(best.points_m, best.value, best.cost / vehicle.left if vehicle.left > 0.0 else 1.0)
 
@@ -142,7 +142,7 @@ class Steering:
         self,
         vehicle: VehicleReport,
         planning_grid: PlanningGrid,
-        worth: Worth,
+        values: ValueMap,
         observation: PolicyObservation,
         planned: Promised,
     ) -> RouteProblem:
@@ -153,10 +153,10 @@ class Steering:
                 continue
             corners = np.vstack((np.asarray(other.position_m)[None], route)) / planning_grid.cell_m
             for begin, end in itertools.pairwise(corners):
-                take_leg(worth, shares, *begin, *end)
+                take_leg(values, shares, *begin, *end)
         x, y = vehicle.position_m[0] / planning_grid.cell_m, vehicle.position_m[1] / planning_grid.cell_m
         return RouteProblem(
-            vehicle, planning_grid, worth, shares, LegCosts.of(vehicle, planning_grid.cell_m), x, y
+            vehicle, planning_grid, values, shares, LegCosts.of(vehicle, planning_grid.cell_m), x, y
         )
 
 
@@ -166,7 +166,7 @@ def _flies_on(vehicle: VehicleReport) -> bool:
     return vehicle.status in goes_on and len(vehicle.rest_m) > 0
 
 
-def _is_worth_a_change(problem: RouteProblem, points_m: Points) -> bool:
+def _pays_for_change(problem: RouteProblem, points_m: Points) -> bool:
     """Return whether a path gains more than the present one while that lasts, the price of the change paid.
 
     Worth a question only where the vehicle loses something by a change (`TravelCost.change`).
@@ -181,7 +181,7 @@ def _is_worth_a_change(problem: RouteProblem, points_m: Points) -> bool:
     lasts = len(vehicle.rest_m) * problem.costs.turn + float(length) * problem.costs.per_cell
     gains = []
     for path, budget in ((stays, lasts), (leaves, lasts - price)):
-        left = problem.worth.copy()
+        left = problem.values.copy()
         for begin, end in itertools.pairwise(path / cell_m):
             cost = problem.costs.turn + float(np.hypot(*(end - begin))) * problem.costs.per_cell
             share = min(1.0, budget / cost) if cost > 0.0 else 1.0
@@ -189,7 +189,7 @@ def _is_worth_a_change(problem: RouteProblem, points_m: Points) -> bool:
                 break
             take_leg(left, problem.shares, *begin, *(begin + share * (end - begin)))
             budget -= cost
-        gains.append(float(problem.worth.sum(dtype=np.float64) - left.sum(dtype=np.float64)))
+        gains.append(float(problem.values.sum(dtype=np.float64) - left.sum(dtype=np.float64)))
     return gains[1] > gains[0]
 
 
@@ -198,10 +198,10 @@ def far_route(problem: RouteProblem) -> list[Route]:
 
     For searches that look only so far, when there is nothing left near the vehicle.
     """
-    x, y = np.indices(problem.worth.shape) + 0.5
-    rates = problem.worth / (np.hypot(x - problem.x, y - problem.y) + 1.0)
+    x, y = np.indices(problem.values.shape) + 0.5
+    rates = problem.values / (np.hypot(x - problem.x, y - problem.y) + 1.0)
     best = np.unravel_index(int(np.argmax(rates)), rates.shape)
-    value = float(problem.worth[best])
+    value = float(problem.values[best])
     return [Route(np.array([[x[best], y[best]]]), value)] if value > 0.0 else []
 
 

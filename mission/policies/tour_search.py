@@ -1,6 +1,6 @@
 """Orienteering: which places to visit in which order for a budget, by insertion and local search.
 
-The problem is the orienteering problem (Golden, Levy & Vohra 1987) with worth along the legs, not only at
+The problem is the orienteering problem (Golden, Levy & Vohra 1987) with value along the legs, not only at
 the places. A tour is built by the insertion that gains most for what it costs, and bettered by reversing
 parts (2-opt) and by taking places out and filling up again.
 """
@@ -62,7 +62,7 @@ def _tour_value(
     tour: Any, count: int, places: Any, costs: Any, back: Any, pooled: Any, marks: Any, mark: int,
     patience: float, limit: float,
 ) -> Any:  # fmt: skip
-    """Return the discounted worth and the cost of a tour; the cost is infinite over the limit."""
+    """Return the discounted value and the cost of a tour; the cost is infinite over the limit."""
     cost = 0.0
     for k in range(1, count):
         cost += costs[tour[k - 1], tour[k]]
@@ -180,7 +180,7 @@ def search_tour(
     pooled : float32[W, H]
         What seeing each cell takes; each cell counts once.
     patience : float
-        Worth gained later counts less: by ``exp(-cost / patience)``.
+        Value gained later counts less: by ``exp(-cost / patience)``.
     limit : float
         Largest cost, the way home included.
     rounds : int
@@ -193,7 +193,7 @@ def search_tour(
     int64[m]
         Numbers of the places in their order, the first one left out.
     float
-        The discounted worth.
+        The discounted value.
     """
     marks = np.zeros(pooled.shape, np.int64)
     mark = 0

@@ -8,7 +8,7 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 from geo.installed import entry_points
-from mission.planners.turns import Turns
+from mission.planners.cornering import Cornering
 from sim_vehicle.airframe.autopilot_names import (
     AUTOPILOT_GROUP,
     DEFAULT_AUTOPILOT,
@@ -73,7 +73,7 @@ class Firmware:
     """How it takes a mission that is changed while it flies."""
     cold_boot: ColdBoot | None = None
     """How it comes up, where that is known."""
-    turns: Turns = field(default_factory=Turns)
+    cornering: Cornering = field(default_factory=Cornering)
     """How it takes the corners of a path, and the acceptance radius that it can hold."""
     sticks: StickRules | None = None
     """How it flies by sticks; without them they do nothing."""

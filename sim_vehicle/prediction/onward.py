@@ -10,7 +10,7 @@ import numpy as np
 
 from geo.frame import LocalFrame
 from mission.model import Command, Frame, MissionItem
-from mission.planners.turns import Turns
+from mission.planners.cornering import Cornering
 from sim_vehicle.autopilot import flight_procedures
 from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.errors import VehicleError
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from mission.planners.turns import Waypoints
+    from mission.planners.cornering import Waypoints
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.batch import VehicleBatch
     from sim_vehicle.motion.legs import Position
@@ -124,7 +124,7 @@ class OnwardPredictor:
         self.spec = spec
         self._altitude_m = altitude_m
         self._speed_m_s = min(speed_m_s or spec.cruise_speed_m_s, spec.top_speed_m_s)
-        self._waypoints = waypoints or Turns().waypoints
+        self._waypoints = waypoints or Cornering().waypoints
         latitude, longitude = frame.to_wgs84(*home_m)
         about_home = LocalFrame(latitude, longitude, frame.altitude_m)
         self.home_m = np.array(home_m)

@@ -16,8 +16,8 @@ from geo import Farm
 from mission.autopilots import GENERIC, PX4
 from mission.model import Command, GeoPoint, Mission, MissionItem
 from mission.planners import PlannedPath, WingPattern, build_mission, coverage
+from mission.planners.cornering import Cornering, Waypoints
 from mission.planners.path import Area, Points
-from mission.planners.turns import Turns, Waypoints
 from mission.transfer import Rendered, Severity, render
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.airframe.spec import VehicleSpec
@@ -174,7 +174,7 @@ class MissionBuilder:
         As its autopilot flies it.
     image_spacing_m : float
         Distance between images.
-    turns : Turns
+    cornering : Cornering
         How the autopilot takes the corners of a path.
     home_m : tuple of float
         Where the vehicle takes off and lands, in metres of the farm frame.
@@ -190,7 +190,7 @@ class MissionBuilder:
     level: FlightLevel
     weather: WeatherOptions
     image_spacing_m: float
-    turns: Turns
+    cornering: Cornering
     home_m: tuple[float, float]
     estimate_errors: bool = False
     keep_out: KeepOut | None = None
@@ -216,7 +216,7 @@ class MissionBuilder:
             flight_level(mission, options),
             one.weather,
             camera.spacing_m or farm.cell_size_m * camera.footprint,
-            turns_of(vehicle, mission.acceptance_radius_m),
+            cornering_of(vehicle, mission.acceptance_radius_m),
             farm.home_m if home_m is None else home_m,
             options.estimate_errors and estimate_errs(vehicle),
         )
@@ -243,7 +243,7 @@ class MissionBuilder:
             speed_m_s=min(self.level.speed_m_s, vehicle.top_speed_m_s),
             camera_distance_m=None if vehicle.is_ideal else self.image_spacing_m,
             camera_interval_s=vehicle.step_s if vehicle.is_ideal else None,
-            turns=self.turns,
+            cornering=self.cornering,
             avoid=self._obstacles(),
             camera_on_approach=camera_on_approach,
             return_home=not vehicle.is_ideal,
@@ -283,7 +283,7 @@ class MissionBuilder:
     def waypoints(self, path_m: Points, from_m: tuple[float, float]) -> Waypoints:
         """Return where the vehicle is sent to fly a path from somewhere, and as far as need be home."""
         points, of_point = self._around(path_m, from_m)
-        sent = self.turns.waypoints(points, from_m, avoid=self._obstacles())
+        sent = self.cornering.waypoints(points, from_m, avoid=self._obstacles())
         return sent if points is path_m else replace(sent, of_point=of_point[sent.of_point])
 
     def flown_way(self, path_m: Points) -> Points:
@@ -380,10 +380,10 @@ def flown_vehicle(vehicle: VehicleOptions) -> VehicleSpec:
     return with_autopilot(get_vehicle(vehicle.name), vehicle.autopilot, vehicle.parameters)
 
 
-def turns_of(vehicle: VehicleSpec, radius_m: float | None = None) -> Turns:
+def cornering_of(vehicle: VehicleSpec, radius_m: float | None = None) -> Cornering:
     """Return how a vehicle takes the corners of a path, with the acceptance radius that was asked for."""
     firmware = firmware_of(vehicle)
-    own = Turns() if firmware is None else firmware.turns
+    own = Cornering() if firmware is None else firmware.cornering
     return own if radius_m is None else replace(own, radius_m=radius_m)
 
 

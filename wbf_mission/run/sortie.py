@@ -18,8 +18,8 @@ from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Mission, MissionItem
 from mission.outcome import Outcome, Phase
+from mission.planners.cornering import Waypoints
 from mission.planners.path import Points, path_length
-from mission.planners.turns import Waypoints
 from mission.policies.observation import Status, VehicleReport
 from mission.transfer.uploader import OWN_TRANSFERS, TransferMaker
 from sensors.camera.leaf_camera import Camera
@@ -231,7 +231,7 @@ class Sortie:
     def _leads(self) -> bool:
         """Whether it may be sent elsewhere than to the points of its path."""
         builder = self.task.builder
-        return builder.turns.lead_m > 0.0 or builder.keep_out is not None
+        return builder.cornering.overshoot_m > 0.0 or builder.keep_out is not None
 
     @property
     def done(self) -> bool:
@@ -299,7 +299,7 @@ class Sortie:
         length_m = path_length(path)
         speed_m_s = max(self.ground.vehicle_state.ground_speed_m_s, SLOWEST_M_S)
         # The last point counts as reached within the radius.
-        left_m = length_m - self.task.builder.turns.radius_m
+        left_m = length_m - self.task.builder.cornering.radius_m
         ends = left_m < speed_m_s * (ENDING_S + self._delay_s)
         if ends:
             self._ending_told = len(rest)

@@ -76,7 +76,7 @@ class MissionOptions(Part):
 
     ``budget`` None is the vehicle's battery less its reserve; for the ideal vehicle 0.4 times the owner's
     cells in timesteps, as in the paper. ``acceptance_radius_m`` None is what the autopilot can hold
-    (`mission.planners.turns.Turns`).
+    (`mission.planners.cornering.Cornering`).
     """
 
     planner: Any = option(

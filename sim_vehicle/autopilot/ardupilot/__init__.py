@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 from mission.autopilots import ARDUPILOT as PROFILE
 from mission.model import Command
-from mission.planners.turns import Turns
+from mission.planners.cornering import Cornering
 from sim_vehicle.autopilot.ardupilot.copter import ARDUCOPTER
 from sim_vehicle.autopilot.ardupilot.firmware import (
     COLD_BOOT,
@@ -80,7 +80,7 @@ ARDUPILOT = Autopilot(
                 reference=partial(reference_parameters, "arduplane"),
                 sticks=PLANE_STICKS,
                 # Flown to, not turned before as within WP_RADIUS.
-                turns=Turns(2.0),
+                cornering=Cornering(2.0),
             ),
             "rover": Firmware(
                 title="Rover",

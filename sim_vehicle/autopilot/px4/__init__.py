@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 from mission.autopilots import PX4 as PROFILE
 from mission.link.codec.dialect import mavlink as m
-from mission.planners.turns import Turns
+from mission.planners.cornering import Cornering
 from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
 from sim_vehicle.autopilot.parameters import reference_parameters
 from sim_vehicle.autopilot.px4.copter import PX4_MULTIROTOR, strays_m
@@ -51,7 +51,7 @@ _COPTER = Firmware(
     takes_off=True,
     behaviour=MISSION,
     # NAV_ACC_RAD. Less it cannot hold: the error of its height estimate, 0.55 m, counts in the radius.
-    turns=Turns(2.0, leads=True),
+    cornering=Cornering(2.0, overshoots=True),
     reference=partial(reference_parameters, "px4"),
     sticks=COPTER_STICKS,
     strays_m=strays_m,
@@ -71,7 +71,7 @@ PX4 = Autopilot(
                 takes_off=False,
                 # A wing's mission that ends with a return was not recorded.
                 behaviour=replace(MISSION, return_lag_s=None),
-                turns=Turns(2.0),
+                cornering=Cornering(2.0),
                 reference=partial(reference_parameters, "px4", without=_OF_MULTIROTORS),
                 sticks=FIXED_WING_STICKS,
                 strays_m=None,
@@ -82,7 +82,7 @@ PX4 = Autopilot(
                 parameter_table=rover_parameters,
                 rules=ROVER_RULES,
                 procedures=PX4_ROVER,
-                turns=Turns(),
+                cornering=Cornering(),
                 reference=partial(reference_parameters, "px4", without=_OF_MULTIROTORS),
                 sticks=ROVER_STICKS,
                 strays_m=None,

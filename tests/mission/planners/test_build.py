@@ -21,9 +21,9 @@ from mission.planners import (
     path_length,
 )
 from mission.planners.area_coverage import EXACT_LEGS
+from mission.planners.cornering import Cornering
 from mission.planners.path import drop_coincident
 from mission.planners.sweep import Sweep
-from mission.planners.turns import Turns
 
 FRAME = LocalFrame(28.05, -82.15, 30.0, rotation_deg=20.0)
 ARGUMENTS = {"frame": FRAME, "home_xy_m": (-5.0, -5.0), "altitude_m": 12.0, "speed_m_s": 6.0}
@@ -110,15 +110,15 @@ def test_points_named_again_are_loiters_of_a_camera_that_counts_time():
 def test_led_legs_keep_the_loiters_of_their_points():
     rows = np.array([(0.0, 0.0), (30.0, 0.0), (30.0, 0.0), (30.0, 30.0), (30.0, 30.0), (30.0, 30.0)])
     for leads in (False, True):
-        sent = Turns(2.0, leads=leads).waypoints(rows, (0.0, 0.0))
+        sent = Cornering(2.0, overshoots=leads).waypoints(rows, (0.0, 0.0))
         loiters = [int(sent.loiters[sent.of_point == k].sum()) for k in (0, 1, 3)]
         assert loiters == [0, 1, 2] and int(sent.loiters.sum()) == 3
-        assert not Turns(2.0, leads=leads).waypoints(rows[:0]).loiters.size
+        assert not Cornering(2.0, overshoots=leads).waypoints(rows[:0]).loiters.size
 
 
 def test_waypoints_have_the_radius_and_the_leads_that_the_autopilot_wants():
     path = planned([(0, 0), (30, 0), (30, 1), (0, 1)])
-    mission = build_mission(path, turns=Turns(2.0, leads=True), **ARGUMENTS)
+    mission = build_mission(path, cornering=Cornering(2.0, overshoots=True), **ARGUMENTS)
     waypoints = [item for item in mission.items if item.command == Command.NAV_WAYPOINT]
     assert {item.param2 for item in waypoints} == {2.0}
     x, y = FRAME.from_wgs84(*np.array([(item.x, item.y) for item in waypoints]).T)
@@ -126,7 +126,7 @@ def test_waypoints_have_the_radius_and_the_leads_that_the_autopilot_wants():
     expected = [(1.06, 1.06), (-1.5, 0), (31.5, 0), (31.5, 1), (-1.5, 1)]
     assert np.column_stack((x, y)) == pytest.approx(np.array(expected), abs=0.02)
     wall = shapely.box(30.5, -5.0, 40.0, 5.0)
-    around = build_mission(path, turns=Turns(2.0, leads=True), avoid=wall, **ARGUMENTS)
+    around = build_mission(path, cornering=Cornering(2.0, overshoots=True), avoid=wall, **ARGUMENTS)
     assert max(FRAME.from_wgs84(item.x, item.y)[0] for item in around.items[2:7]) < 30.1
 
 

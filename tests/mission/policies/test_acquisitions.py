@@ -39,25 +39,25 @@ def _believed(healthy, infected, lost, value):
 
 
 @pytest.mark.parametrize("name", sorted(ACQUISITIONS))
-def test_worth_is_a_map_not_negative_by_weight_of_field(name):
+def test_an_acquisition_is_a_map_not_negative_by_weight_of_field(name):
     shape = get_farm("miniberry-10").grid().shape
     model = InformationModel.uniform(shape, value=(0.8, 0.8, 0.4), uncertainty=0.3)
-    worth = make_acquisition(name)(_observation(model))
-    assert worth.dtype == np.float32 and worth.shape == shape and (worth >= 0).all()
-    assert worth[TOMATO] > worth[STRAWBERRY] > 0
+    values = make_acquisition(name)(_observation(model))
+    assert values.dtype == np.float32 and values.shape == shape and (values >= 0).all()
+    assert values[TOMATO] > values[STRAWBERRY] > 0
 
 
 def test_expected_loss_is_that_of_the_score():
-    worth = expected_loss(_observation(_believed(0.5, 0.3, 0.2, 0.6)))
+    values = expected_loss(_observation(_believed(0.5, 0.3, 0.2, 0.6)))
     loss = 0.5 * 0.4**2 + 10 * (0.3 * 0.1**2 + 0.2 * 0.6**2)
-    assert worth[TOMATO] == pytest.approx(1.0 * loss) and worth[STRAWBERRY] == pytest.approx(0.2 * loss)
+    assert values[TOMATO] == pytest.approx(1.0 * loss) and values[STRAWBERRY] == pytest.approx(0.2 * loss)
 
 
 def test_an_estimators_own_map_of_loss_is_taken():
     shape = get_farm("miniberry-10").grid().shape
     given = np.full((3, *shape), 0.25, np.float32)
-    worth = expected_loss(_observation(replace(_believed(1, 0, 0, 1.0), loss_map=given)))
-    assert worth[TOMATO] == pytest.approx(0.25 * 1.1) and worth[STRAWBERRY] == pytest.approx(0.25 * 0.3)
+    values = expected_loss(_observation(replace(_believed(1, 0, 0, 1.0), loss_map=given)))
+    assert values[TOMATO] == pytest.approx(0.25 * 1.1) and values[STRAWBERRY] == pytest.approx(0.25 * 0.3)
 
 
 def test_nothing_is_worth_anything_where_all_is_known():
@@ -69,9 +69,9 @@ def test_nothing_is_worth_anything_where_all_is_known():
 def test_coverage_grows_with_the_distance_from_what_was_seen_today():
     nothing = WithCoverage(lambda observation: np.zeros(observation.model.shape, np.float32), 0.5, reach=2.0)
     model = _believed(1.0, 0.0, 0.0, 1.0)
-    worth = nothing(_observation(model, SEEN))
-    assert worth[TOMATO] == 0.0
-    assert worth[7, 8] == pytest.approx(0.5 * (1 - np.exp(-1.0))) and worth[9, 8] > worth[7, 8]
+    values = nothing(_observation(model, SEEN))
+    assert values[TOMATO] == 0.0
+    assert values[7, 8] == pytest.approx(0.5 * (1 - np.exp(-1.0))) and values[9, 8] > values[7, 8]
     assert nothing(_observation(model))[TOMATO] == pytest.approx(0.5)
     yesterday = Observations([5], [8], [0.0], [5], [[1.0, 1.0, 0.4]])
     assert nothing(_observation(model, yesterday))[TOMATO] == pytest.approx(0.5)
@@ -85,13 +85,13 @@ def test_a_pass_over_a_smooth_field_saves_the_loss_of_a_swath():
     plain = variance(told)
     diseases = variance(replace(told, weights=replace(told.weights, field=(*told.weights.field[:2], 0.0))))
 
-    def worth(reach, strip=2.0, beyond=9):
+    def values(reach, strip=2.0, beyond=9):
         return WithReach(variance, strip, beyond)(replace(told, model=replace(told.model, reach=reach)))
 
     swath = np.sqrt(np.pi) * 5.0 / 2.0
-    assert np.allclose(worth((3.0, 3.0, 5.0)), diseases + swath * (plain - diseases))
-    assert np.allclose(worth((3.0, 3.0, 500.0)), diseases + 10.0 / 2.0 * (plain - diseases))
-    for same in (worth((3.0, 3.0, 0.1)), worth((0.0, 0.0, 5.0), beyond=10), worth(None)):
+    assert np.allclose(values((3.0, 3.0, 5.0)), diseases + swath * (plain - diseases))
+    assert np.allclose(values((3.0, 3.0, 500.0)), diseases + 10.0 / 2.0 * (plain - diseases))
+    for same in (values((3.0, 3.0, 0.1)), values((0.0, 0.0, 5.0), beyond=10), values(None)):
         assert np.array_equal(same, plain)
 
 

@@ -47,7 +47,7 @@ def _passes(path, low, high, start=(0.0, 0.0)):
 
 
 def _asked(policy, vehicles, seen):
-    """Show finds, then that there are no more; return the decision."""
+    """Show detections, then that there are no more; return the decision."""
     policy.decide(observation(*vehicles, event=Event.OBSERVATIONS, seen=seen))
     healthy = _seen([(1, 1)], 1.0, begin=100)
     both = Observations.concatenate([seen, healthy])
@@ -55,7 +55,7 @@ def _asked(policy, vehicles, seen):
 
 
 def _rows(path):
-    """Return the long legs along an axis: the rows of packages, as lines."""
+    """Return the long legs along an axis: the rows of segments, as lines."""
     legs = np.stack((path[:-1], path[1:]), axis=1)
     extent = np.abs(legs[:, 1] - legs[:, 0]) / CELL
     kept = (extent.min(axis=1) < 1e-6) & (extent.max(axis=1) > 3.0)
@@ -90,7 +90,7 @@ def test_nothing_new_is_no_reason_to_change():
     assert policy.decide(observation(*flying, event=Event.OBSERVATIONS, seen=healthy)) is NO_CHANGE
 
 
-def _with_finds(policy, seen, count=3, points=2):
+def _with_detections(policy, seen, count=3, points=2):
     vehicles = _fleet(count)
     paths = policy.decide(observation(*vehicles)).paths
     flying = [_flown(one, paths[one.system_id], points) for one in vehicles]
@@ -98,8 +98,8 @@ def _with_finds(policy, seen, count=3, points=2):
 
 
 def test_about_finds_a_contractor_flies_fine_rows():
-    finds = _seen([(20, 20), (21, 20)])
-    flying, paths, decision = _with_finds(Market(), finds)
+    detections = _seen([(20, 20), (21, 20)])
+    flying, paths, decision = _with_detections(Market(), detections)
     low, high = (17, 17), (25, 24)
     where = {one.system_id: one.position_m for one in flying}
     gains = {
@@ -110,10 +110,10 @@ def test_about_finds_a_contractor_flies_fine_rows():
     assert max(gains.values()) > 16 and max(gains, key=gains.get) != 1
 
 
-def test_a_pioneer_takes_fine_packages_only_when_it_is_alone():
-    finds = _seen([(20, 20), (21, 20)])
+def test_a_pioneer_takes_fine_segments_only_when_it_is_alone():
+    detections = _seen([(20, 20), (21, 20)])
     for pioneers, count in ((2, 2), (1, 1)):
-        _, _, decision = _with_finds(Market(pioneers=pioneers), finds, count=count)
+        _, _, decision = _with_detections(Market(pioneers=pioneers), detections, count=count)
         assert decision.changes
 
 
@@ -122,33 +122,33 @@ def test_a_run_of_finds_is_waited_for():
     vehicles = _fleet(2)
     paths = policy.decide(observation(*vehicles)).paths
     flying = [_flown(one, paths[one.system_id], 2) for one in vehicles]
-    finds = _seen([(20, 20), (21, 20)])
-    assert policy.decide(observation(*flying, event=Event.OBSERVATIONS, seen=finds)) is NO_CHANGE
-    more = Observations.concatenate([finds, _seen([(22, 20)], begin=2)])
+    detections = _seen([(20, 20), (21, 20)])
+    assert policy.decide(observation(*flying, event=Event.OBSERVATIONS, seen=detections)) is NO_CHANGE
+    more = Observations.concatenate([detections, _seen([(22, 20)], begin=2)])
     assert policy.decide(observation(*flying, event=Event.OBSERVATIONS, seen=more)) is NO_CHANGE
     assert policy.decide(observation(*flying, event=Event.OBSERVATIONS, seen=more)).changes
 
 
 def test_what_is_a_find():
     infected, other = _seen([(20, 20)], 0.5), _seen([(20, 20)], field=1)
-    for finds in (infected, other):
-        assert _with_finds(Market(), finds)[2] is NO_CHANGE
-    assert _with_finds(Market(below=0.75), infected)[2].changes
-    assert _with_finds(Market(field="ccr"), other)[2].changes
-    assert _with_finds(Market(field="all"), other)[2].changes
+    for detections in (infected, other):
+        assert _with_detections(Market(), detections)[2] is NO_CHANGE
+    assert _with_detections(Market(below=0.75), infected)[2].changes
+    assert _with_detections(Market(field="ccr"), other)[2].changes
+    assert _with_detections(Market(field="all"), other)[2].changes
     with pytest.raises(
         PlanningError, match="no disease that is scored is named 'soil'; there are tylcv, ccr, all"
     ):
-        _with_finds(Market(field="soil"), infected)
+        _with_detections(Market(field="soil"), infected)
 
 
 def test_finds_are_offered_once():
     policy = Market()
-    finds = _seen([(20, 20)])
-    flying, _, first = _with_finds(policy, finds)
+    detections = _seen([(20, 20)])
+    flying, _, first = _with_detections(policy, detections)
     assert first.changes
     on = [replace(one, rest_m=first.paths.get(one.system_id, one.rest_m)) for one in flying]
-    again = Observations.concatenate([finds, _seen([(1, 1)], 1.0, 100), _seen([(21, 21)], 0.0, 101)])
+    again = Observations.concatenate([detections, _seen([(1, 1)], 1.0, 100), _seen([(21, 21)], 0.0, 101)])
     for _ in range(3):
         assert policy.decide(observation(*on, event=Event.OBSERVATIONS, seen=again)) is NO_CHANGE
 
@@ -168,7 +168,7 @@ def test_what_a_lost_vehicle_has_not_flown_is_sold_to_the_others():
     assert _covered(rows, after) > 0.7 * len(rows)
 
 
-def test_a_vehicle_that_did_not_take_its_path_has_its_packages_sold_again():
+def test_a_vehicle_that_did_not_take_its_path_has_its_segments_sold_again():
     policy = Market()
     vehicles = _fleet(2)
     paths = policy.decide(observation(*vehicles)).paths
@@ -205,27 +205,27 @@ def test_the_way_home_is_kept():
         assert 40.0 < vehicles[k - 1].travel_cost.rest([path])[0] <= 60.0
 
 
-def _about_finds(policy, vehicles, day, seen):
-    """Fly and show finds; return the first paths, whether fine packages were sold, and what was seen."""
+def _about_detections(policy, vehicles, day, seen):
+    """Fly and show detections; return the first paths, whether fine segments were sold, and what was seen."""
     first = policy.decide(replace(observation(*vehicles, seen=seen), day=day)).paths
     flying = [_flown(one, first[one.system_id], 2) for one in vehicles]
-    finds = Observations.concatenate([seen, _seen([(20, 20), (21, 20)], begin=200, day=day)])
-    healthy = Observations.concatenate([finds, _seen([(1, 1)], 1.0, begin=300, day=day)])
-    for now in (finds, healthy):
+    detections = Observations.concatenate([seen, _seen([(20, 20), (21, 20)], begin=200, day=day)])
+    healthy = Observations.concatenate([detections, _seen([(1, 1)], 1.0, begin=300, day=day)])
+    for now in (detections, healthy):
         answer = policy.decide(replace(observation(*flying, event=Event.OBSERVATIONS, seen=now), day=day))
     return first, answer.reason == "packages about finds", healthy
 
 
 def test_each_flight_begins_with_a_first_look_and_each_day_with_finds_of_its_own():
     policy, vehicles = Market(), _fleet(3)
-    first, sold, seen = _about_finds(policy, vehicles, 6, Observations.empty())
+    first, sold, seen = _about_detections(policy, vehicles, 6, Observations.empty())
     assert sold
-    again, sold, seen = _about_finds(policy, vehicles, 6, seen)
+    again, sold, seen = _about_detections(policy, vehicles, 6, seen)
     assert not sold, "they were offered on this day"
-    # What is left of the fine package is flown, too; of the first look nothing is sold twice.
+    # What is left of the fine segment is flown, too; of the first look nothing is sold twice.
     rows = [row for path in again.values() for row in _rows(path)]
     assert len({row.wkb for row in rows}) == len(rows)
-    later, sold, _ = _about_finds(policy, vehicles, 7, seen)
+    later, sold, _ = _about_detections(policy, vehicles, 7, seen)
     assert sold
     for k, path in first.items():
         assert [row.wkb for row in _rows(later[k])][:3] == [row.wkb for row in _rows(path)][:3]

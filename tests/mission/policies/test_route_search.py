@@ -29,10 +29,10 @@ def _vehicle(budget, here=(0.0, 0.0), spent=0.0):
     )
 
 
-def _search(worth, x, y, horizon, free=None, beam=6, patience=1e9, shares=ALONE):
-    free = np.ones(worth.shape, np.bool_) if free is None else free
+def _search(values, x, y, horizon, free=None, beam=6, patience=1e9, shares=ALONE):
+    free = np.ones(values.shape, np.bool_) if free is None else free
     return search_route(
-        worth,
+        values,
         shares,
         free,
         x,
@@ -48,37 +48,37 @@ def _search(worth, x, y, horizon, free=None, beam=6, patience=1e9, shares=ALONE)
 
 
 def test_a_leg_takes_what_it_sees_and_a_share_of_what_lies_beside():
-    worth = np.ones((9, 7), np.float32)
-    take_leg(worth, neighbour_shares(0.5, 1e9, 1), 0.5, 3.5, 4.5, 3.5)
-    assert (worth[1:5, 3] == 0).all() and worth[0, 3] == 0.5
-    assert worth[3, 2] == pytest.approx(0.125) and worth[3, 5] == 1.0 and worth[7, 3] == 1.0
+    values = np.ones((9, 7), np.float32)
+    take_leg(values, neighbour_shares(0.5, 1e9, 1), 0.5, 3.5, 4.5, 3.5)
+    assert (values[1:5, 3] == 0).all() and values[0, 3] == 0.5
+    assert values[3, 2] == pytest.approx(0.125) and values[3, 5] == 1.0 and values[7, 3] == 1.0
 
 
-def test_the_route_goes_where_the_worth_is_and_counts_it_once():
-    worth = np.zeros((12, 12), np.float32)
-    worth[8, 2] = worth[8, 9] = 1.0
-    route = _search(worth, 2.5, 2.5, 15.0)
+def test_the_route_goes_where_the_value_is_and_counts_it_once():
+    values = np.zeros((12, 12), np.float32)
+    values[8, 2] = values[8, 9] = 1.0
+    route = _search(values, 2.5, 2.5, 15.0)
     assert route[-1, 3] == pytest.approx(2.0)
-    seen = worth.copy()
+    seen = values.copy()
     for a, b in itertools.pairwise([(2.5, 2.5), *map(tuple, route[:, :2])]):
         take_leg(seen, ALONE, *a, *b)
     assert seen.sum() == 0.0
 
 
 def test_looking_ahead_beats_the_best_single_leg():
-    worth = np.zeros((15, 15), np.float32)
-    worth[7, 8] = 1.0
-    worth[7, 1:6] = 0.6  # the other way, worth more altogether
-    worth[1:7, 1] = 0.6
-    assert _search(worth, 7.5, 7.5, 13.0)[-1, 3] > 6.0
+    values = np.zeros((15, 15), np.float32)
+    values[7, 8] = 1.0
+    values[7, 1:6] = 0.6  # the other way, worth more altogether
+    values[1:7, 1] = 0.6
+    assert _search(values, 7.5, 7.5, 13.0)[-1, 3] > 6.0
 
 
 def test_legs_do_not_lead_through_what_is_not_free():
     free = np.ones((12, 12), np.bool_)
     free[5, :5] = False
-    worth = np.zeros((12, 12), np.float32)
-    worth[9, 2] = 1.0
-    route = _search(worth, 1.5, 2.5, 40.0, free, beam=20)
+    values = np.zeros((12, 12), np.float32)
+    values[9, 2] = 1.0
+    route = _search(values, 1.5, 2.5, 40.0, free, beam=20)
     path = np.vstack(([[1.5, 2.5]], route[:, :2]))
     for a, b in itertools.pairwise(path):
         cells = np.floor(a + np.linspace(0, 1, 200)[:, None] * (b - a)).astype(int)
@@ -105,15 +105,15 @@ def test_nothing_to_be_seen_gives_no_route():
 @given(st.integers(0, 10_000), st.floats(1.0, 25.0))
 def test_routes_keep_their_horizon_and_promise_what_they_see(seed, horizon):
     rng = np.random.default_rng(seed)
-    worth = rng.random((10, 9)).astype(np.float32)
+    values = rng.random((10, 9)).astype(np.float32)
     x, y = rng.integers(0, 9, 2) + 0.5
-    route = _search(worth, x, y, horizon)
+    route = _search(values, x, y, horizon)
     path = np.vstack(([[x, y]], route[:, :2]))
     assert np.hypot(*np.diff(path, axis=0).T).sum() <= np.ceil(horizon) + 1e-6
-    left = worth.copy()
+    left = values.copy()
     for a, b in itertools.pairwise(path):
         take_leg(left, ALONE, *a, *b)
-    assert route[-1, 3] <= (worth - left).sum() + 1e-4
+    assert route[-1, 3] <= (values - left).sum() + 1e-4
 
 
 def test_a_tour_visits_what_pays_and_keeps_what_the_way_home_takes():
@@ -130,11 +130,11 @@ def test_a_tour_visits_what_pays_and_keeps_what_the_way_home_takes():
     assert [tuple(place) for place in places[order]] == [(3.5, 10.5)]
 
 
-def test_planning_grids_of_large_farms_have_few_blocks_and_keep_the_worth():
-    worth = np.random.default_rng(0).random((600, 500)).astype(np.float32)
-    planning_grid = PlanningGrid.of(shapely.box(0, 0, 600, 500), worth.shape, 1.0, 1.0)
+def test_planning_grids_of_large_farms_have_few_blocks_and_keep_the_values():
+    values = np.random.default_rng(0).random((600, 500)).astype(np.float32)
+    planning_grid = PlanningGrid.of(shapely.box(0, 0, 600, 500), values.shape, 1.0, 1.0)
     assert planning_grid.block == 5 and planning_grid.free.shape == (120, 100) and planning_grid.free.all()
-    assert planning_grid.pooled(worth).sum() == pytest.approx(worth.sum(), rel=1e-5)
+    assert planning_grid.pooled(values).sum() == pytest.approx(values.sum(), rel=1e-5)
     fine = neighbour_shares(0.12, 4.5, 3)
     assert 1 / 5 < planning_grid.shares(fine)[0, 0] < 1.0
 

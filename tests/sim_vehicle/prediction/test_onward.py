@@ -5,7 +5,7 @@ import pytest
 
 from geo.frame import LocalFrame
 from mission.model import MissionItem
-from mission.planners.turns import Turns
+from mission.planners.cornering import Cornering
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.energy.battery import WH_J
@@ -83,7 +83,7 @@ def test_the_rest_of_a_mission_costs_what_the_whole_flight_says(vehicle, autopil
         HOME_M,
         altitude_m=HEIGHT_M,
         speed_m_s=speed,
-        waypoints=Turns(RADIUS_M).waypoints,
+        waypoints=Cornering(RADIUS_M).waypoints,
         wind=wind,
     )
     assert len(states) > 50
@@ -109,7 +109,7 @@ def test_a_fixed_wing_is_priced_with_its_own_landing():
         HOME_M,
         altitude_m=HEIGHT_M,
         speed_m_s=15.0,
-        waypoints=Turns(20.0).waypoints,
+        waypoints=Cornering(20.0).waypoints,
         ending=ending,
     )
     for time_s, before_wh, motion, target in states[20::40]:
@@ -122,14 +122,14 @@ def test_a_path_is_priced_by_the_waypoints_that_fly_it():
     spec = with_autopilot(get_vehicle("quad"), "px4")
     here, path = InFlight((0.0, 0.0), HEIGHT_M, (3.0, 0.0)), rows(4)
 
-    def priced(turns, points):
-        predictor = OnwardPredictor(spec, FARM, HOME_M, altitude_m=HEIGHT_M, waypoints=turns.waypoints)
+    def priced(cornering, points):
+        predictor = OnwardPredictor(spec, FARM, HOME_M, altitude_m=HEIGHT_M, waypoints=cornering.waypoints)
         return predictor.rest(here, [points])[0][0]
 
-    led = Turns(2.0, leads=True)
+    led = Cornering(2.0, overshoots=True)
     sent = led.waypoints(path, (0.0, 0.0))
-    assert priced(led, path) == priced(Turns(2.0), sent.points_m)
-    assert priced(Turns(0.5), path) > priced(Turns(1.5), path), "a small radius costs time"
+    assert priced(led, path) == priced(Cornering(2.0), sent.points_m)
+    assert priced(Cornering(0.5), path) > priced(Cornering(1.5), path), "a small radius costs time"
 
 
 def test_paths_priced_together_cost_what_they_cost_alone_and_in_any_order():

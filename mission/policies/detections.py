@@ -1,4 +1,4 @@
-"""Finds: sick plants that were seen, and the exploration packages about them."""
+"""Detections: sick plants that were seen, and the exploration segments about them."""
 
 from __future__ import annotations
 
@@ -11,30 +11,30 @@ from numpy.typing import NDArray
 from mission.errors import PlanningError
 from mission.planners.inside_routing import Terrain
 from mission.policies.observation import PolicyObservation
-from mission.policies.packages import Box, Package, groups_of, rows_over
+from mission.policies.segments import Box, Segment, groups_of, rows_over
 
 ALL = "all"
 _MOST_SEEN = 0.8
 
 
 @dataclass(slots=True)
-class Finds:
-    """Makes packages about the sick plants of the day that were seen.
+class Detections:
+    """Makes segments about the sick plants of the day that were seen.
 
-    Finds near each other are a group; a group is over when no more were added to it since the last look.
-    Then its bounds and a border make a package, once. It waits as long as one that overlaps with it is not
+    Detections near each other are a group; a group is over when no more were added to it since the last look.
+    Then its bounds and a border make a segment, once. It waits as long as one that overlaps with it is not
     flown.
 
     Parameters
     ----------
     border : float
-        Beyond the finds, and how far apart those of a group may be, cells.
+        Beyond the detections, and how far apart those of a group may be, cells.
     step : float
         Distance of rows, cells.
     field_name : str
         Of which disease; ``all``: of every one with a weight.
     below : float
-        A plant with a smaller value is a find.
+        A plant with a smaller value is a detection.
     who : str
         What errors call the policy.
     """
@@ -57,20 +57,20 @@ class Finds:
         self._offered = []
 
     def next_number(self) -> int:
-        """Return a number for a package that no other one of the run has."""
+        """Return a number for a segment that no other one of the run has."""
         self._numbers += 1
         return self._numbers
 
-    def packages(
-        self, observation: PolicyObservation, terrains: Sequence[Terrain], ahead: Sequence[Package]
-    ) -> list[Package]:
-        """Return packages about the groups of finds that are over.
+    def segments(
+        self, observation: PolicyObservation, terrains: Sequence[Terrain], ahead: Sequence[Segment]
+    ) -> list[Segment]:
+        """Return segments about the groups of detections that are over.
 
         Parameters
         ----------
         terrains : sequence of Terrain
-            Of the vehicles; a package lies in the area of one of them.
-        ahead : sequence of Package
+            Of the vehicles; a segment lies in the area of one of them.
+        ahead : sequence of Segment
             The fine ones that are not flown yet.
 
         Raises
@@ -89,13 +89,13 @@ class Finds:
             x, y = cells[:, 0], cells[:, 1]
             outside = (x < x_0) | (x >= x_1) | (y < y_0) | (y >= y_1)
             cells, numbers = cells[outside], numbers[outside]
-        made: list[Package] = []
+        made: list[Segment] = []
         for group in groups_of(cells, self.border):
             if numbers[group].max() >= latest:
                 continue
-            package = self._package(observation, cells[group], terrains, [*ahead, *made])
-            if package is not None:
-                made.append(package)
+            segment = self._segment(observation, cells[group], terrains, [*ahead, *made])
+            if segment is not None:
+                made.append(segment)
         return made
 
     def _fields(self, observation: PolicyObservation) -> list[int]:
@@ -112,19 +112,19 @@ class Finds:
             raise PlanningError(msg)
         return [names[self.field_name]]
 
-    def _package(
+    def _segment(
         self,
         observation: PolicyObservation,
         cells: NDArray[np.integer],
         terrains: Sequence[Terrain],
-        ahead: Sequence[Package],
-    ) -> Package | None:
+        ahead: Sequence[Segment],
+    ) -> Segment | None:
         border, shape = round(self.border), observation.model.shape
         x_0, y_0 = np.maximum(cells.min(axis=0) - border, 0).tolist()
         x_1, y_1 = np.minimum(cells.max(axis=0) + border + 1, shape).tolist()
         cell_m = observation.farm.cell_size_m
         box: Box = (x_0 * cell_m, y_0 * cell_m, x_1 * cell_m, y_1 * cell_m)
-        if any(package.overlaps(box) for package in ahead):
+        if any(segment.overlaps(box) for segment in ahead):
             return None
         self._offered.append((x_0, y_0, x_1, y_1))
         seen = observation.observations
@@ -141,5 +141,5 @@ class Finds:
         for terrain in terrains:
             rows = rows_over(box, terrain.flyable, self.step * cell_m)
             if rows:
-                return Package(self.next_number(), True, box, rows)
+                return Segment(self.next_number(), True, box, rows)
         return None

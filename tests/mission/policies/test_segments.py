@@ -6,13 +6,13 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mission.policies.packages import VARIANTS, Package, blocks_of, corners_of, groups_of, rows_over
+from mission.policies.segments import VARIANTS, Segment, blocks_of, corners_of, groups_of, rows_over
 
 FIELD = shapely.box(0, 0, 40, 30)
 
 
-def _package(box, flyable=FIELD, spacing=2.0):
-    return Package(1, True, box, rows_over(box, flyable, spacing))
+def _segment(box, flyable=FIELD, spacing=2.0):
+    return Segment(1, True, box, rows_over(box, flyable, spacing))
 
 
 @given(st.floats(1, 30), st.floats(1, 30), st.floats(0.2, 12))
@@ -28,23 +28,23 @@ def test_rows_leave_no_gap_wider_than_their_spacing(width, height, spacing):
 
 def test_rows_end_where_flying_does():
     pond = shapely.box(10, 4, 14, 8)
-    package = _package((0, 2, 30, 10), FIELD - pond)
-    lines = shapely.multilinestrings([row.ends_m for row in package.rows])
+    segment = _segment((0, 2, 30, 10), FIELD - pond)
+    lines = shapely.multilinestrings([row.ends_m for row in segment.rows])
     assert (FIELD - pond).buffer(1e-9).covers(lines)
-    assert sorted(row.line for row in package.rows) == [0, 1, 1, 2, 2, 3]
+    assert sorted(row.line for row in segment.rows) == [0, 1, 1, 2, 2, 3]
     assert rows_over((50, 50, 60, 60), FIELD, 1.0) == ()
 
 
 @pytest.mark.parametrize("variant", range(VARIANTS))
 def test_every_variant_flies_every_row_once_to_and_fro_from_its_corner(variant):
-    package = _package((0, 0, 20, 8))
-    flown = package.ordered(variant)
+    segment = _segment((0, 0, 20, 8))
+    flown = segment.ordered(variant)
     assert sorted(number for number, _ in flown) == [0, 1, 2, 3]
     x, y = flown[0][1][0]
     assert (x == 20.0) == bool(variant & 1) and (y > 4.0) == bool(variant & 2)
     for (_, before), (_, after) in pairwise(flown):
         assert before[1, 0] == after[0, 0]
-    corners = corners_of([package])[0]
+    corners = corners_of([segment])[0]
     assert corners[variant].tolist() == [x, y]
     assert corners[VARIANTS + variant].tolist() == flown[-1][1][1].tolist()
 
@@ -55,8 +55,8 @@ def test_blocks_cover_the_bounds_and_do_not_overlap(count):
     assert abs(len(boxes) - count) <= 0.34 * count
     together = shapely.union_all([shapely.box(*box) for box in boxes])
     assert together.symmetric_difference(FIELD).area < 1e-9
-    packages = [_package(box) for box in boxes]
-    assert not any(a.overlaps(b.box_m) for a in packages for b in packages if a is not b)
+    segments = [_segment(box) for box in boxes]
+    assert not any(a.overlaps(b.box_m) for a in segments for b in segments if a is not b)
 
 
 def test_groups_hang_together():

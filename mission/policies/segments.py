@@ -1,4 +1,4 @@
-"""Exploration packages: rows at one distance over a part of an area, which one vehicle flies as a whole."""
+"""Survey segments: rows at one distance over a part of an area, which one vehicle flies as a whole."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from mission.planners.path import Area, Points
 
 VARIANTS = 4
-"""A package is flown from any of its four corners."""
+"""A segment is flown from any of its four corners."""
 SHORTEST_M = 1e-3
 """A shorter row is none."""
 
@@ -34,7 +34,7 @@ class Row:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Package:
+class Segment:
     """What is offered on the market.
 
     Parameters
@@ -132,11 +132,11 @@ def groups_of(cells: NDArray[np.integer], reach: float) -> list[NDArray[np.intp]
     return [np.flatnonzero(labels == k) for k in range(count)]
 
 
-def corners_of(packages: Sequence[Package]) -> Points:
-    """Return where the variants of packages begin, and then where they end, float64[packages, 8, 2]."""
-    corners = np.empty((len(packages), 2 * VARIANTS, 2))
-    for k, package in enumerate(packages):
+def corners_of(segments: Sequence[Segment]) -> Points:
+    """Return where the variants of segments begin, and then where they end, float64[segments, 8, 2]."""
+    corners = np.empty((len(segments), 2 * VARIANTS, 2))
+    for k, segment in enumerate(segments):
         for variant in range(VARIANTS):
-            flown = package.ordered(variant)
+            flown = segment.ordered(variant)
             corners[k, variant], corners[k, VARIANTS + variant] = flown[0][1][0], flown[-1][1][-1]
     return corners

@@ -9,10 +9,10 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from mission.errors import PlanningError
+from mission.planners.cornering import Cornering
 from mission.planners.path import distinct
-from mission.planners.turns import Turns
 
-PX4 = Turns(2.0, leads=True)
+PX4 = Cornering(2.0, overshoots=True)
 POINTS = st.lists(st.tuples(st.floats(-30, 30), st.floats(-30, 30)), min_size=1, max_size=15)
 
 
@@ -22,10 +22,10 @@ def array(*points):
 
 def test_without_leads_the_waypoints_are_the_points():
     path = array((0, 0), (9, 0), (9, 0.001), (9, 9))
-    for turns in (Turns(), Turns(2.0), Turns(0.4, leads=True)):
-        sent = turns.waypoints(path, (0.0, -5.0))
+    for cornering in (Cornering(), Cornering(2.0), Cornering(0.4, overshoots=True)):
+        sent = cornering.waypoints(path, (0.0, -5.0))
         assert sent.points_m.tolist() == [[0, 0], [9, 0], [9, 9]]
-        assert sent.of_point.tolist() == [0, 1, 3] and sent.radius_m == turns.radius_m
+        assert sent.of_point.tolist() == [0, 1, 3] and sent.radius_m == cornering.radius_m
 
 
 def test_a_corner_between_legs_has_two_waypoints():
@@ -88,7 +88,7 @@ def test_no_leg_is_led_into_what_must_not_be_flown_over():
 @pytest.mark.parametrize("radius_m", [-1.0, math.nan, math.inf])
 def test_a_radius_is_finite_and_not_negative(radius_m):
     with pytest.raises(PlanningError, match="acceptance radius"):
-        Turns(radius_m)
+        Cornering(radius_m)
 
 
 @given(POINTS, st.tuples(st.floats(-30, 30), st.floats(-30, 30)) | st.none())
@@ -104,7 +104,7 @@ def test_each_point_is_still_flown_to(points, start):
     assert len(kept) - len(set(sent.of_point)) <= np.sum(np.hypot(*np.diff(path[kept], axis=0).T) < 3.1)
     assert np.isfinite(sent.points_m).all()
     off = np.hypot(*(sent.points_m - path[sent.of_point]).T)
-    assert ((off < 1e-9) | (abs(off - PX4.lead_m) < 1e-6)).all()
+    assert ((off < 1e-9) | (abs(off - PX4.overshoot_m) < 1e-6)).all()
     steps = np.hypot(*np.diff(sent.points_m, axis=0).T)
     assert (steps >= 0.01).all()
     # Each lies on the line of a leg to or from its point.

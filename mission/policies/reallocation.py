@@ -80,7 +80,7 @@ class Share:
         return _land(shapely.intersection(along, self.part), vehicle.request.footprint_m)
 
 
-def hand_over(
+def reallocate(
     lost: Sequence[VehicleReport],
     takers: Sequence[VehicleReport],
     shares: Mapping[int, Share],

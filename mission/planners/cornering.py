@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mission.errors import PlanningError
 from mission.planners.path import COINCIDENT_M, Area, Points, distinct
 
-__all__ = ["Turns", "Waypoints"]
+__all__ = ["Cornering", "Waypoints"]
 
 # Legs shorter than so many radii are flown as they are.
 _LEAST_LEG = 0.15
@@ -54,7 +54,7 @@ class Waypoints:
 
 
 @dataclass(frozen=True, slots=True)
-class Turns:
+class Cornering:
     """How an autopilot takes the corners of a path that it is given.
 
     PX4 turns to the next waypoint as soon as it is within the acceptance radius of one. That radius cannot
@@ -66,8 +66,8 @@ class Turns:
     ----------
     radius_m : float
         Acceptance radius of the waypoints; 0 is the autopilot's own.
-    leads : bool
-        The vehicle turns within that radius, and legs are led.
+    overshoots : bool
+        The vehicle turns within that radius, and legs overshoot.
 
     Raises
     ------
@@ -77,12 +77,12 @@ class Turns:
     Examples
     --------
     >>> rows = np.array([[0.0, 0.0], [30.0, 0.0], [30.0, 1.0], [0.0, 1.0]])
-    >>> Turns(2.0, leads=True).waypoints(rows, (0.0, 0.0)).points_m.tolist()
+    >>> Cornering(2.0, overshoots=True).waypoints(rows, (0.0, 0.0)).points_m.tolist()
     [[-1.5, 0.0], [31.5, 0.0], [31.5, 1.0], [-1.5, 1.0]]
     """
 
     radius_m: float = 0.0
-    leads: bool = False
+    overshoots: bool = False
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.radius_m < math.inf:
@@ -90,9 +90,9 @@ class Turns:
             raise PlanningError(msg)
 
     @property
-    def lead_m(self) -> float:
-        """How far legs are led on."""
-        return max(self.radius_m - _BEFORE_M, 0.0) if self.leads else 0.0
+    def overshoot_m(self) -> float:
+        """How far legs overshoot."""
+        return max(self.radius_m - _BEFORE_M, 0.0) if self.overshoots else 0.0
 
     def waypoints(
         self, path_m: Points, start_m: tuple[float, float] | None = None, *, avoid: Area | None = None
@@ -111,29 +111,29 @@ class Turns:
         of_point = distinct(path_m)
         points = path_m[of_point]
         loiters = np.diff(of_point, append=len(path_m)) - 1
-        if self.lead_m > 0.0 and len(points):
-            places, led = self._led(points, start_m, avoid)
-            kept = distinct(led)
+        if self.overshoot_m > 0.0 and len(points):
+            places, overshot = self._overshot(points, start_m, avoid)
+            kept = distinct(overshot)
             # It stays at the last of the waypoints that stand for a point.
             last = np.diff(places[kept], append=len(of_point)) > 0
             points, of_point, loiters = (
-                led[kept],
+                overshot[kept],
                 of_point[places[kept]],
                 np.where(last, loiters[places[kept]], 0),
             )
         return Waypoints(points, of_point, self.radius_m, loiters)
 
-    def _led(
+    def _overshot(
         self, points: Points, start_m: tuple[float, float] | None, avoid: Area | None
     ) -> tuple[NDArray[np.int64], Points]:
-        """Return the waypoints of a path whose legs are led, and which points they stand for."""
+        """Return the waypoints of a path whose legs are overshot, and which points they stand for."""
         come, go = self._directions(points, start_m)
         # Where the leg that comes in ends, where the one that goes out begins, and the point itself.
-        places = np.stack((points + self.lead_m * come, points - self.lead_m * go, points), axis=1)
+        places = np.stack((points + self.overshoot_m * come, points - self.overshoot_m * go, points), axis=1)
         use = np.stack((come.any(axis=1), go.any(axis=1), np.ones(len(points), np.bool_)), axis=1)
         if avoid is not None:
-            leads = np.stack((np.repeat(points[:, None], 2, axis=1), places[:, :2]), axis=2)
-            use[:, :2] &= ~shapely.intersects(shapely.linestrings(leads), avoid)
+            ways = np.stack((np.repeat(points[:, None], 2, axis=1), places[:, :2]), axis=2)
+            use[:, :2] &= ~shapely.intersects(shapely.linestrings(ways), avoid)
         use[:, 2] = ~use[:, :2].any(axis=1)
         return np.nonzero(use)[0], places[use]
 
@@ -144,11 +144,11 @@ class Turns:
         length_m = np.hypot(steps[:, 0], steps[:, 1])
         # Who stands on the first point comes to it from nowhere.
         every = np.where((length_m < COINCIDENT_M)[:, None], 0.0, steps / np.maximum(length_m, 1e-9)[:, None])
-        unled = (length_m < _LEAST_LEG * self.radius_m) | self._between_rows(every, length_m)
-        led = np.where(unled[:, None], 0.0, every)
+        as_planned = (length_m < _LEAST_LEG * self.radius_m) | self._between_rows(every, length_m)
+        overshot = np.where(as_planned[:, None], 0.0, every)
         # To the first point leads no leg, if nobody knows where the vehicle comes from; from the last none.
         before = 0 if start_m is not None else 1
-        come, go = _at_both_ends(led, before)
+        come, go = _at_both_ends(overshot, before)
         come_far, go_far = _at_both_ends(length_m > _LONG_LEG * self.radius_m, before)
         come_short, go_short = _at_both_ends(length_m < _SHORT_LEG * self.radius_m, before)
         along = (come * go).sum(axis=1)

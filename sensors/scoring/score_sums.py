@@ -1,4 +1,9 @@
-"""The compiled sums of the score, kept for each tile, so that only tiles that changed are summed again."""
+"""The compiled sums of the score, kept for each tile, so that only what changed is summed again.
+
+Estimators report changed tiles (`sum_errors`). Batched training knows the first changed column of each tile,
+too (`resume_errors`). Both add the errors of a tile cell by cell, along y and then along x, so that their
+sums are the same to the last bit; so does `sensors.scoring.small_sums`.
+"""
 
 from __future__ import annotations
 
@@ -21,6 +26,30 @@ def count_cells(mask: NDArray[np.bool_], cells: NDArray[np.int64]) -> None:
                 for y in range(row * TILE_CELLS, min((row + 1) * TILE_CELLS, height)):
                     count += mask[x, y]
             cells[column, row] = count
+
+
+@compiled(inline="late", nogil=True, allocates=False)
+def _add_column(
+    mask: NDArray[np.bool_],
+    truth: NDArray[np.floating],
+    estimate: NDArray[np.floating],
+    x: int,
+    y0: int,
+    y1: int,
+    sums: tuple[float, float, float, float],
+) -> tuple[float, float, float, float]:
+    """Add the errors of the relevant cells of a part of a column to sums (`SQUARES` and so on)."""
+    squares, worse_squares, absolute, worse_absolute = sums
+    for y in range(y0, y1):
+        if mask[x, y]:
+            error = np.float64(estimate[x, y]) - np.float64(truth[x, y])
+            # A NaN fails the comparison and goes into the plain sums.
+            worse = error if error > 0.0 else 0.0
+            squares += error * error
+            worse_squares += worse * worse
+            absolute += abs(error)
+            worse_absolute += worse
+    return squares, worse_squares, absolute, worse_absolute
 
 
 @compiled(nogil=True)
@@ -51,21 +80,64 @@ def sum_errors(
         for row in range(tiles.shape[1]):
             if not tiles[column, row] or cells[column, row] == 0:
                 continue
-            squares = worse_squares = absolute = worse_absolute = 0.0
+            added = (0.0, 0.0, 0.0, 0.0)
+            y0, y1 = row * TILE_CELLS, min((row + 1) * TILE_CELLS, height)
             for x in range(column * TILE_CELLS, min((column + 1) * TILE_CELLS, width)):
-                for y in range(row * TILE_CELLS, min((row + 1) * TILE_CELLS, height)):
-                    if mask[x, y]:
-                        error = np.float64(estimate[x, y]) - np.float64(truth[x, y])
-                        # A NaN fails the comparison and goes into the plain sums.
-                        worse = error if error > 0.0 else 0.0
-                        squares += error * error
-                        worse_squares += worse * worse
-                        absolute += abs(error)
-                        worse_absolute += worse
-            sums[column, row, SQUARES] = squares
-            sums[column, row, WORSE_SQUARES] = worse_squares
-            sums[column, row, ABSOLUTE] = absolute
-            sums[column, row, WORSE_ABSOLUTE] = worse_absolute
+                added = _add_column(mask, truth, estimate, x, y0, y1, added)
+            sums[column, row, SQUARES] = added[SQUARES]
+            sums[column, row, WORSE_SQUARES] = added[WORSE_SQUARES]
+            sums[column, row, ABSOLUTE] = added[ABSOLUTE]
+            sums[column, row, WORSE_ABSOLUTE] = added[WORSE_ABSOLUTE]
+
+
+@compiled(nogil=True, allocates=False)
+def resume_errors(
+    masks: NDArray[np.bool_],
+    truth: NDArray[np.float32],
+    estimate: NDArray[np.float32],
+    dirty: NDArray[np.int64],
+    partial: NDArray[np.float64],
+    sums: NDArray[np.float64],
+) -> None:
+    """Sum the squared errors of all fields, from the first column of each tile that has changed.
+
+    Parameters
+    ----------
+    masks : bool[k, W, H]
+        The relevant cells.
+    truth, estimate : float32[k, W, H]
+    dirty : int64[tiles along x, tiles along y]
+        The first column of the tile that is not summed; changed.
+    partial : float64[k, tiles along x, tiles along y, TILE_CELLS + 1, 2]
+        Sums before each column, of all cells and of those estimated too high; changed.
+    sums : float64[k, 2]
+        Written: the same sums over all tiles.
+    """
+    width, height = masks.shape[1], masks.shape[2]
+    tiles_x, tiles_y = dirty.shape
+    for tile in range(tiles_x):
+        x0 = tile * TILE_CELLS
+        columns = min(TILE_CELLS, width - x0)
+        for strip in range(tiles_y):
+            y0, y1 = strip * TILE_CELLS, min((strip + 1) * TILE_CELLS, height)
+            start = dirty[tile, strip]
+            if start >= columns:
+                continue
+            dirty[tile, strip] = TILE_CELLS
+            for k in range(len(masks)):
+                kept = partial[k, tile, strip]
+                added = (kept[start, SQUARES], kept[start, WORSE_SQUARES], 0.0, 0.0)
+                for column in range(start, columns):
+                    added = _add_column(masks[k], truth[k], estimate[k], x0 + column, y0, y1, added)
+                    kept[column + 1, SQUARES] = added[SQUARES]
+                    kept[column + 1, WORSE_SQUARES] = added[WORSE_SQUARES]
+    sums[:] = 0.0
+    for k in range(len(masks)):
+        for tile in range(tiles_x):
+            columns = min(TILE_CELLS, width - tile * TILE_CELLS)
+            for strip in range(tiles_y):
+                sums[k, SQUARES] += partial[k, tile, strip, columns, SQUARES]
+                sums[k, WORSE_SQUARES] += partial[k, tile, strip, columns, WORSE_SQUARES]
 
 
 @compiled(nogil=True)

@@ -8,9 +8,10 @@ from numpy.typing import NDArray
 from geo.seeds import stream
 from sensors.estimators.disk.disks import adaptive_radius, half_widths
 from sensors.scoring.score import ScoreWeights
+from sensors.scoring.score_sums import resume_errors
 from sensors.scoring.tiles import TILE_CELLS, tile_shape
 from wbf_mission.planning.assignment import SortieNumber
-from wbf_mission.rl.batch_kernel import SCORES_A_STEP, advance, sum_errors
+from wbf_mission.rl.batch_kernel import SCORES_A_STEP, advance
 from wbf_mission.rl.returns import rewards_of
 from wbf_mission.rl.task import MOVES, SurveyTask
 
@@ -99,7 +100,7 @@ class Batch:
         self._uncertainty[run] = 1.0
         self._visited[run] = 0.0
         self._dirty[run] = 0
-        sum_errors(
+        resume_errors(
             self._masks,
             self._truth[run],
             self._value[run],

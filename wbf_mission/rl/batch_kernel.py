@@ -1,9 +1,8 @@
 """The compiled step of many runs with adaptive disks.
 
 The same as the parts of a flight to the last bit: `sensors.estimators.disk.adaptive_disk` paints the newest
-disk that covers a cell, `sensors.scoring.score_sums` adds the errors of a tile cell by cell, along y and then
-along x. Here only the cells of a new disk are painted while the radius stays, and the sums of a tile go on
-from its first column that has changed: what was added up before each column is kept.
+disk that covers a cell, `sensors.scoring.score_sums` adds the errors. Here only the cells of a new disk are
+painted while the radius stays, and the sums of a tile go on from its first column that has changed.
 """
 
 from __future__ import annotations
@@ -12,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.compiled import compiled
+from sensors.scoring.score_sums import resume_errors
 from sensors.scoring.tiles import TILE_CELLS
 
-__all__ = ["SCORES_A_STEP", "advance", "sum_errors"]
+__all__ = ["SCORES_A_STEP", "advance"]
 
 SCORES_A_STEP = 2
 """The first move of a flight brings two images."""
@@ -149,7 +149,7 @@ def advance(
                     dirty[run],
                 )
             if (number + 1) % every == 0 or number + 1 == most:
-                sum_errors(masks, truth[run], value[run], dirty[run], partial[run], sums[run, scored[run]])
+                resume_errors(masks, truth[run], value[run], dirty[run], partial[run], sums[run, scored[run]])
                 scored[run] += 1
 
 
@@ -196,49 +196,3 @@ def _paint(
                     value[k, column, row] = reading[k]
                     if within < dirty[tile, row // TILE_CELLS]:
                         dirty[tile, row // TILE_CELLS] = within
-
-
-@compiled(nogil=True, allocates=False)
-def sum_errors(
-    masks: NDArray[np.bool_],
-    truth: NDArray[np.float32],
-    value: NDArray[np.float32],
-    dirty: NDArray[np.int64],
-    partial: NDArray[np.float64],
-    sums: NDArray[np.float64],
-) -> None:
-    """Sum the squared errors of one run, from the first column of each tile that has changed."""
-    width, height = masks.shape[1], masks.shape[2]
-    tiles_x, tiles_y = dirty.shape
-    for tile in range(tiles_x):
-        x0 = tile * TILE_CELLS
-        columns = min(TILE_CELLS, width - x0)
-        for strip in range(tiles_y):
-            y0 = strip * TILE_CELLS
-            y1 = min(y0 + TILE_CELLS, height)
-            start = dirty[tile, strip]
-            if start >= columns:
-                continue
-            dirty[tile, strip] = TILE_CELLS
-            for k in range(len(masks)):
-                squares = partial[k, tile, strip, start, 0]
-                worse_squares = partial[k, tile, strip, start, 1]
-                for column in range(start, columns):
-                    for y in range(y0, y1):
-                        if masks[k, x0 + column, y]:
-                            error = np.float64(value[k, x0 + column, y]) - np.float64(
-                                truth[k, x0 + column, y]
-                            )
-                            worse = error if error > 0.0 else 0.0
-                            squares += error * error
-                            worse_squares += worse * worse
-                    partial[k, tile, strip, column + 1, 0] = squares
-                    partial[k, tile, strip, column + 1, 1] = worse_squares
-    for k in range(len(masks)):
-        squares = worse_squares = 0.0
-        for tile in range(tiles_x):
-            columns = min(TILE_CELLS, width - tile * TILE_CELLS)
-            for strip in range(tiles_y):
-                squares += partial[k, tile, strip, columns, 0]
-                worse_squares += partial[k, tile, strip, columns, 1]
-        sums[k, 0], sums[k, 1] = squares, worse_squares

@@ -43,10 +43,8 @@ from geo.seeds import child_seed, sealed_seed
 from mission.errors import PlanningError
 from mission.planners import CropArea, PlanningRequest, StepBudget
 from mission.policies.decision import Decision
-from mission.policies.observation import Event, PolicyObservation, Status, VehicleReport
-from mission.policies.policy import FixedPlan, Policy
-from mission.policies.registry import make_policy
-from mission.policies.travel_cost import GeometricTravelCost
+from mission.policies.observation import Event, GeometricTravelCost, PolicyObservation, Status, VehicleReport
+from mission.policies.policy import FixedPlan, Policy, make_policy
 from sensors.environment import generate_environment
 from sensors.estimators import make_estimator
 from sensors.fields import PAPER_FIELDS

@@ -28,8 +28,7 @@ from geo.farm import Crop, Farm
 from geo.farms import get_farm
 from geo.seeds import child_seed
 from mission.policies.observation import Event, PolicyObservation
-from mission.policies.policy import Policy
-from mission.policies.registry import make_policy
+from mission.policies.policy import Policy, make_policy
 from sensors.environment import generate_environment
 from sensors.estimators import make_estimator
 from sensors.fields import PAPER_FIELDS

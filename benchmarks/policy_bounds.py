@@ -31,7 +31,7 @@ from threadpoolctl import threadpool_limits
 from geo.farms import get_farm
 from geo.seeds import child_seed
 from mission.policies.acquisition import ValueMap
-from mission.policies.greedy import Greedy
+from mission.policies.map_policies import Greedy
 from mission.policies.observation import PolicyObservation
 from sensors.environment import generate_environment
 from sensors.estimators import make_estimator

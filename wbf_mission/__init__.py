@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from mission.policies.policy import Asking as Asking
     from mission.policies.policy import Policy as Policy
     from mission.policies.policy import Triggers as Triggers
-    from mission.policies.registry import make_policy as make_policy
+    from mission.policies.policy import make_policy as make_policy
     from sensors.errors import EstimatorError as EstimatorError
     from sensors.estimators.base import BaseEstimator as BaseEstimator
     from sensors.estimators.base import Estimator as Estimator
@@ -110,8 +110,7 @@ else:
                 "GO_ON",
                 "NO_CHANGE",
             ),
-            "mission.policies.policy": ("Asking", "Policy", "Triggers"),
-            "mission.policies.registry": ("make_policy",),
+            "mission.policies.policy": ("Asking", "Policy", "Triggers", "make_policy"),
             "mission.policies.observation": (
                 "Event",
                 "PolicyObservation",

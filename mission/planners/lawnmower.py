@@ -1,13 +1,18 @@
-"""The lawnmower: parallel rows, as many as the budget allows."""
+"""The lawnmower and the adaptive lawnmower: parallel rows, as many as the budget allows."""
 
 from __future__ import annotations
 
-from mission.planners.inside_routing import Terrain
-from mission.planners.path import PlannedPath, Points, drop_coincident
+from dataclasses import dataclass
+
+import shapely
+
+from geo.farm import Crop
+from mission.errors import PlanningError
+from mission.planners.path import Area, PlannedPath, Points, drop_coincident
 from mission.planners.request import PlanningRequest
-from mission.planners.search import densest_feasible
-from mission.planners.spacing import spacing_limits
+from mission.planners.search import Found, densest_feasible, is_number, spacing_limits
 from mission.planners.sweep import Sweep, sweep_angle
+from mission.planners.terrain import Terrain, inset
 
 
 def lawnmower(
@@ -65,3 +70,143 @@ def lawnmower(
     what = f"lawnmower with {sweep.least_rows} row{'s' if sweep.least_rows > 1 else ''}"
     found = densest_feasible(request, build, sweep.least_rows, sweep.most_rows, what=what)
     return PlannedPath(found.points_m, sweep.spacing_m(found.index), "lawnmower")
+
+
+TOMATO_SHARE = 2 / 3
+LEAST_ROWS = 1
+NAME = "adaptive-lawnmower"
+
+
+def adaptive_lawnmower(
+    request: PlanningRequest,
+    /,
+    *,
+    tomato_share: float = TOMATO_SHARE,
+    direction: str | float | None = None,
+    min_spacing_m: float | None = None,
+) -> PlannedPath:
+    """Plan rows over the tomatoes with two thirds of the budget, then over the strawberries with the rest.
+
+    The paper gives the tomatoes two thirds of the budget and the strawberries a third less a safety margin
+    of a tenth. The margin stands for the ways to the first row and between the crops, which the paper does
+    not count; here they are counted, with the return, so nothing is set aside. Each crop has the most rows
+    that its share allows. What the strawberries cannot use (rows a footprint apart) goes back to the
+    tomatoes; if the rest is too small for the strawberries' first rows, the tomatoes get fewer.
+
+    An area with only one of the crops gets the whole budget; without any crop areas the whole area is
+    swept.
+
+    Parameters
+    ----------
+    request : PlanningRequest
+        The problem; its crop areas say where tomatoes and strawberries are.
+    tomato_share : float
+        Share of the budget for the tomatoes, approach included, between 0 and 1.
+    direction : str or float, optional
+        Direction of the rows, see `mission.planners.sweep.sweep_angle`.
+    min_spacing_m : float, optional
+        Rows are at least so far apart. Default: a footprint.
+
+    Returns
+    -------
+    PlannedPath
+        Its spacing is the smaller one of the two crops.
+
+    Raises
+    ------
+    PlanningError
+        If the budget does not suffice for one row over each crop; the text says what would.
+    """
+    if not (is_number(tomato_share) and 0 < tomato_share < 1):
+        msg = f"{NAME}: tomato_share must be between 0 and 1, not {tomato_share!r}"
+        raise PlanningError(msg)
+    least, _ = spacing_limits(NAME, request.footprint_m, min_spacing_m, None)
+    lands = [land for crop in (Crop.TOMATO, Crop.STRAWBERRY) if (land := _land(request, crop)) is not None]
+    plan = _Plan(
+        request,
+        Terrain(request.area, request.footprint_m),
+        [_sweep(land, request.footprint_m, least, direction) for land in lands or [request.area]],
+    )
+    if len(plan.sweeps) == 1:
+        most = plan.sweeps[0].most_rows
+        found = densest_feasible(request, lambda rows: plan.path(rows), LEAST_ROWS, most, what=plan.what)
+        return plan.result(found, found.index)
+    return _both(plan, tomato_share)
+
+
+@dataclass(frozen=True, slots=True)
+class _Plan:
+    request: PlanningRequest
+    terrain: Terrain
+    sweeps: list[Sweep]
+
+    @property
+    def what(self) -> str:
+        return f"{NAME} with one row over each crop"
+
+    def path(self, *rows: int) -> Points:
+        """The path with the numbers of rows over the first crops."""
+        pieces: list[Points] = []
+        here = self.request.start_xy_m
+        for sweep, count in zip(self.sweeps, rows, strict=False):
+            pieces += sweep.pieces(count, here)
+            here = (float(pieces[-1][-1, 0]), float(pieces[-1][-1, 1]))
+        return drop_coincident(self.terrain.join(pieces, self.request.start_xy_m), 1e-6)
+
+    def result(self, found: Found, *rows: int) -> PlannedPath:
+        spacings = [sweep.spacing_m(count) for sweep, count in zip(self.sweeps, rows, strict=True)]
+        return PlannedPath(found.points_m, min(spacings), NAME)
+
+
+def _both(plan: _Plan, tomato_share: float) -> PlannedPath:
+    request = plan.request
+    tomato, strawberry = plan.sweeps
+
+    def most_tomatoes(strawberries: int, highest: int) -> Found:
+        return densest_feasible(
+            request, lambda rows: plan.path(rows, strawberries), LEAST_ROWS, highest, what=plan.what
+        )
+
+    def most_strawberries(tomatoes: int) -> Found:
+        return densest_feasible(
+            request,
+            lambda rows: plan.path(tomatoes, rows),
+            LEAST_ROWS,
+            strawberry.most_rows,
+            what=plan.what,
+        )
+
+    share = request.budget.limit * tomato_share
+    try:
+        tomatoes = densest_feasible(
+            request, lambda rows: plan.path(rows), LEAST_ROWS, tomato.most_rows, what=NAME, limit=share
+        ).index
+    except PlanningError:
+        tomatoes = LEAST_ROWS
+    try:
+        found = most_strawberries(tomatoes)
+    except PlanningError:
+        tomatoes = most_tomatoes(LEAST_ROWS, tomatoes).index
+        found = most_strawberries(tomatoes)
+    strawberries = found.index
+    if strawberries == strawberry.most_rows and tomatoes < tomato.most_rows:
+        found = most_tomatoes(strawberries, tomato.most_rows)
+        tomatoes = found.index
+    return plan.result(found, tomatoes, strawberries)
+
+
+def _land(request: PlanningRequest, crop: Crop) -> Area | None:
+    """Return the crop's land in the area of the request, or None."""
+    areas = [land.area for land in request.crop_areas if land.crop == crop]
+    inside = shapely.intersection(shapely.union_all(areas), request.area)
+    parts = [
+        part for part in shapely.get_parts(inside) if isinstance(part, shapely.Polygon) and part.area > 0
+    ]
+    if not parts:
+        return None
+    return parts[0] if len(parts) == 1 else shapely.MultiPolygon(parts)
+
+
+def _sweep(land: Area, footprint_m: float, spacing_m: float, direction: str | float | None) -> Sweep:
+    flyable = inset(land, footprint_m / 2)
+    return Sweep(flyable, spacing_m, sweep_angle(flyable, direction))

@@ -9,11 +9,10 @@ import shapely
 from shapely.geometry import Point
 
 from mission.errors import PlanningError
-from mission.planners.inside_routing import TOLERANCE_M, Terrain
 from mission.planners.path import PlannedPath, Points, drop_coincident, path_length
-from mission.planners.places import draw_places
 from mission.planners.request import PlanningRequest
 from mission.planners.search import densest_feasible
+from mission.planners.terrain import TOLERANCE_M, Terrain, draw_places
 
 MAX_WAYPOINTS = 30_000
 _FIRST_BLOCK = 16

@@ -10,11 +10,10 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 from shapely.geometry import Polygon
 
-from mission.planners.inside_routing import Terrain, is_rectangle, parts_of
 from mission.planners.path import Area, PlannedPath, Points, drop_coincident
 from mission.planners.request import PlanningRequest
-from mission.planners.search import densest_feasible
-from mission.planners.spacing import spacing_limits
+from mission.planners.search import densest_feasible, spacing_limits
+from mission.planners.terrain import Terrain, is_rectangle, parts_of
 
 SPACING_RATIO = 1e-3
 """Neighbouring spacings of the search differ by this fraction: the result is the densest to within 0.1 %."""

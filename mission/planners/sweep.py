@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from shapely.geometry import Polygon
 
 from mission.errors import PlanningError
-from mission.planners.inside_routing import is_rectangle, parts_of
 from mission.planners.path import Area, Points
-from mission.planners.spacing import is_number
+from mission.planners.search import is_number
+from mission.planners.terrain import is_rectangle, parts_of
 
 _EDGE_M = 1e-7
 _MERGE_M = 1e-9

@@ -19,10 +19,8 @@ from mission.planners.budget import LengthBudget, StepBudget
 from mission.planners.path import Area, Points
 from mission.planners.request import CropArea, PlanningRequest
 from mission.policies.decision import Decision
-from mission.policies.observation import Event, PolicyObservation, Status, VehicleReport
-from mission.policies.policy import Policy, Triggers
-from mission.policies.registry import make_policy
-from mission.policies.travel_cost import GeometricTravelCost
+from mission.policies.observation import Event, GeometricTravelCost, PolicyObservation, Status, VehicleReport
+from mission.policies.policy import Policy, Triggers, make_policy
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
@@ -78,7 +76,7 @@ def check_policy(policy: str | Policy, **parameters: Any) -> PolicyCheck:
     Parameters
     ----------
     policy : str or Policy
-        A name or a policy, as for `mission.policies.registry.make_policy`.
+        A name or a policy, as for `mission.policies.policy.make_policy`.
     **parameters
         With which it is checked.
 

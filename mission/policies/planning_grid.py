@@ -9,8 +9,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from mission.planners.inside_routing import TOLERANCE_M, is_rectangle
 from mission.planners.path import Area, Points
+from mission.planners.terrain import TOLERANCE_M, is_rectangle
 from mission.policies.acquisition import ValueMap
 from mission.policies.observation import VehicleReport
 

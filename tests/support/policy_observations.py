@@ -4,8 +4,7 @@ import numpy as np
 
 from geo.farms import get_farm
 from mission.planners import PlanningRequest, StepBudget
-from mission.policies.observation import Event, PolicyObservation, Status, VehicleReport
-from mission.policies.travel_cost import GeometricTravelCost
+from mission.policies.observation import Event, GeometricTravelCost, PolicyObservation, Status, VehicleReport
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel

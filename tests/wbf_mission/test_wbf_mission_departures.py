@@ -6,8 +6,7 @@ import shapely
 
 from mission.outcome import Outcome
 from mission.planners import LengthBudget, PlanningRequest
-from mission.policies.observation import Status, VehicleReport
-from mission.policies.travel_cost import GeometricTravelCost
+from mission.policies.observation import GeometricTravelCost, Status, VehicleReport
 from wbf_mission import Scenario, fly
 from wbf_mission.planning.plan import plan_fleet
 from wbf_mission.replanning.spacing import KeptDistance, least_apart_m

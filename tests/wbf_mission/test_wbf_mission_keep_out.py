@@ -17,7 +17,7 @@ from mission.files import read_mission, write_mission
 from mission.outcome import Outcome
 from mission.planners import CropArea, PlannedPath, PlanningRequest, make_planner
 from mission.planners.budget import LengthBudget
-from mission.planners.inside_routing import parts_of
+from mission.planners.terrain import parts_of
 from wbf_mission.cli.app import main
 from wbf_mission.flight import fly
 from wbf_mission.planning import MissionBuilder, plan

@@ -12,9 +12,8 @@ from typing import Any, Self
 from geo.blame import PACKAGES
 from geo.installed import entry_points
 from mission.planners.registry import ENTRY_POINT_GROUP as PLANNERS
-from mission.policies.policy import Policy
-from mission.policies.registry import ENTRY_POINT_GROUP as POLICIES
-from mission.policies.registry import make_policy
+from mission.policies.policy import ENTRY_POINT_GROUP as POLICIES
+from mission.policies.policy import Policy, make_policy
 from sensors.estimators.base import ENTRY_POINT_GROUP as ESTIMATORS
 from sensors.field_files import load_field_set
 from wbf_mission.bench.meaning import built_in_digest, digest, meaning_of, own_digest

@@ -14,8 +14,7 @@ from geo.seeds import sealed_seed
 from mission.planners import CropArea, PlannedPath, PlanningRequest
 from mission.planners.path import Points, drop_coincident
 from mission.policies.decision import Decision
-from mission.policies.observation import Status, TravelCost, VehicleReport
-from mission.policies.travel_cost import GeometricTravelCost
+from mission.policies.observation import GeometricTravelCost, Status, TravelCost, VehicleReport
 from sim_vehicle.prediction.onward import InFlight
 from wbf_mission.planning.budget import (
     FlightBudget,

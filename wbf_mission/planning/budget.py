@@ -14,7 +14,7 @@ from mission.planners import Budget, PlannedPath, parse_budget
 from mission.planners.budget import LengthBudget, StepBudget
 from mission.planners.path import Points, drop_coincident
 from mission.planners.request import PlanningRequest
-from mission.policies.travel_cost import GeometricTravelCost
+from mission.policies.observation import GeometricTravelCost
 from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.energy.endurance import endurance_s
 from sim_vehicle.prediction.flight import Prediction

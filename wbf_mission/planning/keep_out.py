@@ -11,8 +11,8 @@ import shapely
 from numpy.typing import NDArray
 
 from geo import Farm
-from mission.planners.inside_routing import Terrain, parts_of
 from mission.planners.path import Area, Points
+from mission.planners.terrain import Terrain, parts_of
 from wbf_mission.scenario import ScenarioError
 
 _SMOOTH_M = 0.25

@@ -9,8 +9,7 @@ from functools import cached_property
 from geo import Farm
 from geo.errors import WbfMissionError
 from geo.seeds import child_seed
-from mission.policies.policy import FixedPlan, KeepPath, Policy
-from mission.policies.registry import make_policy
+from mission.policies.policy import FixedPlan, KeepPath, Policy, make_policy
 from sensors.camera.leaf_camera import LeafCameraOptions
 from sensors.environment import Environment
 from sensors.environment.cache import EnvironmentCache

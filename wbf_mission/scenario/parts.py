@@ -26,7 +26,7 @@ LAST_DAY = 126
 """The last day of an environment."""
 MOST_VEHICLES = 10
 PARTITIONS = ("strips", "voronoi", "none")
-"""How a fleet shares the farm, as `mission.policies.sharing.PARTITION_NAMES`."""
+"""How a fleet shares the farm, as `mission.policies.allocation.PARTITION_NAMES`."""
 LEVELS = ("light", "moderate", "severe", "wind")
 """The words for turbulence; wind: as strong as the mean wind makes it."""
 

@@ -11,9 +11,9 @@ from shapely.geometry import LineString, MultiPolygon, Polygon
 
 from mission.errors import PlanningError
 from mission.planners import LengthBudget, PlanningRequest, make_planner, path_length
-from mission.planners.inside_routing import Region, Terrain, inset, is_rectangle
 from mission.planners.search import densest_feasible
 from mission.planners.sweep import Sweep, sweep_angle
+from mission.planners.terrain import Region, Terrain, inset, is_rectangle
 
 U = Polygon([(0, 0), (90, 0), (90, 90), (60, 90), (60, 30), (30, 30), (30, 90), (0, 90)])
 POND = Polygon([(0, 0), (60, 0), (60, 60), (0, 60)], [[(20, 20), (20, 40), (40, 40), (40, 20)]])

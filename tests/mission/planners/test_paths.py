@@ -22,12 +22,11 @@ from mission.planners import (
     make_planner,
     path_length,
 )
-from mission.planners.adaptive_lawnmower import adaptive_lawnmower
-from mission.planners.inside_routing import Terrain
-from mission.planners.lawnmower import lawnmower
+from mission.planners.lawnmower import adaptive_lawnmower, lawnmower
 from mission.planners.random_waypoint import random_waypoint
 from mission.planners.spiral import SPACING_RATIO, rectangle_spiral, ring_from, spiral, spiral_pieces
 from mission.planners.sweep import Sweep, sweep_angle
+from mission.planners.terrain import Terrain
 
 GOLDEN = Path(__file__).parents[2] / "data" / "golden"
 SQUARE = shapely.box(0, 0, 30, 30)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from mission.planners import LengthBudget
-from mission.policies.auction import Bidder, hold_auction, leg_costs, path_cost
-from mission.policies.segments import Row, Segment
-from mission.policies.travel_cost import GeometricTravelCost
+from mission.policies.market.auction import Bidder, hold_auction, leg_costs, path_cost
+from mission.policies.market.segments import Row, Segment
+from mission.policies.observation import GeometricTravelCost
 
 HOME = (0.0, 0.0)
 FARES = GeometricTravelCost(LengthBudget(1000.0), HOME)

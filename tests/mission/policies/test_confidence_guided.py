@@ -5,7 +5,7 @@ from policy_observations import observation, report
 
 from geo.farms import get_farm
 from mission.errors import PlanningError
-from mission.policies.confidence_guided import ConfidenceGuided
+from mission.policies.authors.confidence_guided import ConfidenceGuided
 from mission.policies.decision import NO_CHANGE
 from mission.policies.observation import Event, Status
 from sensors.scoring.information import InformationModel

@@ -1,8 +1,8 @@
 import numpy as np
 import shapely
 
-from mission.policies.contract import Contract, Stretch
-from mission.policies.segments import Segment, rows_over
+from mission.policies.market.contract import Contract, Stretch
+from mission.policies.market.segments import Segment, rows_over
 
 FIELD = shapely.box(0, 0, 10, 10)
 

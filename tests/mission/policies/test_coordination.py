@@ -9,9 +9,8 @@ from geo import get_farm
 from geo.named import ParameterError
 from mission.planners import PlanningRequest, StepBudget
 from mission.policies.coordination import COORDINATIONS, Bid, auction, make_coordination, sequential
-from mission.policies.greedy import Greedy
-from mission.policies.observation import Event, PolicyObservation, Status, VehicleReport
-from mission.policies.travel_cost import GeometricTravelCost
+from mission.policies.map_policies import Greedy
+from mission.policies.observation import Event, GeometricTravelCost, PolicyObservation, Status, VehicleReport
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel

@@ -9,11 +9,10 @@ import shapely
 from geo import get_farm
 from geo.named import ParameterError
 from mission.planners import PlanningRequest, StepBudget
+from mission.policies.allocation import PARTITION_NAMES, reach_m, shared
 from mission.policies.decision import NO_CHANGE
-from mission.policies.observation import Event, PolicyObservation, Status, VehicleReport
+from mission.policies.observation import Event, GeometricTravelCost, PolicyObservation, Status, VehicleReport
 from mission.policies.policy import FixedPlan
-from mission.policies.sharing import PARTITION_NAMES, reach_m, shared
-from mission.policies.travel_cost import GeometricTravelCost
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel

@@ -6,8 +6,8 @@ from policy_observations import observation, report
 from geo.farms import get_farm
 from mission.errors import PlanningError
 from mission.planners import LengthBudget
+from mission.policies.authors.grid_limited_randomness import ORDERS, GridLimitedRandomness
 from mission.policies.decision import NO_CHANGE
-from mission.policies.grid_limited_randomness import ORDERS, GridLimitedRandomness
 from mission.policies.observation import Event
 
 

@@ -9,7 +9,7 @@ from geo.farms import get_farm
 from mission.errors import PlanningError
 from mission.planners import LengthBudget
 from mission.policies.decision import NO_CHANGE
-from mission.policies.market import Market
+from mission.policies.market.market import Market
 from mission.policies.observation import Event, Status
 from sensors.observations import Observations
 

@@ -5,8 +5,7 @@ from mission.errors import PlanningError
 from mission.policies.conformance import check_policy
 from mission.policies.decision import NO_CHANGE, Decision
 from mission.policies.observation import Event
-from mission.policies.policy import FixedPlan, Triggers
-from mission.policies.registry import policy_names
+from mission.policies.policy import FixedPlan, Triggers, policy_names
 
 OURS = (
     "confidence-guided",

@@ -7,10 +7,8 @@ from geo.named import ParameterError
 from mission.errors import PlanningError
 from mission.planners import LengthBudget, PlanningRequest, StepBudget
 from mission.policies.decision import NO_CHANGE, Decision
-from mission.policies.observation import Event, PolicyObservation, Status, VehicleReport
-from mission.policies.policy import NEVER_AGAIN, FixedPlan, KeepPath, Policy
-from mission.policies.registry import make_policy
-from mission.policies.travel_cost import GeometricTravelCost
+from mission.policies.observation import Event, GeometricTravelCost, PolicyObservation, Status, VehicleReport
+from mission.policies.policy import NEVER_AGAIN, FixedPlan, KeepPath, Policy, make_policy
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel

@@ -9,10 +9,9 @@ from geo.farm import Crop
 from geo.farms import get_farm
 from mission.errors import PlanningError
 from mission.planners.request import CropArea
+from mission.policies.authors.refining_lawnmower import RefiningLawnmower, detour
 from mission.policies.decision import NO_CHANGE
-from mission.policies.detour import detour
 from mission.policies.observation import Event, Status
-from mission.policies.refining_lawnmower import RefiningLawnmower
 from sensors.observations import Observations
 
 FARM = get_farm("miniberry-30")

@@ -3,7 +3,7 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from mission.policies.round_tour import insert_by_detour, shorten
+from mission.policies.authors.grid_limited_randomness import insert_by_detour, shorten
 
 pytestmark = pytest.mark.kernel
 

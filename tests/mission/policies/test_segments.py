@@ -6,7 +6,7 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mission.policies.segments import VARIANTS, Segment, blocks_of, corners_of, groups_of, rows_over
+from mission.policies.market.segments import VARIANTS, Segment, blocks_of, corners_of, groups_of, rows_over
 
 FIELD = shapely.box(0, 0, 40, 30)
 

@@ -14,19 +14,16 @@ import shapely
 
 from geo.seeds import stream
 from mission.errors import PlanningError
-from mission.planners.inside_routing import TOLERANCE_M, Terrain
 from mission.planners.path import Points
-from mission.planners.places import draw_places
-from mission.policies.auction import Bidder, hold_auction, leg_costs, path_cost
-from mission.policies.contract import NO_POINTS, Contract, Stretch
+from mission.planners.terrain import TOLERANCE_M, Terrain, draw_places
 from mission.policies.decision import NO_CHANGE, Decision
-from mission.policies.detections import Detections
-from mission.policies.observation import Event, PolicyObservation, Status, VehicleReport
+from mission.policies.market.auction import Bidder, hold_auction, leg_costs, path_cost
+from mission.policies.market.contract import NO_POINTS, Contract, Stretch
+from mission.policies.market.segments import Detections, Segment, blocks_of, rows_over
+from mission.policies.observation import Event, PolicyObservation, Status, VehicleReport, pays_for_return
 from mission.policies.planning_grid import LegCosts
 from mission.policies.policy import LEAST_S, Triggers
-from mission.policies.segments import Segment, blocks_of, rows_over
 from mission.policies.steering import affordable
-from mission.policies.travel_cost import pays_for_return
 
 _NAME = "market"
 _MOST_LEGS = 40

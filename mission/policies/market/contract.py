@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from mission.planners.path import Points
-from mission.policies.segments import SHORTEST_M, Row, Segment
+from mission.policies.market.segments import SHORTEST_M, Row, Segment
 
 _SAME_M = 0.1
 _ROW_POINTS = 2

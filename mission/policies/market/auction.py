@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mission.planners.path import Points
+from mission.policies.market.segments import VARIANTS, Segment, corners_of
 from mission.policies.observation import TravelCost
-from mission.policies.segments import VARIANTS, Segment, corners_of
 
 _FREE, _HOME, _FIRST = 0, 1, 2
 _CORNERS = 2 * VARIANTS

@@ -1,0 +1,1 @@
+"""Policies after the papers and the code of the benchmark's authors."""

@@ -1,0 +1,261 @@
+"""Grid-limited randomness: in every round a random place in each cell of a grid.
+
+Source: S. Matloob, A. Dutta, O. P. Kreidl, D. Turgut and L. Boloni, "Exploring the tradeoffs between
+systematic and random exploration in mobile sensors", MSWiM 2023, and ``papers/y2023_glr`` of the authors'
+repository WaterberryFarms.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from geo.compiled import compiled
+from geo.seeds import stream
+from mission.errors import PlanningError
+from mission.planners.path import Area, Points, drop_coincident
+from mission.planners.search import densest_feasible
+from mission.planners.terrain import Terrain, draw_places
+from mission.policies.decision import NO_CHANGE, Decision
+from mission.policies.observation import Event, PolicyObservation, VehicleReport, pays_for_return
+from mission.policies.policy import NEVER_AGAIN, Triggers
+from mission.policies.steering import affordable
+
+ORDERS = ("end", "detour", "tour")
+_MOST_PLACES = 4000
+_MOST_CELLS = 100
+_NAME = "grid-limited-randomness"
+
+
+class GridLimitedRandomness:
+    """Draw a place in each cell of a grid, round after round, and fly through as many as the budget allows.
+
+    With one cell it is a random walk; the more cells, the more systematic it is. Nothing is decided in
+    flight. Each vehicle draws for itself.
+
+    Parameters
+    ----------
+    h_cells, v_cells : int
+        Cells of the grid along x and y, over the bounds of the area.
+    order : str
+        How the places are ordered: ``end``, as they are drawn, cell by cell to and fro (the authors'
+        GLR-EOP); ``detour``, each is put where it makes the path least longer (GLR-SD); ``tour``, a short
+        tour through all of them (GLR-CA).
+
+    Raises
+    ------
+    PlanningError
+        If a parameter is out of its range.
+    """
+
+    def __init__(self, h_cells: int = 2, v_cells: int = 2, order: str = "tour") -> None:
+        for name, count in (("h_cells", h_cells), ("v_cells", v_cells)):
+            if not isinstance(count, int) or not 1 <= count <= _MOST_CELLS:
+                msg = f"{_NAME}: {name} must be a whole number from 1 to {_MOST_CELLS}, not {count!r}"
+                raise PlanningError(msg)
+        if order not in ORDERS:
+            msg = f"{_NAME}: order must be one of {', '.join(ORDERS)}, not {order!r}"
+            raise PlanningError(msg)
+        self._h_cells, self._v_cells = h_cells, v_cells
+        self._order = order
+
+    @property
+    def triggers(self) -> Triggers:
+        """Only at the start."""
+        return NEVER_AGAIN
+
+    def start(self) -> None:
+        """Nothing is remembered."""
+
+    def decide(self, observation: PolicyObservation) -> Decision:
+        """Draw a path for every vehicle at the start, else go on."""
+        if observation.event is not Event.START:
+            return NO_CHANGE
+        return Decision({one.system_id: self._path(one) for one in observation.steerable}, reason="draw")
+
+    def _path(self, vehicle: VehicleReport) -> Points:
+        request = vehicle.request
+        terrain = Terrain(request.area, request.footprint_m)
+        draws = _Draws(self._grid(terrain), vehicle)
+        start = np.asarray(request.start_xy_m)
+        returns = pays_for_return(vehicle)
+
+        def path(count: int) -> Points:
+            places = draws.first(count)
+            if self._order != "end":
+                order = insert_by_detour(start, places, returns=returns)
+                if self._order == "tour":
+                    order = shorten(start, places, order, returns=returns)
+                places = places[order]
+            return drop_coincident(terrain.join(list(places[:, None, :]), start))
+
+        found = densest_feasible(request, path, 1, _MOST_PLACES, what=f"{_NAME} with one place")
+        points = found.points_m
+        if self._order == "end" and found.index < _MOST_PLACES:
+            points = path(found.index + 1)
+        return affordable(vehicle, points)
+
+    def _grid(self, terrain: Terrain) -> list[Area]:
+        """Return what can be flown over of the grid's cells, row by row, to and fro."""
+        x_min, y_min, x_max, y_max = terrain.flyable.bounds
+        x = np.linspace(x_min, x_max, self._h_cells + 1).tolist()
+        y = np.linspace(y_min, y_max, self._v_cells + 1).tolist()
+        cells: list[Area] = []
+        for row, (low, high) in enumerate(pairwise(y)):
+            columns = list(pairwise(x))
+            for left, right in columns if row % 2 == 0 else reversed(columns):
+                cell = shapely.intersection(terrain.flyable, shapely.box(left, low, right, high))
+                parts = [part for part in shapely.get_parts(cell) if part.area > 0.0]
+                if parts:
+                    cells.append(parts[0] if len(parts) == 1 else shapely.MultiPolygon(parts))
+        return cells
+
+
+class _Draws:
+    """The endless sequence of places, as far as it is known: one of each cell in each round."""
+
+    def __init__(self, cells: list[Area], vehicle: VehicleReport) -> None:
+        seed, name = vehicle.request.seed, f"vehicle-{vehicle.system_id}"
+        self._cells = cells
+        self._streams = [stream(seed, _NAME, name, f"cell-{k}") for k in range(len(cells))]
+        self._drawn: list[Points] = [np.empty((0, 2)) for _ in cells]
+
+    def first(self, count: int) -> Points:
+        """Return the first so many places, float64[count, 2]."""
+        rounds = -(-count // len(self._cells))
+        for k, cell in enumerate(self._cells):
+            while len(self._drawn[k]) < rounds:
+                more = draw_places(cell, rounds - len(self._drawn[k]), self._streams[k])
+                self._drawn[k] = np.vstack((self._drawn[k], more))
+        together = np.stack([drawn[:rounds] for drawn in self._drawn], axis=1)
+        first: Points = together.reshape(-1, 2)[:count]
+        return first
+
+
+_NEIGHBOURS = 10
+_SWEEPS = 100
+_LEAST_GAIN = 1e-9
+
+
+def insert_by_detour(start_m: Points, places_m: Points, *, returns: bool) -> NDArray[np.int64]:
+    """Order places by inserting one after the other where that makes the way least longer.
+
+    Parameters
+    ----------
+    start_m : float64[2]
+        Where the way begins.
+    places_m : float64[n, 2]
+        In the order of their insertion.
+    returns : bool
+        Whether the way back to the start counts, too.
+
+    Returns
+    -------
+    int64[n]
+        The numbers of the places in the order of the way.
+    """
+    following = _insert(np.vstack((start_m, places_m)), returns)
+    order = np.empty(len(places_m), np.int64)
+    node = 0
+    for k in range(len(order)):
+        node = following[node]
+        order[k] = node - 1
+    return order
+
+
+def shorten(
+    start_m: Points, places_m: Points, order: NDArray[np.int64], *, returns: bool
+) -> NDArray[np.int64]:
+    """Reverse parts of a way while that makes it shorter (2-opt, Croes 1958, among near neighbours).
+
+    Parameters
+    ----------
+    start_m, places_m, returns
+        As for `insert_by_detour`.
+    order : int64[n]
+        The way.
+
+    Returns
+    -------
+    int64[n]
+        A way that is not longer.
+    """
+    points = np.vstack((start_m, places_m))
+    near = cKDTree(points).query(points, k=min(_NEIGHBOURS + 1, len(points)))[1].reshape(len(points), -1)
+    tour = np.concatenate((np.zeros(1, np.int64), order + 1))
+    _two_opt(points, near[:, 1:].astype(np.int64), tour, returns)
+    shorter: NDArray[np.int64] = tour[1:] - 1
+    return shorter
+
+
+@compiled
+def _insert(points: Any, returns: bool) -> Any:
+    """Return for each point the one after it; -1 after the last."""
+    count = len(points)
+    following = np.full(count, -1, np.int64)
+    for new in range(1, count):
+        x, y = points[new, 0], points[new, 1]
+        best, best_extra = -1, math.inf
+        node = 0
+        to_node = math.hypot(points[0, 0] - x, points[0, 1] - y)
+        while node >= 0:
+            after = following[node]
+            extra, to_after = to_node, 0.0
+            if after >= 0 or returns:
+                end = max(after, 0)
+                to_after = math.hypot(points[end, 0] - x, points[end, 1] - y)
+                leg = math.hypot(points[end, 0] - points[node, 0], points[end, 1] - points[node, 1])
+                extra += to_after - leg
+            if extra < best_extra:
+                best, best_extra = node, extra
+            node, to_node = after, to_after
+        following[new] = following[best]
+        following[best] = new
+    return following
+
+
+@compiled
+def _gain(points: Any, tour: Any, first: int, last: int, returns: bool) -> float:
+    """Return what the tour gets shorter if it is reversed from behind the first position to the last one."""
+    a, b, c = tour[first], tour[first + 1], tour[last]
+    gain = math.hypot(points[a, 0] - points[b, 0], points[a, 1] - points[b, 1])
+    gain -= math.hypot(points[a, 0] - points[c, 0], points[a, 1] - points[c, 1])
+    if last + 1 < len(tour) or returns:
+        d = tour[last + 1] if last + 1 < len(tour) else tour[0]
+        gain += math.hypot(points[c, 0] - points[d, 0], points[c, 1] - points[d, 1])
+        gain -= math.hypot(points[b, 0] - points[d, 0], points[b, 1] - points[d, 1])
+    return gain
+
+
+@compiled
+def _two_opt(points: Any, near: Any, tour: Any, returns: bool) -> None:
+    count = len(tour)
+    at = np.empty(count, np.int64)
+    for k in range(count):
+        at[tour[k]] = k
+    for _ in range(_SWEEPS):
+        better = False
+        for node in range(count):
+            for other in near[node]:
+                # The two new legs are either from both to what follows them, or from what comes before.
+                for before in range(2):
+                    first, last = min(at[node], at[other]) - before, max(at[node], at[other]) - before
+                    if first < 0 or last <= first + 1:
+                        continue
+                    if _gain(points, tour, first, last, returns) > _LEAST_GAIN:
+                        low, high = first + 1, last
+                        while low < high:
+                            tour[low], tour[high] = tour[high], tour[low]
+                            low += 1
+                            high -= 1
+                        for k in range(first + 1, last + 1):
+                            at[tour[k]] = k
+                        better = True
+        if not better:
+            break

@@ -1,0 +1,379 @@
+"""The refining lawnmower: coarse rows, left for what lies about a sick plant as soon as it is found."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from mission.errors import PlanningError
+from mission.planners import Budget, make_planner
+from mission.planners.partition import STRIPS
+from mission.planners.path import Area, Points, path_length
+from mission.planners.terrain import TOLERANCE_M, Terrain, is_rectangle
+from mission.policies.acquisition import scored_cells
+from mission.policies.allocation import shared
+from mission.policies.decision import NO_CHANGE, Decision
+from mission.policies.map_policies import RollingHorizon
+from mission.policies.observation import Event, PolicyObservation, VehicleReport
+from mission.policies.planning_grid import LegCosts
+from mission.policies.policy import LEAST_S, Triggers
+from mission.policies.route_search import COST, VALUE, leg_offsets, neighbour_shares, search_route
+from mission.policies.steering import affordable
+
+_RENEW_CELLS = 6.0
+_NOTHING: Points = np.empty((0, 2))
+
+
+@dataclass(slots=True)
+class _Rows:
+    """What is left of a vehicle's coarse rows.
+
+    Parameters
+    ----------
+    rest : float64[n, 2]
+        The points that are still to be reached, metres.
+    begin : float64[2]
+        Where the rows were left, or begin.
+    """
+
+    rest: Points
+    begin: NDArray[np.float64]
+
+    def resumed(self, from_m: NDArray[np.float64]) -> Points:
+        """Return the points of the rows for a vehicle that comes back to them from a place."""
+        if not len(self.rest):
+            return self.rest
+        leg = self.rest[0] - self.begin
+        length = float(leg @ leg)
+        part = float(np.clip((from_m - self.begin) @ leg / length, 0.0, 1.0)) if length > 0.0 else 0.0
+        return np.vstack((self.begin + part * leg, self.rest))
+
+
+class RefiningLawnmower:
+    """Fly coarse rows; where a sick plant is seen, leave them until all plants beside sick ones are known.
+
+    The land of the crop whose disease weighs most is flown first, in rows as close as the budget allows, but
+    not closer than outbreaks are wide; what is left of the budget goes to the rows of the next crop. When the
+    rows are done, `mission.policies.map_policies.RollingHorizon` flies what is left of it. Until then the
+    observations alone count, so that it works with any estimator. Several vehicles get a strip of the land
+    each.
+
+    Parameters
+    ----------
+    coarse : float
+        Part of the budget for the rows.
+    gap, later_gap : float
+        Least distance of the rows on the land that is flown first, and on that of other crops, cells.
+    least_rate : float
+        Plants beside sick ones a cell of flight below which no detour is made.
+    every : int
+        Look for a detour after so many observations.
+
+    Raises
+    ------
+    PlanningError
+        If a parameter is out of its range.
+    """
+
+    def __init__(
+        self,
+        coarse: float = 0.9,
+        gap: float = 6.0,
+        later_gap: float = 3.5,
+        least_rate: float = 0.35,
+        every: int = 2,
+    ) -> None:
+        if not 0.0 < coarse <= 1.0:
+            msg = f"refining-lawnmower: coarse must be above 0 and at most 1, not {coarse!r}"
+            raise PlanningError(msg)
+        if not min(gap, later_gap) > 0.0:
+            msg = f"refining-lawnmower: gap and later_gap must be above 0, not {gap!r} and {later_gap!r}"
+            raise PlanningError(msg)
+        self._coarse = float(coarse)
+        self._gaps = float(gap), float(later_gap)
+        self._least_rate = float(least_rate)
+        self._every = int(every)
+        self._after = RollingHorizon()
+        self._rows: dict[int, _Rows] = {}
+        self._away: set[int] = set()
+        self._terrains: dict[int, Terrain] = {}
+
+    @property
+    def triggers(self) -> Triggers:
+        """After some observations."""
+        return Triggers(observations=self._every, least_s=LEAST_S)
+
+    def start(self) -> None:
+        """Forget the run before."""
+        self._rows, self._away = {}, set()
+        self._after.start()
+
+    def decide(self, observation: PolicyObservation) -> Decision:
+        """Give rows at the start; then detours, the way back to the rows, and routes when these are flown."""
+        if observation.event is Event.START:
+            return self._begin(observation)
+        paths: dict[int, Points] = {}
+        done: list[int] = []
+        for vehicle in observation.steerable:
+            rows = self._rows.get(vehicle.system_id)
+            if rows is None:
+                done.append(vehicle.system_id)
+                continue
+            path = self._path(vehicle, rows, observation, paths)
+            ends = observation.event is Event.ENDING and len(vehicle.rest_m) <= 1
+            if path is None and (ends or _nearly_flown(vehicle, observation.farm.cell_size_m)):
+                del self._rows[vehicle.system_id]
+                done.append(vehicle.system_id)
+            elif path is not None:
+                paths[vehicle.system_id] = path
+        if done:
+            paths |= self._route(observation, done)
+        return (
+            Decision(paths, reason="plants beside sick ones" if self._away else "rows")
+            if paths
+            else NO_CHANGE
+        )
+
+    def _begin(self, observation: PolicyObservation) -> Decision:
+        vehicles = observation.steerable
+        if not vehicles:
+            return NO_CHANGE
+        parts = shared(vehicles, STRIPS)
+        self._rows, self._away = {}, set()
+        for one in vehicles:
+            self._terrains[one.system_id] = Terrain(one.request.area, one.request.footprint_m)
+            points = affordable(one, self._plan(one, parts[one.system_id], observation))
+            self._rows[one.system_id] = _Rows(points, np.asarray(one.position_m))
+        return Decision({system_id: rows.rest for system_id, rows in self._rows.items()}, reason="rows")
+
+    def _plan(self, vehicle: VehicleReport, part: Area, observation: PolicyObservation) -> Points:
+        """Return the rows of one land after the other, as long as the budget for rows lasts."""
+        request, cell_m = vehicle.request, observation.farm.cell_size_m
+        points, here = _NOTHING, vehicle.position_m
+        for number, land in enumerate(self._lands(vehicle, part, observation)):
+            spent = vehicle.travel_cost.rest([points])[0] if len(points) else 0.0
+            left = self._coarse * vehicle.left - spent
+            if left <= 0.0:
+                break
+            gap_m = max(self._gaps[min(number, 1)] * cell_m, request.footprint_m)
+            planner = make_planner("lawnmower")
+            budget = _PartOf(request.budget, left)
+            # Rows that each see a strip as wide as the gap, half of it from the border.
+            task = replace(
+                request, area=land, start_xy_m=here, budget=budget, crop_areas=(), footprint_m=gap_m
+            )
+            try:
+                more = planner(task).points_m
+            except PlanningError:
+                continue
+            more = self._terrains[vehicle.system_id].join([more], here)
+            points = np.vstack((points, more))
+            here = (float(points[-1, 0]), float(points[-1, 1]))
+        if len(points):
+            return points
+        return make_planner("lawnmower")(replace(request, area=part)).points_m
+
+    @staticmethod
+    def _lands(vehicle: VehicleReport, part: Area, observation: PolicyObservation) -> list[Area]:
+        """Return the land of the crops in a part of the area, that of the weightiest disease first."""
+        fields, weights = observation.fields, observation.weights.field
+        weight_of = {
+            crop: max(
+                weights[k] for k, one in enumerate(fields) if one.kind == "disease" and crop in one.crops
+            )
+            for crop in {crop for one in fields.diseases for crop in one.crops}
+        }
+        grown = [one for one in vehicle.request.crop_areas if weight_of.get(one.crop.name.lower(), 0.0) > 0.0]
+        grown.sort(key=lambda one: -weight_of[one.crop.name.lower()])
+        lands = []
+        for one in grown:
+            pieces = shapely.get_parts(shapely.intersection(one.area, part))
+            polygons = [piece for piece in pieces if isinstance(piece, shapely.Polygon)]
+            if polygons:
+                lands.append(polygons[0] if len(polygons) == 1 else shapely.MultiPolygon(polygons))
+        return lands or [part]
+
+    def _path(
+        self, vehicle: VehicleReport, rows: _Rows, observation: PolicyObservation, new: dict[int, Points]
+    ) -> Points | None:
+        """Return a vehicle's new path while it has rows, and note where it is on them; None to go on."""
+        here = np.asarray(vehicle.position_m)
+        if len(vehicle.rest_m) <= len(rows.rest):
+            rows.rest, rows.begin = vehicle.rest_m, here
+            self._away.discard(vehicle.system_id)
+        promised = [
+            np.vstack((np.asarray(other.position_m), new.get(other.system_id, other.rest_m)))
+            for other in observation.vehicles
+            if other.system_id != vehicle.system_id and other.system_id in self._away
+        ]
+        route = detour(vehicle, observation, promised, self._least_rate)
+        if len(route):
+            self._away.add(vehicle.system_id)
+            return self._joined(vehicle, [route, rows.resumed(route[-1])])
+        if vehicle.system_id not in self._away:
+            return None
+        self._away.discard(vehicle.system_id)
+        return self._joined(vehicle, [rows.resumed(here)])
+
+    def _joined(self, vehicle: VehicleReport, pieces: list[Points]) -> Points:
+        """Join pieces of a path, so that it stays in the area, as far as the vehicle can pay for it.
+
+        Rows may be left, and a path may be cut, on the way from one part of the area to another.
+        """
+        area = shapely.buffer(vehicle.request.area, TOLERANCE_M)
+        kept = [piece[shapely.covers(area, shapely.points(piece))] for piece in pieces if len(piece)]
+        kept = [piece for piece in kept if len(piece)]
+        if not kept:
+            return _NOTHING
+        path = affordable(vehicle, self._terrains[vehicle.system_id].join(kept, vehicle.position_m))
+        return path[:-1] if len(path) and not shapely.covers(area, shapely.Point(path[-1])) else path
+
+    def _route(self, observation: PolicyObservation, done: list[int]) -> dict[int, Points]:
+        """Return routes of the vehicles whose rows are flown."""
+        found = self._after.decide(observation).paths
+        return {system_id: found[system_id] for system_id in done if system_id in found}
+
+
+@dataclass(frozen=True, slots=True)
+class _PartOf:
+    """A part of a budget."""
+
+    whole: Budget
+    limit: float
+
+    @property
+    def unit(self) -> str:
+        return self.whole.unit
+
+    def cost(self, path_xy_m: NDArray[np.float64]) -> float:
+        return self.whole.cost(path_xy_m)
+
+
+def _nearly_flown(vehicle: VehicleReport, cell_m: float) -> bool:
+    path = np.vstack((np.asarray(vehicle.position_m)[None], vehicle.rest_m))
+    return path_length(path) <= _RENEW_CELLS * cell_m
+
+
+SICK_BELOW = 0.75
+"""A plant with a smaller value is sick."""
+_WINDOW = 24
+_HORIZON = 20.0
+_LONGEST_LEG = 10
+_INTERVAL = 3.0
+_BEAM = 4
+_BESIDE, _NEAR = 1.5, 2.9
+_NEAR_VALUE = 0.3
+_OFFSETS = leg_offsets(_LONGEST_LEG)
+_ALONE = neighbour_shares(0.0, 1.0, 1)
+
+
+def detour(
+    vehicle: VehicleReport, observation: PolicyObservation, promised: Iterable[Points], least_rate: float
+) -> Points:
+    """Find the route through plants beside sick ones, near a vehicle, that sees most of them early.
+
+    A plant that was not observed today and could have a disease of which a sick plant was seen is worth 1
+    beside that plant, and 0.3 at up to three cells from it.
+
+    Parameters
+    ----------
+    promised : iterable of float64[n, 2]
+        What other vehicles are going to fly, metres; what they will see counts as observed.
+    least_rate : float
+        Worth a cell of the way below which no route is worth while.
+
+    Returns
+    -------
+    float64[n, 2]
+        Metres; no points if there is nothing worth while.
+    """
+    cell_m, shape = observation.farm.cell_size_m, np.array(observation.model.shape)
+    here = np.asarray(vehicle.position_m) / cell_m
+    low = np.clip(np.floor(here).astype(int) - _WINDOW, 0, shape - 1)
+    high = np.clip(np.floor(here).astype(int) + _WINDOW + 1, low + 1, shape)
+    values = _beside_sick(observation, low, high)
+    for path in promised:
+        _take(values, path / cell_m - low)
+    if not values.any():
+        return np.empty((0, 2))
+    costs = LegCosts.of(vehicle, cell_m)
+    free = _free(vehicle.request.area, low, high, cell_m)
+    per_cell = costs.per_cell
+    horizon = min(_HORIZON * per_cell, vehicle.left)
+    route = search_route(
+        np.where(free, values, np.float32(0.0)), _ALONE, free, here[0] - low[0], here[1] - low[1], _OFFSETS,
+        horizon, costs.turn, costs.slopes, _HORIZON * per_cell, max(1, int(_HORIZON / _INTERVAL)), _BEAM,
+    )  # fmt: skip
+    if not len(route):
+        return np.empty((0, 2))
+    rates = per_cell * route[:, VALUE] / np.maximum(route[:, COST], per_cell)
+    good = np.flatnonzero(rates >= least_rate)
+    if not len(good):
+        return np.empty((0, 2))
+    route = route[: good[-1] + 1]
+    points: Points = (route[:, :2] + low) * cell_m
+    return points
+
+
+def _beside_sick(
+    observation: PolicyObservation, low: NDArray[np.int_], high: NDArray[np.int_]
+) -> NDArray[np.float32]:
+    """Return what the plants of a window are worth, float32[w, h]."""
+    grid, seen = observation.farm.grid(), observation.observations
+    reach = math.ceil(_NEAR)
+    near = (seen.x >= low[0] - reach) & (seen.x < high[0] + reach)
+    near &= (seen.y >= low[1] - reach) & (seen.y < high[1] + reach) & (seen.day == observation.day)
+    rows = np.flatnonzero(near)
+    x, y, values = seen.x[rows] - low[0], seen.y[rows] - low[1], seen.values[rows]
+    width, height = high - low
+    inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+    columns, lines = np.arange(width)[:, None], np.arange(height)[None, :]
+    wanted = np.zeros((width, height), np.float32)
+    for k, field in enumerate(observation.fields):
+        if field.kind != "disease" or observation.weights.field[k] <= 0.0:
+            continue
+        with np.errstate(invalid="ignore"):
+            sick = np.flatnonzero(values[:, k] < SICK_BELOW)
+        if not len(sick):
+            continue
+        unknown = scored_cells(field, grid)[low[0] : high[0], low[1] : high[1]].copy()
+        read = inside & np.isfinite(values[:, k])
+        unknown[x[read], y[read]] = False
+        away = np.full((width, height), np.inf)
+        for i, j in zip(x[sick].tolist(), y[sick].tolist(), strict=True):
+            part = slice(max(i - reach, 0), i + reach + 1), slice(max(j - reach, 0), j + reach + 1)
+            there = (columns[part[0]] - i) ** 2 + (lines[:, part[1]] - j) ** 2
+            np.minimum(away[part], there, out=away[part])
+        wanted += unknown * np.where(away <= _BESIDE**2, 1.0, np.where(away <= _NEAR**2, _NEAR_VALUE, 0.0))
+    return wanted
+
+
+def _take(values: NDArray[np.float32], path: NDArray[np.float64]) -> None:
+    """Take the cells that a path leads over from a window; the path in cells of it."""
+    for begin, end in itertools.pairwise(path):
+        steps = max(1, math.ceil(float(np.hypot(*(end - begin)))))
+        cells = np.floor(begin + np.linspace(0.0, 1.0, steps + 1)[:, None] * (end - begin)).astype(int)
+        cells = cells[((cells >= 0) & (cells < values.shape)).all(axis=1)]
+        values[cells[:, 0], cells[:, 1]] = 0.0
+
+
+def _free(area: Area, low: NDArray[np.int_], high: NDArray[np.int_], cell_m: float) -> NDArray[np.bool_]:
+    """Return which cells of a window lie in the area whole, bool[w, h]."""
+    x, y = np.meshgrid(*(np.arange(a, b) * cell_m for a, b in zip(low, high, strict=True)), indexing="ij")
+    window = shapely.box(*(low * cell_m), *(high * cell_m))
+    part = shapely.intersection(area, shapely.buffer(window, cell_m, join_style="mitre"))
+    if is_rectangle(part):
+        x_0, y_0, x_1, y_1 = part.bounds
+        inside = (x >= x_0 - TOLERANCE_M) & (x + cell_m <= x_1 + TOLERANCE_M)
+        free: NDArray[np.bool_] = inside & (y >= y_0 - TOLERANCE_M) & (y + cell_m <= y_1 + TOLERANCE_M)
+        return free
+    wide = shapely.buffer(part, TOLERANCE_M, join_style="mitre", mitre_limit=2.0)
+    shapely.prepare(wide)
+    covered: NDArray[np.bool_] = shapely.covers(wide, shapely.box(x, y, x + cell_m, y + cell_m))
+    return covered

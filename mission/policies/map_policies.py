@@ -1,0 +1,275 @@
+"""Policies that search routes over a map of acquisition values."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from mission.policies.acquisition import Acquisition, Balanced, WithCoverage, WithReach, make_acquisition
+from mission.policies.coordination import Coordination, make_coordination
+from mission.policies.decision import Decision
+from mission.policies.observation import PolicyObservation, pays_for_return
+from mission.policies.planning_grid import MOST_CELLS, strip_width
+from mission.policies.policy import LEAST_S, Triggers
+from mission.policies.route_search import (
+    COST,
+    VALUE,
+    leg_offsets,
+    leg_values,
+    neighbour_shares,
+    pool,
+    search_route,
+    take_leg,
+)
+from mission.policies.steering import Route, RouteProblem, Steering, far_route
+from mission.policies.tour_search import candidate_places, search_tour
+
+_RADIUS = 3
+CELLS_A_LEG = 8.0
+"""About how far a route flies between two turns."""
+
+
+@dataclass(kw_only=True, eq=False, repr=False)
+class MapPolicy(ABC):
+    """Search a route for each vehicle on the map of what seeing each cell is worth; again when more is seen.
+
+    Parameters
+    ----------
+    acquisition : str or Acquisition
+        What seeing a cell is worth.
+    share, spread : float
+        Seeing a cell takes ``share * exp(-d^2 / spread)`` of the acquisition value of one d cells away.
+    every : int
+        Search again after so many observations.
+    least_s : float
+        But not before so many seconds of flight.
+    caution, reach : float
+        See `mission.policies.acquisition.WithCoverage`.
+    least_weight : float
+        See `mission.policies.acquisition.Balanced`.
+    coordination : {"sequential", "auction"} or Coordination
+        Who of a fleet flies where (`mission.policies.coordination`).
+    """
+
+    reason: ClassVar[str]
+    """What is noted of each decision."""
+
+    acquisition: str | Acquisition = "expected-loss"
+    share: float = 0.12
+    spread: float = 4.5
+    every: int = 5
+    least_s: float = LEAST_S
+    caution: float = 0.0
+    reach: float = 3.0
+    least_weight: float = 0.0
+    coordination: str | Coordination = "sequential"
+
+    def __post_init__(self) -> None:
+        shares = neighbour_shares(self.share, self.spread, _RADIUS)
+        swept = WithReach(make_acquisition(self.acquisition), strip_width(shares), MOST_CELLS)
+        self._steering = Steering(
+            Balanced(WithCoverage(swept, self.caution, self.reach), self.least_weight),
+            shares,
+            make_coordination(self.coordination),
+        )
+
+    @property
+    def triggers(self) -> Triggers:
+        """After some observations."""
+        return Triggers(observations=int(self.every), least_s=float(self.least_s))
+
+    def start(self) -> None:
+        """Forget the run before."""
+        self._steering.start()
+
+    def decide(self, observation: PolicyObservation) -> Decision:
+        """Search a route for every vehicle, in turn."""
+        return self._steering.decide(observation, self._routes, self.reason)
+
+    def _routes(self, problem: RouteProblem) -> Sequence[Route]:
+        """Search; where nothing is to be gained near the vehicle, go far first and search on from there."""
+        routes = self._search(problem)
+        far = [] if routes else far_route(problem)
+        if not far:
+            return routes
+        x, y = far[0].corners[-1].tolist()
+        values = problem.values.copy()
+        take_leg(values, problem.shares, problem.x, problem.y, x, y)
+        onward = self._search(replace(problem, values=values, x=x, y=y))
+        if not onward:
+            return far
+        corners = np.vstack((far[0].corners, onward[0].corners))
+        return [Route(corners, far[0].value + onward[0].value)]
+
+    @abstractmethod
+    def _search(self, problem: RouteProblem) -> Sequence[Route]:
+        """Return routes of one vehicle, the best first; none if there is nothing to gain near it."""
+
+
+_ALTERNATIVES = 4
+_LEAST_LEGS = 4
+
+
+@dataclass(kw_only=True, eq=False, repr=False)
+class Greedy(MapPolicy):
+    """Fly the straight leg whose cells are worth most by what the leg costs; choose again after a few cells.
+
+    So that there is always a path, further legs are chosen after it as if nothing were found.
+
+    It takes the parameters of `MapPolicy`, too.
+
+    Parameters
+    ----------
+    share, spread : float
+        Seeing a cell takes ``share * exp(-d^2 / spread)`` of the acquisition value of one d cells away.
+    longest, ahead : float
+        Length of the longest leg, and of the path that is planned, in cells.
+    """
+
+    reason: ClassVar[str] = "most for its cost"
+
+    longest: float = 40.0
+    ahead: float = 60.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._offsets = leg_offsets(max(1, int(self.longest)))
+
+    def _search(self, problem: RouteProblem) -> Sequence[Route]:
+        shares, free = problem.shares, problem.planning_grid.free
+        left, pooled = problem.values.copy(), np.empty_like(problem.values)
+        values, costs = np.empty((2, len(self._offsets)))
+        x, y, spent, gained = problem.x, problem.y, 0.0, 0.0
+        limit = min(self.ahead * problem.costs.per_cell, problem.vehicle.left)
+        corners: list[tuple[float, float]] = []
+        others: list[Route] = []
+        while spent < limit or (len(corners) < _LEAST_LEGS and spent < problem.vehicle.left):
+            pool(left, shares, 0, left.shape[0], 0, left.shape[1], pooled)
+            leg_values(
+                pooled, free, x, y, self._offsets, problem.costs.turn, problem.costs.slopes, values, costs
+            )
+            rates = np.where(values > 0.0, values / np.where(values > 0.0, costs, 1.0), 0.0)
+            best = int(np.argmax(rates))
+            if rates[best] <= 0.0:
+                break
+            here = np.floor(np.array([x, y]) + 1e-9)
+            ends = (here + self._offsets + 0.5).astype(np.float64)
+            if not corners:
+                order = np.argsort(-rates, kind="stable")[1:_ALTERNATIVES]
+                others = [Route(ends[k : k + 1], float(values[k])) for k in order if rates[k] > 0.0]
+            to_x, to_y = ends[best].tolist()
+            take_leg(left, shares, x, y, to_x, to_y)
+            x, y = to_x, to_y
+            corners.append((x, y))
+            spent += float(costs[best])
+            gained += float(values[best])
+        return [Route(np.array(corners), gained), *others] if corners else []
+
+
+_MOST_STOPS = 40
+
+
+@dataclass(kw_only=True, eq=False, repr=False)
+class Orienteering(MapPolicy):
+    """Choose places and their order so that the legs see most, early, within what is left of the budget.
+
+    Costs of legs are the vehicle's own travel costs, and where the budget pays for the way home it is kept.
+
+    It takes the parameters of `MapPolicy`, too.
+
+    Parameters
+    ----------
+    places : int
+        Candidates over the whole farm, and as many again about the vehicle.
+    near : int
+        Side of the window about the vehicle, cells.
+    horizon, patience : float
+        Largest length of a tour, and the length after which value counts 1/e, in cells of flight with a turn
+        every few of them.
+    rounds : int
+        Of taking a part out and filling up again.
+    share, spread : float
+        Seeing a cell takes ``share * exp(-d^2 / spread)`` of the acquisition value of one d cells away.
+    """
+
+    reason: ClassVar[str] = "tour"
+
+    places: int = 49
+    near: int = 14
+    horizon: float = 60.0
+    patience: float = 60.0
+    rounds: int = 2
+
+    def _search(self, problem: RouteProblem) -> Sequence[Route]:
+        vehicle, cell_m = problem.vehicle, problem.planning_grid.cell_m
+        pooled = np.empty_like(problem.values)
+        pool(problem.values, problem.shares, 0, pooled.shape[0], 0, pooled.shape[1], pooled)
+        pooled[~problem.planning_grid.free] = 0.0
+        goals = candidate_places(pooled, problem.x, problem.y, int(self.near), int(self.places))
+        places = np.vstack((np.array([[problem.x, problem.y]]), goals))
+        costs = vehicle.travel_cost.legs(places * cell_m, places * cell_m)
+        home = np.asarray(vehicle.request.start_xy_m)[None]
+        back = (
+            vehicle.travel_cost.legs(places * cell_m, home)[:, 0]
+            if pays_for_return(vehicle)
+            else np.zeros(len(places))
+        )
+        # With a turn every few cells: a vehicle whose turns cost more than its way would get nowhere.
+        per_cell = problem.costs.per_cell + problem.costs.turn / CELLS_A_LEG
+        limit = min(vehicle.left, self.horizon * per_cell + float(back[0]))
+        order, value = search_tour(
+            places, costs, back, pooled, self.patience * per_cell, limit, int(self.rounds), _MOST_STOPS
+        )
+        return [Route(places[order], float(value))] if len(order) else []
+
+
+@dataclass(kw_only=True, eq=False, repr=False)
+class RollingHorizon(MapPolicy):
+    """Fly the route of several legs that gains most up to a horizon; search again after a few cells.
+
+    The search foresees what its own legs will leave to be seen: a cell is worth something once, and seeing it
+    takes a share of its neighbours' values. It does not foresee what will be found; so it searches again.
+
+    It takes the parameters of `MapPolicy`, too.
+
+    Parameters
+    ----------
+    horizon, patience : float
+        How far routes are compared, and the length after which value counts 1/e, in cells of flight.
+    share, spread : float
+        Seeing a cell takes ``share * exp(-d^2 / spread)`` of the acquisition value of one d cells away.
+    beam, interval : int, float
+        Routes kept in each interval of cost, and its length in cells of flight.
+    """
+
+    reason: ClassVar[str] = "looked ahead"
+
+    horizon: float = 40.0
+    patience: float = 60.0
+    share: float = 0.2
+    beam: int = 8
+    interval: float = 5.0
+    every: int = 2
+    least_s: float = 1.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._groups = max(1, round(self.horizon / self.interval))
+        self._offsets = leg_offsets(max(1, int(self.horizon)))
+
+    def _search(self, problem: RouteProblem) -> Sequence[Route]:
+        per_cell = problem.costs.per_cell
+        # With a turn every few cells: a vehicle whose turns cost more than its way would see nothing ahead.
+        horizon = self.horizon * (per_cell + problem.costs.turn / CELLS_A_LEG)
+        route = search_route(
+            problem.values, problem.shares, problem.planning_grid.free, problem.x, problem.y, self._offsets,
+            min(horizon, problem.vehicle.left), problem.costs.turn, problem.costs.slopes,
+            self.patience * per_cell, self._groups, int(self.beam),
+        )  # fmt: skip
+        if not len(route):
+            return []
+        return [Route(np.ascontiguousarray(route[:, :COST]), float(route[-1, VALUE]))]

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from enum import IntEnum
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import msgspec
 
@@ -22,6 +24,8 @@ _SUFFIX_OF_KIND = {PLAN_KIND: ".plan", WAYPOINTS_KIND: ".waypoints", NATIVE_KIND
 _BOM = b"\xef\xbb\xbf"
 
 T = TypeVar("T")
+Parameters: TypeAlias = tuple[float | None, float | None, float | None, float | None]
+Place: TypeAlias = tuple[float | None, float | None, float | None]
 
 
 class Firmware(IntEnum):
@@ -40,6 +44,7 @@ class _Header(msgspec.Struct):
 
 
 _HEADER = msgspec.json.Decoder(_Header)
+_ANY_JSON = msgspec.json.Decoder(msgspec.Raw)
 
 
 def is_json(data: bytes) -> bool:
@@ -90,21 +95,9 @@ def wrong_kind(data: bytes, expected: str) -> MissionFileError:
 
 
 def decode_json(data: bytes, decoder: msgspec.json.Decoder[T], path: str = "") -> T:
-    """Decode strict JSON (no NaN, no Infinity, no comments) into typed structures.
+    """Decode strict JSON (no NaN, no Infinity, no comments): a file, or the part of it that stands at a path.
 
-    Parameters
-    ----------
-    data : bytes
-        The whole file, or a part of it.
-    decoder : msgspec.json.Decoder
-        Made once for the type.
-    path : str
-        Where in the file the part stands, for error messages.
-
-    Raises
-    ------
-    MissionFileError
-        Naming the line of a syntax error, or the path of a value of the wrong type.
+    MissionFileError names the line of a syntax error, or the path of a value of the wrong type.
     """
     data = data.removeprefix(_BOM)
     try:
@@ -117,12 +110,21 @@ def decode_json(data: bytes, decoder: msgspec.json.Decoder[T], path: str = "") -
         raise MissionFileError(f"{not_json(error, data)}; the file is damaged or no JSON") from None
 
 
+def check_json(data: bytes, expected: str) -> None:
+    """Refuse content that is not JSON of the expected kind; a syntax error says more than the kind."""
+    if is_json(data) and kind_of(data) == expected:
+        return
+    if is_json(data):
+        decode_json(data, _ANY_JSON)
+    raise wrong_kind(data, expected)
+
+
 def make_item(
     where: str,
     command: int,
     frame: int,
-    parameters: tuple[float | None, float | None, float | None, float | None],
-    place: tuple[float | None, float | None, float | None],
+    parameters: Parameters,
+    place: Place,
     *,
     autocontinue: bool,
 ) -> MissionItem:
@@ -155,9 +157,25 @@ def jump_target(item: MissionItem, where: str) -> int:
     """Return param1 of a DO_JUMP as a whole number."""
     target = item.param1
     if target is None or not float(target).is_integer():
-        msg = f"{where}: DO_JUMP to {target}; param1 has to be the number of an item"
-        raise MissionFileError(msg)
+        raise MissionFileError(f"{where}: DO_JUMP to {target}; param1 has to be the number of an item")
     return int(target)
+
+
+def resolve_jumps(
+    numbers: Sequence[int | None], items: Iterable[tuple[str, MissionItem]], numbering: str
+) -> tuple[MissionItem, ...]:
+    """Turn jump targets from a file's numbers into indices; each item comes with its place in the file."""
+    index_of, counts = {number: index for index, number in enumerate(numbers)}, Counter(numbers)
+    resolved = []
+    for where, item in items:
+        if item.command == Command.DO_JUMP:
+            target = jump_target(item, where)
+            if counts[target] != 1:
+                problem = "is there more than once" if target in index_of else "does not exist"
+                raise MissionFileError(f"{where}: DO_JUMP to {numbering} {target}, which {problem}")
+            item = replace(item, param1=float(index_of[target]))
+        resolved.append(item)
+    return tuple(resolved)
 
 
 def check_jumps(mission: Mission) -> None:
@@ -197,9 +215,7 @@ def home_from_file(
         raise MissionFileError(f"{where}: home {error}; correct the value") from None
 
 
-def file_parameters(
-    item: MissionItem, firmware: Firmware
-) -> tuple[float | None, float | None, float | None, float | None]:
+def file_parameters(item: MissionItem, firmware: Firmware) -> Parameters:
     """Return parameters 1 to 4 for a file; ArduPilot refuses NaN, so there a default is written as 0."""
     default = 0.0 if firmware == Firmware.ARDUPILOT else None
     first, second, third, fourth = (

@@ -49,7 +49,7 @@ class GeoFence(msgspec.Struct):
     polygon: msgspec.Raw = msgspec.Raw(b"[]")
 
 
-def items_of(fence: GeoFence) -> tuple[MissionItem, ...]:
+def fence_items(fence: GeoFence) -> tuple[MissionItem, ...]:
     """Make MAVLink fence items: polygons, circles, then the return point, as QGroundControl sends them.
 
     Raises
@@ -141,13 +141,7 @@ def geo_fence(items: Sequence[MissionItem]) -> dict[str, Any]:
 
 
 def polygon_at(items: Sequence[MissionItem], start: int) -> Sequence[MissionItem]:
-    """Return the vertices of the polygon that starts at an index of the fence items.
-
-    Raises
-    ------
-    MissionFileError
-        If fewer vertices follow than the first one's param1 says.
-    """
+    """Return the vertices of the polygon that starts at an index of the fence items."""
     first = items[start]
     count = first.param1 or 0.0
     if not float(count).is_integer() or count < 3.0:

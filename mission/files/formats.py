@@ -70,26 +70,30 @@ def _suffixes(*, writing: bool) -> str:
     return ", ".join(names[:-1]) + " or " + names[-1]
 
 
-def reader_for(path: str | os.PathLike[str]) -> Callable[[bytes], Mission]:
-    """Return the function that reads files of this name, or raise MissionFileError."""
+def _found(path: str | os.PathLike[str], *, writing: bool) -> MissionFormat:
+    """Return the format of a file's name, or raise MissionFileError where it is not read or not written."""
     suffix = Path(path).suffix.lower()
     found = _FORMATS.get(suffix)
-    if found is None or found.loads is None:
-        problem = f"no reader for {found.name} files" if found else f"unknown suffix {suffix!r}"
-        msg = f"{path}: {problem}; missions are read from {_suffixes(writing=False)}"
+    if found is None or (found.dumps if writing else found.loads) is None:
+        does, ways = ("writer", "written to") if writing else ("reader", "read from")
+        problem = f"no {does} for {found.name} files" if found else f"unknown suffix {suffix!r}"
+        msg = f"{path}: {problem}; missions are {ways} {_suffixes(writing=writing)}"
         raise MissionFileError(one_line(msg))
-    return found.loads
+    return found
+
+
+def reader_for(path: str | os.PathLike[str]) -> Callable[[bytes], Mission]:
+    """Return the function that reads files of this name, or raise MissionFileError."""
+    loads = _found(path, writing=False).loads
+    assert loads is not None
+    return loads
 
 
 def writer_for(path: str | os.PathLike[str]) -> Callable[[Mission, Firmware], str]:
     """Return the function that writes files of this name, or raise MissionFileError."""
-    suffix = Path(path).suffix.lower()
-    found = _FORMATS.get(suffix)
-    if found is None or found.dumps is None:
-        problem = f"no writer for {found.name} files" if found else f"unknown suffix {suffix!r}"
-        msg = f"{path}: {problem}; missions are written to {_suffixes(writing=True)}"
-        raise MissionFileError(one_line(msg))
-    return found.dumps
+    dumps = _found(path, writing=True).dumps
+    assert dumps is not None
+    return dumps
 
 
 def read_mission(path: str | os.PathLike[str]) -> Mission:

@@ -18,6 +18,7 @@
 
 from __future__ import annotations
 
+from dataclasses import astuple
 from typing import Annotated
 
 import msgspec
@@ -27,16 +28,15 @@ from mission.errors import MissionError, MissionFileError
 from mission.files.common import (
     NATIVE_KIND,
     Firmware,
+    Parameters,
+    check_json,
     decode_json,
-    is_json,
-    kind_of,
+    file_parameters,
     make_mission,
-    wrong_kind,
 )
 from mission.model import MAX_ITEMS, GeoPoint, Mission, MissionItem
 
 VERSION = 1
-_Number = float | None
 
 
 class _Version(msgspec.Struct):
@@ -52,7 +52,7 @@ class _Home(msgspec.Struct, forbid_unknown_fields=True):
 class _Item(msgspec.Struct, forbid_unknown_fields=True):
     command: Annotated[int, Meta(ge=0, le=65535)]
     frame: Annotated[int, Meta(ge=0, le=255)]
-    params: tuple[_Number, _Number, _Number, _Number]
+    params: Parameters
     x: float
     y: float
     z: float
@@ -78,27 +78,8 @@ _FILE = msgspec.json.Decoder(_File)
 
 
 def loads(data: bytes) -> Mission:
-    """Read a mission from the content of a file.
-
-    Parameters
-    ----------
-    data : bytes
-        UTF-8 JSON.
-
-    Returns
-    -------
-    Mission
-
-    Raises
-    ------
-    MissionFileError
-        If the content is something else, damaged, of a newer version, or has impossible values.
-    """
-    if not is_json(data):
-        raise wrong_kind(data, NATIVE_KIND)
-    if kind_of(data) != NATIVE_KIND:
-        decode_json(data, msgspec.json.Decoder(msgspec.Raw))  # a syntax error says more than the kind
-        raise wrong_kind(data, NATIVE_KIND)
+    """Read a mission from the content of a file, or raise MissionFileError."""
+    check_json(data, NATIVE_KIND)
     version = decode_json(data, _VERSION).version
     if version != VERSION:
         msg = f"version {version} of the wbf-mission format is not known, only {VERSION}; update wbf-mission"
@@ -143,7 +124,7 @@ def dumps(mission: Mission, firmware: Firmware = Firmware.GENERIC) -> str:  # no
     parts = [
         '"format": "wbf-mission"',
         f'"version": {VERSION}',
-        f'"home": {_text(None if home is None else _home_struct(home))}',
+        f'"home": {_text(None if home is None else _Home(*map(float, astuple(home))))}',
         f'"cruise_speed_m_s": {_text(float(mission.cruise_speed_m_s))}',
         f'"hover_speed_m_s": {_text(float(mission.hover_speed_m_s))}',
         f'"items": {_list_text(mission.items)}',
@@ -157,10 +138,6 @@ def _text(value: object) -> str:
     return msgspec.json.encode(value).decode()
 
 
-def _home_struct(home: GeoPoint) -> _Home:
-    return _Home(float(home.latitude_deg), float(home.longitude_deg), float(home.altitude_m))
-
-
 def _list_text(items: tuple[MissionItem, ...]) -> str:
     if not items:
         return "[]"
@@ -169,14 +146,10 @@ def _list_text(items: tuple[MissionItem, ...]) -> str:
 
 
 def _struct(item: MissionItem) -> _Item:
-    first, second, third, fourth = (
-        None if value is None else float(value)
-        for value in (item.param1, item.param2, item.param3, item.param4)
-    )
     return _Item(
         command=item.command,
         frame=item.frame,
-        params=(first, second, third, fourth),
+        params=file_parameters(item, Firmware.GENERIC),
         x=float(item.x),
         y=float(item.y),
         z=float(item.z),

@@ -9,29 +9,28 @@ RallyPointController) and docs.qgroundcontrol.com, "Plan file format".
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import astuple
 from typing import Annotated, Any, TypeVar
 
 import msgspec
 from msgspec import Meta
 
 from mission.errors import MissionFileError
-from mission.files import fence as fences
 from mission.files.common import (
     PLAN_KIND,
     Firmware,
+    check_json,
     check_jumps,
     decode_json,
     file_parameters,
     home_for_file,
     home_from_file,
-    is_json,
     jump_target,
-    kind_of,
     make_item,
     make_mission,
-    wrong_kind,
+    resolve_jumps,
 )
+from mission.files.fence import GeoFence, fence_items, geo_fence
 from mission.model import MAX_ITEMS, Command, Frame, GeoPoint, Mission, MissionItem
 
 _Number = float | None
@@ -81,9 +80,8 @@ class _Plan(msgspec.Struct):
 
 
 _PLAN = msgspec.json.Decoder(_Plan)
-_FENCE = msgspec.json.Decoder(fences.GeoFence | None)
+_FENCE = msgspec.json.Decoder(GeoFence | None)
 _RALLY = msgspec.json.Decoder(_Rally | None)
-_ANY_JSON = msgspec.json.Decoder(msgspec.Raw)
 # Vertices are so short that a hostile file could hold millions; autopilots store some hundreds.
 _MAX_PART_BYTES = 8 * 2**20
 
@@ -91,16 +89,8 @@ _MAX_PART_BYTES = 8 * 2**20
 def loads(data: bytes) -> Mission:
     """Read a mission from the content of a plan file.
 
-    Parameters
-    ----------
-    data : bytes
-        UTF-8 JSON with fileType "Plan", version 1, and a mission of version 2.
-
-    Returns
-    -------
-    Mission
-        Items in their standard frames; a survey is the list of commands it was saved with; jump targets are
-        indices of the items.
+    It is UTF-8 JSON with fileType "Plan", version 1, and a mission of version 2. Items are in their standard
+    frames; a survey is the list of commands it was saved with; jump targets are indices of the items.
 
     Raises
     ------
@@ -108,30 +98,20 @@ def loads(data: bytes) -> Mission:
         If the content is something else, damaged, of another version, holds complex items without their
         commands, or has impossible values; it names the item and the field.
     """
-    if not is_json(data):
-        raise wrong_kind(data, PLAN_KIND)
-    if kind_of(data) != PLAN_KIND:
-        decode_json(data, _ANY_JSON)  # a syntax error says more than the kind
-        raise wrong_kind(data, PLAN_KIND)
+    check_json(data, PLAN_KIND)
     plan = decode_json(data, _PLAN)
     for name, version, known in (("version", plan.version, 1), ("mission, version", plan.mission.version, 2)):
         if version != known:
             msg = f"{name} is {version}, only {known} is known; save the plan with a current QGroundControl"
             raise MissionFileError(msg)
-    speeds = {
-        name: value
-        for name, value in (
-            ("cruise_speed_m_s", plan.mission.cruise_speed_m_s),
-            ("hover_speed_m_s", plan.mission.hover_speed_m_s),
-        )
-        if value is not None
-    }
+    names = ("cruise_speed_m_s", "hover_speed_m_s")
+    speeds = {name: value for name in names if (value := getattr(plan.mission, name)) is not None}
     fence = _part(plan.fence, _FENCE, "geoFence")
     rally = _part(plan.rally, _RALLY, "rallyPoints")
     return make_mission(
         _items(plan.mission.items),
         _home(plan.mission.home),
-        fence=() if fence is None else fences.items_of(fence),
+        fence=() if fence is None else fence_items(fence),
         rally=() if rally is None else _rally_items(rally),
         **speeds,
     )
@@ -141,8 +121,7 @@ def _part(raw: msgspec.Raw, decoder: msgspec.json.Decoder[T], name: str) -> T:
     data = bytes(raw)
     if len(data) > _MAX_PART_BYTES:
         size, most = len(data) / 2**20, _MAX_PART_BYTES / 2**20
-        msg = f"{name}: {size:.0f} MiB, at most {most:.0f} are read; simplify it"
-        raise MissionFileError(msg)
+        raise MissionFileError(f"{name}: {size:.0f} MiB, at most {most:.0f} are read; simplify it")
     return decode_json(data, decoder, name)
 
 
@@ -174,26 +153,10 @@ def _items(items: list[_Simple | _Complex]) -> tuple[MissionItem, ...]:
             msg = f"{where}: more than {MAX_ITEMS} items, which MAVLink cannot number; fly it in parts"
             raise MissionFileError(msg)
         flat.append((where, simple))
-    index_of: dict[int, int] = {}
-    repeated: set[int] = set()
-    for index, (_, simple) in enumerate(flat):
-        if simple.jump_id is not None:
-            if simple.jump_id in index_of:
-                repeated.add(simple.jump_id)
-            index_of[simple.jump_id] = index
-    if not index_of:
-        index_of = {index + 1: index for index in range(len(flat))}
-    made = []
-    for where, simple in flat:
-        item = _item(where, simple)
-        if item.command == Command.DO_JUMP:
-            target = jump_target(item, where)
-            if target not in index_of or target in repeated:
-                problem = "is there more than once" if target in repeated else "does not exist"
-                raise MissionFileError(f"{where}: DO_JUMP to doJumpId {target}, which {problem}")
-            item = replace(item, param1=float(index_of[target]))
-        made.append(item)
-    return tuple(made)
+    numbers = [simple.jump_id for _, simple in flat]
+    if all(number is None for number in numbers):
+        numbers = list(range(1, len(flat) + 1))
+    return resolve_jumps(numbers, ((where, _item(where, simple)) for where, simple in flat), "doJumpId")
 
 
 def _item(where: str, simple: _Simple) -> MissionItem:
@@ -232,19 +195,10 @@ def _rally_items(rally: _Rally) -> tuple[MissionItem, ...]:
 def dumps(mission: Mission, firmware: Firmware = Firmware.PX4) -> str:
     """Write a mission as the text of a plan file.
 
-    Parameters
-    ----------
-    mission : Mission
-        Fence items need the order that MAVLink asks for (the vertices of a polygon one after the other, each
-        with their number as param1); rally points need altitudes above home, or a known home. An unknown home
-        is written as the first place of the mission.
-    firmware : Firmware
-        Goes to ``firmwareType``. For ArduPilot a default parameter is written as 0, otherwise as null.
-
-    Returns
-    -------
-    str
-        JSON.
+    Fence items need the order that MAVLink asks for (the vertices of a polygon one after the other, each with
+    their number as param1); rally points need altitudes above home, or a known home. An unknown home is
+    written as the first place of the mission. For ArduPilot a default parameter is written as 0, otherwise as
+    null.
 
     Raises
     ------
@@ -261,7 +215,7 @@ def dumps(mission: Mission, firmware: Firmware = Firmware.PX4) -> str:
     modes = {_ALTITUDE_MODES.get(Frame(item.frame), _MIXED) for item in mission.items if item.has_position}
     plan = {
         "fileType": "Plan",
-        "geoFence": fences.geo_fence(mission.fence),
+        "geoFence": geo_fence(mission.fence),
         "groundStation": "QGroundControl",
         "mission": {
             "cruiseSpeed": float(mission.cruise_speed_m_s),
@@ -269,11 +223,7 @@ def dumps(mission: Mission, firmware: Firmware = Firmware.PX4) -> str:
             "globalPlanAltitudeMode": modes.pop() if len(modes) == 1 else (_MIXED if modes else 1),
             "hoverSpeed": float(mission.hover_speed_m_s),
             "items": [_simple(index, item, firmware) for index, item in enumerate(mission.items)],
-            "plannedHomePosition": [
-                float(home.latitude_deg),
-                float(home.longitude_deg),
-                float(home.altitude_m),
-            ],
+            "plannedHomePosition": [float(number) for number in astuple(home)],
             "vehicleType": 2,
             "version": 2,
         },

@@ -63,24 +63,12 @@ def geojson_dumps(mission: Mission, firmware: Firmware = Firmware.GENERIC) -> st
     """Write the path, its items, home, fence polygons and rally points as a GeoJSON FeatureCollection.
 
     Altitudes are not in the coordinates (which RFC 7946 counts from the ellipsoid) but in the properties.
-
-    Parameters
-    ----------
-    mission : Mission
-        What to show.
-    firmware : Firmware
-        Makes no difference.
     """
     features: list[dict[str, Any]] = []
 
     def add(shape: str, coordinates: Any, **properties: Any) -> None:
-        features.append(
-            {
-                "type": "Feature",
-                "geometry": {"type": shape, "coordinates": coordinates},
-                "properties": properties,
-            }
-        )
+        geometry = {"type": shape, "coordinates": coordinates}
+        features.append({"type": "Feature", "geometry": geometry, "properties": properties})
 
     def add_point(role: str, index: int, item: MissionItem) -> None:
         add(
@@ -119,12 +107,7 @@ def geojson_dumps(mission: Mission, firmware: Firmware = Firmware.GENERIC) -> st
 def kml_dumps(mission: Mission, firmware: Firmware = Firmware.GENERIC) -> str:  # noqa: ARG001  one signature
     """Write the path, its items, home and fence polygons as KML.
 
-    Parameters
-    ----------
-    mission : Mission
-        What to show. A path with different kinds of altitude is drawn on the ground.
-    firmware : Firmware
-        Makes no difference.
+    A path with different kinds of altitude is drawn on the ground.
     """
     path = _path(mission)
     frames = {item.frame for _, item in path}

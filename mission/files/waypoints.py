@@ -24,6 +24,8 @@ from mission.errors import MissionFileError
 from mission.files.common import (
     WAYPOINTS_KIND,
     Firmware,
+    Parameters,
+    Place,
     check_jumps,
     file_parameters,
     home_for_file,
@@ -32,6 +34,7 @@ from mission.files.common import (
     kind_of,
     make_item,
     make_mission,
+    resolve_jumps,
     wrong_kind,
 )
 from mission.model import MAX_ITEMS, Command, Frame, GeoPoint, Mission, MissionItem
@@ -54,8 +57,8 @@ class _Row:
     seq: int
     frame: int
     command: int
-    parameters: tuple[float | None, float | None, float | None, float | None]
-    place: tuple[float | None, float | None, float | None]
+    parameters: Parameters
+    place: Place
     autocontinue: bool
 
     def item(self) -> MissionItem:
@@ -76,15 +79,7 @@ def loads(data: bytes) -> Mission:
     with and without a home row, gaps in seq, a home row with command 0, and commands without a position in
     frame 0 or 3. The first row is home when its seq is 0 and it is a waypoint in frame 0 (or has command 0).
 
-    Parameters
-    ----------
-    data : bytes
-        UTF-8 text.
-
-    Returns
-    -------
-    Mission
-        Jump targets are indices of its items.
+    Jump targets are indices of the mission's items.
 
     Raises
     ------
@@ -108,7 +103,7 @@ def loads(data: bytes) -> Mission:
         home = _home(rows.pop(0))
     flown = [row for row in rows if row.command not in _FENCE | _RALLY]
     return make_mission(
-        _with_jumps(flown),
+        resolve_jumps([row.seq for row in flown], ((f"line {row.line}", row.item()) for row in flown), "seq"),
         home,
         fence=tuple(row.item() for row in rows if row.command in _FENCE),
         rally=tuple(row.item() for row in rows if row.command in _RALLY),
@@ -149,18 +144,7 @@ def _columns_of_100(words: list[str], line: int) -> list[str]:
             f"line {line}: action {action} of WPL 100 is not known; save the file as WPL 110"
         )
     command = str(_ACTIONS_100[action])
-    return [
-        words[0],
-        words[7],
-        words[1],
-        command,
-        *words[5:7],
-        *words[3:5],
-        words[9],
-        words[8],
-        words[10],
-        words[12],
-    ]
+    return [words[0], words[7], words[1], command, *(words[i] for i in (5, 6, 3, 4, 9, 8, 10, 12))]
 
 
 def _row(words: list[str], line: int) -> _Row:
@@ -207,42 +191,13 @@ def _home(row: _Row) -> GeoPoint | None:
     return home_from_file(f"line {row.line}", latitude_deg, longitude_deg, altitude_m)
 
 
-def _with_jumps(rows: list[_Row]) -> tuple[MissionItem, ...]:
-    """Make the items and turn jump targets from the file's seq numbers into indices."""
-    index_of: dict[int, int] = {}
-    repeated: set[int] = set()
-    for index, row in enumerate(rows):
-        if index_of.setdefault(row.seq, index) != index:
-            repeated.add(row.seq)
-    items = []
-    for row in rows:
-        item = row.item()
-        if item.command == Command.DO_JUMP:
-            target = jump_target(item, f"line {row.line}")
-            if target not in index_of or target in repeated:
-                problem = "is there more than once" if target in repeated else "does not exist"
-                raise MissionFileError(f"line {row.line}: DO_JUMP to seq {target}, which {problem}")
-            item = replace(item, param1=float(index_of[target]))
-        items.append(item)
-    return tuple(items)
-
-
 def dumps(mission: Mission, firmware: Firmware = Firmware.PX4) -> str:
     """Write a mission, or a fence, or rally points, as text.
 
-    Parameters
-    ----------
-    mission : Mission
-        With items, or only a fence, or only rally points: the format holds one plan. Speeds are not kept. An
-        unknown home is written as the first place of the mission.
-    firmware : Firmware
-        For ArduPilot a default parameter is written as 0, otherwise as NaN.
-
-    Returns
-    -------
-    str
-        Lines of columns separated by tabs; numbers with at least eight decimals, and as many as they need to
-        be read back exactly.
+    The format holds one plan: a mission, or only a fence, or only rally points. Speeds are not kept; an
+    unknown home is written as the first place of the mission. For ArduPilot a default parameter is written as
+    0, otherwise as NaN. Numbers have at least eight decimals, and as many as they need to be read back
+    exactly.
 
     Raises
     ------

@@ -80,8 +80,7 @@ class LeafCameraOptions:
         for name in ("false_positive_rate", "false_negative_rate"):
             rate = getattr(self, name)
             if not 0.0 <= rate <= 1.0:
-                msg = f"camera: {name} {rate} is outside 0..1"
-                raise ObservationError(msg)
+                raise ObservationError(f"camera: {name} {rate} is outside 0..1")
         object.__setattr__(self, "sensed", self._sensed())
 
     def _sensed(self) -> tuple[str, ...]:
@@ -99,8 +98,7 @@ class LeafCameraOptions:
         elif twice:
             found = f"field {twice[0]!r} is given twice"
         if found:
-            msg = f"camera: {found}; choose from {', '.join(names)}"
-            raise ObservationError(msg)
+            raise ObservationError(f"camera: {found}; choose from {', '.join(names)}")
         return sensed
 
     def _per_field(self) -> tuple[float, ...]:
@@ -173,8 +171,7 @@ class LeafCamera:
         self._noise_std = np.array(options.noise_std, np.float32) if np.any(options.noise_std) else None
         self._flips = options.false_positive_rate > 0.0 or options.false_negative_rate > 0.0
         if options.random and rng is None:
-            msg = "camera: noise or false readings need a random generator"
-            raise ObservationError(msg)
+            raise ObservationError("camera: noise or false readings need a random generator")
         self._noise_rng: np.random.Generator | None = None
         self._flip_rng: np.random.Generator | None = None
         if rng is not None and options.random:

@@ -168,8 +168,7 @@ class Fault:
     def __post_init__(self) -> None:
         kind = KINDS.get(self.kind)
         if kind is None:
-            msg = f"unknown fault {self.kind!r}: choose {', '.join(KINDS)}"
-            raise FaultError(msg)
+            raise FaultError(f"unknown fault {self.kind!r}: choose {', '.join(KINDS)}")
         object.__setattr__(self, "value", self._checked_value(kind))
         self._require(0.0 <= self.start_s < math.inf, f"from {self.start_s} is not seconds from 0")
         self._require(self.duration_s > 0.0, f"for {self.duration_s} is not a positive number of seconds")
@@ -191,8 +190,7 @@ class Fault:
 
     def _require(self, condition: bool, text: str) -> None:
         if not condition:
-            msg = f"fault {self.kind}: {text}"
-            raise FaultError(msg)
+            raise FaultError(f"fault {self.kind}: {text}")
 
     def _checked_value(self, kind: Kind) -> float | None:
         value = self.value
@@ -285,8 +283,7 @@ direction='down', link=None, times=None)
     for part in rest:
         key, equals, value = part.partition("=")
         if not equals or key.strip() in ("kind", "value") or key.strip() in table:
-            msg = f"fault {text!r}: {part!r} is not OPTION=VALUE; options are {', '.join(_KEYS)}"
-            raise FaultError(msg)
+            raise FaultError(f"fault {text!r}: {part!r} is not OPTION=VALUE; options are {', '.join(_KEYS)}")
         table[key.strip()] = value.strip()
     return fault_from(table)
 
@@ -300,8 +297,7 @@ def fault_from(table: Mapping[str, Any]) -> Fault:
             continue
         name = _KEYS.get(key)
         if name is None:
-            msg = f"fault {kind}: unknown option {key!r}; options are {', '.join(_KEYS)}"
-            raise FaultError(msg)
+            raise FaultError(f"fault {kind}: unknown option {key!r}; options are {', '.join(_KEYS)}")
         try:
             if name in ("start_s", "duration_s"):
                 values[name] = parse_number(value) if isinstance(value, str) else float(value)
@@ -310,12 +306,10 @@ def fault_from(table: Mapping[str, Any]) -> Fault:
             else:
                 values[name] = str(value)
         except (TypeError, ValueError):
-            msg = f"fault {kind}: {key} {value!r} is not a number"
-            raise FaultError(msg) from None
+            raise FaultError(f"fault {kind}: {key} {value!r} is not a number") from None
     value = table.get("value")
     if value is not None and (isinstance(value, bool) or not isinstance(value, str | int | float)):
-        msg = f"fault {kind}: value {value!r} is neither a number nor text"
-        raise FaultError(msg)
+        raise FaultError(f"fault {kind}: value {value!r} is neither a number nor text")
     return Fault(kind, float(value) if isinstance(value, int) else value, **values)
 
 
@@ -330,8 +324,7 @@ def load_faults(path: Path | str) -> tuple[Fault, ...]:
     try:
         table = read_toml(Path(path))
     except UnreadableError as error:
-        msg = f"{path}: cannot be read as a table of faults: {error}; give a TOML file"
-        raise FaultError(msg) from error
+        raise FaultError(f"{path}: cannot be read as a table of faults: {error}; give a TOML file") from error
     return faults_of(table, str(path))
 
 
@@ -339,13 +332,11 @@ def faults_of(table: Mapping[str, Any], where: str) -> tuple[Fault, ...]:
     """Return the faults of a decoded TOML file; ``where`` is its name for messages."""
     entries = table.get("fault", [])
     if not isinstance(entries, list) or not all(isinstance(entry, Mapping) for entry in entries):
-        msg = f"{where}: faults are written as [[fault]] tables"
-        raise FaultError(msg)
+        raise FaultError(f"{where}: faults are written as [[fault]] tables")
     faults: list[Fault] = []
     for number, entry in enumerate(entries, 1):
         try:
             faults.append(fault_from(entry))
         except FaultError as error:
-            msg = f"{where}: fault {number}: {error}"
-            raise FaultError(msg) from error
+            raise FaultError(f"{where}: fault {number}: {error}") from error
     return tuple(faults)

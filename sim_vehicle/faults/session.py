@@ -174,8 +174,7 @@ def check_vehicles(faults: Iterable[Fault], systems: Collection[int]) -> None:
     for fault in faults:
         if fault.vehicle is not None and fault.vehicle not in systems:
             there = ", ".join(map(str, sorted(systems))) or "none"
-            msg = f"fault {fault}: there is no vehicle {fault.vehicle}; the systems are {there}"
-            raise FaultError(msg)
+            raise FaultError(f"fault {fault}: there is no vehicle {fault.vehicle}; the systems are {there}")
 
 
 def _names(wanted: str | None, name: str, number: int) -> bool:

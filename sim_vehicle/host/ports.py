@@ -290,8 +290,7 @@ def open_port(url: str) -> ServerPort:
     port = 0
     if comma:
         if address.scheme != "udpout" or not local.strip().isdigit() or int(local) > 65535:
-            msg = f"{url!r}: a local port (0 to 65535) may follow udpout only"
-            raise VehicleError(msg)
+            raise VehicleError(f"{url!r}: a local port (0 to 65535) may follow udpout only")
         port = int(local)
     if address.scheme == "udpin":
         return _UdpPort(address)

@@ -114,8 +114,7 @@ class Server:
         links: Sequence[Link] = (),
     ) -> None:
         if not speed > 0.0:
-            msg = f"server: speed {speed} is not positive; 1 is real time"
-            raise VehicleError(msg)
+            raise VehicleError(f"server: speed {speed} is not positive; 1 is real time")
         addresses = [(c.system_id, c.component_id) for c in components]
         if len(set(addresses)) < len(addresses):
             msg = f"server: two components have the same address in {addresses}; give each its own"
@@ -200,8 +199,7 @@ class Server:
                 self._route_all()
                 self._flush()
                 return
-        msg = f"server: no component has the address {address}"
-        raise VehicleError(msg)
+        raise VehicleError(f"server: no component has the address {address}")
 
     def stop(self) -> None:
         """End `run`; may be called from another thread."""

@@ -80,8 +80,7 @@ class VirtualLink:
     def send(self, data: bytes) -> None:
         """Send bytes; frames are routed as they become whole, whatever is none is dropped."""
         if not self._open:
-            msg = f"{self.name}: the link is closed"
-            raise LinkError(msg)
+            raise LinkError(f"{self.name}: the link is closed")
         self._reader.feed(data)
         frames = self._frames[:]
         self._frames.clear()
@@ -366,8 +365,7 @@ class Simulation:
         """
         address = (component.system_id, component.component_id)
         if address not in self._addresses:
-            msg = f"simulation: no component has the address {address}"
-            raise VehicleError(msg)
+            raise VehicleError(f"simulation: no component has the address {address}")
         self._send(self._addresses.index(address), messages)
 
     def _step(self, deadlines: Iterable[float]) -> None:

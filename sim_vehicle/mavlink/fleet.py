@@ -45,8 +45,7 @@ def start_positions(home: GeoPoint, count: int, spacing_m: float = SPACING_M) ->
     (GeoPoint(latitude_deg=28.05, longitude_deg=-82.15, altitude_m=10.0), 3)
     """
     if not 0.1 <= spacing_m <= 1000.0:
-        msg = f"fleet: a spacing of {spacing_m} m is out of range; give 0.1 to 1000 m"
-        raise VehicleError(msg)
+        raise VehicleError(f"fleet: a spacing of {spacing_m} m is out of range; give 0.1 to 1000 m")
     frame = LocalFrame(home.latitude_deg, home.longitude_deg, home.altitude_m)
     positions = [home]
     column, row, dx, dy = 0, 0, 1, 0
@@ -129,8 +128,7 @@ class Fleet:
         given = 1 if isinstance(home, GeoPoint) else len(home)
         number = given if count is None else count
         if not 1 <= number <= MOST_VEHICLES:
-            msg = f"fleet: {number} vehicles are out of range; give 1 to {MOST_VEHICLES}"
-            raise VehicleError(msg)
+            raise VehicleError(f"fleet: {number} vehicles are out of range; give 1 to {MOST_VEHICLES}")
         if not 1 <= first_system <= MOST_VEHICLES + 1 - number:
             last_system = first_system + number - 1
             msg = f"fleet: system ids {first_system} to {last_system} are not 1 to {MOST_VEHICLES}"

@@ -35,7 +35,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 from sensors.camera.leaf_camera import MAX_FOOTPRINT_CELLS
 from sensors.fields import MAX_FIELDS, PAPER_FIELDS
@@ -67,16 +66,7 @@ class Readings:
 class LeafLayout:
     """The layout of the readings of some fields.
 
-    Parameters
-    ----------
-    fields : tuple of str
-        Their names, in order.
-    name : str
-        Of the messages.
-    header : tuple of float
-        What follows the first three floats.
-    cells_per_array : int
-        Cells that fit into one message.
+    The header follows the first three floats of a message; so many cells fit into one.
 
     Examples
     --------
@@ -92,30 +82,20 @@ class LeafLayout:
     header: tuple[float, ...]
     cells_per_array: int
 
-    @classmethod
-    def of(cls, fields: tuple[str, ...]) -> LeafLayout:
+    @staticmethod
+    @lru_cache(maxsize=16)
+    def of(fields: tuple[str, ...]) -> LeafLayout:
         """Choose the layout of some fields."""
-        return _layout_of(fields)
+        header: tuple[float, ...] = ()
+        name = LEAF_NAME
+        if fields != PAPER_FIELDS.names:
+            header, name = (float(len(fields)), _check_number(fields)), FURTHER_NAME
+        return LeafLayout(fields, name, header, (ARRAY_FLOATS - 3 - len(header)) // len(fields))
 
     def pack(
         self, image_index: int, footprint_cells: int, values: Sequence[Sequence[float]]
     ) -> list[list[float]]:
-        """Lay out the readings of one image.
-
-        Parameters
-        ----------
-        image_index : int
-            Index of the image.
-        footprint_cells : int
-            Side of the footprint.
-        values : sequence of footprint_cells ** 2 sequences of float
-            Readings of each cell.
-
-        Returns
-        -------
-        list of list of float
-            The data of each message.
-        """
+        """Lay out the readings of each cell of one image: the data of each message."""
         parts = []
         for first in range(0, len(values), self.cells_per_array):
             data = [float(image_index), float(footprint_cells), float(first), *self.header]
@@ -192,15 +172,6 @@ class Announcement:
         return True
 
 
-@lru_cache(maxsize=16)
-def _layout_of(fields: tuple[str, ...]) -> LeafLayout:
-    header: tuple[float, ...] = ()
-    name = LEAF_NAME
-    if fields != PAPER_FIELDS.names:
-        header, name = (float(len(fields)), _check_number(fields)), FURTHER_NAME
-    return LeafLayout(fields, name, header, (ARRAY_FLOATS - 3 - len(header)) // len(fields))
-
-
 def _check_number(fields: tuple[str, ...]) -> float:
-    digest: Any = hashlib.sha256(",".join(fields).encode()).digest()
+    digest = hashlib.sha256(",".join(fields).encode()).digest()
     return float(int.from_bytes(digest[:3], "big"))

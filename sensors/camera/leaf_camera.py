@@ -1,10 +1,10 @@
-"""The leaf camera: what it reads of the fields under its footprint."""
+"""The leaf camera: what it reads of the fields under its footprint, and where that lies."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import TYPE_CHECKING, Protocol
 
@@ -19,6 +19,14 @@ if TYPE_CHECKING:
 HEALTHY = 1.0
 INFECTED = 0.5
 MAX_FOOTPRINT_CELLS = 64
+NOWHERE_M = 1e7
+"""Offset, east and north, of an image that shows no ground: beyond any farm."""
+MOST_READINGS = 1 << 24
+"""A reading is a 32-bit float, which holds every whole number below this."""
+_FARTHEST_M = 10_000.0
+# Single precision leaves straight down so far from it; hundredths of a degree are farther.
+_STRAIGHT = 5e-5
+_UNIT = 0.01
 
 
 class Sampled(Protocol):
@@ -246,3 +254,108 @@ def footprint_offsets(footprint_cells: int) -> tuple[NDArray[np.int64], NDArray[
     for along in offsets:
         along.flags.writeable = False
     return offsets
+
+
+def ground_offset(quaternion: Sequence[float], height_m: float) -> tuple[float, float]:
+    """Return how far east and north of the camera the axis of its lens meets flat ground.
+
+    That is the height times the tangent of the angle from straight down, in the direction that the camera
+    looks to. What is farther than 10 km counts as not seen, as by ArduPilot (``AP_MOUNT_POI_DIST_M_MAX``).
+
+    Parameters
+    ----------
+    quaternion : sequence of 4 floats
+        Attitude of the camera (w, x, y, z), forward along its lens, as CAMERA_IMAGE_CAPTURED tells it; one
+        that is no rotation (zeros, NaN) tells nothing, and means straight down.
+    height_m : float
+        Of the camera above the ground.
+
+    Returns
+    -------
+    east_m, north_m : float
+        `NOWHERE_M` each if the lens meets no ground: it looks to the horizon or above, or too far.
+
+    Examples
+    --------
+    >>> half = math.radians(-45.0) / 2.0
+    >>> east_m, north_m = ground_offset((math.cos(half), 0.0, math.sin(half), 0.0), 30.0)
+    >>> round(east_m, 9), round(north_m, 9)
+    (0.0, 30.0)
+    >>> ground_offset((1.0, 0.0, 0.0, 0.0), 30.0)
+    (10000000.0, 10000000.0)
+    """
+    w, x, y, z = quaternion
+    if not abs(w * w + x * x + y * y + z * z - 1.0) < _UNIT:
+        return 0.0, 0.0
+    north, east, down = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)
+    if down > 0.0 and math.hypot(north, east) < _STRAIGHT:
+        return 0.0, 0.0
+    height_m = max(0.0, height_m)
+    if not (down > 0.0 and down * _FARTHEST_M > height_m * math.hypot(north, east)):
+        return NOWHERE_M, NOWHERE_M
+    return height_m * east / down, height_m * north / down
+
+
+@dataclass(slots=True)
+class ImageList:
+    """The images of a flight's cameras, in the order in which they were taken, each of so many cells."""
+
+    cells: int
+    _x: list[int] = field(default_factory=list)
+    _y: list[int] = field(default_factory=list)
+    _camera: list[int] = field(default_factory=list)
+
+    def __len__(self) -> int:
+        return len(self._x)
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether every number of a reading is one that a reading can hold."""
+        return len(self) * self.cells <= MOST_READINGS
+
+    def add(self, ix: Sequence[int], iy: Sequence[int], camera: int) -> None:
+        """Note images of a camera, by the cells that it looked at."""
+        self._x += ix
+        self._y += iy
+        self._camera += [camera] * len(ix)
+
+    def read(self, cameras: Sequence[Camera]) -> NDArray[np.float32]:
+        """Return what cameras read in these images, float32[images * cells, fields], by number.
+
+        The cameras come by their numbers; each takes its images in their order.
+        """
+        x, y, by = (np.array(column, np.int64) for column in (self._x, self._y, self._camera))
+        fields = len(cameras[0].options.fields)
+        readings = np.empty((len(x), self.cells, fields), np.float32)
+        for number, camera in enumerate(cameras):
+            own = by == number
+            readings[own] = camera.capture(x[own].tolist(), y[own].tolist())
+        return readings.reshape(-1, fields)
+
+
+class NumberingCamera:
+    """A leaf camera that gives as every field's value the number of the reading among all of a flight.
+
+    So one flight serves for all that is seen on its path. Cells beyond the farm (of so many cells in width
+    and height) give no value, as with any leaf camera; the list takes the images of this camera, under its
+    number, and of others that fly with it.
+    """
+
+    def __init__(
+        self, images: ImageList, number: int, shape: tuple[int, int], options: LeafCameraOptions
+    ) -> None:
+        self.options = options
+        self._images = images
+        self._number = number
+        self._shape = shape
+
+    def capture(self, ix: Sequence[int], iy: Sequence[int]) -> NDArray[np.float32]:
+        """Take one image centred on each of the cells; see `LeafCamera.capture`."""
+        images = self._images
+        first, fields = len(images) * images.cells, len(self.options.fields)
+        images.add(ix, iy, self._number)
+        dx, dy = footprint_offsets(self.options.footprint_cells)
+        x, y = np.array(ix)[:, None] + dx, np.array(iy)[:, None] + dy
+        numbers = np.arange(first, len(images) * images.cells, dtype=np.float32).reshape(x.shape)
+        numbers[(x < 0) | (x >= self._shape[0]) | (y < 0) | (y >= self._shape[1])] = np.nan
+        return np.repeat(numbers[:, :, None], fields, axis=2)

@@ -4,8 +4,8 @@ An image is two standard messages: CAMERA_IMAGE_CAPTURED says when and where, DE
 readings (`sensors.camera.layout`). They belong together by the image index (its low 16 bits are the array's
 ``array_id``) and by their time since boot. A footprint of more cells than fit into a message takes several.
 The image's cell is the one that the camera looks at from the reported position, rounded to 1e-7 degree as in
-the message: the one below, or where its attitude leads on flat ground (`sensors.camera.pointing`); the
-footprint's cells count from there in the order of `sensors.camera.leaf_camera.footprint_offsets`.
+the message: the one below, or where its attitude leads on flat ground (`ground_offset`); the cells of the
+footprint count from there in the order of `footprint_offsets`.
 
 Nothing here needs a MAVLink library: messages are told by their ``id`` and read by their fields.
 """
@@ -20,8 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sensors.camera.layout import FIELDS_NAME, FURTHER_NAME, LEAF_NAME, Announcement, LeafLayout
-from sensors.camera.leaf_camera import footprint_offsets
-from sensors.camera.pointing import ground_offset
+from sensors.camera.leaf_camera import footprint_offsets, ground_offset
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 
@@ -275,10 +274,7 @@ class ObservationAssembler:
     def expect_from_first(self, since_s: float = 0.0) -> None:
         """Miss the images before the first one that arrives, too: the link was dead when they were taken.
 
-        Parameters
-        ----------
-        since_s : float
-            The vehicle's clock when the flight began; images that are older are of others.
+        Images older than the flight's beginning by the vehicle's clock are of others.
         """
         self._from_first = True
         self._since_us = 1e6 * since_s

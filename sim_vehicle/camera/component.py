@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 from mission.link.codec.dialect import Message, mavlink
 from mission.link.codec.typed import CommandMessage, is_a, is_command
-from sensors.camera.pointing import ground_offset
+from sensors.camera.leaf_camera import ground_offset
 from sim_vehicle.camera.image_memory import STORAGE_MIB, ImageMemory
 from sim_vehicle.camera.trigger import CameraTrigger, Exposure, Fix
 
@@ -32,7 +32,8 @@ _DENIED = mavlink.MAV_RESULT_DENIED
 _UNSUPPORTED = mavlink.MAV_RESULT_UNSUPPORTED
 _NOT_NOW = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
 
-Parameters = tuple[float, float, float, float]
+Parameters: TypeAlias = tuple[float, float, float, float]
+_Obeyed: TypeAlias = int | list[Message]
 
 
 class LeafCameraComponent:
@@ -241,127 +242,128 @@ class LeafCameraComponent:
             return []
         if message.target_component not in (0, self.component_id):
             return []
-        command: int = message.command
-        result, extra = self._obey(message, command)
+        obeyed = self._obey(message, message.command)
+        result, extra = (obeyed, []) if isinstance(obeyed, int) else (_ACCEPTED, obeyed)
         if message.target_component == 0 and result == _UNSUPPORTED:
             return []  # meant for another component of the system
         answer = mavlink.MAVLink_command_ack_message(
-            command,
+            message.command,
             result,
             target_system=message.get_srcSystem(),
             target_component=message.get_srcComponent(),
         )
         return [answer, *extra]
 
-    def _obey(self, message: CommandMessage, command: int) -> tuple[int, list[Message]]:
+    def _obey(self, message: CommandMessage, command: int) -> _Obeyed:
+        """Do a command; MAV_RESULT, or (accepted) the messages that follow its acknowledgement."""
         given = (message.param1, message.param2, message.param3, message.param4)
         if command in _TRIGGERS and math.isnan(given[0]):
-            return _DENIED, []
+            return _DENIED
         p: Parameters = tuple(0.0 if math.isnan(value) else value for value in given)  # type: ignore[assignment]
-        if command == mavlink.MAV_CMD_REQUEST_MESSAGE:
-            return self._request(p[0], p[1])
         old = _OLD_REQUESTS.get(command)
+        if command == mavlink.MAV_CMD_REQUEST_CAMERA_IMAGE_CAPTURE:
+            return self._request(mavlink.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED, p[0])
         if old is not None:
-            if command == mavlink.MAV_CMD_REQUEST_CAMERA_IMAGE_CAPTURE:
-                return self._request(old, p[0])
-            return self._request(old, 0.0) if 1.0 in p[:2] else (_ACCEPTED, [])
-        if command == mavlink.MAV_CMD_DO_SET_CAM_TRIGG_DIST:
-            return self._by_distance(message, p)
-        if command == mavlink.MAV_CMD_DO_SET_CAM_TRIGG_INTERVAL:
-            if _is_repeated(message) and self.trigger.interval_us == _microseconds(p[0] / 1000.0):
-                return _ACCEPTED, []
-            return self._by_interval(p[0] / 1000.0, 0)
-        if command == mavlink.MAV_CMD_IMAGE_START_CAPTURE:
-            return self._start_capture(message, p)
-        if command == mavlink.MAV_CMD_IMAGE_STOP_CAPTURE:
-            if not self._mine(p[0]):
-                return _DENIED, []
-            self.trigger.stop()
-            return _ACCEPTED, []
-        if command == mavlink.MAV_CMD_SET_CAMERA_MODE:
-            if p[1] not in (mavlink.CAMERA_MODE_IMAGE, mavlink.CAMERA_MODE_IMAGE_SURVEY):
-                return _DENIED, []
-            self._mode = int(p[1])
-            return _ACCEPTED, []
-        if command == mavlink.MAV_CMD_STORAGE_FORMAT:
-            self._memory.clear(count_anew=p[2] == 1.0)
-            return _ACCEPTED, []
-        if command == mavlink.MAV_CMD_RESET_CAMERA_SETTINGS:
-            self._mode = mavlink.CAMERA_MODE_IMAGE_SURVEY
-            return _ACCEPTED, []
-        return _UNSUPPORTED, []
+            return self._request(old, 0.0) if 1.0 in p[:2] else []
+        handler = _HANDLERS.get(command)
+        return _UNSUPPORTED if handler is None else handler(self, message, p)
+
+    def _stop_capture(self, _message: CommandMessage, p: Parameters) -> _Obeyed:
+        if not self._mine(p[0]):
+            return _DENIED
+        self.trigger.stop()
+        return []
+
+    def _set_mode(self, _message: CommandMessage, p: Parameters) -> _Obeyed:
+        if p[1] not in (mavlink.CAMERA_MODE_IMAGE, mavlink.CAMERA_MODE_IMAGE_SURVEY):
+            return _DENIED
+        self._mode = int(p[1])
+        return []
+
+    def _reset_settings(self, _message: CommandMessage, _p: Parameters) -> _Obeyed:
+        self._mode = mavlink.CAMERA_MODE_IMAGE_SURVEY
+        return []
+
+    def _format_storage(self, _message: CommandMessage, p: Parameters) -> _Obeyed:
+        self._memory.clear(count_anew=p[2] == 1.0)
+        return []
+
+    def _shoot_by_time(self, message: CommandMessage, p: Parameters) -> _Obeyed:
+        if _is_repeated(message) and self.trigger.interval_us == _microseconds(p[0] / 1000.0):
+            return []
+        return self._by_interval(p[0] / 1000.0, 0)
 
     def _mine(self, camera_id: float) -> bool:
         """Tell whether a command's camera id means this camera (1 to 6 are an autopilot's own cameras)."""
         return camera_id < 7.0 or camera_id == self.component_id
 
-    def _by_distance(self, message: CommandMessage, p: Parameters) -> tuple[int, list[Message]]:
+    def _shoot_by_distance(self, message: CommandMessage, p: Parameters) -> _Obeyed:
         distance_m, now = p[0], p[2]
         if not self._mine(p[3]) or not math.isfinite(distance_m) or distance_m < 0.0:
-            return _DENIED, []
+            return _DENIED
         if distance_m == 0.0:
             self.trigger.stop()
-            return _ACCEPTED, []
+            return []
         if distance_m < MIN_DISTANCE_M:
-            return _DENIED, []
+            return _DENIED
         if _is_repeated(message) and self.trigger.distance_m == distance_m:
-            return _ACCEPTED, []
+            return []
         self.trigger.every_distance(distance_m)
         here = self.trigger.here() if now == 1.0 else None
-        return _ACCEPTED, self._take([here]) if here is not None else []
+        return self._take([here]) if here is not None else []
 
-    def _by_interval(self, interval_s: float, count: int) -> tuple[int, list[Message]]:
+    def _by_interval(self, interval_s: float, count: int) -> _Obeyed:
         """Start exposures at an interval; 0 stops them, -1 asks for the default of one second."""
         if interval_s == 0.0:
             self.trigger.stop()
-            return _ACCEPTED, []
+            return []
         interval_s = 1.0 if interval_s == -0.001 else interval_s
         if not MIN_INTERVAL_S <= interval_s <= MAX_INTERVAL_S:
-            return _DENIED, []
+            return _DENIED
         fix = self.trigger.position
         start_us = fix.time_ms * 1000 if fix is not None else 0
         self.trigger.every_interval(round(interval_s * 1e6), count, start_us=start_us)
-        return _ACCEPTED, []
+        return []
 
-    def _start_capture(self, message: CommandMessage, p: Parameters) -> tuple[int, list[Message]]:
+    def _start_capture(self, message: CommandMessage, p: Parameters) -> _Obeyed:
         camera_id, interval_s, count, sequence = p
         if not self._mine(camera_id) or not (0.0 <= count < 2**24 and count % 1.0 == 0.0):
-            return _DENIED, []
+            return _DENIED
         if count != 1.0:
             if _is_repeated(message) and self.trigger.interval_us == _microseconds(interval_s):
-                return _ACCEPTED, []
-            return self._by_interval(interval_s, int(count)) if interval_s > 0.0 else (_DENIED, [])
+                return []
+            return self._by_interval(interval_s, int(count)) if interval_s > 0.0 else _DENIED
         source = (message.get_srcSystem(), message.get_srcComponent())
         if self._external and source == self._autopilot:
-            return _ACCEPTED, []  # PX4 announces each exposure by CAMERA_TRIGGER as well
+            return []  # PX4 announces each exposure by CAMERA_TRIGGER as well
         here = self.trigger.here()
         if here is None:
-            return _NOT_NOW, []
+            return _NOT_NOW
         if sequence > 0.0 and math.isfinite(sequence):
             before = self._sequences.get(source, 0)
             again = sequence == before or (sequence < before and _is_repeated(message))
             if again:
-                return _ACCEPTED, []
+                return []
             self._sequences[source] = int(sequence)
-        return _ACCEPTED, self._take([here])
+        return self._take([here])
 
-    def _request(self, message_id: float, index: float) -> tuple[int, list[Message]]:
+    def _request(self, message_id: float, index: float) -> _Obeyed:
         fix = self.trigger.position
         time_ms = fix.time_ms if fix is not None else 0
         if message_id == mavlink.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED:
             image = self._memory.find(index)
             if image is None:
-                return _DENIED, []
-            return _ACCEPTED, self._memory.report(image, self._utc_offset_us)
+                return _DENIED
+            return self._memory.report(image, self._utc_offset_us)
         if message_id == mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION:
-            return _ACCEPTED, [self._information(time_ms)]
+            return [self._information(time_ms)]
         if message_id == mavlink.MAVLINK_MSG_ID_CAMERA_SETTINGS:
-            return _ACCEPTED, [mavlink.MAVLink_camera_settings_message(time_ms, self._mode)]
+            return [mavlink.MAVLink_camera_settings_message(time_ms, self._mode)]
         if message_id == mavlink.MAVLINK_MSG_ID_STORAGE_INFORMATION:
-            return _ACCEPTED, [self._storage(time_ms)]
+            return [self._storage(time_ms)]
         if message_id == mavlink.MAVLINK_MSG_ID_CAMERA_CAPTURE_STATUS:
-            return _ACCEPTED, [self._status(time_ms)]
-        return _UNSUPPORTED, []
+            return [self._status(time_ms)]
+        return _UNSUPPORTED
 
     def _information(self, time_ms: int) -> Message:
         side = self._camera.options.footprint_cells
@@ -424,11 +426,21 @@ def _heartbeat(state: int) -> Message:
 
 
 _TRIGGERS = (mavlink.MAV_CMD_DO_SET_CAM_TRIGG_DIST, mavlink.MAV_CMD_DO_SET_CAM_TRIGG_INTERVAL)
+_Handler: TypeAlias = Callable[[LeafCameraComponent, CommandMessage, Parameters], _Obeyed]
+_HANDLERS: dict[int, _Handler] = {
+    mavlink.MAV_CMD_REQUEST_MESSAGE: lambda camera, _, p: camera._request(p[0], p[1]),
+    mavlink.MAV_CMD_DO_SET_CAM_TRIGG_DIST: LeafCameraComponent._shoot_by_distance,
+    mavlink.MAV_CMD_DO_SET_CAM_TRIGG_INTERVAL: LeafCameraComponent._shoot_by_time,
+    mavlink.MAV_CMD_IMAGE_START_CAPTURE: LeafCameraComponent._start_capture,
+    mavlink.MAV_CMD_IMAGE_STOP_CAPTURE: LeafCameraComponent._stop_capture,
+    mavlink.MAV_CMD_SET_CAMERA_MODE: LeafCameraComponent._set_mode,
+    mavlink.MAV_CMD_STORAGE_FORMAT: LeafCameraComponent._format_storage,
+    mavlink.MAV_CMD_RESET_CAMERA_SETTINGS: LeafCameraComponent._reset_settings,
+}
 _OLD_REQUESTS = {
     mavlink.MAV_CMD_REQUEST_CAMERA_INFORMATION: mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION,
     mavlink.MAV_CMD_REQUEST_CAMERA_SETTINGS: mavlink.MAVLINK_MSG_ID_CAMERA_SETTINGS,
     mavlink.MAV_CMD_REQUEST_STORAGE_INFORMATION: mavlink.MAVLINK_MSG_ID_STORAGE_INFORMATION,
     mavlink.MAV_CMD_REQUEST_CAMERA_CAPTURE_STATUS: mavlink.MAVLINK_MSG_ID_CAMERA_CAPTURE_STATUS,
-    mavlink.MAV_CMD_REQUEST_CAMERA_IMAGE_CAPTURE: mavlink.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED,
 }
 """The commands of before REQUEST_MESSAGE, which MAVSDK and QGroundControl still try."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Iterable, Sequence
 from copy import copy
-from typing import Any
+from typing import Any, TypeAlias
 
 from numpy.random import SeedSequence
 
@@ -26,57 +26,32 @@ __all__ = ["FaultSession", "FaultyComponent", "FaultyLink", "break_vehicle", "ch
 
 
 def break_vehicle(component: Component, kind: str, broken: bool, value: float = 0.0) -> None:
-    """Break or mend something of a vehicle; a component that has no such part is left alone.
-
-    Parameters
-    ----------
-    component : Component
-        A `sim_vehicle.mavlink.SimVehicle`.
-    kind : str
-        A fault of the group vehicle in `sim_vehicle.faults.fault.KINDS`.
-    broken : bool
-        False mends it.
-    value : float
-        The fault's value; 0 for none.
-    """
+    """Break or mend (a fault of the group vehicle) a `SimVehicle`; any other component is left alone."""
     switch = _SWITCHES.get(kind)
     if getattr(component, "pilot", None) is not None and switch is not None:
         switch(component, broken, value)
 
 
-def _gps(vehicle: Any, broken: bool, _value: float) -> None:
+def _lose_gps(vehicle: Any, broken: bool, _value: float) -> None:
     vehicle.pilot.controls.position_ok = not broken
 
 
-def _motor(vehicle: Any, broken: bool, _value: float) -> None:
-    vehicle.pilot.fail_motor(broken)
-
-
-def _battery(vehicle: Any, broken: bool, value: float) -> None:
+def _drain(vehicle: Any, broken: bool, value: float) -> None:
     # Nobody changes a battery in flight: the end of the fault does not charge it.
     if broken:
         vehicle.pilot.drain_battery(value)
 
 
-def _reboot(vehicle: Any, broken: bool, _value: float) -> None:
-    if broken:
-        vehicle.reboot()
-
-
 _SWITCHES: dict[str, Callable[[Any, bool, float], None]] = {
-    "low-battery": _battery,
-    "reboot": _reboot,
-    "gps-loss": _gps,
-    "motor-failure": _motor,
-    "dead-battery": _battery,
+    "low-battery": _drain,
+    "dead-battery": _drain,
+    "reboot": lambda vehicle, broken, _: vehicle.reboot() if broken else None,
+    "gps-loss": _lose_gps,
+    "motor-failure": lambda vehicle, broken, _: vehicle.pilot.fail_motor(broken),
 }
 
 
 _AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
-_IGNORED_REQUESTS = {
-    "no-list": m.MAVLINK_MSG_ID_MISSION_REQUEST_LIST,
-    "no-count": m.MAVLINK_MSG_ID_MISSION_COUNT,
-}
 _REQUESTED = {
     m.MAVLINK_MSG_ID_MISSION_COUNT: "upload",
     m.MAVLINK_MSG_ID_MISSION_REQUEST_LIST: "download",
@@ -132,10 +107,7 @@ class FaultSession:
     def wrap(self, components: Sequence[Component]) -> list[Component]:
         """Replace the components of vehicles that a fault concerns by a `FaultyComponent` each.
 
-        Raises
-        ------
-        FaultError
-            If a fault names a vehicle that is not among them.
+        FaultError if a fault names a vehicle that is not among them.
         """
         systems = {c.system_id for c in components if c.component_id == _AUTOPILOT}
         check_vehicles(self.faults, systems)
@@ -157,20 +129,7 @@ class FaultSession:
 
 
 def check_vehicles(faults: Iterable[Fault], systems: Collection[int]) -> None:
-    """Check that the vehicles that faults name are there.
-
-    Parameters
-    ----------
-    faults : iterable of Fault
-        What is to go wrong.
-    systems : collection of int
-        MAVLink systems of the vehicles.
-
-    Raises
-    ------
-    FaultError
-        If a fault names a vehicle that is not among them.
-    """
+    """Raise FaultError if a fault names a vehicle that is not among these MAVLink systems."""
     for fault in faults:
         if fault.vehicle is not None and fault.vehicle not in systems:
             there = ", ".join(map(str, sorted(systems))) or "none"
@@ -199,16 +158,9 @@ def _concerns(fault: Fault, component: Component, systems: set[int]) -> bool:
 
 
 class FaultyLink:
-    """Both directions of one link; up is to the vehicle.
+    """Both directions of one link with faults of the group link; up is to the vehicle.
 
-    Parameters
-    ----------
-    faults : sequence of Fault
-        Of the group link.
-    session : FaultSession
-        Tells which hold.
-    name : str
-        Names the random streams of the link.
+    The name is that of its random streams.
     """
 
     def __init__(
@@ -273,17 +225,7 @@ def _combine(faults: Sequence[Fault]) -> Faults:
 
 
 class FaultyComponent:
-    """A vehicle's component that misbehaves; a Component itself.
-
-    Parameters
-    ----------
-    component : Component
-        What is wrapped.
-    faults : sequence of Fault
-        Of the groups message and vehicle, for this component.
-    session : FaultSession
-        Tells which hold, and is told what triggers them.
-    """
+    """A component of a vehicle that misbehaves by faults of the groups message and vehicle."""
 
     def __init__(self, component: Component, faults: Sequence[Fault], session: FaultSession) -> None:
         self.inner = component
@@ -360,15 +302,9 @@ class FaultyComponent:
 
     def _swallows(self, message: Message, now_s: float) -> bool:
         """Whether a message to the component is not received."""
-        number = type(message).id
         for fault in self._messages:
-            if fault.kind == "drop":
-                fits = number == fault.number and fault.direction in ("up", "both")
-            elif fault.kind == "no-request":
-                fits = wire.is_request(message) and message.seq == fault.number
-            else:
-                fits = _IGNORED_REQUESTS.get(fault.kind) == number
-            if fits and self._take(fault, now_s):
+            fits = _SWALLOWED.get(fault.kind)
+            if fits is not None and fits(message, fault) and self._take(fault, now_s):
                 return True
         return False
 
@@ -394,11 +330,10 @@ class FaultyComponent:
             self._watch(message, now_s)
             spoiled: Message | None = message
             for fault in self._messages:
-                change = _CHANGES.get(fault.kind)
-                if change is None or not _fits(fault, message) or not self._take(fault, now_s):
-                    continue
-                spoiled = change(message, fault)
-                break
+                fits, change = _SPOILED.get(fault.kind, _NOTHING)
+                if fits(message, fault) and self._take(fault, now_s):
+                    spoiled = change(message, fault)
+                    break
             if spoiled is not None and self._stuck:
                 spoiled = self._fail_image(spoiled)
             if spoiled is not None:
@@ -440,16 +375,17 @@ class FaultyComponent:
             fire(system, f"item:{message.seq}", now_s)
 
 
-def _fits(fault: Fault, message: Message) -> bool:
-    """Whether a message of the component is one that the fault concerns."""
-    number, kind = type(message).id, fault.kind
-    if kind == "drop":
-        return bool(number == fault.number and fault.direction in ("down", "both"))
-    if kind in ("no-final-ack", "final-ack-error"):
-        return is_a(message, m.MAVLink_mission_ack_message) and message.type == m.MAV_MISSION_ACCEPTED
-    if wire.is_request(message):
-        return message.seq == fault.number
-    return wire.is_item(message) and kind != "early-final-ack" and message.seq == fault.number
+def _concerns_item(message: Message, fault: Fault) -> bool:
+    """Whether it is a fault's mission item, or the request for it."""
+    return (wire.is_request(message) or wire.is_item(message)) and message.seq == fault.number
+
+
+def _concerns_request(message: Message, fault: Fault) -> bool:
+    return wire.is_request(message) and message.seq == fault.number
+
+
+def _accepts(message: Message, _fault: Fault) -> bool:
+    return is_a(message, m.MAVLink_mission_ack_message) and message.type == m.MAV_MISSION_ACCEPTED
 
 
 def _gone(_message: Message, _fault: Fault) -> None:
@@ -457,12 +393,9 @@ def _gone(_message: Message, _fault: Fault) -> None:
 
 
 def _acknowledge(result: int) -> Callable[[wire.MissionMessage, Fault], Message]:
-    def change(message: wire.MissionMessage, _fault: Fault) -> Message:
-        return m.MAVLink_mission_ack_message(
-            message.target_system, message.target_component, result, message.mission_type
-        )
-
-    return change
+    return lambda message, _fault: m.MAVLink_mission_ack_message(
+        message.target_system, message.target_component, result, message.mission_type
+    )
 
 
 def _next_item(message: wire.ItemMessage | wire.RequestMessage, _fault: Fault) -> Message:
@@ -477,12 +410,22 @@ def _other_result(message: wire.AckMessage, fault: Fault) -> Message:
     return spoiled
 
 
-_CHANGES: dict[str, Callable[[Any, Fault], Message | None]] = {
-    "drop": _gone,
-    "no-request": _gone,
-    "no-final-ack": _gone,
-    "wrong-sequence": _next_item,
-    "error-ack": _acknowledge(int(m.MAV_MISSION_ERROR)),
-    "early-final-ack": _acknowledge(int(m.MAV_MISSION_ACCEPTED)),
-    "final-ack-error": _other_result,
+_Fits: TypeAlias = Callable[[Message, Fault], bool]
+_SWALLOWED: dict[str, _Fits] = {
+    "drop": lambda message, fault: type(message).id == fault.number and fault.direction != "down",
+    "no-list": lambda message, _: type(message).id == m.MAVLINK_MSG_ID_MISSION_REQUEST_LIST,
+    "no-count": lambda message, _: type(message).id == m.MAVLINK_MSG_ID_MISSION_COUNT,
+    "no-request": _concerns_request,
 }
+"""Faults by what they keep from the component."""
+_SPOILED: dict[str, tuple[_Fits, Callable[[Any, Fault], Message | None]]] = {
+    "drop": (lambda message, fault: type(message).id == fault.number and fault.direction != "up", _gone),
+    "no-request": (_concerns_item, _gone),
+    "no-final-ack": (_accepts, _gone),
+    "wrong-sequence": (_concerns_item, _next_item),
+    "error-ack": (_concerns_item, _acknowledge(int(m.MAV_MISSION_ERROR))),
+    "early-final-ack": (_concerns_request, _acknowledge(int(m.MAV_MISSION_ACCEPTED))),
+    "final-ack-error": (_accepts, _other_result),
+}
+"""Faults by which of the component's messages they spoil, and what is sent instead."""
+_NOTHING: tuple[_Fits, Callable[[Any, Fault], Message | None]] = (lambda _message, _fault: False, _gone)

@@ -1,10 +1,12 @@
-"""The server's ports: one for each URL, with any number of clients behind it."""
+"""The server's ports, one for each URL with any number of clients behind it, and what waits for them all."""
 
 from __future__ import annotations
 
+import contextlib
+import selectors
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
@@ -14,13 +16,14 @@ from mission.link.codec.frames import FrameReader
 from mission.link.opening import open_link
 from mission.link.sockets import TcpLink, TcpListener, UdpSocket
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.faults.session import FaultyLink
+from sim_vehicle.faults.session import FaultSession, FaultyLink
 
-__all__ = ["Client", "ReadyCallback", "ServerPort", "ServerUrl", "link_port", "open_port"]
+__all__ = ["Client", "PortSelector", "ServerUrl", "open_port"]
 
 _DATAGRAM_BYTES = 1200
 _SILENCE_S = 60.0
 _MOST_PEERS = 64
+_REFRESH_S = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,13 +46,6 @@ class Client:
     """One peer: a stream of bytes in each direction.
 
     Frames to send are collected and go out together with `flush`, as autopilots do: fewer, larger datagrams.
-
-    Parameters
-    ----------
-    name : str
-        For messages.
-    write : callable
-        Sends bytes; LinkError when the peer has gone.
 
     Attributes
     ----------
@@ -107,13 +103,7 @@ class ReadyCallback(NamedTuple):
 
 
 class ServerPort(Protocol):
-    """A socket with its clients.
-
-    Attributes
-    ----------
-    name : str
-        The address, with the port that was really taken.
-    """
+    """A socket with its clients; its name is the address, with the port that was really taken."""
 
     name: str
 
@@ -303,11 +293,6 @@ def open_port(url: str) -> ServerPort:
     return _LinkPort(open_link(text, reconnect=True))
 
 
-def link_port(link: Link) -> ServerPort:
-    """Return the port of a link that is open already: one client."""
-    return _LinkPort(link)
-
-
 def _address_of(address: LinkAddress) -> str:
     """Return the IPv4 address of a host, so that its answers are known for its own."""
     try:
@@ -315,3 +300,102 @@ def _address_of(address: LinkAddress) -> str:
     except (OSError, UnicodeError) as error:
         msg = f"{address}: the host {address.host!r} has no IPv4 address; check its name"
         raise LinkError(msg) from error
+
+
+class PortSelector:
+    """Waits for all ports of a server and the clients behind them at once.
+
+    Links that are open already become ports after those of the URLs; the session spoils the links that its
+    faults name.
+
+    Attributes
+    ----------
+    clients : list of Client
+        Who is there; a new list whenever somebody comes or goes.
+    urls : tuple of str
+        The addresses with the ports that were really taken.
+
+    Raises
+    ------
+    LinkError
+        If an address is wrong or in use; nothing stays open then.
+    """
+
+    def __init__(self, urls: Sequence[ServerUrl], session: FaultSession, links: Sequence[Link] = ()) -> None:
+        self.clients: list[Client] = []
+        self._session = session
+        self._ports: list[tuple[ServerPort, ServerUrl]] = []
+        self._seen: dict[int, int] = {}
+        self._selector = selectors.DefaultSelector()
+        self._watched: dict[int, ReadyCallback] = {}
+        self._refreshed_s = 0.0
+        self._wake, self._woken = socket.socketpair()
+        self._woken.setblocking(False)
+        self._selector.register(self._woken, selectors.EVENT_READ)
+        try:
+            for url in urls:
+                self._ports.append((open_port(url.url), url))
+        except BaseException:
+            self.close()
+            raise
+        self._ports += [(_LinkPort(link), ServerUrl(link.name)) for link in links]
+        self.urls = tuple(port.name for port, _ in self._ports)
+        self.refresh()
+
+    def wake(self) -> None:
+        """End a `wait`; may be called from another thread."""
+        with contextlib.suppress(OSError):
+            self._wake.send(b"\0")
+
+    def wait(self, seconds: float) -> list[tuple[Client, bytes]]:
+        """Wait until something comes, at most so long; returns frames and who sent them."""
+        ready = self._selector.select(max(0.0, seconds))
+        found: list[tuple[Client, bytes]] = []
+        for key, _ in ready:
+            handle = self._watched.get(key.fd)
+            if handle is not None:
+                found += handle.receive()
+            else:
+                with contextlib.suppress(OSError):
+                    self._woken.recv(4096)
+        if ready or time.monotonic() - self._refreshed_s > _REFRESH_S:
+            self.refresh()
+        return found
+
+    def flush(self) -> None:
+        """Send what was collected for the clients."""
+        for client in self.clients:
+            client.flush()
+        if not all(client.alive for client in self.clients):
+            self.refresh()
+
+    def refresh(self) -> None:
+        """Register new clients and sockets, and forget those that are gone."""
+        self._refreshed_s = time.monotonic()
+        found: list[Client] = []
+        for number, (port, url) in enumerate(self._ports, 1):
+            for client in port.clients():
+                found.append(client)
+                if client not in self.clients:
+                    count = self._seen[number] = self._seen.get(number, -1) + 1
+                    client.systems = url.systems
+                    client.radio = self._session.link(port.name, number, count)
+        if found != self.clients:
+            self.clients = found
+        handles = {fd: handle for port, _ in self._ports for fd, handle in port.ready_callbacks().items()}
+        for fd, old in self._watched.items():
+            if fd not in handles or handles[fd].owner is not old.owner:
+                with contextlib.suppress(KeyError, ValueError, OSError):
+                    self._selector.unregister(fd)
+        for fd, new in handles.items():
+            if fd not in self._watched or self._watched[fd].owner is not new.owner:
+                self._selector.register(fd, selectors.EVENT_READ)
+        self._watched = handles
+
+    def close(self) -> None:
+        """Close all sockets."""
+        for port, _ in self._ports:
+            port.close()
+        self._selector.close()
+        self._wake.close()
+        self._woken.close()

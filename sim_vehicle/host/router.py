@@ -2,18 +2,23 @@
 
 The rules are those of mavlink-router: a frame for everybody goes to everybody but its sender; a frame for one
 address goes to the ports that the address has sent from (or to the system's autopilot, which knows what to
-refuse), and nowhere when its system never sent anything.
+refuse), and nowhere when its system never sent anything. How far a radio reaches is here, too.
 """
 
 from __future__ import annotations
 
+import math
+import re
 import struct
-from collections.abc import Hashable, Iterable
-from typing import Generic, TypeVar
+from collections.abc import Hashable, Iterable, Sequence
+from functools import cache
+from typing import Generic, Protocol, TypeVar
 
+from geo.frame import LocalFrame
 from mission.link.codec.dialect import mavlink
+from mission.model import GeoPoint
 
-__all__ = ["Address", "RoutingTable", "frame_id", "frame_source", "frame_target"]
+__all__ = ["Address", "RadioRange", "RoutingTable", "frame_id", "frame_source", "frame_target"]
 
 Port = TypeVar("Port", bound=Hashable)
 Address = tuple[int, int]
@@ -21,7 +26,6 @@ Address = tuple[int, int]
 
 AUTOPILOT = 1
 MAGIC_2 = 0xFD
-_target_offsets: dict[int, tuple[int, int]] = {}
 
 
 def frame_id(frame: bytes) -> int:
@@ -51,36 +55,19 @@ def frame_target(frame: bytes) -> Address:
     return (system, component)
 
 
+@cache
 def target_offsets(message_id: int) -> tuple[int, int]:
     """Where target_system and target_component stand in the payload; -1 where the message has none."""
-    found = _target_offsets.get(message_id)
-    if found is None:
-        found = _target_offsets[message_id] = _find_target_offsets(message_id)
-    return found
-
-
-def _find_target_offsets(message_id: int) -> tuple[int, int]:
     kind = mavlink.mavlink_map.get(message_id)
     if kind is None:
         return (-1, -1)
     at, position = {"target_system": -1, "target_component": -1}, 0
-    code = kind.unpacker.format.lstrip("<")
-    for name, piece in zip(kind.ordered_fieldnames, _format_pieces(code), strict=True):
+    pieces = re.findall(r"\d*[a-zA-Z]", kind.unpacker.format)
+    for name, piece in zip(kind.ordered_fieldnames, pieces, strict=True):
         if name in at:
             at[name] = position
         position += struct.calcsize("<" + piece)
     return (at["target_system"], at["target_component"])
-
-
-def _format_pieces(code: str) -> Iterable[str]:
-    """Split a struct format into its fields: "I3fB" gives "I", "3f", "B"."""
-    count = ""
-    for letter in code:
-        if letter.isdigit():
-            count += letter
-        else:
-            yield count + letter
-            count = ""
 
 
 class RoutingTable(Generic[Port]):
@@ -128,3 +115,42 @@ class RoutingTable(Generic[Port]):
         if component == 0:
             return any(address[0] == system for address in known)
         return (system, component) in known
+
+
+class Located(Protocol):
+    """A vehicle whose true position is known to the simulation."""
+
+    system_id: int
+
+    @property
+    def home(self) -> GeoPoint:
+        """Where it stood at the start."""
+
+    @property
+    def true_position_m(self) -> tuple[float, float, float]:
+        """Where it is: east and north of there, height above it."""
+
+
+class RadioRange:
+    """A sphere about the ground station outside of which nothing is heard, in either direction."""
+
+    def __init__(self, range_m: float, station: GeoPoint, vehicles: Sequence[Located]) -> None:
+        self._range_m = range_m
+        frame = LocalFrame(station.latitude_deg, station.longitude_deg)
+        self._vehicles: dict[int, tuple[Located, tuple[float, float, float]]] = {}
+        for one in vehicles:
+            east_m, north_m = frame.from_wgs84(one.home.latitude_deg, one.home.longitude_deg)
+            home_m = (east_m, north_m, one.home.altitude_m - station.altitude_m)
+            self._vehicles[one.system_id] = one, home_m
+
+    def distance_m(self, system_id: int) -> float:
+        """Return how far a vehicle is from the ground station, in space; 0 for systems that are none."""
+        if system_id not in self._vehicles:
+            return 0.0
+        vehicle, home_m = self._vehicles[system_id]
+        place_m = [moved + start for moved, start in zip(vehicle.true_position_m, home_m, strict=True)]
+        return math.dist((0.0, 0.0, 0.0), place_m)
+
+    def reaches(self, system_id: int) -> bool:
+        """Return whether a system hears the ground station now, and is heard."""
+        return self.distance_m(system_id) <= self._range_m

@@ -19,9 +19,8 @@ from sim_vehicle.component import NEVER, Component, KeepsLog, SaysGoodbye, Serve
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.faults.fault import Fault
 from sim_vehicle.faults.session import FaultSession
-from sim_vehicle.host.ports import Client, ServerUrl
+from sim_vehicle.host.ports import Client, PortSelector, ServerUrl
 from sim_vehicle.host.router import RoutingTable, frame_id, frame_source, frame_target
-from sim_vehicle.host.selector import PortSelector
 from sim_vehicle.host.simulation import StopReason
 
 __all__ = ["Server", "ServerUrl"]

@@ -22,8 +22,7 @@ from sim_vehicle.component import NEVER, UNHEARD, Component, SaysMuch
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.faults.fault import Fault
 from sim_vehicle.faults.session import FaultSession, FaultyLink
-from sim_vehicle.host.radio_range import RadioRange
-from sim_vehicle.host.router import RoutingTable, frame_id, frame_source, frame_target
+from sim_vehicle.host.router import RadioRange, RoutingTable, frame_id, frame_source, frame_target
 
 if TYPE_CHECKING:
     from mission.link.address import Link
@@ -36,17 +35,6 @@ class VirtualLink:
 
     Whoever takes a clock and a way to wait (as `mission.transfer.driver.TransferDriver` does) runs on the
     virtual clock with it: waiting lets the clock go on until something arrives or the time is up.
-
-    Parameters
-    ----------
-    name : str
-        For messages.
-    clock : callable
-        Gives the virtual time in seconds.
-    send_frame : callable
-        Takes each whole frame that is sent.
-    pass_time : callable
-        ``pass_time(seconds, until)`` lets so much time pass, or less where ``until()`` holds earlier.
 
     Examples
     --------
@@ -277,18 +265,7 @@ class Simulation:
                 component.only_heard(frozenset().union(*heard) if all_told else None)
 
     def open_link(self, name: str = "virtual") -> VirtualLink:
-        """Open a link for ground software that lives on the virtual clock.
-
-        Parameters
-        ----------
-        name : str
-            For messages, and for faults that name a link.
-
-        Returns
-        -------
-        VirtualLink
-            A `mission.link.Link` whose ``wait`` lets virtual time pass.
-        """
+        """Open a link for ground software on the virtual clock; faults and messages may name it."""
         port = len(self._components) + len(self._links)
         link = VirtualLink(
             name, lambda: self.now_s, lambda frame: self._send_frame(port, frame), self._pass_time

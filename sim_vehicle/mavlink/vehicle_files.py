@@ -11,9 +11,9 @@ import lzma
 import math
 import struct
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import lru_cache, partial
-from typing import TYPE_CHECKING, TypeAlias
+from operator import attrgetter
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 from urllib.parse import parse_qsl
 
 from mission.link.codec.dialect import mavlink as m
@@ -88,36 +88,26 @@ def uri(path: str) -> str:
 
 def _entry(parameter: MavParameter, default: float, details: ParameterDetails | None) -> dict[str, object]:
     number: Callable[[float], float] = round if parameter.integer else float
+    ranged = details or parameter
     entry: dict[str, object] = {
         "name": parameter.name,
         "type": f"Int{parameter.bits}" if parameter.integer else "Float",
         "default": number(default),
         "group": details.group if details else parameter.name.split("_", 1)[0],
+        "min": number(ranged.low) if math.isfinite(ranged.low) else None,
+        "max": number(ranged.high) if math.isfinite(ranged.high) else None,
+        "units": parameter.unit or None,
     }
-    ranged = details or parameter
-    for key, limit in (("min", ranged.low), ("max", ranged.high)):
-        if math.isfinite(limit):
-            entry[key] = number(limit)
-    if parameter.unit:
-        entry["units"] = parameter.unit
     if details:
-        entry |= _told(details, number)
-    return entry
-
-
-def _told(details: ParameterDetails, number: Callable[[float], float]) -> dict[str, object]:
-    told: dict[str, object] = {}
-    if details.decimals is not None:
-        told["decimalPlaces"] = details.decimals
-    if details.increment is not None:
-        told["increment"] = number(details.increment)
-    if details.reboot:
-        told["rebootRequired"] = True
-    if details.values:
-        told["values"] = [{"value": number(value), "description": label} for value, label in details.values]
-    if details.bits:
-        told["bitmask"] = [{"index": bit, "description": label} for bit, label in details.bits]
-    return told
+        labelled = [{"value": number(value), "description": label} for value, label in details.values]
+        entry |= {
+            "decimalPlaces": details.decimals,
+            "increment": None if details.increment is None else number(details.increment),
+            "rebootRequired": True if details.reboot else None,
+            "values": labelled or None,
+            "bitmask": [{"index": bit, "description": label} for bit, label in details.bits] or None,
+        }
+    return {key: value for key, value in entry.items() if value is not None}
 
 
 def _compressed(value: object) -> bytes:
@@ -148,30 +138,12 @@ def asked_for(query: str) -> tuple[int, int, bool] | None:
     return start, count, defaults
 
 
-def packed(
-    table: Sequence[MavParameter],
-    value: Callable[[str], float],
-    default: Callable[[str], float],
-    query: str = "",
-    read_size: int = 0,
-) -> bytes | None:
-    """Pack parameters.
+def packed(parameters: ParameterSet, query: str, read_size: int) -> bytes | None:
+    """Pack parameters, those of `asked_for`; None if the query is wrong.
 
-    Parameters
-    ----------
-    table : sequence of MavParameter
-    value, default : callable
-        Given a name, its value now, and at the start.
-    query : str
-        See `asked_for`.
-    read_size : int
-        Bytes of the client's reads: values are padded so that none crosses from one read to the next.
-
-    Returns
-    -------
-    bytes or None
-        None if the query is wrong.
+    Values are padded so that none crosses from one of the client's reads, of so many bytes, to the next.
     """
+    table = parameters.table
     asked = asked_for(query)
     if asked is None or asked[0] >= len(table):
         return None
@@ -181,8 +153,8 @@ def packed(
     before = ""
     for parameter in chosen:
         kind, code = _INTEGERS[parameter.bits] if parameter.integer else _FLOAT
-        now = _bytes(parameter, code, value(parameter.name))
-        first = _bytes(parameter, code, default(parameter.name))
+        now = _bytes(parameter, code, parameters.value(parameter.name))
+        first = _bytes(parameter, code, parameters.default(parameter.name))
         differs = defaults and first != now
         common = _common(before, parameter.name)
         rest = parameter.name[common:]
@@ -254,51 +226,29 @@ _ITEM = struct.Struct("<4f2if2H6B")
 _PART = 1
 
 
-@dataclass(frozen=True, slots=True)
-class PackedPlan:
-    """A plan as it was uploaded.
+_FIELDS = attrgetter(
+    *("param1", "param2", "param3", "param4", "x", "y", "z", "seq", "command", "target_system"),
+    *("target_component", "frame", "current", "autocontinue", "mission_type"),
+)
 
-    Parameters
-    ----------
-    items : tuple of MISSION_ITEM_INT
-        Numbered from `start`.
-    start : int or None
-        The first item that they replace; None where they are a whole plan.
-    """
 
-    mission_type: MissionType
+class PackedPlan(NamedTuple):
+    """A plan as it was uploaded: items numbered from `start`, which they replace; None is a whole plan."""
+
     items: tuple[m.MAVLink_mission_item_int_message, ...]
-    start: int | None = None
+    start: int | None
 
 
 def pack_plan(mission_type: MissionType, items: Sequence[m.MAVLink_mission_item_int_message]) -> bytes:
-    """Pack a whole plan.
+    """Pack a plan.
 
     Examples
     --------
     >>> pack_plan(MissionType.FENCE, []).hex()
     '3d760100000000000000'
     """
-    return _PLAN_HEADER.pack(_PLAN_MAGIC, mission_type, 0, 0, len(items)) + b"".join(
-        _ITEM.pack(
-            item.param1,
-            item.param2,
-            item.param3,
-            item.param4,
-            item.x,
-            item.y,
-            item.z,
-            item.seq,
-            item.command,
-            item.target_system,
-            item.target_component,
-            item.frame,
-            item.current,
-            item.autocontinue,
-            item.mission_type,
-        )
-        for item in items
-    )
+    header = _PLAN_HEADER.pack(_PLAN_MAGIC, mission_type, 0, 0, len(items))
+    return header + b"".join(_ITEM.pack(*_FIELDS(item)) for item in items)
 
 
 def unpack_plan(data: bytes, mission_type: MissionType) -> PackedPlan | None:
@@ -320,29 +270,12 @@ def unpack_plan(data: bytes, mission_type: MissionType) -> PackedPlan | None:
         packed = data[_PLAN_HEADER.size + place * _ITEM.size :][: _ITEM.size]
         if not any(packed):
             return None
-        fields = _ITEM.unpack(packed)
-        param1, param2, param3, param4, x, y, z, _seq, command = fields[:9]
-        frame, current, goes_on = fields[11:14]
+        one, two, three, four, x, y, z, _, command, _, _, frame, current, goes_on, _ = _ITEM.unpack(packed)
+        head = (0, 0, first + place, frame, command, current, goes_on)
         items.append(
-            m.MAVLink_mission_item_int_message(
-                0,
-                0,
-                first + place,
-                frame,
-                command,
-                current,
-                goes_on,
-                param1,
-                param2,
-                param3,
-                param4,
-                x,
-                y,
-                z,
-                int(mission_type),
-            )
+            m.MAVLink_mission_item_int_message(*head, one, two, three, four, x, y, z, int(mission_type))
         )
-    return PackedPlan(mission_type, tuple(items), first if in_part else None)
+    return PackedPlan(tuple(items), first if in_part else None)
 
 
 # The other files of @SYS tell of threads, memory, ports and storage of a board, which there is not.
@@ -358,9 +291,7 @@ def vehicle_files(
     made: dict[str, MadeFile] = {}
     taken: dict[str, TakenFile] = {}
     if profile.packed_parameters:
-        made["@PARAM/param.pck"] = lambda query, read_size: packed(
-            parameters.table, parameters.value, parameters.default, query, read_size
-        )
+        made["@PARAM/param.pck"] = partial(packed, parameters)
         taken["@PARAM/param.pck"] = partial(_take_parameters, parameters)
     if profile.component_metadata is not None:
         for path in (GENERAL_PATH, PARAMETERS_PATH):

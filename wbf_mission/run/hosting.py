@@ -20,7 +20,7 @@ from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.component import NEVER, Component
 from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.faults.fault import Fault
-from sim_vehicle.host.radio_range import RadioRange
+from sim_vehicle.host.router import RadioRange
 from sim_vehicle.host.simulation import Impairment, Simulation, StopReason
 from sim_vehicle.mavlink import SimVehicle
 from wbf_mission.planning import home_of

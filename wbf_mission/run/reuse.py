@@ -3,7 +3,7 @@
 The vehicle of a planner flies its path whatever its camera sees. So a flight is decided by the mission, the
 vehicle, the weather and, where something is drawn on the way, the seed; the environment, the errors of the
 camera and the estimator are not among these. It is flown with cameras that number their readings
-(`sensors.camera.numbering`). What an environment gives to read then takes the places of the numbers.
+(`sensors.camera.leaf_camera`). What an environment gives to read then takes the places of the numbers.
 
 Nor need the flights of a run wait for each other then: each draws from the random streams of its own number,
 so those that are flown ahead are the same as one after the other. `wbf_mission.run.flight.fly_once` knows
@@ -33,8 +33,7 @@ from mission.link.codec.frames import FrameReader, FrameWriter
 from mission.link.codec.typed import is_a
 from mission.link.tlog import FrameLog
 from sensors.camera.layout import LeafLayout
-from sensors.camera.leaf_camera import Camera
-from sensors.camera.numbering import ImageList, NumberingCamera
+from sensors.camera.leaf_camera import Camera, ImageList, NumberingCamera
 from sensors.environment import Environment
 from sensors.environment.memory import EnvironmentMemory
 from sensors.observations import Observations

@@ -6,8 +6,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from geo.farms import get_farm
-from sensors.camera.leaf_camera import LeafCamera, LeafCameraOptions
-from sensors.camera.numbering import MOST_READINGS, ImageList, NumberingCamera
+from sensors.camera.leaf_camera import (
+    MOST_READINGS,
+    ImageList,
+    LeafCamera,
+    LeafCameraOptions,
+    NumberingCamera,
+)
 from sensors.environment import generate_environment
 from sensors.fields import PAPER_FIELDS
 

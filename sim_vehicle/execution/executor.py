@@ -13,9 +13,8 @@ from sim_vehicle.execution.fixed_wing_items import circle_leg, lands, must_circl
 from sim_vehicle.execution.items import MAX_TURNS
 from sim_vehicle.execution.leg_follower import LegFollower
 from sim_vehicle.execution.legs import AfterLastLeg, circle_legs
-from sim_vehicle.execution.sequencer import MissionSequencer
+from sim_vehicle.execution.sequencer import MissionSequencer, ReturnPoints
 from sim_vehicle.execution.state import FlightEvent, FlightPhase, LandedState, VehicleState
-from sim_vehicle.execution.state_reader import read_state
 from sim_vehicle.motion.legs import ALONG, KEEP, Heading, Leg, LegKind
 
 if TYPE_CHECKING:
@@ -25,22 +24,21 @@ if TYPE_CHECKING:
     from mission.model import MissionItem
     from sim_vehicle.airframe.estimate_errors import EstimateErrors
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.execution.return_points import ReturnPoints
     from sim_vehicle.motion.legs import Position
     from sim_vehicle.motion.model import MotionEvent, MotionModel
     from sim_vehicle.weather.wind import Wind
 
 __all__ = ["MissionExecutor"]
 
+# A vehicle that comes to rest within this distance needs no leg to brake.
 _BRAKING_M = 0.2
-"""A vehicle that comes to rest within this distance needs no leg to brake."""
 
 
 class MissionExecutor:
-    """One vehicle in flight.
+    """One vehicle in flight: its `follower` flies legs, its `sequencer` the mission.
 
     Use: ``load(items)``, ``arm()``, ``start()``, then ``advance(until_s)`` again and again. Orders take
-    effect at the time that the vehicle was advanced to.
+    effect at the time that the vehicle was advanced to; one that cannot be taken raises VehicleError.
 
     Parameters
     ----------
@@ -54,13 +52,6 @@ class MissionExecutor:
         See `sim_vehicle.execution.sequencer.MissionSequencer`.
     estimate_errors : EstimateErrors, optional
         How wrong the autopilot's estimate is, where it is known to be; exact without.
-
-    Attributes
-    ----------
-    follower : LegFollower
-        Flies the legs.
-    sequencer : MissionSequencer
-        Flies the mission.
     """
 
     def __init__(
@@ -145,59 +136,31 @@ class MissionExecutor:
     def change(
         self, items: Sequence[MissionItem], seq: int, *, at_waypoints: bool = False, keeps_jumps: bool = False
     ) -> bool:
-        """Replace the mission that is flown, and go on at an item: see `MissionSequencer.change`.
-
-        Raises
-        ------
-        VehicleError
-            When not armed, or the battery is empty.
-        """
+        """Replace the mission that is flown, and go on at an item: see `MissionSequencer.change`."""
         self._ready("change the mission")
         return self.sequencer.change(items, seq, at_waypoints=at_waypoints, keeps_jumps=keeps_jumps)
 
     def update_spec(self, spec: VehicleSpec) -> None:
-        """Take other defaults and limits; they hold from the next leg or order on.
-
-        Raises
-        ------
-        VehicleError
-            For another kind of vehicle or another time step.
-        """
-        if spec.kind != self.spec.kind or spec.step_s != self.spec.step_s:
-            msg = f"vehicle {spec.name}: another kind or time step cannot be taken in flight"
-            raise VehicleError(msg)
+        """Take other defaults and limits; they hold from the next leg or order on."""
+        same = spec.kind == self.spec.kind and spec.step_s == self.spec.step_s
+        _require(same, f"vehicle {spec.name}: another kind or time step cannot be taken in flight")
         settings = self.sequencer.settings
         if settings.speed_m_s == self.spec.cruise_speed_m_s:
             settings.speed_m_s = spec.cruise_speed_m_s
         self.follower.update_spec(spec)
 
     def arm(self) -> None:
-        """Start the motors.
-
-        Raises
-        ------
-        VehicleError
-            When the battery is empty.
-        """
+        """Start the motors."""
         battery = self.spec.battery
-        if battery is not None and remaining_fraction(battery, self.motion.energy_j) <= 0.0:
-            msg = "the battery is empty: change it before arming"
-            raise VehicleError(msg)
+        empty = battery is not None and remaining_fraction(battery, self.motion.energy_j) <= 0.0
+        _require(not empty, "the battery is empty: change it before arming")
         self.follower.armed = True
         self.follower.disarm_step = None
 
     def disarm(self, *, force: bool = False) -> None:
-        """Stop the motors. Forced in the air, the vehicle drops: it is on the ground at once.
-
-        Raises
-        ------
-        VehicleError
-            In the air, unless forced.
-        """
+        """Stop the motors. Forced in the air, the vehicle drops: it is on the ground at once."""
         if self.landed is not LandedState.ON_GROUND:
-            if not force:
-                msg = "cannot disarm in flight: land first, or force it"
-                raise VehicleError(msg)
+            _require(force, "cannot disarm in flight: land first, or force it")
             self.follower.touch_down()
         self.follower.stop_motors()
 
@@ -207,53 +170,27 @@ class MissionExecutor:
             self.follower.disarm_step = None
 
     def start(self) -> None:
-        """Begin the mission, or resume it at the current item.
-
-        Raises
-        ------
-        VehicleError
-            When not armed, nothing is loaded, or the battery is empty.
-        """
+        """Begin the mission, or resume it at the current item."""
         self._ready("start the mission")
-        if not self.items:
-            msg = "cannot start the mission: none is loaded"
-            raise VehicleError(msg)
+        _require(bool(self.items), "cannot start the mission: none is loaded")
         self.sequencer.start(self.current_seq)
 
     def set_current(self, seq: int) -> None:
-        """Make an item the current one; a mission in flight goes on with it at once.
-
-        Raises
-        ------
-        VehicleError
-            When there is no such item.
-        """
-        if not 0 <= seq < len(self.items):
-            msg = f"mission item {seq}: the mission has {len(self.items)} items"
-            raise VehicleError(msg)
+        """Make an item the current one; a mission in flight goes on with it at once."""
+        count = len(self.items)
+        _require(0 <= seq < count, f"mission item {seq}: the mission has {count} items")
         self.sequencer.set_current(seq)
 
     def takeoff(self, altitude_m: float) -> None:
-        """Climb to an altitude above home and hold there; TargetReached tells when.
-
-        Raises
-        ------
-        VehicleError
-            When not armed, or the altitude is out of range.
-        """
-        settings = self.sequencer.settings
+        """Climb to an altitude above home and hold there; TargetReached tells when."""
         self._ready("take off")
-        if self.spec.kind == "rover":
-            msg = "cannot take off: a rover stays on the ground"
-            raise VehicleError(msg)
+        _require(self.spec.kind != "rover", "cannot take off: a rover stays on the ground")
         self._check_height(altitude_m)
         x, y, z = self.motion.position_m
         self.follower.disarm_step = None
-        settings.speed_m_s = self.spec.cruise_speed_m_s
-        top = (x, y, max(altitude_m, z))
-        self.follower.fly(
-            [Leg(top, settings.speed_m_s, heading=KEEP, kind=LegKind.TAKEOFF)], FlightPhase.TAKEOFF
-        )
+        self.sequencer.settings.speed_m_s = speed = self.spec.cruise_speed_m_s
+        climb = Leg((x, y, max(altitude_m, z)), speed, heading=KEEP, kind=LegKind.TAKEOFF)
+        self.follower.fly([climb], FlightPhase.TAKEOFF)
 
     def goto(
         self,
@@ -268,26 +205,20 @@ class MissionExecutor:
         """Fly to a position about home and hold there; TargetReached tells when.
 
         As a setpoint, a multirotor in the air goes there without a path.
-
-        Raises
-        ------
-        VehicleError
-            Not armed, too far from home, or out of the range of altitudes or speeds.
         """
         settings = self.sequencer.settings
         self._ready("fly to a position")
         self._check_height(altitude_m)
-        if not math.hypot(x_m, y_m) <= self.spec.max_distance_m:
-            msg = f"cannot fly to ({x_m:g}, {y_m:g}): more than {self.spec.max_distance_m:g} m from home"
-            raise VehicleError(msg)
+        farthest_m = self.spec.max_distance_m
+        near = math.hypot(x_m, y_m) <= farthest_m
+        _require(near, f"cannot fly to ({x_m:g}, {y_m:g}): more than {farthest_m:g} m from home")
         if speed_m_s is not None:
             settings.speed_m_s = self._checked_speed(speed_m_s)
         self.follower.disarm_step = None
         direct = as_setpoint and self.spec.kind == "multirotor" and self.landed is not LandedState.ON_GROUND
         kind = LegKind.SETPOINT if direct else LegKind.WAYPOINT
-        self.follower.fly(
-            [Leg((x_m, y_m, altitude_m), settings.speed_m_s, heading=heading, kind=kind)], FlightPhase.GOTO
-        )
+        leg = Leg((x_m, y_m, altitude_m), settings.speed_m_s, heading=heading, kind=kind)
+        self.follower.fly([leg], FlightPhase.GOTO)
 
     def steer(
         self,
@@ -298,41 +229,23 @@ class MissionExecutor:
     ) -> None:
         """Keep a velocity (east, north, up) until another order; sinking ends with touch-down.
 
-        Parameters
-        ----------
-        velocity_m_s : tuple of 3 floats
-            More than the vehicle flies is reduced.
-        height_m : float
-            Height to keep instead of the vertical speed, NaN for none.
-
-        Raises
-        ------
-        VehicleError
-            When not armed, on the ground without a climb, the height is out of range, or the vehicle has no
-            velocity control.
+        More than the vehicle flies is reduced; ``height_m`` is kept instead of the vertical speed unless it
+        is NaN.
         """
         self._ready("fly at a velocity")
         if not math.isnan(height_m):
             self._check_height(height_m)
-        elif self._must_climb and not velocity_m_s[2] > 0.0:
-            msg = "cannot fly at a velocity: on the ground"
-            raise VehicleError(msg)
+        elif self.landed is LandedState.ON_GROUND and self.spec.kind != "rover":
+            _require(velocity_m_s[2] > 0.0, "cannot fly at a velocity: on the ground")
         self.follower.disarm_step = None
         self.follower.keep_velocity(velocity_m_s, height_m=height_m, heading=heading)
 
     def orbit(self, x_m: float, y_m: float, altitude_m: float, radius_m: float, speed_m_s: float) -> None:
-        """Fly circles about a position (clockwise with a positive radius), a hundred of them, then hold.
-
-        Raises
-        ------
-        VehicleError
-            On the ground, or out of the range of altitudes, speeds, distances or radii (0.5 to 1000 m).
-        """
+        """Fly circles about a position (clockwise with a positive radius), a hundred of them, then hold."""
         self._in_air("orbit")
         self._check_height(altitude_m)
-        if not 0.5 <= abs(radius_m) <= 1000.0 or not math.hypot(x_m, y_m) <= self.spec.max_distance_m:
-            msg = f"cannot orbit at {radius_m:g} m about ({x_m:g}, {y_m:g}): out of range"
-            raise VehicleError(msg)
+        able = 0.5 <= abs(radius_m) <= 1000.0 and math.hypot(x_m, y_m) <= self.spec.max_distance_m
+        _require(able, f"cannot orbit at {radius_m:g} m about ({x_m:g}, {y_m:g}): out of range")
         speed = self._checked_speed(speed_m_s)
         here = self.motion.position_m
         if must_circle(self.spec):
@@ -346,11 +259,6 @@ class MissionExecutor:
 
         A position (east, north, least height) is returned to instead and not landed at; the vehicle brakes
         before it turns to it.
-
-        Raises
-        ------
-        VehicleError
-            On the ground.
         """
         self._in_air("return home")
         self.look_at(None)
@@ -363,10 +271,8 @@ class MissionExecutor:
         if math.hypot(x - self.motion.position_m[0], y - self.motion.position_m[1]) > _BRAKING_M:
             legs.append(Leg((x, y, z), self.spec.top_speed_m_s, heading=KEEP, kind=LegKind.STAY))
         if position_m is None:
-            home = flight_procedures(self.spec).return_legs(
-                self.spec, (x, y, z), speed, self.sequencer.return_point()
-            )
-            self.follower.fly(legs + home, FlightPhase.RETURN, AfterLastLeg.TOUCHDOWN)
+            legs += self._home_legs((x, y, z), speed)
+            self.follower.fly(legs, FlightPhase.RETURN, AfterLastLeg.TOUCHDOWN)
             return
         height = max(position_m[2], self.spec.return_altitude_m, z)
         legs.append(Leg((x, y, height), speed, self.spec.acceptance_radius_m, KEEP, LegKind.CLIMB))
@@ -380,25 +286,17 @@ class MissionExecutor:
             height = max(position_m[2], self.spec.return_altitude_m, here[2])
             self.follower.fly([circle_leg((position_m[0], position_m[1], height), speed)], FlightPhase.GOTO)
             return
-        legs: list[Leg] = []
-        if fixed_wing_procedures(self.spec).lands_as_mission(self.spec):
-            legs = self.sequencer.landing_legs()
-        if not legs:
-            legs = flight_procedures(self.spec).return_legs(
-                self.spec, here, speed, self.sequencer.return_point()
-            )
-        self.follower.fly(
-            legs, FlightPhase.RETURN, AfterLastLeg.TOUCHDOWN if lands(legs) else AfterLastLeg.NEXT
-        )
+        own = fixed_wing_procedures(self.spec).lands_as_mission(self.spec)
+        legs = (self.sequencer.landing_legs() if own else []) or self._home_legs(here, speed)
+        after = AfterLastLeg.TOUCHDOWN if lands(legs) else AfterLastLeg.NEXT
+        self.follower.fly(legs, FlightPhase.RETURN, after)
+
+    def _home_legs(self, here: Position, speed: float) -> list[Leg]:
+        procedures = flight_procedures(self.spec)
+        return procedures.return_legs(self.spec, here, speed, self.sequencer.return_point())
 
     def land(self) -> None:
-        """Land here.
-
-        Raises
-        ------
-        VehicleError
-            On the ground.
-        """
+        """Land here."""
         self._in_air("land")
         self.look_at(None)
         x, y, _ = self.motion.stopping_point()
@@ -411,27 +309,13 @@ class MissionExecutor:
     def go_around(self, height_m: float | None = None) -> float:
         """Break off the landing of the mission, climb, and begin it anew; return the height of the climb.
 
-        Parameters
-        ----------
-        height_m : float, optional
-            By default that of the landing item, or of the take-off.
-
-        Raises
-        ------
-        VehicleError
-            When no landing of the mission is flown.
+        By default that is the height of the landing item, or of the take-off.
         """
         self._ready("go around")
         return self.sequencer.go_around(height_m)
 
     def set_speed(self, speed_m_s: float) -> None:
-        """Set the ground speed until the mission sets another.
-
-        Raises
-        ------
-        VehicleError
-            When it is not positive, or beyond what the vehicle flies.
-        """
+        """Set the ground speed until the mission sets another."""
         self.sequencer.settings.speed_m_s = self._checked_speed(speed_m_s)
         self.sequencer.apply_speed()
 
@@ -476,35 +360,31 @@ class MissionExecutor:
 
     def state(self) -> VehicleState:
         """The state of the vehicle now."""
-        return read_state(self.follower, self.sequencer.current_seq)
+        return self.follower.state(self.sequencer.current_seq)
 
     def _step_at(self, time_s: float) -> int:
         return math.floor(time_s / self.motion.step_s + 1e-6)
 
     def _ready(self, what: str) -> None:
-        if not self.armed:
-            msg = f"cannot {what}: not armed"
-            raise VehicleError(msg)
+        _require(self.armed, f"cannot {what}: not armed")
         self.follower.check_power(what)
 
     def _in_air(self, what: str) -> None:
         self._ready(what)
-        if self.landed is LandedState.ON_GROUND:
-            msg = f"cannot {what}: on the ground"
-            raise VehicleError(msg)
-
-    @property
-    def _must_climb(self) -> bool:
-        """Whether it stands where it has to climb first."""
-        return self.landed is LandedState.ON_GROUND and self.spec.kind != "rover"
+        _require(self.landed is not LandedState.ON_GROUND, f"cannot {what}: on the ground")
 
     def _check_height(self, altitude_m: float) -> None:
-        if self.spec.kind != "rover" and not 0.0 < altitude_m <= self.spec.max_altitude_m:
-            msg = f"altitude {altitude_m:g} m is outside 0..{self.spec.max_altitude_m:g}"
-            raise VehicleError(msg)
+        most_m = self.spec.max_altitude_m
+        able = self.spec.kind == "rover" or 0.0 < altitude_m <= most_m
+        _require(able, f"altitude {altitude_m:g} m is outside 0..{most_m:g}")
 
     def _checked_speed(self, speed_m_s: float) -> float:
-        if not 0.0 < speed_m_s <= self.spec.top_speed_m_s:
-            msg = f"speed {speed_m_s:g} m/s is outside 0..{self.spec.top_speed_m_s:g}"
-            raise VehicleError(msg)
+        most_m_s = self.spec.top_speed_m_s
+        _require(0.0 < speed_m_s <= most_m_s, f"speed {speed_m_s:g} m/s is outside 0..{most_m_s:g}")
         return speed_m_s
+
+
+def _require(able: bool, text: str) -> None:
+    """Refuse an order that the vehicle is not able to take."""
+    if not able:
+        raise VehicleError(text)

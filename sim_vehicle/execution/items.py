@@ -18,7 +18,7 @@ from sim_vehicle.execution.fixed_wing_items import (
     next_position,
 )
 from sim_vehicle.execution.legs import AfterLastLeg, LegPlan, circle_legs, spline_legs
-from sim_vehicle.motion.legs import ALONG, KEEP, Heading, Leg
+from sim_vehicle.motion.legs import ALONG, KEEP, Heading, Leg, LegKind
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -44,6 +44,8 @@ NAV_COMMANDS = POSITION_COMMANDS | {20, 21, 22, 93}
 HERE_COMMANDS = frozenset({17, 18, 19, 21, 22, 31})
 MAX_TURNS = 100.0
 MAX_LEGS = 4096
+# Climb of a landing that is broken off, where no take-off was flown.
+_CLIMB_M, _CLIMB_DEG = 30.0, 10.0
 # Plain numbers: an enumeration's member costs too much where a plan is made over thousands of items.
 _WAYPOINT = int(Command.NAV_WAYPOINT)
 _SPLINE = int(Command.NAV_SPLINE_WAYPOINT)
@@ -363,3 +365,61 @@ def _item_legs(
     plan.after_last = AfterLastLeg.FOREVER if command == Command.NAV_LOITER_UNLIM else AfterLastLeg.WAIT
     plan.wait_s = number(item.param1) if command == Command.NAV_LOITER_TIME else 0.0
     return x, y, z
+
+
+def climb_leg(
+    items: Sequence[MissionItem], seq: int, here: Position, speed: float, height_m: float | None
+) -> Leg:
+    """Return the climb straight ahead from a landing that is broken off (ArduPlane's ``do_land``).
+
+    It leads to a height that is asked for, to that of the landing (its first parameter), or of the take-off.
+    """
+    takeoffs = [item for item in items[:seq] if item.command == Command.NAV_TAKEOFF]
+    top = height_m or 0.0
+    if top <= 0.0:
+        top = number(items[seq].param1)
+    if top <= 0.0:
+        top = takeoffs[-1].z if takeoffs and takeoffs[-1].z > 0.0 else _CLIMB_M
+    pitch = number(takeoffs[-1].param1) if takeoffs else 0.0
+    return Leg(
+        (here[0], here[1], top),
+        speed,
+        heading=KEEP,
+        kind=LegKind.TAKEOFF,
+        pitch_rad=math.radians(pitch if pitch > 0.0 else _CLIMB_DEG),
+    )
+
+
+def landing_start(items: Sequence[MissionItem], positions: Sequence[Position], here: Position) -> int | None:
+    """Return the nearest item where a landing starts, None without one.
+
+    One without a position of its own is where the next item is that has one.
+    """
+    starts = [seq for seq, item in enumerate(items) if item.command == Command.DO_LAND_START]
+    if len(starts) < 2:
+        return starts[0] if starts else None
+
+    def distance(seq: int) -> float:
+        places = (place for place in positions[seq:] if not math.isnan(place[0]))
+        x, y, _ = next(places, (math.inf, math.inf, 0.0))
+        return math.hypot(x - here[0], y - here[1])
+
+    return min(starts, key=distance)
+
+
+def landing_restart(
+    items: Sequence[MissionItem], positions: Sequence[Position], seq: int, here: Position
+) -> int | None:
+    """Return the item at which a landing is begun anew: where it starts, or at the position before it.
+
+    ArduPilot's ``AP_Landing::restart_landing_sequence``.
+    """
+    start = landing_start(items, positions, here)
+    if start is not None:
+        return start
+    before = (
+        index
+        for index in range(seq - 1, -1, -1)
+        if items[index].command in POSITION_COMMANDS and not math.isnan(positions[index][0])
+    )
+    return next(before, None)

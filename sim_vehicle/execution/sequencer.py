@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from mission.model import Command
 from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.execution.go_around import climb_leg, landing_start, restart
 from sim_vehicle.execution.items import (
     CAMERA_COMMANDS,
     CONDITIONS,
@@ -17,16 +16,18 @@ from sim_vehicle.execution.items import (
     PASSED_COMMANDS,
     POSITION_COMMANDS,
     Settings,
+    climb_leg,
     condition_items,
     do_items,
     item_positions,
+    landing_restart,
+    landing_start,
     number,
     plan_item_legs,
     time_of_day_wait_s,
 )
 from sim_vehicle.execution.leg_follower import Waiting
 from sim_vehicle.execution.legs import AfterLastLeg, LegPlan
-from sim_vehicle.execution.return_points import ReturnPoints
 from sim_vehicle.execution.state import (
     CameraCommand,
     CannotFly,
@@ -58,6 +59,29 @@ _WAYPOINT = int(Command.NAV_WAYPOINT)
 _WITH_POSITION = POSITION_COMMANDS | {int(Command.NAV_LAND), int(Command.NAV_TAKEOFF)}
 _TRIGGERS = frozenset({206, 214, 2000, 2001, 2003})
 ROI_COMMANDS = frozenset({195, 197, 201})
+
+
+@dataclass(slots=True)
+class ReturnPoints:
+    """Home and the rally points."""
+
+    home_m: tuple[float, float] = (0.0, 0.0)
+    """East and north of the start."""
+    rally_m: tuple[Position, ...] = ()
+    """East, north, and the least height of the path there."""
+
+    def nearest(self, position_m: Position) -> Position:
+        """The point nearest to a position: east, north, and the least height of the path there.
+
+        Examples
+        --------
+        >>> points = ReturnPoints(rally_m=((100.0, 0.0, 30.0),))
+        >>> points.nearest((20.0, 0.0, 5.0)), points.nearest((80.0, 0.0, 5.0))
+        ((0.0, 0.0, 0.0), (100.0, 0.0, 30.0))
+        """
+        x, y, _ = position_m
+        points = ((*self.home_m, 0.0), *self.rally_m)
+        return min(points, key=lambda point: math.hypot(point[0] - x, point[1] - y))
 
 
 class MissionSequencer:
@@ -435,7 +459,7 @@ class MissionSequencer:
 
     def _land_again(self, seq: int, time_s: float) -> None:
         """Begin anew a landing that was broken off."""
-        at = restart(self.items, self._positions, seq, self.follower.motion.position_m)
+        at = landing_restart(self.items, self._positions, seq, self.follower.motion.position_m)
         if at is None:
             self._give_up("unable to restart the landing sequence", seq)
             return

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.autopilot.parameters import Setting
+from sim_vehicle.execution.leg_follower import drag_1_s
 from sim_vehicle.execution.state import LandedState
-from sim_vehicle.execution.state_reader import drag_1_s
 from sim_vehicle.motion.legs import KEEP, Heading
 
 if TYPE_CHECKING:

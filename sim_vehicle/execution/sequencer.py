@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -87,26 +88,10 @@ class ReturnPoints:
 class MissionSequencer:
     """Flies the items of a mission one after the other.
 
-    Parameters
-    ----------
-    follower : LegFollower
-        Flies the legs.
-    frame : LocalFrame
-        About home.
-    takes_off : bool
-        Whether a mission that begins on the ground without a take-off item climbs first, to the height of
-        its first position or the take-off altitude if that is higher (as PX4 does).
-    epoch_unix_s : float
-        Time of day at time 0.
-
-    Attributes
-    ----------
-    items : tuple of MissionItem
-        The mission.
-    current_seq : int
-        The item that is being flown or comes next, -1 without a mission.
-    settings : Settings
-        What items and orders have changed for the legs to come.
+    With `takes_off` a mission that begins on the ground without a take-off item climbs first, to the height
+    of its first position or the take-off altitude if that is higher (as PX4 does); `epoch_unix_s` is the time
+    of day at time 0. `current_seq` is the item that is being flown or comes next, -1 without a mission;
+    `settings` are what items and orders have changed for the legs to come.
     """
 
     def __init__(
@@ -157,22 +142,10 @@ class MissionSequencer:
         """Replace the mission that is flown, and go on at an item; speeds stay as they are.
 
         A take-off is flown to its height first. A return home is flown to its end, and with it the mission.
-
-        Parameters
-        ----------
-        items : sequence of MissionItem
-        seq : int
-            May be beyond the end: the mission is over then.
-        at_waypoints : bool
-            Turn to the item at once only from a waypoint, and if the item exists; otherwise the item that is
-            flown is completed, and the one after it follows.
-        keeps_jumps : bool
-            Whether to go on counting how often jumps were taken.
-
-        Returns
-        -------
-        bool
-            Whether the vehicle has turned to the item at once.
+        ``seq`` may be beyond the end: the mission is over then. ``at_waypoints`` turns to the item at once
+        only from a waypoint, and if the item exists; otherwise the item that is flown is completed, and the
+        one after it follows. ``keeps_jumps`` goes on counting how often jumps were taken. Tells whether the
+        vehicle has turned to the item at once.
         """
         follower = self.follower
         flown = self.items[self.current_seq].command if self.current_seq < len(self.items) else _WAYPOINT
@@ -291,13 +264,7 @@ class MissionSequencer:
         return self.lands and plan is not None and plan.legs[0].kind is LegKind.TAKEOFF
 
     def go_around(self, height_m: float | None = None) -> float:
-        """Break off the landing: climb straight ahead, then begin it anew; return the height.
-
-        Raises
-        ------
-        VehicleError
-            When no landing of the mission is flown.
-        """
+        """Break off the landing: climb straight ahead, then begin it anew; return the height."""
         follower = self.follower
         if not self.lands or follower.landed is LandedState.ON_GROUND:
             msg = "cannot go around: no landing of the mission is flown"
@@ -322,30 +289,32 @@ class MissionSequencer:
         seq = self.landing_start()
         if seq is None:
             return []
-        spec, here = follower.spec, follower.motion.position_m
+        here = follower.motion.position_m
         legs: list[Leg] = []
         settings = self.settings.copy()
         while True:
-            _, seq = do_items(self.items, seq, settings, spec.top_speed_m_s)
+            _, seq = do_items(self.items, seq, settings, follower.spec.top_speed_m_s)
             if not 0 <= seq < len(self.items) or self.items[seq].command not in _LANDING_COMMANDS:
                 return []
-            plan = plan_item_legs(self.items, self._positions, seq, settings, spec, here, self.return_point())
+            plan = self._plan(seq, settings, here)
             legs += plan.legs
             here = legs[-1].end_m
             if plan.after_last is AfterLastLeg.TOUCHDOWN:
                 return legs
             seq = plan.seqs[-1] + 1
 
+    def _plan(self, seq: int, settings: Settings, here: Position) -> LegPlan:
+        spec, home = self.follower.spec, self.return_point()
+        return plan_item_legs(self.items, self._positions, seq, settings, spec, here, home)
+
     def run(self, target: int, *, stop_each: bool) -> None:
         """Fly until a step of the motion."""
         course = self.course(target, stop_each=stop_each)
-        advance = self.follower.motion.advance
-        try:
+        with suppress(StopIteration):
             steps, closely = next(course)
             while True:
-                steps, closely = course.send(advance(steps, stop_each=closely))
-        except StopIteration:
-            return
+                event = self.follower.motion.advance(steps, stop_each=closely)
+                steps, closely = course.send(event)
 
     def course(self, target: int, *, stop_each: bool) -> Generator[tuple[int, bool], MotionEvent, None]:
         """Fly until a step of the motion, while the caller moves the vehicle.
@@ -375,30 +344,22 @@ class MissionSequencer:
             if follower.disarm_step is not None and motion.step >= follower.disarm_step:
                 follower.stop_motors()
                 follower.tell(Disarmed(follower.time_s))
-            if not stop_each and (self._over() or self._stuck()):
+            if not stop_each and self._over():
                 return
 
     def _over(self) -> bool:
-        follower = self.follower
-        return (
-            follower.phase is not FlightPhase.MISSION
-            and follower.disarm_step is None
-            and (follower.landed is LandedState.ON_GROUND or follower.phase is FlightPhase.HOLD)
-        )
-
-    def _stuck(self) -> bool:
-        """Whether the mission stays where it is for ever."""
-        follower = self.follower
-        plan = follower.plan
-        return (
-            plan is not None and plan.after_last is AfterLastLeg.FOREVER and follower.flown == len(plan.legs)
-        )
+        """Whether the mission is, or stays where it is for ever."""
+        follower, plan = self.follower, self.follower.plan
+        forever = plan is not None and plan.after_last is AfterLastLeg.FOREVER
+        if plan is not None and forever and follower.flown == len(plan.legs):
+            return True
+        rests = follower.landed is LandedState.ON_GROUND or follower.phase is FlightPhase.HOLD
+        return rests and follower.phase is not FlightPhase.MISSION and follower.disarm_step is None
 
     def _plan_needs_care(self) -> bool:
         """Whether legs have to be handled one by one even in a prediction."""
-        follower = self.follower
-        plan = follower.plan
-        return bool(follower.waiting.seqs) or (plan is not None and (plan.open or plan.unsure))
+        plan = self.follower.plan
+        return bool(self.follower.waiting.seqs) or (plan is not None and (plan.open or plan.unsure))
 
     def _account(self, event: MotionEvent) -> None:
         """Complete the legs that were flown, and take what ended the motion."""
@@ -502,9 +463,7 @@ class MissionSequencer:
         follower = self.follower
         self.settings.heading = ALONG
         if follower.waiting.seqs:
-            for waiting in follower.waiting.seqs:
-                self._execute(waiting, time_s)
-            follower.waiting.seqs = []
+            self._execute_waiting(time_s)
             follower.waiting.step = None
         if seq < len(self.items) and self.items[seq].command == _WAYPOINT:
             return seq
@@ -520,11 +479,14 @@ class MissionSequencer:
                 break
             follower.waiting.seqs = condition_items(self.items, following)
             seq = follower.waiting.seqs[-1] + 1
-        if follower.waiting.seqs and following >= len(self.items):
-            for waiting in follower.waiting.seqs:
-                self._execute(waiting, time_s)
-            follower.waiting.seqs = []
+        if following >= len(self.items):
+            self._execute_waiting(time_s)
         return following
+
+    def _execute_waiting(self, time_s: float) -> None:
+        for seq in self.follower.waiting.seqs:
+            self._execute(seq, time_s)
+        self.follower.waiting.seqs = []
 
     def _announce(self, seq: int, time_s: float) -> None:
         follower = self.follower
@@ -605,9 +567,7 @@ class MissionSequencer:
             follower.look_at(None)
         if climbs:
             here = (here[0], here[1], max(self._positions[seq][2], follower.spec.takeoff_altitude_m))
-        plan = plan_item_legs(
-            self.items, self._positions, seq, self.settings.copy(), follower.spec, here, self.return_point()
-        )
+        plan = self._plan(seq, self.settings.copy(), here)
         if climbs:
             plan.prepend(Leg(here, self.settings.speed_m_s, follower.spec.acceptance_radius_m, KEEP), seq)
         if self._waits(Command.CONDITION_DISTANCE):
@@ -630,9 +590,9 @@ class MissionSequencer:
     def _delay_s(self, seq: int) -> float:
         item = self.items[seq]
         delay_s = number(item.param1)
-        return (
-            delay_s if delay_s >= 0.0 else time_of_day_wait_s(item, self.epoch_unix_s + self.follower.time_s)
-        )
+        if delay_s >= 0.0:
+            return delay_s
+        return time_of_day_wait_s(item, self.epoch_unix_s + self.follower.time_s)
 
     def _finish(self, time_s: float) -> None:
         follower = self.follower
@@ -652,11 +612,8 @@ class MissionSequencer:
     def _give_up(self, reason: str, seq: int | None = None) -> None:
         follower = self.follower
         on_mission = follower.phase is FlightPhase.MISSION
-        follower.tell(
-            CannotFly(
-                follower.time_s, (self.current_seq if seq is None else seq) if on_mission else -1, reason
-            )
-        )
+        at = self.current_seq if seq is None else seq
+        follower.tell(CannotFly(follower.time_s, at if on_mission else -1, reason))
         if not follower.phase.is_lost:
             follower.hold()
         if follower.landed is LandedState.ON_GROUND:

@@ -140,16 +140,11 @@ class SimVehicle:
         self.pilot = pilot = Pilot(
             spec,
             LocalFrame(home.latitude_deg, home.longitude_deg, home.altitude_m),
+            firmware,
             wind=wind,
             yaw_rad=math.radians(yaw_deg % 360.0),
-            mode=profile.modes.boot,
-            takes_off=firmware.takes_off,
-            after_takeoff=profile.modes.after_takeoff,
-            rules=firmware.rules,
-            behaviour=firmware.behaviour,
             epoch_unix_s=epoch_unix_s,
             estimate_errors=None if noise is None else noise.of_estimate,
-            sticks=firmware.sticks,
         )
         self.state = state = WireState(
             pilot, firmware, home, system_id=system_id, epoch_unix_s=epoch_unix_s, noise=noise

@@ -104,13 +104,7 @@ class AttitudePilot:
         self._rolled = self._rolling = 0.0
 
     def check(self) -> bool:
-        """Fly on; whether a flip is over.
-
-        Raises
-        ------
-        RefusedError
-            When the vehicle cannot fly so.
-        """
+        """Fly on; whether a flip is over."""
         target, controls = self._target, self._controls
         if target is None:
             return False

@@ -67,13 +67,7 @@ class Controls:
         return self.executor.return_points.home_m
 
     def order(self, order: Callable[[], None]) -> None:
-        """Give the executor an order.
-
-        Raises
-        ------
-        RefusedError
-            When the executor does not take it.
-        """
+        """Give the executor an order."""
         try:
             order()
         except RefusedError:

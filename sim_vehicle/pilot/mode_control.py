@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from sim_vehicle.autopilot.behaviour import MissionBehaviour
-from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.modes import Mode, ModeTable
 from sim_vehicle.execution.state import FlightPhase, LandedState
 from sim_vehicle.pilot.notices import RefusedError
 
@@ -24,21 +24,6 @@ _LEADS_DOWN_OR_UP = frozenset({Mode.RTL, Mode.LAND, Mode.TAKEOFF})
 class ModeControl:
     """Takes modes and gives the vehicle the orders that they stand for.
 
-    Parameters
-    ----------
-    controls : Controls
-        The vehicle.
-    mission : MissionStatus
-        Begun in the mission mode.
-    setpoints : SetpointFollower
-        Flown in the guided mode.
-    behaviour : MissionBehaviour
-        At which speed a mode begins.
-    mode : Mode
-        At the start.
-    after_takeoff : Mode
-        The mode that follows an ordered take-off.
-
     Attributes
     ----------
     by_itself : bool
@@ -55,33 +40,22 @@ class ModeControl:
         mission: MissionStatus,
         setpoints: SetpointFollower,
         behaviour: MissionBehaviour,
-        *,
-        mode: Mode,
-        after_takeoff: Mode,
+        modes: ModeTable,
     ) -> None:
-        self.mode = mode
+        self.mode = self.intended = modes.boot
         self.by_itself = False
-        self.intended = mode
         self.takeoff_altitude_m: float | None = None
         self._controls = controls
         self._mission = mission
         self._setpoints = setpoints
         self._behaviour = behaviour
         self._left: tuple[tuple[MissionItem, ...], int] | None = None
-        self._after_takeoff = after_takeoff
+        self._after_takeoff = modes.after_takeoff
 
     def change(self, mode: Mode) -> bool:
-        """Take a mode and, armed, do what it means.
+        """Take a mode and, armed, do what it means; the mode is as it was when that cannot be done.
 
-        Returns
-        -------
-        bool
-            Whether the vehicle is to be disarmed: it is told to land or return, and on the ground already.
-
-        Raises
-        ------
-        RefusedError
-            When it cannot be done; the mode is as it was then.
+        Tells whether the vehicle is to be disarmed: it is told to land or return, and on the ground already.
         """
         before, intended = self.mode, self.intended
         self.override(mode)

@@ -5,14 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from mission.model import Command, MissionItem
 from mission.outcome import Outcome
 from sim_vehicle.autopilot import with_autopilot
-from sim_vehicle.autopilot.behaviour import MissionBehaviour
-from sim_vehicle.autopilot.failsafe_rules import Action, FailsafeRules
+from sim_vehicle.autopilot.failsafe_rules import Action
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.parameters import RuntimeParameters, Setting
 from sim_vehicle.epoch import EPOCH_UNIX_S
@@ -50,7 +48,8 @@ if TYPE_CHECKING:
     from geo.frame import LocalFrame
     from sim_vehicle.airframe.estimate_errors import EstimateErrors
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.autopilot.stick_rules import StickRules, Sticks
+    from sim_vehicle.autopilot.autopilot import Firmware
+    from sim_vehicle.autopilot.stick_rules import Sticks
     from sim_vehicle.weather.wind import Wind
 
 __all__ = ["Pilot"]
@@ -68,45 +67,25 @@ _MODES = {Action.HOLD: Mode.HOLD, Action.RETURN: Mode.RTL, Action.LAND: Mode.LAN
 
 
 class Pilot:
-    """One vehicle under orders.
+    """One vehicle under orders, as a firmware flies it.
+
+    An order that the vehicle cannot take, now or at all, raises RefusedError.
 
     Parameters
     ----------
     frame : LocalFrame
         About home.
+    firmware : Firmware
+        Its modes, rules, behaviour and sticks.
     yaw_rad : float
         Compass heading at the start.
-    mode : Mode
-        At the start.
-    takes_off : bool
-        Whether a mission needs no take-off item.
-    after_takeoff : Mode
-        The mode that follows an ordered take-off.
-    rules : FailsafeRules
-        What the autopilot does when something goes wrong.
-    behaviour : MissionBehaviour, optional
-        How it takes a mission that is changed while it flies.
-    epoch_unix_s : float
-        Time of day at time 0.
-    estimate_errors : EstimateErrors, optional
+    wind, epoch_unix_s, estimate_errors
         See `sim_vehicle.execution.executor.MissionExecutor`.
-    sticks : StickRules, optional
-        How it flies by sticks.
 
     Attributes
     ----------
     parameters : RuntimeParameters
         What can be changed; `apply_parameters` afterwards.
-    controls : Controls
-        The vehicle: its state, its executor, what works.
-    failsafe : Failsafe
-        The safety functions.
-    mission : MissionStatus
-        Whether the mission can be flown, and how far it is.
-    attitude : AttitudePilot
-        Flies attitudes.
-    auto_yaw : AutoYaw
-        The heading that is ordered by itself.
     outcome, outcome_text
         How the run ended and why.
     """
@@ -115,18 +94,14 @@ class Pilot:
         self,
         spec: VehicleSpec,
         frame: LocalFrame,
+        firmware: Firmware,
         *,
         wind: Wind | None = None,
         yaw_rad: float = 0.0,
-        mode: Mode = Mode.HOLD,
-        takes_off: bool = False,
-        after_takeoff: Mode = Mode.HOLD,
-        rules: FailsafeRules,
-        behaviour: MissionBehaviour | None = None,
         epoch_unix_s: float = EPOCH_UNIX_S,
         estimate_errors: EstimateErrors | None = None,
-        sticks: StickRules | None = None,
     ) -> None:
+        rules, behaviour, mode = firmware.rules, firmware.behaviour, firmware.mavlink.modes.boot
         self.frame = frame
         self.outcome = Outcome.RUNNING
         self.outcome_text = ""
@@ -136,13 +111,13 @@ class Pilot:
             frame,
             wind=wind,
             yaw_rad=yaw_rad,
-            takes_off=takes_off,
+            takes_off=firmware.takes_off,
             epoch_unix_s=epoch_unix_s,
             estimate_errors=estimate_errors,
         )
         self._notices = NoticeLog()
         self._rules = rules
-        self.behaviour = behaviour = MissionBehaviour() if behaviour is None else behaviour
+        self.behaviour = behaviour
         self.controls = Controls(self.executor)
         self.failsafe = Failsafe(
             self.controls, parameters, rules, self._notices, in_mission=lambda: self.mode is Mode.MISSION
@@ -158,17 +133,16 @@ class Pilot:
         )
         self.setpoints = SetpointFollower(self.controls, parameters, self.failsafe, self._notices)
         self.modes = ModeControl(
-            self.controls, self.mission, self.setpoints, behaviour, mode=mode, after_takeoff=after_takeoff
+            self.controls, self.mission, self.setpoints, behaviour, firmware.mavlink.modes
         )
-
         self.auto_yaw = AutoYaw(self.controls, lambda: self.mode)
         self.attitude = AttitudePilot(self.controls, parameters)
         self._flipped_in, self._circles = mode, False
         self._returns_s = math.inf
         self._sticks = flown = None
-        if sticks is not None:
+        if firmware.sticks is not None:
             self._sticks = flown = StickPilot(
-                self.controls, parameters, sticks, self._notices, lambda: self.mode
+                self.controls, parameters, firmware.sticks, self._notices, lambda: self.mode
             )
         self._idle = None
         if rules.idle is not None:
@@ -232,18 +206,8 @@ class Pilot:
     ) -> MissionChange:
         """Replace the mission; one that cannot be flown is kept, but not flown.
 
-        Parameters
-        ----------
-        items : sequence of MissionItem
-        marked : int, optional
-            The item to go on with; in flight, without it, the one of the same number.
-        whole : bool
-            Whether it is judged; the beginning of an upload that overwrites in place is not.
-
-        Returns
-        -------
-        MissionChange
-            What that means to a vehicle that flies the mission.
+        ``marked`` is the item to go on with; in flight, without it, the one of the same number. What is not
+        ``whole``, the beginning of an upload that overwrites in place, is not checked.
         """
         mission, behaviour = self.mission, self.behaviour
         # One that falls takes the list, as autopilots do that do not know, and flies nothing any more.
@@ -319,32 +283,19 @@ class Pilot:
         )
 
     def set_home(self, latitude_deg: float, longitude_deg: float) -> None:
-        """Move home; its altitude stays that of the ground.
-
-        Raises
-        ------
-        RefusedError
-            Too far from the start.
-        """
+        """Move home; its altitude stays that of the ground."""
         x_m, y_m = self.frame.from_wgs84(latitude_deg, longitude_deg)
         if not math.hypot(x_m, y_m) <= self.spec.max_distance_m:
-            msg = f"Home refused: more than {self.spec.max_distance_m:.0f} m from the start"
-            raise RefusedError(msg, denied=True)
+            raise RefusedError(
+                f"Home refused: more than {self.spec.max_distance_m:.0f} m from the start", denied=True
+            )
         self.executor.return_points.home_m = (x_m, y_m)
         self.failsafe.apply_parameters()
 
     def apply_parameters(self) -> None:
         """Let the values of `parameters` hold from now on."""
         parameters = self.parameters
-        spec = replace(
-            self.spec,
-            cruise_speed_m_s=parameters.cruise_speed_m_s,
-            acceptance_radius_m=parameters.acceptance_radius_m,
-            takeoff_altitude_m=parameters.takeoff_altitude_m,
-            return_altitude_m=parameters.return_altitude_m,
-            landing_speed_m_s=parameters.landing_speed_m_s,
-            disarm_delay_s=parameters.disarm_delay_s,
-        )
+        spec = parameters.applied_to(self.spec)
         self.executor.update_spec(with_autopilot(spec, spec.autopilot, parameters.settings))
         self.failsafe.apply_parameters()
         self._judge_mission_again()
@@ -361,17 +312,8 @@ class Pilot:
     def arm(self, *, force: bool = False, told: str = "") -> None:
         """Start the motors; in mission or take-off mode the flight begins.
 
-        Parameters
-        ----------
-        force : bool
-            Whatever the checks say.
-        told : str
-            What is said of it; by default as after an order to arm.
-
-        Raises
-        ------
-        RefusedError
-            With the reason, which is also the outcome of a vehicle that has not flown.
+        With ``force`` whatever the checks say; ``told`` is what is said of it, by default as after an order
+        to arm. The reason of a refusal is also the outcome of a vehicle that has not flown.
         """
         if self.armed:
             return
@@ -409,31 +351,18 @@ class Pilot:
         return None if self._sticks is None else self._sticks.why_not_arm(self.mode)
 
     def disarm(self, *, force: bool = False) -> None:
-        """Stop the motors; in the air only by force.
-
-        Raises
-        ------
-        RefusedError
-            In the air without force.
-        """
+        """Stop the motors; in the air only by force."""
         if not self.armed:
             return
         try:
             self.executor.disarm(force=force)
         except VehicleError:
-            msg = "Disarming denied: not landed"
-            raise RefusedError(msg, told=self._rules.disarming_text) from None
+            raise RefusedError("Disarming denied: not landed", told=self._rules.disarming_text) from None
         self.controls.refresh()
         self._on_disarmed((self._rules.disarmed,))
 
     def set_mode(self, mode: Mode) -> None:
-        """Change the mode; armed, the vehicle does it at once.
-
-        Raises
-        ------
-        RefusedError
-            When the mode is not possible now.
-        """
+        """Change the mode; armed, the vehicle does it at once."""
         text = self.behaviour.empty_mission_text
         if text and mode is Mode.MISSION and not self.mission.items and not self.armed:
             self.note(Severity.CRITICAL, f"{self._rules.preflight}: {text}")
@@ -459,8 +388,7 @@ class Pilot:
         if self._sticks is not None and self._sticks.lacks(mode):
             raise RefusedError(f"Mode {mode.value} refused: no sticks")
         if mode is Mode.GUIDED and self._rules.needs_stream and not self.setpoints.is_fresh:
-            msg = "Mode guided refused: no setpoints"
-            raise RefusedError(msg)
+            raise RefusedError("Mode guided refused: no setpoints")
 
     @property
     def _may_flip(self) -> bool:
@@ -492,19 +420,19 @@ class Pilot:
         speed_m_s: float | None = None,
     ) -> None:
         """Fly to a position at an altitude above home and stay there."""
-        if not self.armed or self.landed is LandedState.ON_GROUND:
-            msg = "Reposition refused: not flying"
-            raise RefusedError(msg)
+        self._check_flying()
         x_m, y_m = self.frame.from_wgs84(latitude_deg, longitude_deg)
         distance_m = math.hypot(x_m, y_m)
         high = 0.0 < altitude_m <= self.spec.max_altitude_m or self.spec.kind == "rover"
         if not distance_m <= self.spec.max_distance_m or not high:
-            msg = f"Reposition refused: {distance_m:.0f} m from home, {altitude_m:.0f} m high"
-            raise RefusedError(msg, denied=True)
+            raise RefusedError(
+                f"Reposition refused: {distance_m:.0f} m from home, {altitude_m:.0f} m high", denied=True
+            )
         outside = self.failsafe.outside((x_m, y_m, altitude_m))
         if outside is not None:
-            msg = f"Reposition refused by the fence: {outside}"
-            raise RefusedError(msg, denied=True, told=self._rules.fence_refusal)
+            raise RefusedError(
+                f"Reposition refused by the fence: {outside}", denied=True, told=self._rules.fence_refusal
+            )
         guided = mode is Mode.GUIDED
         self.auto_yaw.forget()
         self.attitude.stop()
@@ -566,11 +494,6 @@ class Pilot:
         """Begin the mission or go on with it, at an item; one that is over begins again.
 
         A PX4 that stands with motors off arms, too.
-
-        Raises
-        ------
-        RefusedError
-            When it is not possible now, or there is no such item.
         """
         self._check_mode(Mode.MISSION)
         if first is not None:
@@ -588,13 +511,7 @@ class Pilot:
         self.controls.order(lambda: self.executor.set_current(seq))
 
     def go_around(self, height_m: float | None = None) -> None:
-        """Break off the landing of the mission and climb, to begin it anew.
-
-        Raises
-        ------
-        RefusedError
-            When none is flown.
-        """
+        """Break off the landing of the mission and climb, to begin it anew."""
 
         def climb() -> None:
             top_m = self.executor.go_around(height_m)
@@ -611,13 +528,7 @@ class Pilot:
         self.controls.order(lambda: self.executor.set_speed(speed_m_s))
 
     def take_setpoint(self, setpoint: Setpoint) -> None:
-        """Take a setpoint; it is flown in the mode for it, and in no other.
-
-        Raises
-        ------
-        RefusedError
-            When it cannot be flown.
-        """
+        """Take a setpoint; it is flown in the mode for it, and in no other."""
         self.setpoints.take(setpoint)
         if self.mode is Mode.GUIDED:
             self.attitude.stop()
@@ -631,13 +542,7 @@ class Pilot:
             self.setpoints.fly()
 
     def take_attitude(self, target: AttitudeTarget | None) -> None:
-        """Fly an attitude in the guided modes, None stops.
-
-        Raises
-        ------
-        RefusedError
-            When it cannot be flown.
-        """
+        """Fly an attitude in the guided modes, None stops."""
         if self.mode not in (Mode.GUIDED, Mode.TAKEOFF, Mode.ATTITUDE) or not self.armed:
             return
         if self.mode is Mode.TAKEOFF:
@@ -655,17 +560,8 @@ class Pilot:
     def take_sticks(self, sticks: Sticks, *, flown: bool = True, by_rate: bool = False) -> None:
         """Fly as the sticks of the ground station say, in the modes that are flown so.
 
-        Parameters
-        ----------
-        flown : bool
-            Whether they move the vehicle in the mode as it was asked for.
-        by_rate : bool
-            Whether they are rates of turning there.
-
-        Raises
-        ------
-        RefusedError
-            When it cannot be flown.
+        ``flown`` tells whether they move the vehicle in the mode as it was asked for, ``by_rate`` whether
+        they are rates of turning there.
         """
         if self._sticks is None:
             return
@@ -701,17 +597,9 @@ class Pilot:
     # Time, and what happens in it.
 
     def advance(self, now_s: float, *, by_sticks: bool = False) -> list[FlightEvent]:
-        """Fly up to a time.
+        """Fly up to a time; the events until then, in order.
 
-        Parameters
-        ----------
-        by_sticks : bool
-            Whether sticks move the vehicle in the mode as it was asked for.
-
-        Returns
-        -------
-        list of FlightEvent
-            The events until then, in order.
+        ``by_sticks`` tells whether sticks move the vehicle in the mode as it was asked for.
         """
         events = self.controls.advance(now_s)
         for event in events:
@@ -842,11 +730,13 @@ class Pilot:
         else:
             self._turn_to(_MODES[reaction.action])
 
+    def _check_flying(self) -> None:
+        if not self.armed or self.landed is LandedState.ON_GROUND:
+            raise RefusedError("Reposition refused: not flying")
+
     def _hold_in(self, mode: Mode) -> None:
         """Hold, in the mode that a single order is flown in."""
-        if not self.armed or self.landed is LandedState.ON_GROUND:
-            msg = "Reposition refused: not flying"
-            raise RefusedError(msg)
+        self._check_flying()
         self.set_mode(Mode.HOLD)
         self.modes.override(mode)
 

@@ -121,13 +121,7 @@ class SetpointFollower:
         self._flown = None
 
     def fly(self) -> None:
-        """Fly the latest setpoint, unless it is flown already.
-
-        Raises
-        ------
-        RefusedError
-            When it cannot be flown.
-        """
+        """Fly the latest setpoint, unless it is flown already."""
         setpoint = self._latest
         if setpoint is None or setpoint == self._flown:
             return

@@ -61,11 +61,6 @@ class StickTilt:
             The vertical speed that is asked for; the height is held at 0. None: the stick is the thrust.
         by_rate : bool
             The sticks turn the vehicle about its axes, and it keeps its lean without them (acro).
-
-        Raises
-        ------
-        RefusedError
-            When it cannot be flown.
         """
         controls, rules = self._controls, self._rules
         state = controls.state
@@ -175,13 +170,7 @@ class StickWing:
         self._flown = None
 
     def fly(self, limits: WingSticks, bank: float, pitch: float) -> None:
-        """Fly with shares of the greatest bank and pitch, -1 to 1; on the ground nothing happens.
-
-        Raises
-        ------
-        RefusedError
-            When it cannot be flown.
-        """
+        """Fly with shares of the greatest bank and pitch, -1 to 1; on the ground nothing happens."""
         controls = self._controls
         state = controls.state
         if controls.landed is LandedState.ON_GROUND:
@@ -285,11 +274,6 @@ class StickPilot:
         -------
         Mode or None
             The mode that is gone on with, as the sticks are back before anything was done but holding.
-
-        Raises
-        ------
-        RefusedError
-            When the vehicle cannot fly so.
         """
         self._heard_s = self._controls.now_s
         self._told = sticks

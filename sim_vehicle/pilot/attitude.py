@@ -1,5 +1,6 @@
-"""Flies attitudes: those that a companion asks for, and the flip of a pilot; nothing holds the place.
+"""Flies attitudes: those that a companion asks for, and the flip of a pilot; and headings that are ordered.
 
+Nothing holds the place.
 The thrust leans with the vehicle, drag pulls towards the speed of the air. The velocities that follow from
 both are flown by its velocity control; what is told of the attitude is what is flown here.
 
@@ -13,6 +14,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
+from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.parameters import Setting
 from sim_vehicle.execution.leg_follower import drag_1_s
 from sim_vehicle.execution.state import LandedState
@@ -22,7 +24,7 @@ if TYPE_CHECKING:
     from sim_vehicle.autopilot.parameters import RuntimeParameters
     from sim_vehicle.pilot.controls import Controls
 
-__all__ = ["AttitudePilot", "AttitudeTarget"]
+__all__ = ["AttitudePilot", "AttitudeTarget", "AutoYaw"]
 
 _STEP_S = 0.02
 _MOST_LEAN = Setting("ANGLE_MAX", 3000.0, math.radians(0.01))
@@ -61,17 +63,11 @@ _LEVEL = AttitudeTarget(0.0, 0.0, KEEP, 0.0)
 
 
 class AttitudePilot:
-    """Flies an attitude until it is told to stop.
+    """Flies an attitude until it is told to stop; the `attitude` of the controls is what is flown here."""
 
-    Parameters
-    ----------
-    controls : Controls
-        The vehicle; its ``attitude`` is what is flown here.
-    """
-
-    def __init__(self, controls: Controls, parameters: RuntimeParameters) -> None:
+    def __init__(self, controls: Controls) -> None:
         self._controls = controls
-        self._parameters = parameters
+        self._parameters = controls.parameters
         self._target: AttitudeTarget | None = None
         self._taken_s = self._flown_s = self._roll = self._pitch = 0.0
         self._velocity_m_s = (0.0, 0.0, 0.0)
@@ -191,3 +187,72 @@ class AttitudePilot:
 
 def _lag(parameters: RuntimeParameters) -> float:
     return max(_LAG.of(parameters), 1e-3)
+
+
+# LOITER and the modes of a pilot take their heading from the sticks.
+_SLEWS_IN = frozenset({Mode.GUIDED, Mode.TAKEOFF, Mode.MISSION, Mode.RTL, Mode.LAND})
+
+
+class AutoYaw:
+    """CONDITION_YAW while the vehicle flies on: it turns at a rate and holds until something else is flown.
+
+    Source: ArduCopter's ``autoyaw.cpp``.
+    """
+
+    def __init__(self, controls: Controls) -> None:
+        self._controls = controls
+        self._flown: tuple[Mode, int] | None = None
+        self._yaw_rad = self._left_rad = self._rate_rad_s = self._slewed_s = 0.0
+
+    @property
+    def active(self) -> bool:
+        """Whether an ordered heading holds."""
+        return self._flown is not None
+
+    def forget(self) -> None:
+        """Note that the heading is decided otherwise from now on."""
+        self._flown = None
+
+    def order(self, angle_rad: float, rate_rad_s: float, direction: int, *, relative: bool) -> None:
+        """Turn to a compass heading, or by an angle (`relative`).
+
+        At most, and without a positive rate, it turns at the vehicle's own. The direction is 1 clockwise, -1
+        counter-clockwise, 0 (of a heading) the short way.
+        """
+        if self._controls.mode not in _SLEWS_IN or self._controls.landed is LandedState.ON_GROUND:
+            return
+        if not self.active:
+            self._yaw_rad = self._controls.state.yaw_rad
+        if relative:
+            left = -angle_rad if direction < 0 else angle_rad
+        else:
+            left = math.remainder(angle_rad - self._yaw_rad, 2.0 * math.pi)
+            if direction * left < 0.0:
+                left += direction * 2.0 * math.pi
+        most = self._controls.spec.yaw_rate_rad_s
+        self._left_rad = left
+        self._rate_rad_s = min(rate_rad_s, most) if rate_rad_s > 0.0 else most
+        self._slewed_s = self._controls.now_s
+        self._flown = self._now
+        self._controls.executor.look_at(None)
+        self.check()
+
+    def check(self) -> None:
+        """Turn on, unless something else is flown by now."""
+        if self._flown is None:
+            return
+        if self._flown != self._now:
+            self._flown = None
+            return
+        step = (self._controls.now_s - self._slewed_s) * self._rate_rad_s
+        turned = min(max(self._left_rad, -step), step)
+        self._slewed_s = self._controls.now_s
+        self._left_rad -= turned
+        self._yaw_rad = (self._yaw_rad + turned) % (2.0 * math.pi)
+        self._controls.executor.motion.point(self._yaw_rad)
+
+    @property
+    def _now(self) -> tuple[Mode, int]:
+        """What is flown, with the waypoint of a mission."""
+        mode = self._controls.mode
+        return mode, self._controls.executor.current_seq if mode is Mode.MISSION else -1

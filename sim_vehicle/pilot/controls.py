@@ -6,10 +6,12 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.pilot.notices import RefusedError
+from sim_vehicle.pilot.notices import NoticeLog, RefusedError
 
 if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
+    from sim_vehicle.autopilot.modes import Mode
+    from sim_vehicle.autopilot.parameters import RuntimeParameters
     from sim_vehicle.execution.executor import MissionExecutor
     from sim_vehicle.execution.state import FlightEvent, LandedState, VehicleState
 
@@ -17,12 +19,7 @@ __all__ = ["Controls"]
 
 
 class Controls:
-    """One vehicle under a pilot's hands.
-
-    Parameters
-    ----------
-    executor : MissionExecutor
-        What flies.
+    """One vehicle under a pilot's hands: what flies, its parameters, its mode, and what the operator is told.
 
     Attributes
     ----------
@@ -32,19 +29,19 @@ class Controls:
         Roll and pitch where they are flown as they are told; None where they follow from the motion.
     now_s : float
         Time of the last `advance`.
-    position_ok : bool
-        Whether there is a position (GPS).
-    motor_ok : bool
-        Whether all motors run.
+    position_ok, motor_ok : bool
+        Whether there is a position (GPS), and whether all motors run.
     """
 
-    def __init__(self, executor: MissionExecutor) -> None:
+    def __init__(self, executor: MissionExecutor, parameters: RuntimeParameters, mode: Mode) -> None:
         self.executor = executor
+        self.parameters = parameters
+        self.mode = mode
+        self.notices = NoticeLog()
         self.state: VehicleState = executor.state()
         self.attitude: tuple[float, float] | None = None
         self.now_s = 0.0
-        self.position_ok = True
-        self.motor_ok = True
+        self.position_ok = self.motor_ok = True
 
     @property
     def spec(self) -> VehicleSpec:

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from mission.outcome import Outcome
 from sim_vehicle.autopilot.failsafe_rules import Action, FailsafeRules
+from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.execution.state import FlightPhase, LandedState
 from sim_vehicle.pilot.fence import Bounds, Breach, Fence, FenceWatch
-from sim_vehicle.pilot.notices import NoticeLog, Severity
+from sim_vehicle.pilot.notices import Severity
 
 if TYPE_CHECKING:
-    from sim_vehicle.autopilot.parameters import RuntimeParameters
     from sim_vehicle.energy.battery import BatteryState
     from sim_vehicle.motion.legs import Position
     from sim_vehicle.pilot.controls import Controls
@@ -28,26 +28,14 @@ _ALMOST_EMPTY = 3
 class BatteryWatch:
     """The levels of a battery: 0 fine, 1 low, 2 critical, 3 almost empty.
 
-    Parameters
-    ----------
-    controls : Controls
-        The vehicle.
-    parameters : RuntimeParameters
-        The levels.
-    by_voltage : bool
-        Whether a voltage that stays too low is a low battery, too; such a level is not taken back when the
-        voltage recovers (ArduPilot).
-
-    Attributes
-    ----------
-    told : int
-        The highest level that was told since the vehicle was armed.
+    With `by_voltage` a voltage that stays too low is a low battery, too; such a level is not taken back when
+    the voltage recovers (ArduPilot). `told` is the highest level that was told since the vehicle was armed.
     """
 
-    def __init__(self, controls: Controls, parameters: RuntimeParameters, *, by_voltage: bool) -> None:
+    def __init__(self, controls: Controls, *, by_voltage: bool) -> None:
         self.told = 0
         self._controls = controls
-        self._parameters = parameters
+        self._parameters = controls.parameters
         self._by_voltage = by_voltage
         self._sagging_since_s = [math.inf, math.inf]
 
@@ -133,45 +121,19 @@ class Reaction:
 class Failsafe:
     """The safety functions of one vehicle. They tell what has to be done; the pilot does it.
 
-    Parameters
-    ----------
-    controls : Controls
-        The vehicle that is watched.
-    parameters : RuntimeParameters
-        Levels, limits and chosen actions.
-    rules : FailsafeRules
-        What the autopilot does.
-    notices : NoticeLog
-        Where the operator is told.
-    in_mission : callable
-        Tells whether the vehicle is in its mission mode.
-
-    Attributes
-    ----------
-    active : bool
-        Whether one of them has taken over since the vehicle was armed.
-    link_lost : bool
-        Whether heartbeats of the ground station came once and come no more.
+    `active` tells whether one of them has taken over since the vehicle was armed, `link_lost` whether
+    heartbeats of the ground station came once and come no more.
     """
 
-    def __init__(
-        self,
-        controls: Controls,
-        parameters: RuntimeParameters,
-        rules: FailsafeRules,
-        notices: NoticeLog,
-        *,
-        in_mission: Callable[[], bool],
-    ) -> None:
-        self._in_mission = in_mission
+    def __init__(self, controls: Controls, rules: FailsafeRules) -> None:
         self.rules = rules
-        self.battery = BatteryWatch(controls, parameters, by_voltage=rules.watches_voltage)
+        self.battery = BatteryWatch(controls, by_voltage=rules.watches_voltage)
         self.fence = FenceWatch()
         self.link_lost = False
         self.active = False
         self._controls = controls
-        self._parameters = parameters
-        self._notices = notices
+        self._parameters = controls.parameters
+        self._notices = controls.notices
         self._position_lost = False
         self._last_gcs_s = -math.inf
         self.apply_parameters()
@@ -225,7 +187,7 @@ class Failsafe:
         """Why the fence does not allow a position; None when it does."""
         if not self.fence_enabled:
             return None
-        breach, reason, _ = self.fence.judge(position_m, self._controls.home_m)
+        breach, reason, _ = self.fence.evaluate(position_m, self._controls.home_m)
         return None if breach is Breach.NONE else reason
 
     def why_not_arm(self) -> str | None:
@@ -285,7 +247,7 @@ class Failsafe:
         self.link_lost = True
         action = self.rules.link_action(self._parameters)
         goes_on = self.rules.mission_goes_on_bit & self._parameters.failsafe_options
-        if action is not Action.NONE and goes_on and self._in_mission():
+        if action is not Action.NONE and goes_on and self._controls.mode is Mode.MISSION:
             self._notices.add(Severity.WARNING, self.rules.link_ignored)
             return
         acts = action is not Action.NONE and self._controls.landed is not LandedState.ON_GROUND

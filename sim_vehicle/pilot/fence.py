@@ -141,24 +141,14 @@ class Bounds:
 
 @dataclass(slots=True)
 class FenceWatch:
-    """A fence and the vehicle in it.
-
-    Attributes
-    ----------
-    breach : Breach
-        What is broken now.
-    reason : str
-        In words.
-    count : int
-        How often a fence was broken.
-    broken_s : float
-        When the last time was.
-    """
+    """A fence and the vehicle in it."""
 
     fence: Fence = field(default_factory=Fence)
     bounds: Bounds = field(default_factory=Bounds)
+    # What is broken now, and in words.
     breach: Breach = Breach.NONE
     reason: str = ""
+    # How often a fence was broken, and when the last time was.
     count: int = 0
     broken_s: float = 0.0
     _free_until_m: float = -math.inf
@@ -169,7 +159,7 @@ class FenceWatch:
         self.bounds = bounds if bounds is not None else self.bounds
         self._free_until_m = -math.inf
 
-    def judge(
+    def evaluate(
         self, place_m: tuple[float, float, float], home_m: tuple[float, float]
     ) -> tuple[Breach, str, float]:
         """The breach at a position, the reason in words, and the distance to move until there is one."""
@@ -196,7 +186,7 @@ class FenceWatch:
         """Check a vehicle that has flown so far; True when it has just broken the fence."""
         if flown_m < self._free_until_m:
             return False
-        breach, reason, free = self.judge(place_m, home_m)
+        breach, reason, free = self.evaluate(place_m, home_m)
         fresh = breach is not Breach.NONE and self.breach is Breach.NONE
         self.breach, self.reason = breach, reason
         self._free_until_m = flown_m + free if breach is Breach.NONE else -math.inf

@@ -30,31 +30,17 @@ class MissionChange(Enum):
 class MissionStatus:
     """Status of the loaded mission.
 
-    Parameters
-    ----------
-    controls : Controls
-        The vehicle that has it.
-    failsafe : Failsafe
-        Its fence, which may not allow a position of the mission.
-    refuses : callable
-        Given a mission, why the autopilot does not want it; None when it does.
-
-    Attributes
-    ----------
-    problems : tuple of str
-        What cannot be flown.
-    started, complete : bool
-        Whether the mission was begun since the vehicle was armed, and flown to its end.
-    returns : bool
-        Whether all that is left of it is the way home, which is no part of it (PX4).
+    `refuses` tells of a mission why the autopilot does not want it; None when it does.
     """
 
     def __init__(
         self, controls: Controls, failsafe: Failsafe, refuses: Callable[[Sequence[MissionItem]], str | None]
     ) -> None:
+        # What cannot be flown.
         self.problems: tuple[str, ...] = ()
-        self.started = False
-        self.complete = self.returns = False
+        # Whether it was begun since the vehicle was armed, and flown to its end; and whether all that is left
+        # of it is the way home, which is no part of it (PX4).
+        self.started = self.complete = self.returns = False
         self._chosen = False
         self._in_air = False
         self._controls = controls
@@ -98,7 +84,7 @@ class MissionStatus:
             return "no mission"
         return self.problems[0] if self.problems else None
 
-    def judge(self, items: Sequence[MissionItem], *, in_air: bool = False) -> None:
+    def check(self, items: Sequence[MissionItem], *, in_air: bool = False) -> None:
         """Find what in a mission cannot be flown; in the air it needs no take-off."""
         self.problems = ()
         self._in_air = in_air
@@ -117,17 +103,17 @@ class MissionStatus:
             if refusal is not None:
                 self.problems += (refusal,)
 
-    def judge_on_ground(self) -> None:
-        """Judge a mission that came in the air as one that begins on the ground."""
+    def check_on_ground(self) -> None:
+        """Check a mission that came in the air as one that begins on the ground."""
         if self._in_air:
-            self.judge(self.items)
+            self.check(self.items)
 
-    def judge_again(self) -> str | None:
-        """Judge the mission after fence or parameters have changed; a problem that is new, None for none."""
+    def check_again(self) -> str | None:
+        """Check the mission after fence or parameters have changed; a problem that is new, None for none."""
         if not self.items:
             return None
         before = self.problems
-        self.judge(self.items, in_air=self._in_air)
+        self.check(self.items, in_air=self._in_air)
         return self.problems[0] if self.problems and self.problems != before else None
 
     def progress(self, *, in_mode: bool) -> MissionState:

@@ -42,7 +42,7 @@ class ModeControl:
         behaviour: MissionBehaviour,
         modes: ModeTable,
     ) -> None:
-        self.mode = self.intended = modes.boot
+        self.intended = modes.boot
         self.by_itself = False
         self.takeoff_altitude_m: float | None = None
         self._controls = controls
@@ -57,21 +57,21 @@ class ModeControl:
 
         Tells whether the vehicle is to be disarmed: it is told to land or return, and on the ground already.
         """
-        before, intended = self.mode, self.intended
+        before, intended = self._controls.mode, self.intended
         self.override(mode)
         if not self._controls.armed:
             return False
         try:
             return self._fly(mode)
         except RefusedError:
-            self.mode, self.intended = before, intended
+            self._controls.mode, self.intended = before, intended
             raise
 
     def override(self, mode: Mode) -> None:
         """Take a mode in which something else is flown than the mode's own."""
         self._setpoints.forget()
         self.by_itself = False
-        if mode is not self.mode and self._controls.landed is not LandedState.ON_GROUND:
+        if mode is not self._controls.mode and self._controls.landed is not LandedState.ON_GROUND:
             sequencer = self._controls.executor.sequencer
             if mode in self._behaviour.forgets_speed_in:
                 sequencer.reset_speed()
@@ -79,9 +79,9 @@ class ModeControl:
                 sequencer.replay_speed()
             if mode is Mode.MISSION and self._behaviour.rewinds_survey and self._left == self._present_item:
                 sequencer.rewind_survey()
-            if self.mode is Mode.MISSION:
+            if self._controls.mode is Mode.MISSION:
                 self._left = self._present_item
-        self.mode = mode
+        self._controls.mode = mode
         if mode not in _LEADS_DOWN_OR_UP:
             self.intended = mode
 
@@ -92,8 +92,8 @@ class ModeControl:
 
     def on_target_reached(self) -> None:
         """Go on to the mode that follows a take-off."""
-        if self.mode is Mode.TAKEOFF:
-            self.mode = self.intended = self._after_takeoff
+        if self._controls.mode is Mode.TAKEOFF:
+            self._controls.mode = self.intended = self._after_takeoff
 
     def _fly(self, mode: Mode) -> bool:
         controls = self._controls

@@ -31,16 +31,14 @@ from sim_vehicle.execution.state import (
     VehicleState,
 )
 from sim_vehicle.motion.legs import ALONG, Heading
-from sim_vehicle.pilot.arming import ArmingChecks
-from sim_vehicle.pilot.attitude import AttitudePilot, AttitudeTarget
-from sim_vehicle.pilot.auto_yaw import AutoYaw
+from sim_vehicle.pilot.arming import ArmingChecks, IdleWatch
+from sim_vehicle.pilot.attitude import AttitudePilot, AttitudeTarget, AutoYaw
 from sim_vehicle.pilot.controls import Controls
 from sim_vehicle.pilot.failsafe import Failsafe, Reaction
 from sim_vehicle.pilot.fence import Fence
-from sim_vehicle.pilot.idle_watch import IdleWatch
 from sim_vehicle.pilot.mission_status import MissionChange, MissionStatus
 from sim_vehicle.pilot.mode_control import ModeControl
-from sim_vehicle.pilot.notices import MissionState, Notice, NoticeLog, RefusedError, Severity
+from sim_vehicle.pilot.notices import MissionState, Notice, RefusedError, Severity
 from sim_vehicle.pilot.setpoints import Setpoint, SetpointFollower
 from sim_vehicle.pilot.sticks import StickPilot
 
@@ -115,39 +113,27 @@ class Pilot:
             epoch_unix_s=epoch_unix_s,
             estimate_errors=estimate_errors,
         )
-        self._notices = NoticeLog()
         self._rules = rules
         self.behaviour = behaviour
-        self.controls = Controls(self.executor)
-        self.failsafe = Failsafe(
-            self.controls, parameters, rules, self._notices, in_mission=lambda: self.mode is Mode.MISSION
+        self.controls = controls = Controls(self.executor, parameters, mode)
+        self._notices = controls.notices
+        self.failsafe = Failsafe(controls, rules)
+        self.mission = MissionStatus(
+            controls, self.failsafe, lambda items: behaviour.refuses(items, parameters)
         )
         self.arming = ArmingChecks(
-            self.controls,
-            parameters,
-            self.failsafe,
-            lambda: behaviour.refuses_to_arm(self.mission.items, parameters),
+            controls, self.failsafe, lambda: behaviour.refuses_to_arm(self.mission.items, parameters)
         )
-        self.mission = MissionStatus(
-            self.controls, self.failsafe, lambda items: behaviour.refuses(items, parameters)
-        )
-        self.setpoints = SetpointFollower(self.controls, parameters, self.failsafe, self._notices)
-        self.modes = ModeControl(
-            self.controls, self.mission, self.setpoints, behaviour, firmware.mavlink.modes
-        )
-        self.auto_yaw = AutoYaw(self.controls, lambda: self.mode)
-        self.attitude = AttitudePilot(self.controls, parameters)
+        self.setpoints = SetpointFollower(controls, self.failsafe)
+        self.modes = ModeControl(controls, self.mission, self.setpoints, behaviour, firmware.mavlink.modes)
+        self.auto_yaw = AutoYaw(controls)
+        self.attitude = AttitudePilot(controls)
         self._flipped_in, self._circles = mode, False
         self._returns_s = math.inf
-        self._sticks = flown = None
-        if firmware.sticks is not None:
-            self._sticks = flown = StickPilot(
-                self.controls, parameters, firmware.sticks, self._notices, lambda: self.mode
-            )
+        self._sticks = flown = None if firmware.sticks is None else StickPilot(controls, firmware.sticks)
         self._idle = None
         if rules.idle is not None:
-            down = (lambda: True) if flown is None else (lambda: flown.throttle_down)
-            self._idle = IdleWatch(self.controls, parameters, rules.idle, down)
+            self._idle = IdleWatch(controls, rules.idle, lambda: flown is None or flown.throttle_down)
 
     # What is known of the vehicle.
 
@@ -164,7 +150,7 @@ class Pilot:
     @property
     def mode(self) -> Mode:
         """The flight mode."""
-        return self.modes.mode
+        return self.controls.mode
 
     @property
     def armed(self) -> bool:
@@ -219,7 +205,7 @@ class Pilot:
             if seq >= len(items) and (behaviour.clamps_item or not flying):
                 seq = max(len(items) - 1, 0) if behaviour.clamps_item else 0
         if whole:
-            mission.judge(items, in_air=airborne)
+            mission.check(items, in_air=airborne)
         ended = behaviour.stays_after_last and mission.complete and flying and airborne
         change = MissionChange.STORED
         if flying and items and not mission.problems and not ended:
@@ -232,7 +218,7 @@ class Pilot:
         mission.complete = ended
         mission.started &= airborne
         if whole:
-            self._judged(items)
+            self._tell_problems(items)
         if flying and (not items or mission.problems):
             self._turn_to(Mode.HOLD)
             if not items and behaviour.no_mission_text:
@@ -252,7 +238,7 @@ class Pilot:
             return MissionChange.TURNED
         return MissionChange.LOST if is_beyond else MissionChange.LATER
 
-    def _judged(self, items: Sequence[MissionItem]) -> None:
+    def _tell_problems(self, items: Sequence[MissionItem]) -> None:
         """Tell what is wrong with a mission."""
         mission = self.mission
         if self.spec.kind == "rover" and any(item.command == Command.NAV_TAKEOFF for item in items):
@@ -269,9 +255,9 @@ class Pilot:
             self._end(Outcome.MISSION_REJECTED, reason)
 
     def set_fence(self, items: Sequence[MissionItem]) -> None:
-        """Replace the fence; a mission that is not flown now is judged again."""
+        """Replace the fence; a mission that is not flown now is checked again."""
         self.failsafe.set_fence(Fence.of(items, self.frame, any_inclusion=self._rules.any_inclusion))
-        self._judge_mission_again()
+        self._check_mission_again()
 
     def set_rally(self, items: Sequence[MissionItem]) -> None:
         """Replace the rally points, which are returned to when they are nearer than home."""
@@ -298,12 +284,12 @@ class Pilot:
         spec = parameters.applied_to(self.spec)
         self.executor.update_spec(with_autopilot(spec, spec.autopilot, parameters.settings))
         self.failsafe.apply_parameters()
-        self._judge_mission_again()
+        self._check_mission_again()
 
-    def _judge_mission_again(self) -> None:
+    def _check_mission_again(self) -> None:
         if self.armed and self.mode is Mode.MISSION:
             return
-        problem = self.mission.judge_again()
+        problem = self.mission.check_again()
         if problem is not None:
             self.note(Severity.CRITICAL, f"Mission rejected: {problem}")
 
@@ -533,7 +519,7 @@ class Pilot:
         if self.mode is Mode.GUIDED:
             self.attitude.stop()
         if self.mode is Mode.TAKEOFF and not self._rules.needs_stream:
-            self.modes.mode = Mode.GUIDED
+            self.controls.mode = Mode.GUIDED
         if self.mode is Mode.GUIDED and self.armed:
             if self.auto_yaw.active:
                 # The same target again has its own heading, too.
@@ -546,7 +532,7 @@ class Pilot:
         if self.mode not in (Mode.GUIDED, Mode.TAKEOFF, Mode.ATTITUDE) or not self.armed:
             return
         if self.mode is Mode.TAKEOFF:
-            self.modes.mode = Mode.GUIDED
+            self.controls.mode = Mode.GUIDED
         self.auto_yaw.forget()
         self.setpoints.forget()
         if target is not None:
@@ -710,7 +696,7 @@ class Pilot:
                 where = f"disarmed at item {min(mission.current_seq + 1, mission.size)} of {mission.size}"
                 self._end(Outcome.FLIGHT_ABORTED, where)
         mission.started = False
-        mission.judge_on_ground()
+        mission.check_on_ground()
         if self._rules.restores_mode:
             self.modes.override(self.modes.intended)
 

@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.motion.legs import ALONG, KEEP, Heading
-from sim_vehicle.pilot.notices import NoticeLog, RefusedError, Severity
+from sim_vehicle.pilot.notices import RefusedError, Severity
 
 if TYPE_CHECKING:
-    from sim_vehicle.autopilot.parameters import RuntimeParameters
     from sim_vehicle.pilot.controls import Controls
     from sim_vehicle.pilot.failsafe import Failsafe
 
@@ -50,28 +49,14 @@ class Setpoint:
 
 
 class SetpointFollower:
-    """Flies the latest setpoint and tells when setpoints have stopped to flow.
+    """Flies the latest setpoint and tells when setpoints have stopped to flow."""
 
-    Parameters
-    ----------
-    controls : Controls
-        The vehicle.
-    parameters : RuntimeParameters
-        The age at which a setpoint holds no more.
-    failsafe : Failsafe
-        The fence, and how the autopilot takes setpoints.
-    notices : NoticeLog
-        Where the operator is told.
-    """
-
-    def __init__(
-        self, controls: Controls, parameters: RuntimeParameters, failsafe: Failsafe, notices: NoticeLog
-    ) -> None:
+    def __init__(self, controls: Controls, failsafe: Failsafe) -> None:
         self._controls = controls
-        self._parameters = parameters
+        self._parameters = controls.parameters
+        self._notices = controls.notices
         self._failsafe = failsafe
         self._rules = failsafe.rules
-        self._notices = notices
         self._latest: Setpoint | None = None
         self._taken_s = -math.inf
         self._flown: Setpoint | None = None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
@@ -15,10 +15,9 @@ from sim_vehicle.autopilot.stick_rules import Sticks
 from sim_vehicle.execution.state import FlightPhase, LandedState
 from sim_vehicle.motion.legs import KEEP, Heading
 from sim_vehicle.pilot.failsafe import Reaction
-from sim_vehicle.pilot.notices import NoticeLog, RefusedError, Severity
+from sim_vehicle.pilot.notices import RefusedError, Severity
 
 if TYPE_CHECKING:
-    from sim_vehicle.autopilot.parameters import RuntimeParameters
     from sim_vehicle.autopilot.stick_rules import StickRules, Sticks, TiltSticks, WingSticks
     from sim_vehicle.pilot.controls import Controls
 
@@ -31,17 +30,11 @@ _MOST_LEAN_RAD = math.radians(70.0)
 
 
 class StickTilt:
-    """Orders velocities from sticks that lean the vehicle.
+    """Orders velocities from sticks that lean the vehicle."""
 
-    Parameters
-    ----------
-    controls : Controls
-        The vehicle.
-    """
-
-    def __init__(self, controls: Controls, parameters: RuntimeParameters, rules: TiltSticks) -> None:
+    def __init__(self, controls: Controls, rules: TiltSticks) -> None:
         self._controls = controls
-        self._parameters = parameters
+        self._parameters = controls.parameters
         self._rules = rules
         self._velocity_m_s = (0.0, 0.0, 0.0)
         self._lean_rad = (0.0, 0.0)
@@ -53,14 +46,9 @@ class StickTilt:
         self._flown_s = -math.inf
 
     def fly(self, sticks: Sticks, climb_m_s: float | None, heading: Heading, *, by_rate: bool) -> None:
-        """Fly on.
+        """Fly on at a vertical speed (at 0 the height is held), or with the stick as the thrust (None).
 
-        Parameters
-        ----------
-        climb_m_s : float or None
-            The vertical speed that is asked for; the height is held at 0. None: the stick is the thrust.
-        by_rate : bool
-            The sticks turn the vehicle about its axes, and it keeps its lean without them (acro).
+        `by_rate`: the sticks turn the vehicle about its axes, and it keeps its lean without them (acro).
         """
         controls, rules = self._controls, self._rules
         state = controls.state
@@ -151,17 +139,11 @@ _STEP = 0.02
 
 
 class StickWing:
-    """Orders circles and straight lines from sticks.
+    """Orders circles and straight lines from sticks."""
 
-    Parameters
-    ----------
-    controls : Controls
-        The vehicle.
-    """
-
-    def __init__(self, controls: Controls, parameters: RuntimeParameters) -> None:
+    def __init__(self, controls: Controls) -> None:
         self._controls = controls
-        self._parameters = parameters
+        self._parameters = controls.parameters
         self._flown: tuple[int, int] | None = None
         self._from_m = (0.0, 0.0)
 
@@ -221,41 +203,20 @@ _REACHED = {Action.HOLD: _COMES_HOME, Action.RETURN: _COMES_HOME, Action.LAND: (
 
 
 class StickPilot:
-    """Flies by the sticks while they are heard.
+    """Flies by the sticks while they are heard; `lost` tells that they were, and are no more."""
 
-    Parameters
-    ----------
-    controls : Controls
-        The vehicle.
-    mode : callable
-        The flight mode now.
-
-    Attributes
-    ----------
-    lost : bool
-        Whether sticks were heard, and are no more.
-    """
-
-    def __init__(
-        self,
-        controls: Controls,
-        parameters: RuntimeParameters,
-        rules: StickRules,
-        notices: NoticeLog,
-        mode: Callable[[], Mode],
-    ) -> None:
+    def __init__(self, controls: Controls, rules: StickRules) -> None:
         self._controls = controls
-        self._parameters = parameters
+        self._parameters = controls.parameters
+        self._notices = controls.notices
         self._rules = rules
-        self._notices = notices
-        self._mode = mode
         self._sticks: Sticks | None = None
         self._told = Sticks()
         self._heard_s = -math.inf
         self._moves = False
         self.lost = False
-        self._wing = StickWing(controls, parameters) if rules.wings else None
-        self._tilt = StickTilt(controls, parameters, rules.tilt) if rules.tilt is not None else None
+        self._wing = StickWing(controls) if rules.wings else None
+        self._tilt = StickTilt(controls, rules.tilt) if rules.tilt is not None else None
         self._by_rate = False
         self._later: tuple[float, Reaction] | None = None
         self._left: Mode | None = None
@@ -263,17 +224,9 @@ class StickPilot:
     def take(self, sticks: Sticks, *, flown: bool = True, by_rate: bool = False) -> Mode | None:
         """Fly as the sticks say; centred ones stop the vehicle where it is.
 
-        Parameters
-        ----------
-        flown : bool
-            Whether they move the vehicle in the mode as it was asked for.
-        by_rate : bool
-            Whether they are rates of turning there.
-
-        Returns
-        -------
-        Mode or None
-            The mode that is gone on with, as the sticks are back before anything was done but holding.
+        `flown` tells whether they move the vehicle in the mode as it was asked for, `by_rate` whether they
+        are rates of turning there. Returns the mode that is gone on with, where the sticks are back before
+        anything was done but holding.
         """
         self._heard_s = self._controls.now_s
         self._told = sticks
@@ -283,7 +236,7 @@ class StickPilot:
         self.lost, self._later, self._left = False, None, None
         if was_lost and self._rules.loss.regained:
             self._notices.add(Severity.WARNING, self._rules.loss.regained)
-        if was_lost and left is not None and self._mode() is Mode.HOLD:
+        if was_lost and left is not None and self._controls.mode is Mode.HOLD:
             return left
         if flown and self._flies:
             self._fly(sticks)
@@ -324,13 +277,7 @@ class StickPilot:
         return "No manual control input" if self.lacks(mode) else None
 
     def check(self, *, flown: bool) -> Iterator[Reaction]:
-        """Steer on, and yield what the loss of the sticks demands.
-
-        Parameters
-        ----------
-        flown : bool
-            Whether sticks move the vehicle in the mode as it was asked for.
-        """
+        """Steer on, and yield what the loss of the sticks demands; `flown` as in `take`."""
         if self._sticks is None:
             receiver = self._rules.receiver
             if receiver is not None and flown and self._flies and self._holds:
@@ -340,7 +287,7 @@ class StickPilot:
         loss = self._rules.loss
         if self._later is not None and self._controls.now_s >= self._later[0]:
             reaction, self._later, self._left = self._later[1], None, None
-            if self._mode() is Mode.HOLD:
+            if self._controls.mode is Mode.HOLD:
                 self._notices.add(Severity.CRITICAL, loss.lost)
                 yield reaction
         if self._silence_s <= self._limit_s:
@@ -359,7 +306,7 @@ class StickPilot:
     def breaks_off_landing(self) -> bool:
         """Whether the throttle asks for a landing to be broken off."""
         switch, sticks = self._rules.landing_abort, self._sticks
-        asks = sticks is not None and sticks.up >= _FULL_THROTTLE and self._mode() is Mode.MISSION
+        asks = sticks is not None and sticks.up >= _FULL_THROTTLE and self._controls.mode is Mode.MISSION
         return asks and switch is not None and switch.of(self._parameters) != 0.0
 
     @property
@@ -390,7 +337,7 @@ class StickPilot:
     @property
     def _leans(self) -> bool:
         """Whether the sticks lean the vehicle in this mode."""
-        tilt, mode = self._rules.tilt, self._mode()
+        tilt, mode = self._rules.tilt, self._controls.mode
         return tilt is not None and mode in tilt.holds_height | tilt.by_throttle
 
     @property
@@ -400,10 +347,10 @@ class StickPilot:
 
     @property
     def _flies(self) -> bool:
-        return self._controls.armed and self._mode() in self._rules.speeds
+        return self._controls.armed and self._controls.mode in self._rules.speeds
 
     def _lose(self) -> Iterator[Reaction]:
-        loss, mode, controls, action = self._rules.loss, self._mode(), self._controls, self._action
+        loss, mode, controls, action = self._rules.loss, self._controls.mode, self._controls, self._action
         if action is Action.NONE:
             self._stop()
             return
@@ -432,7 +379,7 @@ class StickPilot:
     def _fly(self, sticks: Sticks) -> None:
         rules, controls = self._rules, self._controls
         spec, yaw = controls.spec, controls.state.yaw_rad
-        setting = rules.speeds[self._mode()]
+        setting = rules.speeds[self._controls.mode]
         wanted = math.inf if setting is None else setting.of(self._parameters)
         speed = min(wanted, spec.top_speed_m_s)
         if rules.drives:
@@ -443,7 +390,7 @@ class StickPilot:
             return
         forward, right = rules.level.share(sticks.forward), rules.level.share(sticks.right)
         if self._wing is not None:
-            self._wing.fly(rules.wings[self._mode()], right, -forward)
+            self._wing.fly(rules.wings[self._controls.mode], right, -forward)
             self._moves = True
             return
         up, turn = rules.vertical.share(sticks.up), rules.turning.share(sticks.turn)
@@ -462,7 +409,7 @@ class StickPilot:
         """Lean with the sticks, and turn and climb as the mode does."""
         rules, controls = self._rules, self._controls
         climb = None
-        if self._mode() in tilt.holds_height:
+        if self._controls.mode in tilt.holds_height:
             share = rules.vertical.share(sticks.up)
             climb = share * self._vertical_speed(upward=share > 0.0)
             if controls.landed is LandedState.ON_GROUND and not sticks.up > rules.takeoff_stick:

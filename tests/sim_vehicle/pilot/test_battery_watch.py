@@ -25,9 +25,8 @@ class Watched:
         self.now_s = 0.0
         self.state = SimpleNamespace(battery=None)
         self.see(1.0, 16.0)
-        self.watch = BatteryWatch(
-            self, SimpleNamespace(**{**vars(PARAMETERS), **parameters}), by_voltage=by_voltage
-        )
+        self.parameters = SimpleNamespace(**{**vars(PARAMETERS), **parameters})
+        self.watch = BatteryWatch(self, by_voltage=by_voltage)
 
     def see(self, fraction, voltage_v, rest_voltage_v=None):
         self.state.battery = SimpleNamespace(

@@ -99,12 +99,12 @@ def test_degenerate_polygons_do_no_harm():
 
 def test_bounds_say_what_was_broken():
     watch = FenceWatch(bounds=Bounds(ceiling_m=50.0, radius_m=100.0))
-    assert watch.judge((0.0, 0.0, 60.0), (0.0, 0.0))[:2] == (
+    assert watch.evaluate((0.0, 0.0, 60.0), (0.0, 0.0))[:2] == (
         Breach.MAX_ALTITUDE,
         "60.0 m high, 50 m are allowed",
     )
-    assert watch.judge((110.0, 0.0, 10.0), (0.0, 0.0))[0] is Breach.BOUNDARY
-    assert watch.judge((110.0, 0.0, 10.0), (20.0, 0.0)) == (Breach.NONE, "", 10.0)
+    assert watch.evaluate((110.0, 0.0, 10.0), (0.0, 0.0))[0] is Breach.BOUNDARY
+    assert watch.evaluate((110.0, 0.0, 10.0), (20.0, 0.0)) == (Breach.NONE, "", 10.0)
 
 
 def test_a_breach_is_told_once_and_ends():

@@ -255,12 +255,12 @@ def test_a_vehicle_goes_no_farther_out_than_it_needs_to_stop(angle, speed, kind,
     farthest = 0.0
     for _ in range(600):
         rig.run(0.1)
-        farthest = min(farthest, watch.judge(rig.place, (0.0, 0.0))[2])
+        farthest = min(farthest, watch.evaluate(rig.place, (0.0, 0.0))[2])
         if not rig.pilot.armed:
             break
     assert -farthest <= stopping
     if action == 3:
-        assert watch.judge(rig.place, (0.0, 0.0))[0] is Breach.NONE
+        assert watch.evaluate(rig.place, (0.0, 0.0))[0] is Breach.NONE
 
 
 def refuses_to_arm_in_mission(rig):

@@ -25,8 +25,15 @@ from mission.autopilots.dialect import (
     Severity,
     Substitute,
 )
-from mission.autopilots.profile import CardRoom, FlightModes, NeededParameter, Profile
-from mission.autopilots.settings import Meaning, VehicleSettings, question
+from mission.autopilots.profile import (
+    CardRoom,
+    FlightModes,
+    Meaning,
+    NeededParameter,
+    Profile,
+    VehicleSettings,
+    question,
+)
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, MissionItem, has_position
 

@@ -21,8 +21,7 @@ from mission.autopilots.dialect import (
     ReadBack,
     Severity,
 )
-from mission.autopilots.profile import FlightModes, Profile
-from mission.autopilots.settings import Meaning, VehicleSettings, question
+from mission.autopilots.profile import FlightModes, Meaning, Profile, VehicleSettings, question
 from mission.link.codec.dialect import mavlink as m
 from mission.model import MAX_ITEMS, Command, MissionType
 

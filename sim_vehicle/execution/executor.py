@@ -126,11 +126,7 @@ class MissionExecutor:
         *,
         keeps_settings: bool = False,
     ) -> None:
-        """Replace the mission, to begin at an item; a vehicle that is flying one holds.
-
-        ``positions`` are those of `sim_vehicle.execution.items.item_positions`, when they are known already;
-        with ``keeps_settings`` speeds stay as they are.
-        """
+        """Replace the mission: see `MissionSequencer.load`."""
         self.sequencer.load(items, positions, current, keeps_settings=keeps_settings)
 
     def change(
@@ -350,11 +346,7 @@ class MissionExecutor:
         return self.follower.take_events()
 
     def course_through(self, limit_s: float) -> Generator[tuple[int, bool], MotionEvent, list[FlightEvent]]:
-        """Fly as `fly_through` does, while the caller moves the vehicle.
-
-        Coroutine: yields ``(max_steps, stop_each)``; the caller advances the motion with them and sends the
-        MotionEvent back. It returns the events of the flight.
-        """
+        """Fly as `fly_through` does, while the caller moves the vehicle: see `MissionSequencer.course`."""
         yield from self.sequencer.course(self._step_at(limit_s), stop_each=False)
         return self.follower.take_events()
 

@@ -79,101 +79,68 @@ class VehicleState(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class ItemReached:
+class FlightEvent:
+    """Something that happens in a flight, at a time."""
+
+    time_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class ItemEvent(FlightEvent):
+    """Something that happens to a mission item."""
+
+    seq: int
+
+
+class ItemReached(ItemEvent):
     """A mission item was completed or, for a waypoint, reached."""
 
-    time_s: float
-    seq: int
 
-
-@dataclass(frozen=True, slots=True)
-class CurrentChanged:
+class CurrentChanged(ItemEvent):
     """Another mission item is the current one."""
 
-    time_s: float
-    seq: int
+
+class LandingRestarted(ItemEvent):
+    """A landing that was broken off begins anew, at this item."""
 
 
 @dataclass(frozen=True, slots=True)
-class CameraCommand:
+class CameraCommand(ItemEvent):
     """The mission commands the camera or its gimbal (`sim_vehicle.execution.items`)."""
 
-    time_s: float
-    seq: int
     item: MissionItem
 
 
 @dataclass(frozen=True, slots=True)
-class HomeMoved:
-    """The mission moved home: east and north of where the vehicle started."""
-
-    time_s: float
-    x_m: float
-    y_m: float
-
-
-@dataclass(frozen=True, slots=True)
-class LandingRestarted:
-    """A landing that was broken off begins anew, at this item."""
-
-    time_s: float
-    seq: int
-
-
-@dataclass(frozen=True, slots=True)
-class MissionComplete:
-    """The last mission item was completed."""
-
-    time_s: float
-
-
-@dataclass(frozen=True, slots=True)
-class CannotFly:
+class CannotFly(ItemEvent):
     """The vehicle gave up; it holds. ``seq`` is -1 outside a mission."""
 
-    time_s: float
-    seq: int
     reason: str
 
 
 @dataclass(frozen=True, slots=True)
-class TargetReached:
+class HomeMoved(FlightEvent):
+    """The mission moved home: east and north of where the vehicle started."""
+
+    x_m: float
+    y_m: float
+
+
+class MissionComplete(FlightEvent):
+    """The last mission item was completed."""
+
+
+class TargetReached(FlightEvent):
     """A direct target (take-off, go to, return height) was reached."""
 
-    time_s: float
 
-
-@dataclass(frozen=True, slots=True)
-class BatteryDepleted:
+class BatteryDepleted(FlightEvent):
     """The battery is empty: the vehicle comes down where it is."""
 
-    time_s: float
 
-
-@dataclass(frozen=True, slots=True)
-class Landed:
+class Landed(FlightEvent):
     """The vehicle touched the ground."""
 
-    time_s: float
 
-
-@dataclass(frozen=True, slots=True)
-class Disarmed:
+class Disarmed(FlightEvent):
     """The motors stopped by themselves after landing."""
-
-    time_s: float
-
-
-FlightEvent = (
-    ItemReached
-    | CurrentChanged
-    | CameraCommand
-    | HomeMoved
-    | LandingRestarted
-    | MissionComplete
-    | CannotFly
-    | TargetReached
-    | BatteryDepleted
-    | Landed
-    | Disarmed
-)

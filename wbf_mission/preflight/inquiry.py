@@ -7,9 +7,8 @@ import struct
 from collections.abc import Callable
 from types import MappingProxyType
 
-from mission.autopilots.profile import Profile
+from mission.autopilots.profile import Profile, Question
 from mission.autopilots.registry import profile_for
-from mission.autopilots.settings import Question
 from mission.errors import MissionError
 from mission.ground.arming_gate import ArmingGate
 from mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID

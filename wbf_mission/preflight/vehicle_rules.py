@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from functools import partial
 
 from geo.frame import LocalFrame
+from mission.autopilots.profile import Meaning, Question, answer_to
 from mission.autopilots.registry import profile_for
-from mission.autopilots.settings import Meaning, Question, answer_to
 from mission.ground.arming_gate import FARTHEST_M
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Frame

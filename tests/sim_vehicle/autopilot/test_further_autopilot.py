@@ -11,8 +11,8 @@ import pytest
 
 from geo.frame import LocalFrame
 from mission.autopilots import registry
+from mission.autopilots.profile import Meaning, answer_to
 from mission.autopilots.registry import profile_for
-from mission.autopilots.settings import Meaning, answer_to
 from mission.ground.modes import Maneuver, ModeError, is_in_mission, maneuver_command, mode_name, mode_named
 from mission.ground.station import GroundStation
 from mission.link.codec.dialect import mavlink as m

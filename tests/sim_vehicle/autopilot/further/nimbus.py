@@ -3,8 +3,7 @@
 from dataclasses import replace
 from types import MappingProxyType
 
-from mission.autopilots.profile import FlightModes, Profile
-from mission.autopilots.settings import Meaning, VehicleSettings, question
+from mission.autopilots.profile import FlightModes, Meaning, Profile, VehicleSettings, question
 from mission.link.codec.dialect import mavlink as m
 from sim_vehicle.airframe.parameters import ParameterSpec
 from sim_vehicle.autopilot.autopilot import Autopilot, Firmware

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
-from types import MappingProxyType
 
 from sim_vehicle.autopilot.parameters import FailsafeDefaults, RuntimeParameters, Setting
 
@@ -132,6 +131,4 @@ def actions_by_value(**actions: str) -> Mapping[int, Action]:
     >>> actions_by_value(NONE="0", RETURN="1 3")[3].value
     'returning'
     """
-    return MappingProxyType(
-        {int(number): Action[name] for name, numbers in actions.items() for number in numbers.split()}
-    )
+    return {int(number): Action[name] for name, numbers in actions.items() for number in numbers.split()}

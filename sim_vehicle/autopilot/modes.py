@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
-from types import MappingProxyType
 
 from mission.link.codec.dialect import mavlink as m
 
@@ -77,13 +76,13 @@ class ModeTable:
     """The mode that follows a commanded take-off."""
     after_command: Mode
     """The mode that DO_REPOSITION, DO_ORBIT and DO_CHANGE_ALTITUDE lead to."""
-    aliases: Mapping[int, Mode] = field(default_factory=lambda: MappingProxyType({}))
+    aliases: Mapping[int, Mode] = field(default_factory=dict)
     """Further custom modes that are accepted, flown as another mode."""
     base: BaseModes = field(default_factory=BaseModes)
     """What the base mode of the heartbeat says of them."""
     flips_from: frozenset[int] = frozenset()
     """The custom modes that FLIP is entered from."""
-    names: Mapping[int, str] = field(default_factory=lambda: MappingProxyType({}))
+    names: Mapping[int, str] = field(default_factory=dict)
     """The firmware's own names of its custom modes, for its texts."""
     refused_text: str = "Mode {name} refused"
     """What is said of a mode that is not entered: ``{name}`` is its name, ``{reason}`` ArduCopter's
@@ -123,13 +122,6 @@ class ModeTable:
     def custom_mode_of(self, second: int, third: int) -> int:
         """Custom mode that parameters 2 and 3 of DO_SET_MODE name."""
         return px4_custom_mode(second & 255, third & 255) if self.main_and_sub else second
-
-    def set_mode_parameters(self, mode: Mode) -> tuple[float, ...]:
-        """Parameters 2 and following of DO_SET_MODE that order a mode; the inverse of `custom_mode_of`."""
-        number = self.numbers[mode]
-        if not self.main_and_sub:
-            return (float(number),)
-        return float(number >> 16 & 255), float(number >> 24 & 255)
 
 
 def px4_custom_mode(main: int, sub: int = 0) -> int:

@@ -13,7 +13,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cache
 from importlib.resources import files
-from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from mission.link.codec.dialect import mavlink as m
@@ -257,7 +256,7 @@ def parameter_details(name: str) -> Mapping[str, ParameterDetails]:
             values=tuple(kinds["value"]),
             bits=tuple(kinds["bit"]),
         )
-    return MappingProxyType(details)
+    return details
 
 
 def _rows(table: str) -> Iterator[dict[str, str]]:

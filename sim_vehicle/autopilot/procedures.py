@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import replace
-from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from sim_vehicle.airframe.parameters import parameter_value
@@ -111,7 +110,7 @@ class GenericProcedures(FlightProcedures):
     """No autopilot in particular: straight up, straight home, straight down; and the paper's ideal robot."""
 
     name = "generic"
-    parameters: Mapping[str, ParameterSpec] = MappingProxyType({})
+    parameters: Mapping[str, ParameterSpec] = {}
 
     def fit(self, spec: VehicleSpec) -> VehicleSpec:
         """Vehicle as it is: there are no parameters."""

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from sim_vehicle.autopilot.failsafe_rules import Action
@@ -157,7 +156,7 @@ class StickRules:
     (ArduPilot)."""
     drives: bool = False
     """A rover: the vertical stick is the throttle, the one to the right steers."""
-    wings: Mapping[Mode, WingSticks] = field(default_factory=lambda: MappingProxyType({}))
+    wings: Mapping[Mode, WingSticks] = field(default_factory=dict)
     """A fixed wing: the horizontal sticks ask for bank and pitch, in each mode that they fly."""
     landing_abort: Setting | None = None
     """Not 0: with the throttle all the way up a landing of the mission is broken off (ArduPlane)."""
@@ -181,4 +180,4 @@ def bits(**modes: int) -> Mapping[Mode, int]:
     >>> bits(MISSION=1)[Mode.MISSION]
     1
     """
-    return MappingProxyType({Mode[name]: bit for name, bit in modes.items()})
+    return {Mode[name]: bit for name, bit in modes.items()}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from types import MappingProxyType
 
 from mission.autopilots import ARDUPILOT as PROFILE
 from mission.model import Command
@@ -55,46 +54,44 @@ _PLANE_PROFILE = replace(
 ARDUPILOT = Autopilot(
     name="ardupilot",
     title="ArduPilot",
-    firmwares=MappingProxyType(
-        {
-            "multirotor": Firmware(
-                title="ArduCopter",
-                mavlink=COPTER_MAVLINK,
-                rules=COPTER_RULES,
-                profile=_COPTER_PROFILE,
-                parameter_table=copter_parameters,
-                procedures=ARDUCOPTER,
-                behaviour=MISSION,
-                cold_boot=COLD_BOOT,
-                reference=partial(reference_parameters, "arducopter"),
-                sticks=COPTER_STICKS,
-            ),
-            "fixed-wing": Firmware(
-                title="ArduPlane",
-                mavlink=PLANE_MAVLINK,
-                rules=PLANE_RULES,
-                profile=_PLANE_PROFILE,
-                parameter_table=vehicle_parameters,
-                procedures=ARDUPLANE,
-                behaviour=replace(MISSION, refuses_to_arm=arduplane_landing),
-                reference=partial(reference_parameters, "arduplane"),
-                sticks=PLANE_STICKS,
-                # Flown to, not turned before as within WP_RADIUS.
-                cornering=Cornering(2.0),
-            ),
-            "rover": Firmware(
-                title="Rover",
-                mavlink=ROVER_MAVLINK,
-                rules=ROVER_RULES,
-                profile=_ROOMY_PROFILE,
-                parameter_table=vehicle_parameters,
-                procedures=ARDUROVER,
-                behaviour=MISSION,
-                reference=partial(reference_parameters, "rover"),
-                sticks=ROVER_STICKS,
-                takes_off=True,
-            ),
-        }
-    ),
+    firmwares={
+        "multirotor": Firmware(
+            title="ArduCopter",
+            mavlink=COPTER_MAVLINK,
+            rules=COPTER_RULES,
+            profile=_COPTER_PROFILE,
+            parameter_table=copter_parameters,
+            procedures=ARDUCOPTER,
+            behaviour=MISSION,
+            cold_boot=COLD_BOOT,
+            reference=partial(reference_parameters, "arducopter"),
+            sticks=COPTER_STICKS,
+        ),
+        "fixed-wing": Firmware(
+            title="ArduPlane",
+            mavlink=PLANE_MAVLINK,
+            rules=PLANE_RULES,
+            profile=_PLANE_PROFILE,
+            parameter_table=vehicle_parameters,
+            procedures=ARDUPLANE,
+            behaviour=replace(MISSION, refuses_to_arm=arduplane_landing),
+            reference=partial(reference_parameters, "arduplane"),
+            sticks=PLANE_STICKS,
+            # Flown to, not turned before as within WP_RADIUS.
+            cornering=Cornering(2.0),
+        ),
+        "rover": Firmware(
+            title="Rover",
+            mavlink=ROVER_MAVLINK,
+            rules=ROVER_RULES,
+            profile=_ROOMY_PROFILE,
+            parameter_table=vehicle_parameters,
+            procedures=ARDUROVER,
+            behaviour=MISSION,
+            reference=partial(reference_parameters, "rover"),
+            sticks=ROVER_STICKS,
+            takes_off=True,
+        ),
+    },
     simulator_urls=_simulator_urls,
 )

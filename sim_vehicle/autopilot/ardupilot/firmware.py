@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from mission.link.codec.dialect import mavlink as m
@@ -62,58 +61,52 @@ COPTER_MAVLINK = MavlinkProfile(
         capabilities=_CAPABILITIES | int(m.MAV_PROTOCOL_CAPABILITY_SET_ATTITUDE_TARGET),
     ),
     modes=ModeTable(
-        numbers=MappingProxyType(
-            {
-                Mode.MANUAL: 0,
-                Mode.ALTITUDE: 2,
-                Mode.MISSION: 3,
-                Mode.GUIDED: 4,
-                Mode.TAKEOFF: 4,
-                Mode.HOLD: 5,
-                Mode.RTL: 6,
-                Mode.LAND: 9,
-                Mode.POSITION: 16,
-                Mode.CIRCLE: 7,
-                Mode.FLIP: 14,
-                Mode.ATTITUDE: 20,
-            }
-        ),
-        aliases=MappingProxyType(
-            {
-                1: Mode.MANUAL,
-                11: Mode.ALTITUDE,
-                13: Mode.ALTITUDE,
-                17: Mode.HOLD,
-                21: Mode.RTL,
-                24: Mode.POSITION,
-                27: Mode.RTL,
-            }
-        ),
+        numbers={
+            Mode.MANUAL: 0,
+            Mode.ALTITUDE: 2,
+            Mode.MISSION: 3,
+            Mode.GUIDED: 4,
+            Mode.TAKEOFF: 4,
+            Mode.HOLD: 5,
+            Mode.RTL: 6,
+            Mode.LAND: 9,
+            Mode.POSITION: 16,
+            Mode.CIRCLE: 7,
+            Mode.FLIP: 14,
+            Mode.ATTITUDE: 20,
+        },
+        aliases={
+            1: Mode.MANUAL,
+            11: Mode.ALTITUDE,
+            13: Mode.ALTITUDE,
+            17: Mode.HOLD,
+            21: Mode.RTL,
+            24: Mode.POSITION,
+            27: Mode.RTL,
+        },
         own_hold=17,
         # STABILIZE, ACRO, ALT_HOLD.
         flips_from=frozenset({0, 1, 2}),
-        names=MappingProxyType(
-            {
-                0: "STABILIZE",
-                1: "ACRO",
-                2: "ALT_HOLD",
-                3: "AUTO",
-                4: "GUIDED",
-                5: "LOITER",
-                6: "RTL",
-                7: "CIRCLE",
-                9: "LAND",
-                11: "DRIFT",
-                13: "SPORT",
-                14: "FLIP",
-                16: "POSHOLD",
-                17: "BRAKE",
-                20: "GUIDED_NOGPS",
-                21: "SMART_RTL",
-                24: "ZIGZAG",
-                27: "AUTO RTL",
-            }
-        ),
+        names={
+            0: "STABILIZE",
+            1: "ACRO",
+            2: "ALT_HOLD",
+            3: "AUTO",
+            4: "GUIDED",
+            5: "LOITER",
+            6: "RTL",
+            7: "CIRCLE",
+            9: "LAND",
+            11: "DRIFT",
+            13: "SPORT",
+            14: "FLIP",
+            16: "POSHOLD",
+            17: "BRAKE",
+            20: "GUIDED_NOGPS",
+            21: "SMART_RTL",
+            24: "ZIGZAG",
+            27: "AUTO RTL",
+        },
         refused_text="Mode change to {name} failed: {reason}",
         unknown_text="No such mode {}",
         boot=Mode.MANUAL,
@@ -123,7 +116,7 @@ COPTER_MAVLINK = MavlinkProfile(
     ),
     parameter_encoding="cast",
     data_streams=True,
-    rates_hz=MappingProxyType({m.MAVLINK_MSG_ID_HEARTBEAT: 1.0}),
+    rates_hz={m.MAVLINK_MSG_ID_HEARTBEAT: 1.0},
     truth_message=int(m.MAVLINK_MSG_ID_SIM_STATE),
     gps_fix=6,
     refused_result=int(m.MAV_RESULT_FAILED),
@@ -160,22 +153,25 @@ PLANE_MAVLINK = replace(
     ),
     modes=replace(
         COPTER_MAVLINK.modes,
-        numbers=MappingProxyType(
-            {
-                Mode.MANUAL: 0,
-                Mode.ALTITUDE: 6,
-                Mode.POSITION: 7,
-                Mode.MISSION: 10,
-                Mode.RTL: 11,
-                Mode.HOLD: 12,
-                Mode.TAKEOFF: 13,
-                Mode.GUIDED: 15,
-                Mode.LAND: 26,
-            }
-        ),
-        aliases=MappingProxyType(
-            {1: Mode.HOLD, 2: Mode.MANUAL, 3: Mode.MANUAL, 4: Mode.MANUAL, 5: Mode.MANUAL, 8: Mode.MANUAL}
-        ),
+        numbers={
+            Mode.MANUAL: 0,
+            Mode.ALTITUDE: 6,
+            Mode.POSITION: 7,
+            Mode.MISSION: 10,
+            Mode.RTL: 11,
+            Mode.HOLD: 12,
+            Mode.TAKEOFF: 13,
+            Mode.GUIDED: 15,
+            Mode.LAND: 26,
+        },
+        aliases={
+            1: Mode.HOLD,
+            2: Mode.MANUAL,
+            3: Mode.MANUAL,
+            4: Mode.MANUAL,
+            5: Mode.MANUAL,
+            8: Mode.MANUAL,
+        },
         own_hold=None,
         flips_from=frozenset(),
         refused_text="Flight mode change failed",
@@ -196,23 +192,21 @@ ROVER_MAVLINK = replace(
     ),
     modes=replace(
         COPTER_MAVLINK.modes,
-        numbers=MappingProxyType(
-            {
-                Mode.MANUAL: 0,
-                Mode.ALTITUDE: 1,
-                Mode.POSITION: 3,
-                Mode.HOLD: 4,
-                Mode.MISSION: 10,
-                Mode.RTL: 11,
-                Mode.GUIDED: 15,
-                Mode.TAKEOFF: 15,
-                Mode.LAND: 4,
-            }
-        ),
+        numbers={
+            Mode.MANUAL: 0,
+            Mode.ALTITUDE: 1,
+            Mode.POSITION: 3,
+            Mode.HOLD: 4,
+            Mode.MISSION: 10,
+            Mode.RTL: 11,
+            Mode.GUIDED: 15,
+            Mode.TAKEOFF: 15,
+            Mode.LAND: 4,
+        },
         own_hold=None,
         flips_from=frozenset(),
         refused_text="Flight mode change failed",
-        aliases=MappingProxyType({5: Mode.HOLD, 7: Mode.MANUAL, 12: Mode.RTL}),
+        aliases={5: Mode.HOLD, 7: Mode.MANUAL, 12: Mode.RTL},
         base=BaseModes(),
     ),
     unsupported=COPTER_MAVLINK.unsupported | {int(m.MAV_CMD_CONDITION_YAW)},
@@ -438,14 +432,12 @@ _RELEASE = Setting("RC_OVERRIDE_TIME", 3.0)
 _DEADZONE = Axis(0.075)
 COPTER_STICKS = StickRules(
     # Leaning with the sticks, as all but LOITER do, ends at the vehicle's greatest speed.
-    speeds=MappingProxyType(
-        {
-            Mode.HOLD: Setting("LOIT_SPEED", 1250.0, 0.01),
-            Mode.POSITION: None,
-            Mode.ALTITUDE: None,
-            Mode.MANUAL: None,
-        }
-    ),
+    speeds={
+        Mode.HOLD: Setting("LOIT_SPEED", 1250.0, 0.01),
+        Mode.POSITION: None,
+        Mode.ALTITUDE: None,
+        Mode.MANUAL: None,
+    },
     # RC1_DZ and RC4_DZ of 500 microseconds, THR_DZ of the throttle's 500.
     level=Axis(0.04),
     vertical=Axis(0.2),
@@ -482,12 +474,12 @@ _WING = WingSticks(
 )
 PLANE_STICKS = StickRules(
     # STABILIZE and FBWA, FBWB, CRUISE.
-    speeds=MappingProxyType({Mode.MANUAL: None, Mode.ALTITUDE: None, Mode.POSITION: None}),
+    speeds={Mode.MANUAL: None, Mode.ALTITUDE: None, Mode.POSITION: None},
     level=_DEADZONE,
     vertical=_DEADZONE,
     turning=_DEADZONE,
     turn_rate=Setting("ROLL_LIMIT_DEG", 45.0, _DEGREE),
-    wings=MappingProxyType(dict.fromkeys((Mode.MANUAL, Mode.ALTITUDE, Mode.POSITION), _WING)),
+    wings=dict.fromkeys((Mode.MANUAL, Mode.ALTITUDE, Mode.POSITION), _WING),
     landing_abort=Setting("LAND_ABORT_THR", 0.0),
     without=_BY_HAND,
     overrides=True,
@@ -507,7 +499,7 @@ PLANE_STICKS = StickRules(
     ),
 )
 ROVER_STICKS = StickRules(
-    speeds=MappingProxyType({Mode.MANUAL: None, Mode.ALTITUDE: None, Mode.POSITION: None}),
+    speeds={Mode.MANUAL: None, Mode.ALTITUDE: None, Mode.POSITION: None},
     level=_DEADZONE,
     vertical=_DEADZONE,
     turning=_DEADZONE,

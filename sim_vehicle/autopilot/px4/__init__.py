@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from types import MappingProxyType
 
 from mission.autopilots import PX4 as PROFILE
 from mission.link.codec.dialect import mavlink as m
@@ -59,35 +58,33 @@ _COPTER = Firmware(
 PX4 = Autopilot(
     name="px4",
     title="PX4",
-    firmwares=MappingProxyType(
-        {
-            "multirotor": _COPTER,
-            "fixed-wing": replace(
-                _COPTER,
-                mavlink=mavlink_profile(m.MAV_TYPE_FIXED_WING),
-                parameter_table=fixed_wing_parameters,
-                rules=FIXED_WING_RULES,
-                procedures=PX4_FIXED_WING,
-                takes_off=False,
-                # A wing's mission that ends with a return was not recorded.
-                behaviour=replace(MISSION, return_lag_s=None),
-                cornering=Cornering(2.0),
-                reference=partial(reference_parameters, "px4", without=_OF_MULTIROTORS),
-                sticks=FIXED_WING_STICKS,
-                strays_m=None,
-            ),
-            "rover": replace(
-                _COPTER,
-                mavlink=mavlink_profile(m.MAV_TYPE_GROUND_ROVER),
-                parameter_table=rover_parameters,
-                rules=ROVER_RULES,
-                procedures=PX4_ROVER,
-                cornering=Cornering(),
-                reference=partial(reference_parameters, "px4", without=_OF_MULTIROTORS),
-                sticks=ROVER_STICKS,
-                strays_m=None,
-            ),
-        }
-    ),
+    firmwares={
+        "multirotor": _COPTER,
+        "fixed-wing": replace(
+            _COPTER,
+            mavlink=mavlink_profile(m.MAV_TYPE_FIXED_WING),
+            parameter_table=fixed_wing_parameters,
+            rules=FIXED_WING_RULES,
+            procedures=PX4_FIXED_WING,
+            takes_off=False,
+            # A wing's mission that ends with a return was not recorded.
+            behaviour=replace(MISSION, return_lag_s=None),
+            cornering=Cornering(2.0),
+            reference=partial(reference_parameters, "px4", without=_OF_MULTIROTORS),
+            sticks=FIXED_WING_STICKS,
+            strays_m=None,
+        ),
+        "rover": replace(
+            _COPTER,
+            mavlink=mavlink_profile(m.MAV_TYPE_GROUND_ROVER),
+            parameter_table=rover_parameters,
+            rules=ROVER_RULES,
+            procedures=PX4_ROVER,
+            cornering=Cornering(),
+            reference=partial(reference_parameters, "px4", without=_OF_MULTIROTORS),
+            sticks=ROVER_STICKS,
+            strays_m=None,
+        ),
+    },
     simulator_urls=_simulator_urls,
 )

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import partial
-from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from mission.link.codec.dialect import mavlink as m
@@ -36,67 +35,59 @@ if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.autopilot.parameters import RuntimeParameters
 
-_RATES_HZ = MappingProxyType(
-    {
-        m.MAVLINK_MSG_ID_HEARTBEAT: 1.0,
-        m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 10.0,
-        m.MAVLINK_MSG_ID_ATTITUDE: 10.0,
-        m.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: 5.0,
-        m.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 5.0,
-        m.MAVLINK_MSG_ID_VFR_HUD: 5.0,
-        m.MAVLINK_MSG_ID_ALTITUDE: 1.0,
-        m.MAVLINK_MSG_ID_HIGHRES_IMU: 1.0,
-        m.MAVLINK_MSG_ID_ODOMETRY: 1.0,
-        m.MAVLINK_MSG_ID_GPS_RAW_INT: 2.0,
-        m.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 2.0,
-        m.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
-        m.MAVLINK_MSG_ID_BATTERY_STATUS: 1.0,
-        m.MAVLINK_MSG_ID_MISSION_CURRENT: 1.0,
-        m.MAVLINK_MSG_ID_SYSTEM_TIME: 1.0,
-        m.MAVLINK_MSG_ID_HOME_POSITION: 0.5,
-    }
-)
+_RATES_HZ = {
+    m.MAVLINK_MSG_ID_HEARTBEAT: 1.0,
+    m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 10.0,
+    m.MAVLINK_MSG_ID_ATTITUDE: 10.0,
+    m.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: 5.0,
+    m.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 5.0,
+    m.MAVLINK_MSG_ID_VFR_HUD: 5.0,
+    m.MAVLINK_MSG_ID_ALTITUDE: 1.0,
+    m.MAVLINK_MSG_ID_HIGHRES_IMU: 1.0,
+    m.MAVLINK_MSG_ID_ODOMETRY: 1.0,
+    m.MAVLINK_MSG_ID_GPS_RAW_INT: 2.0,
+    m.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 2.0,
+    m.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
+    m.MAVLINK_MSG_ID_BATTERY_STATUS: 1.0,
+    m.MAVLINK_MSG_ID_MISSION_CURRENT: 1.0,
+    m.MAVLINK_MSG_ID_SYSTEM_TIME: 1.0,
+    m.MAVLINK_MSG_ID_HOME_POSITION: 0.5,
+}
 _MODES = ModeTable(
-    numbers=MappingProxyType(
-        {
-            Mode.MANUAL: px4_custom_mode(1),
-            Mode.ALTITUDE: px4_custom_mode(2),
-            Mode.POSITION: px4_custom_mode(3),
-            Mode.TAKEOFF: px4_custom_mode(4, 2),
-            Mode.HOLD: px4_custom_mode(4, 3),
-            Mode.MISSION: px4_custom_mode(4, 4),
-            Mode.RTL: px4_custom_mode(4, 5),
-            Mode.LAND: px4_custom_mode(4, 6),
-            Mode.GUIDED: px4_custom_mode(6),
-        }
-    ),
-    aliases=MappingProxyType(
-        {
-            px4_custom_mode(4, 1): Mode.HOLD,
-            px4_custom_mode(5): Mode.MANUAL,
-            px4_custom_mode(7): Mode.MANUAL,
-        }
-    ),
+    numbers={
+        Mode.MANUAL: px4_custom_mode(1),
+        Mode.ALTITUDE: px4_custom_mode(2),
+        Mode.POSITION: px4_custom_mode(3),
+        Mode.TAKEOFF: px4_custom_mode(4, 2),
+        Mode.HOLD: px4_custom_mode(4, 3),
+        Mode.MISSION: px4_custom_mode(4, 4),
+        Mode.RTL: px4_custom_mode(4, 5),
+        Mode.LAND: px4_custom_mode(4, 6),
+        Mode.GUIDED: px4_custom_mode(6),
+    },
+    aliases={
+        px4_custom_mode(4, 1): Mode.HOLD,
+        px4_custom_mode(5): Mode.MANUAL,
+        px4_custom_mode(7): Mode.MANUAL,
+    },
     boot=Mode.HOLD,
     after_takeoff=Mode.HOLD,
     after_command=Mode.HOLD,
     orbit=px4_custom_mode(3, 1),
-    names=MappingProxyType(
-        {
-            px4_custom_mode(1): "Manual",
-            px4_custom_mode(2): "Altitude",
-            px4_custom_mode(3): "Position",
-            px4_custom_mode(4, 1): "Hold",
-            px4_custom_mode(4, 2): "Takeoff",
-            px4_custom_mode(4, 3): "Hold",
-            px4_custom_mode(4, 4): "Mission",
-            px4_custom_mode(4, 5): "Return",
-            px4_custom_mode(4, 6): "Land",
-            px4_custom_mode(5): "Acro",
-            px4_custom_mode(6): "Offboard",
-            px4_custom_mode(7): "Stabilized",
-        }
-    ),
+    names={
+        px4_custom_mode(1): "Manual",
+        px4_custom_mode(2): "Altitude",
+        px4_custom_mode(3): "Position",
+        px4_custom_mode(4, 1): "Hold",
+        px4_custom_mode(4, 2): "Takeoff",
+        px4_custom_mode(4, 3): "Hold",
+        px4_custom_mode(4, 4): "Mission",
+        px4_custom_mode(4, 5): "Return",
+        px4_custom_mode(4, 6): "Land",
+        px4_custom_mode(5): "Acro",
+        px4_custom_mode(6): "Offboard",
+        px4_custom_mode(7): "Stabilized",
+    },
     refused_text="Switching to {name} is currently not available",
     unknown_text="Unsupported auto mode",
     main_and_sub=True,
@@ -301,9 +292,7 @@ _LOSS = StickLoss(
     delayed="Failsafe activated: entering Hold for {:.0f} seconds",
 )
 COPTER_STICKS = StickRules(
-    speeds=MappingProxyType(
-        {Mode.POSITION: Setting("MPC_VEL_MANUAL", 10.0), Mode.ALTITUDE: None, Mode.MANUAL: None}
-    ),
+    speeds={Mode.POSITION: Setting("MPC_VEL_MANUAL", 10.0), Mode.ALTITUDE: None, Mode.MANUAL: None},
     needed=frozenset({Mode.POSITION, Mode.ALTITUDE, Mode.MANUAL}),
     level=_AXIS,
     vertical=_AXIS,
@@ -342,17 +331,17 @@ _BY_HEIGHT = WingSticks(
     by_rate=True,
 )
 FIXED_WING_STICKS = StickRules(
-    speeds=MappingProxyType({Mode.POSITION: None, Mode.ALTITUDE: None, Mode.MANUAL: None}),
+    speeds={Mode.POSITION: None, Mode.ALTITUDE: None, Mode.MANUAL: None},
     needed=COPTER_STICKS.needed,
     level=_WHOLE,
     vertical=_WHOLE,
     turning=_WHOLE,
     turn_rate=Setting("FW_R_LIM", 50.0, _DEGREE),
-    wings=MappingProxyType({Mode.POSITION: _BY_HEIGHT, Mode.ALTITUDE: _BY_HEIGHT, Mode.MANUAL: _BY_HAND}),
+    wings={Mode.POSITION: _BY_HEIGHT, Mode.ALTITUDE: _BY_HEIGHT, Mode.MANUAL: _BY_HAND},
     loss=_LOSS,
 )
 ROVER_STICKS = StickRules(
-    speeds=MappingProxyType({Mode.POSITION: None, Mode.MANUAL: None}),
+    speeds={Mode.POSITION: None, Mode.MANUAL: None},
     needed=frozenset({Mode.POSITION, Mode.MANUAL}),
     impossible=frozenset({Mode.ALTITUDE}),
     level=_AXIS,

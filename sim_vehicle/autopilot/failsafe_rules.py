@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 
@@ -57,7 +57,7 @@ class FailsafeRules:
     # By the value of their parameter.
     fence_actions: Mapping[int, Action]
     link_actions: Mapping[int, Action]
-    battery_actions: tuple[Mapping[int, Action], Mapping[int, Action], Mapping[int, Action]]
+    battery_actions: Sequence[Mapping[int, Action]]
     """For a low, a critical and an emergency level, by the value of their parameter."""
     critical_apart: bool
     """The critical level has a parameter of its own (ArduPilot)."""

@@ -27,7 +27,7 @@ from sim_vehicle.autopilot.parameters import FailsafeDefaults, MavParameter, Set
 from sim_vehicle.autopilot.stick_rules import Axis, StickLoss, StickRules, Sticks, WingSticks, bits
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from mission.model import MissionItem
     from sim_vehicle.airframe.spec import VehicleSpec
@@ -44,15 +44,8 @@ _BY_STICKS = int(m.MAV_MODE_FLAG_STABILIZE_ENABLED | m.MAV_MODE_FLAG_MANUAL_INPU
 _GUIDED = _BY_STICKS | int(m.MAV_MODE_FLAG_GUIDED_ENABLED)
 
 _UNSUPPORTED = frozenset(
-    int(command)
-    for command in (
-        m.MAV_CMD_DO_ORBIT,
-        m.MAV_CMD_DO_CHANGE_ALTITUDE,
-        m.MAV_CMD_DO_SET_ACTUATOR,
-    )
+    map(int, (m.MAV_CMD_DO_ORBIT, m.MAV_CMD_DO_CHANGE_ALTITUDE, m.MAV_CMD_DO_SET_ACTUATOR))
 )
-# SITL gives copters a mount, planes and rovers none until it is set.
-_NO_MOUNT = Setting("MNT1_TYPE", 0.0)
 COPTER_MAVLINK = MavlinkProfile(
     identity=Identity(
         mav_autopilot=int(m.MAV_AUTOPILOT_ARDUPILOTMEGA),
@@ -142,17 +135,35 @@ COPTER_MAVLINK = MavlinkProfile(
         busy_text="Log download in progress",
     ),
 )
-PLANE_MAVLINK = replace(
+_PLAIN_MODES = replace(
+    COPTER_MAVLINK.modes,
+    own_hold=None,
+    flips_from=frozenset(),
+    refused_text="Flight mode change failed",
+    base=BaseModes(),
+)
+_PLAIN_MAVLINK = replace(
     COPTER_MAVLINK,
     identity=replace(
         COPTER_MAVLINK.identity,
-        mav_type=int(m.MAV_TYPE_FIXED_WING),
+        mav_type=int(m.MAV_TYPE_GROUND_ROVER),
         capabilities=_CAPABILITIES,
+        banner="ArduRover V4.6.0",
+    ),
+    flies_attitudes=False,
+    # SITL gives copters a mount, planes and rovers none until it is set.
+    gimbal=Setting("MNT1_TYPE", 0.0),
+)
+PLANE_MAVLINK = replace(
+    _PLAIN_MAVLINK,
+    identity=replace(
+        _PLAIN_MAVLINK.identity,
+        mav_type=int(m.MAV_TYPE_FIXED_WING),
         version=(4, 7, 0),
         banner="ArduPlane V4.7.0",
     ),
     modes=replace(
-        COPTER_MAVLINK.modes,
+        _PLAIN_MODES,
         numbers={
             Mode.MANUAL: 0,
             Mode.ALTITUDE: 6,
@@ -164,34 +175,15 @@ PLANE_MAVLINK = replace(
             Mode.GUIDED: 15,
             Mode.LAND: 26,
         },
-        aliases={
-            1: Mode.HOLD,
-            2: Mode.MANUAL,
-            3: Mode.MANUAL,
-            4: Mode.MANUAL,
-            5: Mode.MANUAL,
-            8: Mode.MANUAL,
-        },
-        own_hold=None,
-        flips_from=frozenset(),
-        refused_text="Flight mode change failed",
+        aliases={1: Mode.HOLD, **dict.fromkeys((2, 3, 4, 5, 8), Mode.MANUAL)},
         after_takeoff=Mode.TAKEOFF,
-        base=BaseModes(),
     ),
     unsupported=_UNSUPPORTED | {int(m.MAV_CMD_CONDITION_YAW)},
-    flies_attitudes=False,
-    gimbal=_NO_MOUNT,
 )
 ROVER_MAVLINK = replace(
-    COPTER_MAVLINK,
-    identity=replace(
-        COPTER_MAVLINK.identity,
-        mav_type=int(m.MAV_TYPE_GROUND_ROVER),
-        capabilities=_CAPABILITIES,
-        banner="ArduRover V4.6.0",
-    ),
+    _PLAIN_MAVLINK,
     modes=replace(
-        COPTER_MAVLINK.modes,
+        _PLAIN_MODES,
         numbers={
             Mode.MANUAL: 0,
             Mode.ALTITUDE: 1,
@@ -203,17 +195,10 @@ ROVER_MAVLINK = replace(
             Mode.TAKEOFF: 15,
             Mode.LAND: 4,
         },
-        own_hold=None,
-        flips_from=frozenset(),
-        refused_text="Flight mode change failed",
         aliases={5: Mode.HOLD, 7: Mode.MANUAL, 12: Mode.RTL},
-        base=BaseModes(),
     ),
     unsupported=COPTER_MAVLINK.unsupported | {int(m.MAV_CMD_CONDITION_YAW)},
-    flies_attitudes=False,
-    gimbal=_NO_MOUNT,
 )
-
 
 _SAFETY = (
     MavParameter("BATT_FS_CRT_ACT", "critical_battery_action", integer=True, low=0, high=7),
@@ -352,11 +337,16 @@ MISSION = MissionBehaviour(
 )
 
 
-_BATTERY = actions_by_value(WARN="0", LAND="1", RETURN="2 3 4 6 7", TERMINATE="5")
+def _battery_actions(**actions: str) -> tuple[Mapping[int, Action], ...]:
+    """Actions at a low and a critical level; an almost empty battery is only told."""
+    by_value = actions_by_value(**actions)
+    return by_value, by_value, actions_by_value(WARN="0 1 2 3 4 5 6 7")
+
+
 COPTER_RULES = FailsafeRules(
     fence_actions=actions_by_value(WARN="0", RETURN="1 3", LAND="2 5", HOLD="4"),
     link_actions=actions_by_value(NONE="0", RETURN="1 2 3 4 6", LAND="5", HOLD="7"),
-    battery_actions=(_BATTERY, _BATTERY, actions_by_value(WARN="0 1 2 3 4 5 6 7")),
+    battery_actions=_battery_actions(WARN="0", LAND="1", RETURN="2 3 4 6 7", TERMINATE="5"),
     critical_apart=True,
     watches_voltage=True,
     any_inclusion=False,
@@ -394,35 +384,30 @@ COPTER_RULES = FailsafeRules(
     idle=IdleDisarm(Setting("DISARM_DELAY", 10.0), ("Disarming motors",)),
 )
 
-# ArduPlane's and Rover's own numbers; a low and a critical battery end the flight as the copter's do.
-_PLANE_ROVER_DEFAULTS = replace(
-    COPTER_RULES.defaults, low_battery_action=1, critical_battery_action=2, low_voltage_v=0.0
-)
-_PLANE_BATTERY = actions_by_value(WARN="0", RETURN="1 6", LAND="2 4 5", TERMINATE="3")
-PLANE_RULES = replace(
+_PLANE_ROVER_RULES = replace(
     COPTER_RULES,
-    fence_actions=actions_by_value(WARN="0", RETURN="1 6 7", HOLD="8", LAND="9"),
-    link_actions=actions_by_value(NONE="0", RETURN="1 2 3"),
     mission_goes_on_bit=0,
-    battery_actions=(_PLANE_BATTERY, _PLANE_BATTERY, actions_by_value(WARN="0 1 2 3 4 5 6 7")),
-    defaults=_PLANE_ROVER_DEFAULTS,
-    armed="Throttle armed",
-    disarmed="Throttle disarmed",
-    landed=("Throttle disarmed", "Auto disarmed"),
-    idle=None,
-)
-_ROVER_BATTERY = actions_by_value(WARN="0", RETURN="1 3 4", HOLD="2 6", TERMINATE="5")
-ROVER_RULES = replace(
-    COPTER_RULES,
-    fence_actions=actions_by_value(WARN="0", RETURN="1 3", HOLD="2 4 5"),
-    link_actions=actions_by_value(NONE="0", RETURN="1 2"),
-    mission_goes_on_bit=0,
-    battery_actions=(_ROVER_BATTERY, _ROVER_BATTERY, actions_by_value(WARN="0 1 2 3 4 5 6 7")),
-    defaults=_PLANE_ROVER_DEFAULTS,
+    # Their own numbers; a low and a critical battery end the flight as the copter's do.
+    defaults=replace(
+        COPTER_RULES.defaults, low_battery_action=1, critical_battery_action=2, low_voltage_v=0.0
+    ),
     armed="Throttle armed",
     disarmed="Throttle disarmed",
     landed=("Throttle disarmed",),
     idle=None,
+)
+PLANE_RULES = replace(
+    _PLANE_ROVER_RULES,
+    fence_actions=actions_by_value(WARN="0", RETURN="1 6 7", HOLD="8", LAND="9"),
+    link_actions=actions_by_value(NONE="0", RETURN="1 2 3"),
+    battery_actions=_battery_actions(WARN="0", RETURN="1 6", LAND="2 4 5", TERMINATE="3"),
+    landed=("Throttle disarmed", "Auto disarmed"),
+)
+ROVER_RULES = replace(
+    _PLANE_ROVER_RULES,
+    fence_actions=actions_by_value(WARN="0", RETURN="1 3", HOLD="2 4 5"),
+    link_actions=actions_by_value(NONE="0", RETURN="1 2"),
+    battery_actions=_battery_actions(WARN="0", RETURN="1 3 4", HOLD="2 6", TERMINATE="5"),
 )
 
 

@@ -12,20 +12,7 @@ __all__ = ["recur"]
 
 @compiled
 def recur(noise: NDArray[np.float64], first: float, second: float, drive: float) -> NDArray[np.float64]:
-    """Return a second-order autoregressive recursion, from rest.
-
-    Parameters
-    ----------
-    noise : float64[n]
-    first, second : float
-        What the last value and the one before it are multiplied by.
-    drive : float
-        What the noise is multiplied by.
-
-    Returns
-    -------
-    float64[n]
-    """
+    """Return y[k] = first y[k-1] + second y[k-2] + drive noise[k], from rest."""
     result = np.empty_like(noise)
     last = before = 0.0
     for k in range(len(noise)):

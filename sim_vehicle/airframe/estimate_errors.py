@@ -59,23 +59,13 @@ CLIMB_M_S, CLIMB_S = 0.1, 2.3
 
 
 def carried_aside_m(gain_1_s: float) -> float:
-    """Return how far the error of the velocity carries a vehicle aside, along a horizontal axis.
+    """Return how far the error of the velocity carries a vehicle aside: deviation along a horizontal axis, m.
 
     The vehicle holds a velocity that is wrong by e until its position tells: dx/dt = e - P x, with the gain P
     of its position controller and e the second-order process of `EstimateErrors`. In the steady state the
     covariances of x with e and de/dt follow from their derivatives being 0 (Lyapunov's equation). The unseen
     push and what turns add are left out: returns from random paths begin 0.23 m nearer or farther (one
     deviation of 240 flights).
-
-    Parameters
-    ----------
-    gain_1_s : float
-        1/s; at 0 nothing brings the vehicle back.
-
-    Returns
-    -------
-    float
-        Standard deviation, m.
 
     Examples
     --------

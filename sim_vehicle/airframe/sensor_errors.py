@@ -176,15 +176,7 @@ class NavigationErrors:
         )
 
     def sense(self, position_m: tuple[float, float, float], time_s: float) -> Sensed:
-        """Return the readings of a vehicle that believes to be at a position.
-
-        Parameters
-        ----------
-        position_m : tuple of 3 floats
-            Of the motion, which is flown by the estimate; height 0 is the ground.
-        time_s : float
-            Since the start.
-        """
+        """Return the readings of a vehicle whose motion, flown by the estimate, is at a position."""
         x, y, z = position_m
         now = self.at(time_s)
         before = self.at(time_s - GRID_S) if time_s >= GRID_S else now

@@ -46,12 +46,7 @@ class Action(Enum):
 class FailsafeRules:
     """The safety functions of one firmware.
 
-    Parameters
-    ----------
-    armed, disarmed : str
-        Texts when the motors start, and stop by an order.
-    fence_text, fence_clear, link_lost, link_regained, stream_lost, link_ignored : str
-        Texts for the operator; ``fence_text`` and ``stream_lost`` have a ``{}`` for what follows.
+    Texts are for the operator; ``fence_text`` and ``stream_lost`` have a ``{}`` for what follows.
     """
 
     # By the value of their parameter.

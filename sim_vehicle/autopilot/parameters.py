@@ -207,12 +207,8 @@ class ParameterDetails:
 def reference_parameters(name: str, without: tuple[str, ...] = ()) -> tuple[MavParameter, ...]:
     """Read the list of a firmware.
 
-    Parameters
-    ----------
-    name : str
-        Name of its table: ``arducopter``, ``arduplane``, ``rover``, ``px4``.
-    without : tuple of str
-        Beginnings of names that this firmware does not have.
+    Its table is called ``arducopter``, ``arduplane``, ``rover`` or ``px4``; names that begin as one of
+    ``without`` are those that this firmware does not have.
 
     Examples
     --------
@@ -225,11 +221,6 @@ def reference_parameters(name: str, without: tuple[str, ...] = ()) -> tuple[MavP
 @cache
 def parameter_details(name: str) -> Mapping[str, ParameterDetails]:
     """Read what the autopilot of a list tells of its parameters, by their names.
-
-    Parameters
-    ----------
-    name : str
-        Name of the list: ``px4``.
 
     Examples
     --------

@@ -71,17 +71,9 @@ def check_mission(
     Checked are commands, frames, parameters, altitudes, distances from home, jumps and the take-off; not the
     energy (see `sim_vehicle.prediction.predict`).
 
-    Parameters
-    ----------
-    items : sequence of MissionItem
-        Without a home item.
-    frame : LocalFrame
-        About home.
-    needs_takeoff : bool
-        Whether the vehicle does not take off by itself to reach the first position.
-    outside : callable, optional
-        Tells why a fence does not allow a position (east, north, up), None when it does. Only positions are
-        checked, not the paths between them, as autopilots do.
+    The items are without home; ``needs_takeoff`` tells whether the vehicle does not take off by itself to
+    reach the first position. ``outside`` tells why a fence does not allow a position (east, north, up), None when
+    it does; only positions are checked, not the paths between them, as autopilots do.
 
     Examples
     --------

@@ -73,16 +73,8 @@ def fixed_wing_leg(
 ) -> FixedWingLeg | None:
     """The leg of an item as a fixed wing flies it; None for an item that any other vehicle flies alike.
 
-    Parameters
-    ----------
-    position : tuple of 3 floats
-        Of the item: east, north, up about home.
-    speed : float
-        Airspeed.
-    ahead : tuple of 3 floats, optional
-        The position after it, towards which a circle is left.
-    following : MissionItem, optional
-        The item after it that moves the vehicle.
+    ``ahead`` is the position after it, towards which a circle is left; ``following`` the item after it that
+    moves the vehicle.
     """
     command = item.command
     zero = _towards_zero(item, position, following, spec)

@@ -55,36 +55,7 @@ class Waiting:
 
 
 class LegFollower:
-    """Flies one plan of legs, or a velocity, at a time; holds, comes down, falls.
-
-    Parameters
-    ----------
-    wind : Wind, optional
-        The ideal vehicle knows none.
-    yaw_rad : float
-        Compass heading at the start.
-
-    Attributes
-    ----------
-    motion : MotionModel
-        What moves.
-    armed : bool
-        Whether the motors run.
-    phase : FlightPhase
-        What the vehicle is doing.
-    landed : LandedState
-        Ground contact.
-    plan : LegPlan or None
-        What is flown.
-    began_m : tuple of 3 floats
-        Where its first leg began: east, north, up.
-    flown : int
-        Legs of the plan that were accounted for.
-    timer, disarm_step : int or None
-        Steps of the motion at which a pause ends, and at which the motors stop.
-    waiting : Waiting
-        What waits for a condition.
-    """
+    """Flies one plan of legs, or a velocity, at a time; holds, comes down, falls."""
 
     def __init__(self, spec: VehicleSpec, *, wind: Wind | None = None, yaw_rad: float = 0.0) -> None:
         self.spec = spec
@@ -92,9 +63,11 @@ class LegFollower:
         self.armed = False
         self.phase = FlightPhase.GROUND
         self.landed = LandedState.ON_GROUND
+        # What is flown, where its first leg began, and how many of its legs were accounted for.
         self.plan: LegPlan | None = None
         self.began_m: Position = (0.0, 0.0, 0.0)
         self.flown = 0
+        # Steps of the motion at which a pause ends, and at which the motors stop.
         self.timer: int | None = None
         self.disarm_step: int | None = None
         self.waiting = Waiting()

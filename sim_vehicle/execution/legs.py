@@ -58,14 +58,8 @@ def spline_legs(
     direction from the position before to the position after. The length of both tangents is that of the
     straight path, which keeps the curve free of loops.
 
-    Parameters
-    ----------
-    path : tuple of 3 positions
-        Where it begins, where it ends, and the position after; without one it arrives on the straight line.
-    tangent : tuple of 3 floats
-        Direction at the beginning; zero is the straight line.
-    heading : Heading
-        Of the legs.
+    The ``path`` is where it begins, where it ends, and the position after; without one it arrives on the
+    straight line. The ``tangent`` is the direction at the beginning; zero is the straight line.
     """
     begin, end, ahead = path
     straight = (end[0] - begin[0], end[1] - begin[1], end[2] - begin[2])

@@ -70,25 +70,8 @@ class Attitude(NamedTuple):
 class Gimbal:
     """A gimbal of three axes.
 
-    Parameters
-    ----------
-    parameters : RuntimeParameters
-        Of the vehicle: limits, resting attitudes, first mode (``MNT1_*``).
-    fitting : Setting, optional
-        The parameter that is above 0 where there is a gimbal; read when the vehicle boots. None is never.
-
-    Attributes
-    ----------
-    fitted : bool
-        Whether there is one.
-    awake : bool
-        Whether anybody has asked or told it anything since the vehicle booted.
-    yaw_lock : bool
-        Whether sticks turn it against north, not against the vehicle.
-    controller : tuple of 2 ints
-        System and component that have taken control; zeros for nobody. It hinders nobody else.
-    angles_rad : tuple of 3 floats
-        Roll, pitch, and yaw against the vehicle's heading, now.
+    The ``fitting`` parameter is above 0 where there is a gimbal; it is read when the vehicle boots, None is
+    never.
 
     Examples
     --------
@@ -112,7 +95,9 @@ class Gimbal:
     def boot(self) -> None:
         """Start again, at rest in the first mode."""
         self.fitted = self._fitting is not None and self._fitting.of(self._parameters) > 0.0
+        # Whether sticks turn it against north, not against the vehicle.
         self.yaw_lock = False
+        # System and component that have taken control, zeros for nobody; it hinders nobody else.
         self.controller = (0, 0)
         self._point = None
         self.to_default()
@@ -121,7 +106,7 @@ class Gimbal:
         self._earth = self._rates_earth = False
         self.angles_rad = self._limited(self._target)
         self._track.clear()
-        # One that nobody has told anything rests, and costs nothing.
+        # One that nobody has asked or told anything since it booted rests, and costs nothing.
         self.awake = self.mode is not GimbalMode.NEUTRAL
 
     @property
@@ -181,17 +166,7 @@ class Gimbal:
             self.to_default()
 
     def advance(self, state: VehicleState, boot_us: float, home_m: tuple[float, float]) -> None:
-        """Turn until now.
-
-        Parameters
-        ----------
-        state : VehicleState
-            Of the vehicle now.
-        boot_us : float
-            Time of the vehicle's own clock.
-        home_m : tuple of 2 floats
-            Home, east and north.
-        """
+        """Turn until now; ``boot_us`` is the time of the vehicle's own clock, home is east and north."""
         passed_s, self._time_s = max(0.0, state.time_s - self._time_s), state.time_s
         if not self.awake:
             return

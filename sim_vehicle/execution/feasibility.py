@@ -72,8 +72,8 @@ def check_mission(
     energy (see `sim_vehicle.prediction.predict`).
 
     The items are without home; ``needs_takeoff`` tells whether the vehicle does not take off by itself to
-    reach the first position. ``outside`` tells why a fence does not allow a position (east, north, up), None when
-    it does; only positions are checked, not the paths between them, as autopilots do.
+    reach the first position. ``outside`` tells why a fence does not allow a position (east, north, up), None
+    when it does; only positions are checked, not the paths between them, as autopilots do.
 
     Examples
     --------

@@ -6,7 +6,8 @@ import contextlib
 import errno
 import os
 import socket
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 from mission.errors import LinkError, LinkLostError, NoPeerError
 from mission.link.address import LinkAddress
@@ -16,6 +17,7 @@ _BATCH = 256
 _BUFFER_BYTES = 1 << 20
 _BACKLOG_BYTES = 1 << 20
 _Peer = Any
+T = TypeVar("T")
 
 
 def _why(address: LinkAddress, error: OSError) -> LinkError:
@@ -50,44 +52,26 @@ def _resolve(address: LinkAddress, kind: socket.SocketKind) -> tuple[int, Any]:
     return found[0][0], found[0][4]
 
 
-class UdpSocket:
-    """A bound UDP socket that any number of peers may call; the piece that multi-client hosts build on.
+def _open(
+    address: LinkAddress, kind: socket.SocketKind, prepare: Callable[[socket.socket, Any], None]
+) -> socket.socket:
+    """Return a non-blocking socket for an address, bound or connected by ``prepare(socket, where)``."""
+    family, where = _resolve(address, kind)
+    made = socket.socket(family, kind)
+    try:
+        made.setblocking(False)
+        prepare(made, where)
+    except OSError as error:
+        made.close()
+        raise _why(address, error) from error
+    return made
 
-    LinkError if it cannot be bound; port 0 lets the system choose.
-    """
 
-    def __init__(self, address: LinkAddress) -> None:
-        family, where = _resolve(address, socket.SOCK_DGRAM)
-        self._socket = socket.socket(family, socket.SOCK_DGRAM)
-        try:
-            self._socket.setblocking(False)
-            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_BYTES)
-            self._socket.bind(where)
-        except OSError as error:
-            self._socket.close()
-            raise _why(address, error) from error
-        self.address = LinkAddress(address.scheme, address.host, int(self._socket.getsockname()[1]))
-        self.name = str(self.address)
+class _OnSocket:
+    """What stands on one socket."""
 
-    def send_to(self, data: bytes, peer: _Peer) -> None:
-        """Send one datagram; what the network will not take now is lost, as on a radio."""
-        with contextlib.suppress(OSError):
-            self._socket.sendto(data, peer)
-
-    def receive_from(self) -> list[tuple[bytes, _Peer]]:
-        """Return the datagrams that have arrived (at most 256 a call) with their senders."""
-        arrived: list[tuple[bytes, _Peer]] = []
-        take = self._socket.recvfrom
-        for _ in range(_BATCH):
-            try:
-                arrived.append(take(_DATAGRAM_BYTES))
-            except BlockingIOError:
-                break
-            except ConnectionError:
-                continue
-            except OSError as error:
-                raise _why(self.address, error) from error
-        return arrived
+    def __init__(self, made: socket.socket) -> None:
+        self._socket = made
 
     def close(self) -> None:
         """Close the socket."""
@@ -97,6 +81,61 @@ class UdpSocket:
         """Return the descriptor, None once closed."""
         number = self._socket.fileno()
         return None if number < 0 else number
+
+    def _bound(self, address: LinkAddress) -> LinkAddress:
+        """Return an address with the port that the system chose."""
+        return LinkAddress(address.scheme, address.host, int(self._socket.getsockname()[1]))
+
+    def _arrived(self, take: Callable[[int], T], address: LinkAddress) -> list[T]:
+        """Return the datagrams that have arrived (at most 256 a call)."""
+        arrived: list[T] = []
+        for _ in range(_BATCH):
+            try:
+                arrived.append(take(_DATAGRAM_BYTES))
+            except BlockingIOError:
+                break
+            except ConnectionError:
+                continue
+            except OSError as error:
+                raise _why(address, error) from error
+        return arrived
+
+
+def _bind_datagrams(made: socket.socket, where: Any) -> None:
+    made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_BYTES)
+    made.bind(where)
+
+
+def _connect_datagrams(made: socket.socket, where: Any) -> None:
+    made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_BYTES)
+    made.connect(where)
+
+
+def _listen(made: socket.socket, where: Any) -> None:
+    made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    made.bind(where)
+    made.listen(16)
+
+
+class UdpSocket(_OnSocket):
+    """A bound UDP socket that any number of peers may call; the piece that multi-client hosts build on.
+
+    LinkError if it cannot be bound; port 0 lets the system choose.
+    """
+
+    def __init__(self, address: LinkAddress) -> None:
+        super().__init__(_open(address, socket.SOCK_DGRAM, _bind_datagrams))
+        self.address = self._bound(address)
+        self.name = str(self.address)
+
+    def send_to(self, data: bytes, peer: _Peer) -> None:
+        """Send one datagram; what the network will not take now is lost, as on a radio."""
+        with contextlib.suppress(OSError):
+            self._socket.sendto(data, peer)
+
+    def receive_from(self) -> list[tuple[bytes, _Peer]]:
+        """Return the datagrams that have arrived (at most 256 a call) with their senders."""
+        return self._arrived(self._socket.recvfrom, self.address)
 
 
 class UdpInLink:
@@ -128,20 +167,12 @@ class UdpInLink:
         return self._socket.fileno()
 
 
-class UdpOutLink:
+class UdpOutLink(_OnSocket):
     """A UDP link that calls a host and hears only that host."""
 
     def __init__(self, address: LinkAddress) -> None:
-        family, where = _resolve(address, socket.SOCK_DGRAM)
+        super().__init__(_open(address, socket.SOCK_DGRAM, _connect_datagrams))
         self._address = address
-        self._socket = socket.socket(family, socket.SOCK_DGRAM)
-        try:
-            self._socket.setblocking(False)
-            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_BYTES)
-            self._socket.connect(where)
-        except OSError as error:
-            self._socket.close()
-            raise _why(address, error) from error
         self.name = str(address)
 
     def send(self, data: bytes) -> None:
@@ -151,29 +182,10 @@ class UdpOutLink:
 
     def receive(self) -> list[bytes]:
         """Return the datagrams that have arrived (at most 256 a call)."""
-        arrived: list[bytes] = []
-        for _ in range(_BATCH):
-            try:
-                arrived.append(self._socket.recv(_DATAGRAM_BYTES))
-            except BlockingIOError:
-                break
-            except ConnectionError:
-                continue
-            except OSError as error:
-                raise _why(self._address, error) from error
-        return arrived
-
-    def close(self) -> None:
-        """Close the socket."""
-        self._socket.close()
-
-    def fileno(self) -> int | None:
-        """Return the descriptor, None once closed."""
-        number = self._socket.fileno()
-        return None if number < 0 else number
+        return self._arrived(self._socket.recv, self._address)
 
 
-class TcpLink:
+class TcpLink(_OnSocket):
     """A connected TCP stream.
 
     Bytes that the network does not take at once are kept (up to 1 MiB; then whole frames are dropped and
@@ -184,7 +196,7 @@ class TcpLink:
         connection.setblocking(False)
         with contextlib.suppress(OSError):
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._socket = connection
+        super().__init__(connection)
         self._backlog = bytearray()
         self._ended = False
         self.name = name
@@ -254,32 +266,18 @@ class TcpLink:
             with contextlib.suppress(LinkError):
                 self._flush()
         self._ended = True
-        self._socket.close()
-
-    def fileno(self) -> int | None:
-        """Return the descriptor, None once closed."""
-        number = self._socket.fileno()
-        return None if number < 0 else number
+        super().close()
 
 
-class TcpListener:
+class TcpListener(_OnSocket):
     """A listening TCP socket; the piece that multi-client hosts build on.
 
     LinkError if the port cannot be listened on; port 0 lets the system choose.
     """
 
     def __init__(self, address: LinkAddress) -> None:
-        family, where = _resolve(address, socket.SOCK_STREAM)
-        self._socket = socket.socket(family, socket.SOCK_STREAM)
-        try:
-            self._socket.setblocking(False)
-            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            self._socket.bind(where)
-            self._socket.listen(16)
-        except OSError as error:
-            self._socket.close()
-            raise _why(address, error) from error
-        self.address = LinkAddress(address.scheme, address.host, int(self._socket.getsockname()[1]))
+        super().__init__(_open(address, socket.SOCK_STREAM, _listen))
+        self.address = self._bound(address)
         self.name = str(self.address)
 
     def accept(self) -> list[TcpLink]:
@@ -292,15 +290,6 @@ class TcpListener:
                 break
             accepted.append(TcpLink(connection, f"{self.name} from {peer[0]}:{peer[1]}"))
         return accepted
-
-    def close(self) -> None:
-        """Stop listening; accepted connections stay open."""
-        self._socket.close()
-
-    def fileno(self) -> int | None:
-        """Return the descriptor, None once closed."""
-        number = self._socket.fileno()
-        return None if number < 0 else number
 
 
 class TcpServerLink:

@@ -10,8 +10,7 @@ from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Mission, MissionItem
 from sensors.camera.leaf_camera import LeafCamera
 from sim_vehicle.camera.component import LeafCameraComponent
-from wbf_mission.live.mission_shots import shots_before
-from wbf_mission.live.riding_camera import RidingCamera
+from wbf_mission.live.riding_camera import RidingCamera, shots_before
 
 DISTANCE, INTERVAL = int(Command.DO_SET_CAM_TRIGG_DIST), int(Command.DO_SET_CAM_TRIGG_INTERVAL)
 AUTO, GUIDED = 3, 4

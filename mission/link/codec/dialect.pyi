@@ -1,5 +1,9 @@
+from types import ModuleType
+
 from mission.link.codec import messages as mavlink
 
 Message = mavlink.MAVLink_message
 
-__all__ = ["Message", "mavlink"]
+def lighten(dialect: ModuleType) -> None: ...
+
+__all__ = ["Message", "lighten", "mavlink"]

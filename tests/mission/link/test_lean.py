@@ -8,8 +8,8 @@ import pytest
 from pymavlink.dialects.v20 import minimal
 
 from mission.link import FrameReader, FrameWriter
+from mission.link.codec.dialect import lighten
 from mission.link.codec.dialect import mavlink as m
-from mission.link.codec.lean import lighten
 
 ASKED = (
     "header",

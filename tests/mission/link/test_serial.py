@@ -13,7 +13,7 @@ import pytest
 from mission.errors import LinkError
 from mission.link import MavlinkEndpoint, open_link, parse_link_url
 from mission.link.codec.dialect import mavlink
-from mission.link.reconnect import SerialClientLink
+from mission.link.opening import SerialClientLink
 
 
 def wait_for(condition, seconds=30.0):
@@ -153,7 +153,7 @@ def test_a_lost_tcp_connection_is_made_again():
     listener = socket.create_server(("127.0.0.1", 0))
     port = listener.getsockname()[1]
     now = [0.0]
-    from mission.link.reconnect import TcpClientLink
+    from mission.link.opening import TcpClientLink
 
     link = TcpClientLink(parse_link_url(f"tcp:127.0.0.1:{port}"), clock=lambda: now[0])
     first, _ = listener.accept()

@@ -112,6 +112,10 @@ class _Transfer:
     MAVSDK does not tell how many messages it sent: the statistics have 0 for that.
     """
 
+    _verb: str
+    _count = 0
+    _verified = False
+
     def __init__(
         self,
         mission_type: MissionType,
@@ -124,6 +128,7 @@ class _Transfer:
         self._target, self._profile = target, profile
         self._link = link
         self._call: Call | None = None
+        self._first_s: float | None = None
         self._began_s = self._ended_s = self._due_s = 0.0
 
     @property
@@ -131,8 +136,8 @@ class _Transfer:
         return self._link().plugin(MissionRaw, self._target[0])
 
     @property
-    def _plan_name(self) -> str:
-        return self.mission_type.name.lower()
+    def _what(self) -> str:
+        return f"{self._verb} of the {self.mission_type.name.lower()}"
 
     def receive(self, message: Message, now_s: float) -> Output:  # noqa: ARG002
         """Take nothing: MAVSDK hears what matters."""
@@ -140,6 +145,7 @@ class _Transfer:
 
     def _begin(self, now_s: float, begin: Callable[..., None], *arguments: Any) -> None:
         self._began_s = now_s
+        self._first_s = now_s if self._first_s is None else self._first_s
         self._due_s = now_s + _POLL_S
         self._call = Call(begin, *arguments)
 
@@ -159,24 +165,38 @@ class _Transfer:
         self.done, self._call, self._ended_s = True, None, now_s
         return Output(events=events)
 
-    def _failure(self, what: str, result: MissionRawResult, state: PlanState) -> TransferFailed:
+    def _failure(self, result: MissionRawResult, state: PlanState) -> TransferFailed:
         """Return the event of a failure, in MAVSDK's word."""
         reason = _REASONS.get(result, FailureReason.REFUSED)
-        text = f"{what} failed: MAVSDK says {result.name}"
+        text = f"{self._what} failed: MAVSDK says {result.name}"
         if reason is FailureReason.TIMEOUT:
             text += "; the vehicle did not answer, check the link and try again"
         code = wire.UNSUPPORTED if result is MissionRawResult.UNSUPPORTED else None
         return TransferFailed(self.mission_type, reason, text, code, state)
 
-    def _cancelled(self, what: str, now_s: float) -> Output:
-        failed = TransferFailed(self.mission_type, FailureReason.CANCELLED, f"{what} was cancelled")
-        return self._finish(now_s, failed)
+    def next_deadline(self) -> float | None:
+        """When `poll` has something to do, None before the start and after the end."""
+        return None if self._call is None else self._due_s
+
+    def cancel(self, now_s: float) -> Output:
+        """Break off."""
+        if self.mission_type is MissionType.MISSION and self._call is not None:
+            with contextlib.suppress(MissionRawError):
+                getattr(self._raw, f"cancel_mission_{self._verb}")()
+        text = f"{self._what} was cancelled"
+        return self._finish(now_s, TransferFailed(self.mission_type, FailureReason.CANCELLED, text))
+
+    def statistics(self, now_s: float | None = None) -> TransferStatistics:
+        """What it has cost, as far as MAVSDK tells."""
+        end_s = self._ended_s if self.done or now_s is None else now_s
+        spent_s = end_s - (self._first_s or 0.0)
+        return TransferStatistics(self.mission_type, self._count, 0, 0, 0, spent_s, self._verified)
 
 
 class MavsdkDownload(_Transfer):
     """Reads a plan; ends with `DownloadComplete` or `TransferFailed`."""
 
-    _count = 0
+    _verb = "download"
 
     def start(self, now_s: float) -> Output:
         """Begin."""
@@ -189,34 +209,17 @@ class MavsdkDownload(_Transfer):
         if answer is None:
             return NOTHING
         result, raw = answer
-        what = f"download of the {self._plan_name}"
         if result not in (MissionRawResult.SUCCESS, MissionRawResult.NO_MISSION_AVAILABLE):
-            return self._finish(now_s, self._failure(what, result, PlanState.OLD))
+            return self._finish(now_s, self._failure(result, PlanState.OLD))
         try:
             came = tuple(_item_of(one) for one in raw)
         except MissionError as error:
-            broken = TransferFailed(self.mission_type, FailureReason.BROKEN, f"{what}: {error}")
+            broken = TransferFailed(self.mission_type, FailureReason.BROKEN, f"{self._what}: {error}")
             return self._finish(now_s, broken)
         items, home = from_wire_order(came, self.mission_type, self._profile)
         self._count = len(items)
         progress = Progress(self.mission_type, len(came), len(came))
         return self._finish(now_s, progress, DownloadComplete(self.mission_type, items, 0, home))
-
-    def next_deadline(self) -> float | None:
-        """When `poll` has something to do, None before the start and after the end."""
-        return None if self._call is None else self._due_s
-
-    def cancel(self, now_s: float) -> Output:
-        """Break off."""
-        if self.mission_type is MissionType.MISSION and self._call is not None:
-            with contextlib.suppress(MissionRawError):
-                self._raw.cancel_mission_download()
-        return self._cancelled(f"download of the {self._plan_name}", now_s)
-
-    def statistics(self, now_s: float | None = None) -> TransferStatistics:
-        """What it has cost, as far as MAVSDK tells."""
-        end_s = self._ended_s if self.done or now_s is None else now_s
-        return TransferStatistics(self.mission_type, self._count, 0, 0, 0, end_s - self._began_s)
 
 
 class MavsdkUpload(_Transfer):
@@ -226,19 +229,18 @@ class MavsdkUpload(_Transfer):
     """
 
     opaque_id = 0
+    _verb = "upload"
 
     def __init__(self, plan: MissionUpload, reading: MavsdkDownload, link: Callable[[], MavsdkLink]) -> None:
         super().__init__(plan.mission_type, plan.target, plan.profile, link)
         self.confirmed_s: float | None = None
         self._plan = plan
+        self._count = len(plan.items)
         self._reading = reading
-        self._verified = False
         self._refused: TransferFailed | None = None
-        self._first_s = 0.0
 
     def start(self, now_s: float) -> Output:
         """Begin the upload."""
-        self._first_s = now_s
         raw = [
             RawItem(*(getattr(message, field) for field in _ITEM_FIELDS))
             for message in self._plan.item_messages()
@@ -263,7 +265,7 @@ class MavsdkUpload(_Transfer):
             self.confirmed_s = now_s
         elif _REASONS.get(result) is not FailureReason.TIMEOUT:
             state = PlanState.OLD if self._profile.atomic else PlanState.UNKNOWN
-            self._refused = self._failure(f"upload of the {self._plan_name}", result, state)
+            self._refused = self._failure(result, state)
             if self._profile.atomic:
                 return self._finish(now_s, self._refused)
         # What a vehicle that overwrites in place holds after a refusal is to be told. After a timeout it may
@@ -273,20 +275,7 @@ class MavsdkUpload(_Transfer):
 
     def next_deadline(self) -> float | None:
         """When `poll` has something to do, None before the start and after the end."""
-        return self._reading.next_deadline() if self._call is None else self._due_s
-
-    def cancel(self, now_s: float) -> Output:
-        """Break off."""
-        if self.mission_type is MissionType.MISSION and self._call is not None:
-            with contextlib.suppress(MissionRawError):
-                self._raw.cancel_mission_upload()
-        return self._cancelled(f"upload of the {self._plan_name}", now_s)
-
-    def statistics(self, now_s: float | None = None) -> TransferStatistics:
-        """What it has cost, as far as MAVSDK tells."""
-        end_s = self._ended_s if self.done or now_s is None else now_s
-        count, spent_s = len(self._plan.items), end_s - self._first_s
-        return TransferStatistics(self.mission_type, count, 0, 0, 0, spent_s, self._verified)
+        return super().next_deadline() if self._call is not None else self._reading.next_deadline()
 
     def _after_reading(self, read: Output, now_s: float) -> Output:
         """Compare what was read with what was sent."""
@@ -299,7 +288,7 @@ class MavsdkUpload(_Transfer):
                 held = told_of_held(self._plan.items, end.items, self._profile)
             return self._finish(now_s, replace(self._refused, text=f"{self._refused.text}; {held}"))
         if isinstance(end, TransferFailed):
-            text = f"the {self._plan_name} was sent but not verified: {end.text}"
+            text = f"the {self.mission_type.name.lower()} was sent but not verified: {end.text}"
             return self._finish(now_s, replace(end, text=text, vehicle_plan=PlanState.UNKNOWN))
         assert isinstance(end, DownloadComplete)
         items = self._plan.items
@@ -311,12 +300,7 @@ class MavsdkUpload(_Transfer):
             progress = Progress(self.mission_type, len(items), len(items))
             return self._finish(now_s, progress, UploadVerified(self.mission_type, len(items)))
         if self.confirmed_s is None:
-            return self._finish(
-                now_s,
-                self._failure(
-                    f"upload of the {self._plan_name}", MissionRawResult.TIMEOUT, PlanState.UNKNOWN
-                ),
-            )
+            return self._finish(now_s, self._failure(MissionRawResult.TIMEOUT, PlanState.UNKNOWN))
         different = different_plan(self.mission_type, differences, PlanState.UNKNOWN)
         return self._finish(now_s, different)
 

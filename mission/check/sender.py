@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from mission.check.peer import FailedError, Peer
+from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import is_a
 from mission.model import MissionItem, MissionType
@@ -30,6 +31,13 @@ class Sender:
         ]
         self.peer = peer
         self.items = [*home, *items] if peer.profile.home_at_zero else list(items)
+
+    @classmethod
+    def begun(cls, peer: Peer, items: Sequence[MissionItem]) -> Sender:
+        """Return an upload whose item 0 is asked for."""
+        sender = cls(peer, items)
+        sender.begin()
+        return sender
 
     def begin(self, kind: int = MISSION) -> None:
         """Send COUNT until item 0 is asked for; FailedError if it is not."""
@@ -74,8 +82,13 @@ class Sender:
 
     def cancel(self) -> None:
         """Break off, and wait until the vehicle has."""
-        self.peer.send(m.MAVLink_mission_ack_message(*self.peer.address, wire.OPERATION_CANCELLED, MISSION))
+        self.peer.send(cancelling(self.peer))
         self.peer.sleep(_SETTLE_S)
+
+
+def cancelling(peer: Peer) -> Message:
+    """Return the message that breaks a transfer of the mission off."""
+    return wire.ack(peer.address, wire.OPERATION_CANCELLED, MISSION)
 
 
 def told(message: wire.RequestMessage | wire.AckMessage) -> str:

@@ -14,9 +14,11 @@ from mission.check.sender import (
     RE_REQUEST_S,
     REQUESTS,
     Sender,
+    cancelling,
     require_accepted,
     told,
 )
+from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import is_a
 from mission.model import MissionItem, MissionType
@@ -33,6 +35,10 @@ _COUNT = m.MAVLink_mission_count_message
 _OTHER_GROUND = GROUND[0] - 1
 
 
+def _listing(peer: Peer) -> Message:
+    return m.MAVLink_mission_request_list_message(*peer.address, MISSION)
+
+
 def _require_ours(peer: Peer, answer: wire.RequestMessage | wire.AckMessage) -> None:
     """Raise FailedError unless it is addressed to us: MAVSDK takes what goes to everybody for the end."""
     target = answer.target_system, answer.target_component
@@ -43,8 +49,7 @@ def _require_ours(peer: Peer, answer: wire.RequestMessage | wire.AckMessage) -> 
 @check("transfer.final-ack", "the last item is acknowledged by MISSION_ACK, addressed to us")
 def final_ack(peer: Peer) -> None:
     """Send a whole plan by hand."""
-    sender = Sender(peer, peer.items(3))
-    sender.begin()
+    sender = Sender.begun(peer, peer.items(3))
     answer = sender.finish()
     require_accepted(answer)
     _require_ours(peer, answer)
@@ -53,8 +58,7 @@ def final_ack(peer: Peer) -> None:
 @check("transfer.asks-first", "COUNT is answered by a request for item 0, addressed to us")
 def asks_first(peer: Peer) -> str:
     """Look at the request."""
-    sender = Sender(peer, peer.items(4))
-    sender.begin()
+    sender = Sender.begun(peer, peer.items(4))
     answer = peer.expect(REQUESTS, RE_REQUEST_S)
     sender.cancel()
     if answer is None:
@@ -66,8 +70,7 @@ def asks_first(peer: Peer) -> str:
 @check("transfer.asks-again", "an item that does not come is asked for again")
 def asks_again(peer: Peer) -> str:
     """Keep item 1 back."""
-    sender = Sender(peer, peer.items(4))
-    sender.begin()
+    sender = Sender.begun(peer, peer.items(4))
     sender.send(0)
     seen = 0
     began_s = peer.now()
@@ -85,8 +88,7 @@ def asks_again(peer: Peer) -> str:
 @check("transfer.duplicate-count", "a COUNT that comes twice does not spoil the upload")
 def duplicate_count(peer: Peer) -> None:
     """Send it again before item 0."""
-    sender = Sender(peer, peer.items(4))
-    sender.begin()
+    sender = Sender.begun(peer, peer.items(4))
     peer.send(_COUNT(*peer.address, len(sender.items), MISSION))
     require_accepted(sender.finish())
     peer.require_equal(peer.items(4))
@@ -95,8 +97,7 @@ def duplicate_count(peer: Peer) -> None:
 @check("transfer.duplicate-item", "an item that comes twice does not spoil the upload")
 def duplicate_item(peer: Peer) -> None:
     """Send item 0 twice."""
-    sender = Sender(peer, peer.items(4))
-    sender.begin()
+    sender = Sender.begun(peer, peer.items(4))
     sender.send(0)
     require_accepted(sender.finish())
     peer.sleep(0.5)
@@ -106,8 +107,7 @@ def duplicate_item(peer: Peer) -> None:
 @check("transfer.out-of-order", "an item out of order is not taken for the one that was asked for")
 def out_of_order(peer: Peer) -> None:
     """Send item 2 when item 0 is asked for, then go on as asked."""
-    sender = Sender(peer, peer.items(5))
-    sender.begin()
+    sender = Sender.begun(peer, peer.items(5))
     sender.send(2)
     answer = peer.expect(ANSWERS, RE_REQUEST_S)
     if answer is not None and wire.is_request(answer) and answer.seq > 0:
@@ -125,8 +125,7 @@ def out_of_order(peer: Peer) -> None:
 @check("transfer.wrong-type", "an item of another plan is not taken into the mission")
 def wrong_type(peer: Peer) -> None:
     """Send a fence item, then go on as asked."""
-    sender = Sender(peer, peer.items(4))
-    sender.begin()
+    sender = Sender.begun(peer, peer.items(4))
     peer.send(sender.message(0, int(MissionType.FENCE)))
     answer = peer.expect(ANSWERS, RE_REQUEST_S)
     if answer is not None and wire.is_request(answer) and answer.seq > 0:
@@ -140,8 +139,7 @@ def wrong_type(peer: Peer) -> None:
 @check("transfer.cancel", "after OPERATION_CANCELLED in an upload a new one works")
 def cancel(peer: Peer) -> None:
     """Break off after the first item."""
-    sender = Sender(peer, peer.items(6))
-    sender.begin()
+    sender = Sender.begun(peer, peer.items(6))
     sender.send(0)
     sender.cancel()
     peer.upload(peer.items(3))
@@ -151,8 +149,8 @@ def cancel(peer: Peer) -> None:
 def cancel_download(peer: Peer) -> None:
     """Break off after COUNT."""
     peer.upload(peer.items(4))
-    peer.ask(m.MAVLink_mission_request_list_message(*peer.address, MISSION), _COUNT)
-    peer.send(m.MAVLink_mission_ack_message(*peer.address, wire.OPERATION_CANCELLED, MISSION))
+    peer.ask(_listing(peer), _COUNT)
+    peer.send(cancelling(peer))
     peer.upload(peer.items(3))
 
 
@@ -166,8 +164,7 @@ def old_plan_kept(peer: Peer) -> None:
     """Send a mission, begin another, break off, read."""
     old = peer.items(6)
     peer.upload(old)
-    sender = Sender(peer, [replace(item, z=item.z + 5.0) for item in peer.items(4)])
-    sender.begin()
+    sender = Sender.begun(peer, [replace(item, z=item.z + 5.0) for item in peer.items(4)])
     last = len(sender.items) - 2
     for number in range(last):
         sender.send(number)
@@ -182,8 +179,7 @@ def old_plan_kept(peer: Peer) -> None:
 @check("transfer.silence", "after a client that fell silent a new upload works in 12 s")
 def silence(peer: Peer) -> str:
     """Vanish after item 0."""
-    sender = Sender(peer, peer.items(6))
-    sender.begin()
+    sender = Sender.begun(peer, peer.items(6))
     sender.send(0)
     peer.sleep(_GIVE_UP_S)
     peer.upload(peer.items(3))
@@ -207,8 +203,7 @@ def late_item(peer: Peer) -> None:
 )
 def last_ack_again(peer: Peer) -> None:
     """Do as if the last ACK had been lost."""
-    sender = Sender(peer, peer.items(4))
-    sender.begin()
+    sender = Sender.begun(peer, peer.items(4))
     require_accepted(sender.finish())
     peer.forget()
     sender.send(len(sender.items) - 1)
@@ -249,8 +244,7 @@ def bad_latitude(peer: Peer) -> str:
 @check("transfer.nan", "a yaw of NaN is stored or refused, and the vehicle lives on")
 def nan(peer: Peer) -> str:
     """Send it by hand, read it back."""
-    sender = Sender(peer, peer.items(4))
-    sender.begin()
+    sender = Sender.begun(peer, peer.items(4))
     index = 2 if peer.profile.home_at_zero else 1
     for number in range(index):
         sender.send(number)
@@ -317,11 +311,11 @@ def unknown_type(peer: Peer) -> str:
 def request_beyond(peer: Peer) -> None:
     """Ask for item 300 of 3."""
     peer.upload(peer.items(3))
-    peer.ask(m.MAVLink_mission_request_list_message(*peer.address, MISSION), _COUNT)
+    peer.ask(_listing(peer), _COUNT)
     peer.forget()
     peer.send(m.MAVLink_mission_request_int_message(*peer.address, 300, MISSION))
     answer = peer.expect(_ITEMS, 1.0)
-    peer.send(m.MAVLink_mission_ack_message(*peer.address, wire.OPERATION_CANCELLED, MISSION))
+    peer.send(cancelling(peer))
     if answer is not None:
         raise FailedError(f"item {answer.seq} comes")
     peer.upload(peer.items(2))
@@ -331,27 +325,26 @@ def request_beyond(peer: Peer) -> None:
 def re_read(peer: Peer) -> None:
     """Ask for item 0 twice, as after a loss."""
     peer.upload(peer.items(3))
-    peer.ask(m.MAVLink_mission_request_list_message(*peer.address, MISSION), _COUNT)
+    peer.ask(_listing(peer), _COUNT)
     question = m.MAVLink_mission_request_int_message(*peer.address, 0, MISSION)
     for number in (1, 2):
         if peer.ask(question, m.MAVLink_mission_item_int_message, where=lambda a: a.seq == 0) is None:
             raise FailedError(f"request {number} of item 0 gives no MISSION_ITEM_INT")
-    peer.send(m.MAVLink_mission_ack_message(*peer.address, wire.OPERATION_CANCELLED, MISSION))
+    peer.send(cancelling(peer))
 
 
 @check("transfer.second-station", "a second ground station does not get into an upload")
 def second_station(peer: Peer) -> str:
     """Announce a plan from another system in the middle of ours."""
     items = peer.items(4)
-    sender = Sender(peer, items)
-    sender.begin()
+    sender = Sender.begun(peer, items)
     sender.send(0)
     peer.expect(REQUESTS, RE_REQUEST_S, lambda a: a.seq == 1)
     peer.forget()
     peer.send_as(_OTHER_GROUND, _COUNT(*peer.address, 2, MISSION))
     answer = peer.expect(ANSWERS, where=lambda a: a.target_system == _OTHER_GROUND)
     if answer is not None and not (is_a(answer, ACK) and answer.type != wire.ACCEPTED):
-        peer.send_as(_OTHER_GROUND, wire.ack(peer.address, wire.OPERATION_CANCELLED, MISSION))
+        peer.send_as(_OTHER_GROUND, cancelling(peer))
         # Not all know cancelling: what is left of it runs out.
         peer.sleep(peer.profile.abort_s + 1.0)
         raise FailedError(f"{told(answer)} of the second station")
@@ -367,7 +360,7 @@ def components(peer: Peer) -> None:
         question = m.MAVLink_mission_request_list_message(peer.address[0], component, MISSION)
         if peer.ask(question, _COUNT) is None:
             raise FailedError(f"no MISSION_COUNT for component {component}")
-        peer.send(wire.ack(peer.address, wire.OPERATION_CANCELLED, MISSION))
+        peer.send(cancelling(peer))
 
 
 @check("transfer.foreign-system", "a request for another system is not answered")
@@ -377,13 +370,12 @@ def foreign_system(peer: Peer) -> None:
     peer.forget()
     peer.send(m.MAVLink_mission_request_list_message(other, peer.address[1], MISSION))
     if peer.expect((_COUNT,)) is not None:
-        peer.send(wire.ack(peer.address, wire.OPERATION_CANCELLED, MISSION))
+        peer.send(cancelling(peer))
         raise FailedError(f"it answers a request for system {other}")
 
 
 def _refused(peer: Peer, items: Sequence[MissionItem]) -> str:
-    sender = Sender(peer, items)
-    sender.begin()
+    sender = Sender.begun(peer, items)
     answer = sender.finish()
     if answer.type == wire.ACCEPTED:
         raise FailedError("it is accepted")

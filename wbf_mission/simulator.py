@@ -65,16 +65,6 @@ class Simulated:
 def parse_home(text: str) -> tuple[GeoPoint, float]:
     """Read ``LAT,LON[,ALT[,HEADING]]``.
 
-    Returns
-    -------
-    tuple of GeoPoint and float
-        The position and the compass heading in degrees.
-
-    Raises
-    ------
-    ScenarioError
-        If it is not two to four numbers, or no position on the globe.
-
     Examples
     --------
     >>> parse_home("28.05,-82.15,30,90")

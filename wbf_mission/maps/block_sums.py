@@ -17,19 +17,10 @@ Floats = NDArray[np.float64]
 def sum_pixels(
     mask: NDArray[np.bool_], value: NDArray[np.float32], pixel: int, sums: Floats, least: Floats
 ) -> None:
-    """Sum values in 0..1 over the pixels of a farm.
+    """Sum values in 0..1, float32[W, H], of the cells of a mask over the pixels of a farm.
 
-    Parameters
-    ----------
-    mask : bool[W, H]
-        The cells that count.
-    value : float32[W, H]
-    pixel : int
-        Side of a pixel, cells.
-    sums : float64[pixels along x, pixels along y, 4]
-        Added to: number of cells, sum of 1 - value, sum of value (1 - value), cells below `SICK_BELOW`.
-    least : float64[pixels along x, pixels along y]
-        Lowered to the least value of each pixel.
+    To float64[pixels along x, y, 4] are added: number of cells, sum of 1 - value, sum of value (1 - value),
+    cells below `SICK_BELOW`; `least` is lowered to the least value of each pixel.
     """
     width, height = mask.shape
     for x in range(width):

@@ -94,13 +94,7 @@ class VehicleAssignment:
     def of(
         cls, scenario: Scenario, builder: MissionBuilder, *, system_id: int = 1, progress: Progress = silent
     ) -> VehicleAssignment:
-        """Return the task of a vehicle.
-
-        Raises
-        ------
-        PlanningError, ScenarioError
-            If the budget is not understood, or does not fit the vehicle.
-        """
+        """Return the task of a vehicle."""
         farm = builder.farm
         means, text = _means(scenario.mission, builder)
         request = PlanningRequest(
@@ -126,13 +120,7 @@ class VehicleAssignment:
         return replace(self, request=replace(self.request, seed=_planner_seed(self.seed, number)))
 
     def report(self, *, steered: bool = False) -> VehicleReport:
-        """Return the vehicle as it stands at its start, ready for its first path.
-
-        Parameters
-        ----------
-        steered : bool
-            Whether that will be changed in flight; see `plan_of`.
-        """
+        """Return the vehicle as it stands at its start, for its first path; `steered` as of `plan_of`."""
         return VehicleReport(
             self.system_id,
             self.request,
@@ -150,11 +138,6 @@ class VehicleAssignment:
         """Return what tells what flying on costs the vehicle, in what state and on what path it is.
 
         The last argument is whether its autopilot leaves its mission for a change.
-
-        Parameters
-        ----------
-        first_m : float64[n, 2]
-            The path that is flown first.
         """
         rough = leg_travel_cost(self.request, self.builder)
         if isinstance(rough, GeometricTravelCost):
@@ -172,13 +155,8 @@ class VehicleAssignment:
     def plan_of(self, decision: Decision, decided_by: str, *, steered: bool = False) -> PlanResult:
         """Return the plan that flies the path of this vehicle in a decision.
 
-        Parameters
-        ----------
-        decided_by : str
-            Planner or policy, with its parameters.
-        steered : bool
-            Whether the path is changed in flight: then the way to the first point is looked at, too, and a
-            point that is named again is a joint of two pieces, not a stay.
+        A `steered` path is changed in flight: then the way to its first point is looked at, too, and a point
+        that is named again is a joint of two pieces, not a loiter.
         """
         spacing_m = decision.spacing_m.get(self.system_id)
         path = PlannedPath(decision.paths[self.system_id], spacing_m, decided_by)

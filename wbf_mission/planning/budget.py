@@ -112,16 +112,7 @@ class FlightBudget:
 def flight_budget(
     limit: float, unit: str, builder: MissionBuilder, reserve: ReserveCharge | None = None
 ) -> FlightBudget:
-    """Return a budget that is charged by predicted flights.
-
-    Parameters
-    ----------
-    unit : {"s", "Wh"}
-    builder : MissionBuilder
-        Makes and predicts the mission of a path.
-    reserve : ReserveCharge, optional
-        What is charged beyond the predictions of an exact estimate.
-    """
+    """Return a budget in "s" or "Wh" that is charged by predicted flights, and what the reserve asks for."""
 
     def mission_of(path_xy_m: NDArray[np.float64]) -> Mission:
         points = np.asarray(path_xy_m, dtype=np.float64).reshape(-1, 2)
@@ -174,23 +165,11 @@ def flight_budget(
 
 
 def make_budget(text: str | None, builder: MissionBuilder, *, steered: bool = False) -> tuple[Budget, str]:
-    """Return a budget and how to say it.
+    """Return a budget and how to say it; PlanningError or ScenarioError if it does not suit the vehicle.
 
-    Parameters
-    ----------
-    text : str or None
-        As of `mission.planners.parse_budget`; None: the vehicle's battery less its reserve, for the ideal
-        vehicle 0.4 times the owner's cells in timesteps.
-    steered : bool
-        The path is decided in flight: of the battery's usable part a little is spared then, because the last
-        decision is priced from what telemetry tells, which is rounded and a moment old.
-
-    Raises
-    ------
-    PlanningError
-        If the budget is not understood.
-    ScenarioError
-        If the budget's unit does not fit the vehicle.
+    Without a text it is the vehicle's battery less its reserve, for the ideal vehicle 0.4 times the owner's
+    cells in timesteps. Of a battery a little is spared if the path is `steered`: the last decision is priced
+    from what telemetry tells, which is rounded and a moment old.
     """
     farm, vehicle = builder.farm, builder.vehicle
     home = None if vehicle.is_ideal else builder.home_m

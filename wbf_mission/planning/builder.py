@@ -197,15 +197,7 @@ class MissionBuilder:
 
     @classmethod
     def of(cls, one: VehicleParts, farm: Farm, home_m: tuple[float, float] | None = None) -> MissionBuilder:
-        """Return the builder of a run's vehicle, which starts at the farm's home if nothing else is said.
-
-        Raises
-        ------
-        VehicleError
-            If the vehicle or a parameter of its autopilot is unknown, or a value out of range.
-        ScenarioError
-            If it cannot fly in that wind or at that speed.
-        """
+        """Return the builder of a run's vehicle, which starts at the farm's home if nothing else is said."""
         camera, mission, options = one.camera, one.mission, one.vehicle
         vehicle = flown_vehicle(options)
         check_speed(mission, vehicle)
@@ -370,13 +362,7 @@ class MissionBuilder:
 
 
 def flown_vehicle(vehicle: VehicleOptions) -> VehicleSpec:
-    """Return a vehicle as its autopilot flies it.
-
-    Raises
-    ------
-    VehicleError
-        If the vehicle or a parameter is unknown, or a value out of range.
-    """
+    """Return a vehicle as its autopilot flies it."""
     return with_autopilot(get_vehicle(vehicle.name), vehicle.autopilot, vehicle.parameters)
 
 

@@ -37,13 +37,7 @@ class FlightLevel:
 
 
 def flight_level(mission: MissionOptions, vehicle: VehicleOptions) -> FlightLevel:
-    """Return the height and speed of a mission's flight: as asked for, else what the vehicle is built for.
-
-    Raises
-    ------
-    VehicleError
-        If the vehicle is unknown.
-    """
+    """Return the height and speed of a mission's flight: as asked for, else what the vehicle is built for."""
     built = get_vehicle(vehicle.name)
     return FlightLevel(
         mission.altitude_m or built.takeoff_altitude_m, mission.cruise_speed_m_s or built.cruise_speed_m_s
@@ -59,16 +53,9 @@ def wind_of_run(scenario: Scenario) -> Wind:
 def wind_of(
     weather: WeatherOptions, level: FlightLevel, seed: SeedSequence | int = 0, *, gusts: bool = True
 ) -> Wind:
-    """Return the wind of a weather.
+    """Return the wind of a weather, or without ``gusts`` its mean; Dryden's turbulence depends on the level.
 
-    Parameters
-    ----------
-    level : FlightLevel
-        Where and how fast is flown: Dryden's turbulence depends on it.
-    seed : SeedSequence or int
-        Of the gusts. Predictions must not know the run's, and leave it out.
-    gusts : bool
-        Without them the mean wind alone.
+    Predictions must not know the seed of the run's gusts, and leave it out.
 
     Examples
     --------
@@ -126,11 +113,6 @@ def separation_margin_m(first_m: float, second_m: float) -> float:
     """Return how much nearer to each other two vehicles may be than they believe.
 
     Three standard deviations of what their errors, which are independent, differ by, up to the next 0.1 m.
-
-    Parameters
-    ----------
-    first_m, second_m : float
-        Standard deviations of their errors.
 
     Examples
     --------

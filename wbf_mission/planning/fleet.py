@@ -73,13 +73,7 @@ class Vehicle:
         return noise_of(self.vehicle, self.task.seed, number.stream_names("navigation"))
 
     def starting_at(self, home_m: tuple[float, float]) -> Vehicle:
-        """Return the same vehicle, which starts and lands elsewhere.
-
-        Raises
-        ------
-        WbfMissionError
-            If the budget does not suit it from there.
-        """
+        """Return the same vehicle, which starts and lands elsewhere."""
         builder = MissionBuilder.of(self, self.task.builder.farm, home_m)
         return replace(self, task=self.task.moved(self.mission, builder))
 
@@ -89,11 +83,6 @@ def vehicles_of(scenario: Scenario, tell: Progress = silent) -> tuple[Vehicle, .
 
     The first one starts at the farm's home. The others stand behind it in a row that leads away from the
     farm. Ideal robots, which have no size, all start at home, as in the paper.
-
-    Raises
-    ------
-    WbfMissionError
-        If a vehicle is unknown or cannot fly, or the budget is not understood.
     """
     farm = get_farm(scenario.farm.name)
     vehicles = []
@@ -128,11 +117,6 @@ def single_scenarios(scenario: Scenario) -> tuple[Scenario, ...]:
     returns at the height of the layer. Layers are as far apart as told, and farther by what the vehicles err
     about their heights. A vehicle that stands farther behind crosses the columns in which those before it
     climb and land above all that they do there; they never come to its own.
-
-    Raises
-    ------
-    WbfMissionError
-        If a vehicle is unknown, or a layer is too high.
     """
     separation = scenario.vehicle.keeps
     layered = separation.kind == LAYERS and len(scenario.vehicle.fleet) > 1

@@ -50,15 +50,7 @@ class KeepOut:
 
     @classmethod
     def of(cls, farm: Farm, margin_m: float, stray: float) -> KeepOut:
-        """Return what a path of a farm with obstacles keeps out of.
-
-        Parameters
-        ----------
-        margin_m : float
-            How far the flown path stays away.
-        stray : float
-            How far it leaves the planned one, metres (`stray_m`).
-        """
+        """Return what a path keeps out of whose flight strays by so much and keeps a margin, metres."""
         distance_m = margin_m + stray
         wide = shapely.buffer(list(farm.obstacles), distance_m + _SMOOTH_M)
         # What is simplified moves by no more than it is too wide.
@@ -76,14 +68,6 @@ class KeepOut:
 
         Legs that keep away are flown as they are. A point that is too near an obstacle itself, as home may
         be, is left and come to on the shortest way.
-
-        Parameters
-        ----------
-        path_m : float64[n, 2]
-
-        Returns
-        -------
-        float64[m, 2], int64[m]
         """
         numbers = np.arange(len(path_m))
         if len(path_m) < 2:
@@ -128,17 +112,7 @@ def probe_path(start_m: tuple[float, float], speed_m_s: float) -> Points:
 
 
 def stray_m(planned_m: Points, flown: Iterable[Points], *, gusty: bool) -> float:
-    """Return how far from a planned path flights of it are to be expected, metres, up to the next 0.1 m.
-
-    Parameters
-    ----------
-    planned_m : float64[n, 2]
-        From home through the path and home.
-    flown : iterable of float64[m, 2]
-        Where the rehearsals led, off the ground.
-    gusty : bool
-        Whether the wind has gusts, of which only the statistics are known.
-    """
+    """Return how far from a planned path flights of it are to be expected, metres, up to the next 0.1 m."""
     planned = shapely.LineString(planned_m)
     shapely.prepare(planned)
     farthest_m = max(float(shapely.distance(shapely.points(one), planned).max(initial=0.0)) for one in flown)
@@ -155,13 +129,7 @@ def free_area(farm: Farm) -> Area:
 
 
 def flyable_area(farm: Farm, keep_out: KeepOut | None) -> Area:
-    """Return the owner's land over which a vehicle's path may lead.
-
-    Raises
-    ------
-    ScenarioError
-        If the obstacles leave nothing.
-    """
+    """Return the owner's land over which a vehicle's path may lead."""
     if keep_out is None:
         return free_area(farm)
     wide = [

@@ -75,15 +75,7 @@ def require_one_vehicle(scenario: Scenario) -> None:
 
 
 def planner_of(choice: Choice) -> Planner:
-    """Return the planner of a choice, with its parameters.
-
-    Raises
-    ------
-    PlanningError
-        If there is no such planner, or the object is none.
-    ParameterError
-        If it does not have one of the parameters.
-    """
+    """Return the planner of a choice, with its parameters."""
     return make_planner(choice.chosen, **choice.params)
 
 

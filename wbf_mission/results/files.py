@@ -78,6 +78,22 @@ class PredictionEntry(msgspec.Struct, forbid_unknown_fields=True):
     items: list[int] = msgspec.field(default_factory=list)
 
 
+_SAME = (
+    "day",
+    "flight",
+    "system_id",
+    "reason",
+    "camera",
+    "transfers",
+    "battery_used",
+    "flight_time_s",
+    "seen_before",
+    "texts",
+    "warnings",
+)
+"""What a flight's entry and its record both hold."""
+
+
 class FlightEntry(msgspec.Struct, forbid_unknown_fields=True):
     """A `FlightRecord` without its mission and tracks."""
 
@@ -118,30 +134,10 @@ def write_flights(flights: Sequence[FlightRecord], folder: Path) -> list[Path]:
     return written
 
 
-def flight_entries(flights: Sequence[FlightRecord]) -> list[FlightEntry]:
-    """Return what a record holds of flights."""
-    return [_entry(one) for one in flights]
-
-
 def read_flights(
     entries: Sequence[FlightEntry], folder: Path, farm: Farm, vehicles: Sequence[VehicleSpec], seed: int
 ) -> tuple[FlightRecord, ...]:
-    """Return the flights of a folder.
-
-    Parameters
-    ----------
-    entries : sequence of FlightEntry
-        Of its record.
-    vehicles : sequence of VehicleSpec
-        In the order of their system ids.
-    seed : int
-        The run's.
-
-    Raises
-    ------
-    ValueError
-        If the record or a table is damaged.
-    """
+    """Return the flights of a folder."""
     if not entries or not all(1 <= one.system_id <= len(vehicles) for one in entries):
         msg = "the record has no flights, or of vehicles that are not there"
         raise ValueError(msg)
@@ -154,21 +150,11 @@ def read_flights(
         key = (one.day, one.flight, one.system_id)
         flights.append(
             FlightRecord(
-                day=one.day,
-                flight=one.flight,
-                system_id=one.system_id,
+                **{name: getattr(one, name) for name in _SAME},
                 plan=_plan(number, one, folder, farm, vehicles[one.system_id - 1], seed),
                 outcome=Outcome(one.outcome),
-                reason=one.reason,
                 track=tracks.get(key, nowhere),
                 true_track=true_tracks.get(key),
-                camera=one.camera,
-                transfers=one.transfers,
-                battery_used=one.battery_used,
-                flight_time_s=one.flight_time_s,
-                seen_before=one.seen_before,
-                texts=one.texts,
-                warnings=one.warnings,
             )
         )
     return tuple(flights)
@@ -176,36 +162,31 @@ def read_flights(
 
 def track_table(flights: Sequence[FlightRecord]) -> Any:
     """Return the tracks of flights as one pyarrow table, with the true positions where they are known."""
-    import pyarrow as pa
-
     known = any(one.true_track is not None for one in flights)
-    tables = []
-    for one in flights:
-        columns = [*_numbers(one, len(one.track.time_s)), one.track.time_s, *_positions(one.track)]
-        names = [*_FLIGHT, *_TRACK]
-        if known:
-            true = one.track if one.true_track is None else one.true_track.at(one.track.time_s)
-            columns += _positions(true)
-            names += [f"true_{name}" for name in _TRACK[1:]]
-        tables.append(pa.table(dict(zip(names, columns, strict=True))))
-    return pa.concat_tables(tables)
+    return _table(flights, [one.track for one in flights], with_true=known)
 
 
 def true_track_table(flights: Sequence[FlightRecord]) -> Any:
     """Return the true tracks of flights as one pyarrow table."""
+    return _table(flights, [one.true_track for one in flights])
+
+
+def _table(
+    flights: Sequence[FlightRecord], tracks: Sequence[Track | None], *, with_true: bool = False
+) -> Any:
     import pyarrow as pa
 
     tables = []
-    for one in flights:
-        if one.true_track is not None:
-            track = one.true_track
-            columns = [*_numbers(one, len(track.time_s)), track.time_s, *_positions(track)]
-            tables.append(pa.table(dict(zip([*_FLIGHT, *_TRACK], columns, strict=True))))
+    for one, track in zip(flights, tracks, strict=True):
+        if track is None:
+            continue
+        numbers = [np.full(len(track.time_s), k, np.int32) for k in (one.day, one.flight, one.system_id)]
+        columns = dict(zip([*_FLIGHT, *_TRACK], [*numbers, track.time_s, *_positions(track)], strict=True))
+        if with_true:
+            true = track if one.true_track is None else one.true_track.at(track.time_s)
+            columns |= zip([f"true_{name}" for name in _TRACK[1:]], _positions(true), strict=True)
+        tables.append(pa.table(columns))
     return pa.concat_tables(tables)
-
-
-def _numbers(flight: FlightRecord, rows: int) -> list[np.ndarray[Any, Any]]:
-    return [np.full(rows, one, np.int32) for one in (flight.day, flight.flight, flight.system_id)]
 
 
 def _positions(track: Track) -> list[np.ndarray[Any, Any]]:
@@ -225,35 +206,14 @@ def _read_tracks(path: Path) -> dict[tuple[int, int, int], Track]:
 
 def _entry(flight: FlightRecord) -> FlightEntry:
     plan, prediction = flight.plan, flight.plan.prediction
+    planned = {name: getattr(plan, name) for name in PlanEntry.__struct_fields__}
+    predicted = {name: getattr(prediction, name) for name in PredictionEntry.__struct_fields__}
+    arrays = {"items": prediction.items.tolist(), "track_m": prediction.track_m.tolist()}
     return FlightEntry(
-        day=flight.day,
-        flight=flight.flight,
-        system_id=flight.system_id,
+        **{name: getattr(flight, name) for name in _SAME},
         outcome=flight.outcome.value,
-        reason=flight.reason,
-        plan=PlanEntry(
-            planner=plan.planner,
-            path_m=plan.path_m.tolist(),
-            spacing_m=plan.spacing_m,
-            budget_text=plan.budget_text,
-            length_m=plan.length_m,
-            coverage=plan.coverage,
-            batteries=plan.batteries,
-        ),
-        prediction=PredictionEntry(
-            **{
-                **{name: getattr(prediction, name) for name in prediction.__dataclass_fields__},
-                "items": prediction.items.tolist(),
-                "track_m": prediction.track_m.tolist(),
-            }
-        ),
-        camera=flight.camera,
-        transfers=flight.transfers,
-        battery_used=flight.battery_used,
-        flight_time_s=flight.flight_time_s,
-        seen_before=flight.seen_before,
-        texts=[(time_s, int(severity), text) for time_s, severity, text in flight.texts],
-        warnings=list(flight.warnings),
+        plan=PlanEntry(**{**planned, "path_m": plan.path_m.tolist()}),
+        prediction=PredictionEntry(**{**predicted, **arrays}),
     )
 
 
@@ -284,6 +244,10 @@ PROBABILITIES = "probabilities_"
 DECISIONS = "decisions.parquet"
 _DAYS = "_days"
 _SCORE = ("field_loss", "field_mse", "field_mae", "field_weighted_mae")
+
+
+_PLAIN = ("simulated_s", "frames", "timings_s", "environment_cached")
+"""What a result and its record both hold."""
 
 
 class _Day(msgspec.Struct, forbid_unknown_fields=True):
@@ -439,10 +403,7 @@ def read_result(folder: Path, kind: type[R]) -> R:
         truth=truth,
         model=model,
         history=_read_history(folder / "scores.parquet", fields.names),
-        simulated_s=record.simulated_s,
-        frames=record.frames,
-        timings_s=record.timings_s,
-        environment_cached=record.environment_cached,
+        **{name: getattr(record, name) for name in _PLAIN},
         fields=fields,
         maps=read_maps(folder / "maps.npz", "estimate", farm, fields),
         true_maps=read_maps(folder / "maps.npz", "truth", farm, fields),
@@ -469,13 +430,10 @@ def _record(result: RunRecord, files: tuple[str, ...]) -> _Record:
     return _Record(
         format=FORMAT,
         scenario=result.scenario.to_dict(),
-        flights=flight_entries(result.flights),
+        flights=[_entry(one) for one in result.flights],
         decisions=[DecisionEntry.of(one) for one in result.decisions],
         days=[_Day(one.day, one.report) for one in result.days],
-        simulated_s=result.simulated_s,
-        frames=result.frames,
-        timings_s=result.timings_s,
-        environment_cached=result.environment_cached,
+        **{name: getattr(result, name) for name in _PLAIN},
         fields=tuple(field_to_table(field) for field in result.fields),
         files=files,
     )

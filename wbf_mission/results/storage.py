@@ -33,13 +33,7 @@ def write_table(path: Path, table: Any, *, group_rows: int | None = None) -> Non
 
 
 def read_table(path: Path, columns: tuple[str, ...]) -> Any:
-    """Read a Parquet file as a pyarrow table.
-
-    Raises
-    ------
-    ResultError
-        If it cannot be read, or lacks one of the columns.
-    """
+    """Read a Parquet file as a pyarrow table."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -52,13 +46,7 @@ def read_table(path: Path, columns: tuple[str, ...]) -> Any:
 
 
 def read_batches(path: Path, columns: tuple[str, ...]) -> Iterator[Any]:
-    """Read a Parquet file in parts, as pyarrow record batches of a few hundred rows.
-
-    Raises
-    ------
-    ResultError
-        As `read_table`; if a later part is damaged, after the parts before it.
-    """
+    """Read a Parquet file in parts, as pyarrow record batches of a few hundred rows."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -91,22 +79,7 @@ class ArrayFileError(WbfMissionError, ValueError):
 
 
 def write_array(path: Path, array: NDArray[np.floating], fields: Sequence[str]) -> None:
-    """Write an array over a farm, complete or not at all.
-
-    Parameters
-    ----------
-    path : Path
-        The file to make or replace.
-    array : float[n, W, H] or float[days, n, W, H]
-        Written as float32.
-    fields : sequence of str
-        Names of the n fields; kept as the attribute ``fields``.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written.
-    """
+    """Write float[n, W, H] or float[days, n, W, H] over a farm as float32, complete or not at all."""
     import zarr
     from zarr.codecs import BloscCodec
     from zarr.storage import ZipStore
@@ -173,13 +146,7 @@ def write_maps(path: Path, maps: dict[str, tuple[FieldMap, ...]]) -> None:
 
 
 def read_maps(path: Path, kind: str, farm: Farm, fields: FieldSet) -> tuple[FieldMap, ...]:
-    """Return the maps of a kind; none without a file.
-
-    Raises
-    ------
-    ValueError
-        If the file is no archive of such maps of this farm.
-    """
+    """Return the maps of a kind; none without a file."""
     if not path.is_file():
         return ()
     try:

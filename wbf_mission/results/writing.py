@@ -110,11 +110,6 @@ class ResultFolder:
         picture, whose estimator takes as much, finds room there. The first Ctrl-C leaves out the pictures
         that are not there yet, the second everything. The result of an interrupted flight, or one without its
         pictures, goes beside an older result, into a folder whose name ends in ``.interrupted``.
-
-        Raises
-        ------
-        OSError
-            If a file cannot be written; then an older result is as it was.
         """
         from wbf_mission.pictures.animation import animate
 

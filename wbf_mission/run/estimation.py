@@ -49,13 +49,7 @@ _PROGRAM_BYTES = 300_000_000
 
 
 def resolved(scenario: Scenario) -> Scenario:
-    """Return a scenario that names its estimator: its own, else the best one that its farm can afford.
-
-    Raises
-    ------
-    FarmError
-        If the farm has to be looked at and is unknown.
-    """
+    """Return a scenario that names its estimator: its own, else the best one that its farm can afford."""
     if scenario.estimate.estimator is not None:
         return scenario
     farm = get_farm(scenario.farm.name)
@@ -67,13 +61,7 @@ def resolved(scenario: Scenario) -> Scenario:
 
 
 def estimator_of(choice: Choice, seed: int, fields: FieldSet) -> Estimator:
-    """Return the estimator of a choice for these fields, with a seed that does not tell the run's.
-
-    Raises
-    ------
-    EstimatorError
-        If the name or a parameter is unknown, an object is no estimator, or it does not know the fields.
-    """
+    """Return the estimator of a choice for these fields, with a seed that does not tell the run's."""
     if choice.made is None:
         return make_estimator(
             choice.name, fields=fields, random_state=sealed_seed(seed, "estimator"), **choice.params
@@ -111,19 +99,7 @@ def points_a_flight(points: int, flights: int) -> int:
 def readings_a_score(
     points: int | None, farm: Farm, estimator: Estimator, flights: int, expected: float, *, ideal: bool
 ) -> int:
-    """Return after how many observations of a flight the estimate is scored.
-
-    Parameters
-    ----------
-    points : int or None
-        How often it is to be scored; None: as often as the farm can afford.
-    flights : int
-        Of the run.
-    expected : float
-        How many observations are expected of the flight.
-    ideal : bool
-        Whether the paper's robots fly.
-    """
+    """Return after how many observations of a flight the estimate is scored."""
     if points is None:
         if ideal and farm.owner_cells <= SMALL_FARM_CELLS:
             return 1
@@ -132,13 +108,7 @@ def readings_a_score(
 
 
 def require_run_memory(farm: Farm, estimator: Estimator, n_observations: int) -> None:
-    """Foresee the memory of a whole run.
-
-    Raises
-    ------
-    NotEnoughMemoryError
-        If the machine, a control group or the process's limit does not leave as much.
-    """
+    """Foresee the memory of a whole run."""
     shape = (farm.width_cells, farm.height_cells)
     require_memory(
         f"flying {farm.name} ({shape[0]} x {shape[1]} cells) with {type(estimator).__name__}",
@@ -234,14 +204,7 @@ class RunEstimate:
         self._waiting: deque[Future[None]] = deque()
 
     def add(self, parts: Sequence[Observations], offset_s: float = 0.0) -> None:
-        """Take observations; what is seen up to a time that is scored is learned then.
-
-        Parameters
-        ----------
-        parts : sequence of Observations
-        offset_s : float
-            Seconds from the beginning of the run to their time 0.
-        """
+        """Take observations; what is seen up to a time that is scored is learned then."""
         while self._waiting and self._waiting[0].done():
             self._waiting.popleft().result()
         for part in parts:
@@ -264,14 +227,7 @@ class RunEstimate:
         return model
 
     def begin_day(self, day: int, truth: NDArray[np.float32], time_s: float) -> None:
-        """Go on to another day, and score against its truth what is believed before anything is seen of it.
-
-        Parameters
-        ----------
-        truth : float32[n, W, H]
-        time_s : float
-            Seconds since the beginning of the run.
-        """
+        """Go on to another day; score against its truth what is believed before anything is seen of it."""
         self._catch_up()
         self.day = day
         self._score.advance(truth)
@@ -288,15 +244,7 @@ class RunEstimate:
         self._seen_before = self._seen
 
     def hold(self, times: int, time_s: float) -> None:
-        """Score what is believed as often as during a flight that is not made.
-
-        Parameters
-        ----------
-        times : int
-            At least one.
-        time_s : float
-            Seconds since the beginning of the run.
-        """
+        """Score what is believed as often as during a flight that is not made."""
         self._catch_up()
         self._evaluate(time_s)
         history, again = self.history, times - 1
@@ -359,13 +307,7 @@ def attribute_errors_to(estimator: Estimator) -> Iterator[None]:
 
 
 def believed(estimator: Estimator) -> InformationModel:
-    """Return what an estimator predicts; one that is no part of this program is held to the contract.
-
-    Raises
-    ------
-    EstimatorError
-        If it fails, or gives no model of the form and within the range that there is.
-    """
+    """Return what an estimator predicts; one that is no part of this program is held to the contract."""
     with attribute_errors_to(estimator):
         model = estimator.predict()
     if type(estimator).__module__.partition(".")[0] not in PACKAGES:

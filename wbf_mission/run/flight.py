@@ -90,22 +90,7 @@ def plan_flight(
     decisions: list[DecisionRecord],
     gone: Collection[int] = (),
 ) -> PlannedFlight:
-    """Ask for the paths of a flight; vehicles whose paths have no points stay on the ground.
-
-    Parameters
-    ----------
-    evidence : Evidence
-        What is known by then.
-    decisions : list of DecisionRecord
-        Takes what is decided.
-    gone : collection of int
-        System ids of the vehicles that do not fly any more.
-
-    Raises
-    ------
-    WbfMissionError
-        If there is no path within the budget.
-    """
+    """Ask for the paths of a flight; vehicles whose paths have no points stay on the ground."""
     there = [one for one in run.vehicles if one.task.system_id not in gone]
     numbers = [SortieNumber(day, flight, one.task.system_id, run.first_day) for one in there]
     vehicles = [
@@ -235,16 +220,6 @@ def departure_delays(plans: Sequence[PlanResult], distance_m: float, margin_m: f
 
     In their order each starts as soon as its predicted flight keeps the distance from those before it. The
     paper's robots, which have no size, start at once.
-
-    Parameters
-    ----------
-    margin_m : float
-        How much nearer to each other two vehicles may be than they believe.
-
-    Raises
-    ------
-    ScenarioError
-        If a vehicle would have to wait for more than two hours.
     """
     flights: list[tuple[Positions, int]] = []
     delays = []

@@ -109,13 +109,7 @@ class JointFlight:
         return Flight([sortie.record() for sortie in self.sorties], self.now_s, self.frames)
 
     def maneuver(self, kind: Maneuver, only: Sortie | None = None) -> None:
-        """Take every vehicle that is not down out of its mission, or one of them.
-
-        Raises
-        ------
-        NotFlyingError
-            If one does not fly, or somebody else flies it.
-        """
+        """Take every vehicle that is not down out of its mission, or one of them."""
         for sortie in self.sorties if only is None else (only,):
             if not sortie.done:
                 sortie.send(sortie.ground.maneuver(kind, self.now_s))
@@ -173,13 +167,7 @@ class JointFlight:
                 self._tell("flying", longest_s, self._expected_s)
 
     def interrupt(self) -> None:
-        """Stop where we are; what was seen so far is kept.
-
-        Raises
-        ------
-        NotStartedError
-            If no real vehicle has been started: nothing was flown.
-        """
+        """Stop where we are; what was seen so far is kept."""
         left = {one.system_id: not_started(one.ground) for one in self.sorties}
         if self._attendant is not None and all(one.ground.started_s is None for one in self.sorties):
             told = {number: text for number, text in left.items() if text is not None}

@@ -163,15 +163,7 @@ class DayRecord:
     model: InformationModel | None = None
 
     def summary(self, history: ScoreHistory, flights: int, observations: int) -> dict[str, Any]:
-        """Return plain values for JSON.
-
-        Parameters
-        ----------
-        history : ScoreHistory
-            The run's.
-        flights, observations : int
-            How many there were on the day.
-        """
+        """Return plain values for JSON."""
         own = history.of_day(self.day)
         last = own.entries[-1] if own.entries else None
         return {

@@ -196,13 +196,7 @@ def resolve(
 
 
 def decider_of(scenario: Scenario) -> Decider:
-    """Return who decides where the vehicles of a run fly: its mission file, policy or planner.
-
-    Raises
-    ------
-    WbfMissionError
-        If there is no such policy or planner, or several vehicles are to fly one file.
-    """
+    """Return who decides where the vehicles of a run fly: its mission file, policy or planner."""
     options = scenario.mission
     if options.file is not None:
         require_one_vehicle(scenario)

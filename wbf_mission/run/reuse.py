@@ -55,16 +55,9 @@ _IMAGE_ID = mavlink.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY.to_bytes(3, "little")
 
 
 def log_of_readings(log: FrameLog, readings: NDArray[np.float32], layout: LeafLayout) -> FrameLog:
-    """Return the log of the same flight with other readings.
+    """Return the log of the same flight with other readings, float32[n, fields] by their numbers.
 
-    Parameters
-    ----------
-    log : FrameLog
-        Of MAVLink 2 frames that are not signed, as our own components send them.
-    readings : float32[n, fields]
-        By their numbers.
-    layout : LeafLayout
-        Of the cameras.
+    Its frames are MAVLink 2 and not signed, as our own components send them.
     """
     told = FrameLog()
     reader = FrameReader()

@@ -76,17 +76,6 @@ class Reach:
     def absence_s(self, position_m: tuple[float, float], onward_m: Points) -> float:
         """Return after how long at most a vehicle that was heard here last is in range again.
 
-        Parameters
-        ----------
-        position_m : tuple of float
-        onward_m : float64[n, 2]
-            Where it flies from there, the way home included.
-
-        Returns
-        -------
-        float
-            The time of the whole rest where that never comes back into range.
-
         Examples
         --------
         >>> reach = Reach(10.0, (0.0, 0.0), 0.0, 2.5, 2.0)

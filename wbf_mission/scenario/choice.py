@@ -46,18 +46,6 @@ class Choice:
 def choose(value: Any, what: str) -> Choice:
     """Return the choice that a text, a table of a file, or an object is.
 
-    Parameters
-    ----------
-    value : str, dict, Choice or object
-        ``name:key=value,...``, ``{"name": ..., key: value}``, or a planner or estimator.
-    what : str
-        Of what, for errors.
-
-    Raises
-    ------
-    ScenarioError
-        If it is empty or no such text or table.
-
     Examples
     --------
     >>> choose("lawnmower:direction=0.3", "planner")
@@ -97,11 +85,6 @@ _OBJECT = {
 
 def split_choices(text: str, what: str) -> list[str]:
     """Cut several choices that are separated by commas, as their parameters are.
-
-    Raises
-    ------
-    ScenarioError
-        If there is none, or the text cannot be read.
 
     Examples
     --------

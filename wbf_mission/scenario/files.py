@@ -34,11 +34,6 @@ def scenario_ids() -> tuple[str, ...]:
 def scenario_file(given: str | Path) -> Path:
     """Return the file of a scenario that is given by its id, or the path that is given.
 
-    Raises
-    ------
-    ScenarioError
-        If it looks like an id and is none.
-
     Examples
     --------
     >>> scenario_file("WBF/Miniberry-30-v1").name, scenario_file("mine.toml").name
@@ -103,13 +98,7 @@ def take_faults(table: dict[str, Any], path: Path) -> tuple[Fault, ...]:
 
 
 def read_table(path: str | Path) -> dict[str, Any]:
-    """Read a TOML file, or that of an id, as it is.
-
-    Raises
-    ------
-    ScenarioError
-        If it cannot be read, is too large or is not TOML, or there is no such id.
-    """
+    """Read a TOML file, or that of an id, as it is."""
     try:
         return read_toml(scenario_file(path))
     except UnreadableError as error:

@@ -94,11 +94,6 @@ class SimOptions(Part):
 def parse_speed(speed: float | str) -> float:
     """Return a speed as a number; "max" is infinity.
 
-    Raises
-    ------
-    ScenarioError
-        If it is neither "max" nor a number from 0.01 to 10000.
-
     Examples
     --------
     >>> parse_speed("max"), parse_speed("2.5")
@@ -117,15 +112,7 @@ def parse_speed(speed: float | str) -> float:
 
 
 def load_sim(path: str | Path) -> tuple[Scenario, SimOptions, tuple[Fault, ...]]:
-    """Read a scenario file for the simulator: a scenario's keys, a table ``[sim]``, tables ``[[fault]]``.
-
-    Raises
-    ------
-    ScenarioError
-        If the file cannot be read, or something in it is wrong.
-    FaultError
-        If a fault is wrong.
-    """
+    """Read a scenario file for the simulator: a scenario's keys, a table ``[sim]``, tables ``[[fault]]``."""
     path = Path(path)
     table = read_table(path)
     faults = take_faults(table, path)

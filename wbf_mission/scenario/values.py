@@ -32,11 +32,6 @@ class Separation:
 def parse_separation(text: str) -> Separation:
     """Read ``layers:2m``, ``distance:5m`` or ``none``.
 
-    Raises
-    ------
-    ScenarioError
-        If it is none of these, or the distance is not 0.5 to 100 m.
-
     Examples
     --------
     >>> parse_separation("layers:2m")

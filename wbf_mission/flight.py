@@ -110,20 +110,20 @@ def fly(
         If the scenario cannot be planned or set up, or the preflight check finds an error in what is planned.
     """
     require_scenario(scenario)
-    tell = progress or silent
+    progress = progress or silent
     watch = Stopwatch()
     scenario = scenario_with(scenario, {"planner": planner, "policy": policy, "estimator": estimator})
     breaking = tuple(parse_fault(one) if isinstance(one, str) else one for one in faults)
     check_vehicles(breaking, range(1, len(scenario.vehicle.fleet) + 1))
     fitted = None if connect is None else connect.fitted
-    run = resolve(scenario, fitted=fitted, weights=weights, tell=tell)
+    run = resolve(scenario, fitted=fitted, weights=weights, progress=progress)
     if connect is not None:
         run = replace(run, vehicles=connect.numbered(run.vehicles))
-    campaign = Campaign(run, tell=tell, watch=watch)
+    campaign = Campaign(run, progress=progress, watch=watch)
     if not run.decider.steers:
         # A planner needs no estimate: what it cannot plan is told before anything takes long.
         plans = campaign.plan(run.first_day)
-        tell("planning", 1, 1)
+        progress("planning", 1, 1)
         watch.lap("plan")
         for one in plans:
             # The autopilot of a vehicle behind a link is known better when it is asked.
@@ -139,7 +139,7 @@ def fly(
     with threadpool_limits(1, user_api="blas"):
         with attribute_errors_to(learner):
             learner.fit(run.farm.grid())
-        prepare_days(learner, run.first_day, run.days, tell)
+        prepare_days(learner, run.first_day, run.days, progress)
         watch.lap("learning")
         campaign.learn_from(environment)
         assert campaign.evidence.estimate is not None
@@ -147,7 +147,7 @@ def fly(
             if run.decider.steers:
                 run.decider.policy.start()
                 campaign.plan(run.first_day)
-                tell("planning", 1, 1)
+                progress("planning", 1, 1)
                 watch.lap("plan")
                 _check(campaign, connect, force=force, tell=tell_errors)
             try:

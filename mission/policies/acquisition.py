@@ -148,7 +148,7 @@ class WithReach:
 
     def __call__(self, observation: PolicyObservation, /) -> ValueMap:
         """Return the acquisition value of each cell."""
-        reach, widest = observation.model.reach, max(observation.model.shape)
+        reach, widest = observation.model.correlation_length, max(observation.model.shape)
         if reach is None or widest <= self.beyond:
             return self.acquisition(observation)
         field = tuple(

@@ -72,7 +72,7 @@ class InformationModel:
         should be kept.
     loss_map : float32[n, W, H], or a callable that gives it, optional
         See `expected_loss`; a callable is asked at each access.
-    reach : tuple of float, optional
+    correlation_length : tuple of float, optional
         How far a reading of each field tells of what is around it: the correlation length of the process that
         the estimator takes the field for, cells. None if the estimator has none.
 
@@ -95,7 +95,7 @@ class InformationModel:
     fields: tuple[str, ...] = PAPER_FIELDS.names
     probabilities: Mapping[str, NDArray[np.float32]] | None = None
     loss_map: NDArray[np.float32] | Callable[[], NDArray[np.float32]] | None = None
-    reach: tuple[float, ...] | None = None
+    correlation_length: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
         for name, array in (("value", self.value), ("uncertainty", self.uncertainty)):
@@ -179,7 +179,7 @@ class InformationModel:
             fields=self.fields,
             probabilities=probabilities,
             loss_map=None if loss is None else loss.copy(),
-            reach=self.reach,
+            correlation_length=self.correlation_length,
         )
 
     @classmethod

@@ -13,7 +13,7 @@ from mission.policies.observation import Event, PolicyObservation, Status
 from mission.policies.policy import Triggers
 from sim_vehicle.host.simulation import Impairment
 from wbf_mission.flight import fly
-from wbf_mission.replanning.record import STAYS
+from wbf_mission.replanning.record import SKIPPED
 from wbf_mission.results.result import Result, load_result
 from wbf_mission.scenario import Scenario, scenario_with
 
@@ -228,7 +228,7 @@ def test_a_later_flight_that_is_not_worth_making_is_not_made(tmp_path: Path) -> 
     )
     assert result.outcome is Outcome.COMPLETED and not result.reason
     assert [(one.day, one.flight) for one in result.flights] == [(5, 1), (6, 1)]
-    assert flown == [5, 5, 6, 6] and result.stays == 2
+    assert flown == [5, 5, 6, 6] and result.skipped_flights == 2
     history = result.history
     assert [one["flights"] for one in result.by_day()] == [1, 1]
     for day in (5, 6):
@@ -238,10 +238,10 @@ def test_a_later_flight_that_is_not_worth_making_is_not_made(tmp_path: Path) -> 
             "the end of the flight, and five times of the other"
         )
     held = [one for record in result.decisions for one in record.changes if not len(one.path_m)]
-    assert [one.outcome for one in held] == [STAYS] * 2 and [one.cost for one in held] == [0.0] * 2
+    assert [one.outcome for one in held] == [SKIPPED] * 2 and [one.cost for one in held] == [0.0] * 2
     result.save(tmp_path / "run", plots=False)
     again = load_result(tmp_path / "run")
-    assert again.outcome is Outcome.COMPLETED and again.summary()["flights_not_made"] == 2
+    assert again.outcome is Outcome.COMPLETED and again.summary()["skipped_flights"] == 2
 
 
 @pytest.mark.parametrize("policy", ["greedy", "rolling-horizon", "orienteering", "confidence-guided"])
@@ -249,8 +249,8 @@ def test_days_go_on_where_nothing_is_left_to_gain(policy: str) -> None:
     options = {"farm": "miniberry-10", "vehicle": "ideal", "estimator": "adaptive-disk", "budget": "100steps"}
     result = fly(Scenario(**options, policy=policy, days=2, flights_per_day=3))
     assert result.outcome is Outcome.COMPLETED
-    assert {one.day for one in result.flights} == {6, 7} and result.stays > 0
-    assert len(result.flights) + result.stays == 6
+    assert {one.day for one in result.flights} == {6, 7} and result.skipped_flights > 0
+    assert len(result.flights) + result.skipped_flights == 6
 
 
 def test_of_a_fleet_one_may_stay_in_the_first_flight() -> None:
@@ -261,7 +261,7 @@ def test_of_a_fleet_one_may_stay_in_the_first_flight() -> None:
     told: list[int] = []
     result = fly(scenario_with(IDEAL, {"vehicles": 2}), policy=Wanderer(Triggers(period_s=5.0), first_only))
     assert result.outcome is Outcome.COMPLETED
-    assert [one.system_id for one in result.flights] == [1] and result.stays == 1
+    assert [one.system_id for one in result.flights] == [1] and result.skipped_flights == 1
     assert told[0] == 2 and set(told[1:]) == {1}
 
 

@@ -307,10 +307,10 @@ def _decision_rows(result: Result) -> dict[str, str]:
     """Return what the terminal tells of a policy's decisions; nothing of a planner's."""
     if result.scenario.mission.policy is None:
         return {}
-    from wbf_mission.replanning.record import PLANNED_PATH, STAYS
+    from wbf_mission.replanning.record import PLANNED_PATH, SKIPPED
 
     records = result.decisions
-    first_paths = (PLANNED_PATH, STAYS)
+    first_paths = (PLANNED_PATH, SKIPPED)
     changes = [one for record in records for one in record.changes if one.outcome not in first_paths]
     flown = [one for one in changes if one.outcome == "flown"]
     delays = [
@@ -319,8 +319,10 @@ def _decision_rows(result: Result) -> dict[str, str]:
     told = f"{len(records)} questions, {len(flown)} of {len(changes)} changed paths flown"
     if delays:
         told += f", {sum(delays) / len(delays):.2f} s from decision to turn"
-    if result.stays:
-        told += f"; {result.stays} flight{'s' if result.stays > 1 else ''} not worth making"
+    if result.skipped_flights:
+        told += (
+            f"; {result.skipped_flights} flight{'s' if result.skipped_flights > 1 else ''} not worth making"
+        )
     refused = sum(bool(record.refused) for record in records)
     if refused:
         first = next(record.refused for record in records if record.refused)

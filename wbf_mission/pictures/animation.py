@@ -156,16 +156,16 @@ def animate(
     if not any(len(one.track.time_s) for one in record.flights):
         msg = "animation: nothing was flown"
         raise AnimationError(msg)
-    tell = progress or silent
+    progress = progress or silent
     learner = _fresh(record) if estimator is None else estimator
     with threadpool_limits(1, user_api="blas"):
         learner.fit(record.farm.grid())
-        prepare_days(learner, shown[0].day, shown[-1].day - shown[0].day + 1, tell)
+        prepare_days(learner, shown[0].day, shown[-1].day - shown[0].day + 1, progress)
         sheet = _Sheet(record, _tail_s(shown))
         writer = _writer(path, sheet)
         with atomic_path(path) as temporary, writer.saving(sheet.figure, str(temporary), sheet.figure.dpi):
             for number, (moment, maps) in enumerate(_estimates(record, learner, shown)):
-                tell("animation", number, len(shown))
+                progress("animation", number, len(shown))
                 sheet.show(moment, *maps)
                 writer.grab_frame()
     return path

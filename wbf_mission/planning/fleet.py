@@ -18,7 +18,6 @@ from sim_vehicle.weather.wind import Wind
 from wbf_mission.planning.assignment import SortieNumber, VehicleAssignment
 from wbf_mission.planning.builder import MissionBuilder
 from wbf_mission.planning.conditions import (
-    flight_level,
     ground_separation_margin_m,
     height_error_m,
     noise_of,
@@ -78,7 +77,7 @@ class Vehicle:
         return replace(self, task=self.task.moved(self.mission, builder))
 
 
-def vehicles_of(scenario: Scenario, tell: Progress = silent) -> tuple[Vehicle, ...]:
+def vehicles_of(scenario: Scenario, progress: Progress = silent) -> tuple[Vehicle, ...]:
     """Return the vehicles of a run, each with its task.
 
     The first one starts at the farm's home. The others stand behind it in a row that leads away from the
@@ -90,7 +89,7 @@ def vehicles_of(scenario: Scenario, tell: Progress = silent) -> tuple[Vehicle, .
         together = number == 1 or get_vehicle(one.vehicle.name).is_ideal
         home_m = None if together else _start_m(scenario, farm, number)
         task = VehicleAssignment.of(
-            one, MissionBuilder.of(one, farm, home_m), system_id=number, progress=tell
+            one, MissionBuilder.of(one, farm, home_m), system_id=number, progress=progress
         )
         vehicles.append(Vehicle(task, one.vehicle, one.mission, one.weather, one.camera))
     _check_radio(scenario, farm, vehicles)
@@ -128,7 +127,7 @@ def single_scenarios(scenario: Scenario) -> tuple[Scenario, ...]:
         if layered and flies(spec):
             error_m = height_error_m(vehicle, spec)
             lowest_m = below_m + separation.metres + separation_margin_m(below_error_m, error_m)
-            height_m = max(flight_level(mission, vehicle).altitude_m, round(lowest_m, 2))
+            height_m = max(mission.altitude_m or spec.takeoff_altitude_m, round(lowest_m, 2))
             if height_m > HIGHEST_M:
                 msg = (
                     f"separation layers: vehicle {len(singles) + 1} would fly at {height_m:g} m, above"
@@ -163,9 +162,8 @@ def _start_m(scenario: Scenario, farm: Farm, number: int) -> tuple[float, float]
     separation = scenario.vehicle.keeps
     spacing_m = SPACING_M
     if separation.kind in (LAYERS, DISTANCE):
-        spacing_m = max(SPACING_M, _ROW_FACTOR * separation.metres) + ground_separation_margin_m(
-            scenario.vehicle
-        )
+        spacing_m = max(SPACING_M, _ROW_FACTOR * separation.metres)
+        spacing_m += ground_separation_margin_m(scenario.vehicle)
     home = np.asarray(farm.home_m)
     centre = free_area(farm).centroid
     away = home - (centre.x, centre.y)

@@ -9,9 +9,13 @@ import msgspec
 import numpy as np
 
 from mission.policies.decision import Alternative
-from wbf_mission.replanning.record import DecisionRecord, PathChange
+from wbf_mission.replanning.record import SKIPPED, DecisionRecord, PathChange
 
 _Points = list[tuple[float, float]]
+
+
+_FORMER_OUTCOMES = {"stays: not worth a flight": SKIPPED}
+"""As results of earlier versions have them."""
 
 
 class _Change(msgspec.Struct, forbid_unknown_fields=True):
@@ -64,7 +68,7 @@ class DecisionEntry(msgspec.Struct, forbid_unknown_fields=True):
                     one.position_m,
                     one.path_m.tolist(),
                     one.cost,
-                    one.outcome,
+                    _FORMER_OUTCOMES.get(one.outcome, one.outcome),
                     one.sent_s,
                     one.effect_s,
                 )
@@ -93,7 +97,7 @@ class DecisionEntry(msgspec.Struct, forbid_unknown_fields=True):
                     one.position_m,
                     _points(one.path_m),
                     one.cost,
-                    one.outcome,
+                    _FORMER_OUTCOMES.get(one.outcome, one.outcome),
                     one.sent_s,
                     one.effect_s,
                 )

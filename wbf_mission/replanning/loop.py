@@ -22,7 +22,7 @@ from sensors.fields import FieldSet
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from sensors.scoring.score import ScoreWeights
-from wbf_mission.replanning.record import PLANNED_PATH, STAYS, DecisionRecord, PathChange
+from wbf_mission.replanning.record import PLANNED_PATH, SKIPPED, DecisionRecord, PathChange
 from wbf_mission.replanning.spacing import KeptDistance
 
 _INSIDE_M = 1e-6
@@ -240,7 +240,7 @@ class DecisionLoop:
         for vehicle in observation.steerable:
             points = answer.decision.paths[vehicle.system_id]
             cost = answer.costs[vehicle.system_id]
-            outcome = PLANNED_PATH if len(points) else STAYS
+            outcome = PLANNED_PATH if len(points) else SKIPPED
             record.changes.append(PathChange(vehicle.system_id, vehicle.position_m, points, cost, outcome))
         return answer
 

@@ -12,7 +12,7 @@ from mission.policies.decision import Alternative
 
 PLANNED_PATH = "planned"
 """The outcome of a vehicle's first path, which is flown."""
-STAYS = "stays: not worth a flight"
+SKIPPED = "skipped: not worth a flight"
 """The outcome of an empty first path: the vehicle does not fly."""
 
 FLOWN_ALREADY = "not sent: it is flown already"
@@ -32,7 +32,7 @@ class PathChange:
     cost : float
         What that costs, in the unit of the budget.
     outcome : str
-        Of a first path `PLANNED_PATH` or `STAYS`. Later "sent" while it is under way, then how it ended:
+        Of a first path `PLANNED_PATH` or `SKIPPED`. Later "sent" while it is under way, then how it ended:
         "flown", or why the old path was flown on.
     sent_s, effect_s : float or None
         When it was sent, and when the vehicle told that it flies it; seconds since the mission began.

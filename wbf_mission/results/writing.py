@@ -113,7 +113,7 @@ class ResultFolder:
         """
         from wbf_mission.pictures.animation import animate
 
-        tell = progress or silent
+        progress = progress or silent
         filled = self._folder.filled
         jobs = _plot_jobs(result) if plots else []
         interrupted = None
@@ -122,17 +122,17 @@ class ResultFolder:
 
                 def frame(what: str, done: float, total: float) -> None:
                     answer()
-                    tell(what, done, total)
+                    progress(what, done, total)
 
                 jobs.append((ANIMATION, lambda path: animate(result, path, progress=frame)))
-            tell("writing results", 0, len(jobs) + 1)
+            progress("writing results", 0, len(jobs) + 1)
             with ThreadPoolExecutor(1) as pool:
                 arrays = write_arrays(result, filled, pool)
                 written = write_result(result, filled, arrays)
                 try:
                     for number, (name, job) in enumerate(jobs):
                         answer()
-                        tell("writing results", number + 1, len(jobs) + 1)
+                        progress("writing results", number + 1, len(jobs) + 1)
                         if release and name == ANIMATION:
                             wait(arrays.values())
                             result.truth = result.model = None

@@ -40,7 +40,7 @@ class Campaign:
 
     Parameters
     ----------
-    tell : callable
+    progress : callable
         Progress.
 
     Attributes
@@ -60,7 +60,7 @@ class Campaign:
         self,
         run: Run,
         *,
-        tell: Progress,
+        progress: Progress,
         watch: Stopwatch,
     ) -> None:
         self.run = run
@@ -73,7 +73,7 @@ class Campaign:
         self.simulated_s = 0.0
         self.frames = 0
         self.watch = watch
-        self._tell = tell
+        self._progress = progress
         self._next: PlannedFlight | None = None
         self._scored_a_flight = 0
         self._seen_before = 0
@@ -146,11 +146,15 @@ class Campaign:
                     flown = None if ahead is None or self._gone else ahead.take(day, flight)
                     if flown is None and memory is not None and attendant is None:
                         planned, logged = self._planned(day, flight), hosting.tlog is not None
-                        flown = memory.fly(self.run, planned, environment, hosting, self._tell, logged=logged)
+                        flown = memory.fly(
+                            self.run, planned, environment, hosting, self._progress, logged=logged
+                        )
                     if flown is None:
                         self._fly_once(day, flight, environment, hosting, attendant)
                     else:
-                        self._tell("flying", self.run.numbers.index((day, flight)) + 1, len(self.run.numbers))
+                        self._progress(
+                            "flying", self.run.numbers.index((day, flight)) + 1, len(self.run.numbers)
+                        )
                         self._take(flown, hosting)
                 self.end_day()
         finally:
@@ -211,7 +215,7 @@ class Campaign:
                 self.evidence,
                 partial(leaf_camera, self.run, environment=environment),
                 hosting,
-                tell=self._tell,
+                progress=self._progress,
                 watch=self.watch,
                 attendant=attendant,
                 writer=self._open_log(hosting),

@@ -15,6 +15,7 @@ from sensors.camera.leaf_camera import Camera, LeafCamera
 from sensors.environment import Environment
 from wbf_mission.planning import PlanResult, home_of
 from wbf_mission.planning.assignment import SortieNumber
+from wbf_mission.planning.conditions import ground_separation_margin_m
 from wbf_mission.planning.fleet import Vehicle
 from wbf_mission.progress import Progress, Stopwatch, silent
 from wbf_mission.replanning.loop import DecisionLoop, Knowledge
@@ -136,7 +137,7 @@ def fly_once(
     cameras: Callable[[SortieNumber], Camera],
     hosting: Hosting,
     *,
-    tell: Progress = silent,
+    progress: Progress = silent,
     watch: Stopwatch | None = None,
     attendant: Attendant | None = None,
     writer: FrameSink | None = None,
@@ -171,7 +172,7 @@ def fly_once(
             one,
             plan,
             cameras(number),
-            lambda done, total: tell("uploading", done, total),
+            lambda done, total: progress("uploading", done, total),
             delay,
             hosting.arming_gate(number.system_id),
             hosting.transfers,
@@ -203,7 +204,7 @@ def fly_once(
                 pace=hosting.pace,
                 attendant=attendant,
                 expected_s=expected_s,
-                tell=tell,
+                progress=progress,
                 watch=watch or Stopwatch(),
             )
             flying.fly()
@@ -259,7 +260,7 @@ def _start_delays(run: Run, plans: Sequence[PlanResult]) -> Sequence[float]:
     """Return how many seconds after the first start each vehicle starts."""
     if run.keeps.kind != DISTANCE or len(plans) == 1:
         return [0.0] * len(plans)
-    return departure_delays(plans, run.keeps.metres, run.separation_margin_m)
+    return departure_delays(plans, run.keeps.metres, _margin_m(run))
 
 
 def _kept_distance(run: Run, vehicles: Sequence[Vehicle]) -> KeptDistance | None:
@@ -272,7 +273,12 @@ def _kept_distance(run: Run, vehicles: Sequence[Vehicle]) -> KeptDistance | None
         for number, one in builders.items()
         if not one.vehicle.is_ideal
     }
-    return KeptDistance(run.keeps.metres, speeds_m_s, run.separation_margin_m)
+    return KeptDistance(run.keeps.metres, speeds_m_s, _margin_m(run))
+
+
+def _margin_m(run: Run) -> float:
+    """Return how much nearer to each other over ground two vehicles may be than they believe."""
+    return ground_separation_margin_m(run.vehicles[0].vehicle)
 
 
 def _expected_readings(camera: CameraOptions, planned: PlanResult) -> float:

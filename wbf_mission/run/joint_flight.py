@@ -56,7 +56,7 @@ class JointFlight:
         Simulated seconds per wall second.
     attendant : Attendant or None
         Who stands by; without, a flight that takes far too long is given up.
-    tell : callable
+    progress : callable
         Progress.
     """
 
@@ -71,7 +71,7 @@ class JointFlight:
         offset_s: float = 0.0,
         pace: float | None = None,
         attendant: Attendant | None = None,
-        tell: Progress,
+        progress: Progress,
         watch: Stopwatch,
     ) -> None:
         self.sorties = tuple(sorties)
@@ -80,7 +80,7 @@ class JointFlight:
         self._offset_s = offset_s
         self._pace = pace
         self._attendant = attendant
-        self._tell, self._watch = tell, watch
+        self._progress, self._watch = progress, watch
         self._host = host
         for sortie in self.sorties:
             sortie.send = partial(host.send, sortie.ground)
@@ -164,7 +164,7 @@ class JointFlight:
             self._decide()
             if self._is_flying():
                 longest_s = max(sortie.ground.flight_time_s for sortie in self.sorties)
-                self._tell("flying", longest_s, self._expected_s)
+                self._progress("flying", longest_s, self._expected_s)
 
     def interrupt(self) -> None:
         """Stop where we are; what was seen so far is kept."""

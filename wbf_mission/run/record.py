@@ -22,7 +22,7 @@ from sensors.scoring.information import InformationModel
 from wbf_mission.maps.field_maps import FieldMap
 from wbf_mission.maps.report import FarmReport, report_of_maps
 from wbf_mission.planning import PlanResult
-from wbf_mission.replanning.record import STAYS, DecisionRecord
+from wbf_mission.replanning.record import SKIPPED, DecisionRecord
 from wbf_mission.run.estimation import ScoreHistory
 from wbf_mission.scenario import Scenario
 
@@ -201,7 +201,7 @@ class RunRecord:
     ----------
     flights : tuple of FlightRecord
         Of each vehicle in each flight of each day, at least one, in that order; none of those that were not
-        worth making (`stays`).
+        worth making (`skipped_flights`).
     observations : Observations
         What arrived from the cameras.
     truth, model : float32[n, W, H] and InformationModel, or None
@@ -264,16 +264,16 @@ class RunRecord:
         return f"day {one.day}, flight {one.flight}, vehicle {one.system_id}: {one.reason}"
 
     @property
-    def stays(self) -> int:
+    def skipped_flights(self) -> int:
         """How many flights of a vehicle were not made, because the policy did not find them worth it."""
-        return sum(change.outcome == STAYS for one in self.decisions for change in one.changes)
+        return sum(change.outcome == SKIPPED for one in self.decisions for change in one.changes)
 
     @property
     def _stopped_between(self) -> bool:
         """Whether the run was stopped between two flights."""
         farm = self.scenario.farm
         expected = farm.days * farm.flights_per_day * len(self.scenario.vehicle.fleet)
-        made = len(self.flights) + self.stays
+        made = len(self.flights) + self.skipped_flights
         return made < expected and all(one.outcome.is_good for one in self.flights)
 
     @property
@@ -465,7 +465,8 @@ class RunRecord:
             "budget": self.plan.budget_text,
             "least_distance_m": self.least_distance_m,
             "flights": [one.summary() for one in self.flights],
-            "flights_not_made": self.stays,
+            "skipped_flights": self.skipped_flights,
+            "flights_not_made": self.skipped_flights,  # its former name, for one version
             "by_day": self.by_day(),
             "decisions": [one.summary() for one in self.decisions],
             "transfer": _transfer_summary(self.transfers),

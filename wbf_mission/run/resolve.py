@@ -9,6 +9,7 @@ from functools import cached_property
 from geo import Farm
 from geo.errors import WbfMissionError
 from geo.seeds import child_seed
+from mission.planners import make_planner
 from mission.policies.policy import FixedPlan, KeepPath, Policy, make_policy
 from sensors.camera.leaf_camera import LeafCameraOptions
 from sensors.environment import Environment
@@ -18,8 +19,7 @@ from sensors.estimators import Estimator
 from sensors.field_files import load_field_set
 from sensors.fields import FieldSet
 from sensors.scoring.score import ScoreWeights
-from wbf_mission.planning import PlanResult, planner_of
-from wbf_mission.planning.conditions import ground_separation_margin_m
+from wbf_mission.planning import PlanResult
 from wbf_mission.planning.fleet import Vehicle, vehicles_of
 from wbf_mission.planning.plan import read_plan, require_one_vehicle
 from wbf_mission.progress import Progress, silent
@@ -82,8 +82,6 @@ class Run:
         How often the estimate of a flight is scored; None: as often as the farm can afford.
     keeps : Separation
         How the vehicles stay apart.
-    separation_margin_m : float
-        How much nearer to each other over ground two vehicles may be than they believe.
     """
 
     asked: Scenario
@@ -101,7 +99,6 @@ class Run:
     flights_per_day: int
     points: int | None
     keeps: Separation
-    separation_margin_m: float
 
     def __getstate__(self) -> dict[str, object]:
         """Leave out the estimator, which may be large: other processes fly, and estimate nothing."""
@@ -147,7 +144,7 @@ def resolve(
     *,
     fitted: Callable[[Scenario], Scenario] | None = None,
     weights: ScoreWeights | None = None,
-    tell: Progress = silent,
+    progress: Progress = silent,
 ) -> Run:
     """Make and check everything that a scenario names.
 
@@ -162,17 +159,15 @@ def resolve(
     WbfMissionError
         If a name is unknown, a value out of range, or the parts do not suit each other.
     """
+    scenario = resolved(scenario)
     fields = load_field_set(scenario.farm.fields)
     camera = camera_options(scenario.camera, fields)
-    scenario = resolved(scenario)
-    choice = scenario.estimate.estimator
-    assert choice is not None
-    estimator = estimator_of(choice, scenario.seed, fields)
+    estimator = estimator_of(scenario.estimate.estimator, scenario.seed, fields)
     if fitted is not None:
         scenario = fitted(scenario)
-    tell("planning", 0, 1)
+    progress("planning", 0, 1)
     decider = decider_of(scenario)
-    vehicles = vehicles_of(scenario, tell)
+    vehicles = vehicles_of(scenario, progress)
     if scenario.mission.file is not None:
         decider = replace(decider, mission=read_plan(scenario, vehicles[0].task.builder))
     return Run(
@@ -191,7 +186,6 @@ def resolve(
         flights_per_day=scenario.farm.flights_per_day,
         points=scenario.score.points,
         keeps=scenario.vehicle.keeps,
-        separation_margin_m=ground_separation_margin_m(scenario.vehicle),
     )
 
 
@@ -206,7 +200,7 @@ def decider_of(scenario: Scenario) -> Decider:
         made = make_policy(choice.chosen, **choice.params)
         return Decider(made, f"policy {choice}", str(choice), named=choice.made is None)
     choice = options.planner
-    policy = FixedPlan(planner_of(choice), options.partition)
+    policy = FixedPlan(make_planner(choice.chosen, **choice.params), options.partition)
     return Decider(policy, f"planner {choice}", str(choice), named=choice.made is None)
 
 
@@ -234,7 +228,7 @@ def environment_of(
     It may be one that other runs with the memory had.
     """
 
-    def tell(done: int, total: int) -> None:
+    def told(done: int, total: int) -> None:
         if progress is not None:
             progress("environment", done, total)
 
@@ -247,7 +241,7 @@ def environment_of(
         last_day=days[1],
         seed=child_seed(seed, "environment"),
         fields=fields,
-        progress=tell,
+        progress=told,
     )
 
 

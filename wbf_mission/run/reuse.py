@@ -169,7 +169,7 @@ class FlightMemory:
         planned: PlannedFlight,
         environment: Environment,
         hosting: Hosting,
-        tell: Progress = silent,
+        progress: Progress = silent,
         *,
         logged: bool = False,
     ) -> Flight | None:
@@ -186,7 +186,7 @@ class FlightMemory:
         key = _key(run, planned, logged=logged)
         kept = self._kept.pop(key, None)
         if kept is None:
-            kept = _flown(run, planned, hosting, tell, logged=logged)
+            kept = _flown(run, planned, hosting, progress, logged=logged)
             if kept is None:
                 return None
         self._kept[key] = kept
@@ -206,7 +206,7 @@ def memory_of_process() -> FlightMemory:
 
 
 def _flown(
-    run: Run, planned: PlannedFlight, hosting: Hosting, tell: Progress, *, logged: bool
+    run: Run, planned: PlannedFlight, hosting: Hosting, progress: Progress, *, logged: bool
 ) -> _KeptFlight | None:
     """Fly a flight whose cameras number their readings; None if something was decided on the way."""
     evidence, decisions = Evidence(run.farm, run.fields), list[DecisionRecord]()
@@ -223,7 +223,7 @@ def _flown(
         return NumberingCamera(images, order.index(number.system_id), shape, run.camera)
 
     log = FrameLog() if logged else None
-    flown = _fly_apart(run, planned, evidence, camera, hosting, log, tell)
+    flown = _fly_apart(run, planned, evidence, camera, hosting, log, progress)
     if len(decisions) > 1 or not images.is_exact:
         return None
     seen = evidence.observations()
@@ -245,13 +245,13 @@ def _fly_apart(
     cameras: Callable[[SortieNumber], Camera],
     hosting: Hosting,
     log: FrameLog | None,
-    tell: Progress,
+    progress: Progress,
 ) -> Flight:
     """Fly a flight for itself; what it gave until a Ctrl-C is of no use to a run."""
     try:
         # Nobody knows yet when the flight begins: frames have their times since then.
         return fly_once(
-            run, planned, evidence, cameras, hosting, tell=tell, writer=log, offset_s=-EPOCH_UNIX_S
+            run, planned, evidence, cameras, hosting, progress=progress, writer=log, offset_s=-EPOCH_UNIX_S
         )
     except FlightInterrupted:
         raise KeyboardInterrupt from None

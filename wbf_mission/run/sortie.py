@@ -45,7 +45,7 @@ ASIDE_S, WHOLE_S = 8.0, 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class Reach:
+class StationRange:
     """The range of the ground station's radio, as far as plans over ground go.
 
     Parameters
@@ -78,8 +78,8 @@ class Reach:
 
         Examples
         --------
-        >>> reach = Reach(10.0, (0.0, 0.0), 0.0, 2.5, 2.0)
-        >>> round(reach.absence_s((10.0, 0.0), np.array([[20.0, 0.0], [0.0, 0.0]])))
+        >>> station = StationRange(10.0, (0.0, 0.0), 0.0, 2.5, 2.0)
+        >>> round(station.absence_s((10.0, 0.0), np.array([[20.0, 0.0], [0.0, 0.0]])))
         18
         """
         path = np.vstack((position_m, np.asarray(onward_m, np.float64).reshape(-1, 2)))
@@ -103,7 +103,9 @@ class Reach:
         return distance_m + within_s * self.speed_m_s > self.radius_m
 
 
-def reach_of(options: VehicleOptions, task: VehicleAssignment, plan: PlanResult) -> Reach | None:
+def station_range_of(
+    options: VehicleOptions, task: VehicleAssignment, plan: PlanResult
+) -> StationRange | None:
     """Return how far the ground station at the farm's home reaches for a vehicle; None: everywhere."""
     if options.radio_range_m is None:
         return None
@@ -111,7 +113,7 @@ def reach_of(options: VehicleOptions, task: VehicleAssignment, plan: PlanResult)
     speed_m_s = min(level.speed_m_s, task.builder.vehicle.top_speed_m_s)
     mean_m_s = max(plan.prediction.path_length_m / plan.prediction.duration_s, _SLOWEST_M_S)
     home_m = plan.farm.home_m
-    return Reach(options.radio_range_m, home_m, level.altitude_m, speed_m_s, min(mean_m_s, speed_m_s))
+    return StationRange(options.radio_range_m, home_m, level.altitude_m, speed_m_s, min(mean_m_s, speed_m_s))
 
 
 SILENT_S = 30.0
@@ -173,7 +175,7 @@ class Sortie:
         place: int = 0,
     ) -> None:
         task = vehicle.task
-        self._reach = reach_of(vehicle.vehicle, task, plan)
+        self._station_range = station_range_of(vehicle.vehicle, task, plan)
         farm = plan.farm
         self.start_delay_s = start_delay_s
         self.number, self.task, self.plan = number, task, plan
@@ -342,10 +344,12 @@ class Sortie:
 
     def _absence_s(self, silent_s: float) -> float:
         """Return how long the plan explains that nothing is heard of the vehicle."""
-        if self._reach is None or not SILENT_S < silent_s < math.inf:
+        if self._station_range is None or not SILENT_S < silent_s < math.inf:
             return 0.0
         onward = np.vstack((self._rest_points(), self._end_m()))
-        return self._reach.absence_s(self.ground.vehicle_state.position_m(self.plan.farm.frame), onward)
+        return self._station_range.absence_s(
+            self.ground.vehicle_state.position_m(self.plan.farm.frame), onward
+        )
 
     def _end_m(self) -> Points:
         """Return where the vehicle flies after its path: home, or nowhere."""
@@ -354,7 +358,7 @@ class Sortie:
 
     def give_up_lost(self, now_s: float) -> None:
         """End the flight of a vehicle that stays out of the radio's range at the end of its path."""
-        stays = self._reach is not None and not len(self._end_m())
+        stays = self._station_range is not None and not len(self._end_m())
         if stays and not self.done and self.status(now_s) is Status.LOST:
             silent_s = now_s - self.ground.vehicle_state.heard_s
             why = f"its path ends beyond the radio's range; not heard of for {silent_s:.0f} s"
@@ -391,7 +395,7 @@ class Sortie:
             change.outcome = FLOWN_ALREADY
             return change
         within_s = (ASIDE_S if ground.changes_aside else WHOLE_S) + self._delay_s
-        if self._reach is not None and self._reach.is_near_border(position_m, within_s):
+        if self._station_range is not None and self._station_range.is_near_border(position_m, within_s):
             change.outcome = "not sent: it might leave the radio's range before the change is over"
             return change
         builder = self.task.builder

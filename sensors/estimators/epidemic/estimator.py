@@ -261,19 +261,21 @@ class EpidemicEstimator(BaseEstimator):
         basis = self._basis
         names = tuple(field.name for field in self.fields.diseases)
         # What is around a sick plant follows from its neighbours, not from a correlation.
-        reach = (*(0.0 for _ in names), self._soil.reach)
+        correlation = (*(0.0 for _ in names), self._soil.correlation_length)
         if all(belief.whole for belief in self._beliefs):
             # They are there already: arrays that stay as they are cost nothing.
             kept = {name: _read_only(self._class_probabilities(name, basis)) for name in names}
             loss = _read_only(self._expected_loss(uncertainty, basis))
-            return InformationModel(value, uncertainty, probabilities=kept, loss_map=loss, reach=reach)
+            return InformationModel(
+                value, uncertainty, probabilities=kept, loss_map=loss, correlation_length=correlation
+            )
         probabilities = LazyProbabilities(names, lambda disease: self._class_probabilities(disease, basis))
         return InformationModel(
             value,
             uncertainty,
             probabilities=probabilities,
             loss_map=lambda: self._expected_loss(uncertainty, basis),
-            reach=reach,
+            correlation_length=correlation,
         )
 
     def _take_soil_readings(self, day: int, value: NDArray[np.float32]) -> None:

@@ -126,8 +126,8 @@ class SoilField:
 
     Attributes
     ----------
-    reach : float
-        Correlation length, cells.
+    correlation_length : float
+        Of the process, cells.
     """
 
     def __init__(self, shape: tuple[int, int], parameters: SoilParameters, seed: int) -> None:
@@ -139,7 +139,7 @@ class SoilField:
         self._functions_an_axis = _FUNCTIONS if small else _MORE_FUNCTIONS
         lengths = [np.sqrt(2.0) * parameters.spread * side for side in parameters.hump_sides(shape)]
         self._lengths = float(lengths[0]), float(lengths[1])
-        self.reach = float(np.sqrt(lengths[0] * lengths[1]))
+        self.correlation_length = float(np.sqrt(lengths[0] * lengths[1]))
         axes = [
             _Axis(cells, length, self._functions_an_axis)
             for cells, length in zip(shape, lengths, strict=True)
@@ -488,7 +488,7 @@ class _Axis:
     cells : int
         Length of the farm.
     length : float
-        Correlation length, cells.
+        Of the process, cells.
     functions : int
         Their number.
 

@@ -262,7 +262,7 @@ class GaussianProcessEstimator(BaseEstimator):
             loss_map=lambda: (
                 loss_of_deviation(uncertainty, weights) if loss_of is None else loss_of(uncertainty)
             ),
-            reach=tuple(math.sqrt(one.length_x * one.length_y) for one in self.kernels_),
+            correlation_length=tuple(math.sqrt(one.length_x * one.length_y) for one in self.kernels_),
         )
 
     def _loss_of(self, uncertainty: _Values) -> _Values:

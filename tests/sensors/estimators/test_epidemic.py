@@ -472,7 +472,11 @@ def test_what_was_read_is_known_and_what_was_not_is_doubted(cache):
     estimator.partial_fit(observe([4], [7], [0.0, 0.0, 0.2])).predict()
     np.testing.assert_array_equal(kept.probabilities["tylcv"], found)
     np.testing.assert_array_equal(kept.expected_loss, model.expected_loss)
-    assert kept.reach == model.reach == (0.0, 0.0, pytest.approx(np.sqrt(2.0) * 0.125 * 10))
+    assert (
+        kept.correlation_length
+        == model.correlation_length
+        == (0.0, 0.0, pytest.approx(np.sqrt(2.0) * 0.125 * 10))
+    )
     assert np.shares_memory(model.probabilities["tylcv"], found)
 
 

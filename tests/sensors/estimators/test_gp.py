@@ -291,4 +291,6 @@ def test_the_expected_loss_is_the_variance_times_the_mean_cost(method):
     model = estimator.fit(grid_of(*shape), random_observations(10, shape)).predict()
     expected = np.array([5.5, 5.5, 1.0])[:, None, None] * model.uncertainty**2
     np.testing.assert_allclose(model.expected_loss, expected, rtol=1e-5)
-    assert model.reach == tuple(np.sqrt(one.length_x * one.length_y) for one in estimator.kernels_)
+    assert model.correlation_length == tuple(
+        np.sqrt(one.length_x * one.length_y) for one in estimator.kernels_
+    )

@@ -183,7 +183,7 @@ class VehicleSpec:
         if self.power is not None and (wanted is None or not isinstance(self.power, wanted)):
             msg = f"vehicle {self.name}: {type(self.power).__name__} is no power model of kind {self.kind}"
             raise VehicleError(msg)
-        if self.airframe is not None and self.kind != "fixed-wing":
+        if self.airframe is not None and not self.circles:
             msg = f"vehicle {self.name}: [airframe] belongs to a fixed wing, not to a {self.kind}"
             raise VehicleError(msg)
 
@@ -191,6 +191,20 @@ class VehicleSpec:
     def is_ideal(self) -> bool:
         """Whether it is the paper's robot, without dynamics."""
         return self.kind == "ideal"
+
+    @property
+    def drives(self) -> bool:
+        """Whether it stays on the ground: it does not take off, and heights do not count."""
+        return self.kind == "rover"
+
+    @property
+    def circles(self) -> bool:
+        """Whether it can only stay where it is by circling."""
+        return self.kind == "fixed-wing"
+
+    def reaches(self, height_m: float) -> bool:
+        """Whether it may be sent to a height above home."""
+        return self.drives or 0.0 < height_m <= self.max_altitude_m
 
     def parameters_for(self, autopilot: str) -> tuple[tuple[str, float], ...]:
         """Parameters of its own for when that autopilot flies it."""

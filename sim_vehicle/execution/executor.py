@@ -9,7 +9,7 @@ from sim_vehicle.autopilot import fixed_wing_procedures, flight_procedures
 from sim_vehicle.energy.battery import remaining_fraction
 from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.execution.fixed_wing_items import circle_leg, lands, must_circle
+from sim_vehicle.execution.fixed_wing_items import circle_leg, lands
 from sim_vehicle.execution.items import MAX_TURNS
 from sim_vehicle.execution.leg_follower import LegFollower
 from sim_vehicle.execution.legs import AfterLastLeg, circle_legs
@@ -180,7 +180,7 @@ class MissionExecutor:
     def takeoff(self, altitude_m: float) -> None:
         """Climb to an altitude above home and hold there; TargetReached tells when."""
         self._ready("take off")
-        _require(self.spec.kind != "rover", "cannot take off: a rover stays on the ground")
+        _require(not self.spec.drives, "cannot take off: a rover stays on the ground")
         self._check_height(altitude_m)
         x, y, z = self.motion.position_m
         self.follower.disarm_step = None
@@ -231,7 +231,7 @@ class MissionExecutor:
         self._ready("fly at a velocity")
         if not math.isnan(height_m):
             self._check_height(height_m)
-        elif self.landed is LandedState.ON_GROUND and self.spec.kind != "rover":
+        elif self.landed is LandedState.ON_GROUND and not self.spec.drives:
             _require(velocity_m_s[2] > 0.0, "cannot fly at a velocity: on the ground")
         self.follower.disarm_step = None
         self.follower.keep_velocity(velocity_m_s, height_m=height_m, heading=heading)
@@ -244,7 +244,7 @@ class MissionExecutor:
         _require(able, f"cannot orbit at {radius_m:g} m about ({x_m:g}, {y_m:g}): out of range")
         speed = self._checked_speed(speed_m_s)
         here = self.motion.position_m
-        if must_circle(self.spec):
+        if self.spec.circles:
             legs = [circle_leg((x_m, y_m, altitude_m), speed, radius_m, MAX_TURNS)]
         else:
             legs = circle_legs((x_m, y_m, altitude_m), here, MAX_TURNS, radius_m, speed, self.spec)
@@ -259,7 +259,7 @@ class MissionExecutor:
         self._in_air("return home")
         self.look_at(None)
         speed = max(self.sequencer.settings.speed_m_s, self.spec.cruise_speed_m_s)
-        if must_circle(self.spec):
+        if self.spec.circles:
             self._return_circling(position_m, speed)
             return
         x, y, z = self.motion.stopping_point()
@@ -366,9 +366,8 @@ class MissionExecutor:
         _require(self.landed is not LandedState.ON_GROUND, f"cannot {what}: on the ground")
 
     def _check_height(self, altitude_m: float) -> None:
-        most_m = self.spec.max_altitude_m
-        able = self.spec.kind == "rover" or 0.0 < altitude_m <= most_m
-        _require(able, f"altitude {altitude_m:g} m is outside 0..{most_m:g}")
+        text = f"altitude {altitude_m:g} m is outside 0..{self.spec.max_altitude_m:g}"
+        _require(self.spec.reaches(altitude_m), text)
 
     def _checked_speed(self, speed_m_s: float) -> float:
         most_m_s = self.spec.top_speed_m_s

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from mission.model import Command, Frame
-from sim_vehicle.execution.fixed_wing_items import MAX_RADIUS_M, landing_problems, must_circle
+from sim_vehicle.execution.fixed_wing_items import MAX_RADIUS_M, landing_problems
 from sim_vehicle.execution.items import (
     DO_COMMANDS,
     MAX_TURNS,
@@ -107,7 +107,7 @@ def mission_problems(
     if not items:
         return [ItemProblem(None, 0, "empty", "the mission is empty")]
     problems: list[ItemProblem] = []
-    flying = not needs_takeoff or spec.kind == "rover"
+    flying = not needs_takeoff or spec.drives
     for seq, (item, position) in enumerate(zip(items, positions, strict=True)):
         reasons = _item_problems(item, position, len(items), spec)
         if item.command == Command.NAV_TAKEOFF:
@@ -116,7 +116,7 @@ def mission_problems(
             reasons.append(("no-takeoff", "no take-off before it"))
             flying = True
         problems += [ItemProblem(seq, item.command, code, reason) for code, reason in reasons]
-    if must_circle(spec):
+    if spec.circles:
         land = int(Command.NAV_LAND)
         problems += [
             ItemProblem(seq, land, "approach", reason)
@@ -154,8 +154,7 @@ def _item_problems(
         return [("frame", f"frame {item.frame} is not supported (use 0 or 3)")]
     if has_to_be_placed:
         x, y, z = position
-        high = 0.0 < z <= spec.max_altitude_m or spec.kind == "rover"
-        if not high and command != Command.NAV_LAND:
+        if not spec.reaches(z) and command != Command.NAV_LAND:
             reason = f"altitude {z:.1f} m above home is outside 0..{spec.max_altitude_m:g}"
             problems.append(("altitude", reason))
         if x * x + y * y > spec.max_distance_m * spec.max_distance_m:
@@ -176,7 +175,7 @@ def _item_problems(
         if not 0.0 < first <= MAX_TURNS:
             problems.append(("turns", f"{first:g} turns are outside 0..{MAX_TURNS:g}"))
         radius = number(item.param3)
-        most = MAX_RADIUS_M if must_circle(spec) else 1000.0
+        most = MAX_RADIUS_M if spec.circles else 1000.0
         if radius != 0.0 and not 0.5 <= abs(radius) <= most:
             problems.append(("radius", f"radius {radius:g} m is outside 0.5..{most:g}"))
     if command == Command.DO_JUMP and not (0.0 <= first < count and first == int(first)):

@@ -42,11 +42,6 @@ class FixedWingLeg:
         return self.wait_s is None and not self.forever
 
 
-def must_circle(spec: VehicleSpec) -> bool:
-    """Whether a vehicle can only stay by circling."""
-    return spec.kind == "fixed-wing"
-
-
 def lands(legs: Sequence[Leg]) -> bool:
     """Whether legs end on the ground."""
     return legs[-1].kind is LegKind.LAND

@@ -13,7 +13,6 @@ from sim_vehicle.autopilot import flight_procedures
 from sim_vehicle.execution.fixed_wing_items import (
     fixed_wing_leg,
     lands,
-    must_circle,
     next_move,
     next_position,
 )
@@ -205,11 +204,10 @@ def plan_item_legs(
     plan = LegPlan()
     last = here
     tangent = (0.0, 0.0, 0.0)
-    circling = must_circle(spec)
     while True:
         item = items[seq]
         circle = None
-        if circling:
+        if spec.circles:
             position = _position_or_last(positions[seq], last)
             circle = fixed_wing_leg(
                 item,
@@ -332,7 +330,7 @@ def _item_legs(
         heading = Heading.fixed(math.radians(item.param4))
     if command == Command.NAV_TAKEOFF:
         legs = flight_procedures(spec).takeoff_legs(spec, last, (x, y, z), speed, heading)
-        if must_circle(spec):
+        if spec.circles:
             legs = [replace(leg, pitch_rad=math.radians(number(item.param1))) for leg in legs]
         for leg in legs:
             plan.add(leg, seq, done=leg is legs[-1])
@@ -342,9 +340,7 @@ def _item_legs(
         for leg in legs:
             plan.add(leg, seq)
         # A fixed wing may only circle over home.
-        plan.after_last = (
-            AfterLastLeg.NEXT if must_circle(spec) and not lands(legs) else AfterLastLeg.TOUCHDOWN
-        )
+        plan.after_last = AfterLastLeg.NEXT if spec.circles and not lands(legs) else AfterLastLeg.TOUCHDOWN
         return return_point[0], return_point[1], 0.0
     if command == Command.NAV_LAND:
         for leg in flight_procedures(spec).landing_legs(spec, (x, y, last[2]), last, speed):

@@ -86,8 +86,7 @@ class LegFollower:
             return
         self.check_power("hold")
         x, y, z = self.motion.stopping_point()
-        circles = self.spec.kind == "fixed-wing"
-        speed = self.spec.cruise_speed_m_s if circles else self.spec.top_speed_m_s
+        speed = self.spec.cruise_speed_m_s if self.spec.circles else self.spec.top_speed_m_s
         self.fly([Leg((x, y, z), speed, heading=KEEP, kind=LegKind.STAY)], FlightPhase.HOLD)
 
     def look_at(self, position_m: tuple[float, float] | None) -> None:
@@ -249,7 +248,7 @@ class LegFollower:
 
     def _airborne(self) -> None:
         if self.landed is LandedState.ON_GROUND:
-            self.landed = LandedState.IN_AIR if self.spec.kind == "rover" else LandedState.TAKEOFF
+            self.landed = LandedState.IN_AIR if self.spec.drives else LandedState.TAKEOFF
         elif self.landed is LandedState.LANDING:
             self.landed = LandedState.IN_AIR
 

@@ -547,8 +547,8 @@ class MissionSequencer:
             return
         self._set_current(seq, time_s)
         command = self.items[seq].command
-        drives = follower.spec.kind == "rover"
-        climbs = follower.landed is LandedState.ON_GROUND and command != Command.NAV_TAKEOFF and not drives
+        stands = follower.landed is LandedState.ON_GROUND and not follower.spec.drives
+        climbs = stands and command != Command.NAV_TAKEOFF
         if climbs and not (self.takes_off and command in POSITION_COMMANDS):
             self._on_ground(seq)
             return

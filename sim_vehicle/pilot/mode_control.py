@@ -108,7 +108,7 @@ class ModeControl:
         elif mode in (Mode.RTL, Mode.LAND):
             if on_ground:
                 # A rover stands where it is, and stays armed.
-                return controls.spec.kind != "rover"
+                return not controls.spec.drives
             controls.order(executor.return_home if mode is Mode.RTL else executor.land)
         elif not on_ground or controls.state.phase is not FlightPhase.GROUND:
             controls.order(executor.hold)

@@ -241,7 +241,7 @@ class Pilot:
     def _tell_problems(self, items: Sequence[MissionItem]) -> None:
         """Tell what is wrong with a mission."""
         mission = self.mission
-        if self.spec.kind == "rover" and any(item.command == Command.NAV_TAKEOFF for item in items):
+        if self.spec.drives and any(item.command == Command.NAV_TAKEOFF for item in items):
             self.note(Severity.INFO, "Take-off items have no effect on a rover")
         if mission.problems:
             self._end(Outcome.MISSION_REJECTED, mission.problems[0])
@@ -388,7 +388,7 @@ class Pilot:
 
     def takeoff(self, altitude_m: float) -> None:
         """Climb to an altitude above home; disarmed, as soon as it is armed."""
-        if self.spec.kind == "rover":
+        if self.spec.drives:
             raise RefusedError("Takeoff refused: a rover stays on the ground", denied=True)
         if not 0.0 < altitude_m <= self.spec.max_altitude_m:
             raise RefusedError(f"Takeoff refused: altitude {altitude_m:g} m", denied=True)
@@ -409,8 +409,7 @@ class Pilot:
         self._check_flying()
         x_m, y_m = self.frame.from_wgs84(latitude_deg, longitude_deg)
         distance_m = math.hypot(x_m, y_m)
-        high = 0.0 < altitude_m <= self.spec.max_altitude_m or self.spec.kind == "rover"
-        if not distance_m <= self.spec.max_distance_m or not high:
+        if not (distance_m <= self.spec.max_distance_m and self.spec.reaches(altitude_m)):
             raise RefusedError(
                 f"Reposition refused: {distance_m:.0f} m from home, {altitude_m:.0f} m high", denied=True
             )

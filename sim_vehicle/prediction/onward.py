@@ -14,7 +14,6 @@ from mission.planners.cornering import Cornering
 from sim_vehicle.autopilot import flight_procedures
 from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.execution.fixed_wing_items import must_circle
 from sim_vehicle.execution.items import Settings, do_items, item_positions, plan_item_legs
 from sim_vehicle.execution.legs import AfterLastLeg
 from sim_vehicle.motion.legs import LegKind, Route
@@ -204,7 +203,7 @@ class OnwardPredictor:
         places = np.empty((count, 3))
         places[:, :2] = (points - self.home_m) @ self._axes.T
         places[:, 2] = self._altitude_m
-        if must_circle(self.spec):
+        if self.spec.circles:
             waypoint = MissionItem(
                 Command.NAV_WAYPOINT, Frame.GLOBAL_RELATIVE_ALT, param2=radius_m, param4=None
             )

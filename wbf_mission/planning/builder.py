@@ -28,7 +28,6 @@ from sim_vehicle.autopilot import (
     with_autopilot,
     with_return_margin,
 )
-from sim_vehicle.execution.fixed_wing_items import must_circle
 from sim_vehicle.prediction.battery_swaps import batteries_needed
 from sim_vehicle.prediction.flight import Prediction, home_frame
 from sim_vehicle.prediction.predict import expected_flights, plan_prediction, rehearsed_tracks
@@ -301,7 +300,7 @@ class MissionBuilder:
     def _pattern(self) -> WingPattern | None:
         """Return how a fixed wing takes off and lands, into the wind."""
         vehicle, weather = self.vehicle, self.weather
-        if not must_circle(vehicle):
+        if not vehicle.circles:
             return None
         procedures = fixed_wing_procedures(vehicle)
         law = procedures.limits(vehicle)

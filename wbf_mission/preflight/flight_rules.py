@@ -13,7 +13,6 @@ from mission.errors import MissionFileError
 from mission.files.fence import geo_fence
 from mission.model import Command, MissionType
 from sim_vehicle.autopilot import fixed_wing_procedures
-from sim_vehicle.execution.fixed_wing_items import must_circle
 from sim_vehicle.pilot.fence import Fence
 from wbf_mission.preflight.finding import Finding, Hit, Measure, Severity, worst_of
 from wbf_mission.preflight.plan_rules import Leg, legs_of, remarks_of
@@ -96,7 +95,7 @@ def check_speeds(subject: Subject) -> Iterator[Finding]:
             "give a speed that it reaches",
             Measure.at_most("speed", found[0].value, vehicle.fastest_m_s, "m/s"),
         )
-    if must_circle(vehicle):
+    if vehicle.circles:
         least = fixed_wing_procedures(vehicle).limits(vehicle).airspeed_min
         slow = [hit for hit in orders if hit.value < least]
         if (found := worst_of(slow, largest=False)) is not None:
@@ -115,7 +114,7 @@ def check_short_legs(subject: Subject) -> Iterator[Finding]:
     One short leg alone is the way from a row to the next, and many along a line or a wide curve are followed.
     """
     vehicle = subject.vehicle
-    if must_circle(vehicle) or _flies_to_the_end(subject):
+    if vehicle.circles or _flies_to_the_end(subject):
         return
     pairs = pairwise(legs_of(subject))
     short = list(dict.fromkeys(leg for pair in pairs if all(map(_is_short, pair)) for leg in pair))
@@ -147,7 +146,7 @@ def _flies_to_the_end(subject: Subject) -> bool:
 def check_turns(subject: Subject) -> Iterator[Finding]:
     """Corners for which the legs are too short, so that a fixed wing does not fly what is planned."""
     vehicle = subject.vehicle
-    if not must_circle(vehicle):
+    if not vehicle.circles:
         return
     limits = fixed_wing_procedures(vehicle).limits(vehicle)
     legs = legs_of(subject)
@@ -196,7 +195,7 @@ def check_climbs(subject: Subject) -> Iterator[Finding]:
             steep.append((Hit(leg.item, rate / limit), rate, limit))
     if (found := worst_of([hit for hit, _, _ in steep], largest=True)) is not None:
         rate, limit = next((rate, limit) for hit, rate, limit in steep if hit == found[0])
-        wing = must_circle(vehicle)
+        wing = vehicle.circles
         what = "the height is not reached at the waypoint" if wing else "the leg is flown slower"
         yield subject.worst(
             found,

@@ -32,7 +32,7 @@
     +-- mission.check.peer.SkippedError                  a check that does not apply
     +-- sim_vehicle.errors.VehicleError                  a vehicle or its specification
     |   +-- sim_vehicle.faults.fault.FaultError          a fault to be injected
-    |   +-- sim_vehicle.pilot.notices.RefusedError       a command that the vehicle refuses
+    |   +-- sim_vehicle.pilot.controls.RefusedError       a command that the vehicle refuses
     +-- wbf_mission.scenario.option.ScenarioError        a scenario or one of its options
     +-- wbf_mission.live.command.OrderError              an order that is none
     +-- wbf_mission.live.discovery.LiveFlightError       a run that a vehicle behind a link cannot do

@@ -24,8 +24,7 @@ from sim_vehicle.errors import VehicleError
 if TYPE_CHECKING:
     from mission.autopilots.profile import Profile
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.autopilot.behaviour import ColdBoot
-    from sim_vehicle.autopilot.failsafe_rules import FailsafeRules
+    from sim_vehicle.autopilot.behaviour import ColdBoot, FailsafeRules
     from sim_vehicle.autopilot.mavlink_profile import MavlinkProfile
     from sim_vehicle.autopilot.procedures import FlightProcedures
     from sim_vehicle.autopilot.stick_rules import StickRules

@@ -18,9 +18,8 @@ from mission.link.codec.typed import is_a
 from sim_vehicle.autopilot.parameters import Setting
 from sim_vehicle.autopilot.stick_rules import StickRules, Sticks
 from sim_vehicle.motion.legs import KEEP, Heading
-from sim_vehicle.pilot.attitude import AttitudeTarget
-from sim_vehicle.pilot.notices import RefusedError
-from sim_vehicle.pilot.setpoints import Setpoint
+from sim_vehicle.pilot.controls import RefusedError
+from sim_vehicle.pilot.guided import AttitudeTarget, Setpoint
 
 if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec

@@ -19,8 +19,8 @@ from sim_vehicle.execution.state import FlightPhase, LandedState
 from sim_vehicle.mavlink.ardupilot_messages import ARDUPILOT_BUILDERS
 from sim_vehicle.mavlink.gimbal import GIMBAL_BUILDERS
 from sim_vehicle.mavlink.wire_state import UNUSED, Vector, centidegrees, int16, int16_vector
+from sim_vehicle.pilot.controls import MissionState
 from sim_vehicle.pilot.fence import Breach
-from sim_vehicle.pilot.notices import MissionState
 
 if TYPE_CHECKING:
     from sim_vehicle.mavlink.wire_state import WireState

@@ -41,7 +41,7 @@ from sim_vehicle.mavlink.telemetry import BUILDERS, built
 from sim_vehicle.mavlink.vehicle_command import VehicleCommand
 from sim_vehicle.mavlink.vehicle_files import GENERAL_PATH, general_metadata, uri, vehicle_files
 from sim_vehicle.mavlink.wire_state import WireState
-from sim_vehicle.pilot.notices import RefusedError, Severity
+from sim_vehicle.pilot.controls import RefusedError, Severity
 from sim_vehicle.pilot.pilot import Pilot
 from sim_vehicle.weather.wind import Wind
 

@@ -9,7 +9,7 @@ from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.execution.state import FlightPhase, LandedState
 
 if TYPE_CHECKING:
-    from sim_vehicle.autopilot.failsafe_rules import IdleDisarm
+    from sim_vehicle.autopilot.behaviour import IdleDisarm
     from sim_vehicle.pilot.controls import Controls
     from sim_vehicle.pilot.failsafe import Failsafe
 

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from mission.outcome import Outcome
-from sim_vehicle.autopilot.failsafe_rules import Action, FailsafeRules
+from sim_vehicle.autopilot.behaviour import Action, FailsafeRules
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.execution.state import FlightPhase, LandedState
+from sim_vehicle.pilot.controls import Severity
 from sim_vehicle.pilot.fence import Bounds, Breach, Fence, FenceWatch
-from sim_vehicle.pilot.notices import Severity
 
 if TYPE_CHECKING:
     from sim_vehicle.energy.battery import BatteryState

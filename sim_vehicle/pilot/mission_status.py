@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from sim_vehicle.execution.feasibility import check_mission
 from sim_vehicle.execution.state import FlightPhase
-from sim_vehicle.pilot.notices import MissionState
+from sim_vehicle.pilot.controls import MissionState
 
 if TYPE_CHECKING:
     from mission.model import MissionItem

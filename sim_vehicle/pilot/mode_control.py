@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 from sim_vehicle.autopilot.behaviour import MissionBehaviour
 from sim_vehicle.autopilot.modes import Mode, ModeTable
 from sim_vehicle.execution.state import FlightPhase, LandedState
-from sim_vehicle.pilot.notices import RefusedError
+from sim_vehicle.pilot.controls import RefusedError
 
 if TYPE_CHECKING:
     from mission.model import MissionItem
     from sim_vehicle.pilot.controls import Controls
+    from sim_vehicle.pilot.guided import SetpointFollower
     from sim_vehicle.pilot.mission_status import MissionStatus
-    from sim_vehicle.pilot.setpoints import SetpointFollower
 
 __all__ = ["ModeControl"]
 

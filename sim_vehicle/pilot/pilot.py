@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from mission.model import Command, MissionItem
 from mission.outcome import Outcome
 from sim_vehicle.autopilot import with_autopilot
-from sim_vehicle.autopilot.failsafe_rules import Action
+from sim_vehicle.autopilot.behaviour import Action
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.parameters import RuntimeParameters, Setting
 from sim_vehicle.epoch import EPOCH_UNIX_S
@@ -32,14 +32,12 @@ from sim_vehicle.execution.state import (
 )
 from sim_vehicle.motion.legs import ALONG, Heading
 from sim_vehicle.pilot.arming import ArmingChecks, IdleWatch
-from sim_vehicle.pilot.attitude import AttitudePilot, AttitudeTarget, AutoYaw
-from sim_vehicle.pilot.controls import Controls
+from sim_vehicle.pilot.controls import Controls, MissionState, Notice, RefusedError, Severity
 from sim_vehicle.pilot.failsafe import Failsafe, Reaction
 from sim_vehicle.pilot.fence import Fence
+from sim_vehicle.pilot.guided import AttitudePilot, AttitudeTarget, AutoYaw, Setpoint, SetpointFollower
 from sim_vehicle.pilot.mission_status import MissionChange, MissionStatus
 from sim_vehicle.pilot.mode_control import ModeControl
-from sim_vehicle.pilot.notices import MissionState, Notice, RefusedError, Severity
-from sim_vehicle.pilot.setpoints import Setpoint, SetpointFollower
 from sim_vehicle.pilot.sticks import StickPilot
 
 if TYPE_CHECKING:

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 
 from mission.outcome import Outcome
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
-from sim_vehicle.autopilot.failsafe_rules import Action
+from sim_vehicle.autopilot.behaviour import Action
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.stick_rules import Sticks
 from sim_vehicle.execution.state import FlightPhase, LandedState
 from sim_vehicle.motion.legs import KEEP, Heading
+from sim_vehicle.pilot.controls import RefusedError, Severity
 from sim_vehicle.pilot.failsafe import Reaction
-from sim_vehicle.pilot.notices import RefusedError, Severity
 
 if TYPE_CHECKING:
     from sim_vehicle.autopilot.stick_rules import StickRules, Sticks, TiltSticks, WingSticks

@@ -13,8 +13,15 @@ from typing import TYPE_CHECKING
 
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command
-from sim_vehicle.autopilot.behaviour import BootStage, ColdBoot, MissionBehaviour
-from sim_vehicle.autopilot.failsafe_rules import Action, FailsafeRules, IdleDisarm, actions_by_value
+from sim_vehicle.autopilot.behaviour import (
+    Action,
+    BootStage,
+    ColdBoot,
+    FailsafeRules,
+    IdleDisarm,
+    MissionBehaviour,
+    actions_by_value,
+)
 from sim_vehicle.autopilot.mavlink_profile import (
     COMMON_CAPABILITIES,
     Identity,

@@ -12,7 +12,7 @@ from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.execution.state import FlightPhase
 from sim_vehicle.mavlink import SimVehicle
-from sim_vehicle.pilot.notices import RefusedError
+from sim_vehicle.pilot.controls import RefusedError
 
 HOME = GeoPoint(28.05, -82.15, 20.0)
 QUAD = get_vehicle("quad")

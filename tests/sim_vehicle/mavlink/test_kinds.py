@@ -19,7 +19,7 @@ from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.autopilot.px4.firmware import px4_takeoff_and_landing
 from sim_vehicle.host.simulation import Simulation
 from sim_vehicle.mavlink import SimVehicle
-from sim_vehicle.pilot.notices import MissionState, RefusedError
+from sim_vehicle.pilot.controls import MissionState, RefusedError
 
 POINT = GeoPoint(28.05, -82.15, 12.0)
 HOME = LocalFrame(28.05, -82.15)

@@ -19,8 +19,8 @@ from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.execution.state import FlightPhase, LandedState
 from sim_vehicle.mavlink import SimVehicle
+from sim_vehicle.pilot.controls import RefusedError
 from sim_vehicle.pilot.fence import Breach
-from sim_vehicle.pilot.notices import RefusedError
 
 HOME = GeoPoint(28.05, -82.15, 20.0)
 FRAME = LocalFrame(HOME.latitude_deg, HOME.longitude_deg, HOME.altitude_m)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from sim_vehicle.motion.legs import Position
     from sim_vehicle.pilot.controls import Controls
 
-__all__ = ["BatteryWatch", "Failsafe", "Reaction"]
+__all__ = ["BatteryWatch", "Failsafe", "Reaction", "is_done"]
 
 _LEVEL_NAMES = ("", "low", "critical", "almost empty")
 _ALMOST_EMPTY = 3
@@ -100,8 +100,9 @@ class BatteryWatch:
             self._sagging_since_s[i] = min(since_s, now_s) if voltage < limit else math.inf
 
 
+_HOMING = (FlightPhase.RETURN, FlightPhase.LAND)
 # Phases that an action does not interrupt, because they do the same or more.
-_KEPT_PHASES = {Action.LAND: (FlightPhase.LAND,), Action.TERMINATE: ()}
+_DONE_IN = {Action.HOLD: _HOMING, Action.RETURN: _HOMING, Action.LAND: (FlightPhase.LAND,)}
 # FENCE_TYPE of ArduPilot.
 _CEILING, _RADIUS, _AREAS = 1, 2, 4
 
@@ -116,6 +117,11 @@ class Reaction:
     reason: str
     return_point_m: Position | None = None
     """Where a return leads to instead of home (east, north, least height); the vehicle holds there."""
+
+
+def is_done(action: Action, phase: FlightPhase) -> bool:
+    """Return whether a vehicle in a phase does as much as an action asks for, or more."""
+    return phase in _DONE_IN.get(action, ())
 
 
 class Failsafe:
@@ -225,8 +231,8 @@ class Failsafe:
 
     def _warn_of_battery(self, level: int) -> Iterator[Reaction]:
         action = self.rules.battery_action(level, self._parameters)
-        homing = self._controls.state.phase in (FlightPhase.RETURN, FlightPhase.LAND)
-        acts = action not in (Action.NONE, Action.WARN) and not (homing and action is Action.RETURN)
+        homes = action is Action.RETURN and is_done(action, self._controls.state.phase)
+        acts = action not in (Action.NONE, Action.WARN) and not homes
         text = self.battery.describe(level)
         severity = Severity.CRITICAL if level > 1 else Severity.WARNING
         self._notices.add(severity, f"Battery {text}" + (f": {action.value}" if acts else ""))
@@ -282,7 +288,7 @@ class Failsafe:
         action = reaction.action
         if action in (Action.NONE, Action.WARN) or self._controls.landed is LandedState.ON_GROUND:
             return
-        if self._controls.state.phase in _KEPT_PHASES.get(action, (FlightPhase.RETURN, FlightPhase.LAND)):
+        if is_done(action, self._controls.state.phase):
             return
         self.active = True
         yield reaction

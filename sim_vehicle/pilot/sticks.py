@@ -15,7 +15,7 @@ from sim_vehicle.autopilot.stick_rules import Sticks
 from sim_vehicle.execution.state import FlightPhase, LandedState
 from sim_vehicle.motion.legs import KEEP, Heading
 from sim_vehicle.pilot.controls import RefusedError, Severity
-from sim_vehicle.pilot.failsafe import Reaction
+from sim_vehicle.pilot.failsafe import Reaction, is_done
 
 if TYPE_CHECKING:
     from sim_vehicle.autopilot.stick_rules import StickRules, Sticks, TiltSticks, WingSticks
@@ -197,9 +197,6 @@ _STEERS_AHEAD_S = 0.5
 _FULL_THROTTLE = 0.8
 # RC3_DZ, 30 microseconds of 500 above the end.
 _DOWN = -0.94
-# Phases that are as much as an action, or more.
-_COMES_HOME = (FlightPhase.RETURN, FlightPhase.LAND)
-_REACHED = {Action.HOLD: _COMES_HOME, Action.RETURN: _COMES_HOME, Action.LAND: (FlightPhase.LAND,)}
 
 
 class StickPilot:
@@ -363,7 +360,7 @@ class StickPilot:
             if loss.ignored:
                 self._notices.add(Severity.WARNING, loss.ignored.format(_NAMES.get(mode, mode.value)))
             return
-        if controls.state.phase in _REACHED.get(action, ()):
+        if is_done(action, controls.state.phase):
             return
         reaction = Reaction(action, Outcome.LINK_LOST, "sticks lost")
         delay_s = 0.0 if loss.delay is None else loss.delay.of(self._parameters)

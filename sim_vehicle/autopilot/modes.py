@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 
@@ -68,22 +67,19 @@ class BaseModes:
 class ModeTable:
     """The custom modes of a firmware."""
 
-    numbers: Mapping[Mode, int]
-    """The custom mode number of each mode that it has."""
+    rows: tuple[tuple[int, Mode, str], ...]
+    """Its custom modes: number, the mode that it is flown as, and the firmware's own name for its texts. The
+    first of a mode is its number; further ones are accepted, too."""
     boot: Mode
     """Mode after the start."""
     after_takeoff: Mode
     """The mode that follows a commanded take-off."""
     after_command: Mode
     """The mode that DO_REPOSITION, DO_ORBIT and DO_CHANGE_ALTITUDE lead to."""
-    aliases: Mapping[int, Mode] = field(default_factory=dict)
-    """Further custom modes that are accepted, flown as another mode."""
     base: BaseModes = field(default_factory=BaseModes)
     """What the base mode of the heartbeat says of them."""
     flips_from: frozenset[int] = frozenset()
     """The custom modes that FLIP is entered from."""
-    names: Mapping[int, str] = field(default_factory=dict)
-    """The firmware's own names of its custom modes, for its texts."""
     refused_text: str = "Mode {name} refused"
     """What is said of a mode that is not entered: ``{name}`` is its name, ``{reason}`` ArduCopter's
     reason."""
@@ -101,17 +97,22 @@ class ModeTable:
     def __getitem__(self, mode: Mode) -> int:
         return self.numbers[mode]
 
+    @property
+    def numbers(self) -> dict[Mode, int]:
+        """The custom mode number of each mode that it has."""
+        numbers: dict[Mode, int] = {}
+        for number, mode, _ in self.rows:
+            numbers.setdefault(mode, number)
+        return numbers
+
     def mode_of(self, custom_mode: int) -> Mode | None:
         """Mode with this custom number, None if there is none or it is not flown here."""
-        for mode, number in self.numbers.items():
-            if number == custom_mode:
-                return mode
-        return self.aliases.get(custom_mode)
+        return next((mode for number, mode, _ in self.rows if number == custom_mode), None)
 
     def refusal(self, number: int, *, has_position: bool = True) -> str:
         """What is said when the custom mode with this number is not entered."""
-        mode = self.mode_of(number)
-        name = self.names.get(number, number if mode is None else mode.value)
+        names = (name or mode.value for known, mode, name in self.rows if known == number)
+        name = next(names, str(number))
         reason = "init failed" if has_position else "requires position"
         return self.refused_text.format(name=name, reason=reason)
 

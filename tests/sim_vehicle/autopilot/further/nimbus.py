@@ -77,18 +77,16 @@ MAVLINK = MavlinkProfile(
         banner="Nimbus 3.2.1",
     ),
     modes=ModeTable(
-        numbers=MappingProxyType(
-            {
-                Mode.MANUAL: 70,
-                Mode.ALTITUDE: 71,
-                Mode.POSITION: 72,
-                Mode.HOLD: 73,
-                Mode.TAKEOFF: 74,
-                Mode.MISSION: 75,
-                Mode.RTL: 76,
-                Mode.LAND: 77,
-                Mode.GUIDED: 78,
-            }
+        rows=(
+            (70, Mode.MANUAL, ""),
+            (71, Mode.ALTITUDE, ""),
+            (72, Mode.POSITION, ""),
+            (73, Mode.HOLD, ""),
+            (74, Mode.TAKEOFF, ""),
+            (75, Mode.MISSION, ""),
+            (76, Mode.RTL, ""),
+            (77, Mode.LAND, ""),
+            (78, Mode.GUIDED, ""),
         ),
         boot=Mode.POSITION,
         after_takeoff=Mode.HOLD,

@@ -177,6 +177,8 @@ class FixedWingProcedures(FlightProcedures):
     """Whether DO_LAND_START has to have a position."""
     holds_at_waypoints: bool
     """Whether the hold time of a waypoint counts."""
+    climbs_ahead: bool
+    """Whether a take-off climbs straight ahead, not towards its position."""
     turns_to_zero: bool
     """Whether the coordinates that a return does not have count as 0 N 0 E, to which the way to it leads."""
 
@@ -228,6 +230,18 @@ class FixedWingProcedures(FlightProcedures):
         from sim_vehicle.motion.fixed_wing.model import FixedWing
 
         return FixedWing(spec, self.limits, wind, yaw_rad, self.control)
+
+    def takeoff_legs(
+        self,
+        spec: VehicleSpec,  # noqa: ARG002
+        here: Position,
+        target: Position,
+        speed: float,
+        heading: Heading,  # noqa: ARG002
+    ) -> list[Leg]:
+        """Climb-out up to the height."""
+        x, y, _ = here if self.climbs_ahead else target
+        return [Leg((x, y, max(target[2], 0.5)), speed, heading=KEEP, kind=LegKind.TAKEOFF)]
 
     def landing_legs(
         self,

@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING
 from sim_vehicle.airframe.parameters import ParameterSpec, whole
 from sim_vehicle.autopilot.procedures import FixedWingProcedures, airspeeds_in_order
 from sim_vehicle.motion.fixed_wing.layout import STOPPED_M_S
-from sim_vehicle.motion.legs import KEEP, Circle, Leg, LegKind
+from sim_vehicle.motion.legs import Circle, Leg, LegKind
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.fixed_wing.limits import ArduPlaneControl, FixedWingLimits
-    from sim_vehicle.motion.legs import Heading, Position
+    from sim_vehicle.motion.legs import Position
 
 __all__ = ["ARDUPLANE"]
 
@@ -114,6 +114,7 @@ class ArduPlane(FixedWingProcedures):
     return_height = "RTL_ALTITUDE"
     land_start_needs_position = True
     holds_at_waypoints = False  # it does not store the time
+    climbs_ahead = True
     turns_to_zero = True
 
     def limits(self, spec: VehicleSpec) -> FixedWingLimits:
@@ -230,18 +231,6 @@ class ArduPlane(FixedWingProcedures):
     def lands_as_mission(self, spec: VehicleSpec) -> bool:
         """Whether RTL_AUTOLAND has a return fly the landing of the mission."""
         return self.value(spec, "RTL_AUTOLAND") in (1.0, 2.0)
-
-    def takeoff_legs(
-        self,
-        spec: VehicleSpec,  # noqa: ARG002
-        here: Position,
-        target: Position,
-        speed: float,
-        heading: Heading,  # noqa: ARG002
-    ) -> list[Leg]:
-        """Climb-out straight ahead, up to the height."""
-        end = (here[0], here[1], max(target[2], 0.5))
-        return [Leg(end, speed, heading=KEEP, kind=LegKind.TAKEOFF)]
 
     def return_legs(
         self, spec: VehicleSpec, last: Position, speed: float, return_point: Position

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.fixed_wing.limits import FixedWingLimits
-    from sim_vehicle.motion.legs import Heading, Position
+    from sim_vehicle.motion.legs import Position
 
 __all__ = ["PX4_FIXED_WING"]
 
@@ -86,6 +86,7 @@ class Px4FixedWing(FixedWingProcedures):
     return_height = "RTL_RETURN_ALT"
     land_start_needs_position = False
     holds_at_waypoints = True
+    climbs_ahead = False
     turns_to_zero = False
 
     def limits(self, spec: VehicleSpec) -> FixedWingLimits:
@@ -156,18 +157,6 @@ class Px4FixedWing(FixedWingProcedures):
     def lands_as_mission(self, spec: VehicleSpec) -> bool:
         """Whether RTL_TYPE has a return fly the landing of the mission."""
         return self.value(spec, "RTL_TYPE") in (1.0, 2.0)
-
-    def takeoff_legs(
-        self,
-        spec: VehicleSpec,  # noqa: ARG002
-        here: Position,  # noqa: ARG002
-        target: Position,
-        speed: float,
-        heading: Heading,  # noqa: ARG002
-    ) -> list[Leg]:
-        """Climb-out towards the position, up to the height."""
-        end = (target[0], target[1], max(target[2], 0.5))
-        return [Leg(end, speed, heading=KEEP, kind=LegKind.TAKEOFF)]
 
     def return_legs(
         self, spec: VehicleSpec, last: Position, speed: float, return_point: Position

@@ -79,11 +79,12 @@ class StickLoss:
     """What is done on the ground."""
     arming: Setting | None = None
     """A parameter with which a vehicle whose sticks are lost does not arm, unless it is 0 (ArduPilot)."""
-    # Texts; ``delayed`` has a ``{}`` for the seconds, ``ignored`` for what goes on. Empty for none.
+    # Texts, empty for none; ``delayed`` has a ``{}`` for the seconds.
     lost: str = ""
     delayed: str = ""
-    ignored: str = ""
     regained: str = ""
+    ignored: Mapping[Mode, str] = field(default_factory=dict)
+    """What is said when a mode goes on without sticks."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -196,7 +196,7 @@ def plan_item_legs(
     here: Position,
     return_point: Position = (0.0, 0.0, 0.0),
 ) -> LegPlan:
-    """Return the legs from item ``seq``, which has a position,, as far as they are flown without a pause.
+    """Return the legs from item ``seq``, which has a position, as far as they are flown without a pause.
 
     ``settings`` is a copy to plan ahead with; ``here`` is where the vehicle is, ``return_point`` where it
     returns to and the least height of the path there.

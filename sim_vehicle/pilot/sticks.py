@@ -357,8 +357,8 @@ class StickPilot:
                 yield Reaction(loss.on_ground, Outcome.LINK_LOST, "sticks lost")
             return
         if loss.exceptions.get(mode, 0) & self._parameters.failsafe_options:
-            if loss.ignored:
-                self._notices.add(Severity.WARNING, loss.ignored.format(_NAMES.get(mode, mode.value)))
+            if mode in loss.ignored:
+                self._notices.add(Severity.WARNING, loss.ignored[mode])
             return
         if is_done(action, controls.state.phase):
             return
@@ -446,7 +446,3 @@ class StickPilot:
             with suppress(RefusedError):  # it may have come down meanwhile
                 self._controls.order(self._controls.executor.hold)
         self._moves = False
-
-
-# ArduPilot's names, for its texts.
-_NAMES = {Mode.MISSION: "Auto Mode", Mode.GUIDED: "Guided Mode", Mode.LAND: "Landing"}

@@ -437,7 +437,11 @@ COPTER_STICKS = StickRules(
         on_ground=Action.DISARM,
         arming=Setting("FS_THR_ENABLE", 1.0),
         lost="Radio Failsafe",
-        ignored="Radio Failsafe - Continuing {}",
+        ignored={
+            Mode.MISSION: "Radio Failsafe - Continuing Auto Mode",
+            Mode.GUIDED: "Radio Failsafe - Continuing Guided Mode",
+            Mode.LAND: "Radio Failsafe - Continuing Landing",
+        },
         regained="Radio Failsafe Cleared",
     ),
 )

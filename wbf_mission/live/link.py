@@ -15,9 +15,8 @@ from wbf_mission.live.hosting import Via
 from wbf_mission.planning import PlanResult
 from wbf_mission.planning.fleet import Vehicle
 from wbf_mission.preflight.finding import Concern, Finding, PreflightError, Report, Severity
-from wbf_mission.preflight.inquiry import ask_vehicle
+from wbf_mission.preflight.inquiry import VehicleSnapshot, ask_vehicle
 from wbf_mission.preflight.run import Circumstances, Tell, check_mission, tell_nobody
-from wbf_mission.preflight.snapshot import VehicleSnapshot
 from wbf_mission.run.hosting import Hosting
 from wbf_mission.run.joint_flight import Attendant
 from wbf_mission.scenario import Scenario

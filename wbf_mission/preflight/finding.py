@@ -25,13 +25,7 @@ __all__ = [
 
 
 class PreflightError(WbfMissionError, ValueError):
-    """A plan that must not go up, because the preflight check found errors, or that cannot be checked.
-
-    Parameters
-    ----------
-    finding : Finding, optional
-        The error that it tells of.
-    """
+    """A plan that must not go up, because the preflight check found errors (`finding`), or cannot check."""
 
     def __init__(self, message: str, finding: Finding | None = None) -> None:
         super().__init__(message)
@@ -67,16 +61,7 @@ _DIGITS = range(3, 8)
 
 @dataclass(frozen=True, slots=True)
 class Measure:
-    """A number that was measured, and what it is compared with.
-
-    Parameters
-    ----------
-    name : str
-        What was measured.
-    unit : str
-        Of both; empty for a number of things.
-    against : Against
-        What kind of limit it is.
+    """A number that was measured, and what it is compared with; without a unit it is a number of things.
 
     Examples
     --------
@@ -101,11 +86,6 @@ class Measure:
     def at_most(cls, name: str, value: float, limit: float, unit: str = "") -> Measure:
         """Return a measure that should not be more than its limit."""
         return cls(name, value, limit, unit, Against.MOST)
-
-    @classmethod
-    def planned(cls, name: str, value: float, planned: float, unit: str = "") -> Measure:
-        """Return a measure that should be what the plan counts on."""
-        return cls(name, value, planned, unit, Against.PLANNED)
 
     @property
     def is_broken(self) -> bool:
@@ -216,12 +196,7 @@ _ORDER = {severity: rank for rank, severity in enumerate(Severity)}
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """All findings of a check, the worst first, else as the checks came to them.
-
-    Parameters
-    ----------
-    findings : tuple of Finding
-    """
+    """All findings of a check, the worst first, else as the checks came to them."""
 
     findings: tuple[Finding, ...]
 
@@ -266,15 +241,7 @@ class Report:
 
 @dataclass(frozen=True, slots=True)
 class Hit:
-    """An item at which a check struck.
-
-    Parameters
-    ----------
-    item : int
-        Counted from 0.
-    value : float
-        What was measured there.
-    """
+    """An item, counted from 0, at which a check struck, and what was measured there."""
 
     item: int
     value: float

@@ -16,6 +16,7 @@ from sim_vehicle.autopilot import fixed_wing_procedures
 from sim_vehicle.pilot.fence import Fence
 from wbf_mission.preflight.finding import Finding, Hit, Measure, Severity, worst_of
 from wbf_mission.preflight.plan_rules import Leg, legs_of, remarks_of
+from wbf_mission.preflight.rules import found, worst
 from wbf_mission.preflight.subject import FlownTrack, Subject
 
 __all__ = [
@@ -87,25 +88,10 @@ def check_speeds(subject: Subject) -> Iterator[Finding]:
         and item.param2 > 0.0
     ]
     fast = [hit for hit in orders if hit.value > vehicle.fastest_m_s * 1.001]
-    if (found := worst_of(fast, largest=True)) is not None:
-        yield subject.worst(
-            found,
-            "too-fast",
-            f"faster than {vehicle.name} flies: it will take longer than the speed tells",
-            "give a speed that it reaches",
-            Measure.at_most("speed", found[0].value, vehicle.fastest_m_s, "m/s"),
-        )
+    yield from worst(subject, "too-fast", fast, vehicle.fastest_m_s, vehicle=vehicle.name)
     if vehicle.circles:
         least = fixed_wing_procedures(vehicle).limits(vehicle).airspeed_min
-        slow = [hit for hit in orders if hit.value < least]
-        if (found := worst_of(slow, largest=False)) is not None:
-            yield subject.worst(
-                found,
-                "too-slow",
-                "below the least airspeed of the fixed wing: the autopilot flies faster",
-                "give at least that",
-                Measure.at_least("airspeed", found[0].value, least, "m/s"),
-            )
+        yield from worst(subject, "too-slow", [hit for hit in orders if hit.value < least], least)
 
 
 def check_short_legs(subject: Subject) -> Iterator[Finding]:
@@ -118,19 +104,13 @@ def check_short_legs(subject: Subject) -> Iterator[Finding]:
         return
     pairs = pairwise(legs_of(subject))
     short = list(dict.fromkeys(leg for pair in pairs if all(map(_is_short, pair)) for leg in pair))
-    found = worst_of([Hit(leg.item, leg.length_m) for leg in short], largest=False)
-    if found is None:
+    shortest = min(short, key=lambda leg: leg.length_m, default=None)
+    if shortest is None:
         return
-    radius_m = next(leg.radius_m for leg in short if leg.item == found[0].item)
-    share = share_flown(subject, short, 0.5 * radius_m)
+    share = share_flown(subject, short, 0.5 * shortest.radius_m)
     if share is None or share < _MOST_OF_IT:
-        yield subject.worst(
-            found,
-            "short-leg",
-            "legs in a row are shorter than the acceptance radius: they count as flown at once",
-            "give a smaller radius, or leave waypoints out",
-            Measure.at_least("length of the leg", found[0].value, radius_m, "m"),
-        )
+        hits = (Hit(leg.item, leg.length_m) for leg in short)
+        yield from worst(subject, "short-leg", hits, shortest.radius_m)
 
 
 def _is_short(leg: Leg) -> bool:
@@ -160,23 +140,18 @@ def check_turns(subject: Subject) -> Iterator[Finding]:
         needed_m = needs[k] + needs[k + 1]
         if leg.passed and 0.0 < leg.length_m < needed_m:
             tight.append((Hit(leg.item, leg.length_m / needed_m), leg, needed_m))
-    found = worst_of([hit for hit, _, _ in tight], largest=False)
+    worst_hit = worst_of([hit for hit, _, _ in tight], largest=False)
     share = share_flown(subject, [leg for leg in legs if leg.passed], _BESIDE_M)
-    if found is None or (share is not None and share >= _MOST_OF_IT):
+    if worst_hit is None or (share is not None and share >= _MOST_OF_IT):
         return
-    leg, needed_m = next((leg, needed) for hit, leg, needed in tight if hit == found[0])
+    first, count = worst_hit
+    leg, needed_m = next((leg, needed) for hit, leg, needed in tight if hit == first)
     room_m = max(2.0 * limits.tightest_m(max(leg.speed_m_s, limits.airspeed_min)), 1.0)
-    yield subject.worst(
-        found,
-        "tight-turn",
-        "the legs are too short for the turns of a fixed wing: much of the plan is not flown",
-        f"lay rows at least {room_m:.0f} m apart; where the field is too small for that, fly a multirotor",
-        Measure.at_least("length of the leg", leg.length_m, needed_m, "m")
-        if share is None
-        else Measure.at_least(
-            f"part of the path flown within {_BESIDE_M:g} m", 100.0 * share, 100.0 * _MOST_OF_IT, "%"
-        ),
-    )
+    measure = Measure.at_least("length of the leg", leg.length_m, needed_m, "m")
+    if share is not None:
+        name = f"part of the path flown within {_BESIDE_M:g} m"
+        measure = Measure.at_least(name, 100.0 * share, 100.0 * _MOST_OF_IT, "%")
+    yield found(subject, "tight-turn", item=first.item, count=count, measure=measure, room_m=room_m)
 
 
 def check_climbs(subject: Subject) -> Iterator[Finding]:
@@ -193,17 +168,18 @@ def check_climbs(subject: Subject) -> Iterator[Finding]:
         rate = abs(leg.climb_m) * leg.speed_m_s / leg.length_m
         if rate > limit:
             steep.append((Hit(leg.item, rate / limit), rate, limit))
-    if (found := worst_of([hit for hit, _, _ in steep], largest=True)) is not None:
-        rate, limit = next((rate, limit) for hit, rate, limit in steep if hit == found[0])
+    if (worst_hit := worst_of([hit for hit, _, _ in steep], largest=True)) is not None:
+        first, count = worst_hit
+        measured = next((rate, limit) for hit, rate, limit in steep if hit == first)
         wing = vehicle.circles
-        what = "the height is not reached at the waypoint" if wing else "the leg is flown slower"
-        yield subject.worst(
-            found,
+        yield found(
+            subject,
             "steep-leg",
-            f"the leg climbs or sinks faster than the vehicle does: {what}",
-            "make the leg longer, or fly slower",
-            Measure.at_most("climb or descent", rate, limit, "m/s"),
-            Severity.WARNING if wing else Severity.NOTE,
+            item=first.item,
+            count=count,
+            measured=measured,
+            severity=Severity.WARNING if wing else Severity.NOTE,
+            outcome="the height is not reached at the waypoint" if wing else "the leg is flown slower",
         )
 
 
@@ -221,23 +197,16 @@ def check_wind(subject: Subject) -> Iterator[Finding]:
     top_m = max(0.0, max((leg.end_m[2] for leg in legs_of(subject)), default=vehicle.takeoff_altitude_m))
     speed = math.hypot(*wind.mean_at(top_m))
     if speed >= limit_m_s:
-        yield Finding(
-            Severity.WARNING if subject.assumed else Severity.ERROR,
-            "too-windy",
-            f"{vehicle.name} would be blown away",
-            "wait for less wind",
-            measure=Measure.at_most("wind", speed, limit_m_s, "m/s"),
-        )
+        yield found(subject, "too-windy", measured=(speed, limit_m_s), vehicle=vehicle.name)
     elif subject.prediction is not None and vehicle.kind != "rover":
         beyond_s = wind.share_above(limit_m_s, top_m) * subject.prediction.duration_s
         if beyond_s >= _SHORT_GUSTS_S:
-            yield Finding(
-                Severity.WARNING,
+            yield found(
+                subject,
                 TOO_GUSTY,
-                f"gusts are stronger than the {limit_m_s:.3g} m/s against which {vehicle.name} holds its"
-                " path: it is blown aside then, and no margin to obstacles or a fence covers that",
-                "wait for less wind, or stay farther away",
-                measure=Measure.at_most("time in such gusts", beyond_s, _SHORT_GUSTS_S, "s"),
+                measured=(beyond_s, _SHORT_GUSTS_S),
+                vehicle=vehicle.name,
+                limit_m_s=limit_m_s,
             )
 
 
@@ -269,30 +238,20 @@ def check_battery(subject: Subject) -> Iterator[Finding]:
     over_ground = f"{prediction.ground_length_m:.1f} m over ground"
     text = f"{until}the flight is predicted to take {takes} in {air}: {over_ground}"
     if battery is None or subject.stopped is not None:
-        yield Finding(Severity.NOTE, "flight", text)
+        yield found(subject, "flight", flight=text)
         return
-    left = 1.0 - prediction.energy_wh / battery.capacity_wh
-    reserve = battery.reserve_fraction
-    text += f", {prediction.energy_wh:.1f} of {battery.capacity_wh:g} Wh"
-    measure = Measure.at_least("left in the battery at the end", 100.0 * left, 100.0 * reserve, "%")
-    if left >= reserve + _COMFORT:
-        yield Finding(Severity.NOTE, "flight", text, measure=measure)
-        return
-    short = left < reserve
-    severity = Severity.NOTE
-    if short:
-        severity = Severity.WARNING if subject.assumed else Severity.ERROR
-    yield Finding(
-        severity,
-        "battery" if short else "battery-close",
-        f"{text}; {prediction.reason if short else 'hardly more is left at the end than the reserve'}",
-        "fly a shorter mission, or in parts" if short else "begin with a full battery",
-        measure=measure,
+    left, reserve = 1.0 - prediction.energy_wh / battery.capacity_wh, battery.reserve_fraction
+    code = "battery" if left < reserve else "battery-close" if left < reserve + _COMFORT else "flight"
+    yield found(
+        subject,
+        code,
+        measured=(100.0 * left, 100.0 * reserve),
+        flight=f"{text}, {prediction.energy_wh:.1f} of {battery.capacity_wh:g} Wh",
+        reason=prediction.reason,
     )
 
 
 _STEP_M, _MOST_STEPS = 1.0, 1000
-_INSIDE = "distance inside the fence"
 
 
 def check_fence(subject: Subject) -> Iterator[Finding]:
@@ -306,33 +265,27 @@ def check_fence(subject: Subject) -> Iterator[Finding]:
             one.plan is MissionType.FENCE and one.severity is Severity.ERROR for one in remarks_of(subject)
         )
         if not told:
-            yield Finding(Severity.ERROR, "bad-fence", str(error), "draw the fence again", plan="fence")
+            yield found(subject, "bad-fence", plan="fence", error=error)
         return
     fence = _fence_of(subject)
     home_m = fence.margin_m(0.0, 0.0)
     if home_m < 0.0:
-        yield Finding(
-            Severity.ERROR,
-            "home-outside-fence",
-            "home is outside the fence: the vehicle would not arm",
-            "move the fence or home",
-            plan="fence",
-            measure=Measure.at_least(_INSIDE, home_m, 0.0, "m"),
-        )
+        yield found(subject, "home-outside-fence", plan="fence", measured=(home_m, 0.0))
     for k, item in enumerate(subject.mission.rally):
         margin_m = fence.margin_m(*subject.frame.from_wgs84(item.x, item.y))
         if margin_m < 0.0:
-            yield Finding(
-                Severity.WARNING,
-                "rally-outside-fence",
-                "a rally point outside the fence",
-                "move it inside",
-                plan="rally",
-                item=k + 1,
-                command="NAV_RALLY_POINT",
-                measure=Measure.at_least(_INSIDE, margin_m, 0.0, "m"),
-            )
-    yield from _path_findings(subject, fence)
+            yield found(subject, "rally-outside-fence", item=k, plan="rally", measured=(margin_m, 0.0))
+    near = [
+        Hit(int(item), float(margin))
+        for track in _paths(subject)
+        for item, margin in zip(track.items, fence.margins_m(*track.points_m[:, :2].T), strict=True)
+        if margin < subject.margin_m
+    ]
+    outside = [hit for hit in near if hit.value < 0.0]
+    if outside:
+        yield from worst(subject, "outside-fence", outside, 0.0)
+    else:
+        yield from worst(subject, "near-fence", near, subject.margin_m)
 
 
 def _fence_of(subject: Subject) -> Fence:
@@ -341,38 +294,6 @@ def _fence_of(subject: Subject) -> Fence:
 
     firmware = autopilot_of_number(subject.profile.autopilot).for_vehicle(subject.vehicle.kind)
     return Fence.of(subject.mission.fence, subject.frame, any_inclusion=firmware.rules.any_inclusion)
-
-
-def _path_findings(subject: Subject, fence: Fence) -> Iterator[Finding]:
-    hits = [
-        Hit(int(item), float(margin))
-        for track in _paths(subject)
-        for item, margin in zip(track.items, fence.margins_m(*track.points_m[:, :2].T), strict=True)
-        if margin < subject.margin_m
-    ]
-    outside = [hit for hit in hits if hit.value < 0.0]
-    if (found := worst_of(outside, largest=False)) is not None:
-        hit, count = found
-        yield subject.finding(
-            Severity.ERROR,
-            "outside-fence",
-            "the path to it leaves the fence, or enters what it shuts out",
-            "move the waypoint or the fence",
-            item=hit.item,
-            measure=Measure.at_least(_INSIDE, hit.value, 0.0, "m"),
-            count=count,
-        )
-    elif (found := worst_of(hits, largest=False)) is not None:
-        hit, count = found
-        yield subject.finding(
-            Severity.WARNING,
-            "near-fence",
-            "the path to it comes near the edge of the fence",
-            "keep away from the edge, or give the margin that is meant",
-            item=hit.item,
-            measure=Measure.at_least(_INSIDE, hit.value, subject.margin_m, "m"),
-            count=count,
-        )
 
 
 def check_obstacles(subject: Subject) -> Iterator[Finding]:
@@ -387,21 +308,8 @@ def check_obstacles(subject: Subject) -> Iterator[Finding]:
         near = np.flatnonzero(shapely.dwithin(legs, obstacles, subject.margin_m))
         away = shapely.distance(legs[near], obstacles)
         hits += [Hit(int(track.items[k + 1]), float(metres)) for k, metres in zip(near, away, strict=True)]
-    if (found := worst_of(hits, largest=False)) is None:
-        return
-    hit, count = found
-    crosses = hit.value == 0.0
-    yield subject.finding(
-        Severity.ERROR if crosses else Severity.WARNING,
-        "obstacle" if crosses else "near-obstacle",
-        "the path to it crosses an obstacle of the farm"
-        if crosses
-        else "the path to it comes near an obstacle of the farm",
-        "fly round it",
-        item=hit.item,
-        measure=Measure.at_least("distance from the obstacle", hit.value, subject.margin_m, "m"),
-        count=count,
-    )
+    code = "obstacle" if any(hit.value == 0.0 for hit in hits) else "near-obstacle"
+    yield from worst(subject, code, hits, subject.margin_m)
 
 
 def _paths(subject: Subject) -> list[FlownTrack]:

@@ -1,10 +1,11 @@
-"""Asking a vehicle: parameters one by one, and messages that tell how it stands there. Sans-IO."""
+"""Asking a vehicle (parameters one by one, messages that tell how it stands there), and what it answered."""
 
 from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from types import MappingProxyType
 
 from mission.autopilots.profile import Profile, Question
@@ -21,9 +22,96 @@ from mission.transfer.vehicles import VehicleSearch
 from mission.transfer.wire import ground_heartbeat
 from sim_vehicle.host.server import Server
 from sim_vehicle.host.simulation import StopReason
-from wbf_mission.preflight.snapshot import FirmwareVersion, Gps, VehicleSnapshot
 
-__all__ = ["ESTIMATES", "STATE_MESSAGES", "HeardState", "Inquiry", "ask_vehicle", "decoded"]
+__all__ = [
+    "FirmwareVersion",
+    "Gps",
+    "HeardState",
+    "Inquiry",
+    "VehicleSnapshot",
+    "ask_vehicle",
+    "decoded",
+]
+
+_KINDS = {0: "dev", 64: "alpha", 128: "beta", 192: "rc", 255: ""}
+
+
+@dataclass(frozen=True, slots=True)
+class FirmwareVersion:
+    """The version of an autopilot's firmware; a `kind` (FIRMWARE_VERSION_TYPE) of 255 is an official release.
+
+    Examples
+    --------
+    >>> str(FirmwareVersion.of(0x010E02FF)), str(FirmwareVersion.of(0x04070000))
+    ('1.14.2', '4.7.0 dev')
+    """
+
+    major: int
+    minor: int
+    patch: int
+    kind: int
+
+    @classmethod
+    def of(cls, number: int) -> FirmwareVersion:
+        """Return the version in AUTOPILOT_VERSION.flight_sw_version."""
+        return cls(number >> 24 & 255, number >> 16 & 255, number >> 8 & 255, number & 255)
+
+    @property
+    def is_official(self) -> bool:
+        """Whether it is a release."""
+        return self.kind == 255
+
+    def __str__(self) -> str:
+        kind = _KINDS.get(self.kind, f"type {self.kind}")
+        return f"{self.major}.{self.minor}.{self.patch} {kind}".strip()
+
+
+@dataclass(frozen=True, slots=True)
+class Gps:
+    """Satellite navigation; `fix` is GPS_FIX_TYPE."""
+
+    fix: int
+    satellites: int | None = None
+    hdop: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleSnapshot:
+    """A vehicle as it answered; None for what it did not tell.
+
+    Parameters
+    ----------
+    system_id, autopilot, vehicle_type : int
+        Ids of its heartbeat: MAV_AUTOPILOT, MAV_TYPE.
+    parameters : mapping of str to float
+        Those that it told, of those that were asked for.
+    sensors_present, sensors_enabled, sensors_health : int or None
+        Of SYS_STATUS: MAV_SYS_STATUS_SENSOR.
+    estimator_flags : int or None
+        ESTIMATOR_STATUS_FLAGS, or EKF_STATUS_FLAGS, whose lower bits mean the same.
+    position : GeoPoint or None
+        Where it stands.
+    battery : float or None
+        Fraction that is left.
+    reasons : tuple of str
+        Why it would not arm, in its own words.
+    """
+
+    system_id: int
+    autopilot: int
+    vehicle_type: int
+    armed: bool = False
+    parameters: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    version: FirmwareVersion | None = None
+    sensors_present: int | None = None
+    sensors_enabled: int | None = None
+    sensors_health: int | None = None
+    gps: Gps | None = None
+    estimator_flags: int | None = None
+    position: GeoPoint | None = None
+    battery: float | None = None
+    reasons: tuple[str, ...] = ()
+
 
 _UNKNOWN = 65535
 _UNKNOWN_SATELLITES = 255
@@ -303,16 +391,9 @@ class Inquiry:
 
 
 def decoded(value: float, kind: int, *, bytewise: bool) -> float | None:
-    """Return the number that PARAM_VALUE carries; None for one that is not finite.
+    """Return the number that PARAM_VALUE carries, of a MAV_PARAM_TYPE; None for one that is not finite.
 
-    Parameters
-    ----------
-    value : float
-        param_value.
-    kind : int
-        MAV_PARAM_TYPE.
-    bytewise : bool
-        Whether integers travel as the bytes of the float (PX4), not as numbers (ArduPilot).
+    Bytewise, integers travel as the bytes of the float (PX4), not as numbers (ArduPilot).
 
     Examples
     --------

@@ -11,11 +11,11 @@ from mission.model import Command, Frame
 from mission.transfer.remarks import Remark
 from mission.transfer.rendering import render
 from mission.transfer.wire import command_name
-from sim_vehicle.execution.feasibility import ItemProblem
 from sim_vehicle.execution.items import DO_COMMANDS, NAV_COMMANDS, Settings, do_items
 from sim_vehicle.motion.legs import Position
 from wbf_mission.planning.builder import turns_camera
-from wbf_mission.preflight.finding import Concern, Finding, Hit, Measure, Severity, worst_of
+from wbf_mission.preflight.finding import Concern, Finding, Hit, Severity, worst_of
+from wbf_mission.preflight.rules import found, worst
 from wbf_mission.preflight.subject import (
     LANDINGS,
     LAST_NAV,
@@ -60,28 +60,19 @@ _SMALLEST_RADIUS_M = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """The way to an item, in the order of the items; jumps are not followed.
-
-    Parameters
-    ----------
-    item : int
-        It ends there; counted from 0.
-    start_m, end_m : Position
-        East, north, up about home.
-    speed_m_s : float
-        Ordered.
-    radius_m : float
-        At which its end counts as reached.
-    passed : bool
-        It is flown through, without a pause at its end.
-    """
+    """The way to an item, in the order of the items; jumps are not followed."""
 
     item: int
+    """It ends there; counted from 0."""
     start_m: Position
+    """East, north, up about home."""
     end_m: Position
     speed_m_s: float
+    """Ordered."""
     radius_m: float
+    """At which its end counts as reached."""
     passed: bool
+    """It is flown through, without a pause at its end."""
 
     @property
     def length_m(self) -> float:
@@ -130,39 +121,18 @@ def _radius_m(subject: Subject, item: int) -> float:
 def check_lengths(subject: Subject) -> Iterator[Finding]:
     """Legs of no length, and longer than 10 km."""
     legs = legs_of(subject)
-    zero = [Hit(leg.item, 0.0) for leg in legs if leg.passed and _is_zero(leg, subject)]
-    if (found := worst_of(zero, largest=True)) is not None:
-        yield subject.worst(
-            found,
-            "zero-leg",
-            "the same position as before",
-            "remove one of the two",
-        )
+    yield from worst(
+        subject, "zero-leg", (Hit(leg.item, 0.0) for leg in legs if leg.passed and _is_zero(leg, subject))
+    )
     long = [Hit(leg.item, leg.length_m) for leg in legs if leg.length_m > _LONGEST_M]
-    if (found := worst_of(long, largest=True)) is not None:
-        yield subject.worst(
-            found,
-            "long-leg",
-            "a very long leg",
-            "is the position right?",
-            Measure.at_most("length of the leg", found[0].value, _LONGEST_M, "m"),
-        )
+    yield from worst(subject, "long-leg", long, _LONGEST_M)
 
 
 def check_radii(subject: Subject) -> Iterator[Finding]:
     """Acceptance radii that the vehicle cannot hold: the error of its height estimate counts in them."""
-    if not subject.profile.radius_in_space or subject.vehicle.kind != "multirotor":
-        return
-    hits = [Hit(leg.item, leg.radius_m) for leg in legs_of(subject) if leg.radius_m < _SMALLEST_RADIUS_M]
-    if (found := worst_of(hits, largest=False)) is not None:
-        yield subject.worst(
-            found,
-            "small-radius",
-            "the acceptance radius counts in space, and the height estimate is wrong by half a metre: "
-            f"{subject.profile.name} may wait at the waypoint",
-            "give 2 m, or 0 for the autopilot's own",
-            Measure.at_least("acceptance radius", found[0].value, _SMALLEST_RADIUS_M, "m"),
-        )
+    if subject.profile.radius_in_space and subject.vehicle.kind == "multirotor":
+        small = [Hit(leg.item, leg.radius_m) for leg in legs_of(subject) if leg.radius_m < _SMALLEST_RADIUS_M]
+        yield from worst(subject, "small-radius", small, _SMALLEST_RADIUS_M, autopilot=subject.profile.name)
 
 
 def check_start_distance(subject: Subject) -> Iterator[Finding]:
@@ -173,15 +143,10 @@ def check_start_distance(subject: Subject) -> Iterator[Finding]:
         for k, (item, (x, y, _)) in enumerate(positions)
         if item.command in _FAR_FROM_HOME
     ]
-    if (found := worst_of(away, largest=False)) is not None and found[0].value > _FARTHEST_START_M:
-        nearest = found[0]
-        yield subject.worst(
-            (nearest, 1),
-            "far-start",
-            "the whole mission is far from home: this is its nearest position",
-            "is home right?",
-            Measure.at_most("distance from home", nearest.value, _FARTHEST_START_M, "m"),
-        )
+    nearest = worst_of(away, largest=False)
+    if nearest is not None and nearest[0].value > _FARTHEST_START_M:
+        hit = nearest[0]
+        yield found(subject, "far-start", item=hit.item, measured=(hit.value, _FARTHEST_START_M))
 
 
 def _is_zero(leg: Leg, subject: Subject) -> bool:
@@ -217,71 +182,36 @@ def check_problems(subject: Subject) -> Iterator[Finding]:
     # Where a jump leads is told of every autopilot.
     problems = [one for one in subject.problems if one.code != "jump-target"]
     for code in dict.fromkeys(one.code for one in problems):
-        yield _problem_finding([one for one in problems if one.code == code])
+        same = [one for one in problems if one.code == code]
+        first = same[0]
+        yield Finding(
+            Severity.ERROR,
+            code,
+            first.reason,
+            _FIXES.get(code, "correct the item"),
+            item=None if first.item is None else first.item + 1,
+            command="" if first.item is None else command_name(first.command),
+            count=len(same),
+        )
     if subject.stopped is not None:
         item, reason = subject.stopped
-        fix = "change the item, or fly another vehicle"
-        yield subject.finding(
-            Severity.WARNING if subject.assumed else Severity.ERROR,
-            "stops",
-            reason,
-            fix,
-            item=item,
-        )
+        yield found(subject, "stops", item=item, reason=reason)
 
 
 def check_predicted(subject: Subject) -> Iterator[Finding]:
     """A plan whose flight could not be predicted: several checks know less then."""
     if subject.prediction is None:
-        yield Finding(
-            Severity.NOTE,
-            "no-prediction",
-            "the flight is not predicted, because the vehicle cannot fly the plan: battery and time are not"
-            " known, and fence and obstacles are checked along straight legs",
-            "correct the errors, then check again",
-        )
-
-
-def _problem_finding(problems: list[ItemProblem]) -> Finding:
-    first = problems[0]
-    return Finding(
-        Severity.ERROR,
-        first.code,
-        first.reason,
-        _FIXES.get(first.code, "correct the item"),
-        item=None if first.item is None else first.item + 1,
-        command="" if first.item is None else command_name(first.command),
-        count=len(problems),
-    )
+        yield found(subject, "no-prediction")
 
 
 def check_unknown(subject: Subject) -> Iterator[Finding]:
     """Commands and heights that the prediction leaves out."""
-    unknown = [
-        k
-        for k, item in enumerate(subject.items)
-        if item.command not in NAV_COMMANDS and item.command not in DO_COMMANDS
-    ]
-    if unknown:
-        first = unknown[0]
-        yield subject.finding(
-            Severity.WARNING,
-            "not-predicted",
-            "this command is not predicted: time, path and battery are without it",
-            "check the item by hand",
-            item=first,
-            count=len(unknown),
-        )
-    terrain = [k for k, item in enumerate(subject.items) if item.frame == Frame.GLOBAL_TERRAIN_ALT]
-    if terrain:
-        yield subject.finding(
-            Severity.WARNING,
-            "terrain-heights",
-            "heights above the terrain are predicted as heights above home",
-            "check heights and battery where the ground rises",
-            item=terrain[0],
-            count=len(terrain),
-        )
+    items = list(enumerate(subject.items))
+    unknown = [k for k, one in items if one.command not in NAV_COMMANDS and one.command not in DO_COMMANDS]
+    terrain = [k for k, one in items if one.frame == Frame.GLOBAL_TERRAIN_ALT]
+    for code, where in (("not-predicted", unknown), ("terrain-heights", terrain)):
+        if where:
+            yield found(subject, code, item=where[0], count=len(where))
 
 
 def check_flown(subject: Subject) -> Iterator[Finding]:
@@ -289,27 +219,14 @@ def check_flown(subject: Subject) -> Iterator[Finding]:
     seen = reachable(subject.items)
     never = [k for k in range(len(subject.items)) if k not in seen]
     if never:
-        yield subject.finding(
-            Severity.WARNING,
-            "unreachable",
-            "is never flown: what is before it ends the mission, and nothing jumps there",
-            "remove it, or put the end of the mission behind it",
-            item=never[0],
-            count=len(never),
-        )
+        yield found(subject, "unreachable", item=never[0], count=len(never))
 
 
 def check_ends(subject: Subject) -> Iterator[Finding]:
     """Jumps that go round for ever."""
     if never_ends(subject.items):
         jump = max((k for k in reachable(subject.items) if k < len(subject.items)), default=0)
-        yield subject.finding(
-            Severity.WARNING,
-            "endless",
-            "the mission goes round until the battery is low",
-            "give DO_JUMP a number of times",
-            item=jump,
-        )
+        yield found(subject, "endless", item=jump)
 
 
 def check_frames(subject: Subject) -> Iterator[Finding]:
@@ -323,14 +240,8 @@ def check_frames(subject: Subject) -> Iterator[Finding]:
     if len(usual) > 1:
         others = [(k, frame) for k, frame in frames if frame != usual[0][0]]
         item, frame = others[0]
-        yield subject.finding(
-            Severity.WARNING,
-            "mixed-frames",
-            f"its height counts {_FRAMES[frame]}, that of others {_FRAMES[usual[0][0]]}",
-            "give all heights in one frame",
-            item=item,
-            count=len(others),
-        )
+        own, usual_level = _FRAMES[frame], _FRAMES[usual[0][0]]
+        yield found(subject, "mixed-frames", item=item, count=len(others), frame=own, usual=usual_level)
 
 
 def check_dialect(subject: Subject) -> Iterator[Finding]:
@@ -368,27 +279,11 @@ def check_takeoff(subject: Subject) -> Iterator[Finding]:
     takeoffs = [k for k in nav if subject.items[k].command in TAKEOFFS]
     known = any(one.code == "no-takeoff" for one in subject.problems)
     if nav and not known and (not takeoffs or takeoffs[0] != nav[0]):
-        first = nav[0]
-        yield subject.finding(
-            Severity.WARNING,
-            "late-takeoff" if takeoffs else "climbs-by-itself",
-            "comes before the take-off"
-            if takeoffs
-            else "no take-off before it: the vehicle climbs where it stands",
-            "begin with NAV_TAKEOFF",
-            item=first,
-        )
+        yield found(subject, "late-takeoff" if takeoffs else "climbs-by-itself", item=nav[0])
     for k in takeoffs[:1]:
         height_m = subject.positions[k][2]
         if 0.0 < height_m < _LOWEST_TAKEOFF_M:
-            yield subject.finding(
-                Severity.WARNING,
-                "low-takeoff",
-                "takes off to a height at which it is still in its own wash",
-                "take off higher",
-                item=k,
-                measure=Measure.at_least("height", height_m, _LOWEST_TAKEOFF_M, "m"),
-            )
+            yield found(subject, "low-takeoff", item=k, measured=(height_m, _LOWEST_TAKEOFF_M))
 
 
 def check_end(subject: Subject) -> Iterator[Finding]:
@@ -401,24 +296,11 @@ def check_end(subject: Subject) -> Iterator[Finding]:
     for last in lasts[:1]:
         command = subject.items[last].command
         if command not in LANDINGS and command != Command.NAV_RETURN_TO_LAUNCH:
-            yield subject.finding(
-                Severity.WARNING,
-                "no-landing",
-                "the mission ends in the air: the vehicle stays there until the battery is low",
-                "end with NAV_RETURN_TO_LAUNCH or NAV_LAND",
-                item=last,
-            )
+            yield found(subject, "no-landing", item=last)
     for k, item in enumerate(subject.items):
-        x, y, _ = subject.positions[k]
-        if item.command in LANDINGS and math.hypot(x, y) > _FARTHEST_LANDING_M:
-            yield subject.finding(
-                Severity.WARNING,
-                "lands-elsewhere",
-                "lands far from home",
-                "is that meant? Otherwise end with NAV_RETURN_TO_LAUNCH",
-                item=k,
-                measure=Measure.at_most("distance from home", math.hypot(x, y), _FARTHEST_LANDING_M, "m"),
-            )
+        away_m = math.hypot(*subject.positions[k][:2])
+        if item.command in LANDINGS and away_m > _FARTHEST_LANDING_M:
+            yield found(subject, "lands-elsewhere", item=k, measured=(away_m, _FARTHEST_LANDING_M))
 
 
 def _is_last(subject: Subject, item: int) -> bool:
@@ -462,26 +344,11 @@ def check_camera(subject: Subject) -> Iterator[Finding]:
             interval_s = distance_m / speeds[k]
             if interval_s < subject.image_interval_s:
                 hits.append(Hit(order, interval_s))
-    if (found := worst_of(hits, largest=False)) is not None:
-        hit, count = found
-        yield subject.finding(
-            Severity.WARNING,
-            "camera-too-fast",
-            "the images follow each other faster than the camera takes them: some will be missing",
-            "fly slower, or leave more distance between images",
-            item=hit.item,
-            measure=Measure.at_least("time between images", hit.value, subject.image_interval_s, "s"),
-            count=count,
-        )
+    yield from worst(subject, "camera-too-fast", hits, subject.image_interval_s)
     if on is not None:
-        yield subject.finding(
-            Severity.NOTE,
-            "camera-left-on",
-            "the camera is not stopped before the end: it goes on taking images on the way home",
-            item=on,
-        )
+        yield found(subject, "camera-left-on", item=on)
     if not any(item.command in (_DISTANCE, _INTERVAL, _START) for item in subject.items):
-        yield Finding(Severity.NOTE, "no-camera", "the mission never starts a camera")
+        yield found(subject, "no-camera")
 
 
 _HIGHEST_M = 120.0
@@ -506,26 +373,6 @@ def check_heights(subject: Subject) -> Iterator[Finding]:
     high = [hit for hit in heights if hit.value > _HIGHEST_M]
     # A return may climb to a height of its own; half a metre above a waypoint is the controller's.
     high = high or [hit for hit in flown if hit.value > _HIGHEST_M + 1.0]
-    if (found := worst_of(high, largest=True)) is not None:
-        hit, count = found
-        yield subject.finding(
-            Severity.WARNING,
-            "too-high",
-            "higher above home than most rules allow above the ground",
-            "fly lower, or with a permission; mind where the ground falls",
-            item=hit.item,
-            measure=Measure.at_most("height above home", hit.value, _HIGHEST_M, "m"),
-            count=count,
-        )
+    yield from worst(subject, "too-high", high, _HIGHEST_M)
     low = [hit for hit in heights if 0.0 < hit.value < _LOWEST_M]
-    if (found := worst_of(low, largest=False)) is not None:
-        hit, count = found
-        yield subject.finding(
-            Severity.WARNING,
-            "too-low",
-            "so low that a slope, a plant or the error of the barometer is in the way",
-            "fly higher",
-            item=hit.item,
-            measure=Measure.at_least("height above home", hit.value, _LOWEST_M, "m"),
-            count=count,
-        )
+    yield from worst(subject, "too-low", low, _LOWEST_M)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 from geo import Farm
 from mission.autopilots.profile import Profile
@@ -17,13 +17,16 @@ from wbf_mission.preflight import flight_rules, plan_rules, vehicle_rules
 from wbf_mission.preflight.finding import Concern, Finding, PreflightError, Report, Severity
 from wbf_mission.preflight.flight_rules import TOO_GUSTY
 from wbf_mission.preflight.plan_rules import PLACED
-from wbf_mission.preflight.snapshot import VehicleSnapshot
 from wbf_mission.preflight.subject import Subject, subject_of
 from wbf_mission.scenario import MissionOptions, VehicleOptions, WeatherOptions
 from wbf_mission.scenario.parts import VehicleParts
 
+if TYPE_CHECKING:
+    from wbf_mission.preflight.inquiry import VehicleSnapshot
+
 __all__ = [
-    "CHECKS",
+    "PLAN_CHECKS",
+    "VEHICLE_CHECKS",
     "Circumstances",
     "Preflight",
     "Tell",
@@ -33,7 +36,7 @@ __all__ = [
     "tell_nobody",
 ]
 
-CHECKS: tuple[Callable[[Subject], Iterable[Finding]], ...] = (
+PLAN_CHECKS: tuple[Callable[[Subject], Iterable[Finding]], ...] = (
     plan_rules.check_problems,
     plan_rules.check_predicted,
     plan_rules.check_dialect,
@@ -56,6 +59,9 @@ CHECKS: tuple[Callable[[Subject], Iterable[Finding]], ...] = (
     flight_rules.check_wind,
     flight_rules.check_battery,
     plan_rules.check_camera,
+)
+"""Each takes a plan and yields what it finds in it, by the table of `wbf_mission.preflight.rules`."""
+VEHICLE_CHECKS: tuple[Callable[[Subject, VehicleSnapshot], Iterable[Finding]], ...] = (
     vehicle_rules.check_firmware,
     vehicle_rules.check_readiness,
     vehicle_rules.check_gps,
@@ -63,18 +69,22 @@ CHECKS: tuple[Callable[[Subject], Iterable[Finding]], ...] = (
     vehicle_rules.check_battery_now,
     vehicle_rules.check_place,
     vehicle_rules.check_motion_settings,
+    vehicle_rules.check_return_height,
     vehicle_rules.check_landing_rules,
     vehicle_rules.check_fence_settings,
     vehicle_rules.check_failsafes,
     vehicle_rules.check_calibration,
     vehicle_rules.check_unread,
 )
-"""Each takes what is checked and yields what it finds; the later ones only of a vehicle that was asked."""
+"""These also take what the vehicle answered."""
 
 
 def inspect(subject: Subject) -> Report:
     """Return the findings of all checks."""
-    return Report(tuple(finding for check in CHECKS for finding in check(subject)))
+    findings = [finding for check in PLAN_CHECKS for finding in check(subject)]
+    if (snapshot := subject.snapshot) is not None:
+        findings += [finding for check in VEHICLE_CHECKS for finding in check(subject, snapshot)]
+    return Report(tuple(findings))
 
 
 Tell: TypeAlias = Callable[[Report, PreflightError | None, str], None]

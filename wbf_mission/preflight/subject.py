@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import shapely
@@ -15,7 +16,6 @@ from mission.autopilots import GENERIC
 from mission.autopilots.profile import Profile
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Frame, Mission, MissionItem
-from mission.transfer.wire import command_name
 from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.autopilot import estimate_errs, firmware_of
 from sim_vehicle.camera.component import MIN_INTERVAL_S
@@ -27,9 +27,10 @@ from sim_vehicle.motion.legs import Position
 from sim_vehicle.prediction.flight import PredictedFlight, Prediction, climbs_by_itself, fly_all, home_frame
 from sim_vehicle.prediction.predict import plan_prediction, rehearsals
 from sim_vehicle.weather.wind import Wind
-from wbf_mission.preflight.finding import Finding, Hit, Measure, Severity
-from wbf_mission.preflight.snapshot import VehicleSnapshot
 from wbf_mission.scenario import MissionOptions
+
+if TYPE_CHECKING:
+    from wbf_mission.preflight.inquiry import VehicleSnapshot
 
 __all__ = [
     "LANDINGS",
@@ -110,30 +111,18 @@ def never_ends(items: Sequence[MissionItem]) -> bool:
 
 _TRACK_STEP_S = 0.2
 _TRACK_POINTS = 100_000  # over five hours of such steps; longer flights have longer ones
-_ON_THE_GROUND_M = 0.3
 # A DO item that changes nothing of the flight.
 _NO_OPERATION = int(m.MAV_CMD_SET_CAMERA_MODE)
 
 
 @dataclass(frozen=True, slots=True)
 class FlownTrack:
-    """A flight of the plan as it is predicted.
-
-    Parameters
-    ----------
-    points_m : float64[n, 3]
-        East, north, up about home.
-    items : int64[n]
-        The item that is flown at each, counted from 0.
-    """
+    """A flight of the plan as it is predicted."""
 
     points_m: NDArray[np.float64]
+    """East, north, up about home."""
     items: NDArray[np.int64]
-
-    @property
-    def aloft(self) -> NDArray[np.bool_]:
-        """Where it is off the ground."""
-        return self.points_m[:, 2] > _ON_THE_GROUND_M
+    """The item that is flown at each, counted from 0."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,10 +182,6 @@ class Subject:
         """The items of the mission."""
         return self.mission.items
 
-    def name_of(self, item: int) -> str:
-        """Return the name of an item's command."""
-        return command_name(self.items[item].command)
-
     @property
     def vehicle_type(self) -> int:
         """MAV_TYPE: as heard, else of the firmware that flies such a vehicle."""
@@ -209,39 +194,6 @@ class Subject:
     def parameters(self) -> Mapping[str, float]:
         """What is known of the vehicle's parameters: those that it told."""
         return {} if self.snapshot is None else self.snapshot.parameters
-
-    def finding(
-        self,
-        severity: Severity,
-        code: str,
-        text: str,
-        fix: str = "",
-        *,
-        item: int,
-        measure: Measure | None = None,
-        count: int = 1,
-    ) -> Finding:
-        """Return what was found at an item of the mission, counted from 0."""
-        name = self.name_of(item)
-        return Finding(severity, code, text, fix, item=item + 1, command=name, measure=measure, count=count)
-
-    def worst(
-        self,
-        found: tuple[Hit, int],
-        code: str,
-        text: str,
-        fix: str,
-        measure: Measure | None = None,
-        severity: Severity = Severity.WARNING,
-    ) -> Finding:
-        """Return the finding of what `wbf_mission.preflight.finding.worst_of` found."""
-        hit, count = found
-        return self.finding(severity, code, text, fix, item=hit.item, measure=measure, count=count)
-
-    @property
-    def needed_wh(self) -> float:
-        """Energy of the whole flight; 0 without a power model or a prediction."""
-        return 0.0 if self.prediction is None else self.prediction.energy_wh
 
 
 def subject_of(
@@ -259,18 +211,8 @@ def subject_of(
 ) -> Subject:
     """Fly a plan in prediction, and gather what its checks need.
 
-    Parameters
-    ----------
-    vehicle : VehicleSpec
-        As its autopilot flies it.
-    profile : mission.transfer.Profile, optional
-        Of an autopilot that was heard; by default that of the vehicle's autopilot.
-    farm : Farm, optional
-        Whose obstacles count, and whose home it is where the mission has none.
-    margin_m, image_interval_s, assumed, snapshot
-        As in `Subject`.
-    estimate_errors : bool
-        Whether an autopilot whose estimate errs is predicted with its errors.
+    The profile is by default that of the vehicle's autopilot. A mission without a home has the farm's.
+    With ``estimate_errors`` an autopilot whose estimate errs is predicted with its errors.
 
     Raises
     ------

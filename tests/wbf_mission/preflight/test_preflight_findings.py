@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from mission.model import Command, MissionItem
 from wbf_mission.preflight.finding import (
+    Against,
     Finding,
     Measure,
     PreflightError,
@@ -58,10 +59,10 @@ def test_a_finding_is_plain_values_for_json():
 @given(
     st.floats(-1e6, 1e6, allow_nan=False),
     st.floats(-1e6, 1e6, allow_nan=False),
-    st.sampled_from((Measure.at_least, Measure.at_most, Measure.planned)),
+    st.sampled_from(Against),
 )
-def test_a_limit_that_is_broken_looks_broken(value, limit, made):
-    measure = made("height", value, limit, "m")
+def test_a_limit_that_is_broken_looks_broken(value, limit, against):
+    measure = Measure("height", value, limit, "m", against)
     shown, beside = re.fullmatch(
         r"height (\S+) m \((?:at least|at most|planned) (\S+) m\)", str(measure)
     ).groups()

@@ -5,16 +5,22 @@ import re
 from pathlib import Path
 
 import wbf_mission.preflight
+from wbf_mission.preflight.rules import RULES
 
 ROOT = Path(__file__).parents[3]
 CODE = re.compile(r"[a-z]+(-[a-z]+)*")
 
 
-def codes_on_the_page():
+def rows_on_the_page():
+    """Codes and severities of each row."""
     text = (ROOT / "docs" / "preflight.md").read_text(encoding="utf-8")
     tables = text[text.index("## Findings in the plan") : text.index("## From Python")]
-    cells = re.findall(r"^\| (`[^|]+`) \|", tables, flags=re.MULTILINE)
-    return [code for cell in cells for code in re.findall(r"`([^`]+)`", cell)]
+    rows = re.findall(r"^\| (`[^|]+`) \| ([^|]+) \|", tables, flags=re.MULTILINE)
+    return [(re.findall(r"`([^`]+)`", codes), severities.split(", ")) for codes, severities in rows]
+
+
+def codes_on_the_page():
+    return [code for codes, _ in rows_on_the_page() for code in codes]
 
 
 def codes_in_the_source():
@@ -51,3 +57,14 @@ def test_every_finding_that_a_test_knows_is_on_the_page():
 
 def test_every_finding_on_the_page_is_in_the_source():
     assert set(codes_on_the_page()) <= codes_in_the_source()
+
+
+def test_the_page_has_the_severity_of_each_rule():
+    """Severities in a row of several codes are theirs, one after another, if there are as many."""
+    told = {}
+    for codes, severities in rows_on_the_page():
+        each = severities if len(severities) == len(codes) > 1 else [severities] * len(codes)
+        told.update(zip(codes, each, strict=True))
+    for rules in RULES.values():
+        for code, rule in rules.items():
+            assert rule.severity.value in told[code], code

@@ -21,7 +21,7 @@ from preflight_plans import (
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Frame, GeoPoint, Mission, MissionItem
 from wbf_mission.preflight.finding import Concern, Severity
-from wbf_mission.preflight.snapshot import FirmwareVersion, Gps, VehicleSnapshot
+from wbf_mission.preflight.inquiry import FirmwareVersion, Gps, VehicleSnapshot
 
 PX4, ARDUPILOT = 12, 3
 SENSORS = 1 | 2 | 4 | 8 | 32 | m.MAV_SYS_STATUS_AHRS | m.MAV_SYS_STATUS_PREARM_CHECK

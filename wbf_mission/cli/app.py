@@ -49,27 +49,27 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
 )
-app.command("plan", cls=HelpCommand, epilog=plan.EXAMPLES)(plan.plan_command)
-app.command("fly", cls=HelpCommand, epilog=fly.EXAMPLES)(fly.fly_command)
-app.command("sim", cls=HelpCommand, epilog=sim.EXAMPLES)(sim.sim_command)
-app.command("check", cls=HelpCommand, epilog=check.EXAMPLES)(check.check_command)
-app.command("preflight", cls=HelpCommand, epilog=preflight.EXAMPLES)(preflight.preflight_command)
-app.command("upload", cls=HelpCommand, epilog=transfer.UPLOAD_EXAMPLES)(transfer.upload_command)
-app.command("download", cls=HelpCommand, epilog=transfer.DOWNLOAD_EXAMPLES)(transfer.download_command)
-app.command("monitor", cls=HelpCommand, epilog=operate.MONITOR_EXAMPLES)(operate.monitor_command)
-app.command(
-    "command",
-    cls=HelpCommand,
-    epilog=operate.COMMAND_EXAMPLES,
-    context_settings={"ignore_unknown_options": True},  # a height of -5 is a value, no option
-)(operate.command_command)
-app.add_typer(farm.app, name="farm")
-app.add_typer(vehicle.app, name="vehicle")
-app.command("warm-up", cls=HelpCommand, epilog=warm_up.EXAMPLES)(warm_up.warm_up_command)
-app.add_typer(bench.app, name="bench")
-app.command("check-planner", cls=HelpCommand, epilog=check.CONTRACT_EXAMPLES)(check.check_planner_command)
-app.command("check-policy", cls=HelpCommand, epilog=check.CONTRACT_EXAMPLES)(check.check_policy_command)
-app.command("check-estimator", cls=HelpCommand, epilog=check.CONTRACT_EXAMPLES)(check.check_estimator_command)
+_COMMANDS = (
+    ("plan", plan.plan_command, plan.EXAMPLES),
+    ("fly", fly.fly_command, fly.EXAMPLES),
+    ("sim", sim.sim_command, sim.EXAMPLES),
+    ("check", check.check_command, check.EXAMPLES),
+    ("preflight", preflight.preflight_command, preflight.EXAMPLES),
+    ("upload", transfer.upload_command, transfer.UPLOAD_EXAMPLES),
+    ("download", transfer.download_command, transfer.DOWNLOAD_EXAMPLES),
+    ("monitor", operate.monitor_command, operate.MONITOR_EXAMPLES),
+    ("command", operate.command_command, operate.COMMAND_EXAMPLES),
+    ("warm-up", warm_up.warm_up_command, warm_up.EXAMPLES),
+    ("check-planner", check.check_planner_command, check.CONTRACT_EXAMPLES),
+    ("check-policy", check.check_policy_command, check.CONTRACT_EXAMPLES),
+    ("check-estimator", check.check_estimator_command, check.CONTRACT_EXAMPLES),
+)
+for _name, _command, _examples in _COMMANDS:
+    # A height of -5 is a value of `command`, no option.
+    _settings = {"ignore_unknown_options": True} if _name == "command" else None
+    app.command(_name, cls=HelpCommand, epilog=_examples, context_settings=_settings)(_command)
+for _group in (farm, vehicle, bench):
+    app.add_typer(_group.app, name=_group.__name__.rpartition(".")[2])
 
 
 def _print_version(wanted: bool) -> None:

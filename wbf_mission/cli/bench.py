@@ -23,41 +23,29 @@ if TYPE_CHECKING:
 
 LIST_EXAMPLES = """
 Examples
-
 wbf-mission bench list
-
 wbf-mission fly --scenario WBF/Miniberry-30-v1 --planner lawnmower
 """
 RUN_EXAMPLES = """
 Examples
-
 wbf-mission bench run --out results --jobs 2
-
 wbf-mission bench run missions/bench/three-farms.toml --seeds 2 --out results
-
 wbf-mission bench run --scenarios WBF/Miniberry-10-v1 --planners spiral,greedy --estimators gp --out results
 """
 COMPARE_EXAMPLES = """
 Examples
-
 wbf-mission bench compare rolling-horizon --against greedy,spiral
-
 wbf-mission bench compare greedy:least_weight=0.35 --against greedy --seeds 40 --jobs 2 --out results
 """
 REPORT_EXAMPLES = """
 Examples
-
 wbf-mission bench report results
-
 wbf-mission bench report results --out report
 """
 PAPER_EXAMPLES = """
 Examples
-
 wbf-mission bench paper --out figures --jobs 2
-
 wbf-mission bench paper --only comparison --seeds 20 --format png,pdf --out figures
-
 wbf-mission bench paper missions/bench/paper.toml --only comparison --out beside-the-paper
 """
 
@@ -137,7 +125,7 @@ def run_command(
     planners: Planners = None,
     estimators: Estimators = None,
     seeds: Seeds = None,
-    jobs: Annotated[int, options.processes()] = 1,
+    jobs: options.Jobs = 1,
     dask: Dask = None,
     retry: Retry = False,
     json: options.Json = False,
@@ -171,7 +159,7 @@ def compare_command(
     scenarios: Scenarios = "WBF/Miniberry-30-Sweep-v1",
     estimators: Estimators = "epidemic",
     seeds: Seeds = 10,
-    jobs: Annotated[int, options.processes()] = 1,
+    jobs: options.Jobs = 1,
     dask: Dask = None,
     retry: Retry = False,
     json: options.Json = False,
@@ -324,7 +312,7 @@ def paper_command(
     cost_farms: Annotated[
         str, typer.Option(help="Where costs are measured, separated by commas.", rich_help_panel=_RUN)
     ] = "miniberry-10,miniberry-30,miniberry-100,waterberry",
-    jobs: Annotated[int, options.processes()] = 1,
+    jobs: options.Jobs = 1,
     json: options.Json = False,
     quiet: options.Quiet = False,
 ) -> int:

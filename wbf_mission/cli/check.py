@@ -17,11 +17,8 @@ if TYPE_CHECKING:
 
 EXAMPLES = """
 Examples
-
 wbf-mission check udpin:127.0.0.1:14550
-
 wbf-mission check tcp:127.0.0.1:5760 --only mission --only transfer
-
 wbf-mission check udpin:127.0.0.1:14540 --fly --json
 """
 
@@ -90,15 +87,10 @@ def check_command(
 
 CONTRACT_EXAMPLES = """
 Examples
-
 wbf-mission check-planner spiral
-
 wbf-mission check-planner my_planner.py:zigzag --land convex
-
 wbf-mission check-policy greedy:least_weight=0.35
-
 wbf-mission check-policy my_policy.py:MyPolicy
-
 wbf-mission check-estimator my_estimator.py:Mine
 """
 _Name = Annotated[

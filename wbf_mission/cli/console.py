@@ -10,17 +10,7 @@ __all__ = ["PlainConsole"]
 
 
 class PlainConsole(Console):
-    """A console without markup, emoji codes and highlighting.
-
-    Parameters
-    ----------
-    stream : text file
-        Where it prints.
-    width : int, optional
-        Columns; by default those of the terminal.
-    wrap : bool
-        Break long lines at the width.
-    """
+    """A console without markup, emoji codes and highlighting, as wide as the terminal unless told."""
 
     def __init__(self, stream: IO[str], *, width: int | None = None, wrap: bool = True) -> None:
         super().__init__(

@@ -170,9 +170,7 @@ def save_command(
 
 GENERATE_EXAMPLES = """
 Examples
-
 wbf-mission farm generate --farm miniberry-30 --count 50 --jobs 2 --out environments/miniberry
-
 wbf-mission farm generate --farm waterberry --keep 6 --count 8 --jobs 2 --out environments/day-6
 """
 
@@ -199,10 +197,7 @@ def generate_command(
         str | None,
         typer.Option(help="Days to keep, such as 6 or 1-15 or 0,6,15.  [default: all]", show_default=False),
     ] = None,
-    jobs: Annotated[
-        int,
-        options.processes(),
-    ] = 1,
+    jobs: options.Jobs = 1,
     out: Annotated[
         Path | None,
         typer.Option(help="Folder.  [default: environments/ and the farm's name]", show_default=False),

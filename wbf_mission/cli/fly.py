@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import contextlib
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from wbf_mission.cli import options, signals
 from wbf_mission.cli.output import Output, distance, duration
+from wbf_mission.cli.preflight import show_findings
 from wbf_mission.cli.targets import Force
 from wbf_mission.exit_codes import ExitCode, exit_code_of_flight
 from wbf_mission.progress import process_age_s
@@ -33,22 +34,16 @@ from wbf_mission.scenario import (
 if TYPE_CHECKING:
     from wbf_mission.live.link import LiveLink
     from wbf_mission.results.result import Result
+    from wbf_mission.results.writing import ResultFolder
 
 EXAMPLES = """
 Examples
-
 wbf-mission fly --farm miniberry-30 --planner lawnmower --estimator gp --vehicle ideal --seed 7
-
 wbf-mission fly --farm waterberry --planner spiral --vehicle mapping-quad --wind 4,270,1 --out runs/windy
-
 wbf-mission fly --farm miniberry-100 --mission spiral.plan --json
-
 wbf-mission fly --scenario missions/noisy-camera.toml
-
 wbf-mission fly --farm miniberry-100 --policy greedy --budget 10min --vehicles 2 --days 2
-
 wbf-mission fly --farm miniberry-30 --planner spiral --connect udpin:127.0.0.1:14550
-
 wbf-mission fly --policy greedy --connect udpin:127.0.0.1:14550 --connect serial:/dev/ttyUSB0:57600
 """
 
@@ -150,10 +145,7 @@ def fly_command(
     Writes the plan, a telemetry log, the observations, the information model with the truth, a summary
     and pictures.
     """
-    from wbf_mission.cli.preflight import tell
     from wbf_mission.flight import fly
-    from wbf_mission.results.writing import ResultFolder, run_name
-    from wbf_mission.run.estimation import resolved
 
     output = Output(as_json=json, quiet=quiet)
     if speed is not None and not 0.01 <= speed <= 1e6:
@@ -184,19 +176,11 @@ def fly_command(
     with contextlib.ExitStack() as stack:
         folder = None
         if files:
-            inputs = [given.file, chosen.farm.name, *chosen.farm.fields]
-            inputs += [chosen.mission.file, chosen.vehicle.name]
-            path = out or Path("runs") / run_name(chosen)
-            folder = stack.enter_context(
-                ResultFolder(path, inputs=inputs, scenario=resolved(chosen).to_dict(), overwrite=overwrite)
-            )
+            folder = stack.enter_context(_result_folder(given, chosen, out, overwrite=overwrite))
         if folder is not None and live is None:
-            stack.enter_context(
-                signals.announcing(
-                    f"interrupted: what was flown is estimated and saved in {path}; again ends at once",
-                    when=folder.tlog.exists,  # from the flight's beginning
-                )
-            )
+            saved = f"interrupted: what was flown is estimated and saved in {folder.path}; again ends at once"
+            # From the flight's beginning.
+            stack.enter_context(signals.announcing(saved, when=folder.tlog.exists))
         started_s = process_age_s()
         progress = stack.enter_context(output.progress())
         result = fly(
@@ -208,7 +192,7 @@ def fly_command(
             use_cache=cache,
             connect=live,
             force=force,
-            tell_errors=partial(tell, output),
+            tell_errors=partial(show_findings, output),
         )
         flown_s, interrupted = process_age_s(), False
         try:
@@ -216,20 +200,46 @@ def fly_command(
                 folder.write(result, plots=plots, animation=animate, release=True, progress=progress)
         except KeyboardInterrupt:
             interrupted = True
-    for warning in result.warnings:
-        output.warn(warning)
-    if interrupted:
-        kept = "pictures may be missing" if folder and folder.is_written else "nothing of this run is kept"
-        output.warn(f"interrupted while the results were written: {kept}")
     summary = result.summary()
     summary["files"] = str(folder.path) if folder and folder.is_written else None
     summary["timings_s"] = {"start-up": started_s, **result.timings_s, "results": process_age_s() - flown_s}
     summary["wall_time_s"] = process_age_s()
+    for warning in result.warnings:
+        output.warn(warning)
+    if interrupted:
+        kept = "pictures may be missing" if summary["files"] else "nothing of this run is kept"
+        output.warn(f"interrupted while the results were written: {kept}")
     blind = result.outcome.is_good and not len(result.observations)
     if blind:
         output.warn(f"the mission saw nothing of the farm {result.farm.name}: no estimate and no score")
     if not result.outcome.is_good:
         output.warn(f"{result.outcome.value}: {result.reason}")
+    title = f"{result.farm.name}: {result.plan.planner or 'mission file'}, {result.estimator}"
+    title += f", {result.plan.vehicle.name}, seed {chosen.seed}"
+    output.result(summary, _rows(result, summary, simulated=live is None), title=title)
+    if not json and len(result.days) > 1:
+        _print_days(output, result)
+    if not json and summary["vehicles"] > 1:
+        _print_fleet(output, result)
+    if interrupted:
+        return ExitCode.INTERRUPTED
+    return ExitCode.NOT_GOOD if blind or result.policy_failed else exit_code_of_flight(result.outcome)
+
+
+def _result_folder(
+    given: options.Given, chosen: Scenario, out: Path | None, *, overwrite: bool
+) -> ResultFolder:
+    """Return the folder of the run, which holds nothing that it reads."""
+    from wbf_mission.results.writing import ResultFolder, run_name
+    from wbf_mission.run.estimation import resolved
+
+    inputs = [given.file, chosen.farm.name, *chosen.farm.fields, chosen.mission.file, chosen.vehicle.name]
+    path = out or Path("runs") / run_name(chosen)
+    return ResultFolder(path, inputs=inputs, scenario=resolved(chosen).to_dict(), overwrite=overwrite)
+
+
+def _rows(result: Result, summary: Mapping[str, Any], *, simulated: bool) -> dict[str, str]:
+    """Return what the terminal shows of a run."""
     transfer = summary["transfer"]
     losses = ", ".join(
         f"{name} {value:.4g}" for name, value in summary["losses"].items() if value is not None
@@ -250,20 +260,12 @@ def fly_command(
         + ("verified" if transfer["verified"] else "not verified"),
         "wall time": f"{duration(summary['wall_time_s'])}: "
         + ", ".join(f"{name} {seconds:.2f} s" for name, seconds in summary["timings_s"].items()),
-        **({} if live else {"flight speed": f"{summary['realtime_factor']:.0f} x real time"}),
+        **({"flight speed": f"{summary['realtime_factor']:.0f} x real time"} if simulated else {}),
         "files": summary["files"] or "not written",
     }
     if summary["least_distance_m"] is not None:
         rows["nearest to each other"] = distance(summary["least_distance_m"])
-    title = f"{result.farm.name}: {result.plan.planner or 'mission file'}, {result.estimator}"
-    output.result(summary, rows, title=f"{title}, {result.plan.vehicle.name}, seed {chosen.seed}")
-    if len(result.days) > 1 and not json:
-        _print_days(output, result)
-    if summary["vehicles"] > 1 and not json:
-        _print_fleet(output, result)
-    if interrupted:
-        return ExitCode.INTERRUPTED
-    return ExitCode.NOT_GOOD if blind or result.policy_failed else exit_code_of_flight(result.outcome)
+    return rows
 
 
 def _live_link(
@@ -277,8 +279,7 @@ def _live_link(
     via: options.Way,
 ) -> LiveLink:
     """Return the links to vehicles, with the operator at this terminal."""
-    from wbf_mission.cli.attendant import Operator
-    from wbf_mission.cli.preflight import tell
+    from wbf_mission.cli.operator_console import OperatorConsole
     from wbf_mission.live.link import LiveLink
     from wbf_mission.live.via import via_named
 
@@ -287,13 +288,13 @@ def _live_link(
         raise ScenarioError(msg)
     return LiveLink(
         urls,
-        Operator(output),
+        OperatorConsole(output),
         agreed=agreed,
         wait_s=wait_s,
         system_ids=system_ids,
         note=output.note,
         force=force,
-        tell=partial(tell, output),
+        tell=partial(show_findings, output),
         via=via_named(via),
     )
 

@@ -45,7 +45,19 @@ def _write_epilog(command: Any, formatter: Any) -> None:
                 formatter.write(f"  {line}\n")
 
 
-class HelpCommand(TyperCommand):
+class _Help:
+    """What the help of commands and of groups has in common."""
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Write arguments and options."""
+        _write_options(self, ctx, formatter)
+
+    def format_epilog(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002
+        """Write the examples, or what else follows."""
+        _write_epilog(self, formatter)
+
+
+class HelpCommand(_Help, TyperCommand):
     """A command whose help shows its options by panel."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
@@ -59,16 +71,8 @@ class HelpCommand(TyperCommand):
                 raise TargetError(msg) from None
             raise
 
-    def format_options(self, ctx: Any, formatter: Any) -> None:
-        """Write arguments and options."""
-        _write_options(self, ctx, formatter)
 
-    def format_epilog(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002
-        """Write the examples."""
-        _write_epilog(self, formatter)
-
-
-class HelpGroup(TyperGroup):
+class HelpGroup(_Help, TyperGroup):
     """A group of commands whose help looks like theirs; without a command it shows that help."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
@@ -78,19 +82,11 @@ class HelpGroup(TyperGroup):
             raise typer.Exit(ExitCode.BAD_INPUT)
         return super().parse_args(ctx, args)
 
-    def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Write each command with its whole first sentence."""
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Write the commands, each with its whole first sentence, then the options of the group itself."""
         commands = ((name, self.get_command(ctx, name)) for name in self.list_commands(ctx))
         with formatter.section("Commands"):
             formatter.write_dl(
                 [(name, one.get_short_help_str(limit=200)) for name, one in commands if one is not None]
             )
-
-    def format_options(self, ctx: Any, formatter: Any) -> None:
-        """Write the commands, then the options of the group itself."""
-        self.format_commands(ctx, formatter)
-        _write_options(self, ctx, formatter)
-
-    def format_epilog(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002
-        """Write what follows."""
-        _write_epilog(self, formatter)
+        super().format_options(ctx, formatter)

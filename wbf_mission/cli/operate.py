@@ -21,20 +21,14 @@ if TYPE_CHECKING:
 
 MONITOR_EXAMPLES = """
 Examples
-
 wbf-mission monitor udpin:127.0.0.1:14550
-
 wbf-mission monitor tcp:127.0.0.1:5760 --json --duration 10
 """
 COMMAND_EXAMPLES = """
 Examples
-
 wbf-mission command udpin:127.0.0.1:14550 arm
-
 wbf-mission command udpin:127.0.0.1:14550 takeoff 10
-
 wbf-mission command udpin:127.0.0.1:14550 mission --arm
-
 wbf-mission command tcp:127.0.0.1:5760 mode LOITER
 """
 _COLUMNS = {

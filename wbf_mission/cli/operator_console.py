@@ -1,4 +1,4 @@
-"""The operator at the terminal while a real vehicle flies."""
+"""The operator console: the terminal while a real vehicle flies."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from wbf_mission.run.joint_flight import JointFlight
     from wbf_mission.run.sortie import Sortie
 
-__all__ = ["Operator"]
+__all__ = ["OperatorConsole"]
 
 _STATUS_S = 5.0
 _SILENCE_S = 5.0
@@ -42,7 +42,7 @@ _CHOICES = {"h": Maneuver.HOLD, "r": Maneuver.RETURN}
 
 
 class _Vehicle:
-    """One vehicle: what was told of it, and what was ordered.
+    """One vehicle: what was said of it, and what was ordered.
 
     Parameters
     ----------
@@ -72,8 +72,8 @@ class _Vehicle:
             and ground.arming_gate.stage is Stage.ASKING
         )
 
-    def tell(self, now_s: float) -> None:
-        """Tell what is new."""
+    def report(self, now_s: float) -> None:
+        """Say what is new."""
         ground = self.sortie.ground
         if ground.phase is not self._phase:
             self._phase = ground.phase
@@ -82,7 +82,7 @@ class _Vehicle:
                 self._output.note(
                     f"{self.at}{ground.outcome.value}" + f" ({ground.reason})" * bool(ground.reason)
                 )
-        self._tell_silence(now_s)
+        self._report_silence(now_s)
         for _, _, text in ground.texts[self._texts :]:
             self._output.note(f"{self.who.removeprefix('the ')}: {text}")
         self._texts = len(ground.texts)
@@ -101,7 +101,7 @@ class _Vehicle:
         if ground.phase is Phase.FLIGHT and now_s >= self._status_s + _STATUS_S:
             self._status_s = now_s
             self._output.note(self.at + status_line(self.sortie, now_s))
-        self._tell_obedience(now_s)
+        self._report_obedience(now_s)
 
     def look_aside(self, others: Sequence[_Vehicle]) -> None:
         """Warn once if another one stands where this one's column of climbing and landing is."""
@@ -135,8 +135,8 @@ class _Vehicle:
         except NotFlyingError as error:
             self._output.warn(f"{self.at}{error}")
 
-    def _tell_obedience(self, now_s: float) -> None:
-        """Tell whether the vehicle does what was ordered, by what it shows."""
+    def _report_obedience(self, now_s: float) -> None:
+        """Say whether the vehicle does what was ordered, by what it shows."""
         ground, ordered_s = self.sortie.ground, self._ordered_s
         if ordered_s is None:
             return
@@ -156,7 +156,7 @@ class _Vehicle:
             return
         self._ordered_s = None
 
-    def _tell_silence(self, now_s: float) -> None:
+    def _report_silence(self, now_s: float) -> None:
         heard_s = self.sortie.ground.link.heard_s
         silent = heard_s > float("-inf") and now_s - heard_s > _SILENCE_S and not self.sortie.done
         if silent != self._silent:
@@ -167,7 +167,7 @@ class _Vehicle:
                 self._output.warn(f"{self.who} is heard again")
 
 
-class Operator:
+class OperatorConsole:
     """Shows how the flight goes, asks before the start, and asks what Ctrl-C means."""
 
     def __init__(self, output: Output) -> None:
@@ -177,7 +177,7 @@ class Operator:
         self._stopping = False
 
     def tend(self, flight: JointFlight) -> None:
-        """Tell what is new, and take an answer if there is one."""
+        """Say what is new, and take an answer if there is one."""
         if not self._vehicles:
             alone = len(flight.sorties) == 1
             self._vehicles = [_Vehicle(one, self._output, alone=alone) for one in flight.sorties]
@@ -186,7 +186,7 @@ class Operator:
         if signals.came() and not self._stopping:
             self._on_signal(phases, flight.now_s)
         for k, one in enumerate(self._vehicles):
-            one.tell(flight.now_s)
+            one.report(flight.now_s)
             one.look_aside(self._vehicles[:k])
         left = [one for one in self._vehicles if not one.sortie.done]
         if self._asked or (left and all(one.waits_for_word for one in left)):

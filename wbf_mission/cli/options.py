@@ -71,15 +71,12 @@ def whole_number_in(low: int, high: int) -> Callable[[str], int]:
 _READERS: Mapping[Any, Callable[[str], Any]] = {int: whole_number, float: number}
 
 
-def processes(panel: str | None = None) -> Any:
-    """Return the option of how many processes work at once, in a panel of the help."""
-    return typer.Option(
-        help="Processes at once; -1: one per core.",
-        parser=whole_number_in(-1, 1024),
-        min=-1,
-        max=1024,
-        rich_help_panel=panel,
-    )
+Jobs = Annotated[
+    int,
+    typer.Option(
+        help="Processes at once; -1: one per core.", parser=whole_number_in(-1, 1024), min=-1, max=1024
+    ),
+]
 
 
 def require_processes(jobs: int) -> None:
@@ -133,15 +130,7 @@ SystemId = Annotated[
 
 
 def link(what: str, *, required: bool) -> Any:
-    """Return the option ``--connect``.
-
-    Parameters
-    ----------
-    what : str
-        What is done with the vehicle behind the link.
-    required : bool
-        The command does nothing without; its default is shown.
-    """
+    """Return the option ``--connect``; where the command does nothing without, its default is shown."""
     return typer.Option(help=f"{what}: {LINKS}", rich_help_panel=LINK_PANEL, show_default=required)
 
 
@@ -156,24 +145,16 @@ def _own(key: str, given: Any) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class Given:
-    """What of a run was given on the command line.
-
-    Parameters
-    ----------
-    file : Path or None
-        The scenario file.
-    changes : dict
-        Options of the scenario by their keys.
-    others : dict
-        Options of further parts (of the simulator) by their keys.
-    defaults : Mapping
-        What the command takes where neither file nor command line tell, if that is not the option's default.
-    """
+    """What of a run was given on the command line."""
 
     file: Path | None
+    """The scenario file."""
     changes: dict[str, Any]
+    """Options of the scenario by their keys."""
     others: dict[str, Any]
+    """Options of further parts (of the simulator) by their keys."""
     defaults: Mapping[str, Any]
+    """What the command takes where nothing was given, if that is not the option's default."""
 
     def scenario(self) -> Scenario:
         """Return the run: the file's, without one the defaults, changed as was given.
@@ -219,21 +200,9 @@ def scenario_options(
 ) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Give a command the options of some parts of a run, ``--scenario`` and ``--seed``.
 
-    Parameters
-    ----------
-    *parts : type
-        The parts that the command uses, in the order of ``--help``.
-    without : tuple of str
-        Keys of options that have no meaning for the command.
-    more : tuple of type
-        Further parts that are no part of a `Scenario`.
-    defaults : Mapping
-        Defaults of this command that are not those of the options, by their keys.
-
-    Returns
-    -------
-    callable
-        Decorator of a function whose first parameter is called ``given`` and takes a `Given`.
+    The first parameter of the command is called ``given`` and takes a `Given`. Options stand in ``--help`` in
+    the order of the parts; `more` are parts that are no part of a `Scenario`, `without` keys that have no
+    meaning for the command, `defaults` those of this command that are not those of the options.
     """
     known = [(part, flag) for part in (*parts, Scenario, *more) for flag in _flags(part, without)]
 

@@ -13,6 +13,8 @@ from datetime import timedelta
 from typing import TYPE_CHECKING, Any
 
 from geo.texts import printable
+from wbf_mission.progress import Progress as ProgressCallback
+from wbf_mission.progress import silent
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -30,17 +32,10 @@ FILE_WIDTH = 140  # columns of a table that goes to a file or a pipe
 _LEAST_NAME, _LONGEST_NAME = 8, 60
 _LONGEST_WORD = 14
 _BESIDE_A_CELL = 3
-ProgressCallback = Callable[[str, float, float], None]
 
 
 class StdoutError(Exception):
-    """Results that cannot be printed.
-
-    Parameters
-    ----------
-    cause : OSError
-        What stdout says.
-    """
+    """Results that cannot be printed, because of what stdout says."""
 
     def __init__(self, cause: OSError) -> None:
         super().__init__(cause.strerror or str(cause))
@@ -164,7 +159,7 @@ class Output:
             Without a terminal, tell a line after each so many seconds instead.
         """
         if self.quiet:
-            yield _ignore
+            yield silent
             return
         if not self._stderr.is_terminal and every_s is not None:
             yield _Lines(self.note, every_s)
@@ -281,10 +276,6 @@ def to_stdout() -> Iterator[None]:
         sys.stdout.flush()
     except OSError as error:
         raise StdoutError(error) from error
-
-
-def _ignore(_what: str, _done: float, _total: float) -> None:
-    return None
 
 
 def duration(seconds: float) -> str:

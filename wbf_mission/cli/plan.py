@@ -10,6 +10,7 @@ import typer
 
 from wbf_mission.cli import options
 from wbf_mission.cli.output import Output, distance, duration
+from wbf_mission.cli.preflight import show_findings
 from wbf_mission.cli.targets import MISSION_SUFFIXES, Force, Overwrite, refuse_overwrite
 from wbf_mission.scenario import CameraOptions, FarmOptions, MissionOptions, VehicleOptions, WeatherOptions
 
@@ -19,13 +20,9 @@ if TYPE_CHECKING:
 
 EXAMPLES = """
 Examples
-
 wbf-mission plan --farm miniberry-100 --planner spiral --budget 25min --out spiral.plan
-
 wbf-mission plan --farm waterberry --planner lawnmower --budget 8000m --out rows.waypoints
-
 wbf-mission plan --farm my-farm.geojson --planner adaptive-lawnmower --json
-
 wbf-mission plan --farm waterberry --vehicles 3 --partition voronoi --budget 10km --out part.plan
 """
 
@@ -70,7 +67,6 @@ def plan_command(
     """Plan a mission within a budget and say what it takes: length, time, coverage, battery."""
     from mission.files import Firmware, write_mission, writer_for
     from mission.transfer import Severity
-    from wbf_mission.cli.preflight import tell
     from wbf_mission.flight import check_flight
     from wbf_mission.planning.fleet import single_scenarios
     from wbf_mission.planning.plan import plan_fleet
@@ -92,7 +88,10 @@ def plan_command(
         progress("planning", 1, 1)
     singles = single_scenarios(chosen)
     check_plans(
-        zip(results, singles, strict=True), "nothing was written", force=force, tell=partial(tell, output)
+        zip(results, singles, strict=True),
+        "nothing was written",
+        force=force,
+        tell=partial(show_findings, output),
     )
     for warning in dict.fromkeys(warning for result in results for warning in result.warnings):
         output.warn(warning)

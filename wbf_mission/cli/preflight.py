@@ -16,8 +16,8 @@ from wbf_mission.scenario import MissionOptions, ScenarioError, VehicleOptions, 
 if TYPE_CHECKING:
     from mission.model import Mission
     from wbf_mission.preflight.finding import Finding, PreflightError, Report
+    from wbf_mission.preflight.inquiry import VehicleSnapshot
     from wbf_mission.preflight.run import Circumstances, Preflight
-    from wbf_mission.preflight.snapshot import VehicleSnapshot
 
 CHECKED = options.scenario_options(
     MissionOptions,
@@ -62,13 +62,9 @@ CameraInterval = Annotated[
 ]
 EXAMPLES = """
 Examples
-
 wbf-mission preflight spiral.plan
-
 wbf-mission preflight rows.waypoints --vehicle mapping-quad --autopilot ardupilot --wind 5,270,1
-
 wbf-mission preflight spiral.plan --farm my-farm.geojson --margin 5
-
 wbf-mission preflight spiral.plan --connect udpin:127.0.0.1:14550 --json
 """
 _HEADER = ["", "item", "finding"]
@@ -188,13 +184,15 @@ def check_before_upload(
     checked = check_mission(mission, circumstances)
     report = checked.report.about(Concern.PLAN, Concern.PARAMETERS)
     refused = None if force else report.refusal("nothing was sent")
-    tell(output, report, refused)
+    show_findings(output, report, refused)
     if refused is not None:
         raise refused
     return report
 
 
-def tell(output: Output, report: Report, refused: PreflightError | None = None, who: str = "") -> None:
+def show_findings(
+    output: Output, report: Report, refused: PreflightError | None = None, who: str = ""
+) -> None:
     """Say errors and warnings on stderr, and notes unless they are not wanted; `who` begins each line.
 
     The error that ends the command, because of `refused`, is told at its end and not here, too.

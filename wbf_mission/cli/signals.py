@@ -62,15 +62,7 @@ def exit_code(otherwise: int) -> int:
 
 @contextlib.contextmanager
 def announcing(text: str, when: Callable[[], bool] = lambda: True) -> Iterator[None]:
-    """Say `text` on stderr at once when a signal comes, because what follows it takes a while.
-
-    Parameters
-    ----------
-    text : str
-        One line.
-    when : callable
-        Asked when the signal comes: whether `text` is true by then.
-    """
+    """Say a line on stderr at once when a signal comes, if it is true by then: what follows takes a while."""
     _announced.append((text, when))
     try:
         yield

@@ -27,13 +27,9 @@ _SHOWN_LINKS = 8
 
 EXAMPLES = """
 Examples
-
 wbf-mission sim --farm waterberry
-
 wbf-mission sim --autopilot ardupilot --count 3 --speed 10
-
 wbf-mission sim --listen tcpin:127.0.0.1:5760 --listen udpout:127.0.0.1:14550 --tlog flight.tlog
-
 wbf-mission sim --fault loss=0.2 --fault gps-loss,at=airborne,from=20,for=10
 """
 

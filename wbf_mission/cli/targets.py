@@ -47,27 +47,11 @@ def refuse_overwrite(
     suffixes: tuple[str, ...] = (),
     overwrite: bool = False,
 ) -> None:
-    """Refuse an output that is one of the inputs, a file of another kind, a folder, or in no folder.
+    """Raise TargetError if an output is one of the inputs, a file of another kind, a folder, or in no folder.
 
-    Parameters
-    ----------
-    out : Path or None
-        The file to be written; None is none.
-    inputs : iterable of str, Path or None
-        What the command reads; names that are no files are passed over.
-    suffixes : tuple of str
-        Suffixes, in lower case, of what the command writes: an existing file with another one is somebody
-        else's. Empty: any.
-    overwrite : bool
-        Replace an existing file of another kind; an input is never replaced.
+    Inputs that are no files are passed over. An existing file with another suffix than the command's (in
+    lower case, if there are any) is somebody else's, and only replaced with `overwrite`; an input never is.
 
-    Raises
-    ------
-    TargetError
-        If the output would destroy a file, or cannot be written as a file there.
-
-    Examples
-    --------
     >>> refuse_overwrite(Path("/dev/null"), ["miniberry-30", None])
     """
     if out is None:

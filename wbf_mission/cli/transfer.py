@@ -24,16 +24,12 @@ from wbf_mission.exit_codes import ExitCode
 Connect = Annotated[str, options.link("The vehicle", required=True)]
 UPLOAD_EXAMPLES = """
 Examples
-
 wbf-mission upload spiral.plan --connect udpin:127.0.0.1:14550
-
 wbf-mission upload spiral.plan --system-id 2 --farm my-farm.geojson --wind 5,270,1
-
 wbf-mission upload rows.waypoints --connect tcp:127.0.0.1:5760 --via mavsdk
 """
 DOWNLOAD_EXAMPLES = """
 Example
-
 wbf-mission download --connect udpin:127.0.0.1:14550 --out onboard.plan
 """
 

@@ -12,7 +12,6 @@ from wbf_mission.cli.output import Output, duration
 
 EXAMPLES = """
 Example
-
 wbf-mission warm-up
 """
 
@@ -56,13 +55,7 @@ def warm_up_command(json: options.Json = False, quiet: options.Quiet = False) ->
 
 
 def fly_all(told: Callable[[str], None]) -> None:
-    """Fly what goes through everything that is compiled besides the vehicles' motion.
-
-    Parameters
-    ----------
-    told : callable
-        Takes the name of each flight before it is made.
-    """
+    """Fly what goes through everything that is compiled besides the vehicles' motion; each is told before."""
     from wbf_mission.flight import fly
     from wbf_mission.scenario import Scenario
 

@@ -10,8 +10,8 @@ import typer
 
 from wbf_mission.cli import options
 from wbf_mission.cli.help import HelpCommand, HelpGroup
+from wbf_mission.cli.options import Overwrite, refuse_overwrite
 from wbf_mission.cli.output import Output, distance, duration
-from wbf_mission.cli.targets import Overwrite, refuse_overwrite
 from wbf_mission.scenario import FarmOptions, ScenarioError
 
 app = typer.Typer(

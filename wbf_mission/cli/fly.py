@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from wbf_mission.cli import options, signals
+from wbf_mission.cli.options import Force
 from wbf_mission.cli.output import Output, distance, duration
 from wbf_mission.cli.preflight import show_findings
-from wbf_mission.cli.targets import Force
 from wbf_mission.exit_codes import ExitCode, exit_code_of_flight
 from wbf_mission.progress import process_age_s
 from wbf_mission.scenario import (

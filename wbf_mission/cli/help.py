@@ -11,7 +11,7 @@ from typing import Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from wbf_mission.cli.targets import TargetError
+from wbf_mission.cli.options import TargetError
 from wbf_mission.exit_codes import ExitCode
 
 __all__ = ["HelpCommand", "HelpGroup"]

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from wbf_mission.cli import options
+from wbf_mission.cli.options import MISSION_SUFFIXES, Force, Overwrite, refuse_overwrite
 from wbf_mission.cli.output import Output, distance, duration
 from wbf_mission.cli.preflight import show_findings
-from wbf_mission.cli.targets import MISSION_SUFFIXES, Force, Overwrite, refuse_overwrite
 from wbf_mission.scenario import CameraOptions, FarmOptions, MissionOptions, VehicleOptions, WeatherOptions
 
 if TYPE_CHECKING:

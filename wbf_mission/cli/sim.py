@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from wbf_mission.cli import options, signals
+from wbf_mission.cli.options import Overwrite, refuse_overwrite
 from wbf_mission.cli.output import Output, duration
-from wbf_mission.cli.targets import Overwrite, refuse_overwrite
 from wbf_mission.exit_codes import ExitCode
 from wbf_mission.scenario import CameraOptions, FarmOptions, ScenarioError, VehicleOptions, WeatherOptions
 from wbf_mission.scenario.option import options_of

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from wbf_mission.cli import options
+from wbf_mission.cli.options import MISSION_SUFFIXES, Force, Overwrite, refuse_overwrite
 from wbf_mission.cli.output import Output, duration
 from wbf_mission.cli.preflight import (
     CHECKED,
@@ -18,7 +19,6 @@ from wbf_mission.cli.preflight import (
     circumstances_of,
     fitted_circumstances,
 )
-from wbf_mission.cli.targets import MISSION_SUFFIXES, Force, Overwrite, refuse_overwrite
 from wbf_mission.exit_codes import ExitCode
 
 Connect = Annotated[str, options.link("The vehicle", required=True)]

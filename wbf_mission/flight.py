@@ -19,7 +19,7 @@ from sim_vehicle.faults.session import check_vehicles
 from sim_vehicle.host.simulation import Impairment
 from wbf_mission.live.link import LiveLink
 from wbf_mission.maps.field_maps import FieldMap, true_map
-from wbf_mission.preflight.run import Tell, check_plans, tell_nobody
+from wbf_mission.preflight.run import ShowFindings, check_plans, show_nobody
 from wbf_mission.progress import Progress, Stopwatch, silent
 from wbf_mission.results.result import Result
 from wbf_mission.run.campaign import Campaign
@@ -66,7 +66,7 @@ def fly(
     connect: LiveLink | None = None,
     memory: FlightMemory | None = None,
     force: bool = False,
-    tell_errors: Tell = tell_nobody,
+    tell_errors: ShowFindings = show_nobody,
 ) -> Result:
     """Do a scenario's whole job, offline or with vehicles behind links.
 
@@ -166,11 +166,11 @@ def fly(
     return result
 
 
-def _check(campaign: Campaign, connect: LiveLink | None, *, force: bool, tell: Tell) -> None:
+def _check(campaign: Campaign, connect: LiveLink | None, *, force: bool, tell: ShowFindings) -> None:
     """Refuse plans with errors before anything takes off; vehicles behind links are asked, too."""
     if connect is None:
         plans = [(plan, vehicle) for vehicle, plan in campaign.planned]
-        check_plans(plans, "nothing was flown", force=force, tell=tell)
+        check_plans(plans, "nothing was flown", force=force, show=tell)
     else:
         connect.check(campaign.planned)
     campaign.watch.lap("preflight")

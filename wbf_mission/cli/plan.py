@@ -91,7 +91,7 @@ def plan_command(
         zip(results, singles, strict=True),
         "nothing was written",
         force=force,
-        tell=partial(show_findings, output),
+        show=partial(show_findings, output),
     )
     for warning in dict.fromkeys(warning for result in results for warning in result.warnings):
         output.warn(warning)

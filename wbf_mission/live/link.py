@@ -16,7 +16,7 @@ from wbf_mission.planning import PlanResult
 from wbf_mission.planning.fleet import Vehicle
 from wbf_mission.preflight.finding import Concern, Finding, PreflightError, Report, Severity
 from wbf_mission.preflight.inquiry import VehicleSnapshot, ask_vehicle
-from wbf_mission.preflight.run import Circumstances, Tell, check_mission, tell_nobody
+from wbf_mission.preflight.run import Circumstances, ShowFindings, check_mission, show_nobody
 from wbf_mission.run.hosting import Hosting
 from wbf_mission.run.joint_flight import Attendant
 from wbf_mission.scenario import Scenario
@@ -66,7 +66,7 @@ class LiveLink:
     system_ids: Sequence[int] = ()
     note: Callable[[str], None] = _silent
     force: bool = False
-    tell: Tell = tell_nobody
+    tell: ShowFindings = show_nobody
     via: Via = field(default_factory=Via)
     _heard: dict[int, tuple[str, HeardVehicle]] = field(default_factory=dict, init=False)
 

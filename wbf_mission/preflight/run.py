@@ -29,11 +29,11 @@ __all__ = [
     "VEHICLE_CHECKS",
     "Circumstances",
     "Preflight",
-    "Tell",
+    "ShowFindings",
     "check_mission",
     "check_plans",
     "inspect",
-    "tell_nobody",
+    "show_nobody",
 ]
 
 PLAN_CHECKS: tuple[Callable[[Subject], Iterable[Finding]], ...] = (
@@ -87,12 +87,12 @@ def inspect(subject: Subject) -> Report:
     return Report(tuple(findings))
 
 
-Tell: TypeAlias = Callable[[Report, PreflightError | None, str], None]
+ShowFindings: TypeAlias = Callable[[Report, PreflightError | None, str], None]
 """Takes what is found, the error with which a plan is refused, if it is, and what each line begins with."""
 
 
-def tell_nobody(_report: Report, _refused: PreflightError | None, _who: str) -> None:
-    """Tell nobody what was found."""
+def show_nobody(_report: Report, _refused: PreflightError | None, _who: str) -> None:
+    """Show nobody what was found."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,13 +126,7 @@ class Circumstances:
 
 @dataclass(frozen=True, slots=True)
 class Preflight:
-    """A checked plan.
-
-    Parameters
-    ----------
-    subject : Subject
-        The plan with its predicted flight.
-    """
+    """A checked plan: with its predicted flight, and what was found."""
 
     subject: Subject
     report: Report
@@ -192,7 +186,7 @@ def check_plans(
     consequence: str,
     *,
     force: bool = False,
-    tell: Tell = tell_nobody,
+    show: ShowFindings = show_nobody,
 ) -> None:
     """Refuse plans in which the check finds errors; the paper's robot, which has no size, flies anything.
 
@@ -200,14 +194,12 @@ def check_plans(
 
     Parameters
     ----------
-    plans : iterable of (PlanResult, Scenario)
+    plans : iterable of (PlanResult, VehicleParts)
         What each vehicle is to fly, and the run as far as it concerns this vehicle.
     consequence : str
         What is not done with plans that are refused: ``nothing was flown``.
     force : bool
-        Only tell.
-    tell : callable
-        Takes the errors and the gusts.
+        Only show the errors and the gusts.
 
     Raises
     ------
@@ -227,7 +219,7 @@ def check_plans(
     )
     refused = None if force else found.refusal(consequence)
     if found.findings:
-        tell(found, refused, "")
+        show(found, refused, "")
     if refused is not None:
         raise refused
 

@@ -45,35 +45,19 @@ class AssemblerStatistics:
 
     Parameters
     ----------
-    images : int
-        Images of which both halves arrived.
-    observations : int
-        Cells with at least one reading that they gave.
-    duplicates : int
-        Messages of a image or half that was there already.
-    lost : int
-        Images missing by the gaps in the image index, now.
-    unpaired : int
-        Images given up because a half never came.
-    failed : int
-        Images that the camera reported as failed.
-    malformed : int
-        Messages whose content makes no sense.
     off_farm : int
         Cells that do not lie on the farm (an image of the sky has no others), or that had no reading at all.
-    other_fields : int
-        Messages with readings of other fields than the expected ones.
     """
 
-    images: int = 0
-    observations: int = 0
-    duplicates: int = 0
-    lost: int = 0
-    unpaired: int = 0
-    failed: int = 0
-    malformed: int = 0
+    images: int = 0  # of which both halves arrived
+    observations: int = 0  # cells with at least one reading
+    duplicates: int = 0  # messages of an image or half that was there already
+    lost: int = 0  # images missing by the gaps in the image index, now
+    unpaired: int = 0  # images given up because a half never came
+    failed: int = 0  # images that the camera reported as failed
+    malformed: int = 0  # messages whose content makes no sense
     off_farm: int = 0
-    other_fields: int = 0
+    other_fields: int = 0  # messages with readings of other fields than the expected ones
 
 
 @dataclass(slots=True)

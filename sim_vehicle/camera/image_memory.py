@@ -36,23 +36,10 @@ class Image(NamedTuple):
 
 
 class ImageMemory:
-    """Numbers images, keeps the last 65,536 of them, and makes the messages that tell one.
-
-    Parameters
-    ----------
-    fields : tuple of str
-        Names of the fields that the camera senses, in order.
-    footprint_cells : int
-        Cells along a side of an image.
-
-    Attributes
-    ----------
-    count : int
-        Images taken; the number of the next one.
-    """
+    """Numbers images, keeps the last 65,536 of them, and makes the messages that tell one."""
 
     def __init__(self, fields: tuple[str, ...], footprint_cells: int) -> None:
-        self.count = 0
+        self.count = 0  # images taken; the number of the next one
         self._footprint_cells = footprint_cells
         self._layout = LeafLayout.of(fields)
         self._layout_name = self._layout.name.encode()

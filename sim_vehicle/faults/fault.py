@@ -35,18 +35,9 @@ class FaultError(VehicleError, ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """One kind of fault.
+    """One kind of fault: what it spoils, what its value is, and what it does.
 
-    Parameters
-    ----------
-    group : {"link", "message", "vehicle"}
-        What it spoils.
-    value : str
-        What its value is.
-    text : str
-        What it does.
-    default : float or None
-        The value when none is given; None: one must be given, unless ``value`` is "none".
+    Without a default a value must be given, unless ``value`` is "none".
     """
 
     group: Group
@@ -254,18 +245,9 @@ def _message_id(value: float | str | None) -> float:
 
 
 def parse_fault(text: str) -> Fault:
-    """Read a fault from its text.
+    """Read a fault from ``KIND[=VALUE][,OPTION=VALUE...]``; FaultError if it cannot be read.
 
-    Parameters
-    ----------
-    text : str
-        ``KIND[=VALUE][,OPTION=VALUE...]`` with the options from, for (seconds), at (trigger), vehicle,
-        direction, link and times of `Fault`.
-
-    Raises
-    ------
-    FaultError
-        If it cannot be read.
+    The options are from, for (seconds), at (trigger), vehicle, direction, link and times of `Fault`.
 
     Examples
     --------
@@ -314,13 +296,7 @@ def fault_from(table: Mapping[str, Any]) -> Fault:
 
 
 def load_faults(path: Path | str) -> tuple[Fault, ...]:
-    """Read the ``[[fault]]`` tables of a TOML file.
-
-    Raises
-    ------
-    FaultError
-        If the file cannot be read, is not TOML, or a fault in it is wrong; names the file and the fault.
-    """
+    """Read the ``[[fault]]`` tables of a TOML file; FaultError names the file and the fault that is wrong."""
     try:
         table = read_toml(Path(path))
     except UnreadableError as error:

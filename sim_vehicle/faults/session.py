@@ -61,14 +61,7 @@ _FEWEST_PORT = 1000
 
 
 class FaultSession:
-    """The faults of one run and what has triggered them.
-
-    Parameters
-    ----------
-    faults : iterable of Fault or str
-        Text as `sim_vehicle.faults.fault.parse_fault` reads it.
-    seed : int or numpy.random.SeedSequence
-        Of everything random.
+    """The faults of one run (as values or text), what has triggered them, and the seed of all that is random.
 
     Examples
     --------

@@ -28,14 +28,10 @@ _REFRESH_S = 0.5
 
 @dataclass(frozen=True, slots=True)
 class ServerUrl:
-    """An address of the server.
+    """An address of the server, as `open_port` takes it.
 
-    Parameters
-    ----------
-    url : str
-        See `open_port`.
-    systems : frozenset of int
-        Only these vehicles are found there, as at one port of one autopilot; none: all, as behind a router.
+    Only some vehicles (their system ids) are found there, as at one port of one autopilot, or (none) all, as
+    behind a router.
     """
 
     url: str
@@ -46,13 +42,7 @@ class Client:
     """One peer: a stream of bytes in each direction.
 
     Frames to send are collected and go out together with `flush`, as autopilots do: fewer, larger datagrams.
-
-    Attributes
-    ----------
-    systems : frozenset of int
-        The only vehicles that it meets, see `ServerUrl`.
-    radio : FaultyLink or None
-        What spoils its frames.
+    A radio spoils its frames; see `ServerUrl` for the systems that it meets.
     """
 
     def __init__(self, name: str, write: Callable[[bytes], None]) -> None:
@@ -308,17 +298,8 @@ class PortSelector:
     Links that are open already become ports after those of the URLs; the session spoils the links that its
     faults name.
 
-    Attributes
-    ----------
-    clients : list of Client
-        Who is there; a new list whenever somebody comes or goes.
-    urls : tuple of str
-        The addresses with the ports that were really taken.
-
-    Raises
-    ------
-    LinkError
-        If an address is wrong or in use; nothing stays open then.
+    ``clients`` is a new list whenever somebody comes or goes; ``urls`` are the addresses with the ports that
+    were really taken. LinkError if an address is wrong or in use; nothing stays open then.
     """
 
     def __init__(self, urls: Sequence[ServerUrl], session: FaultSession, links: Sequence[Link] = ()) -> None:

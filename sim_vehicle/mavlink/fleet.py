@@ -28,15 +28,7 @@ SPACING_M = 4.0
 def start_positions(home: GeoPoint, count: int, spacing_m: float = SPACING_M) -> list[GeoPoint]:
     """Return start positions around home: the first at home, the others on a square spiral about it.
 
-    Parameters
-    ----------
-    spacing_m : float
-        Between neighbours.
-
-    Raises
-    ------
-    VehicleError
-        If the spacing is not from 0.1 m to 1 km.
+    VehicleError if the spacing is not from 0.1 m to 1 km.
 
     Examples
     --------

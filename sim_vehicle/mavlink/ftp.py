@@ -58,22 +58,7 @@ class Operation(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Packet:
-    """A request or an answer.
-
-    Parameters
-    ----------
-    sequence : int
-        Number of the packet, modulo 65536; an answer has that of its request plus one.
-    session, operation, size : int
-        ``size`` is that of the data, and in requests to read what is asked for.
-    request : int
-        The operation that an answer is to.
-    complete : bool
-        The last packet of a burst that ends before the file.
-    offset : int
-        In bytes; in a list the number of the first entry.
-    data : bytes
-        At most 239.
+    """A request or an answer; the number of an answer is that of its request plus one, modulo 65536.
 
     Examples
     --------
@@ -85,10 +70,10 @@ class Packet:
     sequence: int
     session: int
     operation: int
-    size: int = -1
-    request: int = 0
-    complete: bool = False
-    offset: int = 0
+    size: int = -1  # of the data; in requests to read what is asked for
+    request: int = 0  # the operation that an answer is to
+    complete: bool = False  # the last packet of a burst that ends before the file
+    offset: int = 0  # in bytes; in a list the number of the first entry
     data: bytes = b""
 
     def __post_init__(self) -> None:

@@ -56,17 +56,7 @@ _BATCH_S = 0.01
 
 @dataclass(slots=True)
 class FlightLog:
-    """One log.
-
-    Parameters
-    ----------
-    number : int
-        Counts from 1 since the logs were erased.
-    begun_unix_s : float
-        When it began, seconds since 1970.
-    data : bytearray
-        Its records.
-    """
+    """One log; the numbers count from 1 since the logs were erased."""
 
     number: int
     begun_unix_s: float
@@ -89,14 +79,8 @@ class FlightLog:
 class FlightLogs:
     """The logs of a vehicle.
 
-    The oldest ones give way to new ones; a log that alone fills the room ends there.
-
-    Parameters
-    ----------
-    epoch_unix_s : float
-        Time of day at the host's time 0, seconds since 1970.
-    most_bytes, most_logs : int
-        Room for all of them.
+    The oldest ones give way to new ones; a log that alone fills the room ends there. The epoch is the time
+    of day at the host's time 0.
 
     Examples
     --------
@@ -174,13 +158,7 @@ class _Sending:
 
 
 class LogTransfer:
-    """Lists and sends logs; one of them at a time.
-
-    Parameters
-    ----------
-    refuse : callable
-        Is given the reason where a request is refused with a text.
-    """
+    """Lists and sends logs, one of them at a time; ``refuse`` is given the text of a refusal."""
 
     def __init__(self, logs: FlightLogs, behaviour: LogBehaviour, refuse: Callable[[str], None]) -> None:
         self._logs = logs

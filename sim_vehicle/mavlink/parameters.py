@@ -34,19 +34,8 @@ __all__ = ["ParameterSet"]
 class ParameterSet:
     """The vehicle's side of the parameter protocol.
 
-    Parameters
-    ----------
-    table : tuple of MavParameter
-    values : RuntimeParameters
-        What the parameters act on.
-    encoding : {"bytewise", "cast"}
-        How integers travel in the float field.
-    changed : callable
-        Called after a parameter took a new value.
-    refused : callable
-        Called with a reason when a value was not taken, or is not flown as it was given.
-    live : mapping of str to callable, optional
-        Constants that are counted anew each time.
+    ``changed`` is called after a parameter took a new value, ``refused`` with a reason when a value was not
+    taken, or is not flown as it was given; ``live`` are constants that are counted anew each time.
     """
 
     def __init__(

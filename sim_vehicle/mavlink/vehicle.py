@@ -96,6 +96,10 @@ class SimVehicle:
         Message intervals.
     state : WireState
         What it tells of itself: clocks, position, plans.
+    firmware : Firmware
+        The autopilot's, for this kind of vehicle.
+    errors : NavigationErrors or None
+        Those of its sensors; None for exact ones.
 
     Raises
     ------
@@ -137,6 +141,8 @@ class SimVehicle:
             raise VehicleError(msg)
         self.system_id = system_id
         self.component_id = _AUTOPILOT
+        self.firmware: Firmware = firmware
+        self.home = home
         self.pilot = pilot = Pilot(
             spec,
             LocalFrame(home.latitude_deg, home.longitude_deg, home.altitude_m),
@@ -149,6 +155,7 @@ class SimVehicle:
         self.state = state = WireState(
             pilot, firmware, home, system_id=system_id, epoch_unix_s=epoch_unix_s, noise=noise
         )
+        self.errors: NavigationErrors | None = state.errors
         self.schedule = self._default_schedule()
         self._heard: frozenset[int] | None = None
         self.has_camera = False
@@ -227,24 +234,9 @@ class SimVehicle:
         return handlers
 
     @property
-    def firmware(self) -> Firmware:
-        """The autopilot's firmware for this kind of vehicle."""
-        return self.state.firmware
-
-    @property
-    def home(self) -> GeoPoint:
-        """Where it stood at the start."""
-        return self.state.home
-
-    @property
     def true_position_m(self) -> tuple[float, float, float]:
         """Where it truly is: east and north of where it stood at the start, height above there, metres."""
         return self.state.sensed.true_m
-
-    @property
-    def errors(self) -> NavigationErrors | None:
-        """The errors of its sensors; None for exact ones."""
-        return self.state.errors
 
     def position_error(self, boot_us: float) -> tuple[float, float]:
         """How far east and north of the truth it believed to be, at a time of its own clock."""

@@ -3,7 +3,6 @@
 import os
 import pty
 import socket
-import threading
 import time
 import tty
 
@@ -17,26 +16,14 @@ from sim_vehicle.faults.fault import FaultError
 from sim_vehicle.host.ports import open_port
 from sim_vehicle.host.server import Server
 from sim_vehicle.mavlink import SimVehicle
+from tests.support.peer import running
 
 HOME = GeoPoint(28.05, -82.15, 20.0)
 
 
-class Serving:
+def serving(url, **options):
     """A vehicle served in its own thread."""
-
-    def __init__(self, url, **options):
-        self.server = Server([SimVehicle(get_vehicle("quad"), HOME)], [url], **options)
-        self.thread = threading.Thread(target=self.server.run, daemon=True)
-
-    def __enter__(self):
-        self.thread.start()
-        return self.server
-
-    def __exit__(self, *_):
-        self.server.stop()
-        self.thread.join(30.0)
-        assert not self.thread.is_alive()
-        self.server.close()
+    return running(Server([SimVehicle(get_vehicle("quad"), HOME)], [url], **options))
 
 
 def heard(connection, seconds=1.5, most=30):
@@ -56,7 +43,7 @@ def heard(connection, seconds=1.5, most=30):
 def test_a_tcp_host_that_goes_away_is_called_again():
     listener = socket.create_server(("127.0.0.1", 0))
     port = listener.getsockname()[1]
-    with Serving(f"tcp:127.0.0.1:{port}") as server:
+    with serving(f"tcp:127.0.0.1:{port}") as server:
         first, _ = listener.accept()
         assert "ATTITUDE" in heard(first)
         listener.close(), first.close()
@@ -80,7 +67,7 @@ def test_a_serial_line_has_a_vehicle_at_its_end():
     tty.setraw(near), tty.setraw(far)
     codec = mavlink.MAVLink(None, 255, 190)
     codec.robust_parsing = True
-    with Serving(f"serial:{os.ttyname(far)}:115200"):
+    with serving(f"serial:{os.ttyname(far)}:115200"):
         os.write(near, mavlink.MAVLink_ping_message(1, 9, 0, 0).pack(codec))
         names, end = [], time.monotonic() + 30.0
         while "PING" not in names and time.monotonic() < end:
@@ -91,7 +78,7 @@ def test_a_serial_line_has_a_vehicle_at_its_end():
 
 def test_faults_at_a_socket():
     faults = ["link-loss,direction=down,from=30", "delay=0.5", "corrupt=0.2", "drop=ATTITUDE"]
-    with Serving("tcpin:127.0.0.1:0", faults=faults, speed=20.0) as server:
+    with serving("tcpin:127.0.0.1:0", faults=faults, speed=20.0) as server:
         connection = socket.create_connection(("127.0.0.1", int(server.urls[0].rsplit(":", 1)[1])))
         names = heard(connection, 0.8)
         assert "GLOBAL_POSITION_INT" in names and "BAD_DATA" in names
@@ -105,7 +92,7 @@ def test_faults_at_a_socket():
 
 
 def test_commands_cross_a_bad_socket_late():
-    with Serving("tcpin:127.0.0.1:0", faults=["delay=2,direction=up"], speed=10.0) as server:
+    with serving("tcpin:127.0.0.1:0", faults=["delay=2,direction=up"], speed=10.0) as server:
         connection = socket.create_connection(("127.0.0.1", int(server.urls[0].rsplit(":", 1)[1])))
         began = time.monotonic()
         connection.send(mavlink.MAVLink_ping_message(1, 9, 0, 0).pack(mavlink.MAVLink(None, 255, 190)))

@@ -2,7 +2,6 @@
 
 import os
 import socket
-import threading
 import time
 
 import pytest
@@ -15,6 +14,7 @@ from sim_vehicle.component import NEVER
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.host.server import Server
 from sim_vehicle.host.simulation import StopReason
+from tests.support.peer import running
 
 os.environ["MAVLINK20"] = "1"
 
@@ -46,29 +46,6 @@ class Echo:
         return self.due_s
 
 
-class Running:
-    """A server in its own thread."""
-
-    def __init__(self, components, urls, **options):
-        self.server = Server(components, urls, **options)
-        self.thread = threading.Thread(target=self.run, daemon=True)
-        self.reason = None
-
-    def run(self):
-        self.reason = self.server.run()
-
-    def __enter__(self):
-        self.thread.start()
-        return self.server
-
-    def __exit__(self, *_):
-        self.server.stop()
-        self.thread.join(30.0)
-        assert not self.thread.is_alive()
-        assert self.reason is StopReason.STOPPED
-        self.server.close()
-
-
 def port_of(url):
     return int(url.rsplit(":", 1)[1])
 
@@ -97,7 +74,7 @@ def wait_for(connection, codec, kind, condition=lambda message: True, limit_s=30
 
 
 def test_tcp_and_udp_clients_are_served_at_once():
-    with Running([Echo()], ["tcpin:127.0.0.1:0", "udpin:127.0.0.1:0"]) as server:
+    with running(Server([Echo()], ["tcpin:127.0.0.1:0", "udpin:127.0.0.1:0"])) as server:
         sockets = [client(server.urls[0], 255), client(server.urls[0], 254)]
         sockets += [
             client(server.urls[1], 253, socket.SOCK_DGRAM),
@@ -118,7 +95,7 @@ def test_udp_out_sends_first_and_hears_the_answer():
     ear = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     ear.bind(("127.0.0.1", 0))
     ear.settimeout(3.0)
-    with Running([Echo()], [f"udpout:127.0.0.1:{ear.getsockname()[1]}"]) as server:
+    with running(Server([Echo()], [f"udpout:127.0.0.1:{ear.getsockname()[1]}"])) as server:
         codec = mavlink.MAVLink(None, 255, 190)
         data, peer = ear.recvfrom(2048)
         assert codec.parse_buffer(data)[0].get_type() == "HEARTBEAT"
@@ -129,7 +106,7 @@ def test_udp_out_sends_first_and_hears_the_answer():
 
 
 def test_clients_hear_each_other_and_addressed_frames_find_their_way():
-    with Running([Echo()], ["tcpin:127.0.0.1:0"]) as server:
+    with running(Server([Echo()], ["tcpin:127.0.0.1:0"])) as server:
         (one, one_codec), (two, two_codec) = client(server.urls[0], 11), client(server.urls[0], 12)
         two.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(two_codec))
         wait_for(one, one_codec, "HEARTBEAT", lambda h: h.get_srcSystem() == 12)
@@ -146,7 +123,7 @@ def test_components_hear_each_other():
 
 
 def test_garbage_and_vanishing_clients_do_no_harm():
-    with Running([Echo()], ["tcpin:127.0.0.1:0", "udpin:127.0.0.1:0"]) as server:
+    with running(Server([Echo()], ["tcpin:127.0.0.1:0", "udpin:127.0.0.1:0"])) as server:
         noise = bytes(range(256)) * 40
         good, codec = client(server.urls[0])
         for _ in range(5):
@@ -174,7 +151,7 @@ def wait_until(condition, limit_s=30.0):
 
 
 def test_a_client_that_does_not_read_does_not_stop_the_others():
-    with Running([Echo(period_s=0.001)], ["tcpin:127.0.0.1:0"], speed=5.0) as server:
+    with running(Server([Echo(period_s=0.001)], ["tcpin:127.0.0.1:0"], speed=5.0)) as server:
         lazy, _ = client(server.urls[0])
         keen, codec = client(server.urls[0])
         keen.send(ping(codec))
@@ -235,7 +212,9 @@ def test_stop_before_run_ends_it_at_once():
 
 def test_tap_sees_both_directions():
     seen = []
-    with Running([Echo()], ["tcpin:127.0.0.1:0"], tap=lambda frame, now_s: seen.append(frame)) as server:
+    with running(
+        Server([Echo()], ["tcpin:127.0.0.1:0"], tap=lambda frame, now_s: seen.append(frame))
+    ) as server:
         connection, codec = client(server.urls[0])
         connection.send(ping(codec))
         wait_for(connection, codec, "PING")

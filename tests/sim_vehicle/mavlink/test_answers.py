@@ -6,7 +6,7 @@ from dataclasses import fields
 import pytest
 
 from mission.link.codec.dialect import mavlink as m
-from mission.link.codec.frames import FrameReader, FrameWriter
+from mission.link.codec.frames import FrameWriter
 from mission.model import GeoPoint
 from mission.outcome import Outcome
 from sim_vehicle.airframe.catalog import get_vehicle
@@ -15,38 +15,18 @@ from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.mavlink.vehicle import SimVehicle
 from sim_vehicle.weather.wind import Wind
+from tests.support.peer import Peer as GroundPeer
 
 HOME = GeoPoint(28.05, -82.15, 10.0)
 GROUND = FrameWriter(255, 190)
 NAN = math.nan
 
 
-class Peer:
+class Peer(GroundPeer):
     """A vehicle and what it told."""
 
-    def __init__(self, autopilot, kind="quad", wind=None, spec=None):
-        spec = get_vehicle(kind) if spec is None else spec
-        self.vehicle = SimVehicle(spec, HOME, wind=wind, autopilot=get_autopilot(autopilot))
-        self.now_s = 0.0
-        self.told = self.vehicle.poll(0.0)
-
-    def tell(self, message):
-        (crossed,) = FrameReader().feed(GROUND.encode(message))
-        answers = self.vehicle.receive(crossed, self.now_s)
-        self.told += answers
-        return answers
-
-    def result(self, command, *params):
-        filled = [*params, *[0.0] * (7 - len(params))]
-        answers = self.tell(m.MAVLink_command_long_message(1, 1, command, 0, *filled))
-        results = [a.result for a in answers if a.get_type() == "COMMAND_ACK"]
-        return results[0] if results else None
-
-    def wait(self, seconds):
-        end_s = self.now_s + seconds
-        while self.now_s < end_s:
-            self.now_s = min(end_s, max(self.now_s + 1e-3, self.vehicle.next_deadline()))
-            self.told += self.vehicle.poll(self.now_s)
+    def __init__(self, autopilot, kind="quad", **options):
+        super().__init__(autopilot, kind, home=HOME, **options)
 
     def fly(self):
         """Take off and hover in the autopilot's guided mode."""
@@ -57,12 +37,6 @@ class Peer:
         assert self.result(22, 0, 0, 0, NAN, NAN, NAN, altitude) == 0
         self.wait(20.0)
         assert self.vehicle.pilot.state.position_m[2] > 8.0
-
-    def texts(self):
-        return [t.text if isinstance(t.text, str) else t.text.decode() for t in self.of("STATUSTEXT")]
-
-    def of(self, kind):
-        return [message for message in self.told if message.get_type() == kind]
 
 
 def test_words_at_arming_and_disarming():

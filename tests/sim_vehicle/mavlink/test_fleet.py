@@ -2,7 +2,6 @@
 
 import itertools
 import socket
-import threading
 import time
 
 import pytest
@@ -20,6 +19,7 @@ from sim_vehicle.host.server import Server, ServerUrl
 from sim_vehicle.host.simulation import Simulation
 from sim_vehicle.mavlink.fleet import Fleet, fleet_urls, start_positions
 from sim_vehicle.weather.wind import Wind
+from tests.support.peer import running
 
 HOME = GeoPoint(28.05, -82.15, 20.0)
 
@@ -37,23 +37,6 @@ def free_ports(number):
     for one in sockets:
         one.close()
     return ports
-
-
-class Serving:
-    """A server in its own thread."""
-
-    def __init__(self, *args, **options):
-        self.server = Server(*args, **options)
-        self.thread = threading.Thread(target=self.server.run, daemon=True)
-
-    def __enter__(self):
-        self.thread.start()
-        return self.server
-
-    def __exit__(self, *_):
-        self.server.stop()
-        self.thread.join(30.0)
-        self.server.close()
 
 
 def hear(endpoint, seconds=1.6, systems=frozenset()):
@@ -126,7 +109,7 @@ def test_a_home_for_each():
 def test_each_vehicle_at_its_own_door_and_all_at_the_router():
     fleet = quads(3, autopilot=ARDUPILOT)
     doors = [ServerUrl("tcpin:127.0.0.1:0", frozenset((system,))) for system in (1, 2, 3)]
-    with Serving(fleet.vehicles, [*doors, "tcpin:127.0.0.1:0"]) as server:
+    with running(Server(fleet.vehicles, [*doors, "tcpin:127.0.0.1:0"])) as server:
         found = []
         for url, expected in zip(server.urls, [{1}, {2}, {3}, {1, 2, 3}], strict=True):
             endpoint = MavlinkEndpoint(open_link(url.replace("tcpin", "tcp")), 255, 190)
@@ -138,7 +121,7 @@ def test_each_vehicle_at_its_own_door_and_all_at_the_router():
 
 def test_commands_reach_the_vehicle_that_is_meant_and_two_grounds_hear_each_other():
     fleet = quads(3)
-    with Serving(fleet.vehicles, ["tcpin:127.0.0.1:0"]) as server:
+    with running(Server(fleet.vehicles, ["tcpin:127.0.0.1:0"])) as server:
         url = server.urls[0].replace("tcpin", "tcp")
         one = MavlinkEndpoint(open_link(url), 255, 190)
         two = MavlinkEndpoint(open_link(url), 254, 190)
@@ -156,7 +139,7 @@ def test_commands_reach_the_vehicle_that_is_meant_and_two_grounds_hear_each_othe
 
 def test_a_command_at_another_vehicles_door_does_not_cross():
     fleet = quads(2)
-    with Serving(fleet.vehicles, [ServerUrl("tcpin:127.0.0.1:0", frozenset((1,)))]) as server:
+    with running(Server(fleet.vehicles, [ServerUrl("tcpin:127.0.0.1:0", frozenset((1,)))])) as server:
         endpoint = MavlinkEndpoint(open_link(server.urls[0].replace("tcpin", "tcp")), 255, 190)
         endpoint.send(m.MAVLink_command_long_message(2, 1, 31999, 0, *[0.0] * 7))
         assert not any(x.get_type() == "COMMAND_ACK" for x in hear(endpoint, 0.6))
@@ -186,7 +169,7 @@ class Listening:
 def test_what_serves_a_vehicle_meets_its_link_only_and_links_do_not_cross():
     grounds = [Listening(255, 4), Listening(254, 7)]
     doors = [ServerUrl("tcpin:127.0.0.1:0", frozenset(ids)) for ids in ((4, 5), (7,))]
-    with Serving(grounds, doors) as server:
+    with running(Server(grounds, doors)) as server:
         ends = [
             MavlinkEndpoint(open_link(url.replace("tcpin", "tcp")), system, 1)
             for url, system in zip(server.urls, (4, 7), strict=True)
@@ -213,7 +196,7 @@ def test_udp_ports_of_px4_with_a_common_ground_station():
     ]
     common = MavlinkEndpoint(open_link(f"udpin:127.0.0.1:{ground}"), 255, 190)
     own = MavlinkEndpoint(open_link(f"udpin:127.0.0.1:{api_2}"), 245, 190)
-    with Serving(fleet.vehicles, urls):
+    with running(Server(fleet.vehicles, urls)):
         heard = hear(common, systems={1, 2})
         assert {x.get_srcSystem() for x in heard} >= {1, 2}
         assert {x.get_srcSystem() for x in hear(own, systems={2})} - {255} == {2}
@@ -222,7 +205,7 @@ def test_udp_ports_of_px4_with_a_common_ground_station():
 
 def test_transfers_with_two_vehicles_by_system_id():
     fleet = quads(2)
-    with Serving(fleet.vehicles, ["tcpin:127.0.0.1:0"]) as server:
+    with running(Server(fleet.vehicles, ["tcpin:127.0.0.1:0"])) as server:
         for system in (1, 2):
             link = open_link(server.urls[0].replace("tcpin", "tcp"))
             with TransferDriver(MavlinkEndpoint(link, 255, 190)) as driver:

@@ -17,6 +17,7 @@ from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.host.simulation import Simulation
 from sim_vehicle.mavlink.vehicle import SimVehicle
+from tests.support.peer import Peer as GroundPeer
 
 FARM = get_farm("miniberry-100")
 LATITUDE, LONGITUDE = FARM.frame.to_wgs84(*FARM.cell_centre(30, 30))
@@ -26,35 +27,11 @@ PITCHYAW, CONFIGURE, MOUNT, MODE = 1000, 1001, 205, 204
 ATTITUDE, STATUS, INFORMATION, MOUNT_STATUS = 285, 281, 280, 158
 
 
-class Peer:
-    """A vehicle, a peer that commands it, and what it told."""
+class Peer(GroundPeer):
+    """A vehicle with a gimbal, a peer that commands it, and what it told."""
 
     def __init__(self, autopilot="ardupilot", kind="quad"):
-        self.vehicle = SimVehicle(get_vehicle(kind), HOME, autopilot=get_autopilot(autopilot))
-        self.writer = FrameWriter(255, 190)
-        self.now_s = 0.0
-        self.vehicle.poll(0.0)
-
-    def tell(self, message):
-        (crossed,) = FrameReader().feed(self.writer.encode(message))
-        return self.vehicle.receive(crossed, self.now_s)
-
-    def answers(self, command, *params):
-        filled = [*params, *[0.0] * (7 - len(params))]
-        return self.tell(m.MAVLink_command_long_message(1, 1, command, 0, *filled))
-
-    def result(self, command, *params):
-        return self.answers(command, *params)[0].result
-
-    def asked(self, message_id):
-        found = [one for one in self.answers(512, message_id) if type(one).id == message_id]
-        return found[0] if found else None
-
-    def wait(self, seconds):
-        end_s = self.now_s + seconds
-        while self.now_s < end_s:
-            self.now_s = min(end_s, self.now_s + 0.1)
-            self.vehicle.poll(self.now_s)
+        super().__init__(autopilot, kind, home=HOME)
 
     def looks(self):
         """Flags, and roll, pitch, yaw in degrees, when it has turned."""
@@ -123,12 +100,12 @@ def test_it_tells_what_it_can_and_who_has_control():
     assert [round(math.degrees(limit)) for limit in limits] == [-30, 30, -90, 20, -180, 180]
     before = peer.asked(STATUS)
     assert (before.flags, before.primary_control_sysid, before.primary_control_compid) == (12, 0, 0)
-    ack, told = peer.answers(CONFIGURE, -2, -2)
+    ack, told = peer.command(CONFIGURE, -2, -2)
     assert (ack.result, told.primary_control_sysid, told.primary_control_compid) == (0, 255, 190)
-    assert len(peer.answers(CONFIGURE, -1, -1)) == 1
-    (_, told) = peer.answers(CONFIGURE, 7, 8)
+    assert len(peer.command(CONFIGURE, -1, -1)) == 1
+    (_, told) = peer.command(CONFIGURE, 7, 8)
     assert (told.primary_control_sysid, told.primary_control_compid) == (7, 8)
-    assert len(peer.answers(CONFIGURE, -3, -3)) == 1, "only who has control gives it up"
+    assert len(peer.command(CONFIGURE, -3, -3)) == 1, "only who has control gives it up"
     assert peer.result(PITCHYAW, -30, 0, NAN, NAN) == 0, "control hinders nobody"
     assert peer.result(CONFIGURE, NAN, NAN) == 4
     peer.result(PITCHYAW, NAN, NAN, NAN, NAN, 16)

@@ -23,6 +23,7 @@ from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.host.server import Server
 from sim_vehicle.host.simulation import Simulation
 from sim_vehicle.mavlink import SimVehicle
+from tests.support.peer import running
 
 HOME = GeoPoint(28.05, -82.15, 20.0)
 KINDS = sorted(m.mavlink_map)
@@ -161,38 +162,18 @@ def test_any_bytes_through_a_link(pieces):
     assert simulation.now_s == pytest.approx(0.05 * len(pieces))
 
 
-class Serving:
+def serving():
     """A vehicle on TCP and UDP, in its own thread."""
+    urls = ["tcpin:127.0.0.1:0", "udpin:127.0.0.1:0"]
+    return running(Server([SimVehicle(get_vehicle("quad"), HOME)], urls))
 
-    def __init__(self, **options):
-        self.vehicle = SimVehicle(get_vehicle("quad"), HOME)
-        self.server = Server([self.vehicle], ["tcpin:127.0.0.1:0", "udpin:127.0.0.1:0"], **options)
-        self.error = None
-        self.thread = threading.Thread(target=self._run, daemon=True)
 
-    def _run(self):
-        try:
-            self.server.run()
-        except BaseException as error:
-            self.error = error
-            raise
+def port_of(url):
+    return int(url.rsplit(":", 1)[1])
 
-    def __enter__(self):
-        self.thread.start()
-        return self
 
-    def __exit__(self, *_):
-        self.server.stop()
-        self.thread.join(30.0)
-        assert not self.thread.is_alive()
-        assert self.error is None
-        self.server.close()
-
-    def tcp(self):
-        return socket.create_connection(("127.0.0.1", self.port(0)))
-
-    def port(self, number):
-        return int(self.server.urls[number].rsplit(":", 1)[1])
+def connected(server):
+    return socket.create_connection(("127.0.0.1", port_of(server.urls[0])))
 
 
 def ping(connection, number):
@@ -214,10 +195,10 @@ def ping(connection, number):
 
 def test_a_server_under_fire_goes_on_answering():
     rng = random.Random(5)
-    with Serving() as serving:
-        attackers = [serving.tcp() for _ in range(3)]
+    with serving() as server:
+        attackers = [connected(server) for _ in range(3)]
         udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        udp.connect(("127.0.0.1", serving.port(1)))
+        udp.connect(("127.0.0.1", port_of(server.urls[1])))
         for _ in range(150):
             for attacker in attackers:
                 attacker.setblocking(False)
@@ -227,16 +208,16 @@ def test_a_server_under_fire_goes_on_answering():
                 except (BlockingIOError, ConnectionError):
                     pass
             udp.send(attack(rng))
-        honest = serving.tcp()
+        honest = connected(server)
         assert ping(honest, 77)
         for one in (*attackers, udp, honest):
             one.close()
 
 
 def test_ten_clients_at_once():
-    with Serving() as serving:
+    with serving() as server:
         items = tuple(MissionItem.waypoint(28.05 + 1e-5 * k, -82.15, 10.0) for k in range(5))
-        clients = [serving.tcp() for _ in range(10)]
+        clients = [connected(server) for _ in range(10)]
         answers = []
         threads = [
             threading.Thread(target=lambda c=c, i=i: answers.append(ping(c, 100 + i)))
@@ -250,10 +231,10 @@ def test_ten_clients_at_once():
         from mission.link import open_link
 
         with TransferDriver(
-            MavlinkEndpoint(open_link(f"tcp:127.0.0.1:{serving.port(0)}"), 255, 190)
+            MavlinkEndpoint(open_link(f"tcp:127.0.0.1:{port_of(server.urls[0])}"), 255, 190)
         ) as driver:
             driver.upload(Mission(items, home=HOME))
-        assert len(serving.server.clients) >= 10
+        assert len(server.clients) >= 10
         for client in clients:
             client.close()
 

@@ -2,7 +2,6 @@
 
 import math
 import struct
-import threading
 import time
 
 import pytest
@@ -13,7 +12,7 @@ from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.signing import Signing
 from mission.link.endpoint import MavlinkEndpoint
 from mission.link.opening import open_link
-from mission.model import Command, Frame, GeoPoint, Mission, MissionItem, MissionType
+from mission.model import Command, Frame, Mission, MissionItem, MissionType
 from mission.outcome import Outcome
 from mission.transfer import wire
 from mission.transfer.driver import TransferDriver
@@ -24,8 +23,9 @@ from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.host.server import Server
 from sim_vehicle.host.simulation import Simulation, StopReason
 from sim_vehicle.mavlink import SimVehicle
+from tests.support.peer import HOME, running
+from tests.support.peer import Peer as GroundPeer
 
-HOME = GeoPoint(28.05, -82.15, 20.0)
 BOTH = pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
 TAKEOFF = MissionItem(Command.NAV_TAKEOFF, Frame.GLOBAL_RELATIVE_ALT, x=28.05, y=-82.15, z=5.0)
 THERE = MissionItem.waypoint(28.0502, -82.15, 5.0)
@@ -34,51 +34,8 @@ SURVEY = (TAKEOFF, THERE, BACK)
 KEY = b"k" * 32
 
 
-class Peer:
-    """A ground station that talks to a vehicle at a time."""
-
-    def __init__(self, autopilot, **options):
-        self.vehicle = SimVehicle(get_vehicle("quad"), HOME, autopilot=autopilot, **options)
-        self.autopilot = autopilot
-        self.now_s = 0.0
-        self.told = []
-        self.times = []
-        self.wait(0.0)
-
-    def _note(self, messages):
-        crossed = [FrameReader().feed(FrameWriter(1, 1).encode(message))[0] for message in messages]
-        self.told += crossed
-        self.times += [self.now_s] * len(crossed)
-        return crossed
-
-    def tell(self, message):
-        (arrived,) = FrameReader().feed(FrameWriter(255, 190).encode(message))
-        return self._note(self.vehicle.receive(arrived, self.now_s))
-
-    def wait(self, seconds):
-        end_s = self.now_s + seconds
-        while True:
-            self.now_s = min(end_s, max(self.now_s, self.vehicle.next_deadline()))
-            self._note(self.vehicle.poll(self.now_s))
-            if self.now_s >= end_s:
-                return
-
-    def order(self, number, *params):
-        return self.tell(m.MAVLink_command_long_message(1, 1, number, 0, *params, *[0.0] * (7 - len(params))))
-
-    def result(self, number, *params):
-        (ack,) = (a for a in self.order(number, *params) if a.get_type() == "COMMAND_ACK")
-        return ack.result
-
-    def asked(self, message_id, *params):
-        """The answer to REQUEST_MESSAGE."""
-        return self.order(512, message_id, *params)[1]
-
-    def of(self, kind):
-        return [message for message in self.told if message.get_type() == kind]
-
-    def texts(self):
-        return [text.text for text in self.of("STATUSTEXT")]
+class Peer(GroundPeer):
+    """A ground station that uploads plans, too."""
 
     def upload(self, items, kind=0):
         """Send a plan; home goes in front where the autopilot has it there."""
@@ -130,13 +87,9 @@ def test_mavsdk_notices_a_new_plan():
     from mavsdk import ComponentType, Configuration, Mavsdk
     from mavsdk.plugins.mission_raw import MissionRaw
 
-    vehicle = SimVehicle(get_vehicle("quad"), HOME)
-    server = Server([vehicle], ["tcpin:127.0.0.1:0"])
-    thread = threading.Thread(target=server.run, daemon=True)
-    thread.start()
-    port = server.urls[0].rsplit(":", 1)[1]
-    sdk = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
-    try:
+    with running(Server([SimVehicle(get_vehicle("quad"), HOME)], ["tcpin:127.0.0.1:0"])) as server:
+        port = server.urls[0].rsplit(":", 1)[1]
+        sdk = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
         assert sdk.add_any_connection(f"tcpout://127.0.0.1:{port}") == 0
         changes = []
         mission = MissionRaw(sdk.first_autopilot(5.0))
@@ -152,11 +105,7 @@ def test_mavsdk_notices_a_new_plan():
         # Before its owner: a callback that is under way then aborts the process.
         mission.unsubscribe_mission_changed(handle)
         mission.destroy()
-    finally:
         sdk.destroy()
-        server.stop()
-        thread.join(30.0)
-        server.close()
 
 
 def test_ardupilot_tells_its_items_one_by_one():
@@ -285,7 +234,7 @@ def test_ardupilot_takes_places_as_integers_only():
 @BOTH
 def test_the_protocol_version(autopilot):
     peer = Peer(autopilot)
-    for answers in (peer.order(512, 300), peer.order(519, 1)):
+    for answers in (peer.command(512, 300), peer.command(519, 1)):
         assert [a.get_type() for a in answers] == ["COMMAND_ACK", "PROTOCOL_VERSION"]
         assert (answers[1].version, answers[1].min_version, answers[1].max_version) == (200, 100, 200)
     assert peer.result(512, 397) == (0 if autopilot is PX4 else 4)

@@ -2,8 +2,9 @@
 
 import math
 import os
-import threading
 import time
+from contextlib import contextmanager
+from types import SimpleNamespace
 
 import pytest
 
@@ -17,6 +18,7 @@ from sim_vehicle.autopilot.ardupilot import ARDUPILOT
 from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.host.server import Server
 from sim_vehicle.mavlink import SimVehicle
+from tests.support.peer import running
 
 os.environ["MAVLINK20"] = "1"
 HOME = GeoPoint(28.05, -82.15, 20.0)
@@ -36,24 +38,12 @@ ITEMS = (
 )
 
 
-class Flying:
+@contextmanager
+def flying_at(url, speed, autopilot=PX4):
     """A vehicle behind a server in a thread."""
-
-    def __init__(self, url, speed, autopilot=PX4):
-        self.vehicle = SimVehicle(get_vehicle("quad"), HOME, autopilot=autopilot, epoch_unix_s=time.time())
-        self.server = Server([self.vehicle], [url], speed=speed)
-        self.url = self.server.urls[0]
-        self.thread = threading.Thread(target=self.server.run, daemon=True)
-
-    def __enter__(self):
-        self.thread.start()
-        return self
-
-    def __exit__(self, *_):
-        self.server.stop()
-        self.thread.join(30.0)
-        assert not self.thread.is_alive()
-        self.server.close()
+    vehicle = SimVehicle(get_vehicle("quad"), HOME, autopilot=autopilot, epoch_unix_s=time.time())
+    with running(Server([vehicle], [url], speed=speed)) as server:
+        yield SimpleNamespace(vehicle=vehicle, url=server.urls[0])
 
 
 def wait_until(condition, limit_s=60.0, what="condition"):
@@ -104,7 +94,7 @@ def test_mavsdk_flies_a_mission(sdk, url):
     from mavsdk.plugins.mission_raw import MissionRaw
     from mavsdk.plugins.telemetry import Telemetry
 
-    with Flying(url, speed=20.0) as flying:
+    with flying_at(url, speed=20.0) as flying:
         system = connect(sdk, flying)
         telemetry, action, mission = Telemetry(system), Action(system), MissionRaw(system)
         wait_until(telemetry.health_all_ok, what="health all ok")
@@ -129,7 +119,7 @@ def test_mavsdk_takes_off_pauses_goes_and_lands(sdk):
     from mavsdk.plugins.action import Action
     from mavsdk.plugins.telemetry import FlightMode, Telemetry
 
-    with Flying("udpin:127.0.0.1:0", speed=20.0) as flying:
+    with flying_at("udpin:127.0.0.1:0", speed=20.0) as flying:
         system = connect(sdk, flying)
         telemetry, action = Telemetry(system), Action(system)
         wait_until(telemetry.health_all_ok, what="health all ok")
@@ -155,7 +145,7 @@ def test_mavsdk_hears_why_arming_is_refused(sdk):
     from mavsdk.plugins.action import Action, ActionError
     from mavsdk.plugins.telemetry import Telemetry
 
-    with Flying("udpin:127.0.0.1:0", speed=5.0) as flying:
+    with flying_at("udpin:127.0.0.1:0", speed=5.0) as flying:
         flying.vehicle.pilot.arming.block = "compass not calibrated"
         system = connect(sdk, flying)
         telemetry = Telemetry(system)
@@ -172,7 +162,7 @@ def test_mavsdk_hears_why_arming_is_refused(sdk):
 def test_mavsdk_reads_and_sets_parameters(sdk):
     from mavsdk.plugins.param import Param
 
-    with Flying("udpin:127.0.0.1:0", speed=5.0) as flying:
+    with flying_at("udpin:127.0.0.1:0", speed=5.0) as flying:
         param = Param(connect(sdk, flying))
         assert param.get_param_float("MPC_XY_CRUISE") == pytest.approx(
             flying.vehicle.pilot.spec.cruise_speed_m_s
@@ -191,7 +181,7 @@ def test_mavsdk_reads_and_sets_parameters(sdk):
 def pymavlink_client(request):
     from pymavlink import mavutil
 
-    with Flying("tcpin:127.0.0.1:0", speed=20.0, autopilot=request.param) as flying:
+    with flying_at("tcpin:127.0.0.1:0", speed=20.0, autopilot=request.param) as flying:
         port = flying.url.rsplit(":", 1)[1]
         connection = mavutil.mavlink_connection(f"tcp:127.0.0.1:{port}", dialect="all", source_system=255)
         connection.wait_heartbeat(timeout=5)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.frames import FrameReader, FrameWriter
-from mission.model import Command, Frame, GeoPoint, MissionItem, MissionType
+from mission.model import Command, Frame, MissionItem, MissionType
 from mission.outcome import Outcome
 from mission.transfer import wire
 from sim_vehicle.airframe.catalog import get_vehicle
@@ -24,53 +24,15 @@ from sim_vehicle.mavlink.commands import HANDLERS
 from sim_vehicle.mavlink.gimbal import GIMBAL_BUILDERS
 from sim_vehicle.mavlink.reports import LONGEST_US, SHORTEST_US, Schedule
 from sim_vehicle.mavlink.telemetry import BUILDERS
+from tests.support.peer import HOME
+from tests.support.peer import Peer as GroundPeer
 
-HOME = GeoPoint(28.05, -82.15, 20.0)
 NAN = math.nan
-GROUND = FrameWriter(255, 190)
 TOLD_IN_FLIGHT = {m.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT, m.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED}
 
 
-def crossed(message, writer=GROUND):
-    """The message as its receiver decodes it."""
-    return FrameReader().feed(writer.encode(message))[0]
-
-
-class Peer:
-    """A vehicle and a ground station that talks to it at a time."""
-
-    def __init__(self, autopilot=PX4, spec="quad", **options):
-        self.vehicle = SimVehicle(get_vehicle(spec), HOME, autopilot=autopilot, **options)
-        self.now_s = 0.0
-        self.told = []
-        self.wait(0.0)
-
-    def tell(self, message, writer=GROUND):
-        answers = self.vehicle.receive(crossed(message, writer), self.now_s)
-        self.told += answers
-        return [crossed(answer, FrameWriter(1, 1)) for answer in answers]
-
-    def wait(self, seconds):
-        end_s = self.now_s + seconds
-        while True:
-            self.now_s = min(end_s, max(self.now_s, self.vehicle.next_deadline()))
-            self.told += self.vehicle.poll(self.now_s)
-            if self.now_s >= end_s:
-                return
-
-    def order(self, number, *params, confirmation=0, target=(1, 1)):
-        filled = [*params, *[0.0] * (7 - len(params))]
-        return self.tell(m.MAVLink_command_long_message(*target, number, confirmation, *filled))
-
-    def result(self, number, *params, **options):
-        answers = self.order(number, *params, **options)
-        acks = [a for a in answers if a.get_type() == "COMMAND_ACK"]
-        assert len(acks) == 1
-        assert (acks[0].command, acks[0].target_system, acks[0].target_component) == (number, 255, 190)
-        return acks[0].result
-
-    def texts(self):
-        return [t.text for t in self.told if t.get_type() == "STATUSTEXT"]
+class Peer(GroundPeer):
+    """A ground station that uploads missions, too."""
 
     def upload(self, items):
         self.tell(m.MAVLink_mission_count_message(1, 1, len(items), 0))
@@ -95,7 +57,7 @@ def test_the_vehicle_is_a_component():
 @pytest.mark.parametrize("message_id", sorted(set(BUILDERS) - TOLD_IN_FLIGHT))
 def test_every_message_can_be_requested_and_survives_the_wire(message_id):
     peer = Peer(ARDUPILOT if message_id in GIMBAL_BUILDERS else PX4)
-    answers = peer.order(m.MAV_CMD_REQUEST_MESSAGE, message_id)
+    answers = peer.command(m.MAV_CMD_REQUEST_MESSAGE, message_id)
     assert answers[0].get_type() == "COMMAND_ACK" and answers[0].result == 0
     assert answers[1].get_msgId() == message_id
 
@@ -114,22 +76,22 @@ def test_messages_that_do_not_exist_are_refused_in_the_words_of_each(autopilot, 
 
 def test_all_modes_are_listed():
     peer = Peer()
-    modes = [a for a in peer.order(512, 435, 0) if a.get_type() == "AVAILABLE_MODES"]
+    modes = [a for a in peer.command(512, 435, 0) if a.get_type() == "AVAILABLE_MODES"]
     assert [a.mode_index for a in modes] == list(range(1, modes[0].number_modes + 1))
     assert {a.custom_mode for a in modes} == set(PX4.for_vehicle("multirotor").mavlink.modes.numbers.values())
-    assert len(peer.order(512, 435, 2)) == 2
-    assert peer.order(512, 435, 99)[0].result == 2
+    assert len(peer.command(512, 435, 2)) == 2
+    assert peer.command(512, 435, 99)[0].result == 2
 
 
 def test_capabilities_and_home_by_the_old_commands():
     peer = Peer()
-    assert [a.get_type() for a in peer.order(520, 1)] == ["COMMAND_ACK", "AUTOPILOT_VERSION"]
-    home = peer.order(410)[1]
+    assert [a.get_type() for a in peer.command(520, 1)] == ["COMMAND_ACK", "AUTOPILOT_VERSION"]
+    home = peer.command(410)[1]
     assert (home.latitude, home.longitude, home.altitude) == (280500000, -821500000, 20000)
 
 
 def requested(peer, number):
-    return peer.order(m.MAV_CMD_REQUEST_MESSAGE, number)[1]
+    return peer.command(m.MAV_CMD_REQUEST_MESSAGE, number)[1]
 
 
 def test_ardupilot_claims_what_a_real_one_claims_and_does_it():
@@ -324,7 +286,7 @@ def test_ardupilot_counts_home_as_item_zero():
     peer.tell(m.MAVLink_mission_count_message(1, 1, 4, 0))
     assert peer.upload(survey(home_item=True)) == 0
     assert peer.vehicle.pilot.mission.size == 3
-    assert peer.order(224, 2.0)[-1].seq == 2
+    assert peer.command(224, 2.0)[-1].seq == 2
     assert peer.vehicle.pilot.mission.current_seq == 1
     assert peer.result(224, -1.0, 1.0) == 0
     assert peer.vehicle.pilot.mission.current_seq == 0
@@ -338,7 +300,7 @@ def test_clearing_the_mission():
     answers = peer.tell(m.MAVLink_mission_clear_all_message(1, 1, 0))
     assert [a.type for a in answers if a.get_type() == "MISSION_ACK"] == [0]
     assert peer.vehicle.pilot.mission.size == 0
-    current = peer.order(512, 42)[-1]
+    current = peer.command(512, 42)[-1]
     assert (current.seq, current.total, current.mission_state) == (0, 65535, 1)
 
 
@@ -376,7 +338,7 @@ def test_camera_commands_are_passed_on_when_there_is_a_camera():
     assert peer.result(2000, 0, 1.0, 3) == 3
     camera = FrameWriter(1, 100)
     peer.tell(m.MAVLink_heartbeat_message(30, 8, 0, 0, 3, 3), camera)
-    answers = peer.order(2000, 0, 1.0, 3)
+    answers = peer.command(2000, 0, 1.0, 3)
     passed = next(a for a in answers if a.get_type() == "COMMAND_LONG")
     assert (passed.target_system, passed.target_component, passed.command, passed.param2) == (
         1,
@@ -391,9 +353,9 @@ def test_camera_commands_are_passed_on_when_there_is_a_camera():
 
 def test_commands_for_others_are_ignored():
     peer = Peer()
-    assert peer.order(400, 1.0, target=(2, 1)) == []
-    assert peer.order(400, 1.0, target=(1, 100)) == []
-    assert peer.order(400, 1.0, target=(0, 0))[0].result == 0
+    assert peer.command(400, 1.0, target=(2, 1)) == []
+    assert peer.command(400, 1.0, target=(1, 100)) == []
+    assert peer.command(400, 1.0, target=(0, 0))[0].result == 0
 
 
 def test_ping_and_timesync():
@@ -482,21 +444,21 @@ def test_data_streams_move_ardupilot_only():
 def test_intervals_by_command():
     peer = Peer()
     assert peer.result(511, 31, 20_000) == 0
-    assert peer.order(510, 31)[1].interval_us == 20_000
+    assert peer.command(510, 31)[1].interval_us == 20_000
     before = len(peer.told)
     peer.wait(1.0)
     assert sum(t.get_type() == "ATTITUDE_QUATERNION" for t in peer.told[before:]) in (50, 51)
     assert peer.result(511, 31, -1) == 0
-    assert peer.order(510, 31)[1].interval_us == -1
-    assert peer.order(510, 397)[1].interval_us == 0
+    assert peer.command(510, 31)[1].interval_us == -1
+    assert peer.command(510, 397)[1].interval_us == 0
     assert peer.result(511, 397, 1000) == 2
     assert peer.result(511, 31, NAN) == 2
     assert peer.result(511, 30, 1) == 0
-    assert peer.order(510, 30)[1].interval_us == SHORTEST_US
+    assert peer.command(510, 30)[1].interval_us == SHORTEST_US
     assert peer.result(511, 30, 9e9) == 0
-    assert peer.order(510, 30)[1].interval_us == LONGEST_US
+    assert peer.command(510, 30)[1].interval_us == LONGEST_US
     assert peer.result(511, 30, 0) == 0
-    assert peer.order(510, 30)[1].interval_us == 100_000
+    assert peer.command(510, 30)[1].interval_us == 100_000
 
 
 @given(
@@ -590,7 +552,7 @@ def test_nothing_that_comes_makes_it_raise(autopilot, flying, frames):
 @settings(max_examples=200, deadline=None)
 def test_any_parameters_of_any_command_are_answered(autopilot, number, params):
     peer = Peer(autopilot)
-    answers = peer.order(number, *params)
+    answers = peer.command(number, *params)
     assert sum(a.get_type() == "COMMAND_ACK" for a in answers) == 1
 
 

@@ -8,7 +8,7 @@ import socket
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, TypeAlias
 
 from mission.errors import LinkError
 from mission.link.address import LOOPBACK, SERIAL, Link, LinkAddress, parse_link_url
@@ -92,19 +92,14 @@ class ReadyCallback(NamedTuple):
     """Returns frames and who sent them."""
 
 
-class ServerPort(Protocol):
-    """A socket with its clients; its name is the address, with the port that was really taken."""
-
-    name: str
-
-    def ready_callbacks(self) -> dict[int, ReadyCallback]:
-        """Descriptors to wait for, each with what to do then."""
-
-    def clients(self) -> list[Client]:
-        """Return the clients that are there now."""
-
-    def close(self) -> None:
-        """Close all sockets of this port."""
+def _received(link: Link, client: Client) -> list[tuple[Client, bytes]]:
+    """Return the frames that have come over a client's link; one that is lost marks the client."""
+    try:
+        pieces = link.receive()
+    except LinkError:
+        client.alive = False
+        return []
+    return [(client, frame) for piece in pieces for frame in client.take(piece)]
 
 
 class _UdpPort:
@@ -192,14 +187,7 @@ class _TcpPort:
 
     def _receive(self, link: TcpLink) -> list[tuple[Client, bytes]]:
         client = self._links.get(link)
-        if client is None:
-            return []
-        try:
-            pieces = link.receive()
-        except LinkError:
-            client.alive = False
-            return []
-        return [(client, frame) for piece in pieces for frame in client.take(piece)]
+        return [] if client is None else _received(link, client)
 
 
 class _LinkPort:
@@ -231,12 +219,10 @@ class _LinkPort:
         self._link.close()
 
     def _receive(self) -> list[tuple[Client, bytes]]:
-        try:
-            pieces = self._link.receive()
-        except LinkError:
-            self._client.alive = False
-            return []
-        return [(self._client, frame) for piece in pieces for frame in self._client.take(piece)]
+        return _received(self._link, self._client)
+
+
+ServerPort: TypeAlias = _UdpPort | _TcpPort | _LinkPort
 
 
 def _speaks_mavlink(data: bytes) -> bool:

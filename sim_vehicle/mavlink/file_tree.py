@@ -66,8 +66,6 @@ class FileTree:
     ----------
     directories : tuple of str
         Those that there are at the start; files can be written in them and below.
-    fixed : mapping of str to bytes
-        Files that can only be read, by path.
     made : mapping of str to callable
         Files that are made when they are read, by path.
     mounted : mapping of str to callable
@@ -81,18 +79,16 @@ class FileTree:
     def __init__(
         self,
         directories: tuple[str, ...] = (),
-        fixed: Mapping[str, bytes] | None = None,
         made: Mapping[str, MadeFile] | None = None,
         mounted: Mapping[str, Mounted] | None = None,
         taken: Mapping[str, TakenFile] | None = None,
     ) -> None:
         self._taken = {path_of(path): take for path, take in (taken or {}).items()}
         self._mounted = {path_of(path): contents for path, contents in (mounted or {}).items()}
-        self._fixed = {path_of(path): data for path, data in (fixed or {}).items()}
         self._made = {path_of(path): make for path, make in (made or {}).items()}
         self._files: dict[Path, bytearray] = {}
         self._writable = {path_of(path) for path in directories}
-        read_only = [path[:-1] for path in (*self._fixed, *self._made)]
+        read_only = [path[:-1] for path in self._made]
         self._directories = {
             path[:depth] for path in (*self._writable, *read_only) for depth in range(len(path) + 1)
         }
@@ -110,7 +106,7 @@ class FileTree:
             return len(other) == depth + 1 and other[:depth] == path
 
         entries = [f"D{other[-1]}" for other in directories if within(other)]
-        for kept in (self._files, self._fixed, mounted):
+        for kept in (self._files, mounted):
             entries += [f"F{other[-1]}\t{len(data)}" for other, data in kept.items() if within(other)]
         entries += [f"F{o[-1]}\t{len(make('', 0) or b'')}" for o, make in self._made.items() if within(o)]
         return sorted(entries)
@@ -122,9 +118,7 @@ class FileTree:
         if path in self._made:
             make = self._made[path]
             return lambda size: make(query, size)
-        kept = self._files.get(path, self._fixed.get(path))
-        if kept is None:
-            kept = self._mounted_files().get(path)
+        kept = self._files.get(path, self._mounted_files().get(path))
         if kept is None or query:
             raise FileError(FtpError.NOT_FOUND)
         contents = bytes(kept)
@@ -210,7 +204,7 @@ class FileTree:
     def _place(self, text: str) -> Path:
         """Return a path whose directory is there and can be written to."""
         path = path_of(text)
-        if any(path in kept for kept in (self._fixed, self._made, self._taken, self._mounted_files())):
+        if any(path in kept for kept in (self._made, self._taken, self._mounted_files())):
             raise FileError(FtpError.PROTECTED)
         if not any(path[: len(root)] == root for root in self._writable):
             raise FileError(FtpError.PROTECTED)

@@ -81,7 +81,7 @@ class OfVehicle:
 
 
 def client():
-    return Client(FtpServer(FileTree(("/", "/logs"), fixed={"/etc/a.txt": b"fixed"})))
+    return Client(FtpServer(FileTree(("/", "/logs"), made={"/etc/a.txt": lambda _query, _size: b"fixed"})))
 
 
 def test_a_file_is_written_read_listed_and_removed():

@@ -41,7 +41,7 @@ class Copter(Peer):
         return self
 
     def asked(self, message_id):
-        answers = self.order(m.MAV_CMD_REQUEST_MESSAGE, message_id)
+        answers = self.command(m.MAV_CMD_REQUEST_MESSAGE, message_id)
         assert answers[0].result == 0
         return next((answer for answer in answers if answer.get_msgId() == message_id), None)
 
@@ -133,7 +133,7 @@ def test_sensors_follow_the_motion():
     second = peer.asked(116)
     assert (second.xacc, second.ygyro, second.zmag) == (told.xacc, told.ygyro, told.zmag)
     peer.wait(5.0)
-    peer.order(m.MAV_CMD_CONDITION_YAW, 90.0, 30.0, 1.0)
+    peer.command(m.MAV_CMD_CONDITION_YAW, 90.0, 30.0, 1.0)
     peer.wait(2.0)
     assert peer.asked(27).zgyro == pytest.approx(1000.0 * math.radians(30.0), rel=0.15)
     other = peer.asked(178)

@@ -97,16 +97,9 @@ class Cornering:
     def waypoints(
         self, path_m: Points, start_m: tuple[float, float] | None = None, *, avoid: Area | None = None
     ) -> Waypoints:
-        """Return the waypoints of a path; points closer than 1 cm to the one before are loiters at that one.
+        """Return the waypoints of a path that is come to from `start_m`; no leg overshoots into what to `avoid`.
 
-        Parameters
-        ----------
-        path_m : float64[n, 2]
-            In metres of the farm frame.
-        start_m : tuple of float, optional
-            Where the vehicle comes from.
-        avoid : Polygon or MultiPolygon, optional
-            A leg is not led into what must not be flown over.
+        Points closer than 1 cm to the one before are loiters at that one.
         """
         of_point = distinct(path_m)
         points = path_m[of_point]

@@ -32,17 +32,6 @@ _EVEN = (0.7548776662466927, 0.5698402909980532)
 def strips(area: Area, shares: Sequence[float]) -> list[Area]:
     """Return strips across the longer side of an area, in their order along it.
 
-    Parameters
-    ----------
-    area : shapely Polygon or MultiPolygon
-    shares : sequence of float
-        What part of the area each strip has.
-
-    Returns
-    -------
-    list of shapely Polygon or MultiPolygon
-        Together they are the area.
-
     Examples
     --------
     >>> [part.bounds for part in strips(shapely.box(0.0, 0.0, 8.0, 2.0), [0.25, 0.75])]
@@ -103,21 +92,6 @@ def balanced(
     Rows of one spacing s over a part of area A are A / s long; with the way there and back, that is to be
     the same share of the reach of every vehicle. The shares are corrected until the shares of the reach
     differ by less than 5 %, or as good as it gets.
-
-    Parameters
-    ----------
-    area : shapely Polygon or MultiPolygon
-    divide : callable
-        `strips` or `power_cells`.
-    reach_m : sequence of float
-        How far each vehicle can fly.
-    ways_m : callable
-        ``ways_m(number, part)``: how long the ways of a vehicle to its part and back are.
-
-    Returns
-    -------
-    list of shapely Polygon or MultiPolygon
-        One part for each vehicle, in their order.
     """
     reach = np.asarray(reach_m, dtype=np.float64)
     shares = reach / reach.sum()

@@ -8,7 +8,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 from geo.installed import entry_points
 from geo.named import ParameterError, check_parameters, parse_named
@@ -17,6 +17,15 @@ from mission.planners.path import PlannedPath
 from mission.planners.request import Planner, PlanningRequest
 
 ENTRY_POINT_GROUP = "wbf_mission.planners"
+
+
+class Registered(NamedTuple):
+    """An entry point: its name, what messages call it, the object, and the parameters that came with it."""
+
+    name: str
+    what: str
+    found: Any
+    parameters: dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +59,7 @@ def planner_names() -> tuple[str, ...]:
     >>> "lawnmower" in planner_names()
     True
     """
-    return tuple(sorted({entry.name for entry in entry_points(group=ENTRY_POINT_GROUP)}))
+    return registered_names(ENTRY_POINT_GROUP)
 
 
 def make_planner(planner: str | Planner, /, **parameters: Any) -> ConfiguredPlanner:
@@ -80,11 +89,8 @@ def make_planner(planner: str | Planner, /, **parameters: Any) -> ConfiguredPlan
     given: Mapping[str, Any] = {}
     found: Callable[..., PlannedPath]
     if isinstance(planner, str):
-        name, given = parse_named(planner)
-        name, found = _find(name)
-        twice = sorted(given.keys() & parameters.keys())
-        if twice:
-            raise ParameterError(f"planner {name}: {twice[0]} is given twice; give it once")
+        named = load_registered("planner", ENTRY_POINT_GROUP, planner, parameters)
+        name, given, found = named.name, named.parameters, _checked(named.found, named.what)
     elif isinstance(planner, ConfiguredPlanner):
         name, given, found = planner.name, planner.parameters, planner.planner
     else:
@@ -112,18 +118,29 @@ def planner_parameters(planner: Callable[..., PlannedPath]) -> dict[str, Any]:
     }
 
 
-def _find(name: str) -> tuple[str, Callable[..., PlannedPath]]:
-    for entry in entry_points(group=ENTRY_POINT_GROUP):
-        if entry.name.lower() != name.lower():
-            continue
-        try:
-            planner = entry.load()
-        except (ImportError, AttributeError) as error:
-            msg = f"planner {entry.name} ({entry.value}) cannot be loaded: {error}"
-            raise PlanningError(msg) from error
-        return entry.name, _checked(planner, f"planner {entry.name} ({entry.value})")
-    msg = f"no planner is named {name!r}; there are {', '.join(planner_names())}"
-    raise PlanningError(msg)
+def load_registered(kind: str, group: str, text: str, parameters: Mapping[str, Any]) -> Registered:
+    """Return what is registered under the name in a text (`geo.named.parse_named`), in any case."""
+    name, given = parse_named(text)
+    entry = next((one for one in entry_points(group=group) if one.name.lower() == name.lower()), None)
+    if entry is None:
+        msg = f"no {kind} is named {name!r}; there are {', '.join(registered_names(group)) or 'none'}"
+        raise PlanningError(msg)
+    what = f"{kind} {entry.name} ({entry.value})"
+    try:
+        found = entry.load()
+    except (ImportError, AttributeError) as error:
+        msg = f"{what} cannot be loaded: {error}"
+        raise PlanningError(msg) from error
+    twice = sorted(given.keys() & parameters.keys())
+    if twice:
+        msg = f"{kind} {entry.name}: {twice[0]} is given twice; give it once"
+        raise ParameterError(msg)
+    return Registered(entry.name, what, found, given)
+
+
+def registered_names(group: str) -> tuple[str, ...]:
+    """Return the names of the entry points of a group, sorted."""
+    return tuple(sorted({entry.name for entry in entry_points(group=group)}))
 
 
 def _checked(planner: Any, what: str) -> Callable[..., PlannedPath]:

@@ -216,27 +216,7 @@ def too_small(request: PlanningRequest, points_m: Points, least: float, what: st
 def spacing_limits(
     planner: str, footprint_m: float, min_spacing_m: float | None, max_spacing_m: float | None
 ) -> tuple[float, float]:
-    """Return the least and the greatest spacing that a planner may choose, metres.
-
-    Parameters
-    ----------
-    planner : str
-        Its name, for the error text.
-    footprint_m : float
-        Width of what the camera sees at once: rows are never closer than it.
-    min_spacing_m, max_spacing_m : float or None
-        What the planner was asked for; None: the footprint, and no limit.
-
-    Returns
-    -------
-    tuple of float
-        The second one is infinite without a limit.
-
-    Raises
-    ------
-    PlanningError
-        If one is no distance above zero, or the greatest is below the least.
-    """
+    """Return the least and the greatest spacing that a planner may choose, metres."""
     for name, value in (("min_spacing_m", min_spacing_m), ("max_spacing_m", max_spacing_m)):
         if value is not None and not (is_number(value) and value > 0):
             msg = f"{planner}: {name} {value!r} is no distance in metres; give a number above zero"

@@ -122,19 +122,6 @@ def rectangle_spiral(
     Corners inwards, anticlockwise; after each corner the bound that was used there moves in by the
     spacing; the end is where a bound passes the centre.
 
-    Parameters
-    ----------
-    bounds_m : tuple of float
-        x_min, y_min, x_max, y_max.
-    spacing_m : float
-        Above half of the short side it counts as half of the short side.
-    corner : int
-        Where it begins: 0 is (x_min, y_min), the others follow anticlockwise.
-
-    Returns
-    -------
-    float64[n, 2]
-
     Examples
     --------
     >>> rectangle_spiral((0, 0, 4, 4), 2.0).tolist()
@@ -174,17 +161,7 @@ def rectangle_spiral(
 
 
 def spiral_pieces(area: Area, spacing_m: float, start_m: ArrayLike) -> list[Points]:
-    """Return the spirals or rings of the area as pieces to fly one after the other, nearest part first.
-
-    Parameters
-    ----------
-    area : shapely Polygon or MultiPolygon
-        What the rings lie in (already inset).
-    spacing_m : float
-        Distance between rings.
-    start_m : float64[2]
-        Where the flight comes from.
-    """
+    """Return the spirals or rings of the area as pieces to fly one after the other, nearest part first."""
     here = np.asarray(start_m, dtype=np.float64)
     parts = parts_of(area)
     borders = np.array([part.exterior for part in parts])
@@ -231,15 +208,6 @@ def ring_from(ring_m: NDArray[np.float64], start_m: ArrayLike, gap_m: float) -> 
     """Return one turn along a closed ring, anticlockwise, from its point nearest to the start.
 
     The turn ends a gap short of its beginning (at most half a turn short), where the next ring is entered.
-
-    Parameters
-    ----------
-    ring_m : float64[n, 2]
-        First and last point are the same.
-    start_m : float64[2]
-        Where the flight comes from.
-    gap_m : float
-        How much of the turn is left out.
 
     Examples
     --------

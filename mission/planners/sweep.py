@@ -78,18 +78,6 @@ class Sweep:
         """Return the rows in the order of the flight, cell by cell.
 
         A cell is a set of rows above each other that no border splits; it is flown to and fro.
-
-        Parameters
-        ----------
-        rows : int
-            Number of rows of the highest part of the area.
-        start_m : float64[2]
-            Where the flight comes from: cells and their corners are taken nearest first.
-
-        Returns
-        -------
-        list of float64[2, 2]
-            Begin and end of each stretch of row. Whether the legs between them stay inside is not checked.
         """
         spacing = self.spacing_m(rows)
         cells: list[NDArray[np.float64]] = []
@@ -184,17 +172,7 @@ def _chains(row: NDArray[np.intp], left: NDArray[np.float64], right: NDArray[np.
 def order_cells(
     cells: Sequence[NDArray[np.float64]], owners: Sequence[int], start: NDArray[np.float64]
 ) -> list[Points]:
-    """Return the cells as ways to and fro, nearest entry corner first, one part of the area after the other.
-
-    Parameters
-    ----------
-    cells : sequence of float64[n, 2, 2]
-        Rows with their left and right ends.
-    owners : sequence of int
-        The part of the area that each cell is in; a part is finished before the next one is begun.
-    start : float64[2]
-        Where the flight comes from.
-    """
+    """Return the cells as ways to and fro, nearest entry corner first, part of the area by part."""
     # Entry corners of each cell: first row left, first row right, last row left, last row right.
     entries = np.array([[cell[0, 0], cell[0, 1], cell[-1, 0], cell[-1, 1]] for cell in cells])
     owner = np.asarray(owners)
@@ -216,17 +194,6 @@ def order_cells(
 
 def boustrophedon(ends: NDArray[np.float64], *, from_last: bool = False, from_right: bool = False) -> Points:
     """Return the way to and fro along rows.
-
-    Parameters
-    ----------
-    ends : float64[n, 2, 2]
-        Left and right end of each row.
-    from_last, from_right : bool
-        Begin with the last row; begin at the right end.
-
-    Returns
-    -------
-    float64[2 n, 2]
 
     Examples
     --------

@@ -312,23 +312,6 @@ def draw_places(area: Area, count: int, rng: np.random.Generator) -> Points:
 
     The rejected draws are part of the stream, so the positions do not depend on how many are asked for at
     once.
-
-    Parameters
-    ----------
-    area : shapely Polygon or MultiPolygon
-        In metres.
-    count : int
-        How many are wanted.
-
-    Returns
-    -------
-    float64[n, 2]
-        Metres.
-
-    Raises
-    ------
-    PlanningError
-        If hardly any position of the area's bounds lies in it.
     """
     x_min, y_min, x_max, y_max = area.bounds
     share = area.area / ((x_max - x_min) * (y_max - y_min))

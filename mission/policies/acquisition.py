@@ -198,13 +198,7 @@ ACQUISITIONS: dict[str, Acquisition] = {
 
 
 def make_acquisition(acquisition: str | Acquisition) -> Acquisition:
-    """Return an acquisition by its name (`ACQUISITIONS`), or the callable that was given.
-
-    Raises
-    ------
-    PlanningError
-        If there is none of that name, or it is not callable.
-    """
+    """Return an acquisition by its name (`ACQUISITIONS`), or the callable that was given."""
     if callable(acquisition):
         return acquisition
     if acquisition not in ACQUISITIONS:

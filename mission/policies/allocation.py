@@ -48,19 +48,6 @@ def shared(vehicles: Sequence[VehicleReport], partition: str) -> dict[int, Area]
     each vehicle flies the same share of what it can fly, with the ways to its part and back
     (`mission.planners.partition.balanced`). Of vehicles that are alike, the
     first one has the nearer one of the outer strips.
-
-    Parameters
-    ----------
-    vehicles : sequence of VehicleReport
-        Those that do not have the same land keep what they have.
-    partition : {"strips", "voronoi", "none"}
-
-    Raises
-    ------
-    PlanningError
-        If the land is too small for so many.
-    ParameterError
-        If there is no such partition.
     """
     check_partition(partition)
     area = vehicles[0].request.area
@@ -168,17 +155,6 @@ def reallocate(
     The land is divided among the takers by what each has to spare. Each flies its own path to the end and
     then rows over its piece; if it has too little for that, everything that it has still to see is planned
     anew, in rows farther apart. Who cannot afford that either goes on as before.
-
-    Parameters
-    ----------
-    lost, takers : sequence of VehicleReport
-    shares : mapping of int to Share
-        By system id: of all that are lost, and of the takers that have one.
-
-    Returns
-    -------
-    dict of int to (float64[n, 2], Share)
-        Of the takers that fly something else from now on.
     """
     left = [shares[one.system_id].unflown(one) for one in lost]
     flying = [one for one in takers if one.system_id in shares]

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from geo.farm import Crop, Farm
 from geo.farms import get_farm
-from mission.errors import PlanningError
+from mission.errors import AnswerError, PlanningError
 from mission.planners.budget import LengthBudget, StepBudget
 from mission.planners.path import Area, Points
 from mission.planners.request import CropArea, PlanningRequest
-from mission.policies.decision import Decision
+from mission.policies.decision import Decision, answer_costs
 from mission.policies.observation import Event, GeometricTravelCost, PolicyObservation, Status, VehicleReport
 from mission.policies.policy import Policy, Triggers, make_policy
 from sensors.fields import PAPER_FIELDS
@@ -269,17 +269,14 @@ def _answer(policy: Policy, observation: PolicyObservation, what: str, times: li
         msg = f"check_policy: {what}: the policy writes into what it is told"
         raise AssertionError(msg) from error
     times.append(time.process_time() - begin)
-    _require(isinstance(answer, Decision), what, f"the answer is a {type(answer).__name__}, not a Decision")
+    policy_name = f"check_policy: {what}, after {observation.time_s:g} steps: the policy"
+    try:
+        answer_costs(policy_name, answer, observation)
+    except AnswerError as error:
+        raise AssertionError(str(error)) from error
     for system_id, points in answer.paths.items():
-        whose = f"{what}, after {observation.time_s:g} steps: vehicle {system_id}"
-        known = {one.system_id: one for one in observation.vehicles}
-        _require(system_id in known, whose, "there is no such vehicle")
-        vehicle = known[system_id]
-        _require(vehicle.steerable, whose, f"it is {vehicle.status.value} and cannot be steered")
-        cost = vehicle.travel_cost.rest([points])[0]
-        left = vehicle.left
-        _require(cost <= left * (1 + 1e-9) + 1e-9, whose, f"its path costs {cost:g}, {left:g} are left")
-        _require(_lies_inside(vehicle, points), whose, "its path leaves the area")
+        inside = _lies_inside(observation.vehicle(system_id), points)
+        _require(inside, what, f"the path of vehicle {system_id} leaves its area")
     return answer
 
 

@@ -95,13 +95,7 @@ COORDINATIONS: dict[str, Coordination] = {"sequential": sequential, "auction": a
 
 
 def make_coordination(coordination: str | Coordination) -> Coordination:
-    """Return a coordination by its name (`COORDINATIONS`), or the callable that was given.
-
-    Raises
-    ------
-    ParameterError
-        If there is none of that name.
-    """
+    """Return a coordination by its name (`COORDINATIONS`), or the callable that was given."""
     if callable(coordination):
         return coordination
     found = COORDINATIONS.get(str(coordination))

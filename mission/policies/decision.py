@@ -7,9 +7,14 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 
 import numpy as np
+import shapely
 
-from mission.errors import AnswerError
+from mission.errors import AnswerError, PlanningError
 from mission.planners.path import Points
+from mission.policies.observation import PolicyObservation, VehicleReport
+
+_INSIDE_M = 1e-6
+_OF_LIMIT = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,3 +104,44 @@ NO_CHANGE = Decision()
 
 GO_ON = NO_CHANGE
 """Its name before version 0.2, for policies that were written for it."""
+
+
+def answer_costs(name: str, answer: object, observation: PolicyObservation) -> dict[int, float]:
+    """Return what the paths of a policy's answer cost, by system id, in the units of the budgets."""
+    if not isinstance(answer, Decision):
+        msg = f"{name} answered with a {type(answer).__name__}, not a Decision"
+        raise AnswerError(msg, "no Decision")
+    costs = {}
+    for system_id, points in answer.paths.items():
+        try:
+            vehicle = observation.vehicle(system_id)
+        except PlanningError as error:
+            raise AnswerError(f"{name}: {error}", "wrong vehicle") from None
+        costs[system_id] = _checked_cost(name, vehicle, points)
+    return costs
+
+
+def _checked_cost(name: str, vehicle: VehicleReport, points: Points) -> float:
+    """Return what a new path costs; AnswerError if the vehicle must not fly it."""
+    who = name if vehicle.system_id == 1 else f"{name}, vehicle {vehicle.system_id},"
+    if not vehicle.steerable:
+        msg = f"{who} changes the path of a vehicle that is {vehicle.status.value}"
+        raise AnswerError(msg, "not steerable")
+    cost = vehicle.travel_cost.rest([points])[0]
+    budget = vehicle.request.budget
+    # Home at once is the least that a vehicle can do: in wind, or round an obstacle, even that may be over.
+    if len(points) and not cost <= vehicle.left + budget.limit * _OF_LIMIT:
+        over = f"the budget of {budget.limit:g} {budget.unit}"
+        if vehicle.spent > 0.0:
+            over = f"the {vehicle.left:.6g} {budget.unit} that are left of {budget.limit:g}"
+        msg = f"{who} returned a path that takes {cost:.6g} {budget.unit}, over {over}"
+        raise AnswerError(msg, "over the budget")
+    area = vehicle.request.area
+    # Between parts that do not hang together the path may take the straight way.
+    room = area.convex_hull if isinstance(area, shapely.MultiPolygon) else area
+    if len(points):
+        line = shapely.LineString(points) if len(points) > 1 else shapely.Point(points[0])
+        if not shapely.covers(shapely.buffer(room, _INSIDE_M), line):
+            msg = f"{who} returned a path that leaves its area"
+            raise AnswerError(msg, "outside the area")
+    return cost

@@ -7,15 +7,14 @@ never changes its mind (`FixedPlan`).
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol, runtime_checkable
 
-from geo.installed import entry_points
-from geo.named import ParameterError, check_parameters, parse_named
+from geo.named import ParameterError, check_parameters
 from mission.errors import PlanningError
 from mission.planners.partition import STRIPS
-from mission.planners.registry import make_planner
+from mission.planners.registry import load_registered, make_planner, registered_names
 from mission.planners.request import Planner
 from mission.policies.allocation import WHOLE, Share, check_partition, reallocate, shared
 from mission.policies.decision import NO_CHANGE, Decision
@@ -195,7 +194,7 @@ ENTRY_POINT_GROUP = "wbf_mission.policies"
 
 def policy_names() -> tuple[str, ...]:
     """Return the names of the installed policies, sorted."""
-    return tuple(sorted({entry.name for entry in entry_points(group=ENTRY_POINT_GROUP)}))
+    return registered_names(ENTRY_POINT_GROUP)
 
 
 def policy_parameters(name: str) -> dict[str, Any]:
@@ -206,7 +205,8 @@ def policy_parameters(name: str) -> dict[str, Any]:
     PlanningError
         If there is no policy of that name.
     """
-    return _parameters(_factory(name)[1])
+    named = load_registered("policy", ENTRY_POINT_GROUP, name, {})
+    return _parameters(named.found, named.what)
 
 
 def make_policy(policy: str | Policy, /, **parameters: Any) -> Policy:
@@ -239,12 +239,9 @@ def make_policy(policy: str | Policy, /, **parameters: Any) -> Policy:
             )
             raise ParameterError(msg)
         return policy
-    name, given = parse_named(policy)
-    name, factory = _factory(name)
-    twice = sorted(given.keys() & parameters.keys())
-    if twice:
-        raise ParameterError(f"policy {name}: {twice[0]} is given twice; give it once")
-    check_parameters(f"policy {name}", parameters.keys() | given.keys(), _parameters(factory))
+    name, what, factory, given = load_registered("policy", ENTRY_POINT_GROUP, policy, parameters)
+    known = _parameters(factory, what)
+    check_parameters(f"policy {name}", parameters.keys() | given.keys(), known)
     made = factory(**{**given, **parameters})
     if not isinstance(made, Policy):
         kind = type(made).__name__
@@ -257,22 +254,8 @@ def _renamed(policy: object) -> str:
     return "triggers (called asking before version 0.2)" if hasattr(policy, "asking") else "triggers"
 
 
-def _parameters(factory: Callable[..., Any]) -> dict[str, Any]:
+def _parameters(factory: Any, what: str) -> dict[str, Any]:
+    if not callable(factory):
+        msg = f"{what} is no class and no other callable that makes a policy"
+        raise PlanningError(msg)
     return {name: argument.default for name, argument in inspect.signature(factory).parameters.items()}
-
-
-def _factory(name: str) -> tuple[str, Callable[..., Any]]:
-    for entry in entry_points(group=ENTRY_POINT_GROUP):
-        if entry.name.lower() != name.lower():
-            continue
-        try:
-            factory = entry.load()
-        except (ImportError, AttributeError) as error:
-            msg = f"policy {entry.name} ({entry.value}) cannot be loaded: {error}"
-            raise PlanningError(msg) from error
-        if not callable(factory):
-            msg = f"policy {entry.name} ({entry.value}) is no class and no other callable that makes a policy"
-            raise PlanningError(msg)
-        return entry.name, factory
-    msg = f"no policy is named {name!r}; there are {', '.join(policy_names()) or 'none'}"
-    raise PlanningError(msg)

@@ -158,15 +158,7 @@ def take_leg(left: Any, shares: Any, x: float, y: float, to_x: float, to_y: floa
 
 
 def leg_offsets(reach: int, dense: int = 6) -> NDArray[np.int64]:
-    """Return where legs may end relative to the cell where they begin, int64[n, 2]: near ones densely.
-
-    Parameters
-    ----------
-    reach : int
-        Length of the longest leg, cells.
-    dense : int
-        Up to this distance every cell is a target, beyond it ever fewer.
-    """
+    """Return where legs may end relative to the cell where they begin, int64[n, 2]: near ones densely."""
     axis = np.arange(-reach, reach + 1)
     dx, dy = (part.ravel() for part in np.meshgrid(axis, axis, indexing="ij"))
     distance = np.hypot(dx, dy)

@@ -19,24 +19,7 @@ from geo.compiled import compiled
 def candidate_places(
     pooled: NDArray[np.float32], x: float, y: float, near: int, most: int
 ) -> NDArray[np.float64]:
-    """Choose places worth a visit: the best cell of each square of a tiling, finer near the vehicle.
-
-    Parameters
-    ----------
-    pooled : float32[W, H]
-        What seeing each cell takes.
-    x, y : float
-        The vehicle, in cells.
-    near : int
-        Side of the window of fine tiles about the vehicle, cells.
-    most : int
-        Largest number of places of each of the two tilings.
-
-    Returns
-    -------
-    float64[n, 2]
-        Centres of cells; none is worth nothing.
-    """
+    """Choose places worth a visit: the best cell of each square of a tiling, finer near the vehicle."""
     width, height = pooled.shape
     side = max(2, math.ceil(math.sqrt(width * height / most)))
     fine = max(2, math.ceil(near / math.sqrt(most)))

@@ -7,15 +7,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-import shapely
-from shapely.geometry import LineString, MultiPolygon, Point
-
 from geo import Farm
 from geo.blame import told_error
 from geo.errors import WbfMissionError
 from mission.errors import AnswerError, PlanningError
 from mission.planners.path import Points
-from mission.policies.decision import Decision
+from mission.policies.decision import Decision, answer_costs
 from mission.policies.observation import Event, PolicyObservation, Status, VehicleReport
 from mission.policies.policy import Policy, Triggers
 from sensors.fields import FieldSet
@@ -25,10 +22,8 @@ from sensors.scoring.score import ScoreWeights
 from wbf_mission.replanning.record import PLANNED_PATH, SKIPPED, DecisionRecord, PathChange
 from wbf_mission.replanning.spacing import KeptDistance
 
-_INSIDE_M = 1e-6
-_OF_LIMIT = 1e-9
 CRASHED, TOO_LATE = "crashed", "too late"
-"""Kinds of answers, beside those that `ask` and `Decision` find."""
+"""Kinds of answers, beside those that `answer_costs` and `Decision` find."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,18 +44,7 @@ class Answer:
 
 
 def ask(policy: Policy, name: str, observation: PolicyObservation) -> Answer:
-    """Ask a policy.
-
-    Parameters
-    ----------
-    name : str
-        What messages call it.
-
-    Raises
-    ------
-    AnswerError
-        If it fails, or its answer breaks a rule; the text names the policy and the vehicle.
-    """
+    """Ask a policy."""
     begin = time.perf_counter()
     try:
         decision = policy.decide(observation)
@@ -77,43 +61,7 @@ def ask(policy: Policy, name: str, observation: PolicyObservation) -> Answer:
         msg = f"{name} ended the program: {told_error(error)}; raise an error instead"
         raise PlanningError(msg) from error
     compute_s = time.perf_counter() - begin
-    if not isinstance(decision, Decision):
-        msg = f"{name} answered with a {type(decision).__name__}, not a Decision"
-        raise AnswerError(msg, "no Decision")
-    costs = {}
-    for system_id, points in decision.paths.items():
-        try:
-            vehicle = observation.vehicle(system_id)
-        except PlanningError as error:
-            raise AnswerError(f"{name}: {error}", "wrong vehicle") from None
-        costs[system_id] = _checked_cost(name, vehicle, points)
-    return Answer(decision, costs, compute_s)
-
-
-def _checked_cost(name: str, vehicle: VehicleReport, points: Points) -> float:
-    """Return what a new path costs; AnswerError if the vehicle must not fly it."""
-    who = name if vehicle.system_id == 1 else f"{name}, vehicle {vehicle.system_id},"
-    if not vehicle.steerable:
-        msg = f"{who} changes the path of a vehicle that is {vehicle.status.value}"
-        raise AnswerError(msg, "not steerable")
-    cost = vehicle.travel_cost.rest([points])[0]
-    budget = vehicle.request.budget
-    # Home at once is the least that a vehicle can do: in wind, or round an obstacle, even that may be over.
-    if len(points) and not cost <= vehicle.left + budget.limit * _OF_LIMIT:
-        over = f"the budget of {budget.limit:g} {budget.unit}"
-        if vehicle.spent > 0.0:
-            over = f"the {vehicle.left:.6g} {budget.unit} that are left of {budget.limit:g}"
-        msg = f"{who} returned a path that takes {cost:.6g} {budget.unit}, over {over}"
-        raise AnswerError(msg, "over the budget")
-    area = vehicle.request.area
-    # Between parts that do not hang together the path may take the straight way.
-    room = area.convex_hull if isinstance(area, MultiPolygon) else area
-    if len(points):
-        line = LineString(points) if len(points) > 1 else Point(points[0])
-        if not shapely.covers(shapely.buffer(room, _INSIDE_M), line):
-            msg = f"{who} returned a path that leaves its area"
-            raise AnswerError(msg, "outside the area")
-    return cost
+    return Answer(decision, answer_costs(name, decision, observation), compute_s)
 
 
 class Steered(Protocol):
@@ -218,13 +166,7 @@ class DecisionLoop:
         self._lost: frozenset[int] = frozenset()
 
     def start(self, vehicles: Sequence[VehicleReport]) -> Answer:
-        """Ask for the first paths; a vehicle whose path has no points stays where it is.
-
-        Raises
-        ------
-        PlanningError
-            If the policy fails, breaks a rule, or does not name a vehicle.
-        """
+        """Ask for the first paths; a vehicle whose path has no points stays where it is."""
         triggers = self._policy.triggers
         if not isinstance(triggers, Triggers):
             msg = f"{self._name}: triggers is {triggers!r}, not a Triggers"
@@ -254,16 +196,7 @@ class DecisionLoop:
         return time_s - self._asked_s < self._policy.triggers.least_s - 1e-9
 
     def due(self, vehicles: Sequence[Steered], time_s: float, observations: int) -> Event | None:
-        """Return why the policy has to be asked now; None if there is no reason.
-
-        Parameters
-        ----------
-        vehicles : sequence of Steered
-        time_s : float
-            Since the mission began.
-        observations : int
-            How many there are so far.
-        """
+        """Return why the policy has to be asked now; None if there is no reason."""
         triggers = self._policy.triggers
         if self.is_early(time_s):
             return None
@@ -294,7 +227,6 @@ class DecisionLoop:
 
         Parameters
         ----------
-        vehicles : sequence of Steered
         time_s : float
             Since the mission began.
         now_s : float

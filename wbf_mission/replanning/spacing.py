@@ -26,18 +26,6 @@ _ALOFT = (Status.CLIMBING, Status.FLYING, Status.CHANGING, Status.SILENT, Status
 def least_apart_m(first: Positions, second: Positions, later_s: float = 0.0) -> float:
     """Return how near two vehicles come to each other over ground if each may be a little early or late.
 
-    Parameters
-    ----------
-    first, second : float64[n, 2]
-        Positions at each full second of their flights.
-    later_s : float
-        How much later the second flight begins.
-
-    Returns
-    -------
-    float
-        Infinite if they do not fly at the same time.
-
     Examples
     --------
     >>> along = np.column_stack((np.arange(20.0), np.zeros(20)))
@@ -83,11 +71,6 @@ class KeptDistance:
 
         A path is refused if it leads nearer to another vehicle than the distance, and nearer than the
         present path does. Those of smaller system ids go first.
-
-        Parameters
-        ----------
-        vehicles : sequence of VehicleReport
-        paths : mapping of int to float64[n, 2]
         """
         flying = {
             one.system_id: one

@@ -36,7 +36,6 @@ class Batch:
         What is believed of the k fields, its uncertainty, and 1 where something was seen.
     loss_before, last_loss : float64[size]
         Of the estimate before anything was seen, and at the last scored time.
-    losses : float64[size, scored times]
     """
 
     def __init__(self, task: SurveyTask, size: int) -> None:

@@ -108,11 +108,6 @@ class Episode:
 
         A robot whose move leads to where it must not fly stays; that costs the step, too. After the last
         move of a flight the robots are at home again, for the next one.
-
-        Parameters
-        ----------
-        actions : sequence of int
-            For each robot the number of its move (`wbf_mission.rl.task.MOVE_NAMES`).
         """
         task, (width, height) = self.task, self.task.grid.shape
         before = self.cells.copy()

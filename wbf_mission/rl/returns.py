@@ -25,7 +25,6 @@ def rewards_of(
 
     Parameters
     ----------
-    number : int[n]
     before, after : float64[n]
         The losses at the scored time before each, and at it.
 

@@ -73,21 +73,7 @@ class SurveyTask:
 
     @classmethod
     def of(cls, scenario: Scenario | str | Path, estimator: Estimator | str = "adaptive-disk") -> SurveyTask:
-        """Return the task of a scenario, or of its id or file.
-
-        Parameters
-        ----------
-        scenario : Scenario, str or path-like
-        estimator : Estimator or str
-            Who makes the map, as ``name:key=value,...`` or an object.
-
-        Raises
-        ------
-        TrainingError
-            If something else than the paper's robots flies, or the budget is not one of steps.
-        WbfMissionError
-            If the scenario, its farm or the estimator is unknown.
-        """
+        """Return the task of a scenario, or of its id or file."""
         given = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
         name = given.farm.name if isinstance(scenario, Scenario) else str(scenario)
         given = scenario_with(given, {"estimator": estimator})
@@ -138,13 +124,7 @@ class SurveyTask:
         return make_environment(scenario_with(self.scenario, {"seed": seed}), self.farm)
 
     def estimator(self, seed: int) -> Estimator:
-        """Return the estimator that a run of this seed has, fitted to the farm.
-
-        Raises
-        ------
-        EstimatorError
-            If the estimator is an object that cannot be made anew.
-        """
+        """Return the estimator that a run of this seed has, fitted to the farm."""
         choice = self.scenario.estimate.estimator
         learner = estimator_of(choice, seed, self.fields)
         try:

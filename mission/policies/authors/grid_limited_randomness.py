@@ -144,22 +144,7 @@ _LEAST_GAIN = 1e-9
 
 
 def insert_by_detour(start_m: Points, places_m: Points, *, returns: bool) -> NDArray[np.int64]:
-    """Order places by inserting one after the other where that makes the way least longer.
-
-    Parameters
-    ----------
-    start_m : float64[2]
-        Where the way begins.
-    places_m : float64[n, 2]
-        In the order of their insertion.
-    returns : bool
-        Whether the way back to the start counts, too.
-
-    Returns
-    -------
-    int64[n]
-        The numbers of the places in the order of the way.
-    """
+    """Order places by inserting one after the other where that makes the way least longer."""
     following = _insert(np.vstack((start_m, places_m)), returns)
     order = np.empty(len(places_m), np.int64)
     node = 0
@@ -172,20 +157,7 @@ def insert_by_detour(start_m: Points, places_m: Points, *, returns: bool) -> NDA
 def shorten(
     start_m: Points, places_m: Points, order: NDArray[np.int64], *, returns: bool
 ) -> NDArray[np.int64]:
-    """Reverse parts of a way while that makes it shorter (2-opt, Croes 1958, among near neighbours).
-
-    Parameters
-    ----------
-    start_m, places_m, returns
-        As for `insert_by_detour`.
-    order : int64[n]
-        The way.
-
-    Returns
-    -------
-    int64[n]
-        A way that is not longer.
-    """
+    """Reverse parts of a way while that makes it shorter (2-opt, Croes 1958, among near neighbours)."""
     points = np.vstack((start_m, places_m))
     near = cKDTree(points).query(points, k=min(_NEIGHBOURS + 1, len(points)))[1].reshape(len(points), -1)
     tour = np.concatenate((np.zeros(1, np.int64), order + 1))

@@ -280,18 +280,6 @@ def detour(
 
     A plant that was not observed today and could have a disease of which a sick plant was seen is worth 1
     beside that plant, and 0.3 at up to three cells from it.
-
-    Parameters
-    ----------
-    promised : iterable of float64[n, 2]
-        What other vehicles are going to fly, metres; what they will see counts as observed.
-    least_rate : float
-        Worth a cell of the way below which no route is worth while.
-
-    Returns
-    -------
-    float64[n, 2]
-        Metres; no points if there is nothing worth while.
     """
     cell_m, shape = observation.farm.cell_size_m, np.array(observation.model.shape)
     here = np.asarray(vehicle.position_m) / cell_m

@@ -77,19 +77,7 @@ class Bidder:
         *,
         returns: bool,
     ) -> Bidder:
-        """Ask the travel costs once for all that bids need.
-
-        Parameters
-        ----------
-        segments : sequence of Segment
-        takes : sequence of bool
-            Which of them it bids on.
-        free_m : float64[2]
-            Where it will be free.
-        home_m : tuple of float
-        until_free, limit, returns
-            As above.
-        """
+        """Ask the travel costs once for all that bids need."""
         nodes = np.vstack((free_m, home_m, corners_of(segments).reshape(-1, 2)))
         own = [
             _rows_cost(travel_cost, segment) if take else math.inf
@@ -138,18 +126,6 @@ def hold_auction(bidders: Sequence[Bidder], offered: Iterable[int]) -> list[int]
     A bid is what the vehicle would have flown in all, so that vehicles come to about the same (the rule
     MiniMax of sequential single-item auctions; Lagoudakis et al. 2005, Koenig et al. 2006). Equal bids go to
     the first bidder.
-
-    Parameters
-    ----------
-    bidders : sequence of Bidder
-        Their routes grow.
-    offered : iterable of int
-        Numbers of segments on the list that the bidders know.
-
-    Returns
-    -------
-    list of int
-        What nobody could take.
     """
     left = list(offered)
     bids = [{segment: bidder.bid(segment) for segment in left} for bidder in bidders]

@@ -88,15 +88,7 @@ class Segment:
 
 
 def rows_over(box_m: Box, flyable: Area, spacing_m: float) -> tuple[Row, ...]:
-    """Return rows along the longer side of a box, as far as they can be flown, spread evenly.
-
-    Parameters
-    ----------
-    box_m : tuple of float
-    flyable : shapely Polygon or MultiPolygon
-    spacing_m : float
-        About their distance from each other; those at the border are half as far from it.
-    """
+    """Return rows along the longer side of a box, as far as they can be flown, spread evenly."""
     low, high = np.array(box_m[:2]), np.array(box_m[2:])
     along = int(np.argmax(high - low - np.array([0.0, SHORTEST_M])))
     across = 1 - along
@@ -196,20 +188,7 @@ class Detections:
     def segments(
         self, observation: PolicyObservation, terrains: Sequence[Terrain], ahead: Sequence[Segment]
     ) -> list[Segment]:
-        """Return segments about the groups of detections that are over.
-
-        Parameters
-        ----------
-        terrains : sequence of Terrain
-            Of the vehicles; a segment lies in the area of one of them.
-        ahead : sequence of Segment
-            The fine ones that are not flown yet.
-
-        Raises
-        ------
-        PlanningError
-            If there is no such disease.
-        """
+        """Return segments about the groups of detections that are over."""
         fields = self._fields(observation)
         seen = observation.observations
         latest, self._known = self._known, len(seen)

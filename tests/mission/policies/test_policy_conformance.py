@@ -138,12 +138,12 @@ class _Seer(_Rows):
 @pytest.mark.parametrize(
     ("policy", "text"),
     [
-        (_OverBudget(), "its path costs"),
-        (_Outside(), "leaves the area"),
+        (_OverBudget(), "over the budget"),
+        (_Outside(), "leaves its area"),
         (_NoPath(), "vehicle 1 is not named at the start"),
         (_StaysAtHome(), "no vehicle has a path at the start of the first flight"),
         (_Silent(), "vehicle 1 gets neither a path nor one without points"),
-        (_Strangers(), "vehicle 99: there is no such vehicle"),
+        (_Strangers(), "no vehicle has the system id 99"),
         (_Restless(), "twice has different answers"),
         (_Drawer(), "global generator"),
         (_Writer(), "writes into what it is told"),

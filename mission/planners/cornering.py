@@ -97,7 +97,7 @@ class Cornering:
     def waypoints(
         self, path_m: Points, start_m: tuple[float, float] | None = None, *, avoid: Area | None = None
     ) -> Waypoints:
-        """Return the waypoints of a path that is come to from `start_m`; no leg overshoots into what to `avoid`.
+        """Return the waypoints of a path, flown from `start_m`; no leg overshoots into what to `avoid`.
 
         Points closer than 1 cm to the one before are loiters at that one.
         """

@@ -1,10 +1,12 @@
-"""The record of what was decided in a run."""
+"""The record of what was decided in a run, and how it is kept in files."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -116,3 +118,152 @@ class DecisionRecord:
                 {"vehicle": one.system_id, "value": one.value, "cost": one.cost} for one in self.alternatives
             ],
         }
+
+
+_Points = list[tuple[float, float]]
+
+
+_FORMER_OUTCOMES = {"stays: not worth a flight": SKIPPED}
+"""As results of earlier versions have them."""
+
+
+class _Change(msgspec.Struct, forbid_unknown_fields=True):
+    system_id: int
+    position_m: tuple[float, float]
+    path_m: _Points
+    cost: float
+    outcome: str
+    sent_s: float | None
+    effect_s: float | None
+
+
+class _Alternative(msgspec.Struct, forbid_unknown_fields=True):
+    system_id: int
+    points_m: _Points
+    value: float
+    cost: float
+
+
+class DecisionEntry(msgspec.Struct, forbid_unknown_fields=True):
+    """A `DecisionRecord` in plain values."""
+
+    day: int
+    flight: int
+    time_s: float
+    event: str
+    observations: int
+    reason: str
+    compute_s: float
+    refused: str
+    changes: list[_Change]
+    alternatives: list[_Alternative]
+    fault: str = ""
+
+    @classmethod
+    def of(cls, record: DecisionRecord) -> DecisionEntry:
+        """Return the plain values of a record."""
+        values = {name: getattr(record, name) for name in cls.__struct_fields__}
+        values["changes"] = [_plain(_Change, one) for one in record.changes]
+        values["alternatives"] = [_plain(_Alternative, one) for one in record.alternatives]
+        return cls(**values)
+
+    def record(self) -> DecisionRecord:
+        """Return the record that has these values."""
+        values = msgspec.structs.asdict(self)
+        values["changes"] = changes = [
+            PathChange(**(msgspec.structs.asdict(one) | {"path_m": _points(one.path_m)}))
+            for one in self.changes
+        ]
+        for change in changes:
+            change.outcome = _FORMER_OUTCOMES.get(change.outcome, change.outcome)
+        values["alternatives"] = tuple(
+            Alternative(**(msgspec.structs.asdict(one) | {"points_m": _points(one.points_m)}))
+            for one in self.alternatives
+        )
+        return DecisionRecord(**values)
+
+
+_S = TypeVar("_S", bound=msgspec.Struct)
+
+
+def _plain(kind: type[_S], value: object) -> _S:
+    """Return a struct of the attributes of a value; arrays as lists."""
+    found = {name: getattr(value, name) for name in kind.__struct_fields__}
+    return kind(**{name: one.tolist() if isinstance(one, np.ndarray) else one for name, one in found.items()})
+
+
+def decision_table(records: Sequence[DecisionRecord]) -> Any:
+    """Return decisions as a pyarrow table: a row for each alternative and each change of a path.
+
+    ``kind`` is "change", "alternative" or "go on"; the points are lists of x and of y in metres of the farm
+    frame.
+    """
+    import pyarrow as pa
+
+    rows = []
+    for number, record in enumerate(records):
+        base = {
+            "decision": number,
+            "day": record.day,
+            "flight": record.flight,
+            "time_s": record.time_s,
+            "event": record.event,
+            "observations": record.observations,
+            "reason": record.refused or record.reason,
+        }
+        told = [
+            {
+                "kind": "change",
+                "vehicle": one.system_id,
+                "cost": one.cost,
+                "outcome": one.outcome,
+                "sent_s": one.sent_s,
+                "effect_s": one.effect_s,
+                "x_m": one.path_m[:, 0].tolist(),
+                "y_m": one.path_m[:, 1].tolist(),
+            }
+            for one in record.changes
+        ]
+        told += [
+            {
+                "kind": "alternative",
+                "vehicle": one.system_id,
+                "value": one.value,
+                "cost": one.cost,
+                "x_m": np.asarray(one.points_m)[:, 0].tolist(),
+                "y_m": np.asarray(one.points_m)[:, 1].tolist(),
+            }
+            for one in record.alternatives
+        ]
+        rows += [{**base, **one} for one in (told or [{"kind": "go on"}])]
+    return pa.Table.from_pylist(rows, schema=_schema())
+
+
+def _schema() -> Any:
+    import pyarrow as pa
+
+    points = pa.list_(pa.float64())
+    return pa.schema(
+        {
+            "decision": pa.int32(),
+            "day": pa.int32(),
+            "flight": pa.int32(),
+            "time_s": pa.float64(),
+            "event": pa.string(),
+            "observations": pa.int64(),
+            "reason": pa.string(),
+            "kind": pa.string(),
+            "vehicle": pa.int32(),
+            "value": pa.float64(),
+            "cost": pa.float64(),
+            "outcome": pa.string(),
+            "sent_s": pa.float64(),
+            "effect_s": pa.float64(),
+            "x_m": points,
+            "y_m": points,
+        }
+    )
+
+
+def _points(rows: _Points) -> np.ndarray[Any, np.dtype[np.float64]]:
+    return np.asarray(rows, np.float64).reshape(-1, 2)

@@ -29,7 +29,7 @@ from sim_vehicle.prediction.flight import Prediction
 from wbf_mission.maps.report import FarmReport
 from wbf_mission.planning import PlanResult, flown_vehicle
 from wbf_mission.planning.fleet import single_scenarios
-from wbf_mission.replanning.files import DecisionEntry, decision_table
+from wbf_mission.replanning.record import DecisionEntry, decision_table
 from wbf_mission.results.storage import (
     SUFFIX,
     ResultError,

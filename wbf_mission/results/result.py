@@ -13,7 +13,7 @@ from geo.errors import WbfMissionError
 from sensors.estimators import Estimator
 from sensors.scoring.information import InformationModel
 from wbf_mission.progress import Progress
-from wbf_mission.replanning.files import decision_table
+from wbf_mission.replanning.record import decision_table
 from wbf_mission.results.files import history_table, read_result, track_table
 from wbf_mission.results.storage import ResultError
 from wbf_mission.results.writing import ResultFolder, settle_result

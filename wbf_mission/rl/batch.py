@@ -12,7 +12,7 @@ from sensors.scoring.score_sums import resume_errors
 from sensors.scoring.tiles import TILE_CELLS, tile_shape
 from wbf_mission.planning.assignment import SortieNumber
 from wbf_mission.rl.batch_kernel import SCORES_A_STEP, advance
-from wbf_mission.rl.returns import rewards_of
+from wbf_mission.rl.episode import rewards_of
 from wbf_mission.rl.task import MOVES, SurveyTask
 
 __all__ = ["Batch"]

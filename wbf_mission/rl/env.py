@@ -1,12 +1,15 @@
-"""The Gymnasium environment: one robot, one run an episode."""
+"""Environments for one robot (Gymnasium) and for several that move at the same time (PettingZoo)."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
+from gymnasium import spaces
+from gymnasium.utils import seeding
+from pettingzoo import ParallelEnv
 
 from sensors.estimators import Estimator
 from wbf_mission.rl.episode import Episode
@@ -14,8 +17,6 @@ from wbf_mission.rl.errors import TrainingError
 from wbf_mission.rl.observing import Shown
 from wbf_mission.rl.task import SurveyTask
 from wbf_mission.scenario import Scenario
-
-__all__ = ["SurveyEnv", "drawn_seed", "end_info", "run_seed"]
 
 Observation = dict[str, Any]
 _FIRST_DRAWN, _LAST_DRAWN = 2**32, 2**63
@@ -53,7 +54,12 @@ class SurveyEnv(gymnasium.Env[Observation, Any]):
         block: int | None = None,
     ) -> None:
         self.task = SurveyTask.of(scenario, estimator)
-        require_robots(self.task, most=1)
+        if self.task.robots > 1:
+            msg = (
+                f"{self.task.robots} robots fly; Gymnasium's environments have one:"
+                " take wbf_mission.rl.parallel_env"
+            )
+            raise TrainingError(msg)
         self.shown = Shown(self.task, block)
         self.observation_space = self.shown.space()
         self.action_space = self.shown.action_space()
@@ -75,7 +81,7 @@ class SurveyEnv(gymnasium.Env[Observation, Any]):
         super().reset(seed=seed, options=options)
         self.close()
         episode = self._episode = Episode(self.task, run_seed(seed, self.np_random))
-        return self._observation(episode), {"environment": episode.seed}
+        return _observations(self.shown, episode)[0], {"environment": episode.seed}
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Move; the episode is terminated when the budget of the last flight is spent."""
@@ -85,42 +91,17 @@ class SurveyEnv(gymnasium.Env[Observation, Any]):
             raise TrainingError(msg)
         reward = episode.move([int(action)])
         info: dict[str, Any] = end_info(episode) if episode.ended else {}
-        return self._observation(episode), reward, episode.ended, False, info
+        return _observations(self.shown, episode)[0], reward, episode.ended, False, info
 
     def close(self) -> None:
         """End the run that is open, if any."""
         if self._episode is not None:
             self._episode.close()
 
-    def _observation(self, episode: Episode) -> Observation:
-        model, shown = episode.model(), self.shown
-        return {
-            "position": shown.positions(episode.cells[0]),
-            "left": np.array(episode.left, np.float32),
-            "value": shown.maps(model.value),
-            "uncertainty": shown.maps(model.uncertainty),
-            "seen": shown.maps(episode.seen[None])[0],
-        }
-
-
-def require_robots(task: SurveyTask, *, most: int) -> None:
-    """Raise TrainingError if a task has more robots than one environment has agents."""
-    if task.robots > most:
-        msg = (
-            f"{task.scenario.vehicle.vehicles} robots fly; Gymnasium's environments have one:"
-            " take wbf_mission.rl.parallel_env"
-        )
-        raise TrainingError(msg)
-
 
 def run_seed(seed: int | None, rng: np.random.Generator) -> int:
     """Return the seed of a run: the one that is given, or one that is drawn and no benchmark has."""
-    return drawn_seed(rng) if seed is None else seed
-
-
-def drawn_seed(rng: np.random.Generator) -> int:
-    """Draw the seed of a run."""
-    return int(rng.integers(_FIRST_DRAWN, _LAST_DRAWN))
+    return int(rng.integers(_FIRST_DRAWN, _LAST_DRAWN)) if seed is None else seed
 
 
 def end_info(episode: Episode) -> dict[str, Any]:
@@ -130,3 +111,117 @@ def end_info(episode: Episode) -> dict[str, Any]:
         "final_score": episode.final_score,
         "loss_before": episode.returns.loss_before,
     }
+
+
+class SurveyParallelEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo is not typed
+    """Robots survey a farm together; each is rewarded for what all have learned.
+
+    Parameters
+    ----------
+    scenario, estimator, block
+        As of `wbf_mission.rl.env.SurveyEnv`, of one or several of the paper's robots.
+
+    Raises
+    ------
+    TrainingError, WbfMissionError
+        As of `wbf_mission.rl.env.SurveyEnv`.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": [], "name": "wbf_survey_v1"}
+
+    def __init__(
+        self,
+        scenario: Scenario | str | Path = "WBF/Miniberry-30-Robots-2-v1",
+        estimator: Estimator | str = "adaptive-disk",
+        block: int | None = None,
+    ) -> None:
+        self.task = SurveyTask.of(scenario, estimator)
+        self.shown = Shown(self.task, block)
+        self.possible_agents = [f"robot_{number + 1}" for number in range(self.task.robots)]
+        self.agents: list[str] = []
+        self.render_mode = None
+        self.observation_spaces = {agent: self.shown.space() for agent in self.possible_agents}
+        self.action_spaces = {agent: self.shown.action_space() for agent in self.possible_agents}
+        self._rng: np.random.Generator | None = None
+        self._episode: Episode | None = None
+
+    def observation_space(self, agent: str) -> spaces.Dict:
+        """Return the space of what a robot is shown."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> spaces.Discrete[Any]:
+        """Return the space of a robot's moves."""
+        return self.action_spaces[agent]
+
+    def reset(
+        self,
+        seed: int | None = None,
+        options: dict[str, Any] | None = None,  # noqa: ARG002 (PettingZoo's signature)
+    ) -> tuple[dict[str, Observation], dict[str, dict[str, Any]]]:
+        """Begin a run, as `wbf_mission.rl.env.SurveyEnv.reset`."""
+        if seed is not None or self._rng is None:
+            self._rng, _ = seeding.np_random(seed)
+        self.close()
+        episode = self._episode = Episode(self.task, run_seed(seed, self._rng))
+        self.agents = list(self.possible_agents)
+        return self._by_agent(episode), {agent: {"environment": episode.seed} for agent in self.agents}
+
+    def step(
+        self, actions: dict[str, Any]
+    ) -> tuple[
+        dict[str, Observation],
+        dict[str, float],
+        dict[str, bool],
+        dict[str, bool],
+        dict[str, dict[str, Any]],
+    ]:
+        """Move all robots; one that is given no move stays. All end together."""
+        episode, agents = self._episode, self.agents
+        if episode is None or not agents:
+            msg = "the episode is over, or was not begun: call reset"
+            raise TrainingError(msg)
+        reward = episode.move([int(actions.get(agent, 0)) for agent in agents])
+        info = end_info(episode) if episode.ended else {}
+        observations = self._by_agent(episode)
+        if episode.ended:
+            self.agents = []
+        return (
+            observations,
+            dict.fromkeys(agents, reward),
+            dict.fromkeys(agents, episode.ended),
+            dict.fromkeys(agents, False),
+            {agent: dict(info) for agent in agents},
+        )
+
+    def close(self) -> None:
+        """End the run that is open, if any."""
+        if self._episode is not None:
+            self._episode.close()
+
+    def _by_agent(self, episode: Episode) -> dict[str, Observation]:
+        return dict(zip(self.possible_agents, _observations(self.shown, episode), strict=True))
+
+
+def _observations(shown: Shown, episode: Episode) -> list[Observation]:
+    """Return what each robot is shown."""
+    model = episode.model()
+    positions = shown.positions(episode.cells)
+    maps = {
+        "value": shown.maps(model.value),
+        "uncertainty": shown.maps(model.uncertainty),
+        "seen": shown.maps(episode.seen[None])[0],
+    }
+    found: list[Observation] = []
+    for robot, position in enumerate(positions):
+        own = {name: array.copy() for name, array in maps.items()}
+        found.append({"position": position, "left": np.array(episode.left, np.float32), **own})
+        if len(positions) > 1:
+            found[robot]["others"] = np.delete(positions, robot, axis=0)
+    return found
+
+
+def parallel_env(
+    scenario: Scenario | str | Path = "WBF/Miniberry-30-Robots-2-v1", **options: Any
+) -> SurveyParallelEnv:
+    """Return the PettingZoo environment of a scenario, as such modules do; see `SurveyParallelEnv`."""
+    return SurveyParallelEnv(scenario, **options)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import gymnasium
 import numpy as np
 import shapely
 
@@ -21,14 +22,14 @@ from sim_vehicle.airframe.catalog import get_vehicle
 from wbf_mission.rl.errors import TrainingError
 from wbf_mission.run.estimation import estimator_of, readings_a_score
 from wbf_mission.run.resolve import camera_options, make_environment
-from wbf_mission.scenario import Scenario, load_scenario, scenario_with
+from wbf_mission.scenario import Scenario, load_scenario, scenario_ids, scenario_with
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from geo.grid import FarmGrid
 
-__all__ = ["MOVES", "MOVE_NAMES", "SurveyTask", "can_batch"]
+__all__ = ["MOVES", "MOVE_NAMES", "SurveyTask", "can_batch", "register_all"]
 
 MOVE_NAMES = ("stay", "east", "north", "west", "south")
 """The actions by their numbers: along x, along y, and back."""
@@ -166,3 +167,18 @@ def _allowed(farm: Farm, grid: FarmGrid) -> NDArray[np.bool_]:
         allowed[x, y] = ~inside
     allowed.flags.writeable = False
     return allowed
+
+
+def register_all() -> None:
+    """Register the ids of the catalogue that one of the paper's robots flies, if they are new."""
+    for name in scenario_ids():
+        scenario = load_scenario(name)
+        fleet = scenario.vehicle.fleet
+        if name in gymnasium.registry or len(fleet) > 1 or not get_vehicle(fleet[0]).is_ideal:
+            continue
+        gymnasium.register(
+            name,
+            entry_point="wbf_mission.rl.env:SurveyEnv",
+            vector_entry_point="wbf_mission.rl.vector_env:SurveyVectorEnv" if can_batch(scenario) else None,
+            kwargs={"scenario": name},
+        )

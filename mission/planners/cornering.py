@@ -33,24 +33,13 @@ _STRAIGHT = math.cos(math.radians(15.0))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Waypoints:
-    """The waypoints of a path.
+    """The waypoints of a path."""
 
-    Parameters
-    ----------
-    points_m : float64[n, 2]
-        In metres of the farm frame.
-    of_point : int64[n]
-        For each the point of the path that it stands for, in ascending order.
-    radius_m : float
-        Their acceptance radius; 0 is the autopilot's own.
-    loiters : int64[n]
-        How often the path names each once more, right after it came there.
-    """
-
-    points_m: Points
+    points_m: Points  # float64[n, 2]: in metres of the farm frame
+    # int64[n]: for each the point of the path that it stands for, in ascending order.
     of_point: NDArray[np.int64]
-    radius_m: float
-    loiters: NDArray[np.int64]
+    radius_m: float  # Their acceptance radius; 0 is the autopilot's own
+    loiters: NDArray[np.int64]  # int64[n]: how often the path names each once more, right after it came there
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,21 +19,11 @@ _SLOPE_OVER = 0.9
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """The result of a search.
+    """The result of a search."""
 
-    Parameters
-    ----------
-    index : int
-        The densest candidate within the budget.
-    points_m : float64[n, 2]
-        Its points.
-    cost : float
-        Its cost.
-    """
-
-    index: int
-    points_m: Points
-    cost: float
+    index: int  # The densest candidate within the budget
+    points_m: Points  # float64[n, 2]: its points
+    cost: float  # Its cost
 
 
 def densest_feasible(

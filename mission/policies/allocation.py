@@ -87,16 +87,10 @@ _COARSER = 1.5
 
 @dataclass(frozen=True, slots=True)
 class OnwardBudget:
-    """What a vehicle in flight has left, for planners: paths go on from where it is, or after other points.
-
-    Parameters
-    ----------
-    before_m : float64[n, 2]
-        Points that are flown before the planned path.
-    """
+    """What a vehicle in flight has left, for planners: paths go on from here, or after other points."""
 
     vehicle: VehicleReport
-    before_m: Points
+    before_m: Points  # float64[n, 2]: points that are flown before the planned path
 
     @property
     def limit(self) -> float:
@@ -119,18 +113,10 @@ class OnwardBudget:
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """What a vehicle has to fly.
+    """What a vehicle has to fly."""
 
-    Parameters
-    ----------
-    part : shapely Polygon or MultiPolygon
-        Its land.
-    spacing_m : float or None
-        Distance of its rows; None if its path has no such thing.
-    """
-
-    part: Area
-    spacing_m: float | None
+    part: Area  # Its land
+    spacing_m: float | None  # Distance of its rows; None if its path has no such thing
 
     def unflown(self, vehicle: VehicleReport) -> Area:
         """Return the land along the rest of the vehicle's path; its whole land if the path has no rows."""

@@ -13,21 +13,11 @@ from mission.policies.observation import VehicleReport
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bid:
-    """The best path of a vehicle, when others fly what they have promised.
+    """The best path of a vehicle, when others fly what they have promised."""
 
-    Parameters
-    ----------
-    points_m : float64[n, 2]
-        In metres of the farm frame.
-    value : float
-        What it promises, in the policy's own measure.
-    share : float
-        What it costs, as a share of what the vehicle has left: so unlike vehicles can be compared.
-    """
-
-    points_m: Points
-    value: float
-    share: float
+    points_m: Points  # float64[n, 2]: in metres of the farm frame
+    value: float  # What it promises, in the policy's own measure
+    share: float  # What it costs, as a share of what the vehicle has left: so unlike vehicles can be compared
 
     @property
     def rate(self) -> float:

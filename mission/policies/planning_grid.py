@@ -22,27 +22,13 @@ _PROBE_CELLS = (8.0, 24.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanningGrid:
-    """Where legs may lead, in square blocks of the farm's cells.
+    """Where legs may lead, in square blocks of the farm's cells."""
 
-    Parameters
-    ----------
-    free : bool[w, h]
-        Blocks that lie in the area whole.
-    cell_m : float
-        Side of a block, metres.
-    block : int
-        Side of a block in cells of the farm.
-    convex : bool
-        Whether a leg between two points of the area cannot leave it.
-    area : shapely Polygon or MultiPolygon
-        The area itself, a little wider than it is, against rounding.
-    """
-
-    free: NDArray[np.bool_]
-    cell_m: float
-    block: int
-    convex: bool
-    area: Area
+    free: NDArray[np.bool_]  # bool[w, h]: blocks that lie in the area whole
+    cell_m: float  # Side of a block, metres
+    block: int  # Side of a block in cells of the farm
+    convex: bool  # Whether a leg between two points of the area cannot leave it
+    area: Area  # The area itself, a little wider than it is, against rounding
 
     @classmethod
     def of(cls, area: Area, shape: tuple[int, int], cell_size_m: float, footprint_m: float) -> PlanningGrid:
@@ -106,17 +92,10 @@ def strip_width(shares: NDArray[np.float32]) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LegCosts:
-    """What legs cost a vehicle, in the unit of its budget, for lengths in cells of a planning grid.
+    """What legs cost a vehicle, in the unit of its budget, for lengths in cells of a planning grid."""
 
-    Parameters
-    ----------
-    turn : float
-        What every leg costs besides its length.
-    slopes : float64[directions]
-        Cost of a cell's length, in directions all around from the x-axis towards y.
-    """
-
-    turn: float
+    turn: float  # What every leg costs besides its length
+    # float64[directions]: cost of a cell's length, in directions all around from the x-axis towards y.
     slopes: NDArray[np.float64]
 
     @classmethod

@@ -24,24 +24,16 @@ _STAY: Points = np.empty((0, 2))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RouteProblem:
-    """What a search of one vehicle's route works on; lengths are in cells of the planning grid.
-
-    Parameters
-    ----------
-    values : float32[w, h]
-        What is left to be seen, when the other vehicles have flown their routes.
-    shares : float32[2 r + 1, 2 r + 1]
-        What seeing a cell takes of it and its neighbours.
-    x, y : float
-        Where the vehicle is.
-    """
+    """What a search of one vehicle's route works on; lengths are in cells of the planning grid."""
 
     vehicle: VehicleReport
     planning_grid: PlanningGrid
+    # float32[w, h]: what is left to be seen, when the other vehicles have flown their routes.
     values: ValueMap
+    # float32[2 r + 1, 2 r + 1]: what seeing a cell takes of it and its neighbours.
     shares: NDArray[np.float32]
     costs: LegCosts
-    x: float
+    x: float  # x, y: where the vehicle is
     y: float
 
 
@@ -62,18 +54,12 @@ class Steering:
     """Makes decisions from searches of single routes.
 
     Each vehicle finds on the map what the others will leave (`mission.policies.coordination`).
-
-    Parameters
-    ----------
-    shares : float32[2 r + 1, 2 r + 1]
-        See `mission.policies.route_search.neighbour_shares`.
-    coordination : Coordination
-        Who flies where.
     """
 
     acquisition: Acquisition
+    # float32[2 r + 1, 2 r + 1]: see `mission.policies.route_search.neighbour_shares`.
     shares: NDArray[np.float32]
-    coordination: Coordination = sequential
+    coordination: Coordination = sequential  # Who flies where
     _grids: dict[int, PlanningGrid] = field(default_factory=dict, init=False)
     _drawn: dict[tuple[bytes, float], PlanningGrid] = field(default_factory=dict, init=False)
 

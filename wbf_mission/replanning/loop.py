@@ -28,19 +28,11 @@ CRASHED, TOO_LATE = "crashed", "too late"
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What a policy answered.
-
-    Parameters
-    ----------
-    costs : dict of int to float
-        What each new rest of a path costs, in the unit of the vehicle's budget.
-    compute_s : float
-        Wall seconds that it took.
-    """
+    """What a policy answered."""
 
     decision: Decision
-    costs: dict[int, float]
-    compute_s: float
+    costs: dict[int, float]  # What each new rest of a path costs, in the unit of the vehicle's budget
+    compute_s: float  # Wall seconds that it took
 
 
 def ask(policy: Policy, name: str, observation: PolicyObservation) -> Answer:
@@ -90,22 +82,14 @@ class Steered(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Knowledge:
-    """What the ground knows of the farm, beside the vehicles.
-
-    Parameters
-    ----------
-    model : callable
-        What is believed after all observations so far.
-    observations : callable
-        These.
-    """
+    """What the ground knows of the farm, beside the vehicles."""
 
     farm: Farm
     day: int
     fields: FieldSet
     weights: ScoreWeights
-    model: Callable[[], InformationModel]
-    observations: Callable[[], Observations]
+    model: Callable[[], InformationModel]  # What is believed after all observations so far
+    observations: Callable[[], Observations]  # These
 
     def observation(
         self, event: Event, time_s: float, vehicles: Sequence[VehicleReport], compute_s: float

@@ -53,18 +53,12 @@ class KeptDistance:
     """The distance that vehicles keep in flight.
 
     Vehicles are taken to fly along their paths and then home at their speeds.
-
-    Parameters
-    ----------
-    speeds_m_s : mapping of int to float
-        By system id; a vehicle that is not there keeps no distance and need not be kept from.
-    separation_margin_m : float
-        How much nearer to each other two vehicles may be than they believe.
     """
 
     distance_m: float
+    # By system id; a vehicle that is not there keeps no distance and need not be kept from.
     speeds_m_s: Mapping[int, float]
-    separation_margin_m: float = 0.0
+    separation_margin_m: float = 0.0  # How much nearer to each other two vehicles may be than they believe
 
     def refusals(self, vehicles: Sequence[VehicleReport], paths: Mapping[int, Points]) -> dict[int, str]:
         """Return which new paths must not be flown, and why.

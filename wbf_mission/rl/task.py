@@ -39,38 +39,20 @@ MOVES.flags.writeable = False
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurveyTask:
-    """A scenario that the paper's robots fly: one cell a step, one image of each step's cell.
+    """A scenario that the paper's robots fly: one cell a step, one image of each step's cell."""
 
-    Parameters
-    ----------
-    scenario : Scenario
-        That names its estimator; its seed is not used.
-    home : tuple of int
-        The cell in which every flight begins.
-    allowed : bool[W, H]
-        The cells that may be flown to: the owner's, without obstacles.
-    steps : int
-        Images that a robot takes in a flight, the one at home among them; as many moves less one.
-    flights : tuple of (int, int)
-        Day and number on that day of each flight of the run.
-    every : int
-        The estimate is scored after so many readings of a flight.
-    points : int
-        How often it is scored in the run.
-    """
-
-    scenario: Scenario
+    scenario: Scenario  # That names its estimator; its seed is not used
     farm: Farm
     grid: FarmGrid
     fields: FieldSet
     camera: LeafCameraOptions
-    home: tuple[int, int]
-    allowed: NDArray[np.bool_]
+    home: tuple[int, int]  # The cell in which every flight begins
+    allowed: NDArray[np.bool_]  # bool[W, H]: the cells that may be flown to: the owner's, without obstacles
     robots: int
-    steps: int
-    flights: tuple[tuple[int, int], ...]
-    every: int
-    points: int
+    steps: int  # Images that a robot takes in a flight, the one at home among them; as many moves less one
+    flights: tuple[tuple[int, int], ...]  # Day and number on that day of each flight of the run
+    every: int  # The estimate is scored after so many readings of a flight
+    points: int  # How often it is scored in the run
 
     @classmethod
     def of(cls, scenario: Scenario | str | Path, estimator: Estimator | str = "adaptive-disk") -> SurveyTask:

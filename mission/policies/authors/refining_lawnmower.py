@@ -32,18 +32,10 @@ _NOTHING: Points = np.empty((0, 2))
 
 @dataclass(slots=True)
 class _Rows:
-    """What is left of a vehicle's coarse rows.
+    """What is left of a vehicle's coarse rows."""
 
-    Parameters
-    ----------
-    rest : float64[n, 2]
-        The points that are still to be reached, metres.
-    begin : float64[2]
-        Where the rows were left, or begin.
-    """
-
-    rest: Points
-    begin: NDArray[np.float64]
+    rest: Points  # float64[n, 2]: the points that are still to be reached, metres
+    begin: NDArray[np.float64]  # float64[2]: where the rows were left, or begin
 
     def resumed(self, from_m: NDArray[np.float64]) -> Points:
         """Return the points of the rows for a vehicle that comes back to them from a place."""

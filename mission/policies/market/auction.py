@@ -20,47 +20,27 @@ _AT_ONCE = 16
 
 @dataclass(frozen=True, slots=True)
 class Bid:
-    """What a vehicle asks for a segment: all that it would have flown when it is done with everything.
+    """What a vehicle asks for a segment: all that it would have flown when it is done with everything."""
 
-    Parameters
-    ----------
-    cost : float
-        In the unit of the vehicle's budget.
-    position, variant : int
-        Where in its route the segment would stand, and from which corner it would be flown.
-    """
-
-    cost: float
+    cost: float  # In the unit of the vehicle's budget
+    # position, variant: where in its route the segment would stand, and from which corner it would be flown.
     position: int
     variant: int
 
 
 @dataclass(slots=True, eq=False)
 class Bidder:
-    """One vehicle on the market.
-
-    Parameters
-    ----------
-    legs : float64[n, n]
-        Costs between where it will be free, home, and the corners of all segments.
-    own : float64[segments]
-        Cost of the rows of each; infinite for what it does not take.
-    until_free : float
-        Cost of what it has to finish first.
-    limit : float
-        The most that all may cost.
-    returns : bool
-        Whether the way home counts.
-    route : list of tuple of int
-        What it was awarded: number of the segment on the list, and variant, in the order of the flight.
-    """
+    """One vehicle on the market."""
 
     system_id: int
+    # float64[n, n]: costs between where it will be free, home, and the corners of all segments.
     legs: NDArray[np.float64]
+    # float64[segments]: cost of the rows of each; infinite for what it does not take.
     own: NDArray[np.float64]
-    until_free: float
-    limit: float
-    returns: bool
+    until_free: float  # Cost of what it has to finish first
+    limit: float  # The most that all may cost
+    returns: bool  # Whether the way home counts
+    # What it was awarded: number of the segment on the list, and variant, in the order of the flight.
     route: list[tuple[int, int]] = field(default_factory=list)
 
     @classmethod

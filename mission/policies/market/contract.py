@@ -16,40 +16,21 @@ NO_POINTS: Points = np.empty((0, 2))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stretch:
-    """A part of a path: the way to a row and the row itself, or a leg to nowhere in particular.
+    """A part of a path: the way to a row and the row itself, or a leg to nowhere in particular."""
 
-    Parameters
-    ----------
-    segment : Segment or None
-        None if the leg only uses up the budget.
-    row : int
-        Which of the segment's rows.
-    points_m : float64[n, 2]
-        The last two are the row's ends; only its far one if the vehicle stood at the other.
-    """
-
-    segment: Segment | None
-    row: int
+    segment: Segment | None  # None if the leg only uses up the budget
+    row: int  # Which of the segment's rows
+    # float64[n, 2]: the last two are the row's ends; only its far one if the vehicle stood at the other.
     points_m: Points
 
 
 @dataclass(slots=True, eq=False)
 class Contract:
-    """The path of one vehicle, and what it is for.
+    """The path of one vehicle, and what it is for."""
 
-    Parameters
-    ----------
-    stretches : tuple of Stretch
-        In the order of the flight.
-    points_m : float64[n, 2]
-        The path as it was sent: theirs, the last leg perhaps cut.
-    under_way : Segment or None
-        The first segment, if something of it was flown before.
-    """
-
-    stretches: tuple[Stretch, ...]
-    points_m: Points
-    under_way: Segment | None = None
+    stretches: tuple[Stretch, ...]  # In the order of the flight
+    points_m: Points  # float64[n, 2]: the path as it was sent: theirs, the last leg perhaps cut
+    under_way: Segment | None = None  # The first segment, if something of it was flown before
     _left: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:

@@ -38,24 +38,13 @@ class Row:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Segment:
-    """What is offered on the market.
+    """What is offered on the market."""
 
-    Parameters
-    ----------
-    number : int
-        Its name.
-    fine : bool
-        Whether it is about something that was found; else it is a part of the first look at everything.
-    box_m : tuple of float
-        Bounds in metres.
-    rows : tuple of Row
-        Line by line; on a line in the order along it.
-    """
-
-    number: int
+    number: int  # Its name
+    # Whether it is about something that was found; else it is a part of the first look at everything.
     fine: bool
-    box_m: Box
-    rows: tuple[Row, ...]
+    box_m: Box  # Bounds in metres
+    rows: tuple[Row, ...]  # Line by line; on a line in the order along it
 
     def ordered(self, variant: int) -> list[tuple[int, Points]]:
         """Return the rows in the order and direction of a flight to and fro from a corner.
@@ -148,26 +137,13 @@ class Detections:
     Detections near each other are a group; a group is over when no more were added to it since the last look.
     Then its bounds and a border make a segment, once. It waits as long as one that overlaps with it is not
     flown.
-
-    Parameters
-    ----------
-    border : float
-        Beyond the detections, and how far apart those of a group may be, cells.
-    step : float
-        Distance of rows, cells.
-    field_name : str
-        Of which disease; ``all``: of every one with a weight.
-    below : float
-        A plant with a smaller value is a detection.
-    who : str
-        What errors call the policy.
     """
 
-    border: float
-    step: float
-    field_name: str
-    below: float
-    who: str
+    border: float  # Beyond the detections, and how far apart those of a group may be, cells
+    step: float  # Distance of rows, cells
+    field_name: str  # Of which disease; all: of every one with a weight
+    below: float  # A plant with a smaller value is a detection
+    who: str  # What errors call the policy
     _known: int = field(default=0, init=False)
     _numbers: int = field(default=0, init=False)
     _offered: list[tuple[int, int, int, int]] = field(default_factory=list, init=False)

@@ -7,6 +7,8 @@ painted while the radius stays, and the sums of a tile go on from its first colu
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,143 +16,124 @@ from geo.compiled import compiled
 from sensors.scoring.score_sums import resume_errors
 from sensors.scoring.tiles import TILE_CELLS
 
-__all__ = ["SCORES_A_STEP", "advance"]
+__all__ = ["SCORES_A_STEP", "Rules", "Runs", "advance"]
 
 SCORES_A_STEP = 2
 """The first move of a flight brings two images."""
 
 
+class Rules(NamedTuple):
+    """What holds for all runs, of k fields on W x H cells and at most N readings a run."""
+
+    moves: NDArray[np.int64]  # int64[actions, 2]
+    allowed: NDArray[np.bool_]  # bool[W, H]
+    every: int  # The estimate is scored after so many readings, and after the last
+    radii: NDArray[np.int64]  # int64[N + 1]: the radius of the disks by the number of readings
+    # int64[radii, radii]: half of a disk row's width, by radius and the row's distance from the middle.
+    half_widths: NDArray[np.int64]
+    sensed: NDArray[np.bool_]  # bool[k]: whether each field is sensed
+    diseases: NDArray[np.bool_]  # bool[k]: whether it is a disease
+    rates: NDArray[np.float32]  # float32[2]: of false positive and false negative readings of diseases
+    defaults: NDArray[np.float32]  # float32[k]
+    masks: NDArray[np.bool_]  # bool[k, W, H]: the scored cells
+
+
+class Runs(NamedTuple):
+    """The state of B runs."""
+
+    # float32[B, N, diseases], or of length 0 where none is needed: uniform draws for false readings.
+    luck: NDArray[np.float32]
+    noise: NDArray[np.float32]  # float32[B, N, k], or of length 0: what is added to readings
+    truth: NDArray[np.float32]  # float32[B, k, W, H]
+    cells: NDArray[np.int64]  # int64[B, 2]: where the robots are
+    counts: NDArray[np.int64]  # int64[B]: readings so far
+    seen: NDArray[np.int64]  # int64[B, N, 2]: the cells of the readings
+    readings: NDArray[np.float32]  # float32[B, N, k]
+    value: NDArray[np.float32]  # float32[B, k, W, H]
+    uncertainty: NDArray[np.float32]  # float32[B, k, W, H]
+    visited: NDArray[np.float32]  # float32[B, W, H]: 1 where something was seen
+    # int64[B, tiles along x, tiles along y]: the first column of the tile that is not summed.
+    dirty: NDArray[np.int64]
+    # float64[B, k, tiles along x, tiles along y, TILE_CELLS + 1, 2]: sums of the squared errors before each
+    # column, of all cells and of those estimated too high.
+    partial: NDArray[np.float64]
+    sums: NDArray[
+        np.float64
+    ]  # float64[B, SCORES_A_STEP, k, 2]: the same sums of all cells at each scored time
+    scored: NDArray[np.int64]  # int64[B]: how many those are
+
+
 @compiled(nogil=True)
-def advance(
-    runs: NDArray[np.int64],
-    actions: NDArray[np.int64],
-    moves: NDArray[np.int64],
-    allowed: NDArray[np.bool_],
-    every: int,
-    radii: NDArray[np.int64],
-    half_widths: NDArray[np.int64],
-    sensed: NDArray[np.bool_],
-    diseases: NDArray[np.bool_],
-    rates: NDArray[np.float32],
-    luck: NDArray[np.float32],
-    noise: NDArray[np.float32],
-    defaults: NDArray[np.float32],
-    masks: NDArray[np.bool_],
-    truth: NDArray[np.float32],
-    cells: NDArray[np.int64],
-    counts: NDArray[np.int64],
-    seen: NDArray[np.int64],
-    readings: NDArray[np.float32],
-    value: NDArray[np.float32],
-    uncertainty: NDArray[np.float32],
-    visited: NDArray[np.float32],
-    dirty: NDArray[np.int64],
-    partial: NDArray[np.float64],
-    sums: NDArray[np.float64],
-    scored: NDArray[np.int64],
-) -> None:
+def advance(going: NDArray[np.int64], actions: NDArray[np.int64], rules: Rules, runs: Runs) -> None:
     """Move in some runs, learn what is seen, and sum the errors where the estimate is scored.
 
     Parameters
     ----------
-    runs : int64[n]
-        Which runs go on, of B.
+    going : int64[n]
+        Which runs go on.
     actions : int64[B]
-    moves : int64[actions, 2]
-    allowed : bool[W, H]
-    every : int
-        The estimate is scored after so many readings, and after the last.
-    radii : int64[N + 1]
-        The radius of the disks by the number of readings.
-    half_widths : int64[radii, radii]
-        Half the width of a disk's row, by its radius and the row's distance from the middle.
-    sensed, diseases : bool[k]
-        Of each field whether it is sensed, and whether it is a disease.
-    rates : float32[2]
-        Of false positive and false negative readings of diseases.
-    luck : float32[B, N, diseases], or of length 0 where none is needed
-        Uniform draws for these.
-    noise : float32[B, N, k], or of length 0
-        What is added to readings.
-    defaults : float32[k]
-    masks : bool[k, W, H]
-        The scored cells.
-    truth : float32[B, k, W, H]
-    cells : int64[B, 2]
-        Where the robots are; changed.
-    counts : int64[B]
-        Readings so far; changed.
-    seen : int64[B, N, 2]
-        Where; written.
-    readings : float32[B, N, k]
-        Written.
-    value, uncertainty : float32[B, k, W, H]
-        Changed.
-    visited : float32[B, W, H]
-        Set to 1 where something is seen.
-    dirty : int64[B, tiles along x, tiles along y]
-        The first column of the tile that is not summed; changed.
-    partial : float64[B, k, tiles along x, tiles along y, TILE_CELLS + 1, 2]
-        Sums of the squared errors before each column, of all cells and of those estimated too high; changed.
-    sums : float64[B, SCORES_A_STEP, k, 2]
-        Written: the same sums of all cells at each scored time.
-    scored : int64[B]
-        Written: how many those are.
     """
-    width, height = allowed.shape
-    most = seen.shape[1]
-    for run in runs:
-        scored[run] = 0
-        before_x, before_y = cells[run, 0], cells[run, 1]
-        x = before_x + moves[actions[run], 0]
-        y = before_y + moves[actions[run], 1]
-        if 0 <= x < width and 0 <= y < height and allowed[x, y]:
-            cells[run, 0], cells[run, 1] = x, y
+    width, height = rules.allowed.shape
+    most = runs.seen.shape[1]
+    for run in going:
+        runs.scored[run] = 0
+        before_x, before_y = runs.cells[run, 0], runs.cells[run, 1]
+        x = before_x + rules.moves[actions[run], 0]
+        y = before_y + rules.moves[actions[run], 1]
+        if 0 <= x < width and 0 <= y < height and rules.allowed[x, y]:
+            runs.cells[run, 0], runs.cells[run, 1] = x, y
         for look in range(2):
             if look == 0:
-                if counts[run] > 0:
+                if runs.counts[run] > 0:
                     continue
                 x, y = before_x, before_y
             else:
-                x, y = cells[run, 0], cells[run, 1]
-            number = counts[run]
-            seen[run, number, 0], seen[run, number, 1] = x, y
-            visited[run, x, y] = np.float32(1.0)
+                x, y = runs.cells[run, 0], runs.cells[run, 1]
+            number = runs.counts[run]
+            runs.seen[run, number, 0], runs.seen[run, number, 1] = x, y
+            runs.visited[run, x, y] = np.float32(1.0)
             disease = 0
-            for k in range(len(sensed)):
-                reading = truth[run, k, x, y]
-                if diseases[k]:
-                    if luck.shape[1] > 0:
+            for k in range(len(rules.sensed)):
+                reading = runs.truth[run, k, x, y]
+                if rules.diseases[k]:
+                    if runs.luck.shape[1] > 0:
                         if reading >= np.float32(1.0):
-                            if luck[run, number, disease] < rates[0]:
+                            if runs.luck[run, number, disease] < rules.rates[0]:
                                 reading = np.float32(0.5)
-                        elif luck[run, number, disease] < rates[1]:
+                        elif runs.luck[run, number, disease] < rules.rates[1]:
                             reading = np.float32(1.0)
                     disease += 1
-                if noise.shape[1] > 0:
-                    reading = reading + noise[run, number, k]
-                readings[run, number, k] = min(max(reading, np.float32(0.0)), np.float32(1.0))
-            counts[run] = number + 1
-            radius = radii[number + 1]
+                if runs.noise.shape[1] > 0:
+                    reading = reading + runs.noise[run, number, k]
+                runs.readings[run, number, k] = min(max(reading, np.float32(0.0)), np.float32(1.0))
+            runs.counts[run] = number + 1
+            radius = rules.radii[number + 1]
             first = number
-            if radius != radii[number]:
+            if radius != rules.radii[number]:
                 first = 0
-                _clear(sensed, defaults, value[run], uncertainty[run], dirty[run])
+                _clear(rules.sensed, rules.defaults, runs.value[run], runs.uncertainty[run], runs.dirty[run])
             for one in range(first, number + 1):
                 _paint(
-                    seen[run, one, 0],
-                    seen[run, one, 1],
+                    runs.seen[run, one, 0],
+                    runs.seen[run, one, 1],
                     radius,
-                    half_widths,
-                    sensed,
-                    readings[run, one],
-                    value[run],
-                    uncertainty[run],
-                    dirty[run],
+                    rules.half_widths,
+                    rules.sensed,
+                    runs.readings[run, one],
+                    runs.value[run],
+                    runs.uncertainty[run],
+                    runs.dirty[run],
                 )
-            if (number + 1) % every == 0 or number + 1 == most:
-                resume_errors(masks, truth[run], value[run], dirty[run], partial[run], sums[run, scored[run]])
-                scored[run] += 1
+            if (number + 1) % rules.every == 0 or number + 1 == most:
+                resume_errors(
+                    rules.masks,
+                    runs.truth[run],
+                    runs.value[run],
+                    runs.dirty[run],
+                    runs.partial[run],
+                    runs.sums[run, runs.scored[run]],
+                )
+                runs.scored[run] += 1
 
 
 @compiled(nogil=True, allocates=False)

@@ -29,6 +29,9 @@ from mission.policies.steering import Route, RouteProblem, Steering, far_route
 from mission.policies.tour_search import candidate_places, search_tour
 
 _RADIUS = 3
+_ALTERNATIVES = 4
+_LEAST_LEGS = 4
+_MOST_STOPS = 40
 CELLS_A_LEG = 8.0
 """About how far a route flies between two turns."""
 
@@ -110,10 +113,6 @@ class MapPolicy(ABC):
         """Return routes of one vehicle, the best first; none if there is nothing to gain near it."""
 
 
-_ALTERNATIVES = 4
-_LEAST_LEGS = 4
-
-
 @dataclass(kw_only=True, eq=False, repr=False)
 class Greedy(MapPolicy):
     """Fly the straight leg whose cells are worth most by what the leg costs; choose again after a few cells.
@@ -124,8 +123,6 @@ class Greedy(MapPolicy):
 
     Parameters
     ----------
-    share, spread : float
-        Seeing a cell takes ``share * exp(-d^2 / spread)`` of the acquisition value of one d cells away.
     longest, ahead : float
         Length of the longest leg, and of the path that is planned, in cells.
     """
@@ -170,9 +167,6 @@ class Greedy(MapPolicy):
         return [Route(np.array(corners), gained), *others] if corners else []
 
 
-_MOST_STOPS = 40
-
-
 @dataclass(kw_only=True, eq=False, repr=False)
 class Orienteering(MapPolicy):
     """Choose places and their order so that the legs see most, early, within what is left of the budget.
@@ -192,8 +186,6 @@ class Orienteering(MapPolicy):
         every few of them.
     rounds : int
         Of taking a part out and filling up again.
-    share, spread : float
-        Seeing a cell takes ``share * exp(-d^2 / spread)`` of the acquisition value of one d cells away.
     """
 
     reason: ClassVar[str] = "tour"
@@ -240,8 +232,6 @@ class RollingHorizon(MapPolicy):
     ----------
     horizon, patience : float
         How far routes are compared, and the length after which value counts 1/e, in cells of flight.
-    share, spread : float
-        Seeing a cell takes ``share * exp(-d^2 / spread)`` of the acquisition value of one d cells away.
     beam, interval : int, float
         Routes kept in each interval of cost, and its length in cells of flight.
     """

@@ -29,7 +29,7 @@ class Rules(NamedTuple):
     allowed: NDArray[np.bool_]  # bool[W, H]
     every: int  # The estimate is scored after so many readings, and after the last
     radii: NDArray[np.int64]  # int64[N + 1]: the radius of the disks by the number of readings
-    # int64[radii, radii]: half of a disk row's width, by radius and the row's distance from the middle.
+    # int64[radii, radii]: half the width of a disk's row, by radius and its distance from the middle.
     half_widths: NDArray[np.int64]
     sensed: NDArray[np.bool_]  # bool[k]: whether each field is sensed
     diseases: NDArray[np.bool_]  # bool[k]: whether it is a disease

@@ -50,14 +50,7 @@ class GeoFence(msgspec.Struct):
 
 
 def fence_items(fence: GeoFence) -> tuple[MissionItem, ...]:
-    """Make MAVLink fence items: polygons, circles, then the return point, as QGroundControl sends them.
-
-    Raises
-    ------
-    MissionFileError
-        If a polygon has fewer than three vertices, a radius is not positive, a position is impossible, or the
-        fence is of the old version 1.
-    """
+    """Make MAVLink fence items: polygons, circles, then the return point, as QGroundControl sends them."""
     if bytes(fence.polygon) not in (b"[]", b"null"):
         msg = "geoFence: a fence of version 1 is too old to be read; draw it again in QGroundControl"
         raise MissionFileError(msg)
@@ -99,13 +92,7 @@ def _place(
 
 
 def geo_fence(items: Sequence[MissionItem]) -> dict[str, Any]:
-    """Make the object ``geoFence`` from MAVLink fence items.
-
-    Raises
-    ------
-    MissionFileError
-        If the vertices of a polygon are incomplete or mixed, or an item is no fence item.
-    """
+    """Make the object ``geoFence`` from MAVLink fence items; MissionFileError where they are none."""
     fence: dict[str, Any] = {"circles": [], "polygons": [], "version": 2}
     index = 0
     while index < len(items):
@@ -123,9 +110,8 @@ def geo_fence(items: Sequence[MissionItem]) -> dict[str, Any]:
             continue
         if item.command in _CIRCLES.values():
             if item.param1 is None or not item.param1 > 0.0:
-                raise MissionFileError(
-                    f"fence item {index + 1}: radius {item.param1}; give metres above 0 as param1"
-                )
+                msg = f"fence item {index + 1}: radius {item.param1}; give metres above 0 as param1"
+                raise MissionFileError(msg)
             circle = {"center": [float(item.x), float(item.y)], "radius": float(item.param1)}
             fence["circles"].append(
                 {"circle": circle, "inclusion": item.command == _CIRCLES[True], "version": 1}
@@ -133,9 +119,8 @@ def geo_fence(items: Sequence[MissionItem]) -> dict[str, Any]:
         elif item.command == Command.NAV_FENCE_RETURN_POINT:
             fence["breachReturn"] = [float(item.x), float(item.y), float(item.z)]
         else:
-            raise MissionFileError(
-                f"fence item {index + 1}: command {item.command} is no fence command (5000 to 5004)"
-            )
+            msg = f"fence item {index + 1}: command {item.command} is no fence command (5000 to 5004)"
+            raise MissionFileError(msg)
         index += 1
     return fence
 

@@ -92,11 +92,8 @@ def loads(data: bytes) -> Mission:
     It is UTF-8 JSON with fileType "Plan", version 1, and a mission of version 2. Items are in their standard
     frames; a survey is the list of commands it was saved with; jump targets are indices of the items.
 
-    Raises
-    ------
-    MissionFileError
-        If the content is something else, damaged, of another version, holds complex items without their
-        commands, or has impossible values; it names the item and the field.
+    MissionFileError names the item and the field of what is something else, damaged, of another version, a
+    complex item without its commands, or impossible.
     """
     check_json(data, PLAN_KIND)
     plan = decode_json(data, _PLAN)
@@ -200,10 +197,7 @@ def dumps(mission: Mission, firmware: Firmware = Firmware.PX4) -> str:
     written as the first place of the mission. For ArduPilot a default parameter is written as 0, otherwise as
     null.
 
-    Raises
-    ------
-    MissionFileError
-        If there is a jump to nowhere, or the fence or a rally point cannot be written.
+    MissionFileError if there is a jump to nowhere, or the fence or a rally point cannot be written.
 
     Examples
     --------

@@ -81,10 +81,7 @@ def loads(data: bytes) -> Mission:
 
     Jump targets are indices of the mission's items.
 
-    Raises
-    ------
-    MissionFileError
-        If the content is something else, damaged, or has impossible values; it names the line and the column.
+    MissionFileError names the line and the column of what is something else, damaged or impossible.
     """
     if kind_of(data) != WAYPOINTS_KIND:
         raise wrong_kind(data, WAYPOINTS_KIND)
@@ -115,9 +112,8 @@ def _rows(text: str) -> list[_Row]:
     version = ""
     for number, line in enumerate(io.StringIO(text, newline=None), start=1):
         if len(line) > _LONGEST_LINE:
-            raise MissionFileError(
-                f"line {number}: longer than {_LONGEST_LINE} characters; the file is damaged"
-            )
+            msg = f"line {number}: longer than {_LONGEST_LINE} characters; the file is damaged"
+            raise MissionFileError(msg)
         words = line.split()
         if not words or words[0].startswith("#"):
             continue
@@ -199,17 +195,11 @@ def dumps(mission: Mission, firmware: Firmware = Firmware.PX4) -> str:
     0, otherwise as NaN. Numbers have at least eight decimals, and as many as they need to be read back
     exactly.
 
-    Raises
-    ------
-    MissionFileError
-        If the mission holds more than one plan, has a fence command among its items, or a jump to nowhere.
+    MissionFileError if the mission holds more than one plan, a fence command among its items, or a jump to
+    nowhere.
     """
-    plans = [
-        ("mission items", mission.items),
-        ("fence items", mission.fence),
-        ("rally points", mission.rally),
-    ]
-    held = [f"{len(items)} {name}" for name, items in plans if items]
+    plans = {"mission items": mission.items, "fence items": mission.fence, "rally points": mission.rally}
+    held = [f"{len(items)} {name}" for name, items in plans.items() if items]
     if len(held) > 1:
         msg = f"a waypoint list holds one plan, not {' and '.join(held)}; write a .plan or .json file"
         raise MissionFileError(msg)

@@ -234,20 +234,12 @@ def _speaks_mavlink(data: bytes) -> bool:
 def open_port(url: str) -> ServerPort:
     """Open a socket for clients.
 
-    Parameters
-    ----------
-    url : str
-        ``udpin:HOST:PORT`` waits for clients, ``udpout:HOST:PORT`` sends to one (and serves whoever answers),
-        ``tcpin:HOST:PORT`` waits for connections, ``tcp:HOST:PORT`` makes one and makes it again when it was
-        lost, ``serial:DEVICE:BAUD`` is a serial line, opened again after its device was away.
-        After ``udpout`` the local port may follow: ``udpout:127.0.0.1:14550,18570``.
+    ``udpin:HOST:PORT`` waits for clients, ``udpout:HOST:PORT`` sends to one (and serves whoever answers),
+    ``tcpin:HOST:PORT`` waits for connections, ``tcp:HOST:PORT`` makes one and makes it again when it was
+    lost, ``serial:DEVICE:BAUD`` is a serial line, opened again after its device was away. After ``udpout``
+    the local port may follow: ``udpout:127.0.0.1:14550,18570``.
 
-    Raises
-    ------
-    LinkError
-        If the address is wrong, in use or not reachable.
-    VehicleError
-        If the local port is no port.
+    LinkError if the address is wrong, in use or not reachable; VehicleError if the local port is no port.
     """
     text, comma, local = url.partition(",")
     if text.strip().lower().startswith(SERIAL):

@@ -158,12 +158,7 @@ class Server:
         self.close()
 
     def run(self, until: Callable[[float], bool] | None = None, limit_s: float = NEVER) -> StopReason:
-        """Serve until a condition holds, `limit_s` more seconds (of the components) passed, `stop` or Ctrl-C.
-
-        Returns
-        -------
-        StopReason
-        """
+        """Serve until a condition holds, `limit_s` seconds (of the components) passed, `stop` or Ctrl-C."""
         end_s = self.now_s + limit_s
         self._origin_s = self.now_s - self._wall_s()
         try:
@@ -186,10 +181,7 @@ class Server:
     def send(self, component: Component, messages: Iterable[Message]) -> None:
         """Send messages of a component now, which nothing that it received or a deadline made it send.
 
-        Raises
-        ------
-        VehicleError
-            If it is none of the server's.
+        VehicleError if it is none of the server's.
         """
         address = (component.system_id, component.component_id)
         for local in self._locals:

@@ -156,13 +156,9 @@ class Impairment:
     @property
     def faults(self) -> tuple[Fault, ...]:
         """The same as faults of a link."""
-        values = {
-            "loss": self.loss,
-            "duplicate": self.duplication,
-            "delay": self.delay_s,
-            "jitter": self.jitter_s,
-        }
-        return tuple(Fault(kind, value) for kind, value in values.items() if value)
+        kinds = ("loss", "duplicate", "delay", "jitter")
+        values = (self.loss, self.duplication, self.delay_s, self.jitter_s)
+        return tuple(Fault(kind, value) for kind, value in zip(kinds, values, strict=True) if value)
 
 
 class Simulation:
@@ -294,19 +290,9 @@ class Simulation:
             self._radios[port] = radio
 
     def run(self, until: Callable[[float], bool] | None = None, limit_s: float = NEVER) -> StopReason:
-        """Let time pass until a condition holds or `limit_s` more seconds went by.
+        """Let time pass until ``until(now_s)``, asked after each step, or `limit_s` more virtual seconds.
 
-        Parameters
-        ----------
-        until : callable, optional
-            ``until(now_s)``, asked after each step.
-        limit_s : float
-            Virtual seconds from now.
-
-        Returns
-        -------
-        StopReason
-            `run` may be called again after any of them.
+        It may be called again after any of the reasons to stop.
         """
         end_s = self.now_s + limit_s
         steps = 0
@@ -335,10 +321,7 @@ class Simulation:
     def send(self, component: Component, messages: Iterable[mavlink.MAVLink_message]) -> None:
         """Send messages of a component now, which nothing that it received or a deadline made it send.
 
-        Raises
-        ------
-        VehicleError
-            If it is none of the simulation's.
+        VehicleError if it is none of the simulation's.
         """
         address = (component.system_id, component.component_id)
         if address not in self._addresses:

@@ -41,12 +41,7 @@ class FileError(Exception):
 
 
 def path_of(text: str) -> Path:
-    """Split a path from the root; the steps ``.`` and empty ones mean nothing.
-
-    Raises
-    ------
-    FileError
-        It leaves a directory (``..``), or is too deep.
+    """Split a path from the root; the steps ``.`` and empty ones mean nothing, ``..`` is a FileError.
 
     Examples
     --------

@@ -129,13 +129,7 @@ class Steering:
         return Sticks(-back, right, up, turn)
 
     def _setpoint_of(self, message: PositionTarget) -> Setpoint:
-        """Read a position target.
-
-        Raises
-        ------
-        RefusedError
-            For a frame that is not flown, a force, or numbers that are none.
-        """
+        """Read a position target; RefusedError for a frame that is not flown, a force, or no numbers."""
         kind, mask = int(message.coordinate_frame), int(message.type_mask)
         if mask & _FORCE and mask & _IGNORE_FORCE != _IGNORE_FORCE:
             raise RefusedError("Setpoint refused: forces are not flown", denied=True)

@@ -133,19 +133,9 @@ class ClusterError(WbfMissionError):
 
 
 class Cluster:
-    """The workers of a Dask scheduler.
+    """The workers of the Dask scheduler at an address, which are given `most` runs at a time.
 
-    Parameters
-    ----------
-    address : str
-        Of the scheduler; ``local``: one is started here, on the loopback interface, and ends with this.
-    workers : int
-        How many of a local one.
-
-    Attributes
-    ----------
-    most : int
-        How many runs it is given at a time.
+    For the address ``local`` one with `workers` is started on the loopback interface, and ends with this.
 
     Raises
     ------
@@ -243,14 +233,8 @@ class _Workers(Protocol):
 def fly_all(runs: Sequence[BenchRun], *, jobs: int = 1, dask: str | None = None) -> Iterator[BenchRow]:
     """Yield the row of each run as it ends, the same whoever flies them but for the costs.
 
-    Parameters
-    ----------
-    runs : sequence of BenchRun
-    jobs : int
-        Processes at once; -1: one per core.
-    dask : str, optional
-        The address of a Dask scheduler whose workers fly them, such as ``tcp://10.0.0.1:8786``, or ``local``
-        for one of this machine with `jobs` workers.
+    With `dask` they are flown by the workers of the scheduler at that address, such as ``tcp://10.0.0.1:8786``,
+    or ``local`` for one of this machine with `jobs` workers.
 
     Raises
     ------

@@ -23,18 +23,12 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A picture beside the page.
-
-    Parameters
-    ----------
-    file : str
-        Its name; a PDF is linked to, as no browser shows it as a picture.
-    shows : str
-        For those who do not see it.
-    """
+    """A picture beside the page."""
 
     file: str
+    """Its name; a PDF is linked to, as no browser shows it as a picture."""
     shows: str
+    """For those who do not see it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,13 +50,7 @@ class Page:
     sections: tuple[Section, ...]
 
     def write(self, folder: Path, name: str) -> tuple[Path, Path]:
-        """Write ``NAME.md`` and ``NAME.html`` into the folder of the pictures; return the files.
-
-        Raises
-        ------
-        OSError
-            If one cannot be written.
-        """
+        """Write ``NAME.md`` and ``NAME.html`` into the folder of the pictures; return the files."""
         markdown, page = folder / f"{name}.md", folder / f"{name}.html"
         for path, lines in ((markdown, self._markdown()), (page, self._html())):
             with atomic_write(path) as file:

@@ -115,13 +115,7 @@ def draw_mean_score(
 
 
 def write_report(rows: Sequence[BenchRow], folder: Path, *, title: str) -> list[Path]:
-    """Write ``report.md``, ``report.html`` and a picture for each scenario into a folder; return the files.
-
-    Raises
-    ------
-    OSError
-        If one cannot be written.
-    """
+    """Write ``report.md``, ``report.html`` and a picture for each scenario; return the files."""
     folder.mkdir(parents=True, exist_ok=True)
     rows = apart(rows)
     found = standings(rows)

@@ -45,29 +45,20 @@ _MOST_RUNS = 10_000_000
 
 @dataclass(frozen=True, slots=True)
 class BenchRun:
-    """One run of a benchmark.
-
-    Parameters
-    ----------
-    key : str
-        Names it: the digest of all that decides it.
-    scenario_id : str
-        The scenario's id, or its file.
-    planner, estimator : str
-        With parameters; the planner may be a policy.
-    scenario : Scenario
-        All of it, with planner, estimator and seed.
-    codes : dict of str to str
-        Digests of the built-in ``code``, of what the ``scenario`` means, and of the code and state of a
-        ``planner`` and an ``estimator`` that are no part of this program.
-    """
+    """One run of a benchmark."""
 
     key: str
+    """Names it: the digest of all that decides it."""
     scenario_id: str
+    """The scenario's id, or its file."""
     planner: str
+    """With parameters, as the estimator; it may be a policy."""
     estimator: str
     scenario: Scenario
+    """All of it, with planner, estimator and seed."""
     codes: dict[str, str] = field(default_factory=dict)
+    """Digests of the built-in ``code``, of what the ``scenario`` means, and of the code and state of a
+    ``planner`` and an ``estimator`` that are no part of this program."""
 
     @property
     def seed(self) -> int:

@@ -43,46 +43,33 @@ class Interval:
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """How a planner with an estimator did in a scenario.
-
-    Parameters
-    ----------
-    runs : int
-        Good ones, with a score.
-    score, final_score : Interval
-        Over the seeds; 0 is perfect.
-    behind : Interval
-        By how much the score is below that of the scenario's best, in pairs of runs on the same environment;
-        0 and no interval for the best itself.
-    losses : dict
-        Mean loss a cell at the end, by field.
-    rank : float
-        Mean over the seeds of its place among all of the scenario, by score; 1 is the best.
-    wins : float
-        Seeds on which it has the best score; shared ones in parts.
-    wall_time_s, cpu_time_s : float
-        Of a run, in the mean.
-    decisions : int
-        Answers of the policy in all runs.
-    bad_answers : dict
-        How many of these were not flown or came too late, by what was wrong; also in runs that failed of it.
-    """
+    """How a planner with an estimator did in a scenario."""
 
     scenario: str
     planner: str
     estimator: str
     runs: int
+    """Good ones, with a score."""
     failed: int
     score: Interval
+    """Over the seeds, as at the end; 0 is perfect."""
     final_score: Interval
     behind: Interval
+    """By how much the score is below that of the scenario's best, in pairs of runs on the same environment;
+    0 and no interval for the best itself."""
     losses: dict[str, float]
+    """Mean loss a cell at the end, by field."""
     rank: float
+    """Mean over the seeds of its place among all of the scenario, by score; 1 is the best."""
     wins: float
+    """Seeds on which it has the best score; shared ones in parts."""
     wall_time_s: float
+    """Of a run, in the mean."""
     cpu_time_s: float
     decisions: int
+    """Answers of the policy in all runs."""
     bad_answers: dict[str, int]
+    """How many of these were not flown or came too late, by what was wrong, also in runs that failed."""
 
 
 def _resamples(count: int) -> Iterator[tuple[int, NDArray[np.int64]]]:
@@ -250,26 +237,19 @@ def _places(scores: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[n
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """By how much the scores of one are above those of another; positive is better.
-
-    Parameters
-    ----------
-    environments : int
-        On which both have a score.
-    score, final_score : Interval
-        Mean difference over the run and at its end.
-    better : float
-        The part of the environments on which the score over the run is better.
-    """
+    """By how much the scores of one are above those of another; positive is better."""
 
     scenario: str
     estimator: str
     mine: str
     against: str
     environments: int
+    """On which both have a score."""
     score: Interval
+    """Mean difference over the run, as at its end."""
     final_score: Interval
     better: float
+    """The part of the environments on which the score over the run is better."""
 
 
 def compare(rows: Sequence[BenchRow], mine: str, against: Sequence[str]) -> list[Comparison]:

@@ -31,24 +31,17 @@ _WATER = "#1d91c0"
 
 @dataclass(frozen=True, slots=True)
 class Dynamics:
-    """The environments of some seeds over `DAYS`.
-
-    Parameters
-    ----------
-    maps : dict of int to float32[n, W, H]
-        The values of the first seed on the days that are shown.
-    sick, lost : float64[seeds, days, n]
-        Of a disease the part of its plants that is infected or lost, and that is lost.
-    level : float64[seeds, days, n]
-        The mean value.
-    """
+    """The environments of some seeds over `DAYS`."""
 
     farm: Farm
     fields: FieldSet
     maps: dict[int, NDArray[np.float32]]
+    """float32[n, W, H]: the values of the first seed on the days that are shown."""
     sick: NDArray[np.float64]
+    """float64[seeds, days, n], as `lost` and `level`: of a disease the part that is infected or lost."""
     lost: NDArray[np.float64]
     level: NDArray[np.float64]
+    """The mean value."""
 
     @classmethod
     def of(cls, scenario: Scenario, seeds: Sequence[int], progress: Progress = silent) -> Self:

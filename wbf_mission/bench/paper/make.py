@@ -70,18 +70,12 @@ _PAGE = "paper"
 
 @dataclass(frozen=True, slots=True)
 class Paper:
-    """What `make_paper` made.
-
-    Parameters
-    ----------
-    files : tuple of Path
-        The page as Markdown and as HTML, then the pictures.
-    rows : tuple of BenchRow
-        Of the comparison; empty if that was not wanted.
-    """
+    """What `make_paper` made."""
 
     files: tuple[Path, ...]
+    """The page as Markdown and as HTML, then the pictures."""
     rows: tuple[BenchRow, ...]
+    """Of the comparison; empty if that was not wanted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,29 +109,11 @@ def make_paper(
     cost_farms: Sequence[str] = FARMS,
     progress: Progress = silent,
 ) -> Paper:
-    """Make figures of the paper and a page with their captions.
+    """Make some of the `FIGURES` of the paper in some `FORMATS`, and a page with their captions.
 
-    Flights, maps and costs are kept in the folder: a second call only draws.
-
-    Parameters
-    ----------
-    spec : BenchSpec
-        What is compared, in one scenario. Its first seed is the environment that is shown; the days are those
-        of its farm.
-    out : path-like
-        The folder.
-    figures : sequence of str
-        Of `FIGURES`.
-    formats : sequence of str
-        Of `FORMATS`; the page shows PNG, if it is wanted.
-    jobs : int
-        Processes that fly; -1: one per core.
-    cost_farms : sequence of str
-        Where costs are measured.
-
-    Returns
-    -------
-    Paper
+    Flights, maps and costs are kept in the folder: a second call only draws. What is compared is in one
+    scenario; the first seed is the environment that is shown, the days are those of its farm. Costs are
+    measured on `cost_farms`.
 
     Raises
     ------

@@ -29,22 +29,15 @@ _ARRAYS = {"path_m": 2, "truth": 3, "estimate": 3}
 
 @dataclass(frozen=True, slots=True)
 class ShownRun:
-    """What is drawn of a run.
-
-    Parameters
-    ----------
-    path_m : float32[n, 2]
-        Flown; several flights are parted by a row of nan.
-    truth, estimate : float32[fields, w, h]
-        At the end; of a large farm every so-manieth cell.
-    axis_max : float
-        What the published code makes of the last estimate (`sensors.scoring.score.Score.authors_axis_max`).
-    """
+    """What is drawn of a run."""
 
     path_m: NDArray[np.float32]
+    """[n, 2], flown; several flights are parted by a row of nan."""
     truth: NDArray[np.float32]
+    """[fields, w, h] at the end, as the estimate; of a large farm every so-manieth cell."""
     estimate: NDArray[np.float32]
     axis_max: float
+    """What the published code makes of the last estimate (`sensors.scoring.score.Score.authors_axis_max`)."""
 
     @classmethod
     def flown(cls, run: BenchRun) -> Self:

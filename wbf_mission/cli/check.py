@@ -50,11 +50,9 @@ def check_command(
 
     output = Output(as_json=json, quiet=quiet)
     if list_checks:
-        rows = [[one.id, one.required_of, one.text, one.suffers] for one in all_checks()]
-        values = [
-            {"id": one.id, "required_of": one.required_of, "text": one.text, "suffers": one.suffers}
-            for one in all_checks()
-        ]
+        keys = ("id", "required_of", "text", "suffers")
+        rows = [[getattr(one, key) for key in keys] for one in all_checks()]
+        values = [dict(zip(keys, row, strict=True)) for row in rows]
         headings = ["check", "required of", "what must hold", "otherwise trouble for"]
         output.table(values, headings, rows, title="Checks", left=True)
         return

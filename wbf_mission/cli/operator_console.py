@@ -44,10 +44,7 @@ _CHOICES = {"h": Maneuver.HOLD, "r": Maneuver.RETURN}
 class _Vehicle:
     """One vehicle: what was said of it, and what was ordered.
 
-    Parameters
-    ----------
-    alone : bool
-        No other flies with it; otherwise each line begins with its number.
+    Where no other flies with it it is `alone`; otherwise each line begins with its number.
     """
 
     def __init__(self, sortie: Sortie, output: Output, *, alone: bool) -> None:

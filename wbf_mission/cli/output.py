@@ -46,14 +46,8 @@ class Output:
     """Where a command's results, warnings and progress go.
 
     Everything is printed as text: names come from files and from vehicles, so markup in them is not obeyed
-    and control characters are shown, not sent to the terminal.
-
-    Parameters
-    ----------
-    as_json : bool
-        Print results as one JSON document on stdout and nothing else there.
-    quiet : bool
-        No progress and no notes; results and warnings only.
+    and control characters are shown, not sent to the terminal. With `as_json` results are one JSON document
+    on stdout, and nothing else is there; when `quiet` there is no progress and no note.
     """
 
     def __init__(self, *, as_json: bool = False, quiet: bool = False) -> None:
@@ -151,12 +145,7 @@ class Output:
         """Show bars with the time left; the callback takes (what is being done, done, total).
 
         Without a terminal, only what may take a minute is told, in a line: training when it begins, planning
-        when it is not over after some seconds.
-
-        Parameters
-        ----------
-        every_s : float, optional
-            Without a terminal, tell a line after each so many seconds instead.
+        when it is not over after some seconds; with `every_s` a line after each so many seconds instead.
         """
         if self.quiet:
             yield silent

@@ -112,13 +112,7 @@ def preflight_command(
 def circumstances_of(
     given: options.Given, farm: str | None, camera_interval_s: float | None
 ) -> Circumstances:
-    """Return what a plan is checked for, by the command line.
-
-    Raises
-    ------
-    ScenarioError, FarmError
-        If an option is out of range, or scenario or farm cannot be read.
-    """
+    """Return what a plan is checked for, by the command line."""
     from geo import get_farm
     from sim_vehicle.camera.component import MIN_INTERVAL_S
     from wbf_mission.preflight.run import Circumstances
@@ -139,16 +133,9 @@ def circumstances_of(
 def fitted_circumstances(
     circumstances: Circumstances, given: options.Given, snapshot: VehicleSnapshot
 ) -> Circumstances:
-    """Return what a plan is checked for with the autopilot that was heard.
+    """Return what a plan is checked for with the autopilot that is heard, which has to be the one named.
 
     Where nobody named a vehicle it is a typical one of the kind that was heard.
-
-    Raises
-    ------
-    ScenarioError
-        If another autopilot was named than is heard.
-    LiveFlightError
-        If the vehicle that was named is of another kind.
     """
     from mission.transfer.vehicles import Vehicle
     from wbf_mission.live.discovery import fitted_to, typical_vehicle
@@ -169,14 +156,9 @@ def fitted_circumstances(
 def check_before_upload(
     output: Output, mission: Mission, circumstances: Circumstances, *, force: bool
 ) -> Report:
-    """Check what is to go up to a vehicle that was asked, and tell errors and warnings.
+    """Check what is to go up to a vehicle that was asked; raise PreflightError if that has errors.
 
-    How it stands there matters for a start only.
-
-    Raises
-    ------
-    PreflightError
-        If there are errors, unless `force`.
+    How it stands there matters for a start only. With `force` errors are shown, too, and hinder nothing.
     """
     from wbf_mission.preflight.finding import Concern
     from wbf_mission.preflight.run import check_mission

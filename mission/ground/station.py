@@ -12,7 +12,7 @@ from geo.errors import WbfMissionError
 from geo.frame import LocalFrame
 from mission.autopilots.profile import Profile
 from mission.autopilots.registry import profile_for
-from mission.ground.arming_gate import FARTHEST_M, ArmingGate, Stage
+from mission.ground.arming_gate import ArmingGate
 from mission.ground.change import (
     FLOWN_TO,
     ChangeRecord,
@@ -27,15 +27,10 @@ from mission.ground.failures import FailureWatch
 from mission.ground.guard import FailsafeGuard
 from mission.ground.images import ImageFetch
 from mission.ground.link_state import ContactWatch, LinkReport, LinkState
-from mission.ground.modes import (
-    Maneuver,
-    arming_mode,
-    arming_mode_name,
-    end_modes,
-    maneuver_command,
-)
+from mission.ground.modes import Maneuver, end_modes, maneuver_command
 from mission.ground.orders import Answer, Order, result_name
 from mission.ground.pilot_watch import PilotWatch
+from mission.ground.start import STARTING, MissionStart
 from mission.ground.texts import TextLog
 from mission.ground.tracks import FlownLength, Track, TrackRecorder, TrueState
 from mission.ground.uploads import PlanUploads
@@ -54,13 +49,6 @@ GROUND_SYSTEM_ID = 255
 GROUND_COMPONENT_ID = int(m.MAV_COMP_ID_MISSIONPLANNER)
 _HEARTBEAT_S = 1.0
 _CONTACT_S = 30.0
-_READY_S = 180.0
-_AGAIN_S = 3.0
-_LAST_WORDS_S = 0.5
-"""ArduPilot says why after its answer."""
-_MODE_SHOWN_S = 2.5
-_MODE_SETTLES_S = 1.0
-"""So long after its mode has changed the vehicle's own checks may be those for the mode before."""
 _STATE_S, _STATE_BEHIND_LINK_S = 2.5, 5.0
 """The state of the mission is told so long after the disarming."""
 _CLOCK_S = 5.0
@@ -145,8 +133,6 @@ class GroundStation:
         self.ended_s: float | None = None
         self._assembler = assembler
         self._vehicle = (vehicle_system_id, int(m.MAV_COMP_ID_AUTOPILOT1))
-        self._start_delay_s = start_delay_s
-        self._arm_s = math.inf
         self._autopilot = 0
         self._silent = True
         self._armed = False
@@ -172,10 +158,6 @@ class GroundStation:
         self._maker = maker
         self.arming_gate = arming_gate
         self.pilot = PilotWatch()
-        self._ready_s = math.inf
-        self._refusal: tuple[str, float] | None = None
-        self._mode_s = self._again_s = -math.inf
-        self._reasons_before = 0
         self._started_boot_s = 0.0
         self._restarts = 0
         self._monitor = VehicleMonitor()
@@ -188,6 +170,14 @@ class GroundStation:
         self.battery_before = Battery()
         self._tracks = TrackRecorder()
         self._texts = TextLog()
+        self._start = MissionStart(
+            self._vehicle,
+            self._monitor,
+            self._texts,
+            gate=arming_gate,
+            round_trip=self._round_trip,
+            delay_s=start_delay_s,
+        )
         self._fetch = (
             None if assembler is None else ImageFetch(assembler, vehicle_system_id, self._round_trip)
         )
@@ -373,14 +363,13 @@ class GroundStation:
             )
         if self.phase is Phase.UPLOAD:
             out += self._after_upload(self._uploads.poll(now_s), now_s)
-        if self.phase is Phase.WAIT and now_s >= self._arm_s:
-            out += self._arm(now_s)
-        if self._refusal is not None and now_s >= self._refusal[1]:
-            self._after_refusal(self._refusal[0], now_s)
-        if self.phase is Phase.READY:
-            out += self._pass_gate(now_s)
+        if self.phase in STARTING:
+            out += self._after_start(self._start.poll(now_s), now_s)
         if self._order is not None and now_s >= self._order.due_s:
-            out += self._repeat_order(self._order, now_s)
+            if self._order.is_given_up:
+                self._order_refused("no answer", now_s)
+            else:
+                out += self._order.send(now_s)
         if self._change is not None and self.phase is Phase.FLIGHT and now_s >= self._change.next_deadline():
             out += self._after_change(self._change.poll(now_s))
         self.pilot.poll(now_s, unsure=now_s < self._unsure_s)
@@ -402,20 +391,16 @@ class GroundStation:
         """When `poll` has something to do."""
         if self.done:
             return math.inf
-        phase, gate = self.phase, self.arming_gate
+        phase = self.phase
         due_s = [self._heartbeat_s, self.pilot.next_deadline()]
-        if gate is not None:
+        if self.arming_gate is not None:
             due_s.append(self.link.next_deadline())
-            if phase is Phase.READY:
-                due_s.append(gate.next_deadline())
-        if phase is Phase.WAIT:
-            due_s.append(self._arm_s)
+        if phase in STARTING:
+            due_s.append(self._start.next_deadline())
         if phase is Phase.UPLOAD:
             due_s.append(self._uploads.next_deadline())
         if phase is Phase.FLIGHT and self._change is not None:
             due_s.append(self._change.next_deadline())
-        if self._refusal is not None:
-            due_s.append(self._refusal[1])
         if self._order is not None:
             due_s.append(self._order.due_s)
         if self._fetch is not None and self._fetches:
@@ -614,9 +599,7 @@ class GroundStation:
     def _on_sys_status(self, message: m.MAVLink_sys_status_message, now_s: float) -> None:
         if self.phase is Phase.FLIGHT:
             self._failures.on_sys_status(message)
-        settled = now_s >= max(self._mode_s + _MODE_SETTLES_S, self._again_s)
-        if self.arming_gate is not None and self.phase is not Phase.MODE and settled:
-            self.arming_gate.on_sys_status(message, has_position=self._monitor.knows_position)
+        self._start.on_sys_status(message, now_s)
 
     def _on_battery(self, message: m.MAVLink_battery_status_message, now_s: float) -> None:  # noqa: ARG002
         self._failures.on_battery_status(message)
@@ -648,32 +631,13 @@ class GroundStation:
         return self._after_upload(self._uploads.receive(message, now_s), now_s)
 
     def _on_ack(self, message: m.MAVLink_command_ack_message, now_s: float) -> list[Message]:
-        if self._order is None:
-            return []
-        answer = self._order.answer(message, now_s)
+        if self.phase in STARTING:
+            return self._after_start(self._start.on_ack(message, now_s), now_s)
+        answer = Answer.NONE if self._order is None else self._order.answer(message, now_s)
         if answer is Answer.REFUSED:
-            armed = self.phase is Phase.START
-            self._refused(result_name(message.result), now_s)
-            if armed and self.arming_gate is not None:
-                # Its motors run, and it does not fly.
-                return Order(self._vehicle, int(m.MAV_CMD_COMPONENT_ARM_DISARM), 0.0).send(now_s)
-        if answer is not Answer.ACCEPTED:
-            return []
-        self._order = None
-        if self.phase is Phase.MODE:
-            self.phase, self._mode_s = Phase.READY, now_s
-            return []
-        if self.phase is Phase.ARM:
-            return self._give_order(Phase.START, m.MAV_CMD_MISSION_START, now_s, 0.0, 0.0)
-        if self.phase is Phase.START:
-            self.phase = Phase.FLIGHT
-            self.started_s = self._started_boot_s = now_s
-            if self.arming_gate is not None:
-                # A real vehicle's clock began long before ours.
-                self._started_boot_s = self._monitor.boot_s
-            self.battery_before = self._monitor.battery
-            self._contact.on_message(now_s)
-            self._texts_before = len(self.texts)
+            self._order_refused(result_name(message.result), now_s)
+        elif answer is Answer.ACCEPTED:
+            self._order = None
         return []
 
     # What follows.
@@ -685,62 +649,25 @@ class GroundStation:
             silent = self.arming_gate is not None and self._uploads.fell_silent
             outcome = Outcome.NO_ANSWER if silent else Outcome.UPLOAD_FAILED
             self._end(outcome, reason, now_s)
-        elif self._uploads.done and self.arming_gate is not None:
-            self._ready_s = now_s + _READY_S
-            out += self._choose_mode(now_s)
-        elif self._uploads.done and self._start_delay_s > 0.0:
-            self.phase, self._arm_s = Phase.WAIT, now_s + self._start_delay_s
         elif self._uploads.done:
-            out += self._arm(now_s)
+            out += self._after_start(self._start.begin(self.mission.home, self._texts_before, now_s), now_s)
         return out
 
-    def _pass_gate(self, now_s: float) -> list[Message]:
-        """Go on when the vehicle can arm and the operator agrees, or end it."""
-        arming_gate = self.arming_gate
-        assert arming_gate is not None
-        if arming_gate.stage is Stage.REFUSED:
-            self._end(Outcome.NOT_STARTED, "the operator did not let it start", now_s)
-        elif arming_gate.stage is Stage.CHECKING and now_s >= self._ready_s:
-            why = "; ".join(arming_gate.reasons) or f"it did not say that it can arm in {_READY_S:.0f} s"
-            if self._again_s > -math.inf:
-                # Asked, it has refused: its last word counts.
-                why = self._texts.last_warning(why, self._texts_before)
-            self._end(Outcome.ARMING_REFUSED, why, now_s)
-        elif arming_gate.stage is not Stage.CHECKING and self._away_m > FARTHEST_M:
-            text = f"the vehicle stands {self._away_m:.0f} m from the start of its plan"
-            self._end(Outcome.NOT_STARTED, text, now_s)
-        elif arming_gate.stage is Stage.GRANTED and self._is_in_other_mode(now_s):
-            arming_gate.check_again(now_s)
-            return self._choose_mode(now_s)
-        elif arming_gate.stage is Stage.GRANTED:
-            self._texts_before, self._reasons_before = len(self.texts), arming_gate.told
-            return self._arm(now_s)
-        elif arming_gate.stage in (Stage.ASKING, Stage.WAITING):
-            self._ready_s = now_s + _READY_S
-        return arming_gate.poll(now_s)
-
-    def _choose_mode(self, now_s: float) -> list[Message]:
-        """Choose the mode in which the vehicle arms, if it has one, and wait until it can."""
-        mode = arming_mode(self._autopilot, self._monitor.vehicle_type)
-        if mode is None or not self._is_in_other_mode(now_s):
-            self.phase = Phase.READY
-            return []
-        return self._give_order(Phase.MODE, m.MAV_CMD_DO_SET_MODE, now_s, mode.base, mode.main, mode.sub)
-
-    def _is_in_other_mode(self, now_s: float) -> bool:
-        """Return whether the vehicle shows another mode than that in which it arms."""
-        name = arming_mode_name(self._autopilot, self._monitor.vehicle_type)
-        shown = now_s >= self._mode_s + _MODE_SHOWN_S
-        return name is not None and shown and self._monitor.mode != name
-
-    @property
-    def _away_m(self) -> float:
-        """How far the vehicle stands from home of its plan; 0 where it is not known."""
-        home = self.mission.home
-        if home is None or not self._monitor.knows_position:
-            return 0.0
-        frame = LocalFrame(home.latitude_deg, home.longitude_deg)
-        return math.hypot(*self._monitor.state.position_m(frame))
+    def _after_start(self, out: list[Message], now_s: float) -> list[Message]:
+        """Take how far the start is; go on when the vehicle flies its mission."""
+        start = self._start
+        self.phase = start.phase
+        if start.failure is not None:
+            self._end(*start.failure, now_s)
+        elif self.phase is Phase.FLIGHT:
+            self.started_s = self._started_boot_s = now_s
+            if self.arming_gate is not None:
+                # A real vehicle's clock began long before ours.
+                self._started_boot_s = self._monitor.boot_s
+            self.battery_before = self._monitor.battery
+            self._contact.on_message(now_s)
+            self._texts_before = len(self.texts)
+        return out
 
     @property
     def flies_home(self) -> bool:
@@ -771,48 +698,11 @@ class GroundStation:
         self._order = Order(self._vehicle, command, *params, round_trip=self._round_trip)
         return self._order.send(now_s)
 
-    def _arm(self, now_s: float) -> list[Message]:
-        return self._give_order(Phase.ARM, m.MAV_CMD_COMPONENT_ARM_DISARM, now_s, 1.0)
-
-    def _give_order(self, phase: Phase, command: int, now_s: float, *params: float) -> list[Message]:
-        self.phase = phase
-        self._order = Order(self._vehicle, command, *params, round_trip=self._round_trip)
-        return self._order.send(now_s)
-
-    def _repeat_order(self, order: Order, now_s: float) -> list[Message]:
-        if order.is_given_up:
-            if self.arming_gate is not None and self.phase is not Phase.FLIGHT:
-                self._end(Outcome.NO_ANSWER, f"no answer while {self.phase.value}", now_s)
-            else:
-                self._refused("no answer", now_s)
-            return []
-        return order.send(now_s)
-
-    def _refused(self, why: str, now_s: float) -> None:
-        if self.phase is Phase.FLIGHT:
-            # The vehicle flies its mission on; the operator sees that it does.
-            self._order = None
-            self.pilot.order(None)
-            self._texts.note(f"{why}: the vehicle did not take the order", now_s)
-            return
+    def _order_refused(self, why: str, now_s: float) -> None:
+        """The vehicle flies its mission on; the operator sees that it does."""
         self._order = None
-        if self.arming_gate is not None and self.phase in (Phase.MODE, Phase.ARM):
-            self._refusal = why, now_s + _LAST_WORDS_S
-            return
-        outcome = Outcome.ARMING_REFUSED if self.phase is Phase.ARM else Outcome.MISSION_REJECTED
-        self._end(outcome, self._texts.last_warning(why), now_s)
-
-    def _after_refusal(self, why: str, now_s: float) -> None:
-        """Wait and ask again where the vehicle gives a reason that may pass; for so long as it may take."""
-        arming_gate = self.arming_gate
-        assert arming_gate is not None
-        self._refusal = None
-        if arming_gate.told > self._reasons_before and now_s < self._ready_s:
-            self.phase, self._again_s = Phase.READY, now_s + _AGAIN_S
-            arming_gate.check_again(now_s)
-            return
-        outcome = Outcome.ARMING_REFUSED if self.phase is Phase.ARM else Outcome.MISSION_REJECTED
-        self._end(outcome, self._texts.last_warning(why, self._texts_before), now_s)
+        self.pilot.order(None)
+        self._texts.note(f"{why}: the vehicle did not take the order", now_s)
 
     def _why_aborted(self) -> tuple[Outcome, str]:
         """Outcome and reason of a flight that ended before its mission was complete."""

@@ -1,0 +1,208 @@
+"""The start of a mission: the mode in which the vehicle arms, the arming gate, arming, the order to start."""
+
+from __future__ import annotations
+
+import math
+
+from geo.frame import LocalFrame
+from mission.ground.arming_gate import FARTHEST_M, ArmingGate, Stage
+from mission.ground.modes import arming_mode, arming_mode_name
+from mission.ground.orders import Answer, Order, result_name
+from mission.ground.texts import TextLog
+from mission.ground.vehicle_state import VehicleMonitor
+from mission.link.codec.dialect import Message
+from mission.link.codec.dialect import mavlink as m
+from mission.model import GeoPoint
+from mission.outcome import Outcome, Phase
+from mission.transfer import RoundTrip
+
+__all__ = ["STARTING", "MissionStart"]
+
+STARTING = frozenset({Phase.WAIT, Phase.MODE, Phase.READY, Phase.ARM, Phase.START})
+_READY_S = 180.0
+_AGAIN_S = 3.0
+_LAST_WORDS_S = 0.5
+"""ArduPilot says why after its answer."""
+_MODE_SHOWN_S = 2.5
+_MODE_SETTLES_S = 1.0
+"""So long after its mode has changed the vehicle's own checks may be those for the mode before."""
+
+
+class MissionStart:
+    """Brings a vehicle whose plans have arrived to fly its mission, sans-IO.
+
+    Without an arming gate it is armed and started at once, or after a delay. With one it is put into the mode
+    in which it arms, and asked again while it gives reasons against it that may pass.
+
+    Attributes
+    ----------
+    phase : Phase
+        How far it is; FLIGHT once the vehicle has accepted the order to start.
+    failure : tuple of Outcome and str, or None
+        Why it came to nothing.
+    """
+
+    def __init__(
+        self,
+        vehicle: tuple[int, int],
+        monitor: VehicleMonitor,
+        texts: TextLog,
+        *,
+        gate: ArmingGate | None,
+        round_trip: RoundTrip | None,
+        delay_s: float,
+    ) -> None:
+        self.phase = Phase.WAIT
+        self.failure: tuple[Outcome, str] | None = None
+        self._vehicle, self._monitor, self._texts = vehicle, monitor, texts
+        self._gate, self._round_trip, self._delay_s = gate, round_trip, delay_s
+        self._home: GeoPoint | None = None
+        self._order: Order | None = None
+        self._refusal: tuple[str, float] | None = None
+        self._arm_s = self._ready_s = math.inf
+        self._mode_s = self._again_s = -math.inf
+        self._texts_before = self._reasons_before = 0
+
+    def begin(self, home: GeoPoint | None, texts_before: int, now_s: float) -> list[Message]:
+        """Begin; the plan's home is where the vehicle has to stand, what it said before does not count."""
+        self._home, self._texts_before = home, texts_before
+        if self._gate is not None:
+            self._ready_s = now_s + _READY_S
+            return self._choose_mode(now_s)
+        if self._delay_s > 0.0:
+            self._arm_s = now_s + self._delay_s
+            return []
+        return self._arm(now_s)
+
+    def poll(self, now_s: float) -> list[Message]:
+        """Do what is due."""
+        out: list[Message] = []
+        gate, refusal = self._gate, self._refusal
+        if self.phase is Phase.WAIT and now_s >= self._arm_s:
+            out += self._arm(now_s)
+        if gate is not None and refusal is not None and now_s >= refusal[1]:
+            self._after_refusal(gate, refusal[0], now_s)
+        if gate is not None and self.phase is Phase.READY:
+            out += self._pass_gate(gate, now_s)
+        order = self._order
+        if order is not None and now_s >= order.due_s:
+            out += self._give_up(now_s) if order.is_given_up else order.send(now_s)
+        return out
+
+    def next_deadline(self) -> float:
+        """When `poll` has something to do."""
+        due_s = [self._arm_s] if self.phase is Phase.WAIT else []
+        if self.phase is Phase.READY and self._gate is not None:
+            due_s.append(self._gate.next_deadline())
+        if self._refusal is not None:
+            due_s.append(self._refusal[1])
+        if self._order is not None:
+            due_s.append(self._order.due_s)
+        return min(due_s, default=math.inf)
+
+    def on_sys_status(self, message: m.MAVLink_sys_status_message, now_s: float) -> None:
+        """Hand the vehicle's word on to the gate, where it is of the mode in which it arms."""
+        settled = now_s >= max(self._mode_s + _MODE_SETTLES_S, self._again_s)
+        if self._gate is not None and self.phase is not Phase.MODE and settled:
+            self._gate.on_sys_status(message, has_position=self._monitor.knows_position)
+
+    def on_ack(self, message: m.MAVLink_command_ack_message, now_s: float) -> list[Message]:
+        """Take the answer to the order that was given last."""
+        answer = Answer.NONE if self._order is None else self._order.answer(message, now_s)
+        if answer is Answer.NONE:
+            return []
+        self._order = None
+        if answer is Answer.REFUSED:
+            self._refused(result_name(message.result), now_s)
+            if self.phase is not Phase.START or self._gate is None:
+                return []
+            # Its motors run, and it does not fly.
+            return Order(self._vehicle, int(m.MAV_CMD_COMPONENT_ARM_DISARM), 0.0).send(now_s)
+        if self.phase is Phase.MODE:
+            self.phase, self._mode_s = Phase.READY, now_s
+        elif self.phase is Phase.ARM:
+            return self._give(Phase.START, m.MAV_CMD_MISSION_START, now_s, 0.0, 0.0)
+        elif self.phase is Phase.START:
+            self.phase = Phase.FLIGHT
+        return []
+
+    def _pass_gate(self, gate: ArmingGate, now_s: float) -> list[Message]:
+        """Go on when the vehicle can arm and the operator agrees, or end it."""
+        if gate.stage is Stage.REFUSED:
+            self.failure = Outcome.NOT_STARTED, "the operator did not let it start"
+        elif gate.stage is Stage.CHECKING and now_s >= self._ready_s:
+            why = "; ".join(gate.reasons) or f"it did not say that it can arm in {_READY_S:.0f} s"
+            if self._again_s > -math.inf:
+                # Asked, it has refused: its last word counts.
+                why = self._texts.last_warning(why, self._texts_before)
+            self.failure = Outcome.ARMING_REFUSED, why
+        elif gate.stage is not Stage.CHECKING and self._away_m > FARTHEST_M:
+            text = f"the vehicle stands {self._away_m:.0f} m from the start of its plan"
+            self.failure = Outcome.NOT_STARTED, text
+        elif gate.stage is Stage.GRANTED and self._is_in_other_mode(now_s):
+            gate.check_again(now_s)
+            return self._choose_mode(now_s)
+        elif gate.stage is Stage.GRANTED:
+            self._texts_before, self._reasons_before = len(self._texts.texts), gate.told
+            return self._arm(now_s)
+        elif gate.stage in (Stage.ASKING, Stage.WAITING):
+            self._ready_s = now_s + _READY_S
+        return gate.poll(now_s)
+
+    def _choose_mode(self, now_s: float) -> list[Message]:
+        """Choose the mode in which the vehicle arms, if it has one, and wait until it can."""
+        mode = arming_mode(self._monitor.autopilot, self._monitor.vehicle_type)
+        if mode is None or not self._is_in_other_mode(now_s):
+            self.phase = Phase.READY
+            return []
+        return self._give(Phase.MODE, m.MAV_CMD_DO_SET_MODE, now_s, mode.base, mode.main, mode.sub)
+
+    def _is_in_other_mode(self, now_s: float) -> bool:
+        """Return whether the vehicle shows another mode than that in which it arms."""
+        name = arming_mode_name(self._monitor.autopilot, self._monitor.vehicle_type)
+        shown = now_s >= self._mode_s + _MODE_SHOWN_S
+        return name is not None and shown and self._monitor.mode != name
+
+    @property
+    def _away_m(self) -> float:
+        """How far the vehicle stands from home of its plan; 0 where it is not known."""
+        home = self._home
+        if home is None or not self._monitor.knows_position:
+            return 0.0
+        frame = LocalFrame(home.latitude_deg, home.longitude_deg)
+        return math.hypot(*self._monitor.state.position_m(frame))
+
+    def _arm(self, now_s: float) -> list[Message]:
+        return self._give(Phase.ARM, m.MAV_CMD_COMPONENT_ARM_DISARM, now_s, 1.0)
+
+    def _give(self, phase: Phase, command: int, now_s: float, *params: float) -> list[Message]:
+        self.phase = phase
+        self._order = Order(self._vehicle, command, *params, round_trip=self._round_trip)
+        return self._order.send(now_s)
+
+    def _give_up(self, now_s: float) -> list[Message]:
+        self._order = None
+        if self._gate is not None:
+            self.failure = Outcome.NO_ANSWER, f"no answer while {self.phase.value}"
+        else:
+            self._refused("no answer", now_s)
+        return []
+
+    def _refused(self, why: str, now_s: float) -> None:
+        if self._gate is not None and self.phase in (Phase.MODE, Phase.ARM):
+            self._refusal = why, now_s + _LAST_WORDS_S
+        else:
+            self._fail(self._texts.last_warning(why))
+
+    def _after_refusal(self, gate: ArmingGate, why: str, now_s: float) -> None:
+        """Wait and ask again where the vehicle gives a reason that may pass; for so long as it may take."""
+        self._refusal = None
+        if gate.told > self._reasons_before and now_s < self._ready_s:
+            self.phase, self._again_s = Phase.READY, now_s + _AGAIN_S
+            gate.check_again(now_s)
+        else:
+            self._fail(self._texts.last_warning(why, self._texts_before))
+
+    def _fail(self, why: str) -> None:
+        arming = self.phase is Phase.ARM
+        self.failure = Outcome.ARMING_REFUSED if arming else Outcome.MISSION_REJECTED, why

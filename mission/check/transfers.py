@@ -5,19 +5,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from mission.check.peer import GROUND, FailedError, Peer, needed
-from mission.check.registry import Checks
-from mission.check.sender import (
+from mission.check.peer import (
     ACK,
     ANSWERS,
+    GROUND,
     MISSION,
     RE_REQUEST_S,
     REQUESTS,
+    FailedError,
+    Peer,
     Sender,
     cancelling,
+    needed,
     require_accepted,
     told,
 )
+from mission.check.registry import Checks
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import is_a

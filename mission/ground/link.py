@@ -156,7 +156,8 @@ def download(
 ) -> tuple[Mission, TransferReport]:
     """Read mission, fence and rally points of the vehicle behind ``url``; errors as in `upload`."""
     with open_driver(url, _on_event(progress, "downloading"), None) as driver:
-        vehicle = _find(driver, wait_s, note, system_id)
+        note(f"waiting for a vehicle on {driver.endpoint.link.name}")
+        vehicle = driver.wait_for_vehicle(wait_s, system_id=system_id)
         mission, costs = driver.download()
         counts = {kind.name.lower(): len(mission.plan(kind)) for kind in MissionType}
         return mission, replace(_report(vehicle, costs), items=counts)
@@ -212,11 +213,6 @@ def _on_event(progress: ProgressCallback, what: str) -> OnEvent:
             progress(f"{what} {event.mission_type.name.lower()}", event.done, event.total)
 
     return on_event
-
-
-def _find(driver: TransferDriver, wait_s: float, note: Note, system_id: int | None = None) -> Vehicle:
-    note(f"waiting for a vehicle on {driver.endpoint.link.name}")
-    return driver.wait_for_vehicle(wait_s, system_id=system_id)
 
 
 def _report(vehicle: Vehicle, costs: Iterable[TransferStatistics]) -> TransferReport:

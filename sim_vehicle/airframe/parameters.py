@@ -30,11 +30,6 @@ class ParameterSpec:
     """Whether it is INT32 on the wire."""
 
 
-def whole(default: float, low: float, high: float, unit: str, text: str) -> ParameterSpec:
-    """Return a parameter that is INT32 on the wire."""
-    return ParameterSpec(default, low, high, unit, text, integer=True)
-
-
 def parameter_value(spec: VehicleSpec, name: str, table: Mapping[str, ParameterSpec]) -> float:
     """Return the value of a parameter for a vehicle: its own, or the default.
 

@@ -1,8 +1,8 @@
 """Parameters of a firmware: as MAVLink has them, what they change in a vehicle, all of the real one.
 
-The lists of the real ones are tables in ``lists/``: name, type, default, documented range, unit. Each begins
-with a note of where its facts are from. What an autopilot tells of its parameters besides is in tables of
-their own, which are read when somebody asks.
+Lists are tables in ``lists/``: name, type, default, documented range, unit. Each begins with a note of where
+its facts are from. What moves a vehicle has a table of its own, with a few words on each. What an autopilot
+tells of its parameters besides is in tables that are read when somebody asks.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from importlib.resources import files
 from typing import TYPE_CHECKING
 
 from mission.link.codec.dialect import mavlink as m
+from sim_vehicle.airframe.parameters import ParameterSpec
 
 if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
@@ -26,6 +27,7 @@ __all__ = [
     "ParameterDetails",
     "RuntimeParameters",
     "Setting",
+    "motion_parameters",
     "parameter_details",
     "reference_parameters",
 ]
@@ -216,6 +218,27 @@ def reference_parameters(name: str, without: tuple[str, ...] = ()) -> tuple[MavP
     ['GF_MAX_HOR_DIST', 'GF_MAX_VER_DIST']
     """
     return tuple(_parameter(row) for row in _rows(name) if not row["name"].startswith(without))
+
+
+def motion_parameters(name: str) -> Mapping[str, ParameterSpec]:
+    """Read the parameters with which a firmware moves a vehicle, by their names.
+
+    Examples
+    --------
+    >>> motion_parameters("arduplane-motion")["TKOFF_ALT"]
+    ParameterSpec(default=50.0, low=0.0, high=200.0, unit='m', text='take-off height', integer=False)
+    """
+    return {
+        row["name"]: ParameterSpec(
+            float(row["default"]),
+            float(row["low"]),
+            float(row["high"]),
+            row["unit"],
+            row["text"],
+            integer=row["type"] != "float",
+        )
+        for row in _rows(name)
+    }
 
 
 @cache

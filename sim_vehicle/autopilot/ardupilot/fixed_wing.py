@@ -1,9 +1,4 @@
-"""ArduPlane: its parameters that move a fixed wing, its take-off and its return.
-
-Names, defaults and ranges are those of ArduPlane 4.6 and 4.7 (``Parameters.cpp``, ``AP_TECS.cpp``,
-``AP_L1_Control.cpp``, ``AP_Landing.cpp``). RLL2SRV_TCONST and PTCH2SRV_TCONST go down to 0.1 s: ArduPilot's
-own simulator has 0.25 s.
-"""
+"""ArduPlane: what it makes of its parameters that move a fixed wing, its take-off and its return."""
 
 from __future__ import annotations
 
@@ -11,14 +6,12 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from sim_vehicle.airframe.parameters import ParameterSpec, whole
+from sim_vehicle.autopilot.parameters import motion_parameters
 from sim_vehicle.autopilot.procedures import FixedWingProcedures, airspeeds_in_order
 from sim_vehicle.motion.fixed_wing.layout import STOPPED_M_S
 from sim_vehicle.motion.legs import Circle, Leg, LegKind
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.fixed_wing.limits import ArduPlaneControl, FixedWingLimits
     from sim_vehicle.motion.legs import Position
@@ -30,85 +23,13 @@ _ANY_RATE = 180.0
 # It seems to fly until its ground speed is below this, and a filter has noticed that (``is_flying.cpp``).
 _SEEMS_TO_FLY_M_S = 1.5
 _NOTICES_S = 2.9
-PARAMETERS: Mapping[str, ParameterSpec] = {
-    "AIRSPEED_CRUISE": ParameterSpec(12.0, 1.0, 100.0, "m/s", "cruise airspeed"),
-    "AIRSPEED_MAX": ParameterSpec(22.0, 5.0, 100.0, "m/s", "greatest airspeed"),
-    "AIRSPEED_MIN": ParameterSpec(9.0, 5.0, 100.0, "m/s", "least airspeed"),
-    "ALT_SLOPE_MIN": whole(15.0, 0.0, 1000.0, "m", "least change of height that is made along the leg"),
-    "LAND_DISARMDELAY": whole(20.0, 0.0, 127.0, "s", "from the end of a landing to disarming"),
-    "LAND_FLARE_AIM": whole(
-        50.0, 0.0, 100.0, "%", "weight of the sink of the flare when its length is planned"
-    ),
-    "LAND_FLARE_ALT": ParameterSpec(3.0, 0.0, 30.0, "m", "flare height"),
-    "LAND_FLARE_SEC": ParameterSpec(2.0, 0.0, 10.0, "s", "flare time"),
-    "LAND_PF_ALT": ParameterSpec(10.0, 0.0, 30.0, "m", "height below which the pre-flare airspeed holds"),
-    "LAND_PF_ARSPD": ParameterSpec(0.0, 0.0, 30.0, "m/s", "pre-flare airspeed, 0 for none"),
-    "LAND_PF_SEC": ParameterSpec(6.0, 0.0, 10.0, "s", "time before the ground at which the pre-flare begins"),
-    "LAND_PITCH_DEG": ParameterSpec(0.0, -20.0, 20.0, "deg", "least pitch at the touch-down"),
-    "LAND_WIND_COMP": whole(50.0, 0.0, 100.0, "%", "share of the head wind added to the landing airspeed"),
-    "LEVEL_ROLL_LIMIT": whole(5.0, 0.0, 45.0, "deg", "bank near the ground"),
-    "MIN_GROUNDSPEED": ParameterSpec(0.0, 0.0, 100.0, "m/s", "least ground speed"),
-    "NAVL1_DAMPING": ParameterSpec(0.75, 0.6, 1.0, "", "damping of L1"),
-    "NAVL1_PERIOD": ParameterSpec(17.0, 1.0, 60.0, "s", "period of L1"),
-    "NAVL1_XTRACK_I": ParameterSpec(0.02, 0.0, 0.1, "", "integral of the cross-track angle"),
-    "PTCH2SRV_RMAX_DN": ParameterSpec(
-        0.0, 0.0, 100.0, "deg/s", "greatest rate of the pitch, down, 0 for none"
-    ),
-    "PTCH2SRV_RMAX_UP": ParameterSpec(0.0, 0.0, 100.0, "deg/s", "greatest rate of the pitch, up, 0 for none"),
-    "PTCH2SRV_TCONST": ParameterSpec(0.5, 0.1, 1.0, "s", "time constant of the pitch"),
-    "PTCH_RATE_FF": ParameterSpec(0.345, 0.0, 3.0, "", "elevator for the demanded rate of the pitch"),
-    "PTCH_RATE_I": ParameterSpec(0.15, 0.0, 0.6, "", "gain of the integral of the rate of the pitch"),
-    "PTCH_RATE_P": ParameterSpec(0.04, 0.0, 0.35, "", "gain of the error of the rate of the pitch"),
-    "PTCH_LIM_MAX_DEG": ParameterSpec(20.0, 0.0, 90.0, "deg", "greatest pitch"),
-    "PTCH_LIM_MIN_DEG": ParameterSpec(-25.0, -90.0, 0.0, "deg", "least pitch"),
-    "RLL2SRV_RMAX": whole(0.0, 0.0, 180.0, "deg/s", "greatest roll rate, 0 for none"),
-    "RLL2SRV_TCONST": ParameterSpec(0.5, 0.1, 1.0, "s", "time constant of the roll"),
-    "ROLL_LIMIT_DEG": ParameterSpec(45.0, 0.0, 90.0, "deg", "greatest bank"),
-    "RTL_ALTITUDE": ParameterSpec(100.0, -1.0, 5000.0, "m", "height of the return, -1 keeps the height"),
-    "RTL_AUTOLAND": whole(0.0, 0.0, 4.0, "", "1, 2: land as the mission does"),
-    "RTL_RADIUS": whole(0.0, -32767.0, 32767.0, "m", "radius over home, 0: WP_LOITER_RAD"),
-    "SCALING_SPEED": ParameterSpec(15.0, 1.0, 60.0, "m/s", "airspeed that the control gains are for"),
-    "TECS_CLMB_MAX": ParameterSpec(5.0, 0.1, 20.0, "m/s", "climb rate at full throttle"),
-    "TECS_FLARE_HGT": ParameterSpec(1.0, 0.0, 15.0, "m", "height below which the sink of the flare is held"),
-    "TECS_HDEM_TCONST": ParameterSpec(3.0, 1.0, 5.0, "s", "time constant of the height demand"),
-    "TECS_INTEG_GAIN": ParameterSpec(0.3, 0.0, 0.5, "", "gain of the integrals"),
-    "TECS_LAND_ARSPD": ParameterSpec(-1.0, -1.0, 127.0, "m/s", "landing airspeed"),
-    "TECS_LAND_DAMP": ParameterSpec(0.5, 0.1, 1.0, "", "damping of the pitch in the flare"),
-    "TECS_LAND_PMAX": whole(10.0, -5.0, 40.0, "deg", "greatest pitch in the flare"),
-    "TECS_LAND_SINK": ParameterSpec(0.25, 0.0, 2.0, "m/s", "sink rate in the flare"),
-    "TECS_LAND_SPDWGT": ParameterSpec(-1.0, -1.0, 2.0, "", "weight of the airspeed in a landing, -1 fades"),
-    "TECS_LAND_TCONST": ParameterSpec(2.0, 1.0, 5.0, "s", "time constant in a landing"),
-    "TECS_PITCH_MAX": whole(15.0, 0.0, 45.0, "deg", "greatest pitch, 0: PTCH_LIM_MAX_DEG"),
-    "TECS_PITCH_MIN": whole(0.0, -45.0, 0.0, "deg", "least pitch, 0: PTCH_LIM_MIN_DEG"),
-    "TECS_PTCH_DAMP": ParameterSpec(0.3, 0.1, 1.0, "", "damping of the pitch"),
-    "TECS_RLL2THR": ParameterSpec(10.0, 5.0, 30.0, "", "throttle for turns"),
-    "TECS_SINK_MAX": ParameterSpec(5.0, 0.0, 20.0, "m/s", "greatest sink rate"),
-    "TECS_SINK_MIN": ParameterSpec(2.0, 0.1, 10.0, "m/s", "sink rate without throttle"),
-    "TECS_SPDWEIGHT": ParameterSpec(1.0, 0.0, 2.0, "", "weight of the airspeed against the height"),
-    "TECS_THR_DAMP": ParameterSpec(0.5, 0.1, 1.0, "", "damping of the throttle"),
-    "TECS_THR_ERATE": ParameterSpec(20.0, 0.0, 500.0, "%/s", "rate of the throttle after the climb-out"),
-    "TECS_TIME_CONST": ParameterSpec(5.0, 3.0, 10.0, "s", "time constant of height and airspeed"),
-    "TECS_VERT_ACC": ParameterSpec(7.0, 1.0, 10.0, "m/s^2", "vertical acceleration"),
-    "THR_MAX": whole(100.0, 0.0, 100.0, "%", "greatest throttle"),
-    "THR_MIN": whole(0.0, -100.0, 100.0, "%", "least throttle"),
-    "THR_SLEWRATE": whole(100.0, 0.0, 500.0, "%/s", "rate of the throttle, 0 for any"),
-    "TKOFF_ALT": ParameterSpec(50.0, 0.0, 200.0, "m", "take-off height"),
-    "TKOFF_LVL_ALT": ParameterSpec(10.0, 0.0, 50.0, "m", "height up to which the wings stay level"),
-    "TKOFF_PLIM_SEC": whole(2.0, 0.0, 10.0, "s", "time before the height at which the climb-out levels off"),
-    "TKOFF_ROTATE_SPD": ParameterSpec(0.0, 0.0, 100.0, "m/s", "airspeed at which a runway is left"),
-    "TKOFF_THR_DELAY": whole(2.0, 0.0, 127.0, "ds", "before the motor starts"),
-    "TKOFF_THR_MAX": whole(0.0, 0.0, 100.0, "%", "throttle of the climb-out, 0: THR_MAX"),
-    "TRIM_THROTTLE": whole(45.0, 0.0, 100.0, "%", "throttle of level flight"),
-    "WP_LOITER_RAD": whole(60.0, -32767.0, 32767.0, "m", "radius of circles, positive clockwise"),
-    "WP_RADIUS": whole(90.0, 1.0, 32767.0, "m", "acceptance radius"),
-}
 
 
 class ArduPlane(FixedWingProcedures):
     """See `sim_vehicle.autopilot.procedures.FixedWingProcedures`."""
 
     name = "ardupilot"
-    parameters = PARAMETERS
+    parameters = motion_parameters("arduplane-motion")
     least_airspeed = "AIRSPEED_MIN"
     takeoff_height = "TKOFF_ALT"
     return_height = "RTL_ALTITUDE"

@@ -1,8 +1,4 @@
-"""ArduPilot's Rover: its parameters and limits.
-
-Names, defaults and ranges are those of Rover 4.6 (``AR_WPNav``, ``AR_PivotTurn``, ``AR_PosControl``,
-``AR_AttitudeControl``, ``AP_MotorsUGV``).
-"""
+"""ArduPilot's Rover: what it makes of its parameters."""
 
 from __future__ import annotations
 
@@ -10,14 +6,12 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from sim_vehicle.airframe.parameters import ParameterSpec, whole
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
+from sim_vehicle.autopilot.parameters import motion_parameters
 from sim_vehicle.autopilot.procedures import RoverProcedures
 from sim_vehicle.motion.legs import Leg, LegKind
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.ardurover.model import DriveLaw
     from sim_vehicle.motion.legs import Position
@@ -38,47 +32,13 @@ _ANY_ACCELERATION = 20.0
 # How fast speed follows the throttle, and turns of tracks what is asked for: those of ArduPilot's simulator.
 _DRIVE_LAG_S = 20.0 / 10.0
 _TRACK_LAG_S = 0.2
-PARAMETERS: Mapping[str, ParameterSpec] = {
-    "ATC_ACCEL_MAX": ParameterSpec(1.0, 0.0, 10.0, "m/s^2", "acceleration"),
-    "ATC_DECEL_MAX": ParameterSpec(0.0, 0.0, 10.0, "m/s^2", "deceleration, 0: as the acceleration"),
-    "ATC_SPEED_FLTE": ParameterSpec(10.0, 0.0, 100.0, "Hz", "filter of the throttle's error"),
-    "ATC_SPEED_I": ParameterSpec(0.2, 0.0, 2.0, "", "throttle, integrator"),
-    "ATC_SPEED_IMAX": ParameterSpec(1.0, 0.0, 1.0, "", "throttle, greatest integrator"),
-    "ATC_SPEED_P": ParameterSpec(0.2, 0.01, 2.0, "", "throttle over error of speed"),
-    "ATC_STOP_SPEED": ParameterSpec(0.1, 0.0, 0.5, "m/s", "speed that counts as standing"),
-    "ATC_STR_ACC_MAX": ParameterSpec(120.0, 0.0, 1000.0, "deg/s^2", "angular acceleration, 0: any"),
-    "ATC_STR_ANG_P": ParameterSpec(2.0, 1.0, 10.0, "1/s", "rate of turning over error of heading"),
-    "ATC_STR_RAT_FF": ParameterSpec(0.2, 0.0, 3.0, "", "steering over rate of turning"),
-    "ATC_STR_RAT_FLTE": ParameterSpec(10.0, 0.0, 100.0, "Hz", "filter of the steering's error"),
-    "ATC_STR_RAT_I": ParameterSpec(0.2, 0.0, 2.0, "", "steering, integrator"),
-    "ATC_STR_RAT_IMAX": ParameterSpec(1.0, 0.0, 1.0, "", "steering, greatest integrator"),
-    "ATC_STR_RAT_MAX": ParameterSpec(120.0, 0.0, 1000.0, "deg/s", "rate of turning"),
-    "ATC_STR_RAT_P": ParameterSpec(0.2, 0.0, 2.0, "", "steering over error of the rate of turning"),
-    "ATC_TURN_MAX_G": ParameterSpec(0.6, 0.1, 10.0, "g", "lateral acceleration"),
-    "CRUISE_SPEED": ParameterSpec(2.0, 0.0, 100.0, "m/s", "speed at CRUISE_THROTTLE"),
-    "CRUISE_THROTTLE": whole(50.0, 0.0, 100.0, "%", "throttle at CRUISE_SPEED"),
-    "MOT_SPD_SCA_BASE": ParameterSpec(1.0, 0.0, 10.0, "m/s", "speed above which less is steered, 0: none"),
-    "PSC_POS_P": ParameterSpec(0.2, 0.01, 2.0, "1/s", "velocity over error of position"),
-    "PSC_VEL_FLTE": ParameterSpec(5.0, 0.0, 100.0, "Hz", "filter of the velocity's error"),
-    "PSC_VEL_P": ParameterSpec(1.0, 0.1, 6.0, "1/s", "acceleration over error of velocity"),
-    "RTL_SPEED": ParameterSpec(0.0, 0.0, 100.0, "m/s", "speed of a return, 0: WP_SPEED"),
-    "SERVO1_FUNCTION": whole(26.0, 0.0, 200.0, "", "26 steering, 73 skid steering"),
-    "TURN_RADIUS": ParameterSpec(0.9, 0.0, 10.0, "m", "tightest turn"),
-    "WP_ACCEL": ParameterSpec(0.0, 0.0, 100.0, "m/s^2", "acceleration of the path, 0: ATC_ACCEL_MAX"),
-    "WP_JERK": ParameterSpec(0.0, 0.0, 100.0, "m/s^3", "jerk of the path, 0: as the acceleration"),
-    "WP_PIVOT_ANGLE": whole(60.0, 0.0, 360.0, "deg", "error at which it turns on the spot"),
-    "WP_PIVOT_DELAY": ParameterSpec(0.0, 0.0, 60.0, "s", "pause after a turn on the spot"),
-    "WP_PIVOT_RATE": whole(60.0, 0.0, 360.0, "deg/s", "rate of turning on the spot"),
-    "WP_RADIUS": ParameterSpec(2.0, 0.1, 100.0, "m", "radius of waypoints"),
-    "WP_SPEED": ParameterSpec(2.0, 0.1, 100.0, "m/s", "speed"),
-}
 
 
 class ArduRover(RoverProcedures):
     """See `sim_vehicle.autopilot.procedures.RoverProcedures`."""
 
     name = "ardupilot"
-    parameters = PARAMETERS
+    parameters = motion_parameters("rover-motion")
 
     def fit(self, spec: VehicleSpec) -> VehicleSpec:
         """Vehicle with the speeds and the radius that parameters decide."""

@@ -1,86 +1,27 @@
-"""PX4 with a fixed wing: its parameters, its take-off and its return.
-
-Names, defaults and ranges are those of PX4 1.16 and 1.17 (``fw_lat_long_params.yaml``,
-``fw_mode_manager_params.yaml``, ``performance_model_params.c``, ``rc.fw_defaults``, navigator).
-"""
+"""PX4 with a fixed wing: what it makes of its parameters, its take-off and its return."""
 
 from __future__ import annotations
 
 import math
 from typing import TYPE_CHECKING
 
-from sim_vehicle.airframe.parameters import ParameterSpec, whole
+from sim_vehicle.autopilot.parameters import motion_parameters
 from sim_vehicle.autopilot.procedures import FixedWingProcedures, airspeeds_in_order
 from sim_vehicle.motion.legs import KEEP, Circle, Leg, LegKind
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.fixed_wing.limits import FixedWingLimits
     from sim_vehicle.motion.legs import Position
 
 __all__ = ["PX4_FIXED_WING"]
 
-PARAMETERS: Mapping[str, ParameterSpec] = {
-    "FW_AIRSPD_MAX": ParameterSpec(20.0, 0.5, 100.0, "m/s", "greatest airspeed"),
-    "FW_AIRSPD_MIN": ParameterSpec(10.0, 0.5, 100.0, "m/s", "least airspeed"),
-    "FW_AIRSPD_TRIM": ParameterSpec(15.0, 0.5, 100.0, "m/s", "cruise airspeed"),
-    "FW_GND_SPD_MIN": ParameterSpec(5.0, 0.0, 40.0, "m/s", "least ground speed"),
-    "FW_LND_AIRSPD": ParameterSpec(-1.0, -1.0, 100.0, "m/s", "landing airspeed"),
-    "FW_LND_ANG": ParameterSpec(5.0, 1.0, 45.0, "deg", "steepest landing slope"),
-    "FW_LND_FLALT": ParameterSpec(0.5, 0.0, 100.0, "m", "flare height"),
-    "FW_LND_FL_SINK": ParameterSpec(0.25, 0.0, 2.0, "m/s", "sink rate in the flare"),
-    "FW_LND_FL_TIME": ParameterSpec(1.0, 0.1, 5.0, "s", "flare time"),
-    "FW_PN_R_SLEW_MAX": ParameterSpec(90.0, 0.0, 1000.0, "deg/s", "rate of the bank set-point"),
-    "FW_R_LIM": ParameterSpec(50.0, 35.0, 75.0, "deg", "greatest bank"),
-    "FW_R_RMAX": ParameterSpec(70.0, 0.0, 1000.0, "deg/s", "greatest roll rate"),
-    "FW_R_TC": ParameterSpec(0.4, 0.2, 1.0, "s", "time constant of the roll"),
-    "FW_THR_TRIM": ParameterSpec(0.6, 0.0, 1.0, "", "throttle of level flight at the cruise airspeed"),
-    "FW_TKO_AIRSPD": ParameterSpec(-1.0, -1.0, 100.0, "m/s", "take-off airspeed"),
-    "FW_T_ALT_TC": ParameterSpec(5.0, 2.0, 100.0, "s", "time constant of the height"),
-    "FW_T_CLMB_MAX": ParameterSpec(5.0, 1.0, 15.0, "m/s", "climb rate at full throttle"),
-    "FW_T_CLMB_R_SP": ParameterSpec(3.0, 0.1, 15.0, "m/s", "climb rate"),
-    "FW_T_HRATE_FF": ParameterSpec(0.3, 0.0, 1.0, "", "share of a demanded climb rate without lag"),
-    "FW_T_RLL2THR": ParameterSpec(15.0, 0.0, 20.0, "", "throttle for turns"),
-    "FW_T_SINK_MAX": ParameterSpec(5.0, 1.0, 15.0, "m/s", "greatest sink rate"),
-    "FW_T_SINK_MIN": ParameterSpec(2.0, 1.0, 5.0, "m/s", "sink rate without throttle"),
-    "FW_T_SINK_R_SP": ParameterSpec(2.0, 0.1, 15.0, "m/s", "sink rate"),
-    "FW_T_STE_R_TC": ParameterSpec(0.4, 0.0, 2.0, "s", "filter of the energy rate"),
-    "FW_T_TAS_TC": ParameterSpec(5.0, 2.0, 100.0, "s", "time constant of the airspeed"),
-    "FW_T_THR_DAMPING": ParameterSpec(0.05, 0.0, 1.0, "", "damping of the throttle"),
-    "FW_T_THR_INTEG": ParameterSpec(0.02, 0.0, 1.0, "", "gain of the integral of the throttle"),
-    "FW_T_VERT_ACC": ParameterSpec(7.0, 1.0, 10.0, "m/s^2", "vertical acceleration"),
-    "MIS_TAKEOFF_ALT": ParameterSpec(30.0, 0.0, 500.0, "m", "take-off height"),
-    "NAV_ACC_RAD": ParameterSpec(10.0, 0.05, 200.0, "m", "least acceptance radius"),
-    "NAV_FW_ALTL_RAD": ParameterSpec(5.0, 0.05, 200.0, "m", "tolerance of the height before a landing"),
-    "NAV_FW_ALT_RAD": ParameterSpec(10.0, 0.05, 200.0, "m", "tolerance of heights"),
-    "NAV_LOITER_RAD": ParameterSpec(80.0, -1000.0, 1000.0, "m", "radius of circles, positive clockwise"),
-    "NPFG_DAMPING": ParameterSpec(0.7, 0.1, 1.0, "", "damping of the path guidance"),
-    "NPFG_PERIOD": ParameterSpec(10.0, 1.0, 100.0, "s", "period of the path guidance"),
-    "NPFG_SW_DST_MLT": ParameterSpec(0.32, 0.1, 1.0, "", "share of the track error bound to turn at"),
-    "RTL_DESCEND_ALT": ParameterSpec(100.0, 0.0, 500.0, "m", "height of the circle over home"),
-    "RTL_LAND_DELAY": ParameterSpec(
-        -1.0, -1.0, 3600.0, "s", "circling over home before landing, -1 for ever"
-    ),
-    "RTL_LOITER_RAD": ParameterSpec(80.0, 25.0, 1000.0, "m", "radius of the circle over home"),
-    "RTL_RETURN_ALT": ParameterSpec(100.0, 0.0, 500.0, "m", "return altitude"),
-    "RTL_TYPE": whole(0.0, 0.0, 5.0, "", "1, 2: land as the mission does"),
-    "RWTO_TKOFF": whole(0.0, 0.0, 1.0, "", "take-off from a runway"),
-    "RWTO_MAX_THR": ParameterSpec(1.0, 0.0, 1.0, "", "throttle of the take-off roll"),
-    "RWTO_RAMP_TIME": ParameterSpec(2.0, 1.0, 15.0, "s", "rise of the throttle of the take-off roll"),
-    "RWTO_ROT_AIRSPD": ParameterSpec(
-        -1.0, -1.0, 100.0, "m/s", "airspeed at which the ground is left, -1: 0.9 of that of the take-off"
-    ),
-    "RWTO_ROT_TIME": ParameterSpec(1.0, 0.1, 10.0, "s", "from lift-off to the climb-out"),
-}
-
 
 class Px4FixedWing(FixedWingProcedures):
     """See `sim_vehicle.autopilot.procedures.FixedWingProcedures`."""
 
     name = "px4"
-    parameters = PARAMETERS
+    parameters = motion_parameters("px4-fixed-wing-motion")
     least_airspeed = "FW_AIRSPD_MIN"
     takeoff_height = "MIS_TAKEOFF_ALT"
     return_height = "RTL_RETURN_ALT"

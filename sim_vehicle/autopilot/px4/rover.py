@@ -1,9 +1,4 @@
-"""PX4 with a rover: its parameters and limits.
-
-Names, defaults and ranges are those of PX4 1.16 and 1.17 (``rovercontrol_params.yaml``, ``rover_ackermann``
-and ``rover_differential`` modules, ``pure_pursuit``). Where PX4 has no default because rovers differ, the
-value of the vehicle holds.
-"""
+"""PX4 with a rover: what it makes of its parameters."""
 
 from __future__ import annotations
 
@@ -11,8 +6,8 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from sim_vehicle.airframe.parameters import ParameterSpec, whole
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
+from sim_vehicle.autopilot.parameters import motion_parameters
 from sim_vehicle.autopilot.procedures import RoverProcedures
 
 if TYPE_CHECKING:
@@ -35,57 +30,13 @@ _SIH_WHEEL_BASE_M = 0.321
 _SIH_STEERING_RAD = math.radians(30.0)
 _SIH_STIFFNESS_N_RAD = 500.0
 _SIH_STEPS = 10.0 / 4.0
-PARAMETERS: Mapping[str, ParameterSpec] = {
-    "CA_AIRFRAME": whole(5.0, 5.0, 6.0, "", "5 Ackermann, 6 differential"),
-    "NAV_ACC_RAD": ParameterSpec(0.5, 0.05, 200.0, "m", "least acceptance radius"),
-    "PP_LOOKAHD_GAIN": ParameterSpec(1.0, 0.1, 100.0, "s", "look-ahead over speed"),
-    "PP_LOOKAHD_MAX": ParameterSpec(10.0, 0.1, 100.0, "m", "greatest look-ahead"),
-    "PP_LOOKAHD_MIN": ParameterSpec(1.0, 0.1, 100.0, "m", "least look-ahead"),
-    "RA_ACC_RAD_GAIN": ParameterSpec(2.0, 1.0, 100.0, "", "corner cutting"),
-    "RA_ACC_RAD_MAX": ParameterSpec(3.0, -1.0, 100.0, "m", "greatest acceptance radius, -1 cuts no corner"),
-    "RA_MAX_STR_ANG": ParameterSpec(0.5236, 0.1, 1.5, "rad", "greatest steering angle"),
-    "RA_WHEEL_BASE": ParameterSpec(0.5, 0.001, 100.0, "m", "wheel base"),
-    "RD_TRANS_DRV_TRN": ParameterSpec(0.174533, 0.001, 3.14159, "rad", "error at which it turns on the spot"),
-    "RD_TRANS_TRN_DRV": ParameterSpec(0.0872665, 0.001, 3.14159, "rad", "error at which it drives on"),
-    "RA_STR_RATE_LIM": ParameterSpec(
-        -1.0, -1.0, 1000.0, "deg/s", "change of the simulated rover's steering, -1: any"
-    ),
-    "RO_ACCEL_LIM": ParameterSpec(-1.0, -1.0, 100.0, "m/s^2", "acceleration, -1: the vehicle's"),
-    "RO_DECEL_LIM": ParameterSpec(-1.0, -1.0, 100.0, "m/s^2", "deceleration, -1: the vehicle's"),
-    "RO_JERK_LIM": ParameterSpec(-1.0, -1.0, 100.0, "m/s^3", "jerk of slowing down, -1: any"),
-    "RO_MAX_THR_SPEED": ParameterSpec(0.0, 0.0, 100.0, "m/s", "speed at full throttle, 0: RO_SPEED_LIM"),
-    "RO_SPEED_I": ParameterSpec(0.0, 0.0, 100.0, "", "throttle, integrator"),
-    "RO_SPEED_LIM": ParameterSpec(-1.0, -1.0, 100.0, "m/s", "speed, -1: the vehicle's"),
-    "RO_SPEED_P": ParameterSpec(0.0, 0.0, 100.0, "", "throttle over error of speed"),
-    "RO_SPEED_RED": ParameterSpec(
-        -1.0, -1.0, 100.0, "", "slowing down at corners, -1: what the lateral acceleration allows"
-    ),
-    "RO_YAW_ACCEL_LIM": ParameterSpec(-1.0, -1.0, 10000.0, "deg/s^2", "angular acceleration, -1: any"),
-    "RO_YAW_P": ParameterSpec(
-        0.0, 0.0, 100.0, "1/s", "rate of turning over error of heading, 0: the bend of pure pursuit"
-    ),
-    "RO_YAW_RATE_CORR": ParameterSpec(
-        1.0, 0.01, 10000.0, "", "steering of the simulated rover over rate of turning, feed-forward"
-    ),
-    "RO_YAW_RATE_I": ParameterSpec(0.0, 0.0, 100.0, "", "the same, integrator"),
-    "RO_YAW_RATE_LIM": ParameterSpec(0.0, 0.0, 10000.0, "deg/s", "rate of turning, 0: the vehicle's"),
-    "RO_YAW_RATE_P": ParameterSpec(0.0, 0.0, 100.0, "", "steering over error of the rate of turning"),
-    "SIH_IZZ": ParameterSpec(0.03, 0.0, 1000.0, "kg m^2", "moment of inertia of the simulated rover"),
-    "SIH_KDV": ParameterSpec(1.0, 0.0, 1000.0, "N s^2/m^2", "drag of the simulated rover"),
-    "SIH_KDW": ParameterSpec(0.025, 0.0, 100.0, "N m s", "damping of turns of the simulated rover"),
-    "SIH_LOC_LAT0": ParameterSpec(47.397742, -90.0, 90.0, "deg", "latitude of the simulated rover"),
-    "SIH_LOC_LON0": ParameterSpec(8.545594, -180.0, 180.0, "deg", "longitude of the simulated rover"),
-    "SIH_MASS": ParameterSpec(1.0, 0.02, 1000.0, "kg", "mass of the simulated rover"),
-    "SIH_T_TAU": ParameterSpec(0.05, 0.001, 100.0, "s", "lag of the simulated rover"),
-    "SIH_VEHICLE_TYPE": whole(0.0, 0.0, 5.0, "", "5: the vehicle is the rover of PX4's simulator"),
-}
 
 
 class Px4Rover(RoverProcedures):
     """See `sim_vehicle.autopilot.procedures.RoverProcedures`."""
 
     name = "px4"
-    parameters = PARAMETERS
+    parameters = motion_parameters("px4-rover-motion")
 
     def fit(self, spec: VehicleSpec) -> VehicleSpec:
         """Vehicle with the speeds and the radius that parameters decide."""

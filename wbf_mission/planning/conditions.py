@@ -79,7 +79,13 @@ def wind_of(
         return mean
     # With and against the wind the vehicle flies at this airspeed on average (root of the mean square).
     airspeed_m_s = max(_SLOWEST_M_S, math.hypot(level.speed_m_s, *mean.mean_at(level.altitude_m)))
-    turbulence = Turbulence(_w20_m_s(weather.turbulence, mean), level.altitude_m, airspeed_m_s)
+    # The wind at 20 ft decides the turbulence: that of a level, of the mean wind, or as given.
+    w20_m_s = weather.turbulence
+    if w20_m_s == "wind":
+        w20_m_s = math.hypot(*mean.mean_at(REFERENCE_M))
+    elif isinstance(w20_m_s, str):
+        w20_m_s = LEVELS_W20_M_S[w20_m_s]
+    turbulence = Turbulence(w20_m_s, level.altitude_m, airspeed_m_s)
     return Wind(
         mean.east_m_s,
         mean.north_m_s,
@@ -88,13 +94,6 @@ def wind_of(
         shear=shear,
         turbulence=turbulence,
     )
-
-
-def _w20_m_s(given: str | float, mean: Wind) -> float:
-    """Return the wind at 20 ft that decides the turbulence: of a level, of the mean wind, or as given."""
-    if given == "wind":
-        return math.hypot(*mean.mean_at(REFERENCE_M))
-    return LEVELS_W20_M_S[given] if isinstance(given, str) else given
 
 
 def noise_of(

@@ -38,31 +38,17 @@ class Campaign:
     is believed of them. A flight that the policy does not find worth making is not made, after the first one;
     what is believed holds for as long.
 
-    Parameters
-    ----------
-    progress : callable
-        Progress.
-
     Attributes
     ----------
-    flights : list of FlightRecord
-        What is over.
-    days : list of DayRecord
+    flights, days : list
         What is over.
     maps : tuple of FieldMap
         The estimate at the end of the last of these days, in blocks of cells.
-    decisions : list of DecisionRecord
     truth : float32[n, W, H] or None
         Of the day that is flown.
     """
 
-    def __init__(
-        self,
-        run: Run,
-        *,
-        progress: Progress,
-        watch: Stopwatch,
-    ) -> None:
+    def __init__(self, run: Run, *, progress: Progress, watch: Stopwatch) -> None:
         self.run = run
         self.decisions: list[DecisionRecord] = []
         self.flights: list[FlightRecord] = []

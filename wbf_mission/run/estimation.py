@@ -163,28 +163,13 @@ class RunEstimate:
     it, and at its end. Those of a flight that is not made are scored by what is believed (`hold`). On later
     days, what is believed before anything was seen is scored first.
 
-    Parameters
-    ----------
-    estimator : Estimator
-        Already fitted to the farm.
-    score : RunningScore
-        Knows the truth, which the estimator does not.
-    every : int
-        The estimate is scored after each `every` observations of a flight.
-    day : int
-        The first day.
-
     Attributes
     ----------
-    day : int
-        The one that is estimated.
     history : ScoreHistory
         The scores so far; complete after `end_flight`.
     model : InformationModel or None
         The latest scored estimate, valid after `end_flight`; its arrays may be the estimator's own, which
         change with the next observations.
-    estimate_s, score_s : float
-        Wall seconds that estimator and score took.
     """
 
     def __init__(self, estimator: Estimator, score: RunningScore, every: int = 1, day: int = 0) -> None:

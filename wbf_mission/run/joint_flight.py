@@ -41,23 +41,14 @@ class JointFlight:
 
     Parameters
     ----------
-    sorties : sequence of Sortie
     decisions : DecisionLoop
         Already asked for the first paths.
-    evidence : Evidence
-        Takes what is seen.
-    host : FlightHost
-        Runs the components of the sorties.
-    expected_s : float
-        About how long the flight takes.
     offset_s : float
         When the flight begins, in seconds since the beginning of the run.
     pace : float or None
         Simulated seconds per wall second.
     attendant : Attendant or None
         Who stands by; without, a flight that takes far too long is given up.
-    progress : callable
-        Progress.
     """
 
     def __init__(

@@ -358,13 +358,7 @@ def can_fly_ahead(run: Run, hosting: Hosting, expected_s: float) -> bool:
 
 
 class FlightsAhead:
-    """Flies flights in as many processes as there are cores, and gives them in their order.
-
-    Parameters
-    ----------
-    numbers : sequence of (int, int)
-        Day and flight of each, in their order.
-    """
+    """Flies flights, by day and number, in as many processes as there are cores; gives them in order."""
 
     def __init__(self, fly: FlightAlone, numbers: Sequence[tuple[int, int]]) -> None:
         self._order = {number: k for k, number in enumerate(numbers)}

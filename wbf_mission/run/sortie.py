@@ -133,27 +133,17 @@ class Sortie:
 
     Parameters
     ----------
-    plan : PlanResult
-        What is uploaded before take-off.
-    leaf_camera : Camera
-        What it looks with.
     on_transfer : callable, optional
         ``on_transfer(done, total)`` as mission items cross.
-    start_delay_s : float
-        How long it waits before it starts.
     arming_gate : ArmingGate, optional
         What has to hold before its motors start.
     force : bool
         Send also what the autopilot would refuse or not fly.
-    maker : TransferMaker
-        Who carries its plans up.
     place : int
         Which of those that fly together it is, from 0.
 
     Attributes
     ----------
-    ground : GroundStation
-        What flies it.
     images_missed : callable
         Returns how many images were never taken because the link was dead; the host sets it.
     send : callable

@@ -7,21 +7,16 @@ call the kernels of the single vehicles.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.motion.arducopter.model import ArduCopter
-from sim_vehicle.motion.ardurover.model import ArduRover
-from sim_vehicle.motion.batch_loops import CALL, EVENT, EVERY, FIRST, LOOPS, STEPS, STOPS, WIND_ROWS
+from sim_vehicle.motion.batch_loops import CALL, EVENT, EVERY, FIRST, STEPS, STOPS, WIND_ROWS, loop_of
 from sim_vehicle.motion.columns import STEP, WIND
-from sim_vehicle.motion.fixed_wing.model import FixedWing
-from sim_vehicle.motion.multirotor.model import Multirotor
-from sim_vehicle.motion.px4.model import Px4Multirotor
-from sim_vehicle.motion.rover.model import Rover
+from sim_vehicle.motion.compiled_motion import CompiledMotion
+from sim_vehicle.motion.records import Record, records_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -32,36 +27,6 @@ if TYPE_CHECKING:
 __all__ = ["VehicleBatch"]
 
 _SHARES = 16
-_COMMON = ("state", "counters", "_limits", "_power", "track")
-
-
-@dataclass(frozen=True, slots=True)
-class _Law:
-    """How a motion model's numbers are given to its loop.
-
-    Parameters
-    ----------
-    loop : str
-        Name of the loop.
-    rows : tuple of str
-        Attributes of the model that are arrays of one shape for all vehicles.
-    route : str
-        Attribute that is the route.
-    """
-
-    loop: str
-    rows: tuple[str, ...] = _COMMON
-    route: str = "_route"
-
-
-_LAWS: dict[type, _Law] = {
-    Multirotor: _Law("generic"),
-    Px4Multirotor: _Law("px4", (*_COMMON, "guide", "_law", "_errors")),
-    ArduCopter: _Law("arducopter", (*_COMMON, "guide", "law", "heads", "curves"), "_rows"),
-    FixedWing: _Law("fixed-wing"),
-    Rover: _Law("rover"),
-    ArduRover: _Law("ardurover", (*_COMMON, "guide", "numbers", "heads", "curves"), "_rows"),
-}
 
 
 class VehicleBatch:
@@ -85,6 +50,7 @@ class VehicleBatch:
     --------
     >>> from sim_vehicle.motion.legs import Leg, Route
     >>> from sim_vehicle.airframe.catalog import get_vehicle
+    >>> from sim_vehicle.motion.multirotor.model import Multirotor
     >>> quads = [Multirotor(get_vehicle("quad")) for _ in range(3)]
     >>> for k, quad in enumerate(quads):
     ...     quad.fly(Route.through([Leg((10.0 * k, 0.0, 10.0), 5.0)]))
@@ -102,20 +68,20 @@ class VehicleBatch:
         self.vehicles = tuple(vehicles)
         self._pool = pool
         # Estimates that are wrong are drawn as they are flown with, for each vehicle on its own.
-        alone = any(isinstance(vehicle, Px4Multirotor) and vehicle.draws_errors for vehicle in vehicles)
-        self._law = None if alone else _LAWS.get(type(vehicles[0]))
+        together = all(isinstance(one, CompiledMotion) and not one.draws_errors for one in vehicles)
+        self._dynamics = type(self._vehicle(0)).dynamics if together else None
         self._tables: dict[str, NDArray[Any]] = {}
         self._views: dict[str, list[Any]] = {}
         count = len(self.vehicles)
         self._calls = np.zeros((count, CALL), dtype=np.int64)
         self._blocks: list[Any] = [None] * count
         self._wind: NDArray[np.float64] = np.zeros((count, 1, 1))
-        self._routes: NDArray[np.float64] = np.zeros((0, 0))
+        self._routes: Record = np.zeros((0, 0))
         self._arrivals = np.zeros(0, dtype=np.int64)
         self._offsets = np.zeros(count + 1, dtype=np.int64)
         self._route_views: list[Any] = [None] * count
         self._arrival_views: list[Any] = [None] * count
-        if self._law is not None:
+        if self._dynamics is not None:
             self._adopt()
 
     @property
@@ -148,7 +114,7 @@ class VehicleBatch:
         calls[:, STEPS], calls[:, STOPS] = max_steps, stop_each
         together: list[int] = []
         for k in np.flatnonzero(calls[:, STEPS] > 0).tolist():
-            if self._law is not None and self._is_lawful(k):
+            if self._dynamics is not None and self._vehicle(k).is_flown_by_its_autopilot():
                 together.append(k)
             else:
                 steps, stops = calls[k, STEPS : STOPS + 1].tolist()
@@ -172,18 +138,13 @@ class VehicleBatch:
     def _vehicle(self, k: int) -> Any:
         return self.vehicles[k]
 
-    def _is_lawful(self, k: int) -> bool:
-        """Whether a vehicle has a route that the loop of its class flies."""
-        vehicle = self._vehicle(k)
-        if isinstance(vehicle, Px4Multirotor) and not vehicle._guided:
-            return False
-        assert self._law is not None
-        return getattr(vehicle, self._law.route) is not None
-
     def _call(self, members: NDArray[np.int64]) -> None:
-        assert self._law is not None
-        loop = LOOPS[self._law.loop]
-        rows = [self._tables[name] for name in self._law.rows]
+        assert self._dynamics is not None
+        loop = loop_of(self._dynamics)
+        rows = [
+            self._tables[name] if kind is None else records_of(self._tables[name], kind)
+            for name, kind in self._dynamics.rows.items()
+        ]
         rest = (self._calls, self._offsets, self._routes, self._arrivals, self._wind, *rows)
         if self._pool is None or len(members) == 1:
             loop(members, *rest)
@@ -195,8 +156,8 @@ class VehicleBatch:
 
     def _adopt(self) -> None:
         """Make the rows of the batch what the vehicles have, and the vehicles' arrays views of them."""
-        assert self._law is not None
-        for name in self._law.rows:
+        assert self._dynamics is not None
+        for name in self._dynamics.rows:
             views = self._views.get(name)
             if views is None:
                 self._take_table(name)
@@ -217,7 +178,7 @@ class VehicleBatch:
             series = vehicle._wind
             if series.block is not self._blocks[k]:
                 self._take_wind(k, series)
-            renewed |= getattr(vehicle, self._law.route) is not self._route_views[k]
+            renewed |= getattr(vehicle, self._dynamics.route) is not self._route_views[k]
             renewed |= vehicle.arrivals is not self._arrival_views[k]
         if renewed:
             self._take_routes()
@@ -252,21 +213,23 @@ class VehicleBatch:
 
     def _take_routes(self) -> None:
         """Put the routes into one array, one after the other."""
-        assert self._law is not None
-        routes = [getattr(self._vehicle(k), self._law.route) for k in range(len(self.vehicles))]
+        assert self._dynamics is not None
+        routes = [getattr(self._vehicle(k), self._dynamics.route) for k in range(len(self.vehicles))]
         lengths = [0 if route is None else len(route) for route in routes]
         np.cumsum(lengths, out=self._offsets[1:])
         # A route of other dynamics has other columns: it is not flown here.
-        columns = max((route.shape[1] for k, route in enumerate(routes) if self._is_lawful(k)), default=1)
-        self._routes = np.zeros((int(self._offsets[-1]), columns))
+        flown = [k for k in range(len(routes)) if self._vehicle(k).is_flown_by_its_autopilot()]
+        if flown:
+            columns = routes[flown[0]].shape[1:]
+            self._routes = np.zeros((int(self._offsets[-1]), *columns), dtype=routes[flown[0]].dtype)
         self._arrivals = np.zeros(int(self._offsets[-1]), dtype=np.int64)
         for k, route in enumerate(routes):
             vehicle = self._vehicle(k)
             part = slice(self._offsets[k], self._offsets[k + 1])
             self._route_views[k], self._arrival_views[k] = route, vehicle.arrivals
-            if self._is_lawful(k):
+            if k in flown:
                 self._routes[part] = route
                 self._arrivals[part] = vehicle.arrivals
                 self._route_views[k], self._arrival_views[k] = self._routes[part], self._arrivals[part]
-                setattr(vehicle, self._law.route, self._route_views[k])
+                setattr(vehicle, self._dynamics.route, self._route_views[k])
                 vehicle.arrivals = self._arrival_views[k]

@@ -2,31 +2,41 @@
 
 from __future__ import annotations
 
+from enum import IntEnum
+
+from sim_vehicle.motion.records import record_type
+
 # State, float64; positions, velocities and accelerations are east, north, up.
-(
-    POSITION_X,
-    POSITION_Y,
-    POSITION_Z,
-    VELOCITY_X,
-    VELOCITY_Y,
-    VELOCITY_Z,
-    ACCELERATION_X,
-    ACCELERATION_Y,
-    ACCELERATION_Z,
-    HEADING,
-    HEADING_RATE,  # Clockwise.
-    ENERGY_USED,  # J.
-    PATH_LENGTH,
-    POWER,  # W.
-    GIVE_UP_STEP,  # Step at which the leg is given up; infinity: a new leg.
-    WIND_EAST,
-    WIND_NORTH,
-    LOOK_EAST,  # Position that the nose points at; NaN: none.
-    LOOK_NORTH,
-) = range(19)
-STATE = 19
-# Where the three numbers of each begin.
-POSITION, VELOCITY, ACCELERATION = POSITION_X, VELOCITY_X, ACCELERATION_X
+State = IntEnum(
+    "State",
+    [
+        "POSITION_X",
+        "POSITION_Y",
+        "POSITION_Z",
+        "VELOCITY_X",
+        "VELOCITY_Y",
+        "VELOCITY_Z",
+        "ACCELERATION_X",
+        "ACCELERATION_Y",
+        "ACCELERATION_Z",
+        "HEADING",
+        "HEADING_RATE",  # Clockwise.
+        "ENERGY_USED",  # J.
+        "PATH_LENGTH",
+        "POWER",  # W.
+        "GIVE_UP_STEP",  # Step at which the leg is given up; infinity: a new leg.
+        "WIND_EAST",
+        "WIND_NORTH",
+        "LOOK_EAST",  # Position that the nose points at; NaN: none.
+        "LOOK_NORTH",
+    ],
+    start=0,
+)
+STATE = record_type(State)
+# What is several numbers.
+POSITION, VELOCITY, ACCELERATION = slice(0, 3), slice(3, 6), slice(6, 9)
+LEVEL_WIND = slice(State.WIND_EAST, State.WIND_NORTH + 1)
+LOOK = slice(State.LOOK_EAST, State.LOOK_NORTH + 1)
 # Counters, int64.
 (
     STEP,  # Steps flown.

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, ClassVar
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from sim_vehicle.energy.power import CONSTANT_POWER, power_coefficients
 from sim_vehicle.motion import columns as col
+from sim_vehicle.motion.columns import State
 from sim_vehicle.motion.model import MotionEvent, MotionState
 from sim_vehicle.weather.wind import Wind
 
@@ -21,8 +23,44 @@ if TYPE_CHECKING:
     from sim_vehicle.airframe.estimate_errors import EstimateErrors
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Position
+    from sim_vehicle.motion.records import Record
 
 _NO_TRACK = np.empty((0, 3))
+
+
+@dataclass(frozen=True, slots=True)
+class Dynamics:
+    """A kernel and how it is given the numbers of a vehicle.
+
+    Parameters
+    ----------
+    kernel : callable
+        See `sim_vehicle.motion.multirotor.kernel.advance`.
+    state, limits : dtype
+        Records of the arrays that all kernels have.
+    own : tuple of (str, dtype or None)
+        Attributes of the model that only this kernel has, in its order, first those that are records.
+    route : str
+        Attribute that is the route.
+    """
+
+    kernel: Callable[..., int]
+    state: np.dtype[Any] | None = None
+    limits: np.dtype[Any] | None = None
+    own: tuple[tuple[str, np.dtype[Any] | None], ...] = ()
+    route: str = "_route"
+
+    @property
+    def rows(self) -> dict[str, np.dtype[Any] | None]:
+        """Attributes that are arrays of one shape for all vehicles."""
+        return {
+            "state": self.state,
+            "counters": None,
+            "_limits": self.limits,
+            "_power": None,
+            "track": None,
+            **dict(self.own),
+        }
 
 
 class CompiledMotion(ABC):
@@ -34,7 +72,8 @@ class CompiledMotion(ABC):
         Heading at the start.
     """
 
-    _kernel: ClassVar[Callable[..., int]]
+    dynamics: ClassVar[Dynamics]
+    """Those of a vehicle that is flown by its autopilot."""
     _state_size: ClassVar[int]
     _energy_limit: ClassVar[int]
 
@@ -45,14 +84,15 @@ class CompiledMotion(ABC):
         self._limits = self._numbers(spec)
         self._power = power_coefficients(spec.power, spec.battery)
         self._idle_w = spec.power.idle_w if spec.power is not None else 0.0
+        self._known: dict[str, tuple[NDArray[np.float64], Record]] = {}
         self.state: NDArray[np.float64] = np.zeros(self._state_size)
-        self.state[col.HEADING] = yaw_rad % (2.0 * math.pi)
-        self.state[col.GIVE_UP_STEP] = math.inf
-        self.state[col.POWER] = self._power[CONSTANT_POWER]
-        self.state[col.WIND_EAST : col.WIND_NORTH + 1] = self._wind.at(0, 0.0)[:2]
+        self.state[State.HEADING] = yaw_rad % (2.0 * math.pi)
+        self.state[State.GIVE_UP_STEP] = math.inf
+        self.state[State.POWER] = self._power[CONSTANT_POWER]
+        self.state[col.LEVEL_WIND] = self._wind.at(0, 0.0)[:2]
         self.counters: NDArray[np.int64] = np.zeros(col.COUNTERS, dtype=np.int64)
         self.arrivals: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
-        self._route: NDArray[np.float64] | None = None
+        self._route: Record | None = None
         self.track: NDArray[np.float64] = _NO_TRACK
         self.track_every = 0
 
@@ -84,18 +124,23 @@ class CompiledMotion(ABC):
     @property
     def position_m(self) -> Position:
         """East, north, up about home."""
-        x, y, z = self.state[col.POSITION : col.VELOCITY].tolist()
+        x, y, z = self.state[col.POSITION].tolist()
         return x, y, z
 
     @property
     def energy_j(self) -> float:
         """Energy used since the start."""
-        return float(self.state[col.ENERGY_USED])
+        return float(self.state[State.ENERGY_USED])
 
     @property
     def estimate_error(self) -> tuple[float, float, float, float]:
         """Errors of what the autopilot estimates: 0, it flies by the truth."""
         return 0.0, 0.0, 0.0, 0.0
+
+    @property
+    def draws_errors(self) -> bool:
+        """Whether its estimate is wrong."""
+        return False
 
     def estimate_with(self, errors: EstimateErrors) -> None:  # noqa: B027 (most motions fly by the truth)
         """Nothing: only PX4's multirotors are flown by a wrong estimate."""
@@ -103,7 +148,7 @@ class CompiledMotion(ABC):
     def snapshot(self) -> MotionState:
         """Return the motion state now."""
         x, y, z, vx, vy, vz, ax, ay, az, heading, rate, energy, length, power, _, east, north = self.state[
-            : col.WIND_NORTH + 1
+            : State.WIND_NORTH + 1
         ].tolist()
         return MotionState(
             (x, y, z), (vx, vy, vz), (ax, ay, az), heading, rate, energy, length, power, (east, north)
@@ -112,42 +157,60 @@ class CompiledMotion(ABC):
     def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
         """Be in steady flight at time 0, with nothing used yet, as if it had flown there."""
         self.counters[:] = 0
-        self.state[col.POSITION : col.ACCELERATION] = (*position_m, *velocity_m_s)
-        self.state[col.ACCELERATION : col.GIVE_UP_STEP] = 0.0
-        self.state[col.HEADING] = heading_rad % (2.0 * math.pi)
-        self.state[col.WIND_EAST : col.WIND_NORTH + 1] = self._wind.at(self._wind.first, position_m[2])[:2]
+        self.state[State.POSITION_X : State.ACCELERATION_X] = (*position_m, *velocity_m_s)
+        self.state[State.ACCELERATION_X : State.GIVE_UP_STEP] = 0.0
+        self.state[State.HEADING] = heading_rad % (2.0 * math.pi)
+        self.state[col.LEVEL_WIND] = self._wind.at(self._wind.first, position_m[2])[:2]
         self._route = None
 
     def _begin(self) -> None:
         assert self._route is not None
         self.arrivals = np.full(len(self._route), -1, dtype=np.int64)
-        self.state[col.GIVE_UP_STEP] = math.inf
+        self.state[State.GIVE_UP_STEP] = math.inf
         self.counters[col.LEG_INDEX] = 0
         self.counters[col.MOVED_STEP] = self.counters[col.STEP]
         self.counters[col.ARRIVED] = self.counters[col.NEAR_TOLD] = 0
 
     def advance(self, max_steps: int, *, stop_each: bool = True) -> MotionEvent:
         """Fly up to ``max_steps`` steps, less when something happens (see `MotionEvent`)."""
-        return self._run(self._kernel, self._route, (), max_steps, stop_each)
+        return self._run(self._dynamics_now, max_steps, stop_each)
 
-    def _run(
-        self,
-        kernel: Callable[..., int],
-        route: NDArray[np.float64] | None,
-        own: tuple[NDArray[np.float64], ...],
-        max_steps: int,
-        stop_each: bool,
-    ) -> MotionEvent:
-        """Call a kernel, with the arrays that are its own, until an event that is not the wind's."""
+    @property
+    def _dynamics_now(self) -> Dynamics:
+        """Those by which it moves at the moment."""
+        return self.dynamics
+
+    def is_flown_by_its_autopilot(self) -> bool:
+        """Whether it has a route that the dynamics of its class fly."""
+        return self._dynamics_now is self.dynamics and getattr(self, self.dynamics.route) is not None
+
+    def _records(self, name: str, kind: np.dtype[Any] | None) -> Record:
+        """Return an array of the model as records that share its memory, or as it is.
+
+        Made anew only where another array has taken its place: that takes longer than a step.
+        """
+        array = getattr(self, name)
+        if kind is None:
+            return array
+        known = self._known.get(name)
+        if known is None or known[0] is not array:
+            known = self._known[name] = array, array.view(kind)
+        return known[1]
+
+    def _run(self, dynamics: Dynamics, max_steps: int, stop_each: bool) -> MotionEvent:
+        """Call a kernel until an event that is not the wind's."""
         end = self.step + max_steps
+        route = getattr(self, dynamics.route)
         if route is None:
             return MotionEvent.RAN
+        state, limits = self._records("state", dynamics.state), self._records("_limits", dynamics.limits)
+        own = [self._records(name, kind) for name, kind in dynamics.own]
         while True:
-            event = kernel(
-                self.state,
+            event = dynamics.kernel(
+                state,
                 self.counters,
                 route,
-                self._limits,
+                limits,
                 self._power,
                 self._wind.block,
                 self._wind.first,
@@ -171,10 +234,10 @@ class CompiledMotion(ABC):
     def rest(self, steps: int, *, armed: bool) -> None:
         """Stand on the ground for a number of steps: no motion, only the idle power."""
         power = float(self._power[CONSTANT_POWER]) + (self._idle_w if armed else 0.0)
-        self.state[col.POWER] = power
-        self.state[col.ENERGY_USED] += power * steps * self.step_s
+        self.state[State.POWER] = power
+        self.state[State.ENERGY_USED] += power * steps * self.step_s
         self.counters[col.STEP] += steps
-        self.state[col.WIND_EAST : col.WIND_NORTH + 1] = self._wind.at(self.step // col.GRID, 0.0)[:2]
+        self.state[col.LEVEL_WIND] = self._wind.at(self.step // col.GRID, 0.0)[:2]
 
     def ignore_energy(self) -> None:
         """Tell no more that the battery is empty."""
@@ -190,10 +253,10 @@ class CompiledMotion(ABC):
 
     def use_energy(self, joules: float) -> None:
         """Take energy out of the battery."""
-        self.state[col.ENERGY_USED] += joules
+        self.state[State.ENERGY_USED] += joules
 
     def touch_down(self) -> None:
         """Stand still on the ground."""
-        self.state[col.POSITION + 2 : col.HEADING] = 0.0
-        self.state[col.HEADING_RATE] = 0.0
+        self.state[State.POSITION_Z : State.HEADING] = 0.0
+        self.state[State.HEADING_RATE] = 0.0
         self._route = None

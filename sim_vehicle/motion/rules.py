@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 
 from geo.compiled import compiled
 from sim_vehicle.motion import columns as col
+from sim_vehicle.motion.records import Record
 
-__all__ = ["complete_leg", "mark_track", "wind_row"]
+__all__ = ["complete_leg", "distance2", "mark_track", "stop", "wind_row"]
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -53,3 +54,17 @@ def complete_leg(counters: Integers, arrivals: Integers, step: int, stop_each: b
         return col.REACHED
     counters[col.LEG_INDEX] = leg + 1
     return col.REACHED if stop_each else col.RAN
+
+
+@compiled(inline="always")
+def distance2(state: Record, x: float, y: float, z: float) -> float:
+    """Return the square of the distance to a position."""
+    dx, dy, dz = x - state.position_x, y - state.position_y, z - state.position_z
+    return float(dx**2 + dy**2 + dz**2)
+
+
+@compiled(allocates=False)
+def stop(state: Record) -> None:
+    """Have neither velocity nor acceleration."""
+    state.velocity_x = state.velocity_y = state.velocity_z = 0.0
+    state.acceleration_x = state.acceleration_y = state.acceleration_z = 0.0

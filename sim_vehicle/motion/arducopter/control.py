@@ -13,56 +13,10 @@ from numpy.typing import NDArray
 
 from geo.compiled import compiled
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
-from sim_vehicle.motion import columns as col
-from sim_vehicle.motion.arducopter.layout import (
-    ACC_Z_I,
-    ACC_Z_IMAX,
-    ACC_Z_P,
-    ACCEL,
-    ACCEL_Z,
-    ALONG,
-    ASKED,
-    AX,
-    DOWN,
-    DRAG,
-    DRAG_2,
-    DT,
-    ERROR,
-    ERROR_FILTER,
-    ERROR_Z,
-    ERROR_Z_FILTER,
-    INTEGRAL,
-    LAG,
-    LEAN,
-    LEAN_FILTER,
-    LEGS,
-    LEVEL,
-    LIFT,
-    LOOKS_AHEAD,
-    MODE,
-    MOST_LEAN,
-    POS_P,
-    POS_Z_P,
-    PX,
-    RATE,
-    RATE_FILTER,
-    RESET,
-    TARGET,
-    TARGET_FILTER,
-    THRUST,
-    THRUST_I,
-    UP,
-    VEL_D,
-    VEL_I,
-    VEL_IMAX,
-    VEL_P,
-    VEL_Z_P,
-    VX,
-    YAW_ACCEL,
-    YAW_RATE,
-)
+from sim_vehicle.motion.arducopter.layout import LEGS
 from sim_vehicle.motion.multirotor.kernel import ROI_NEAR
-from sim_vehicle.motion.rows import clear, copy
+from sim_vehicle.motion.records import Record
+from sim_vehicle.motion.rules import stop
 
 Floats = NDArray[np.float64]
 
@@ -87,69 +41,67 @@ def stopping_distance(speed: float, gain: float, limit: float) -> float:
 
 
 @compiled(inline="late", allocates=False)
-def command(state: Floats, guide: Floats, law: Floats) -> None:
+def command(state: Record, guide: Record, law: Record) -> None:
     """Position and velocity control: the acceleration that is asked for and the thrust."""
-    dt = law[DT]
-    ex, ey = guide[PX] - state[col.POSITION_X], guide[PX + 1] - state[col.POSITION_Y]
+    dt = law.dt
+    ex, ey = guide.px - state.position_x, guide.py - state.position_y
     size = sqrt(ex * ex + ey * ey)
     if size > 0.0:
-        most = stopping_distance(guide[LEVEL], law[POS_P], law[ACCEL])
+        most = stopping_distance(guide.level, law.pos_p, law.accel)
         if size > most:
             ex, ey, size = ex * most / size, ey * most / size, most
-            if guide[MODE] != LEGS:
-                guide[PX], guide[PX + 1] = state[col.POSITION_X] + ex, state[col.POSITION_Y] + ey
-        gain = rooted(size, law[POS_P], law[ACCEL]) / size
+            if guide.mode != LEGS:
+                guide.px, guide.py = state.position_x + ex, state.position_y + ey
+        gain = rooted(size, law.pos_p, law.accel) / size
     else:
         gain = 0.0
-    ez = guide[PX + 2] - state[col.POSITION_Z]
-    most = stopping_distance(guide[UP] if ez > 0.0 else guide[DOWN], law[POS_Z_P], law[ACCEL_Z])
+    ez = guide.pz - state.position_z
+    most = stopping_distance(guide.up if ez > 0.0 else guide.down, law.pos_z_p, law.accel_z)
     ez = min(max(ez, -most), most)
-    wx, wy, wz = guide[VX], guide[VX + 1], guide[VX + 2]
+    wx, wy, wz = guide.vx, guide.vy, guide.vz
     wanted = sqrt(wx * wx + wy * wy + wz * wz)
-    guide[LAG] = guide[ALONG] = 0.0
+    guide.lag = guide.along = 0.0
     if wanted > 1e-6:
-        guide[LAG] = (ex * wx + ey * wy + ez * wz) / wanted
-        guide[ALONG] = (
-            state[col.VELOCITY_X] * wx + state[col.VELOCITY_Y] * wy + state[col.VELOCITY_Z] * wz
-        ) / wanted
-    ux, uy = gain * ex + wx - state[col.VELOCITY_X], gain * ey + wy - state[col.VELOCITY_Y]
-    uz = rooted(ez, law[POS_Z_P], law[ACCEL_Z]) + wz - state[col.VELOCITY_Z]
-    fx, fy, fz = guide[ERROR], guide[ERROR + 1], guide[ERROR_Z]
-    if guide[RESET] != 0.0:
-        guide[RESET] = 0.0
+        guide.lag = (ex * wx + ey * wy + ez * wz) / wanted
+        guide.along = (state.velocity_x * wx + state.velocity_y * wy + state.velocity_z * wz) / wanted
+    ux, uy = gain * ex + wx - state.velocity_x, gain * ey + wy - state.velocity_y
+    uz = rooted(ez, law.pos_z_p, law.accel_z) + wz - state.velocity_z
+    fx, fy, fz = guide.error_x, guide.error_y, guide.error_z
+    if guide.reset != 0.0:
+        guide.reset = 0.0
         fx, fy, fz = ux, uy, uz
-        guide[RATE] = guide[RATE + 1] = 0.0
+        guide.rate_x = guide.rate_y = 0.0
     else:
-        hx, hy = law[ERROR_FILTER] * (ux - fx), law[ERROR_FILTER] * (uy - fy)
+        hx, hy = law.error_filter * (ux - fx), law.error_filter * (uy - fy)
         fx += hx
         fy += hy
-        fz += law[ERROR_Z_FILTER] * (uz - fz)
-        guide[RATE] += law[RATE_FILTER] * (hx / dt - guide[RATE])
-        guide[RATE + 1] += law[RATE_FILTER] * (hy / dt - guide[RATE + 1])
-    guide[ERROR], guide[ERROR + 1], guide[ERROR_Z] = fx, fy, fz
-    sx, sy = guide[INTEGRAL], guide[INTEGRAL + 1]
-    dx, dy = law[VEL_I] * dt * fx, law[VEL_I] * dt * fy
+        fz += law.error_z_filter * (uz - fz)
+        guide.rate_x += law.rate_filter * (hx / dt - guide.rate_x)
+        guide.rate_y += law.rate_filter * (hy / dt - guide.rate_y)
+    guide.error_x, guide.error_y, guide.error_z = fx, fy, fz
+    sx, sy = guide.integral_x, guide.integral_y
+    dx, dy = law.vel_i * dt * fx, law.vel_i * dt * fy
     was = sqrt(sx * sx + sy * sy)
-    limited = sqrt(guide[ASKED] ** 2 + guide[ASKED + 1] ** 2) >= 0.999 * law[MOST_LEAN]
+    limited = sqrt(guide.asked_x**2 + guide.asked_y**2) >= 0.999 * law.most_lean
     sx, sy = sx + dx, sy + dy
-    most = law[VEL_IMAX]
-    if limited and dx * guide[ASKED] + dy * guide[ASKED + 1] > 0.0:
+    most = law.vel_imax
+    if limited and dx * guide.asked_x + dy * guide.asked_y > 0.0:
         most = min(most, was)
     now = sqrt(sx * sx + sy * sy)
     if now > most:
         sx, sy = sx * most / now, sy * most / now
-    guide[INTEGRAL], guide[INTEGRAL + 1] = sx, sy
-    ax = law[VEL_P] * fx + sx + law[VEL_D] * guide[RATE] + guide[AX]
-    ay = law[VEL_P] * fy + sy + law[VEL_D] * guide[RATE + 1] + guide[AX + 1]
-    guide[ASKED], guide[ASKED + 1] = _across_first(ax, ay, wx, wy, law[MOST_LEAN])
+    guide.integral_x, guide.integral_y = sx, sy
+    ax = law.vel_p * fx + sx + law.vel_d * guide.rate_x + guide.ax
+    ay = law.vel_p * fy + sy + law.vel_d * guide.rate_y + guide.ay
+    guide.asked_x, guide.asked_y = _across_first(ax, ay, wx, wy, law.most_lean)
     # The thrust follows the vertical acceleration with a proportional and an integral part at once.
-    az = law[VEL_Z_P] * fz + guide[AX + 2]
-    gain, lift = law[ACC_Z_P], guide[LIFT]
-    thrust = (gain * (az - lift) + guide[THRUST_I]) / (1.0 + gain)
+    az = law.vel_z_p * fz + guide.az
+    gain, lift = law.acc_z_p, guide.lift
+    thrust = (gain * (az - lift) + guide.thrust_i) / (1.0 + gain)
     thrust = min(max(thrust, -GRAVITY_M_S2), 1.5 * GRAVITY_M_S2)
-    most = law[ACC_Z_IMAX]
-    guide[THRUST_I] = min(max(guide[THRUST_I] + law[ACC_Z_I] * dt * (az - thrust - lift), -most), most)
-    guide[THRUST] = thrust
+    most = law.acc_z_imax
+    guide.thrust_i = min(max(guide.thrust_i + law.acc_z_i * dt * (az - thrust - lift), -most), most)
+    guide.thrust = thrust
 
 
 @compiled(inline="always")
@@ -170,91 +122,101 @@ def _across_first(ax: float, ay: float, vx: float, vy: float, most: float) -> tu
 
 
 @compiled(inline="late", allocates=False)
-def move(state: Floats, guide: Floats, law: Floats, rising: float) -> float:
+def move(state: Record, guide: Record, law: Record, rising: float) -> float:
     """Fly a step: the attitude follows, thrust and drag move the airframe. Returns the length of the path."""
-    dt = law[DT]
-    for k in range(2):
-        guide[TARGET + k] += law[TARGET_FILTER] * (guide[ASKED + k] - guide[TARGET + k])
-        guide[LEAN + k] += law[LEAN_FILTER] * (guide[TARGET + k] - guide[LEAN + k])
-    share = 1.0 + guide[THRUST] / GRAVITY_M_S2
+    dt = law.dt
+    guide.target_x += law.target_filter * (guide.asked_x - guide.target_x)
+    guide.lean_x += law.lean_filter * (guide.target_x - guide.lean_x)
+    guide.target_y += law.target_filter * (guide.asked_y - guide.target_y)
+    guide.lean_y += law.lean_filter * (guide.target_y - guide.lean_y)
+    share = 1.0 + guide.thrust / GRAVITY_M_S2
     # Drag acts in the plane of the rotors and, without the part of their momentum, across it.
-    lx, ly = guide[LEAN], guide[LEAN + 1]
+    lx, ly = guide.lean_x, guide.lean_y
     stretch = sqrt(lx * lx + ly * ly + GRAVITY_M_S2 * GRAVITY_M_S2)
     nx, ny, nz = lx / stretch, ly / stretch, GRAVITY_M_S2 / stretch
     ux, uy, uz = (
-        state[col.VELOCITY_X] - state[col.WIND_EAST],
-        state[col.VELOCITY_Y] - state[col.WIND_NORTH],
-        state[col.VELOCITY_Z] - rising,
+        state.velocity_x - state.wind_east,
+        state.velocity_y - state.wind_north,
+        state.velocity_z - rising,
     )
     through = ux * nx + uy * ny + uz * nz
     ux, uy, uz = ux - through * nx, uy - through * ny, uz - through * nz
-    drag = law[DRAG] * sqrt(max(share, 0.0) / nz) + law[DRAG_2] * sqrt(ux * ux + uy * uy + uz * uz)
-    through *= law[DRAG_2] * abs(through)
+    drag = law.drag * sqrt(max(share, 0.0) / nz) + law.drag_2 * sqrt(ux * ux + uy * uy + uz * uz)
+    through *= law.drag_2 * abs(through)
     ax = share * lx - drag * ux - through * nx
     ay = share * ly - drag * uy - through * ny
-    guide[LIFT] = -drag * uz - through * nz
-    az = guide[THRUST] + guide[LIFT]
-    mx = dt * (state[col.VELOCITY_X] + 0.5 * dt * ax)
-    my = dt * (state[col.VELOCITY_Y] + 0.5 * dt * ay)
-    mz = dt * (state[col.VELOCITY_Z] + 0.5 * dt * az)
-    state[col.POSITION_X] += mx
-    state[col.POSITION_Y] += my
-    state[col.POSITION_Z] += mz
-    state[col.VELOCITY_X] += dt * ax
-    state[col.VELOCITY_Y] += dt * ay
-    state[col.VELOCITY_Z] += dt * az
-    state[col.ACCELERATION_X], state[col.ACCELERATION_Y], state[col.ACCELERATION_Z] = ax, ay, az
-    if state[col.POSITION_Z] < 0.0:
-        mz -= state[col.POSITION_Z]
-        state[col.POSITION_Z] = 0.0
-        state[col.VELOCITY_Z] = max(state[col.VELOCITY_Z], 0.0)
-        state[col.ACCELERATION_Z] = max(state[col.ACCELERATION_Z], 0.0)
+    guide.lift = -drag * uz - through * nz
+    az = guide.thrust + guide.lift
+    mx = dt * (state.velocity_x + 0.5 * dt * ax)
+    my = dt * (state.velocity_y + 0.5 * dt * ay)
+    mz = dt * (state.velocity_z + 0.5 * dt * az)
+    state.position_x += mx
+    state.position_y += my
+    state.position_z += mz
+    state.velocity_x += dt * ax
+    state.velocity_y += dt * ay
+    state.velocity_z += dt * az
+    state.acceleration_x, state.acceleration_y, state.acceleration_z = ax, ay, az
+    if state.position_z < 0.0:
+        mz -= state.position_z
+        state.position_z = 0.0
+        state.velocity_z = max(state.velocity_z, 0.0)
+        state.acceleration_z = max(state.acceleration_z, 0.0)
     return sqrt(mx * mx + my * my + mz * mz)
 
 
 @compiled(inline="late", allocates=False)
-def turn(state: Floats, guide: Floats, law: Floats, heading: float, turning: float) -> None:
+def turn(state: Record, guide: Record, law: Record, heading: float, turning: float) -> None:
     """Turn the nose: to a position, at a rate, to a heading, or to where the target goes."""
-    yaw, rate, change = state[col.HEADING], state[col.HEADING_RATE], law[YAW_ACCEL] * law[DT]
+    yaw, rate, change = state.heading, state.heading_rate, law.yaw_accel * law.dt
     wanted = np.nan
-    if not isnan(state[col.LOOK_EAST]):
+    if not isnan(state.look_east):
         east, north = (
-            state[col.LOOK_EAST] - state[col.POSITION_X],
-            state[col.LOOK_NORTH] - state[col.POSITION_Y],
+            state.look_east - state.position_x,
+            state.look_north - state.position_y,
         )
         if east * east + north * north > ROI_NEAR * ROI_NEAR:
             wanted = atan2(east, north)
     elif not isnan(turning):
-        rate += min(max(min(max(turning, -law[YAW_RATE]), law[YAW_RATE]) - rate, -change), change)
-        state[col.HEADING], state[col.HEADING_RATE] = (yaw + rate * law[DT]) % (2.0 * pi), rate
+        rate += min(max(min(max(turning, -law.yaw_rate), law.yaw_rate) - rate, -change), change)
+        state.heading, state.heading_rate = (yaw + rate * law.dt) % (2.0 * pi), rate
         return
     elif not isnan(heading):
         wanted = np.nan if isinf(heading) else heading
-    elif law[LOOKS_AHEAD] != 0.0:
-        vx, vy = guide[VX], guide[VX + 1]
-        if vx * vx + vy * vy > (0.05 * guide[LEVEL]) ** 2:
+    elif law.looks_ahead != 0.0:
+        vx, vy = guide.vx, guide.vy
+        if vx * vx + vy * vy > (0.05 * guide.level) ** 2:
             wanted = atan2(vx, vy)
     if isnan(wanted):
         if rate != 0.0:
             rate -= min(max(rate, -change), change)
-            state[col.HEADING], state[col.HEADING_RATE] = (yaw + rate * law[DT]) % (2.0 * pi), rate
+            state.heading, state.heading_rate = (yaw + rate * law.dt) % (2.0 * pi), rate
         return
     error = (wanted - yaw + pi) % (2.0 * pi) - pi
     size = abs(error)
     if size < 1e-6 and abs(rate) < 1e-4:
-        state[col.HEADING], state[col.HEADING_RATE] = wanted % (2.0 * pi), 0.0
+        state.heading, state.heading_rate = wanted % (2.0 * pi), 0.0
         return
-    aim = min(law[YAW_RATE], 2.0 * size, 0.8 * sqrt(2.0 * law[YAW_ACCEL] * size))
+    aim = min(law.yaw_rate, 2.0 * size, 0.8 * sqrt(2.0 * law.yaw_accel * size))
     aim = aim if error > 0.0 else -aim
     rate += min(max(aim - rate, -change), change)
-    state[col.HEADING], state[col.HEADING_RATE] = (yaw + rate * law[DT]) % (2.0 * pi), rate
+    state.heading, state.heading_rate = (yaw + rate * law.dt) % (2.0 * pi), rate
+
+
+@compiled(inline="always")
+def halt(guide: Record) -> None:
+    """Have the target stand still."""
+    guide.vx = guide.vy = guide.vz = guide.ax = guide.ay = guide.az = 0.0
 
 
 @compiled(allocates=False)
-def stand(state: Floats, guide: Floats) -> None:
+def stand(state: Record, guide: Record) -> None:
     """Stand on the ground with the motors running."""
-    clear(state, col.POSITION + 2, col.HEADING)
-    copy(guide, PX, state, col.POSITION, 3)
-    clear(guide, VX, AX + 3)
-    clear(guide, INTEGRAL, LEAN + 2)
-    guide[RESET] = 1.0
+    state.position_z = 0.0
+    stop(state)
+    guide.px, guide.py, guide.pz = state.position_x, state.position_y, state.position_z
+    halt(guide)
+    guide.integral_x = guide.integral_y = guide.error_x = guide.error_y = 0.0
+    guide.rate_x = guide.rate_y = guide.error_z = guide.thrust_i = guide.thrust = 0.0
+    guide.asked_x = guide.asked_y = guide.target_x = guide.target_y = guide.lean_x = guide.lean_y = 0.0
+    guide.reset = 1.0

@@ -12,79 +12,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.compiled import compiled
-from sim_vehicle.motion import columns as col
-from sim_vehicle.motion.arducopter.control import rooted, stand, stopping_distance
+from sim_vehicle.motion.arducopter.control import halt, rooted, stand, stopping_distance
 from sim_vehicle.motion.arducopter.layout import (
-    ACCEL,
-    ACCEL_Z,
-    ALONG,
     ANEW,
     ARC,
-    ARMING_STEPS,
-    ASKED,
-    AX,
-    BEGIN,
-    BEGINS,
     CHORDS,
     CLIMBING,
-    CORNER,
-    DETECT_STEPS,
-    DONE,
-    DOWN,
-    DT,
-    END,
-    FAST,
     GUIDED,
     HOLDING,
     HOME,
-    INTEGRAL,
-    JERK,
-    KIND,
-    LAG,
     LAND,
-    LAND_FAST,
-    LAND_LOW,
-    LAND_SLOW,
     LANDED,
     LANDING,
     LEAST_SPEED,
     LEAST_WAY,
     LEGS,
-    LEVEL,
-    MODE,
     NO_MODE,
     NOTHING,
-    PACE,
-    PACE_ARC,
-    PACE_FILTER,
-    PAUSE,
-    POS_P,
-    POS_Z_P,
-    PX,
-    RADIUS,
-    RESET,
-    RX,
-    RY,
-    RZ,
     SAME,
     SETPOINT,
     SHAKE,
-    SHAPE_JERK,
-    SHAPE_JERK_Z,
     SIDE,
-    SNAP,
-    SPEED,
-    SPEED_DOWN,
-    SPEED_UP,
-    SPOOL_STEPS,
     STAY,
     TAKEOFF,
-    THRUST,
-    THRUST_I,
-    UNTIL,
-    UP,
-    VX,
-    WP_RADIUS,
 )
 from sim_vehicle.motion.arducopter.scurve import (
     LENGTH,
@@ -99,9 +49,11 @@ from sim_vehicle.motion.arducopter.scurve import (
     may_turn,
     state_at,
 )
-from sim_vehicle.motion.rows import clear, copy
+from sim_vehicle.motion.records import Record
+from sim_vehicle.motion.rules import distance2
 
 Floats = NDArray[np.float64]
+Position = tuple[float, float, float]
 
 
 @compiled
@@ -114,148 +66,165 @@ def _shape(change: float, acceleration: float, limit: float, jerk: float, dt: fl
 
 
 @compiled
-def _stop_here(state: Floats, guide: Floats, law: Floats) -> None:
+def _stop_here(state: Record, guide: Record, law: Record) -> None:
     """Begin anew from the position where the vehicle comes to rest."""
-    vx, vy, vz = state[col.VELOCITY_X], state[col.VELOCITY_Y], state[col.VELOCITY_Z]
+    vx, vy, vz = state.velocity_x, state.velocity_y, state.velocity_z
     speed = sqrt(vx * vx + vy * vy)
-    guide[PX], guide[PX + 1] = state[col.POSITION_X], state[col.POSITION_Y]
+    guide.px, guide.py = state.position_x, state.position_y
     if speed > 0.0:
-        seconds = stopping_distance(min(speed, guide[LEVEL]), law[POS_P], law[ACCEL]) / speed
-        guide[PX] += vx * seconds
-        guide[PX + 1] += vy * seconds
+        seconds = stopping_distance(min(speed, guide.level), law.pos_p, law.accel) / speed
+        guide.px += vx * seconds
+        guide.py += vy * seconds
     distance = stopping_distance(
-        min(abs(vz), law[SPEED_UP] if vz > 0.0 else law[SPEED_DOWN]), law[POS_Z_P], law[ACCEL_Z]
+        min(abs(vz), law.speed_up if vz > 0.0 else law.speed_down), law.pos_z_p, law.accel_z
     )
-    guide[PX + 2] = max(state[col.POSITION_Z] + (distance if vz > 0.0 else -distance), 0.0)
-    clear(guide, VX, AX + 3)
-    copy(guide, BEGIN, guide, PX, 3)
-    copy(guide, END, guide, PX, 3)
-    guide[INTEGRAL], guide[INTEGRAL + 1] = guide[ASKED], guide[ASKED + 1]
-    guide[THRUST_I] = guide[THRUST]
-    guide[RESET] = 1.0
-    guide[PACE] = 1.0
+    guide.pz = max(state.position_z + (distance if vz > 0.0 else -distance), 0.0)
+    halt(guide)
+    guide.begin_x, guide.begin_y, guide.begin_z = guide.px, guide.py, guide.pz
+    guide.end_x, guide.end_y, guide.end_z = guide.px, guide.py, guide.pz
+    guide.integral_x, guide.integral_y = guide.asked_x, guide.asked_y
+    guide.thrust_i = guide.thrust
+    guide.reset = 1.0
+    guide.pace = 1.0
 
 
 @compiled
-def _take_velocity(state: Floats, guide: Floats) -> None:
+def _take_velocity(state: Record, guide: Record) -> None:
     """Begin anew from the present position and velocity."""
-    copy(guide, PX, state, col.POSITION, 6)
-    clear(guide, AX, AX + 3)
-    guide[INTEGRAL], guide[INTEGRAL + 1] = guide[ASKED], guide[ASKED + 1]
-    guide[THRUST_I] = guide[THRUST]
-    guide[RESET] = 1.0
-    guide[PACE] = 1.0
+    guide.px, guide.py, guide.pz = state.position_x, state.position_y, state.position_z
+    guide.vx, guide.vy, guide.vz = state.velocity_x, state.velocity_y, state.velocity_z
+    guide.ax = guide.ay = guide.az = 0.0
+    guide.integral_x, guide.integral_y = guide.asked_x, guide.asked_y
+    guide.thrust_i = guide.thrust
+    guide.reset = 1.0
+    guide.pace = 1.0
+
+
+@compiled(inline="always")
+def begin_of(guide: Record) -> Position:
+    """Return where the leg begins."""
+    return guide.begin_x, guide.begin_y, guide.begin_z
+
+
+@compiled(inline="always")
+def end_of(guide: Record) -> Position:
+    """Return where the leg ends."""
+    return guide.end_x, guide.end_y, guide.end_z
 
 
 @compiled
-def _make(i: int, a: Floats, b: Floats, guide: Floats, law: Floats, heads: Floats, curves: Floats) -> None:
+def _make(
+    i: int, a: Position, b: Position, guide: Record, law: Record, heads: Floats, curves: Floats
+) -> None:
     make_leg(
         heads[i],
         curves[i],
         (b[0] - a[0], b[1] - a[1], b[2] - a[2]),
-        (guide[LEVEL], guide[UP], guide[DOWN]),
-        (law[ACCEL], law[ACCEL_Z]),
-        law[SNAP],
-        law[JERK],
+        (guide.level, guide.up, guide.down),
+        (law.accel, law.accel_z),
+        law.snap,
+        law.jerk,
     )
 
 
 @compiled
-def _apart(guide: Floats) -> None:
+def _apart(guide: Record) -> None:
     """Keep the begin of a leg from its end: an estimated position is never exactly the wanted one."""
-    gap = 0.0
-    for k in range(3):
-        gap += (guide[END + k] - guide[BEGIN + k]) ** 2
+    gap = (
+        (guide.end_x - guide.begin_x) ** 2
+        + (guide.end_y - guide.begin_y) ** 2
+        + (guide.end_z - guide.begin_z) ** 2
+    )
     if gap < LEAST_WAY * LEAST_WAY:
-        guide[BEGIN] = guide[END] - LEAST_WAY
+        guide.begin_x = guide.end_x - LEAST_WAY
 
 
 @compiled
 def begin(
-    state: Floats,
-    guide: Floats,
-    law: Floats,
+    state: Record,
+    guide: Record,
+    law: Record,
     heads: Floats,
     curves: Floats,
-    route: Floats,
+    route: Record,
     leg: int,
     step: int,
 ) -> None:
-    """Begin a leg; guide[BEGINS] tells how it follows from what was before."""
-    how = guide[BEGINS]
-    guide[BEGINS] = NOTHING
-    guide[UNTIL], guide[DONE] = inf, 0.0
+    """Begin a leg; guide.begins tells how it follows from what was before."""
+    how = guide.begins
+    guide.begins = NOTHING
+    guide.until, guide.done = inf, 0.0
     row = route[leg]
-    kind = int(row[KIND])
-    before = guide[MODE]
-    speed = row[SPEED]
+    kind = int(row.kind)
+    before = guide.mode
+    speed = row.speed
     if kind == ARC:
         # The bends of a curve may be slower than what the mission set.
-        speed = max(speed, guide[LEVEL])
+        speed = max(speed, guide.level)
     elif speed < LEAST_SPEED:
-        speed = guide[LEVEL]
-    faster = law[SPEED_UP] != guide[UP] or law[SPEED_DOWN] != guide[DOWN] or speed != guide[LEVEL]
-    guide[LEVEL] = speed
-    guide[UP], guide[DOWN] = law[SPEED_UP], law[SPEED_DOWN]
+        speed = guide.level
+    faster = law.speed_up != guide.up or law.speed_down != guide.down or speed != guide.level
+    guide.level = speed
+    guide.up, guide.down = law.speed_up, law.speed_down
     if kind in (TAKEOFF, LAND):
         if how == ANEW or before == CHORDS:
             _take_velocity(state, guide)
         if kind == TAKEOFF:
-            guide[MODE] = CLIMBING
-            guide[END], guide[END + 1], guide[END + 2] = row[RX], row[RY], row[RZ]
-            if state[col.POSITION_Z] <= 0.0:
-                guide[UNTIL] = step + guide[ARMING_STEPS] + law[SPOOL_STEPS]
+            guide.mode = CLIMBING
+            guide.end_x, guide.end_y, guide.end_z = row.x, row.y, row.z
+            if state.position_z <= 0.0:
+                guide.until = step + guide.arming_steps + law.spool_steps
         else:
-            guide[MODE] = LANDING
+            guide.mode = LANDING
         return
     if kind == STAY:
         _stop_here(state, guide, law)
-        guide[MODE] = HOLDING
+        guide.mode = HOLDING
         return
     if kind == SETPOINT:
         if before != GUIDED:
             _take_velocity(state, guide)
-        guide[MODE] = GUIDED
-        copy(guide, END, row, RX, 3)
+        guide.mode = GUIDED
+        guide.end_x, guide.end_y, guide.end_z = row.x, row.y, row.z
         return
     if how == ANEW or before not in (LEGS, CLIMBING, CHORDS):
         _stop_here(state, guide, law)
         before = NO_MODE
     if kind == ARC:
-        guide[MODE] = CHORDS
+        guide.mode = CHORDS
         if before != CHORDS:
-            guide[PACE_ARC] = 0.0
-        copy(guide, BEGIN, guide, END, 3)
-        copy(guide, END, row, RX, 3)
+            guide.pace_arc = 0.0
+        guide.begin_x, guide.begin_y, guide.begin_z = guide.end_x, guide.end_y, guide.end_z
+        guide.end_x, guide.end_y, guide.end_z = row.x, row.y, row.z
         return
-    guide[MODE] = LEGS
+    guide.mode = LEGS
     if before == LEGS and faster:
         for i in range(1, 3):
-            change_speed(heads[i], curves[i], guide[LEVEL], guide[UP], guide[DOWN])
+            change_speed(heads[i], curves[i], guide.level, guide.up, guide.down)
     if how != SAME:
         if before == LEGS:
             copy_leg(heads, curves, 0, 1)
         else:
             clear_leg(heads[0])
-            guide[FAST] = 0.0
-        copy(guide, BEGIN, guide, END, 3)
-        copy(guide, END, row, RX, 3)
+            guide.fast = 0.0
+        guide.begin_x, guide.begin_y, guide.begin_z = guide.end_x, guide.end_y, guide.end_z
+        guide.end_x, guide.end_y, guide.end_z = row.x, row.y, row.z
         if before != LEGS:
             _apart(guide)
-        if guide[FAST] != 0.0 and heads[2, TIME] < end_time(heads[2], curves[2]):
+        if guide.fast != 0.0 and heads[2, TIME] < end_time(heads[2], curves[2]):
             copy_leg(heads, curves, 1, 2)
         else:
-            _make(1, guide[BEGIN : BEGIN + 3], guide[END : END + 3], guide, law, heads, curves)
+            _make(1, begin_of(guide), end_of(guide), guide, law, heads, curves)
         clear_leg(heads[2])
-    elif guide[FAST] != 0.0 and heads[2, TIME] > 0.0:
+    elif guide.fast != 0.0 and heads[2, TIME] > 0.0:
         # The corner is being flown already.
         return
-    guide[FAST] = 0.0
-    if leg + 1 < len(route) and row[RADIUS] > 0.0 and row[PAUSE] <= 0.0:
+    guide.fast = 0.0
+    if leg + 1 < len(route) and row.radius > 0.0 and row.pause <= 0.0:
         after = route[leg + 1]
-        if after[KIND] <= HOME and after[KIND] != TAKEOFF:
-            guide[FAST] = 1.0
-            _make(2, guide[END : END + 3], after[RX : RZ + 1], guide, law, heads, curves)
+        if after.kind <= HOME and after.kind != TAKEOFF:
+            guide.fast = 1.0
+            _make(2, end_of(guide), (after.x, after.y, after.z), guide, law, heads, curves)
 
 
 @compiled(inline="always")
@@ -270,24 +239,24 @@ def _blurred_share(share: float, blur: float) -> float:
 
 
 @compiled(inline="late", allocates=False)
-def lead_legs(guide: Floats, law: Floats, heads: Floats, curves: Floats) -> bool:
+def lead_legs(guide: Record, law: Record, heads: Floats, curves: Floats) -> bool:
     """Move the target along this leg, the end of the one before and the begin of the next; tell its end.
 
     The target slows down as far as the vehicle falls behind it, with the time constant of the acceleration.
     """
-    wanted = sqrt(guide[VX] ** 2 + guide[VX + 1] ** 2 + guide[VX + 2] ** 2)
+    wanted = sqrt(guide.vx**2 + guide.vy**2 + guide.vz**2)
     pace = 1.0
     if wanted > 1e-6:
-        pace = _blurred_share(0.05 + (guide[ALONG] - law[POS_P] * guide[LAG]) / wanted, SHAKE / wanted)
-    guide[PACE] += law[PACE_FILTER] * (pace - guide[PACE])
-    dt = law[DT] * guide[PACE]
+        pace = _blurred_share(0.05 + (guide.along - law.pos_p * guide.lag) / wanted, SHAKE / wanted)
+    guide.pace += law.pace_filter * (pace - guide.pace)
+    dt = law.dt * guide.pace
     ends = end_time(heads[1], curves[1])
     now = min(heads[1, TIME] + dt, ends)
     heads[1, TIME] = now
     done = bool(now >= ends)
     follows = heads[2, TIME] > 0.0
-    if guide[FAST] != 0.0 and not follows:
-        follows = may_turn(heads, curves, law[WP_RADIUS], law[CORNER])
+    if guide.fast != 0.0 and not follows:
+        follows = may_turn(heads, curves, law.wp_radius, law.corner)
     if follows:
         heads[2, TIME] = min(heads[2, TIME] + dt, end_time(heads[2], curves[2]))
         done = bool(done or heads[2, TIME] >= ends - now)
@@ -296,7 +265,7 @@ def lead_legs(guide: Floats, law: Floats, heads: Floats, curves: Floats) -> bool
         heads[0, TIME] = min(heads[0, TIME] + dt, last)
         if heads[0, TIME] >= last:
             heads[0, MADE] = 0.0
-    x, y, z = guide[BEGIN], guide[BEGIN + 1], guide[BEGIN + 2]
+    x, y, z = guide.begin_x, guide.begin_y, guide.begin_z
     vx = vy = vz = ax = ay = az = 0.0
     for i in range(3):
         if heads[i, MADE] == 0.0 or (i == 2 and not follows):
@@ -308,71 +277,81 @@ def lead_legs(guide: Floats, law: Floats, heads: Floats, curves: Floats) -> bool
         x, y, z = x + east * p, y + north * p, z + up * p
         vx, vy, vz = vx + east * v, vy + north * v, vz + up * v
         ax, ay, az = ax + east * a, ay + north * a, az + up * a
-    guide[PX], guide[PX + 1], guide[PX + 2] = x, y, z
-    guide[VX], guide[VX + 1], guide[VX + 2] = vx, vy, vz
-    guide[AX], guide[AX + 1], guide[AX + 2] = ax, ay, az
+    guide.px, guide.py, guide.pz = x, y, z
+    guide.vx, guide.vy, guide.vz = vx, vy, vz
+    guide.ax, guide.ay, guide.az = ax, ay, az
     return done
 
 
 @compiled(allocates=False)
-def _lead_chord(guide: Floats, law: Floats, route: Floats, leg: int) -> bool:
+def _lead_chord(guide: Record, law: Record, route: Record, leg: int) -> bool:
     """Move the target along a curve of chords with half of the acceleration; tell the end of this one."""
-    dt = law[DT]
+    dt = law.dt
     left, way = 0.0, 0.0
-    for k in range(3):
-        left += (guide[END + k] - guide[PX + k]) ** 2
+    left += (guide.end_x - guide.px) ** 2
+    left += (guide.end_y - guide.py) ** 2
+    left += (guide.end_z - guide.pz) ** 2
     left = sqrt(left)
     # What lies ahead within the braking distance.
-    accel = 0.5 * law[ACCEL]
-    speed = guide[PACE_ARC]
-    top = route[leg, SPEED]
+    accel = 0.5 * law.accel
+    speed = guide.pace_arc
+    top = route[leg].speed
     way, i = left, leg
     need = 0.5 * speed * speed / accel + 2.0 * dt * speed
     while way <= need:
-        if i + 1 >= len(route) or route[i + 1, KIND] != ARC or route[i, PAUSE] > 0.0:
+        if i + 1 >= len(route) or route[i + 1].kind != ARC or route[i].pause > 0.0:
             top = min(top, sqrt(2.0 * accel * way))
             break
-        slow = route[i + 1, SPEED]
+        slow = route[i + 1].speed
         top = min(top, sqrt(slow * slow + 2.0 * accel * way))
-        step = 0.0
-        for k in range(3):
-            step += (route[i + 1, k] - route[i, k]) ** 2
+        step = (
+            (route[i + 1].x - route[i].x) ** 2
+            + (route[i + 1].y - route[i].y) ** 2
+            + (route[i + 1].z - route[i].z) ** 2
+        )
         way += sqrt(step)
         i += 1
     speed = min(max(top, speed - accel * dt), speed + accel * dt)
-    guide[PACE_ARC] = speed
+    guide.pace_arc = speed
     move = max(speed, 0.05) * dt
     done = bool(move >= left)
     share = 1.0 if done else move / left
-    for k in range(3):
-        gap = guide[END + k] - guide[PX + k]
-        guide[VX + k] = gap * speed / left if left > 0.0 else 0.0
-        guide[PX + k] += gap * share
-        guide[AX + k] = 0.0
+    gap = guide.end_x - guide.px
+    guide.vx = gap * speed / left if left > 0.0 else 0.0
+    guide.px += gap * share
+    guide.ax = 0.0
+    gap = guide.end_y - guide.py
+    guide.vy = gap * speed / left if left > 0.0 else 0.0
+    guide.py += gap * share
+    guide.ay = 0.0
+    gap = guide.end_z - guide.pz
+    guide.vz = gap * speed / left if left > 0.0 else 0.0
+    guide.pz += gap * share
+    guide.az = 0.0
     return done
 
 
 @compiled(allocates=False)
-def _lead_up(guide: Floats, law: Floats) -> bool:
+def _lead_up(guide: Record, law: Record) -> bool:
     """Climb to the height of the take-off; tell when that is reached and the climb slow."""
-    dt, limit, jerk = law[DT], law[ACCEL_Z], law[SHAPE_JERK_Z]
-    guide[PX + 2] += dt * (guide[VX + 2] + 0.5 * dt * guide[AX + 2])
-    guide[VX + 2] += dt * guide[AX + 2]
+    dt, limit, jerk = law.dt, law.accel_z, law.shape_jerk_z
+    guide.pz += dt * (guide.vz + 0.5 * dt * guide.az)
+    guide.vz += dt * guide.az
     gain = jerk / limit
-    error = guide[END + 2] - guide[PX + 2]
+    error = guide.end_z - guide.pz
     rate = rooted(error, gain, limit)
-    if rate * guide[VX + 2] > 0.0:
+    if rate * guide.vz > 0.0:
         slope = gain if abs(error) <= limit / (gain * gain) else limit / abs(rate)
-        rate -= slope * guide[VX + 2] / gain
-    rate = min(max(rate, -guide[DOWN]), guide[UP])
-    wanted = min(max((rate - guide[VX + 2]) * gain, -limit), limit)
-    guide[AX + 2] += min(max(wanted - guide[AX + 2], -jerk * dt), jerk * dt)
-    stops = 0.5 * (0.1 * guide[UP]) ** 2 / limit
-    return bool(guide[PX + 2] >= guide[END + 2] - stops and guide[VX + 2] < 0.1 * guide[UP])
+        rate -= slope * guide.vz / gain
+    rate = min(max(rate, -guide.down), guide.up)
+    wanted = min(max((rate - guide.vz) * gain, -limit), limit)
+    guide.az += min(max(wanted - guide.az, -jerk * dt), jerk * dt)
+    stops = 0.5 * (0.1 * guide.up) ** 2 / limit
+    return bool(guide.pz >= guide.end_z - stops and guide.vz < 0.1 * guide.up)
 
 
 @compiled(allocates=False)
-def _lead_to(guide: Floats, law: Floats) -> bool:
+def _lead_to(guide: Record, law: Record) -> bool:
     """Move the target to the position asked for in guided mode; tell whether it is there.
 
     `AC_PosControl::input_pos_NEU_m`: the speed is that from which half of the acceleration, reached with half
@@ -380,22 +359,25 @@ def _lead_to(guide: Floats, law: Floats) -> bool:
     a turn of less than 45 degrees or more than 135 leaves most of the acceleration to what goes along, any
     other brakes and turns at once.
     """
-    dt, limit, jerk = law[DT], law[ACCEL], law[SHAPE_JERK]
-    for k in range(3):
-        guide[PX + k] += dt * (guide[VX + k] + 0.5 * dt * guide[AX + k])
-        guide[VX + k] += dt * guide[AX + k]
-    dx, dy, dz = guide[END] - guide[PX], guide[END + 1] - guide[PX + 1], guide[END + 2] - guide[PX + 2]
+    dt, limit, jerk = law.dt, law.accel, law.shape_jerk
+    guide.px += dt * (guide.vx + 0.5 * dt * guide.ax)
+    guide.vx += dt * guide.ax
+    guide.py += dt * (guide.vy + 0.5 * dt * guide.ay)
+    guide.vy += dt * guide.ay
+    guide.pz += dt * (guide.vz + 0.5 * dt * guide.az)
+    guide.vz += dt * guide.az
+    dx, dy, dz = guide.end_x - guide.px, guide.end_y - guide.py, guide.end_z - guide.pz
     flat = sqrt(dx * dx + dy * dy)
     way = sqrt(flat * flat + dz * dz)
-    most = guide[LEVEL] * way / flat if flat > 0.0 else inf
+    most = guide.level * way / flat if flat > 0.0 else inf
     if dz != 0.0:
-        most = min(most, (guide[UP] if dz > 0.0 else guide[DOWN]) * way / abs(dz))
+        most = min(most, (guide.up if dz > 0.0 else guide.down) * way / abs(dz))
     wx = wy = wz = ex = ey = 0.0
     if flat > 0.0:
         ex, ey = dx / flat, dy / flat
         rate = min(rooted(flat, 0.5 * jerk / limit, 0.5 * limit), flat / dt, most * flat / way)
         wx, wy = rate * ex, rate * ey
-    cx, cy = wx - guide[VX], wy - guide[VX + 1]
+    cx, cy = wx - guide.vx, wy - guide.vy
     change = sqrt(cx * cx + cy * cy)
     if change > 0.0:
         size = min(rooted(change, jerk / limit, jerk), change / dt)
@@ -408,97 +390,94 @@ def _lead_to(guide: Floats, law: Floats) -> bool:
             cx, cy = along * ex - across * ey, along * ey + across * ex
         elif size > limit:
             cx, cy = cx * limit / size, cy * limit / size
-    cx, cy = cx - guide[AX], cy - guide[AX + 1]
+    cx, cy = cx - guide.ax, cy - guide.ay
     change = sqrt(cx * cx + cy * cy)
     share = min(1.0, jerk * dt / change) if change > 0.0 else 0.0
-    guide[AX] += cx * share
-    guide[AX + 1] += cy * share
-    limit, jerk = law[ACCEL_Z], law[SHAPE_JERK_Z]
+    guide.ax += cx * share
+    guide.ay += cy * share
+    limit, jerk = law.accel_z, law.shape_jerk_z
     if dz != 0.0:
         top = min(most * abs(dz) / way, abs(dz) / dt)
         wz = min(max(rooted(dz, 0.5 * jerk / limit, 0.5 * limit), -top), top)
-    guide[AX + 2] = _shape(wz - guide[VX + 2], guide[AX + 2], limit, jerk, dt)
-    return bool(way < 0.05 and guide[VX] ** 2 + guide[VX + 1] ** 2 < 0.0025)
+    guide.az = _shape(wz - guide.vz, guide.az, limit, jerk, dt)
+    return bool(way < 0.05 and guide.vx**2 + guide.vy**2 < 0.0025)
 
 
 @compiled(allocates=False)
-def _lead_down(guide: Floats, law: Floats, height: float) -> None:
+def _lead_down(guide: Record, law: Record, height: float) -> None:
     """Sink, slowly near the ground."""
-    dt = law[DT]
-    guide[PX + 2] += dt * (guide[VX + 2] + 0.5 * dt * guide[AX + 2])
-    guide[VX + 2] += dt * guide[AX + 2]
-    rate = rooted(law[LAND_LOW] - height, law[POS_Z_P], law[ACCEL_Z])
-    fast = law[LAND_FAST] if law[LAND_FAST] > 0.0 else guide[DOWN]
-    rate = min(max(rate, -max(fast, law[LAND_SLOW])), -law[LAND_SLOW])
-    guide[AX + 2] = _shape(rate - guide[VX + 2], guide[AX + 2], law[ACCEL_Z], law[SHAPE_JERK_Z], dt)
+    dt = law.dt
+    guide.pz += dt * (guide.vz + 0.5 * dt * guide.az)
+    guide.vz += dt * guide.az
+    rate = rooted(law.land_low - height, law.pos_z_p, law.accel_z)
+    fast = law.land_fast if law.land_fast > 0.0 else guide.down
+    rate = min(max(rate, -max(fast, law.land_slow)), -law.land_slow)
+    guide.az = _shape(rate - guide.vz, guide.az, law.accel_z, law.shape_jerk_z, dt)
 
 
 @compiled(allocates=False)
-def _lead_level(guide: Floats, law: Floats) -> None:
+def _lead_level(guide: Record, law: Record) -> None:
     """Bring the horizontal velocity to rest while the vehicle climbs or sinks."""
-    if guide[VX] == 0.0 and guide[VX + 1] == 0.0 and guide[AX] == 0.0 and guide[AX + 1] == 0.0:
+    if guide.vx == 0.0 and guide.vy == 0.0 and guide.ax == 0.0 and guide.ay == 0.0:
         return
-    dt, limit, jerk = law[DT], law[ACCEL], law[SHAPE_JERK]
-    for k in range(2):
-        guide[PX + k] += dt * (guide[VX + k] + 0.5 * dt * guide[AX + k])
-        guide[VX + k] += dt * guide[AX + k]
-    speed = sqrt(guide[VX] ** 2 + guide[VX + 1] ** 2)
+    dt, limit, jerk = law.dt, law.accel, law.shape_jerk
+    guide.px += dt * (guide.vx + 0.5 * dt * guide.ax)
+    guide.vx += dt * guide.ax
+    guide.py += dt * (guide.vy + 0.5 * dt * guide.ay)
+    guide.vy += dt * guide.ay
+    speed = sqrt(guide.vx**2 + guide.vy**2)
     if speed < 1e-3:
-        guide[VX] = guide[VX + 1] = guide[AX] = guide[AX + 1] = 0.0
+        guide.vx = guide.vy = guide.ax = guide.ay = 0.0
         return
     size = min(rooted(speed, jerk / limit, jerk), speed / dt, limit) / speed
-    cx, cy = -guide[VX] * size - guide[AX], -guide[VX + 1] * size - guide[AX + 1]
+    cx, cy = -guide.vx * size - guide.ax, -guide.vy * size - guide.ay
     change = sqrt(cx * cx + cy * cy)
     share = min(1.0, jerk * dt / change) if change > 0.0 else 0.0
-    guide[AX] += cx * share
-    guide[AX + 1] += cy * share
+    guide.ax += cx * share
+    guide.ay += cy * share
 
 
 @compiled(inline="late", allocates=False)
 def lead(
-    state: Floats,
-    guide: Floats,
-    law: Floats,
+    state: Record,
+    guide: Record,
+    law: Record,
     heads: Floats,
     curves: Floats,
-    route: Floats,
+    route: Record,
     leg: int,
     step: int,
 ) -> bool:
     """Move the target for the next step; tell whether the leg is done."""
-    mode = guide[MODE]
+    mode = guide.mode
     if mode == LEGS:
         done = lead_legs(guide, law, heads, curves)
-        if done and guide[FAST] == 0.0:
-            gap = 0.0
-            for k in range(3):
-                gap += (guide[END + k] - state[k]) ** 2
-            done = gap <= law[WP_RADIUS] ** 2
+        if done and guide.fast == 0.0:
+            gap = distance2(state, guide.end_x, guide.end_y, guide.end_z)
+            done = gap <= law.wp_radius**2
     elif mode == CHORDS:
-        done = guide[DONE] != 0.0 or _lead_chord(guide, law, route, leg)
+        done = guide.done != 0.0 or _lead_chord(guide, law, route, leg)
         if done:
-            guide[DONE] = 1.0
-            if leg + 1 >= len(route) or route[leg + 1, KIND] != ARC:
-                clear(guide, VX, AX + 3)
-                guide[PACE_ARC] = 0.0
-                gap = 0.0
-                for k in range(3):
-                    gap += (guide[END + k] - state[k]) ** 2
-                done = gap <= law[WP_RADIUS] ** 2
+            guide.done = 1.0
+            if leg + 1 >= len(route) or route[leg + 1].kind != ARC:
+                halt(guide)
+                guide.pace_arc = 0.0
+                gap = distance2(state, guide.end_x, guide.end_y, guide.end_z)
+                done = gap <= law.wp_radius**2
     elif mode == CLIMBING:
         _lead_level(guide, law)
         done = _lead_up(guide, law)
         if done:
-            guide[PX + 2] = guide[END + 2]
-            clear(guide, VX, AX + 3)
-            guide[END], guide[END + 1] = guide[PX], guide[PX + 1]
+            guide.pz = guide.end_z
+            halt(guide)
+            guide.end_x, guide.end_y = guide.px, guide.py
     elif mode == LANDING:
         _lead_level(guide, law)
-        _lead_down(guide, law, state[col.POSITION_Z])
+        _lead_down(guide, law, state.position_z)
         done = False
-        if state[col.POSITION_Z] <= 0.0:
-            guide[MODE] = LANDED
-            guide[UNTIL] = step + law[DETECT_STEPS]
+        if state.position_z <= 0.0:
+            guide.mode = LANDED
+            guide.until = step + law.detect_steps
             stand(state, guide)
     elif mode == GUIDED:
         done = _lead_to(guide, law)
@@ -506,14 +485,11 @@ def lead(
         if leg + 1 < len(route):
             return True
         gap = (
-            (guide[PX] - state[col.POSITION_X]) ** 2
-            + (guide[PX + 1] - state[col.POSITION_Y]) ** 2
-            + (guide[PX + 2] - state[col.POSITION_Z]) ** 2
+            (guide.px - state.position_x) ** 2
+            + (guide.py - state.position_y) ** 2
+            + (guide.pz - state.position_z) ** 2
         )
-        done = (
-            gap < 0.04
-            and state[col.VELOCITY_X] ** 2 + state[col.VELOCITY_Y] ** 2 + state[col.VELOCITY_Z] ** 2 < 0.01
-        )
+        done = gap < 0.04 and state.velocity_x**2 + state.velocity_y**2 + state.velocity_z**2 < 0.01
     else:
-        done = mode == LANDED and step >= guide[UNTIL]
+        done = mode == LANDED and step >= guide.until
     return done

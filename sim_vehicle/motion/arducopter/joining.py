@@ -8,6 +8,7 @@ import numpy as np
 
 from sim_vehicle.motion.arducopter import layout as at
 from sim_vehicle.motion.arducopter import scurve
+from sim_vehicle.motion.arducopter.layout import Guide, Law, Leg
 from sim_vehicle.motion.legs import LegKind
 
 if TYPE_CHECKING:
@@ -42,14 +43,14 @@ def join(
         The leg.
     here, velocity : float64[3]
     """
-    end = row[: at.RZ + 1]
+    end = row[: Leg.Z + 1]
     left = float(np.linalg.norm(end - here))
     speed = float(np.linalg.norm(velocity))
     along = float(velocity @ (end - here)) / left if left > 0.0 else 0.0
-    if int(row[at.KIND]) not in (LegKind.WAYPOINT, LegKind.HOME) or along < _STEADY * max(speed, 0.5):
+    if int(row[Leg.KIND]) not in (LegKind.WAYPOINT, LegKind.HOME) or along < _STEADY * max(speed, 0.5):
         return at.ANEW
-    guide[at.LEVEL] = row[at.SPEED] if row[at.SPEED] >= at.LEAST_SPEED else guide[at.LEVEL]
-    guide[at.UP], guide[at.DOWN] = law[at.SPEED_UP], law[at.SPEED_DOWN]
+    guide[Guide.LEVEL] = row[Leg.SPEED] if row[Leg.SPEED] >= at.LEAST_SPEED else guide[Guide.LEVEL]
+    guide[Guide.UP], guide[Guide.DOWN] = law[Law.SPEED_UP], law[Law.SPEED_DOWN]
     ahead = (end - here) / left
     _make_leg(guide, law, head, curve, ahead * (_FAR_M + left))
     at_s = _time_of(head, curve, _POSITION, _FAR_M, scurve.end_time(head, curve))
@@ -62,13 +63,13 @@ def join(
         at_s = _time_of(head, curve, _POSITION, behind, scurve.end_time(head, curve))
     _, speed, acceleration = scurve.state_at(head, curve, at_s)
     head[scurve.TIME] = at_s
-    guide[at.BEGIN : at.BEGIN + 3] = here - ahead * behind
-    guide[at.END : at.END + 3] = end
-    guide[at.PX : at.PX + 3] = here
-    guide[at.VX : at.VX + 3] = ahead * speed
-    guide[at.AX : at.AX + 3] = ahead * acceleration
-    guide[at.MODE] = at.LEGS
-    guide[at.RESET] = guide[at.PACE] = 1.0
+    guide[Guide.BEGIN_X : Guide.BEGIN_X + 3] = here - ahead * behind
+    guide[Guide.END_X : Guide.END_X + 3] = end
+    guide[Guide.PX : Guide.PX + 3] = here
+    guide[Guide.VX : Guide.VX + 3] = ahead * speed
+    guide[Guide.AX : Guide.AX + 3] = ahead * acceleration
+    guide[Guide.MODE] = at.LEGS
+    guide[Guide.RESET] = guide[Guide.PACE] = 1.0
     return at.SAME
 
 
@@ -85,18 +86,18 @@ def follows(guide: Floats, heads: Floats, row: Floats, *, arrived: bool, interru
     interrupted : bool
         Whether the leg that is flown was given up.
     """
-    target = row[: at.RZ + 1]
-    chained = guide[at.BEGINS] == at.CHAINED
+    target = row[: Leg.Z + 1]
+    chained = guide[Guide.BEGINS] == at.CHAINED
     if interrupted and not (chained or arrived):
         return at.ANEW
-    end = guide[at.END : at.END + 3]
-    if chained and guide[at.FAST] != 0.0:
+    end = guide[Guide.END_X : Guide.END_X + 3]
+    if chained and guide[Guide.FAST] != 0.0:
         head = heads[2]
         ahead = end + head[scurve.LENGTH] * head[scurve.UX : scurve.UZ + 1]
         return at.CHAINED if np.allclose(ahead, target, rtol=0.0, atol=1e-3) else at.ANEW
     if chained or arrived:
         return at.CHAINED
-    if guide[at.MODE] == at.LEGS and np.allclose(end, target, rtol=0.0, atol=1e-3):
+    if guide[Guide.MODE] == at.LEGS and np.allclose(end, target, rtol=0.0, atol=1e-3):
         return at.SAME
     return at.ANEW
 
@@ -108,10 +109,10 @@ def _make_leg(guide: Floats, law: Floats, head: Floats, curve: Floats, way: Floa
         head,
         curve,
         (east, north, up),
-        (float(guide[at.LEVEL]), float(guide[at.UP]), float(guide[at.DOWN])),
-        (float(law[at.ACCEL]), float(law[at.ACCEL_Z])),
-        law[at.SNAP],
-        law[at.JERK],
+        (float(guide[Guide.LEVEL]), float(guide[Guide.UP]), float(guide[Guide.DOWN])),
+        (float(law[Law.ACCEL]), float(law[Law.ACCEL_Z])),
+        law[Law.SNAP],
+        law[Law.JERK],
     )
 
 

@@ -12,29 +12,10 @@ from sim_vehicle.energy.power_kernels import multirotor_power
 from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.arducopter.control import command, move, stand, turn
 from sim_vehicle.motion.arducopter.guidance import begin, lead
-from sim_vehicle.motion.arducopter.layout import (
-    BEGINS,
-    CHAINED,
-    CLIMBING,
-    DISTANCE,
-    DONE,
-    DOWN,
-    DT,
-    HEADING,
-    LANDED,
-    LANDING,
-    LEVEL,
-    MODE,
-    NOTHING,
-    PAUSE,
-    RISING,
-    STAND_BY,
-    TURNING,
-    UNTIL,
-    UP,
-)
-from sim_vehicle.motion.multirotor.kernel import ENERGY_LIMIT, SLOWEST, STALL_S
-from sim_vehicle.motion.rules import complete_leg, mark_track, wind_row
+from sim_vehicle.motion.arducopter.layout import CHAINED, CLIMBING, LANDED, LANDING, NOTHING
+from sim_vehicle.motion.multirotor.kernel import SLOWEST, STALL_S
+from sim_vehicle.motion.records import Record
+from sim_vehicle.motion.rules import complete_leg, distance2, mark_track, wind_row
 from sim_vehicle.weather.gust_kernel import wind_at
 
 Floats = NDArray[np.float64]
@@ -43,10 +24,10 @@ Integers = NDArray[np.int64]
 
 @compiled(allocates=False)
 def advance(
-    state: Floats,
+    states: Record,
     counters: Integers,
-    route: Floats,
-    limits: Floats,
+    route: Record,
+    limits_of: Record,
     power: Floats,
     wind: Floats,
     first_wind: int,
@@ -55,8 +36,8 @@ def advance(
     arrivals: Integers,
     track: Floats,
     track_every: int,
-    guide: Floats,
-    law: Floats,
+    guides: Record,
+    laws: Record,
     heads: Floats,
     curves: Floats,
 ) -> int:
@@ -64,18 +45,18 @@ def advance(
 
     Parameters
     ----------
-    state, counters : float64[STATE], int64[COUNTERS]
+    states, counters : STATE[1], int64[COUNTERS]
         Those of `sim_vehicle.motion.multirotor.kernel`; changed in place.
-    route : float64[n, LEG]
+    route : LEG[n]
         East, north, up, radius, speed, heading, near, kind, pause and rate of turning, as in
         `sim_vehicle.motion.legs.Route`; a speed of 0 keeps the one before.
-    limits : float64[LIMITS]
+    limits_of : LIMITS[1]
         Of the multirotor: only the energy that ends the flight is used.
     power, wind, first_wind, max_steps, stop_each, arrivals, track, track_every
         As in `sim_vehicle.motion.multirotor.kernel.advance`.
-    guide : float64[GUIDE]
+    guides : GUIDE[1]
         Changed in place, as are the next arrays.
-    law : float64[LAW]
+    laws : LAW[1]
     heads, curves : float64[3, HEAD], float64[3, SEGMENTS, COLUMNS]
         The leg before, this one and the next: `sim_vehicle.motion.arducopter.scurve`.
 
@@ -84,97 +65,94 @@ def advance(
     int
         RAN, REACHED, WIND (the wind block is used up), STALLED (no progress), ENERGY or NEAR.
     """
+    state, guide, law = states[0], guides[0], laws[0]
     # Read once: a look into the limits at every step costs a tenth of the speed.
-    dt, capacity = law[DT], limits[ENERGY_LIMIT]
+    dt, capacity = law.dt, limits_of[0].energy_limit
     event = col.RAN
-    rising = guide[RISING]
+    rising = guide.rising
     for _ in range(max_steps):
         step, leg = counters[col.STEP], counters[col.LEG_INDEX]
-        if guide[BEGINS] != NOTHING:
+        if guide.begins != NOTHING:
             begin(state, guide, law, heads, curves, route, leg, step)
-            state[col.GIVE_UP_STEP] = inf
+            state.give_up_step = inf
         row = route[leg]
         if step % col.GRID == 0:
             index = wind_row(step, first_wind, len(wind))
             if index < 0:
                 event = col.WIND
                 break
-            state[col.WIND_EAST], state[col.WIND_NORTH], rising = wind_at(wind[index], state[col.POSITION_Z])
+            state.wind_east, state.wind_north, rising = wind_at(wind[index], state.position_z)
             ux, uy = (
-                state[col.VELOCITY_X] - state[col.WIND_EAST],
-                state[col.VELOCITY_Y] - state[col.WIND_NORTH],
+                state.velocity_x - state.wind_east,
+                state.velocity_y - state.wind_north,
             )
-            grounded = guide[MODE] == LANDED or (guide[MODE] == CLIMBING and step < guide[UNTIL] < inf)
+            grounded = guide.mode == LANDED or (guide.mode == CLIMBING and step < guide.until < inf)
             if grounded:
-                state[col.POWER] = law[STAND_BY]
+                state.power = law.stand_by
             else:
-                climb = state[col.VELOCITY_Z] - rising
-                state[col.POWER] = multirotor_power(
+                climb = state.velocity_z - rising
+                state.power = multirotor_power(
                     power,
                     ux,
                     uy,
                     climb,
-                    state[col.ACCELERATION_X],
-                    state[col.ACCELERATION_Y],
-                    state[col.ACCELERATION_Z],
+                    state.acceleration_x,
+                    state.acceleration_y,
+                    state.acceleration_z,
                 )
             mark_track(
                 counters,
                 step,
                 track,
                 track_every,
-                state[col.POSITION_X],
-                state[col.POSITION_Y],
-                state[col.POSITION_Z],
+                state.position_x,
+                state.position_y,
+                state.position_z,
             )
-            if counters[col.ARRIVED] == 0 and guide[DONE] == 0.0 and not grounded and guide[MODE] != LANDING:
-                if state[col.GIVE_UP_STEP] == inf:
-                    left = 0.0
-                    for k in range(3):
-                        left += (row[k] - state[k]) ** 2
-                    slowest = min(guide[LEVEL], guide[UP], guide[DOWN], SLOWEST)
-                    state[col.GIVE_UP_STEP] = step + (STALL_S + 1.5 * sqrt(left) / slowest) / dt
+            if counters[col.ARRIVED] == 0 and guide.done == 0.0 and not grounded and guide.mode != LANDING:
+                if state.give_up_step == inf:
+                    left = distance2(state, row.x, row.y, row.z)
+                    slowest = min(guide.level, guide.up, guide.down, SLOWEST)
+                    state.give_up_step = step + (STALL_S + 1.5 * sqrt(left) / slowest) / dt
                     counters[col.MOVED_STEP] = step
-                if state[col.VELOCITY_X] ** 2 + state[col.VELOCITY_Y] ** 2 + state[
-                    col.VELOCITY_Z
-                ] ** 2 > 0.0025 * min(guide[LEVEL] ** 2, 1.0):
+                if state.velocity_x**2 + state.velocity_y**2 + state.velocity_z**2 > 0.0025 * min(
+                    guide.level**2, 1.0
+                ):
                     counters[col.MOVED_STEP] = step
-                if (step - counters[col.MOVED_STEP]) * dt > STALL_S or step > state[col.GIVE_UP_STEP]:
+                if (step - counters[col.MOVED_STEP]) * dt > STALL_S or step > state.give_up_step:
                     event = col.STALLED
                     break
-        waits = guide[MODE] == CLIMBING and step < guide[UNTIL] < inf
-        if waits or guide[MODE] == LANDED:
+        waits = guide.mode == CLIMBING and step < guide.until < inf
+        if waits or guide.mode == LANDED:
             stand(state, guide)
         else:
             command(state, guide, law)
-            state[col.PATH_LENGTH] += move(state, guide, law, rising)
-        turn(state, guide, law, row[HEADING], row[TURNING])
-        state[col.ENERGY_USED] += state[col.POWER] * dt
+            state.path_length += move(state, guide, law, rising)
+        turn(state, guide, law, row.heading, row.turning)
+        state.energy_used += state.power * dt
         step += 1
         counters[col.STEP] = step
         done = False
         if not waits:
             done = lead(state, guide, law, heads, curves, route, leg, step)
         if counters[col.ARRIVED] == 0:
-            if done and row[PAUSE] > 0.0 and guide[DONE] != 2.0:
-                guide[DONE] = 2.0
-                guide[UNTIL] = step + round(row[PAUSE] / dt)
-            if guide[DONE] == 2.0:
-                done = step >= guide[UNTIL]
+            if done and row.pause > 0.0 and guide.done != 2.0:
+                guide.done = 2.0
+                guide.until = step + round(row.pause / dt)
+            if guide.done == 2.0:
+                done = step >= guide.until
             if done:
                 event = complete_leg(counters, arrivals, step, stop_each)
                 if counters[col.ARRIVED] == 0:
-                    guide[BEGINS] = CHAINED
-            elif counters[col.NEAR_TOLD] == 0 and row[DISTANCE] > 0.0:
-                left = 0.0
-                for k in range(3):
-                    left += (row[k] - state[k]) ** 2
-                if left < row[DISTANCE] ** 2:
+                    guide.begins = CHAINED
+            elif counters[col.NEAR_TOLD] == 0 and row.distance > 0.0:
+                left = distance2(state, row.x, row.y, row.z)
+                if left < row.distance**2:
                     counters[col.NEAR_TOLD] = 1
                     event = col.NEAR
-        if state[col.ENERGY_USED] >= capacity:
+        if state.energy_used >= capacity:
             event = col.ENERGY
         if event != col.RAN:
             break
-    guide[RISING] = rising
+    guide.rising = rising
     return event

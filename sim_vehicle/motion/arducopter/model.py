@@ -14,16 +14,20 @@ from sim_vehicle.motion.arducopter import kernel, scurve
 from sim_vehicle.motion.arducopter import layout as at
 from sim_vehicle.motion.arducopter.control import stopping_distance
 from sim_vehicle.motion.arducopter.joining import follows, join
+from sim_vehicle.motion.arducopter.layout import Guide, Law, Leg
 from sim_vehicle.motion.arducopter.parameters import drag_of, lookup
+from sim_vehicle.motion.columns import State
+from sim_vehicle.motion.compiled_motion import Dynamics
 from sim_vehicle.motion.legs import KEEP, LegKind
-from sim_vehicle.motion.model import MotionEvent
-from sim_vehicle.motion.multirotor.model import Multirotor
+from sim_vehicle.motion.multirotor.kernel import LIMITS
+from sim_vehicle.motion.multirotor.model import GENERIC, Multirotor
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Heading, Position, Route
+    from sim_vehicle.motion.records import Record
     from sim_vehicle.weather.wind import Wind
 
 _HOVER_THROTTLE = 0.39
@@ -51,15 +55,23 @@ class ArduCopter(Multirotor):
     (10, True)
     """
 
+    dynamics = Dynamics(
+        kernel.advance,
+        col.STATE,
+        LIMITS,
+        (("guide", at.GUIDE), ("law", at.LAW), ("heads", None), ("curves", None)),
+        "_rows",
+    )
+
     def __init__(self, spec: VehicleSpec, wind: Wind | None = None, yaw_rad: float = 0.0) -> None:
         super().__init__(spec, wind, yaw_rad)
-        self.guide: NDArray[np.float64] = np.zeros(at.GUIDE)
+        self.guide: NDArray[np.float64] = np.zeros(len(Guide))
         self.heads: NDArray[np.float64] = np.zeros((3, scurve.HEAD))
         self.curves: NDArray[np.float64] = np.zeros((3, scurve.SEGMENTS, scurve.COLUMNS))
         self.law = _law(spec, self._idle_w + float(self._power[CONSTANT_POWER]))
-        self.guide[at.LEVEL] = spec.cruise_speed_m_s
+        self.guide[Guide.LEVEL] = spec.cruise_speed_m_s
         self._under_way = False
-        self._rows: NDArray[np.float64] | None = None
+        self._rows: Record | None = None
         self._interrupted = False
         self._armed_steps = 0
 
@@ -71,12 +83,12 @@ class ArduCopter(Multirotor):
         super().place_in_flight(position_m, velocity_m_s, heading_rad)
         guide, law = self.guide, self.law
         guide[:] = 0.0
-        guide[at.LEVEL] = self.spec.cruise_speed_m_s
+        guide[Guide.LEVEL] = self.spec.cruise_speed_m_s
         self.heads[:] = 0.0
         # The attitude and the integrators that balance the drag.
-        air = self.state[col.VELOCITY : col.ACCELERATION][:2] - self.state[col.WIND_EAST : col.WIND_NORTH + 1]
-        lean = (law[at.DRAG] + law[at.DRAG_2] * float(np.hypot(*air))) * air
-        for first in (at.INTEGRAL, at.ASKED, at.TARGET, at.LEAN):
+        air = self.state[col.VELOCITY][:2] - self.state[col.LEVEL_WIND]
+        lean = (law[Law.DRAG] + law[Law.DRAG_2] * float(np.hypot(*air))) * air
+        for first in (Guide.INTEGRAL_X, Guide.ASKED_X, Guide.TARGET_X, Guide.LEAN_X):
             guide[first : first + 2] = lean
         self._rows = None
         self._under_way, self._interrupted = True, False
@@ -98,9 +110,9 @@ class ArduCopter(Multirotor):
             )
         )
         under_way, self._under_way = self._under_way and not self._interrupted, False
-        self.guide[at.BEGINS] = self._join(rows[0]) if under_way else self._follows(rows[0])
-        self.guide[at.ARMING_STEPS] = max(round(_ARMING_DELAY_S / self.step_s) - self._armed_steps, 0)
-        self._rows, self._route = np.ascontiguousarray(rows), rows
+        self.guide[Guide.BEGINS] = self._join(rows[0]) if under_way else self._follows(rows[0])
+        self.guide[Guide.ARMING_STEPS] = max(round(_ARMING_DELAY_S / self.step_s) - self._armed_steps, 0)
+        self._rows = self._route = np.ascontiguousarray(rows).view(at.LEG)[:, 0]
         self._begin()
 
     def rest(self, steps: int, *, armed: bool) -> None:
@@ -115,14 +127,17 @@ class ArduCopter(Multirotor):
     def _follows(self, row: NDArray[np.float64]) -> int:
         """Return the transition to a leg from what is flown now."""
         interrupted, self._interrupted = self._interrupted, False
-        if self._rows is None or row[at.KIND] == LegKind.CLIMB:
+        if self._rows is None or row[Leg.KIND] == LegKind.CLIMB:
             return at.ANEW
         arrived = bool(self.counters[col.ARRIVED])
         return follows(self.guide, self.heads, row, arrived=arrived, interrupted=interrupted)
 
     def _join(self, row: NDArray[np.float64]) -> int:
         """Be on a leg that began somewhere behind; return how it is gone on with."""
-        here, velocity = self.state[col.POSITION : col.VELOCITY], self.state[col.VELOCITY : col.ACCELERATION]
+        here, velocity = (
+            self.state[col.POSITION],
+            self.state[col.VELOCITY],
+        )
         return join(self.guide, self.law, self.heads[1], self.curves[1], row, here, velocity)
 
     def steer(
@@ -141,54 +156,52 @@ class ArduCopter(Multirotor):
         if self._rows is None:
             super().point(heading_rad)
             return
-        self._rows[self.leg, at.HEADING] = heading_rad
-        self._rows[self.leg, at.TURNING] = math.nan
+        self._rows["heading"][self.leg] = heading_rad
+        self._rows["turning"][self.leg] = math.nan
 
     def stopping_point(self) -> Position:
         """Return the position of rest if it brakes now."""
-        x, y, z, vx, vy, vz = self.state[col.POSITION : col.ACCELERATION].tolist()
+        x, y, z, vx, vy, vz = self.state[State.POSITION_X : State.ACCELERATION_X].tolist()
         law, guide = self.law, self.guide
         speed = math.hypot(vx, vy)
         if speed > 0.0:
-            most = min(speed, float(guide[at.LEVEL]))
-            seconds = stopping_distance(most, law[at.POS_P], law[at.ACCEL]) / speed
+            most = min(speed, float(guide[Guide.LEVEL]))
+            seconds = stopping_distance(most, law[Law.POS_P], law[Law.ACCEL]) / speed
             x, y = x + vx * seconds, y + vy * seconds
-        most = float(law[at.SPEED_UP if vz > 0.0 else at.SPEED_DOWN])
-        distance = stopping_distance(min(abs(vz), most), law[at.POS_Z_P], law[at.ACCEL_Z])
+        most = float(law[Law.SPEED_UP if vz > 0.0 else Law.SPEED_DOWN])
+        distance = stopping_distance(min(abs(vz), most), law[Law.POS_Z_P], law[Law.ACCEL_Z])
         return x, y, max(z + math.copysign(distance, vz), 0.0)
 
     def attitude(self) -> tuple[float, float, float, float] | None:
         """Return roll, pitch, airspeed and throttle; None where they follow from the acceleration."""
-        if self._rows is None or self.state[col.POSITION_Z] <= 0.0:
+        if self._rows is None or self.state[State.POSITION_Z] <= 0.0:
             return None
-        state, (east, north) = self.state, self.guide[at.LEAN : at.LEAN + 2].tolist()
-        sine, cosine = math.sin(state[col.HEADING]), math.cos(state[col.HEADING])
+        state, (east, north) = self.state, self.guide[Guide.LEAN_X : Guide.LEAN_X + 2].tolist()
+        sine, cosine = math.sin(state[State.HEADING]), math.cos(state[State.HEADING])
         pitch = -math.atan2(east * sine + north * cosine, GRAVITY_M_S2)
         roll = math.atan2((east * cosine - north * sine) * math.cos(pitch), GRAVITY_M_S2)
         airspeed = math.hypot(
-            state[col.VELOCITY_X] - state[col.WIND_EAST], state[col.VELOCITY_Y] - state[col.WIND_NORTH]
+            state[State.VELOCITY_X] - state[State.WIND_EAST],
+            state[State.VELOCITY_Y] - state[State.WIND_NORTH],
         )
         stretch = math.sqrt(1.0 + (east * east + north * north) / GRAVITY_M_S2**2)
-        thrust = (1.0 + float(self.guide[at.THRUST]) / GRAVITY_M_S2) * stretch
+        thrust = (1.0 + float(self.guide[Guide.THRUST]) / GRAVITY_M_S2) * stretch
         return roll, pitch, airspeed, min(max(_HOVER_THROTTLE * thrust, 0.0), 1.0)
 
-    def advance(self, max_steps: int, *, stop_each: bool = True) -> MotionEvent:
-        """Fly up to ``max_steps`` steps, less when something happens (see `MotionEvent`)."""
-        if self._rows is None:
-            return super().advance(max_steps, stop_each=stop_each)
-        own = self.guide, self.law, self.heads, self.curves
-        return self._run(kernel.advance, self._rows, own, max_steps, stop_each)
+    @property
+    def _dynamics_now(self) -> Dynamics:
+        return GENERIC if self._rows is None else self.dynamics
 
     def update_spec(self, spec: VehicleSpec) -> None:
         """Take other defaults, limits and parameters; they hold from the next leg on."""
         super().update_spec(spec)
-        self.law = _law(spec, float(self.law[at.STAND_BY]))
+        self.law = _law(spec, float(self.law[Law.STAND_BY]))
 
     def set_climb(self, climb_m_s: float | None, descent_m_s: float | None) -> None:
         """Climb and sink at this speed, from the next route on; None is the vehicle's own."""
         super().set_climb(climb_m_s, descent_m_s)
-        self.law[at.SPEED_UP] = climb_m_s or self.spec.climb_speed_m_s
-        self.law[at.SPEED_DOWN] = descent_m_s or self.spec.descent_speed_m_s
+        self.law[Law.SPEED_UP] = climb_m_s or self.spec.climb_speed_m_s
+        self.law[Law.SPEED_DOWN] = descent_m_s or self.spec.descent_speed_m_s
 
     def touch_down(self) -> None:
         """Stand still on the ground."""
@@ -197,14 +210,14 @@ class ArduCopter(Multirotor):
         self._armed_steps = round(_ARMING_DELAY_S / self.step_s)
         self._rows = None
         self.guide[:] = 0.0
-        self.guide[at.LEVEL] = self.spec.cruise_speed_m_s
+        self.guide[Guide.LEVEL] = self.spec.cruise_speed_m_s
 
 
 def _law(spec: VehicleSpec, stand_by_w: float) -> NDArray[np.float64]:
     """Return the constants of control and dynamics in the order of the kernel."""
     get = lookup(spec)
     dt = spec.step_s
-    law = np.zeros(at.LAW)
+    law = np.zeros(len(Law))
     gravity = GRAVITY_M_S2
     turn_rate = math.radians(get("ATC_RATE_R_MAX")), math.radians(get("ATC_RATE_P_MAX"))
     turn_accel = math.radians(0.01 * min(get("ATC_ACCEL_R_MAX"), get("ATC_ACCEL_P_MAX")))
@@ -216,43 +229,43 @@ def _law(spec: VehicleSpec, stand_by_w: float) -> NDArray[np.float64]:
     hover = gravity / _HOVER_THROTTLE
     # Gains of the throttle are per cm/s^2 and for a throttle of 1000.
     thrust_p = 0.1 * get("PSC_ACCZ_P") * hover
-    law[at.DT] = dt
-    law[at.DRAG : at.DRAG_2 + 1] = drag_of(spec)
-    law[at.ERROR_FILTER] = _share(dt, get("PSC_VELXY_FLTE"))
-    law[at.RATE_FILTER] = _share(dt, get("PSC_VELXY_FLTD"))
-    law[at.POS_P] = get("PSC_POSXY_P")
-    law[at.VEL_P : at.VEL_D + 1] = get("PSC_VELXY_P"), get("PSC_VELXY_I"), get("PSC_VELXY_D")
-    law[at.VEL_IMAX] = 0.01 * get("PSC_VELXY_IMAX")
-    law[at.POS_Z_P], law[at.VEL_Z_P] = get("PSC_POSZ_P"), get("PSC_VELZ_P")
-    law[at.ERROR_Z_FILTER] = _share(dt, get("PSC_VELZ_FLTE"))
-    law[at.ACC_Z_P], law[at.ACC_Z_I] = thrust_p, 0.1 * get("PSC_ACCZ_I") * hover
-    law[at.ACC_Z_IMAX] = max(0.001 * get("PSC_ACCZ_IMAX"), _HOVER_THROTTLE) * hover
-    law[at.ACCEL], law[at.ACCEL_Z] = accel, accel_z
-    law[at.CORNER] = 0.01 * get("WPNAV_ACCEL_C") or 2.0 * accel
-    law[at.WP_RADIUS] = 0.01 * get("WPNAV_RADIUS")
-    law[at.PACE_FILTER] = min(1.0, dt * get("WPNAV_JERK") / accel)
-    law[at.JERK] = jerk
-    law[at.SNAP] = 0.5 * min(snap, jerk * math.pi / (2.0 * max(get("ATC_INPUT_TC"), 0.1)))
-    law[at.SHAPE_JERK] = min(get("PSC_JERK_XY"), limit, 0.5 * math.sqrt(accel * snap))
-    law[at.SHAPE_JERK_Z] = get("PSC_JERK_Z")
+    law[Law.DT] = dt
+    law[Law.DRAG : Law.DRAG_2 + 1] = drag_of(spec)
+    law[Law.ERROR_FILTER] = _share(dt, get("PSC_VELXY_FLTE"))
+    law[Law.RATE_FILTER] = _share(dt, get("PSC_VELXY_FLTD"))
+    law[Law.POS_P] = get("PSC_POSXY_P")
+    law[Law.VEL_P : Law.VEL_D + 1] = get("PSC_VELXY_P"), get("PSC_VELXY_I"), get("PSC_VELXY_D")
+    law[Law.VEL_IMAX] = 0.01 * get("PSC_VELXY_IMAX")
+    law[Law.POS_Z_P], law[Law.VEL_Z_P] = get("PSC_POSZ_P"), get("PSC_VELZ_P")
+    law[Law.ERROR_Z_FILTER] = _share(dt, get("PSC_VELZ_FLTE"))
+    law[Law.ACC_Z_P], law[Law.ACC_Z_I] = thrust_p, 0.1 * get("PSC_ACCZ_I") * hover
+    law[Law.ACC_Z_IMAX] = max(0.001 * get("PSC_ACCZ_IMAX"), _HOVER_THROTTLE) * hover
+    law[Law.ACCEL], law[Law.ACCEL_Z] = accel, accel_z
+    law[Law.CORNER] = 0.01 * get("WPNAV_ACCEL_C") or 2.0 * accel
+    law[Law.WP_RADIUS] = 0.01 * get("WPNAV_RADIUS")
+    law[Law.PACE_FILTER] = min(1.0, dt * get("WPNAV_JERK") / accel)
+    law[Law.JERK] = jerk
+    law[Law.SNAP] = 0.5 * min(snap, jerk * math.pi / (2.0 * max(get("ATC_INPUT_TC"), 0.1)))
+    law[Law.SHAPE_JERK] = min(get("PSC_JERK_XY"), limit, 0.5 * math.sqrt(accel * snap))
+    law[Law.SHAPE_JERK_Z] = get("PSC_JERK_Z")
     for name in ("PSC_ACCZ_FLTT", "PSC_ACCZ_FLTE"):
         if get(name) > 0.0:
             most = min(gravity, accel_z) * 2.0 * math.pi * get(name) / 5.0
-            law[at.SHAPE_JERK_Z] = min(law[at.SHAPE_JERK_Z], most)
-    law[at.MOST_LEAN] = gravity * math.tan(math.radians(get("PSC_ANGLE_MAX") or 0.01 * get("ANGLE_MAX")))
-    law[at.TARGET_FILTER] = 1.0 - math.exp(-dt / max(get("ATC_INPUT_TC"), 1e-3))
+            law[Law.SHAPE_JERK_Z] = min(law[Law.SHAPE_JERK_Z], most)
+    law[Law.MOST_LEAN] = gravity * math.tan(math.radians(get("PSC_ANGLE_MAX") or 0.01 * get("ANGLE_MAX")))
+    law[Law.TARGET_FILTER] = 1.0 - math.exp(-dt / max(get("ATC_INPUT_TC"), 1e-3))
     lag = spec.attitude_response_s
-    law[at.LEAN_FILTER] = 1.0 - math.exp(-dt / (_ATTITUDE_S if lag is None else lag))
-    law[at.SPEED_UP], law[at.SPEED_DOWN] = spec.climb_speed_m_s, spec.descent_speed_m_s
-    law[at.LAND_FAST] = 0.01 * get("LAND_SPEED_HIGH")
-    law[at.LAND_SLOW] = spec.landing_speed_m_s
-    law[at.LAND_LOW] = max(0.01 * get("LAND_ALT_LOW"), 1.0)
-    law[at.SPOOL_STEPS] = round((get("MOT_SPOOL_TIME") + _HOVER_THROTTLE * get("TKOFF_SLEW_TIME")) / dt)
-    law[at.DETECT_STEPS] = round(_LAND_DETECTOR_S / dt)
-    law[at.YAW_RATE] = spec.yaw_rate_rad_s
-    law[at.YAW_ACCEL] = spec.yaw_acceleration_rad_s2
-    law[at.LOOKS_AHEAD] = get("WP_YAW_BEHAVIOR") > 0.0
-    law[at.STAND_BY] = stand_by_w
+    law[Law.LEAN_FILTER] = 1.0 - math.exp(-dt / (_ATTITUDE_S if lag is None else lag))
+    law[Law.SPEED_UP], law[Law.SPEED_DOWN] = spec.climb_speed_m_s, spec.descent_speed_m_s
+    law[Law.LAND_FAST] = 0.01 * get("LAND_SPEED_HIGH")
+    law[Law.LAND_SLOW] = spec.landing_speed_m_s
+    law[Law.LAND_LOW] = max(0.01 * get("LAND_ALT_LOW"), 1.0)
+    law[Law.SPOOL_STEPS] = round((get("MOT_SPOOL_TIME") + _HOVER_THROTTLE * get("TKOFF_SLEW_TIME")) / dt)
+    law[Law.DETECT_STEPS] = round(_LAND_DETECTOR_S / dt)
+    law[Law.YAW_RATE] = spec.yaw_rate_rad_s
+    law[Law.YAW_ACCEL] = spec.yaw_acceleration_rad_s2
+    law[Law.LOOKS_AHEAD] = get("WP_YAW_BEHAVIOR") > 0.0
+    law[Law.STAND_BY] = stand_by_w
     return law
 
 

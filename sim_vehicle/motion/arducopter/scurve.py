@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.compiled import compiled
-from sim_vehicle.motion.rows import clear, copy
 
 Floats = NDArray[np.float64]
 
@@ -36,6 +35,21 @@ SEGMENTS, COLUMNS = 23, 6
 _START, _ACCEL_TOP, _ACCEL_END, _CHANGE_END, _CRUISE, _END = 0, 4, 7, 14, 15, 22
 # What a number must reach to count as positive (single precision, as the autopilot computes).
 _TINY = 1.1920929e-7
+
+
+# Loops: numba takes long to compile each assignment to a slice.
+@compiled(inline="always")
+def _copy(to: Floats, first: int, source: Floats, begin: int, count: int) -> None:
+    """Copy ``count`` numbers, from ``begin`` of a row to ``first`` of another, without overlap."""
+    for k in range(count):
+        to[first + k] = source[begin + k]
+
+
+@compiled(inline="always")
+def _clear(row: Floats, begin: int, end: int) -> None:
+    """Set the numbers ``begin`` up to, not including, ``end`` of a row to 0."""
+    for k in range(begin, end):
+        row[k] = 0.0
 
 
 @compiled
@@ -207,9 +221,9 @@ def clear_leg(head: Floats) -> None:
 @compiled
 def copy_leg(heads: Floats, curves: Floats, to: int, source: int) -> None:
     """Put the leg ``source`` of three in the place of the leg ``to``."""
-    copy(heads[to], 0, heads[source], 0, HEAD)
+    _copy(heads[to], 0, heads[source], 0, HEAD)
     for i in range(SEGMENTS):
-        copy(curves[to, i], 0, curves[source, i], 0, COLUMNS)
+        _copy(curves[to, i], 0, curves[source, i], 0, COLUMNS)
 
 
 @compiled
@@ -250,7 +264,7 @@ def make_leg(
 
 @compiled
 def _make_profile(head: Floats, curve: Floats) -> None:
-    clear(curve[_START], 0, COLUMNS)
+    _clear(curve[_START], 0, COLUMNS)
     half = 0.5 * head[LENGTH]
     jerk, ramp, full, middle = _speed_change(head[SNAP], head[JERK], 0.0, head[ACCEL], head[SPEED], half)
     _put_change(curve, _START + 1, jerk, ramp, full, middle)
@@ -277,7 +291,7 @@ def change_speed(head: Floats, curve: Floats, level: float, up: float, down: flo
         # Under way to another speed already: that change takes the place of the first one.
         _put_nothing(curve, _START, _START, _ACCEL_END)
         for i in range(_START + 1, _ACCEL_END + 1):
-            copy(curve[i], 0, curve[i + 7], 0, COLUMNS)
+            _copy(curve[i], 0, curve[i + 7], 0, COLUMNS)
     elif curve[_CHANGE_END, SEGMENT_TIME] < time:
         here = (
             curve[_CHANGE_END, SEGMENT_POSITION]

@@ -12,10 +12,14 @@ from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.arducopter import layout as at
 from sim_vehicle.motion.arducopter import scurve
 from sim_vehicle.motion.arducopter.joining import follows, join
+from sim_vehicle.motion.arducopter.layout import Guide, Law, Leg
 from sim_vehicle.motion.ardurover import kernel
 from sim_vehicle.motion.ardurover import layout as on
+from sim_vehicle.motion.ardurover.layout import Drive, DriveGains
+from sim_vehicle.motion.compiled_motion import Dynamics
 from sim_vehicle.motion.legs import KEEP, LegKind
 from sim_vehicle.motion.rover import layout as wheels
+from sim_vehicle.motion.rover.layout import Wheels
 from sim_vehicle.motion.rover.model import NOT_DRIVEN, Rover
 
 if TYPE_CHECKING:
@@ -25,7 +29,7 @@ if TYPE_CHECKING:
 
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Heading, Position, Route
-    from sim_vehicle.motion.model import MotionEvent
+    from sim_vehicle.motion.records import Record
     from sim_vehicle.motion.rover.model import RoverLimits
     from sim_vehicle.weather.wind import Wind
 
@@ -119,6 +123,14 @@ class ArduRover(Rover):
         Heading at the start.
     """
 
+    dynamics = Dynamics(
+        kernel.advance,
+        wheels.STATE,
+        wheels.LIMITS,
+        (("guide", on.GUIDE), ("numbers", on.LAW), ("heads", None), ("curves", None)),
+        "_rows",
+    )
+
     def __init__(
         self,
         spec: VehicleSpec,
@@ -129,11 +141,11 @@ class ArduRover(Rover):
     ) -> None:
         super().__init__(spec, limits_of, wind, yaw_rad)
         self._law_of = law_of
-        self.guide: NDArray[np.float64] = np.zeros(on.GUIDE)
+        self.guide: NDArray[np.float64] = np.zeros(len(Guide) + len(Drive))
         self.heads: NDArray[np.float64] = np.zeros((3, scurve.HEAD))
         self.curves: NDArray[np.float64] = np.zeros((3, scurve.SEGMENTS, scurve.COLUMNS))
         self.numbers = _numbers(law_of(spec), self.step_s)
-        self._rows: NDArray[np.float64] | None = None
+        self._rows: Record | None = None
         self._under_way = self._interrupted = False
         self._rest()
 
@@ -141,9 +153,9 @@ class ArduRover(Rover):
         """Have no path, and the speed that the vehicle has."""
         self._rows = None
         self.guide[:] = 0.0
-        self.guide[at.LEVEL] = self.spec.cruise_speed_m_s
-        self.guide[at.RESET] = 1.0
-        self.guide[on.SPEED_ASKED] = self.state[wheels.SPEED]
+        self.guide[Guide.LEVEL] = self.spec.cruise_speed_m_s
+        self.guide[Guide.RESET] = 1.0
+        self.guide[Drive.SPEED_ASKED] = self.state[Wheels.SPEED]
 
     def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
         """Be under way at time 0, with nothing used yet, as if it had driven there.
@@ -178,8 +190,8 @@ class ArduRover(Rover):
         if self._rows is None and not under_way:
             self._rest()
         how = self._join(rows[0]) if under_way else self._follows(rows[0])
-        self.guide[at.BEGINS] = how
-        self._rows, self._route = np.ascontiguousarray(rows), rows
+        self.guide[Guide.BEGINS] = how
+        self._rows = self._route = np.ascontiguousarray(rows).view(at.LEG)[:, 0]
         self._begin()
 
     def interrupt(self) -> None:
@@ -190,14 +202,17 @@ class ArduRover(Rover):
         """Return the transition to a leg from what is driven now."""
         interrupted, self._interrupted = self._interrupted, False
         # A return begins anew from where the vehicle stops.
-        if self._rows is None or row[at.KIND] == LegKind.HOME:
+        if self._rows is None or row[Leg.KIND] == LegKind.HOME:
             return at.ANEW
         arrived = bool(self.counters[col.ARRIVED])
         return follows(self.guide, self.heads, row, arrived=arrived, interrupted=interrupted)
 
     def _join(self, row: NDArray[np.float64]) -> int:
         """Be on a leg that began somewhere behind; return how it is gone on with."""
-        here, velocity = self.state[col.POSITION : col.VELOCITY], self.state[col.VELOCITY : col.ACCELERATION]
+        here, velocity = (
+            self.state[col.POSITION],
+            self.state[col.VELOCITY],
+        )
         return join(self.guide, self.numbers, self.heads[1], self.curves[1], row, here, velocity)
 
     def steer(
@@ -211,17 +226,14 @@ class ArduRover(Rover):
         self._rest()
         super().steer(velocity_m_s, height_m=height_m, heading=heading)
 
-    def advance(self, max_steps: int, *, stop_each: bool = True) -> MotionEvent:
-        """Drive up to ``max_steps`` steps, less when something happens (see `MotionEvent`)."""
-        if self._rows is None:
-            return super().advance(max_steps, stop_each=stop_each)
-        own = self.guide, self.numbers, self.heads, self.curves
-        return self._run(kernel.advance, self._rows, own, max_steps, stop_each)
+    @property
+    def _dynamics_now(self) -> Dynamics:
+        return Rover.dynamics if self._rows is None else self.dynamics
 
     def lose_power(self) -> None:
         """Stop: without power it cannot go anywhere."""
         super().lose_power()
-        self.numbers[on.TOP_SPEED] = 0.0
+        self.numbers[DriveGains.TOP_SPEED] = 0.0
 
     def update_spec(self, spec: VehicleSpec) -> None:
         """Take other defaults and limits; they hold from the next route on."""
@@ -236,46 +248,46 @@ class ArduRover(Rover):
 
 def _numbers(law: DriveLaw, dt: float) -> NDArray[np.float64]:
     """Return the law in the order of the kernel."""
-    numbers = np.zeros(on.LAW)
+    numbers = np.zeros(len(Law) + len(DriveGains))
     by_place = {
-        at.DT: dt,
-        at.POS_P: law.position_p,
-        at.VEL_P: law.velocity_p,
-        at.ERROR_FILTER: _share(dt, law.velocity_filter_hz),
-        at.ACCEL: law.path_acceleration,
-        at.ACCEL_Z: law.path_acceleration,
-        at.CORNER: law.lateral,
-        at.WP_RADIUS: law.radius,
-        at.PACE_FILTER: min(1.0, dt * law.jerk / law.path_acceleration),
-        at.JERK: law.jerk,
-        at.SNAP: law.snap,
-        on.NEAR: law.near,
-        on.SPEED_UP: law.acceleration,
-        on.DECEL: law.deceleration,
-        on.LATERAL: law.lateral,
-        on.TURN_SPEED: law.turn_speed,
-        on.STEER_ACCEL: law.steer_acceleration,
-        on.STEER_RATE: law.steer_rate,
-        on.STEER_FF: law.steer_ff,
-        on.STEER_P: law.steer_p,
-        on.STEER_I_GAIN: law.steer_i,
-        on.STEER_IMAX: law.steer_imax,
-        on.STEER_FILTER: _share(dt, law.steer_filter_hz),
-        on.SCALE_BASE: law.scale_base,
-        on.TIGHTEST: law.tightest,
-        on.STEER_LAG: min(1.0, dt / law.track_lag_s),
-        on.ANGLE_P: law.angle_p,
-        on.PIVOT_ANGLE: law.pivot_angle,
-        on.PIVOT_RATE: law.pivot_rate,
-        on.PIVOT_DELAY: law.pivot_delay_s / dt,
-        on.DRIVE_BASE: law.drive_base,
-        on.DRIVE_P: law.drive_p,
-        on.DRIVE_I_GAIN: law.drive_i,
-        on.DRIVE_IMAX: law.drive_imax,
-        on.DRIVE_FILTER: _share(dt, law.drive_filter_hz),
-        on.STOP_SPEED: law.stop_speed,
-        on.TOP_SPEED: law.top_speed,
-        on.DRIVE_LAG: min(1.0, dt / law.drive_lag_s),
+        Law.DT: dt,
+        Law.POS_P: law.position_p,
+        Law.VEL_P: law.velocity_p,
+        Law.ERROR_FILTER: _share(dt, law.velocity_filter_hz),
+        Law.ACCEL: law.path_acceleration,
+        Law.ACCEL_Z: law.path_acceleration,
+        Law.CORNER: law.lateral,
+        Law.WP_RADIUS: law.radius,
+        Law.PACE_FILTER: min(1.0, dt * law.jerk / law.path_acceleration),
+        Law.JERK: law.jerk,
+        Law.SNAP: law.snap,
+        DriveGains.NEAR: law.near,
+        DriveGains.SPEED_ACCEL: law.acceleration,
+        DriveGains.DECEL: law.deceleration,
+        DriveGains.LATERAL: law.lateral,
+        DriveGains.TURN_SPEED: law.turn_speed,
+        DriveGains.STEER_ACCEL: law.steer_acceleration,
+        DriveGains.STEER_RATE: law.steer_rate,
+        DriveGains.STEER_FF: law.steer_ff,
+        DriveGains.STEER_P: law.steer_p,
+        DriveGains.STEER_I_GAIN: law.steer_i,
+        DriveGains.STEER_IMAX: law.steer_imax,
+        DriveGains.STEER_FILTER: _share(dt, law.steer_filter_hz),
+        DriveGains.SCALE_BASE: law.scale_base,
+        DriveGains.TIGHTEST: law.tightest,
+        DriveGains.STEER_LAG: min(1.0, dt / law.track_lag_s),
+        DriveGains.ANGLE_P: law.angle_p,
+        DriveGains.PIVOT_ANGLE: law.pivot_angle,
+        DriveGains.PIVOT_RATE: law.pivot_rate,
+        DriveGains.PIVOT_DELAY: law.pivot_delay_s / dt,
+        DriveGains.DRIVE_BASE: law.drive_base,
+        DriveGains.DRIVE_P: law.drive_p,
+        DriveGains.DRIVE_I_GAIN: law.drive_i,
+        DriveGains.DRIVE_IMAX: law.drive_imax,
+        DriveGains.DRIVE_FILTER: _share(dt, law.drive_filter_hz),
+        DriveGains.STOP_SPEED: law.stop_speed,
+        DriveGains.TOP_SPEED: law.top_speed,
+        DriveGains.DRIVE_LAG: min(1.0, dt / law.drive_lag_s),
     }
     for place, value in by_place.items():
         numbers[place] = value

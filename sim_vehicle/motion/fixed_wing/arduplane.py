@@ -10,10 +10,9 @@ from math import acos, atan, cos, isnan, sin, sqrt
 
 from geo.compiled import compiled
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
-from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.fixed_wing import layout as at
 from sim_vehicle.motion.fixed_wing import tecs
-from sim_vehicle.motion.fixed_wing.forces import Floats
+from sim_vehicle.motion.records import Record
 
 __all__ = ["ahead_of_landing", "begin_slope", "command_bank", "command_energy"]
 
@@ -28,58 +27,58 @@ _PROJECTION_M = 500.0
 
 
 @compiled
-def begin_slope(state: Floats, row: Floats, limits: Floats) -> None:
+def begin_slope(state: Record, row: Record, limits: Record) -> None:
     """Decide at the beginning of a leg whether its height is reached at once or evenly."""
-    rise = row[at.LEG_Z] - state[at.BEGIN + 2]
-    along = state[col.POSITION_Z] > _CLIMB_ALONG_M or state[col.POSITION_Z] > row[at.LEG_Z]
-    small = abs(rise) < limits[at.SLOPE_MIN]
-    state[at.SLOPE] = 0.0 if small or not along or (rise > 0.0 and row[at.LEG_AT_ONCE] > 0.0) else rise
-    state[at.STAGE] = at.LINING_UP
-    state[at.LEVEL_OFF] = 0.0
-    state[at.TARGET] = state[col.POSITION_Z]
+    rise = row.z - state.begin_z
+    along = state.position_z > _CLIMB_ALONG_M or state.position_z > row.z
+    small = abs(rise) < limits.slope_min
+    state.slope = 0.0 if small or not along or (rise > 0.0 and row.at_once > 0.0) else rise
+    state.stage = at.LINING_UP
+    state.level_off = 0.0
+    state.target = state.position_z
 
 
 @compiled
-def ahead_of_landing(state: Floats, row: Floats) -> tuple[float, float]:
+def ahead_of_landing(state: Record, row: Record) -> tuple[float, float]:
     """Return the length of the leg to a landing and the part of it that was flown."""
-    dx, dy = row[at.LEG_X] - state[at.BEGIN], row[at.LEG_Y] - state[at.BEGIN + 1]
+    dx, dy = row.x - state.begin_x, row.y - state.begin_y
     length2 = max(dx * dx + dy * dy, 1.0)
-    rx, ry = state[col.POSITION_X] - state[at.BEGIN], state[col.POSITION_Y] - state[at.BEGIN + 1]
+    rx, ry = state.position_x - state.begin_x, state.position_y - state.begin_y
     return sqrt(length2), (rx * dx + ry * dy) / length2
 
 
 @compiled
-def command_bank(state: Floats, limits: Floats, lateral: float, takeoff: bool, flaring: bool) -> None:
+def command_bank(state: Record, limits: Record, lateral: float, takeoff: bool, flaring: bool) -> None:
     """Set the demanded bank for a lateral acceleration, within what height and airspeed allow."""
-    bank = atan(lateral / (GRAVITY_M_S2 * cos(state[at.PITCH])))
-    limit = limits[at.BANK_LIMIT]
-    height, level = state[col.POSITION_Z], limits[at.LEVEL_HEIGHT]
+    bank = atan(lateral / (GRAVITY_M_S2 * cos(state.pitch)))
+    limit = limits.bank_limit
+    height, level = state.position_z, limits.level_height
     if takeoff and height < 3.0 * level:
         part = max(height - level, 0.0) / max(2.0 * level, 0.1)
-        limit = min(limit, limits[at.LEVEL_BANK] + part * (limit - limits[at.LEVEL_BANK]))
+        limit = min(limit, limits.level_bank + part * (limit - limits.level_bank))
     if flaring:
-        limit = min(limit, limits[at.LEVEL_BANK])
+        limit = min(limit, limits.level_bank)
     # The load factor that the airspeed allows: it goes with its square.
-    margin = state[at.AIRSPEED] / max(limits[at.AIRSPEED_MIN], 1.0)
+    margin = state.airspeed / max(limits.airspeed_min, 1.0)
     stall = acos(1.0 / (margin * margin)) if margin > 1.0 else 0.0
     limit = min(limit, max(stall, _SLOW_BANK))
-    state[at.BANK_DEMAND] = min(max(bank, -limit), limit)
+    state.bank_demand = min(max(bank, -limit), limit)
 
 
 @compiled
-def _approach_height(state: Floats, limits: Floats, length: float, portion: float) -> float:
+def _approach_height(state: Record, limits: Record, length: float, portion: float) -> float:
     """Return the height on the line to the point where the flare is to begin."""
-    top = state[at.BEGIN + 2]
-    ve, vn = state[col.VELOCITY_X], state[col.VELOCITY_Y]
+    top = state.begin_z
+    ve, vn = state.velocity_x, state.velocity_y
     ground = max(sqrt(ve * ve + vn * vn), 0.5)
     sink = top / max(length / ground, 0.5)
-    aim = limits[at.FLARE_S] * sink
+    aim = limits.flare_s * sink
     if aim <= 0.0:
-        aim = limits[at.FLARE_HEIGHT]
-    if limits[at.FLARE_HEIGHT] > 0.0:
-        aim = min(aim, 2.0 * limits[at.FLARE_HEIGHT])
-    share = limits[at.FLARE_AIM]
-    mean = max(share * limits[at.FLARE_SINK] + (1.0 - share) * sink, 0.1)
+        aim = limits.flare_height
+    if limits.flare_height > 0.0:
+        aim = min(aim, 2.0 * limits.flare_height)
+    share = limits.flare_aim
+    mean = max(share * limits.flare_sink + (1.0 - share) * sink, 0.1)
     before = min(ground * aim / mean, 0.5 * length)
     slope = (top - aim) / (length - before)
     low = aim - slope * _PROJECTION_M
@@ -88,72 +87,72 @@ def _approach_height(state: Floats, limits: Floats, length: float, portion: floa
 
 
 @compiled
-def _land(state: Floats, row: Floats, limits: Floats, sink: float) -> tuple[float, float, float]:
+def _land(state: Record, row: Record, limits: Record, sink: float) -> tuple[float, float, float]:
     """Go on with a landing; return height and airspeed to fly, and the part of the leg that was flown."""
     length, portion = ahead_of_landing(state, row)
-    height = state[col.POSITION_Z]
-    straight = row[at.LEG_KIND] == at.LANDING
+    height = state.position_z
+    straight = row.kind == at.LANDING
     if not straight:
-        ve, vn = state[col.VELOCITY_X], state[col.VELOCITY_Y]
-        state[at.STAGE] = max(state[at.STAGE], at.APPROACH)
-        state[at.TARGET] = max(
-            state[at.TARGET] - row[at.LEG_SLOPE] * sqrt(ve * ve + vn * vn) * tecs.PERIOD_S, -_LEVEL_OFF_FROM_M
+        ve, vn = state.velocity_x, state.velocity_y
+        state.stage = max(state.stage, at.APPROACH)
+        state.target = max(
+            state.target - row.slope * sqrt(ve * ve + vn * vn) * tecs.PERIOD_S, -_LEVEL_OFF_FROM_M
         )
         portion = 0.5
-    elif state[at.STAGE] == at.LINING_UP:
-        dx, dy = row[at.LEG_X] - state[at.BEGIN], row[at.LEG_Y] - state[at.BEGIN + 1]
-        rx, ry = state[col.POSITION_X] - state[at.BEGIN], state[col.POSITION_Y] - state[at.BEGIN + 1]
+    elif state.stage == at.LINING_UP:
+        dx, dy = row.x - state.begin_x, row.y - state.begin_y
+        rx, ry = state.position_x - state.begin_x, state.position_y - state.begin_y
         aside = abs(rx * dy - ry * dx) / length
-        lined_up = abs(state[at.GUIDANCE]) < _LINED_UP_RAD
-        low = height < state[at.BEGIN + 2]
+        lined_up = abs(state.guidance) < _LINED_UP_RAD
+        low = height < state.begin_z
         if (
             (portion >= 0.0 and lined_up and aside < _ON_LINE_M)
             or (portion > 0.15 and lined_up and low)
             or portion > 0.5
         ):
-            state[at.STAGE] = at.APPROACH
-    slow = limits[at.PREFLARE_AIRSPEED]
-    low = height <= max(limits[at.PREFLARE_HEIGHT], sink * limits[at.PREFLARE_S])
-    if state[at.STAGE] == at.APPROACH and slow > 0.0 and low:
-        state[at.STAGE] = at.PREFLARE
-    if state[at.STAGE] != at.LINING_UP:
-        soon = height <= sink * limits[at.FLARE_S] and portion > 0.5
-        if height <= limits[at.FLARE_HEIGHT] or (straight and soon):
-            state[at.DOING] = at.FLARE
+            state.stage = at.APPROACH
+    slow = limits.preflare_airspeed
+    low = height <= max(limits.preflare_height, sink * limits.preflare_s)
+    if state.stage == at.APPROACH and slow > 0.0 and low:
+        state.stage = at.PREFLARE
+    if state.stage != at.LINING_UP:
+        soon = height <= sink * limits.flare_s and portion > 0.5
+        if height <= limits.flare_height or (straight and soon):
+            state.doing = at.FLARE
     if straight and portion >= 1.0:
-        state[at.DOING] = at.FLARE
-    airspeed = row[at.LEG_AIRSPEED]
-    if state[at.STAGE] == at.LINING_UP:
-        airspeed = limits[at.AIRSPEED_TRIM]
-    elif state[at.STAGE] == at.PREFLARE or (state[at.DOING] == at.FLARE and slow > 0.0):
+        state.doing = at.FLARE
+    airspeed = row.airspeed
+    if state.stage == at.LINING_UP:
+        airspeed = limits.airspeed_trim
+    elif state.stage == at.PREFLARE or (state.doing == at.FLARE and slow > 0.0):
         airspeed = slow
     if not straight:
-        return state[at.TARGET], airspeed, portion
-    if state[at.STAGE] == at.LINING_UP:
-        return state[at.BEGIN + 2] * (1.0 - min(max(portion, 0.0), 1.0)), airspeed, portion
+        return state.target, airspeed, portion
+    if state.stage == at.LINING_UP:
+        return state.begin_z * (1.0 - min(max(portion, 0.0), 1.0)), airspeed, portion
     return _approach_height(state, limits, length, portion), airspeed, portion
 
 
 @compiled
-def _least_pitch(state: Floats, row: Floats, limits: Floats, climb: float) -> float:
+def _least_pitch(state: Record, row: Record, limits: Record, climb: float) -> float:
     """Return the least pitch of a climb-out; near its height the nose may come down."""
-    pitch = row[at.LEG_PITCH]
-    left = row[at.LEG_Z] - state[col.POSITION_Z]
-    if limits[at.LEVEL_OFF_S] <= 0.0:
+    pitch = row.pitch
+    left = row.z - state.position_z
+    if limits.level_off_s <= 0.0:
         return float(pitch)
-    if state[at.LEVEL_OFF] > 0.0:
-        return float(pitch * left / state[at.LEVEL_OFF])
-    soon = climb > 0.1 and 0.0 < left <= limits[at.LEVEL_OFF_S] * climb
-    if soon and state[col.POSITION_Z] >= _LEVEL_OFF_FROM_M:
-        state[at.LEVEL_OFF] = left
+    if state.level_off > 0.0:
+        return float(pitch * left / state.level_off)
+    soon = climb > 0.1 and 0.0 < left <= limits.level_off_s * climb
+    if soon and state.position_z >= _LEVEL_OFF_FROM_M:
+        state.level_off = left
     return float(pitch)
 
 
 @compiled
 def command_energy(
-    state: Floats,
-    row: Floats,
-    limits: Floats,
+    state: Record,
+    row: Record,
+    limits: Record,
     arrived: bool,
     circling: bool,
     airspeed: float,
@@ -172,29 +171,29 @@ def command_energy(
     wx, wy : float
         Wind.
     """
-    kind = row[at.LEG_KIND]
-    climb = state[col.VELOCITY_Z]
-    sinking = limits[at.THROTTLE_LIMIT] == 0.0
+    kind = row.kind
+    climb = state.velocity_z
+    sinking = limits.throttle_limit == 0.0
     stage, portion, least_pitch = tecs.CRUISE, 0.0, 0.0
     if kind == at.TAKEOFF and not arrived:
         stage = tecs.CLIMB_OUT
-        airspeed = limits[at.TAKEOFF_AIRSPEED]
+        airspeed = limits.takeoff_airspeed
         least_pitch = _least_pitch(state, row, limits, climb)
-        target = state[col.POSITION_Z]
+        target = state.position_z
     elif kind in (at.LANDING, at.CIRCULAR_LANDING):
         target, airspeed, portion = _land(state, row, limits, -climb)
-        stage = tecs.FLARING if state[at.DOING] == at.FLARE else tecs.LAND
-        head_wind = -(wx * sin(state[col.HEADING]) + wy * cos(state[col.HEADING]))
-        raised = airspeed + max(head_wind, 0.0) * limits[at.HEAD_WIND_SHARE]
-        airspeed = max(airspeed, min(raised, limits[at.AIRSPEED_TRIM]))
+        stage = tecs.FLARING if state.doing == at.FLARE else tecs.LAND
+        head_wind = -(wx * sin(state.heading) + wy * cos(state.heading))
+        raised = airspeed + max(head_wind, 0.0) * limits.head_wind_share
+        airspeed = max(airspeed, min(raised, limits.airspeed_trim))
     elif arrived:
-        target = state[at.CENTRE + 2]
+        target = state.centre_z
     else:
-        target = row[at.LEG_Z]
-        reached = kind == at.CIRCLE and not isnan(state[at.BEARING])
-        if state[at.SLOPE] != 0.0 and not reached and not (circling and kind == at.LINE):
+        target = row.z
+        reached = kind == at.CIRCLE and not isnan(state.bearing)
+        if state.slope != 0.0 and not reached and not (circling and kind == at.LINE):
             _, flown = ahead_of_landing(state, row)
-            target -= state[at.SLOPE] * (1.0 - min(max(flown, 0.0), 1.0))
+            target -= state.slope * (1.0 - min(max(flown, 0.0), 1.0))
     tecs.control_energy(state, limits, stage, target, airspeed, climb, portion, least_pitch, sinking)
     if stage == tecs.FLARING:
-        state[at.THROTTLE_DEMAND] = 0.0
+        state.throttle_demand = 0.0

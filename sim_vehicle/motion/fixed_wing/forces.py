@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from geo.compiled import compiled
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
-from sim_vehicle.motion.fixed_wing import layout as at
+from sim_vehicle.motion.records import Record
 
 __all__ = ["drag", "energy_rate"]
 
@@ -22,7 +22,7 @@ _SLOW = 3.0
 
 
 @compiled
-def drag(limits: Floats, airspeed: float, load: float) -> float:
+def drag(limits: Record, airspeed: float, load: float) -> float:
     """Return the drag over the mass, m/s^2.
 
     Parameters
@@ -32,11 +32,11 @@ def drag(limits: Floats, airspeed: float, load: float) -> float:
         Lift over weight.
     """
     v2 = max(airspeed, _SLOW) ** 2
-    return float(limits[at.PARASITIC] * v2 + limits[at.INDUCED] * load * load / v2)
+    return float(limits.parasitic * v2 + limits.induced * load * load / v2)
 
 
 @compiled
-def energy_rate(limits: Floats, throttle: float, airspeed: float, load: float) -> float:
+def energy_rate(limits: Record, throttle: float, airspeed: float, load: float) -> float:
     """Return the gain of energy over the weight, m/s: the climb at a steady airspeed."""
-    force = limits[at.THRUST] * throttle - drag(limits, airspeed, load)
+    force = limits.thrust * throttle - drag(limits, airspeed, load)
     return float(force * airspeed / GRAVITY_M_S2)

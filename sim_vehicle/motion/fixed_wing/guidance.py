@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.compiled import compiled
+from sim_vehicle.motion.records import Record
 
 Floats = NDArray[np.float64]
 
@@ -122,12 +123,12 @@ def npfg(
 
 
 @compiled
-def _decide(nu: float, state: Floats, at: int) -> float:
+def _decide(nu: float, state: Record) -> float:
     """Keep turning the same way when the goal is behind."""
-    last = state[at]
+    last = state.guidance
     if abs(nu) > _DECIDED and abs(last) > _DECIDED and nu * last < 0.0:
         nu = last
-    state[at] = nu
+    state.guidance = nu
     return float(min(max(nu, -0.5 * pi), 0.5 * pi))
 
 
@@ -144,8 +145,7 @@ def l1_line(
     damping: float,
     gain: float,
     dt: float,
-    state: Floats,
-    at: int,
+    state: Record,
 ) -> tuple[float, float, float]:
     """Return L1's lateral acceleration along a leg, and its bearing (east, north).
 
@@ -159,8 +159,8 @@ def l1_line(
         Velocity over ground.
     period, damping, gain : float
         Of the loop; gain of the integral of the cross-track angle.
-    state : float64[n]
-        Holds at ``at`` the last angle, after it the integral.
+    state : STATE
+        Holds the last angle and the integral.
     """
     ground = max(sqrt(ve * ve + vn * vn), 0.1)
     distance = l1_distance(ground, period, damping)
@@ -184,12 +184,13 @@ def l1_line(
         share = min(max(error / distance, -_CAPTURE), _CAPTURE)
         capture = -asin(share)
         if gain > 0.0 and abs(capture) < 0.0873:
-            state[at + 1] = min(max(state[at + 1] + capture * gain * dt, -0.1), 0.1)
-        capture += state[at + 1]
+            integral = state.guidance_integral + capture * gain * dt
+            state.guidance_integral = min(max(integral, -0.1), 0.1)
+        capture += state.guidance_integral
         angle += capture
         c, s = cos(capture), sin(capture)
         be, bn = be * c + bn * s, bn * c - be * s
-    angle = _decide(angle, state, at)
+    angle = _decide(angle, state)
     return k * ground * ground / distance * sin(angle), be, bn
 
 
@@ -203,8 +204,7 @@ def l1_circle(
     vn: float,
     period: float,
     damping: float,
-    state: Floats,
-    at: int,
+    state: Record,
 ) -> float:
     """Return L1's lateral acceleration to reach and follow a circle.
 
@@ -228,7 +228,7 @@ def l1_circle(
     # Velocity outward, and clockwise about the centre.
     outward = ve * oe + vn * on
     clockwise = ve * on - vn * oe
-    angle = _decide(atan2(clockwise, -outward), state, at)
+    angle = _decide(atan2(clockwise, -outward), state)
     capture = 4.0 * damping * damping * ground * ground / distance * sin(angle)
     error = away - radius
     correction = error * omega * omega + outward * 2.0 * damping * omega

@@ -1,8 +1,8 @@
 """The compiled motion of one fixed wing: coordinated turns, energy, guidance along the legs of a route.
 
 The model is described in docs/fixed-wing-and-rover.md. Lengths in metres, angles in radians, east-north-up
-about home, headings clockwise from north, banks and accelerations to the right positive. One vehicle is a row
-of `STATE` numbers and a row of `COUNTERS` integers, as in `sim_vehicle.motion.multirotor.kernel`, whose
+about home, headings clockwise from north, banks and accelerations to the right positive. One vehicle is
+a record of `STATE` and a row of `COUNTERS` integers, as in `sim_vehicle.motion.multirotor.kernel`, whose
 first 19 numbers and whose counters it has.
 """
 
@@ -19,60 +19,22 @@ from sim_vehicle.motion.fixed_wing.forces import energy_rate
 from sim_vehicle.motion.fixed_wing.ground import brake_rate, roll_on_ground, take_off
 from sim_vehicle.motion.fixed_wing.guidance import NPFG, Floats
 from sim_vehicle.motion.fixed_wing.layout import (
-    AIRSPEED,
-    AIRSPEED_TRIM,
-    BANK,
-    BANK_DEMAND,
-    BEARING,
-    BEGIN,
-    CENTRE,
-    CENTRE_RADIUS,
     CIRCLE,
     CIRCULAR_LANDING,
-    CLIMB,
-    CLIMB_MAX,
-    COURSE,
-    DIRECT,
-    DOING,
-    ENERGY_LIMIT,
     FALL,
     FLARE,
     FLYING,
-    GUIDANCE,
     LANDING,
-    LAST_KIND,
-    LAW,
-    LEG_CIRCLE_RADIUS,
-    LEG_KIND,
-    LEG_NEAR,
-    LEG_PAUSE,
-    LEG_TURNS,
-    LEG_X,
-    LEG_Y,
-    LEG_Z,
     LINE,
-    LOITER_RADIUS,
     ON_GROUND,
-    PAUSE_END,
-    PITCH_DEMAND,
     ROLLING,
-    RUNNING,
-    SINCE,
-    SLOPE,
-    STEP_S,
     STOPPED_M_S,
     TAKEOFF,
-    TARGET,
-    THROTTLE,
-    THROTTLE_DEMAND,
-    THROTTLE_LIMIT,
-    TURNED,
-    WIND_UP,
 )
 from sim_vehicle.motion.fixed_wing.px4 import px4_control
 from sim_vehicle.motion.fixed_wing.steering import circled, circles, leg_airspeed, passed, steer
 from sim_vehicle.motion.multirotor.kernel import Integers
-from sim_vehicle.motion.rows import copy
+from sim_vehicle.motion.records import Record
 from sim_vehicle.motion.rules import complete_leg, mark_track, wind_row
 from sim_vehicle.weather.gust_kernel import wind_at
 
@@ -84,116 +46,111 @@ SLOW_SHARE = 0.15
 
 
 @compiled
-def _patience_steps(state: Floats, row: Floats, limits: Floats) -> float:
+def _patience_steps(state: Record, row: Record, limits: Record) -> float:
     """Return the number of steps that a leg may take."""
-    east, north = row[LEG_X] - state[col.POSITION_X], row[LEG_Y] - state[col.POSITION_Y]
+    east, north = row.x - state.position_x, row.y - state.position_y
     way = sqrt(east * east + north * north)
-    trim = limits[AIRSPEED_TRIM]
-    seconds = (
-        PATIENCE_S
-        + way / (SLOW_SHARE * trim)
-        + abs(row[LEG_Z] - state[col.POSITION_Z]) / 0.2
-        + 2.0 * row[LEG_PAUSE]
-    )
-    seconds += (row[LEG_TURNS] + 2.0) * 2.0 * pi * abs(row[LEG_CIRCLE_RADIUS]) / (0.2 * trim)
-    return float(seconds / limits[STEP_S])
+    trim = limits.airspeed_trim
+    seconds = PATIENCE_S + way / (SLOW_SHARE * trim) + abs(row.z - state.position_z) / 0.2 + 2.0 * row.pause
+    seconds += (row.turns + 2.0) * 2.0 * pi * abs(row.circle_radius) / (0.2 * trim)
+    return float(seconds / limits.step_s)
 
 
 @compiled
-def _enter(state: Floats, route: Floats, leg: int, step: int, limits: Floats) -> None:
+def _enter(state: Record, route: Record, leg: int, step: int, limits: Record) -> None:
     """Begin a leg."""
     row = route[leg]
-    state[col.GIVE_UP_STEP] = step + _patience_steps(state, row, limits)
-    state[TURNED], state[BEARING], state[PAUSE_END] = 0.0, float("nan"), inf
-    state[GUIDANCE] = 0.0
-    before = route[leg - 1, LEG_KIND] if leg > 0 else FALL
+    state.give_up_step = step + _patience_steps(state, row, limits)
+    state.turned, state.bearing, state.pause_end = 0.0, float("nan"), inf
+    state.guidance = 0.0
+    before = route[leg - 1].kind if leg > 0 else FALL
     # ArduPlane keeps the line from the centre of a circle; after a take-off it keeps none.
-    if before == LINE or (before == CIRCLE and limits[LAW] != NPFG):
-        copy(state, BEGIN, route[leg - 1], LEG_X, 3)
-        state[DIRECT] = 0.0
-    elif leg > 0 or isnan(state[BEGIN]):
-        copy(state, BEGIN, state, col.POSITION, 3)
-        state[DIRECT] = 1.0
+    if before == LINE or (before == CIRCLE and limits.law != NPFG):
+        state.begin_x, state.begin_y, state.begin_z = route[leg - 1].x, route[leg - 1].y, route[leg - 1].z
+        state.direct = 0.0
+    elif leg > 0 or isnan(state.begin_x):
+        state.begin_x, state.begin_y, state.begin_z = state.position_x, state.position_y, state.position_z
+        state.direct = 1.0
     else:
-        state[DIRECT] = 0.0
-    if limits[LAW] == NPFG:
+        state.direct = 0.0
+    if limits.law == NPFG:
         # After a take-off PX4 climbs at once (``calculateFirstOrderHoldAltitude``).
-        state[SLOPE] = 0.0 if state[LAST_KIND] == TAKEOFF else row[LEG_Z] - state[BEGIN + 2]
-        state[TARGET] = state[col.POSITION_Z]
+        state.slope = 0.0 if state.last_kind == TAKEOFF else row.z - state.begin_z
+        state.target = state.position_z
     else:
         arduplane.begin_slope(state, row, limits)
-    state[LAST_KIND] = row[LEG_KIND]
-    landing = row[LEG_KIND] in (LANDING, CIRCULAR_LANDING)
-    if state[DOING] == FLARE or (state[DOING] == ROLLING and not landing):
-        state[DOING] = FLYING if state[DOING] == FLARE else ON_GROUND
-    if state[DOING] == ON_GROUND:
-        state[RUNNING] = 0.0
-        east, north = row[LEG_X] - state[col.POSITION_X], row[LEG_Y] - state[col.POSITION_Y]
-        if row[LEG_KIND] == TAKEOFF and east * east + north * north > 25.0:
-            state[col.HEADING] = atan2(east, north) % (2.0 * pi)
-        state[COURSE] = state[col.HEADING]
-        state[SINCE] = state[THROTTLE] = 0.0
-    elif row[LEG_KIND] == TAKEOFF:
-        state[COURSE] = atan2(state[col.VELOCITY_X], state[col.VELOCITY_Y])
+    state.last_kind = row.kind
+    landing = row.kind in (LANDING, CIRCULAR_LANDING)
+    if state.doing == FLARE or (state.doing == ROLLING and not landing):
+        state.doing = FLYING if state.doing == FLARE else ON_GROUND
+    if state.doing == ON_GROUND:
+        state.running = 0.0
+        east, north = row.x - state.position_x, row.y - state.position_y
+        if row.kind == TAKEOFF and east * east + north * north > 25.0:
+            state.heading = atan2(east, north) % (2.0 * pi)
+        state.course = state.heading
+        state.since = state.throttle = 0.0
+    elif row.kind == TAKEOFF:
+        state.course = atan2(state.velocity_x, state.velocity_y)
 
 
 @compiled
 def _arduplane_control(
-    state: Floats, row: Floats, arrived: bool, limits: Floats, wx: float, wy: float
+    state: Record, row: Record, arrived: bool, limits: Record, wx: float, wy: float
 ) -> None:
     """Set what ArduPlane demands: bank, pitch and throttle."""
     lateral, be, bn = steer(state, row, arrived, limits, wx, wy)
-    takeoff = row[LEG_KIND] == TAKEOFF and not arrived
-    arduplane.command_bank(state, limits, lateral, takeoff, state[DOING] == FLARE)
+    takeoff = row.kind == TAKEOFF and not arrived
+    arduplane.command_bank(state, limits, lateral, takeoff, state.doing == FLARE)
     airspeed = leg_airspeed(row, arrived, limits, be, bn, wx, wy)
     arduplane.command_energy(state, row, limits, arrived, circles(state, row, arrived), airspeed, wx, wy)
 
 
 @compiled
 def _tick(
-    state: Floats, row: Floats, arrived: bool, limits: Floats, step: int, wx: float, wy: float, rising: float
+    state: Record, row: Record, arrived: bool, limits: Record, step: int, wx: float, wy: float, rising: float
 ) -> bool:
     """Move one step and tell whether the leg is done."""
-    kind = row[LEG_KIND]
-    doing = state[DOING]
+    kind = row.kind
+    doing = state.doing
     if kind == FALL:
         drop(state, limits, wx, wy)
-        return bool(state[col.POSITION_Z] <= 0.0)
+        return bool(state.position_z <= 0.0)
     if doing == ROLLING:
-        state[THROTTLE] = 0.0
+        state.throttle = 0.0
         roll_on_ground(state, limits, -brake_rate(state, limits), wx, wy)
         return bool(
-            state[col.VELOCITY_X] * state[col.VELOCITY_X] + state[col.VELOCITY_Y] * state[col.VELOCITY_Y]
+            state.velocity_x * state.velocity_x + state.velocity_y * state.velocity_y
             < STOPPED_M_S * STOPPED_M_S
         )
     if doing == ON_GROUND:
         take_off(state, limits, wx, wy)
         return False
     # ArduPlane's guidance and control of energy have their own, slower clock.
-    if limits[LAW] == NPFG:
+    if limits.law == NPFG:
         bank, climb, rate = px4_control(state, row, arrived, limits, wx, wy)
     else:
-        if step % col.GRID == 0 or state[RUNNING] == 0.0:
+        if step % col.GRID == 0 or state.running == 0.0:
             _arduplane_control(state, row, arrived, limits, wx, wy)
-        bank = state[BANK_DEMAND]
-        state[THROTTLE] = min(state[THROTTLE_DEMAND], limits[THROTTLE_LIMIT])
-        rate = energy_rate(limits, state[THROTTLE], state[AIRSPEED], 1.0 / cos(state[BANK]))
-        climb = pitch_up(state, limits, state[PITCH_DEMAND])
+        bank = state.bank_demand
+        state.throttle = min(state.throttle_demand, limits.throttle_limit)
+        rate = energy_rate(limits, state.throttle, state.airspeed, 1.0 / cos(state.bank))
+        climb = pitch_up(state, limits, state.pitch_demand)
     fly(state, limits, bank, climb, rate, wx, wy, rising)
     landing = kind in (LANDING, CIRCULAR_LANDING)
-    if state[col.POSITION_Z] <= 0.0:
-        state[col.POSITION_Z] = 0.0
+    if state.position_z <= 0.0:
+        state.position_z = 0.0
         if landing:
-            state[DOING] = ROLLING
-            state[COURSE] = atan2(state[col.VELOCITY_X], state[col.VELOCITY_Y])
-            state[col.VELOCITY_Z] = state[CLIMB] = 0.0
+            state.doing = ROLLING
+            state.course = atan2(state.velocity_x, state.velocity_y)
+            state.velocity_z = state.climb = 0.0
             return False
-        state[col.VELOCITY_Z] = max(state[col.VELOCITY_Z], 0.0)
-        state[CLIMB] = max(state[CLIMB], 0.0)
-    if landing or arrived or (limits[LAW] != NPFG and step % col.GRID != 0):
+        state.velocity_z = max(state.velocity_z, 0.0)
+        state.climb = max(state.climb, 0.0)
+    if landing or arrived or (limits.law != NPFG and step % col.GRID != 0):
         return False
     if kind == TAKEOFF:
-        return bool(state[col.POSITION_Z] >= row[LEG_Z])
+        return bool(state.position_z >= row.z)
     if kind == CIRCLE:
         return circled(state, row, limits, step)
     return passed(state, row, limits)
@@ -201,10 +158,10 @@ def _tick(
 
 @compiled
 def advance(
-    state: Floats,
+    states: Record,
     counters: Integers,
-    route: Floats,
-    limits: Floats,
+    route: Record,
+    limits_of: Record,
     power: Floats,
     wind: Floats,
     first_wind: int,
@@ -221,46 +178,47 @@ def advance(
 
     Parameters
     ----------
-    state, counters : float64[STATE], int64[6]
+    states, counters : STATE[1], int64[6]
         Changed in place.
-    route : float64[n, LEG]
-    limits, power : float64[LIMITS], float64[9]
+    route : LEG[n]
+    limits_of, power : LIMITS[1], float64[9]
     wind : float64[m, 9]
     """
+    state, limits = states[0], limits_of[0]
     event = col.RAN
     for _ in range(max_steps):
         step, leg = counters[col.STEP], counters[col.LEG_INDEX]
         row = route[leg]
-        if state[col.GIVE_UP_STEP] == inf:
+        if state.give_up_step == inf:
             _enter(state, route, leg, step, limits)
         if step % col.GRID == 0:
             index = wind_row(step, first_wind, len(wind))
             if index < 0:
                 event = col.WIND
                 break
-            wx, wy, up = wind_at(wind[index], state[col.POSITION_Z])
-            if wx != state[col.WIND_EAST] or wy != state[col.WIND_NORTH] or up != state[WIND_UP]:
+            wx, wy, up = wind_at(wind[index], state.position_z)
+            if wx != state.wind_east or wy != state.wind_north or up != state.wind_up:
                 blow(state, wx, wy, up)
-                state[col.WIND_EAST], state[col.WIND_NORTH], state[WIND_UP] = wx, wy, up
-            if state[DOING] == FLYING or state[DOING] == FLARE:
-                load = 1.0 / cos(state[BANK])
-                v = state[AIRSPEED]
-                rate = energy_rate(limits, state[THROTTLE], v, load)
-                state[col.POWER] = fixed_wing_power(power, v if state[THROTTLE] > 1e-3 else 0.0, rate, load)
-            elif state[DOING] == ON_GROUND:
-                state[col.POWER] = fixed_wing_power(power, limits[AIRSPEED_TRIM], limits[CLIMB_MAX], 1.0)
+                state.wind_east, state.wind_north, state.wind_up = wx, wy, up
+            if state.doing == FLYING or state.doing == FLARE:
+                load = 1.0 / cos(state.bank)
+                v = state.airspeed
+                rate = energy_rate(limits, state.throttle, v, load)
+                state.power = fixed_wing_power(power, v if state.throttle > 1e-3 else 0.0, rate, load)
+            elif state.doing == ON_GROUND:
+                state.power = fixed_wing_power(power, limits.airspeed_trim, limits.climb_max, 1.0)
             else:
-                state[col.POWER] = fixed_wing_power(power, 0.0, 0.0, 1.0)
+                state.power = fixed_wing_power(power, 0.0, 0.0, 1.0)
             mark_track(
                 counters,
                 step,
                 track,
                 track_every,
-                state[col.POSITION_X],
-                state[col.POSITION_Y],
-                state[col.POSITION_Z],
+                state.position_x,
+                state.position_y,
+                state.position_z,
             )
-            if counters[col.ARRIVED] == 0 and step > state[col.GIVE_UP_STEP]:
+            if counters[col.ARRIVED] == 0 and step > state.give_up_step:
                 event = col.STALLED
                 break
         done = _tick(
@@ -269,29 +227,29 @@ def advance(
             counters[col.ARRIVED] != 0,
             limits,
             step,
-            state[col.WIND_EAST],
-            state[col.WIND_NORTH],
-            state[WIND_UP],
+            state.wind_east,
+            state.wind_north,
+            state.wind_up,
         )
-        state[col.ENERGY_USED] += state[col.POWER] * limits[STEP_S]
+        state.energy_used += state.power * limits.step_s
         counters[col.STEP] = step + 1
         if counters[col.ARRIVED] == 0:
             if done:
                 event = complete_leg(counters, arrivals, step + 1, stop_each)
                 if counters[col.ARRIVED] == 0:
-                    state[col.GIVE_UP_STEP] = inf
+                    state.give_up_step = inf
                 else:
                     _settle(state, row, limits)
-            elif counters[col.NEAR_TOLD] == 0 and row[LEG_NEAR] > 0.0:
+            elif counters[col.NEAR_TOLD] == 0 and row.near > 0.0:
                 rx, ry, rz = (
-                    row[LEG_X] - state[col.POSITION_X],
-                    row[LEG_Y] - state[col.POSITION_Y],
-                    row[LEG_Z] - state[col.POSITION_Z],
+                    row.x - state.position_x,
+                    row.y - state.position_y,
+                    row.z - state.position_z,
                 )
-                if rx * rx + ry * ry + rz * rz < row[LEG_NEAR] * row[LEG_NEAR]:
+                if rx * rx + ry * ry + rz * rz < row.near * row.near:
                     counters[col.NEAR_TOLD] = 1
                     event = col.NEAR
-        if state[col.ENERGY_USED] >= limits[ENERGY_LIMIT]:
+        if state.energy_used >= limits.energy_limit:
             event = col.ENERGY
         if event != col.RAN:
             break
@@ -299,9 +257,9 @@ def advance(
 
 
 @compiled
-def _settle(state: Floats, row: Floats, limits: Floats) -> None:
+def _settle(state: Record, row: Record, limits: Record) -> None:
     """Choose the circle that is flown after the end of a route."""
-    copy(state, CENTRE, row, 0, 3)
-    state[CENTRE_RADIUS] = row[LEG_CIRCLE_RADIUS] if row[LEG_KIND] == CIRCLE else limits[LOITER_RADIUS]
-    if row[LEG_KIND] == TAKEOFF:
-        state[CENTRE], state[CENTRE + 1] = state[col.POSITION_X], state[col.POSITION_Y]
+    state.centre_x, state.centre_y, state.centre_z = row.x, row.y, row.z
+    state.centre_radius = row.circle_radius if row.kind == CIRCLE else limits.loiter_radius
+    if row.kind == TAKEOFF:
+        state.centre_x, state.centre_y = state.position_x, state.position_y

@@ -11,8 +11,9 @@ import numpy as np
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2, FixedWingAirframe, FixedWingPowerSpec
 from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.energy.power import DRAG, INDUCED_DRAG, power_coefficients
-from sim_vehicle.motion.fixed_wing import layout as at
 from sim_vehicle.motion.fixed_wing.forces import drag
+from sim_vehicle.motion.fixed_wing.layout import LIMITS, Limits
+from sim_vehicle.motion.records import record_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -210,23 +211,23 @@ def limits_row(
     mass = power.mass_kg
     # rho S / (2 m): times a coefficient and V^2 it is an acceleration.
     per_coefficient = coefficients[DRAG] / (mass * power.parasitic_drag)
-    row = np.zeros(at.LIMITS)
-    row[: at.STEP_S] = astuple(limits)
-    row[at.STEP_S] = spec.step_s
-    row[at.WING_SPAN] = power.wing_span_m
-    row[at.GROUND_DRAG] = frame.ground_drag_1_s or 0.0
-    row[at.BRAKING] = 0.0 if frame.ground_drag_1_s else _BRAKE_M_S2
-    row[at.PARASITIC] = coefficients[DRAG] / mass
-    row[at.INDUCED] = coefficients[INDUCED_DRAG] / mass
-    row[at.LIFT_LEVEL] = per_coefficient * frame.lift_level
-    row[at.LIFT_SLOPE] = per_coefficient * frame.lift_slope
-    row[at.TURN_SHARE] = frame.turn_share
-    row[at.TRIM_CHANGE] = _ELEVATOR_RAD * frame.elevator_per_lift / per_coefficient
+    row = np.zeros(len(Limits))
+    row[: Limits.STEP_S] = astuple(limits)
+    row[Limits.STEP_S] = spec.step_s
+    row[Limits.WING_SPAN] = power.wing_span_m
+    row[Limits.GROUND_DRAG] = frame.ground_drag_1_s or 0.0
+    row[Limits.BRAKING] = 0.0 if frame.ground_drag_1_s else _BRAKE_M_S2
+    row[Limits.PARASITIC] = coefficients[DRAG] / mass
+    row[Limits.INDUCED] = coefficients[INDUCED_DRAG] / mass
+    row[Limits.LIFT_LEVEL] = per_coefficient * frame.lift_level
+    row[Limits.LIFT_SLOPE] = per_coefficient * frame.lift_slope
+    row[Limits.TURN_SHARE] = frame.turn_share
+    row[Limits.TRIM_CHANGE] = _ELEVATOR_RAD * frame.elevator_per_lift / per_coefficient
     trim = limits.airspeed_trim
-    climbing = drag(row, trim, 1.0) + GRAVITY_M_S2 * limits.climb_max / trim
-    row[at.THRUST] = climbing if frame.thrust_n is None else frame.thrust_n / mass
-    row[at.ENERGY_LIMIT] = math.inf if spec.battery is None else spec.battery.capacity_wh * WH_J
-    row[at.THROTTLE_LIMIT] = 1.0
+    climbing = drag(record_of(row, LIMITS), trim, 1.0) + GRAVITY_M_S2 * limits.climb_max / trim
+    row[Limits.THRUST] = climbing if frame.thrust_n is None else frame.thrust_n / mass
+    row[Limits.ENERGY_LIMIT] = math.inf if spec.battery is None else spec.battery.capacity_wh * WH_J
+    row[Limits.THROTTLE_LIMIT] = 1.0
     if control is not None:
-        row[at.CONTROL :] = astuple(control)
+        row[Limits.TIME_S :] = astuple(control)
     return row

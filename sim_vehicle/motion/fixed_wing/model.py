@@ -10,10 +10,12 @@ import numpy as np
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.motion import columns as col
-from sim_vehicle.motion.compiled_motion import CompiledMotion
+from sim_vehicle.motion.columns import State
+from sim_vehicle.motion.compiled_motion import CompiledMotion, Dynamics
 from sim_vehicle.motion.fixed_wing import layout as wing
 from sim_vehicle.motion.fixed_wing.guidance import NPFG
 from sim_vehicle.motion.fixed_wing.kernel import advance
+from sim_vehicle.motion.fixed_wing.layout import Leg, Limits, Wing
 from sim_vehicle.motion.fixed_wing.limits import limits_row
 from sim_vehicle.motion.legs import KEEP, LegKind
 from sim_vehicle.weather.wind import Wind
@@ -48,9 +50,9 @@ class FixedWing(CompiledMotion):
         The gains that ArduPlane has besides.
     """
 
-    _kernel = staticmethod(advance)
-    _state_size = wing.STATE
-    _energy_limit = wing.ENERGY_LIMIT
+    dynamics = Dynamics(advance, wing.STATE, wing.LIMITS)
+    _state_size = len(State) + len(Wing)
+    _energy_limit = Limits.ENERGY_LIMIT
 
     def __init__(
         self,
@@ -64,16 +66,16 @@ class FixedWing(CompiledMotion):
         self._control_of = control_of
         self.law = limits_of(spec)
         super().__init__(spec, wind, yaw_rad)
-        self.state[wing.BEARING] = math.nan
+        self.state[Wing.BEARING] = math.nan
 
     def attitude(self) -> tuple[float, float, float, float]:
         """Return roll (right), pitch (up), true airspeed and throttle."""
         state = self.state
         return (
-            float(state[wing.BANK]),
-            float(state[wing.PITCH]),
-            float(state[wing.AIRSPEED]),
-            float(state[wing.THROTTLE]),
+            float(state[Wing.BANK]),
+            float(state[Wing.PITCH]),
+            float(state[Wing.AIRSPEED]),
+            float(state[Wing.THROTTLE]),
         )
 
     def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
@@ -81,76 +83,76 @@ class FixedWing(CompiledMotion):
         super().place_in_flight(position_m, velocity_m_s, heading_rad)
         state = self.state
         east, north, up = velocity_m_s
-        wind_east, wind_north = state[col.WIND_EAST : col.WIND_NORTH + 1].tolist()
-        state[wing.BANK : wing.STATE] = 0.0
-        state[wing.AIRSPEED] = math.hypot(east - wind_east, north - wind_north, up)
-        state[wing.CLIMB] = up
-        state[wing.COURSE] = math.atan2(east, north)
-        state[wing.BEGIN] = state[wing.BEARING] = math.nan
-        state[wing.DOING] = wing.FLYING
-        speed = max(float(state[wing.AIRSPEED]), 3.0)
-        level = self._limits[wing.LIFT_LEVEL] * speed * speed
-        attack = (GRAVITY_M_S2 - level) / (self._limits[wing.LIFT_SLOPE] * speed * speed)
-        state[wing.PITCH] = math.asin(min(max(up / speed, -0.5), 0.5)) + min(attack, 0.3)
+        wind_east, wind_north = state[col.LEVEL_WIND].tolist()
+        state[Wing.BANK : Wing.WIND_UP] = 0.0
+        state[Wing.AIRSPEED] = math.hypot(east - wind_east, north - wind_north, up)
+        state[Wing.CLIMB] = up
+        state[Wing.COURSE] = math.atan2(east, north)
+        state[Wing.BEGIN_X] = state[Wing.BEARING] = math.nan
+        state[Wing.DOING] = wing.FLYING
+        speed = max(float(state[Wing.AIRSPEED]), 3.0)
+        level = self._limits[Limits.LIFT_LEVEL] * speed * speed
+        attack = (GRAVITY_M_S2 - level) / (self._limits[Limits.LIFT_SLOPE] * speed * speed)
+        state[Wing.PITCH] = math.asin(min(max(up / speed, -0.5), 0.5)) + min(attack, 0.3)
 
     def fly(self, route: Route) -> None:
         """Begin a route, from where the vehicle is and as it moves now."""
-        before = self._route
-        target = None if before is None else before[self.leg, : wing.LEG_Z].copy()
+        before = None if self._route is None else self._route.view(np.float64).reshape(-1, len(Leg))
+        target = None if before is None else before[self.leg, : Leg.Z].copy()
         rows = self._rows(route)
         follows = (
             target is not None
-            and rows[0, wing.LEG_KIND] == wing.LINE
-            and math.hypot(rows[0, wing.LEG_X] - target[0], rows[0, wing.LEG_Y] - target[1]) < 1.0
+            and rows[0, Leg.KIND] == wing.LINE
+            and math.hypot(rows[0, Leg.X] - target[0], rows[0, Leg.Y] - target[1]) < 1.0
             and self.counters[col.ARRIVED] == 0
         )
         # A leg that is only planned again keeps its line.
         if not follows:
             self._begin_at(before)
-        self._route = rows
+        self._route = rows.view(wing.LEG)[:, 0]
         self._begin()
 
     def _begin_at(self, before: NDArray[np.float64] | None) -> None:
         """The first leg begins at the waypoint that was reached last, otherwise here."""
-        self.state[wing.BEGIN] = math.nan
-        if before is not None and self.counters[col.ARRIVED] and before[-1, wing.LEG_KIND] == wing.LINE:
-            self.state[wing.BEGIN : wing.BEGIN + 3] = before[-1, : wing.LEG_KIND]
+        self.state[Wing.BEGIN_X] = math.nan
+        if before is not None and self.counters[col.ARRIVED] and before[-1, Leg.KIND] == wing.LINE:
+            self.state[Wing.BEGIN_X : Wing.BEGIN_X + 3] = before[-1, : Leg.KIND]
 
     def _rows(self, route: Route) -> NDArray[np.float64]:
         law = self.law
         n = len(route.points_m)
-        rows = np.zeros((n, wing.LEG))
-        rows[:, : wing.LEG_KIND] = route.points_m
+        rows = np.zeros((n, len(Leg)))
+        rows[:, : Leg.KIND] = route.points_m
         # What is the vehicle's default is left to the autopilot; ArduPlane keeps radii in one byte.
         radius = np.where(route.radius_m == self.spec.acceptance_radius_m, 0.0, route.radius_m)
-        rows[:, wing.LEG_RADIUS] = np.floor(np.minimum(radius, 255.0))
+        rows[:, Leg.RADIUS] = np.floor(np.minimum(radius, 255.0))
         speed = np.where(np.isnan(route.speed_m_s), law.airspeed_trim, route.speed_m_s)
-        rows[:, wing.LEG_AIRSPEED] = np.clip(speed, law.airspeed_min, law.airspeed_max)
-        rows[:, wing.LEG_NEAR] = route.near_m
+        rows[:, Leg.AIRSPEED] = np.clip(speed, law.airspeed_min, law.airspeed_max)
+        rows[:, Leg.NEAR] = route.near_m
         circle = route.circle
-        rows[:, wing.LEG_TURNS] = circle[:, 1]
-        rows[:, wing.LEG_EXIT_X : wing.LEG_PAUSE] = circle[:, 2:]
-        rows[:, wing.LEG_PAUSE] = route.pause_s
-        rows[:, wing.LEG_HEIGHT_TOLERANCE] = law.height_acceptance
-        rows[:, wing.LEG_TURN_ANGLE] = 0.5 * math.pi
-        rows[:, wing.LEG_PITCH] = np.where(route.pitch_rad > 0.0, route.pitch_rad, _TAKEOFF_PITCH)
+        rows[:, Leg.TURNS] = circle[:, 1]
+        rows[:, Leg.EXIT_X : Leg.PAUSE] = circle[:, 2:]
+        rows[:, Leg.PAUSE] = route.pause_s
+        rows[:, Leg.HEIGHT_TOLERANCE] = law.height_acceptance
+        rows[:, Leg.TURN_ANGLE] = 0.5 * math.pi
+        rows[:, Leg.PITCH] = np.where(route.pitch_rad > 0.0, route.pitch_rad, _TAKEOFF_PITCH)
         for i in range(n):
             stops = not route.radius_m[i] > 0.0
-            rows[i, wing.LEG_KIND] = kind = self._kind(int(route.kind[i]), stops, float(circle[i, 0]))
+            rows[i, Leg.KIND] = kind = self._kind(int(route.kind[i]), stops, float(circle[i, 0]))
             wanted = float(circle[i, 0])
             if not abs(wanted) > 0.0:
                 wanted = law.loiter_radius
-            least = 1.05 * law.tightest_m(float(rows[i, wing.LEG_AIRSPEED]))
-            rows[i, wing.LEG_CIRCLE_RADIUS] = math.copysign(max(abs(wanted), least), wanted)
+            least = 1.05 * law.tightest_m(float(rows[i, Leg.AIRSPEED]))
+            rows[i, Leg.CIRCLE_RADIUS] = math.copysign(max(abs(wanted), least), wanted)
             if kind == wing.CIRCLE:
-                rows[i, wing.LEG_HEIGHT_TOLERANCE] = min(law.height_acceptance, 10.0)
+                rows[i, Leg.HEIGHT_TOLERANCE] = min(law.height_acceptance, 10.0)
             elif kind == wing.CIRCULAR_LANDING:
-                rows[i, wing.LEG_SLOPE] = law.landing_slope
-            rows[i, wing.LEG_AT_ONCE] = route.kind[i] == LegKind.HOME
-            rows[i, wing.LEG_ON_CIRCLE] = law.law == NPFG and route.kind[i] == LegKind.LOITER_TO_HEIGHT
+                rows[i, Leg.SLOPE] = law.landing_slope
+            rows[i, Leg.AT_ONCE] = route.kind[i] == LegKind.HOME
+            rows[i, Leg.ON_CIRCLE] = law.law == NPFG and route.kind[i] == LegKind.LOITER_TO_HEIGHT
             if i + 1 < n and route.kind[i + 1] == LegKind.LAND:
-                tolerance = min(float(rows[i, wing.LEG_HEIGHT_TOLERANCE]), law.landing_height_acceptance)
-                rows[i, wing.LEG_HEIGHT_TOLERANCE] = tolerance
+                tolerance = min(float(rows[i, Leg.HEIGHT_TOLERANCE]), law.landing_height_acceptance)
+                rows[i, Leg.HEIGHT_TOLERANCE] = tolerance
         self._corners(rows)
         return rows
 
@@ -165,9 +167,9 @@ class FixedWing(CompiledMotion):
 
     def _corners(self, rows: NDArray[np.float64]) -> None:
         """Note the angle between each leg and the next one, or where it will be left to."""
-        ends = np.vstack([self.state[None, col.POSITION : col.POSITION_Z], rows[:, : wing.LEG_Z]])
+        ends = np.vstack([self.state[None, State.POSITION_X : State.POSITION_Z], rows[:, : Leg.Z]])
         ways = np.diff(ends, axis=0)
-        leads = rows[:, wing.LEG_EXIT_X : wing.LEG_PAUSE] - rows[:, : wing.LEG_Z]
+        leads = rows[:, Leg.EXIT_X : Leg.PAUSE] - rows[:, : Leg.Z]
         for i in range(len(rows)):
             if not np.isnan(leads[i, 0]):
                 ahead = leads[i]
@@ -177,7 +179,7 @@ class FixedWing(CompiledMotion):
                 continue
             (ax, ay), (bx, by) = ways[i].tolist(), ahead.tolist()
             if math.hypot(ax, ay) > 0.1 and math.hypot(bx, by) > 0.1:
-                rows[i, wing.LEG_TURN_ANGLE] = abs(math.atan2(ax * by - ay * bx, ax * bx + ay * by))
+                rows[i, Leg.TURN_ANGLE] = abs(math.atan2(ax * by - ay * bx, ax * bx + ay * by))
 
     def steer(
         self,
@@ -197,11 +199,11 @@ class FixedWing(CompiledMotion):
         if east != 0.0 or north != 0.0 or not up < 0.0 or not math.isnan(height_m):
             msg = f"vehicle {self.spec.name}: a fixed wing keeps no velocity over ground, give it places"
             raise VehicleError(msg)
-        row = np.zeros((1, wing.LEG))
-        row[0, : wing.LEG_KIND] = self.state[col.POSITION : col.VELOCITY]
-        row[0, wing.LEG_KIND] = wing.FALL
-        row[0, wing.LEG_CIRCLE_RADIUS] = self.law.loiter_radius
-        self._route = row
+        row = np.zeros((1, len(Leg)))
+        row[0, : Leg.KIND] = self.state[col.POSITION]
+        row[0, Leg.KIND] = wing.FALL
+        row[0, Leg.CIRCLE_RADIUS] = self.law.loiter_radius
+        self._route = row.view(wing.LEG)[:, 0]
         self._begin()
 
     def look_at(self, position_m: tuple[float, float] | None) -> None:
@@ -210,44 +212,40 @@ class FixedWing(CompiledMotion):
     def stopping_point(self) -> Position:
         """Return the centre that it circles when told to stay: that of its circle, otherwise here."""
         route = self._route
-        if route is not None and self.state[wing.DOING] == wing.FLYING:
-            if self.counters[col.ARRIVED] and route[-1, wing.LEG_KIND] in (
-                wing.CIRCLE,
-                wing.LINE,
-                wing.TAKEOFF,
-            ):
-                x, y, z = self.state[wing.CENTRE : wing.CENTRE + 3].tolist()
+        if route is not None and self.state[Wing.DOING] == wing.FLYING:
+            centred = route["kind"][-1] in (wing.CIRCLE, wing.LINE, wing.TAKEOFF)
+            if self.counters[col.ARRIVED] and centred:
+                x, y, z = self.state[Wing.CENTRE_X : Wing.CENTRE_RADIUS].tolist()
                 return x, y, z
             row = route[self.leg]
-            if row[wing.LEG_KIND] == wing.CIRCLE and not math.isnan(self.state[wing.BEARING]):
-                x, y, z = row[: wing.LEG_KIND].tolist()
-                return x, y, z
+            if row["kind"] == wing.CIRCLE and not math.isnan(self.state[Wing.BEARING]):
+                return float(row["x"]), float(row["y"]), float(row["z"])
         return self.position_m
 
     def lose_power(self) -> None:
         """Glide from now on: the motor stops."""
-        self._limits[wing.THROTTLE_LIMIT] = 0.0
+        self._limits[Limits.THROTTLE_LIMIT] = 0.0
 
     def update_spec(self, spec: VehicleSpec) -> None:
         """Take other defaults and limits; they hold at once, those of legs from the next route on."""
-        throttle = self._limits[wing.THROTTLE_LIMIT]
+        throttle = self._limits[Limits.THROTTLE_LIMIT]
         self.law = self._limits_of(spec)
         super().update_spec(spec)
-        self._limits[wing.THROTTLE_LIMIT] = throttle
+        self._limits[Limits.THROTTLE_LIMIT] = throttle
 
     def set_climb(self, climb_m_s: float | None, descent_m_s: float | None) -> None:
         """Change heights no faster than this, from now on; None is the autopilot's own rate."""
         law = self.law
-        self._limits[wing.CLIMB_RATE] = min(climb_m_s or law.climb_rate, law.climb_max)
-        self._limits[wing.SINK_RATE] = min(descent_m_s or law.sink_rate, law.sink_max)
+        self._limits[Limits.CLIMB_RATE] = min(climb_m_s or law.climb_rate, law.climb_max)
+        self._limits[Limits.SINK_RATE] = min(descent_m_s or law.sink_rate, law.sink_max)
 
     def touch_down(self) -> None:
         """Stand still on the ground."""
         super().touch_down()
-        self.state[wing.BANK : wing.COMMAND + 1] = 0.0
-        self.state[wing.RUNNING] = 0.0
-        self.state[wing.DOING] = wing.ON_GROUND
-        self.state[wing.BEGIN] = math.nan
+        self.state[Wing.BANK : Wing.COMMAND + 1] = 0.0
+        self.state[Wing.RUNNING] = 0.0
+        self.state[Wing.DOING] = wing.ON_GROUND
+        self.state[Wing.BEGIN_X] = math.nan
 
     def _numbers(self, spec: VehicleSpec) -> NDArray[np.float64]:
         """Return the limits in the order of the kernel."""

@@ -14,9 +14,7 @@ from math import cos, isnan, nan, sqrt
 
 from geo.compiled import compiled
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
-from sim_vehicle.motion import columns as col
-from sim_vehicle.motion.fixed_wing import layout as at
-from sim_vehicle.motion.fixed_wing.forces import Floats
+from sim_vehicle.motion.records import Record
 
 __all__ = ["CLIMB_OUT", "CRUISE", "FLARING", "LAND", "PERIOD_S", "control_energy"]
 
@@ -35,126 +33,126 @@ def _clip(value: float, low: float, high: float) -> float:
 
 
 @compiled
-def _begin(state: Floats, limits: Floats) -> None:
+def _begin(state: Record, limits: Record) -> None:
     """Take the flight as it is."""
-    state[at.LAST_SPEED] = state[at.SPEED_DEMAND] = max(state[at.AIRSPEED], _SLOWEST)
-    state[at.SPEED_RATE_FILTER] = state[at.ACCELERATION_FILTER] = 0.0
-    state[at.SPEED_MAX] = limits[at.AIRSPEED_MAX]
-    height = state[col.POSITION_Z]
-    state[at.HEIGHT_IN] = state[at.HEIGHT_LIMITED] = state[at.HEIGHT_FILTER] = height
-    state[at.HEIGHT_DEMAND] = height
-    state[at.HEIGHT_OFFSET] = state[at.ENERGY_RATE_ERROR] = 0.0
-    state[at.CLIMB_SCALE] = state[at.SINK_SCALE] = 1.0
-    state[at.THROTTLE_INTEGRAL] = state[at.BALANCE_INTEGRAL] = state[at.SPEED_INTEGRAL] = 0.0
-    state[at.THROTTLE_LAST] = limits[at.TRIM_THROTTLE]
-    state[at.PITCH_DEMAND] = state[at.PITCH_FREE] = state[at.PITCH]
-    state[at.THROTTLE_CLIP] = state[at.BALANCE_CLIP] = state[at.THROTTLE_FLOOR] = 0.0
-    state[at.UNDERSPEED] = state[at.BAD_DESCENT] = 0.0
-    state[at.FLARE_FROM] = nan
-    state[at.RUNNING] = 1.0
+    state.last_speed = state.speed_demand = max(state.airspeed, _SLOWEST)
+    state.speed_rate_filter = state.acceleration_filter = 0.0
+    state.speed_max = limits.airspeed_max
+    height = state.position_z
+    state.height_in = state.height_limited = state.height_filter = height
+    state.height_demand = height
+    state.height_offset = state.energy_rate_error = 0.0
+    state.climb_scale = state.sink_scale = 1.0
+    state.throttle_integral = state.balance_integral = state.speed_integral = 0.0
+    state.throttle_last = limits.trim_throttle
+    state.pitch_demand = state.pitch_free = state.pitch
+    state.throttle_clip = state.balance_clip = state.throttle_floor = 0.0
+    state.underspeed = state.bad_descent = 0.0
+    state.flare_from = nan
+    state.running = 1.0
 
 
 @compiled
 def _demand_speed(
-    state: Floats, limits: Floats, stage: float, airspeed: float, v: float, time_s: float
+    state: Record, limits: Record, stage: float, airspeed: float, v: float, time_s: float
 ) -> tuple[float, float, float]:
     """Limit the demanded airspeed; return its rate and the least and greatest airspeed."""
-    up = 0.5 * limits[at.TECS_CLIMB] * state[at.CLIMB_SCALE] * GRAVITY_M_S2 / v
-    down = -0.5 * limits[at.TECS_SINK_MIN] * GRAVITY_M_S2 / v
+    up = 0.5 * limits.tecs_climb * state.climb_scale * GRAVITY_M_S2 / v
+    down = -0.5 * limits.tecs_sink_min * GRAVITY_M_S2 / v
     # Full throttle and not yet there: the upper limit comes down, so that it climbs.
-    rate = down if state[at.THROTTLE_CLIP] > 0.0 else up
-    fastest = state[at.SPEED_MAX] + rate * PERIOD_S
-    fastest = _clip(fastest, limits[at.AIRSPEED_TRIM], limits[at.AIRSPEED_MAX])
-    state[at.SPEED_MAX] = fastest
+    rate = down if state.throttle_clip > 0.0 else up
+    fastest = state.speed_max + rate * PERIOD_S
+    fastest = _clip(fastest, limits.airspeed_trim, limits.airspeed_max)
+    state.speed_max = fastest
     # A load factor raises the stall speed by its root.
-    slowest = limits[at.AIRSPEED_MIN] / sqrt(cos(state[at.BANK_DEMAND]))
+    slowest = limits.airspeed_min / sqrt(cos(state.bank_demand))
     slowest = min(slowest, fastest)
-    if state[at.BAD_DESCENT] > 0.0 or state[at.UNDERSPEED] > 0.0:
+    if state.bad_descent > 0.0 or state.underspeed > 0.0:
         airspeed = slowest
     wanted = _clip(airspeed, slowest, fastest)
-    before = wanted if stage == CLIMB_OUT else state[at.SPEED_DEMAND]
+    before = wanted if stage == CLIMB_OUT else state.speed_demand
     rate = _clip((wanted - before) / PERIOD_S, down, up)
     share = PERIOD_S / (PERIOD_S + time_s)
-    state[at.SPEED_RATE_FILTER] += share * (rate - state[at.SPEED_RATE_FILTER])
-    state[at.SPEED_DEMAND] = _clip(before + rate * PERIOD_S, slowest, fastest)
+    state.speed_rate_filter += share * (rate - state.speed_rate_filter)
+    state.speed_demand = _clip(before + rate * PERIOD_S, slowest, fastest)
     return rate, slowest, fastest
 
 
 @compiled
 def _demand_height(
-    state: Floats, limits: Floats, stage: float, target: float, pitch_min: float, pitch_max: float
+    state: Record, limits: Record, stage: float, target: float, pitch_min: float, pitch_max: float
 ) -> float:
     """Filter the demanded height; return its rate."""
-    climbs = limits[at.TECS_CLIMB] * state[at.CLIMB_SCALE]
-    sinks = limits[at.TECS_SINK_MAX] * state[at.SINK_SCALE]
-    high = state[at.PITCH_FREE] > pitch_max
-    low = state[at.PITCH_FREE] < pitch_min
-    before = state[at.HEIGHT_IN]
+    climbs = limits.tecs_climb * state.climb_scale
+    sinks = limits.tecs_sink_max * state.sink_scale
+    high = state.pitch_free > pitch_max
+    low = state.pitch_free < pitch_min
+    before = state.height_in
     # A demand that cannot be followed does not run away.
-    full, idle = state[at.THROTTLE_CLIP] > 0.0, state[at.THROTTLE_CLIP] < 0.0
+    full, idle = state.throttle_clip > 0.0, state.throttle_clip < 0.0
     if ((high or full) and target > before) or ((low or idle) and target < before):
         target = before
-    state[at.HEIGHT_IN] = target
+    state.height_in = target
     middle = 0.5 * (target + before)
-    change = middle - state[at.HEIGHT_LIMITED]
-    state[at.HEIGHT_LIMITED] += _clip(change, -sinks * PERIOD_S, climbs * PERIOD_S)
-    constant = max(limits[at.DEMAND_S], PERIOD_S)
+    change = middle - state.height_limited
+    state.height_limited += _clip(change, -sinks * PERIOD_S, climbs * PERIOD_S)
+    constant = max(limits.demand_s, PERIOD_S)
     share = PERIOD_S / (PERIOD_S + constant)
-    rate = (state[at.HEIGHT_LIMITED] - state[at.HEIGHT_FILTER]) / constant
-    state[at.HEIGHT_FILTER] += share * (state[at.HEIGHT_LIMITED] - state[at.HEIGHT_FILTER])
-    state[at.HEIGHT_OFFSET] *= 1.0 - share
-    demand = state[at.HEIGHT_FILTER] + state[at.HEIGHT_OFFSET]
+    rate = (state.height_limited - state.height_filter) / constant
+    state.height_filter += share * (state.height_limited - state.height_filter)
+    state.height_offset *= 1.0 - share
+    demand = state.height_filter + state.height_offset
     if stage == LAND:
         # The slope of a landing is followed without the lag of the filter.
         demand += constant * rate
-    elif (high or full or state[at.BALANCE_CLIP] > 0.0) and demand > state[at.HEIGHT_DEMAND]:
-        state[at.CLIMB_SCALE] *= 1.0 - share
-    elif (low or idle or state[at.BALANCE_CLIP] < 0.0) and demand < state[at.HEIGHT_DEMAND]:
-        state[at.SINK_SCALE] *= 1.0 - share
+    elif (high or full or state.balance_clip > 0.0) and demand > state.height_demand:
+        state.climb_scale *= 1.0 - share
+    elif (low or idle or state.balance_clip < 0.0) and demand < state.height_demand:
+        state.sink_scale *= 1.0 - share
     else:
-        state[at.CLIMB_SCALE] += share * (1.0 - state[at.CLIMB_SCALE])
-        state[at.SINK_SCALE] += share * (1.0 - state[at.SINK_SCALE])
-    state[at.HEIGHT_DEMAND] = demand
+        state.climb_scale += share * (1.0 - state.climb_scale)
+        state.sink_scale += share * (1.0 - state.sink_scale)
+    state.height_demand = demand
     return float(rate)
 
 
 @compiled
-def _demand_flare(state: Floats, limits: Floats, climb: float) -> float:
+def _demand_flare(state: Record, limits: Record, climb: float) -> float:
     """Let the sink die away with the height; return the demanded climb rate."""
-    height = state[col.POSITION_Z]
-    if isnan(state[at.FLARE_FROM]):
-        state[at.FLARE_FROM], state[at.FLARE_RATE] = height, climb
-        state[at.FLARE_FOLLOWED], state[at.FLARE_IDEAL] = state[at.HEIGHT_DEMAND], height
-    room = state[at.FLARE_FROM] - limits[at.HOLD_OFF_HEIGHT]
-    part = _clip((state[at.FLARE_FROM] - height) / room, 0.0, 1.0) if room > 0.0 else 1.0
-    rate = state[at.FLARE_RATE] * (1.0 - part) - limits[at.FLARE_SINK] * part
-    state[at.FLARE_IDEAL] += rate * PERIOD_S
-    state[at.FLARE_FOLLOWED] += rate * PERIOD_S
-    state[at.HEIGHT_DEMAND] = state[at.FLARE_FOLLOWED] * (1.0 - part) + state[at.FLARE_IDEAL] * part
-    state[at.HEIGHT_IN] = state[at.HEIGHT_LIMITED] = state[at.HEIGHT_FILTER] = height
+    height = state.position_z
+    if isnan(state.flare_from):
+        state.flare_from, state.flare_rate = height, climb
+        state.flare_followed, state.flare_ideal = state.height_demand, height
+    room = state.flare_from - limits.hold_off_height
+    part = _clip((state.flare_from - height) / room, 0.0, 1.0) if room > 0.0 else 1.0
+    rate = state.flare_rate * (1.0 - part) - limits.flare_sink * part
+    state.flare_ideal += rate * PERIOD_S
+    state.flare_followed += rate * PERIOD_S
+    state.height_demand = state.flare_followed * (1.0 - part) + state.flare_ideal * part
+    state.height_in = state.height_limited = state.height_filter = height
     return float(rate)
 
 
 @compiled
-def _notice_underspeed(state: Floats, slowest: float, v: float, stage: float) -> None:
+def _notice_underspeed(state: Record, slowest: float, v: float, stage: float) -> None:
     """Note an airspeed that full throttle does not hold: it then comes before the height."""
-    state[at.UNDERSPEED_S] += PERIOD_S
-    below = state[col.POSITION_Z] < state[at.HEIGHT_DEMAND]
-    slow = v < 0.9 * slowest and state[at.THROTTLE_DEMAND] >= 0.95 and stage != FLARING
-    if state[at.UNDERSPEED] > 0.0 and v >= 1.15 * slowest and state[at.UNDERSPEED_S] > _UNDERSPEED_S:
-        state[at.UNDERSPEED] = 0.0
-    if slow or (below and state[at.UNDERSPEED] > 0.0):
-        state[at.UNDERSPEED] = 1.0
+    state.underspeed_s += PERIOD_S
+    below = state.position_z < state.height_demand
+    slow = v < 0.9 * slowest and state.throttle_demand >= 0.95 and stage != FLARING
+    if state.underspeed > 0.0 and v >= 1.15 * slowest and state.underspeed_s > _UNDERSPEED_S:
+        state.underspeed = 0.0
+    if slow or (below and state.underspeed > 0.0):
+        state.underspeed = 1.0
         if v < 0.9 * slowest:
-            state[at.UNDERSPEED_S] = 0.0
+            state.underspeed_s = 0.0
     else:
-        state[at.UNDERSPEED] = 0.0
+        state.underspeed = 0.0
 
 
 @compiled
 def control_energy(
-    state: Floats,
-    limits: Floats,
+    state: Record,
+    limits: Record,
     stage: float,
     target: float,
     airspeed: float,
@@ -180,64 +178,64 @@ def control_energy(
     sinking : bool
         Whether the motor is dead: pitch then holds the airspeed alone.
     """
-    if state[at.RUNNING] == 0.0:
+    if state.running == 0.0:
         _begin(state, limits)
     landing = stage in (LAND, FLARING)
-    time_s = max(limits[at.LAND_S] if landing else limits[at.TIME_S], 0.1)
-    height = state[col.POSITION_Z]
-    v = max(state[at.AIRSPEED], _SLOWEST)
-    acceleration = (v - state[at.LAST_SPEED]) / PERIOD_S
-    state[at.LAST_SPEED] = v
+    time_s = max(limits.land_s if landing else limits.time_s, 0.1)
+    height = state.position_z
+    v = max(state.airspeed, _SLOWEST)
+    acceleration = (v - state.last_speed) / PERIOD_S
+    state.last_speed = v
     share = PERIOD_S / (PERIOD_S + time_s)
-    state[at.ACCELERATION_FILTER] += share * (acceleration - state[at.ACCELERATION_FILTER])
+    state.acceleration_filter += share * (acceleration - state.acceleration_filter)
 
-    pitch_min, pitch_max = limits[at.PITCH_MIN], limits[at.PITCH_MAX]
-    throttle_max, throttle_min = limits[at.THROTTLE_MAX], limits[at.THROTTLE_MIN]
+    pitch_min, pitch_max = limits.pitch_min, limits.pitch_max
+    throttle_max, throttle_min = limits.throttle_max, limits.throttle_min
     if stage == CLIMB_OUT:
         pitch_min = least_pitch
         pitch_max = max(pitch_max, pitch_min)
-        throttle_max = limits[at.TAKEOFF_THROTTLE]
-        state[at.HEIGHT_IN] = state[at.HEIGHT_LIMITED] = state[at.HEIGHT_FILTER] = height
-        state[at.HEIGHT_DEMAND] = target = height
-        state[at.HEIGHT_OFFSET] = min(climb, limits[at.TECS_CLIMB]) * limits[at.DEMAND_S]
-        state[at.UNDERSPEED] = state[at.BAD_DESCENT] = 0.0
-        state[at.CLIMB_SCALE] = state[at.SINK_SCALE] = 1.0
+        throttle_max = limits.takeoff_throttle
+        state.height_in = state.height_limited = state.height_filter = height
+        state.height_demand = target = height
+        state.height_offset = min(climb, limits.tecs_climb) * limits.demand_s
+        state.underspeed = state.bad_descent = 0.0
+        state.climb_scale = state.sink_scale = 1.0
     # After a climb-out the throttle comes back no faster than TECS_THR_ERATE.
-    state[at.THROTTLE_FLOOR] -= limits[at.THROTTLE_EASE] * PERIOD_S
+    state.throttle_floor -= limits.throttle_ease * PERIOD_S
     if stage == CLIMB_OUT:
-        state[at.THROTTLE_FLOOR] = throttle_max if limits[at.THROTTLE_EASE] > 0.0 else 0.0
-    throttle_min = min(max(throttle_min, state[at.THROTTLE_FLOOR]), throttle_max - 0.01)
+        state.throttle_floor = throttle_max if limits.throttle_ease > 0.0 else 0.0
+    throttle_min = min(max(throttle_min, state.throttle_floor), throttle_max - 0.01)
     if stage == FLARING:
         part = 0.0
-        if not isnan(state[at.FLARE_FROM]):
+        if not isnan(state.flare_from):
             part = 1.0
-            if state[at.FLARE_FROM] > limits[at.HOLD_OFF_HEIGHT]:
-                part = _clip((state[at.FLARE_FROM] - height) / state[at.FLARE_FROM], 0.0, 1.0)
-        pitch_min = max(pitch_min, (1.0 - part) * pitch_min + part * limits[at.LAND_PITCH])
-        if limits[at.LAND_PITCH_MAX] > 0.0:
-            pitch_max = limits[at.LAND_PITCH_MAX]
+            if state.flare_from > limits.hold_off_height:
+                part = _clip((state.flare_from - height) / state.flare_from, 0.0, 1.0)
+        pitch_min = max(pitch_min, (1.0 - part) * pitch_min + part * limits.land_pitch)
+        if limits.land_pitch_max > 0.0:
+            pitch_max = limits.land_pitch_max
         pitch_max = max(pitch_max, pitch_min)
         throttle_min = 0.0
-        state[at.THROTTLE_FLOOR] = 0.0
+        state.throttle_floor = 0.0
     else:
-        state[at.FLARE_FROM] = nan
+        state.flare_from = nan
 
     speed_rate, slowest, fastest = _demand_speed(state, limits, stage, airspeed, v, time_s)
     if stage == FLARING:
         rate = _demand_flare(state, limits, climb)
     elif stage == CLIMB_OUT:
         rate = 0.0
-        state[at.HEIGHT_DEMAND] = height
+        state.height_demand = height
     else:
         rate = _demand_height(state, limits, stage, target, pitch_min, pitch_max)
     _notice_underspeed(state, slowest, v, stage)
 
     # Energies, and their rates as far as they are not steady.
-    wanted = state[at.SPEED_DEMAND]
+    wanted = state.speed_demand
     kinetic, wanted_kinetic = 0.5 * v * v, 0.5 * wanted * wanted
-    potential, wanted_potential = GRAVITY_M_S2 * height, GRAVITY_M_S2 * state[at.HEIGHT_DEMAND]
-    wanted_kinetic_rate = v * (speed_rate - state[at.SPEED_RATE_FILTER])
-    kinetic_rate = v * (acceleration - state[at.ACCELERATION_FILTER])
+    potential, wanted_potential = GRAVITY_M_S2 * height, GRAVITY_M_S2 * state.height_demand
+    wanted_kinetic_rate = v * (speed_rate - state.speed_rate_filter)
+    kinetic_rate = v * (acceleration - state.acceleration_filter)
     potential_rate = GRAVITY_M_S2 * climb
 
     _pitch(
@@ -247,8 +245,8 @@ def control_energy(
     )  # fmt: skip
 
     # Throttle.
-    most = limits[at.TECS_CLIMB] * state[at.CLIMB_SCALE] * GRAVITY_M_S2
-    least = -limits[at.TECS_SINK_MIN] * GRAVITY_M_S2
+    most = limits.tecs_climb * state.climb_scale * GRAVITY_M_S2
+    least = -limits.tecs_sink_min * GRAVITY_M_S2
     high = max(kinetic - 0.5 * slowest * slowest, 0.0)
     low = min(kinetic - 0.5 * fastest * fastest, 0.0)
     error = _clip(wanted_potential - potential, low, high) + wanted_kinetic - kinetic
@@ -256,50 +254,50 @@ def control_energy(
     wanted_rate = _clip(wanted_rate, least, most)
     missing = wanted_rate - potential_rate - kinetic_rate
     share = 2.0 * PERIOD_S
-    missing = share * missing + (1.0 - share) * state[at.ENERGY_RATE_ERROR]
-    state[at.ENERGY_RATE_ERROR] = missing
+    missing = share * missing + (1.0 - share) * state.energy_rate_error
+    state.energy_rate_error = missing
     clip = 0.0
     if sinking:
         throttle = 0.0
-    elif state[at.UNDERSPEED] > 0.0:
+    elif state.underspeed > 0.0:
         throttle = 1.0
     else:
         span = throttle_max - throttle_min
         gain = span / (time_s * max(most - least, 0.1))
         # A turn needs more lift, and so more drag is to be overcome.
-        cos2 = _clip(cos(state[at.BANK]) ** 2, 0.1, 1.0)
-        forward = wanted_rate + limits[at.ROLL_TO_THROTTLE] * (1.0 / cos2 - 1.0)
-        throttle = limits[at.TRIM_THROTTLE] + forward * gain * time_s
-        throttle += (error + missing * limits[at.THROTTLE_DAMPING]) * gain
+        cos2 = _clip(cos(state.bank) ** 2, 0.1, 1.0)
+        forward = wanted_rate + limits.roll_to_throttle * (1.0 / cos2 - 1.0)
+        throttle = limits.trim_throttle + forward * gain * time_s
+        throttle += (error + missing * limits.throttle_damping) * gain
         half = 0.5 * (throttle_max - max(throttle_min, 0.0))
         upper = _clip(throttle_max - throttle + _SATURATION, -half, half)
         lower = _clip(throttle_min - throttle - _SATURATION, -half, half)
-        integral = state[at.THROTTLE_INTEGRAL] + error * limits[at.INTEGRATOR] * PERIOD_S * gain
-        state[at.THROTTLE_INTEGRAL] = upper if stage == CLIMB_OUT else _clip(integral, lower, upper)
-        if limits[at.THROTTLE_SLEW] > 0.0:
-            step = PERIOD_S * limits[at.THROTTLE_SLEW]
-            last = state[at.THROTTLE_LAST]
+        integral = state.throttle_integral + error * limits.integrator * PERIOD_S * gain
+        state.throttle_integral = upper if stage == CLIMB_OUT else _clip(integral, lower, upper)
+        if limits.throttle_slew > 0.0:
+            step = PERIOD_S * limits.throttle_slew
+            last = state.throttle_last
             throttle = _clip(throttle, last - step, last + step)
-        state[at.THROTTLE_LAST] = throttle
-        throttle += state[at.THROTTLE_INTEGRAL]
+        state.throttle_last = throttle
+        throttle += state.throttle_integral
         clip = 1.0 if throttle > throttle_max else (-1.0 if throttle < throttle_min else 0.0)
         # A climb-out takes all that there is (TKOFF_OPTIONS 0).
         throttle = throttle_max if stage == CLIMB_OUT else _clip(throttle, throttle_min, throttle_max)
     if throttle > throttle_min:
-        state[at.THROTTLE_FLOOR] = min(state[at.THROTTLE_FLOOR], 0.0) if stage != CLIMB_OUT else throttle_max
-    state[at.THROTTLE_CLIP] = clip
-    state[at.THROTTLE_DEMAND] = throttle
+        state.throttle_floor = min(state.throttle_floor, 0.0) if stage != CLIMB_OUT else throttle_max
+    state.throttle_clip = clip
+    state.throttle_demand = throttle
     # Much too low, still losing energy at full throttle: the airspeed cannot be had.
     losing = potential_rate + kinetic_rate < 0.0
     falls = error > _BAD_DESCENT and losing and throttle >= 0.9 * throttle_max
-    stays = state[at.BAD_DESCENT] > 0.0 and error > 0.0
-    state[at.BAD_DESCENT] = 1.0 if state[at.UNDERSPEED] == 0.0 and not sinking and (falls or stays) else 0.0
+    stays = state.bad_descent > 0.0 and error > 0.0
+    state.bad_descent = 1.0 if state.underspeed == 0.0 and not sinking and (falls or stays) else 0.0
 
 
 @compiled
 def _pitch(
-    state: Floats,
-    limits: Floats,
+    state: Record,
+    limits: Record,
     stage: float,
     portion: float,
     time_s: float,
@@ -314,22 +312,22 @@ def _pitch(
     kinetic_rate: float,
 ) -> None:
     """Set the demanded pitch from the balance of potential and kinetic energy."""
-    weight = _clip(limits[at.SPEED_WEIGHT], 0.0, 2.0)
-    if state[at.UNDERSPEED] > 0.0 or stage == CLIMB_OUT or sinking:
+    weight = _clip(limits.speed_weight, 0.0, 2.0)
+    if state.underspeed > 0.0 or stage == CLIMB_OUT or sinking:
         weight = 2.0
     elif stage in (LAND, FLARING):
-        if limits[at.LAND_SPEED_WEIGHT] < 0.0:
+        if limits.land_speed_weight < 0.0:
             weight *= 1.0 - _clip(portion, 0.0, 1.0)
         else:
-            weight = _clip(limits[at.LAND_SPEED_WEIGHT], 0.0, 2.0)
+            weight = _clip(limits.land_speed_weight, 0.0, 2.0)
     of_height, of_speed = min(2.0 - weight, 1.0), min(weight, 1.0)
     error = potential_error * of_height - kinetic_error * of_speed
     wanted = wanted_potential_rate * of_height + error / time_s
-    least, most = -limits[at.TECS_SINK_MAX] * GRAVITY_M_S2, limits[at.TECS_CLIMB] * GRAVITY_M_S2
-    state[at.BALANCE_CLIP] = -1.0 if wanted < least else (1.0 if wanted > most else 0.0)
+    least, most = -limits.tecs_sink_max * GRAVITY_M_S2, limits.tecs_climb * GRAVITY_M_S2
+    state.balance_clip = -1.0 if wanted < least else (1.0 if wanted > most else 0.0)
     wanted = _clip(wanted, least, most)
     missing = wanted - (potential_rate * of_height - kinetic_rate * of_speed)
-    damping = limits[at.LAND_DAMPING] if stage == FLARING else limits[at.PITCH_DAMPING]
+    damping = limits.land_damping if stage == FLARING else limits.pitch_damping
     total = wanted + missing * damping
     per_radian = v * GRAVITY_M_S2
     if stage == CLIMB_OUT:
@@ -337,20 +335,20 @@ def _pitch(
     low = per_radian * (pitch_min - _PITCH_MARGIN) - total
     high = per_radian * (pitch_max + _PITCH_MARGIN) - total
     tenth = 0.1 * (high - low)
-    delta = _clip(missing * limits[at.INTEGRATOR] * PERIOD_S, -tenth, tenth)
-    free = (total + state[at.BALANCE_INTEGRAL] + delta + state[at.SPEED_INTEGRAL]) / per_radian
+    delta = _clip(missing * limits.integrator * PERIOD_S, -tenth, tenth)
+    free = (total + state.balance_integral + delta + state.speed_integral) / per_radian
     if (free > pitch_max and delta > 0.0) or (free < pitch_min and delta < 0.0):
         keep = 1.0 - PERIOD_S / (PERIOD_S + time_s)
-        state[at.BALANCE_INTEGRAL] *= keep
-        state[at.SPEED_INTEGRAL] *= keep
+        state.balance_integral *= keep
+        state.speed_integral *= keep
     else:
-        state[at.BALANCE_INTEGRAL] += delta
-        state[at.SPEED_INTEGRAL] -= kinetic_error * of_speed * PERIOD_S / time_s
-    state[at.BALANCE_INTEGRAL] = _clip(state[at.BALANCE_INTEGRAL], low, high)
+        state.balance_integral += delta
+        state.speed_integral -= kinetic_error * of_speed * PERIOD_S / time_s
+    state.balance_integral = _clip(state.balance_integral, low, high)
     bound = 0.25 * (pitch_max - pitch_min) * per_radian
-    state[at.SPEED_INTEGRAL] = _clip(state[at.SPEED_INTEGRAL], -bound, bound)
-    free = (total + state[at.BALANCE_INTEGRAL] + state[at.SPEED_INTEGRAL]) / per_radian
-    state[at.PITCH_FREE] = free
-    change = PERIOD_S * limits[at.VERTICAL_ACCELERATION] / v
-    last = state[at.PITCH_DEMAND]
-    state[at.PITCH_DEMAND] = _clip(_clip(free, pitch_min, pitch_max), last - change, last + change)
+    state.speed_integral = _clip(state.speed_integral, -bound, bound)
+    free = (total + state.balance_integral + state.speed_integral) / per_radian
+    state.pitch_free = free
+    change = PERIOD_S * limits.vertical_acceleration / v
+    last = state.pitch_demand
+    state.pitch_demand = _clip(_clip(free, pitch_min, pitch_max), last - change, last + change)

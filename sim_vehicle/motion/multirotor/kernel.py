@@ -3,12 +3,13 @@
 The model and its control law are described in docs/vehicle-model.md. All arrays are float64 unless said
 otherwise; lengths in metres, angles in radians, east-north-up about home, headings clockwise from north.
 
-One vehicle is a row of `STATE` numbers and a row of `COUNTERS` integers, so a batch of vehicles is two
-arrays and a loop over `advance`.
+One vehicle is a record of `STATE` and a row of `COUNTERS` integers, so a batch of vehicles is two arrays
+and a loop over `advance`.
 """
 
 from __future__ import annotations
 
+from enum import IntEnum
 from math import atan2, inf, isnan, pi, sqrt
 
 import numpy as np
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from geo.compiled import compiled
 from sim_vehicle.energy.power_kernels import multirotor_power
 from sim_vehicle.motion import columns as col
+from sim_vehicle.motion.records import Record, record_type
 from sim_vehicle.motion.rules import complete_leg, mark_track, wind_row
 from sim_vehicle.weather.columns import AIR_EAST, AIR_NORTH
 from sim_vehicle.weather.gust_kernel import wind_at
@@ -24,60 +26,68 @@ from sim_vehicle.weather.gust_kernel import wind_at
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Vector = tuple[float, float, float]
+Axis = tuple[float, float, float, float, float]
 
 # One leg: its target, the directions along, across and normal to it, and the limits on these axes.
-(
-    LEG_X,
-    LEG_Y,
-    LEG_Z,
-    LEG_ALONG_X,
-    LEG_ALONG_Y,
-    LEG_ALONG_Z,
-    LEG_ACROSS_X,
-    LEG_ACROSS_Y,
-    LEG_ACROSS_Z,
-    LEG_NORMAL_X,
-    LEG_NORMAL_Y,
-    LEG_NORMAL_Z,
-    LEG_SPEED,  # Cruise speed.
-    LEG_END_SPEED,  # Speed to brake to.
-    LEG_RADIUS,  # Acceptance radius; 0: stop; or VELOCITY, AT_HEIGHT.
-    LEG_HEADING,  # NaN: keep.
-    LEG_ACCELERATION_ALONG,
-    LEG_JERK_ALONG,
-    LEG_ACCELERATION_ACROSS,
-    LEG_JERK_ACROSS,
-    LEG_ACCELERATION_NORMAL,
-    LEG_JERK_NORMAL,
-    LEG_SPEED_ACROSS,
-    LEG_SPEED_NORMAL,
-    LEG_BRAKING_DISTANCE,
-    LEG_NEAR,  # Distance to notify at.
-    LEG_HORIZONTAL,  # Horizontal part of the leg.
-    LEG_BEYOND,  # Path beyond this leg to brake in.
-    LEG_TURN_RATE,  # NaN: by the heading.
-    LEG_CLIMB,  # Vertical speed.
-) = range(30)
-LEG = 30
+Leg = IntEnum(
+    "Leg",
+    [
+        "X",
+        "Y",
+        "Z",
+        "ALONG_X",
+        "ALONG_Y",
+        "ALONG_Z",
+        "ACROSS_X",
+        "ACROSS_Y",
+        "ACROSS_Z",
+        "NORMAL_X",
+        "NORMAL_Y",
+        "NORMAL_Z",
+        "SPEED",  # Cruise speed.
+        "END_SPEED",  # Speed to brake to.
+        "RADIUS",  # Acceptance radius; 0: stop; or VELOCITY, AT_HEIGHT.
+        "HEADING",  # NaN: keep.
+        "ACCELERATION_ALONG",
+        "JERK_ALONG",
+        "ACCELERATION_ACROSS",
+        "JERK_ACROSS",
+        "ACCELERATION_NORMAL",
+        "JERK_NORMAL",
+        "SPEED_ACROSS",
+        "SPEED_NORMAL",
+        "BRAKING_DISTANCE",
+        "NEAR",  # Distance to notify at.
+        "HORIZONTAL",  # Horizontal part of the leg.
+        "BEYOND",  # Path beyond this leg to brake in.
+        "TURN_RATE",  # NaN: by the heading.
+        "CLIMB",  # Vertical speed.
+    ],
+    start=0,
+)
 # Radii of legs that have no end: a velocity is kept, or a horizontal velocity at the height of the target.
 VELOCITY, AT_HEIGHT = -1.0, -2.0
-# Limits.
-(
-    STEP_S,
-    SPEED_MAX,
-    AIRSPEED_MAX,
-    CLIMB_MAX,
-    DESCENT_MAX,
-    ACCELERATION_MAX,
-    JERK_MAX,
-    VERTICAL_ACCELERATION,
-    VERTICAL_JERK,
-    TURN_RATE,
-    TURN_ACCELERATION,
-    ENERGY_LIMIT,  # Energy that ends the flight, J.
-    TOUCH_DOWN_SPEED,
-) = range(13)
-LIMITS = 13
+Limits = IntEnum(
+    "Limits",
+    [
+        "STEP_S",
+        "SPEED_MAX",
+        "AIRSPEED_MAX",
+        "CLIMB_MAX",
+        "DESCENT_MAX",
+        "ACCELERATION_MAX",
+        "JERK_MAX",
+        "VERTICAL_ACCELERATION",
+        "VERTICAL_JERK",
+        "TURN_RATE",
+        "TURN_ACCELERATION",
+        "ENERGY_LIMIT",  # Energy that ends the flight, J.
+        "TOUCH_DOWN_SPEED",
+    ],
+    start=0,
+)
+LEG, LIMITS = record_type(Leg), record_type(Limits)
+ENERGY_LIMIT = int(Limits.ENERGY_LIMIT)
 
 STOP_RADIUS = 0.05
 STOP_SPEED = 0.1
@@ -199,25 +209,25 @@ def velocity_acceleration(v: float, a: float, wanted: float, limit: float, jerk:
 
 
 @compiled
-def _climb_acceleration(row: Floats, height: float, v: float, a: float, limits: Floats) -> float:
+def _climb_acceleration(row: Record, height: float, v: float, a: float, limits: Record) -> float:
     """Return the vertical acceleration of a leg that keeps a velocity, slow enough to touch down."""
-    dt, limit, jerk = limits[STEP_S], row[LEG_ACCELERATION_NORMAL], row[LEG_JERK_NORMAL]
-    if row[LEG_RADIUS] == AT_HEIGHT:
-        d = row[LEG_Z] - height
+    dt, limit, jerk = limits.step_s, row.acceleration_normal, row.jerk_normal
+    if row.radius == AT_HEIGHT:
+        d = row.z - height
         if abs(d) + abs(v) + abs(a) <= 1e-9:
             return 0.0
-        speed = 0.999 * (limits[CLIMB_MAX] if d > 0.0 else limits[DESCENT_MAX])
+        speed = 0.999 * (limits.climb_max if d > 0.0 else limits.descent_max)
         return float(axis_acceleration(d, v, a, 0.0, speed, limit, jerk, dt))
-    wanted = row[LEG_CLIMB]
+    wanted = row.climb
     if wanted >= 0.0:
         return float(velocity_acceleration(v, a, wanted, limit, jerk, dt))
-    end = min(-wanted, limits[TOUCH_DOWN_SPEED])
+    end = min(-wanted, limits.touch_down_speed)
     return -float(axis_acceleration(max(height, 0.0), -v, -a, end, -wanted, limit, jerk, dt))
 
 
 @compiled
 def _below_top_speed(
-    vx: float, vy: float, ax: float, ay: float, bx: float, by: float, limits: Floats
+    vx: float, vy: float, ax: float, ay: float, bx: float, by: float, limits: Record
 ) -> tuple[float, float]:
     """Return the horizontal acceleration without what would lead beyond the speed limit.
 
@@ -225,19 +235,17 @@ def _below_top_speed(
     can be too much. A quarter of the jerk is left for the turning of the velocity itself.
     """
     speed2 = vx * vx + vy * vy
-    if speed2 < 0.25 * limits[SPEED_MAX] * limits[SPEED_MAX]:
+    if speed2 < 0.25 * limits.speed_max * limits.speed_max:
         return bx, by
-    dt, speed = limits[STEP_S], sqrt(speed2)
+    dt, speed = limits.step_s, sqrt(speed2)
     ux, uy = vx / speed, vy / speed
     now = ax * ux + ay * uy
     outward = bx * ux + by * uy
-    most = _gentle_acceleration(
-        0.999 * limits[SPEED_MAX] - speed - 0.5 * now * dt, 0.75 * limits[JERK_MAX], dt
-    )
+    most = _gentle_acceleration(0.999 * limits.speed_max - speed - 0.5 * now * dt, 0.75 * limits.jerk_max, dt)
     if outward <= most:
         return bx, by
-    change = limits[JERK_MAX] * dt
-    radial = max(most, now - change, -limits[ACCELERATION_MAX]) - now
+    change = limits.jerk_max * dt
+    radial = max(most, now - change, -limits.acceleration_max) - now
     tangential = (by - ay) * ux - (bx - ax) * uy
     room = change * change - radial * radial
     free = sqrt(room) if room > 0.0 else 0.0
@@ -246,21 +254,30 @@ def _below_top_speed(
 
 
 @compiled
-def _detour(row: Floats, velocity: Vector, acceleration: Vector) -> float:
+def axes_of(row: Record) -> tuple[Axis, Axis, Axis]:
+    """Return what is along, across and normal to a leg: direction and limits of acceleration and jerk."""
+    return (
+        (row.along_x, row.along_y, row.along_z, row.acceleration_along, row.jerk_along),
+        (row.across_x, row.across_y, row.across_z, row.acceleration_across, row.jerk_across),
+        (row.normal_x, row.normal_y, row.normal_z, row.acceleration_normal, row.jerk_normal),
+    )
+
+
+@compiled
+def _detour(row: Record, velocity: Vector, acceleration: Vector) -> float:
     """Return about how far a new leg is left before the motion that does not belong to it has stopped.
 
     A leg may begin while the vehicle moves across it or backwards, as when a climb is ordered in fast
     flight; the axes of the leg then brake with what little it leaves to them.
     """
     detour = 0.0
+    axes = axes_of(row)
     for axis in range(3):
-        v = a = 0.0
-        for k in range(3):
-            v += velocity[k] * row[LEG_ALONG_X + 3 * axis + k]
-            a += acceleration[k] * row[LEG_ALONG_X + 3 * axis + k]
+        x, y, z, limit, jerk = axes[axis]
+        v = velocity[0] * x + velocity[1] * y + velocity[2] * z
+        a = acceleration[0] * x + acceleration[1] * y + acceleration[2] * z
         if axis == 0 or v < 0.0:
             v, a = -v, -a
-        limit, jerk = row[LEG_ACCELERATION_ALONG + 2 * axis], row[LEG_JERK_ALONG + 2 * axis]
         if a > 0.0:
             v += 0.5 * a * a / jerk
         if v > 0.0:
@@ -270,10 +287,10 @@ def _detour(row: Floats, velocity: Vector, acceleration: Vector) -> float:
 
 @compiled
 def advance(
-    state: Floats,
+    states: Record,
     counters: Integers,
-    route: Floats,
-    limits: Floats,
+    route: Record,
+    limits_of: Record,
     power: Floats,
     wind: Floats,
     first_wind: int,
@@ -289,11 +306,11 @@ def advance(
 
     Parameters
     ----------
-    state, counters : float64[STATE], int64[COUNTERS]
+    states, counters : STATE[1], int64[COUNTERS]
         Changed in place.
-    route : float64[n, LEG]
+    route : LEG[n]
         Of `prepare_route`; after the last leg the vehicle stays at its end.
-    limits, power : float64[LIMITS], float64[7]
+    limits_of, power : LIMITS[1], float64[7]
     wind : float64[m, ROW]
         On the grid of `GRID` steps from grid index ``first_wind``, see `wind_at`; one row is a steady wind.
     stop_each : bool
@@ -308,37 +325,38 @@ def advance(
     int
         RAN, REACHED, WIND (the wind block is used up), STALLED (no progress), ENERGY or NEAR.
     """
-    dt = limits[STEP_S]
+    state, limits = states[0], limits_of[0]
+    dt = limits.step_s
     windy = wind.shape[0] > 1 or wind[0, AIR_EAST] != 0.0 or wind[0, AIR_NORTH] != 0.0
-    px, py, pz = state[col.POSITION_X], state[col.POSITION_Y], state[col.POSITION_Z]
-    vx, vy, vz = state[col.VELOCITY_X], state[col.VELOCITY_Y], state[col.VELOCITY_Z]
-    ax, ay, az = state[col.ACCELERATION_X], state[col.ACCELERATION_Y], state[col.ACCELERATION_Z]
+    px, py, pz = state.position_x, state.position_y, state.position_z
+    vx, vy, vz = state.velocity_x, state.velocity_y, state.velocity_z
+    ax, ay, az = state.acceleration_x, state.acceleration_y, state.acceleration_z
     yaw, yaw_rate, energy, length = (
-        state[col.HEADING],
-        state[col.HEADING_RATE],
-        state[col.ENERGY_USED],
-        state[col.PATH_LENGTH],
+        state.heading,
+        state.heading_rate,
+        state.energy_used,
+        state.path_length,
     )
     step, leg = counters[col.STEP], counters[col.LEG_INDEX]
     event = col.RAN
     fresh = True
-    accel2 = limits[ACCELERATION_MAX] * limits[ACCELERATION_MAX]
-    top2 = limits[SPEED_MAX] * limits[SPEED_MAX]
+    accel2 = limits.acceleration_max * limits.acceleration_max
+    top2 = limits.speed_max * limits.speed_max
     tx = ty = tz = ux = uy = uz = nx = ny = wx = wy = wz = 0.0
     cruise = leave = radius = heading = horizontal = 0.0
     for _ in range(max_steps):
         if fresh:
             row = route[leg]
-            tx, ty, tz = row[LEG_X], row[LEG_Y], row[LEG_Z]
-            ux, uy, uz = row[LEG_ALONG_X], row[LEG_ALONG_Y], row[LEG_ALONG_Z]
-            nx, ny = row[LEG_ACROSS_X], row[LEG_ACROSS_Y]
-            wx, wy, wz = row[LEG_NORMAL_X], row[LEG_NORMAL_Y], row[LEG_NORMAL_Z]
+            tx, ty, tz = row.x, row.y, row.z
+            ux, uy, uz = row.along_x, row.along_y, row.along_z
+            nx, ny = row.across_x, row.across_y
+            wx, wy, wz = row.normal_x, row.normal_y, row.normal_z
             cruise, leave, radius, heading, horizontal = (
-                row[LEG_SPEED],
-                row[LEG_END_SPEED],
-                row[LEG_RADIUS],
-                row[LEG_HEADING],
-                row[LEG_HORIZONTAL],
+                row.speed,
+                row.end_speed,
+                row.radius,
+                row.heading,
+                row.horizontal,
             )
             fresh = False
         rx, ry, rz = tx - px, ty - py, tz - pz
@@ -347,19 +365,19 @@ def advance(
             if index < 0:
                 event = col.WIND
                 break
-            state[col.WIND_EAST], state[col.WIND_NORTH], rising = wind_at(wind[index], pz)
-            airx, airy = vx - state[col.WIND_EAST], vy - state[col.WIND_NORTH]
-            state[col.POWER] = multirotor_power(power, airx, airy, vz - rising, ax, ay, az)
+            state.wind_east, state.wind_north, rising = wind_at(wind[index], pz)
+            airx, airy = vx - state.wind_east, vy - state.wind_north
+            state.power = multirotor_power(power, airx, airy, vz - rising, ax, ay, az)
             mark_track(counters, step, track, track_every, px, py, pz)
             if counters[col.ARRIVED] == 0 and radius >= 0.0:
-                if state[col.GIVE_UP_STEP] == inf:
+                if state.give_up_step == inf:
                     left = sqrt(rx * rx + ry * ry + rz * rz)
                     left += _detour(row, (vx, vy, vz), (ax, ay, az))
-                    state[col.GIVE_UP_STEP] = step + (STALL_S + 1.5 * left / min(cruise, SLOWEST)) / dt
+                    state.give_up_step = step + (STALL_S + 1.5 * left / min(cruise, SLOWEST)) / dt
                     counters[col.MOVED_STEP] = step
                 if vx * vx + vy * vy + vz * vz > 0.0025 * min(cruise * cruise, 1.0):
                     counters[col.MOVED_STEP] = step
-                if (step - counters[col.MOVED_STEP]) * dt > STALL_S or step > state[col.GIVE_UP_STEP]:
+                if (step - counters[col.MOVED_STEP]) * dt > STALL_S or step > state.give_up_step:
                     event = col.STALLED
                     break
         # Along the leg, across it, and normal to both: the state in the frame of the leg.
@@ -380,46 +398,42 @@ def advance(
                 speed = most
             if windy and horizontal > 0.05:
                 ex, ey = ux / horizontal, uy / horizontal
-                tail = state[col.WIND_EAST] * ex + state[col.WIND_NORTH] * ey
-                side = state[col.WIND_EAST] * ey - state[col.WIND_NORTH] * ex
-                free = limits[AIRSPEED_MAX] * limits[AIRSPEED_MAX] - side * side
+                tail = state.wind_east * ex + state.wind_north * ey
+                side = state.wind_east * ey - state.wind_north * ex
+                free = limits.airspeed_max * limits.airspeed_max - side * side
                 most = (tail + sqrt(free)) / horizontal if free > 0.0 else 0.0
                 # Without this a vehicle that brakes against a storm could never finish to stop.
                 if most < speed and (most > SLOWEST or ds > CREEP):
                     speed = most if most > SLOWEST else 0.0
         row = route[leg]
-        if abs(vw) > row[LEG_SPEED_NORMAL] and uz != 0.0:
-            most = 0.999 * (limits[CLIMB_MAX] if uz > 0.0 else limits[DESCENT_MAX]) - horizontal * abs(vw)
+        if abs(vw) > row.speed_normal and uz != 0.0:
+            most = 0.999 * (limits.climb_max if uz > 0.0 else limits.descent_max) - horizontal * abs(vw)
             most = most / abs(uz) if most > 0.0 else 0.0
             if most < speed:
                 speed = most
         if radius < 0.0:
-            s1 = velocity_acceleration(vs, accs, speed, row[LEG_ACCELERATION_ALONG], row[LEG_JERK_ALONG], dt)
+            s1 = velocity_acceleration(vs, accs, speed, row.acceleration_along, row.jerk_along, dt)
         elif radius > 0.0 and ds >= 0.0:
-            ahead = row[LEG_BEYOND] + (ds - radius if ds > radius else 0.0)
+            ahead = row.beyond + (ds - radius if ds > radius else 0.0)
             if ahead == 0.0 and vs <= leave and leave < speed:
                 speed = leave
-            if ahead > row[LEG_BRAKING_DISTANCE] and vs <= speed:
+            if ahead > row.braking_distance and vs <= speed:
                 ahead = 1e9
-            s1 = axis_acceleration(
-                ahead, vs, accs, leave, speed, row[LEG_ACCELERATION_ALONG], row[LEG_JERK_ALONG], dt
-            )
+            s1 = axis_acceleration(ahead, vs, accs, leave, speed, row.acceleration_along, row.jerk_along, dt)
         else:
-            s1 = axis_acceleration(
-                ds, vs, accs, 0.0, speed, row[LEG_ACCELERATION_ALONG], row[LEG_JERK_ALONG], dt
-            )
+            s1 = axis_acceleration(ds, vs, accs, 0.0, speed, row.acceleration_along, row.jerk_along, dt)
         n1 = accn
         if radius < 0.0:
-            n1 = velocity_acceleration(vn, accn, 0.0, row[LEG_ACCELERATION_ACROSS], row[LEG_JERK_ACROSS], dt)
+            n1 = velocity_acceleration(vn, accn, 0.0, row.acceleration_across, row.jerk_across, dt)
         elif abs(dn) + abs(vn) + abs(accn) > 1e-9:
             n1 = axis_acceleration(
                 dn,
                 vn,
                 accn,
                 0.0,
-                row[LEG_SPEED_ACROSS],
-                row[LEG_ACCELERATION_ACROSS],
-                row[LEG_JERK_ACROSS],
+                row.speed_across,
+                row.acceleration_across,
+                row.jerk_across,
                 dt,
             )
         w1 = accw
@@ -431,9 +445,9 @@ def advance(
                 vw,
                 accw,
                 0.0,
-                row[LEG_SPEED_NORMAL],
-                row[LEG_ACCELERATION_NORMAL],
-                row[LEG_JERK_NORMAL],
+                row.speed_normal,
+                row.acceleration_normal,
+                row.jerk_normal,
                 dt,
             )
         bx = s1 * ux + n1 * nx + w1 * wx
@@ -446,14 +460,14 @@ def advance(
             scale = sqrt(accel2 / norm2)
             bx *= scale
             by *= scale
-        bz = min(max(bz, -limits[VERTICAL_ACCELERATION]), limits[VERTICAL_ACCELERATION])
+        bz = min(max(bz, -limits.vertical_acceleration), limits.vertical_acceleration)
         # A new leg may give the vertical axis less jerk than it needs to end what the leg before had begun.
-        if vz > 0.5 * limits[CLIMB_MAX]:
-            most = _gentle_acceleration(limits[CLIMB_MAX] - vz - 0.5 * az * dt, limits[VERTICAL_JERK], dt)
-            bz = max(min(bz, most), az - limits[VERTICAL_JERK] * dt, -limits[VERTICAL_ACCELERATION])
-        elif vz < -0.5 * limits[DESCENT_MAX]:
-            most = _gentle_acceleration(limits[DESCENT_MAX] + vz + 0.5 * az * dt, limits[VERTICAL_JERK], dt)
-            bz = min(max(bz, -most), az + limits[VERTICAL_JERK] * dt, limits[VERTICAL_ACCELERATION])
+        if vz > 0.5 * limits.climb_max:
+            most = _gentle_acceleration(limits.climb_max - vz - 0.5 * az * dt, limits.vertical_jerk, dt)
+            bz = max(min(bz, most), az - limits.vertical_jerk * dt, -limits.vertical_acceleration)
+        elif vz < -0.5 * limits.descent_max:
+            most = _gentle_acceleration(limits.descent_max + vz + 0.5 * az * dt, limits.vertical_jerk, dt)
+            bz = min(max(bz, -most), az + limits.vertical_jerk * dt, limits.vertical_acceleration)
         third = dt * dt / 6.0
         mx = vx * dt + third * (2.0 * ax + bx)
         my = vy * dt + third * (2.0 * ay + by)
@@ -466,15 +480,15 @@ def advance(
         vy += 0.5 * dt * (ay + by)
         vz += 0.5 * dt * (az + bz)
         ax, ay, az = bx, by, bz
-        energy += state[col.POWER] * dt
+        energy += state.power * dt
         step += 1
-        if not isnan(state[col.LOOK_EAST]):
-            east, north = state[col.LOOK_EAST] - px, state[col.LOOK_NORTH] - py
+        if not isnan(state.look_east):
+            east, north = state.look_east - px, state.look_north - py
             if east * east + north * north > ROI_NEAR * ROI_NEAR:
                 heading = atan2(east, north) % (2.0 * pi)
-        if not isnan(row[LEG_TURN_RATE]):
-            change = limits[TURN_ACCELERATION] * dt
-            rate = min(max(row[LEG_TURN_RATE], -limits[TURN_RATE]), limits[TURN_RATE])
+        if not isnan(row.turn_rate):
+            change = limits.turn_acceleration * dt
+            rate = min(max(row.turn_rate, -limits.turn_rate), limits.turn_rate)
             yaw_rate += min(max(rate - yaw_rate, -change), change)
             yaw = (yaw + yaw_rate * dt) % (2.0 * pi)
         elif not isnan(heading) and (heading != yaw or yaw_rate != 0.0):
@@ -483,20 +497,20 @@ def advance(
             if size < 1e-6 and abs(yaw_rate) < 1e-4:
                 yaw, yaw_rate = heading, 0.0
             else:
-                rate = min(limits[TURN_RATE], 2.0 * size, 0.8 * sqrt(2.0 * limits[TURN_ACCELERATION] * size))
+                rate = min(limits.turn_rate, 2.0 * size, 0.8 * sqrt(2.0 * limits.turn_acceleration * size))
                 rate = rate if error > 0.0 else -rate
-                change = limits[TURN_ACCELERATION] * dt
+                change = limits.turn_acceleration * dt
                 yaw_rate += min(max(rate - yaw_rate, -change), change)
                 yaw = (yaw + yaw_rate * dt) % (2.0 * pi)
         elif yaw_rate != 0.0:
-            change = limits[TURN_ACCELERATION] * dt
+            change = limits.turn_acceleration * dt
             yaw_rate -= min(max(yaw_rate, -change), change)
             yaw = (yaw + yaw_rate * dt) % (2.0 * pi)
         if counters[col.ARRIVED] == 0:
             rx, ry, rz = tx - px, ty - py, tz - pz
             left2 = rx * rx + ry * ry + rz * rz
             if radius < 0.0:
-                reached = radius == VELOCITY and row[LEG_CLIMB] < 0.0 and pz <= 0.0
+                reached = radius == VELOCITY and row.climb < 0.0 and pz <= 0.0
             elif radius > 0.0:
                 reached = left2 <= radius * radius
             else:
@@ -506,20 +520,20 @@ def advance(
                 )
             if reached:
                 event = complete_leg(counters, arrivals, step, stop_each)
-                state[col.GIVE_UP_STEP] = inf
+                state.give_up_step = inf
                 fresh = leg != counters[col.LEG_INDEX]
                 leg = counters[col.LEG_INDEX]
-            elif counters[col.NEAR_TOLD] == 0 and left2 < row[LEG_NEAR] * row[LEG_NEAR]:
+            elif counters[col.NEAR_TOLD] == 0 and left2 < row.near * row.near:
                 counters[col.NEAR_TOLD] = 1
                 event = col.NEAR
-        if energy >= limits[ENERGY_LIMIT]:
+        if energy >= limits.energy_limit:
             event = col.ENERGY
         if event != col.RAN:
             break
-    state[col.POSITION_X], state[col.POSITION_Y], state[col.POSITION_Z] = px, py, pz
-    state[col.VELOCITY_X], state[col.VELOCITY_Y], state[col.VELOCITY_Z] = vx, vy, vz
-    state[col.ACCELERATION_X], state[col.ACCELERATION_Y], state[col.ACCELERATION_Z] = ax, ay, az
-    state[col.HEADING], state[col.HEADING_RATE], state[col.ENERGY_USED], state[col.PATH_LENGTH] = (
+    state.position_x, state.position_y, state.position_z = px, py, pz
+    state.velocity_x, state.velocity_y, state.velocity_z = vx, vy, vz
+    state.acceleration_x, state.acceleration_y, state.acceleration_z = ax, ay, az
+    state.heading, state.heading_rate, state.energy_used, state.path_length = (
         yaw,
         yaw_rate,
         energy,

@@ -3,49 +3,16 @@
 from __future__ import annotations
 
 from math import inf, isnan, pi, sqrt
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from geo.compiled import compiled
-from sim_vehicle.motion.multirotor.kernel import (
-    ACCELERATION_MAX,
-    AT_HEIGHT,
-    CLIMB_MAX,
-    DESCENT_MAX,
-    JERK_MAX,
-    LEG,
-    LEG_ACCELERATION_ALONG,
-    LEG_ACROSS_X,
-    LEG_ACROSS_Y,
-    LEG_ACROSS_Z,
-    LEG_ALONG_X,
-    LEG_ALONG_Y,
-    LEG_ALONG_Z,
-    LEG_BEYOND,
-    LEG_BRAKING_DISTANCE,
-    LEG_CLIMB,
-    LEG_END_SPEED,
-    LEG_HEADING,
-    LEG_HORIZONTAL,
-    LEG_JERK_ALONG,
-    LEG_NEAR,
-    LEG_NORMAL_X,
-    LEG_NORMAL_Y,
-    LEG_NORMAL_Z,
-    LEG_RADIUS,
-    LEG_SPEED,
-    LEG_SPEED_ACROSS,
-    LEG_SPEED_NORMAL,
-    LEG_TURN_RATE,
-    LEG_X,
-    LEG_Y,
-    LEG_Z,
-    SPEED_MAX,
-    VELOCITY,
-    VERTICAL_ACCELERATION,
-    VERTICAL_JERK,
-    Floats,
-)
+from sim_vehicle.motion.multirotor.kernel import AT_HEIGHT, LEG, VELOCITY, Floats
+from sim_vehicle.motion.records import Record
+
+if TYPE_CHECKING:
+    from sim_vehicle.motion.legs import Position
 
 # How the horizontal limits are shared: along the leg and across it (0.8^2 + 0.6^2 = 1), and normal to both.
 ALONG = 0.8
@@ -64,7 +31,19 @@ def _speed_within(distance: float, limit: float, jerk: float) -> float:
 
 
 @compiled
+def _shared(level: float, vertical: float, flat: float, rise: float) -> tuple[float, float, float]:
+    """Return a limit along a leg with this horizontal part and rise, across it, and normal to both."""
+    normal = NORMAL * min(ALONG * level / rise if rise > 0.0 else inf, vertical / flat if flat > 0.0 else inf)
+    along = min(
+        (ALONG * level - rise * normal) / flat if flat > 0.0 else inf,
+        (vertical - flat * normal) / rise if rise > 0.0 else inf,
+    )
+    return along, ACROSS * level, normal
+
+
+@compiled
 def prepare_route(
+    route: Record,
     start: Floats,
     points: Floats,
     radius: Floats,
@@ -73,12 +52,14 @@ def prepare_route(
     heading: Floats,
     turning: Floats,
     near: Floats,
-    limits: Floats,
-) -> Floats:
-    """Return the legs of a route: directions, limits in the frame of each leg, and the speeds at the corners.
+    limits_of: Record,
+) -> None:
+    """Fill in the legs of a route: directions, limits in the frame of each, and the speeds at the corners.
 
     Parameters
     ----------
+    route : LEG[n]
+        Zeros.
     start : float64[3]
         Where the first leg begins.
     points : float64[n, 3]
@@ -95,147 +76,142 @@ def prepare_route(
     near : float64[n]
         Distance to the point at which to return NEAR, 0 for never.
     """
-    n = points.shape[0]
-    route = np.zeros((n, LEG))
+    limits, n = limits_of[0], points.shape[0]
     lengths = np.empty(n)
     bx, by, bz = start[0], start[1], start[2]
     for i in range(n):
         row = route[i]
-        for k in range(3):
-            row[k] = points[i, k]
-        dx, dy, dz = row[LEG_X] - bx, row[LEG_Y] - by, row[LEG_Z] - bz
+        row.x, row.y, row.z = points[i, 0], points[i, 1], points[i, 2]
+        dx, dy, dz = row.x - bx, row.y - by, row.z - bz
         flat = sqrt(dx * dx + dy * dy)
         length = sqrt(flat * flat + dz * dz)
         lengths[i] = length
         if length > 1e-6:
-            row[LEG_ALONG_X], row[LEG_ALONG_Y], row[LEG_ALONG_Z] = dx / length, dy / length, dz / length
+            row.along_x, row.along_y, row.along_z = dx / length, dy / length, dz / length
             flat /= length
         elif i > 0:
-            row[LEG_ALONG_X], row[LEG_ALONG_Y], row[LEG_ALONG_Z] = (
-                route[i - 1, LEG_ALONG_X],
-                route[i - 1, LEG_ALONG_Y],
-                route[i - 1, LEG_ALONG_Z],
+            row.along_x, row.along_y, row.along_z = (
+                route[i - 1].along_x,
+                route[i - 1].along_y,
+                route[i - 1].along_z,
             )
-            flat = route[i - 1, LEG_HORIZONTAL]
+            flat = route[i - 1].horizontal
         else:
-            row[LEG_ALONG_X], row[LEG_ALONG_Y], row[LEG_ALONG_Z] = 1.0, 0.0, 0.0
+            row.along_x, row.along_y, row.along_z = 1.0, 0.0, 0.0
             flat = 1.0
         if flat < 1e-6:
-            row[LEG_ALONG_X], row[LEG_ALONG_Y], row[LEG_ALONG_Z] = (
+            row.along_x, row.along_y, row.along_z = (
                 0.0,
                 0.0,
-                1.0 if row[LEG_ALONG_Z] > 0.0 else -1.0,
+                1.0 if row.along_z > 0.0 else -1.0,
             )
             flat = 0.0
-        rise = abs(row[LEG_ALONG_Z])
-        row[LEG_HORIZONTAL] = flat
+        rise = abs(row.along_z)
+        row.horizontal = flat
         if flat > 0.0:
-            row[LEG_ACROSS_X], row[LEG_ACROSS_Y] = -row[LEG_ALONG_Y] / flat, row[LEG_ALONG_X] / flat
+            row.across_x, row.across_y = -row.along_y / flat, row.along_x / flat
         else:
-            row[LEG_ACROSS_X], row[LEG_ACROSS_Y] = 0.0, 1.0
-        row[LEG_NORMAL_X] = row[LEG_ALONG_Y] * row[LEG_ACROSS_Z] - row[LEG_ALONG_Z] * row[LEG_ACROSS_Y]
-        row[LEG_NORMAL_Y] = row[LEG_ALONG_Z] * row[LEG_ACROSS_X] - row[LEG_ALONG_X] * row[LEG_ACROSS_Z]
-        row[LEG_NORMAL_Z] = row[LEG_ALONG_X] * row[LEG_ACROSS_Y] - row[LEG_ALONG_Y] * row[LEG_ACROSS_X]
+            row.across_x, row.across_y = 0.0, 1.0
+        row.normal_x = row.along_y * row.across_z - row.along_z * row.across_y
+        row.normal_y = row.along_z * row.across_x - row.along_x * row.across_z
+        row.normal_z = row.along_x * row.across_y - row.along_y * row.across_x
         # A thousandth is kept for what the time step adds.
-        up = 0.999 * (limits[CLIMB_MAX] if row[LEG_ALONG_Z] > 0.0 else limits[DESCENT_MAX])
-        for k, across, vertical in (
-            (LEG_ACCELERATION_ALONG, limits[ACCELERATION_MAX], limits[VERTICAL_ACCELERATION]),
-            (LEG_JERK_ALONG, limits[JERK_MAX], limits[VERTICAL_JERK]),
-        ):
-            row[k + 2] = ACROSS * across
-            normal = min(ALONG * across / rise if rise > 0.0 else inf, vertical / flat if flat > 0.0 else inf)
-            row[k + 4] = NORMAL * normal
-            row[k] = min(
-                (ALONG * across - rise * row[k + 4]) / flat if flat > 0.0 else inf,
-                (vertical - flat * row[k + 4]) / rise if rise > 0.0 else inf,
-            )
-        row[LEG_SPEED_ACROSS] = 0.3 * limits[SPEED_MAX]
-        lesser = min(limits[CLIMB_MAX], limits[DESCENT_MAX])
-        row[LEG_SPEED_NORMAL] = NORMAL * min(
-            limits[SPEED_MAX] / rise if rise > 0.0 else inf, lesser / flat if flat > 0.0 else inf
+        up = 0.999 * (limits.climb_max if row.along_z > 0.0 else limits.descent_max)
+        row.acceleration_along, row.acceleration_across, row.acceleration_normal = _shared(
+            limits.acceleration_max, limits.vertical_acceleration, flat, rise
+        )
+        row.jerk_along, row.jerk_across, row.jerk_normal = _shared(
+            limits.jerk_max, limits.vertical_jerk, flat, rise
+        )
+        row.speed_across = 0.3 * limits.speed_max
+        lesser = min(limits.climb_max, limits.descent_max)
+        row.speed_normal = NORMAL * min(
+            limits.speed_max / rise if rise > 0.0 else inf, lesser / flat if flat > 0.0 else inf
         )
         wanted = inf if isnan(speed[i]) else speed[i]
         if not isnan(climbing[i]) and flat == 0.0:
             up = min(up, climbing[i])
-        row[LEG_SPEED] = min(
-            min(wanted, 0.95 * limits[SPEED_MAX] - rise * row[LEG_SPEED_NORMAL]) / flat
-            if flat > 0.0
-            else inf,
-            (up - flat * row[LEG_SPEED_NORMAL]) / rise if rise > 0.0 else inf,
+        row.speed = min(
+            min(wanted, 0.95 * limits.speed_max - rise * row.speed_normal) / flat if flat > 0.0 else inf,
+            (up - flat * row.speed_normal) / rise if rise > 0.0 else inf,
         )
-        row[LEG_RADIUS] = radius[i] if i < n - 1 else 0.0
+        row.radius = radius[i] if i < n - 1 else 0.0
         if heading[i] == inf or (isnan(heading[i]) and flat * length < 0.05):
-            row[LEG_HEADING] = np.nan
+            row.heading = np.nan
         elif isnan(heading[i]):
-            row[LEG_HEADING] = np.arctan2(row[LEG_ALONG_X], row[LEG_ALONG_Y]) % (2.0 * pi)
+            row.heading = np.arctan2(row.along_x, row.along_y) % (2.0 * pi)
         else:
-            row[LEG_HEADING] = heading[i] % (2.0 * pi)
-        row[LEG_NEAR] = near[i]
-        row[LEG_TURN_RATE] = turning[i]
-        bx, by, bz = row[LEG_X], row[LEG_Y], row[LEG_Z]
+            row.heading = heading[i] % (2.0 * pi)
+        row.near = near[i]
+        row.turn_rate = turning[i]
+        bx, by, bz = row.x, row.y, row.z
     # Backwards: the speed at each corner, and the next position that the vehicle has to brake for. A corner
     # that is slower than what braking for that position allows becomes such a position itself.
     slow, way = 0.0, 0.0
     for i in range(n - 1, -1, -1):
         row = route[i]
-        if row[LEG_RADIUS] > 0.0:
+        if row.radius > 0.0:
             after = route[i + 1]
-            corner = min(row[LEG_SPEED], after[LEG_SPEED])
+            corner = min(row.speed, after.speed)
             turn = 1.0
+            axes = (
+                (after.along_x, after.along_y, after.along_z, after.acceleration_along, after.jerk_along),
+                (
+                    after.across_x,
+                    after.across_y,
+                    after.across_z,
+                    after.acceleration_across,
+                    after.jerk_across,
+                ),
+                (
+                    after.normal_x,
+                    after.normal_y,
+                    after.normal_z,
+                    after.acceleration_normal,
+                    after.jerk_normal,
+                ),
+            )
             for axis in range(3):
-                part = 0.0
-                for k in range(3):
-                    part += row[LEG_ALONG_X + k] * after[LEG_ALONG_X + 3 * axis + k]
+                x, y, z, limit, jerk = axes[axis]
+                part = row.along_x * x + row.along_y * y + row.along_z * z
                 if axis == 0:
                     turn = part
                     if part >= 0.0:
                         continue
                 part = abs(part)
                 if part > 1e-9:
-                    room = max(part, 0.3) * row[LEG_RADIUS]
-                    corner = min(
-                        corner,
-                        _speed_within(
-                            room, after[LEG_ACCELERATION_ALONG + 2 * axis], after[LEG_JERK_ALONG + 2 * axis]
-                        )
-                        / part,
-                    )
-            way = max(way + lengths[i + 1] + max(turn, 0.0) * row[LEG_RADIUS] - after[LEG_RADIUS], 0.0)
-            limit = after[LEG_ACCELERATION_ALONG] if turn > 0.9 else 0.9 * after[LEG_ACCELERATION_ALONG]
-            ramp = limit * limit / after[LEG_JERK_ALONG]
+                    corner = min(corner, _speed_within(max(part, 0.3) * row.radius, limit, jerk) / part)
+            way = max(way + lengths[i + 1] + max(turn, 0.0) * row.radius - after.radius, 0.0)
+            limit = after.acceleration_along if turn > 0.9 else 0.9 * after.acceleration_along
+            ramp = limit * limit / after.jerk_along
             reach = 0.5 * (sqrt((ramp - 2.0 * slow) ** 2 + 8.0 * limit * way) - ramp)
-            reach = max(slow, reach, _speed_within(way, limit, after[LEG_JERK_ALONG]))
+            reach = max(slow, reach, _speed_within(way, limit, after.jerk_along))
             if corner < reach or turn < 0.9:
                 slow, way = min(corner, reach), 0.0
         else:
             slow, way = 0.0, 0.0
-        row[LEG_END_SPEED], row[LEG_BEYOND] = slow, way
-        v = (
-            row[LEG_SPEED]
-            + 0.5 * row[LEG_ACCELERATION_ALONG] * row[LEG_ACCELERATION_ALONG] / row[LEG_JERK_ALONG]
+        row.end_speed, row.beyond = slow, way
+        v = row.speed + 0.5 * row.acceleration_along * row.acceleration_along / row.jerk_along
+        row.braking_distance = v * (
+            v / row.acceleration_along + 2.0 * row.acceleration_along / row.jerk_along
         )
-        row[LEG_BRAKING_DISTANCE] = v * (
-            v / row[LEG_ACCELERATION_ALONG] + 2.0 * row[LEG_ACCELERATION_ALONG] / row[LEG_JERK_ALONG]
-        )
-    return route
 
 
 def prepare_velocity(
-    position: Floats,
+    position: Position,
     velocity: tuple[float, float, float],
     height_m: float,
     heading_rad: float,
     turn_rad_s: float,
-    limits: Floats,
-) -> Floats:
-    """Return the one leg of a flight at a velocity, float64[1, LEG].
+    limits: Record,
+) -> Record:
+    """Return the one leg of a flight at a velocity, LEG[1].
 
     Its axes are the horizontal direction of flight, the one across it, and the vertical, so the velocity
     comes about within the limits of any other leg: 80 % of the horizontal ones along, 60 % across.
 
     Parameters
     ----------
-    position : float64[3]
     velocity : tuple of 3 floats
         East, north, up.
     height_m : float
@@ -246,34 +222,25 @@ def prepare_velocity(
     east, north, up = velocity
     speed = np.hypot(east, north)
     ux, uy = (east / speed, north / speed) if speed > 0.0 else (1.0, 0.0)
-    row = np.zeros(LEG)
-    row[:LEG_ALONG_X] = position
+    route = np.zeros(1, LEG)
+    row = route[0]
     # So far that it is never reached; the wind's limit looks at what is left of the leg.
-    row[LEG_X] += 1e6 * ux
-    row[LEG_Y] += 1e6 * uy
-    row[LEG_ALONG_X:LEG_SPEED] = ux, uy, 0.0, -uy, ux, 0.0, 0.0, 0.0, 1.0
-    row[LEG_SPEED] = min(speed, 0.95 * limits[SPEED_MAX])
-    row[LEG_RADIUS] = VELOCITY if np.isnan(height_m) else AT_HEIGHT
-    row[LEG_HEADING] = np.nan
+    row.x, row.y = position[0] + 1e6 * ux, position[1] + 1e6 * uy
+    row.z = position[2] if np.isnan(height_m) else height_m
+    row.along_x, row.along_y = ux, uy
+    row.across_x, row.across_y = -uy, ux
+    row.normal_z = 1.0
+    row.speed = min(speed, 0.95 * limits.speed_max)
+    row.radius = VELOCITY if np.isnan(height_m) else AT_HEIGHT
+    row.heading = np.nan
     if np.isfinite(heading_rad):
-        row[LEG_HEADING] = heading_rad % (2.0 * np.pi)
+        row.heading = heading_rad % (2.0 * np.pi)
     elif np.isnan(heading_rad) and speed > 0.1:
-        row[LEG_HEADING] = np.arctan2(ux, uy) % (2.0 * np.pi)
-    row[LEG_ACCELERATION_ALONG:LEG_SPEED_ACROSS] = (
-        ALONG * limits[ACCELERATION_MAX],
-        ALONG * limits[JERK_MAX],
-        ACROSS * limits[ACCELERATION_MAX],
-        ACROSS * limits[JERK_MAX],
-        limits[VERTICAL_ACCELERATION],
-        limits[VERTICAL_JERK],
-    )
-    row[LEG_SPEED_ACROSS], row[LEG_SPEED_NORMAL], row[LEG_HORIZONTAL], row[LEG_TURN_RATE] = (
-        limits[SPEED_MAX],
-        limits[CLIMB_MAX],
-        1.0,
-        turn_rad_s,
-    )
-    row[LEG_CLIMB] = min(max(up, -0.999 * limits[DESCENT_MAX]), 0.999 * limits[CLIMB_MAX])
-    if not np.isnan(height_m):
-        row[LEG_Z] = height_m
-    return row[np.newaxis]
+        row.heading = np.arctan2(ux, uy) % (2.0 * np.pi)
+    row.acceleration_along, row.jerk_along = ALONG * limits.acceleration_max, ALONG * limits.jerk_max
+    row.acceleration_across, row.jerk_across = ACROSS * limits.acceleration_max, ACROSS * limits.jerk_max
+    row.acceleration_normal, row.jerk_normal = limits.vertical_acceleration, limits.vertical_jerk
+    row.speed_across, row.speed_normal = limits.speed_max, limits.climb_max
+    row.horizontal, row.turn_rate = 1.0, turn_rad_s
+    row.climb = min(max(up, -0.999 * limits.descent_max), 0.999 * limits.climb_max)
+    return route

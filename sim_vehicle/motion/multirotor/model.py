@@ -9,7 +9,8 @@ import numpy as np
 
 from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.motion import columns as col
-from sim_vehicle.motion.compiled_motion import CompiledMotion
+from sim_vehicle.motion.columns import State
+from sim_vehicle.motion.compiled_motion import CompiledMotion, Dynamics
 from sim_vehicle.motion.legs import KEEP
 from sim_vehicle.motion.multirotor import kernel
 from sim_vehicle.motion.multirotor.legs import prepare_route, prepare_velocity
@@ -21,7 +22,8 @@ if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Heading, Position, Route
 
-_NO_TRACK = np.empty((0, 3))
+GENERIC = Dynamics(kernel.advance, col.STATE, kernel.LIMITS)
+"""Those of a multirotor of no autopilot in particular, or that is not flown by its autopilot."""
 
 
 class Multirotor(CompiledMotion):
@@ -44,13 +46,13 @@ class Multirotor(CompiledMotion):
     (10.0, True)
     """
 
-    _kernel = staticmethod(kernel.advance)
-    _state_size = col.STATE
-    _energy_limit = kernel.ENERGY_LIMIT
+    dynamics = GENERIC
+    _state_size = len(col.State)
+    _energy_limit = kernel.Limits.ENERGY_LIMIT
 
     def __init__(self, spec: VehicleSpec, wind: Wind | None = None, yaw_rad: float = 0.0) -> None:
         super().__init__(spec, wind, yaw_rad)
-        self.state[col.LOOK_EAST : col.LOOK_NORTH + 1] = math.nan
+        self.state[col.LOOK] = math.nan
 
     def _numbers(self, spec: VehicleSpec) -> NDArray[np.float64]:
         return _limits(spec)
@@ -61,8 +63,10 @@ class Multirotor(CompiledMotion):
 
     def fly(self, route: Route) -> None:
         """Begin a route, from where the vehicle is and as it moves now."""
-        self._route = prepare_route(
-            self.state[col.POSITION : col.VELOCITY].copy(),
+        self._route = np.zeros(len(route.points_m), kernel.LEG)
+        prepare_route(
+            self._route,
+            self.state[col.POSITION].copy(),
             route.points_m,
             route.radius_m,
             route.speed_m_s,
@@ -70,7 +74,7 @@ class Multirotor(CompiledMotion):
             route.heading_rad,
             route.turn_rad_s,
             route.near_m,
-            self._limits,
+            self._records("_limits", kernel.LIMITS),
         )
         self._begin()
 
@@ -82,44 +86,45 @@ class Multirotor(CompiledMotion):
         heading: Heading = KEEP,
     ) -> None:
         """Keep a velocity, or its horizontal part at a height; downward it goes on to the ground."""
-        self._route = prepare_velocity(
-            self.state[col.POSITION : col.VELOCITY], velocity_m_s, height_m, *heading.numbers, self._limits
-        )
+        limits = self._records("_limits", kernel.LIMITS)[0]
+        self._route = prepare_velocity(self.position_m, velocity_m_s, height_m, *heading.numbers, limits)
         self._begin()
 
     def look_at(self, position_m: tuple[float, float] | None) -> None:
         """Point the nose at a position (east, north) whatever is flown, None for no more."""
-        self.state[col.LOOK_EAST : col.LOOK_NORTH + 1] = math.nan if position_m is None else position_m
+        self.state[col.LOOK] = math.nan if position_m is None else position_m
 
     def point(self, heading_rad: float) -> None:
         """Turn the nose to a compass heading on the leg that is flown now."""
         if self._route is not None:
-            self._route[self.leg, kernel.LEG_HEADING] = heading_rad
-            self._route[self.leg, kernel.LEG_TURN_RATE] = math.nan
+            self._route["heading"][self.leg] = heading_rad
+            self._route["turn_rate"][self.leg] = math.nan
 
     def stopping_point(self) -> Position:
         """Return the position of rest if it brakes now."""
-        x, y, z, vx, vy, vz, ax, ay, az = self.state[col.POSITION : col.HEADING].tolist()
+        x, y, z, vx, vy, vz, ax, ay, az = self.state[State.POSITION_X : State.HEADING].tolist()
         speed = math.sqrt(vx * vx + vy * vy + vz * vz)
         if speed < 1e-3:
             return x, y, z
         ux, uy, uz = vx / speed, vy / speed, vz / speed
         probe = np.array([[x + ux, y + uy, z + uz]])
         one = np.ones(1)
-        row = prepare_route(
-            self.state[col.POSITION : col.VELOCITY].copy(), probe, one, one, one, one, one, one, self._limits
-        )[0]
-        along = ax * ux + ay * uy + az * uz
-        distance = kernel.stopping_distance(
-            speed, along, 0.0, row[kernel.LEG_ACCELERATION_ALONG], row[kernel.LEG_JERK_ALONG]
+        here, limits = (
+            self.state[col.POSITION].copy(),
+            self._records("_limits", kernel.LIMITS),
         )
+        leg = np.zeros(1, kernel.LEG)
+        prepare_route(leg, here, probe, one, one, one, one, one, one, limits)
+        along = ax * ux + ay * uy + az * uz
+        limit, jerk = leg["acceleration_along"][0], leg["jerk_along"][0]
+        distance = kernel.stopping_distance(speed, along, 0.0, limit, jerk)
         return x + ux * distance, y + uy * distance, max(z + uz * distance, 0.0)
 
     def set_climb(self, climb_m_s: float | None, descent_m_s: float | None) -> None:
         """Climb and sink no faster than this, from the next route on; None is the vehicle's own limit."""
         spec = self.spec
-        self._limits[kernel.CLIMB_MAX] = min(climb_m_s or math.inf, spec.climb_speed_m_s)
-        self._limits[kernel.DESCENT_MAX] = min(descent_m_s or math.inf, spec.descent_speed_m_s)
+        self._limits[kernel.Limits.CLIMB_MAX] = min(climb_m_s or math.inf, spec.climb_speed_m_s)
+        self._limits[kernel.Limits.DESCENT_MAX] = min(descent_m_s or math.inf, spec.descent_speed_m_s)
 
     def lose_power(self) -> None:
         """Nothing: it comes down with what is left."""

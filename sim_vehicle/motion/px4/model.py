@@ -10,10 +10,14 @@ import numpy as np
 from sim_vehicle.airframe.estimate_errors import COLUMNS
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.motion import columns as col
+from sim_vehicle.motion.columns import State
+from sim_vehicle.motion.compiled_motion import Dynamics
 from sim_vehicle.motion.legs import KEEP, LegKind
 from sim_vehicle.motion.model import MotionEvent
-from sim_vehicle.motion.multirotor.model import Multirotor
+from sim_vehicle.motion.multirotor.kernel import LIMITS
+from sim_vehicle.motion.multirotor.model import GENERIC, Multirotor
 from sim_vehicle.motion.px4 import kernel
+from sim_vehicle.motion.px4.kernel import Guide, Law, Leg
 from sim_vehicle.motion.px4.parameters import drag_of, value_of
 
 if TYPE_CHECKING:
@@ -49,55 +53,55 @@ def law_of(spec: VehicleSpec, value: Callable[[str], float]) -> NDArray[np.float
         The value of a parameter by its name, in its own unit.
     """
     names = {
-        kernel.XY_VEL_MAX: "MPC_XY_VEL_MAX",
-        kernel.ACC_HOR: "MPC_ACC_HOR",
-        kernel.JERK: "MPC_JERK_AUTO",
-        kernel.TRAJ_P: "MPC_XY_TRAJ_P",
-        kernel.ERR_MAX: "MPC_XY_ERR_MAX",
-        kernel.XY_P: "MPC_XY_P",
-        kernel.Z_P: "MPC_Z_P",
-        kernel.XY_VEL_P: "MPC_XY_VEL_P_ACC",
-        kernel.XY_VEL_I: "MPC_XY_VEL_I_ACC",
-        kernel.XY_VEL_D: "MPC_XY_VEL_D_ACC",
-        kernel.Z_VEL_P: "MPC_Z_VEL_P_ACC",
-        kernel.Z_VEL_I: "MPC_Z_VEL_I_ACC",
-        kernel.Z_VEL_D: "MPC_Z_VEL_D_ACC",
-        kernel.AUTO_UP: "MPC_Z_V_AUTO_UP",
-        kernel.AUTO_DOWN: "MPC_Z_V_AUTO_DN",
-        kernel.MAX_UP: "MPC_Z_VEL_MAX_UP",
-        kernel.MAX_DOWN: "MPC_Z_VEL_MAX_DN",
-        kernel.ACC_UP: "MPC_ACC_UP_MAX",
-        kernel.ACC_DOWN: "MPC_ACC_DOWN_MAX",
-        kernel.TAKEOFF_SPEED: "MPC_TKO_SPEED",
-        kernel.TAKEOFF_RAMP: "MPC_TKO_RAMP_T",
-        kernel.LAND_SPEED: "MPC_LAND_SPEED",
-        kernel.LAND_ALT1: "MPC_LAND_ALT1",
-        kernel.LAND_ALT2: "MPC_LAND_ALT2",
-        kernel.LAND_ALT3: "MPC_LAND_ALT3",
-        kernel.LAND_CRAWL: "MPC_LAND_CRWL",
-        kernel.ALT_RAD: "NAV_MC_ALT_RAD",
-        kernel.SPOOLUP: "COM_SPOOLUP_TIME",
-        kernel.LAND_TIME: "LNDMC_TRIG_TIME",
-        kernel.LAND_CLIMB: "LNDMC_Z_VEL_MAX",
+        Law.XY_VEL_MAX: "MPC_XY_VEL_MAX",
+        Law.ACC_HOR: "MPC_ACC_HOR",
+        Law.JERK: "MPC_JERK_AUTO",
+        Law.TRAJ_P: "MPC_XY_TRAJ_P",
+        Law.ERR_MAX: "MPC_XY_ERR_MAX",
+        Law.XY_P: "MPC_XY_P",
+        Law.Z_P: "MPC_Z_P",
+        Law.XY_VEL_P: "MPC_XY_VEL_P_ACC",
+        Law.XY_VEL_I: "MPC_XY_VEL_I_ACC",
+        Law.XY_VEL_D: "MPC_XY_VEL_D_ACC",
+        Law.Z_VEL_P: "MPC_Z_VEL_P_ACC",
+        Law.Z_VEL_I: "MPC_Z_VEL_I_ACC",
+        Law.Z_VEL_D: "MPC_Z_VEL_D_ACC",
+        Law.AUTO_UP: "MPC_Z_V_AUTO_UP",
+        Law.AUTO_DOWN: "MPC_Z_V_AUTO_DN",
+        Law.MAX_UP: "MPC_Z_VEL_MAX_UP",
+        Law.MAX_DOWN: "MPC_Z_VEL_MAX_DN",
+        Law.ACC_UP: "MPC_ACC_UP_MAX",
+        Law.ACC_DOWN: "MPC_ACC_DOWN_MAX",
+        Law.TAKEOFF_SPEED: "MPC_TKO_SPEED",
+        Law.TAKEOFF_RAMP: "MPC_TKO_RAMP_T",
+        Law.LAND_SPEED: "MPC_LAND_SPEED",
+        Law.LAND_ALT1: "MPC_LAND_ALT1",
+        Law.LAND_ALT2: "MPC_LAND_ALT2",
+        Law.LAND_ALT3: "MPC_LAND_ALT3",
+        Law.LAND_CRAWL: "MPC_LAND_CRWL",
+        Law.ALT_RAD: "NAV_MC_ALT_RAD",
+        Law.SPOOLUP: "COM_SPOOLUP_TIME",
+        Law.LAND_TIME: "LNDMC_TRIG_TIME",
+        Law.LAND_CLIMB: "LNDMC_Z_VEL_MAX",
     }
-    law = np.zeros(kernel.LAW)
+    law = np.zeros(len(Law))
     for index, name in names.items():
         law[index] = value(name)
-    law[kernel.DT] = spec.step_s
-    law[kernel.TILT] = math.radians(value("MPC_TILTMAX_AIR"))
-    law[kernel.YAW_RATE] = math.radians(value("MPC_YAWRAUTO_MAX"))
-    law[kernel.YAW_ACC] = math.radians(value("MPC_YAWRAUTO_ACC"))
-    law[kernel.YAW_ERROR] = math.radians(value("MIS_YAW_ERR"))
-    law[kernel.TAKEOFF_SPEED] = min(law[kernel.TAKEOFF_SPEED], law[kernel.MAX_UP])
-    law[kernel.LAND_SPEED] = min(law[kernel.LAND_SPEED], law[kernel.MAX_DOWN])
-    law[kernel.LAND_ALT1] = max(law[kernel.LAND_ALT1], law[kernel.LAND_ALT2])
+    law[Law.DT] = spec.step_s
+    law[Law.TILT] = math.radians(value("MPC_TILTMAX_AIR"))
+    law[Law.YAW_RATE] = math.radians(value("MPC_YAWRAUTO_MAX"))
+    law[Law.YAW_ACC] = math.radians(value("MPC_YAWRAUTO_ACC"))
+    law[Law.YAW_ERROR] = math.radians(value("MIS_YAW_ERR"))
+    law[Law.TAKEOFF_SPEED] = min(law[Law.TAKEOFF_SPEED], law[Law.MAX_UP])
+    law[Law.LAND_SPEED] = min(law[Law.LAND_SPEED], law[Law.MAX_DOWN])
+    law[Law.LAND_ALT1] = max(law[Law.LAND_ALT1], law[Law.LAND_ALT2])
     # With a distance sensor each of the three stages of the land detector takes LNDMC_TRIG_TIME.
-    law[kernel.LAND_TIME] *= 3.0
+    law[Law.LAND_TIME] *= 3.0
     response = spec.attitude_response_s
-    law[kernel.DRAG] = drag_of(spec)
-    law[kernel.ATTITUDE] = 1.0 / (SIH_ATTITUDE_S if response is None else response)
-    law[kernel.THRUST_LOW] = LOWEST_THRUST * SIH_THRUST_M_S2
-    law[kernel.THRUST_HIGH] = SIH_THRUST_M_S2
+    law[Law.DRAG] = drag_of(spec)
+    law[Law.ATTITUDE] = 1.0 / (SIH_ATTITUDE_S if response is None else response)
+    law[Law.THRUST_LOW] = LOWEST_THRUST * SIH_THRUST_M_S2
+    law[Law.THRUST_HIGH] = SIH_THRUST_M_S2
     return law
 
 
@@ -124,6 +128,13 @@ class Px4Multirotor(Multirotor):
     (True, True)
     """
 
+    dynamics = Dynamics(
+        kernel.advance,
+        col.STATE,
+        LIMITS,
+        (("guide", kernel.GUIDE), ("_law", kernel.LAW), ("_errors", None)),
+    )
+
     def __init__(self, spec: VehicleSpec, wind: Wind | None = None, yaw_rad: float = 0.0) -> None:
         super().__init__(spec, wind, yaw_rad)
         self._law = _law(spec)
@@ -132,9 +143,13 @@ class Px4Multirotor(Multirotor):
         self._guided = False
         self._estimate_errors: EstimateErrors | None = None
         self._errors: NDArray[np.float64] = np.zeros((1, COLUMNS))
-        self.guide: NDArray[np.float64] = np.zeros(kernel.GUIDE)
-        self.guide[kernel.G_HEADING] = self.state[col.HEADING]
-        self.guide[kernel.G_CLOCK] = -1.0
+        self.guide: NDArray[np.float64] = np.zeros(len(Guide))
+        self.guide[Guide.HEADING] = self.state[State.HEADING]
+        self.guide[Guide.CLOCK] = -1.0
+
+    @property
+    def _dynamics_now(self) -> Dynamics:
+        return self.dynamics if self._guided else GENERIC
 
     def estimate_with(self, errors: EstimateErrors) -> None:
         """Fly by an estimate that is wrong, from the first take-off on."""
@@ -170,51 +185,50 @@ class Px4Multirotor(Multirotor):
 
     def fly(self, route: Route) -> None:
         """Begin a route, from where the vehicle is and as it moves now."""
-        table = np.zeros((len(route.points_m), kernel.LEG))
+        table = np.zeros((len(route.points_m), len(Leg)))
         # PX4 knows no curves: their chords are flown as any legs.
         kind = np.where(route.kind == LegKind.ARC, int(LegKind.WAYPOINT), route.kind)
-        table[:, kernel.LEG_X : kernel.LEG_BEFORE_X] = route.points_m
-        table[1:, kernel.LEG_BEFORE_X : kernel.LEG_AFTER_X] = route.points_m[:-1]
+        table[:, Leg.X : Leg.BEFORE_X] = route.points_m
+        table[1:, Leg.BEFORE_X : Leg.AFTER_X] = route.points_m[:-1]
         stops = route.pause_s > 0.0
         stops[-1] = True
         ahead = np.vstack([route.points_m[1:], route.points_m[-1:]])
-        table[:, kernel.LEG_AFTER_X : kernel.LEG_RADIUS] = np.where(
+        table[:, Leg.AFTER_X : Leg.RADIUS] = np.where(
             stops[:, np.newaxis] | (kind >= LegKind.CLIMB)[:, np.newaxis], route.points_m, ahead
         )
-        table[:, kernel.LEG_RADIUS] = np.where(route.radius_m > 0.0, route.radius_m, self._radius_m)
-        table[:, kernel.LEG_SPEED] = np.where(
-            route.speed_m_s > 0.0, route.speed_m_s, self.spec.cruise_speed_m_s
-        )
-        table[:, kernel.LEG_SPEED] = np.minimum(table[:, kernel.LEG_SPEED], self._law[kernel.XY_VEL_MAX])
-        table[:, kernel.LEG_HEADING] = route.heading_rad
-        table[:, kernel.LEG_NEAR] = route.near_m
-        table[:, kernel.LEG_KIND] = kind
-        table[:, kernel.LEG_PAUSE] = route.pause_s
-        table[:, kernel.LEG_TURN_RATE] = route.turn_rad_s
+        table[:, Leg.RADIUS] = np.where(route.radius_m > 0.0, route.radius_m, self._radius_m)
+        table[:, Leg.SPEED] = np.where(route.speed_m_s > 0.0, route.speed_m_s, self.spec.cruise_speed_m_s)
+        table[:, Leg.SPEED] = np.minimum(table[:, Leg.SPEED], self._law[Law.XY_VEL_MAX])
+        table[:, Leg.HEADING] = route.heading_rad
+        table[:, Leg.NEAR] = route.near_m
+        table[:, Leg.KIND] = kind
+        table[:, Leg.PAUSE] = route.pause_s
+        table[:, Leg.TURN_RATE] = route.turn_rad_s
         self._settle(table)
-        before = self._place_before(table[0, kernel.LEG_X : kernel.LEG_BEFORE_X])
-        self._route = table
+        before = self._place_before(table[0, Leg.X : Leg.BEFORE_X])
+        self._route = table.view(kernel.LEG)[:, 0]
         self._begin()
-        kernel.begin_leg(self.guide, table, 0, self.state)
-        if table[0, kernel.LEG_KIND] < LegKind.CLIMB:
-            table[0, kernel.LEG_BEFORE_X : kernel.LEG_AFTER_X] = before
+        state, guide = self._records("state", col.STATE), self._records("guide", kernel.GUIDE)
+        kernel.begin_leg(guide[0], self._route[0], state[0])
+        if table[0, Leg.KIND] < LegKind.CLIMB:
+            table[0, Leg.BEFORE_X : Leg.AFTER_X] = before
         self._guided = True
 
     def _settle(self, table: NDArray[np.float64]) -> None:
         """Let the autopilot take over from the ground or the generic dynamics, and a return begin now."""
         g, state = self.guide, self.state
-        kinds = table[:, kernel.LEG_KIND]
-        if g[kernel.G_CLOCK] < 0.0 and state[col.POSITION_Z] <= 0.0:
+        kinds = table[:, Leg.KIND]
+        if g[Guide.CLOCK] < 0.0 and state[State.POSITION_Z] <= 0.0:
             if kinds[0] != LegKind.LAND:
-                g[kernel.G_CLOCK] = 0.0
+                g[Guide.CLOCK] = 0.0
                 if self._estimate_errors is not None and len(self._errors) == 1:
                     self._errors = np.zeros((1, COLUMNS))
                     self._errors[0, 0] = -(-self.step // col.GRID)
                     self._draw_errors(_ERRORS)
-            g[kernel.G_LAUNCH] = 1.0
+            g[Guide.LAUNCH] = 1.0
             if (
                 kinds[0] == LegKind.WAYPOINT
-                and math.dist(table[0, : kernel.LEG_Z], state[: col.POSITION_Z]) < self._radius_m
+                and math.dist(table[0, : Leg.Z], state[: State.POSITION_Z]) < self._radius_m
             ):
                 kinds[0] = LegKind.TAKEOFF
         elif not self._guided or self._leaves_setpoint(kinds[0]):
@@ -222,63 +236,57 @@ class Px4Multirotor(Multirotor):
         first = 0
         if len(table) > 1 and kinds[0] == LegKind.STAY:
             # PX4 does not brake before it turns home.
-            table[0, kernel.LEG_X : kernel.LEG_BEFORE_X] = state[col.POSITION : col.VELOCITY]
-            table[0, kernel.LEG_RADIUS] = math.inf
+            table[0, Leg.X : Leg.BEFORE_X] = state[col.POSITION]
+            table[0, Leg.RADIUS] = math.inf
             first = 1
         if kinds[first] == LegKind.CLIMB:
-            table[first, : kernel.LEG_Z] = (
-                state[: col.POSITION_Z] + MODE_SWITCH_S * state[col.VELOCITY : col.VELOCITY_Z]
+            table[first, : Leg.Z] = (
+                state[: State.POSITION_Z] + MODE_SWITCH_S * state[State.VELOCITY_X : State.VELOCITY_Z]
             )
         if (kinds == LegKind.HOME).any() and kinds[-1] == LegKind.LAND:
-            table[-1, kernel.LEG_HEADING] = self._home_yaw_rad % (2.0 * math.pi)
+            table[-1, Leg.HEADING] = self._home_yaw_rad % (2.0 * math.pi)
 
     def _leaves_setpoint(self, kind: float) -> bool:
         """Whether the trajectory has to begin anew, because a setpoint was flown without one."""
         old = self._route
-        return (
-            old is not None
-            and kind != LegKind.SETPOINT
-            and old[int(self.counters[col.LEG_INDEX]), kernel.LEG_KIND] == LegKind.SETPOINT
-        )
+        return old is not None and kind != LegKind.SETPOINT and old["kind"][self.leg] == LegKind.SETPOINT
 
     def _adopt(self) -> None:
         """Take over a vehicle in flight: trajectory and controllers begin as it moves."""
         g, state = self.guide, self.state
-        g[kernel.G_X : kernel.G_INTEGRAL_X] = state[col.POSITION : col.HEADING]
-        g[kernel.G_ERROR : kernel.G_PUSH_X] = self.estimate_error
-        g[kernel.G_Z] += g[kernel.G_ERROR]
-        g[kernel.G_VX : kernel.G_AX] += g[kernel.G_ERROR_VX : kernel.G_PUSH_X]
-        thrust = state[col.ACCELERATION : col.HEADING] + self._law[kernel.DRAG] * (
-            state[col.VELOCITY : col.ACCELERATION] - (state[col.WIND_EAST], state[col.WIND_NORTH], 0.0)
+        g[Guide.X : Guide.INTEGRAL_X] = state[State.POSITION_X : State.HEADING]
+        g[Guide.ERROR : Guide.PUSH_X] = self.estimate_error
+        g[Guide.Z] += g[Guide.ERROR]
+        g[Guide.VX : Guide.AX] += g[Guide.ERROR_VX : Guide.PUSH_X]
+        thrust = state[col.ACCELERATION] + self._law[Law.DRAG] * (
+            state[col.VELOCITY] - (state[State.WIND_EAST], state[State.WIND_NORTH], 0.0)
         )
-        g[kernel.G_INTEGRAL_X : kernel.G_INTEGRAL_Z] = (
-            thrust[:2] - state[col.ACCELERATION : col.ACCELERATION_Z]
+        g[Guide.INTEGRAL_X : Guide.INTEGRAL_Z] = (
+            thrust[:2] - state[State.ACCELERATION_X : State.ACCELERATION_Z]
         )
-        g[kernel.G_INTEGRAL_Z] = 0.0
+        g[Guide.INTEGRAL_Z] = 0.0
         thrust[2] += GRAVITY_M_S2
-        g[kernel.G_THRUST] = max(float(np.linalg.norm(thrust)), 1e-3)
-        g[kernel.G_THRUST_X : kernel.G_THRUST_RATE_X] = thrust[:2] / g[kernel.G_THRUST]
-        g[kernel.G_THRUST_RATE_X : kernel.G_THRUST] = 0.0
-        g[kernel.G_FILTERED_AX : kernel.G_TURN] = state[col.ACCELERATION : col.HEADING]
-        g[kernel.G_TURN] = g[kernel.G_CLIMB] = 0.0
-        g[kernel.G_CLOCK] = math.inf
-        g[kernel.G_HEADING] = state[col.HEADING]
+        g[Guide.THRUST] = max(float(np.linalg.norm(thrust)), 1e-3)
+        g[Guide.THRUST_X : Guide.THRUST_RATE_X] = thrust[:2] / g[Guide.THRUST]
+        g[Guide.THRUST_RATE_X : Guide.THRUST] = 0.0
+        g[Guide.FILTERED_AX : Guide.TURN] = state[col.ACCELERATION]
+        g[Guide.TURN] = g[Guide.CLIMB] = 0.0
+        g[Guide.CLOCK] = math.inf
+        g[Guide.HEADING] = state[State.HEADING]
 
     def _place_before(self, target: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the position where the first leg of a new route begins: at the waypoint before, or here."""
-        old, leg = self._route, int(self.counters[col.LEG_INDEX])
-        if old is not None and self._guided and old.shape[1] == kernel.LEG:
-            if (
-                np.abs(old[leg, kernel.LEG_X : kernel.LEG_BEFORE_X] - target).max() < _SAME_M
-                and self.arrivals[leg] < 0
-            ):
-                return old[leg, kernel.LEG_BEFORE_X : kernel.LEG_AFTER_X].copy()
+        leg = self.leg
+        if self._route is not None and self._guided:
+            old: NDArray[np.float64] = self._route.view(np.float64).reshape(-1, len(Leg))
+            if np.abs(old[leg, Leg.X : Leg.BEFORE_X] - target).max() < _SAME_M and self.arrivals[leg] < 0:
+                return old[leg, Leg.BEFORE_X : Leg.AFTER_X].copy()
             if self.arrivals[leg] >= 0:
-                return old[leg, kernel.LEG_X : kernel.LEG_BEFORE_X].copy()
+                return old[leg, Leg.X : Leg.BEFORE_X].copy()
             if leg > 0 and self.arrivals[leg - 1] == self.counters[col.STEP]:
-                return old[leg - 1, kernel.LEG_X : kernel.LEG_BEFORE_X].copy()
-        here: NDArray[np.float64] = self.state[col.POSITION : col.VELOCITY].copy()
-        here[2] += self.guide[kernel.G_ERROR]
+                return old[leg - 1, Leg.X : Leg.BEFORE_X].copy()
+        here: NDArray[np.float64] = self.state[col.POSITION].copy()
+        here[2] += self.guide[Guide.ERROR]
         return here
 
     def steer(
@@ -295,46 +303,44 @@ class Px4Multirotor(Multirotor):
     def _leave(self) -> None:
         """Hand the vehicle over to the generic dynamics, which begin within their own limits."""
         if self._guided:
-            size = math.hypot(self.state[col.ACCELERATION_X], self.state[col.ACCELERATION_Y])
+            size = math.hypot(self.state[State.ACCELERATION_X], self.state[State.ACCELERATION_Y])
             if size > self.spec.acceleration_m_s2:
-                self.state[col.ACCELERATION : col.ACCELERATION_Z] *= self.spec.acceleration_m_s2 / size
+                self.state[State.ACCELERATION_X : State.ACCELERATION_Z] *= self.spec.acceleration_m_s2 / size
             most = self.spec.vertical_acceleration_m_s2
-            self.state[col.ACCELERATION_Z] = min(max(self.state[col.ACCELERATION_Z], -most), most)
+            self.state[State.ACCELERATION_Z] = min(max(self.state[State.ACCELERATION_Z], -most), most)
         self._guided = False
 
     def stopping_point(self) -> Position:
         """Return the position that PX4 would hold if it were told to now."""
-        x, y, z, vx, vy = self.state[col.POSITION : col.VELOCITY_Z].tolist()
-        z += float(self.guide[kernel.G_ERROR])
+        x, y, z, vx, vy = self.state[State.POSITION_X : State.VELOCITY_Z].tolist()
+        z += float(self.guide[Guide.ERROR])
         speed = math.hypot(vx, vy)
         if speed < 1e-3:
             return x, y, max(z, 0.0)
-        time_s = 0.5 * speed / self._law[kernel.ACC_HOR] + BRAKE_DELAY_S
+        time_s = 0.5 * speed / self._law[Law.ACC_HOR] + BRAKE_DELAY_S
         return x + vx * time_s, y + vy * time_s, max(z, 0.0)
 
     def attitude(self) -> tuple[float, float, float, float] | None:
         """Return roll, pitch, airspeed and throttle; None where they follow from the acceleration."""
-        if not self._guided or self.state[col.POSITION_Z] <= 0.0:
+        if not self._guided or self.state[State.POSITION_Z] <= 0.0:
             return None
         # Python's numbers: arithmetic with those of an array takes three times as long.
         state, guide = self.state.tolist(), self.guide.tolist()
-        east, north = guide[kernel.G_THRUST_X : kernel.G_THRUST_RATE_X]
-        sine, cosine = math.sin(state[col.HEADING]), math.cos(state[col.HEADING])
+        east, north = guide[Guide.THRUST_X : Guide.THRUST_RATE_X]
+        sine, cosine = math.sin(state[State.HEADING]), math.cos(state[State.HEADING])
         up = math.sqrt(1.0 - east * east - north * north)
         pitch = -math.atan2(east * sine + north * cosine, up)
         roll = math.atan2((east * cosine - north * sine) * math.cos(pitch), up)
         airspeed = math.hypot(
-            state[col.VELOCITY_X] - state[col.WIND_EAST], state[col.VELOCITY_Y] - state[col.WIND_NORTH]
+            state[State.VELOCITY_X] - state[State.WIND_EAST],
+            state[State.VELOCITY_Y] - state[State.WIND_NORTH],
         )
-        return roll, pitch, airspeed, min(guide[kernel.G_THRUST] / SIH_THRUST_M_S2, 1.0)
+        return roll, pitch, airspeed, min(guide[Guide.THRUST] / SIH_THRUST_M_S2, 1.0)
 
     def advance(self, max_steps: int, *, stop_each: bool = True) -> MotionEvent:
         """Fly up to ``max_steps`` steps, less when something happens (see `MotionEvent`)."""
-        if not self._guided:
+        if not self._guided or len(self._errors) == 1:
             return super().advance(max_steps, stop_each=stop_each)
-        if len(self._errors) == 1:
-            own = (self.guide, self._law, self._errors)
-            return self._run(kernel.advance, self._route, own, max_steps, stop_each)
         # Only errors that are drawn are flown with.
         step = self.step
         end = step + max_steps
@@ -342,8 +348,7 @@ class Px4Multirotor(Multirotor):
         while event is MotionEvent.RAN and step < end:
             steps = min(end - step, _ERRORS * col.GRID)
             self._draw_errors((step + steps) // col.GRID - int(self._errors.item(0, 0)) + 2)
-            own = (self.guide, self._law, self._errors)
-            event = self._run(kernel.advance, self._route, own, steps, stop_each)
+            event = self._run(self.dynamics, steps, stop_each)
             step = self.step
         return event
 
@@ -357,15 +362,15 @@ class Px4Multirotor(Multirotor):
         """Climb and sink no faster than this; None is the vehicle's own limit."""
         super().set_climb(climb_m_s, descent_m_s)
         law = _law(self.spec)
-        for index, speed in ((kernel.AUTO_UP, climb_m_s), (kernel.AUTO_DOWN, descent_m_s)):
+        for index, speed in ((Law.AUTO_UP, climb_m_s), (Law.AUTO_DOWN, descent_m_s)):
             self._law[index] = min(speed or math.inf, law[index])
 
     def touch_down(self) -> None:
         """Stand still on the ground."""
         super().touch_down()
         self.guide[:] = 0.0
-        self.guide[kernel.G_HEADING] = self.state[col.HEADING]
-        self.guide[kernel.G_CLOCK] = -1.0
+        self.guide[Guide.HEADING] = self.state[State.HEADING]
+        self.guide[Guide.CLOCK] = -1.0
         self._guided = False
 
 

@@ -13,49 +13,13 @@ from geo.compiled import compiled
 from sim_vehicle.energy.power_kernels import rover_power
 from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.multirotor.kernel import Floats, Integers
+from sim_vehicle.motion.records import Record
 from sim_vehicle.motion.rover.layout import (
-    ACCELERATION,
-    AHEAD_GAIN,
-    AHEAD_MAX,
-    AHEAD_MIN,
     AT_ONCE,
-    BEGIN,
     BRAKE,
-    DECELERATION,
-    ENERGY_LIMIT,
-    FORCE,
-    JERK,
-    LATERAL,
-    LEG_END_SPEED,
-    LEG_HEADING,
-    LEG_KIND,
-    LEG_NEAR,
-    LEG_PAUSE,
-    LEG_RADIUS,
-    LEG_SPEED,
-    LEG_X,
-    LEG_Y,
-    PASSES,
-    PAUSE_END,
-    PIVOT_BEGIN,
-    PIVOT_END,
-    PIVOT_RATE,
-    PIVOTING,
-    RATE_ASKED,
-    SIDEWAYS,
-    SPEED,
-    SPEED_MAX,
-    STEERING_S,
-    STEP_S,
     STOPPED,
-    THROTTLE,
     THROUGH,
-    TURN_RADIUS,
-    TURN_RATE,
     VELOCITY,
-    YAW_ACCELERATION,
-    YAW_ASKED,
-    YAW_P,
 )
 from sim_vehicle.motion.rover.sih import move, steer, thought_speed, throttle
 from sim_vehicle.motion.rules import complete_leg, mark_track, wind_row
@@ -69,123 +33,123 @@ PIVOT_GAIN = 2.0
 
 
 @compiled
-def _bearing(state: Floats, row: Floats, limits: Floats, pace: float) -> float:
+def _bearing(state: Record, row: Record, limits: Record, pace: float) -> float:
     """Return the bearing to the point that is pursued: on the leg, a look-ahead for a speed away."""
-    x, y = state[col.POSITION_X], state[col.POSITION_Y]
-    ahead = min(max(limits[AHEAD_GAIN] * pace, limits[AHEAD_MIN]), limits[AHEAD_MAX])
-    gx, gy = row[LEG_X] - x, row[LEG_Y] - y
-    dx, dy = row[LEG_X] - state[BEGIN], row[LEG_Y] - state[BEGIN + 1]
+    x, y = state.position_x, state.position_y
+    ahead = min(max(limits.ahead_gain * pace, limits.ahead_min), limits.ahead_max)
+    gx, gy = row.x - x, row.y - y
+    dx, dy = row.x - state.begin_x, row.y - state.begin_y
     length = sqrt(dx * dx + dy * dy)
     if gx * gx + gy * gy <= ahead * ahead or length < 1e-3:
         return atan2(gx, gy)
     tx, ty = dx / length, dy / length
-    rx, ry = x - state[BEGIN], y - state[BEGIN + 1]
+    rx, ry = x - state.begin_x, y - state.begin_y
     along = rx * tx + ry * ty
     aside = rx * ty - ry * tx
     if abs(aside) >= ahead:
         point = min(max(along, 0.0), length)
     else:
         point = min(max(along + sqrt(ahead * ahead - aside * aside), 0.0), length)
-    return atan2(state[BEGIN] + point * tx - x, state[BEGIN + 1] + point * ty - y)
+    return atan2(state.begin_x + point * tx - x, state.begin_y + point * ty - y)
 
 
 @compiled
-def _may_turn(state: Floats, row: Floats, sense: float, radius: float) -> bool:
+def _may_turn(state: Record, row: Record, sense: float, radius: float) -> bool:
     """Whether a position is not inside the tightest turn, round which the vehicle would circle for ever."""
-    cx = state[col.POSITION_X] + sense * radius * cos(state[col.HEADING])
-    cy = state[col.POSITION_Y] - sense * radius * sin(state[col.HEADING])
-    dx, dy = row[LEG_X] - cx, row[LEG_Y] - cy
-    inner = max(radius - row[LEG_RADIUS], 0.0)
+    cx = state.position_x + sense * radius * cos(state.heading)
+    cy = state.position_y - sense * radius * sin(state.heading)
+    dx, dy = row.x - cx, row.y - cy
+    inner = max(radius - row.radius, 0.0)
     return bool(dx * dx + dy * dy > inner * inner)
 
 
 @compiled
-def _speed_before(limits: Floats, way: float, end: float) -> float:
+def _speed_before(limits: Record, way: float, end: float) -> float:
     """Return the speed from which it can still slow down to another one.
 
     With a limit of the jerk as PX4's ``computeMaxSpeedFromDistance`` does it.
     """
-    slow = limits[DECELERATION]
-    if limits[JERK] == 0.0:
+    slow = limits.deceleration
+    if limits.jerk == 0.0:
         return sqrt(end * end + 2.0 * 0.9 * slow * way)
-    lost = 4.0 * slow * slow / limits[JERK]
+    lost = 4.0 * slow * slow / limits.jerk
     return float(max(0.5 * (sqrt(lost * lost + 4.0 * (2.0 * slow * way + end * end)) - lost), end))
 
 
 @compiled
-def _turned_to(state: Floats, limits: Floats, bearing: float, speed: float) -> float:
+def _turned_to(state: Record, limits: Record, bearing: float, speed: float) -> float:
     """Return the rate of turning towards a bearing, as PX4 asks for it at a speed.
 
     The heading that is asked for goes to the bearing as fast as the vehicle can turn, unless it is nearer to
     that; the rate is in proportion to its error and has a limited acceleration.
     """
-    dt, yaw = limits[STEP_S], state[col.HEADING]
-    fastest = limits[TURN_RATE]
-    if limits[TURN_RADIUS] > 0.0:
-        fastest = min(fastest, speed / limits[TURN_RADIUS])
-    gap = (bearing - state[YAW_ASKED] + pi) % (2.0 * pi) - pi
-    state[YAW_ASKED] += min(max(gap, -fastest * dt), fastest * dt)
-    error = (state[YAW_ASKED] - yaw + pi) % (2.0 * pi) - pi
+    dt, yaw = limits.step_s, state.heading
+    fastest = limits.turn_rate
+    if limits.turn_radius > 0.0:
+        fastest = min(fastest, speed / limits.turn_radius)
+    gap = (bearing - state.yaw_asked + pi) % (2.0 * pi) - pi
+    state.yaw_asked += min(max(gap, -fastest * dt), fastest * dt)
+    error = (state.yaw_asked - yaw + pi) % (2.0 * pi) - pi
     whole = (bearing - yaw + pi) % (2.0 * pi) - pi
     if abs(error) > abs(whole):
-        state[YAW_ASKED], error = bearing, whole
-    rate = min(max(limits[YAW_P] * error, -fastest), fastest)
-    change = limits[YAW_ACCELERATION] * dt
-    turns = state[col.HEADING_RATE]
-    if abs(state[RATE_ASKED] - turns) > abs(rate - turns):
-        state[RATE_ASKED] = turns
-    state[RATE_ASKED] += min(max(rate - state[RATE_ASKED], -change), change)
-    return float(state[RATE_ASKED])
+        state.yaw_asked, error = bearing, whole
+    rate = min(max(limits.yaw_p * error, -fastest), fastest)
+    change = limits.yaw_acceleration * dt
+    turns = state.heading_rate
+    if abs(state.rate_asked - turns) > abs(rate - turns):
+        state.rate_asked = turns
+    state.rate_asked += min(max(rate - state.rate_asked, -change), change)
+    return float(state.rate_asked)
 
 
 @compiled
-def _tick(state: Floats, row: Floats, arrived: bool, limits: Floats, step: int) -> bool:
+def _tick(state: Record, row: Record, arrived: bool, limits: Record, step: int) -> bool:
     """Move one step and tell whether the leg is done."""
-    dt = limits[STEP_S]
-    kind = row[LEG_KIND]
+    dt = limits.step_s
+    kind = row.kind
     if kind == AT_ONCE and not arrived:
         return True
-    speed, yaw = state[SPEED], state[col.HEADING]
-    gx, gy = row[LEG_X] - state[col.POSITION_X], row[LEG_Y] - state[col.POSITION_Y]
+    speed, yaw = state.speed, state.heading
+    gx, gy = row.x - state.position_x, row.y - state.position_y
     left = sqrt(gx * gx + gy * gy)
     wanted, rate = 0.0, 0.0
-    if not arrived and kind != BRAKE and state[PAUSE_END] == inf:
+    if not arrived and kind != BRAKE and state.pause_end == inf:
         if kind == VELOCITY:
-            bearing, wanted = row[LEG_HEADING], row[LEG_SPEED]
+            bearing, wanted = row.heading, row.speed
         else:
-            way = max(left - (row[LEG_RADIUS] if kind == THROUGH else 0.0), 0.0)
-            end = row[LEG_END_SPEED] if kind == THROUGH else 0.0
-            wanted = min(row[LEG_SPEED], _speed_before(limits, way, end))
-            wanted = max(wanted, min(CREEP, row[LEG_SPEED]))
-            bearing = _bearing(state, row, limits, wanted if limits[YAW_P] > 0.0 else speed)
-        wanted = min(wanted, limits[SPEED_MAX])
+            way = max(left - (row.radius if kind == THROUGH else 0.0), 0.0)
+            end = row.end_speed if kind == THROUGH else 0.0
+            wanted = min(row.speed, _speed_before(limits, way, end))
+            wanted = max(wanted, min(CREEP, row.speed))
+            bearing = _bearing(state, row, limits, wanted if limits.yaw_p > 0.0 else speed)
+        wanted = min(wanted, limits.speed_max)
         error = (bearing - yaw + pi) % (2.0 * pi) - pi
-        if limits[PIVOT_BEGIN] > 0.0:
-            if abs(error) > limits[PIVOT_BEGIN]:
-                state[PIVOTING] = 1.0
-            elif abs(error) < limits[PIVOT_END]:
-                state[PIVOTING] = 0.0
-        if state[PIVOTING] > 0.0:
+        if limits.pivot_begin > 0.0:
+            if abs(error) > limits.pivot_begin:
+                state.pivoting = 1.0
+            elif abs(error) < limits.pivot_end:
+                state.pivoting = 0.0
+        if state.pivoting > 0.0:
             wanted = 0.0
             if speed < STOPPED:
-                rate = min(max(PIVOT_GAIN * error, -limits[PIVOT_RATE]), limits[PIVOT_RATE])
-        elif limits[YAW_P] > 0.0:
-            pace = thought_speed(state, limits) if limits[FORCE] > 0.0 else speed
+                rate = min(max(PIVOT_GAIN * error, -limits.pivot_rate), limits.pivot_rate)
+        elif limits.yaw_p > 0.0:
+            pace = thought_speed(state, limits) if limits.force > 0.0 else speed
             rate = _turned_to(state, limits, bearing, pace)
             sense = 1.0 if error > 0.0 else -1.0
-            radius = max(limits[TURN_RADIUS], speed / limits[TURN_RATE])
+            radius = max(limits.turn_radius, speed / limits.turn_rate)
             inside = not _may_turn(state, row, sense, radius)
             if kind != VELOCITY and abs(error) > 0.5 and inside:
                 rate = 0.0
             if speed > 0.1:
-                most = limits[LATERAL] / speed
+                most = limits.lateral / speed
                 rate = min(max(rate, -most), most)
         elif wanted > 0.0 or speed > 0.0:
             sense = 1.0 if error > 0.0 else -1.0
-            radius = limits[TURN_RADIUS]
+            radius = limits.turn_radius
             if abs(error) > 0.6:
-                wanted = min(wanted, max(sqrt(limits[LATERAL] * max(radius, 0.1)), CREEP))
-            ahead = min(max(limits[AHEAD_GAIN] * speed, limits[AHEAD_MIN]), limits[AHEAD_MAX])
+                wanted = min(wanted, max(sqrt(limits.lateral * max(radius, 0.1)), CREEP))
+            ahead = min(max(limits.ahead_gain * speed, limits.ahead_min), limits.ahead_max)
             ahead = max(min(ahead, left), 0.2) if kind != VELOCITY else ahead
             bend = 2.0 * sin(min(abs(error), 0.5 * pi)) / ahead
             if radius > 0.0:
@@ -193,63 +157,61 @@ def _tick(state: Floats, row: Floats, arrived: bool, limits: Floats, step: int) 
                 if kind != VELOCITY and abs(error) > 0.5 and not _may_turn(state, row, sense, radius):
                     bend = 0.0
             if speed > 0.1:
-                bend = min(bend, limits[LATERAL] / (speed * speed))
-            rate = sense * min(bend * speed, limits[TURN_RATE])
-    before, aside = speed, state[SIDEWAYS]
-    if limits[FORCE] > 0.0:
+                bend = min(bend, limits.lateral / (speed * speed))
+            rate = sense * min(bend * speed, limits.turn_rate)
+    before, aside = speed, state.sideways
+    if limits.force > 0.0:
         throttle(state, limits, wanted)
         steer(state, limits, rate)
         move(state, limits)
-        speed = state[SPEED]
+        speed = state.speed
     else:
-        change = limits[ACCELERATION] if wanted > speed else limits[DECELERATION]
+        change = limits.acceleration if wanted > speed else limits.deceleration
         speed += min(max(wanted - speed, -change * dt), change * dt)
-        state[THROTTLE] = speed / limits[SPEED_MAX]
-        state[col.HEADING_RATE] += (rate - state[col.HEADING_RATE]) * min(dt / limits[STEERING_S], 1.0)
+        state.throttle = speed / limits.speed_max
+        state.heading_rate += (rate - state.heading_rate) * min(dt / limits.steering_s, 1.0)
     if speed < 1e-6:
         speed = 0.0
-    if speed == 0.0 and state[PIVOTING] == 0.0:
-        state[col.HEADING_RATE] = 0.0
-    middle = yaw + 0.5 * state[col.HEADING_RATE] * dt
-    state[col.HEADING] = (yaw + state[col.HEADING_RATE] * dt) % (2.0 * pi)
-    way, drift = 0.5 * (before + speed) * dt, 0.5 * (aside + state[SIDEWAYS]) * dt
-    state[col.POSITION_X] += way * sin(middle) + drift * cos(middle)
-    state[col.POSITION_Y] += way * cos(middle) - drift * sin(middle)
-    state[col.PATH_LENGTH] += sqrt(way * way + drift * drift)
-    aside, yaw = state[SIDEWAYS], state[col.HEADING]
+    if speed == 0.0 and state.pivoting == 0.0:
+        state.heading_rate = 0.0
+    middle = yaw + 0.5 * state.heading_rate * dt
+    state.heading = (yaw + state.heading_rate * dt) % (2.0 * pi)
+    way, drift = 0.5 * (before + speed) * dt, 0.5 * (aside + state.sideways) * dt
+    state.position_x += way * sin(middle) + drift * cos(middle)
+    state.position_y += way * cos(middle) - drift * sin(middle)
+    state.path_length += sqrt(way * way + drift * drift)
+    aside, yaw = state.sideways, state.heading
     ve, vn = speed * sin(yaw) + aside * cos(yaw), speed * cos(yaw) - aside * sin(yaw)
-    state[col.ACCELERATION_X], state[col.ACCELERATION_Y] = (
-        (ve - state[col.VELOCITY_X]) / dt,
-        (vn - state[col.VELOCITY_Y]) / dt,
+    state.acceleration_x, state.acceleration_y = (
+        (ve - state.velocity_x) / dt,
+        (vn - state.velocity_y) / dt,
     )
-    state[col.VELOCITY_X], state[col.VELOCITY_Y] = ve, vn
-    state[SPEED] = speed
+    state.velocity_x, state.velocity_y = ve, vn
+    state.speed = speed
     if arrived or kind == VELOCITY:
         return False
     if kind == BRAKE:
         return bool(speed < STOPPED)
-    gx, gy = row[LEG_X] - state[col.POSITION_X], row[LEG_Y] - state[col.POSITION_Y]
+    gx, gy = row.x - state.position_x, row.y - state.position_y
     left2 = gx * gx + gy * gy
-    dx, dy = row[LEG_X] - state[BEGIN], row[LEG_Y] - state[BEGIN + 1]
+    dx, dy = row.x - state.begin_x, row.y - state.begin_y
     past = gx * dx + gy * dy < 0.0 and dx * dx + dy * dy > 1e-4
     if kind == THROUGH:
-        return bool(left2 <= row[LEG_RADIUS] * row[LEG_RADIUS] or (past and limits[PASSES] > 0.0))
-    if state[PAUSE_END] == inf:
-        if left2 > row[LEG_RADIUS] * row[LEG_RADIUS] and not (
-            past and left2 < 4.0 * row[LEG_RADIUS] * row[LEG_RADIUS]
-        ):
+        return bool(left2 <= row.radius * row.radius or (past and limits.passes > 0.0))
+    if state.pause_end == inf:
+        if left2 > row.radius * row.radius and not (past and left2 < 4.0 * row.radius * row.radius):
             return False
-        state[PAUSE_END] = step + row[LEG_PAUSE] / limits[STEP_S]
+        state.pause_end = step + row.pause / limits.step_s
         return False
-    return bool(speed < STOPPED and step >= state[PAUSE_END])
+    return bool(speed < STOPPED and step >= state.pause_end)
 
 
 @compiled
 def advance(
-    state: Floats,
+    states: Record,
     counters: Integers,
-    route: Floats,
-    limits: Floats,
+    route: Record,
+    limits_of: Record,
     power: Floats,
     wind: Floats,
     first_wind: int,
@@ -263,65 +225,60 @@ def advance(
 
     Parameters
     ----------
-    state, counters : float64[STATE], int64[6]
+    states, counters : STATE[1], int64[6]
         Changed in place.
-    route : float64[n, LEG]
-    limits, power : float64[LIMITS], float64[9]
+    route : LEG[n]
+    limits_of, power : LIMITS[1], float64[9]
     wind : float64[m, 9]
     """
+    state, limits = states[0], limits_of[0]
     event = col.RAN
     for _ in range(max_steps):
         step, leg = counters[col.STEP], counters[col.LEG_INDEX]
         row = route[leg]
-        if state[col.GIVE_UP_STEP] == inf:
-            state[PAUSE_END] = inf
-            state[PIVOTING] = 0.0
-            if state[SPEED] == 0.0:
-                state[YAW_ASKED], state[RATE_ASKED] = state[col.HEADING], 0.0
-            state[BEGIN], state[BEGIN + 1] = state[col.POSITION_X], state[col.POSITION_Y]
+        if state.give_up_step == inf:
+            state.pause_end = inf
+            state.pivoting = 0.0
+            if state.speed == 0.0:
+                state.yaw_asked, state.rate_asked = state.heading, 0.0
+            state.begin_x, state.begin_y = state.position_x, state.position_y
             if leg > 0:
-                state[BEGIN], state[BEGIN + 1] = route[leg - 1, LEG_X], route[leg - 1, LEG_Y]
-            rx, ry = row[LEG_X] - state[col.POSITION_X], row[LEG_Y] - state[col.POSITION_Y]
-            slow = SLOW_SHARE * min(max(row[LEG_SPEED], CREEP), limits[SPEED_MAX])
-            state[col.GIVE_UP_STEP] = (
-                step + (PATIENCE_S + row[LEG_PAUSE] + sqrt(rx * rx + ry * ry) / slow) / limits[STEP_S]
+                state.begin_x, state.begin_y = route[leg - 1].x, route[leg - 1].y
+            rx, ry = row.x - state.position_x, row.y - state.position_y
+            slow = SLOW_SHARE * min(max(row.speed, CREEP), limits.speed_max)
+            state.give_up_step = (
+                step + (PATIENCE_S + row.pause + sqrt(rx * rx + ry * ry) / slow) / limits.step_s
             )
-            if row[LEG_KIND] == VELOCITY:
-                state[col.GIVE_UP_STEP] = 1e300
+            if row.kind == VELOCITY:
+                state.give_up_step = 1e300
         if step % col.GRID == 0:
             index = wind_row(step, first_wind, len(wind))
             if index < 0:
                 event = col.WIND
                 break
-            state[col.WIND_EAST], state[col.WIND_NORTH], _ = wind_at(wind[index], 0.0)
-            speed = state[SPEED]
-            head = (
-                speed
-                - state[col.WIND_EAST] * sin(state[col.HEADING])
-                - state[col.WIND_NORTH] * cos(state[col.HEADING])
-            )
-            pull = state[col.ACCELERATION_X] * sin(state[col.HEADING]) + state[col.ACCELERATION_Y] * cos(
-                state[col.HEADING]
-            )
-            state[col.POWER] = rover_power(power, speed, head, pull)
-            mark_track(counters, step, track, track_every, state[col.POSITION_X], state[col.POSITION_Y], 0.0)
-            if counters[col.ARRIVED] == 0 and step > state[col.GIVE_UP_STEP]:
+            state.wind_east, state.wind_north, _ = wind_at(wind[index], 0.0)
+            speed = state.speed
+            head = speed - state.wind_east * sin(state.heading) - state.wind_north * cos(state.heading)
+            pull = state.acceleration_x * sin(state.heading) + state.acceleration_y * cos(state.heading)
+            state.power = rover_power(power, speed, head, pull)
+            mark_track(counters, step, track, track_every, state.position_x, state.position_y, 0.0)
+            if counters[col.ARRIVED] == 0 and step > state.give_up_step:
                 event = col.STALLED
                 break
         done = _tick(state, row, counters[col.ARRIVED] != 0, limits, step)
-        state[col.ENERGY_USED] += state[col.POWER] * limits[STEP_S]
+        state.energy_used += state.power * limits.step_s
         counters[col.STEP] = step + 1
         if counters[col.ARRIVED] == 0:
             if done:
                 event = complete_leg(counters, arrivals, step + 1, stop_each)
                 if counters[col.ARRIVED] == 0:
-                    state[col.GIVE_UP_STEP] = inf
-            elif counters[col.NEAR_TOLD] == 0 and row[LEG_NEAR] > 0.0:
-                rx, ry = row[LEG_X] - state[col.POSITION_X], row[LEG_Y] - state[col.POSITION_Y]
-                if rx * rx + ry * ry < row[LEG_NEAR] * row[LEG_NEAR]:
+                    state.give_up_step = inf
+            elif counters[col.NEAR_TOLD] == 0 and row.near > 0.0:
+                rx, ry = row.x - state.position_x, row.y - state.position_y
+                if rx * rx + ry * ry < row.near * row.near:
                     counters[col.NEAR_TOLD] = 1
                     event = col.NEAR
-        if state[col.ENERGY_USED] >= limits[ENERGY_LIMIT]:
+        if state.energy_used >= limits.energy_limit:
             event = col.ENERGY
         if event != col.RAN:
             break

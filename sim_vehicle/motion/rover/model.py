@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sim_vehicle.energy.battery import WH_J
-from sim_vehicle.motion.columns import HEADING, POSITION, POSITION_Z
-from sim_vehicle.motion.compiled_motion import CompiledMotion
+from sim_vehicle.motion.columns import State
+from sim_vehicle.motion.compiled_motion import CompiledMotion, Dynamics
 from sim_vehicle.motion.legs import KEEP, LegKind
 from sim_vehicle.motion.rover import layout as wheels
 from sim_vehicle.motion.rover.kernel import advance
+from sim_vehicle.motion.rover.layout import Leg, Limits, Wheels
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -144,9 +145,9 @@ class Rover(CompiledMotion):
         Heading at the start.
     """
 
-    _kernel = staticmethod(advance)
-    _state_size = wheels.STATE
-    _energy_limit = wheels.ENERGY_LIMIT
+    dynamics = Dynamics(advance, wheels.STATE, wheels.LIMITS)
+    _state_size = len(State) + len(Wheels)
+    _energy_limit = Limits.ENERGY_LIMIT
 
     def __init__(
         self,
@@ -158,58 +159,58 @@ class Rover(CompiledMotion):
         self._limits_of = limits_of
         self.law = limits_of(spec)
         super().__init__(spec, wind, yaw_rad)
-        self.state[wheels.PAUSE_END] = math.inf
+        self.state[Wheels.PAUSE_END] = math.inf
 
     def attitude(self) -> tuple[float, float, float, float]:
         """Return roll and pitch, which are none, speed in place of an airspeed, and throttle."""
-        return 0.0, 0.0, float(self.state[wheels.SPEED]), float(self.state[wheels.THROTTLE])
+        return 0.0, 0.0, float(self.state[Wheels.SPEED]), float(self.state[Wheels.THROTTLE])
 
     def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
         """Be under way at time 0, with nothing used yet, as if it had driven there."""
         super().place_in_flight(position_m, velocity_m_s, heading_rad)
-        self.state[wheels.SPEED : wheels.PIVOTING + 1] = 0.0
-        self.state[wheels.YAW_ASKED :] = 0.0
-        self.state[wheels.SPEED] = self.state[wheels.SPEED_ASKED] = math.hypot(*velocity_m_s[:2])
-        self.state[wheels.YAW_ASKED] = self.state[HEADING]
-        self.state[wheels.PAUSE_END] = math.inf
+        self.state[Wheels.SPEED : Wheels.PIVOTING + 1] = 0.0
+        self.state[Wheels.YAW_ASKED :] = 0.0
+        self.state[Wheels.SPEED] = self.state[Wheels.SPEED_ASKED] = math.hypot(*velocity_m_s[:2])
+        self.state[Wheels.YAW_ASKED] = self.state[State.HEADING]
+        self.state[Wheels.PAUSE_END] = math.inf
 
     def fly(self, route: Route) -> None:
         """Begin a route, from where the vehicle is and as it moves now."""
         law = self.law
         n = len(route.points_m)
-        rows = np.zeros((n, wheels.LEG))
-        rows[:, : wheels.LEG_KIND] = route.points_m[:, :2]
+        rows = np.zeros((n, len(Leg)))
+        rows[:, : Leg.KIND] = route.points_m[:, :2]
         speed = np.where(np.isnan(route.speed_m_s), self.spec.cruise_speed_m_s, route.speed_m_s)
-        rows[:, wheels.LEG_SPEED] = np.clip(speed, 0.1, law.speed_max)
-        rows[:, wheels.LEG_NEAR] = route.near_m
-        rows[:, wheels.LEG_PAUSE] = route.pause_s
-        x, y = self.state[POSITION:POSITION_Z].tolist()
+        rows[:, Leg.SPEED] = np.clip(speed, 0.1, law.speed_max)
+        rows[:, Leg.NEAR] = route.near_m
+        rows[:, Leg.PAUSE] = route.pause_s
+        x, y = self.state[State.POSITION_X : State.POSITION_Z].tolist()
         for i in range(n):
             radius = float(route.radius_m[i])
             stops = i == n - 1 or radius <= 0.0 or route.pause_s[i] > 0.0
-            rows[i, wheels.LEG_KIND] = wheels.STOP if stops else wheels.THROUGH
+            rows[i, Leg.KIND] = wheels.STOP if stops else wheels.THROUGH
             # Neither autopilot takes the radius of an item on wheels.
-            rows[i, wheels.LEG_RADIUS] = law.acceptance
+            rows[i, Leg.RADIUS] = law.acceptance
             if int(route.kind[i]) in NOT_DRIVEN:
-                rows[i, wheels.LEG_KIND] = wheels.AT_ONCE
-                rows[i, : wheels.LEG_KIND] = x, y
-            x, y = rows[i, : wheels.LEG_KIND].tolist()
+                rows[i, Leg.KIND] = wheels.AT_ONCE
+                rows[i, : Leg.KIND] = x, y
+            x, y = rows[i, : Leg.KIND].tolist()
         self._corners(rows)
-        self._route = rows
+        self._route = rows.view(wheels.LEG)[:, 0]
         self._begin()
 
     def _corners(self, rows: NDArray[np.float64]) -> None:
         """Find the radius and the speed of each corner, and of those before it that have to brake for it."""
         law = self.law
-        ends = np.vstack([self.state[None, POSITION:POSITION_Z], rows[:, : wheels.LEG_KIND]])
+        ends = np.vstack([self.state[None, State.POSITION_X : State.POSITION_Z], rows[:, : Leg.KIND]])
         ways = np.diff(ends, axis=0)
         lengths = np.hypot(ways[:, 0], ways[:, 1])
         leave = 0.0
         for i in range(len(rows) - 1, -1, -1):
             row = rows[i]
-            if row[wheels.LEG_KIND] != wheels.THROUGH:
-                leave = float(row[wheels.LEG_SPEED]) if row[wheels.LEG_KIND] == wheels.AT_ONCE else 0.0
-                row[wheels.LEG_END_SPEED] = leave
+            if row[Leg.KIND] != wheels.THROUGH:
+                leave = float(row[Leg.SPEED]) if row[Leg.KIND] == wheels.AT_ONCE else 0.0
+                row[Leg.END_SPEED] = leave
                 continue
             turn = 0.0
             if lengths[i] > 1e-3 and lengths[i + 1] > 1e-3:
@@ -218,19 +219,19 @@ class Rover(CompiledMotion):
             tangent = math.tan(0.5 * min(turn, 0.9 * math.pi))
             if law.corner_gain > 0.0 and law.turn_radius > 0.0:
                 needed = law.corner_gain * law.turn_radius * tangent
-                row[wheels.LEG_RADIUS] = max(row[wheels.LEG_RADIUS], min(needed, law.corner_max))
-            speed = float(rows[i + 1, wheels.LEG_SPEED])
+                row[Leg.RADIUS] = max(row[Leg.RADIUS], min(needed, law.corner_max))
+            speed = float(rows[i + 1, Leg.SPEED])
             if law.corner_slows >= 0.0:
                 slowed = law.corner_most * (1.0 - min(law.corner_slows * turn / math.pi, 1.0))
-                speed = min(max(slowed, law.corner_least), float(row[wheels.LEG_SPEED]))
+                speed = min(max(slowed, law.corner_least), float(row[Leg.SPEED]))
             elif turn > 1e-3:
-                bend = max(float(row[wheels.LEG_RADIUS]) / max(tangent, 1e-6), law.turn_radius, 0.1)
+                bend = max(float(row[Leg.RADIUS]) / max(tangent, 1e-6), law.turn_radius, 0.1)
                 speed = min(speed, math.sqrt(law.lateral * bend), law.turn_rate * bend)
             if 0.0 < law.pivot_begin < turn:
                 speed = 0.0
             reach = math.sqrt(leave * leave + 2.0 * law.deceleration * float(lengths[i + 1]))
-            leave = min(speed, reach, float(row[wheels.LEG_SPEED]))
-            row[wheels.LEG_END_SPEED] = leave
+            leave = min(speed, reach, float(row[Leg.SPEED]))
+            row[Leg.END_SPEED] = leave
 
     def steer(
         self,
@@ -242,12 +243,12 @@ class Rover(CompiledMotion):
         """Drive at a velocity, or stop; told to go down it stops for good."""
         east, north, up = velocity_m_s
         speed = math.hypot(east, north)
-        row = np.zeros((1, wheels.LEG))
-        row[0, : wheels.LEG_KIND] = self.state[POSITION:POSITION_Z]
-        row[0, wheels.LEG_KIND] = wheels.BRAKE if up < 0.0 and speed == 0.0 else wheels.VELOCITY
-        row[0, wheels.LEG_SPEED] = min(speed, self.law.speed_max)
-        row[0, wheels.LEG_HEADING] = math.atan2(east, north) if speed > 0.0 else self.state[HEADING]
-        self._route = row
+        row = np.zeros((1, len(Leg)))
+        row[0, : Leg.KIND] = self.state[State.POSITION_X : State.POSITION_Z]
+        row[0, Leg.KIND] = wheels.BRAKE if up < 0.0 and speed == 0.0 else wheels.VELOCITY
+        row[0, Leg.SPEED] = min(speed, self.law.speed_max)
+        row[0, Leg.HEADING] = math.atan2(east, north) if speed > 0.0 else self.state[State.HEADING]
+        self._route = row.view(wheels.LEG)[:, 0]
         self._begin()
 
     def look_at(self, position_m: tuple[float, float] | None) -> None:
@@ -255,14 +256,14 @@ class Rover(CompiledMotion):
 
     def stopping_point(self) -> Position:
         """Return the position of rest if it brakes now."""
-        x, y = self.state[POSITION:POSITION_Z].tolist()
-        speed, yaw = float(self.state[wheels.SPEED]), float(self.state[HEADING])
+        x, y = self.state[State.POSITION_X : State.POSITION_Z].tolist()
+        speed, yaw = float(self.state[Wheels.SPEED]), float(self.state[State.HEADING])
         distance = 0.5 * speed * speed / self.law.deceleration
         return x + distance * math.sin(yaw), y + distance * math.cos(yaw), 0.0
 
     def lose_power(self) -> None:
         """Stop: without power it cannot go anywhere."""
-        self._limits[wheels.SPEED_MAX] = 1e-3
+        self._limits[Limits.SPEED_MAX] = 1e-3
 
     def update_spec(self, spec: VehicleSpec) -> None:
         """Take other defaults and limits; they hold from the next route on."""
@@ -275,33 +276,33 @@ class Rover(CompiledMotion):
     def touch_down(self) -> None:
         """Stand still."""
         super().touch_down()
-        self.state[wheels.SPEED : wheels.PIVOTING + 1] = 0.0
-        self.state[wheels.YAW_ASKED :] = 0.0
+        self.state[Wheels.SPEED : Wheels.PIVOTING + 1] = 0.0
+        self.state[Wheels.YAW_ASKED :] = 0.0
 
     def _numbers(self, spec: VehicleSpec) -> NDArray[np.float64]:
         """Return the limits in the order of the kernel."""
         law = self.law
-        numbers = np.zeros(wheels.LIMITS)
+        numbers = np.zeros(len(Limits))
         by_name = {
-            wheels.STEP_S: spec.step_s,
-            wheels.SPEED_MAX: law.speed_max,
-            wheels.ACCELERATION: law.acceleration,
-            wheels.DECELERATION: law.deceleration,
-            wheels.TURN_RADIUS: law.turn_radius,
-            wheels.TURN_RATE: law.turn_rate,
-            wheels.LATERAL: law.lateral,
-            wheels.STEERING_S: law.steering_s,
-            wheels.AHEAD_GAIN: law.ahead_gain,
-            wheels.AHEAD_MIN: law.ahead_min,
-            wheels.AHEAD_MAX: law.ahead_max,
-            wheels.PIVOT_BEGIN: law.pivot_begin,
-            wheels.PIVOT_END: law.pivot_end,
-            wheels.PIVOT_RATE: law.pivot_rate,
-            wheels.PASSES: float(law.passes),
-            wheels.YAW_P: law.yaw_p,
-            wheels.YAW_ACCELERATION: law.yaw_acceleration,
-            wheels.JERK: law.jerk,
-            wheels.ENERGY_LIMIT: math.inf if spec.battery is None else spec.battery.capacity_wh * WH_J,
+            Limits.STEP_S: spec.step_s,
+            Limits.SPEED_MAX: law.speed_max,
+            Limits.ACCELERATION: law.acceleration,
+            Limits.DECELERATION: law.deceleration,
+            Limits.TURN_RADIUS: law.turn_radius,
+            Limits.TURN_RATE: law.turn_rate,
+            Limits.LATERAL: law.lateral,
+            Limits.STEERING_S: law.steering_s,
+            Limits.AHEAD_GAIN: law.ahead_gain,
+            Limits.AHEAD_MIN: law.ahead_min,
+            Limits.AHEAD_MAX: law.ahead_max,
+            Limits.PIVOT_BEGIN: law.pivot_begin,
+            Limits.PIVOT_END: law.pivot_end,
+            Limits.PIVOT_RATE: law.pivot_rate,
+            Limits.PASSES: float(law.passes),
+            Limits.YAW_P: law.yaw_p,
+            Limits.YAW_ACCELERATION: law.yaw_acceleration,
+            Limits.JERK: law.jerk,
+            Limits.ENERGY_LIMIT: math.inf if spec.battery is None else spec.battery.capacity_wh * WH_J,
         }
         for index, value in by_name.items():
             numbers[index] = value
@@ -313,24 +314,24 @@ class Rover(CompiledMotion):
 def _set_simulated(numbers: NDArray[np.float64], rover: SihRover, step_s: float) -> None:
     """Add the numbers of PX4's simulated rover to the limits."""
     by_name = {
-        wheels.THROTTLE_SPEED: rover.throttle_speed,
-        wheels.SPEED_P: rover.speed_p,
-        wheels.SPEED_I: rover.speed_i,
-        wheels.WHEEL_BASE: rover.wheel_base,
-        wheels.STEER_MAX: rover.steer_max,
-        wheels.STEER_STEP: rover.steer_speed / rover.steer_max * step_s,
-        wheels.RATE_FF: rover.rate_ff,
-        wheels.RATE_P: rover.rate_p,
-        wheels.RATE_I: rover.rate_i,
-        wheels.FORCE: rover.force,
-        wheels.FRICTION: rover.friction,
-        wheels.GRIP: rover.grip,
-        wheels.TURN_GRIP: rover.turn_grip,
-        wheels.TURN_DAMPING: rover.turn_damping,
-        wheels.ACTUATOR_SHARE: -math.expm1(-step_s / rover.actuator_s),
-        wheels.DRAG: rover.drag,
+        Limits.THROTTLE_SPEED: rover.throttle_speed,
+        Limits.SPEED_P: rover.speed_p,
+        Limits.SPEED_I: rover.speed_i,
+        Limits.WHEEL_BASE: rover.wheel_base,
+        Limits.STEER_MAX: rover.steer_max,
+        Limits.STEER_STEP: rover.steer_speed / rover.steer_max * step_s,
+        Limits.RATE_FF: rover.rate_ff,
+        Limits.RATE_P: rover.rate_p,
+        Limits.RATE_I: rover.rate_i,
+        Limits.FORCE: rover.force,
+        Limits.FRICTION: rover.friction,
+        Limits.GRIP: rover.grip,
+        Limits.TURN_GRIP: rover.turn_grip,
+        Limits.TURN_DAMPING: rover.turn_damping,
+        Limits.ACTUATOR_SHARE: -math.expm1(-step_s / rover.actuator_s),
+        Limits.DRAG: rover.drag,
     }
     for index, value in by_name.items():
         numbers[index] = value
-    numbers[wheels.NORTH : wheels.EAST] = rover.north
-    numbers[wheels.EAST : wheels.EAST + 3] = rover.east
+    numbers[Limits.NORTH_1 : Limits.EAST_1] = rover.north
+    numbers[Limits.EAST_1 :] = rover.east

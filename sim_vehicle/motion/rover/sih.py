@@ -11,40 +11,9 @@ from __future__ import annotations
 from math import atan, cos, exp, sin, sqrt
 
 from geo.compiled import compiled
-from sim_vehicle.motion import columns as col
-from sim_vehicle.motion.multirotor.kernel import Floats
+from sim_vehicle.motion.records import Record
 from sim_vehicle.motion.rover.layout import (
-    ACCELERATION,
-    ACTUATOR_SHARE,
-    DECELERATION,
-    DRAG,
-    EAST,
-    FORCE,
-    FRICTION,
-    GRIP,
-    NORTH,
-    PUSH,
-    RATE_FF,
-    RATE_I,
-    RATE_INTEGRAL,
-    RATE_P,
-    SIDEWAYS,
-    SPEED,
-    SPEED_ASKED,
-    SPEED_I,
-    SPEED_INTEGRAL,
-    SPEED_P,
-    STEER,
-    STEER_ASKED,
-    STEER_MAX,
-    STEER_STEP,
-    STEP_S,
     STOPPED,
-    THROTTLE,
-    THROTTLE_SPEED,
-    TURN_DAMPING,
-    TURN_GRIP,
-    WHEEL_BASE,
 )
 
 # PX4 does not steer a vehicle that it thinks slower (``RO_SPEED_TH``).
@@ -52,82 +21,88 @@ _STEERS_M_S = 0.1
 
 
 @compiled
-def thought_speed(state: Floats, limits: Floats) -> float:
+def thought_speed(state: Record, limits: Record) -> float:
     """Return the speed that PX4 thinks the throttle gives, by which it steers."""
-    return float(state[THROTTLE] * limits[THROTTLE_SPEED])
+    return float(state.throttle * limits.throttle_speed)
 
 
 @compiled
-def steer(state: Floats, limits: Floats, rate: float) -> None:
+def steer(state: Record, limits: Record, rate: float) -> None:
     """Set the steering for a rate of turning: feed-forward for tyres that do not slip, and a PI loop."""
     speed, wanted = thought_speed(state, limits), 0.0
     if speed > _STEERS_M_S:
-        error = rate - state[col.HEADING_RATE]
-        wanted = limits[RATE_FF] * atan(rate * limits[WHEEL_BASE] / speed)
-        wanted += limits[RATE_P] * error + state[RATE_INTEGRAL]
-        wanted = min(max(wanted / limits[STEER_MAX], -1.0), 1.0)
-        integral = state[RATE_INTEGRAL] + limits[RATE_I] * error * limits[STEP_S]
-        state[RATE_INTEGRAL] = min(max(integral, -1.0), 1.0)
+        error = rate - state.heading_rate
+        wanted = limits.rate_ff * atan(rate * limits.wheel_base / speed)
+        wanted += limits.rate_p * error + state.rate_integral
+        wanted = min(max(wanted / limits.steer_max, -1.0), 1.0)
+        integral = state.rate_integral + limits.rate_i * error * limits.step_s
+        state.rate_integral = min(max(integral, -1.0), 1.0)
     else:
-        state[RATE_INTEGRAL] = 0.0
-    change = wanted - state[STEER_ASKED]
-    state[STEER_ASKED] += min(max(change, -limits[STEER_STEP]), limits[STEER_STEP])
+        state.rate_integral = 0.0
+    change = wanted - state.steer_asked
+    state.steer_asked += min(max(change, -limits.steer_step), limits.steer_step)
 
 
 @compiled
-def throttle(state: Floats, limits: Floats, wanted: float) -> None:
+def throttle(state: Record, limits: Record, wanted: float) -> None:
     """Set the throttle for a speed, which changes as fast as it may."""
-    dt = limits[STEP_S]
-    speed = sqrt(state[SPEED] * state[SPEED] + state[SIDEWAYS] * state[SIDEWAYS])
-    change = (limits[ACCELERATION] if wanted >= speed else limits[DECELERATION]) * dt
-    asked = state[SPEED_ASKED] + min(max(wanted - state[SPEED_ASKED], -change), change)
+    dt = limits.step_s
+    speed = sqrt(state.speed * state.speed + state.sideways * state.sideways)
+    change = (limits.acceleration if wanted >= speed else limits.deceleration) * dt
+    asked = state.speed_asked + min(max(wanted - state.speed_asked, -change), change)
     if abs(asked - speed) > abs(wanted - speed):
         asked = wanted
-    state[SPEED_ASKED] = asked
+    state.speed_asked = asked
     share = 0.0
     if asked > 0.0:
         error = asked - speed
-        state[SPEED_INTEGRAL] = min(max(state[SPEED_INTEGRAL] + limits[SPEED_I] * error * dt, -1.0), 1.0)
-        share = asked / limits[THROTTLE_SPEED] + limits[SPEED_P] * error + state[SPEED_INTEGRAL]
+        state.speed_integral = min(max(state.speed_integral + limits.speed_i * error * dt, -1.0), 1.0)
+        share = asked / limits.throttle_speed + limits.speed_p * error + state.speed_integral
         share = min(max(share, -1.0), 1.0)
     else:
-        state[SPEED_INTEGRAL] = 0.0
-    state[THROTTLE] = share
+        state.speed_integral = 0.0
+    state.throttle = share
 
 
 @compiled
-def move(state: Floats, limits: Floats) -> None:
+def move(state: Record, limits: Record) -> None:
     """Change the velocity over ground and the rate of turning as the simulator does in a step.
 
     The drag is taken along the axes of the Earth one by one: it depends on where the vehicle drives to. What
     the turn takes from the sideways speed is counted twice, as it is in the simulator: in its tyre force, and
     in the motion itself.
     """
-    dt, ahead, right, yaw = limits[STEP_S], state[SPEED], state[SIDEWAYS], state[col.HEADING]
-    share = limits[ACTUATOR_SHARE]
-    state[PUSH] += share * (state[THROTTLE] - state[PUSH])
-    state[STEER] += share * (state[STEER_ASKED] - state[STEER])
+    dt, ahead, right, yaw = limits.step_s, state.speed, state.sideways, state.heading
+    share = limits.actuator_share
+    state.push += share * (state.throttle - state.push)
+    state.steer += share * (state.steer_asked - state.steer)
     total = sqrt(ahead * ahead + right * right)
     north = ahead * cos(yaw) - right * sin(yaw)
     east = ahead * sin(yaw) + right * cos(yaw)
     drag_north = drag_east = 0.0
-    for k in range(3):
-        along = north * limits[NORTH + k] + east * limits[EAST + k]
-        drag_north += limits[DRAG] * along * abs(along) * limits[NORTH + k]
-        drag_east += limits[DRAG] * along * abs(along) * limits[EAST + k]
-    held = limits[FRICTION] / max(total, STOPPED)
-    turns = state[col.HEADING_RATE]
-    pull = limits[FORCE] * state[PUSH] - held * ahead + right * turns
-    state[SPEED] = max(ahead + (pull - drag_north * cos(yaw) - drag_east * sin(yaw)) * dt, 0.0)
+    axes = (
+        (limits.north_1, limits.east_1),
+        (limits.north_2, limits.east_2),
+        (limits.north_3, limits.east_3),
+    )
+    for axis in range(3):
+        to_north, to_east = axes[axis]
+        along = north * to_north + east * to_east
+        drag_north += limits.drag * along * abs(along) * to_north
+        drag_east += limits.drag * along * abs(along) * to_east
+    held = limits.friction / max(total, STOPPED)
+    turns = state.heading_rate
+    pull = limits.force * state.push - held * ahead + right * turns
+    state.speed = max(ahead + (pull - drag_north * cos(yaw) - drag_east * sin(yaw)) * dt, 0.0)
     if ahead <= STOPPED:
-        state[SIDEWAYS] = 0.0
-        state[col.HEADING_RATE] = turns * exp(-limits[TURN_DAMPING] * dt)
+        state.sideways = 0.0
+        state.heading_rate = turns * exp(-limits.turn_damping * dt)
         return
-    angle, base = limits[STEER_MAX] * state[STEER], limits[WHEEL_BASE]
-    fade = limits[TURN_GRIP] * base * base / ahead + limits[TURN_DAMPING]
-    steady = limits[TURN_GRIP] * base * angle / fade
-    state[col.HEADING_RATE] = steady + (turns - steady) * exp(-fade * dt)
-    fade = 2.0 * limits[GRIP] / ahead + held
-    push = limits[GRIP] * angle - 2.0 * ahead * turns + drag_north * sin(yaw) - drag_east * cos(yaw)
+    angle, base = limits.steer_max * state.steer, limits.wheel_base
+    fade = limits.turn_grip * base * base / ahead + limits.turn_damping
+    steady = limits.turn_grip * base * angle / fade
+    state.heading_rate = steady + (turns - steady) * exp(-fade * dt)
+    fade = 2.0 * limits.grip / ahead + held
+    push = limits.grip * angle - 2.0 * ahead * turns + drag_north * sin(yaw) - drag_east * cos(yaw)
     steady = push / fade
-    state[SIDEWAYS] = steady + (right - steady) * exp(-fade * dt)
+    state.sideways = steady + (right - steady) * exp(-fade * dt)

@@ -21,8 +21,8 @@ from sim_vehicle.autopilot.ardupilot.copter import ARDUCOPTER
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.execution.state import CannotFly, FlightEvent, ItemReached
-from sim_vehicle.motion.arducopter import layout as at
 from sim_vehicle.motion.arducopter import scurve
+from sim_vehicle.motion.arducopter.layout import Guide
 from sim_vehicle.motion.arducopter.model import ArduCopter
 from sim_vehicle.motion.arducopter.parameters import PARAMETERS
 from sim_vehicle.motion.legs import KEEP, Leg, LegKind, Route
@@ -494,10 +494,10 @@ def test_the_same_leg_goes_on_when_a_route_begins_with_it() -> None:
     row = Leg((0.0, 80.0, 10.0), 5.0)
     vehicle.fly(Route.through([row]))
     vehicle.advance(500)
-    before = vehicle.guide[at.PX : at.PX + 6].copy()
+    before = vehicle.guide[Guide.PX : Guide.AX].copy()
     vehicle.fly(Route.through([row]))
     vehicle.advance(1)
-    assert np.allclose(vehicle.guide[at.PX : at.PX + 3], before[:3] + 0.02 * before[3:], atol=0.01)
+    assert np.allclose(vehicle.guide[Guide.PX : Guide.VX], before[:3] + 0.02 * before[3:], atol=0.01)
     assert vehicle.advance(10_000) is MotionEvent.REACHED
     vehicle.advance(1000)
     assert vehicle.position_m[1] == pytest.approx(80.0, abs=0.05)

@@ -15,10 +15,10 @@ from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import flight_procedures, with_autopilot
 from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.execution.state import ItemReached
-from sim_vehicle.motion import columns as col
-from sim_vehicle.motion.ardurover import layout as on
+from sim_vehicle.motion.ardurover.layout import Drive
+from sim_vehicle.motion.columns import State
 from sim_vehicle.motion.legs import Leg, Route
-from sim_vehicle.motion.rover import layout as wheels
+from sim_vehicle.motion.rover.layout import Wheels
 
 FLIGHTS = Path(__file__).parents[2] / "data" / "flights"
 HOME = LocalFrame(28.05, -82.15)
@@ -92,8 +92,8 @@ def test_the_lateral_acceleration_is_limited():
         lateral = 0.0
         while motion.arrivals[-1] < 0:
             motion.advance(1)
-            speed = max(abs(float(motion.state[wheels.SPEED])), 1.0)
-            lateral = max(lateral, abs(float(motion.state[col.HEADING_RATE])) * speed)
+            speed = max(abs(float(motion.state[Wheels.SPEED])), 1.0)
+            lateral = max(lateral, abs(float(motion.state[State.HEADING_RATE])) * speed)
         greatest.append(lateral / 9.81)
     # The integrator of the steering may take it a little beyond.
     assert greatest[1] < 1.1 * 0.1 < greatest[0]
@@ -108,7 +108,7 @@ def test_a_pause_after_a_turn_on_the_spot():
         pivots = 0
         while motion.arrivals[-1] < 0:
             motion.advance(1)
-            pivots += motion.guide[on.PIVOTS] > 0.0
+            pivots += motion.guide[Drive.PIVOTS] > 0.0
         times.append(pivots * spec.step_s)
     assert times[1] - times[0] == pytest.approx(3.0, abs=0.1)
 
@@ -133,5 +133,5 @@ def test_placed_under_way_it_keeps_its_speed():
     slowest = 9.0
     for _ in range(400):
         motion.advance(1)
-        slowest = min(slowest, float(motion.state[wheels.SPEED]))
+        slowest = min(slowest, float(motion.state[Wheels.SPEED]))
     assert slowest > 1.3

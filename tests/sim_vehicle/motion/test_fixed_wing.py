@@ -24,11 +24,12 @@ from sim_vehicle.execution.state import (
     ItemReached,
     LandedState,
 )
-from sim_vehicle.motion.fixed_wing import layout as wing
 from sim_vehicle.motion.fixed_wing.forces import energy_rate
+from sim_vehicle.motion.fixed_wing.layout import LIMITS, Wing
 from sim_vehicle.motion.fixed_wing.model import FixedWing
 from sim_vehicle.motion.legs import Circle, Leg, LegKind, Route
 from sim_vehicle.motion.model import MotionEvent
+from sim_vehicle.motion.records import record_of
 from sim_vehicle.prediction.predict import predict_flight
 from sim_vehicle.weather.wind import Wind
 
@@ -177,7 +178,7 @@ def test_px4_finds_the_airspeed_slowly_where_it_does_not_know_the_throttle():
     off = []
     for throttle in (0.27, 0.6):
         states = record(airborne(plane(FW_THR_TRIM=throttle), None, 60.0, away), 200.0)
-        off.append(states[:, wing.AIRSPEED] - 15.0)
+        off.append(states[:, Wing.AIRSPEED] - 15.0)
     known, thought = off
     assert abs(known[600:]).max() < 0.1
     # The error takes back a part of what is too much, the integral the rest in minutes.
@@ -198,7 +199,7 @@ def test_px4_follows_heights_as_its_reference_does():
     assert np.interp(1400.0, y, z) == pytest.approx(100.0, abs=1.0)
     # Far down the rate comes up slowly: the reference sinks at FW_T_SINK_R_SP, the wing comes after.
     motion = airborne(plane(), None, 100.0, circle(0.0, 900.0, 50.0, 80.0, 15.0, 9.0))
-    sinks = -record(motion, 20.0)[:, wing.CLIMB]
+    sinks = -record(motion, 20.0)[:, Wing.CLIMB]
     assert np.interp([4.0, 8.0, 18.0], 0.1 * np.arange(len(sinks)), sinks) == pytest.approx(
         [1.3, 1.85, 2.0], abs=0.15
     )
@@ -239,7 +240,7 @@ def test_px4_raises_the_throttle_of_a_take_off_roll_slowly():
             motion.advance(1)
         lifts[ramp] = motion.time_s
         # 0.9 of the take-off airspeed.
-        assert motion.state[wing.AIRSPEED] >= 9.0
+        assert motion.state[Wing.AIRSPEED] >= 9.0
     assert lifts[4.0] == pytest.approx(lifts[1.0] + 1.5, abs=0.3)
 
 
@@ -250,9 +251,9 @@ def test_level_flight_takes_throttle():
         motion = airborne(spec, None, 60.0, Leg((0.0, 9000.0, 60.0), speed, radius_m=1.0))
         motion.advance(3000)
         states = record(motion, 20.0)
-        assert states[:, wing.AIRSPEED].mean() == pytest.approx(speed, abs=0.2)
-        assert states[:, wing.THROTTLE].mean() == pytest.approx(throttle, abs=0.015)
-        assert abs(states[:, wing.CLIMB].mean()) < 0.05
+        assert states[:, Wing.AIRSPEED].mean() == pytest.approx(speed, abs=0.2)
+        assert states[:, Wing.THROTTLE].mean() == pytest.approx(throttle, abs=0.015)
+        assert abs(states[:, Wing.CLIMB].mean()) < 0.05
 
 
 def test_a_landing_of_arduplane_s_simulator():
@@ -269,7 +270,7 @@ def test_a_landing_of_arduplane_s_simulator():
             if isinstance(event, ItemReached) and event.seq == 3:
                 last = event.time_s
         if touched is None and last is not None and executor.motion.position_m[2] == 0.0:
-            touched = executor.motion.position_m[1], executor.motion.state[wing.AIRSPEED]
+            touched = executor.motion.position_m[1], executor.motion.state[Wing.AIRSPEED]
     # It flares with the motor off, so that it is slow and short; it is disarmed LAND_DISARMDELAY after that.
     assert touched is not None
     assert 10.0 < touched[1] < 13.0
@@ -332,9 +333,9 @@ def test_a_circle_has_its_radius_and_its_sense(autopilot, radius):
     distance = np.hypot(states[:, 0] - 300.0, states[:, 1] - 200.0)
     assert distance.mean() == pytest.approx(abs(radius), rel=0.02)
     assert np.ptp(distance) < 0.03 * abs(radius)
-    assert np.all(np.sign(states[:, wing.BANK]) == math.copysign(1.0, radius))
+    assert np.all(np.sign(states[:, Wing.BANK]) == math.copysign(1.0, radius))
     # v^2 / (g tan bank)
-    turn = states[:, wing.AIRSPEED] ** 2 / (G * np.tan(np.abs(states[:, wing.BANK])))
+    turn = states[:, Wing.AIRSPEED] ** 2 / (G * np.tan(np.abs(states[:, Wing.BANK])))
     assert turn.mean() == pytest.approx(abs(radius), rel=0.02)
 
 
@@ -346,11 +347,11 @@ def test_the_tightest_turn_is_that_of_the_bank_limit(autopilot):
     motion.advance(1500)
     states = record(motion, 40.0)
     limit = motion.law.bank_limit
-    assert np.abs(states[:, wing.BANK]).max() <= limit + 1e-9
-    turning = states[np.abs(states[:, wing.BANK]) > 0.6 * limit]
+    assert np.abs(states[:, Wing.BANK]).max() <= limit + 1e-9
+    turning = states[np.abs(states[:, Wing.BANK]) > 0.6 * limit]
     speed = np.hypot(turning[:, 3], turning[:, 4])
     radius = speed / np.abs(turning[:, 10])
-    expected = speed**2 / (G * np.tan(np.abs(turning[:, wing.BANK])))
+    expected = speed**2 / (G * np.tan(np.abs(turning[:, Wing.BANK])))
     assert radius == pytest.approx(expected, rel=0.02)
     assert radius.min() >= 0.98 * motion.law.tightest_m(spec.cruise_speed_m_s)
 
@@ -361,7 +362,7 @@ def test_the_bank_follows_with_a_lag(autopilot):
     motion = airborne(spec)
     motion.fly(Route.through([Leg((500.0, -800.0, 60.0), spec.cruise_speed_m_s, radius_m=1.0)]))
     states = record(motion, 10.0, every=1)
-    rates = np.abs(np.diff(states[:, wing.BANK])) / motion.step_s
+    rates = np.abs(np.diff(states[:, Wing.BANK])) / motion.step_s
     assert rates.max() <= motion.law.roll_rate + 1e-9
     assert rates.max() > 0.2
 
@@ -381,13 +382,13 @@ def test_a_leg_is_followed_in_a_steady_wind(autopilot, wind):
     motion.advance(5000)
     states = record(motion, 40.0)
     assert np.abs(states[:, 1] - 600.0).max() < 1.0
-    assert states[:, wing.AIRSPEED] == pytest.approx(speed, abs=0.1)
+    assert states[:, Wing.AIRSPEED] == pytest.approx(speed, abs=0.1)
     # The wind triangle: the nose points into the wind so far that the track stays.
     crab = np.arcsin(-wind.north_m_s / speed)
     assert states[:, 9] == pytest.approx(math.pi / 2.0 - crab, abs=0.02)
     along = math.sqrt(speed**2 - wind.north_m_s**2) + wind.east_m_s
     assert np.hypot(states[:, 3], states[:, 4]) == pytest.approx(along, abs=0.1)
-    assert np.abs(states[:, wing.BANK]).max() < 0.02
+    assert np.abs(states[:, Wing.BANK]).max() < 0.02
 
 
 @BOTH
@@ -405,7 +406,7 @@ def test_least_ground_speed_of_px4_raises_the_airspeed():
     motion = airborne(SPECS["px4"], Wind(-13.0, 0.0), 60.0, Leg((3000.0, 300.0, 60.0), 15.0, radius_m=1.0))
     motion.advance(4000)
     states = record(motion, 20.0)
-    assert states[:, wing.AIRSPEED].max() == pytest.approx(18.0, abs=0.7)
+    assert states[:, Wing.AIRSPEED].max() == pytest.approx(18.0, abs=0.7)
     assert states[:, 3].mean() == pytest.approx(5.0, abs=0.7)
 
 
@@ -420,24 +421,25 @@ def test_climbs_and_sinks_keep_their_limits(autopilot):
     states = record(motion, 90.0)
     law = motion.law
     if autopilot == "px4":
-        assert states[:, wing.CLIMB].max() <= law.climb_max + 1e-6
+        assert states[:, Wing.CLIMB].max() <= law.climb_max + 1e-6
     steady = states[len(states) // 5 : len(states) // 3]
-    most = [energy_rate(motion._limits, 1.0, v, 1.0 / math.cos(b)) for v, b in
-            steady[:, [wing.AIRSPEED, wing.BANK]]]  # fmt: skip
+    limits = record_of(motion._limits, LIMITS)
+    most = [energy_rate(limits, 1.0, v, 1.0 / math.cos(b)) for v, b in
+            steady[:, [Wing.AIRSPEED, Wing.BANK]]]  # fmt: skip
     expected = np.minimum(law.climb_rate, most)
     # What ArduPlane's throttle cannot give holds its demand back.
     share = 0.15 if autopilot == "px4" else 0.3
-    assert steady[:, wing.CLIMB].mean() == pytest.approx(expected.mean(), rel=share)
+    assert steady[:, Wing.CLIMB].mean() == pytest.approx(expected.mean(), rel=share)
     motion.fly(Route.through([circle(0.0, 300.0, 50.0, 80.0, speed)]))
     states = record(motion, 60.0)
-    assert states[:, wing.CLIMB].min() >= -1.15 * law.sink_max - 1e-6
-    glide = energy_rate(motion._limits, 0.0, speed, 1.0)
-    assert states[:, wing.CLIMB].min() < -0.8 * min(law.sink_rate, -glide)
-    assert states[:, wing.AIRSPEED].max() <= law.airspeed_max + 0.5
-    assert np.all((states[:, wing.THROTTLE] >= 0.0) & (states[:, wing.THROTTLE] <= 1.0))
+    assert states[:, Wing.CLIMB].min() >= -1.15 * law.sink_max - 1e-6
+    glide = energy_rate(limits, 0.0, speed, 1.0)
+    assert states[:, Wing.CLIMB].min() < -0.8 * min(law.sink_rate, -glide)
+    assert states[:, Wing.AIRSPEED].max() <= law.airspeed_max + 0.5
+    assert np.all((states[:, Wing.THROTTLE] >= 0.0) & (states[:, Wing.THROTTLE] <= 1.0))
     # Coming down it needs no throttle, and little power.
-    sinking = states[states[:, wing.CLIMB] < -1.5]
-    assert sinking[:, wing.THROTTLE].mean() < 0.2
+    sinking = states[states[:, Wing.CLIMB] < -1.5]
+    assert sinking[:, Wing.THROTTLE].mean() < 0.2
 
 
 def test_px4_reaches_a_height_on_a_circle_about_the_waypoint_before_it_goes_on():
@@ -497,7 +499,7 @@ def test_take_off_by_hand_and_from_a_runway(autopilot):
         assert motion.advance(10_000) is MotionEvent.REACHED
         assert 39.8 < motion.position_m[2] < 40.7
         assert abs(motion.position_m[0]) < 2.0
-        assert motion.state[wing.AIRSPEED] > 0.85 * motion.law.takeoff_airspeed
+        assert motion.state[Wing.AIRSPEED] > 0.85 * motion.law.takeoff_airspeed
     assert rolled.position_m[1] > thrown.position_m[1] + 10.0
 
 
@@ -515,7 +517,7 @@ def test_a_landing_touches_down_at_its_place(autopilot, wind):
         executor.advance(executor.time_s + 0.1)
         x, y, z = executor.motion.position_m
         if z == 0.0 and before[2] > 0.0 and executor.landed is LandedState.LANDING:
-            touched = (x, y, executor.motion.snapshot().velocity_m_s[2], executor.motion.state[wing.PITCH])
+            touched = (x, y, executor.motion.snapshot().velocity_m_s[2], executor.motion.state[Wing.PITCH])
         before = (x, y, z)
     assert executor.landed is LandedState.ON_GROUND
     assert touched is not None

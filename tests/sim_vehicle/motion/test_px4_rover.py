@@ -10,10 +10,12 @@ from recordings import compare, fly_recording, load_recording
 
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import flight_procedures, with_autopilot
-from sim_vehicle.motion.columns import HEADING_RATE, POSITION
+from sim_vehicle.motion.columns import State
 from sim_vehicle.motion.legs import Leg, Route
+from sim_vehicle.motion.records import record_of
 from sim_vehicle.motion.rover import layout as wheels
 from sim_vehicle.motion.rover import sih
+from sim_vehicle.motion.rover.layout import Limits, Wheels
 
 RECORDING = Path(__file__).parents[2] / "data" / "flights" / "px4-rover-random-10.json"
 
@@ -67,26 +69,26 @@ def test_the_simulated_rover_turns_and_slips_as_its_tyres_let_it(recording):
     motion = flight_procedures(spec).motion(spec, None, 0.0)
     motion.fly(Route.through([Leg((0.0, -60.0, 0.0), 3.0, 0.5)]))
     motion.advance(200)
-    motion.state[wheels.STEER] = motion.state[wheels.STEER_ASKED] = 1.0
+    motion.state[Wheels.STEER] = motion.state[Wheels.STEER_ASKED] = 1.0
     base, angle, stiffness, damping, mass = 0.321, math.radians(30.0), 500.0, 10.0, 20.0
     limits = motion._limits
-    limits[wheels.DRAG] = limits[wheels.FRICTION] = 0.0
+    limits[Limits.DRAG] = limits[Limits.FRICTION] = 0.0
     for _ in range(300):
-        motion.state[wheels.SPEED] = 2.0
-        sih.move(motion.state, limits)
+        motion.state[Wheels.SPEED] = 2.0
+        sih.move(record_of(motion.state, wheels.STATE), record_of(limits, wheels.LIMITS))
     rate = 2.0 * angle / (base + damping * 2.0 / (stiffness * base))
-    assert motion.state[HEADING_RATE] == pytest.approx(rate, rel=1e-3)
+    assert motion.state[State.HEADING_RATE] == pytest.approx(rate, rel=1e-3)
     # The turn is counted twice in the sideways speed (`sih.cpp`).
     slip = 2.0 * (0.5 * angle - mass * 2.0 * rate / stiffness)
-    assert motion.state[wheels.SIDEWAYS] == pytest.approx(slip, rel=1e-3)
+    assert motion.state[Wheels.SIDEWAYS] == pytest.approx(slip, rel=1e-3)
 
 
 def test_the_simulated_rover_stands_still_after_its_stop(recording):
     _, states = drive(recording.spec(), (30.0, 5.0), speed=3.0)
     end = states[-1]
-    assert end[wheels.SPEED] < wheels.STOPPED
-    assert end[wheels.SIDEWAYS] == pytest.approx(0.0, abs=1e-3)
-    assert math.hypot(end[POSITION] - 30.0, end[POSITION + 1] - 5.0) < 1.0
+    assert end[Wheels.SPEED] < wheels.STOPPED
+    assert end[Wheels.SIDEWAYS] == pytest.approx(0.0, abs=1e-3)
+    assert math.hypot(end[State.POSITION_X] - 30.0, end[State.POSITION_Y] - 5.0) < 1.0
 
 
 def test_the_simulated_rover_is_faster_across_the_axes_of_the_earth(recording):
@@ -95,7 +97,7 @@ def test_the_simulated_rover_is_faster_across_the_axes_of_the_earth(recording):
     for bearing in (45.0, 90.0):
         angle = math.radians(bearing)
         _, states = drive(spec, (60.0 * math.sin(angle), 60.0 * math.cos(angle)), speed=3.0)
-        speeds[bearing] = float(states[len(states) // 2][wheels.SPEED])
+        speeds[bearing] = float(states[len(states) // 2][Wheels.SPEED])
     # Medians of the recording on legs of about these headings: 3.2 and 2.6 m/s.
     assert speeds[45.0] == pytest.approx(3.2, abs=0.1)
     assert speeds[90.0] == pytest.approx(2.6, abs=0.1)
@@ -107,6 +109,6 @@ def test_corners_slow_it_down_as_asked():
         spec = rover(RO_SPEED_RED=share, RO_YAW_RATE_LIM=30.0, RO_MAX_THR_SPEED=1.5)
         motion, states = drive(spec, (0.0, 20.0), (20.0, 20.0))
         corner = int(motion.arrivals[0])
-        slowest.append(min(float(state[wheels.SPEED]) for state in states[corner - 50 : corner + 50]))
+        slowest.append(min(float(state[Wheels.SPEED]) for state in states[corner - 50 : corner + 50]))
     assert slowest[1] == pytest.approx(1.5 * (1.0 - 0.3 * 0.5), abs=0.1)
     assert slowest[2] == pytest.approx(1.5 * 0.5, abs=0.1)

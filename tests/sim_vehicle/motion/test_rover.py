@@ -16,7 +16,7 @@ from sim_vehicle.execution.feasibility import check_mission
 from sim_vehicle.execution.state import BatteryDepleted, Disarmed, ItemReached, LandedState, MissionComplete
 from sim_vehicle.motion.legs import Leg, Route
 from sim_vehicle.motion.model import MotionEvent
-from sim_vehicle.motion.rover import layout as wheels
+from sim_vehicle.motion.rover.layout import STOPPED, Wheels
 from sim_vehicle.motion.rover.model import Rover
 from sim_vehicle.prediction.predict import predict_flight
 from sim_vehicle.weather.wind import Wind
@@ -69,13 +69,13 @@ def test_turns_keep_the_turning_radius(autopilot):
     motion, states, event = drive(spec, [row(10.0, 0.0), row(0.0, -10.0), row(-10.0, -10.0), row(0.0, 20.0)])
     assert event is MotionEvent.REACHED
     law = motion.law
-    moving = states[states[:, wheels.SPEED] > 0.3]
-    radius = moving[:, wheels.SPEED] / np.maximum(np.abs(moving[:, 10]), 1e-9)
+    moving = states[states[:, Wheels.SPEED] > 0.3]
+    radius = moving[:, Wheels.SPEED] / np.maximum(np.abs(moving[:, 10]), 1e-9)
     # The steering lags while the speed changes.
     assert radius.min() >= 0.9 * law.turn_radius
-    lateral = moving[:, wheels.SPEED] * np.abs(moving[:, 10])
+    lateral = moving[:, Wheels.SPEED] * np.abs(moving[:, 10])
     assert lateral.max() <= 1.05 * law.lateral
-    change = np.diff(states[:, wheels.SPEED]) / spec.step_s
+    change = np.diff(states[:, Wheels.SPEED]) / spec.step_s
     assert change.max() <= law.acceleration + 1e-9
     assert change.min() >= -law.deceleration - 1e-9
     assert np.all(states[:, 2] == 0.0)
@@ -90,9 +90,9 @@ def test_a_tight_circle_has_the_turning_radius(autopilot):
     for _ in range(400):
         motion.advance(1)
         states.append(motion.state.copy())
-    turning = np.array([s for s in states if s[wheels.SPEED] > 0.4 and abs(s[10]) > 0.1])
+    turning = np.array([s for s in states if s[Wheels.SPEED] > 0.4 and abs(s[10]) > 0.1])
     steady = turning[len(turning) // 3 : len(turning) // 2]
-    radius = steady[:, wheels.SPEED] / np.abs(steady[:, 10])
+    radius = steady[:, Wheels.SPEED] / np.abs(steady[:, 10])
     assert radius == pytest.approx(law.turn_radius, rel=0.02)
 
 
@@ -100,10 +100,10 @@ def test_a_tight_circle_has_the_turning_radius(autopilot):
 def test_a_skid_steered_rover_turns_on_the_spot(autopilot):
     spec = SKIDS[autopilot]
     motion, states, _ = drive(spec, [row(0.0, 20.0), row(20.0, 20.0)])
-    pivot = states[states[:, wheels.PIVOTING] > 0.0]
+    pivot = states[states[:, Wheels.PIVOTING] > 0.0]
     standing = pivot[np.abs(pivot[:, 10]) > 0.3]
     assert len(standing)
-    assert standing[:, wheels.SPEED].max() < wheels.STOPPED + 1e-9
+    assert standing[:, Wheels.SPEED].max() < STOPPED + 1e-9
     assert np.abs(standing[:, 10]).max() <= motion.law.pivot_rate + 1e-9
     # It leaves the corner along the new row.
     second = states[int(motion.arrivals[0]) + 250 :]
@@ -115,8 +115,8 @@ def test_a_row_is_followed(autopilot):
     _, states, _ = drive(SPECS[autopilot], [row(0.0, 5.0), row(60.0, 5.0)], wind=Wind(0.0, 8.0))
     settled = states[(states[:, 0] > 20.0) & (states[:, 0] < 58.0)]
     assert np.abs(settled[:, 1] - 5.0).max() < 0.05
-    assert settled[:-200, wheels.SPEED] == pytest.approx(1.5, abs=0.05)
-    assert states[-1, wheels.SPEED] < 0.05
+    assert settled[:-200, Wheels.SPEED] == pytest.approx(1.5, abs=0.05)
+    assert states[-1, Wheels.SPEED] < 0.05
 
 
 def test_radii_of_items_count_for_neither():

@@ -28,10 +28,10 @@ from threadpoolctl import threadpool_limits
 
 from geo.farms import get_farm
 from geo.seeds import stream
-from sensors.estimators.epidemic.decision import CLASS_VALUES, least_loss_value
 from sensors.estimators.epidemic.network import Network, train
 from sensors.estimators.epidemic.training import LAYERS, TrainingTask, draw_looks, samples_of
 from sensors.fields import PAPER_FIELDS
+from sensors.scoring.expected import CLASS_VALUES, least_loss_value
 from sensors.scoring.score import PAPER_WEIGHTS
 
 DAY = 6

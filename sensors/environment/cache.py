@@ -1,4 +1,4 @@
-"""Environments kept between runs, so that the same farm, seed and day are not generated again.
+"""Environments kept between runs and within a process: the same is not generated again.
 
 An entry is a stored environment under a name that is a digest of all that decides it: the crop map, the
 fields, the seed, the days and the version of the format. Entries appear complete or not at all, so processes
@@ -13,6 +13,7 @@ import os
 import re
 import shutil
 import time
+from collections import OrderedDict
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -192,3 +193,74 @@ def _size(path: Path) -> int:
             except OSError:
                 continue
     return total
+
+
+MOST_ENVIRONMENTS = 2
+MOST_CELLS = 100_000
+"""Larger farms are not kept: their runs take so long that an environment anew is nothing beside them."""
+
+
+class EnvironmentMemory:
+    """Keeps the small environments that were used last.
+
+    Examples
+    --------
+    >>> from geo.farms import get_farm
+    >>> memory, grid = EnvironmentMemory(), get_farm("miniberry-10").grid()
+    >>> first, _ = memory.environment(EnvironmentCache.off(), grid, day=6, last_day=6, seed=1)
+    >>> memory.environment(EnvironmentCache.off(), grid, day=6, last_day=6, seed=1)[0] is first
+    True
+    """
+
+    def __init__(self) -> None:
+        self._kept: OrderedDict[bytes, Environment] = OrderedDict()
+
+    def environment(
+        self,
+        cache: EnvironmentCache,
+        grid: FarmGrid,
+        *,
+        day: int,
+        last_day: int,
+        seed: SeedSequence | int,
+        fields: FieldSet = PAPER_FIELDS,
+        progress: Progress | None = None,
+    ) -> tuple[Environment, bool]:
+        """Return the environment that was kept, or the cache's, which is kept if it is small.
+
+        Parameters
+        ----------
+        cache : EnvironmentCache
+            Where it is taken from, or generated.
+        grid, day, last_day, seed, fields, progress
+            As for `EnvironmentCache.environment`.
+
+        Returns
+        -------
+        environment : Environment
+            Others have it, too: it is not to be changed.
+        cached : bool
+            Whether it came from the cache's folder.
+
+        Raises
+        ------
+        EnvironmentDataError, geo.memory.NotEnoughMemoryError
+            As `EnvironmentCache.environment`.
+        """
+        key = b""
+        if grid.crop.size <= MOST_CELLS:
+            task = make_task(
+                grid, days=last_day, seed=seed, fields=fields, keep_days=range(day, last_day + 1)
+            )
+            key = msgspec.json.encode(task.header())
+            if key in self._kept:
+                self._kept.move_to_end(key)
+                return self._kept[key], False
+        made = cache.environment(
+            grid, day=day, last_day=last_day, seed=seed, fields=fields, progress=progress
+        )
+        if key:
+            self._kept[key] = made[0]
+            while len(self._kept) > MOST_ENVIRONMENTS:
+                self._kept.popitem(last=False)
+        return made

@@ -3,12 +3,12 @@
 from sensors.estimators.base import (
     Estimator,
     advance_estimator,
+    default_estimator,
     estimator_names,
     make_estimator,
     prepare_estimator,
 )
 from sensors.estimators.check import check_estimator
-from sensors.estimators.default import default_estimator
 
 __all__ = [
     "Estimator",

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.estimators.base import BaseEstimator, check_default_values
-from sensors.estimators.carrying import carried
+from sensors.estimators.days import carried
 from sensors.fields import PAPER_FIELDS, FieldSet
 from sensors.scoring.information import InformationModel
 
@@ -22,7 +22,7 @@ class PointEstimator(BaseEstimator):
     """The last observation of each cell, with uncertainty 0; the default and uncertainty 1 elsewhere.
 
     What was observed on an earlier day is carried forward as the field's own dynamics have it
-    (`sensors.estimators.carrying`), with the part of the variance that this leaves open as its uncertainty.
+    (`sensors.estimators.days`), with the part of the variance that this leaves open as its uncertainty.
 
     Parameters
     ----------

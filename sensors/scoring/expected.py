@@ -1,11 +1,11 @@
-"""What errors are expected to cost, for estimators that state a standard deviation."""
+"""What errors are expected to cost: of a stated deviation, and of class probabilities with the best value."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.scoring.score import ScoreWeights
+from sensors.scoring.score import PAPER_WEIGHTS, ScoreWeights
 
 
 def loss_of_deviation(
@@ -48,3 +48,80 @@ def loss_of_deviation(
     loss: NDArray[np.float32] = np.square(uncertainty, out=out)
     loss *= costs.astype(np.float32)[:, None, None]
     return loss
+
+
+CLASS_VALUES = np.array([1.0, 0.5, 0.0])
+"""Values of the classes susceptible, infected and removed."""
+
+
+def least_loss_value(
+    probabilities: NDArray[np.floating], asymmetry: float = PAPER_WEIGHTS.too_healthy[0]
+) -> NDArray[np.float64]:
+    """Return the estimate that minimises the expected loss of the score.
+
+    With the cost ``a (v - e)^2`` where the estimate v is above the truth e and ``(e - v)^2`` elsewhere, the
+    minimiser is the value that balances both sides (an expectile, Newey & Powell 1987)::
+
+        a sum_{e < v} p_e (v - e) = sum_{e > v} p_e (e - v)
+
+    which for the three values 1, 0.5 and 0 has one solution on each side of 0.5.
+
+    Parameters
+    ----------
+    probabilities : float[..., 3]
+        Of the classes susceptible, infected, removed.
+    asymmetry : float
+        a, how much worse an estimate that is too healthy is.
+
+    Examples
+    --------
+    >>> least_loss_value(np.array([[1, 0, 0], [0.9, 0.1, 0], [0, 0.5, 0.5], [0, 0, 1]])).round(3).tolist()
+    [1.0, 0.737, 0.045, 0.0]
+    """
+    susceptible, infected, removed = np.moveaxis(np.asarray(probabilities, np.float64), -1, 0)
+    upper = (susceptible + 0.5 * asymmetry * infected) / (susceptible + asymmetry * (infected + removed))
+    lower = (susceptible + 0.5 * infected) / (susceptible + infected + asymmetry * removed)
+    value: NDArray[np.float64] = np.where(upper >= 0.5, upper, lower)
+    return value
+
+
+def expected_loss(
+    probabilities: NDArray[np.floating], value: NDArray[np.floating], too_healthy: float, too_sick: float
+) -> NDArray[np.float64]:
+    """Return what the score is expected to charge for values: the mean over the three classes.
+
+    Parameters
+    ----------
+    probabilities : float[..., 3]
+        Of the classes susceptible, infected, removed.
+    value : float[...]
+        The estimate, 0..1.
+    too_healthy, too_sick : float
+        Cost of a squared error where the estimate is above the truth, and where it is below.
+
+    Examples
+    --------
+    >>> p = np.array([[0.0, 1, 0], [0.5, 0, 0.5]])
+    >>> expected_loss(p, np.array([0.7, 0.1]), 10.0, 1.0).round(3).tolist()
+    [0.4, 0.455]
+    """
+    susceptible, infected, removed = np.moveaxis(np.asarray(probabilities, np.float64), -1, 0)
+    of_infected = np.where(value > CLASS_VALUES[1], too_healthy, too_sick)
+    loss: NDArray[np.float64] = too_sick * susceptible * (value - CLASS_VALUES[0]) ** 2
+    loss += of_infected * infected * (value - CLASS_VALUES[1]) ** 2
+    loss += too_healthy * removed * (value - CLASS_VALUES[2]) ** 2
+    return loss
+
+
+def standard_deviation(probabilities: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Return the standard deviation of the cell's value, for float[..., 3] probabilities of the classes.
+
+    Examples
+    --------
+    >>> standard_deviation(np.array([[1.0, 0, 0], [0.5, 0, 0.5]])).tolist()
+    [0.0, 0.5]
+    """
+    p = np.asarray(probabilities, np.float64)
+    mean = p @ CLASS_VALUES
+    deviation: NDArray[np.float64] = np.sqrt(np.maximum(p @ CLASS_VALUES**2 - mean**2, 0.0))
+    return deviation

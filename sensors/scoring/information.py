@@ -73,8 +73,8 @@ class InformationModel:
     loss_map : float32[n, W, H], or a callable that gives it, optional
         See `expected_loss`; a callable is asked at each access.
     correlation_length : tuple of float, optional
-        How far a reading of each field tells of what is around it: the correlation length of the process that
-        the estimator takes the field for, cells. None if the estimator has none.
+        Of the process that the estimator takes each field for, cells: how far a reading tells of what is
+        around it. None if the estimator has none.
 
     Raises
     ------

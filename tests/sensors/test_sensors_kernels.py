@@ -5,8 +5,8 @@ import pytest
 
 from geo.grid import FarmGrid
 from sensors.estimators.disk.adaptive_disk import AdaptiveDiskEstimator
+from sensors.estimators.gp.cell_posterior import ExactPosterior
 from sensors.estimators.gp.local import LocalPosterior, WholePosterior
-from sensors.estimators.gp.posterior_exact import ExactPosterior
 from sensors.estimators.gp.rbf import RbfKernel
 from sensors.observations import Observations
 from sensors.scoring.score import RunningScore

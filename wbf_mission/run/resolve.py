@@ -13,8 +13,7 @@ from mission.planners import make_planner
 from mission.policies.policy import FixedPlan, KeepPath, Policy, make_policy
 from sensors.camera.leaf_camera import LeafCameraOptions
 from sensors.environment import Environment
-from sensors.environment.cache import EnvironmentCache
-from sensors.environment.memory import EnvironmentMemory
+from sensors.environment.cache import EnvironmentCache, EnvironmentMemory
 from sensors.estimators import Estimator
 from sensors.field_files import load_field_set
 from sensors.fields import FieldSet

@@ -35,7 +35,7 @@ from mission.link.tlog import FrameLog
 from sensors.camera.layout import LeafLayout
 from sensors.camera.leaf_camera import Camera, ImageList, NumberingCamera
 from sensors.environment import Environment
-from sensors.environment.memory import EnvironmentMemory
+from sensors.environment.cache import EnvironmentMemory
 from sensors.observations import Observations
 from sim_vehicle.epoch import EPOCH_UNIX_S
 from wbf_mission.planning import PlanResult

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from sensors.errors import EstimatorError
 from sensors.estimators.append_buffer import GrowingArray
 from sensors.estimators.base import BaseEstimator, check_default_values
-from sensors.estimators.carrying import carried
-from sensors.estimators.disk import small_painting
-from sensors.estimators.disk.disks import Disk, DiskMap, centred_disk
+from sensors.estimators.days import carried
+from sensors.estimators.disk.disks import Disk, DiskMap, centred_disk, paint_small
 from sensors.fields import PAPER_FIELDS, FieldSet
 from sensors.scoring.information import InformationModel
 from sensors.scoring.tiles import tile_shape
@@ -29,7 +28,7 @@ _NOTHING = np.empty(0, np.float32), np.empty(0, np.float32)
 def _painter(tiles: tuple[int, ...]) -> Callable[..., None]:
     """Choose what paints: loading compiled code takes longer than all disks of a farm of one tile."""
     if tiles == (1, 1):
-        return small_painting.paint
+        return paint_small
     from sensors.estimators.disk.painting import paint
 
     return paint
@@ -47,7 +46,7 @@ class AdaptiveDiskEstimator(BaseEstimator):
     makes, are taken as 0 and 1: no field has such values.
 
     What was observed on an earlier day is carried forward as the field's own dynamics have it
-    (`sensors.estimators.carrying`). Its uncertainty is the part of the variance that this leaves open.
+    (`sensors.estimators.days`). Its uncertainty is the part of the variance that this leaves open.
 
     Parameters
     ----------

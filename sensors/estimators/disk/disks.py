@@ -1,4 +1,4 @@
-"""Disks that observations stand for: their size, their form, and which ones still have to be painted.
+"""Disks that observations stand for: their size, their form, which still have to be painted, and small farms.
 
 The disks' total area is about twice the farm's whatever their number.
 """
@@ -153,3 +153,49 @@ class DiskMap:
             self._covered |= tiles
         self._radius, self._painted = radius, n
         return Painting(tiles, reset, start, x, y, disk)
+
+
+def paint_small(
+    tiles: NDArray[np.bool_],
+    reset: bool,
+    x: NDArray[np.int32],
+    y: NDArray[np.int32],
+    first: int,
+    low: NDArray[np.int32],
+    high: NDArray[np.int32],
+    table: NDArray[np.float32],
+    doubts: NDArray[np.float32],
+    defaults: NDArray[np.float32],
+    fields: NDArray[np.int64],
+    value: NDArray[np.float32],
+    planes: NDArray[np.int64],
+    uncertainty: NDArray[np.float32],
+    changed: NDArray[np.bool_],
+) -> None:
+    """Paint the disks into the only tile of a small farm, as `sensors.estimators.disk.painting.paint` does.
+
+    Loading compiled code takes longer than that.
+    """
+    if not tiles[0, 0]:
+        return
+    width, height = value.shape[1:]
+    columns = np.arange(low.min(), high.max())
+    disk = (columns >= low[:, None]) & (columns < high[:, None])
+    # Room around the farm for what disks have beyond it.
+    rows, side = disk.shape
+    owner = np.full((width + 2 * rows, height + 2 * side), -1, np.intp)
+    for index, (left, bottom) in enumerate(zip((x + first).tolist(), (y + columns[0]).tolist(), strict=True)):
+        part = owner[left + rows : left + 2 * rows, bottom + side : bottom + 2 * side]
+        part[disk] = index
+    owner = owner[rows : rows + width, side : side + height]
+    taken = owner >= 0
+    others = defaults[:, None, None] if reset else value[fields]
+    painted = np.broadcast_to(others, (len(fields), width, height))
+    if len(x):
+        painted = np.where(taken, table[:, owner], others)
+    unsure = np.broadcast_to(np.float32(1.0) if reset else uncertainty[planes], (len(planes), width, height))
+    if len(x):
+        unsure = np.where(taken, doubts[:, owner], unsure)
+    if (value[fields] != painted).any() or (uncertainty[planes] != unsure).any():
+        changed[0, 0] = True
+    value[fields], uncertainty[planes] = painted, unsure

@@ -9,14 +9,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.estimators.epidemic.decision import (
-    CLASS_VALUES,
-    expected_loss,
-    least_loss_value,
-    standard_deviation,
-)
 from sensors.estimators.epidemic.features import (
     N_FEATURES,
+    REACH,
     SEEN_SUSCEPTIBLE,
     UNKNOWN,
     cells_in_reach,
@@ -24,15 +19,19 @@ from sensors.estimators.epidemic.features import (
     local_features,
     padded_codes,
 )
-from sensors.estimators.epidemic.judge import FieldJudge
-from sensors.estimators.epidemic.network import Network
-from sensors.estimators.epidemic.rings import REACH
+from sensors.estimators.epidemic.network import FieldClassifier, Network
 from sensors.estimators.epidemic.training import (
     WHOLE_FARM_CELLS,
     TrainingTask,
     classes_of,
     first_day,
     network_for,
+)
+from sensors.scoring.expected import (
+    CLASS_VALUES,
+    expected_loss,
+    least_loss_value,
+    standard_deviation,
 )
 
 EXACT = 1e-3
@@ -264,10 +263,10 @@ class DiseaseBelief:
             self._x, self._y = x, y
             self._row = np.full(self._hosts.shape, -1, np.intp)
             self._row[x, y] = np.arange(len(x))
-            self._judge = FieldJudge(
+            self._classifier = FieldClassifier(
                 self._network, self._codes, x, y, self._seeds, day - first_day(day, self._hosts)
             )
-            self._prior = self._judge.probabilities().mean(axis=0)
+            self._prior = self._classifier.probabilities().mean(axis=0)
             return
         nothing = np.zeros((1, N_FEATURES), np.float32)
         self._prior = self._network.probabilities(nothing)[0]
@@ -287,9 +286,9 @@ class DiseaseBelief:
         kept = self._hosts[x, y]
         x, y = x[kept], y[kept]
         if self.whole:
-            self._judge.touch(self._row[x, y])
+            self._classifier.touch(self._row[x, y])
             x, y = self._x, self._y
-            around = self._judge.probabilities()
+            around = self._classifier.probabilities()
         else:
             if fresh or not exact:
                 # Readings of other days say something else today, or how noisy all are has been learned anew.

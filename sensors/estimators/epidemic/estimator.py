@@ -5,8 +5,9 @@ from __future__ import annotations
 import contextlib
 import multiprocessing
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Self, TypeAlias
 
 import numpy as np
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from sensors.estimators.base import Step
     from sensors.observations import Observations
 
+_Values = NDArray[np.float32]
 Wanted: TypeAlias = tuple[TrainingTask, NDArray[np.bool_]]
 """A task, and the crop map that it is for."""
 
@@ -261,21 +263,21 @@ class EpidemicEstimator(BaseEstimator):
         basis = self._basis
         names = tuple(field.name for field in self.fields.diseases)
         # What is around a sick plant follows from its neighbours, not from a correlation.
-        correlation = (*(0.0 for _ in names), self._soil.correlation_length)
+        lengths = (*(0.0 for _ in names), self._soil.correlation_length)
+        probabilities: Mapping[str, _Values]
+        loss_map: _Values | Callable[[], _Values]
         if all(belief.whole for belief in self._beliefs):
             # They are there already: arrays that stay as they are cost nothing.
-            kept = {name: _read_only(self._class_probabilities(name, basis)) for name in names}
-            loss = _read_only(self._expected_loss(uncertainty, basis))
-            return InformationModel(
-                value, uncertainty, probabilities=kept, loss_map=loss, correlation_length=correlation
-            )
-        probabilities = LazyProbabilities(names, lambda disease: self._class_probabilities(disease, basis))
+            probabilities = {name: _read_only(self._class_probabilities(name, basis)) for name in names}
+            loss_map = _read_only(self._expected_loss(uncertainty, basis))
+        else:
+            probabilities = LazyProbabilities(names, lambda one: self._class_probabilities(one, basis))
+            loss_map = partial(self._expected_loss, uncertainty, basis)
         return InformationModel(
-            value,
-            uncertainty,
+            *(value, uncertainty),
             probabilities=probabilities,
-            loss_map=lambda: self._expected_loss(uncertainty, basis),
-            correlation_length=correlation,
+            loss_map=loss_map,
+            correlation_length=lengths,
         )
 
     def _take_soil_readings(self, day: int, value: NDArray[np.float32]) -> None:

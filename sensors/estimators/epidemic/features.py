@@ -4,14 +4,172 @@ A map of codes says what is known of every cell. The features of a cell are, for
 it, how many cells have each code; the cell itself is left out. They do not change under rotation and
 reflection, and depend only on cells at most `REACH` away along each axis. A few numbers about the whole field
 follow.
+
+The classes of cells that were not observed depend on each other: an outbreak is connected, and a farm has a
+known number of them. Further networks therefore see, besides these features, the probabilities that the
+network before gave to all cells (auto-context; Tu & Bai 2010, "Auto-context and its application to high-level
+vision tasks and 3D brain image segmentation").
+
+Sums over rings are compiled. Cells are given in C order: those that follow each other along y share their
+work, so that all cells of a crop cost little more than its rows.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.estimators.epidemic.rings import REACH, Rings
+from geo.compiled import compiled
+
+REACH = 8
+"""Rings lie within so many cells along each axis."""
+
+Cells = NDArray[np.intp]
+Floats32 = NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rings:
+    """Which neighbours of a cell belong to which ring; the cell itself is in none.
+
+    Parameters
+    ----------
+    number : intp[REACH + 1, REACH + 1]
+        The ring of a neighbour so many cells away along x and along y; -1 for the cell itself.
+    scales : float32[rings]
+        What sums are multiplied by: one over the root of the ring's size, so that features have similar
+        variances.
+    """
+
+    number: Cells
+    scales: Floats32
+
+    @classmethod
+    def that_end_at(cls, ends: tuple[int, ...]) -> Rings:
+        """Make rings that end at these squared distances, the last at least ``2 REACH^2``.
+
+        >>> rings = Rings.that_end_at((1, 2, 128))
+        >>> rings.number[:2, :3].tolist(), (rings.scales**-2).round().tolist()
+        ([[-1, 0, 2], [0, 1, 2]], [4.0, 4.0, 280.0])
+        """
+        axis = np.arange(REACH + 1)
+        squares = axis[:, None] ** 2 + axis**2
+        number = np.searchsorted(ends, squares)
+        number[0, 0] = -1
+        # Each stands for its mirror images.
+        images = np.where(axis > 0, 2, 1)
+        sizes = np.bincount(number[squares > 0], (images[:, None] * images)[squares > 0], len(ends))
+        return cls(number.astype(np.intp), (1.0 / np.sqrt(sizes)).astype(np.float32))
+
+    def counts(self, codes: NDArray[np.uint8], most: int, x: Cells, y: Cells) -> Floats32:
+        """Count the neighbours with each of the codes 1..most in each ring, scaled.
+
+        Parameters
+        ----------
+        codes : uint8[W + 2 REACH, H + 2 REACH]
+            A map with a margin.
+        most : int
+            The largest code that counts.
+        x, y : intp[n]
+            Cells of the farm.
+
+        Returns
+        -------
+        float32[most * rings, n]
+            The rings of code 1 first.
+        """
+        out = np.zeros((most, len(self.scales), len(x)), np.float32)
+        _count(codes, x, y, self.number, out)
+        out *= self.scales[:, None]
+        return out.reshape(len(out) * len(self.scales), len(x))
+
+    def sums(self, planes: Floats32, x: Cells, y: Cells) -> Floats32:
+        """Sum maps over each ring, scaled.
+
+        Parameters
+        ----------
+        planes : float32[k, W + 2 REACH, H + 2 REACH]
+            Maps with a margin.
+        x, y : intp[n]
+            Cells of the farm.
+
+        Returns
+        -------
+        float32[k * rings, n]
+            The rings of the first map first.
+        """
+        out = np.zeros((len(planes), len(self.scales), len(x)), np.float32)
+        _sum(planes, x, y, self.number, out)
+        out *= self.scales[:, None]
+        return out.reshape(len(out) * len(self.scales), len(x))
+
+
+@compiled(nogil=True)
+def _run_end(x: Cells, y: Cells, start: int) -> int:
+    """Return where the cells that follow each other along y from `start` end."""
+    end = start + 1
+    while end < len(x) and x[end] == x[start] and y[end] == y[end - 1] + 1:
+        end += 1
+    return end
+
+
+@compiled(nogil=True)
+def _add(both: Floats32, number: Cells, out: Floats32) -> None:
+    """Add the cells of two columns at one distance along x to the rings of a run of cells.
+
+    `both` begins `REACH` cells before the run, and ends so many after it.
+    """
+    count = out.shape[1]
+    for away in range(REACH + 1):
+        ring = number[away]
+        if ring < 0:
+            continue
+        target = out[ring]
+        below, above = both[REACH - away :], both[REACH + away :]
+        if away == 0:
+            for j in range(count):
+                target[j] += below[j]
+        else:
+            for j in range(count):
+                target[j] += below[j] + above[j]
+
+
+@compiled(nogil=True)
+def _count(codes: NDArray[np.uint8], x: Cells, y: Cells, number: Cells, out: Floats32) -> None:
+    both = np.empty(codes.shape[1], np.float32)
+    start = 0
+    while start < len(x):
+        end = _run_end(x, y, start)
+        length = end - start + 2 * REACH
+        for away in range(REACH + 1):
+            left = codes[x[start] + REACH - away, y[start] :]
+            right = codes[x[start] + REACH + away, y[start] :]
+            for code in range(len(out)):
+                for j in range(length):
+                    seen = np.float32(left[j] == code + 1)
+                    both[j] = seen if away == 0 else seen + np.float32(right[j] == code + 1)
+                _add(both, number[away], out[code, :, start:end])
+        start = end
+
+
+@compiled(nogil=True)
+def _sum(planes: Floats32, x: Cells, y: Cells, number: Cells, out: Floats32) -> None:
+    both = np.empty(planes.shape[2], np.float32)
+    start = 0
+    while start < len(x):
+        end = _run_end(x, y, start)
+        length = end - start + 2 * REACH
+        for plane in range(len(planes)):
+            for away in range(REACH + 1):
+                left = planes[plane, x[start] + REACH - away, y[start] :]
+                right = planes[plane, x[start] + REACH + away, y[start] :]
+                for j in range(length):
+                    both[j] = left[j] if away == 0 else left[j] + right[j]
+                _add(both, number[away], out[plane, :, start:end])
+        start = end
+
 
 UNKNOWN, SEEN_SUSCEPTIBLE, SEEN_INFECTED, SEEN_REMOVED, NO_HOST_CODE = range(5)
 """Codes of cells: not observed, three classes, and land without the crop (or beside the farm)."""
@@ -145,3 +303,58 @@ def cells_in_reach(
     flat = np.unique(np.concatenate(found)) if found else np.empty(0, np.intp)
     columns, rows = np.divmod(flat, shape[1])
     return columns.astype(np.intp), rows.astype(np.intp)
+
+
+_RINGS = Rings.that_end_at((1, 2, 4, 5, 8, 10, 18, 32, 64, 2 * REACH**2))
+_SICK = (SEEN_INFECTED, SEEN_REMOVED)
+_OWN_AND_OVERALL = 5
+_LEAST = 1e-5
+_LOG_SCALE = 1.0 / 3.0
+
+N_CONTEXT = len(_SICK) * len(_RINGS.scales) + _OWN_AND_OVERALL
+
+
+def context_features(
+    codes: NDArray[np.uint8],
+    x: Cells,
+    y: Cells,
+    probabilities: Floats32,
+    seeds: int,
+    rows: Cells | None = None,
+) -> Floats32:
+    """Return what is believed around some cells: plants expected to be infected and lost in each ring.
+
+    The logarithms of the cell's own two probabilities follow, and of the whole field the part expected to be
+    infected, and the lost plants, expected and seen, for each seed of the disease.
+
+    Parameters
+    ----------
+    codes : uint8[W + 2 REACH, H + 2 REACH]
+        See `sensors.estimators.epidemic.features.padded_codes`.
+    x, y : intp[n]
+        All cells that can carry the disease.
+    probabilities : float32[n, 3]
+        What is believed of them; of observed cells it is not used.
+    seeds : int
+        Number of outbreaks that the model lets begin.
+    rows : intp[m], optional
+        Which of the cells are asked for; all by default.
+
+    Returns
+    -------
+    float32[m, N_CONTEXT]
+    """
+    expected = np.stack([codes == code for code in _SICK]).astype(np.float32)
+    unknown = codes[x + REACH, y + REACH] == UNKNOWN
+    expected[:, x[unknown] + REACH, y[unknown] + REACH] = probabilities[unknown, 1:].T
+    totals = expected.sum(axis=(1, 2), dtype=np.float64)
+    if rows is not None:
+        x, y, probabilities = x[rows], y[rows], probabilities[rows]
+    out = np.empty((len(x), N_CONTEXT), np.float32)
+    out[:, :-_OWN_AND_OVERALL] = _RINGS.sums(expected, x, y).T
+    own = out[:, -_OWN_AND_OVERALL:]
+    own[:, :2] = _LOG_SCALE * np.log(probabilities[:, 1:] + np.float32(_LEAST))
+    own[:, 2] = totals[0] / max(len(unknown), 1)
+    own[:, 3] = totals[1] / max(seeds, 1)
+    own[:, 4] = np.count_nonzero(codes == SEEN_REMOVED) / max(seeds, 1)
+    return out

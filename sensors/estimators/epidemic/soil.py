@@ -30,8 +30,7 @@ from scipy.linalg import lapack
 
 from geo.seeds import stream
 from sensors.dynamics.soil import SoilParameters
-from sensors.estimators.carrying import humidity_transition
-from sensors.estimators.passing_day import Crowding, pass_day
+from sensors.estimators.days import Crowding, continuous_transition, pass_day
 
 Floats = NDArray[np.float64]
 Cells = NDArray[np.integer]
@@ -111,7 +110,7 @@ class _WeightsPrior:
 class SoilField:
     """The posterior of the humidity of one farm.
 
-    Observations of earlier days count less, and are out of date together (`sensors.estimators.passing_day`).
+    Observations of earlier days count less, and are out of date together (`sensors.estimators.days`).
     Those after the first day count for less where they are many (`Crowding`): a day's change is small against
     what was unknown at first, and what the model does not say of it weighs more.
 
@@ -127,7 +126,7 @@ class SoilField:
     Attributes
     ----------
     correlation_length : float
-        Of the process, cells.
+        Cells.
     """
 
     def __init__(self, shape: tuple[int, int], parameters: SoilParameters, seed: int) -> None:
@@ -341,7 +340,7 @@ class SoilField:
             precision, response = self._precision(last, noise, self._sums[last].now)
             # In units of what was known of each day before anything was seen.
             unit, later = np.sqrt(self._prior(last).variance), np.sqrt(variances)
-            step = humidity_transition(self._parameters, self._shape, last, day, self._seed)
+            step = continuous_transition(self._parameters, self._shape, last, day, self._seed)
             precision, response = pass_day(
                 precision * np.outer(unit, unit), response * unit, step.correlation
             )

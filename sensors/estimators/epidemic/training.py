@@ -27,21 +27,21 @@ from geo.user_cache import user_cache_folder, warn_of_cache
 from sensors.dynamics.epidemic import MAX_DAYS, NEVER, EpidemicParameters, simulate_outbreak, value_table
 from sensors.errors import EstimatorError
 from sensors.estimators.base import Step, no_step
-from sensors.estimators.epidemic.context import N_CONTEXT, context_features
 from sensors.estimators.epidemic.features import (
+    N_CONTEXT,
     N_FEATURES,
     N_OVERALL,
+    REACH,
     UNKNOWN,
+    context_features,
     inner,
     local_features,
     overall_features,
     padded_codes,
     set_overall,
 )
-from sensors.estimators.epidemic.judge import FieldJudge
-from sensors.estimators.epidemic.network import Network, train
+from sensors.estimators.epidemic.network import FieldClassifier, Network, train
 from sensors.estimators.epidemic.paths import chasing_path, random_path
-from sensors.estimators.epidemic.rings import REACH
 
 VERSION = 5
 """Part of the names of files; it has to grow with every change of the training."""
@@ -364,8 +364,8 @@ class _Refinement:
         start = 0
         for number, look in enumerate(self._looks):
             assert look.codes is not None
-            judge = FieldJudge(last, look.codes, self._x, self._y, self._seeds, look.day)
-            found = judge.probabilities(look.overall, self._found[number])
+            classifier = FieldClassifier(last, look.codes, self._x, self._y, self._seeds, look.day)
+            found = classifier.probabilities(look.overall, self._found[number])
             rows = self._row[look.chosen[:, 0], look.chosen[:, 1]]
             context = context_features(look.codes, self._x, self._y, found, self._seeds, rows)
             out[start : start + len(rows), N_FEATURES:] = context

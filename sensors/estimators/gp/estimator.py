@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 from geo.user_cache import user_cache_folder
 from sensors.errors import EstimatorError
 from sensors.estimators.base import LEARNING, BaseEstimator, Progress, Step, no_step
-from sensors.estimators.carrying import transition
+from sensors.estimators.days import transition
+from sensors.estimators.gp.cell_posterior import GROWING, ExactPosterior
+from sensors.estimators.gp.cell_posterior import MOST_CELLS as WINDOWED_CELLS
 from sensors.estimators.gp.field import FieldProcess
-from sensors.estimators.gp.posterior_exact import ExactPosterior
-from sensors.estimators.gp.posterior_windowed import GROWING
-from sensors.estimators.gp.posterior_windowed import MOST_CELLS as WINDOWED_CELLS
 from sensors.estimators.gp.rbf import RbfKernel, fit_kernel
 from sensors.estimators.gp.threads import one_blas_thread
 from sensors.fields import PAPER_FIELDS, Field, FieldSet
@@ -58,12 +57,12 @@ class GaussianProcessEstimator(BaseEstimator):
     with a kernel that is long against the farm is written in sine functions (`sensors.estimators.gp.local`).
     The arrays that `predict` returns are then the same ones at each call. Repeated observations of a cell on
     a day are independent looks; but readings of the soil near each other count for less on farms of more than
-    128 cells, and everywhere on later days (`sensors.estimators.passing_day.Crowding`).
+    128 cells, and everywhere on later days (`sensors.estimators.days.Crowding`).
 
     *Days.* A reading of an earlier day is carried forward by the field's own dynamics
-    (`sensors.estimators.carrying`). What they leave open of a disease is further noise, and what a cell
+    (`sensors.estimators.days`). What they leave open of a disease is further noise, and what a cell
     showed before a later day's reading counts no more; the soil changes by smooth showers, so that its
-    readings are out of date together (`sensors.estimators.passing_day`). Where kernels are learned from the
+    readings are out of date together (`sensors.estimators.days`). Where kernels are learned from the
     observations, a reading stays as it is, and the noise is what cells that were read twice changed by.
 
     The uncertainty is the standard deviation of an observation, noise included, as in the paper: the noise is

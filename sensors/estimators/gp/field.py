@@ -12,11 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.estimators.append_buffer import GrowingArray
-from sensors.estimators.gp.posterior_by_cell import CellPosterior
-from sensors.estimators.gp.posterior_exact import ExactPosterior
-from sensors.estimators.gp.posterior_windowed import WindowedPosterior
+from sensors.estimators.days import Crowding
+from sensors.estimators.gp.cell_posterior import CellPosterior, ExactPosterior, WindowedPosterior
 from sensors.estimators.gp.rbf import Cells, Floats, RbfKernel
-from sensors.estimators.passing_day import Crowding
 from sensors.scoring.tiles import tile_shape
 
 if TYPE_CHECKING:
@@ -105,7 +103,7 @@ class FieldProcess:
         """Estimate this day: readings of earlier ones count by what they tell of it.
 
         With `correlate` the field changes smoothly in space, so readings of a day are out of date together
-        (`sensors.estimators.passing_day`); without it, each for itself.
+        (`sensors.estimators.days`); without it, each for itself.
         """
         self._day, self._carry, self._correlate = day, carry, correlate
 

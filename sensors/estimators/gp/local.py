@@ -15,11 +15,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from sensors.estimators.days import pass_day
 from sensors.estimators.gp import tile as gp_tile
 from sensors.estimators.gp.lattice import NodeLattice
 from sensors.estimators.gp.rbf import Cells, Floats, RbfKernel
 from sensors.estimators.gp.threads import in_parallel, one_blas_thread
-from sensors.estimators.passing_day import pass_day
 
 TILE_LENGTHS = 8.0
 REACH_LENGTHS = 7.0

@@ -86,9 +86,8 @@ def test_a_pass_over_a_smooth_field_saves_the_loss_of_a_swath():
     diseases = variance(replace(told, weights=replace(told.weights, field=(*told.weights.field[:2], 0.0))))
 
     def values(reach, strip=2.0, beyond=9):
-        return WithReach(variance, strip, beyond)(
-            replace(told, model=replace(told.model, correlation_length=reach))
-        )
+        model = replace(told.model, correlation_length=reach)
+        return WithReach(variance, strip, beyond)(replace(told, model=model))
 
     swath = np.sqrt(np.pi) * 5.0 / 2.0
     assert np.allclose(values((3.0, 3.0, 5.0)), diseases + swath * (plain - diseases))

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from geo.farms import get_farm
 from sensors.environment import generate_environment
 from sensors.estimators import advance_estimator, make_estimator
-from sensors.estimators.carrying import Transition, carried, transition
+from sensors.estimators.days import Transition, carried, transition
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 

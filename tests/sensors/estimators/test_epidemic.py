@@ -16,32 +16,33 @@ from sensors.errors import EstimatorError
 from sensors.estimators import check_estimator, make_estimator
 from sensors.estimators.epidemic import belief as belief_module
 from sensors.estimators.epidemic import estimator as ahead
-from sensors.estimators.epidemic import judge as judge_module
+from sensors.estimators.epidemic import network as network_module
 from sensors.estimators.epidemic import training
-from sensors.estimators.epidemic.context import N_CONTEXT, context_features
-from sensors.estimators.epidemic.decision import (
-    CLASS_VALUES,
-    expected_loss,
-    least_loss_value,
-    standard_deviation,
-)
 from sensors.estimators.epidemic.estimator import EpidemicEstimator
 from sensors.estimators.epidemic.features import (
+    N_CONTEXT,
     N_FEATURES,
+    REACH,
+    Rings,
     cells_in_reach,
+    context_features,
     inner,
     local_features,
     overall_features,
     padded_codes,
 )
-from sensors.estimators.epidemic.judge import FieldJudge
-from sensors.estimators.epidemic.network import Network, train
+from sensors.estimators.epidemic.network import FieldClassifier, Network, train
 from sensors.estimators.epidemic.paths import chasing_path, random_path
-from sensors.estimators.epidemic.rings import REACH, Rings
 from sensors.estimators.epidemic.soil import SoilField
 from sensors.estimators.epidemic.training import TrainingTask, classes_of, load_network, network_for
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
+from sensors.scoring.expected import (
+    CLASS_VALUES,
+    expected_loss,
+    least_loss_value,
+    standard_deviation,
+)
 from sensors.scoring.score import paper_loss
 
 SMALL = {"outbreaks": 60, "epochs": 2}
@@ -175,15 +176,15 @@ def test_only_what_was_touched_is_looked_at_anew():
     network = replace(network, further=(Network.draw(training.FURTHER_LAYERS, rng),))
     codes = padded_codes(hosts)
     x, y = np.nonzero(hosts)
-    judge = FieldJudge(network, codes, x, y, 3, 6)
+    classifier = FieldClassifier(network, codes, x, y, 3, 6)
     row = np.full(hosts.shape, -1)
     row[x, y] = np.arange(len(x))
     for place, code in (((4, 5), 2), ((20, 7), 1), ((21, 8), 3)):
         codes[place[0] + REACH, place[1] + REACH] = code
         near = cells_in_reach(np.array([place[0]]), np.array([place[1]]), hosts.shape)
-        judge.touch(row[near][row[near] >= 0])
-    afresh = FieldJudge(network, codes, x, y, 3, 6).probabilities()
-    np.testing.assert_allclose(judge.probabilities(), afresh, atol=1e-6)
+        classifier.touch(row[near][row[near] >= 0])
+    afresh = FieldClassifier(network, codes, x, y, 3, 6).probabilities()
+    np.testing.assert_allclose(classifier.probabilities(), afresh, atol=1e-6)
 
 
 def test_only_cells_in_reach_change_their_features():
@@ -369,7 +370,7 @@ def test_a_second_look_judges_better(cache):
         known = {(int(i), int(j)): row for row, (i, j) in enumerate(zip(x, y, strict=True))}
         rows = [known[int(i), int(j)] for i, j in look.chosen]
         first = network.probabilities(features)
-        last = FieldJudge(network, look.codes, x, y, 3, look.day).probabilities()
+        last = FieldClassifier(network, look.codes, x, y, 3, look.day).probabilities()
         for k, found in enumerate((first, last)):
             losses[k] -= np.log(found[rows, look.classes] + 1e-6).sum()
     assert losses[1] < losses[0]
@@ -472,11 +473,8 @@ def test_what_was_read_is_known_and_what_was_not_is_doubted(cache):
     estimator.partial_fit(observe([4], [7], [0.0, 0.0, 0.2])).predict()
     np.testing.assert_array_equal(kept.probabilities["tylcv"], found)
     np.testing.assert_array_equal(kept.expected_loss, model.expected_loss)
-    assert (
-        kept.correlation_length
-        == model.correlation_length
-        == (0.0, 0.0, pytest.approx(np.sqrt(2.0) * 0.125 * 10))
-    )
+    assert model.correlation_length == (0.0, 0.0, pytest.approx(np.sqrt(2.0) * 0.125 * 10))
+    assert kept.correlation_length == model.correlation_length
     assert np.shares_memory(model.probabilities["tylcv"], found)
 
 
@@ -603,7 +601,7 @@ def test_whole_and_large_farms_agree_away_from_what_only_small_ones_use(cache, m
     seen = rows_over(truth)
     reference = EpidemicEstimator(**SMALL, cache=cache).fit(grid, seen)
     monkeypatch.setattr(belief_module, "WHOLE_FARM_CELLS", 50)
-    monkeypatch.setattr(judge_module, "overall_features", lambda *field: np.zeros(8, np.float32))
+    monkeypatch.setattr(network_module, "overall_features", lambda *field: np.zeros(8, np.float32))
     monkeypatch.setattr(belief_module, "network_for", lambda task, hosts, folder: network)
     network = Network.draw(training.LAYERS, np.random.default_rng(0))
     large = EpidemicEstimator().fit(grid)

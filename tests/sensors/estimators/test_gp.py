@@ -13,8 +13,8 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
 from geo.grid import FarmGrid
 from sensors.errors import EstimatorError
+from sensors.estimators.gp.cell_posterior import ExactPosterior, merge_repeated
 from sensors.estimators.gp.estimator import ZERO_MEAN, GaussianProcessEstimator
-from sensors.estimators.gp.posterior_exact import ExactPosterior, merge_repeated
 from sensors.estimators.gp.rbf import RbfKernel, _cost, fit_kernel
 from sensors.estimators.gp.sklearn_gp import SklearnGaussianProcessEstimator
 from sensors.observations import Observations
@@ -291,6 +291,5 @@ def test_the_expected_loss_is_the_variance_times_the_mean_cost(method):
     model = estimator.fit(grid_of(*shape), random_observations(10, shape)).predict()
     expected = np.array([5.5, 5.5, 1.0])[:, None, None] * model.uncertainty**2
     np.testing.assert_allclose(model.expected_loss, expected, rtol=1e-5)
-    assert model.correlation_length == tuple(
-        np.sqrt(one.length_x * one.length_y) for one in estimator.kernels_
-    )
+    lengths = [np.sqrt(one.length_x * one.length_y) for one in estimator.kernels_]
+    assert model.correlation_length == tuple(lengths)

@@ -12,14 +12,13 @@ from geo.farms import get_farm
 from geo.grid import FarmGrid
 from sensors.errors import EstimatorError
 from sensors.estimators import check_estimator, make_estimator
+from sensors.estimators.gp.cell_posterior import LEAST_NOISE as WINDOWED_NOISE
+from sensors.estimators.gp.cell_posterior import ExactPosterior, WindowedPosterior
 from sensors.estimators.gp.estimator import GaussianProcessEstimator
+from sensors.estimators.gp.lattice import POINTS, lagrange_weights
 from sensors.estimators.gp.local import LEAST_NOISE, LocalPosterior, Spectrum, WholePosterior
-from sensors.estimators.gp.posterior_exact import ExactPosterior
-from sensors.estimators.gp.posterior_windowed import LEAST_NOISE as WINDOWED_NOISE
-from sensors.estimators.gp.posterior_windowed import WindowedPosterior
 from sensors.estimators.gp.rbf import RbfKernel
 from sensors.estimators.gp.threads import in_parallel
-from sensors.estimators.gp.write import POINTS, lagrange_weights
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.score import RunningScore

@@ -9,9 +9,9 @@ from geo.farms import get_farm
 from geo.grid import FarmGrid
 from geo.seeds import stream
 from sensors.estimators import advance_estimator, make_estimator
+from sensors.estimators.days import Crowding, pass_day
 from sensors.estimators.gp.estimator import GaussianProcessEstimator
 from sensors.estimators.gp.rbf import RbfKernel
-from sensors.estimators.passing_day import Crowding, pass_day
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 

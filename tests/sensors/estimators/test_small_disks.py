@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sensors.estimators.disk import painting, small_painting
 from sensors.estimators.disk.authors import misplaced_disk
-from sensors.estimators.disk.disks import centred_disk
+from sensors.estimators.disk.disks import centred_disk, paint_small
+from sensors.estimators.disk.painting import paint
 from sensors.scoring import score_sums, small_sums
 
 pytestmark = pytest.mark.kernel
@@ -34,10 +34,10 @@ def test_disks_are_painted_alike(seed, shape, n, radius, stamp, reset, of_one_fi
     unsure = rng.choice([0.0, 0.25], (len(planes), n)).astype(np.float32)
     defaults = np.ones(len(fields), np.float32)
     found = []
-    for paint in (painting.paint, small_painting.paint):
+    for way in (paint, paint_small):
         arrays = value.copy(), doubt.copy(), np.zeros((1, 1), np.bool_)
         tiles = np.ones((1, 1), np.bool_)
-        paint(
+        way(
             tiles, reset, x, y, disk.first, disk.low, disk.high, table, unsure, defaults,
             fields, arrays[0], planes, arrays[1], arrays[2],
         )  # fmt: skip
@@ -66,11 +66,11 @@ def test_errors_are_summed_alike(seed, shape, share):
         assert np.array_equal(compiled, plain, equal_nan=True)
 
 
-@pytest.mark.parametrize("module", [painting, small_painting])
-def test_nothing_is_painted_where_nothing_is_to_be(module):
+@pytest.mark.parametrize("way", [paint, paint_small])
+def test_nothing_is_painted_where_nothing_is_to_be(way):
     disk, value = centred_disk(2), np.zeros((3, 4, 4), np.float32)
     tiles = np.zeros((1, 1), np.bool_)
-    module.paint(
+    way(
         tiles, True, np.ones(1, np.int32), np.ones(1, np.int32), disk.first, disk.low, disk.high,
         np.ones((3, 1), np.float32), np.zeros((1, 1), np.float32), np.ones(3, np.float32), np.arange(3),
         value, np.array([0]), np.zeros((1, 4, 4), np.float32), np.zeros((1, 1), np.bool_),

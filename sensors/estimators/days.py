@@ -1,10 +1,18 @@
-"""What a reading of an earlier day tells of a later one, as the model of the field has it.
+"""What readings of an earlier day tell of a later one.
 
 A reading is carried forward as the conditional mean of the later value, and what the later value may differ
 from that is its variance: the prediction of a Kalman filter (Kalman 1960, "A new approach to linear filtering
 and prediction problems") whose transition is learned from simulated environments, drawn with seeds of their
 own. Of a disease the transition is that of its classes, so infected plants grow old and lost ones stay lost.
-Of a continuous field it is the regression of the later humidity on the earlier one.
+Of a continuous field it is the regression of the later values on the earlier ones.
+
+A smooth field changes by whole stretches of land, as by rain: the change of a day is itself a smooth field,
+and readings of the earlier day are wrong together, not each for itself. A thousand of them tell no more of
+today than the change of a day leaves of them all. Written in functions whose weights w are standard normal
+before anything is seen, the weights of the later day are ``w' = r w + sqrt(1 - r^2) e``, with e standard
+normal and independent of w, and r the correlation of the days (a first-order autoregressive process;
+Hartikainen & Särkkä 2010, "Kalman filtering and smoothing solutions to temporal Gaussian process regression
+models").
 """
 
 from __future__ import annotations
@@ -20,8 +28,6 @@ from geo.seeds import stream
 from sensors.dynamics.continuous import ContinuousDynamics
 from sensors.dynamics.epidemic import MAX_DAYS, EpidemicParameters, simulate_outbreak, value_table
 from sensors.fields import Field
-
-__all__ = ["Transition", "carried", "humidity_transition", "transition"]
 
 _LAND_CELLS = 64
 _OUTBREAKS = 100
@@ -119,7 +125,7 @@ def transition(field: Field, grid: FarmGrid, earlier: int, later: int, seed: int
     if field.kind == "disease":
         hosts = int(np.count_nonzero(field.hosts(grid)))
         return _of_classes(field.epidemic, grid.shape, hosts, earlier, later, seed, field.name)
-    return humidity_transition(field.continuous, grid.shape, earlier, later, seed, field.name)
+    return continuous_transition(field.continuous, grid.shape, earlier, later, seed, field.name)
 
 
 @lru_cache(maxsize=64)
@@ -173,17 +179,17 @@ def _moments(weights: _Floats, values: _Floats) -> tuple[float, float]:
 
 
 @lru_cache(maxsize=256)
-def _humidity(
+def _simulated(
     parameters: ContinuousDynamics, shape: tuple[int, int], day: int, seed: int, name: str
 ) -> _Floats:
-    """Return simulated humidity on a day; the weather of equal seeds is the same up to every day."""
+    """Return simulated values of a day; the weather of equal seeds is the same up to every day."""
     rngs = [stream(seed, "carrying", name, str(number)) for number in range(_WEATHERS)]
     fields = parameters.simulate_coarse(shape, (day,), _SOIL_CELLS, rngs).ravel()
     fields.flags.writeable = False
     return fields
 
 
-def humidity_transition(
+def continuous_transition(
     parameters: ContinuousDynamics,
     shape: tuple[int, int],
     earlier: int,
@@ -191,8 +197,8 @@ def humidity_transition(
     seed: int,
     name: str = "soil",
 ) -> Transition:
-    """Return what the humidity of an earlier day tells of that of a later one; see `transition`."""
-    before, after = (_humidity(parameters, shape, day, seed, name) for day in (earlier, later))
+    """Return what a continuous field of an earlier day tells of that of a later one; see `transition`."""
+    before, after = (_simulated(parameters, shape, day, seed, name) for day in (earlier, later))
     spread = float(after.var())
     if before.var() < 1e-12:
         return Transition(np.array([0.0, 1.0]), np.full(2, after.mean()), np.full(2, spread), spread)
@@ -201,3 +207,68 @@ def humidity_transition(
     means = np.clip(after.mean() + slope * (ends - before.mean()), 0.0, 1.0)
     residual = float(np.var(after - after.mean() - slope * (before - before.mean())))
     return Transition(ends, means, np.full(2, residual), spread)
+
+
+_LEAST_CHANGE = 1e-6
+_ALIKE_LENGTHS = 0.25
+
+
+def pass_day(precision: _Floats, response: _Floats, correlation: float | _Floats) -> tuple[_Floats, _Floats]:
+    """Return the precision of the weights on a later day, and it times their mean.
+
+    Parameters
+    ----------
+    precision : float64[m, m]
+        Of the weights on the earlier day; the identity before anything was seen.
+    response : float64[m, ...]
+        The precision times their mean.
+    correlation : float or float64[m]
+        Of each weight on the earlier day with that on the later one, 0..1.
+
+    Returns
+    -------
+    precision : float64[m, m]
+    response : float64[m, ...]
+    """
+    kept = np.broadcast_to(np.asarray(correlation, np.float64), len(precision))
+    change = np.maximum(1.0 - kept**2, _LEAST_CHANGE)
+    # Both days' weights together have this precision on the earlier one's; these are integrated out.
+    together = precision.copy()
+    together[np.diag_indices_from(together)] += kept**2 / change
+    ratio = kept / change
+    solved = np.linalg.solve(together, np.column_stack([np.diag(ratio), response.reshape(len(kept), -1)]))
+    later = -ratio[:, None] * solved[:, : len(kept)]
+    later[np.diag_indices_from(later)] += 1.0 / change
+    return 0.5 * (later + later.T), (ratio[:, None] * solved[:, len(kept) :]).reshape(response.shape)
+
+
+class Crowding:
+    """How many readings each stretch of a farm has, and what a further one there counts for.
+
+    What a process with one length does not say of a field, as that soaked soil takes no more rain, is the
+    same for readings near each other. So the k-th one of a day in a box a quarter of a length wide counts for
+    1 / k.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Width and height of the farm in cells.
+    lengths : tuple of two floats
+        Correlation lengths along x and y, cells.
+    """
+
+    def __init__(self, shape: tuple[int, int], lengths: tuple[float, float]) -> None:
+        self._box = tuple(max(1.0, _ALIKE_LENGTHS * one) for one in lengths)
+        self._rows = int(shape[1] / self._box[1]) + 1
+        self._counts = np.zeros((int(shape[0] / self._box[0]) + 1) * self._rows, np.int64)
+
+    def weights(self, x: NDArray[np.integer], y: NDArray[np.integer]) -> _Floats:
+        """Return what each of some further readings counts for, in their order, float64[n]."""
+        box = (x / self._box[0]).astype(np.int64) * self._rows + (y / self._box[1]).astype(np.int64)
+        order = np.argsort(box, kind="stable")
+        first = np.searchsorted(box[order], box[order], side="left")
+        rank = np.empty(len(box), np.int64)
+        rank[order] = np.arange(len(box)) - first
+        found: _Floats = 1.0 / (1 + rank + self._counts[box])
+        self._counts += np.bincount(box, minlength=len(self._counts))
+        return found

@@ -63,21 +63,8 @@ def to_disk(path: Path) -> None:
 def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield a temporary path with the same suffix, for writers that open files by name.
 
-    Parameters
-    ----------
-    path : path-like
-        The file to make or replace. A symbolic link stays and its target is replaced; permissions of an older
-        file are kept. A target that is no regular file (a pipe, ``/dev/stdout``) is given as it is.
-
-    Yields
-    ------
-    pathlib.Path
-        Where to write. The block has to create this file.
-
-    Raises
-    ------
-    OSError
-        If the folder does not exist or cannot be written to, or the target is a folder.
+    A symbolic link stays and its target is replaced; permissions of an older file are kept. A target that is
+    no regular file (a pipe, ``/dev/stdout``) is given as it is. The block has to create this file.
     """
     target = Path(path).resolve()
     if target.is_dir():
@@ -117,23 +104,7 @@ def atomic_write(
 ) -> Iterator[IO[str] | IO[bytes]]:
     """Open a file for writing that appears under its name only when the block ends well.
 
-    Parameters
-    ----------
-    path : path-like
-        The file to make or replace (see `atomic_path`).
-    mode : {"w", "wb"}
-        UTF-8 text, or bytes.
-    newline : str, optional
-        As for `open`; text only.
-
-    Yields
-    ------
-    file object
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written; its ``filename`` is the target.
+    The mode is "w" (UTF-8) or "wb"; the ``filename`` of an OSError is the target.
     """
     with atomic_path(path) as temporary:
         if mode == "wb":

@@ -45,20 +45,10 @@ class AtomicFolder:
     From entering the ``with`` block to its end no other process can enter one for the same folder; the lock
     goes with the process, however it ends.
 
-    Parameters
-    ----------
-    path : Path
-        The folder. It may be missing, and so may its parents. One that is a mount, or in which this process
-        works, stays, and its content is replaced.
-    mark : str
-        Name of a file that whole content holds.
-    is_part : callable
-        Whether a name belongs to what is replaced; other entries of the folder are kept.
-
-    Raises
-    ------
-    FolderError
-        On entering, if another process has the folder, or it cannot be written.
+    The folder may be missing, and so may its parents. One that is a mount, or in which this process works,
+    stays, and its content is replaced. `mark` is a file that whole content holds; `is_part` tells whether a
+    name belongs to what is replaced. FolderError on entering, if another process has the folder, or it cannot
+    be written.
     """
 
     def __init__(self, path: Path, mark: str, is_part: Callable[[str], bool]) -> None:
@@ -107,13 +97,7 @@ class AtomicFolder:
         self._release()
 
     def commit(self, filled: Path | None = None) -> None:
-        """Put what was filled in the folder's place; `filled` tells where, if elsewhere on the disk.
-
-        Raises
-        ------
-        OSError
-            If that cannot be; then the older content is as it was.
-        """
+        """Put what was filled in the folder's place; `filled` tells where, if elsewhere on the disk."""
         filled = filled or self.filled
         for entry in filled.iterdir():
             to_disk(entry)
@@ -214,11 +198,6 @@ def settle(path: Path, mark: str, is_part: Callable[[str], bool]) -> None:
     """Bring a folder in order that a killed process left; nothing while another process writes it.
 
     Parameters are those of `AtomicFolder`.
-
-    Raises
-    ------
-    FolderError
-        If it cannot be brought in order.
     """
     folder = AtomicFolder(path, mark, is_part)
     if folder.is_unsettled:

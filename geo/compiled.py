@@ -39,10 +39,7 @@ _refused: list[OSError] = []
 def compile_notices(listener: Callable[[str], None]) -> Iterator[None]:
     """Tell each function that has to be compiled, which takes seconds, before it is.
 
-    Parameters
-    ----------
-    listener : callable
-        Takes the function's name, such as ``sim_vehicle.motion.px4.kernel.advance``.
+    The name is such as ``sim_vehicle.motion.px4.kernel.advance``.
     """
     _listeners.append(listener)
     try:
@@ -237,10 +234,7 @@ def _modified(path: Path) -> float:
 def sources_digest(file: Path) -> str:
     """Digest of a module and of the modules of its distribution that it imports, directly or not.
 
-    Parameters
-    ----------
-    file : Path
-        The module; imports at its top level count.
+    Imports at the top level of a module count.
     """
     found: dict[Path, bytes] = {}
     left = [file]

@@ -39,10 +39,7 @@ _SYNTAX = {
 def place_in_words(path: str) -> str:
     """Return where in a document something stands; entries of lists count from 1.
 
-    Parameters
-    ----------
-    path : str
-        Names joined by dots, and entries from 0 in brackets.
+    The path is names joined by dots, and entries from 0 in brackets.
 
     Examples
     --------
@@ -65,10 +62,7 @@ def place_in_words(path: str) -> str:
 def misfit(error: msgspec.ValidationError, path: str = "") -> str:
     """Return what does not fit in a document that was read, and where.
 
-    Parameters
-    ----------
-    path : str
-        Where the part stands that was read, as of `place_in_words`.
+    `path` is where the part stands that was read, as of `place_in_words`.
 
     Examples
     --------
@@ -93,12 +87,7 @@ def misfit(error: msgspec.ValidationError, path: str = "") -> str:
 def not_json(error: msgspec.DecodeError | ValueError, data: bytes) -> str:
     r"""Return why a document cannot be read as JSON, and where.
 
-    Parameters
-    ----------
-    error : msgspec.DecodeError or ValueError
-        Of `msgspec.json.decode`: DecodeError or UnicodeDecodeError.
-    data : bytes
-        The document.
+    The error is DecodeError or UnicodeDecodeError of `msgspec.json.decode`.
 
     Examples
     --------

@@ -84,14 +84,7 @@ def rasterise(
     A cell belongs to the last patch that covers its centre. The test is made in cells with vertices rounded
     to a millionth of a cell, so that borders through centres fall the same way on every machine.
 
-    Parameters
-    ----------
-    patches : iterable of (polygon, crop, owned)
-        Polygons in metres from the grid's corner, holes allowed.
-    shape : tuple of int
-        Width and height in cells.
-    cell_size_m : float
-        Side of a cell, metres.
+    Patches are (polygon, crop, owned), polygons in metres from the grid's corner, holes allowed.
     """
     crop_map = np.zeros(shape, np.int8)
     owned_map = np.zeros(shape, np.bool_)

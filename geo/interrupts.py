@@ -29,17 +29,8 @@ def interrupts_noted(
     places, as `hasattr` of the C API does. The second signal's is raised at once. Elsewhere than in the main
     thread signals stay as they are.
 
-    Parameters
-    ----------
-    wake : callable, optional
-        Called when the signal has come, to end a wait.
-    at_once : bool
-        The first signal's is raised at once, too; it is noted in case that it is lost.
-
-    Yields
-    ------
-    callable
-        Raises what was noted.
+    `wake` is called when the signal has come, to end a wait. With `at_once` the first signal's is raised at
+    once, too; it is noted in case that it is lost. What is yielded raises what was noted.
     """
     noted: list[KeyboardInterrupt] = []
     before: dict[int, Callable[[int, FrameType | None], object]] = {}

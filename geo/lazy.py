@@ -19,20 +19,7 @@ from collections.abc import Callable, Iterable, Mapping
 def attach(
     package: str, modules: Mapping[str, Iterable[str]]
 ) -> tuple[Callable[[str], object], Callable[[], list[str]], list[str]]:
-    """Make ``__getattr__``, ``__dir__`` and ``__all__`` of a package.
-
-    Parameters
-    ----------
-    package : str
-        Its ``__name__``.
-    modules : mapping of str to iterable of str
-        The public names that each module gives.
-
-    Raises
-    ------
-    AttributeError
-        By the ``__getattr__``, for a name that the package does not have.
-    """
+    """Make ``__getattr__``, ``__dir__`` and ``__all__`` of a package."""
     homes = {name: module for module, names in modules.items() for name in names}
     public = sorted(homes)
 

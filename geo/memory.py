@@ -37,10 +37,7 @@ class AvailableMemory:
 def available_memory(root: Path = Path("/")) -> AvailableMemory | None:
     """Return how much memory this process may still take, None where the system does not tell.
 
-    Parameters
-    ----------
-    root : Path, optional
-        Where ``proc`` and ``sys`` are found.
+    `root` is where ``proc`` and ``sys`` are found.
     """
     found = [*_machine(root), *_control_groups(root), *_address_space(root)]
     return min(found, key=lambda limit: limit.bytes, default=None)
@@ -49,19 +46,8 @@ def available_memory(root: Path = Path("/")) -> AvailableMemory | None:
 def require_memory(what: str, parts: Mapping[str, int], *, available: AvailableMemory | None = None) -> None:
     """Raise if a task's parts do not fit into memory together.
 
-    Parameters
-    ----------
-    what : str
-        The task, subject of the error's sentence.
-    parts : mapping of str to int
-        Bytes by what they are for; parts of less than a tenth of the sum are not named.
-    available : AvailableMemory, optional
-        By default what `available_memory` finds; where the system does not tell, nothing is checked.
-
-    Raises
-    ------
-    NotEnoughMemoryError
-        With the sum, its large parts and what is available.
+    `what` is the subject of the sentence of the NotEnoughMemoryError; parts of less than a tenth of the sum
+    are not named. Where the system does not tell what is available, nothing is checked.
 
     Examples
     --------

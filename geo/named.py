@@ -34,21 +34,8 @@ class ParameterError(WbfMissionError, ValueError):
 def parse_named(text: str) -> tuple[str, dict[str, Parameter]]:
     """Read a name and its parameters.
 
-    Parameters
-    ----------
-    text : str
-        ``NAME`` or ``NAME:key=value,...``; blanks around names, keys and values do not count.
-
-    Returns
-    -------
-    name : str
-    parameters : dict
-        Values by key, in the order of the text.
-
-    Raises
-    ------
-    ParameterError
-        If the name is missing, a pair is no ``key=value``, a key comes twice, or a value is not finite.
+    Blanks around names, keys and values do not count. ParameterError if the name is missing, a pair is no
+    ``key=value``, a key comes twice, or a value is not finite.
 
     Examples
     --------
@@ -76,11 +63,8 @@ def parse_named(text: str) -> tuple[str, dict[str, Parameter]]:
 def format_named(name: str, parameters: Mapping[str, object]) -> str:
     """Write a name and its parameters as `parse_named` reads them.
 
-    Parameters
-    ----------
-    parameters : mapping
-        Values by key. Those that `parse_named` gives come back equal: finite numbers, true, false and none,
-        texts without quotation marks, and sequences of these.
+    Values that `parse_named` gives come back equal: finite numbers, true, false and none, texts without
+    quotation marks, and sequences of these.
 
     Examples
     --------
@@ -96,10 +80,7 @@ def format_named(name: str, parameters: Mapping[str, object]) -> str:
 def split_named(text: str) -> list[str]:
     """Cut several names with parameters, which have commas between them as their parameters do.
 
-    Raises
-    ------
-    ParameterError
-        If a quotation mark is not closed, or brackets do not pair.
+    ParameterError if a quotation mark is not closed, or brackets do not pair.
 
     Examples
     --------
@@ -119,17 +100,7 @@ def split_named(text: str) -> list[str]:
 def check_parameters(owner: str, given: Iterable[str], known: Iterable[str]) -> None:
     """Refuse parameters that their owner does not have.
 
-    Parameters
-    ----------
-    owner : str
-        What the parameters are for, as the message names it: ``planner spiral``.
-    given, known : iterable of str
-        The names in question, and those that there are.
-
-    Raises
-    ------
-    ParameterError
-        If a given name is unknown; the text lists the known ones.
+    `owner` is what they are for, as the ParameterError names it: ``planner spiral``.
     """
     there = sorted(known)
     unknown = sorted(set(given).difference(there))

@@ -33,17 +33,8 @@ def cell_runs(edges: NDArray[np.float64], width: int, height: int) -> Iterator[R
 
     Even-odd rule over all rings; the boundary, that of holes too, belongs to the polygon.
 
-    Parameters
-    ----------
-    edges : float64[n, 4]
-        Edges x1 y1 x2 y2 of closed rings, in cells.
-    width, height : int
-        Size of the grid; what lies outside is cut off.
-
-    Yields
-    ------
-    x, first, stop : int64[m]
-        Cells ``first <= y < stop`` of column x. Runs of one column may overlap.
+    Edges, float64[n, 4] x1 y1 x2 y2 of closed rings, are in cells; what lies outside the grid is cut off.
+    Runs are cells ``first <= y < stop`` of column x; those of one column may overlap.
     """
     flip = edges[:, 0] > edges[:, 2]
     edges = np.where(flip[:, None], edges[:, [2, 3, 0, 1]], edges)

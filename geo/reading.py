@@ -21,11 +21,6 @@ class UnreadableError(WbfMissionError, ValueError):
 def read_file(path: Path, max_bytes: int) -> bytes:
     """The bytes of a regular file.
 
-    Raises
-    ------
-    UnreadableError
-        If it is missing, no regular file, larger than `max_bytes`, or the system refuses.
-
     Examples
     --------
     >>> read_file(Path("/dev/zero"), 100)

@@ -37,10 +37,7 @@ def parse_number(text: str) -> float:
     Unlike ``float`` it takes no grouped digits (``1_000``) and no digits of other scripts: no ground
     station and no autopilot reads such numbers, so they are slips of the keyboard.
 
-    Raises
-    ------
-    ValueError
-        If it is none.
+    ValueError if it is none.
 
     Examples
     --------

@@ -35,12 +35,7 @@ def user_cache_folder(name: str) -> Path:
 def warn_of_cache(folder: Path, error: Exception) -> None:
     """Say once for each folder and process that nothing can be kept in it, and why.
 
-    Parameters
-    ----------
-    folder : Path
-        The cache.
-    error : Exception
-        What went wrong; an OSError is told by its reason and, if it has one, its file.
+    An OSError is told by its reason and, if it has one, its file.
     """
     if folder in _told:
         return

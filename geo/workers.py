@@ -25,15 +25,7 @@ class Processes:
     They leave Ctrl-C to this one, and do not run the caller's script again, as those of the standard library
     do. When this one is killed they end, too, whatever they do.
 
-    Parameters
-    ----------
-    workers : int
-        How many.
-
-    Attributes
-    ----------
-    most : int
-        As many calls may be open at a time; closed with more, loky ends with a traceback.
+    As many calls as `most` may be open at a time; closed with more, loky ends with a traceback.
     """
 
     def __init__(self, workers: int) -> None:
@@ -46,10 +38,7 @@ class Processes:
     def submit(self, function: Callable[..., _T], *arguments: Any) -> Future[_T]:
         """Have a call made; what is called is pickled by cloudpickle.
 
-        Raises
-        ------
-        concurrent.futures.process.BrokenProcessPool
-            If a process was killed before.
+        BrokenProcessPool if a process was killed before.
         """
         with interrupts_held():
             future: Future[_T] = self._pool.submit(function, *arguments)
@@ -68,17 +57,8 @@ class Processes:
 class CallsAhead(Generic[_T]):
     """Makes calls in as many processes as there are cores, each before its result is asked for.
 
-    Parameters
-    ----------
-    function : callable
-        Called as `Processes.submit` says.
-    arguments : sequence of tuple
-        Of each call.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        If it came while the processes started; they have ended.
+    Calls are made as `Processes.submit` says. KeyboardInterrupt if it came while the processes started; they
+    have ended.
     """
 
     def __init__(self, function: Callable[..., _T], arguments: Sequence[tuple[Any, ...]]) -> None:
@@ -98,15 +78,8 @@ class CallsAhead(Generic[_T]):
     def result(self, number: int) -> _T:
         """Wait for a call and return what it returned; raises what it raised.
 
-        Parameters
-        ----------
-        number : int
-            Of the call, from 0. Results are given once, in their order; what is left out is dropped.
-
-        Raises
-        ------
-        concurrent.futures.process.BrokenProcessPool
-            If a process was killed: nothing more is to be had.
+        Raises what the call raised, and BrokenProcessPool if a process was killed. Results are given once, in
+        their order, from 0; what is left out is dropped.
         """
         while True:
             for skipped in [one for one in self._futures if one < number]:

@@ -244,10 +244,6 @@ class FieldSet:
         """Mark the cells whose error costs the farm's owner something, field by field.
 
         The neighbours' land spreads disease but is never scored.
-
-        Returns
-        -------
-        bool[n, W, H]
         """
         masks = np.empty((len(self.fields), *grid.shape), np.bool_)
         for field, mask in zip(self.fields, masks, strict=True):

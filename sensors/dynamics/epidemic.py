@@ -70,14 +70,7 @@ class InfectionRule:
         Only additions, multiplications and divisions of floats are used, which IEEE 754 defines to the last
         bit, so that a comparison with a random draw has the same result on every machine.
 
-        Parameters
-        ----------
-        total : int64[n]
-            Weighted counts of infected neighbours, in units of the kernel.
-
-        Returns
-        -------
-        float64[n]
+        Counts are in units of the kernel.
         """
         if not self.rounded:
             probability: NDArray[np.float64] = np.minimum(total / self.kernel.unit * self.likelihood, 1.0)
@@ -173,16 +166,6 @@ CCR = EpidemicParameters(likelihood=0.15, duration_days=10)
 def age(status: NDArray[np.int8]) -> NDArray[np.int8]:
     """Let a day pass for the infected cells, without new infections.
 
-    Parameters
-    ----------
-    status : int8[W, H]
-        SIRV status.
-
-    Returns
-    -------
-    int8[W, H]
-        A new array.
-
     Examples
     --------
     >>> age(np.array([[5, 1, 0, -1, -2]], np.int8)).tolist()
@@ -197,24 +180,9 @@ def age(status: NDArray[np.int8]) -> NDArray[np.int8]:
 def step(status: NDArray[np.int8], draws: Draws, rule: InfectionRule) -> NDArray[np.int8]:
     """Advance an epidemic by one day; a pure function of the status and the draws.
 
-    Parameters
-    ----------
-    status : int8[W, H]
-        SIRV status before the day. Infected cells may stand on immune land; they spread like any other.
-    draws : float64[W, H] or callable
-        Uniform draws in [0, 1): an array of one for every cell, or a function that is called once with the
-        flat indices (C order, ascending) of the cells that may be infected, and returns one for each of
-        these.
-    rule : InfectionRule
-        Kernel, likelihood and duration.
-
-    Returns
-    -------
-    int8[W, H]
-        Status after the day, a new array.
-
-    Notes ----- A cell is infected if p > u. The work is proportional to the number of infected cells, apart
-    from the copies of the array.
+    Draws are uniform in [0, 1): an array of one for every cell, or a function that is called once with the
+    flat indices (C order, ascending) of the cells that may be infected. A cell is infected if p > u. Infected
+    cells may stand on immune land; they spread like any other.
 
     Examples
     --------
@@ -241,19 +209,7 @@ def draw_seeds(susceptible: NDArray[np.bool_], count: int, rng: Generator) -> ND
     Every susceptible cell is equally likely for each seed, which is the same as to draw cells of the farm
     again until one is susceptible. Two seeds may fall on one cell.
 
-    Parameters
-    ----------
-    susceptible : bool[W, H]
-        Cells that can be infected.
-    count : int
-        Number of seeds.
-    rng : numpy.random.Generator
-        Gives `count` integers.
-
-    Returns
-    -------
-    intp[n]
-        Different flat indices (C order), ascending; empty if no cell is susceptible.
+    Flat indices (C order), ascending.
     """
     per_row = np.count_nonzero(susceptible, axis=1)
     last_rank = np.cumsum(per_row)
@@ -282,24 +238,8 @@ def simulate_outbreak(
     The result is that of `step` repeated day by day, at a cost proportional to
     the number of infected cells.
 
-    Parameters
-    ----------
-    susceptible : bool[W, H]
-        Cells with the crop of the disease, whoever owns them.
-    parameters : EpidemicParameters
-        The disease.
-    days : int
-        Number of steps, at most `MAX_DAYS`.
-    rng : numpy.random.Generator
-        Gives the seeds, then on each day one uniform number for each cell that may be infected, in C order.
-    on_day : callable
-        Called after each day.
-
-    Returns
-    -------
-    int8[W, H]
-        Onset: the day of infection, 0 for the seeds; -1 for cells never infected, -2 for cells without the
-        crop.
+    The generator gives the seeds, then on each day one uniform number for each cell that may be infected, in
+    C order. The onset, int8[W, H], is 0 for the seeds, `NEVER` or `NO_HOST`.
     """
     rule = parameters.infection_rule(susceptible.shape)
     onset = np.where(susceptible, np.int8(NEVER), np.int8(NO_HOST))
@@ -327,17 +267,7 @@ def simulate_outbreak(
 def status_table(parameters: EpidemicParameters, day: int) -> NDArray[np.int8]:
     """Tabulate the status on a day by the onset.
 
-    Parameters
-    ----------
-    parameters : EpidemicParameters
-        The disease, for its durations.
-    day : int
-        The day.
-
-    Returns
-    -------
-    int8[256]
-        SIRV status; the index is the onset read as an unsigned byte.
+    int8[256]: the index is the onset read as an unsigned byte.
 
     Examples
     --------
@@ -357,16 +287,6 @@ def status_table(parameters: EpidemicParameters, day: int) -> NDArray[np.int8]:
 def value_table(parameters: EpidemicParameters, day: int) -> NDArray[np.float32]:
     """Tabulate the value on a day by the onset: S 1.0, I 0.5, R 0.0; V 1.0, which no score counts.
 
-    Parameters
-    ----------
-    parameters : EpidemicParameters
-        The disease, for its durations.
-    day : int
-        The day.
-
-    Returns
-    -------
-    float32[256]
-        Values; the index is the onset read as an unsigned byte.
+    float32[256], as `status_table`.
     """
     return np.array([_VALUES.get(int(status), 0.5) for status in status_table(parameters, day)], np.float32)

@@ -67,13 +67,7 @@ class DistanceKernel:
         return tuple(offset for _, ring in self.rings for offset in ring)
 
     def weights(self) -> NDArray[np.float64]:
-        """Return the kernel as an array.
-
-        Returns
-        -------
-        float64[size, size]
-            Weights in floating point, centre 0.
-        """
+        """Return the kernel as an array."""
         array = np.zeros((self.size, self.size))
         for weight, ring in self.rings:
             for dx, dy in ring:
@@ -144,13 +138,6 @@ def make_kernel(shape: str, size: int, length_cells: float = 1.0) -> DistanceKer
 class InfectionFront:
     """Susceptible cells near infected ones.
 
-    Parameters
-    ----------
-    susceptible : bool[W, H]
-        The cells that can be infected.
-    kernel : DistanceKernel
-        Weights of the neighbours.
-
     Notes
     -----
     Cells are given and returned as flat indices of the farm in C order. Memory: nine bytes a cell.
@@ -184,10 +171,7 @@ class InfectionFront:
     def infect(self, cells: Cells) -> None:
         """Make cells infected; their neighbours join the front.
 
-        Parameters
-        ----------
-        cells : intp[n]
-            Different cells, in any order.
+        They are different cells, in any order.
         """
         centres = self._pad(cells)
         self._susceptible[centres] = False
@@ -203,13 +187,7 @@ class InfectionFront:
         self._front = np.concatenate(joining)
 
     def remove(self, cells: Cells) -> None:
-        """Make infected cells removed: they no longer infect.
-
-        Parameters
-        ----------
-        cells : intp[n]
-            Cells that were given to `infect`.
-        """
+        """Make infected cells removed: they no longer infect."""
         centres = self._pad(cells)
         near, total = np.empty_like(centres), np.empty(centres.size, np.int64)
         for weight, step in self._steps:
@@ -221,12 +199,7 @@ class InfectionFront:
     def exposed(self) -> tuple[Cells, NDArray[np.int64]]:
         """Find the susceptible cells with infected neighbours.
 
-        Returns
-        -------
-        cells : intp[n]
-            Flat indices, ascending.
-        total : int64[n]
-            Weighted number of infected neighbours in units of the kernel, at least 1.
+        Flat indices, ascending, and weighted numbers in units of the kernel, at least 1.
         """
         front = np.sort(self._front[self._susceptible[self._front]])
         total = self._total.take(front)

@@ -135,22 +135,8 @@ def _draw_corners(
 def draw_weather(shape: tuple[int, int], days: int, parameters: SoilParameters, rng: Generator) -> Weather:
     """Draw the weather of some days.
 
-    Parameters
-    ----------
-    shape : tuple of int
-        The farm, cells.
-    days : int
-        Number of days after day 0.
-    parameters : SoilParameters
-        The model.
-    rng : numpy.random.Generator
-        Gives x and y of each starting hump; then for each day whether it rains, and if so how much, and x and
-        y of each hump. This is the order of the authors' code.
-
-    Returns
-    -------
-    Weather
-        Of ``warm_up_days + days`` days.
+    The generator gives x and y of each starting hump; then for each day whether it rains, and if so how much,
+    and x and y of each hump. This is the order of the authors' code.
     """
     sides = parameters.hump_sides(shape)
     start = _draw_corners(shape, sides, parameters.start_humps, rng)
@@ -182,19 +168,7 @@ def hump_factors(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Factor a sum of humps.
 
-    Parameters
-    ----------
-    corners : int64[k, 2]
-        Positions of the humps' lower corners.
-    shape : tuple of int
-        The farm, cells.
-    parameters : SoilParameters
-        Gives the size of the humps.
-
-    Returns
-    -------
-    float64[W, k], float64[k, H]
-        Their matrix product is the sum of the humps.
+    The product of float64[W, k] and float64[k, H] is the sum.
     """
     sides = parameters.hump_sides(shape)
     along_x = _profiles(corners[:, 0], shape[0], sides[0], parameters.spread)
@@ -207,19 +181,7 @@ def rain_factors(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
     """Factor the rain of a shower, scaled to its mean over the farm.
 
-    Parameters
-    ----------
-    shower : Shower
-        Amount and positions.
-    shape : tuple of int
-        The farm, cells.
-    parameters : SoilParameters
-        Gives the size of the humps.
-
-    Returns
-    -------
-    (float64[W, k], float64[k, H]) or None
-        Their matrix product is the rain. None if all humps lie beside the farm: then no rain falls.
+    None if all humps lie beside the farm: then no rain falls.
     """
     along_x, along_y = hump_factors(shower.corners, shape, parameters)
     fallen = float(along_x.sum(axis=0) @ along_y.sum(axis=1))
@@ -231,22 +193,7 @@ def rain_factors(
 def soil_step(
     humidity: NDArray[np.floating], shower: Shower | None, parameters: SoilParameters
 ) -> NDArray[np.float64]:
-    """Advance the soil by one day; a pure function.
-
-    Parameters
-    ----------
-    humidity : float[W, H]
-        Humidity before the day, 0..1.
-    shower : Shower or None
-        The rain of the day.
-    parameters : SoilParameters
-        The model.
-
-    Returns
-    -------
-    float64[W, H]
-        Humidity after the day.
-    """
+    """Advance the soil by one day; a pure function."""
     after = humidity.astype(np.float64) * (1.0 - parameters.evaporation)
     factors = None if shower is None else rain_factors(shower, (after.shape[0], after.shape[1]), parameters)
     if factors is None:
@@ -260,17 +207,6 @@ class SoilCourse:
     A cell's humidity does not depend on its neighbours', so a block can go through many days while it is in
     the processor's cache. Blocks may be computed in any order, and the days in any portions: the result is
     the same to the last bit.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        The farm, cells.
-    weather : Weather
-        Of the warm-up and at least the last day.
-    parameters : SoilParameters
-        The model.
-    last_day : int
-        Rain is prepared up to this day.
     """
 
     def __init__(
@@ -293,15 +229,7 @@ class SoilCourse:
         return len(self.blocks)
 
     def begin(self, rows: slice, out: NDArray[np.float32]) -> None:
-        """Compute a block before the warm-up: day `first_day`.
-
-        Parameters
-        ----------
-        rows : slice
-            One of `blocks`.
-        out : float32[n, H]
-            Is filled.
-        """
+        """Compute a block before the warm-up: day `first_day`."""
         assert self._start is not None
         np.matmul(self._start[0][rows], self._start[1], out=out)
 
@@ -310,16 +238,7 @@ class SoilCourse:
     ) -> None:
         """Let days pass for a block.
 
-        Parameters
-        ----------
-        rows : slice
-            One of `blocks`.
-        block : float32[n, H]
-            Humidity on day `day`; it is not changed unless it is `out`.
-        day, until : int
-            Days.
-        out : float32[n, H]
-            Is filled with the humidity on day `until`.
+        The block is not changed unless it is `out`.
         """
         if until == day:
             out[...] = block

@@ -63,11 +63,6 @@ class EnvironmentCache:
 
         It is ``wbf-mission/environments`` below XDG_CACHE_HOME or ``~/.cache``. The variable
         WBF_MISSION_ENVIRONMENT_CACHE_MB sets its limit, 2000 by default; 0 turns it off.
-
-        Raises
-        ------
-        EnvironmentDataError
-            If the variable is not a number of megabytes.
         """
         text = os.environ.get(LIMIT_VARIABLE, "").strip() or str(DEFAULT_LIMIT_MB)
         if not (text.isascii() and text.isdecimal() and len(text) <= 9):
@@ -228,24 +223,7 @@ class EnvironmentMemory:
     ) -> tuple[Environment, bool]:
         """Return the environment that was kept, or the cache's, which is kept if it is small.
 
-        Parameters
-        ----------
-        cache : EnvironmentCache
-            Where it is taken from, or generated.
-        grid, day, last_day, seed, fields, progress
-            As for `EnvironmentCache.environment`.
-
-        Returns
-        -------
-        environment : Environment
-            Others have it, too: it is not to be changed.
-        cached : bool
-            Whether it came from the cache's folder.
-
-        Raises
-        ------
-        EnvironmentDataError, geo.memory.NotEnoughMemoryError
-            As `EnvironmentCache.environment`.
+        Others have it, too: it is not to be changed. With it comes whether it is from the cache's folder.
         """
         key = b""
         if grid.crop.size <= MOST_CELLS:

@@ -92,13 +92,7 @@ class Ensemble:
 
     @classmethod
     def load(cls, folder: str | os.PathLike[str]) -> Ensemble:
-        """Open an ensemble.
-
-        Raises
-        ------
-        EnvironmentDataError
-            If there is none.
-        """
+        """Open an ensemble."""
         return cls(Path(folder), _read_header(Path(folder)))
 
 

@@ -141,23 +141,7 @@ def memory_needed(
 ) -> dict[str, int]:
     """Estimate the memory that generating takes at its peak.
 
-    Parameters
-    ----------
-    shape : tuple of int
-        The farm, cells.
-    days : int
-        Number of kept days.
-    fields : FieldSet
-        What is generated.
-    on_disk : bool
-        Whether they are written to a folder.
-    threads : int, optional
-        As for `generate_environment`.
-
-    Returns
-    -------
-    dict of str to int
-        Bytes by what they are for.
+    Bytes by what they are for.
 
     Examples
     --------

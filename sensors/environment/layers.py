@@ -38,13 +38,7 @@ class Layer(Protocol[S_co]):
 
 
 class ArrayLayer(Generic[T]):
-    """A layer in memory, or mapped into it.
-
-    Parameters
-    ----------
-    array : [W, H]
-        Is not copied if it is contiguous.
-    """
+    """A layer in memory, or mapped into it."""
 
     __slots__ = ("_array",)
 
@@ -72,13 +66,7 @@ class ArrayLayer(Generic[T]):
 
 
 class ChunkCache:
-    """The chunks used last.
-
-    Parameters
-    ----------
-    limit_bytes : int
-        Older chunks are dropped beyond this; the newest one is always kept.
-    """
+    """The chunks used last."""
 
     __slots__ = ("_bytes", "_chunks", "_limit", "_lock")
 
@@ -106,21 +94,7 @@ class ChunkCache:
 
 
 class ChunkedLayer(Generic[T]):
-    """A layer that is read when it is needed, chunk by chunk.
-
-    Parameters
-    ----------
-    name : str
-        Tells this layer from others in the cache.
-    shape : tuple of int
-        Of the whole array.
-    chunk : tuple of int
-        Of one chunk; those at the end of an axis may be cut off.
-    read : callable
-        ``read(x, y)`` decodes a window.
-    cache : ChunkCache
-        Shared by the layers of an environment.
-    """
+    """A layer that is read when it is needed, chunk by chunk."""
 
     __slots__ = ("_cache", "_chunk", "_name", "_read", "_shape")
 

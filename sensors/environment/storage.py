@@ -79,20 +79,9 @@ def unfinished_store(
     When the block ends with an exception, Ctrl-C included, an older environment at `path` stays as it was,
     and what was finished of the new one is kept for the next time.
 
-    Parameters
-    ----------
-    path : path-like
-        The environment's folder.
-    header : Header
-        What it is to hold.
-    resume : bool
-        Go on with what an earlier attempt at the same header left.
-
-    Raises
-    ------
-    EnvironmentDataError
-        If `path` is something else than a new or empty folder or an older environment, cannot be written, or
-        another process is writing to it.
+    With `resume` it goes on with what an earlier attempt at the same header left. EnvironmentDataError if
+    `path` is something else than a new or empty folder or an older environment, cannot be written, or another
+    process is writing to it.
     """
     target = Path(path).resolve()
     try:

@@ -89,17 +89,7 @@ def fields_from_tables(tables: tuple[dict[str, Any], ...], where: str) -> FieldS
 
 
 class EnvironmentStore:
-    """An environment's group on disk, possibly not finished.
-
-    Parameters
-    ----------
-    folder : Path
-        Where.
-    header : Header
-        What it holds.
-    writable : bool
-        Open it for writing.
-    """
+    """An environment's group on disk, possibly not finished."""
 
     def __init__(self, folder: Path, header: Header, *, writable: bool = False) -> None:
         self.folder = folder
@@ -246,10 +236,7 @@ class EnvironmentStore:
     def check(self) -> None:
         """Check that all files are there and not cut off, without decoding more than a chunk of each.
 
-        Raises
-        ------
-        EnvironmentDataError
-            Naming the first file that is missing or damaged.
+        EnvironmentDataError names the first file that is missing or damaged.
         """
         corner = slice(0, 1), slice(0, 1)
         for field in self.fields.diseases:

@@ -11,13 +11,6 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 class GrowingArray:
     """Rows that are appended one or many at a time.
 
-    Parameters
-    ----------
-    row_shape : tuple of int
-        Shape of one row, () for plain numbers.
-    dtype : data type
-        Of the entries.
-
     Examples
     --------
     >>> rows = GrowingArray((), np.int32)

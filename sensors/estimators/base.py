@@ -299,13 +299,7 @@ def estimator_fields(estimator: Estimator) -> FieldSet:
 
 
 def check_default_values(default_values: Sequence[float] | None, fields: FieldSet) -> tuple[float, ...]:
-    """Check that there is one finite default value per field; None gives the fields' own.
-
-    Raises
-    ------
-    EstimatorError
-        If there is not.
-    """
+    """Check that there is one finite default value per field; None gives the fields' own."""
     if default_values is None:
         return fields.defaults
     values = np.asarray(default_values, np.float64)

@@ -89,20 +89,7 @@ def carried(
     day: int,
     seed: int = 0,
 ) -> tuple[_Floats, _Floats]:
-    """Return what readings of several days tell of a day, and the `Transition.doubt` about it.
-
-    Parameters
-    ----------
-    values : float[n]
-    days : int[n]
-        When each was read, at most the day.
-    seed : int
-        Of the simulations.
-
-    Returns
-    -------
-    value, doubt : float64[n]
-    """
+    """Return what readings of several days tell of a day, and the `Transition.doubt` about it."""
     value, doubt = np.asarray(values, np.float64).copy(), np.zeros(len(values))
     for earlier in np.unique(days[days < day]).tolist():
         of_day = days == earlier
@@ -113,15 +100,7 @@ def carried(
 
 
 def transition(field: Field, grid: FarmGrid, earlier: int, later: int, seed: int = 0) -> Transition:
-    """Return what readings of a field on an earlier day tell of a later one.
-
-    Parameters
-    ----------
-    earlier, later : int
-        Days of the environment.
-    seed : int
-        Of the simulations; equal seeds give equal transitions.
-    """
+    """Return what readings of a field on an earlier day tell of a later one."""
     if field.kind == "disease":
         hosts = int(np.count_nonzero(field.hosts(grid)))
         return _of_classes(field.epidemic, grid.shape, hosts, earlier, later, seed, field.name)
@@ -216,19 +195,8 @@ _ALIKE_LENGTHS = 0.25
 def pass_day(precision: _Floats, response: _Floats, correlation: float | _Floats) -> tuple[_Floats, _Floats]:
     """Return the precision of the weights on a later day, and it times their mean.
 
-    Parameters
-    ----------
-    precision : float64[m, m]
-        Of the weights on the earlier day; the identity before anything was seen.
-    response : float64[m, ...]
-        The precision times their mean.
-    correlation : float or float64[m]
-        Of each weight on the earlier day with that on the later one, 0..1.
-
-    Returns
-    -------
-    precision : float64[m, m]
-    response : float64[m, ...]
+    The response is the precision times the mean of the weights; the precision is the identity before anything
+    was seen. The correlation is that of each weight on the earlier day with that on the later one, 0..1.
     """
     kept = np.broadcast_to(np.asarray(correlation, np.float64), len(precision))
     change = np.maximum(1.0 - kept**2, _LEAST_CHANGE)
@@ -248,13 +216,6 @@ class Crowding:
     What a process with one length does not say of a field, as that soaked soil takes no more rain, is the
     same for readings near each other. So the k-th one of a day in a box a quarter of a length wide counts for
     1 / k.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Width and height of the farm in cells.
-    lengths : tuple of two floats
-        Correlation lengths along x and y, cells.
     """
 
     def __init__(self, shape: tuple[int, int], lengths: tuple[float, float]) -> None:

@@ -21,20 +21,8 @@ def loss_of_deviation(
 
         E[c] = (c_above + c_below) / 2 * s^2
 
-    Parameters
-    ----------
-    uncertainty : float32[n, W, H]
-        Standard deviation s of each field's true value.
-    weights : ScoreWeights
-        The costs; the weights of the fields are not used.
-    out : float32[n, W, H], optional
-        Array to fill: on a large farm new memory takes longer than the sums.
-    first : int
-        Which field of the weights the first of the array is.
-
-    Returns
-    -------
-    float32[n, W, H]
+    `first` is which field of the weights the first of the array is; on a large farm new memory takes longer
+    than the sums, so `out` may be given.
 
     Examples
     --------
@@ -89,15 +77,6 @@ def expected_loss(
     probabilities: NDArray[np.floating], value: NDArray[np.floating], too_healthy: float, too_sick: float
 ) -> NDArray[np.float64]:
     """Return what the score is expected to charge for values: the mean over the three classes.
-
-    Parameters
-    ----------
-    probabilities : float[..., 3]
-        Of the classes susceptible, infected, removed.
-    value : float[...]
-        The estimate, 0..1.
-    too_healthy, too_sick : float
-        Cost of a squared error where the estimate is above the truth, and where it is below.
 
     Examples
     --------

@@ -17,15 +17,7 @@ CLASSES = ("healthy", "infected", "lost")
 
 
 class LazyProbabilities(Mapping[str, NDArray[np.float32]]):
-    """Class probabilities that are computed when they are asked for, and not kept: large farms have many.
-
-    Parameters
-    ----------
-    diseases : tuple of str
-        The names of the diseases.
-    compute : callable
-        ``compute(disease)`` gives float32[3, W, H].
-    """
+    """Class probabilities that are computed when they are asked for, and not kept: large farms have many."""
 
     __slots__ = ("_compute", "_diseases")
 

@@ -30,12 +30,7 @@ def tiles_of_boxes(
 ) -> NDArray[np.bool_]:
     """Find the tiles that any of the boxes ``[x0, x1) x [y0, y1)`` touches.
 
-    Parameters
-    ----------
-    shape : tuple of int
-        Width and height of the farm in cells.
-    x0, x1, y0, y1 : int[n]
-        The boxes in cells; what lies outside the farm is cut off, empty boxes touch nothing.
+    What lies outside the farm is cut off, empty boxes touch nothing.
 
     Examples
     --------

@@ -96,14 +96,7 @@ class Painting:
 class DiskMap:
     """The disks of a growing number of observations, and which of them are not on the map yet.
 
-    Parameters
-    ----------
-    shape : tuple of int
-        Width and height of the farm in cells.
-    stamp : callable
-        Radius in, `Disk` out.
-    radius : int or None
-        A fixed radius in cells, or None for `adaptive_radius`.
+    The radius is fixed, or `adaptive_radius` if None.
     """
 
     def __init__(self, shape: tuple[int, int], stamp: Stamp, radius: int | None) -> None:

@@ -43,15 +43,8 @@ _UNREAD = -1
 class LastReadings:
     """The class and the day of the last reading of every cell.
 
-    Parameters
-    ----------
-    hosts : bool[W, H]
-        Cells with the disease's crop; those of others are left out.
-
-    Attributes
-    ----------
-    exact : bool
-        Whether all readings so far had the value of a class.
+    Cells without the disease's crop are left out; `exact` tells whether all readings so far had the value of
+    a class.
 
     Examples
     --------
@@ -73,14 +66,7 @@ class LastReadings:
     ) -> None:
         """Take what is new among the readings; once one was not exact, nothing is followed any more.
 
-        Parameters
-        ----------
-        cells : int[n, 2]
-            Of all readings so far, in the order in which they came.
-        days : int[n]
-            When.
-        values : float64[n]
-            NaN where the disease was not sensed.
+        Given are all readings so far, in the order in which they came; NaN where the disease was not sensed.
         """
         new = slice(self._followed, None)
         self._followed = len(values)
@@ -114,25 +100,8 @@ _Index = tuple[NDArray[np.intp], NDArray[np.intp]] | tuple[NDArray[np.bool_]]
 class DiseaseBelief:
     """Class probabilities of all cells on one day.
 
-    Parameters
-    ----------
-    hosts : bool[W, H]
-        Cells with the disease's crop.
-    task : TrainingTask
-        The disease and the training; its day is replaced by the day of the estimate.
-    too_healthy, too_sick : float
-        Cost of a squared error where the estimate is above the truth, and where it is below.
-    misreading_rate : float
-        Probability that a reading shows another class than the plant's.
-    cache : path-like or None
-        Folder of the trained networks.
-
-    Attributes
-    ----------
-    value, uncertainty : float32[W, H]
-        The estimate of least loss, and the standard deviation of the truth.
-    whole : bool
-        Whether every update judges all cells, as on farms of at most `WHOLE_FARM_CELLS`.
+    `value` and `uncertainty` are the estimate of least loss and the standard deviation of the truth, `whole`
+    whether every update looks at all cells, as on farms of at most `WHOLE_FARM_CELLS`.
     """
 
     def __init__(
@@ -171,16 +140,8 @@ class DiseaseBelief:
     def update(self, day: int, cells: NDArray[np.int32], days: NDArray[np.int32], values: Floats) -> None:
         """Bring value and uncertainty up to date.
 
-        Parameters
-        ----------
-        day : int
-            The day of the estimate, on or after all others.
-        cells : int32[n, 2]
-            All observed cells so far.
-        days : int32[n]
-            When.
-        values : float64[n]
-            The readings; NaN where the disease was not sensed.
+        Given are all readings so far, NaN where the disease was not sensed; the day is on or after all
+        others.
         """
         if not self._host_count:
             return
@@ -346,16 +307,8 @@ class DiseaseBelief:
     ) -> tuple[NDArray[np.int64], Floats, NDArray[np.int32], bool]:
         """Gather what the readings of a cell itself say of its class today.
 
-        Returns
-        -------
-        flat : int64[m]
-            The observed cells, ascending.
-        likelihood : float64[m, 3]
-            Of each class, the largest is 1.
-        ages : int32[m]
-            Days since the latest reading of each.
-        exact : bool
-            Whether readings are taken as the truth.
+        Returned are the observed cells as ascending flat indices, the likelihood of each class (the largest
+        is 1), the days since the latest reading of each, and whether readings are taken as the truth.
         """
         if self._misreading_rate == 0.0:
             self._last.follow(cells, days, values)

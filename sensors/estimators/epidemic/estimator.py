@@ -48,18 +48,7 @@ _WORTH_A_PROCESS = 1000
 def learn_all(wanted: Sequence[Wanted], folder: str | os.PathLike[str] | None, step: Step) -> None:
     """Have the networks of some tasks ready in memory and in their files; the same as one by one.
 
-    Parameters
-    ----------
-    wanted : sequence of (TrainingTask, bool[W, H])
-    folder : path-like or None
-        Of the trained networks.
-    step : callable
-        Called with the part that is done, 0..1, unless there are all networks already.
-
-    Raises
-    ------
-    EstimatorError
-        If a day is beyond what the model of the environment allows.
+    `step` is called with the part that is done, 0..1, unless there are all networks already.
     """
     shared = [(shared_task(task, hosts), hosts) for task, hosts in wanted]
     missing = {

@@ -66,19 +66,7 @@ class Rings:
     def counts(self, codes: NDArray[np.uint8], most: int, x: Cells, y: Cells) -> Floats32:
         """Count the neighbours with each of the codes 1..most in each ring, scaled.
 
-        Parameters
-        ----------
-        codes : uint8[W + 2 REACH, H + 2 REACH]
-            A map with a margin.
-        most : int
-            The largest code that counts.
-        x, y : intp[n]
-            Cells of the farm.
-
-        Returns
-        -------
-        float32[most * rings, n]
-            The rings of code 1 first.
+        The map has a margin; the rings of code 1 come first.
         """
         out = np.zeros((most, len(self.scales), len(x)), np.float32)
         _count(codes, x, y, self.number, out)
@@ -88,17 +76,7 @@ class Rings:
     def sums(self, planes: Floats32, x: Cells, y: Cells) -> Floats32:
         """Sum maps over each ring, scaled.
 
-        Parameters
-        ----------
-        planes : float32[k, W + 2 REACH, H + 2 REACH]
-            Maps with a margin.
-        x, y : intp[n]
-            Cells of the farm.
-
-        Returns
-        -------
-        float32[k * rings, n]
-            The rings of the first map first.
+        Maps have a margin; the rings of the first map come first.
         """
         out = np.zeros((len(planes), len(self.scales), len(x)), np.float32)
         _sum(planes, x, y, self.number, out)
@@ -190,14 +168,7 @@ N_FEATURES = N_LOCAL + N_OVERALL
 def padded_codes(hosts: NDArray[np.bool_]) -> NDArray[np.uint8]:
     """Return a map of codes with nothing observed, and a margin of `REACH` cells around it.
 
-    Parameters
-    ----------
-    hosts : bool[W, H]
-        Cells that can carry the disease.
-
-    Returns
-    -------
-    uint8[W + 2 REACH, H + 2 REACH]
+    uint8[W + 2 REACH, H + 2 REACH].
     """
     codes = np.full((hosts.shape[0] + 2 * REACH, hosts.shape[1] + 2 * REACH), NO_HOST_CODE, np.uint8)
     codes[REACH:-REACH, REACH:-REACH][hosts] = UNKNOWN
@@ -212,17 +183,7 @@ def inner(codes: NDArray[np.uint8]) -> NDArray[np.uint8]:
 def local_features(
     codes: NDArray[np.uint8], x: NDArray[np.intp], y: NDArray[np.intp], out: NDArray[np.float32]
 ) -> None:
-    """Write the features of the rings around some cells into the first columns of `out`.
-
-    Parameters
-    ----------
-    codes : uint8[W + 2 REACH, H + 2 REACH]
-        See `padded_codes`.
-    x, y : intp[n]
-        Cells of the farm.
-    out : float32[n, N_FEATURES]
-        The last columns, for `overall_features`, are left as they are.
-    """
+    """Write the features of the rings around some cells into the first columns of `out`."""
     out[:, :N_LOCAL] = RINGS.counts(codes, NO_HOST_CODE, x, y).T
 
 
@@ -233,20 +194,7 @@ def overall_features(codes: NDArray[np.uint8], hosts: int, seeds: int, day: int)
     of five knots that it lies between. Sick cells at most five cells apart along each axis count as one
     outbreak.
 
-    Parameters
-    ----------
-    codes : uint8[W + 2 REACH, H + 2 REACH]
-        See `padded_codes`.
-    hosts : int
-        Number of cells that can carry the disease.
-    seeds : int
-        Number of outbreaks that the model lets begin.
-    day : int
-        Days since the first of those that the network was trained for.
-
-    Returns
-    -------
-    float32[8]
+    The day counts from the first of those that the network was trained for.
     """
     counts = np.bincount(codes.ravel(), minlength=NO_HOST_CODE + 1)
     sick = int(counts[SEEN_INFECTED] + counts[SEEN_REMOVED])
@@ -327,22 +275,7 @@ def context_features(
     The logarithms of the cell's own two probabilities follow, and of the whole field the part expected to be
     infected, and the lost plants, expected and seen, for each seed of the disease.
 
-    Parameters
-    ----------
-    codes : uint8[W + 2 REACH, H + 2 REACH]
-        See `sensors.estimators.epidemic.features.padded_codes`.
-    x, y : intp[n]
-        All cells that can carry the disease.
-    probabilities : float32[n, 3]
-        What is believed of them; of observed cells it is not used.
-    seeds : int
-        Number of outbreaks that the model lets begin.
-    rows : intp[m], optional
-        Which of the cells are asked for; all by default.
-
-    Returns
-    -------
-    float32[m, N_CONTEXT]
+    `x` and `y` are all cells that can carry the disease, `rows` those that are asked for.
     """
     expected = np.stack([codes == code for code in _SICK]).astype(np.float32)
     unknown = codes[x + REACH, y + REACH] == UNKNOWN

@@ -123,25 +123,7 @@ def train(
     learning_rate: float = 2e-3,
     rng: Generator,
 ) -> Network:
-    """Train by cross entropy with Adam (Kingma & Ba 2015) and a cosine schedule; changes `network` in place.
-
-    Parameters
-    ----------
-    network : Network
-        Where to start.
-    inputs : float32[n, features]
-        One row a sample.
-    classes : int[n]
-        The true class of each row.
-    sample_weights : float32[n]
-        How much each row counts.
-    epochs : int
-        Passes over the rows.
-    learning_rate : float
-        Largest step of a parameter.
-    rng : numpy.random.Generator
-        Gives the order of the rows.
-    """
+    """Train by cross entropy with Adam (Kingma & Ba 2015) and a cosine schedule; changes `network` in place."""
     parameters = [*network.weights, *network.biases]
     means = [np.zeros_like(parameter) for parameter in parameters]
     squares = [np.zeros_like(parameter) for parameter in parameters]
@@ -176,18 +158,8 @@ class FieldClassifier:
     What the rings around a cell add to the first layers is kept, and found anew only for cells that an
     observation touches. Numbers about the whole field add the same to every cell.
 
-    Parameters
-    ----------
-    network : Network
-        With its `further` networks.
-    codes : uint8[W + 2 REACH, H + 2 REACH]
-        See `sensors.estimators.epidemic.features.padded_codes`; not copied.
-    x, y : intp[n]
-        The cells, in C order.
-    seeds : int
-        Number of outbreaks that the model lets begin.
-    day : int
-        Days since the first of those that the network was trained for.
+    The codes are not copied; the cells are in C order; the day counts from the first that the network was
+    trained for.
     """
 
     def __init__(
@@ -209,12 +181,8 @@ class FieldClassifier:
     def probabilities(self, overall: Floats32 | None = None, found: Floats32 | None = None) -> Floats32:
         """Return what is believed of the cells without their own readings, float32[n, 3].
 
-        Parameters
-        ----------
-        overall : float32[8], optional
-            The numbers about the whole field, if they are known.
-        found : float32[n, 3], optional
-            What a network before the first one believes, if this is a further one alone.
+        `overall` are the numbers about the whole field if they are known, `found` what a network before the
+        first one believes, if this is a further one alone.
         """
         if overall is None:
             overall = overall_features(self._codes, len(self._x), self._seeds, self._day)

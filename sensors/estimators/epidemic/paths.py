@@ -19,19 +19,7 @@ _SHARES = (0.4, 0.15, 0.35, 0.1)
 def random_path(shape: tuple[int, int], longest: int, rng: Generator) -> Cells:
     """Draw a path over a field: rows, a spiral, straight legs between random points, or single cells.
 
-    Parameters
-    ----------
-    shape : tuple of int
-        The field, cells.
-    longest : int
-        Largest number of cells.
-    rng : numpy.random.Generator
-        Decides.
-
-    Returns
-    -------
-    intp[n, 2]
-        Cells in the order in which they are seen; a cell may come again.
+    Cells are in the order in which they are seen; a cell may come again.
     """
     kind = _KINDS[int(rng.choice(len(_KINDS), p=_SHARES))]
     width, height = shape
@@ -110,20 +98,8 @@ def chasing_path(begun: Cells, sick: NDArray[np.bool_], longest: int, rng: Gener
     Of some random straight legs that with the most worth a cell is chosen, and flown for a few cells. A cell
     is worth more near sick plants that were seen, less near healthy ones, and nothing once it was seen.
 
-    Parameters
-    ----------
-    begun : intp[n, 2]
-        The cells seen before; at least one.
-    sick : bool[W, H]
-        The truth, which is only looked at where the path leads.
-    longest : int
-        Number of cells of the whole path.
-    rng : numpy.random.Generator
-        Decides what is tried, and how strongly sick plants attract.
-
-    Returns
-    -------
-    intp[longest, 2]
+    The generator decides what is tried, and how strongly sick plants attract; the truth is only looked at
+    where the path leads.
     """
     out = np.zeros((longest, 2), np.intp)
     count = min(len(begun), longest)

@@ -113,20 +113,6 @@ class SoilField:
     Observations of earlier days count less, and are out of date together (`sensors.estimators.days`).
     Those after the first day count for less where they are many (`Crowding`): a day's change is small against
     what was unknown at first, and what the model does not say of it weighs more.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Width and height in cells.
-    parameters : SoilParameters
-        The model.
-    seed : int
-        Of the simulated weather.
-
-    Attributes
-    ----------
-    correlation_length : float
-        Cells.
     """
 
     def __init__(self, shape: tuple[int, int], parameters: SoilParameters, seed: int) -> None:
@@ -222,11 +208,8 @@ class SoilField:
     def fill(self, day: int, value: NDArray[np.float32], uncertainty: NDArray[np.float32]) -> float:
         """Write the posterior mean, within 0 .. 1, and standard deviation of a day into arrays [W, H].
 
-        Returns
-        -------
-        float
-            The standard deviation of the noise that the readings show: what one differs from the smooth
-            field by.
+        The standard deviation of the noise that the readings show is returned: what one differs from the
+        smooth field by.
         """
         self._take_in()
         prior = self._prior(day)
@@ -358,23 +341,8 @@ class SoilField:
 class _Posterior:
     """Mean and covariance of the functions' weights on a day, for a noise that stays.
 
-    Parameters
-    ----------
-    noise : float
-        Variance of the noise that the readings are taken with.
-    shown : float
-        Variance of the noise that they show.
-    noise_from : int
-        From how many readings it was estimated.
-    covariance : float64[functions, functions]
-    weights : float64[functions]
-        Their mean, less the prior's.
-    at_nodes : float64[nodes, functions]
-        The functions where the variance is asked for.
-
-    Attributes
-    ----------
-    variance : float64[nodes]
+    `noise` is the variance that the readings are taken with, `shown` the one that they show, from
+    `noise_from` of them.
     """
 
     def __init__(
@@ -482,24 +450,8 @@ def _products(along_x: Floats, along_y: Floats) -> Floats:
 class _Axis:
     """Sine functions along one axis of the farm, their prior variances, and nodes to interpolate between.
 
-    Parameters
-    ----------
-    cells : int
-        Length of the farm.
-    length : float
-        Of the process, cells.
-    functions : int
-        Their number.
-
-    Attributes
-    ----------
-    functions : float64[cells, functions]
-    shortest : float
-        Half of the wave length of the last function, cells.
-    spectrum : float64[2, functions]
-        The variances of the smooth and of the rough part.
-    nodes : intp[nodes]
-    between : float64[cells, nodes]
+    `shortest` is half of the wave length of the last function, cells; `spectrum` has the variances of the
+    smooth and of the rough part.
     """
 
     def __init__(self, cells: int, length: float, functions: int) -> None:

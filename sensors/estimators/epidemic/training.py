@@ -124,10 +124,8 @@ def network_for(
     A file that cannot be read, or is not what its name claims, is replaced; a folder that cannot be written
     to costs a training in every process, not an error.
 
-    Raises
-    ------
-    EstimatorError
-        If the day is beyond what the model of the environment allows.
+    A file that cannot be read, or is not what its name claims, is replaced; a folder that cannot be written
+    to costs a training in every process, not an error.
     """
     task = shared_task(task, hosts)
     network = known_network(task, hosts, folder)
@@ -138,13 +136,7 @@ def network_for(
 
 
 def shared_task(task: TrainingTask, hosts: NDArray[np.bool_]) -> TrainingTask:
-    """Return the task of the network that knows the day of a task.
-
-    Raises
-    ------
-    EstimatorError
-        If the day is beyond what the model of the environment allows.
-    """
+    """Return the task of the network that knows the day of a task."""
     if not 0 <= task.day <= MAX_DAYS:
         msg = f"epidemic: day {task.day} is not in 0..{MAX_DAYS}, the days of an environment"
         raise EstimatorError(msg)

@@ -28,19 +28,8 @@ class CellPosterior(ABC):
     The prior mean is not fixed here: the posterior mean under a constant prior mean m is
     ``m + response[0] - m * response[1]``.
 
-    Parameters
-    ----------
-    shape : tuple of int
-        Width and height in cells.
-    kernel : RbfKernel
-        The covariance.
-
-    Attributes
-    ----------
-    response : float64[2, W * H]
-        What the observed values, and a constant of one, give under a zero prior mean.
-    variance : float64[W * H]
-        Variance of the smooth part.
+    `response`, float64[2, W * H], is what the observed values, and a constant of one, give under a zero prior
+    mean; `variance` that of the smooth part.
     """
 
     def __init__(self, shape: tuple[int, int], kernel: RbfKernel) -> None:
@@ -66,21 +55,8 @@ def merge_repeated(
 
     For a Gaussian process this is exact: k looks with independent noise tell the same as their mean.
 
-    Parameters
-    ----------
-    x, y : int32[n]
-    values : float64[n]
-    noise : float
-        Variance of an observation's noise.
-    weights : float64[n], optional
-        The part of an observation that each counts for; its noise is `noise` divided by it.
-
-    Returns
-    -------
-    x, y : int32[m]
-        Distinct cells.
-    values, noise : float64[m]
-        Mean value and variance of its noise.
+    An observation counts for `weights` of one, its noise is divided by that. Cells come back distinct, with
+    the mean value and the variance of its noise.
 
     Examples
     --------
@@ -180,13 +156,7 @@ class WindowedPosterior(CellPosterior):
         return noisy and needed <= most_bytes and shape[0] * shape[1] <= MOST_CELLS
 
     def condition(self, x: Cells, y: Cells, values: Floats, weights: Floats | None = None) -> None:
-        """Take further observations, each for a part of one.
-
-        Raises
-        ------
-        numpy.linalg.LinAlgError
-            If the covariance of the observations is singular.
-        """
+        """Take further observations, each for a part of one."""
         x, y, values, noise = merge_repeated(x, y, values, self.kernel.noise, weights)
         used = len(self._rows)
         self._rows.append(np.empty((len(x), *self._rows.array.shape[1:])))

@@ -45,19 +45,9 @@ class _Way(Enum):
 class FieldProcess:
     """The observations of one field, its mean, its kernel and its posterior.
 
-    Parameters
-    ----------
-    shape : tuple of int
-        Width and height in cells.
-    mean : float or None
-        The prior mean; None is the mean of the observations so far.
-    mean_before : float
-        The mean without observations, if `mean` is None.
-    kernel : RbfKernel
-        The kernel.
-    is_patchy : bool
-        Whether what a kernel does not say of the field is the same for readings near each other, as that
-        soaked soil takes no more rain: on large farms they count for less then (`Crowding`).
+    A mean of None is that of the observations so far, `mean_before` without any. A field is patchy if what a
+    kernel does not say of it is the same for readings near each other, as that soaked soil takes no more
+    rain: on large farms they count for less then (`Crowding`).
     """
 
     def __init__(
@@ -127,17 +117,8 @@ class FieldProcess:
     def update(self, *, exact: bool, window_bytes: float = 0.0) -> None:
         """Bring the posterior up to date with observations and kernel.
 
-        Parameters
-        ----------
-        exact : bool
-            Whether all cells are kept for each observation.
-        window_bytes : float
-            Otherwise windows of them are, if these take no more memory.
-
-        Raises
-        ------
-        numpy.linalg.LinAlgError
-            If the covariance of the observations is singular.
+        `exact` keeps all cells for each observation; otherwise windows of them are kept if these take no more
+        than `window_bytes`.
         """
         if self._update_smooth():
             return
@@ -173,10 +154,7 @@ class FieldProcess:
     def _update_smooth(self) -> bool:
         """Bring the posterior of a field that changed smoothly since earlier readings up to date.
 
-        Returns
-        -------
-        bool
-            False if nothing was done: there are no such readings, or the kernel is too short for it.
+        False if nothing was done: there are no such readings, or the kernel is too short for it.
         """
         days = self._days.array
         if self._correlate is None or self._day is None or not (days < self._day).any():
@@ -231,10 +209,7 @@ class FieldProcess:
     def _newly_superseded(self) -> NDArray[np.intp]:
         """Find the readings whose cells were read again on a later day: they tell nothing more.
 
-        Returns
-        -------
-        intp[n]
-            Those that were not known to be before.
+        Returned are those that were not known to be before.
         """
         known, count = self._superseded, len(self)
         if len(known) == count:
@@ -313,10 +288,7 @@ class FieldProcess:
     ) -> NDArray[np.bool_]:
         """Bring arrays [W, H] up to date, the same ones at each call, with a posterior that is not exact.
 
-        Returns
-        -------
-        bool[tiles along x, tiles along y]
-            The tiles that were written to.
+        The tiles that were written to are returned.
         """
         posterior = self._posterior
         assert posterior is not None

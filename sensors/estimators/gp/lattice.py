@@ -28,15 +28,7 @@ Values = NDArray[np.float32]
 def lagrange_weights(step: int) -> Values:
     """Return the weights of the six nodes around each of the cells between the middle two.
 
-    Parameters
-    ----------
-    step : int
-        Distance of the nodes, cells.
-
-    Returns
-    -------
-    float32[6, step]
-        Weights of the nodes two before the cell's own to three after it.
+    float32[6, step]: of the nodes two before the cell to three after it.
 
     Examples
     --------
@@ -134,25 +126,8 @@ Box = tuple[int, int, int, int]
 class LatticeAxis:
     """The nodes along one axis, in groups, the tiles.
 
-    Parameters
-    ----------
-    cells : int
-        Length of the farm.
-    step : int
-        Distance of the nodes, cells.
-    single : bool
-        Whether each node is a cell; otherwise there are margins to interpolate in.
-    tile_cells : float
-        Wanted length of a tile, cells.
-
-    Attributes
-    ----------
-    nodes, tiles : int
-        Their numbers.
-    edges : int64[tiles + 1]
-        First node of each tile, and the end of the last one.
-    first : int
-        Place of the first node, cells.
+    With `single` each node is a cell; otherwise there are margins to interpolate in. `edges` has the first
+    node of each tile and the end of the last one, `first` the place of the first node, cells.
     """
 
     def __init__(self, cells: int, step: int, *, single: bool, tile_cells: float) -> None:
@@ -193,22 +168,9 @@ class LatticeAxis:
 class NodeLattice:
     """The posterior at nodes, in tiles of them, and what of it the cells do not show yet.
 
-    Parameters
-    ----------
-    shape : tuple of int
-        Width and height of the farm in cells.
-    kernel : RbfKernel
-        The covariance.
-    tile_cells : tuple of two floats
-        Wanted sides of a tile.
-
-    Attributes
-    ----------
-    x, y : LatticeAxis
-        The nodes.
-    posterior : float32[3, nodes along x, nodes along y]
-        The posterior mean under a zero prior mean, the same for observations that are all one, and how much
-        the variance of the smooth part is less than the prior's. Whoever changes it calls `changed`.
+    `posterior`, float32[3, nodes along x, nodes along y], has the posterior mean under a zero prior mean, the
+    same for observations that are all one, and how much the variance of the smooth part is less than the
+    prior's. Whoever changes it calls `changed`.
     """
 
     def __init__(self, shape: tuple[int, int], kernel: RbfKernel, tile_cells: tuple[float, float]) -> None:
@@ -241,21 +203,8 @@ class NodeLattice:
     ) -> NDArray[np.bool_]:
         """Write value and standard deviation (noise included) of the cells.
 
-        Parameters
-        ----------
-        mean : float
-            The prior mean.
-        clip : bool
-            Whether the value is limited to 0 .. 1.
-        whole : bool
-            Whether to write everything, not only what changed since the last time.
-        value, uncertainty : float32[W, H]
-            Changed.
-
-        Returns
-        -------
-        bool[tiles along x, tiles along y]
-            Which tiles of the farm (`sensors.scoring.tiles`) were written to.
+        With `whole` everything is written, not only what changed since the last time. The tiles of the farm
+        that were written to are returned.
         """
         kernel = self.kernel
         limits = (0.0, 1.0) if clip else (-math.inf, math.inf)

@@ -44,21 +44,8 @@ class Spectrum:
     Those functions are left out whose variance is too small for observations of the given density to matter:
     so small that all of them together know it to less than a thousandth.
 
-    Parameters
-    ----------
-    kernel : RbfKernel
-        The covariance.
-    sides : tuple of two floats
-        Of the box, cells.
-    density : float
-        The largest number of observations a cell.
-
-    Attributes
-    ----------
-    roots : tuple of two float64[k], float64[l]
-        Roots of the variances of the functions along each axis.
-    terms : int64[m, 2]
-        Which products of them are used.
+    `density` is the largest number of observations a cell. `roots` are the roots of the variances of the
+    functions along each axis, `terms` which products of them are used.
     """
 
     def __init__(self, kernel: RbfKernel, sides: tuple[float, float], density: float = 1.0) -> None:
@@ -100,20 +87,7 @@ class Spectrum:
 
 
 class LocalPosterior:
-    """Mean and variance of the cells that observations reach.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Width and height of the farm in cells.
-    kernel : RbfKernel
-        The covariance.
-
-    Attributes
-    ----------
-    lattice : NodeLattice
-        The posterior.
-    """
+    """Mean and variance of the cells that observations reach."""
 
     def __init__(self, shape: tuple[int, int], kernel: RbfKernel) -> None:
         self.kernel = kernel
@@ -159,13 +133,7 @@ class LocalPosterior:
             self._waiting[i0 : i1 + 1, j0 : j1 + 1] = True
 
     def solve(self) -> None:
-        """Bring the tiles up to date that observations reach since the last time.
-
-        Raises
-        ------
-        numpy.linalg.LinAlgError
-            If the covariance of a tile's observations is singular.
-        """
+        """Bring the tiles up to date that observations reach since the last time."""
         index, sums = self._index, self._sums
 
         def work(tiles: Sequence[NDArray[np.int64]]) -> None:
@@ -189,22 +157,7 @@ class LocalPosterior:
 
 
 class WholePosterior:
-    """Mean and variance over the whole farm, in sine functions whose weights have known sums.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Width and height of the farm in cells.
-    kernel : RbfKernel
-        The covariance.
-    spectrum : Spectrum
-        What `spectrum_of_farm` gives.
-
-    Attributes
-    ----------
-    lattice : NodeLattice
-        The posterior.
-    """
+    """Mean and variance over the whole farm, in sine functions whose weights have known sums."""
 
     def __init__(self, shape: tuple[int, int], kernel: RbfKernel, spectrum: Spectrum) -> None:
         self.kernel = kernel
@@ -258,13 +211,7 @@ class WholePosterior:
         self._waiting = True
 
     def solve(self) -> None:
-        """Bring the nodes up to date.
-
-        Raises
-        ------
-        numpy.linalg.LinAlgError
-            If the precision is singular to the working accuracy.
-        """
+        """Bring the nodes up to date."""
         if not self._waiting:
             return
         self._waiting = False

@@ -58,26 +58,8 @@ def learn_priors(
 ) -> tuple[FieldPrior, ...]:
     """Return the priors of all fields on a day: from memory, from a file in the folder, or learned now.
 
-    Parameters
-    ----------
-    grid : FarmGrid
-        The farm.
-    fields : FieldSet
-        What environments are drawn from.
-    day : int
-        The day.
-    seed : int
-        Of the simulations; equal seeds give equal priors.
-    folder : Path
-        Where what was learned is kept. A file that cannot be used is replaced; a folder that cannot be
-        written to costs the simulations of one or two seconds in every process.
-    step : callable, optional
-        Called with the part that is learned, 0..1, unless the priors are known already.
-
-    Raises
-    ------
-    EstimatorError
-        If the day is beyond what the model of the environment allows.
+    A file that cannot be used is replaced; a folder that cannot be written to costs the simulations of one or
+    two seconds in every process.
     """
     if not 0 <= day <= MAX_DAYS:
         msg = f"gp: day {day} is not in 0..{MAX_DAYS}, the days of an environment"

@@ -93,16 +93,7 @@ def fit_kernel(
 ) -> RbfKernel:
     """Fit the kernel by maximum marginal likelihood (L-BFGS-B with gradients).
 
-    Parameters
-    ----------
-    x, y : int32[n]
-        Observed cells; repeated ones are independent looks.
-    residuals : float64[n]
-        Observed values less the prior mean.
-    starts : tuple of RbfKernel
-        Where to start; the best optimum is taken, and the first start if none is found.
-    length_bounds, noise_bounds, amplitude_bounds : tuple of two floats
-        Limits of the length scales (cells) and of the two variances; equal limits fix a parameter.
+    The best optimum of all starts is taken, the first start if none is found; equal limits fix a parameter.
     """
     from scipy.optimize import minimize
 

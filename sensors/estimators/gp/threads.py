@@ -63,13 +63,7 @@ def _function(library: str, name: str, arguments: int) -> Callable[..., None]:
 
 
 def factor_in_place(positive: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Write the lower Cholesky factor of a matrix over its lower triangle; what is above stays as it was.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If the matrix is not positive definite.
-    """
+    """Write the lower Cholesky factor of a matrix over its lower triangle; what is above stays as it was."""
     size, failed = ctypes.byref(ctypes.c_int(len(positive))), ctypes.c_int()
     # LAPACK counts along columns first, and sees the transposed matrix: the upper factor of that.
     _function("lapack", "dpotrf", 5)(b"U", size, positive.ctypes.data, size, ctypes.byref(failed))

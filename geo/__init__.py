@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from geo.lazy import attach
+from geo.imports import attach
 
 if TYPE_CHECKING:
     from geo.built_in import farm_names as farm_names

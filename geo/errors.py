@@ -1,10 +1,10 @@
-"""The root of the project's error tree, and the errors of farms.
+"""The root of the project's error tree, the errors of farms, and whose code an error came from.
 
 ::
 
     WbfMissionError                                      anything a user can mend; its text is one line
     +-- geo.errors.FarmError                             a farm or a farm file
-    +-- geo.atomic_folder.FolderError                    a folder that cannot be written now
+    +-- geo.atomic.FolderError                           a folder that cannot be written now
     +-- geo.memory.NotEnoughMemoryError                  work that needs more memory than there is
     +-- geo.named.ParameterError                         parameters of a planner or an estimator
     +-- geo.reading.UnreadableError                      a file that a user names
@@ -42,12 +42,21 @@
     +-- wbf_mission.preflight.finding.PreflightError     a plan that cannot be checked, or must not go up
     +-- wbf_mission.run.resolve.FlightError              a flight that cannot go on
     +-- wbf_mission.pictures.animation.AnimationError    a moving picture of a run
-    +-- wbf_mission.results.storage.ArrayFileError        arrays of a result
+    +-- wbf_mission.results.storage.ArrayFileError       arrays of a result
     +-- wbf_mission.bench.engine.ClusterError            a Dask cluster
     +-- wbf_mission.rl.errors.TrainingError              a training environment
-    +-- wbf_mission.results.storage.ResultError           the folder of a result
+    +-- wbf_mission.results.storage.ResultError          the folder of a result
     +-- wbf_mission.cli.options.TargetError              a file or folder to be written
 """
+
+from __future__ import annotations
+
+import sysconfig
+import traceback
+from functools import cache
+from pathlib import Path
+
+from geo.texts import one_line
 
 
 class WbfMissionError(Exception):
@@ -56,3 +65,40 @@ class WbfMissionError(Exception):
 
 class FarmError(WbfMissionError, ValueError):
     """A farm that does not exist, or a farm file whose geometry or properties cannot be used."""
+
+
+PACKAGES = ("geo", "mission", "sensors", "sim_vehicle", "wbf_mission")
+"""What this program consists of."""
+
+
+@cache
+def is_users_file(file: str) -> bool:
+    """Tell whether a source is a user's: neither of this program, nor installed, nor of Python itself."""
+    path = Path(file).absolute()
+    if file.startswith("<frozen") or {"site-packages", "dist-packages"} & set(path.parts):
+        return False
+    here = Path(__file__).absolute().parents[1]
+    inside = [here / name for name in PACKAGES] + [Path(sysconfig.get_path("stdlib"))]
+    return not any(path.is_relative_to(one) for one in inside)
+
+
+def users_line(error: BaseException) -> str | None:
+    """Return the file and line of a user's code that an error came through last; None if through none.
+
+    Examples
+    --------
+    >>> try:
+    ...     exec(compile("1 / 0", "mine.py", "exec"))
+    ... except ZeroDivisionError as error:
+    ...     users_line(error), told_error(error)
+    ('mine.py, line 1', 'ZeroDivisionError: division by zero (mine.py, line 1)')
+    """
+    frames = [one for one in traceback.extract_tb(error.__traceback__) if is_users_file(one.filename)]
+    return f"{Path(frames[-1].filename).name}, line {frames[-1].lineno}" if frames else None
+
+
+def told_error(error: BaseException) -> str:
+    """Return an error in one line: its class, its text, and the user's line where it came from one."""
+    line = users_line(error)
+    text = one_line(str(error))
+    return type(error).__name__ + (f": {text}" if text else "") + (f" ({line})" if line else "")

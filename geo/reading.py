@@ -1,15 +1,172 @@
-"""Files that a user names, read with care: a pipe, a device or a huge file is refused, not waited for."""
+"""Files that a user names, read with care; what is wrong with a JSON or TOML document, in words.
+
+A pipe, a device or a huge file is refused, not waited for.
+"""
 
 from __future__ import annotations
 
+import re
 import tomllib
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from geo.decoding import not_toml
 from geo.errors import WbfMissionError
+from geo.texts import one_line
 
-__all__ = ["UnreadableError", "read_file", "read_text", "read_toml"]
+if TYPE_CHECKING:
+    import tomllib
+
+    import msgspec
+
+_TYPES = {
+    "object": "a table of names and values",
+    "array": "a list",
+    "int": "a whole number",
+    "float": "a number",
+    "str": "a text",
+    "bool": "true or false",
+    "null": "null",
+}
+_NO_NUMBER = re.compile(rb"-?(NaN|nan|Infinity|inf)\b")
+_BYTE = re.compile(r"\(byte (\d+)\)")
+_SYNTAX = {
+    "expected ':'": "a colon is missing",
+    "trailing characters": "something follows the end",
+    "trailing comma in object": "a comma stands before a closing brace",
+    "trailing comma in array": "a comma stands before a closing bracket",
+    "object keys must be strings": "a name has to stand in double quotes",
+    "invalid escape character in string": "a backslash stands before a character that takes none",
+    "invalid number": "JSON has no such number",
+}
+
+
+def place_in_words(path: str) -> str:
+    """Return where in a document something stands; entries of lists count from 1.
+
+    The path is names joined by dots, and entries from 0 in brackets.
+
+    Examples
+    --------
+    >>> place_in_words("mission.items[0].command"), place_in_words("geoFence.polygons[1].polygon[2]")
+    ('mission, item 1, command', 'geoFence, polygon 2, polygon, entry 3')
+    """
+    words: list[str] = []
+    for name, entry in re.findall(r"([^.\[\]]+)|\[([^\]]*)\]", path):
+        if name:
+            words.append(name)
+        elif not entry.isdigit():
+            words.append("an entry")
+        elif words and words[-1].endswith("s"):
+            words[-1] = f"{words[-1].removesuffix('s')} {int(entry) + 1}"
+        else:
+            words.append(f"entry {int(entry) + 1}")
+    return ", ".join(words)
+
+
+def misfit(error: msgspec.ValidationError, path: str = "") -> str:
+    """Return what does not fit in a document that was read, and where.
+
+    `path` is where the part stands that was read, as of `place_in_words`.
+
+    Examples
+    --------
+    >>> import msgspec
+    >>> def told(document, wanted):
+    ...     try:
+    ...         msgspec.convert(document, wanted)
+    ...     except msgspec.ValidationError as error:
+    ...         return misfit(error)
+    >>> told([1, "two"], list[int]), told(1.5, int)
+    ('entry 2: it is a text; give a whole number', 'it is a number with a fraction; give a whole number')
+    """
+    what, _, where = str(error).rpartition(" - at ")
+    if not what:
+        what, where = where, ""
+    inner = where.rpartition("`$")[2].strip("`")
+    place = place_in_words((path + inner).removeprefix("."))
+    text = _in_words(what)
+    return one_line(f"{place}: {text}" if place else text)
+
+
+def not_json(error: msgspec.DecodeError | ValueError, data: bytes) -> str:
+    r"""Return why a document cannot be read as JSON, and where.
+
+    The error is DecodeError or UnicodeDecodeError of `msgspec.json.decode`.
+
+    Examples
+    --------
+    >>> import msgspec
+    >>> def told(document):
+    ...     try:
+    ...         msgspec.json.decode(document)
+    ...     except ValueError as error:
+    ...         return not_json(error, document)
+    >>> told(b'{"a": 1,'), told(b'{"a":\n  NaN}')
+    ('line 1: it ends in the middle', 'line 2, column 3: NaN is no number in JSON; write null')
+    """
+    if isinstance(error, UnicodeDecodeError):
+        return "it holds bytes that are no UTF-8 text; save it as UTF-8"
+    found = _BYTE.search(str(error))
+    if found is None:
+        lines = data.count(b"\n") + 1
+        return f"line {lines}: it ends in the middle"
+    at = int(found[1])
+    what = str(error).removeprefix("JSON is malformed: ").removesuffix(found[0]).strip()
+    if what == "trailing characters" or data[at - 1 : at] == b"-":
+        at -= 1  # msgspec has read one more
+    line, column = data.count(b"\n", 0, at) + 1, at - data.rfind(b"\n", 0, at)
+    number = _NO_NUMBER.match(data, at)
+    if number is not None:
+        text = f"{number[0].decode()} is no number in JSON; write null"
+    elif what == "invalid character":
+        shown = data[at : at + 1].decode("ascii", "backslashreplace")
+        text = f"{shown!r} must not stand there" if shown else "it ends in the middle"
+    else:
+        text = _SYNTAX.get(what, what)
+    return one_line(f"line {line}, column {column}: {text}")
+
+
+def not_toml(error: tomllib.TOMLDecodeError) -> str:
+    """Return why a document cannot be read as TOML, and where.
+
+    Examples
+    --------
+    >>> import tomllib
+    >>> try:
+    ...     tomllib.loads("a = 1" + chr(10) + "b = ?")
+    ... except tomllib.TOMLDecodeError as error:
+    ...     not_toml(error)
+    'line 2, column 5: invalid value'
+    """
+    found = re.fullmatch(r"(.*) \(at (line \d+, column \d+|end of document)\)", str(error), re.DOTALL)
+    if found is None:
+        return one_line(str(error))
+    return one_line(f"{found[2]}: {found[1][:1].lower()}{found[1][1:]}")
+
+
+def _in_words(text: str) -> str:
+    """Return one of msgspec's messages without its place in our words."""
+    if found := re.fullmatch(r"Object missing required field `(.*)`", text):
+        return f"{found[1]} is missing"
+    if found := re.fullmatch(r"Object contains unknown field `(.*)`", text):
+        return f"{found[1]} is unknown; leave it out"
+    if found := re.fullmatch(r"Invalid (?:enum )?value (.*)", text):
+        return f"{found[1]} is unknown"
+    if found := re.fullmatch(r"Expected `([^`]*)`(?:, got `([^`]*)`)?(?: of length (.*)| ([<>].*))?", text):
+        wanted, got, length, limit = found.groups()
+        kinds = wanted.split(" | ")
+        give = " or ".join(_TYPES.get(kind, kind) for kind in kinds)
+        if length:
+            few = length.removeprefix("<= ")
+            return f"give {give} with {'at most ' if few != length else ''}{few} entries"
+        if limit:
+            return f"it is out of range; give {give} {limit.replace('.0', '')}"
+        if got is None:
+            return f"give {give}"
+        is_now = "a number with a fraction" if (got, wanted) == ("float", "int") else _TYPES.get(got, got)
+        return f"it is {is_now}; give {give}"
+    return "it is out of range" if text.endswith("out of range") else text.replace("`", "")
+
 
 MAX_TEXT_BYTES = 1 << 20
 

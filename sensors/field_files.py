@@ -18,10 +18,9 @@ from typing import Any
 
 import msgspec
 
-from geo.decoding import misfit
 from geo.errors import WbfMissionError
-from geo.installed import entry_points
-from geo.reading import UnreadableError, read_toml
+from geo.imports import entry_points
+from geo.reading import UnreadableError, misfit, read_toml
 from sensors.dynamics.continuous import ContinuousDynamics
 from sensors.dynamics.epidemic import EpidemicParameters
 from sensors.dynamics.soil import SoilParameters

@@ -76,7 +76,7 @@ if TYPE_CHECKING:
     from wbf_mission.scenario import scenario_with as scenario_with
     from wbf_mission.version import __version__ as __version__
 else:
-    from geo.lazy import attach
+    from geo.imports import attach
 
     __getattr__, __dir__, __all__ = attach(
         __name__,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import cache
 
-from geo.installed import entry_points
+from geo.imports import entry_points
 from mission.autopilots.ardupilot import ARDUPILOT
 from mission.autopilots.profile import Profile
 from mission.autopilots.px4 import PX4

@@ -5,7 +5,7 @@
 
 from typing import TYPE_CHECKING
 
-from geo.lazy import attach
+from geo.imports import attach
 
 if TYPE_CHECKING:
     from mission.files.common import Firmware as Firmware

@@ -11,7 +11,7 @@ from typing import Any, TypeAlias, TypeVar
 
 import msgspec
 
-from geo.decoding import misfit, not_json
+from geo.reading import misfit, not_json
 from geo.texts import one_line
 from mission.errors import MissionError, MissionFileError
 from mission.model import Command, GeoPoint, Mission, MissionItem

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from geo.lazy import attach
+from geo.imports import attach
 
 if TYPE_CHECKING:
     from mission.link.address import Link as Link

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple, cast
 
-from geo.installed import entry_points
+from geo.imports import entry_points
 from geo.named import ParameterError, check_parameters, parse_named
 from mission.errors import PlanningError
 from mission.planners.path import PlannedPath

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self, runtime_checkab
 
 import numpy as np
 
-from geo.installed import entry_points
+from geo.imports import entry_points
 from sensors.errors import EstimatorError
 from sensors.fields import PAPER_FIELDS, FieldSet
 from sensors.observations import Observations

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from functools import cache
 
-from geo.installed import entry_points
+from geo.imports import entry_points
 
 __all__ = ["AUTOPILOT_GROUP", "DEFAULT_AUTOPILOT", "NO_AUTOPILOT", "autopilot_names"]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import TYPE_CHECKING
 
-from geo.installed import entry_points
+from geo.imports import entry_points
 from mission.planners.cornering import Cornering
 from sim_vehicle.airframe.autopilot_names import (
     AUTOPILOT_GROUP,

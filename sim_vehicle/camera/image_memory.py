@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from geo.rotation import Quaternion, quaternion_of
+from geo.frame import Quaternion, quaternion_of
 from mission.link.codec.dialect import Message, mavlink
 from sensors.camera.layout import ANNOUNCED_EVERY, FIELDS_NAME, LeafLayout
 from sim_vehicle.camera.trigger import Exposure

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, TypeAlias
 
-from geo.rotation import Quaternion, quaternion_of
+from geo.frame import Quaternion, quaternion_of
 from mission.model import GeoPoint
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.airframe.sensor_errors import NavigationErrors, Sensed, SensorNoise

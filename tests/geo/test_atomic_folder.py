@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from geo.atomic_folder import AtomicFolder, FolderError, settle
+from geo.atomic import AtomicFolder, FolderError, settle
 
 NAMES = ("mark", "values", "picture")
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec import Meta
 
-from geo.decoding import misfit, not_json, not_toml, place_in_words
+from geo.reading import misfit, not_json, not_toml, place_in_words
 
 
 class Document(msgspec.Struct, forbid_unknown_fields=True):

@@ -16,8 +16,7 @@ from typing import Any, Protocol, TypeAlias, TypeVar, cast
 
 import numpy as np
 
-from geo.blame import told_error
-from geo.errors import WbfMissionError
+from geo.errors import WbfMissionError, told_error
 from geo.texts import one_line
 from geo.workers import CallsAhead, Processes
 from mission.outcome import Outcome

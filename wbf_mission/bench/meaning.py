@@ -22,7 +22,7 @@ import numpy as np
 import shapely
 
 from geo import Farm
-from geo.blame import PACKAGES, is_users_file
+from geo.errors import PACKAGES, is_users_file
 from geo.farms import get_farm
 from sensors.field_files import field_to_table, load_field_set
 from sim_vehicle.airframe.catalog import get_vehicle

@@ -18,7 +18,7 @@ import msgspec
 import numpy as np
 
 from geo.atomic import disk_errors_named
-from geo.decoding import misfit
+from geo.reading import misfit
 from wbf_mission.results.storage import ResultError, read_batches, write_table
 
 __all__ = ["BenchRow", "BenchStore", "Floats", "as_floats", "by_pair", "read_rows", "rows_table"]

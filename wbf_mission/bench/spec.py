@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
-from geo.blame import PACKAGES
-from geo.installed import entry_points
+from geo.errors import PACKAGES
+from geo.imports import entry_points
 from mission.planners.registry import ENTRY_POINT_GROUP as PLANNERS
 from mission.policies.policy import ENTRY_POINT_GROUP as POLICIES
 from mission.policies.policy import Policy, make_policy

@@ -12,8 +12,7 @@ from typing import Annotated
 
 import typer
 
-from geo.blame import told_error, users_line
-from geo.errors import WbfMissionError
+from geo.errors import WbfMissionError, told_error, users_line
 from geo.texts import printable
 from wbf_mission.cli import (
     bench,

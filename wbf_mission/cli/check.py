@@ -153,7 +153,7 @@ def check_estimator_command(name: _Name, json: options.Json = False) -> int:
 
 
 def _run(name: str, what: str, check: Callable[[Choice], dict[str, Any]], *, as_json: bool) -> int:
-    from geo.blame import told_error, users_line
+    from geo.errors import told_error, users_line
     from wbf_mission.own_code import own_choice
     from wbf_mission.scenario.choice import choose
 

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from geo import Farm
-from geo.blame import told_error
-from geo.errors import WbfMissionError
+from geo.errors import WbfMissionError, told_error
 from mission.errors import AnswerError, PlanningError
 from mission.planners.path import Points
 from mission.policies.decision import Decision, answer_costs

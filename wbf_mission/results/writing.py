@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any, Self
 import msgspec
 import numpy as np
 
-from geo.atomic import DISK_ERRORS
-from geo.atomic_folder import AtomicFolder, FolderError, settle
+from geo.atomic import DISK_ERRORS, AtomicFolder, FolderError, settle
 from geo.interrupts import interrupts_noted
 from mission.ground.tracks import joined
 from mission.outcome import Outcome

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from wbf_mission.rl.task import MOVE_NAMES as MOVE_NAMES
     from wbf_mission.rl.vector_env import SurveyVectorEnv as SurveyVectorEnv
 else:
-    from geo.lazy import attach
+    from geo.imports import attach
     from wbf_mission.rl.task import register_all
 
     register_all()

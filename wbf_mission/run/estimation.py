@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo import Farm, get_farm
-from geo.blame import PACKAGES, told_error
-from geo.errors import WbfMissionError
+from geo.errors import PACKAGES, WbfMissionError, told_error
 from geo.memory import require_memory
 from geo.seeds import sealed_seed
 from sensors.errors import EstimatorError

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from geo.installed import entry_points
+from geo.imports import entry_points
 from geo.named import ParameterError, format_named, parse_named, split_named
 from wbf_mission.scenario.option import ScenarioError
 

@@ -15,8 +15,8 @@ from typing import Any, ClassVar
 
 import msgspec
 
-from geo.decoding import misfit
 from geo.errors import WbfMissionError
+from geo.reading import misfit
 
 _UNITS = {"_m_s": "m/s", "_m": "m", "_s": "s", "_deg": "degrees"}
 _METADATA = "option"

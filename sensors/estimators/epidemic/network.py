@@ -123,7 +123,7 @@ def train(
     learning_rate: float = 2e-3,
     rng: Generator,
 ) -> Network:
-    """Train by cross entropy with Adam (Kingma & Ba 2015) and a cosine schedule; changes `network` in place."""
+    """Train by cross entropy with Adam (Kingma & Ba 2015) and a cosine schedule, in place."""
     parameters = [*network.weights, *network.biases]
     means = [np.zeros_like(parameter) for parameter in parameters]
     squares = [np.zeros_like(parameter) for parameter in parameters]

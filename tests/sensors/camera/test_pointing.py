@@ -6,7 +6,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from geo.rotation import angles_of, quaternion_of
+from geo.frame import angles_of, quaternion_of
 from sensors.camera.leaf_camera import NOWHERE_M, ground_offset
 
 ANGLES = st.floats(-math.pi, math.pi)

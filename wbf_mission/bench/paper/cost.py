@@ -13,10 +13,10 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from geo.atomic import atomic_write
-from geo.decoding import misfit
 from geo.errors import WbfMissionError
 from geo.farms import get_farm
 from geo.grid import FarmGrid
+from geo.reading import misfit
 from sensors.estimators import make_estimator
 from sensors.estimators.base import Estimator, prepare_estimator
 from sensors.fields import PAPER_FIELDS

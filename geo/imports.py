@@ -1,4 +1,4 @@
-"""Packages whose public names are imported when they are first used (PEP 562).
+"""What is imported when it is first used: public names of packages (PEP 562), and entry points.
 
 Importing one light module of a package then does not import numpy or shapely for all the others. A package
 names the modules twice: for the type checker, which sees plain imports, and for `attach`::
@@ -14,6 +14,12 @@ from __future__ import annotations
 import importlib
 import sys
 from collections.abc import Callable, Iterable, Mapping
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from importlib import metadata
 
 
 def attach(
@@ -36,3 +42,31 @@ def attach(
         return sorted({*vars(sys.modules[package]), *public})
 
     return __getattr__, __dir__, public
+
+
+def entry_points(group: str) -> metadata.EntryPoints:
+    """Return the entry points of a group, as `importlib.metadata.entry_points` does in some milliseconds.
+
+    They are looked up again when ``sys.path`` or one of its folders has changed.
+
+    Examples
+    --------
+    >>> "spiral" in entry_points("wbf_mission.planners").names
+    True
+    """
+    return _entry_points(group, tuple((one, _changed_ns(one)) for one in sys.path))
+
+
+@lru_cache(maxsize=16)
+def _entry_points(group: str, _path: tuple[tuple[str, int], ...]) -> metadata.EntryPoints:
+    # Importing this takes longer than all else here.
+    from importlib import metadata
+
+    return metadata.entry_points(group=group)
+
+
+def _changed_ns(folder: str) -> int:
+    try:
+        return Path(folder).stat().st_mtime_ns
+    except OSError:
+        return 0

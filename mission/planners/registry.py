@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, cast
 
 from geo.imports import entry_points
 from geo.named import ParameterError, check_parameters, parse_named
-from mission.errors import PlanningError
+from mission.errors import AnswerError, PlanningError
 from mission.planners.path import PlannedPath
 from mission.planners.request import Planner, PlanningRequest
 
@@ -47,8 +47,12 @@ class ConfiguredPlanner:
     parameters: dict[str, Any]
 
     def __call__(self, request: PlanningRequest, /) -> PlannedPath:
-        """Plan, or raise PlanningError."""
-        return self.planner(request, **self.parameters)
+        """Plan, or raise PlanningError; AnswerError if the planner returns something else than a path."""
+        path: object = self.planner(request, **self.parameters)
+        if not isinstance(path, PlannedPath):
+            msg = f"planner {self.name} returned a {type(path).__name__}, not a PlannedPath"
+            raise AnswerError(msg, "no path")
+        return path
 
 
 def planner_names() -> tuple[str, ...]:

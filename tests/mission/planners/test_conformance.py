@@ -55,6 +55,10 @@ def not_a_path(request):
     return lawnmower(request).points_m
 
 
+def nothing(request):
+    return None
+
+
 def never(request):
     raise PlanningError("not today")
 
@@ -66,7 +70,8 @@ def never(request):
         (outside, "leaves"),
         (random_state, "global generator"),
         (different_each_time, "different"),
-        (not_a_path, "not a PlannedPath"),
+        (not_a_path, "planner not_a_path returned a ndarray, not a PlannedPath"),
+        (nothing, "planner nothing returned a NoneType, not a PlannedPath"),
         (never, "no path"),
     ],
 )

@@ -8,7 +8,8 @@ import shapely
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from geo import FarmError, FarmGrid, raster
+from geo import FarmError, FarmGrid
+from geo import grid as grid_module
 from geo.grid import rasterise
 
 SIZE = 24
@@ -84,12 +85,12 @@ def test_holes(
 def test_blocks_of_columns_do_not_change_the_result(polygon: shapely.Polygon) -> None:
     assume(polygon.is_valid)
     whole = painted(polygon)
-    before = raster._CROSSINGS_AT_ONCE
-    raster._CROSSINGS_AT_ONCE = 3
+    before = grid_module._CROSSINGS_AT_ONCE
+    grid_module._CROSSINGS_AT_ONCE = 3
     try:
         np.testing.assert_array_equal(painted(polygon), whole)
     finally:
-        raster._CROSSINGS_AT_ONCE = before
+        grid_module._CROSSINGS_AT_ONCE = before
 
 
 def test_slanted_ties_through_metres() -> None:

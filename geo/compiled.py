@@ -100,6 +100,7 @@ def compiled(
     dispatcher: Any = njit(**options)(function)
     if dispatcher is not function:
         _remember_operators()
+        _take_longer_records()
         _without_literals(dispatcher)
         # As numba's ``enable_caching`` does it.
         dispatcher._cache = _cache_class()(function)
@@ -116,6 +117,13 @@ def _without_literals(dispatcher: Any) -> None:
         return template(plain, {name: types.unliteral(one) for name, one in kws.items()})
 
     dispatcher.get_call_template = get_call_template
+
+
+@cache
+def _take_longer_records() -> None:
+    """Say nothing where a function is given a record with further columns behind those that it knows."""
+    numba: Any = import_module("numba")
+    warnings.filterwarnings("ignore", r"Record\(", numba.NumbaExperimentalFeatureWarning)
 
 
 @cache

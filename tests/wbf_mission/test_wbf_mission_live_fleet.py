@@ -188,7 +188,7 @@ def test_no_vehicle_starts_before_all_that_are_left_can():
         for number, delay_s in ((1, 0.0), (2, 10.0), (3, 0.0))
     ]
     host = SimpleNamespace(now_s=0.0, send=print)
-    flight = JointFlight(fleet, None, [], host, expected_s=1.0, tell=None, watch=None)
+    flight = JointFlight(fleet, None, [], host, expected_s=1.0, progress=None, watch=None)
     ready = m.MAV_SYS_STATUS_PREARM_CHECK
 
     def stages(now_s):

@@ -7,6 +7,6 @@ from sim_vehicle.energy import power
 
 __all__ = ["fixed_wing_power", "multirotor_power", "rover_power"]
 
-multirotor_power = compiled(power.multirotor_power)
-fixed_wing_power = compiled(power.fixed_wing_power)
-rover_power = compiled(power.rover_power)
+multirotor_power = compiled(allocates=False)(power.multirotor_power)
+fixed_wing_power = compiled(allocates=False)(power.fixed_wing_power)
+rover_power = compiled(allocates=False)(power.rover_power)

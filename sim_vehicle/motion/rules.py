@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
-@compiled
+@compiled(allocates=False)
 def wind_row(step: int, first: int, rows: int) -> int:
     """Return the row of the wind's block for a step on its grid; -1: the block is used up.
 
@@ -32,7 +32,7 @@ def wind_row(step: int, first: int, rows: int) -> int:
     return index if index < rows else -1
 
 
-@compiled
+@compiled(allocates=False)
 def mark_track(
     counters: Integers, step: int, track: Floats, every: int, x: float, y: float, z: float
 ) -> None:
@@ -43,7 +43,7 @@ def mark_track(
         counters[col.TRACK_POINTS] = point + 1
 
 
-@compiled
+@compiled(allocates=False)
 def complete_leg(counters: Integers, arrivals: Integers, step: int, stop_each: bool) -> int:
     """Enter the arrival at the end of the current leg and go on to the next; return the event."""
     leg = counters[col.LEG_INDEX]

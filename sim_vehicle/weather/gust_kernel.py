@@ -42,7 +42,7 @@ LOWEST_GUST_M = 10.0 * FOOT_M
 """Below this height MIL-F-8785C has no turbulence; the vertical gust dies away towards the ground."""
 
 
-@compiled
+@compiled(allocates=False)
 def wind_at(row: Floats, height_m: float) -> tuple[float, float, float]:
     """Return the wind (east, north, up; m/s) at a height above the ground.
 
@@ -82,7 +82,7 @@ def wind_at(row: Floats, height_m: float) -> tuple[float, float, float]:
     )
 
 
-@compiled(inline="always")
+@compiled(inline="always", allocates=False)
 def reference_term(height_m: float) -> float:
     """Return the term of MIL-F-8785C from which scales and intensities near the ground are made."""
     return 0.177 + 0.000823 * height_m / FOOT_M

@@ -56,7 +56,7 @@ Floats = NDArray[np.float64]
 Position = tuple[float, float, float]
 
 
-@compiled
+@compiled(allocates=False)
 def _shape(change: float, acceleration: float, limit: float, jerk: float, dt: float) -> float:
     """Return the next acceleration of a change of speed, within limits of it and of its jerk."""
     wanted = rooted(change, jerk / limit, jerk)
@@ -65,7 +65,7 @@ def _shape(change: float, acceleration: float, limit: float, jerk: float, dt: fl
     return acceleration + min(max(wanted - acceleration, -jerk * dt), jerk * dt)
 
 
-@compiled
+@compiled(allocates=False)
 def _stop_here(state: Record, guide: Record, law: Record) -> None:
     """Begin anew from the position where the vehicle comes to rest."""
     vx, vy, vz = state.velocity_x, state.velocity_y, state.velocity_z
@@ -88,7 +88,7 @@ def _stop_here(state: Record, guide: Record, law: Record) -> None:
     guide.pace = 1.0
 
 
-@compiled
+@compiled(allocates=False)
 def _take_velocity(state: Record, guide: Record) -> None:
     """Begin anew from the present position and velocity."""
     guide.px, guide.py, guide.pz = state.position_x, state.position_y, state.position_z
@@ -112,7 +112,7 @@ def end_of(guide: Record) -> Position:
     return guide.end_x, guide.end_y, guide.end_z
 
 
-@compiled
+@compiled(allocates=False)
 def _make(
     i: int, a: Position, b: Position, guide: Record, law: Record, heads: Floats, curves: Floats
 ) -> None:
@@ -127,7 +127,7 @@ def _make(
     )
 
 
-@compiled
+@compiled(allocates=False)
 def _apart(guide: Record) -> None:
     """Keep the begin of a leg from its end: an estimated position is never exactly the wanted one."""
     gap = (
@@ -139,7 +139,7 @@ def _apart(guide: Record) -> None:
         guide.begin_x = guide.end_x - LEAST_WAY
 
 
-@compiled
+@compiled(allocates=False)
 def begin(
     state: Record,
     guide: Record,

@@ -52,7 +52,7 @@ def _clear(row: Floats, begin: int, end: int) -> None:
         row[k] = 0.0
 
 
-@compiled
+@compiled(allocates=False)
 def kinematic_limit(flat: float, rise: float, level: float, up: float, down: float) -> float:
     """Return the limit along a direction; its horizontal part and the vertical ones have their own."""
     size = sqrt(flat * flat + rise * rise)
@@ -64,7 +64,7 @@ def kinematic_limit(flat: float, rise: float, level: float, up: float, down: flo
     return float(limit)
 
 
-@compiled
+@compiled(allocates=False)
 def _speed_change(
     snap: float, jerk: float, v0: float, accel: float, v1: float, length: float
 ) -> tuple[float, float, float, float]:
@@ -107,7 +107,7 @@ def _speed_change(
     return jerk, ramp, max(accel / jerk - ramp, 0.0) if full else 0.0, middle
 
 
-@compiled
+@compiled(allocates=False)
 def _peak_acceleration(jerk: float, ramp: float, v0: float, length: float) -> float:
     """Return the peak of a change that never holds its acceleration and takes a length: a root of a cubic."""
     peak = (length * jerk * jerk) ** (1.0 / 3.0)
@@ -144,7 +144,7 @@ def _within(
     )
 
 
-@compiled
+@compiled(allocates=False)
 def _put(curve: Floats, i: int, shape: float, lasts: float, jerk: float) -> None:
     """Write segment ``i`` behind the one before it."""
     before, row = curve[i - 1], curve[i]
@@ -169,7 +169,7 @@ def _put(curve: Floats, i: int, shape: float, lasts: float, jerk: float) -> None
     ) = before[SEGMENT_TIME] + lasts, shape, jerk, a, v, p
 
 
-@compiled
+@compiled(allocates=False)
 def _put_change(curve: Floats, i: int, jerk: float, ramp: float, full: float, middle: float) -> None:
     """Write the seven segments of a change of speed from ``i`` on."""
     _put(curve, i, 1.0, ramp, jerk)
@@ -183,7 +183,7 @@ def _put_change(curve: Floats, i: int, jerk: float, ramp: float, full: float, mi
     curve[i + 6, SEGMENT_SPEED] = max(curve[i + 6, SEGMENT_SPEED], 0.0)
 
 
-@compiled
+@compiled(allocates=False)
 def _put_nothing(curve: Floats, first: int, last: int, source: int) -> None:
     """Make the segments ``first`` to ``last`` empty ones after the segment ``source``."""
     for i in range(first, last + 1):
@@ -199,7 +199,7 @@ def _put_nothing(curve: Floats, first: int, last: int, source: int) -> None:
         )
 
 
-@compiled
+@compiled(allocates=False)
 def _put_end(head: Floats, curve: Floats, length: float) -> None:
     """Brake from the cruise within a length, and cruise so long that the profile ends where the leg ends."""
     speed = curve[_CRUISE, SEGMENT_SPEED]
@@ -212,13 +212,13 @@ def _put_end(head: Floats, curve: Floats, length: float) -> None:
         curve[i, SEGMENT_POSITION] += left
 
 
-@compiled
+@compiled(allocates=False)
 def clear_leg(head: Floats) -> None:
     """Make it a leg without length: it is finished before it begins."""
     head[TIME], head[MADE], head[LENGTH] = 0.0, 0.0, 0.0
 
 
-@compiled
+@compiled(allocates=False)
 def copy_leg(heads: Floats, curves: Floats, to: int, source: int) -> None:
     """Put the leg ``source`` of three in the place of the leg ``to``."""
     _copy(heads[to], 0, heads[source], 0, HEAD)
@@ -226,7 +226,7 @@ def copy_leg(heads: Floats, curves: Floats, to: int, source: int) -> None:
         _copy(curves[to, i], 0, curves[source, i], 0, COLUMNS)
 
 
-@compiled
+@compiled(allocates=False)
 def make_leg(
     head: Floats,
     curve: Floats,
@@ -262,7 +262,7 @@ def make_leg(
     _make_profile(head, curve)
 
 
-@compiled
+@compiled(allocates=False)
 def _make_profile(head: Floats, curve: Floats) -> None:
     _clear(curve[_START], 0, COLUMNS)
     half = 0.5 * head[LENGTH]
@@ -272,7 +272,7 @@ def _make_profile(head: Floats, curve: Floats) -> None:
     _put_end(head, curve, half)
 
 
-@compiled
+@compiled(allocates=False)
 def change_speed(head: Floats, curve: Floats, level: float, up: float, down: float) -> None:
     """Go on along a leg with other limits of speed, as well as what is left of it allows."""
     if head[MADE] == 0.0:
@@ -321,7 +321,7 @@ def change_speed(head: Floats, curve: Floats, level: float, up: float, down: flo
     _put_end(head, curve, head[LENGTH] - curve[_CRUISE, SEGMENT_POSITION])
 
 
-@compiled
+@compiled(allocates=False)
 def _change_under_way(head: Floats, curve: Floats, speed: float, room: float) -> None:
     """Change the speed after the first acceleration, if what is left before the braking is long enough."""
     now = curve[_ACCEL_END, SEGMENT_SPEED]

@@ -36,7 +36,7 @@ def _limited(value: float, limit: float) -> float:
     return min(max(value, -limit), limit)
 
 
-@compiled
+@compiled(allocates=False)
 def ask(state: Record, guide: Record, law: Record, step: int) -> float:
     """Return the rate of turning that is asked for, and set the speed that is.
 
@@ -68,7 +68,7 @@ def ask(state: Record, guide: Record, law: Record, step: int) -> float:
     return float((ax * cosine - ay * sine) / max(guide.speed_asked, _LEAST_SPEED_M_S))
 
 
-@compiled
+@compiled(allocates=False)
 def _slow_down(guide: Record, law: Record, wanted: float) -> None:
     """Bring the speed that is asked for towards another one, within the accelerations."""
     before = guide.speed_asked
@@ -76,7 +76,7 @@ def _slow_down(guide: Record, law: Record, wanted: float) -> None:
     guide.speed_asked = before + _limited(wanted - before, change)
 
 
-@compiled
+@compiled(allocates=False)
 def _pivot(state: Record, guide: Record, law: Record, step: int) -> float:
     """Return the rate of a turn on the spot towards the waypoint, and end it within 5 degrees of that."""
     bearing = atan2(guide.end_x - state.position_x, guide.end_y - state.position_y)
@@ -91,7 +91,7 @@ def _pivot(state: Record, guide: Record, law: Record, step: int) -> float:
     return rate
 
 
-@compiled
+@compiled(allocates=False)
 def steer(state: Record, guide: Record, law: Record, rate: float) -> None:
     """Turn as the steering does for a rate that is asked for."""
     dt, speed = law.dt, abs(state.speed)
@@ -114,7 +114,7 @@ def steer(state: Record, guide: Record, law: Record, rate: float) -> None:
     state.heading_rate = wheels(speed, output, law.tightest)
 
 
-@compiled
+@compiled(allocates=False)
 def centre(state: Record, guide: Record, law: Record) -> None:
     """Stop: slow down with the wheels straight."""
     _slow_down(guide, law, 0.0)
@@ -129,7 +129,7 @@ def wheels(speed: float, output: float, tightest: float) -> float:
     return speed / tightest * sin(_LOCK * _limited(output, 1.0)) / _SINE_OF_LOCK
 
 
-@compiled
+@compiled(allocates=False)
 def drive(state: Record, guide: Record, law: Record) -> None:
     """Bring the speed to what is asked for by the throttle, and move one step."""
     dt, before = law.dt, state.speed
@@ -164,7 +164,7 @@ def drive(state: Record, guide: Record, law: Record) -> None:
     state.speed, state.throttle = speed, throttle
 
 
-@compiled
+@compiled(allocates=False)
 def look_along(state: Record, guide: Record) -> None:
     """Note how far the vehicle is behind its target, and its speed along that one's way."""
     wx, wy = guide.vx, guide.vy

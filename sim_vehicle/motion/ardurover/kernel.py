@@ -52,7 +52,7 @@ AT_ONCE = -1
 """Kind of a leg that has no meaning on the ground."""
 
 
-@compiled
+@compiled(allocates=False)
 def _make(
     i: int, a: Position, b: Position, guide: Record, law: Record, heads: Floats, curves: Floats
 ) -> None:
@@ -67,7 +67,7 @@ def _make(
     )
 
 
-@compiled
+@compiled(allocates=False)
 def _stop_here(state: Record, guide: Record, law: Record) -> None:
     """Begin anew from the position where the vehicle comes to rest."""
     ahead = 0.5 * abs(state.speed) / law.decel
@@ -80,7 +80,7 @@ def _stop_here(state: Record, guide: Record, law: Record) -> None:
     guide.pace = 1.0
 
 
-@compiled
+@compiled(allocates=False)
 def _turns_by(x: float, y: float, from_x: float, from_y: float, bearing: float) -> float:
     """Return the angle between a bearing and that of a way; 0 for a way without length."""
     dx, dy = x - from_x, y - from_y
@@ -89,7 +89,7 @@ def _turns_by(x: float, y: float, from_x: float, from_y: float, bearing: float) 
     return abs((atan2(dx, dy) - bearing + pi) % (2.0 * pi) - pi)
 
 
-@compiled
+@compiled(allocates=False)
 def begin(
     state: Record, guide: Record, law: Record, heads: Floats, curves: Floats, route: Record, leg: int
 ) -> None:
@@ -154,7 +154,7 @@ def begin(
             _make(2, end_of(guide), (after.x, after.y, after.z), guide, law, heads, curves)
 
 
-@compiled
+@compiled(allocates=False)
 def _lead(state: Record, guide: Record, law: Record, heads: Floats, curves: Floats) -> bool:
     """Move the target for the next step; tell whether the leg is done."""
     if guide.pivots != 0.0:
@@ -169,7 +169,7 @@ def _lead(state: Record, guide: Record, law: Record, heads: Floats, curves: Floa
     return done
 
 
-@compiled
+@compiled(allocates=False)
 def advance(
     states: Record,
     counters: Integers,

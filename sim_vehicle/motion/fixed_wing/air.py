@@ -22,7 +22,7 @@ FALL_M_S = 18.0
 FALL_S = 2.0
 
 
-@compiled
+@compiled(allocates=False)
 def _roll(state: Record, limits: Record, bank: float) -> None:
     """Roll towards a commanded bank."""
     dt = limits.step_s
@@ -37,7 +37,7 @@ def _roll(state: Record, limits: Record, bank: float) -> None:
     state.bank += rate * dt
 
 
-@compiled
+@compiled(allocates=False)
 def _trim(state: Record, limits: Record, lift: float, v: float) -> None:
     """Let the elevator that is missing for the lift tip the nose, and the integral take it over.
 
@@ -57,7 +57,7 @@ def _trim(state: Record, limits: Record, lift: float, v: float) -> None:
     state.trimmed = lift
 
 
-@compiled
+@compiled(allocates=False)
 def pitch_up(state: Record, limits: Record, pitch: float) -> float:
     """Pitch towards a commanded angle and return the climb rate that the lift then gives.
 
@@ -87,7 +87,7 @@ def pitch_up(state: Record, limits: Record, pitch: float) -> float:
     return float(v * min(max(sin(path), -STEEPEST), STEEPEST))
 
 
-@compiled
+@compiled(allocates=False)
 def fly(
     state: Record, limits: Record, bank: float, climb: float, rate: float, wx: float, wy: float, rising: float
 ) -> float:
@@ -144,7 +144,7 @@ def fly(
     return load
 
 
-@compiled
+@compiled(allocates=False)
 def drop(state: Record, limits: Record, wx: float, wy: float) -> None:
     """Fall a step."""
     dt = limits.step_s
@@ -167,7 +167,7 @@ def drop(state: Record, limits: Record, wx: float, wy: float) -> None:
     state.climb = vz
 
 
-@compiled
+@compiled(allocates=False)
 def blow(state: Record, wx: float, wy: float, rising: float) -> None:
     """Change the wind: the velocity over ground stays, that through the air changes."""
     if state.doing == FLYING or state.doing == FLARE:

@@ -26,7 +26,7 @@ _SLOW_BANK = 0.4363
 _PROJECTION_M = 500.0
 
 
-@compiled
+@compiled(allocates=False)
 def begin_slope(state: Record, row: Record, limits: Record) -> None:
     """Decide at the beginning of a leg whether its height is reached at once or evenly."""
     rise = row.z - state.begin_z
@@ -38,7 +38,7 @@ def begin_slope(state: Record, row: Record, limits: Record) -> None:
     state.target = state.position_z
 
 
-@compiled
+@compiled(allocates=False)
 def ahead_of_landing(state: Record, row: Record) -> tuple[float, float]:
     """Return the length of the leg to a landing and the part of it that was flown."""
     dx, dy = row.x - state.begin_x, row.y - state.begin_y
@@ -47,7 +47,7 @@ def ahead_of_landing(state: Record, row: Record) -> tuple[float, float]:
     return sqrt(length2), (rx * dx + ry * dy) / length2
 
 
-@compiled
+@compiled(allocates=False)
 def command_bank(state: Record, limits: Record, lateral: float, takeoff: bool, flaring: bool) -> None:
     """Set the demanded bank for a lateral acceleration, within what height and airspeed allow."""
     bank = atan(lateral / (GRAVITY_M_S2 * cos(state.pitch)))
@@ -65,7 +65,7 @@ def command_bank(state: Record, limits: Record, lateral: float, takeoff: bool, f
     state.bank_demand = min(max(bank, -limit), limit)
 
 
-@compiled
+@compiled(allocates=False)
 def _approach_height(state: Record, limits: Record, length: float, portion: float) -> float:
     """Return the height on the line to the point where the flare is to begin."""
     top = state.begin_z
@@ -86,7 +86,7 @@ def _approach_height(state: Record, limits: Record, length: float, portion: floa
     return float(min(max(top + (low - top) * min(max(part, 0.0), 1.0), low), top))
 
 
-@compiled
+@compiled(allocates=False)
 def _land(state: Record, row: Record, limits: Record, sink: float) -> tuple[float, float, float]:
     """Go on with a landing; return height and airspeed to fly, and the part of the leg that was flown."""
     length, portion = ahead_of_landing(state, row)
@@ -133,7 +133,7 @@ def _land(state: Record, row: Record, limits: Record, sink: float) -> tuple[floa
     return _approach_height(state, limits, length, portion), airspeed, portion
 
 
-@compiled
+@compiled(allocates=False)
 def _least_pitch(state: Record, row: Record, limits: Record, climb: float) -> float:
     """Return the least pitch of a climb-out; near its height the nose may come down."""
     pitch = row.pitch
@@ -148,7 +148,7 @@ def _least_pitch(state: Record, row: Record, limits: Record, climb: float) -> fl
     return float(pitch)
 
 
-@compiled
+@compiled(allocates=False)
 def command_energy(
     state: Record,
     row: Record,

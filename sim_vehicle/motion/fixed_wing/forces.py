@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 _SLOW = 3.0
 
 
-@compiled
+@compiled(allocates=False)
 def drag(limits: Record, airspeed: float, load: float) -> float:
     """Return the drag over the mass, m/s^2.
 
@@ -35,7 +35,7 @@ def drag(limits: Record, airspeed: float, load: float) -> float:
     return float(limits.parasitic * v2 + limits.induced * load * load / v2)
 
 
-@compiled
+@compiled(allocates=False)
 def energy_rate(limits: Record, throttle: float, airspeed: float, load: float) -> float:
     """Return the gain of energy over the weight, m/s: the climb at a steady airspeed."""
     force = limits.thrust * throttle - drag(limits, airspeed, load)

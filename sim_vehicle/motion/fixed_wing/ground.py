@@ -13,7 +13,7 @@ from sim_vehicle.motion.records import Record
 __all__ = ["brake_rate", "roll_on_ground", "take_off"]
 
 
-@compiled
+@compiled(allocates=False)
 def roll_on_ground(state: Record, limits: Record, rate: float, wx: float, wy: float) -> None:
     """Change the speed over ground by ``rate`` along the course on the ground."""
     dt = limits.step_s
@@ -35,7 +35,7 @@ def roll_on_ground(state: Record, limits: Record, rate: float, wx: float, wy: fl
     state.climb = state.bank = state.command = state.pitch = 0.0
 
 
-@compiled
+@compiled(allocates=False)
 def _lift_off(state: Record, wx: float, wy: float) -> None:
     ae, an = state.velocity_x - wx, state.velocity_y - wy
     state.airspeed = max(sqrt(ae * ae + an * an), SHORT)
@@ -44,7 +44,7 @@ def _lift_off(state: Record, wx: float, wy: float) -> None:
     state.doing = FLYING
 
 
-@compiled
+@compiled(allocates=False)
 def brake_rate(state: Record, limits: Record) -> float:
     """Return the deceleration on the ground after a landing."""
     braking = limits.braking
@@ -54,7 +54,7 @@ def brake_rate(state: Record, limits: Record) -> float:
     return float(braking)
 
 
-@compiled
+@compiled(allocates=False)
 def take_off(state: Record, limits: Record, wx: float, wy: float) -> None:
     """Be thrown, or roll a step, and leave the ground when it is fast enough."""
     dt = limits.step_s

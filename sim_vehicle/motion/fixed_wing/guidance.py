@@ -31,7 +31,7 @@ _LATE_S = 3.0
 _DECIDED = 0.9 * pi
 
 
-@compiled
+@compiled(allocates=False)
 def switch_distance(ground: float, period: float, damping: float, share: float) -> float:
     """Return the distance to a waypoint at which NPFG turns to the next leg."""
     constant = period * damping
@@ -39,13 +39,13 @@ def switch_distance(ground: float, period: float, damping: float, share: float) 
     return float(min(share * bound, 500.0))
 
 
-@compiled
+@compiled(allocates=False)
 def l1_distance(ground: float, period: float, damping: float) -> float:
     """Return the distance to the point on the path that L1 steers to."""
     return float(max(damping * period * ground / pi, 0.1))
 
 
-@compiled
+@compiled(allocates=False)
 def _feasible(across: float, along: float, airspeed: float, wind: float) -> float:
     across = wind if along < 0.0 else abs(across)
     share = min(max((airspeed - across) / AIRSPEED_BUFFER, 0.0), 1.0)
@@ -53,7 +53,7 @@ def _feasible(across: float, along: float, airspeed: float, wind: float) -> floa
     return float(s * s)
 
 
-@compiled
+@compiled(allocates=False)
 def npfg(
     error: float,
     te: float,
@@ -122,7 +122,7 @@ def npfg(
     return acceleration + 4.0 * pi * damping / period * turn, be, bn
 
 
-@compiled
+@compiled(allocates=False)
 def _decide(nu: float, state: Record) -> float:
     """Keep turning the same way when the goal is behind."""
     last = state.guidance
@@ -132,7 +132,7 @@ def _decide(nu: float, state: Record) -> float:
     return float(min(max(nu, -0.5 * pi), 0.5 * pi))
 
 
-@compiled
+@compiled(allocates=False)
 def l1_line(
     rx: float,
     ry: float,
@@ -194,7 +194,7 @@ def l1_line(
     return k * ground * ground / distance * sin(angle), be, bn
 
 
-@compiled
+@compiled(allocates=False)
 def l1_circle(
     rx: float,
     ry: float,

@@ -45,7 +45,7 @@ PATIENCE_S = 120.0
 SLOW_SHARE = 0.15
 
 
-@compiled
+@compiled(allocates=False)
 def _patience_steps(state: Record, row: Record, limits: Record) -> float:
     """Return the number of steps that a leg may take."""
     east, north = row.x - state.position_x, row.y - state.position_y
@@ -56,7 +56,7 @@ def _patience_steps(state: Record, row: Record, limits: Record) -> float:
     return float(seconds / limits.step_s)
 
 
-@compiled
+@compiled(allocates=False)
 def _enter(state: Record, route: Record, leg: int, step: int, limits: Record) -> None:
     """Begin a leg."""
     row = route[leg]
@@ -94,7 +94,7 @@ def _enter(state: Record, route: Record, leg: int, step: int, limits: Record) ->
         state.course = atan2(state.velocity_x, state.velocity_y)
 
 
-@compiled
+@compiled(allocates=False)
 def _arduplane_control(
     state: Record, row: Record, arrived: bool, limits: Record, wx: float, wy: float
 ) -> None:
@@ -106,7 +106,7 @@ def _arduplane_control(
     arduplane.command_energy(state, row, limits, arrived, circles(state, row, arrived), airspeed, wx, wy)
 
 
-@compiled
+@compiled(allocates=False)
 def _tick(
     state: Record, row: Record, arrived: bool, limits: Record, step: int, wx: float, wy: float, rising: float
 ) -> bool:
@@ -156,7 +156,7 @@ def _tick(
     return passed(state, row, limits)
 
 
-@compiled
+@compiled(allocates=False)
 def advance(
     states: Record,
     counters: Integers,
@@ -256,7 +256,7 @@ def advance(
     return event
 
 
-@compiled
+@compiled(allocates=False)
 def _settle(state: Record, row: Record, limits: Record) -> None:
     """Choose the circle that is flown after the end of a route."""
     state.centre_x, state.centre_y, state.centre_z = row.x, row.y, row.z

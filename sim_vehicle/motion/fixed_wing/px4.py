@@ -23,7 +23,7 @@ __all__ = ["px4_control"]
 THROTTLE_S = 0.4
 
 
-@compiled
+@compiled(allocates=False)
 def _near_ground(state: Record, limits: Record, level: bool) -> float:
     """Return the bank limit: a wing tip must not touch the ground, and some keep level while they climb."""
     bank = limits.bank_limit
@@ -34,7 +34,7 @@ def _near_ground(state: Record, limits: Record, level: bool) -> float:
     return float(min(bank, max(tip, 0.09)))
 
 
-@compiled
+@compiled(allocates=False)
 def _climb(state: Record, limits: Record, height: float, full: bool) -> float:
     """Return the climb rate for a height, which is followed at limited rates (``TECSReferenceModel``)."""
     here, dt = state.position_z, limits.step_s
@@ -53,7 +53,7 @@ def _climb(state: Record, limits: Record, height: float, full: bool) -> float:
     return float(min(max(climb, -limits.sink_max), limits.climb_max))
 
 
-@compiled
+@compiled(allocates=False)
 def _height_along(state: Record, row: Record, limits: Record) -> float:
     """Return the height along a leg: that of the waypoint is reached a circle's radius before it."""
     dx, dy = row.x - state.begin_x, row.y - state.begin_y
@@ -66,7 +66,7 @@ def _height_along(state: Record, row: Record, limits: Record) -> float:
     return float(row.z - state.slope * min(max(left, 0.0), 1.0))
 
 
-@compiled
+@compiled(allocates=False)
 def _throttle(state: Record, limits: Record, asked: float, load: float) -> float:
     """Return the throttle for an energy rate over the weight (``TECSControl::_calcThrottleControl``).
 
@@ -88,7 +88,7 @@ def _throttle(state: Record, limits: Record, asked: float, load: float) -> float
     return float(min(max(throttle, 0.0), limits.throttle_limit))
 
 
-@compiled
+@compiled(allocates=False)
 def _energy(
     state: Record, limits: Record, height: float, airspeed: float, load: float, full: bool
 ) -> tuple[float, float, float]:
@@ -119,7 +119,7 @@ def _energy(
     return throttle, min(max(climb, -limits.sink_max), limits.climb_max), rate
 
 
-@compiled
+@compiled(allocates=False)
 def _approach(state: Record, row: Record, limits: Record) -> float:
     """Return the height to aim at on the way down to a landing; begin the flare."""
     ground = sqrt(state.velocity_x * state.velocity_x + state.velocity_y * state.velocity_y)
@@ -140,7 +140,7 @@ def _approach(state: Record, row: Record, limits: Record) -> float:
     return float(height)
 
 
-@compiled
+@compiled(allocates=False)
 def px4_control(
     state: Record, row: Record, arrived: bool, limits: Record, wx: float, wy: float
 ) -> tuple[float, float, float]:

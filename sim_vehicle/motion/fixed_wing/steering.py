@@ -33,7 +33,7 @@ AHEAD_OF_LANDING_M = 200.0
 _NEAR_CIRCLE = 3.0
 
 
-@compiled
+@compiled(allocates=False)
 def _steer_line(
     state: Record, row: Record, limits: Record, wx: float, wy: float
 ) -> tuple[float, float, float]:
@@ -77,7 +77,7 @@ def _steer_line(
     return npfg(rx * tn - ry * te, te, tn, 0.0, ve, vn, wx, wy, period, damping)
 
 
-@compiled
+@compiled(allocates=False)
 def _steer_circle(
     state: Record, x: float, y: float, radius: float, limits: Record, wx: float, wy: float
 ) -> float:
@@ -102,7 +102,7 @@ def _steer_circle(
     return lateral
 
 
-@compiled
+@compiled(allocates=False)
 def circles(state: Record, row: Record, arrived: bool) -> bool:
     """Tell whether a circle is flown now."""
     if arrived or row.kind == LINE:
@@ -110,7 +110,7 @@ def circles(state: Record, row: Record, arrived: bool) -> bool:
     return row.kind in (CIRCLE, CIRCULAR_LANDING)
 
 
-@compiled
+@compiled(allocates=False)
 def _comes_along_line(state: Record, row: Record, limits: Record) -> bool:
     """Tell whether ArduPlane comes to a circle of a mission along the line from the waypoint before.
 
@@ -120,7 +120,7 @@ def _comes_along_line(state: Record, row: Record, limits: Record) -> bool:
     return bool(limits.law != NPFG and of_mission and isnan(state.bearing) and state.direct == 0.0)
 
 
-@compiled
+@compiled(allocates=False)
 def steer(
     state: Record, row: Record, arrived: bool, limits: Record, wx: float, wy: float
 ) -> tuple[float, float, float]:
@@ -152,7 +152,7 @@ def steer(
     return 2.0 * sin(error) * rate * state.airspeed, 0.0, 0.0
 
 
-@compiled
+@compiled(allocates=False)
 def leg_airspeed(
     row: Record, arrived: bool, limits: Record, be: float, bn: float, wx: float, wy: float
 ) -> float:
@@ -171,7 +171,7 @@ def leg_airspeed(
     return float(min(max(airspeed, min(limits.airspeed_min, limits.landing_airspeed)), limits.airspeed_max))
 
 
-@compiled
+@compiled(allocates=False)
 def _acceptance(state: Record, row: Record, limits: Record) -> float:
     """Return the distance at which a waypoint counts as reached."""
     ground = sqrt(state.velocity_x * state.velocity_x + state.velocity_y * state.velocity_y)
@@ -183,7 +183,7 @@ def _acceptance(state: Record, row: Record, limits: Record) -> float:
     return float(near * min(row.turn_angle / (0.5 * pi), 1.0))
 
 
-@compiled
+@compiled(allocates=False)
 def passed(state: Record, row: Record, limits: Record) -> bool:
     """Tell whether a waypoint is reached."""
     east, north = state.position_x - row.x, state.position_y - row.y
@@ -200,7 +200,7 @@ def passed(state: Record, row: Record, limits: Record) -> bool:
     return False
 
 
-@compiled
+@compiled(allocates=False)
 def circled(state: Record, row: Record, limits: Record, step: int) -> bool:
     """Keep count on a circle and tell whether it may be left."""
     rx, ry = state.position_x - row.x, state.position_y - row.y

@@ -27,12 +27,12 @@ _UNDERSPEED_S = 3.0
 _BAD_DESCENT = 200.0
 
 
-@compiled
+@compiled(allocates=False)
 def _clip(value: float, low: float, high: float) -> float:
     return float(min(max(value, low), high))
 
 
-@compiled
+@compiled(allocates=False)
 def _begin(state: Record, limits: Record) -> None:
     """Take the flight as it is."""
     state.last_speed = state.speed_demand = max(state.airspeed, _SLOWEST)
@@ -52,7 +52,7 @@ def _begin(state: Record, limits: Record) -> None:
     state.running = 1.0
 
 
-@compiled
+@compiled(allocates=False)
 def _demand_speed(
     state: Record, limits: Record, stage: float, airspeed: float, v: float, time_s: float
 ) -> tuple[float, float, float]:
@@ -78,7 +78,7 @@ def _demand_speed(
     return rate, slowest, fastest
 
 
-@compiled
+@compiled(allocates=False)
 def _demand_height(
     state: Record, limits: Record, stage: float, target: float, pitch_min: float, pitch_max: float
 ) -> float:
@@ -116,7 +116,7 @@ def _demand_height(
     return float(rate)
 
 
-@compiled
+@compiled(allocates=False)
 def _demand_flare(state: Record, limits: Record, climb: float) -> float:
     """Let the sink die away with the height; return the demanded climb rate."""
     height = state.position_z
@@ -133,7 +133,7 @@ def _demand_flare(state: Record, limits: Record, climb: float) -> float:
     return float(rate)
 
 
-@compiled
+@compiled(allocates=False)
 def _notice_underspeed(state: Record, slowest: float, v: float, stage: float) -> None:
     """Note an airspeed that full throttle does not hold: it then comes before the height."""
     state.underspeed_s += PERIOD_S
@@ -149,7 +149,7 @@ def _notice_underspeed(state: Record, slowest: float, v: float, stage: float) ->
         state.underspeed = 0.0
 
 
-@compiled
+@compiled(allocates=False)
 def control_energy(
     state: Record,
     limits: Record,
@@ -294,7 +294,7 @@ def control_energy(
     state.bad_descent = 1.0 if state.underspeed == 0.0 and not sinking and (falls or stays) else 0.0
 
 
-@compiled
+@compiled(allocates=False)
 def _pitch(
     state: Record,
     limits: Record,

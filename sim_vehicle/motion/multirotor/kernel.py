@@ -147,7 +147,7 @@ def _gentle_acceleration(room: float, jerk: float, dt: float) -> float:
     return 0.5 * change - sqrt(0.25 * change * change - 2.0 * jerk * room)
 
 
-@compiled
+@compiled(allocates=False)
 def axis_acceleration(
     d: float, v: float, a: float, v_end: float, speed: float, limit: float, jerk: float, dt: float
 ) -> float:
@@ -198,7 +198,7 @@ def axis_acceleration(
     return float(sign * low)
 
 
-@compiled
+@compiled(allocates=False)
 def velocity_acceleration(v: float, a: float, wanted: float, limit: float, jerk: float, dt: float) -> float:
     """Return the acceleration at the end of the step that brings one axis to a speed, without overshoot."""
     change = jerk * dt
@@ -208,7 +208,7 @@ def velocity_acceleration(v: float, a: float, wanted: float, limit: float, jerk:
     return float(min(max(gentle, low), high))
 
 
-@compiled
+@compiled(allocates=False)
 def _climb_acceleration(row: Record, height: float, v: float, a: float, limits: Record) -> float:
     """Return the vertical acceleration of a leg that keeps a velocity, slow enough to touch down."""
     dt, limit, jerk = limits.step_s, row.acceleration_normal, row.jerk_normal
@@ -225,7 +225,7 @@ def _climb_acceleration(row: Record, height: float, v: float, a: float, limits: 
     return -float(axis_acceleration(max(height, 0.0), -v, -a, end, -wanted, limit, jerk, dt))
 
 
-@compiled
+@compiled(allocates=False)
 def _below_top_speed(
     vx: float, vy: float, ax: float, ay: float, bx: float, by: float, limits: Record
 ) -> tuple[float, float]:
@@ -253,7 +253,7 @@ def _below_top_speed(
     return ax + radial * ux - tangential * uy, ay + radial * uy + tangential * ux
 
 
-@compiled
+@compiled(allocates=False)
 def axes_of(row: Record) -> tuple[Axis, Axis, Axis]:
     """Return what is along, across and normal to a leg: direction and limits of acceleration and jerk."""
     return (
@@ -263,7 +263,7 @@ def axes_of(row: Record) -> tuple[Axis, Axis, Axis]:
     )
 
 
-@compiled
+@compiled(allocates=False)
 def _detour(row: Record, velocity: Vector, acceleration: Vector) -> float:
     """Return about how far a new leg is left before the motion that does not belong to it has stopped.
 
@@ -285,7 +285,7 @@ def _detour(row: Record, velocity: Vector, acceleration: Vector) -> float:
     return detour
 
 
-@compiled
+@compiled(allocates=False)
 def advance(
     states: Record,
     counters: Integers,

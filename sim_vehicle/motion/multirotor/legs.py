@@ -20,7 +20,7 @@ ACROSS = 0.6
 NORMAL = 0.25
 
 
-@compiled
+@compiled(allocates=False)
 def _speed_within(distance: float, limit: float, jerk: float) -> float:
     """Return the speed from which an axis stops within a distance, starting with no acceleration."""
     v = (distance * sqrt(jerk)) ** (2.0 / 3.0)
@@ -30,7 +30,7 @@ def _speed_within(distance: float, limit: float, jerk: float) -> float:
     return 0.5 * limit * (sqrt(ramp * ramp + 8.0 * distance / limit) - ramp)
 
 
-@compiled
+@compiled(allocates=False)
 def _shared(level: float, vertical: float, flat: float, rise: float) -> tuple[float, float, float]:
     """Return a limit along a leg with this horizontal part and rise, across it, and normal to both."""
     normal = NORMAL * min(ALONG * level / rise if rise > 0.0 else inf, vertical / flat if flat > 0.0 else inf)

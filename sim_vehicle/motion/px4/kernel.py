@@ -180,7 +180,7 @@ NOISE_M = 0.12
 PROGRESS = 0.98
 
 
-@compiled
+@compiled(allocates=False)
 def _choose_waypoints(g: Record, row: Record, px: float, py: float, pz: float, radius: float) -> None:
     """Follow the leg, or fly back to it when the vehicle is off it, before it or past its end."""
     dx, dy, dz = (
@@ -222,7 +222,7 @@ def _choose_waypoints(g: Record, row: Record, px: float, py: float, pz: float, r
         g.after_x, g.after_y, g.after_z = row.x, row.y, row.z
 
 
-@compiled
+@compiled(allocates=False)
 def _guide(g: Record, row: Record, law: Record, px: float, py: float, pz: float, least_track: float) -> None:
     """Move the trajectory by one step; a setpoint has none, the controller goes straight for it."""
     if row.kind == _SETPOINT:
@@ -310,7 +310,7 @@ def _guide(g: Record, row: Record, law: Record, px: float, py: float, pz: float,
     g.z, g.vz, g.az = follow(c, g.z, g.vz, g.az, jerk, t)
 
 
-@compiled
+@compiled(allocates=False)
 def _control(
     g: Record, law: Record, state: Record, climb_limit: float, flying: bool
 ) -> tuple[float, float, float]:
@@ -362,7 +362,7 @@ def _control(
     return tx, ty, tz
 
 
-@compiled
+@compiled(allocates=False)
 def _turn(g: Record, row: Record, law: Record, state: Record) -> None:
     """Turn the heading: to the target, as the leg says, or to the position that the nose points at."""
     yaw, rate, dt = state.heading, state.heading_rate, law.dt
@@ -391,7 +391,7 @@ def _turn(g: Record, row: Record, law: Record, state: Record) -> None:
     state.heading, state.heading_rate = yaw % (2.0 * pi), rate
 
 
-@compiled
+@compiled(allocates=False)
 def _fly(
     g: Record, law: Record, state: Record, wanted: Vector, lag: float, flying: bool, turning: float
 ) -> float:
@@ -442,7 +442,7 @@ def _fly(
     return sqrt(mx * mx + my * my + mz * mz)
 
 
-@compiled
+@compiled(allocates=False)
 def _inside(row: Record, law: Record, state: Record, error: float) -> bool:
     """Tell whether the navigator takes a waypoint as reached, its heading and pause aside."""
     kind, rise = row.kind, row.z - (state.position_z + error)
@@ -454,7 +454,7 @@ def _inside(row: Record, law: Record, state: Record, error: float) -> bool:
     return bool(flat2 <= row.radius * row.radius and abs(rise) <= law.alt_rad)
 
 
-@compiled
+@compiled(allocates=False)
 def _left(row: Record, state: Record) -> float:
     """Return the distance left of a leg; only the height counts where only the height ends it."""
     rise, kind = row.z - state.position_z, row.kind
@@ -463,7 +463,7 @@ def _left(row: Record, state: Record) -> float:
     return float(sqrt((row.x - state.position_x) ** 2 + (row.y - state.position_y) ** 2 + rise * rise))
 
 
-@compiled
+@compiled(allocates=False)
 def begin_leg(g: Record, row: Record, state: Record) -> None:
     """Make a leg the current one; a leg of a return or a landing begins where the vehicle is."""
     if row.kind >= _CLIMB:
@@ -476,7 +476,7 @@ def begin_leg(g: Record, row: Record, state: Record) -> None:
     g.fresh, g.best, g.inside, g.ground = 1.0, inf, -1.0, 0.0
 
 
-@compiled
+@compiled(allocates=False)
 def advance(
     states: Record,
     counters: Integers,

@@ -18,7 +18,7 @@ Vector = tuple[float, float, float]
 _TINY = 1e-7
 
 
-@compiled
+@compiled(allocates=False)
 def brakeable_speed(jerk: float, accel: float, distance: float, final: float) -> float:
     """Return the speed from which ``final`` is still reached within a distance.
 
@@ -29,7 +29,7 @@ def brakeable_speed(jerk: float, accel: float, distance: float, final: float) ->
     return max(v, final)
 
 
-@compiled
+@compiled(allocates=False)
 def turn_speed(cosine: float, accel: float, radius: float) -> float:
     """Return the speed through a corner on the circle that touches both legs at ``radius`` from it.
 
@@ -39,7 +39,7 @@ def turn_speed(cosine: float, accel: float, radius: float) -> float:
     return sqrt(accel * radius * sqrt((1.0 - c) / (1.0 + c)))
 
 
-@compiled
+@compiled(allocates=False)
 def profile(v: float, a: float, wanted: float, limit: float, jerk: float) -> Profile:
     """Return the fastest profile from speed ``v`` and acceleration ``a`` to a wanted, steady speed."""
     gap = wanted - v - 0.5 * a * abs(a) / jerk
@@ -58,7 +58,7 @@ def profile(v: float, a: float, wanted: float, limit: float, jerk: float) -> Pro
     return sign, t1, _plateau(t1, t3, a, change, jerk), t3
 
 
-@compiled
+@compiled(allocates=False)
 def _plateau(t1: float, t3: float, a: float, change: float, jerk: float) -> float:
     top = a + jerk * t1
     if abs(top) <= _TINY:
@@ -67,7 +67,7 @@ def _plateau(t1: float, t3: float, a: float, change: float, jerk: float) -> floa
     return max(rest / top, 0.0)
 
 
-@compiled
+@compiled(allocates=False)
 def stretched(
     p: Profile, v: float, a: float, wanted: float, limit: float, jerk: float, total: float
 ) -> Profile:
@@ -89,7 +89,7 @@ def stretched(
     return sign, t1, max(total - t1 - t3, 0.0), t3
 
 
-@compiled
+@compiled(allocates=False)
 def follow(p: Profile, x: float, v: float, a: float, jerk: float, t: float) -> Vector:
     """Return position, speed and acceleration on a profile after a time."""
     sign, t1, t2, t3 = p
@@ -116,14 +116,14 @@ def follow(p: Profile, x: float, v: float, a: float, jerk: float, t: float) -> V
     return x, v, a
 
 
-@compiled
+@compiled(allocates=False)
 def unit_dot(ax: float, ay: float, bx: float, by: float) -> float:
     """Return the cosine of the angle between two horizontal vectors, 0 when one has no length."""
     size = sqrt((ax * ax + ay * ay) * (bx * bx + by * by))
     return (ax * bx + ay * by) / size if size > _TINY * _TINY else 0.0
 
 
-@compiled
+@compiled(allocates=False)
 def level_speed(
     place: Vector,
     target: Vector,
@@ -149,7 +149,7 @@ def level_speed(
     return min(cruise, brakeable_speed(jerk, accel, left, corner))
 
 
-@compiled
+@compiled(allocates=False)
 def climb_speed(
     place: Vector, target: Vector, after: Vector, radius: float, top: float, accel: float, jerk: float
 ) -> float:
@@ -166,7 +166,7 @@ def climb_speed(
     return min(top, brakeable_speed(jerk, accel, abs(target[2] - place[2]), arrival))
 
 
-@compiled
+@compiled(allocates=False)
 def clamped(v: Vector, level: float, climb: float) -> Vector:
     """Return a velocity made shorter, direction kept, to a horizontal and then a vertical speed.
 
@@ -188,7 +188,7 @@ def clamped(v: Vector, level: float, climb: float) -> Vector:
     return x, y, z
 
 
-@compiled
+@compiled(allocates=False)
 def lookahead(place: Vector, begin: Vector, target: Vector, reach: float, endless: bool) -> Vector:
     """Return the point of the line from ``begin`` to ``target`` that is ``reach`` away and ahead.
 

@@ -32,7 +32,7 @@ SLOW_SHARE = 0.1
 PIVOT_GAIN = 2.0
 
 
-@compiled
+@compiled(allocates=False)
 def _bearing(state: Record, row: Record, limits: Record, pace: float) -> float:
     """Return the bearing to the point that is pursued: on the leg, a look-ahead for a speed away."""
     x, y = state.position_x, state.position_y
@@ -53,7 +53,7 @@ def _bearing(state: Record, row: Record, limits: Record, pace: float) -> float:
     return atan2(state.begin_x + point * tx - x, state.begin_y + point * ty - y)
 
 
-@compiled
+@compiled(allocates=False)
 def _may_turn(state: Record, row: Record, sense: float, radius: float) -> bool:
     """Whether a position is not inside the tightest turn, round which the vehicle would circle for ever."""
     cx = state.position_x + sense * radius * cos(state.heading)
@@ -63,7 +63,7 @@ def _may_turn(state: Record, row: Record, sense: float, radius: float) -> bool:
     return bool(dx * dx + dy * dy > inner * inner)
 
 
-@compiled
+@compiled(allocates=False)
 def _speed_before(limits: Record, way: float, end: float) -> float:
     """Return the speed from which it can still slow down to another one.
 
@@ -76,7 +76,7 @@ def _speed_before(limits: Record, way: float, end: float) -> float:
     return float(max(0.5 * (sqrt(lost * lost + 4.0 * (2.0 * slow * way + end * end)) - lost), end))
 
 
-@compiled
+@compiled(allocates=False)
 def _turned_to(state: Record, limits: Record, bearing: float, speed: float) -> float:
     """Return the rate of turning towards a bearing, as PX4 asks for it at a speed.
 
@@ -102,7 +102,7 @@ def _turned_to(state: Record, limits: Record, bearing: float, speed: float) -> f
     return float(state.rate_asked)
 
 
-@compiled
+@compiled(allocates=False)
 def _tick(state: Record, row: Record, arrived: bool, limits: Record, step: int) -> bool:
     """Move one step and tell whether the leg is done."""
     dt = limits.step_s
@@ -206,7 +206,7 @@ def _tick(state: Record, row: Record, arrived: bool, limits: Record, step: int) 
     return bool(speed < STOPPED and step >= state.pause_end)
 
 
-@compiled
+@compiled(allocates=False)
 def advance(
     states: Record,
     counters: Integers,

@@ -20,13 +20,13 @@ from sim_vehicle.motion.rover.layout import (
 _STEERS_M_S = 0.1
 
 
-@compiled
+@compiled(allocates=False)
 def thought_speed(state: Record, limits: Record) -> float:
     """Return the speed that PX4 thinks the throttle gives, by which it steers."""
     return float(state.throttle * limits.throttle_speed)
 
 
-@compiled
+@compiled(allocates=False)
 def steer(state: Record, limits: Record, rate: float) -> None:
     """Set the steering for a rate of turning: feed-forward for tyres that do not slip, and a PI loop."""
     speed, wanted = thought_speed(state, limits), 0.0
@@ -43,7 +43,7 @@ def steer(state: Record, limits: Record, rate: float) -> None:
     state.steer_asked += min(max(change, -limits.steer_step), limits.steer_step)
 
 
-@compiled
+@compiled(allocates=False)
 def throttle(state: Record, limits: Record, wanted: float) -> None:
     """Set the throttle for a speed, which changes as fast as it may."""
     dt = limits.step_s
@@ -64,7 +64,7 @@ def throttle(state: Record, limits: Record, wanted: float) -> None:
     state.throttle = share
 
 
-@compiled
+@compiled(allocates=False)
 def move(state: Record, limits: Record) -> None:
     """Change the velocity over ground and the rate of turning as the simulator does in a step.
 

@@ -100,7 +100,7 @@ ROI_NEAR = 0.5
 CREEP = 3.0
 
 
-@compiled(inline="always")
+@compiled(inline="late", allocates=False)
 def stopping_distance(v: float, a: float, v_end: float, limit: float, jerk: float) -> float:
     """Return the least distance in which speed ``v``, acceleration ``a`` become a steady ``v_end``."""
     distance = 0.0
@@ -131,7 +131,7 @@ def stopping_distance(v: float, a: float, v_end: float, limit: float, jerk: floa
     return distance + t * (v - peak * t / 3.0)
 
 
-@compiled(inline="always")
+@compiled(inline="late", allocates=False)
 def _gentle_acceleration(room: float, jerk: float, dt: float) -> float:
     """Return the acceleration from which a speed that is ``room`` below its limit just reaches it.
 

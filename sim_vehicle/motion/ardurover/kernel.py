@@ -6,6 +6,7 @@ Formulas after ArduPilot 4.7: `AR_WPNav.cpp` and Rover's `mode_auto.cpp`; the S-
 
 from __future__ import annotations
 
+from enum import IntEnum
 from math import atan2, inf, pi, sqrt
 
 import numpy as np
@@ -28,6 +29,8 @@ from sim_vehicle.motion.arducopter.layout import (
     NOTHING,
     SAME,
     STAY,
+    Guide,
+    Law,
 )
 from sim_vehicle.motion.arducopter.scurve import (
     TIME,
@@ -38,11 +41,62 @@ from sim_vehicle.motion.arducopter.scurve import (
     make_leg,
 )
 from sim_vehicle.motion.ardurover.control import ask, centre, drive, look_along, steer
-from sim_vehicle.motion.records import Record
+from sim_vehicle.motion.records import Record, record_type
 from sim_vehicle.motion.rover.kernel import PATIENCE_S, SLOW_SHARE
 from sim_vehicle.motion.rover.layout import STOPPED
 from sim_vehicle.motion.rules import complete_leg, mark_track, wind_row
 from sim_vehicle.weather.gust_kernel import wind_at
+
+Drive = IntEnum(
+    "Drive",
+    [
+        "SPEED_ASKED",  # Desired speed and rate of turning after their limits.
+        "TURN_ASKED",
+        "STEER_ERROR",  # Filtered errors and integrators.
+        "STEER_I",
+        "DRIVE_ERROR",
+        "DRIVE_I",
+        "PIVOTS",  # Whether it turns on the spot; 2: it has turned and pauses.
+        "PIVOTS_NEXT",  # Whether it will at the next waypoint.
+        "STANDS",  # Whether it was told to stop and has.
+    ],
+    start=len(Guide),
+)
+DriveGains = IntEnum(
+    "DriveGains",
+    [
+        "NEAR",  # A stop is reached within it.
+        "SPEED_ACCEL",  # Accelerations of the speed that is asked for.
+        "DECEL",
+        "LATERAL",  # Greatest lateral acceleration.
+        "TURN_SPEED",  # Speed that it keeps in turns, unless it slows down.
+        "STEER_ACCEL",
+        "STEER_RATE",
+        "STEER_FF",
+        "STEER_P",
+        "STEER_I_GAIN",
+        "STEER_IMAX",
+        "STEER_FILTER",
+        "SCALE_BASE",  # Speed above which the steering is scaled down.
+        "TIGHTEST",  # Radius at full steering; 0: it steers by its tracks.
+        "STEER_LAG",  # Share of the lag of tracks in a step.
+        "ANGLE_P",
+        "PIVOT_ANGLE",  # 0: never.
+        "PIVOT_RATE",
+        "PIVOT_DELAY",
+        "DRIVE_BASE",  # Throttle over speed.
+        "DRIVE_P",
+        "DRIVE_I_GAIN",
+        "DRIVE_IMAX",
+        "DRIVE_FILTER",
+        "STOP_SPEED",
+        "TOP_SPEED",  # At full throttle.
+        "DRIVE_LAG",  # Share of the drive's lag in a step.
+    ],
+    start=len(Law),
+)
+GUIDE, LAW = record_type(Guide, Drive), record_type(Law, DriveGains)
+
 
 Floats = NDArray[np.float64]
 Position = tuple[float, float, float]
@@ -199,7 +253,7 @@ def advance(
     limits_of : LIMITS[1]
         Of the rover: only the energy that ends the drive is used.
     guides, laws : GUIDE[1], LAW[1]
-        See `sim_vehicle.motion.ardurover.layout`.
+        See `sim_vehicle.motion.ardurover.kernel`.
     """
     state, guide, law = states[0], guides[0], laws[0]
     dt, capacity = law.dt, limits_of[0].energy_limit

@@ -14,8 +14,7 @@ from sim_vehicle.motion.arducopter import scurve
 from sim_vehicle.motion.arducopter.joining import follows, join
 from sim_vehicle.motion.arducopter.layout import Guide, Law, Leg
 from sim_vehicle.motion.ardurover import kernel
-from sim_vehicle.motion.ardurover import layout as on
-from sim_vehicle.motion.ardurover.layout import Drive, DriveGains
+from sim_vehicle.motion.ardurover.kernel import Drive, DriveGains
 from sim_vehicle.motion.compiled_motion import Dynamics
 from sim_vehicle.motion.legs import KEEP, LegKind
 from sim_vehicle.motion.rover import layout as wheels
@@ -127,7 +126,7 @@ class ArduRover(Rover):
         kernel.advance,
         wheels.STATE,
         wheels.LIMITS,
-        (("guide", on.GUIDE), ("numbers", on.LAW), ("heads", None), ("curves", None)),
+        (("guide", kernel.GUIDE), ("numbers", kernel.LAW), ("heads", None), ("curves", None)),
         "_rows",
     )
 

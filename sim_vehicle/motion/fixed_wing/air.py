@@ -1,8 +1,17 @@
-"""A fixed wing in the air, compiled: roll, pitch and a step of coordinated flight."""
+"""The airframe of a fixed wing, compiled: thrust and drag, its motion in the air, and on the ground.
+
+Drag is the parabolic polar, D = q S (CD0 + CL^2 / (pi e AR)) with the lift of the load factor (Anderson,
+*Aircraft Performance and Design*, 1999, ch. 5), as in `sim_vehicle.energy.power`. Thrust is
+proportional to the throttle and does not depend on the airspeed, as in the simulators of ArduPilot
+(``SIM_Plane.cpp``) and PX4 (``sih.cpp``).
+"""
 
 from __future__ import annotations
 
 from math import asin, atan2, cos, pi, sin, sqrt, tan
+
+import numpy as np
+from numpy.typing import NDArray
 
 from geo.compiled import compiled
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
@@ -10,7 +19,42 @@ from sim_vehicle.motion.fixed_wing.guidance import NPFG
 from sim_vehicle.motion.fixed_wing.layout import FLARE, FLYING, SHORT
 from sim_vehicle.motion.records import Record
 
-__all__ = ["blow", "drop", "fly", "pitch_up"]
+__all__ = [
+    "blow",
+    "brake_rate",
+    "drag",
+    "drop",
+    "energy_rate",
+    "fly",
+    "pitch_up",
+    "roll_on_ground",
+    "take_off",
+]
+
+Floats = NDArray[np.float64]
+_SLOW = 3.0
+
+
+@compiled(allocates=False)
+def drag(limits: Record, airspeed: float, load: float) -> float:
+    """Return the drag over the mass, m/s^2.
+
+    Parameters
+    ----------
+    limits : float64[LIMITS]
+    load : float
+        Lift over weight.
+    """
+    v2 = max(airspeed, _SLOW) ** 2
+    return float(limits.parasitic * v2 + limits.induced * load * load / v2)
+
+
+@compiled(allocates=False)
+def energy_rate(limits: Record, throttle: float, airspeed: float, load: float) -> float:
+    """Return the gain of energy over the weight, m/s: the climb at a steady airspeed."""
+    force = limits.thrust * throttle - drag(limits, airspeed, load)
+    return float(force * airspeed / GRAVITY_M_S2)
+
 
 CLIMB_LAG_S = 0.5
 ROLL_RATE_S = 0.1
@@ -175,3 +219,70 @@ def blow(state: Record, wx: float, wy: float, rising: float) -> None:
         state.airspeed = max(sqrt(ae * ae + an * an + up * up), SHORT)
         state.climb = up
         state.heading = atan2(ae, an) % (2.0 * pi)
+
+
+@compiled(allocates=False)
+def roll_on_ground(state: Record, limits: Record, rate: float, wx: float, wy: float) -> None:
+    """Change the speed over ground by ``rate`` along the course on the ground."""
+    dt = limits.step_s
+    ce, cn = sin(state.course), cos(state.course)
+    before = state.velocity_x * ce + state.velocity_y * cn
+    speed = max(before + rate * dt, 0.0)
+    state.position_x += 0.5 * (before + speed) * dt * ce
+    state.position_y += 0.5 * (before + speed) * dt * cn
+    state.position_z = 0.0
+    state.path_length += 0.5 * (before + speed) * dt
+    state.acceleration_x, state.acceleration_y, state.acceleration_z = (
+        (speed - before) / dt * ce,
+        (speed - before) / dt * cn,
+        0.0,
+    )
+    state.velocity_x, state.velocity_y, state.velocity_z = speed * ce, speed * cn, 0.0
+    state.heading, state.heading_rate = state.course % (2.0 * pi), 0.0
+    state.airspeed = max(speed - wx * ce - wy * cn, 0.0)
+    state.climb = state.bank = state.command = state.pitch = 0.0
+
+
+@compiled(allocates=False)
+def _lift_off(state: Record, wx: float, wy: float) -> None:
+    ae, an = state.velocity_x - wx, state.velocity_y - wy
+    state.airspeed = max(sqrt(ae * ae + an * an), SHORT)
+    state.heading = atan2(ae, an) % (2.0 * pi)
+    state.nose_up = state.trimmed = state.since = 0.0
+    state.doing = FLYING
+
+
+@compiled(allocates=False)
+def brake_rate(state: Record, limits: Record) -> float:
+    """Return the deceleration on the ground after a landing."""
+    braking = limits.braking
+    if limits.ground_drag > 0.0:
+        v = state.airspeed
+        braking += limits.ground_drag * v + limits.parasitic * v * v
+    return float(braking)
+
+
+@compiled(allocates=False)
+def take_off(state: Record, limits: Record, wx: float, wy: float) -> None:
+    """Be thrown, or roll a step, and leave the ground when it is fast enough."""
+    dt = limits.step_s
+    state.since += dt
+    if state.since < limits.takeoff_delay:
+        state.throttle = 0.0
+        roll_on_ground(state, limits, 0.0, wx, wy)
+        return
+    throttle = limits.throttle_limit
+    if limits.throttle_slew > 0.0:
+        throttle = min(throttle, state.throttle + limits.throttle_slew * dt)
+    ramps = state.since < limits.ramp_s
+    throttle *= limits.ramp_throttle * (state.since / limits.ramp_s if ramps else 1.0)
+    state.throttle = throttle
+    rate = limits.launch * throttle
+    if limits.launch <= 0.0:
+        v = state.airspeed
+        # It stands level until it lifts off: the drag is that of the lift at no angle of attack.
+        load = limits.lift_level * v * v / GRAVITY_M_S2
+        rate = limits.thrust * throttle - drag(limits, v, load) - limits.ground_drag * v
+    roll_on_ground(state, limits, rate, wx, wy)
+    if state.airspeed >= limits.rotation and not ramps:
+        _lift_off(state, wx, wy)

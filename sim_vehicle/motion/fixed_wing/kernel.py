@@ -14,9 +14,16 @@ from geo.compiled import compiled
 from sim_vehicle.energy.power_kernels import fixed_wing_power
 from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.fixed_wing import arduplane
-from sim_vehicle.motion.fixed_wing.air import blow, drop, fly, pitch_up
-from sim_vehicle.motion.fixed_wing.forces import energy_rate
-from sim_vehicle.motion.fixed_wing.ground import brake_rate, roll_on_ground, take_off
+from sim_vehicle.motion.fixed_wing.air import (
+    blow,
+    brake_rate,
+    drop,
+    energy_rate,
+    fly,
+    pitch_up,
+    roll_on_ground,
+    take_off,
+)
 from sim_vehicle.motion.fixed_wing.guidance import NPFG, Floats
 from sim_vehicle.motion.fixed_wing.layout import (
     CIRCLE,

@@ -11,7 +11,7 @@ import numpy as np
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2, FixedWingAirframe, FixedWingPowerSpec
 from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.energy.power import DRAG, INDUCED_DRAG, power_coefficients
-from sim_vehicle.motion.fixed_wing.forces import drag
+from sim_vehicle.motion.fixed_wing.air import drag
 from sim_vehicle.motion.fixed_wing.layout import LIMITS, Limits
 from sim_vehicle.motion.records import record_of
 

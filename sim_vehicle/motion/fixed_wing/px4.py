@@ -6,7 +6,7 @@ from math import atan, cos, isnan, sqrt
 
 from geo.compiled import compiled
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
-from sim_vehicle.motion.fixed_wing.forces import energy_rate
+from sim_vehicle.motion.fixed_wing.air import energy_rate
 from sim_vehicle.motion.fixed_wing.layout import (
     CIRCULAR_LANDING,
     FLARE,

@@ -15,7 +15,7 @@ from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import flight_procedures, with_autopilot
 from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.execution.state import ItemReached
-from sim_vehicle.motion.ardurover.layout import Drive
+from sim_vehicle.motion.ardurover.kernel import Drive
 from sim_vehicle.motion.columns import State
 from sim_vehicle.motion.legs import Leg, Route
 from sim_vehicle.motion.rover.layout import Wheels

@@ -24,7 +24,7 @@ from sim_vehicle.execution.state import (
     ItemReached,
     LandedState,
 )
-from sim_vehicle.motion.fixed_wing.forces import energy_rate
+from sim_vehicle.motion.fixed_wing.air import energy_rate
 from sim_vehicle.motion.fixed_wing.layout import LIMITS, Wing
 from sim_vehicle.motion.fixed_wing.model import FixedWing
 from sim_vehicle.motion.legs import Circle, Leg, LegKind, Route

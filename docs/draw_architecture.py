@@ -1,19 +1,26 @@
 """Draw the picture of docs/architecture.md from the code: rooms, their imports, and how data flows.
 
     python docs/draw_architecture.py --out docs/images/architecture.png
+    python docs/draw_architecture.py --check
 
 Rooms, sizes and imports are read from the sources (grimp, which comes with import-linter); the hand-overs of
-`FLOW` name types of the code, and one that no longer exists is an error.
+`FLOW` name types of the code, and one that no longer exists is an error. The picture keeps what it was drawn
+from as text of the PNG, so that ``--check`` finds one that the code has left behind: other rooms or arrows,
+or a size that is off by more than a tenth.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
+import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import grimp
 import matplotlib
+from PIL import Image
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
@@ -41,6 +48,10 @@ FLOW = (
     ("sensors.estimators", "sensors.scoring", "model", "sensors.scoring.information:InformationModel"),
 )
 BLUE, GREY, ORANGE = "#dbe7f3", "#8a8f98", "#c8500a"
+PICTURE = ROOT / "docs" / "images" / "architecture.png"
+DRAWN_FROM = "Description"
+"""The keyword under which the PNG keeps what it was drawn from."""
+OFF = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +92,35 @@ def arrows_of(graph: grimp.ImportGraph) -> dict[tuple[str, str], int]:
             if pair[0] != pair[1]:
                 counts[pair] = counts.get(pair, 0) + 1
     return counts
+
+
+def structure(rooms: dict[str, Room], arrows: dict[tuple[str, str], int]) -> dict[str, Any]:
+    """What a picture shows: sizes of rooms, arrows between rooms of a floor, and hand-overs."""
+    return {
+        "rooms": {name: [room.modules, room.lines] for name, room in sorted(rooms.items())},
+        "arrows": [list(pair) for pair in sorted(arrows) if is_drawn(*pair)],
+        "flow": [list(one) for one in FLOW],
+    }
+
+
+def is_drawn(above: str, below: str) -> bool:
+    """Whether an arrow is drawn: from room to room of one floor."""
+    floor = above.split(".")[0]
+    return floor == below.split(".")[0] and floor not in (above, below)
+
+
+def differences(drawn: dict[str, Any], now: dict[str, Any]) -> list[str]:
+    """Return in which points a picture is not that of the code, a line each."""
+    lines = []
+    for name in sorted({*drawn["rooms"], *now["rooms"]}):
+        sizes = [one["rooms"].get(name, [0, 0]) for one in (drawn, now)]
+        if any(abs(a - b) > OFF * max(a, b) for a, b in zip(*sizes, strict=True)):
+            lines.append(f"{name}: drawn with {sizes[0]} modules and lines, has {sizes[1]}")
+    for kind in ("arrows", "flow"):
+        before, after = ({tuple(one) for one in parts[kind]} for parts in (drawn, now))
+        lines += [f"{kind}: {' -> '.join(one[:2])} is drawn, and gone" for one in sorted(before - after)]
+        lines += [f"{kind}: {' -> '.join(one[:2])} is not drawn" for one in sorted(after - before)]
+    return lines
 
 
 def check_flow() -> None:
@@ -162,7 +202,7 @@ def draw(out: Path) -> None:
         axes.text(-1.7, (low + high) / 2 + 0.12, floor, weight="bold", size=11, va="center")
         axes.text(-1.7, (low + high) / 2 - 0.16, "\n".join(_wrapped(ANSWERS[floor], 22)), size=7.5, va="top")
     for (above, below), count in sorted(arrows.items()):
-        if rooms[above].floor != rooms[below].floor or rooms[above].floor in (above, below):
+        if not is_drawn(above, below):
             continue
         (x0, y0), (x1, y1) = centres[above], centres[below]
         axes.annotate(
@@ -241,8 +281,18 @@ def draw(out: Path) -> None:
             color=ORANGE,
             va="top",
         )
-    figure.savefig(out, dpi=110, metadata={"Software": None})
+    drawn_from = json.dumps(structure(rooms, arrows))
+    figure.savefig(out, dpi=110, metadata={"Software": None, DRAWN_FROM: drawn_from})
     plt.close(figure)
+
+
+def check(picture: Path) -> list[str]:
+    """Return in which points a picture is not that of the code."""
+    check_flow()
+    graph = grimp.build_graph(*FLOORS, cache_dir=None)
+    with Image.open(picture) as image:
+        drawn = json.loads(image.info[DRAWN_FROM])
+    return differences(drawn, structure(rooms_of(graph), arrows_of(graph)))
 
 
 def _shown(name: str, centres: dict[str, tuple[float, float]]) -> str:
@@ -260,5 +310,12 @@ def _wrapped(text: str, width: int) -> list[str]:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "images" / "architecture.png")
-    draw(parser.parse_args().out)
+    parser.add_argument("--out", type=Path, default=PICTURE)
+    parser.add_argument(
+        "--check", action="store_true", help="only say whether the picture is that of the code"
+    )
+    given = parser.parse_args()
+    if given.check:
+        found = check(given.out)
+        sys.exit("\n".join([*found, f"{given.out}: draw it again"]) if found else 0)
+    draw(given.out)

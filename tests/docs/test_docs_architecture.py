@@ -1,11 +1,23 @@
 """The page on the architecture knows every room and every decision, and its picture can be drawn."""
 
+import importlib
+import json
 import re
 import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+from PIL import Image
+from PIL.PngImagePlugin import PngInfo
+
 ROOT = Path(__file__).parents[2]
+FLOORS = ("geo", "sensors", "mission", "sim_vehicle", "wbf_mission")
+PACKAGES = sorted(
+    ".".join(path.parent.relative_to(ROOT).parts)
+    for floor in FLOORS
+    for path in (ROOT / floor).rglob("__init__.py")
+)
 PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
 
 
@@ -27,11 +39,33 @@ def test_the_files_that_it_sends_a_reader_to_exist():
     assert [name for name in named if not (ROOT / name).exists()] == []
 
 
-def test_the_picture_is_drawn_from_the_code(tmp_path):
-    out = tmp_path / "architecture.png"
-    command = [sys.executable, str(ROOT / "docs" / "draw_architecture.py"), "--out", str(out)]
-    subprocess.run(command, check=True, cwd=ROOT)
-    assert out.read_bytes().startswith(b"\x89PNG")
+def draw_architecture(*options):
+    command = [sys.executable, str(ROOT / "docs" / "draw_architecture.py"), *map(str, options)]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+
+
+def test_the_picture_is_that_of_the_code():
+    checked = draw_architecture("--check")
+    assert checked.returncode == 0, checked.stderr
+
+
+def test_a_picture_that_the_code_has_left_behind_is_found(tmp_path):
+    picture = tmp_path / "architecture.png"
+    drawn = draw_architecture("--out", picture)
+    assert drawn.returncode == 0, drawn.stderr
+    with Image.open(picture) as image:
+        said = json.loads(image.info["Description"])
+    said["rooms"]["mission.files"][1] *= 2
+    said["rooms"]["mission.cellar"] = [1, 100]
+    said["arrows"].pop(0)
+    info = PngInfo()
+    info.add_text("Description", json.dumps(said))
+    Image.new("L", (1, 1)).save(picture, pnginfo=info)
+    checked = draw_architecture("--check", "--out", picture)
+    assert checked.returncode == 1
+    lines = checked.stderr.splitlines()
+    assert [line.split(":")[0] for line in lines[:3]] == ["mission.cellar", "mission.files", "arrows"]
+    assert len(lines) == 4 and lines[3].endswith("draw it again")
 
 
 def test_the_walk_through_a_flight_names_what_there_is():
@@ -47,3 +81,40 @@ def test_every_room_of_the_application_is_told_of():
     rooms = {path.parent.name for path in (ROOT / "wbf_mission").glob("*/__init__.py")}
     told = PAGE.split("## The rooms of the application")[1].split("##")[0]
     assert rooms == set(re.findall(r"`(\w+)`", told)) - {"resolve"}
+
+
+def test_the_root_of_the_application_is_small():
+    assert len(list((ROOT / "wbf_mission").glob("*.py"))) <= 12
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_the_face_of_a_package_says_what_it_is_and_gives_what_it_names(package):
+    """It has a docstring; what it gives on is in `__all__`, and what is there can be had."""
+    face = importlib.import_module(package)
+    assert face.__doc__
+    source = Path(face.__file__).read_text(encoding="utf-8")
+    given = set(re.findall(r"^ {0,4}from [\w.]+ import (\w+) as \1$", source, re.MULTILINE))
+    named = set(getattr(face, "__all__", ()))
+    assert given <= named
+    for name in named:
+        getattr(face, name)
+
+
+def test_what_pages_and_examples_import_is_public():
+    """A name that a reader is told to import from a package is one that its face names."""
+    texts = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "docs" / "examples").glob("*.py")]
+    told = 0
+    for path in texts:
+        for package, names in re.findall(
+            r"^from ([\w.]+) import ([\w, ]+)$", path.read_text("utf-8"), re.MULTILINE
+        ):
+            if package in PACKAGES:
+                face = importlib.import_module(package)
+                for name in names.replace(" ", "").split(","):
+                    told += 1
+                    is_module = (
+                        f"{package}.{name}" in PACKAGES
+                        or (ROOT / package.replace(".", "/") / f"{name}.py").exists()
+                    )
+                    assert is_module or name in face.__all__, f"{path}: {name} of {package}"
+    assert told > 20

@@ -1,3 +1,0 @@
-"""Where `RollingHorizon` was before version 0.2: installations made before name it so."""
-
-from mission.policies.map_policies import RollingHorizon as RollingHorizon

@@ -1,3 +1,5 @@
 """The market: a fleet sells its work among its vehicles."""
 
 from mission.policies.market.market import Market as Market
+
+__all__ = ["Market"]

@@ -131,10 +131,13 @@ def _remember_operators() -> None:
     """Have numba look up once what an operator or function of its own does with arguments of the same types.
 
     It would try a dozen candidates for each ``+`` of a function anew, a third of the time that it takes.
-    What a candidate compiles on its own is not remembered: that depends on the options of the caller.
+    What a candidate compiles on its own is not remembered: that depends on the options of the caller. A numba
+    that looks them up in another way is left as it is.
     """
     functions: Any = import_module("numba.core.types.functions")
-    look_up = functions.BaseFunction.get_call_type
+    look_up = getattr(functions.BaseFunction, "get_call_type", None)
+    if look_up is None or not hasattr(functions.BaseFunction, "get_impl_key"):
+        return
     known: dict[Any, Any] = {}
 
     def get_call_type(self: Any, context: Any, args: Any, kws: Any) -> Any:

@@ -28,7 +28,7 @@ import numpy as np
 
 from geo.units import FOOT_M
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.weather.gust_kernel import DECAY, LEAK, NOISE_FIRST, NOISE_MIXED, NOISE_SECOND
+from sim_vehicle.weather.columns import DECAY, LEAK, NOISE_FIRST, NOISE_MIXED, NOISE_SECOND
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

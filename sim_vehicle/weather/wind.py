@@ -14,8 +14,7 @@ import numpy as np
 
 from geo.units import FOOT_M
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.weather.dryden import Turbulence, intensities_m_s
-from sim_vehicle.weather.gust_kernel import (
+from sim_vehicle.weather.columns import (
     AIR_EAST,
     AIR_NORTH,
     HAS_DRYDEN,
@@ -27,6 +26,7 @@ from sim_vehicle.weather.gust_kernel import (
     SITL_FULL_M,
     WIND_ROW,
 )
+from sim_vehicle.weather.dryden import Turbulence, intensities_m_s
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -98,16 +98,12 @@ class LocalPosterior:
         little = kernel.noise < LITTLE_NOISE * kernel.amplitude
         reach_lengths = FAR_REACH_LENGTHS if little else REACH_LENGTHS
         self._reach = tuple(math.ceil(reach_lengths * length) for length in lengths)
-        touch = tuple(math.ceil(TOUCH_LENGTHS * length) for length in lengths)
+        self._touch = tuple(math.ceil(TOUCH_LENGTHS * length) for length in lengths)
         sides = [
             float(np.diff(axis.edges).max() * axis.step + 2 * reach + 2 * length)
             for axis, reach, length in zip((x, y), self._reach, lengths, strict=True)
         ]
-        spectrum = Spectrum(kernel, (sides[0], sides[1]))
-        self._solver = gp_tile.TileSolver(
-            *(kernel, x, y, self._reach, touch, spectrum.roots, spectrum.sides, spectrum.terms),
-            self.lattice.posterior,
-        )
+        self._spectrum = Spectrum(kernel, (sides[0], sides[1]))
         # Zeros: memory that nothing was written to is not taken.
         self._index = np.zeros(shape, np.int32)
         self._cells = np.empty((0, 2), np.int32)
@@ -134,11 +130,26 @@ class LocalPosterior:
 
     def solve(self) -> None:
         """Bring the tiles up to date that observations reach since the last time."""
-        index, sums = self._index, self._sums
+        x, y = self.lattice.x, self.lattice.y
+        kernel = self.kernel
+        parameters = kernel.length_x, kernel.length_y, kernel.noise, kernel.amplitude
+        spectrum = self._spectrum
 
         def work(tiles: Sequence[NDArray[np.int64]]) -> None:
-            for column, row in np.asarray(tiles).tolist():
-                self._solver.solve(column, row, index, sums)
+            gp_tile.solve_tiles(
+                np.asarray(tiles),
+                x.edges,
+                y.edges,
+                (x.first, y.first, x.step, y.step),
+                self._index,
+                self._sums,
+                self._reach,
+                self._touch,
+                parameters,
+                (*spectrum.roots, *spectrum.sides),
+                spectrum.terms,
+                self.lattice.posterior,
+            )
 
         if self._waiting.any():
             in_parallel(work, list(np.argwhere(self._waiting)))
@@ -225,9 +236,9 @@ class WholePosterior:
         posterior = self.lattice.posterior
 
         def work(columns: Sequence[int]) -> None:
-            part = np.ascontiguousarray(along_x[:, columns[0] : columns[-1] + 1])
+            part = slice(columns[0], columns[-1] + 1)
             terms = self._spectrum.terms
-            gp_tile.fill_nodes(factor, weights, part, along_y, terms, columns[0], 0, posterior)
+            gp_tile.fill_nodes(factor, weights, along_x[:, part], along_y, terms, posterior[:, part])
 
         in_parallel(work, range(len(along_x[0])))
         posterior[2] = self.kernel.amplitude - posterior[2]

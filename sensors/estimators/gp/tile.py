@@ -1,4 +1,4 @@
-"""Tiles of the local Gaussian process, each solved from the observations around it.
+"""The compiled part of the local Gaussian process: one tile, solved from the observations around it.
 
 There are two ways to the same posterior. With few observations, their covariance is factored. With more of
 them than the field has degrees of freedom there, the process is written in sine functions on a box around the
@@ -6,25 +6,16 @@ tile (Solin & Särkkä 2020, "Hilbert space methods for reduced-rank Gaussian pr
 precision of their weights is factored. In both, with factor L, rows ``L^-1 c`` of each node's covariance c
 with the observations (or its functions) give the mean by their products with the solved data, and the
 variance by their squares.
-
-Compiled are loops only, each in as few forms of arrays as can be: linear algebra and whole arrays within
-compiled functions take ten seconds to compile, and no less time to run.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from geo.compiled import compiled
-from sensors.estimators.gp.threads import factor_in_place, outer_product
-
-if TYPE_CHECKING:
-    from sensors.estimators.gp.lattice import LatticeAxis
-    from sensors.estimators.gp.rbf import RbfKernel
 
 Floats = NDArray[np.floating]
 Places = NDArray[np.int64]
@@ -73,20 +64,21 @@ def add_to_cells(
 
 
 @compiled(nogil=True)
-def gather(index: NDArray[np.int32], sums: Floats, x0: int, x1: int, y0: int, y1: int) -> Floats:
-    """Return x, y, weight and mean value of the observed cells in a box, float64[4, n]."""
+def gather(index: NDArray[np.int32], sums: Floats, box: Any) -> Floats:
+    """Return x, y, weight and mean value of the observed cells in a box, float64[n, 4]."""
+    x0, x1, y0, y1 = box
     found = 0
     for x in range(x0, x1):
         for y in range(y0, y1):
             found += index[x, y] > 0
-    out = np.empty((4, found))
+    out = np.empty((found, 4))
     found = 0
     for x in range(x0, x1):
         for y in range(y0, y1):
             row = index[x, y] - 1
             if row >= 0:
-                out[0, found], out[1, found] = x, y
-                out[2, found], out[3, found] = sums[row, 0], sums[row, 1] / sums[row, 0]
+                out[found, 0], out[found, 1] = x, y
+                out[found, 2], out[found, 3] = sums[row, 0], sums[row, 1] / sums[row, 0]
                 found += 1
     return out
 
@@ -125,11 +117,9 @@ def fill_nodes(
     along_x: Floats,
     along_y: Floats,
     terms: Places,
-    at_x: int,
-    at_y: int,
     posterior: NDArray[np.float32],
 ) -> None:
-    """Write the posterior at nodes next to each other.
+    """Write the posterior at the nodes of a tile.
 
     Parameters
     ----------
@@ -141,11 +131,9 @@ def fill_nodes(
         Factors of the nodes' right-hand sides.
     terms : int64[n, 2]
         Row i of the right-hand side is the product of these rows of `along_x` and `along_y`.
-    at_x, at_y : int
-        The first of the nodes.
-    posterior : float32[3, nodes along x, nodes along y]
+    posterior : float32[3, w, h]
         The posterior mean under a zero prior mean, the same for observations that are all one, and the sum of
-        the squared rows. Changed at w times h nodes.
+        the squared rows. Changed.
     """
     n = len(factor)
     width, height = along_x.shape[1], along_y.shape[1]
@@ -172,7 +160,7 @@ def fill_nodes(
         for t in range(columns):
             p, q = divmod(start + t, height)
             for part in range(3):
-                posterior[part, at_x + p, at_y + q] = sums[part, t]
+                posterior[part, p, q] = sums[part, t]
 
 
 @compiled(nogil=True)
@@ -188,18 +176,31 @@ def _bells(places: Floats, nodes: Floats, length: float) -> Floats:
 
 
 @compiled(nogil=True)
-def _covariance(seen: Floats, length_x: float, length_y: float, noise: float, amplitude: float) -> Floats:
-    """Return the covariance of observations of cells, each of them `gather`'s, float64[n, n]."""
-    n = seen.shape[1]
+def _solve_few(
+    seen: Floats, kernel: Any, node_x: Floats, node_y: Floats, posterior: NDArray[np.float32]
+) -> None:
+    """Solve a tile by the covariance of the observations; the third part is the reduction of the variance."""
+    length_x, length_y, noise, amplitude = kernel
+    n = len(seen)
     scale_x, scale_y = -0.5 / length_x**2, -0.5 / length_y**2
     covariance = np.empty((n, n))
     for i in range(n):
         for j in range(i + 1):
-            dx, dy = seen[0, i] - seen[0, j], seen[1, i] - seen[1, j]
+            dx, dy = seen[i, 0] - seen[j, 0], seen[i, 1] - seen[j, 1]
             covariance[i, j] = amplitude * np.exp(scale_x * dx * dx + scale_y * dy * dy)
             covariance[j, i] = covariance[i, j]
-        covariance[i, i] += noise / seen[2, i]
-    return covariance
+        covariance[i, i] += noise / seen[i, 2]
+    factor = np.linalg.cholesky(covariance)
+    weights = np.empty((n, 2))
+    weights[:, 0] = seen[:, 3]
+    weights[:, 1] = 1.0
+    substitute_forward(factor, weights, 2)
+    along_x = amplitude * _bells(seen[:, 0], node_x, length_x)
+    along_y = _bells(seen[:, 1], node_y, length_y)
+    terms = np.empty((n, 2), np.int64)
+    for i in range(n):
+        terms[i, 0] = terms[i, 1] = i
+    fill_nodes(factor, weights, along_x, along_y, terms, posterior)
 
 
 @compiled(nogil=True)
@@ -215,128 +216,120 @@ def sines(places: Floats, low: float, high: float, roots: Floats) -> Floats:
 
 
 @compiled(nogil=True)
-def _fill_batch(
-    roots: Floats,
-    values: Floats,
-    along_x: Floats,
-    along_y: Floats,
+def _solve_many(
+    seen: Floats,
+    kernel: Any,
+    spectrum: Any,
     terms: Places,
-    batch: Floats,
-    weights: Floats,
+    span_x: Any,
+    span_y: Any,
+    node_x: Floats,
+    node_y: Floats,
+    posterior: NDArray[np.float32],
 ) -> None:
-    """Write the functions at observations, times the roots of their precisions, and add to the data."""
-    batch[:] = 0.0
-    for p in range(len(roots)):
-        root = roots[p]
-        for i in range(len(terms)):
-            batch[i, p] = root * along_x[terms[i, 0], p] * along_y[terms[i, 1], p]
-            weights[i, 0] += batch[i, p] * root * values[p]
-            weights[i, 1] += batch[i, p] * root
+    """Solve a tile by the weights of sine functions; the third part is the reduction of the variance."""
+    noise, amplitude = kernel[2], kernel[3]
+    roots_x, roots_y = spectrum[0], spectrum[1]
+    (low_x, high_x), (low_y, high_y) = span_x, span_y
+    m = len(terms)
+    precision = np.eye(m)
+    weights = np.zeros((m, 2))
+    batch = np.empty((m, _BATCH))
+    for start in range(0, len(seen), _BATCH):
+        part = seen[start : start + _BATCH]
+        along_x = sines(part[:, 0], low_x, high_x, roots_x)
+        along_y = sines(part[:, 1], low_y, high_y, roots_y)
+        batch[:] = 0.0
+        for p in range(len(part)):
+            root = np.sqrt(part[p, 2] / noise)
+            for i in range(m):
+                batch[i, p] = root * along_x[terms[i, 0], p] * along_y[terms[i, 1], p]
+                weights[i, 0] += batch[i, p] * root * part[p, 3]
+                weights[i, 1] += batch[i, p] * root
+        precision += np.dot(batch, batch.T)
+    factor = np.linalg.cholesky(precision)
+    substitute_forward(factor, weights, 2)
+    along_x, along_y = sines(node_x, low_x, high_x, roots_x), sines(node_y, low_y, high_y, roots_y)
+    fill_nodes(factor, weights, along_x, along_y, terms, posterior)
+    for p in range(len(node_x)):
+        for q in range(len(node_y)):
+            posterior[2, p, q] = amplitude - posterior[2, p, q]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class TileSolver:
-    """Solves tiles of nodes.
+@compiled(nogil=True)
+def _centred(middle: float, side: float) -> tuple[float, float]:
+    return middle - 0.5 * side, middle + 0.5 * side
+
+
+@compiled(nogil=True)
+def solve_tiles(
+    tiles: Places,
+    edges_x: Places,
+    edges_y: Places,
+    lattice: Any,
+    index: NDArray[np.int32],
+    sums: Floats,
+    reach: Any,
+    touch: Any,
+    kernel: Any,
+    spectrum: Any,
+    terms: Places,
+    posterior: NDArray[np.float32],
+) -> None:
+    """Solve some tiles.
 
     Parameters
     ----------
-    kernel : RbfKernel
-        The covariance.
-    x, y : LatticeAxis
-        The nodes, and the tiles that they are in.
+    tiles : int64[n, 2]
+        Their columns and rows.
+    edges_x, edges_y : int64
+        The first node of each column and row of tiles, and the end of the last one.
+    lattice : tuple of four ints
+        Place of the first node along each axis, and the nodes' distances, cells.
+    index, sums
+        The observations, see `add_to_cells`.
     reach : tuple of two ints
         How far along each axis observations count for a tile, cells.
     touch : tuple of two ints
         How far along each axis an observation can move a node at all, cells.
-    roots, sides, terms
-        Of sine functions on a box with the tile in its middle (`sensors.estimators.gp.local.Spectrum`); they
-        are used where there are more observed cells than functions.
+    kernel : tuple of four floats
+        Both length scales (cells), variance of the noise, variance of the smooth part.
+    spectrum : tuple of float64[k], float64[l], float, float
+        Roots of the variances of sine functions along each axis, and the sides of their box (cells), in the
+        middle of which the tile is.
+    terms : int64[m, 2]
+        Which products of sine functions are used; they are where there are more observed cells than
+        functions.
     posterior : float32[3, nodes along x, nodes along y]
         See `fill_nodes`; the third part is the reduction of the variance. Changed.
     """
-
-    kernel: RbfKernel
-    x: LatticeAxis
-    y: LatticeAxis
-    reach: tuple[int, ...]
-    touch: tuple[int, ...]
-    roots: tuple[Floats, Floats]
-    sides: tuple[float, float]
-    terms: Places
-    posterior: NDArray[np.float32]
-
-    def solve(self, column: int, row: int, index: NDArray[np.int32], sums: Floats) -> None:
-        """Solve a tile from the observations, which are `add_to_cells`'s."""
-        axes = (self.x, column), (self.y, row)
-        ends = [(int(axis.edges[tile]), int(axis.edges[tile + 1])) for axis, tile in axes]
-        box = [
-            limit
-            for (axis, _), (first, end), reach in zip(axes, ends, self.reach, strict=True)
-            for limit in (
-                max(0, axis.first + first * axis.step - reach),
-                min(axis.cells, axis.first + (end - 1) * axis.step + reach + 1),
+    first_x, first_y, step_x, step_y = lattice
+    for k in range(len(tiles)):
+        i0, i1 = edges_x[tiles[k, 0]], edges_x[tiles[k, 0] + 1]
+        j0, j1 = edges_y[tiles[k, 1]], edges_y[tiles[k, 1] + 1]
+        box = (
+            max(0, first_x + i0 * step_x - reach[0]),
+            min(index.shape[0], first_x + (i1 - 1) * step_x + reach[0] + 1),
+            max(0, first_y + j0 * step_y - reach[1]),
+            min(index.shape[1], first_y + (j1 - 1) * step_y + reach[1] + 1),
+        )
+        span_x = _centred(first_x + 0.5 * (i0 + i1 - 1) * step_x, spectrum[2])
+        span_y = _centred(first_y + 0.5 * (j0 + j1 - 1) * step_y, spectrum[3])
+        seen = gather(index, sums, box)
+        if len(seen) == 0:
+            continue
+        # Nodes that no observation reaches keep the prior.
+        i0 = max(i0, -int((first_x - seen[:, 0].min() + touch[0]) // step_x))
+        j0 = max(j0, -int((first_y - seen[:, 1].min() + touch[1]) // step_y))
+        i1 = min(i1, int((seen[:, 0].max() + touch[0] - first_x) // step_x) + 1)
+        j1 = min(j1, int((seen[:, 1].max() + touch[1] - first_y) // step_y) + 1)
+        if i0 >= i1 or j0 >= j1:
+            continue
+        node_x = first_x + step_x * np.arange(i0, i1).astype(np.float64)
+        node_y = first_y + step_y * np.arange(j0, j1).astype(np.float64)
+        if len(seen) <= len(terms):
+            _solve_few(seen, kernel, node_x, node_y, posterior[:, i0:i1, j0:j1])
+        else:
+            _solve_many(
+                seen, kernel, spectrum, terms, span_x, span_y, node_x, node_y, posterior[:, i0:i1, j0:j1]
             )
-        ]
-        seen = gather(index, sums, box[0], box[1], box[2], box[3])
-        if not seen.shape[1]:
-            return
-        nodes: list[Floats] = []
-        starts: list[int] = []
-        for (axis, _), (first, end), places, touch in zip(axes, ends, seen[:2], self.touch, strict=True):
-            # Nodes that no observation reaches keep the prior.
-            low = max(first, -int((axis.first - places.min() + touch) // axis.step))
-            high = min(end, int((places.max() + touch - axis.first) // axis.step) + 1)
-            if low >= high:
-                return
-            nodes.append(axis.first + axis.step * np.arange(low, high).astype(np.float64))
-            starts.append(low)
-        at = starts[0], starts[1]
-        if seen.shape[1] <= len(self.terms):
-            self._solve_few(seen, nodes, at)
-            return
-        spans = [
-            _centred(axis.first + 0.5 * (first + end - 1) * axis.step, side)
-            for (axis, _), (first, end), side in zip(axes, ends, self.sides, strict=True)
-        ]
-        self._solve_many(seen, spans, nodes, at)
-
-    def _solve_few(self, seen: Floats, nodes: list[Floats], at: tuple[int, int]) -> None:
-        """Solve a tile by the covariance of the observations."""
-        kernel = self.kernel
-        lengths = kernel.length_x, kernel.length_y
-        factor = factor_in_place(_covariance(seen, *lengths, kernel.noise, kernel.amplitude))
-        weights = np.ones((len(factor), 2))
-        weights[:, 0] = seen[3]
-        substitute_forward(factor, weights, 2)
-        along_x, along_y = (_bells(*of_axis) for of_axis in zip(seen[:2], nodes, lengths, strict=True))
-        each = np.arange(len(factor))
-        terms = np.stack([each, each], axis=1)
-        fill_nodes(factor, weights, kernel.amplitude * along_x, along_y, terms, *at, self.posterior)
-
-    def _solve_many(
-        self, seen: Floats, spans: list[tuple[float, float]], nodes: list[Floats], at: tuple[int, int]
-    ) -> None:
-        """Solve a tile by the weights of sine functions."""
-        terms, m = self.terms, len(self.terms)
-        roots = np.sqrt(seen[2] / self.kernel.noise)
-        precision, weights, batch = np.eye(m), np.zeros((m, 2)), np.empty((m, _BATCH))
-        for start in range(0, seen.shape[1], _BATCH):
-            part = slice(start, start + _BATCH)
-            along_x, along_y = self._sines([seen[0, part], seen[1, part]], spans)
-            _fill_batch(roots[part], seen[3, part], along_x, along_y, terms, batch, weights)
-            precision += outer_product(batch)
-        factor = factor_in_place(precision)
-        substitute_forward(factor, weights, 2)
-        along_x, along_y = self._sines(nodes, spans)
-        fill_nodes(factor, weights, along_x, along_y, terms, *at, self.posterior)
-        (i, j), (width, height) = at, map(len, nodes)
-        reduced = self.posterior[2, i : i + width, j : j + height]
-        reduced[:] = self.kernel.amplitude - reduced.astype(np.float64)
-
-    def _sines(self, places: list[Floats], spans: list[tuple[float, float]]) -> list[Floats]:
-        each = zip(places, spans, self.roots, strict=True)
-        return [sines(where, low, high, roots) for where, (low, high), roots in each]
-
-
-def _centred(middle: float, side: float) -> tuple[float, float]:
-    return middle - 0.5 * side, middle + 0.5 * side

@@ -109,7 +109,7 @@ def test_many_observations_of_a_tile_are_solved_by_functions_and_agree():
     x, y = (part.ravel().astype(np.int32) for part in np.indices(shape))
     values = drawn(kernel, shape).ravel()
     posterior = LocalPosterior(shape, kernel)
-    assert len(posterior._solver.terms) < len(x)
+    assert len(posterior._spectrum.terms) < len(x)
     posterior.condition(x, y, values)
     posterior.solve()
     right, deviation = exact_posterior(kernel, shape, x, y, values)

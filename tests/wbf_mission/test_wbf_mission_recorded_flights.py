@@ -12,7 +12,7 @@ from wbf_mission.cli.app import main
 
 FLIGHTS = Path(__file__).parents[1] / "data" / "flights"
 # In the recorded climbs of PX4 a jump of its estimated height stops the vehicle for five seconds
-# (docs/recorded-flights.md).
+# (docs/evidence/recorded-flights.md).
 BY_CHANCE = "px4-climbs-holds"
 
 

@@ -9,32 +9,49 @@ import re
 import tomllib
 from dataclasses import fields, replace
 from functools import cache
-from importlib import resources
 from pathlib import Path
-from typing import Any, get_args
+from typing import TYPE_CHECKING, Any
 
 from geo.reading import UnreadableError, read_toml
 from sim_vehicle.airframe.autopilot_names import autopilot_names
-from sim_vehicle.airframe.power_spec import AnyPowerSpec, BatterySpec, FixedWingAirframe
-from sim_vehicle.airframe.spec import KINDS, POWER_OF_KIND, PublishedEndurance, VehicleSpec
+from sim_vehicle.airframe.kind import forget_kinds, get_kind, kind_names
+from sim_vehicle.airframe.power_spec import BatterySpec
+from sim_vehicle.airframe.spec import PublishedEndurance, VehicleSpec
 from sim_vehicle.errors import VehicleError
 
-__all__ = ["get_vehicle", "load_vehicle", "vehicle_names"]
+if TYPE_CHECKING:
+    from importlib.resources.abc import Traversable
+
+__all__ = ["forget_vehicles", "get_vehicle", "load_vehicle", "vehicle_names"]
 
 _DEFAULT = "quad"
-_BASE_OF_KIND = {"multirotor": "quad", "fixed-wing": "wing", "rover": "rover", "ideal": "ideal"}
 # A vehicle cannot have these from a file: its name is the file's, the others are set by who flies it.
 _NOT_IN_FILES = ("name", "autopilot", "parameters", "return_margin_m", "autopilot_parameters")
 _PARAMETER = re.compile(r"[A-Z][A-Z0-9_]{0,15}")
-_PARTS = (BatterySpec, FixedWingAirframe, PublishedEndurance, *get_args(AnyPowerSpec))
 
 
 @cache
 def vehicle_names() -> tuple[str, ...]:
-    """Return the names of the vehicles that come with the package, the default one first."""
-    folder = resources.files("sim_vehicle.airframe") / "vehicles"
-    names = (entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
-    return tuple(sorted(names, key=lambda name: (name != _DEFAULT, name == "ideal", name)))
+    """Return the names of the vehicles that come with their kinds, the default one first."""
+    return tuple(sorted(_files(), key=lambda name: (name != _DEFAULT, name == "ideal", name)))
+
+
+@cache
+def _files() -> dict[str, Traversable]:
+    """Return the vehicle files of all kinds by the names of the vehicles; those of the package go first."""
+    files: dict[str, Traversable] = {}
+    for folder in dict.fromkeys(get_kind(kind).vehicles for kind in kind_names()):
+        for entry in folder.iterdir():
+            if entry.name.endswith(".toml"):
+                files.setdefault(entry.name.removesuffix(".toml"), entry)
+    return files
+
+
+def forget_vehicles() -> None:
+    """Find kinds of vehicles and their files again, after a package was installed while the program runs."""
+    forget_kinds()
+    for known in (vehicle_names, _files, _packaged):
+        known.cache_clear()
 
 
 def get_vehicle(name: str) -> VehicleSpec:
@@ -65,8 +82,7 @@ def get_vehicle(name: str) -> VehicleSpec:
 
 @cache
 def _packaged(name: str) -> VehicleSpec:
-    text = (resources.files("sim_vehicle.airframe") / "vehicles" / f"{name}.toml").read_text(encoding="utf-8")
-    data = tomllib.loads(text)
+    data = tomllib.loads(_files()[name].read_text(encoding="utf-8"))
     return _build(f"vehicle {name}", name, data, VehicleSpec(name, kind=data.get("kind", "multirotor")))
 
 
@@ -75,7 +91,7 @@ def load_vehicle(path: Path) -> VehicleSpec:
 
     The tables are ``[battery]``, ``[power]``, ``[airframe]``, ``[published]``, and one named as an autopilot
     (``[px4]``, ``[ardupilot]``) with parameters of that autopilot. A key ``base`` names the vehicle whose
-    values hold where the file has none; by default it is the package's vehicle of the file's kind.
+    values hold where the file has none; by default it is the base of the file's kind.
 
     Raises
     ------
@@ -90,13 +106,13 @@ def load_vehicle(path: Path) -> VehicleSpec:
         raise VehicleError(msg) from None
     if not data:
         bases = ", ".join(vehicle_names())
-        msg = f"{where} is empty: give at least kind ({', '.join(KINDS)}) or base ({bases})"
+        msg = f"{where} is empty: give at least kind ({', '.join(kind_names())}) or base ({bases})"
         raise VehicleError(msg)
     kind = data.get("kind", "multirotor" if "base" not in data else None)
-    if kind is not None and kind not in KINDS:
-        msg = f"{where}: kind {kind!r} is not one of {', '.join(KINDS)}"
+    if kind is not None and kind not in kind_names():
+        msg = f"{where}: kind {kind!r} is not one of {', '.join(kind_names())}"
         raise VehicleError(msg)
-    name = str(data.pop("base", _BASE_OF_KIND.get(str(kind)))).lower()
+    name = str(data.pop("base") if kind is None or "base" in data else get_kind(kind).base).lower()
     if name not in vehicle_names():
         msg = f"{where}: base must be one of {', '.join(vehicle_names())}"
         raise VehicleError(msg)
@@ -136,8 +152,8 @@ def _part(where: str, key: str, value: object, base: VehicleSpec) -> object:
     types = {
         "battery": BatterySpec,
         "published": PublishedEndurance,
-        "power": POWER_OF_KIND.get(base.kind),
-        "airframe": FixedWingAirframe if base.kind == "fixed-wing" else None,
+        "power": base.vehicle_kind.power,
+        "airframe": base.vehicle_kind.airframe,
     }
     kind = types[key]
     if kind is None:
@@ -151,12 +167,12 @@ def _part(where: str, key: str, value: object, base: VehicleSpec) -> object:
         if name not in known:
             msg = f"{where}: unknown key {name!r} in [{key}]"
             raise VehicleError(msg)
-        if isinstance(entry, bool) or isinstance(entry, str) != (known[name] == "str"):
+        if isinstance(entry, bool) or isinstance(entry, str) != (known[name] in ("str", str)):
             msg = f"{where}: [{key}] {name} {entry!r} has the wrong type"
             raise VehicleError(msg)
     before = getattr(base, key)
     try:
-        return replace(before, **value) if isinstance(before, _PARTS) else kind(**value)
+        return kind(**value) if before is None else replace(before, **value)
     except TypeError as error:
         msg = f"{where}: [{key}]: {error}"
         raise VehicleError(msg) from None

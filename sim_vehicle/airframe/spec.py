@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from types import MappingProxyType
-from typing import Literal
+from typing import Any
 
 from geo.units import FOOT_M
 from sim_vehicle.airframe.autopilot_names import NO_AUTOPILOT, autopilot_names
+from sim_vehicle.airframe.kind import Movement, VehicleKind, get_kind, kind_names
 from sim_vehicle.airframe.power_spec import (
     AIR_DENSITY_KG_M3,
     GRAVITY_M_S2,
@@ -26,8 +25,6 @@ from sim_vehicle.errors import VehicleError
 __all__ = [
     "AIR_DENSITY_KG_M3",
     "GRAVITY_M_S2",
-    "KINDS",
-    "POWER_OF_KIND",
     "AnyPowerSpec",
     "BatterySpec",
     "FixedWingAirframe",
@@ -38,10 +35,6 @@ __all__ = [
     "VehicleSpec",
 ]
 
-KINDS = ("multirotor", "fixed-wing", "rover", "ideal")
-POWER_OF_KIND: Mapping[str, type[AnyPowerSpec]] = MappingProxyType(
-    {"multirotor": PowerSpec, "fixed-wing": FixedWingPowerSpec, "rover": RoverPowerSpec}
-)
 _NO_LIMITS = (
     "name",
     "kind",
@@ -96,8 +89,8 @@ class VehicleSpec:
 
     name: str
     """Name for reports."""
-    kind: Literal["multirotor", "fixed-wing", "rover", "ideal"] = "multirotor"
-    """The motion model."""
+    kind: str = "multirotor"
+    """One of `sim_vehicle.airframe.kind.kind_names`."""
     autopilot: str = NO_AUTOPILOT
     """The autopilot that moves it, one of `sim_vehicle.airframe.autopilot_names.autopilot_names`; "generic"
     is none in particular."""
@@ -145,8 +138,8 @@ class VehicleSpec:
     """None is an endless battery."""
     power: AnyPowerSpec | None = None
     """The one of its kind; None uses no energy."""
-    airframe: FixedWingAirframe | None = None
-    """Of a fixed wing; None is a typical one."""
+    airframe: Any = None
+    """The one of its kind, such as a `FixedWingAirframe`; None is a typical one."""
     return_margin_m: float = 0.0
     """How much farther from home than planned a return may begin: a return altitude that depends on the
     distance is that of so much more. 0 for a vehicle that flies; where a way home is priced it is what
@@ -159,7 +152,7 @@ class VehicleSpec:
     """In a few words, for lists."""
 
     def __post_init__(self) -> None:
-        for name, known in (("kind", KINDS), ("autopilot", (*autopilot_names(), NO_AUTOPILOT))):
+        for name, known in (("kind", kind_names()), ("autopilot", (*autopilot_names(), NO_AUTOPILOT))):
             value = getattr(self, name)
             if value not in known:
                 msg = f"vehicle {self.name}: {name} {value!r} is not one of {', '.join(known)}"
@@ -179,28 +172,39 @@ class VehicleSpec:
         if self.battery is not None and self.power is None:
             msg = f"vehicle {self.name}: a battery needs a power model ([power])"
             raise VehicleError(msg)
-        wanted = POWER_OF_KIND.get(self.kind)
-        if self.power is not None and (wanted is None or not isinstance(self.power, wanted)):
+        kind = self.vehicle_kind
+        if self.power is not None and not isinstance(self.power, kind.power or ()):
             msg = f"vehicle {self.name}: {type(self.power).__name__} is no power model of kind {self.kind}"
             raise VehicleError(msg)
-        if self.airframe is not None and not self.circles:
-            msg = f"vehicle {self.name}: [airframe] belongs to a fixed wing, not to a {self.kind}"
+        if self.airframe is not None and not isinstance(self.airframe, kind.airframe or ()):
+            whose = "a fixed wing" if isinstance(self.airframe, FixedWingAirframe) else "another kind"
+            msg = f"vehicle {self.name}: [airframe] belongs to {whose}, not to a {self.kind}"
             raise VehicleError(msg)
+
+    @property
+    def vehicle_kind(self) -> VehicleKind:
+        """The facts of its kind."""
+        return get_kind(self.kind)
 
     @property
     def is_ideal(self) -> bool:
         """Whether it is the paper's robot, without dynamics."""
-        return self.kind == "ideal"
+        return self.vehicle_kind.movement is Movement.STEPS
 
     @property
     def drives(self) -> bool:
         """Whether it stays on the ground: it does not take off, and heights do not count."""
-        return self.kind == "rover"
+        return self.vehicle_kind.movement is Movement.DRIVES
 
     @property
     def circles(self) -> bool:
         """Whether it can only stay where it is by circling."""
-        return self.kind == "fixed-wing"
+        return self.vehicle_kind.movement is Movement.CIRCLES
+
+    @property
+    def hovers(self) -> bool:
+        """Whether it flies and can stay anywhere."""
+        return self.vehicle_kind.movement is Movement.HOVERS
 
     def reaches(self, height_m: float) -> bool:
         """Whether it may be sent to a height above home."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING
 
 from geo.imports import entry_points
@@ -15,10 +16,11 @@ from sim_vehicle.airframe.autopilot_names import (
     NO_AUTOPILOT,
     autopilot_names,
 )
+from sim_vehicle.airframe.kind import VehicleKind, get_kind
 from sim_vehicle.airframe.parameters import ParameterSpec, check_parameters
 from sim_vehicle.autopilot.behaviour import MissionBehaviour
 from sim_vehicle.autopilot.parameters import MavParameter
-from sim_vehicle.autopilot.procedures import GENERIC, FixedWingProcedures
+from sim_vehicle.autopilot.procedures import FixedWingProcedures, FlightProcedures
 from sim_vehicle.errors import VehicleError
 
 if TYPE_CHECKING:
@@ -26,7 +28,6 @@ if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.autopilot.behaviour import ColdBoot, FailsafeRules
     from sim_vehicle.autopilot.mavlink_profile import MavlinkProfile
-    from sim_vehicle.autopilot.procedures import FlightProcedures
     from sim_vehicle.autopilot.stick_rules import StickRules
 
 __all__ = [
@@ -79,6 +80,9 @@ class Firmware:
     strays_m: Callable[[VehicleSpec], float] | None = None
     """Given the vehicle, the standard deviation of how far the errors of its estimate carry it aside, along a
     horizontal axis; without, its estimate is exact (`sim_vehicle.airframe.estimate_errors`)."""
+    return_height: tuple[str, float] | None = None
+    """Parameter of the least height of its return above home, and its unit in metres: vehicles that fly in
+    layers return in theirs. None leaves the return as it is."""
     reference: Callable[[], Sequence[MavParameter]] = tuple
     """Returns all parameters that the real firmware has; those not named otherwise are only kept."""
 
@@ -115,20 +119,20 @@ class Autopilot:
     title: str
     """Its name for readers."""
     firmwares: Mapping[str, Firmware]
-    """By kind of vehicle (`sim_vehicle.airframe.spec.KINDS`); without those that it does not fly."""
+    """By kind of vehicle (`sim_vehicle.airframe.kind.kind_names`); without those that it does not fly."""
     simulator_urls: Callable[[int], tuple[str, ...]]
     """Given the number of a vehicle (from 0), the ports at which the autopilot's own simulator is found, as
     URLs of links."""
 
     def for_vehicle(self, kind: str) -> Firmware:
-        """Firmware for a kind of vehicle; the ideal vehicle is shown to peers as a multirotor.
+        """Firmware for a kind of vehicle, or for the one as which it is shown to peers.
 
         Raises
         ------
         VehicleError
             If the autopilot does not fly such a vehicle.
         """
-        firmware = self.firmwares.get("multirotor" if kind == "ideal" else kind)
+        firmware = self.firmwares.get(kind) or self.firmwares.get(get_kind(kind).shown_as)
         if firmware is None:
             msg = (
                 f"autopilot {self.name} flies no {kind}: choose a vehicle of kind {', '.join(self.firmwares)}"
@@ -206,17 +210,37 @@ def firmware_of(spec: VehicleSpec) -> Firmware | None:
 
     There is no generic fixed wing or rover: the default autopilot's procedures move them.
     """
-    if spec.is_ideal:
+    kind = spec.vehicle_kind
+    if spec.autopilot == NO_AUTOPILOT:
+        return None if kind.procedures else get_autopilot().for_vehicle(kind.name)
+    if _moves_itself(kind, spec.autopilot):
         return None
-    if spec.autopilot != NO_AUTOPILOT:
-        return get_autopilot(spec.autopilot).for_vehicle(spec.kind)
-    return None if spec.kind == "multirotor" else get_autopilot().for_vehicle(spec.kind)
+    return get_autopilot(spec.autopilot).for_vehicle(kind.name)
+
+
+def _moves_itself(kind: VehicleKind, autopilot: str) -> bool:
+    """Whether vehicles of a kind move by its own procedures when that autopilot shows them to peers."""
+    if not (kind.procedures and kind.shown_as):
+        return False
+    return kind.name not in get_autopilot(autopilot).firmwares
 
 
 def flight_procedures(spec: VehicleSpec) -> FlightProcedures:
     """Procedures that move a vehicle."""
     firmware = firmware_of(spec)
-    return GENERIC if firmware is None else firmware.procedures
+    return _own_procedures(spec.vehicle_kind) if firmware is None else firmware.procedures
+
+
+@cache
+def _own_procedures(kind: VehicleKind) -> FlightProcedures:
+    try:
+        found = resolve_name(kind.procedures)
+    except (ImportError, AttributeError, ValueError) as error:
+        msg = f"procedures {kind.procedures} of kind {kind.name} cannot be loaded: {error}"
+        raise VehicleError(msg) from error
+    if not isinstance(found, FlightProcedures):
+        raise VehicleError(f"procedures {kind.procedures} of kind {kind.name} are no FlightProcedures")
+    return found
 
 
 def estimate_errs(spec: VehicleSpec) -> bool:
@@ -266,7 +290,8 @@ def with_autopilot(
     """Vehicle as an autopilot flies it, with further parameters of that autopilot.
 
     The ideal vehicle has no autopilot and is returned as it is; a fixed wing or rover of no autopilot in
-    particular is flown as the default autopilot does it. The vehicle's own parameters of that autopilot hold
+    particular is flown as the default autopilot does it, and one of a kind that the autopilot only shows to
+    peers by the procedures of its kind. The vehicle's own parameters of that autopilot hold
     unless others are given.
 
     Raises
@@ -283,8 +308,10 @@ def with_autopilot(
             )
             raise VehicleError(msg)
         return spec
-    if name == NO_AUTOPILOT and spec.kind != "multirotor":
+    if name == NO_AUTOPILOT and not spec.vehicle_kind.procedures:
         name = DEFAULT_AUTOPILOT
+    elif name != NO_AUTOPILOT and _moves_itself(spec.vehicle_kind, name):
+        name = NO_AUTOPILOT
     before = spec.parameters if spec.autopilot == name else ()
     merged = {**dict(spec.parameters_for(name)), **dict(before), **(parameters or {})}
     flown = replace(spec, autopilot=name, parameters=tuple(merged.items()))
@@ -304,7 +331,8 @@ def _card_parameters(spec: VehicleSpec) -> dict[str, ParameterSpec]:
 def adapt_vehicle(spec: VehicleSpec, autopilot: Autopilot) -> VehicleSpec:
     """Vehicle as it moves when ``autopilot`` shows itself to peers.
 
-    A multirotor stays as it is: its dynamics may be another autopilot's, or none's in particular.
+    A kind with procedures of its own, such as a multirotor, stays as it is: its dynamics may be another
+    autopilot's, or none's in particular.
 
     Examples
     --------
@@ -312,6 +340,6 @@ def adapt_vehicle(spec: VehicleSpec, autopilot: Autopilot) -> VehicleSpec:
     >>> adapt_vehicle(get_vehicle("wing"), get_autopilot("ardupilot")).autopilot
     'ardupilot'
     """
-    if spec.kind in ("multirotor", "ideal") or spec.autopilot == autopilot.name:
+    if spec.vehicle_kind.procedures or spec.autopilot == autopilot.name:
         return spec
     return with_autopilot(replace(spec, parameters=()), autopilot.name)

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sim_vehicle.airframe.power_spec import FixedWingPowerSpec
 from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.energy.power import flight_power_w
 from sim_vehicle.errors import VehicleError
@@ -82,10 +81,10 @@ def best_speeds(spec: VehicleSpec, *, least_airspeed_m_s: float | None = None) -
         If the vehicle has no battery or no power model.
     """
     slowest, fastest = 0.0, spec.fastest_m_s
-    if isinstance(spec.power, FixedWingPowerSpec):
+    if spec.circles:
         slowest = _SLOWEST * spec.cruise_speed_m_s if least_airspeed_m_s is None else least_airspeed_m_s
         fastest = spec.airspeed_limit_m_s
-    elif spec.kind == "rover":
+    elif spec.drives:
         slowest = _STEP_M_S
     speeds = np.arange(slowest, fastest + 0.5 * _STEP_M_S, _STEP_M_S)
     times = np.array([endurance_s(spec, float(speed)) for speed in speeds])

@@ -180,7 +180,7 @@ class MissionExecutor:
     def takeoff(self, altitude_m: float) -> None:
         """Climb to an altitude above home and hold there; TargetReached tells when."""
         self._ready("take off")
-        _require(not self.spec.drives, "cannot take off: a rover stays on the ground")
+        _require(not self.spec.drives, f"cannot take off: a {self.spec.kind} stays on the ground")
         self._check_height(altitude_m)
         x, y, z = self.motion.position_m
         self.follower.disarm_step = None
@@ -211,7 +211,7 @@ class MissionExecutor:
         if speed_m_s is not None:
             settings.speed_m_s = self._checked_speed(speed_m_s)
         self.follower.disarm_step = None
-        direct = as_setpoint and self.spec.kind == "multirotor" and self.landed is not LandedState.ON_GROUND
+        direct = as_setpoint and self.spec.hovers and self.landed is not LandedState.ON_GROUND
         kind = LegKind.SETPOINT if direct else LegKind.WAYPOINT
         leg = Leg((x_m, y_m, altitude_m), settings.speed_m_s, heading=heading, kind=kind)
         self.follower.fly([leg], FlightPhase.GOTO)

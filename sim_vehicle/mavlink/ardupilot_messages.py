@@ -98,10 +98,10 @@ def _position_target_local_ned(source: WireState) -> Message | None:
 
 
 def _servo_output_raw(source: WireState) -> Message:
-    state, kind = source.pilot.state, source.pilot.spec.kind
+    state, spec = source.pilot.state, source.pilot.spec
     flies = state.armed and state.landed is not LandedState.ON_GROUND
     share = state.throttle if flies else 0.0
-    if kind == "multirotor":
+    if spec.hovers:
         if flies and source.pilot.executor.motion.attitude() is None:
             east, north, up = state.acceleration_m_s2
             share = _HOVER * math.hypot(east, north, up + GRAVITY_M_S2) / GRAVITY_M_S2
@@ -109,9 +109,9 @@ def _servo_output_raw(source: WireState) -> Message:
         spin = _SPIN_LEAST + (_SPIN_MOST - _SPIN_LEAST) * curve if flies else _SPIN_ARMED * state.armed
         outputs = (round(_LEAST_US + 1000.0 * spin),) * 4
     else:
-        turn = 0.0 if not flies else state.yaw_rate_rad_s / source.pilot.spec.yaw_rate_rad_s
-        turn = state.roll_rad / (0.25 * math.pi) if kind == "fixed-wing" else turn
-        thrust = 500.0 * share + _MIDDLE_US if kind == "rover" else _LEAST_US + 1000.0 * share
+        turn = 0.0 if not flies else state.yaw_rate_rad_s / spec.yaw_rate_rad_s
+        turn = state.roll_rad / (0.25 * math.pi) if spec.circles else turn
+        thrust = 500.0 * share + _MIDDLE_US if spec.drives else _LEAST_US + 1000.0 * share
         steered = round(_MIDDLE_US + 500.0 * min(max(turn, -1.0), 1.0))
         outputs = (steered, _MIDDLE_US, round(thrust), _MIDDLE_US)
     return m.MAVLink_servo_output_raw_message(source.boot_ms * 1000 & 0xFFFFFFFF, 0, *outputs, 0, 0, 0, 0)

@@ -185,7 +185,7 @@ def time_home_s(positions_m: NDArray[np.float64], spec: VehicleSpec) -> NDArray[
         Seconds.
     """
     time_s: NDArray[np.float64] = np.hypot(positions_m[:, 0], positions_m[:, 1]) / spec.cruise_speed_m_s
-    if spec.kind != "rover":
+    if not spec.drives:
         time_s += positions_m[:, 2] / spec.descent_speed_m_s
     return time_s
 

@@ -9,6 +9,7 @@ from mission.model import GeoPoint, Mission, MissionItem
 from sim_vehicle.airframe.autopilot_names import NO_AUTOPILOT
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.airframe.estimate_errors import EstimateErrors
+from sim_vehicle.airframe.kind import get_kind, kind_names
 from sim_vehicle.autopilot import autopilot_names, flight_procedures, get_autopilot, with_autopilot
 from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.prediction.predict import predict_flights
@@ -22,8 +23,6 @@ if TYPE_CHECKING:
 __all__ = ["compile_all", "warm_up"]
 
 _WIND = Wind(1.0, gust_m_s=0.5)
-# One vehicle of each kind whose motion is compiled.
-_VEHICLES = ("quad", "fixed-wing", "rover")
 
 
 def warm_up(spec: VehicleSpec) -> None:
@@ -46,12 +45,12 @@ def warm_up(spec: VehicleSpec) -> None:
         return
     executor = MissionExecutor(spec, LocalFrame(0.0, 0.0), wind=_WIND, estimate_errors=EstimateErrors())
     executor.arm()
-    if spec.kind == "rover":
+    if spec.drives:
         executor.goto(1.0, 0.0, 0.0)
     else:
         executor.takeoff(min(2.0, spec.max_altitude_m))
     executor.advance(1.0)
-    if spec.kind == "multirotor":
+    if spec.hovers:
         executor.steer((0.5, 0.0, 0.0))
     executor.advance(1.5)
     executor.hold()
@@ -83,8 +82,9 @@ def compile_all(progress: Callable[[str, int, int], None] | None = None) -> None
 def _dynamics() -> list[tuple[str, VehicleSpec]]:
     """One vehicle for each class of motion that the installed autopilots use, with a name for readers."""
     found: dict[type, tuple[str, VehicleSpec]] = {}
-    for vehicle in _VEHICLES:
-        bare = get_vehicle(vehicle)
+    for bare in [get_vehicle(get_kind(kind).typical) for kind in kind_names()]:
+        if bare.is_ideal:
+            continue
         kind = bare.kind.replace("-", " ")
         flown = {kind: with_autopilot(bare, NO_AUTOPILOT)}
         for name in autopilot_names():

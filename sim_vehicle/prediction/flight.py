@@ -263,7 +263,7 @@ def _fly_together(flights: list[PredictedFlight], pool: ThreadPoolExecutor | Non
 def climbs_by_itself(spec: VehicleSpec) -> bool:
     """Whether a vehicle climbs first when its mission begins on the ground without a take-off: PX4 does."""
     firmware = firmware_of(spec)
-    return spec.kind == "multirotor" and firmware is not None and firmware.takes_off
+    return spec.hovers and firmware is not None and firmware.takes_off
 
 
 def without_end(spec: VehicleSpec) -> VehicleSpec:

@@ -131,9 +131,8 @@ class OnwardPredictor:
         self._ending = ending
         self._ending_m = item_positions(ending, about_home)
         calm = None if wind is None else replace(wind, gust_m_s=0.0, turbulence=None)
-        hovers = spec.kind == "multirotor"
-        self._on_path = _Squadron(_stepping(spec, _PATH_STEPS if hovers else 1), calm)
-        self._home_again = _Squadron(_stepping(spec, _HOME_STEPS), calm) if hovers else self._on_path
+        self._on_path = _Squadron(_stepping(spec, _PATH_STEPS if spec.hovers else 1), calm)
+        self._home_again = _Squadron(_stepping(spec, _HOME_STEPS), calm) if spec.hovers else self._on_path
         # By position and velocity, in about metres and metres a second.
         self._ways_home: dict[tuple[float, ...], tuple[float, float]] = {}
 

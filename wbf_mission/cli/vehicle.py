@@ -103,7 +103,7 @@ def _add_endurance(spec: VehicleSpec, values: dict[str, Any], rows: dict[str, st
     )
     cruise_w = flight_power_w(power, spec.cruise_speed_m_s, battery=battery)
     rows["cruise"] = f"{cruise_w:.0f} W, {values['cruise_endurance_min']:.1f} min until empty"
-    if spec.kind == "multirotor":
+    if spec.hovers:
         hover_w = flight_power_w(power, battery=battery)
         values["hover_power_w"] = hover_w
         rows["hover"] = f"{hover_w:.0f} W, {endurance_s(spec, 0.0) / 60.0:.1f} min until empty"
@@ -125,7 +125,7 @@ def _least_airspeed_m_s(spec: VehicleSpec) -> float | None:
     from sim_vehicle.airframe.autopilot_names import DEFAULT_AUTOPILOT
     from sim_vehicle.autopilot import fixed_wing_procedures
 
-    if spec.kind != "fixed-wing":
+    if not spec.circles:
         return None
     own = dict(spec.parameters_for(DEFAULT_AUTOPILOT))
     return own.get(fixed_wing_procedures(spec).least_airspeed)

@@ -6,17 +6,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from geo.errors import WbfMissionError
-from mission.link.codec.dialect import mavlink as m
 from mission.transfer.vehicles import Vehicle
 from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.airframe.kind import get_kind, kind_names
 from sim_vehicle.autopilot import name_of_number
 from wbf_mission.scenario import Scenario, scenario_with
 from wbf_mission.scenario.parts import MOST_VEHICLES
 
 __all__ = ["LiveFlightError", "fitted_to", "require_single_flight", "typical_vehicle", "wanted_vehicles"]
-
-_KINDS = {int(m.MAV_TYPE_FIXED_WING): "fixed-wing", int(m.MAV_TYPE_GROUND_ROVER): "rover"}
-_TYPICAL = {"multirotor": "quad", "fixed-wing": "fixed-wing", "rover": "rover"}
 
 
 class LiveFlightError(WbfMissionError, ValueError):
@@ -105,8 +102,10 @@ def typical_vehicle(vehicle: Vehicle) -> str:
     >>> typical_vehicle(Vehicle(1, 1, 12, 1))
     'fixed-wing'
     """
-    return _TYPICAL[_kind_of(vehicle)]
+    return get_kind(_kind_of(vehicle)).typical
 
 
 def _kind_of(vehicle: Vehicle) -> str:
-    return _KINDS.get(vehicle.vehicle_type, "multirotor")
+    """Return the kind of a vehicle by its MAV_TYPE; all that no kind has are multirotors'."""
+    of_type = (name for name in kind_names() if vehicle.vehicle_type in get_kind(name).mav_types)
+    return next(of_type, "multirotor")

@@ -13,6 +13,7 @@ from geo.seeds import child_seed
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.airframe.sensor_errors import SensorNoise
 from sim_vehicle.airframe.spec import VehicleSpec
+from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.mavlink.fleet import SPACING_M
 from sim_vehicle.weather.wind import Wind
 from wbf_mission.planning.assignment import SortieNumber, VehicleAssignment
@@ -38,8 +39,6 @@ from wbf_mission.scenario.scenario import PARTS
 from wbf_mission.scenario.values import DISTANCE, LAYERS
 
 HIGHEST_M = 120.0
-# By autopilot: the least height of the return of a multirotor, and its unit in metres.
-_RETURN_HEIGHTS = {"px4": ("RTL_RETURN_ALT", 1.0), "ardupilot": ("RTL_ALT", 0.01)}
 # Columns in which vehicles climb and land stand so much farther apart than the vehicles have to be.
 _ROW_FACTOR = 1.5
 
@@ -144,16 +143,16 @@ def single_scenarios(scenario: Scenario) -> tuple[Scenario, ...]:
 
 def flies(spec: VehicleSpec) -> bool:
     """Return whether a vehicle can be at different heights: rovers and the paper's robot cannot."""
-    return not spec.is_ideal and spec.kind != "rover"
+    return spec.hovers or spec.circles
 
 
 def _parameters(vehicle: VehicleOptions, spec: VehicleSpec, height_m: float) -> dict[str, float]:
     """Return the parameters of a vehicle in its layer; what the user gave holds."""
     given = vehicle.parameters
-    known = _RETURN_HEIGHTS.get(vehicle.autopilot)
-    if known is None or spec.kind != "multirotor":
+    firmware = get_autopilot(vehicle.autopilot).firmwares.get(spec.kind)
+    if firmware is None or firmware.return_height is None:
         return given
-    name, unit_m = known
+    name, unit_m = firmware.return_height
     return {name: round(height_m / unit_m), **given} if unit_m < 1.0 else {name: height_m, **given}
 
 

@@ -120,7 +120,7 @@ def _is_short(leg: Leg) -> bool:
 def _flies_to_the_end(subject: Subject) -> bool:
     """ArduCopter flies its path to the end, whatever the radius."""
     lossy = subject.profile.lossy.get(int(Command.NAV_WAYPOINT), frozenset())
-    return subject.vehicle.kind == "multirotor" and "param2" in lossy
+    return subject.vehicle.hovers and "param2" in lossy
 
 
 def check_turns(subject: Subject) -> Iterator[Finding]:
@@ -157,7 +157,7 @@ def check_turns(subject: Subject) -> Iterator[Finding]:
 def check_climbs(subject: Subject) -> Iterator[Finding]:
     """Legs that climb or sink faster than the vehicle does at the speed of the leg."""
     vehicle = subject.vehicle
-    if vehicle.kind not in ("multirotor", "fixed-wing"):
+    if not (vehicle.hovers or vehicle.circles):
         return
     steep = []
     for leg in legs_of(subject)[1:]:
@@ -198,7 +198,7 @@ def check_wind(subject: Subject) -> Iterator[Finding]:
     speed = math.hypot(*wind.mean_at(top_m))
     if speed >= limit_m_s:
         yield found(subject, "too-windy", measured=(speed, limit_m_s), vehicle=vehicle.name)
-    elif subject.prediction is not None and vehicle.kind != "rover":
+    elif subject.prediction is not None and not vehicle.drives:
         beyond_s = wind.share_above(limit_m_s, top_m) * subject.prediction.duration_s
         if beyond_s >= _SHORT_GUSTS_S:
             yield found(

@@ -130,7 +130,7 @@ def check_lengths(subject: Subject) -> Iterator[Finding]:
 
 def check_radii(subject: Subject) -> Iterator[Finding]:
     """Acceptance radii that the vehicle cannot hold: the error of its height estimate counts in them."""
-    if subject.profile.radius_in_space and subject.vehicle.kind == "multirotor":
+    if subject.profile.radius_in_space and subject.vehicle.hovers:
         small = [Hit(leg.item, leg.radius_m) for leg in legs_of(subject) if leg.radius_m < _SMALLEST_RADIUS_M]
         yield from worst(subject, "small-radius", small, _SMALLEST_RADIUS_M, autopilot=subject.profile.name)
 
@@ -273,7 +273,7 @@ _FARTHEST_LANDING_M = 50.0
 
 def check_takeoff(subject: Subject) -> Iterator[Finding]:
     """A take-off that is missing, late or low."""
-    if subject.vehicle.kind == "rover" or subject.vehicle.is_ideal:
+    if subject.vehicle.drives or subject.vehicle.is_ideal:
         return
     nav = [k for k, item in enumerate(subject.items) if item.command <= LAST_NAV]
     takeoffs = [k for k in nav if subject.items[k].command in TAKEOFFS]
@@ -358,7 +358,7 @@ _LOWEST_M = 2.0
 
 def check_heights(subject: Subject) -> Iterator[Finding]:
     """Positions above 120 m and below 2 m, and a path that gets higher than its positions."""
-    if subject.vehicle.kind == "rover" or subject.vehicle.is_ideal:
+    if subject.vehicle.drives or subject.vehicle.is_ideal:
         return
     heights = [
         Hit(k, position[2])

@@ -108,7 +108,7 @@ def check_motion_settings(subject: Subject, snapshot: VehicleSnapshot) -> Iterat
 def check_return_height(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
     """A return that climbs too high, or to another height than predicted."""
     told = _value(snapshot, Meaning.RETURN_HEIGHT)
-    if told is None or subject.vehicle.kind == "rover":
+    if told is None or subject.vehicle.drives:
         return
     name, value = told
     assumed = _assumed(subject, snapshot, name, subject.vehicle.return_altitude_m)

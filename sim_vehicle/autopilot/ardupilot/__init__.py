@@ -66,6 +66,7 @@ ARDUPILOT = Autopilot(
             cold_boot=COLD_BOOT,
             reference=partial(reference_parameters, "arducopter"),
             sticks=COPTER_STICKS,
+            return_height=("RTL_ALT", 0.01),
         ),
         "fixed-wing": Firmware(
             title="ArduPlane",

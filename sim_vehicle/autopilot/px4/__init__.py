@@ -54,6 +54,7 @@ _COPTER = Firmware(
     reference=partial(reference_parameters, "px4"),
     sticks=COPTER_STICKS,
     strays_m=strays_m,
+    return_height=("RTL_RETURN_ALT", 1.0),
 )
 PX4 = Autopilot(
     name="px4",
@@ -73,6 +74,7 @@ PX4 = Autopilot(
             reference=partial(reference_parameters, "px4", without=_OF_MULTIROTORS),
             sticks=FIXED_WING_STICKS,
             strays_m=None,
+            return_height=None,
         ),
         "rover": replace(
             _COPTER,
@@ -84,6 +86,7 @@ PX4 = Autopilot(
             reference=partial(reference_parameters, "px4", without=_OF_MULTIROTORS),
             sticks=ROVER_STICKS,
             strays_m=None,
+            return_height=None,
         ),
     },
     simulator_urls=_simulator_urls,

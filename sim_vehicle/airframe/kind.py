@@ -1,0 +1,162 @@
+"""Kinds of vehicles: each is one value that holds all facts of its kind.
+
+Those of the package are in `BUILT_IN`; packages register others under the entry point group
+``wbf_mission.vehicle_kinds`` (docs/vehicle-kinds.md shows one).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from functools import cache
+from importlib import resources
+from typing import TYPE_CHECKING, Any
+
+from geo.imports import entry_points
+from sim_vehicle.airframe.power_spec import (
+    FixedWingAirframe,
+    FixedWingPowerSpec,
+    PowerSpec,
+    RoverPowerSpec,
+)
+from sim_vehicle.errors import VehicleError
+
+if TYPE_CHECKING:
+    from importlib.resources.abc import Traversable
+
+__all__ = ["BUILT_IN", "KIND_GROUP", "Movement", "VehicleKind", "forget_kinds", "get_kind", "kind_names"]
+
+KIND_GROUP = "wbf_mission.vehicle_kinds"
+"""The entry point group; each entry is a `VehicleKind` of the entry's name."""
+_VEHICLES = resources.files("sim_vehicle.airframe") / "vehicles"
+
+
+class Movement(Enum):
+    """How a vehicle moves and stays where it is."""
+
+    HOVERS = "hovers"
+    """It flies at any speed, and stays anywhere."""
+    CIRCLES = "circles"
+    """It flies, and stays only by circling; `FixedWingProcedures` move it."""
+    DRIVES = "drives"
+    """It stays on the ground or the water: it does not take off, and heights do not count."""
+    STEPS = "steps"
+    """From cell to cell, as the paper's robot does, without dynamics, autopilot and battery."""
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleKind:
+    """A kind of vehicle.
+
+    Examples
+    --------
+    >>> get_kind("rover").movement
+    <Movement.DRIVES: 'drives'>
+    """
+
+    name: str
+    """What vehicle files and autopilots call it; that of its entry point."""
+    movement: Movement
+    base: str
+    """The vehicle whose values hold where a vehicle file of this kind has none."""
+    typical: str
+    """The vehicle that flies where only the kind is known, and for which its motion is compiled ahead."""
+    vehicles: Traversable = _VEHICLES
+    """The folder with its vehicle files; each vehicle there is known by the name of its file."""
+    power: type[PowerSpec | FixedWingPowerSpec | RoverPowerSpec] | None = None
+    """Class of ``[power]`` in vehicle files: one of these or derived from one. None uses no energy."""
+    airframe: type | None = None
+    """Class of ``[airframe]`` in vehicle files, a dataclass; None has no such table."""
+    procedures: str = ""
+    """The `FlightProcedures` that move it without an autopilot, as ``module:NAME``, imported when it moves;
+    without any, those of the default autopilot do."""
+    shown_as: str = ""
+    """The kind whose firmware shows it to peers where an autopilot has none for this one; its own procedures
+    move it then. Without, such an autopilot is refused."""
+    mav_types: tuple[int, ...] = ()
+    """The MAV_TYPE of heartbeats by which it is known; a multirotor has all that no other has."""
+
+
+BUILT_IN = {
+    kind.name: kind
+    for kind in (
+        VehicleKind(
+            "multirotor",
+            Movement.HOVERS,
+            base="quad",
+            typical="quad",
+            power=PowerSpec,
+            procedures="sim_vehicle.autopilot.procedures:GENERIC",
+        ),
+        VehicleKind(
+            "fixed-wing",
+            Movement.CIRCLES,
+            base="wing",
+            typical="fixed-wing",
+            power=FixedWingPowerSpec,
+            airframe=FixedWingAirframe,
+            mav_types=(1,),  # MAV_TYPE_FIXED_WING
+        ),
+        VehicleKind(
+            "rover",
+            Movement.DRIVES,
+            base="rover",
+            typical="rover",
+            power=RoverPowerSpec,
+            mav_types=(10,),  # MAV_TYPE_GROUND_ROVER
+        ),
+        VehicleKind(
+            "ideal",
+            Movement.STEPS,
+            base="ideal",
+            typical="ideal",
+            procedures="sim_vehicle.autopilot.procedures:GENERIC",
+            shown_as="multirotor",
+        ),
+    )
+}
+"""The kinds of the package, by name."""
+
+
+@cache
+def kind_names() -> tuple[str, ...]:
+    """Return the names of all kinds: those of the package, then those of others, sorted.
+
+    Examples
+    --------
+    >>> kind_names()[:4]
+    ('multirotor', 'fixed-wing', 'rover', 'ideal')
+    """
+    return (*BUILT_IN, *sorted({entry.name for entry in entry_points(KIND_GROUP)} - BUILT_IN.keys()))
+
+
+def get_kind(name: str) -> VehicleKind:
+    """Return a kind of vehicle by its name.
+
+    Raises
+    ------
+    VehicleError
+        If there is none of that name, or its package does not give one.
+    """
+    return BUILT_IN.get(name) or _registered(name)
+
+
+@cache
+def _registered(name: str) -> VehicleKind:
+    entry = next((one for one in entry_points(KIND_GROUP) if one.name == name), None)
+    if entry is None:
+        raise VehicleError(f"kind {name!r} is not one of {', '.join(kind_names())}")
+    where = f"vehicle kind {name} ({entry.value})"
+    try:
+        found: Any = entry.load()
+    except (ImportError, AttributeError) as error:
+        raise VehicleError(f"{where} cannot be loaded: {error}") from error
+    if not isinstance(found, VehicleKind) or found.name != name:
+        raise VehicleError(f"{where} is no sim_vehicle.airframe.kind.VehicleKind of this name")
+    return found
+
+
+def forget_kinds() -> None:
+    """Find the kinds of packages again, after one was installed while the program runs."""
+    kind_names.cache_clear()
+    _registered.cache_clear()

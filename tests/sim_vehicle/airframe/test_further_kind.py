@@ -1,0 +1,179 @@
+"""A kind of vehicle in a package of its own: it is listed, flies, uses energy, with no change elsewhere."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from mission.transfer.vehicles import Vehicle
+from sim_vehicle.airframe.catalog import forget_vehicles, get_vehicle, vehicle_names
+from sim_vehicle.airframe.kind import get_kind, kind_names
+from sim_vehicle.autopilot import (
+    adapt_vehicle,
+    flight_procedures,
+    forget_autopilots,
+    get_autopilot,
+    with_autopilot,
+)
+from sim_vehicle.energy.endurance import best_speeds, endurance_s
+from sim_vehicle.errors import VehicleError
+from wbf_mission.live.discovery import typical_vehicle
+
+ENTRY_POINTS = """\
+[wbf_mission.vehicle_kinds]
+boat = skiff:BOAT
+
+[wbf_mission.autopilots]
+tide = skiff:TIDE
+"""
+FILE = """\
+kind = "boat"
+cruise_speed_m_s = 1.2
+[power]
+mass_kg = 25.0
+[airframe]
+turn_lengths = 2.0
+"""
+
+
+def install(folder, name, entry_points):
+    metadata = folder / f"{name}-1.0.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+    (metadata / "entry_points.txt").write_text(entry_points)
+
+
+def forget():
+    for name in [name for name in sys.modules if name.partition(".")[0] == "skiff"]:
+        del sys.modules[name]
+    forget_vehicles()
+    forget_autopilots()
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """A folder of installed packages with that of the boats."""
+    folder = tmp_path_factory.mktemp("site")
+    shutil.copytree(Path(__file__).parent / "further" / "skiff", folder / "skiff")
+    install(folder, "skiff", ENTRY_POINTS)
+    (folder / "mine.toml").write_text(FILE)
+    return folder
+
+
+@pytest.fixture
+def boat(site, monkeypatch):
+    """The specification of a vehicle file of that kind."""
+    monkeypatch.syspath_prepend(str(site))
+    forget()
+    yield get_vehicle(str(site / "mine.toml"))
+    monkeypatch.undo()
+    forget()
+
+
+def test_its_vehicles_are_known_and_its_files_are_read(boat, tmp_path):
+    assert kind_names() == ("multirotor", "fixed-wing", "rover", "ideal", "boat")
+    assert "skiff" in vehicle_names() and vehicle_names()[-1] == "ideal"
+    assert (boat.drives, boat.hovers, boat.circles, boat.is_ideal) == (True, False, False, False)
+    assert (boat.power.mass_kg, boat.power.drag_area_m2) == (25.0, 16.0)
+    assert (boat.airframe.length_m, boat.airframe.turn_lengths) == (1.2, 2.0)
+    assert boat.acceptance_radius_m == get_vehicle("skiff").acceptance_radius_m == 2.0
+    path = tmp_path / "x.toml"
+    for text, reason in [
+        ('kind = "raft"', "kind 'raft' is not one of multirotor, fixed-wing, rover, ideal, boat$"),
+        ('kind = "boat"\n[airframe]\nthrust_n = 1', r"unknown key 'thrust_n' in \[airframe\]"),
+        ('kind = "boat"\n[airframe]\nlength_m = "long"', "length_m 'long' has the wrong type"),
+        ('kind = "boat"\nbase = "rover"', "kind boat does not fit base rover, which is a rover"),
+        ('kind = "rover"\n[airframe]\nlength_m = 1.0', r"a vehicle of kind rover has no \[airframe\]"),
+        ('kind = "boat"\n[power]\nmass_kg = -1', "mass_kg -1 is not a positive number"),
+    ]:
+        path.write_text(text)
+        with pytest.raises(VehicleError, match=reason):
+            get_vehicle(str(path))
+
+
+def test_autopilots_fly_it_or_show_it(boat):
+    # PX4 has no firmware for boats: they move by the procedures of their kind, and are shown as rovers.
+    shown = with_autopilot(boat, "px4")
+    assert shown.autopilot == "generic"
+    assert adapt_vehicle(shown, get_autopilot("px4")) is shown
+    assert get_autopilot("px4").for_vehicle("boat").title == "PX4"
+    assert flight_procedures(shown).limits(shown).turn_radius == pytest.approx(2.4)
+    with pytest.raises(VehicleError, match="has no parameter RO_YAW_P"):
+        with_autopilot(boat, "px4", {"RO_YAW_P": 2.0})
+    # Another has one.
+    flown = with_autopilot(boat, "tide")
+    assert (flown.autopilot, flown.cruise_speed_m_s) == ("tide", 2.0)
+    with pytest.raises(VehicleError, match="tide flies no rover: choose a vehicle of kind boat"):
+        with_autopilot(get_vehicle("rover"), "tide")
+
+
+def test_its_energy_and_endurance_follow_its_power(boat):
+    assert endurance_s(boat, 2.0) < endurance_s(boat, 1.0)
+    best = best_speeds(boat)
+    assert best.endurance_speed_m_s == pytest.approx(0.1)
+    assert 0.5 < best.range_speed_m_s < 2.0
+
+
+def test_a_heartbeat_of_it_is_known(boat):
+    assert typical_vehicle(Vehicle(1, 1, 3, 11)) == "skiff"
+    assert typical_vehicle(Vehicle(1, 1, 3, 10)) == "rover"
+    assert typical_vehicle(Vehicle(1, 1, 3, 13)) == "quad"
+
+
+def test_without_its_package_it_is_unknown(site):
+    with pytest.raises(VehicleError, match=r"is not one of multirotor, fixed-wing, rover, ideal$"):
+        get_vehicle(str(site / "mine.toml"))
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        ("skiff:NOTHING", "cannot be loaded"),
+        ("nowhere_at_all:X", "cannot be loaded"),
+        ("skiff:Hull", "is no sim_vehicle.airframe.kind.VehicleKind of this name"),
+        ("skiff:BOAT", "is no sim_vehicle.airframe.kind.VehicleKind of this name"),
+    ],
+)
+def test_a_broken_package_is_told_in_one_line(boat, tmp_path, monkeypatch, value, text):
+    install(tmp_path, "broken", f"[wbf_mission.vehicle_kinds]\nbroken = {value}\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    with pytest.raises(VehicleError, match=rf"vehicle kind broken \({value}\) {text}") as told:
+        get_kind("broken")
+    assert "\n" not in str(told.value)
+
+
+def run(site, *arguments):
+    """Run the command line with the package installed."""
+    path = os.pathsep.join(filter(None, [str(site), os.environ.get("PYTHONPATH", "")]))
+    return subprocess.run(
+        [sys.executable, "-m", "wbf_mission", *arguments],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "PYTHONPATH": path},
+        check=False,
+    )
+
+
+def test_the_command_line_lists_it(site):
+    listed = json.loads(run(site, "vehicle", "list", "--json").stdout)
+    assert [one["kind"] for one in listed if one["name"] == "skiff"] == ["boat"]
+    shown = run(site, "vehicle", "show", str(site / "mine.toml"))
+    assert shown.returncode == 0, shown.stderr
+    assert "boat" in shown.stdout and "25 kg" in shown.stdout
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "tide"])
+def test_the_command_line_flies_it(site, autopilot):
+    done = run(
+        site, "fly", "--vehicle", str(site / "mine.toml"), "--autopilot", autopilot, "--farm", "miniberry-10",
+        "--planner", "lawnmower", "--budget", "40s", "--no-files", "--no-plots", "--json",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    assert told["outcome"] == "completed"
+    assert told["observations"] > 10
+    assert 0.001 < told["battery_used"] == pytest.approx(told["predicted_battery_used"], rel=0.1)

@@ -9,27 +9,15 @@ from sim_vehicle.motion.records import record_type
 # State, float64; positions, velocities and accelerations are east, north, up.
 State = IntEnum(
     "State",
-    [
-        "POSITION_X",
-        "POSITION_Y",
-        "POSITION_Z",
-        "VELOCITY_X",
-        "VELOCITY_Y",
-        "VELOCITY_Z",
-        "ACCELERATION_X",
-        "ACCELERATION_Y",
-        "ACCELERATION_Z",
-        "HEADING",
-        "HEADING_RATE",  # Clockwise.
-        "ENERGY_USED",  # J.
-        "PATH_LENGTH",
-        "POWER",  # W.
-        "GIVE_UP_STEP",  # Step at which the leg is given up; infinity: a new leg.
-        "WIND_EAST",
-        "WIND_NORTH",
-        "LOOK_EAST",  # Position that the nose points at; NaN: none.
-        "LOOK_NORTH",
-    ],
+    "POSITION_X POSITION_Y POSITION_Z VELOCITY_X VELOCITY_Y VELOCITY_Z ACCELERATION_X ACCELERATION_Y "
+    "ACCELERATION_Z HEADING "
+    "HEADING_RATE "  # Clockwise.
+    "ENERGY_USED "  # J.
+    "PATH_LENGTH "
+    "POWER "  # W.
+    "GIVE_UP_STEP "  # Step at which the leg is given up; infinity: a new leg.
+    "WIND_EAST WIND_NORTH "
+    "LOOK_EAST LOOK_NORTH",  # Position that the nose points at; NaN: none.
     start=0,
 )
 STATE = record_type(State)

@@ -10,79 +10,52 @@ from sim_vehicle.motion.records import record_type
 # The state beyond the shared numbers.
 Wing = IntEnum(
     "Wing",
-    [
-        "BANK",
-        "AIRSPEED",  # True airspeed.
-        "CLIMB",  # Through the air.
-        "THROTTLE",  # 0 to 1.
-        "PITCH",
-        "COMMAND",  # Bank that is commanded.
-        "BEGIN_X",  # Beginning of the leg.
-        "BEGIN_Y",
-        "BEGIN_Z",
-        "COURSE",  # On the ground.
-        "TURNED",  # About the centre.
-        "BEARING",  # From the centre; NaN: not circling yet.
-        "PAUSE_END",  # Step at which a pause ends.
-        "DOING",  # ON_GROUND, FLYING, FLARE or ROLLING.
-        "GUIDANCE",  # Last angle of the guidance.
-        "GUIDANCE_INTEGRAL",
-        "CENTRE_X",  # Position that is circled after the end of a route, and the radius.
-        "CENTRE_Y",
-        "CENTRE_Z",
-        "CENTRE_RADIUS",
-        "DIRECT",  # Whether it flies straight to the waypoint, without a line to keep.
-        "ROLL_RATE",
-        "SINCE",  # Seconds with the motor armed on the ground, since the lift-off, or in the flare.
-        "BANK_DEMAND",
-        "PITCH_DEMAND",
-        "THROTTLE_DEMAND",
-        "TARGET",  # Height that is asked for; at first that where the leg began.
-        "SLOPE",  # Height to gain along the leg; 0: at once.
-        "STAGE",  # Of a landing: LINING_UP, APPROACH or PREFLARE.
-        "LEVEL_OFF",  # Height below that of the take-off at which the nose begins to come down; 0: not yet.
-        # Total energy control.
-        "RUNNING",  # Whether it has begun.
-        "LAST_SPEED",
-        "SPEED_DEMAND",
-        "SPEED_RATE_FILTER",
-        "ACCELERATION_FILTER",
-        "SPEED_MAX",
-        "HEIGHT_IN",
-        "HEIGHT_LIMITED",
-        "HEIGHT_FILTER",
-        "HEIGHT_OFFSET",
-        "HEIGHT_DEMAND",
-        "CLIMB_SCALE",
-        "SINK_SCALE",
-        "ENERGY_RATE_ERROR",
-        "THROTTLE_INTEGRAL",
-        "THROTTLE_LAST",
-        "THROTTLE_FLOOR",  # Comes down slowly after a climb-out.
-        "BALANCE_INTEGRAL",
-        "SPEED_INTEGRAL",
-        "PITCH_FREE",  # Pitch before its limits.
-        "THROTTLE_CLIP",  # -1, 0 or 1.
-        "BALANCE_CLIP",
-        "UNDERSPEED",
-        "UNDERSPEED_S",
-        "BAD_DESCENT",
-        "PATH_RATE",  # How fast the path turns upward.
-        "SLIP",  # Rate of the turn that the side force has followed.
-        "NOSE_UP",  # How far the nose is held too high while the integral of the pitch control lags.
-        "TRIMMED",  # Lift coefficient, as in LIFT_SLOPE, that the elevator was trimmed for; 0: not yet.
-        "FLARE_FROM",  # Height at which the flare began; NaN: not begun.
-        "FLARE_RATE",  # Climb rate then.
-        "FLARE_FOLLOWED",
-        "FLARE_IDEAL",
-        "LAST_KIND",  # Of the leg before.
-        # PX4's total energy control: the height that is followed and its rate, and the filtered energy rate
-        # over the weight.
-        "REFERENCE",
-        "REFERENCE_RATE",
-        "TOTAL_RATE",
-        "WIND_UP",
-    ],
+    "BANK "
+    "AIRSPEED "  # True airspeed.
+    "CLIMB "  # Through the air.
+    "THROTTLE "  # 0 to 1.
+    "PITCH "
+    "COMMAND "  # Bank that is commanded.
+    "BEGIN_X BEGIN_Y BEGIN_Z "  # Beginning of the leg.
+    "COURSE "  # On the ground.
+    "TURNED "  # About the centre.
+    "BEARING "  # From the centre; NaN: not circling yet.
+    "PAUSE_END "  # Step at which a pause ends.
+    "DOING "  # ON_GROUND, FLYING, FLARE or ROLLING.
+    "GUIDANCE "  # Last angle of the guidance.
+    "GUIDANCE_INTEGRAL "
+    # Position that is circled after the end of a route, and the radius.
+    "CENTRE_X CENTRE_Y CENTRE_Z CENTRE_RADIUS "
+    "DIRECT "  # Whether it flies straight to the waypoint, without a line to keep.
+    "ROLL_RATE "
+    "SINCE "  # Seconds with the motor armed on the ground, since the lift-off, or in the flare.
+    "BANK_DEMAND PITCH_DEMAND THROTTLE_DEMAND "
+    "TARGET "  # Height that is asked for; at first that where the leg began.
+    "SLOPE "  # Height to gain along the leg; 0: at once.
+    "STAGE "  # Of a landing: LINING_UP, APPROACH or PREFLARE.
+    "LEVEL_OFF "  # Height below that of the take-off at which the nose begins to come down; 0: not yet.
+    # Total energy control.
+    "RUNNING "  # Whether it has begun.
+    "LAST_SPEED SPEED_DEMAND SPEED_RATE_FILTER ACCELERATION_FILTER SPEED_MAX HEIGHT_IN HEIGHT_LIMITED "
+    "HEIGHT_FILTER HEIGHT_OFFSET HEIGHT_DEMAND CLIMB_SCALE SINK_SCALE ENERGY_RATE_ERROR "
+    "THROTTLE_INTEGRAL THROTTLE_LAST "
+    "THROTTLE_FLOOR "  # Comes down slowly after a climb-out.
+    "BALANCE_INTEGRAL SPEED_INTEGRAL "
+    "PITCH_FREE "  # Pitch before its limits.
+    "THROTTLE_CLIP "  # -1, 0 or 1.
+    "BALANCE_CLIP UNDERSPEED UNDERSPEED_S BAD_DESCENT "
+    "PATH_RATE "  # How fast the path turns upward.
+    "SLIP "  # Rate of the turn that the side force has followed.
+    "NOSE_UP "  # How far the nose is held too high while the integral of the pitch control lags.
+    "TRIMMED "  # Lift coefficient, as in LIFT_SLOPE, that the elevator was trimmed for; 0: not yet.
+    "FLARE_FROM "  # Height at which the flare began; NaN: not begun.
+    "FLARE_RATE "  # Climb rate then.
+    "FLARE_FOLLOWED FLARE_IDEAL "
+    "LAST_KIND "  # Of the leg before.
+    # PX4's total energy control: the height that is followed and its rate, and the filtered energy rate
+    # over the weight.
+    "REFERENCE REFERENCE_RATE TOTAL_RATE "
+    "WIND_UP",
     start=len(State),
 )
 ON_GROUND, FLYING, FLARE, ROLLING = 0.0, 1.0, 2.0, 3.0
@@ -95,26 +68,20 @@ SHORT = 0.5
 # One leg.
 Leg = IntEnum(
     "Leg",
-    [
-        "X",
-        "Y",
-        "Z",
-        "KIND",
-        "RADIUS",  # Acceptance radius; 0: the autopilot's.
-        "AIRSPEED",
-        "NEAR",  # Distance to notify at.
-        "CIRCLE_RADIUS",  # Positive: clockwise.
-        "TURNS",
-        "EXIT_X",  # Where to leave the circle to; NaN: anywhere.
-        "EXIT_Y",
-        "PAUSE",
-        "PITCH",  # Least pitch of a take-off.
-        "HEIGHT_TOLERANCE",
-        "TURN_ANGLE",  # Angle to the next leg.
-        "SLOPE",  # Of a circular landing.
-        "AT_ONCE",  # Whether it is a return: it climbs at once, however far the way is.
-        "ON_CIRCLE",  # Whether the height is left for the circle.
-    ],
+    "X Y Z KIND "
+    "RADIUS "  # Acceptance radius; 0: the autopilot's.
+    "AIRSPEED "
+    "NEAR "  # Distance to notify at.
+    "CIRCLE_RADIUS "  # Positive: clockwise.
+    "TURNS "
+    "EXIT_X EXIT_Y "  # Where to leave the circle to; NaN: anywhere.
+    "PAUSE "
+    "PITCH "  # Least pitch of a take-off.
+    "HEIGHT_TOLERANCE "
+    "TURN_ANGLE "  # Angle to the next leg.
+    "SLOPE "  # Of a circular landing.
+    "AT_ONCE "  # Whether it is a return: it climbs at once, however far the way is.
+    "ON_CIRCLE",  # Whether the height is left for the circle.
     start=0,
 )
 LINE, CIRCLE, TAKEOFF, LANDING, CIRCULAR_LANDING, FALL = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0
@@ -122,107 +89,36 @@ LINE, CIRCLE, TAKEOFF, LANDING, CIRCULAR_LANDING, FALL = 0.0, 1.0, 2.0, 3.0, 4.0
 # Limits: first those of the vehicle and of any autopilot, in the order of `FixedWingLimits`.
 Limits = IntEnum(
     "Limits",
-    [
-        "LAW",
-        "AIRSPEED_MIN",
-        "AIRSPEED_TRIM",
-        "AIRSPEED_MAX",
-        "BANK_LIMIT",
-        "ROLL_S",
-        "ROLL_RATE_MAX",
-        "ROLL_SLEW",
-        "CLIMB_MAX",
-        "CLIMB_RATE",
-        "SINK_RATE",
-        "SINK_MAX",
-        "HEIGHT_S",
-        "SPEED_S",
-        "VERTICAL_ACCELERATION",
-        "PERIOD",
-        "DAMPING",
-        "INTEGRAL",
-        "SWITCH_SHARE",
-        "ACCEPTANCE",
-        "HEIGHT_TOLERANCE",
-        "LANDING_HEIGHT_TOLERANCE",
-        "GROUND_MIN",
-        "TAKEOFF_AIRSPEED",
-        "ROTATION",
-        "LAUNCH",
-        "LEVEL_HEIGHT",
-        "LEVEL_BANK",
-        "LANDING_AIRSPEED",
-        "FLARE_HEIGHT",
-        "FLARE_S",
-        "FLARE_SINK",
-        "LANDING_SLOPE",
-        "LOITER_RADIUS",
-        "RAMP_S",  # Of the throttle in a take-off roll.
-        "RAMP_THROTTLE",
-        "ROTATION_S",  # From lift-off to the full climb.
-        "HEIGHT_AHEAD",  # Share of the rate of a demanded height that is followed without lag.
-        # Throttle of PX4's TECS.
-        "LEVEL_THROTTLE",  # What it takes for level flight; the integrator gives the rest.
-        "SINK_MIN",
-        "TOTAL_INTEGRATOR",
-        "TOTAL_DAMPING",
-        "TOTAL_S",  # Time constant of the energy rate that is measured.
-        "TOTAL_FOR_LOAD",
-        # Those of the airframe.
-        "STEP_S",
-        "WING_SPAN",
-        "BRAKING",
-        "GROUND_DRAG",
-        "THRUST",  # At full throttle over the mass, m/s^2.
-        "PARASITIC",  # Drag over the mass and the square of the airspeed.
-        "INDUCED",  # Induced drag over the mass, times the square of the airspeed over that of the load.
-        "LIFT_LEVEL",  # Lift over the mass and the square of the airspeed at zero angle of attack.
-        "LIFT_SLOPE",  # The same per radian.
-        "TURN_SHARE",
-        "TRIM_CHANGE",  # Elevator, as an angle, over a change of the lift coefficient as in LIFT_SLOPE.
-        "ENERGY_LIMIT",
-        "THROTTLE_LIMIT",
-        # Those of ArduPlane, in the order of `ArduPlaneControl`.
-        "TIME_S",
-        "INTEGRATOR",
-        "PITCH_DAMPING",
-        "THROTTLE_DAMPING",
-        "ROLL_TO_THROTTLE",
-        "SPEED_WEIGHT",
-        "DEMAND_S",
-        "TECS_CLIMB",
-        "TECS_SINK_MIN",
-        "TECS_SINK_MAX",
-        "TRIM_THROTTLE",
-        "THROTTLE_MIN",
-        "THROTTLE_MAX",
-        "THROTTLE_SLEW",
-        "PITCH_MIN",
-        "PITCH_MAX",
-        "PITCH_S",
-        "PITCH_UP_RATE",
-        "PITCH_DOWN_RATE",
-        "PITCH_FEED_FORWARD",
-        "PITCH_GAIN",
-        "PITCH_INTEGRATOR",
-        "SCALING_SPEED",
-        "SLOPE_MIN",
-        "LAND_S",
-        "LAND_DAMPING",
-        "LAND_SPEED_WEIGHT",
-        "LAND_PITCH",
-        "LAND_PITCH_MAX",
-        "HOLD_OFF_HEIGHT",
-        "FLARE_AIM",
-        "PREFLARE_HEIGHT",
-        "PREFLARE_S",
-        "PREFLARE_AIRSPEED",
-        "HEAD_WIND_SHARE",
-        "LEVEL_OFF_S",
-        "TAKEOFF_THROTTLE",
-        "TAKEOFF_DELAY",
-        "THROTTLE_EASE",
-    ],
+    "LAW AIRSPEED_MIN AIRSPEED_TRIM AIRSPEED_MAX BANK_LIMIT ROLL_S ROLL_RATE_MAX ROLL_SLEW CLIMB_MAX "
+    "CLIMB_RATE SINK_RATE SINK_MAX HEIGHT_S SPEED_S VERTICAL_ACCELERATION PERIOD DAMPING INTEGRAL "
+    "SWITCH_SHARE ACCEPTANCE HEIGHT_TOLERANCE LANDING_HEIGHT_TOLERANCE GROUND_MIN TAKEOFF_AIRSPEED "
+    "ROTATION LAUNCH LEVEL_HEIGHT LEVEL_BANK LANDING_AIRSPEED FLARE_HEIGHT FLARE_S FLARE_SINK "
+    "LANDING_SLOPE LOITER_RADIUS "
+    "RAMP_S RAMP_THROTTLE "  # Of the throttle in a take-off roll.
+    "ROTATION_S "  # From lift-off to the full climb.
+    "HEIGHT_AHEAD "  # Share of the rate of a demanded height that is followed without lag.
+    # Throttle of PX4's TECS.
+    "LEVEL_THROTTLE "  # What it takes for level flight; the integrator gives the rest.
+    "SINK_MIN TOTAL_INTEGRATOR TOTAL_DAMPING "
+    "TOTAL_S "  # Time constant of the energy rate that is measured.
+    "TOTAL_FOR_LOAD "
+    # Those of the airframe.
+    "STEP_S WING_SPAN BRAKING GROUND_DRAG "
+    "THRUST "  # At full throttle over the mass, m/s^2.
+    "PARASITIC "  # Drag over the mass and the square of the airspeed.
+    "INDUCED "  # Induced drag over the mass, times the square of the airspeed over that of the load.
+    "LIFT_LEVEL "  # Lift over the mass and the square of the airspeed at zero angle of attack.
+    "LIFT_SLOPE "  # The same per radian.
+    "TURN_SHARE "
+    "TRIM_CHANGE "  # Elevator, as an angle, over a change of the lift coefficient as in LIFT_SLOPE.
+    "ENERGY_LIMIT THROTTLE_LIMIT "
+    # Those of ArduPlane, in the order of `ArduPlaneControl`.
+    "TIME_S INTEGRATOR PITCH_DAMPING THROTTLE_DAMPING ROLL_TO_THROTTLE SPEED_WEIGHT DEMAND_S "
+    "TECS_CLIMB TECS_SINK_MIN TECS_SINK_MAX TRIM_THROTTLE THROTTLE_MIN THROTTLE_MAX THROTTLE_SLEW "
+    "PITCH_MIN PITCH_MAX PITCH_S PITCH_UP_RATE PITCH_DOWN_RATE PITCH_FEED_FORWARD PITCH_GAIN "
+    "PITCH_INTEGRATOR SCALING_SPEED SLOPE_MIN LAND_S LAND_DAMPING LAND_SPEED_WEIGHT LAND_PITCH "
+    "LAND_PITCH_MAX HOLD_OFF_HEIGHT FLARE_AIM PREFLARE_HEIGHT PREFLARE_S PREFLARE_AIRSPEED "
+    "HEAD_WIND_SHARE LEVEL_OFF_S TAKEOFF_THROTTLE TAKEOFF_DELAY THROTTLE_EASE",
     start=0,
 )
 STATE, LEG, LIMITS = record_type(State, Wing), record_type(Leg), record_type(Limits)

@@ -31,59 +31,28 @@ Axis = tuple[float, float, float, float, float]
 # One leg: its target, the directions along, across and normal to it, and the limits on these axes.
 Leg = IntEnum(
     "Leg",
-    [
-        "X",
-        "Y",
-        "Z",
-        "ALONG_X",
-        "ALONG_Y",
-        "ALONG_Z",
-        "ACROSS_X",
-        "ACROSS_Y",
-        "ACROSS_Z",
-        "NORMAL_X",
-        "NORMAL_Y",
-        "NORMAL_Z",
-        "SPEED",  # Cruise speed.
-        "END_SPEED",  # Speed to brake to.
-        "RADIUS",  # Acceptance radius; 0: stop; or VELOCITY, AT_HEIGHT.
-        "HEADING",  # NaN: keep.
-        "ACCELERATION_ALONG",
-        "JERK_ALONG",
-        "ACCELERATION_ACROSS",
-        "JERK_ACROSS",
-        "ACCELERATION_NORMAL",
-        "JERK_NORMAL",
-        "SPEED_ACROSS",
-        "SPEED_NORMAL",
-        "BRAKING_DISTANCE",
-        "NEAR",  # Distance to notify at.
-        "HORIZONTAL",  # Horizontal part of the leg.
-        "BEYOND",  # Path beyond this leg to brake in.
-        "TURN_RATE",  # NaN: by the heading.
-        "CLIMB",  # Vertical speed.
-    ],
+    "X Y Z ALONG_X ALONG_Y ALONG_Z ACROSS_X ACROSS_Y ACROSS_Z NORMAL_X NORMAL_Y NORMAL_Z "
+    "SPEED "  # Cruise speed.
+    "END_SPEED "  # Speed to brake to.
+    "RADIUS "  # Acceptance radius; 0: stop; or VELOCITY, AT_HEIGHT.
+    "HEADING "  # NaN: keep.
+    "ACCELERATION_ALONG JERK_ALONG ACCELERATION_ACROSS JERK_ACROSS ACCELERATION_NORMAL JERK_NORMAL "
+    "SPEED_ACROSS SPEED_NORMAL BRAKING_DISTANCE "
+    "NEAR "  # Distance to notify at.
+    "HORIZONTAL "  # Horizontal part of the leg.
+    "BEYOND "  # Path beyond this leg to brake in.
+    "TURN_RATE "  # NaN: by the heading.
+    "CLIMB",  # Vertical speed.
     start=0,
 )
 # Radii of legs that have no end: a velocity is kept, or a horizontal velocity at the height of the target.
 VELOCITY, AT_HEIGHT = -1.0, -2.0
 Limits = IntEnum(
     "Limits",
-    [
-        "STEP_S",
-        "SPEED_MAX",
-        "AIRSPEED_MAX",
-        "CLIMB_MAX",
-        "DESCENT_MAX",
-        "ACCELERATION_MAX",
-        "JERK_MAX",
-        "VERTICAL_ACCELERATION",
-        "VERTICAL_JERK",
-        "TURN_RATE",
-        "TURN_ACCELERATION",
-        "ENERGY_LIMIT",  # Energy that ends the flight, J.
-        "TOUCH_DOWN_SPEED",
-    ],
+    "STEP_S SPEED_MAX AIRSPEED_MAX CLIMB_MAX DESCENT_MAX ACCELERATION_MAX JERK_MAX "
+    "VERTICAL_ACCELERATION VERTICAL_JERK TURN_RATE TURN_ACCELERATION "
+    "ENERGY_LIMIT "  # Energy that ends the flight, J.
+    "TOUCH_DOWN_SPEED",
     start=0,
 )
 LEG, LIMITS = record_type(Leg), record_type(Limits)

@@ -37,123 +37,48 @@ from sim_vehicle.weather.gust_kernel import wind_at
 # One leg: its target, the positions before and after it, and how it is flown.
 Leg = IntEnum(
     "Leg",
-    [
-        "X",
-        "Y",
-        "Z",
-        "BEFORE_X",
-        "BEFORE_Y",
-        "BEFORE_Z",
-        "AFTER_X",
-        "AFTER_Y",
-        "AFTER_Z",
-        "RADIUS",  # Acceptance radius.
-        "SPEED",
-        "HEADING",  # NaN: to the target, infinity: keep.
-        "NEAR",  # Distance to notify at.
-        "KIND",  # `LegKind`.
-        "PAUSE",
-        "TURN_RATE",  # NaN: by the heading.
-    ],
+    "X Y Z BEFORE_X BEFORE_Y BEFORE_Z AFTER_X AFTER_Y AFTER_Z "
+    "RADIUS "  # Acceptance radius.
+    "SPEED "
+    "HEADING "  # NaN: to the target, infinity: keep.
+    "NEAR "  # Distance to notify at.
+    "KIND "  # `LegKind`.
+    "PAUSE "
+    "TURN_RATE",  # NaN: by the heading.
     start=0,
 )
 _TAKEOFF, _CLIMB, _DESCEND, _LAND, _SETPOINT = 1, 2, 4, 5, 9
 # What the autopilot remembers.
 Guide = IntEnum(
     "Guide",
-    [
-        "X",  # The trajectory: position, velocity, acceleration.
-        "Y",
-        "Z",
-        "VX",
-        "VY",
-        "VZ",
-        "AX",
-        "AY",
-        "AZ",
-        "INTEGRAL_X",  # Integrals of the velocity controller.
-        "INTEGRAL_Y",
-        "INTEGRAL_Z",
-        "THRUST_X",  # Direction of the thrust.
-        "THRUST_Y",
-        "THRUST_RATE_X",
-        "THRUST_RATE_Y",
-        "THRUST",  # m/s^2.
-        "FILTERED_AX",  # Filtered acceleration.
-        "FILTERED_AY",
-        "FILTERED_AZ",
-        "TURN",  # Speed before a turn.
-        "CLIMB",  # Vertical speed wanted.
-        "TARGET_X",  # Positions of the waypoints that are followed.
-        "TARGET_Y",
-        "TARGET_Z",
-        "BEFORE_X",
-        "BEFORE_Y",
-        "BEFORE_Z",
-        "AFTER_X",
-        "AFTER_Y",
-        "AFTER_Z",
-        "STATE",  # State against the track.
-        "FRESH",  # Whether the leg is new.
-        "CLOCK",  # Time since the motors started; negative: off, infinity: in flight.
-        "HEADING",  # Wanted heading.
-        "BEST",  # Nearest so far.
-        "INSIDE",  # Step of entering the acceptance radius; negative: not yet.
-        "GROUND",  # Time on the ground.
-        "LAUNCH",  # Whether it takes off from the ground.
-        "ERROR",  # Errors of the estimate: height, m; velocities, m/s.
-        "ERROR_VX",
-        "ERROR_VY",
-        "ERROR_VZ",
-        "PUSH_X",  # Acceleration that the estimate does not know, m/s^2.
-        "PUSH_Y",
-    ],
+    "X Y Z VX VY VZ AX AY AZ "  # The trajectory: position, velocity, acceleration.
+    "INTEGRAL_X INTEGRAL_Y INTEGRAL_Z "  # Integrals of the velocity controller.
+    "THRUST_X THRUST_Y THRUST_RATE_X THRUST_RATE_Y "  # Direction of the thrust.
+    "THRUST "  # m/s^2.
+    "FILTERED_AX FILTERED_AY FILTERED_AZ "  # Filtered acceleration.
+    "TURN "  # Speed before a turn.
+    "CLIMB "  # Vertical speed wanted.
+    # Positions of the waypoints that are followed.
+    "TARGET_X TARGET_Y TARGET_Z BEFORE_X BEFORE_Y BEFORE_Z AFTER_X AFTER_Y AFTER_Z "
+    "STATE "  # State against the track.
+    "FRESH "  # Whether the leg is new.
+    "CLOCK "  # Time since the motors started; negative: off, infinity: in flight.
+    "HEADING "  # Wanted heading.
+    "BEST "  # Nearest so far.
+    "INSIDE "  # Step of entering the acceptance radius; negative: not yet.
+    "GROUND "  # Time on the ground.
+    "LAUNCH "  # Whether it takes off from the ground.
+    "ERROR ERROR_VX ERROR_VY ERROR_VZ "  # Errors of the estimate: height, m; velocities, m/s.
+    "PUSH_X PUSH_Y",  # Acceleration that the estimate does not know, m/s^2.
     start=0,
 )
 # The parameters as `sim_vehicle.motion.px4.model.law_of` puts them, SI units.
 Law = IntEnum(
     "Law",
-    [
-        "DT",
-        "XY_VEL_MAX",
-        "ACC_HOR",
-        "JERK",
-        "TRAJ_P",
-        "ERR_MAX",
-        "XY_P",
-        "Z_P",
-        "XY_VEL_P",
-        "XY_VEL_I",
-        "XY_VEL_D",
-        "Z_VEL_P",
-        "Z_VEL_I",
-        "Z_VEL_D",
-        "AUTO_UP",
-        "AUTO_DOWN",
-        "MAX_UP",
-        "MAX_DOWN",
-        "ACC_UP",
-        "ACC_DOWN",
-        "TILT",
-        "YAW_RATE",
-        "YAW_ACC",
-        "TAKEOFF_SPEED",
-        "TAKEOFF_RAMP",
-        "LAND_SPEED",
-        "LAND_ALT1",
-        "LAND_ALT2",
-        "LAND_ALT3",
-        "LAND_CRAWL",
-        "ALT_RAD",
-        "SPOOLUP",
-        "DRAG",
-        "ATTITUDE",
-        "THRUST_LOW",
-        "THRUST_HIGH",
-        "LAND_TIME",
-        "LAND_CLIMB",
-        "YAW_ERROR",
-    ],
+    "DT XY_VEL_MAX ACC_HOR JERK TRAJ_P ERR_MAX XY_P Z_P XY_VEL_P XY_VEL_I XY_VEL_D Z_VEL_P Z_VEL_I "
+    "Z_VEL_D AUTO_UP AUTO_DOWN MAX_UP MAX_DOWN ACC_UP ACC_DOWN TILT YAW_RATE YAW_ACC TAKEOFF_SPEED "
+    "TAKEOFF_RAMP LAND_SPEED LAND_ALT1 LAND_ALT2 LAND_ALT3 LAND_CRAWL ALT_RAD SPOOLUP DRAG ATTITUDE "
+    "THRUST_LOW THRUST_HIGH LAND_TIME LAND_CLIMB YAW_ERROR",
     start=0,
 )
 LEG, GUIDE, LAW = record_type(Leg), record_type(Guide), record_type(Law)

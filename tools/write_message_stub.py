@@ -30,7 +30,7 @@ _HEAD = """# Written by tools/write_message_stub.py; do not edit.
 
 from collections.abc import Sequence
 from struct import Struct
-from typing import Any, ClassVar, Final
+from typing import Any, ClassVar, Final, dataclass_transform
 
 class MAVError(Exception): ...
 
@@ -40,6 +40,7 @@ class EnumEntry:
 
 enums: Final[dict[str, dict[int, EnumEntry]]]
 
+@dataclass_transform()
 class MAVLink_message:
     id: int
     msgname: ClassVar[str]
@@ -85,13 +86,12 @@ def _is_message(name: str) -> bool:
     return isinstance(getattr(mavlink, name), type)
 
 
-def _types(kind: str, length: int) -> tuple[str, str]:
-    """Return what a field is as an argument and as an attribute."""
+def _type(kind: str, length: int, *, given: bool = False) -> str:
+    """Return what a field is as an attribute, or as it is given."""
     if kind == "char":
-        return "bytes", "str"
+        return "bytes" if given else "str"
     number = "float" if kind in ("float", "double") else "int"
-    several = f"Sequence[{number}]"
-    return (several, several) if length else (number, number)
+    return f"Sequence[{number}]" if length else number
 
 
 def _fields(name: str) -> list[tuple[str, str, int, bool]]:
@@ -113,14 +113,17 @@ def _fields(name: str) -> list[tuple[str, str, int, bool]]:
 
 
 def _message(name: str) -> str:
+    """Return a class whose fields are also what it is made of; text is given as bytes, so that needs saying."""
     fields = _fields(name)
-    arguments = [
-        f"{field}: {_types(kind, length)[0]}{' = ...' if optional else ''}"
-        for field, kind, length, optional in fields
-    ]
     lines = [f"class {name}(MAVLink_message):"]
-    lines += [f"    {field}: {_types(kind, length)[1]}" for field, kind, length, _ in fields]
-    lines.append(f"    def __init__({', '.join(['self', *arguments])}) -> None: ...")
+    for field, kind, length, optional in fields:
+        lines.append(f"    {field}: {_type(kind, length)}{' = ...' if optional else ''}")
+    if any(kind == "char" for _, kind, _, _ in fields):
+        arguments = [
+            f"{field}: {_type(kind, length, given=True)}{' = ...' if optional else ''}"
+            for field, kind, length, optional in fields
+        ]
+        lines.append(f"    def __init__({', '.join(['self', *arguments])}) -> None: ...")
     return "\n".join(lines)
 
 

@@ -3,7 +3,7 @@
 
 from collections.abc import Sequence
 from struct import Struct
-from typing import Any, ClassVar, Final
+from typing import Any, ClassVar, Final, dataclass_transform
 
 class MAVError(Exception): ...
 
@@ -13,6 +13,7 @@ class EnumEntry:
 
 enums: Final[dict[str, dict[int, EnumEntry]]]
 
+@dataclass_transform()
 class MAVLink_message:
     id: int
     msgname: ClassVar[str]
@@ -313,9 +314,6 @@ class MAVLink_ahrs2_message(MAVLink_message):
     altitude: float
     lat: int
     lng: int
-    def __init__(
-        self, roll: float, pitch: float, yaw: float, altitude: float, lat: int, lng: int
-    ) -> None: ...
 
 class MAVLink_ahrs_message(MAVLink_message):
     omegaIx: float
@@ -325,16 +323,6 @@ class MAVLink_ahrs_message(MAVLink_message):
     renorm_val: float
     error_rp: float
     error_yaw: float
-    def __init__(
-        self,
-        omegaIx: float,
-        omegaIy: float,
-        omegaIz: float,
-        accel_weight: float,
-        renorm_val: float,
-        error_rp: float,
-        error_yaw: float,
-    ) -> None: ...
 
 class MAVLink_altitude_message(MAVLink_message):
     time_usec: int
@@ -344,16 +332,6 @@ class MAVLink_altitude_message(MAVLink_message):
     altitude_relative: float
     altitude_terrain: float
     bottom_clearance: float
-    def __init__(
-        self,
-        time_usec: int,
-        altitude_monotonic: float,
-        altitude_amsl: float,
-        altitude_local: float,
-        altitude_relative: float,
-        altitude_terrain: float,
-        bottom_clearance: float,
-    ) -> None: ...
 
 class MAVLink_attitude_message(MAVLink_message):
     time_boot_ms: int
@@ -363,16 +341,6 @@ class MAVLink_attitude_message(MAVLink_message):
     rollspeed: float
     pitchspeed: float
     yawspeed: float
-    def __init__(
-        self,
-        time_boot_ms: int,
-        roll: float,
-        pitch: float,
-        yaw: float,
-        rollspeed: float,
-        pitchspeed: float,
-        yawspeed: float,
-    ) -> None: ...
 
 class MAVLink_attitude_quaternion_message(MAVLink_message):
     time_boot_ms: int
@@ -383,19 +351,7 @@ class MAVLink_attitude_quaternion_message(MAVLink_message):
     rollspeed: float
     pitchspeed: float
     yawspeed: float
-    repr_offset_q: Sequence[float]
-    def __init__(
-        self,
-        time_boot_ms: int,
-        q1: float,
-        q2: float,
-        q3: float,
-        q4: float,
-        rollspeed: float,
-        pitchspeed: float,
-        yawspeed: float,
-        repr_offset_q: Sequence[float] = ...,
-    ) -> None: ...
+    repr_offset_q: Sequence[float] = ...
 
 class MAVLink_autopilot_version_message(MAVLink_message):
     capabilities: int
@@ -409,22 +365,7 @@ class MAVLink_autopilot_version_message(MAVLink_message):
     vendor_id: int
     product_id: int
     uid: int
-    uid2: Sequence[int]
-    def __init__(
-        self,
-        capabilities: int,
-        flight_sw_version: int,
-        middleware_sw_version: int,
-        os_sw_version: int,
-        board_version: int,
-        flight_custom_version: Sequence[int],
-        middleware_custom_version: Sequence[int],
-        os_custom_version: Sequence[int],
-        vendor_id: int,
-        product_id: int,
-        uid: int,
-        uid2: Sequence[int] = ...,
-    ) -> None: ...
+    uid2: Sequence[int] = ...
 
 class MAVLink_available_modes_message(MAVLink_message):
     number_modes: int
@@ -445,7 +386,6 @@ class MAVLink_available_modes_message(MAVLink_message):
 
 class MAVLink_available_modes_monitor_message(MAVLink_message):
     seq: int
-    def __init__(self, seq: int) -> None: ...
 
 class MAVLink_battery_status_message(MAVLink_message):
     id: int
@@ -457,28 +397,11 @@ class MAVLink_battery_status_message(MAVLink_message):
     current_consumed: int
     energy_consumed: int
     battery_remaining: int
-    time_remaining: int
-    charge_state: int
-    voltages_ext: Sequence[int]
-    mode: int
-    fault_bitmask: int
-    def __init__(
-        self,
-        id: int,
-        battery_function: int,
-        type: int,
-        temperature: int,
-        voltages: Sequence[int],
-        current_battery: int,
-        current_consumed: int,
-        energy_consumed: int,
-        battery_remaining: int,
-        time_remaining: int = ...,
-        charge_state: int = ...,
-        voltages_ext: Sequence[int] = ...,
-        mode: int = ...,
-        fault_bitmask: int = ...,
-    ) -> None: ...
+    time_remaining: int = ...
+    charge_state: int = ...
+    voltages_ext: Sequence[int] = ...
+    mode: int = ...
+    fault_bitmask: int = ...
 
 class MAVLink_camera_capture_status_message(MAVLink_message):
     time_boot_ms: int
@@ -487,19 +410,8 @@ class MAVLink_camera_capture_status_message(MAVLink_message):
     image_interval: float
     recording_time_ms: int
     available_capacity: float
-    image_count: int
-    camera_device_id: int
-    def __init__(
-        self,
-        time_boot_ms: int,
-        image_status: int,
-        video_status: int,
-        image_interval: float,
-        recording_time_ms: int,
-        available_capacity: float,
-        image_count: int = ...,
-        camera_device_id: int = ...,
-    ) -> None: ...
+    image_count: int = ...
+    camera_device_id: int = ...
 
 class MAVLink_camera_feedback_message(MAVLink_message):
     time_usec: int
@@ -515,24 +427,7 @@ class MAVLink_camera_feedback_message(MAVLink_message):
     yaw: float
     foc_len: float
     flags: int
-    completed_captures: int
-    def __init__(
-        self,
-        time_usec: int,
-        target_system: int,
-        cam_idx: int,
-        img_idx: int,
-        lat: int,
-        lng: int,
-        alt_msl: float,
-        alt_rel: float,
-        roll: float,
-        pitch: float,
-        yaw: float,
-        foc_len: float,
-        flags: int,
-        completed_captures: int = ...,
-    ) -> None: ...
+    completed_captures: int = ...
 
 class MAVLink_camera_image_captured_message(MAVLink_message):
     time_boot_ms: int
@@ -575,8 +470,8 @@ class MAVLink_camera_information_message(MAVLink_message):
     flags: int
     cam_definition_version: int
     cam_definition_uri: str
-    gimbal_device_id: int
-    camera_device_id: int
+    gimbal_device_id: int = ...
+    camera_device_id: int = ...
     def __init__(
         self,
         time_boot_ms: int,
@@ -599,39 +494,21 @@ class MAVLink_camera_information_message(MAVLink_message):
 class MAVLink_camera_settings_message(MAVLink_message):
     time_boot_ms: int
     mode_id: int
-    zoomLevel: float
-    focusLevel: float
-    camera_device_id: int
-    def __init__(
-        self,
-        time_boot_ms: int,
-        mode_id: int,
-        zoomLevel: float = ...,
-        focusLevel: float = ...,
-        camera_device_id: int = ...,
-    ) -> None: ...
+    zoomLevel: float = ...
+    focusLevel: float = ...
+    camera_device_id: int = ...
 
 class MAVLink_camera_trigger_message(MAVLink_message):
     time_usec: int
     seq: int
-    def __init__(self, time_usec: int, seq: int) -> None: ...
 
 class MAVLink_command_ack_message(MAVLink_message):
     command: int
     result: int
-    progress: int
-    result_param2: int
-    target_system: int
-    target_component: int
-    def __init__(
-        self,
-        command: int,
-        result: int,
-        progress: int = ...,
-        result_param2: int = ...,
-        target_system: int = ...,
-        target_component: int = ...,
-    ) -> None: ...
+    progress: int = ...
+    result_param2: int = ...
+    target_system: int = ...
+    target_component: int = ...
 
 class MAVLink_command_int_message(MAVLink_message):
     target_system: int
@@ -647,22 +524,6 @@ class MAVLink_command_int_message(MAVLink_message):
     x: int
     y: int
     z: float
-    def __init__(
-        self,
-        target_system: int,
-        target_component: int,
-        frame: int,
-        command: int,
-        current: int,
-        autocontinue: int,
-        param1: float,
-        param2: float,
-        param3: float,
-        param4: float,
-        x: int,
-        y: int,
-        z: float,
-    ) -> None: ...
 
 class MAVLink_command_long_message(MAVLink_message):
     target_system: int
@@ -676,20 +537,6 @@ class MAVLink_command_long_message(MAVLink_message):
     param5: float
     param6: float
     param7: float
-    def __init__(
-        self,
-        target_system: int,
-        target_component: int,
-        command: int,
-        confirmation: int,
-        param1: float,
-        param2: float,
-        param3: float,
-        param4: float,
-        param5: float,
-        param6: float,
-        param7: float,
-    ) -> None: ...
 
 class MAVLink_component_metadata_message(MAVLink_message):
     time_boot_ms: int
@@ -701,13 +548,12 @@ class MAVLink_current_mode_message(MAVLink_message):
     standard_mode: int
     custom_mode: int
     intended_custom_mode: int
-    def __init__(self, standard_mode: int, custom_mode: int, intended_custom_mode: int) -> None: ...
 
 class MAVLink_debug_float_array_message(MAVLink_message):
     time_usec: int
     name: str
     array_id: int
-    data: Sequence[float]
+    data: Sequence[float] = ...
     def __init__(self, time_usec: int, name: bytes, array_id: int, data: Sequence[float] = ...) -> None: ...
 
 class MAVLink_ekf_status_report_message(MAVLink_message):
@@ -717,17 +563,7 @@ class MAVLink_ekf_status_report_message(MAVLink_message):
     pos_vert_variance: float
     compass_variance: float
     terrain_alt_variance: float
-    airspeed_variance: float
-    def __init__(
-        self,
-        flags: int,
-        velocity_variance: float,
-        pos_horiz_variance: float,
-        pos_vert_variance: float,
-        compass_variance: float,
-        terrain_alt_variance: float,
-        airspeed_variance: float = ...,
-    ) -> None: ...
+    airspeed_variance: float = ...
 
 class MAVLink_estimator_status_message(MAVLink_message):
     time_usec: int
@@ -740,48 +576,23 @@ class MAVLink_estimator_status_message(MAVLink_message):
     tas_ratio: float
     pos_horiz_accuracy: float
     pos_vert_accuracy: float
-    def __init__(
-        self,
-        time_usec: int,
-        flags: int,
-        vel_ratio: float,
-        pos_horiz_ratio: float,
-        pos_vert_ratio: float,
-        mag_ratio: float,
-        hagl_ratio: float,
-        tas_ratio: float,
-        pos_horiz_accuracy: float,
-        pos_vert_accuracy: float,
-    ) -> None: ...
 
 class MAVLink_extended_sys_state_message(MAVLink_message):
     vtol_state: int
     landed_state: int
-    def __init__(self, vtol_state: int, landed_state: int) -> None: ...
 
 class MAVLink_fence_status_message(MAVLink_message):
     breach_status: int
     breach_count: int
     breach_type: int
     breach_time: int
-    breach_mitigation: int
-    def __init__(
-        self,
-        breach_status: int,
-        breach_count: int,
-        breach_type: int,
-        breach_time: int,
-        breach_mitigation: int = ...,
-    ) -> None: ...
+    breach_mitigation: int = ...
 
 class MAVLink_file_transfer_protocol_message(MAVLink_message):
     target_network: int
     target_system: int
     target_component: int
     payload: Sequence[int]
-    def __init__(
-        self, target_network: int, target_system: int, target_component: int, payload: Sequence[int]
-    ) -> None: ...
 
 class MAVLink_gimbal_device_attitude_status_message(MAVLink_message):
     target_system: int
@@ -793,24 +604,9 @@ class MAVLink_gimbal_device_attitude_status_message(MAVLink_message):
     angular_velocity_y: float
     angular_velocity_z: float
     failure_flags: int
-    delta_yaw: float
-    delta_yaw_velocity: float
-    gimbal_device_id: int
-    def __init__(
-        self,
-        target_system: int,
-        target_component: int,
-        time_boot_ms: int,
-        flags: int,
-        q: Sequence[float],
-        angular_velocity_x: float,
-        angular_velocity_y: float,
-        angular_velocity_z: float,
-        failure_flags: int,
-        delta_yaw: float = ...,
-        delta_yaw_velocity: float = ...,
-        gimbal_device_id: int = ...,
-    ) -> None: ...
+    delta_yaw: float = ...
+    delta_yaw_velocity: float = ...
+    gimbal_device_id: int = ...
 
 class MAVLink_gimbal_manager_information_message(MAVLink_message):
     time_boot_ms: int
@@ -822,18 +618,6 @@ class MAVLink_gimbal_manager_information_message(MAVLink_message):
     pitch_max: float
     yaw_min: float
     yaw_max: float
-    def __init__(
-        self,
-        time_boot_ms: int,
-        cap_flags: int,
-        gimbal_device_id: int,
-        roll_min: float,
-        roll_max: float,
-        pitch_min: float,
-        pitch_max: float,
-        yaw_min: float,
-        yaw_max: float,
-    ) -> None: ...
 
 class MAVLink_gimbal_manager_set_attitude_message(MAVLink_message):
     target_system: int
@@ -844,17 +628,6 @@ class MAVLink_gimbal_manager_set_attitude_message(MAVLink_message):
     angular_velocity_x: float
     angular_velocity_y: float
     angular_velocity_z: float
-    def __init__(
-        self,
-        target_system: int,
-        target_component: int,
-        flags: int,
-        gimbal_device_id: int,
-        q: Sequence[float],
-        angular_velocity_x: float,
-        angular_velocity_y: float,
-        angular_velocity_z: float,
-    ) -> None: ...
 
 class MAVLink_gimbal_manager_set_pitchyaw_message(MAVLink_message):
     target_system: int
@@ -865,17 +638,6 @@ class MAVLink_gimbal_manager_set_pitchyaw_message(MAVLink_message):
     yaw: float
     pitch_rate: float
     yaw_rate: float
-    def __init__(
-        self,
-        target_system: int,
-        target_component: int,
-        flags: int,
-        gimbal_device_id: int,
-        pitch: float,
-        yaw: float,
-        pitch_rate: float,
-        yaw_rate: float,
-    ) -> None: ...
 
 class MAVLink_gimbal_manager_status_message(MAVLink_message):
     time_boot_ms: int
@@ -885,16 +647,6 @@ class MAVLink_gimbal_manager_status_message(MAVLink_message):
     primary_control_compid: int
     secondary_control_sysid: int
     secondary_control_compid: int
-    def __init__(
-        self,
-        time_boot_ms: int,
-        flags: int,
-        gimbal_device_id: int,
-        primary_control_sysid: int,
-        primary_control_compid: int,
-        secondary_control_sysid: int,
-        secondary_control_compid: int,
-    ) -> None: ...
 
 class MAVLink_global_position_int_message(MAVLink_message):
     time_boot_ms: int
@@ -906,25 +658,12 @@ class MAVLink_global_position_int_message(MAVLink_message):
     vy: int
     vz: int
     hdg: int
-    def __init__(
-        self,
-        time_boot_ms: int,
-        lat: int,
-        lon: int,
-        alt: int,
-        relative_alt: int,
-        vx: int,
-        vy: int,
-        vz: int,
-        hdg: int,
-    ) -> None: ...
 
 class MAVLink_gps_global_origin_message(MAVLink_message):
     latitude: int
     longitude: int
     altitude: int
-    time_usec: int
-    def __init__(self, latitude: int, longitude: int, altitude: int, time_usec: int = ...) -> None: ...
+    time_usec: int = ...
 
 class MAVLink_gps_raw_int_message(MAVLink_message):
     time_usec: int
@@ -937,31 +676,12 @@ class MAVLink_gps_raw_int_message(MAVLink_message):
     vel: int
     cog: int
     satellites_visible: int
-    alt_ellipsoid: int
-    h_acc: int
-    v_acc: int
-    vel_acc: int
-    hdg_acc: int
-    yaw: int
-    def __init__(
-        self,
-        time_usec: int,
-        fix_type: int,
-        lat: int,
-        lon: int,
-        alt: int,
-        eph: int,
-        epv: int,
-        vel: int,
-        cog: int,
-        satellites_visible: int,
-        alt_ellipsoid: int = ...,
-        h_acc: int = ...,
-        v_acc: int = ...,
-        vel_acc: int = ...,
-        hdg_acc: int = ...,
-        yaw: int = ...,
-    ) -> None: ...
+    alt_ellipsoid: int = ...
+    h_acc: int = ...
+    v_acc: int = ...
+    vel_acc: int = ...
+    hdg_acc: int = ...
+    yaw: int = ...
 
 class MAVLink_heartbeat_message(MAVLink_message):
     type: int
@@ -970,15 +690,6 @@ class MAVLink_heartbeat_message(MAVLink_message):
     custom_mode: int
     system_status: int
     mavlink_version: int
-    def __init__(
-        self,
-        type: int,
-        autopilot: int,
-        base_mode: int,
-        custom_mode: int,
-        system_status: int,
-        mavlink_version: int,
-    ) -> None: ...
 
 class MAVLink_highres_imu_message(MAVLink_message):
     time_usec: int
@@ -996,26 +707,7 @@ class MAVLink_highres_imu_message(MAVLink_message):
     pressure_alt: float
     temperature: float
     fields_updated: int
-    id: int
-    def __init__(
-        self,
-        time_usec: int,
-        xacc: float,
-        yacc: float,
-        zacc: float,
-        xgyro: float,
-        ygyro: float,
-        zgyro: float,
-        xmag: float,
-        ymag: float,
-        zmag: float,
-        abs_pressure: float,
-        diff_pressure: float,
-        pressure_alt: float,
-        temperature: float,
-        fields_updated: int,
-        id: int = ...,
-    ) -> None: ...
+    id: int = ...
 
 class MAVLink_hil_state_quaternion_message(MAVLink_message):
     time_usec: int
@@ -1034,25 +726,6 @@ class MAVLink_hil_state_quaternion_message(MAVLink_message):
     xacc: int
     yacc: int
     zacc: int
-    def __init__(
-        self,
-        time_usec: int,
-        attitude_quaternion: Sequence[float],
-        rollspeed: float,
-        pitchspeed: float,
-        yawspeed: float,
-        lat: int,
-        lon: int,
-        alt: int,
-        vx: int,
-        vy: int,
-        vz: int,
-        ind_airspeed: int,
-        true_airspeed: int,
-        xacc: int,
-        yacc: int,
-        zacc: int,
-    ) -> None: ...
 
 class MAVLink_home_position_message(MAVLink_message):
     latitude: int
@@ -1065,21 +738,7 @@ class MAVLink_home_position_message(MAVLink_message):
     approach_x: float
     approach_y: float
     approach_z: float
-    time_usec: int
-    def __init__(
-        self,
-        latitude: int,
-        longitude: int,
-        altitude: int,
-        x: float,
-        y: float,
-        z: float,
-        q: Sequence[float],
-        approach_x: float,
-        approach_y: float,
-        approach_z: float,
-        time_usec: int = ...,
-    ) -> None: ...
+    time_usec: int = ...
 
 class MAVLink_local_position_ned_message(MAVLink_message):
     time_boot_ms: int
@@ -1089,16 +748,12 @@ class MAVLink_local_position_ned_message(MAVLink_message):
     vx: float
     vy: float
     vz: float
-    def __init__(
-        self, time_boot_ms: int, x: float, y: float, z: float, vx: float, vy: float, vz: float
-    ) -> None: ...
 
 class MAVLink_log_data_message(MAVLink_message):
     id: int
     ofs: int
     count: int
     data: Sequence[int]
-    def __init__(self, id: int, ofs: int, count: int, data: Sequence[int]) -> None: ...
 
 class MAVLink_log_entry_message(MAVLink_message):
     id: int
@@ -1106,12 +761,10 @@ class MAVLink_log_entry_message(MAVLink_message):
     last_log_num: int
     time_utc: int
     size: int
-    def __init__(self, id: int, num_logs: int, last_log_num: int, time_utc: int, size: int) -> None: ...
 
 class MAVLink_log_erase_message(MAVLink_message):
     target_system: int
     target_component: int
-    def __init__(self, target_system: int, target_component: int) -> None: ...
 
 class MAVLink_log_request_data_message(MAVLink_message):
     target_system: int
@@ -1119,19 +772,16 @@ class MAVLink_log_request_data_message(MAVLink_message):
     id: int
     ofs: int
     count: int
-    def __init__(self, target_system: int, target_component: int, id: int, ofs: int, count: int) -> None: ...
 
 class MAVLink_log_request_end_message(MAVLink_message):
     target_system: int
     target_component: int
-    def __init__(self, target_system: int, target_component: int) -> None: ...
 
 class MAVLink_log_request_list_message(MAVLink_message):
     target_system: int
     target_component: int
     start: int
     end: int
-    def __init__(self, target_system: int, target_component: int, start: int, end: int) -> None: ...
 
 class MAVLink_manual_control_message(MAVLink_message):
     target: int
@@ -1140,101 +790,53 @@ class MAVLink_manual_control_message(MAVLink_message):
     z: int
     r: int
     buttons: int
-    buttons2: int
-    enabled_extensions: int
-    s: int
-    t: int
-    aux1: int
-    aux2: int
-    aux3: int
-    aux4: int
-    aux5: int
-    aux6: int
-    def __init__(
-        self,
-        target: int,
-        x: int,
-        y: int,
-        z: int,
-        r: int,
-        buttons: int,
-        buttons2: int = ...,
-        enabled_extensions: int = ...,
-        s: int = ...,
-        t: int = ...,
-        aux1: int = ...,
-        aux2: int = ...,
-        aux3: int = ...,
-        aux4: int = ...,
-        aux5: int = ...,
-        aux6: int = ...,
-    ) -> None: ...
+    buttons2: int = ...
+    enabled_extensions: int = ...
+    s: int = ...
+    t: int = ...
+    aux1: int = ...
+    aux2: int = ...
+    aux3: int = ...
+    aux4: int = ...
+    aux5: int = ...
+    aux6: int = ...
 
 class MAVLink_meminfo_message(MAVLink_message):
     brkval: int
     freemem: int
-    freemem32: int
-    def __init__(self, brkval: int, freemem: int, freemem32: int = ...) -> None: ...
+    freemem32: int = ...
 
 class MAVLink_message_interval_message(MAVLink_message):
     message_id: int
     interval_us: int
-    def __init__(self, message_id: int, interval_us: int) -> None: ...
 
 class MAVLink_mission_ack_message(MAVLink_message):
     target_system: int
     target_component: int
     type: int
-    mission_type: int
-    opaque_id: int
-    def __init__(
-        self,
-        target_system: int,
-        target_component: int,
-        type: int,
-        mission_type: int = ...,
-        opaque_id: int = ...,
-    ) -> None: ...
+    mission_type: int = ...
+    opaque_id: int = ...
 
 class MAVLink_mission_clear_all_message(MAVLink_message):
     target_system: int
     target_component: int
-    mission_type: int
-    def __init__(self, target_system: int, target_component: int, mission_type: int = ...) -> None: ...
+    mission_type: int = ...
 
 class MAVLink_mission_count_message(MAVLink_message):
     target_system: int
     target_component: int
     count: int
-    mission_type: int
-    opaque_id: int
-    def __init__(
-        self,
-        target_system: int,
-        target_component: int,
-        count: int,
-        mission_type: int = ...,
-        opaque_id: int = ...,
-    ) -> None: ...
+    mission_type: int = ...
+    opaque_id: int = ...
 
 class MAVLink_mission_current_message(MAVLink_message):
     seq: int
-    total: int
-    mission_state: int
-    mission_mode: int
-    mission_id: int
-    fence_id: int
-    rally_points_id: int
-    def __init__(
-        self,
-        seq: int,
-        total: int = ...,
-        mission_state: int = ...,
-        mission_mode: int = ...,
-        mission_id: int = ...,
-        fence_id: int = ...,
-        rally_points_id: int = ...,
-    ) -> None: ...
+    total: int = ...
+    mission_state: int = ...
+    mission_mode: int = ...
+    mission_id: int = ...
+    fence_id: int = ...
+    rally_points_id: int = ...
 
 class MAVLink_mission_item_int_message(MAVLink_message):
     target_system: int
@@ -1251,25 +853,7 @@ class MAVLink_mission_item_int_message(MAVLink_message):
     x: int
     y: int
     z: float
-    mission_type: int
-    def __init__(
-        self,
-        target_system: int,
-        target_component: int,
-        seq: int,
-        frame: int,
-        command: int,
-        current: int,
-        autocontinue: int,
-        param1: float,
-        param2: float,
-        param3: float,
-        param4: float,
-        x: int,
-        y: int,
-        z: float,
-        mission_type: int = ...,
-    ) -> None: ...
+    mission_type: int = ...
 
 class MAVLink_mission_item_message(MAVLink_message):
     target_system: int
@@ -1286,89 +870,46 @@ class MAVLink_mission_item_message(MAVLink_message):
     x: float
     y: float
     z: float
-    mission_type: int
-    def __init__(
-        self,
-        target_system: int,
-        target_component: int,
-        seq: int,
-        frame: int,
-        command: int,
-        current: int,
-        autocontinue: int,
-        param1: float,
-        param2: float,
-        param3: float,
-        param4: float,
-        x: float,
-        y: float,
-        z: float,
-        mission_type: int = ...,
-    ) -> None: ...
+    mission_type: int = ...
 
 class MAVLink_mission_item_reached_message(MAVLink_message):
     seq: int
-    def __init__(self, seq: int) -> None: ...
 
 class MAVLink_mission_request_int_message(MAVLink_message):
     target_system: int
     target_component: int
     seq: int
-    mission_type: int
-    def __init__(
-        self, target_system: int, target_component: int, seq: int, mission_type: int = ...
-    ) -> None: ...
+    mission_type: int = ...
 
 class MAVLink_mission_request_list_message(MAVLink_message):
     target_system: int
     target_component: int
-    mission_type: int
-    def __init__(self, target_system: int, target_component: int, mission_type: int = ...) -> None: ...
+    mission_type: int = ...
 
 class MAVLink_mission_request_message(MAVLink_message):
     target_system: int
     target_component: int
     seq: int
-    mission_type: int
-    def __init__(
-        self, target_system: int, target_component: int, seq: int, mission_type: int = ...
-    ) -> None: ...
+    mission_type: int = ...
 
 class MAVLink_mission_request_partial_list_message(MAVLink_message):
     target_system: int
     target_component: int
     start_index: int
     end_index: int
-    mission_type: int
-    def __init__(
-        self,
-        target_system: int,
-        target_component: int,
-        start_index: int,
-        end_index: int,
-        mission_type: int = ...,
-    ) -> None: ...
+    mission_type: int = ...
 
 class MAVLink_mission_set_current_message(MAVLink_message):
     target_system: int
     target_component: int
     seq: int
-    def __init__(self, target_system: int, target_component: int, seq: int) -> None: ...
 
 class MAVLink_mission_write_partial_list_message(MAVLink_message):
     target_system: int
     target_component: int
     start_index: int
     end_index: int
-    mission_type: int
-    def __init__(
-        self,
-        target_system: int,
-        target_component: int,
-        start_index: int,
-        end_index: int,
-        mission_type: int = ...,
-    ) -> None: ...
+    mission_type: int = ...
 
 class MAVLink_mount_configure_message(MAVLink_message):
     target_system: int
@@ -1377,15 +918,6 @@ class MAVLink_mount_configure_message(MAVLink_message):
     stab_roll: int
     stab_pitch: int
     stab_yaw: int
-    def __init__(
-        self,
-        target_system: int,
-        target_component: int,
-        mount_mode: int,
-        stab_roll: int,
-        stab_pitch: int,
-        stab_yaw: int,
-    ) -> None: ...
 
 class MAVLink_mount_control_message(MAVLink_message):
     target_system: int
@@ -1394,15 +926,6 @@ class MAVLink_mount_control_message(MAVLink_message):
     input_b: int
     input_c: int
     save_position: int
-    def __init__(
-        self,
-        target_system: int,
-        target_component: int,
-        input_a: int,
-        input_b: int,
-        input_c: int,
-        save_position: int,
-    ) -> None: ...
 
 class MAVLink_mount_status_message(MAVLink_message):
     target_system: int
@@ -1410,16 +933,7 @@ class MAVLink_mount_status_message(MAVLink_message):
     pointing_a: int
     pointing_b: int
     pointing_c: int
-    mount_mode: int
-    def __init__(
-        self,
-        target_system: int,
-        target_component: int,
-        pointing_a: int,
-        pointing_b: int,
-        pointing_c: int,
-        mount_mode: int = ...,
-    ) -> None: ...
+    mount_mode: int = ...
 
 class MAVLink_nav_controller_output_message(MAVLink_message):
     nav_roll: float
@@ -1430,17 +944,6 @@ class MAVLink_nav_controller_output_message(MAVLink_message):
     alt_error: float
     aspd_error: float
     xtrack_error: float
-    def __init__(
-        self,
-        nav_roll: float,
-        nav_pitch: float,
-        nav_bearing: int,
-        target_bearing: int,
-        wp_dist: int,
-        alt_error: float,
-        aspd_error: float,
-        xtrack_error: float,
-    ) -> None: ...
 
 class MAVLink_odometry_message(MAVLink_message):
     time_usec: int
@@ -1458,35 +961,13 @@ class MAVLink_odometry_message(MAVLink_message):
     yawspeed: float
     pose_covariance: Sequence[float]
     velocity_covariance: Sequence[float]
-    reset_counter: int
-    estimator_type: int
-    quality: int
-    def __init__(
-        self,
-        time_usec: int,
-        frame_id: int,
-        child_frame_id: int,
-        x: float,
-        y: float,
-        z: float,
-        q: Sequence[float],
-        vx: float,
-        vy: float,
-        vz: float,
-        rollspeed: float,
-        pitchspeed: float,
-        yawspeed: float,
-        pose_covariance: Sequence[float],
-        velocity_covariance: Sequence[float],
-        reset_counter: int = ...,
-        estimator_type: int = ...,
-        quality: int = ...,
-    ) -> None: ...
+    reset_counter: int = ...
+    estimator_type: int = ...
+    quality: int = ...
 
 class MAVLink_param_request_list_message(MAVLink_message):
     target_system: int
     target_component: int
-    def __init__(self, target_system: int, target_component: int) -> None: ...
 
 class MAVLink_param_request_read_message(MAVLink_message):
     target_system: int
@@ -1522,7 +1003,6 @@ class MAVLink_ping_message(MAVLink_message):
     seq: int
     target_system: int
     target_component: int
-    def __init__(self, time_usec: int, seq: int, target_system: int, target_component: int) -> None: ...
 
 class MAVLink_position_target_global_int_message(MAVLink_message):
     time_boot_ms: int
@@ -1539,23 +1019,6 @@ class MAVLink_position_target_global_int_message(MAVLink_message):
     afz: float
     yaw: float
     yaw_rate: float
-    def __init__(
-        self,
-        time_boot_ms: int,
-        coordinate_frame: int,
-        type_mask: int,
-        lat_int: int,
-        lon_int: int,
-        alt: float,
-        vx: float,
-        vy: float,
-        vz: float,
-        afx: float,
-        afy: float,
-        afz: float,
-        yaw: float,
-        yaw_rate: float,
-    ) -> None: ...
 
 class MAVLink_position_target_local_ned_message(MAVLink_message):
     time_boot_ms: int
@@ -1572,29 +1035,11 @@ class MAVLink_position_target_local_ned_message(MAVLink_message):
     afz: float
     yaw: float
     yaw_rate: float
-    def __init__(
-        self,
-        time_boot_ms: int,
-        coordinate_frame: int,
-        type_mask: int,
-        x: float,
-        y: float,
-        z: float,
-        vx: float,
-        vy: float,
-        vz: float,
-        afx: float,
-        afy: float,
-        afz: float,
-        yaw: float,
-        yaw_rate: float,
-    ) -> None: ...
 
 class MAVLink_power_status_message(MAVLink_message):
     Vcc: int
     Vservo: int
     flags: int
-    def __init__(self, Vcc: int, Vservo: int, flags: int) -> None: ...
 
 class MAVLink_protocol_version_message(MAVLink_message):
     version: int
@@ -1602,14 +1047,6 @@ class MAVLink_protocol_version_message(MAVLink_message):
     max_version: int
     spec_version_hash: Sequence[int]
     library_version_hash: Sequence[int]
-    def __init__(
-        self,
-        version: int,
-        min_version: int,
-        max_version: int,
-        spec_version_hash: Sequence[int],
-        library_version_hash: Sequence[int],
-    ) -> None: ...
 
 class MAVLink_raw_imu_message(MAVLink_message):
     time_usec: int
@@ -1622,23 +1059,8 @@ class MAVLink_raw_imu_message(MAVLink_message):
     xmag: int
     ymag: int
     zmag: int
-    id: int
-    temperature: int
-    def __init__(
-        self,
-        time_usec: int,
-        xacc: int,
-        yacc: int,
-        zacc: int,
-        xgyro: int,
-        ygyro: int,
-        zgyro: int,
-        xmag: int,
-        ymag: int,
-        zmag: int,
-        id: int = ...,
-        temperature: int = ...,
-    ) -> None: ...
+    id: int = ...
+    temperature: int = ...
 
 class MAVLink_rc_channels_message(MAVLink_message):
     time_boot_ms: int
@@ -1662,30 +1084,6 @@ class MAVLink_rc_channels_message(MAVLink_message):
     chan17_raw: int
     chan18_raw: int
     rssi: int
-    def __init__(
-        self,
-        time_boot_ms: int,
-        chancount: int,
-        chan1_raw: int,
-        chan2_raw: int,
-        chan3_raw: int,
-        chan4_raw: int,
-        chan5_raw: int,
-        chan6_raw: int,
-        chan7_raw: int,
-        chan8_raw: int,
-        chan9_raw: int,
-        chan10_raw: int,
-        chan11_raw: int,
-        chan12_raw: int,
-        chan13_raw: int,
-        chan14_raw: int,
-        chan15_raw: int,
-        chan16_raw: int,
-        chan17_raw: int,
-        chan18_raw: int,
-        rssi: int,
-    ) -> None: ...
 
 class MAVLink_rc_channels_override_message(MAVLink_message):
     target_system: int
@@ -1698,39 +1096,16 @@ class MAVLink_rc_channels_override_message(MAVLink_message):
     chan6_raw: int
     chan7_raw: int
     chan8_raw: int
-    chan9_raw: int
-    chan10_raw: int
-    chan11_raw: int
-    chan12_raw: int
-    chan13_raw: int
-    chan14_raw: int
-    chan15_raw: int
-    chan16_raw: int
-    chan17_raw: int
-    chan18_raw: int
-    def __init__(
-        self,
-        target_system: int,
-        target_component: int,
-        chan1_raw: int,
-        chan2_raw: int,
-        chan3_raw: int,
-        chan4_raw: int,
-        chan5_raw: int,
-        chan6_raw: int,
-        chan7_raw: int,
-        chan8_raw: int,
-        chan9_raw: int = ...,
-        chan10_raw: int = ...,
-        chan11_raw: int = ...,
-        chan12_raw: int = ...,
-        chan13_raw: int = ...,
-        chan14_raw: int = ...,
-        chan15_raw: int = ...,
-        chan16_raw: int = ...,
-        chan17_raw: int = ...,
-        chan18_raw: int = ...,
-    ) -> None: ...
+    chan9_raw: int = ...
+    chan10_raw: int = ...
+    chan11_raw: int = ...
+    chan12_raw: int = ...
+    chan13_raw: int = ...
+    chan14_raw: int = ...
+    chan15_raw: int = ...
+    chan16_raw: int = ...
+    chan17_raw: int = ...
+    chan18_raw: int = ...
 
 class MAVLink_request_data_stream_message(MAVLink_message):
     target_system: int
@@ -1738,14 +1113,6 @@ class MAVLink_request_data_stream_message(MAVLink_message):
     req_stream_id: int
     req_message_rate: int
     start_stop: int
-    def __init__(
-        self,
-        target_system: int,
-        target_component: int,
-        req_stream_id: int,
-        req_message_rate: int,
-        start_stop: int,
-    ) -> None: ...
 
 class MAVLink_scaled_imu2_message(MAVLink_message):
     time_boot_ms: int
@@ -1758,36 +1125,14 @@ class MAVLink_scaled_imu2_message(MAVLink_message):
     xmag: int
     ymag: int
     zmag: int
-    temperature: int
-    def __init__(
-        self,
-        time_boot_ms: int,
-        xacc: int,
-        yacc: int,
-        zacc: int,
-        xgyro: int,
-        ygyro: int,
-        zgyro: int,
-        xmag: int,
-        ymag: int,
-        zmag: int,
-        temperature: int = ...,
-    ) -> None: ...
+    temperature: int = ...
 
 class MAVLink_scaled_pressure_message(MAVLink_message):
     time_boot_ms: int
     press_abs: float
     press_diff: float
     temperature: int
-    temperature_press_diff: int
-    def __init__(
-        self,
-        time_boot_ms: int,
-        press_abs: float,
-        press_diff: float,
-        temperature: int,
-        temperature_press_diff: int = ...,
-    ) -> None: ...
+    temperature_press_diff: int = ...
 
 class MAVLink_servo_output_raw_message(MAVLink_message):
     time_usec: int
@@ -1800,35 +1145,14 @@ class MAVLink_servo_output_raw_message(MAVLink_message):
     servo6_raw: int
     servo7_raw: int
     servo8_raw: int
-    servo9_raw: int
-    servo10_raw: int
-    servo11_raw: int
-    servo12_raw: int
-    servo13_raw: int
-    servo14_raw: int
-    servo15_raw: int
-    servo16_raw: int
-    def __init__(
-        self,
-        time_usec: int,
-        port: int,
-        servo1_raw: int,
-        servo2_raw: int,
-        servo3_raw: int,
-        servo4_raw: int,
-        servo5_raw: int,
-        servo6_raw: int,
-        servo7_raw: int,
-        servo8_raw: int,
-        servo9_raw: int = ...,
-        servo10_raw: int = ...,
-        servo11_raw: int = ...,
-        servo12_raw: int = ...,
-        servo13_raw: int = ...,
-        servo14_raw: int = ...,
-        servo15_raw: int = ...,
-        servo16_raw: int = ...,
-    ) -> None: ...
+    servo9_raw: int = ...
+    servo10_raw: int = ...
+    servo11_raw: int = ...
+    servo12_raw: int = ...
+    servo13_raw: int = ...
+    servo14_raw: int = ...
+    servo15_raw: int = ...
+    servo16_raw: int = ...
 
 class MAVLink_set_attitude_target_message(MAVLink_message):
     time_boot_ms: int
@@ -1840,34 +1164,18 @@ class MAVLink_set_attitude_target_message(MAVLink_message):
     body_pitch_rate: float
     body_yaw_rate: float
     thrust: float
-    def __init__(
-        self,
-        time_boot_ms: int,
-        target_system: int,
-        target_component: int,
-        type_mask: int,
-        q: Sequence[float],
-        body_roll_rate: float,
-        body_pitch_rate: float,
-        body_yaw_rate: float,
-        thrust: float,
-    ) -> None: ...
 
 class MAVLink_set_gps_global_origin_message(MAVLink_message):
     target_system: int
     latitude: int
     longitude: int
     altitude: int
-    time_usec: int
-    def __init__(
-        self, target_system: int, latitude: int, longitude: int, altitude: int, time_usec: int = ...
-    ) -> None: ...
+    time_usec: int = ...
 
 class MAVLink_set_mode_message(MAVLink_message):
     target_system: int
     base_mode: int
     custom_mode: int
-    def __init__(self, target_system: int, base_mode: int, custom_mode: int) -> None: ...
 
 class MAVLink_set_position_target_global_int_message(MAVLink_message):
     time_boot_ms: int
@@ -1886,25 +1194,6 @@ class MAVLink_set_position_target_global_int_message(MAVLink_message):
     afz: float
     yaw: float
     yaw_rate: float
-    def __init__(
-        self,
-        time_boot_ms: int,
-        target_system: int,
-        target_component: int,
-        coordinate_frame: int,
-        type_mask: int,
-        lat_int: int,
-        lon_int: int,
-        alt: float,
-        vx: float,
-        vy: float,
-        vz: float,
-        afx: float,
-        afy: float,
-        afz: float,
-        yaw: float,
-        yaw_rate: float,
-    ) -> None: ...
 
 class MAVLink_set_position_target_local_ned_message(MAVLink_message):
     time_boot_ms: int
@@ -1923,34 +1212,12 @@ class MAVLink_set_position_target_local_ned_message(MAVLink_message):
     afz: float
     yaw: float
     yaw_rate: float
-    def __init__(
-        self,
-        time_boot_ms: int,
-        target_system: int,
-        target_component: int,
-        coordinate_frame: int,
-        type_mask: int,
-        x: float,
-        y: float,
-        z: float,
-        vx: float,
-        vy: float,
-        vz: float,
-        afx: float,
-        afy: float,
-        afz: float,
-        yaw: float,
-        yaw_rate: float,
-    ) -> None: ...
 
 class MAVLink_setup_signing_message(MAVLink_message):
     target_system: int
     target_component: int
     secret_key: Sequence[int]
     initial_timestamp: int
-    def __init__(
-        self, target_system: int, target_component: int, secret_key: Sequence[int], initial_timestamp: int
-    ) -> None: ...
 
 class MAVLink_sim_state_message(MAVLink_message):
     q1: float
@@ -1974,40 +1241,14 @@ class MAVLink_sim_state_message(MAVLink_message):
     vn: float
     ve: float
     vd: float
-    lat_int: int
-    lon_int: int
-    def __init__(
-        self,
-        q1: float,
-        q2: float,
-        q3: float,
-        q4: float,
-        roll: float,
-        pitch: float,
-        yaw: float,
-        xacc: float,
-        yacc: float,
-        zacc: float,
-        xgyro: float,
-        ygyro: float,
-        zgyro: float,
-        lat: float,
-        lon: float,
-        alt: float,
-        std_dev_horz: float,
-        std_dev_vert: float,
-        vn: float,
-        ve: float,
-        vd: float,
-        lat_int: int = ...,
-        lon_int: int = ...,
-    ) -> None: ...
+    lat_int: int = ...
+    lon_int: int = ...
 
 class MAVLink_statustext_message(MAVLink_message):
     severity: int
     text: str
-    id: int
-    chunk_seq: int
+    id: int = ...
+    chunk_seq: int = ...
     def __init__(self, severity: int, text: bytes, id: int = ..., chunk_seq: int = ...) -> None: ...
 
 class MAVLink_storage_information_message(MAVLink_message):
@@ -2020,9 +1261,9 @@ class MAVLink_storage_information_message(MAVLink_message):
     available_capacity: float
     read_speed: float
     write_speed: float
-    type: int
-    name: str
-    storage_usage: int
+    type: int = ...
+    name: str = ...
+    storage_usage: int = ...
     def __init__(
         self,
         time_boot_ms: int,
@@ -2053,33 +1294,13 @@ class MAVLink_sys_status_message(MAVLink_message):
     errors_count2: int
     errors_count3: int
     errors_count4: int
-    onboard_control_sensors_present_extended: int
-    onboard_control_sensors_enabled_extended: int
-    onboard_control_sensors_health_extended: int
-    def __init__(
-        self,
-        onboard_control_sensors_present: int,
-        onboard_control_sensors_enabled: int,
-        onboard_control_sensors_health: int,
-        load: int,
-        voltage_battery: int,
-        current_battery: int,
-        battery_remaining: int,
-        drop_rate_comm: int,
-        errors_comm: int,
-        errors_count1: int,
-        errors_count2: int,
-        errors_count3: int,
-        errors_count4: int,
-        onboard_control_sensors_present_extended: int = ...,
-        onboard_control_sensors_enabled_extended: int = ...,
-        onboard_control_sensors_health_extended: int = ...,
-    ) -> None: ...
+    onboard_control_sensors_present_extended: int = ...
+    onboard_control_sensors_enabled_extended: int = ...
+    onboard_control_sensors_health_extended: int = ...
 
 class MAVLink_system_time_message(MAVLink_message):
     time_unix_usec: int
     time_boot_ms: int
-    def __init__(self, time_unix_usec: int, time_boot_ms: int) -> None: ...
 
 class MAVLink_terrain_report_message(MAVLink_message):
     lat: int
@@ -2089,21 +1310,10 @@ class MAVLink_terrain_report_message(MAVLink_message):
     current_height: float
     pending: int
     loaded: int
-    def __init__(
-        self,
-        lat: int,
-        lon: int,
-        spacing: int,
-        terrain_height: float,
-        current_height: float,
-        pending: int,
-        loaded: int,
-    ) -> None: ...
 
 class MAVLink_timesync_message(MAVLink_message):
     tc1: int
     ts1: int
-    def __init__(self, tc1: int, ts1: int) -> None: ...
 
 class MAVLink_vfr_hud_message(MAVLink_message):
     airspeed: float
@@ -2112,9 +1322,6 @@ class MAVLink_vfr_hud_message(MAVLink_message):
     throttle: int
     alt: float
     climb: float
-    def __init__(
-        self, airspeed: float, groundspeed: float, heading: int, throttle: int, alt: float, climb: float
-    ) -> None: ...
 
 class MAVLink_vibration_message(MAVLink_message):
     time_usec: int
@@ -2124,16 +1331,6 @@ class MAVLink_vibration_message(MAVLink_message):
     clipping_0: int
     clipping_1: int
     clipping_2: int
-    def __init__(
-        self,
-        time_usec: int,
-        vibration_x: float,
-        vibration_y: float,
-        vibration_z: float,
-        clipping_0: int,
-        clipping_1: int,
-        clipping_2: int,
-    ) -> None: ...
 
 class MAVLink_wind_cov_message(MAVLink_message):
     time_usec: int
@@ -2145,21 +1342,8 @@ class MAVLink_wind_cov_message(MAVLink_message):
     wind_alt: float
     horiz_accuracy: float
     vert_accuracy: float
-    def __init__(
-        self,
-        time_usec: int,
-        wind_x: float,
-        wind_y: float,
-        wind_z: float,
-        var_horiz: float,
-        var_vert: float,
-        wind_alt: float,
-        horiz_accuracy: float,
-        vert_accuracy: float,
-    ) -> None: ...
 
 class MAVLink_wind_message(MAVLink_message):
     direction: float
     speed: float
     speed_z: float
-    def __init__(self, direction: float, speed: float, speed_z: float) -> None: ...

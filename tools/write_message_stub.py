@@ -113,7 +113,7 @@ def _fields(name: str) -> list[tuple[str, str, int, bool]]:
 
 
 def _message(name: str) -> str:
-    """Return a class whose fields are also what it is made of; text is given as bytes, so that needs saying."""
+    """Return a class whose fields are also what it is made of; text is given as bytes."""
     fields = _fields(name)
     lines = [f"class {name}(MAVLink_message):"]
     for field, kind, length, optional in fields:

@@ -15,9 +15,15 @@ from mission.ground.texts import TextLog
 from mission.ground.vehicle_state import VehicleMonitor
 from mission.link.codec.dialect import Message
 from mission.model import Command, Mission, MissionItem, MissionType
-from mission.transfer.round_trip import RoundTrip
-from mission.transfer.upload import check_plan
-from mission.transfer.uploader import OWN_TRANSFERS, Transfer, TransferMaker, Upload
+from mission.transfer import (
+    OWN_TRANSFERS,
+    Output,
+    RoundTrip,
+    Transfer,
+    TransferMaker,
+    VerifiedUpload,
+    check_plan,
+)
 
 __all__ = [
     "FLOWN_TO",
@@ -146,6 +152,7 @@ class ChangeSession(ABC):
         self._acknowledged_s: float | None = None
         self._in_effect_s: float | None = None
         self._retries = 0
+        self._transfer: Transfer | None = None
         self._texts_before = len(request.texts.texts)
 
     @property
@@ -169,6 +176,21 @@ class ChangeSession(ABC):
     def next_deadline(self) -> float:
         """When `poll` has something to do; infinity for never."""
 
+    @abstractmethod
+    def _take(self, output: Output, now_s: float) -> list[Message]:
+        """Take what the running transfer gives; return what is to be sent."""
+
+    @property
+    def _transfer_s(self) -> float:
+        """When the running transfer has something to do; infinity for never."""
+        deadline_s = None if self._transfer is None else self._transfer.next_deadline()
+        return math.inf if deadline_s is None else deadline_s
+
+    def _poll_transfer(self, now_s: float) -> list[Message]:
+        if self._transfer is None or now_s < self._transfer_s:
+            return []
+        return self._take(self._transfer.poll(now_s), now_s)
+
     def _end(self, outcome: ChangeOutcome, text: str, now_s: float) -> None:
         """Note how it ended."""
         request = self.request
@@ -188,7 +210,7 @@ class ChangeSession(ABC):
             self._retries,
         )
 
-    def _upload(self, items: tuple[MissionItem, ...], start_sequence: int | None) -> Upload:
+    def _upload(self, items: tuple[MissionItem, ...], start_sequence: int | None) -> VerifiedUpload:
         """Return an upload of a mission."""
         request = self.request
         return request.maker.upload(

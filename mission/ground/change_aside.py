@@ -30,8 +30,8 @@ from mission.transfer import (
     Output,
     TransferFailed,
     UploadVerified,
+    VerifiedUpload,
 )
-from mission.transfer.uploader import Upload
 
 __all__ = ["AsideChange"]
 
@@ -85,7 +85,6 @@ class AsideChange(ChangeSession):
         self._plan: Mission = request.new
         self._leg = request.resume_at
         self._orders: dict[int, Order] = {}
-        self._transfer: Upload | None = None
         self._flown_next = request.resume_at
         self._is_far = False
         self._near = -1
@@ -143,11 +142,7 @@ class AsideChange(ChangeSession):
         for command, order in tuple(self._orders.items()):
             if now_s >= order.due_s:
                 out += self._give_up(command, now_s) if order.is_given_up else order.send(now_s)
-        transfer = self._transfer
-        if transfer is not None:
-            deadline_s = transfer.next_deadline()
-            if deadline_s is not None and deadline_s <= now_s:
-                out += self._take(transfer.poll(now_s), now_s)
+        out += self._poll_transfer(now_s)
         if now_s >= self._wake_s:
             self._wake_s = math.inf
             if self._step is _Step.WAITING:
@@ -160,12 +155,10 @@ class AsideChange(ChangeSession):
 
     def next_deadline(self) -> float:
         """When `poll` has something to do."""
-        deadlines = [order.due_s for order in self._orders.values()]
-        if self._transfer is not None and (transfer_s := self._transfer.next_deadline()) is not None:
-            deadlines.append(transfer_s)
+        deadlines = [self._wake_s, self._transfer_s, *(order.due_s for order in self._orders.values())]
         if self._step is _Step.GUARDING and self.request.guard is not None:
             deadlines.append(self.request.guard.due_s)
-        return min([self._wake_s, *deadlines])
+        return min(deadlines)
 
     # Leaving the mission.
 
@@ -322,7 +315,7 @@ class AsideChange(ChangeSession):
         for event in output.events:
             if not isinstance(event, UploadVerified | TransferFailed):
                 continue
-            assert self._transfer is not None
+            assert isinstance(self._transfer, VerifiedUpload)
             self._retries += self._transfer.statistics(now_s).retries
             confirmed_s, self._transfer = self._transfer.confirmed_s, None
             if isinstance(event, UploadVerified):

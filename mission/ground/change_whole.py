@@ -25,9 +25,9 @@ from mission.transfer import (
     PlanState,
     TransferFailed,
     UploadVerified,
+    VerifiedUpload,
     compare_plans,
 )
-from mission.transfer.uploader import Transfer, Upload
 
 __all__ = ["WholeListChange"]
 
@@ -50,8 +50,7 @@ class WholeListChange(ChangeSession):
         super().__init__(request)
         self._target, self._passed = self._next_then(), request.item
         self._mark = item_to_mark(request.old, request.item, request.new, self._target)
-        self._upload_sent: Upload | None = None
-        self._transfer: Transfer | None = None
+        self._upload_sent: VerifiedUpload | None = None
         self._verified = False
         self._due_s = math.inf
         self._marks = 0
@@ -106,22 +105,14 @@ class WholeListChange(ChangeSession):
         """Act on the timers that are due."""
         if self.done:
             return []
-        out: list[Message] = []
-        transfer = self._transfer
-        if transfer is not None:
-            deadline_s = transfer.next_deadline()
-            if deadline_s is not None and deadline_s <= now_s:
-                out += self._take(transfer.poll(now_s), now_s)
+        out = self._poll_transfer(now_s)
         if now_s >= self._due_s:
             out += self._insist(now_s) if self._verified else self._read(now_s)
         return out
 
     def next_deadline(self) -> float:
         """When `poll` has something to do."""
-        if self.done:
-            return math.inf
-        deadline_s = None if self._transfer is None else self._transfer.next_deadline()
-        return min(self._due_s, math.inf if deadline_s is None else deadline_s)
+        return math.inf if self.done else min(self._due_s, self._transfer_s)
 
     def _take(self, output: Output, now_s: float) -> list[Message]:
         out = list(output.messages)

@@ -40,8 +40,15 @@ from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import handler
 from mission.model import Command, Mission
 from mission.outcome import Outcome, Phase
-from mission.transfer import CLIENT_MESSAGES, RoundTrip, TransferStatistics, refuse_errors, render
-from mission.transfer.uploader import OWN_TRANSFERS, TransferMaker
+from mission.transfer import (
+    CLIENT_MESSAGES,
+    OWN_TRANSFERS,
+    RoundTrip,
+    TransferMaker,
+    TransferStatistics,
+    refuse_errors,
+    render,
+)
 from mission.transfer.wire import ground_heartbeat
 from sensors.camera.wire import ObservationAssembler
 

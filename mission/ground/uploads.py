@@ -11,19 +11,21 @@ from mission.autopilots.profile import Profile
 from mission.link.codec.dialect import Message
 from mission.model import Mission, MissionType
 from mission.transfer import (
+    OWN_TRANSFERS,
     FailureReason,
     LocalTransferError,
     Output,
     Progress,
     Rendered,
     RoundTrip,
+    Transfer,
     TransferFailed,
+    TransferMaker,
     TransferStatistics,
     UploadVerified,
     refuse_errors,
     render,
 )
-from mission.transfer.uploader import OWN_TRANSFERS, Transfer, TransferMaker
 
 __all__ = ["PlanUploads"]
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from mission.transfer.events import PlanState as PlanState
     from mission.transfer.events import Progress as Progress
     from mission.transfer.events import StatusText as StatusText
+    from mission.transfer.events import Transfer as Transfer
     from mission.transfer.events import TransferFailed as TransferFailed
     from mission.transfer.events import TransferStarted as TransferStarted
     from mission.transfer.events import TransferStatistics as TransferStatistics
@@ -38,7 +39,9 @@ if TYPE_CHECKING:
     from mission.transfer.upload import MissionClear as MissionClear
     from mission.transfer.upload import MissionUpload as MissionUpload
     from mission.transfer.upload import check_plan as check_plan
+    from mission.transfer.verified import OWN_TRANSFERS as OWN_TRANSFERS
     from mission.transfer.verified import Difference as Difference
+    from mission.transfer.verified import TransferMaker as TransferMaker
     from mission.transfer.verified import VerifiedUpload as VerifiedUpload
     from mission.transfer.verified import compare_plans as compare_plans
     from mission.transfer.wire import CLIENT_MESSAGES as CLIENT_MESSAGES
@@ -53,7 +56,13 @@ else:
         {
             "mission.transfer.upload": ("MissionClear", "MissionUpload", "check_plan"),
             "mission.transfer.client": ("ClientTimers", "ClientTransfer"),
-            "mission.transfer.verified": ("Difference", "VerifiedUpload", "compare_plans"),
+            "mission.transfer.verified": (
+                "OWN_TRANSFERS",
+                "Difference",
+                "TransferMaker",
+                "VerifiedUpload",
+                "compare_plans",
+            ),
             "mission.transfer.download": ("MissionDownload",),
             "mission.transfer.errors": ("LocalTransferError", "RemoteTransferError"),
             "mission.transfer.events": (
@@ -68,6 +77,7 @@ else:
                 "PlanState",
                 "Progress",
                 "StatusText",
+                "Transfer",
                 "TransferFailed",
                 "TransferStarted",
                 "TransferStatistics",

@@ -326,14 +326,3 @@ class ClientTransfer(ABC):
     def _at(self) -> str:
         """Return which item the vehicle has judged last, for a text; empty before any."""
         return ""
-
-
-def common_options(transfer: ClientTransfer) -> dict[str, Any]:
-    """Return the keyword arguments that make another transfer of the same kind of link and vehicle."""
-    return {
-        "target": transfer.target,
-        "source": transfer.source,
-        "profile": transfer.profile,
-        "timers": transfer.timers,
-        "round_trip": transfer.round_trip,
-    }

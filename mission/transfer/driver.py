@@ -17,12 +17,19 @@ from mission.model import GeoPoint, Mission, MissionType
 from mission.transfer import wire
 from mission.transfer.client import ClientTimers
 from mission.transfer.errors import RemoteTransferError
-from mission.transfer.events import DownloadComplete, Event, Output, TransferFailed, TransferStatistics
+from mission.transfer.events import (
+    DownloadComplete,
+    Event,
+    Output,
+    Transfer,
+    TransferFailed,
+    TransferStatistics,
+)
 from mission.transfer.rendering import Rendered, refuse_errors, render
 from mission.transfer.round_trip import RoundTrip
 from mission.transfer.upload import MissionClear
-from mission.transfer.uploader import OWN_TRANSFERS, Transfer, TransferMaker
 from mission.transfer.vehicles import Vehicle, VehicleSearch
+from mission.transfer.verified import OWN_TRANSFERS, TransferMaker
 
 OnEvent = Callable[[Event], None]
 OnText = Callable[[mavlink.MAVLink_statustext_message, float], None]

@@ -1,9 +1,10 @@
-"""What a transfer tells its owner: frozen events and the output of one step."""
+"""What a transfer is to its owner: how it is run, the output of one step, and frozen events."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
+from typing import Protocol
 
 from mission.link.codec.dialect import Message
 from mission.model import GeoPoint, MissionItem, MissionType
@@ -186,3 +187,29 @@ class TransferStatistics:
     retries: int
     duration_s: float
     verified: bool = False
+
+
+class Transfer(Protocol):
+    """What can be run: uploads, downloads, clears, verified uploads. It ends with one event, see `Output`."""
+
+    @property
+    def done(self) -> bool:
+        """Whether it is over."""
+
+    def start(self, now_s: float) -> Output:
+        """Begin."""
+
+    def receive(self, message: Message, now_s: float) -> Output:
+        """Take one message."""
+
+    def poll(self, now_s: float) -> Output:
+        """Act on timers."""
+
+    def next_deadline(self) -> float | None:
+        """When to poll."""
+
+    def cancel(self, now_s: float) -> Output:
+        """Break off."""
+
+    def statistics(self, now_s: float | None = None) -> TransferStatistics:
+        """What it has cost."""

@@ -16,18 +16,16 @@ the reading.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 from mission.autopilots import GENERIC
 from mission.autopilots.profile import Profile
 from mission.link.codec.dialect import Message
 from mission.model import Command, GeoPoint, MissionItem, MissionType, plan_of
 from mission.transfer import wire
-from mission.transfer.client import ClientTransfer, common_options
-from mission.transfer.client_table import READY, ClientState
 from mission.transfer.download import MissionDownload
 from mission.transfer.errors import LocalTransferError
 from mission.transfer.events import (
@@ -38,6 +36,7 @@ from mission.transfer.events import (
     FailureReason,
     Output,
     PlanState,
+    Transfer,
     TransferFailed,
     TransferStatistics,
     UploadComplete,
@@ -155,6 +154,8 @@ class VerifiedUpload:
     ----------
     readings : int
         How often to read back before a difference is believed (an echo of an older transfer can spoil one).
+    send, read : callable
+        Make the transfers that it consists of, from what `MissionUpload` and `MissionDownload` take.
 
     Attributes
     ----------
@@ -172,36 +173,30 @@ class VerifiedUpload:
         mission_type: MissionType = MissionType.MISSION,
         *,
         home: GeoPoint | None = None,
-        readings: int = 2,
+        start_sequence: int | None = 0,
         origins: Sequence[int] | None = None,
+        readings: int = 2,
+        send: Callable[..., Transfer] = MissionUpload,
+        read: Callable[..., Transfer] = MissionDownload,
         **options: Any,
     ) -> None:
-        options["round_trip"] = options.get("round_trip") or RoundTrip()
-        self._make = partial(MissionUpload, items, mission_type, home=home, origins=origins, **options)
-        upload = self._make()
-        self.mission_type = mission_type
-        self.items = upload.items
+        self.mission_type, self.items = mission_type, tuple(items)
         self.differences: tuple[Difference, ...] = ()
-        self._upload = upload
-        self._part: ClientTransfer = upload
-        self._parts: list[ClientTransfer] = [upload]
-        self._readings = readings
-        self._restarts = _RESTARTS
-        self._verified = False
-        self._refusal: TransferFailed | None = None
-        self._origins = range(len(self.items)) if origins is None else origins
         self.confirmed_s: float | None = None
         self.opaque_id = 0
-
-    @property
-    def state(self) -> ClientState:
-        """The state of the part that is running."""
-        return self._part.state
-
-    @property
-    def target(self) -> tuple[int, int]:
-        """System and component id of the vehicle."""
-        return self._upload.target
+        self._profile: Profile = options.get("profile", GENERIC)
+        self._round_trip: RoundTrip = options.get("round_trip") or RoundTrip()
+        options["round_trip"] = self._round_trip
+        told = {"home": home, "start_sequence": start_sequence, "origins": origins}
+        self._send = partial(send, self.items, mission_type, **told, **options)
+        self._read = partial(read, mission_type, **options)
+        self._part = self._upload = self._send()
+        self._parts = [self._upload]
+        self._readings = readings
+        self._restarts = _RESTARTS
+        self._cancelled = self._verified = False
+        self._refusal: TransferFailed | None = None
+        self._origins = range(len(self.items)) if origins is None else origins
 
     @property
     def done(self) -> bool:
@@ -229,11 +224,12 @@ class VerifiedUpload:
         if self.done:
             msg = "this upload is over; there is nothing to cancel"
             raise LocalTransferError(msg)
+        self._cancelled = True
         return self._go_on(self._part.cancel(now_s), now_s)
 
     def statistics(self, now_s: float | None = None) -> TransferStatistics:
         """What upload and reading have cost together."""
-        parts = [part.statistics(now_s) for part in self._parts if part.state is not READY]
+        parts = [part.statistics(now_s) for part in self._parts]
         return TransferStatistics(
             self.mission_type,
             len(self.items),
@@ -265,12 +261,11 @@ class VerifiedUpload:
         return NOTHING
 
     def _after_failure(self, failed: TransferFailed, now_s: float) -> Output:
-        cancelled = failed.reason is FailureReason.CANCELLED
         if self._part is self._upload:
             if self._is_bad_luck(failed):
                 return self._send_again(now_s)
-            if failed.vehicle_plan is PlanState.UNKNOWN and not cancelled:
-                self._refusal = failed if failed.reason is FailureReason.REFUSED else None
+            if failed.vehicle_plan is PlanState.UNKNOWN and not self._cancelled:
+                self._refusal = None if failed.reason is FailureReason.TIMEOUT else failed
                 return self._read_back(now_s)
             return Output(events=(failed,))
         if self._is_bad_luck(failed):
@@ -284,25 +279,24 @@ class VerifiedUpload:
 
     def _is_bad_luck(self, failed: TransferFailed) -> bool:
         """Whether the vehicle may have given up because too many frames in a row were lost."""
-        upload = self._upload
-        copies, _ = upload.round_trip.copies(upload.profile.abort_s)
+        copies, _ = self._round_trip.copies(self._profile.abort_s)
         gave_up = failed.reason is FailureReason.TIMEOUT or failed.result in _GIVEN_UP
-        was_heard = upload.statistics().messages_received > 0
+        was_heard = self._upload.statistics().messages_received > 0
         return copies > 1 and gave_up and was_heard and self._restarts > 0
 
     def _send_again(self, now_s: float) -> Output:
         self._restarts -= 1
-        self._part = self._upload = self._make()
+        self._part = self._upload = self._send()
         self._parts.append(self._upload)
         return self._upload.start(now_s)
 
     def _read_back(self, now_s: float) -> Output:
-        self._part = MissionDownload(self.mission_type, **common_options(self._upload))
+        self._part = self._read()
         self._parts.append(self._part)
         return self._part.start(now_s)
 
     def _compare(self, received: DownloadComplete, now_s: float) -> Output:
-        found = compare_plans(self.items, received.items, self._upload.profile)
+        found = compare_plans(self.items, received.items, self._profile)
         self.differences = tuple(
             one if one.sequence < 0 else replace(one, sequence=self._origins[one.sequence]) for one in found
         )
@@ -313,27 +307,25 @@ class VerifiedUpload:
         if self._readings > 0:
             return self._read_back(now_s)
         if self._refusal is not None:
-            if self._upload.profile.atomic:
+            if self._profile.atomic:
                 return Output(events=(replace(self._refusal, vehicle_plan=PlanState.OLD),))
-            text = f"{self._refusal.text}; {told_of_held(self.items, received.items, self._upload.profile)}"
-            return Output(events=(replace(self._refusal, text=text),))
-        state = (
-            PlanState.UNKNOWN
-            if self.confirmed_s is not None or not self._upload.profile.atomic
-            else PlanState.OLD
-        )
-        return Output(events=(different_plan(self.mission_type, self.differences, state),))
+            return self._refused(self._refusal, received)
+        text = f"the vehicle does not hold the {self.mission_type.name.lower()} that was sent: "
+        text += str(self.differences[0])
+        if len(self.differences) > 1:
+            text += f" (and {len(self.differences) - 1} more)"
+        unknown = self.confirmed_s is not None or not self._profile.atomic
+        state = PlanState.UNKNOWN if unknown else PlanState.OLD
+        failed = TransferFailed(self.mission_type, FailureReason.DIFFERENT, text, None, state)
+        return Output(events=(failed,))
+
+    def _refused(self, refusal: TransferFailed, received: DownloadComplete) -> Output:
+        """End with the vehicle's refusal, and what it holds now."""
+        text = f"{refusal.text}; {_told_of_held(self.items, received.items, self._profile)}"
+        return Output(events=(replace(refusal, text=text),))
 
 
-def different_plan(kind: MissionType, found: Sequence[Difference], state: PlanState) -> TransferFailed:
-    """Return the event of a plan that was read back and is another one."""
-    text = f"the vehicle does not hold the {kind.name.lower()} that was sent: {found[0]}"
-    if len(found) > 1:
-        text += f" (and {len(found) - 1} more)"
-    return TransferFailed(kind, FailureReason.DIFFERENT, text, None, state)
-
-
-def told_of_held(sent: Sequence[MissionItem], held: Sequence[MissionItem], profile: Profile) -> str:
+def _told_of_held(sent: Sequence[MissionItem], held: Sequence[MissionItem], profile: Profile) -> str:
     """Return what a vehicle that overwrites in place holds after a refusal, in words."""
     new = 0
     for one, other in zip(sent, held, strict=False):
@@ -344,3 +336,17 @@ def told_of_held(sent: Sequence[MissionItem], held: Sequence[MissionItem], profi
         return "the vehicle now holds no items"
     told = "none" if not new else "all" if new == len(held) else f"the first {new}"
     return f"the vehicle now holds {len(held)} items, {told} as sent: upload again before flying"
+
+
+class TransferMaker(NamedTuple):
+    """Who carries plans between us and a vehicle: makes uploads, which are read back, and readings.
+
+    Parameters are those of `VerifiedUpload` and `MissionDownload`; a maker uses the options that it knows.
+    """
+
+    upload: Callable[..., VerifiedUpload]
+    download: Callable[..., Transfer]
+
+
+OWN_TRANSFERS = TransferMaker(VerifiedUpload, MissionDownload)
+"""Our own state machines, which are used unless others are given."""

@@ -6,7 +6,7 @@ from stand_in import scenario
 
 from mission.ground.arming_gate import ArmingGate
 from mission.outcome import Outcome
-from mission.transfer.uploader import OWN_TRANSFERS
+from mission.transfer import OWN_TRANSFERS
 from mission.transfer.vehicles import Vehicle
 from sim_vehicle.host.simulation import Simulation
 from wbf_mission.flight import fly

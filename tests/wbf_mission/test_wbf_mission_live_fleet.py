@@ -20,8 +20,7 @@ from mission.transfer.vehicles import Vehicle
 from wbf_mission.flight import fly
 from wbf_mission.live.discovery import LiveFlightError, fitted_to, wanted_vehicles
 from wbf_mission.live.hosting import links_of
-from wbf_mission.live.link import LiveLink
-from wbf_mission.live.via import via_named
+from wbf_mission.live.link import LiveLink, via_named
 from wbf_mission.planning.fleet import vehicles_of
 from wbf_mission.replanning.loop import DecisionLoop
 from wbf_mission.run import joint_flight, sortie

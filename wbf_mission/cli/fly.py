@@ -280,8 +280,7 @@ def _live_link(
 ) -> LiveLink:
     """Return the links to vehicles, with the operator at this terminal."""
     from wbf_mission.cli.operator_console import OperatorConsole
-    from wbf_mission.live.link import LiveLink
-    from wbf_mission.live.via import via_named
+    from wbf_mission.live.link import LiveLink, via_named
 
     if not agreed and not sys.stdin.isatty():
         msg = "--connect asks before the motors start, but nobody is at the terminal: give --yes"

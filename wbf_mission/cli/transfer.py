@@ -56,7 +56,7 @@ def upload_command(
     """
     from mission.files import read_mission
     from mission.ground.link import upload
-    from wbf_mission.live.via import via_named
+    from wbf_mission.live.link import via_named
 
     output = Output(as_json=json, quiet=quiet)
     mission = read_mission(file)
@@ -112,7 +112,7 @@ def download_command(
     """Download the mission, the fence and the rally points of a vehicle into a file."""
     from mission.files import Firmware, write_mission, writer_for
     from mission.ground.link import download
-    from wbf_mission.live.via import via_named
+    from wbf_mission.live.link import via_named
 
     output = Output(as_json=json, quiet=quiet)
     refuse_overwrite(out, suffixes=MISSION_SUFFIXES, overwrite=overwrite)

@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Self
-
-from numpy.random import SeedSequence
 
 from mission.ground.arming_gate import ArmingGate
 from mission.ground.link import own_driver
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.tlog import FrameSink
+from mission.transfer import OWN_TRANSFERS, TransferMaker
 from mission.transfer.driver import OnEvent, OnText, TransferDriver
-from mission.transfer.uploader import OWN_TRANSFERS, TransferMaker
 from mission.transfer.vehicles import Vehicle
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.component import NEVER, Component
@@ -29,8 +26,9 @@ from wbf_mission.run.hosting import tap_of
 from wbf_mission.run.sortie import Sortie
 from wbf_mission.scenario import Scenario
 
-__all__ = ["LinkHost", "LinkHosting", "Via", "links_of", "riding_camera", "time_of_day"]
+__all__ = ["LinkHost", "LinkHosting", "Via", "links_of"]
 
+Tap = Callable[[bytes, float], None]
 _AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
 
 
@@ -40,20 +38,23 @@ class LinkHosting:
 
     Parameters
     ----------
-    links : tuple of ServerUrl
-        See `links_of`.
+    heard : sequence of (str, Vehicle)
+        The vehicles, each with its link.
     tlog : Path or None
         Where every MAVLink frame is written that is heard and sent here.
     agreed : bool
         The operator agrees to the start beforehand.
     force : bool
         Send also what the autopilot would refuse or not fly.
+    note : callable
+        Takes lines for the operator.
     """
 
-    links: tuple[ServerUrl, ...]
-    tlog: Path | None = None
-    agreed: bool = False
-    force: bool = False
+    heard: Sequence[tuple[str, Vehicle]]
+    tlog: Path | None
+    agreed: bool
+    force: bool
+    note: Callable[[str], None]
 
     @property
     def pace(self) -> None:
@@ -73,14 +74,17 @@ class LinkHosting:
         self,
         sorties: Sequence[Sortie],
         writer: FrameSink | None,
-        *,
-        offset_s: float,  # noqa: ARG002
-        seed: SeedSequence,  # noqa: ARG002
-        gone: Collection[int],  # noqa: ARG002
+        **_of_a_simulation: object,
     ) -> LinkHost:
         """Open the links; LinkError if an address is wrong, in use or not reachable."""
-        components: list[Component] = [part for one in sorties for part in (riding_camera(one), one.ground)]
-        return LinkHost(Server(components, self.links, tap=tap_of(writer, time_of_day)))
+        cameras = [_riding_camera(one) for one in sorties]
+        return self._serve(sorties, cameras, tap_of(writer, lambda _now_s: time.time()))
+
+    def _serve(self, sorties: Sequence[Sortie], cameras: Sequence[RidingCamera], tap: Tap | None) -> LinkHost:
+        """Open the links of the ground stations, and of the cameras beside them."""
+        pairs = zip(cameras, sorties, strict=True)
+        components: list[Component] = [part for camera, one in pairs for part in (camera, one.ground)]
+        return LinkHost(Server(components, links_of(self.heard), tap=tap))
 
 
 def links_of(heard: Iterable[tuple[str, Vehicle]]) -> tuple[ServerUrl, ...]:
@@ -143,6 +147,9 @@ class LinkHost:
 class Via:
     """A way to a vehicle: our own transfers and orders; another way says where it differs."""
 
+    hosting: type[LinkHosting] = LinkHosting
+    """Where the flight of the vehicles takes place, each behind its link."""
+
     def driver(self, url: str, on_event: OnEvent, on_text: OnText | None = None) -> TransferDriver:
         """Open a link; return what transfers plans over it. LinkError if the link cannot be opened."""
         return own_driver(url, on_event, on_text)
@@ -153,31 +160,10 @@ class Via:
     def check(self, scenario: Scenario, vehicle: Vehicle) -> None:
         """Refuse what cannot be done in this way with a vehicle that was heard, with LiveFlightError."""
 
-    def hosting(
-        self,
-        heard: Sequence[tuple[str, Vehicle]],
-        tlog: Path | None,
-        *,
-        agreed: bool,
-        force: bool,
-        note: Callable[[str], None],  # noqa: ARG002
-    ) -> LinkHosting:
-        """Return where the flight of the vehicles takes place, each behind its link."""
-        return LinkHosting(links_of(heard), tlog, agreed, force)
 
-
-def riding_camera(sortie: Sortie) -> RidingCamera:
+def _riding_camera(sortie: Sortie) -> RidingCamera:
     """Return the leaf camera that rides beside the vehicle of a sortie."""
     camera = LeafCameraComponent(sortie.leaf_camera, sortie.plan.farm, system_id=sortie.system_id)
     riding = RidingCamera(camera, sortie.held_mission, sortie.is_changing)
-    sortie.images_missed = partial(_missed_by, riding)
+    sortie.images_missed = lambda: riding.missed
     return riding
-
-
-def _missed_by(camera: RidingCamera) -> int:
-    return camera.missed
-
-
-def time_of_day(_now_s: float) -> float:
-    """Return the time of day, of a host that serves on the wall clock."""
-    return time.time()

@@ -22,7 +22,7 @@ from wbf_mission.run.joint_flight import Attendant
 from wbf_mission.scenario import Scenario
 from wbf_mission.scenario.values import LAYERS
 
-__all__ = ["LiveLink"]
+__all__ = ["LiveLink", "via_named"]
 
 _NEAR_M = 5.0
 
@@ -167,3 +167,12 @@ class LiveLink:
         return self.via.hosting(
             tuple(self._heard.values()), tlog, agreed=self.agreed, force=self.force, note=self.note
         )
+
+
+def via_named(name: str) -> Via:
+    """Return a way by its name, ``own`` or ``mavsdk``; MAVSDK is loaded only when it is asked for."""
+    if name == "mavsdk":
+        from wbf_mission.live.via_mavsdk.adapter import MavsdkVia
+
+        return MavsdkVia()
+    return Via()

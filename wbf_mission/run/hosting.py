@@ -14,7 +14,7 @@ from mission.ground.arming_gate import ArmingGate
 from mission.link.codec.dialect import Message
 from mission.link.tlog import FrameSink
 from mission.model import GeoPoint
-from mission.transfer.uploader import OWN_TRANSFERS, OwnTransfers, TransferMaker
+from mission.transfer import OWN_TRANSFERS, TransferMaker
 from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.component import NEVER, Component
@@ -116,7 +116,7 @@ class VirtualHosting:
     faults: tuple[Fault, ...] = ()
 
     @property
-    def transfers(self) -> OwnTransfers:
+    def transfers(self) -> TransferMaker:
         """Who carries the plans up to the vehicles."""
         return OWN_TRANSFERS
 

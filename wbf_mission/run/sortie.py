@@ -21,7 +21,7 @@ from mission.outcome import Outcome, Phase
 from mission.planners.cornering import Waypoints
 from mission.planners.path import Points, path_length
 from mission.policies.observation import Status, VehicleReport
-from mission.transfer.uploader import OWN_TRANSFERS, TransferMaker
+from mission.transfer import OWN_TRANSFERS, TransferMaker
 from sensors.camera.leaf_camera import Camera
 from sensors.camera.wire import ObservationAssembler
 from sensors.observations import Observations

@@ -3,28 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
-
-from numpy.random import SeedSequence
 
 from mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID, GroundStation
 from mission.link import MavlinkEndpoint
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import is_a
-from mission.link.tlog import FrameSink
+from mission.transfer import TransferMaker
 from mission.transfer.driver import OnEvent, OnText, TransferDriver
 from mission.transfer.vehicles import Vehicle
-from sim_vehicle.component import Component
-from sim_vehicle.host.server import Server, ServerUrl
+from sim_vehicle.host.server import Server
 from wbf_mission.live.discovery import LiveFlightError
-from wbf_mission.live.hosting import LinkHost, LinkHosting, Via, riding_camera, time_of_day
+from wbf_mission.live.hosting import LinkHost, LinkHosting, Tap, Via
+from wbf_mission.live.riding_camera import RidingCamera
 from wbf_mission.live.via_mavsdk.link import MavsdkLink
 from wbf_mission.live.via_mavsdk.orders import MavsdkOrders
-from wbf_mission.live.via_mavsdk.transfers import MavsdkTransfers
-from wbf_mission.run.hosting import tap_of
+from wbf_mission.live.via_mavsdk.transfers import mavsdk_transfers
 from wbf_mission.run.sortie import Sortie
 from wbf_mission.scenario import Scenario
 
@@ -41,31 +37,20 @@ class MavsdkHosting(LinkHosting):
     what it sends by itself is not in it.
     """
 
-    vehicle: Vehicle = field(kw_only=True)
-    note: Callable[[str], None] = field(kw_only=True)
     _link: MavsdkLink | None = field(default=None, init=False)
 
     @property
-    def transfers(self) -> MavsdkTransfers:
+    def transfers(self) -> TransferMaker:
         """Who carries the plans up to the vehicle."""
-        return MavsdkTransfers(self._opened)
+        return mavsdk_transfers(self._opened)
 
-    def open(
-        self,
-        sorties: Sequence[Sortie],
-        writer: FrameSink | None,
-        *,
-        offset_s: float,  # noqa: ARG002
-        seed: SeedSequence,  # noqa: ARG002
-        gone: Collection[int],  # noqa: ARG002
-    ) -> LinkHost:
+    def _serve(self, sorties: Sequence[Sortie], cameras: Sequence[RidingCamera], tap: Tap | None) -> LinkHost:
         """Let MAVSDK open the link, for one vehicle; LinkError if it cannot."""
-        ((sortie,), (at,), vehicle) = sorties, self.links, self.vehicle
-        link = self._link = MavsdkLink(at.url)
+        ((url, vehicle),), (sortie,) = self.heard, sorties
+        link = self._link = MavsdkLink(url)
         orders = MavsdkOrders(link, vehicle.system_id, vehicle.autopilot, vehicle.vehicle_type, self.note)
         ground = _GroundByMavsdk(sortie.ground, orders)
-        components: list[Component] = [riding_camera(sortie), ground]
-        return LinkHost(Server(components, [], tap=tap_of(writer, time_of_day), links=[link]), ground.hand_on)
+        return LinkHost(Server([*cameras, ground], [], tap=tap, links=[link]), ground.hand_on)
 
     def _opened(self) -> MavsdkLink:
         assert self._link is not None
@@ -116,11 +101,13 @@ class _GroundByMavsdk:
 class MavsdkVia(Via):
     """MAVSDK keeps the link, carries the plans and gives the orders; all else is as in the own way."""
 
+    hosting = MavsdkHosting
+
     def driver(self, url: str, on_event: OnEvent, on_text: OnText | None = None) -> TransferDriver:
         """Let MAVSDK open a link; LinkError if the address is wrong, or MAVSDK cannot open it."""
         link = MavsdkLink(url)
         endpoint = MavlinkEndpoint(link, GROUND_SYSTEM_ID, GROUND_COMPONENT_ID, wanted=())
-        transfers = MavsdkTransfers(lambda: link)
+        transfers = mavsdk_transfers(lambda: link)
         return TransferDriver(endpoint, on_event=on_event, on_text=on_text, maker=transfers, heartbeat=False)
 
     def check_count(self, vehicles: int) -> None:
@@ -138,16 +125,3 @@ class MavsdkVia(Via):
                 f"{vehicle.profile.name}: leave out --via mavsdk, or give a planner"
             )
             raise LiveFlightError(msg)
-
-    def hosting(
-        self,
-        heard: Sequence[tuple[str, Vehicle]],
-        tlog: Path | None,
-        *,
-        agreed: bool,
-        force: bool,
-        note: Callable[[str], None],
-    ) -> MavsdkHosting:
-        """Return where the flight takes place."""
-        ((url, vehicle),) = heard
-        return MavsdkHosting((ServerUrl(url),), tlog, agreed, force, vehicle=vehicle, note=note)

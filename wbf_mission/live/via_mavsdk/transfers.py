@@ -1,10 +1,10 @@
-"""Plans up and down by MAVSDK's plugin mission_raw, with the face of our own transfers."""
+"""Plans up and down by MAVSDK's plugin mission_raw, as the parts of a verified upload."""
 
 from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from mavsdk.plugins.mission_raw import MissionItem as RawItem
@@ -15,7 +15,7 @@ from mission.autopilots.profile import Profile
 from mission.errors import MissionError
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
-from mission.model import GeoPoint, MissionItem, MissionType
+from mission.model import MissionItem, MissionType
 from mission.transfer import (
     DownloadComplete,
     FailureReason,
@@ -25,17 +25,17 @@ from mission.transfer import (
     PlanState,
     Progress,
     TransferFailed,
+    TransferMaker,
     TransferStatistics,
-    UploadVerified,
-    compare_plans,
+    UploadComplete,
+    VerifiedUpload,
     wire,
 )
 from mission.transfer.events import NOTHING, Event
-from mission.transfer.verified import different_plan, told_of_held
 from mission.transfer.wire import from_wire_order
 from wbf_mission.live.via_mavsdk.link import Call, MavsdkLink
 
-__all__ = ["MavsdkTransfers"]
+__all__ = ["mavsdk_transfers"]
 
 _UPLOADS = {
     MissionType.MISSION: "upload_mission_async",
@@ -61,49 +61,9 @@ _POLL_S = 0.02
 _LONGEST_S = 300.0
 
 
-class MavsdkTransfers:
-    """Makes transfers that MAVSDK carries out over the link that it keeps when one begins."""
-
-    def __init__(self, link: Callable[[], MavsdkLink]) -> None:
-        self._link = link
-
-    def upload(
-        self,
-        items: Sequence[MissionItem],
-        mission_type: MissionType,
-        *,
-        home: GeoPoint | None = None,
-        start_sequence: int | None = 0,
-        origins: Sequence[int] | None = None,
-        target: tuple[int, int] = (1, 1),
-        profile: Profile = GENERIC,
-        **_options: Any,
-    ) -> MavsdkUpload:
-        """Return an upload that is read back; see `mission.transfer.uploader.TransferMaker`."""
-        if not items and mission_type is not MissionType.MISSION:
-            msg = f"MAVSDK cannot empty a vehicle's {mission_type.name.lower()} plan; leave out --via mavsdk"
-            raise LocalTransferError(msg)
-        plan = MissionUpload(
-            items,
-            mission_type,
-            home=home,
-            start_sequence=start_sequence or 0,
-            origins=origins,
-            target=target,
-            profile=profile,
-        )
-        return MavsdkUpload(plan, self.download(mission_type, target=target, profile=profile), self._link)
-
-    def download(
-        self,
-        mission_type: MissionType,
-        *,
-        target: tuple[int, int] = (1, 1),
-        profile: Profile = GENERIC,
-        **_options: Any,
-    ) -> MavsdkDownload:
-        """Return a reading of a plan."""
-        return MavsdkDownload(mission_type, target, profile, self._link)
+def mavsdk_transfers(link: Callable[[], MavsdkLink]) -> TransferMaker:
+    """Return transfers that MAVSDK carries out over the link that it keeps when one begins."""
+    return TransferMaker(partial(MavsdkUpload, link=link), partial(MavsdkDownload, link=link))
 
 
 class _Transfer:
@@ -114,21 +74,21 @@ class _Transfer:
 
     _verb: str
     _count = 0
-    _verified = False
 
     def __init__(
         self,
         mission_type: MissionType,
-        target: tuple[int, int],
-        profile: Profile,
+        *,
         link: Callable[[], MavsdkLink],
+        target: tuple[int, int] = (1, 1),
+        profile: Profile = GENERIC,
+        **_options: Any,
     ) -> None:
         self.mission_type = mission_type
         self.done = False
         self._target, self._profile = target, profile
         self._link = link
         self._call: Call | None = None
-        self._first_s: float | None = None
         self._began_s = self._ended_s = self._due_s = 0.0
 
     @property
@@ -145,7 +105,6 @@ class _Transfer:
 
     def _begin(self, now_s: float, begin: Callable[..., None], *arguments: Any) -> None:
         self._began_s = now_s
-        self._first_s = now_s if self._first_s is None else self._first_s
         self._due_s = now_s + _POLL_S
         self._call = Call(begin, *arguments)
 
@@ -189,8 +148,7 @@ class _Transfer:
     def statistics(self, now_s: float | None = None) -> TransferStatistics:
         """What it has cost, as far as MAVSDK tells."""
         end_s = self._ended_s if self.done or now_s is None else now_s
-        spent_s = end_s - (self._first_s or 0.0)
-        return TransferStatistics(self.mission_type, self._count, 0, 0, 0, spent_s, self._verified)
+        return TransferStatistics(self.mission_type, self._count, 0, 0, 0, end_s - self._began_s)
 
 
 class MavsdkDownload(_Transfer):
@@ -222,25 +180,27 @@ class MavsdkDownload(_Transfer):
         return self._finish(now_s, progress, DownloadComplete(self.mission_type, items, 0, home))
 
 
-class MavsdkUpload(_Transfer):
-    """Sends a plan, reads it back and compares; ends with `UploadVerified` or `TransferFailed`.
+class _Sending(_Transfer):
+    """Sends a plan; ends with `UploadComplete` or `TransferFailed`. MAVSDK does not tell the plan's id.
 
-    The plan is a `MissionUpload` that is never started. MAVSDK does not tell its id.
+    The plan is a `MissionUpload` that is never started.
     """
 
-    opaque_id = 0
     _verb = "upload"
 
-    def __init__(self, plan: MissionUpload, reading: MavsdkDownload, link: Callable[[], MavsdkLink]) -> None:
-        super().__init__(plan.mission_type, plan.target, plan.profile, link)
-        self.confirmed_s: float | None = None
-        self._plan = plan
-        self._count = len(plan.items)
-        self._reading = reading
-        self._refused: TransferFailed | None = None
+    def __init__(self, items: Sequence[MissionItem], mission_type: MissionType, **options: Any) -> None:
+        if not items and mission_type is not MissionType.MISSION:
+            msg = f"MAVSDK cannot empty a vehicle's {mission_type.name.lower()} plan; leave out --via mavsdk"
+            raise LocalTransferError(msg)
+        super().__init__(mission_type, **options)
+        del options["link"]
+        # MAVSDK wants one item to be marked as current.
+        options["start_sequence"] = options["start_sequence"] or 0
+        self._plan = MissionUpload(items, mission_type, **options)
+        self._count = len(items)
 
     def start(self, now_s: float) -> Output:
-        """Begin the upload."""
+        """Begin."""
         raw = [
             RawItem(*(getattr(message, field) for field in _ITEM_FIELDS))
             for message in self._plan.item_messages()
@@ -252,57 +212,51 @@ class MavsdkUpload(_Transfer):
         return NOTHING
 
     def poll(self, now_s: float) -> Output:
-        """Go on when MAVSDK has answered."""
-        if self.done:
-            return NOTHING
-        if self._call is None:
-            return self._after_reading(self._reading.poll(now_s), now_s)
+        """See whether MAVSDK has answered."""
         answer = self._answer(now_s)
         if answer is None:
             return NOTHING
         result = answer[0]
         if result is MissionRawResult.SUCCESS:
-            self.confirmed_s = now_s
-        elif _REASONS.get(result) is not FailureReason.TIMEOUT:
-            state = PlanState.OLD if self._profile.atomic else PlanState.UNKNOWN
-            self._refused = self._failure(result, state)
-            if self._profile.atomic:
-                return self._finish(now_s, self._refused)
+            return self._finish(now_s, UploadComplete(self.mission_type, self._count))
         # What a vehicle that overwrites in place holds after a refusal is to be told. After a timeout it may
         # hold the plan all the same: reading it tells.
-        self._reading.start(now_s)
-        return NOTHING
+        timeout = _REASONS.get(result) is FailureReason.TIMEOUT
+        state = PlanState.OLD if self._profile.atomic and not timeout else PlanState.UNKNOWN
+        return self._finish(now_s, self._failure(result, state))
 
-    def next_deadline(self) -> float | None:
-        """When `poll` has something to do, None before the start and after the end."""
-        return super().next_deadline() if self._call is not None else self._reading.next_deadline()
 
-    def _after_reading(self, read: Output, now_s: float) -> Output:
-        """Compare what was read with what was sent."""
-        if not read.events:
-            return NOTHING
-        end = read.events[-1]
-        if self._refused is not None:
-            held = "what the vehicle holds now could not be read"
-            if isinstance(end, DownloadComplete):
-                held = told_of_held(self._plan.items, end.items, self._profile)
-            return self._finish(now_s, replace(self._refused, text=f"{self._refused.text}; {held}"))
-        if isinstance(end, TransferFailed):
-            text = f"the {self.mission_type.name.lower()} was sent but not verified: {end.text}"
-            return self._finish(now_s, replace(end, text=text, vehicle_plan=PlanState.UNKNOWN))
-        assert isinstance(end, DownloadComplete)
-        items = self._plan.items
-        differences = compare_plans(items, end.items, self._profile)
-        if not differences:
-            self._verified = True
-            if self.confirmed_s is None:
-                self.confirmed_s = now_s
-            progress = Progress(self.mission_type, len(items), len(items))
-            return self._finish(now_s, progress, UploadVerified(self.mission_type, len(items)))
-        if self.confirmed_s is None:
-            return self._finish(now_s, self._failure(MissionRawResult.TIMEOUT, PlanState.UNKNOWN))
-        different = different_plan(self.mission_type, differences, PlanState.UNKNOWN)
-        return self._finish(now_s, different)
+class MavsdkUpload(VerifiedUpload):
+    """Sends a plan, reads it back and compares.
+
+    What MAVSDK says of a failed upload stands, unless the vehicle did not answer and holds the plan.
+    """
+
+    def __init__(
+        self,
+        items: Sequence[MissionItem],
+        mission_type: MissionType,
+        *,
+        link: Callable[[], MavsdkLink],
+        **options: Any,
+    ) -> None:
+        send, read = partial(_Sending, link=link), partial(MavsdkDownload, link=link)
+        super().__init__(items, mission_type, readings=1, send=send, read=read, **options)
+        self._failed: TransferFailed | None = None
+
+    def _after_failure(self, failed: TransferFailed, now_s: float) -> Output:
+        self._failed = self._failed or failed
+        return super()._after_failure(failed, now_s)
+
+    def _compare(self, received: DownloadComplete, now_s: float) -> Output:
+        if self._refusal is not None:
+            return self._refused(self._refusal, received)
+        output = super()._compare(received, now_s)
+        if self._verified:
+            self.confirmed_s = now_s if self.confirmed_s is None else self.confirmed_s
+        elif self._failed is not None:
+            return Output(events=(self._failed,))
+        return output
 
 
 def _item_of(raw: RawItem) -> MissionItem:

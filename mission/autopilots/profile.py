@@ -321,12 +321,7 @@ class Profile:
         return {kind: card for kind, card in both.items() if card is not None}
 
     def room(self, mission_type: MissionType, card_kib: float = 0.0) -> int:
-        """Return how many items of a plan the autopilot's simulator takes, without home.
-
-        Parameters
-        ----------
-        card_kib : float
-            Value of the parameter of the plan's card; 0 without a card.
+        """Return how many items of a plan its simulator takes, without home; on a card of so many KiB.
 
         Examples
         --------

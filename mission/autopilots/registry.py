@@ -23,10 +23,7 @@ GENERIC = Profile("the vehicle", m.MAV_AUTOPILOT_GENERIC)
 def profile_for(autopilot: int) -> Profile:
     """Profile for the MAV_AUTOPILOT of a heartbeat, `GENERIC` for one of which no installed package has any.
 
-    Raises
-    ------
-    TransferError
-        If an installed package does not give the profile that it promises.
+    TransferError if an installed package does not give the profile that it promises.
 
     Examples
     --------

@@ -37,19 +37,12 @@ class ArmingGate:
     The vehicle's word is the bit PREARM_CHECK of the healthy parts in SYS_STATUS, as ArduPilot and PX4 send
     it, in the mode in which it is to arm: in others it may not need a position. An autopilot that does not
     know the bit is taken as ready; none is before it knows where it is.
-
-    Attributes
-    ----------
-    reasons : list of str
-        Why the vehicle would not arm, in its own words, the latest last.
-    told : int
-        How often it gave a reason.
     """
 
     def __init__(self, vehicle: tuple[int, int], *, agreed: bool = False) -> None:
         self.stage = Stage.CHECKING
-        self.reasons: list[str] = []
-        self.told = 0
+        self.reasons: list[str] = []  # Why the vehicle would not arm, in its own words, the latest last
+        self.told = 0  # How often it gave a reason
         self._due_s = -math.inf
         self._vehicle = vehicle
         self._agreed = agreed

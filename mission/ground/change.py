@@ -99,37 +99,21 @@ class ChangeRecord:
 
 @dataclass(frozen=True, slots=True)
 class ChangeRequest:
-    """What a session needs to know.
+    """What a session needs to know."""
 
-    Parameters
-    ----------
-    old, new : Mission
-        What the vehicle holds, and what it is to hold.
-    item : int
-        The item of the old mission that is flown.
-    resume_at : int
-        The item of the new mission to fly to next.
-    seconds_an_item : float
-        What an item took to send and read back.
-    guard : FailsafeGuard or None
-        What has to be set before the vehicle leaves its mission.
-    round_trip : RoundTrip or None
-        Of the link; the change measures its own without.
-    """
-
-    old: Mission
+    old: Mission  # old, new: what the vehicle holds, and what it is to hold
     new: Mission
-    item: int
-    resume_at: int
+    item: int  # The item of the old mission that is flown
+    resume_at: int  # The item of the new mission to fly to next
     vehicle: tuple[int, int]
     ground: tuple[int, int]
     profile: Profile
     monitor: VehicleMonitor
     texts: TextLog
-    seconds_an_item: float
-    guard: FailsafeGuard | None = None
+    seconds_an_item: float  # What an item took to send and read back
+    guard: FailsafeGuard | None = None  # What has to be set before the vehicle leaves its mission
     maker: TransferMaker = OWN_TRANSFERS
-    round_trip: RoundTrip | None = None
+    round_trip: RoundTrip | None = None  # Of the link; the change measures its own without
 
 
 class ChangeSession(ABC):
@@ -377,19 +361,9 @@ def revised_mission(
 ) -> tuple[Mission, int]:
     """Return the mission that goes on through other waypoints, and its item to go on with.
 
-    It keeps take-off, speed and camera of the held mission and ends as that does. A camera that takes images
-    already goes on without one of its own at the change; otherwise it begins at the change.
-
-    Parameters
-    ----------
-    held : Mission
-        What the vehicle holds.
-    item : int
-        The item that it flies to now.
-    path_deg : sequence of (float, float)
-        Latitude and longitude of the waypoints; none is the way home at once.
-    altitude_m : float
-        Of the waypoints, above home.
+    It keeps take-off, speed and camera of the held mission, of which `item` is flown now, and ends as that
+    does. A camera that takes images already goes on without one of its own at the change; otherwise it
+    begins at the change. The waypoints are latitudes and longitudes; none is the way home at once.
 
     Examples
     --------

@@ -81,24 +81,13 @@ _CAUSES = (
 
 @dataclass(slots=True)
 class FailureWatch:
-    """Notes what the vehicle tells of its troubles in one flight.
+    """Notes what the vehicle tells of its troubles in one flight."""
 
-    Attributes
-    ----------
-    failsafe : bool
-        Whether the last HEARTBEAT told that a safety function has taken over.
-    began : list of int
-        How many texts had been heard whenever one took over.
-    low_battery, empty_battery : bool
-        What BATTERY_STATUS told at the end.
-    unhealthy : int
-        MAV_SYS_STATUS_SENSOR bits that SYS_STATUS told to be enabled and not healthy at any time.
-    """
-
-    failsafe: bool = False
-    began: list[int] = field(default_factory=list)
-    low_battery: bool = False
+    failsafe: bool = False  # Whether the last HEARTBEAT told that a safety function has taken over
+    began: list[int] = field(default_factory=list)  # How many texts had been heard whenever one took over
+    low_battery: bool = False  # low_battery, empty_battery: what BATTERY_STATUS told at the end
     empty_battery: bool = False
+    # MAV_SYS_STATUS_SENSOR bits that SYS_STATUS told to be enabled and not healthy at any time
     unhealthy: int = 0
 
     def on_heartbeat(self, message: m.MAVLink_heartbeat_message, texts_heard: int) -> None:

@@ -20,13 +20,6 @@ class FailsafeGuard:
 
     One is set after the other: the link may break after each of them, and what the last one switches on
     must then find the others as they have to be.
-
-    Attributes
-    ----------
-    refused : str
-        Why it cannot be; empty while it may.
-    was_set : list of str
-        Which parameters were set, from what and to what.
     """
 
     def __init__(
@@ -35,9 +28,9 @@ class FailsafeGuard:
         vehicle: tuple[int, int],
         round_trip: RoundTrip | None = None,
     ) -> None:
-        self.refused = ""
+        self.refused = ""  # Why it cannot be; empty while it may
         self.due_s = math.inf
-        self.was_set: list[str] = []
+        self.was_set: list[str] = []  # Which parameters were set, from what and to what
         self._before: dict[str, int] = {}
         self._vehicle = vehicle
         self._open = {one.name: one for one in needed}

@@ -171,15 +171,7 @@ def find_vehicle(
     note: Note = _silent,
     open_driver: DriverMaker = own_driver,
 ) -> Vehicle:
-    """Wait for the heartbeat of a vehicle behind ``url``.
-
-    Raises
-    ------
-    LinkError
-        If the link cannot be opened or breaks.
-    NoVehicleError
-        If none is heard.
-    """
+    """Wait for the heartbeat of a vehicle behind ``url``; NoVehicleError if none is heard."""
     return find_vehicles(url, (system_id,), wait_s=wait_s, note=note, open_driver=open_driver)[0]
 
 

@@ -23,19 +23,14 @@ _MOST_OPEN = 32
 
 @dataclass(frozen=True, slots=True)
 class LinkReport:
-    """A link to a vehicle over a whole flight.
+    """A link to a vehicle over a whole flight."""
 
-    Parameters
-    ----------
-    frames, lost_frames : int
-        Frames of the vehicle's autopilot that arrived, and that are missing by their sequence numbers.
-    worst_silence_s, silent_s : float
-        The longest silence of the flight, and all of them together.
-    """
-
+    # frames, lost_frames: frames of the vehicle's autopilot that arrived, and that are missing by their
+    # sequence numbers
     frames: int
     lost_frames: int
     round_trip_s: float | None
+    # worst_silence_s, silent_s: the longest silence of the flight, and all of them together
     worst_silence_s: float
     silent_s: float
 
@@ -51,17 +46,11 @@ class LinkState:
     The clock is asked for with TIMESYNC, whose answer repeats the number of its question: unlike the answer
     to a repeated command it cannot be taken for the answer to another one. PX4 and ArduPilot answer it
     (https://mavlink.io/en/services/timesync.html).
-
-    Attributes
-    ----------
-    heard_s : float
-        When its last frame came; -inf before the first.
-    frames, lost_frames : int
-        How many came, and how many are missing by their sequence numbers.
     """
 
     def __init__(self) -> None:
-        self.heard_s = -math.inf
+        self.heard_s = -math.inf  # When its last frame came; -inf before the first
+        # frames, lost_frames: how many came, and how many are missing by their sequence numbers
         self.frames = self.lost_frames = 0
         self.round_trip = RoundTrip()
         self._sequence: int | None = None

@@ -30,14 +30,9 @@ class Answer(Enum):
 class Order:
     """A command on its way to a vehicle: COMMAND_LONG, or COMMAND_INT with a position.
 
-    Parameters
-    ----------
-    position : tuple of 3 floats, optional
-        Latitude and longitude in degrees, altitude above home in metres.
-    tries : int, optional
-        So often it is worth sending; by default four times, more often over a link that loses frames.
-    round_trip : RoundTrip, optional
-        Of the link: an answer is waited for before the order is sent again.
+    The position is latitude and longitude in degrees, altitude above home in metres. The command is worth
+    sending so many `tries`; by default four, more often over a link that loses frames. Before it is sent
+    again, an answer is waited for as long as the round trip of the link says.
     """
 
     def __init__(

@@ -18,30 +18,21 @@ _SHOWS = {Maneuver.HOLD: "holds", Maneuver.RETURN: "returns", Maneuver.LAND: "la
 
 
 class PilotWatch:
-    """Follows the flight mode from the start of a mission.
-
-    Attributes
-    ----------
-    ordered : Maneuver or None
-        What we ourselves take the vehicle out of its mission for; None again when it is back.
-    obeyed : str
-        How the vehicle showed that it does that; empty while it does not.
-    ended_by_restart : str
-        How the vehicle came up after a restart that ended its mission; empty if none did.
-    mission_over : bool
-        Whether the vehicle has told that it has flown its mission to the end.
-    """
+    """Follows the flight mode from the start of a mission."""
 
     def __init__(self) -> None:
         self.events: list[tuple[float, str]] = []
         self.mode = ""
         self._in_mission: bool | None = None
         self._shows_mission = False
+        # What we ourselves take the vehicle out of its mission for; None again when it is back
         self.ordered: Maneuver | None = None
+        # How the vehicle showed that it does that; empty while it does not
+        # How the vehicle came up after a restart that ended its mission; empty if none did
         self.obeyed = self.ended_by_restart = ""
         self._held: list[tuple[float, str]] = []
         self._restarted = False
-        self.mission_over = False
+        self.mission_over = False  # Whether the vehicle has told that it has flown its mission to the end
         self._over_s = -math.inf
         self._doubt: tuple[float, str] | None = None
 
@@ -81,16 +72,11 @@ class PilotWatch:
     ) -> None:
         """Take a HEARTBEAT of the vehicle in flight.
 
-        Parameters
-        ----------
-        expects_change : bool
-            The vehicle may be out of its mission now: that is being changed, or it is on the way home.
-        unsure : bool
-            It was silent, and has not told its clock since: what it does may come from a restart. What
-            happened is told by `settle` or `on_restart`.
-        ends_in : collection of str
-            Flight modes to which the mission's own end leads. Such a mode is left open until the vehicle
-            tells that its mission is over, or five seconds have passed.
+        With `expects_change` the vehicle may be out of its mission now: that is being changed, or it is on
+        the way home. `unsure`: it was silent, and has not told its clock since, so what it does may come
+        from a restart; what happened is told by `settle` or `on_restart`. To the modes `ends_in` leads the
+        mission's own end: such a mode is left open until the vehicle tells that its mission is over, or five
+        seconds have passed.
         """
         self._follow(message, now_s, expects_change=expects_change or self.mission_over, ends_in=ends_in)
         if self._restarted:

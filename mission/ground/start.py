@@ -33,13 +33,6 @@ class MissionStart:
 
     Without an arming gate it is armed and started at once, or after a delay. With one it is put into the mode
     in which it arms, and asked again while it gives reasons against it that may pass.
-
-    Attributes
-    ----------
-    phase : Phase
-        How far it is; FLIGHT once the vehicle has accepted the order to start.
-    failure : tuple of Outcome and str, or None
-        Why it came to nothing.
     """
 
     def __init__(
@@ -52,8 +45,8 @@ class MissionStart:
         round_trip: RoundTrip | None,
         delay_s: float,
     ) -> None:
-        self.phase = Phase.WAIT
-        self.failure: tuple[Outcome, str] | None = None
+        self.phase = Phase.WAIT  # How far it is; FLIGHT once the vehicle has accepted the order to start
+        self.failure: tuple[Outcome, str] | None = None  # Why it came to nothing
         self._vehicle, self._monitor, self._texts = vehicle, monitor, texts
         self._gate, self._round_trip, self._delay_s = gate, round_trip, delay_s
         self._home: GeoPoint | None = None

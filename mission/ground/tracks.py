@@ -89,15 +89,10 @@ def joined(tracks: Sequence[Track]) -> Track:
 
 
 class TrackRecorder:
-    """Notes positions of one flight; it hears the vehicle's messages only.
-
-    Attributes
-    ----------
-    aloft_ms : int
-        Time of the vehicle's last fix in the air, milliseconds since it started; 0 before the first.
-    """
+    """Notes positions of one flight; it hears the vehicle's messages only."""
 
     def __init__(self) -> None:
+        # Time of the vehicle's last fix in the air, milliseconds since it started; 0 before the first
         self.aloft_ms = 0
         self._fixes: list[_Fix] = []
         self._true_fixes: list[_Fix] = []

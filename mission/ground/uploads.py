@@ -42,15 +42,6 @@ class PlanUploads:
         Its fence and rally points are sent if it has any, then its items.
     round_trip : RoundTrip, optional
         Of the link; each plan measures its own without.
-
-    Attributes
-    ----------
-    statistics : list of TransferStatistics
-        Of each plan that was sent.
-    failure : str
-        Why a plan did not arrive; empty as long as none failed.
-    fell_silent : bool
-        The vehicle did not answer, in place of refusing it.
     """
 
     def __init__(
@@ -64,12 +55,12 @@ class PlanUploads:
         round_trip: RoundTrip | None = None,
         force: bool = False,
     ) -> None:
-        self.statistics: list[TransferStatistics] = []
-        self.failure = ""
+        self.statistics: list[TransferStatistics] = []  # Of each plan that was sent
+        self.failure = ""  # Why a plan did not arrive; empty as long as none failed
         self._rendered = Rendered(mission, (), tuple(range(len(mission.items))))
         self._force = force
         self._ending: tuple[str, float] | None = None
-        self.fell_silent = False
+        self.fell_silent = False  # The vehicle did not answer, in place of refusing it
         self._vehicle, self._ground = vehicle, ground
         self._on_progress = on_progress
         self._maker = maker

@@ -24,11 +24,6 @@ _RESTART_MS = 5000
 class BootClock:
     """Makes one clock of a vehicle's times since boot, across restarts of its autopilot.
 
-    Attributes
-    ----------
-    offset_ms : int
-        What is added to the times that the vehicle tells now.
-
     Examples
     --------
     >>> clock = BootClock()
@@ -40,7 +35,7 @@ class BootClock:
 
     def __init__(self) -> None:
         self.restarts = 0
-        self.offset_ms = 0
+        self.offset_ms = 0  # What is added to the times that the vehicle tells now
         self._last_ms = -1
         self._last_s = -math.inf
 
@@ -90,45 +85,23 @@ class Battery:
 
 @dataclass(frozen=True, slots=True)
 class VehicleState:
-    """A vehicle as its telemetry told of it last.
+    """A vehicle as its telemetry told of it last."""
 
-    Parameters
-    ----------
-    heard_s : float
-        When the position was heard; -inf for never.
-    latitude_deg, longitude_deg, height_m : float
-        Position; height above home.
-    velocity_m_s : tuple of 3 floats
-        Over ground: east, north, up.
-    heading_rad : float or None
-        Compass heading.
-    battery : float or None
-        Fraction that is left.
-    consumed_wh : float or None
-        Used since the start.
-    custom_mode : int
-        The flight mode, in the autopilot's own number.
-    item : int or None
-        The item that is flown or comes next, counted as `Mission.items` is; None when it is not told.
-    total : int or None
-        Items of the mission that the vehicle holds, without home; 0 for no mission, None when it is not told.
-    mission_id : int
-        Opaque id of that mission; 0 when the autopilot gives none.
-    """
-
-    heard_s: float = -math.inf
-    latitude_deg: float = math.nan
+    heard_s: float = -math.inf  # When the position was heard; -inf for never
+    latitude_deg: float = math.nan  # latitude_deg, longitude_deg, height_m: position; height above home
     longitude_deg: float = math.nan
     height_m: float = 0.0
-    velocity_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    heading_rad: float | None = None
-    battery: float | None = None
-    consumed_wh: float | None = None
+    velocity_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)  # Over ground: east, north, up
+    heading_rad: float | None = None  # Compass heading
+    battery: float | None = None  # Fraction that is left
+    consumed_wh: float | None = None  # Used since the start
     armed: bool = False
-    custom_mode: int = 0
+    custom_mode: int = 0  # The flight mode, in the autopilot's own number
+    # The item that is flown or comes next, counted as `Mission.items` is; None when it is not told
     item: int | None = None
+    # Items of the mission that the vehicle holds, without home; 0 for no mission, None when it is not told
     total: int | None = None
-    mission_id: int = 0
+    mission_id: int = 0  # Opaque id of that mission; 0 when the autopilot gives none
 
     def position_m(self, frame: LocalFrame) -> tuple[float, float]:
         """Return x and y in metres of a frame."""
@@ -156,23 +129,13 @@ _NO_TOTAL = 65535
 
 
 class VehicleMonitor:
-    """Keeps what a vehicle tells of itself.
-
-    Attributes
-    ----------
-    vehicle_type, autopilot : int
-        MAV_TYPE and MAV_AUTOPILOT of its heartbeat.
-    flies : bool or None
-        Whether it is off the ground, as EXTENDED_SYS_STATE tells; None when it is not told.
-    clock : BootClock
-        Of its positions and of SYSTEM_TIME.
-    mode_heard_s, item_heard_s, position_heard_s : float
-        When mode, item and position were heard; -inf for never.
-    """
+    """Keeps what a vehicle tells of itself."""
 
     def __init__(self) -> None:
-        self.vehicle_type = 0
+        self.vehicle_type = 0  # vehicle_type, autopilot: MAV_TYPE and MAV_AUTOPILOT of its heartbeat
         self.autopilot = 0
+        # mode_heard_s, item_heard_s, position_heard_s: when mode, item and position were heard; -inf for
+        # never
         self.mode_heard_s = self.item_heard_s = self.position_heard_s = -math.inf
         self._heartbeat: m.MAVLink_heartbeat_message | None = None
         self._position: m.MAVLink_global_position_int_message | None = None
@@ -181,8 +144,9 @@ class VehicleMonitor:
         self._estimate: int | None = None
         self.battery = Battery()
         self._has_battery = False
+        # Whether it is off the ground, as EXTENDED_SYS_STATE tells; None when it is not told
         self.flies: bool | None = None
-        self.clock = BootClock()
+        self.clock = BootClock()  # Of its positions and of SYSTEM_TIME
         self._boot_ms = 0
         self._takes: dict[int, Callable[[Any, float], None]] = dict(
             (

@@ -17,23 +17,17 @@ _BITS_A_BYTE = 10.0
 
 @dataclass(frozen=True, slots=True)
 class Faults:
-    """What a channel does to the frames that cross it.
+    """What a channel does to the frames that cross it."""
 
-    Parameters
-    ----------
-    loss, duplicate, corrupt : float
-        Chance (0 to 1) that a frame is lost, comes twice, or has one byte changed.
-    delay_s, jitter_s : float
-        Every frame takes ``delay_s`` and up to ``jitter_s`` more; with jitter, frames overtake each other.
-    baud : float
-        Bits per second of the line, ten for a byte (8N1). What does not fit its buffer of 16 KiB is lost.
-    """
-
+    # loss, duplicate, corrupt: chance (0 to 1) that a frame is lost, comes twice, or has one byte changed
     loss: float = 0.0
     duplicate: float = 0.0
     corrupt: float = 0.0
+    # delay_s, jitter_s: every frame takes ``delay_s`` and up to ``jitter_s`` more; with jitter, frames
+    # overtake each other
     delay_s: float = 0.0
     jitter_s: float = 0.0
+    # Bits per second of the line, ten for a byte (8N1). What does not fit its buffer of 16 KiB is lost.
     baud: float = math.inf
 
     def __post_init__(self) -> None:

@@ -31,18 +31,11 @@ def lawnmower(
 
     Parameters
     ----------
-    request : PlanningRequest
-        The problem.
     direction : str or float, optional
         Direction of the rows, see `mission.planners.sweep.sweep_angle`; by default along x over a
         rectangle along the axes, as in the paper, otherwise the direction with the fewest turns.
     min_spacing_m, max_spacing_m : float, optional
         Rows are at least and at most so far apart. Default: at least a footprint.
-
-    Returns
-    -------
-    PlannedPath
-        Its spacing is the distance between rows.
 
     Raises
     ------
@@ -94,23 +87,14 @@ def adaptive_lawnmower(
     tomatoes; if the rest is too small for the strawberries' first rows, the tomatoes get fewer.
 
     An area with only one of the crops gets the whole budget; without any crop areas the whole area is
-    swept.
+    swept. The spacing of the path is the smaller one of the two crops.
 
     Parameters
     ----------
-    request : PlanningRequest
-        The problem; its crop areas say where tomatoes and strawberries are.
     tomato_share : float
         Share of the budget for the tomatoes, approach included, between 0 and 1.
-    direction : str or float, optional
-        Direction of the rows, see `mission.planners.sweep.sweep_angle`.
-    min_spacing_m : float, optional
-        Rows are at least so far apart. Default: a footprint.
-
-    Returns
-    -------
-    PlannedPath
-        Its spacing is the smaller one of the two crops.
+    direction, min_spacing_m
+        As of `lawnmower`.
 
     Raises
     ------

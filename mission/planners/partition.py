@@ -54,8 +54,6 @@ def power_cells(area: Area, shares: Sequence[float]) -> list[Area]:
     The weights give each cell its share of the area; then the sites move to the centroids of their cells,
     as in Lloyd's algorithm, until they stay (Balzer, Schloemer and Deussen 2009 do so for equal shares).
 
-    Parameters, returns: as of `strips`.
-
     Examples
     --------
     >>> cells = power_cells(shapely.box(0.0, 0.0, 3.0, 3.0), [0.5, 0.25, 0.25])

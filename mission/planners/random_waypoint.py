@@ -30,15 +30,8 @@ def random_waypoint(request: PlanningRequest, /, *, waypoints: int | None = None
 
     Parameters
     ----------
-    request : PlanningRequest
-        The problem; `seed` decides the positions.
     waypoints : int, optional
         How many positions are drawn at most. Default: as many as the budget allows.
-
-    Returns
-    -------
-    PlannedPath
-        Without a spacing.
 
     Raises
     ------

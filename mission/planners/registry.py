@@ -30,17 +30,7 @@ class Registered(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class ConfiguredPlanner:
-    """A planner with its name and parameters; it is called with a request alone.
-
-    Parameters
-    ----------
-    name : str
-        What messages and results call it.
-    planner : callable
-        What plans: from a request and the parameters.
-    parameters : dict
-        Given to the planner by name; those that are not here have their defaults.
-    """
+    """A planner with its name, for messages and results, and parameters; called with a request alone."""
 
     name: str
     planner: Callable[..., PlannedPath]

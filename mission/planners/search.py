@@ -37,37 +37,18 @@ def densest_feasible(
     limit: float | None = None,
     look_ahead: tuple[int, ...] = LOOK_AHEAD,
 ) -> Found:
-    """Return the largest index whose candidate costs no more than the limit.
+    """Return the largest index whose candidate costs no more than the limit, by default that of the budget.
 
     The cost is only roughly monotone (rows that end on the far side have a longer way home), so the search
-    brackets the last feasible index by interpolation and bisection, then tries a few
-    candidates beyond it, and goes on from there if one of them is feasible. Only a candidate whose own
-    cost was seen to be within the limit is returned.
+    brackets the last feasible index by interpolation and bisection, then tries a few candidates beyond it
+    (`look_ahead`), and goes on from there if one of them is feasible. Only a candidate whose own cost was
+    seen to be within the limit is returned.
 
     A budget that prices many paths at once gets them in rounds: a guess together with an index a little
     beyond it, which bound the last feasible one if the guess is good, and all of those beyond the last one.
 
-    Parameters
-    ----------
-    request : PlanningRequest
-        Its budget is charged.
-    build : callable
-        From an index to the points of the candidate.
-    lowest, highest : int
-        First and last index.
-    what : str
-        What the candidates are, for the error text: ``lawnmower with 2 rows``.
-    density : callable
-        From an index to a number that the cost is about linear in.
-    limit : float, optional
-        Default: the budget's limit.
-    look_ahead : tuple of int
-        How far beyond the last feasible index others are tried.
-
-    Raises
-    ------
-    PlanningError
-        If not even the sparsest candidates are within the limit; the text says the least budget.
+    The cost is about linear in the `density` of an index. PlanningError if not even the sparsest candidates
+    are within the limit; it says what they are (`what`: ``lawnmower with 2 rows``), and the least budget.
     """
     bound = request.budget.limit if limit is None else limit
     seen: dict[int, float] = {}

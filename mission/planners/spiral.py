@@ -41,15 +41,8 @@ def spiral(
 
     Parameters
     ----------
-    request : PlanningRequest
-        The problem.
     min_spacing_m, max_spacing_m : float, optional
         Rings are at least and at most so far apart. Default: at least a footprint.
-
-    Returns
-    -------
-    PlannedPath
-        Its spacing is the distance between rings.
 
     Raises
     ------

@@ -21,26 +21,11 @@ _MAX_ROWS = 50_000
 
 
 class Sweep:
-    """Parallel rows over an area, for any number of rows.
+    """Parallel rows over an area, which is inset already, for any number of rows.
 
     Every part of the area has rows from border to border, so that a part is never missed; all parts have
-    about the same spacing, and none has rows closer than the least spacing.
-
-    Parameters
-    ----------
-    area : shapely Polygon or MultiPolygon
-        What the rows lie in, metres (already inset).
-    min_spacing_m : float
-        Least distance between two rows; 0 for none.
-    angle_rad : float
-        Direction of the rows, anticlockwise from the x axis.
-    max_spacing_m : float
-        Greatest distance between two rows of the highest part of the area; infinite for none.
-
-    Raises
-    ------
-    PlanningError
-        If no number of rows lies between the two spacings.
+    about the same spacing, and none has rows closer than the least spacing. The greatest one is that of the
+    highest part. PlanningError if no number of rows lies between the two.
     """
 
     def __init__(
@@ -206,22 +191,11 @@ def boustrophedon(ends: NDArray[np.float64], *, from_last: bool = False, from_ri
 
 
 def sweep_angle(area: Area, direction: str | float | None = None) -> float:
-    """Return the direction of the rows.
+    """Return the angle of the rows, radians anticlockwise from the x axis; PlanningError if it is none.
 
-    Parameters
-    ----------
-    area : shapely Polygon or MultiPolygon
-        The area to sweep.
-    direction : str or float, optional
-        ``"x"``: along the x axis. ``"longest-side"``: along the longest straight side. ``"fewest-turns"``:
-        along the convex hull's edge across which the area is narrowest. A number: an angle in radians,
-        anticlockwise from the x axis. None: ``"x"`` for a rectangle along the axes, as in the paper, else
-        ``"fewest-turns"``.
-
-    Raises
-    ------
-    PlanningError
-        If the direction is none of these.
+    ``"x"``: along the x axis. ``"longest-side"``: along the longest straight side. ``"fewest-turns"``: along
+    the convex hull's edge across which the area is narrowest. A number is the angle itself. None: ``"x"``
+    for a rectangle along the axes, as in the paper, else ``"fewest-turns"``.
 
     Examples
     --------

@@ -248,15 +248,7 @@ class _Regions:
 
 
 class Terrain:
-    """Where a path may go: the area, and the area inset by half a footprint, where the path lies if it can.
-
-    Parameters
-    ----------
-    area : shapely Polygon or MultiPolygon
-        The area in metres.
-    footprint_m : float
-        Width of what the camera sees at once.
-    """
+    """Where a path may go: the area, and that inset by half a footprint, where it lies if it can."""
 
     def __init__(self, area: Area, footprint_m: float) -> None:
         self.area = area
@@ -273,19 +265,12 @@ class Terrain:
         return np.vstack(self.legs(pieces, start_m))
 
     def legs(self, pieces: Sequence[Points], start_m: ArrayLike) -> list[Points]:
-        """Return the pieces, each of which lies in the inset area, with the way to each before it.
+        """Return one or more pieces, each of which lies in the inset area, with the way to each before it.
 
         Two pieces are joined by a straight leg if it stays inside, else by the shortest way inside the
         inset area, else by the shortest way inside the area. Only between parts of the area that do not
-        hang together is the leg a straight transit. The way from the start is found likewise; the start
-        itself is not in the result.
-
-        Parameters
-        ----------
-        pieces : sequence of float64[n, 2]
-            At least one.
-        start_m : float64[2]
-            Where the flight starts, anywhere.
+        hang together is the leg a straight transit. The way from the start, which lies anywhere, is found
+        likewise; the start itself is not in the result.
         """
         start = np.asarray(start_m, dtype=np.float64)
         leaves = np.vstack((start, *(piece[-1] for piece in pieces[:-1])))

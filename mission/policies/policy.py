@@ -200,10 +200,7 @@ def policy_names() -> tuple[str, ...]:
 def policy_parameters(name: str) -> dict[str, Any]:
     """Return the parameters of a policy, the arguments of its factory, with their defaults.
 
-    Raises
-    ------
-    PlanningError
-        If there is no policy of that name.
+    PlanningError if there is no policy of that name.
     """
     named = load_registered("policy", ENTRY_POINT_GROUP, name, {})
     return _parameters(named.found, named.what)

@@ -22,22 +22,10 @@ def is_free(free: Any, i: int, j: int) -> bool:
 
 @compiled(inline="late")
 def leg_to(x: float, y: float, i: int, j: int, slopes: Any) -> tuple[float, float, float, float, float]:
-    """Return the leg from a place to the middle of a cell.
+    """Return the leg from a place, in cells, to the middle of a cell (i, j).
 
-    Parameters
-    ----------
-    x, y : float
-        The place, in cells.
-    i, j : int
-        The cell.
-    slopes : float64[directions]
-        See `mission.policies.planning_grid.LegCosts`.
-
-    Returns
-    -------
-    tuple of float
-        Its parts along x and y, its length in cells, its direction in turns from the x-axis towards y, and
-        what a cell's length of it costs.
+    Its parts along x and y, its length in cells, its direction in turns from the x-axis towards y, and what a
+    cell's length of it costs, by `mission.policies.planning_grid.LegCosts.slopes`.
     """
     dx, dy = i + 0.5 - x, j + 0.5 - y
     turns = (math.atan2(dy, dx) / (2.0 * math.pi)) % 1.0
@@ -56,20 +44,11 @@ def leg_values(
     values: Any,
     costs: Any,
 ) -> None:
-    """Fill in the value and the cost of the legs from a place to cells around it.
+    """Fill in values and costs, float64[n] each, of the legs from a place (x, y) to cells around it.
 
-    Parameters
-    ----------
-    pooled, free : float32[W, H], bool[W, H]
-        What seeing each cell takes; where legs may lead. A leg may begin elsewhere.
-    x, y : float
-        The place, in cells.
-    offsets : int64[n, 2]
-        Ends of the legs, in cells from the one of the place (`mission.policies.route_search.leg_offsets`).
-    turn, slopes
-        See `mission.policies.planning_grid.LegCosts`.
-    values, costs : float64[n]
-        Filled; a leg that cannot be flown has the value -1.
+    `pooled`, float32[W, H], is what seeing each cell takes; legs may lead where it is `free`, bool[W, H],
+    and may begin elsewhere. They end `offsets`, int64[n, 2], from the cell of the place; `turn` and `slopes`
+    are those of `mission.policies.planning_grid.LegCosts`. A leg that cannot be flown has the value -1.
     """
     begin_i, begin_j = math.floor(x + 1e-9), math.floor(y + 1e-9)
     inside = is_free(free, begin_i, begin_j)
@@ -271,34 +250,13 @@ def search_route(
 ) -> Any:
     """Search the route that takes most value early, up to a horizon of cost.
 
-    Parameters
-    ----------
-    values : float32[W, H]
-        What seeing each cell is worth.
-    shares : float32[2 r + 1, 2 r + 1]
-        See `neighbour_shares`.
-    free : bool[W, H]
-        Cells through which legs may lead; a route may begin outside of them.
-    x, y : float
-        Where it begins, in cells.
-    offsets : int64[n, 2]
-        See `leg_offsets`.
-    horizon : float
-        Cost up to which routes are compared.
-    turn : float
-        Cost of a turn, in every leg.
-    slopes : float64[directions]
-        Cost of a cell's length in the directions of legs, all around from the x-axis towards y.
-    patience : float
-        Value gained later counts less: by ``exp(-cost / patience)``.
-    groups, beam : int
-        Number of intervals of cost, and of routes that are kept in each.
+    Seeing a cell is worth `values`, float32[W, H]; value gained later counts less, by ``exp(-cost /
+    patience)``. `shares`: see `neighbour_shares`; `free` and `turn` to `slopes`: see `leg_values`;
+    `offsets`: see `leg_offsets`. Costs up to the horizon fall into so many `groups`, of each of which a
+    `beam` of routes is kept.
 
-    Returns
-    -------
-    float64[legs, 4]
-        Ends of the legs of the best route: x, y, cost and discounted value until there; no legs if nothing
-        can be reached.
+    Return the ends of the legs of the best route, float64[legs, 4]: x, y, cost and discounted value until
+    there; no legs if nothing can be reached.
     """
     width, height = values.shape
     radius = shares.shape[0] // 2

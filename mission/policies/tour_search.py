@@ -150,33 +150,15 @@ def _reverse_parts(
 def search_tour(
     places: Any, costs: Any, back: Any, pooled: Any, patience: float, limit: float, rounds: int, most: int
 ) -> Any:
-    """Search a tour from the first place that is worth much within a limit of cost.
+    """Search a tour from the first place that is worth much within a limit of cost, the way home included.
 
-    Parameters
-    ----------
-    places : float64[n, 2]
-        The vehicle's position, then where it may go, in cells.
-    costs : float64[n, n]
-        Of the legs between them.
-    back : float64[n]
-        What must be kept for the way home from each.
-    pooled : float32[W, H]
-        What seeing each cell takes; each cell counts once.
-    patience : float
-        Value gained later counts less: by ``exp(-cost / patience)``.
-    limit : float
-        Largest cost, the way home included.
-    rounds : int
-        How often a third of the tour is taken out and filled up again.
-    most : int
-        Largest number of places in a tour.
+    `places`, float64[n, 2], are where it begins and where it may go, in cells; `costs`, float64[n, n], those
+    of the legs between them; `back`, float64[n], what must be kept for the way home. Seeing a cell takes
+    `pooled`, float32[W, H], once; value gained later counts less, by ``exp(-cost / patience)``. `rounds`
+    times a third of the tour, of at most `most` places, is taken out and filled up again.
 
-    Returns
-    -------
-    int64[m]
-        Numbers of the places in their order, the first one left out.
-    float
-        The discounted value.
+    Return the numbers of the places in their order, int64[m], the first one left out, and the discounted
+    value.
     """
     marks = np.zeros(pooled.shape, np.int64)
     mark = 0

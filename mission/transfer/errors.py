@@ -19,15 +19,7 @@ class LocalTransferError(TransferError):
 
 
 class RemoteTransferError(TransferError):
-    """A transfer that the vehicle refused, broke or did not answer.
-
-    Parameters
-    ----------
-    text : str
-        One line.
-    failure : TransferFailed, optional
-        The event that ended the transfer.
-    """
+    """A transfer that the vehicle refused, broke or did not answer; `failure` is the event that ended it."""
 
     def __init__(self, text: str, failure: TransferFailed | None = None) -> None:
         super().__init__(text)

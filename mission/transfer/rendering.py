@@ -116,17 +116,9 @@ def render(
 
 
 def refuse_errors(rendered: Rendered, *, arming: bool = True) -> None:
-    """Refuse a plan that the autopilot would not take.
+    """Refuse a plan that the autopilot would not take: LocalTransferError, which says what would be accepted.
 
-    Parameters
-    ----------
-    arming : bool
-        Refuse also what it takes and would not arm with, by its parameters.
-
-    Raises
-    ------
-    LocalTransferError
-        With the first error, which says what would be accepted.
+    With `arming` also what it takes and would not arm with, by its parameters.
     """
     errors = [one for one in rendered.errors if arming or not one.parameter]
     if errors:

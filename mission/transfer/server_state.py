@@ -98,54 +98,28 @@ class EndedUpload(NamedTuple):
 
 @dataclass(slots=True)
 class ServerSession:
-    """What the server remembers of the transfer that runs, or of the last one.
-
-    Parameters
-    ----------
-    count, first : int
-        Upload: items on the wire, and the first one that is sent (above 0 in a partial upload).
-    part : bool
-        Upload: whether it replaces a part of the plan.
-    items : list of MissionItem
-        Upload: what has come.
-    cut : bool
-        Upload: whether a smaller count has shortened the plan already.
-    start : int or None
-        Upload: the item marked as current.
-    candidate, verdict : MissionItem or None, int
-        Upload: the item validated last, and the MAV_MISSION_RESULT for it.
-    outgoing : tuple of MissionItem
-        Download: what is sent.
-    next : int
-        Download: one more than the highest item that was asked for.
-    asked_int : bool
-        Download: whether MISSION_REQUEST_INT was used.
-    warned : bool
-        Whether the float messages were complained about.
-    heard_s, asked_s : float
-        When the partner was heard, and when an item was asked for.
-    held_until_s : float
-        Until when a COUNT is refused after an empty one.
-    """
+    """What the server remembers of the transfer that runs, or of the last one."""
 
     state: ServerState = IDLE
     partner: tuple[int, int] = (0, 0)
     type: MissionType = MissionType.MISSION
+    # count, first: upload: items on the wire, and the first one that is sent (above 0 in a partial upload)
     count: int = 0
     first: int = 0
-    part: bool = False
-    items: list[MissionItem] = field(default_factory=list)
-    cut: bool = False
-    start: int | None = None
+    part: bool = False  # Upload: whether it replaces a part of the plan
+    items: list[MissionItem] = field(default_factory=list)  # Upload: what has come
+    cut: bool = False  # Upload: whether a smaller count has shortened the plan already
+    start: int | None = None  # Upload: the item marked as current
+    # candidate, verdict: upload: the item validated last, and the MAV_MISSION_RESULT for it
     candidate: MissionItem | None = None
     verdict: int = int(wire.ACCEPTED)
-    outgoing: tuple[MissionItem, ...] = ()
-    next: int = 0
-    asked_int: bool = False
-    warned: bool = False
-    heard_s: float = 0.0
+    outgoing: tuple[MissionItem, ...] = ()  # Download: what is sent
+    next: int = 0  # Download: one more than the highest item that was asked for
+    asked_int: bool = False  # Download: whether MISSION_REQUEST_INT was used
+    warned: bool = False  # Whether the float messages were complained about
+    heard_s: float = 0.0  # heard_s, asked_s: when the partner was heard, and when an item was asked for
     asked_s: float = 0.0
-    held_until_s: float = -1.0
+    held_until_s: float = -1.0  # Until when a COUNT is refused after an empty one
     ended: EndedUpload | None = None
 
     @property

@@ -45,17 +45,11 @@ def vehicle_of(message: Message) -> Vehicle | None:
 
 
 class VehicleSearch:
-    """Looks for a vehicle among the messages of a link: a certain one, or the first one besides those known.
-
-    Attributes
-    ----------
-    others : dict of int to Vehicle
-        Those that were heard and are not wanted, by system id.
-    """
+    """Looks for a vehicle among the messages of a link: a certain one, or the first besides those known."""
 
     def __init__(self, system_id: int | None = None, besides: Collection[int] = ()) -> None:
         self.found: Vehicle | None = None
-        self.others: dict[int, Vehicle] = {}
+        self.others: dict[int, Vehicle] = {}  # Those that were heard and are not wanted, by system id
         self._wanted, self._besides = system_id, besides
 
     def take(self, message: Message) -> Vehicle | None:

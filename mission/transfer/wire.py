@@ -189,18 +189,10 @@ def item_to_message(
     integer: bool = True,
     frame: int | None = None,
 ) -> ItemMessage:
-    """Build MISSION_ITEM_INT (or MISSION_ITEM with ``integer=False``) for an item.
+    """Build MISSION_ITEM_INT, with positions in 1e-7 degrees, for an item; MISSION_ITEM if not ``integer``.
 
-    Parameters
-    ----------
-    item : MissionItem
-        The item; a parameter that is None goes out as NaN.
-    current : bool
-        Mark the item as the one to start with.
-    integer : bool
-        Positions in 1e-7 degrees (True) or in 32-bit floats.
-    frame : int, optional
-        MAV_FRAME to write instead of the item's own (5 and 6 mean the same as 0 and 3).
+    A parameter that is None goes out as NaN. ``current`` marks the item as the one to start with; ``frame``
+    is written instead of the item's own (5 and 6 mean the same as 0 and 3).
     """
     common = (
         target[0],
@@ -229,12 +221,8 @@ def _parameter(value: float) -> float | None:
 def item_from_message(message: ItemMessage) -> MissionItem:
     """Read a MISSION_ITEM_INT or MISSION_ITEM.
 
-    A NaN in parameters 5 to 7 of a command that has no position becomes 0 ("not used").
-
-    Raises
-    ------
-    MissionError
-        If a number is infinite, or the position is none on the globe; `refusal` gives the answer to send.
+    A NaN in parameters 5 to 7 of a command that has no position becomes 0 ("not used"). MissionError if a
+    number is infinite, or the position is none on the globe; `refusal` gives the answer to send.
     """
     placed = message.frame in GLOBAL_FRAMES and has_position(message.command)
     x, y, z = message.x, message.y, message.z

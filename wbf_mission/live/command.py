@@ -50,11 +50,6 @@ class VehicleSilentError(WbfMissionError, RuntimeError):
 class OperatorCommand:
     """A command of an operator; OrderError if there is no such order, or its value is missing or wrong.
 
-    Parameters
-    ----------
-    arms : bool
-        It may start motors that stand, though it is no order to arm.
-
     Examples
     --------
     >>> OperatorCommand("takeoff", "100000")
@@ -65,7 +60,7 @@ class OperatorCommand:
 
     order: str
     value: str = ""
-    arms: bool = False
+    arms: bool = False  # It may start motors that stand, though it is no order to arm
 
     def __post_init__(self) -> None:
         if self.order not in ORDERS:

@@ -40,21 +40,13 @@ OFF_GROUND_M = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """What is sent to a vehicle, and what shows that it is carried out.
+    """What is sent to a vehicle, and what shows that it is carried out."""
 
-    Parameters
-    ----------
-    shown : callable
-        Tells by what was heard of the vehicle whether it is carried out.
-    command : int or None
-        MAV_CMD; None where only `message` is sent.
-    message : Message or None
-        What is sent to a vehicle that does not know the command. Nothing answers it.
-    """
-
+    # Tells by what was heard of the vehicle whether it is carried out
     shown: Callable[[VehicleMonitor], bool]
-    command: int | None = None
+    command: int | None = None  # MAV_CMD; None where only `message` is sent
     params: tuple[float, ...] = ()
+    # What is sent to a vehicle that does not know the command. Nothing answers it.
     message: Message | None = None
 
 
@@ -69,14 +61,8 @@ def is_ready(wanted: OperatorCommand, heard: VehicleMonitor) -> bool:
 def step_of(wanted: OperatorCommand, vehicle: tuple[int, int], heard: VehicleMonitor) -> Step:
     """Return how a vehicle is given an order.
 
-    Raises
-    ------
-    VehicleRefusedError
-        If the vehicle, as it is now, could not carry it out.
-    MotorsStandError
-        If it would start its motors, and the order does not say so.
-    ModeError
-        If it has no mode of that name.
+    VehicleRefusedError if it could not carry it out as it is now, MotorsStandError if it would start its
+    motors and the order does not say so, ModeError if it has no mode of that name.
     """
     kind = (heard.autopilot, heard.vehicle_type)
     if wanted.order in ("arm", "disarm"):

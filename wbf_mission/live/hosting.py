@@ -34,27 +34,13 @@ _AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
 
 @dataclass
 class LinkHosting:
-    """Vehicles behind links: ours are the ground stations, and the leaf cameras that ride along.
+    """Vehicles behind links: ours are the ground stations, and the leaf cameras that ride along."""
 
-    Parameters
-    ----------
-    heard : sequence of (str, Vehicle)
-        The vehicles, each with its link.
-    tlog : Path or None
-        Where every MAVLink frame is written that is heard and sent here.
-    agreed : bool
-        The operator agrees to the start beforehand.
-    force : bool
-        Send also what the autopilot would refuse or not fly.
-    note : callable
-        Takes lines for the operator.
-    """
-
-    heard: Sequence[tuple[str, Vehicle]]
-    tlog: Path | None
-    agreed: bool
-    force: bool
-    note: Callable[[str], None]
+    heard: Sequence[tuple[str, Vehicle]]  # The vehicles, each with its link
+    tlog: Path | None  # Where every MAVLink frame is written that is heard and sent here
+    agreed: bool  # The operator agrees to the start beforehand
+    force: bool  # Send also what the autopilot would refuse or not fly
+    note: Callable[[str], None]  # Takes lines for the operator
 
     @property
     def pace(self) -> None:

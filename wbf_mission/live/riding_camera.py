@@ -91,11 +91,8 @@ class MissionShots:
     def due(self, ordered: Shots | None, does: Shots, now_s: float, *, may_stop: bool) -> bool:
         """Return whether the camera has to do now what the mission orders.
 
-        Parameters
-        ----------
-        may_stop : bool
-            False while the mission is being changed: an item of the one, read in the other, must not end
-            the images.
+        While the mission is being changed it may not stop: an item of the one, read in the other, must not
+        end the images.
         """
         self._ordered = ordered
         if ordered != self._overruled:
@@ -113,17 +110,11 @@ class MissionShots:
 
 @dataclass(frozen=True, slots=True)
 class Silence:
-    """A vehicle before and after a time in which nothing was heard of it.
-
-    Parameters
-    ----------
-    item : int
-        Of the mission, that was flown before; -1 if none was.
-    """
+    """A vehicle before and after a time in which nothing was heard of it."""
 
     before: tuple[float, float]
     after: tuple[float, float]
-    item: int
+    item: int  # Of the mission, that was flown before; -1 if none was
     seconds: float
     shots: Shots
 

@@ -80,11 +80,6 @@ class FleetWatch:
     """A ground station that only listens, to all vehicles that are there.
 
     It sends a heartbeat, and asks autopilots that stream nothing unasked for their telemetry.
-
-    Attributes
-    ----------
-    vehicles : dict of int to WatchedVehicle
-        By system id, as they were heard.
     """
 
     system_id = GROUND_SYSTEM_ID
@@ -92,7 +87,7 @@ class FleetWatch:
     wanted: frozenset[int] | None = None
 
     def __init__(self) -> None:
-        self.vehicles: dict[int, WatchedVehicle] = {}
+        self.vehicles: dict[int, WatchedVehicle] = {}  # By system id, as they were heard
         self._heartbeat_s = -math.inf
         self._asked_s: dict[int, float] = {}
 

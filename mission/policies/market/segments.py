@@ -47,17 +47,9 @@ class Segment:
     rows: tuple[Row, ...]  # Line by line; on a line in the order along it
 
     def ordered(self, variant: int) -> list[tuple[int, Points]]:
-        """Return the rows in the order and direction of a flight to and fro from a corner.
+        """Return number and ends, float64[2, 2], of the rows in a flight to and fro from a corner, 0 to 3.
 
-        Parameters
-        ----------
-        variant : int
-            The corner, 0 to 3: bit 0 flies the first row backwards, bit 1 begins with the last line.
-
-        Returns
-        -------
-        list of (int, float64[2, 2])
-            Number of the row, and its ends as they are flown.
+        Bit 0 of the corner flies the first row backwards, bit 1 begins with the last line.
         """
         lines = [list(rows) for _, rows in groupby(range(len(self.rows)), lambda k: self.rows[k].line)]
         if variant & 2:

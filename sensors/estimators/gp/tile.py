@@ -164,43 +164,30 @@ def fill_nodes(
 
 
 @compiled(nogil=True)
-def _bells(places: Floats, nodes: Floats, length: float) -> Floats:
+def _bells(places: Floats, axis: int, nodes: Floats, length: float, amplitude: float) -> Floats:
     """Return the factors of the covariance along one axis, float64[places, nodes]."""
     out = np.empty((len(places), len(nodes)))
     scale = -0.5 / (length * length)
     for i in range(len(places)):
         for p in range(len(nodes)):
-            d = nodes[p] - places[i]
-            out[i, p] = np.exp(scale * d * d)
+            d = nodes[p] - places[i, axis]
+            out[i, p] = amplitude * np.exp(scale * d * d)
     return out
 
 
 @compiled(nogil=True)
-def _solve_few(
-    seen: Floats, kernel: Any, node_x: Floats, node_y: Floats, posterior: NDArray[np.float32]
-) -> None:
-    """Solve a tile by the covariance of the observations; the third part is the reduction of the variance."""
+def _covariance(seen: Floats, kernel: Any) -> Floats:
+    """Return the covariance of the observations, float64[n, n]."""
     length_x, length_y, noise, amplitude = kernel
-    n = len(seen)
+    covariance = np.empty((len(seen), len(seen)))
     scale_x, scale_y = -0.5 / length_x**2, -0.5 / length_y**2
-    covariance = np.empty((n, n))
-    for i in range(n):
+    for i in range(len(seen)):
         for j in range(i + 1):
             dx, dy = seen[i, 0] - seen[j, 0], seen[i, 1] - seen[j, 1]
             covariance[i, j] = amplitude * np.exp(scale_x * dx * dx + scale_y * dy * dy)
             covariance[j, i] = covariance[i, j]
         covariance[i, i] += noise / seen[i, 2]
-    factor = np.linalg.cholesky(covariance)
-    weights = np.empty((n, 2))
-    weights[:, 0] = seen[:, 3]
-    weights[:, 1] = 1.0
-    substitute_forward(factor, weights, 2)
-    along_x = amplitude * _bells(seen[:, 0], node_x, length_x)
-    along_y = _bells(seen[:, 1], node_y, length_y)
-    terms = np.empty((n, 2), np.int64)
-    for i in range(n):
-        terms[i, 0] = terms[i, 1] = i
-    fill_nodes(factor, weights, along_x, along_y, terms, posterior)
+    return covariance
 
 
 @compiled(nogil=True)
@@ -216,49 +203,34 @@ def sines(places: Floats, low: float, high: float, roots: Floats) -> Floats:
 
 
 @compiled(nogil=True)
-def _solve_many(
-    seen: Floats,
-    kernel: Any,
-    spectrum: Any,
-    terms: Places,
-    span_x: Any,
-    span_y: Any,
-    node_x: Floats,
-    node_y: Floats,
-    posterior: NDArray[np.float32],
-) -> None:
-    """Solve a tile by the weights of sine functions; the third part is the reduction of the variance."""
-    noise, amplitude = kernel[2], kernel[3]
-    roots_x, roots_y = spectrum[0], spectrum[1]
-    (low_x, high_x), (low_y, high_y) = span_x, span_y
+def _precision(
+    seen: Floats, noise: float, spectrum: Any, terms: Places, span_x: Any, span_y: Any, weights: Floats
+) -> Floats:
+    """Return the precision of the weights of sine functions, float64[m, m]; add the data to `weights`."""
     m = len(terms)
-    precision = np.eye(m)
-    weights = np.zeros((m, 2))
+    precision, product = np.zeros((m, m)), np.empty((m, m))
+    for i in range(m):
+        precision[i, i] = 1.0
     batch = np.empty((m, _BATCH))
+    place_x, place_y = np.empty(_BATCH), np.empty(_BATCH)
     for start in range(0, len(seen), _BATCH):
-        part = seen[start : start + _BATCH]
-        along_x = sines(part[:, 0], low_x, high_x, roots_x)
-        along_y = sines(part[:, 1], low_y, high_y, roots_y)
+        count = min(_BATCH, len(seen) - start)
+        for p in range(count):
+            place_x[p], place_y[p] = seen[start + p, 0], seen[start + p, 1]
+        along_x = sines(place_x[:count], span_x[0], span_x[1], spectrum[0])
+        along_y = sines(place_y[:count], span_y[0], span_y[1], spectrum[1])
         batch[:] = 0.0
-        for p in range(len(part)):
-            root = np.sqrt(part[p, 2] / noise)
+        for p in range(count):
+            root = np.sqrt(seen[start + p, 2] / noise)
             for i in range(m):
                 batch[i, p] = root * along_x[terms[i, 0], p] * along_y[terms[i, 1], p]
-                weights[i, 0] += batch[i, p] * root * part[p, 3]
+                weights[i, 0] += batch[i, p] * root * seen[start + p, 3]
                 weights[i, 1] += batch[i, p] * root
-        precision += np.dot(batch, batch.T)
-    factor = np.linalg.cholesky(precision)
-    substitute_forward(factor, weights, 2)
-    along_x, along_y = sines(node_x, low_x, high_x, roots_x), sines(node_y, low_y, high_y, roots_y)
-    fill_nodes(factor, weights, along_x, along_y, terms, posterior)
-    for p in range(len(node_x)):
-        for q in range(len(node_y)):
-            posterior[2, p, q] = amplitude - posterior[2, p, q]
-
-
-@compiled(nogil=True)
-def _centred(middle: float, side: float) -> tuple[float, float]:
-    return middle - 0.5 * side, middle + 0.5 * side
+        np.dot(batch, batch.T, product)
+        for i in range(m):
+            for j in range(m):
+                precision[i, j] += product[i, j]
+    return precision
 
 
 @compiled(nogil=True)
@@ -307,29 +279,54 @@ def solve_tiles(
     for k in range(len(tiles)):
         i0, i1 = edges_x[tiles[k, 0]], edges_x[tiles[k, 0] + 1]
         j0, j1 = edges_y[tiles[k, 1]], edges_y[tiles[k, 1] + 1]
+        middle_x = first_x + 0.5 * (i0 + i1 - 1) * step_x
+        middle_y = first_y + 0.5 * (j0 + j1 - 1) * step_y
+        span_x = middle_x - 0.5 * spectrum[2], middle_x + 0.5 * spectrum[2]
+        span_y = middle_y - 0.5 * spectrum[3], middle_y + 0.5 * spectrum[3]
         box = (
             max(0, first_x + i0 * step_x - reach[0]),
             min(index.shape[0], first_x + (i1 - 1) * step_x + reach[0] + 1),
             max(0, first_y + j0 * step_y - reach[1]),
             min(index.shape[1], first_y + (j1 - 1) * step_y + reach[1] + 1),
         )
-        span_x = _centred(first_x + 0.5 * (i0 + i1 - 1) * step_x, spectrum[2])
-        span_y = _centred(first_y + 0.5 * (j0 + j1 - 1) * step_y, spectrum[3])
         seen = gather(index, sums, box)
-        if len(seen) == 0:
+        n, m = len(seen), len(terms)
+        if n == 0:
             continue
         # Nodes that no observation reaches keep the prior.
-        i0 = max(i0, -int((first_x - seen[:, 0].min() + touch[0]) // step_x))
-        j0 = max(j0, -int((first_y - seen[:, 1].min() + touch[1]) // step_y))
-        i1 = min(i1, int((seen[:, 0].max() + touch[0] - first_x) // step_x) + 1)
-        j1 = min(j1, int((seen[:, 1].max() + touch[1] - first_y) // step_y) + 1)
+        low_x, high_x, low_y, high_y = seen[0, 0], seen[0, 0], seen[0, 1], seen[0, 1]
+        for p in range(1, n):
+            low_x, high_x = min(low_x, seen[p, 0]), max(high_x, seen[p, 0])
+            low_y, high_y = min(low_y, seen[p, 1]), max(high_y, seen[p, 1])
+        i0 = max(i0, -int((first_x - low_x + touch[0]) // step_x))
+        j0 = max(j0, -int((first_y - low_y + touch[1]) // step_y))
+        i1 = min(i1, int((high_x + touch[0] - first_x) // step_x) + 1)
+        j1 = min(j1, int((high_y + touch[1] - first_y) // step_y) + 1)
         if i0 >= i1 or j0 >= j1:
             continue
-        node_x = first_x + step_x * np.arange(i0, i1).astype(np.float64)
-        node_y = first_y + step_y * np.arange(j0, j1).astype(np.float64)
-        if len(seen) <= len(terms):
-            _solve_few(seen, kernel, node_x, node_y, posterior[:, i0:i1, j0:j1])
+        node_x, node_y = np.empty(i1 - i0), np.empty(j1 - j0)
+        for p in range(len(node_x)):
+            node_x[p] = first_x + step_x * float(i0 + p)
+        for p in range(len(node_y)):
+            node_y[p] = first_y + step_y * float(j0 + p)
+        if n <= m:
+            weights, products = np.empty((n, 2)), np.empty((n, 2), np.int64)
+            for p in range(n):
+                weights[p, 0], weights[p, 1] = seen[p, 3], 1.0
+                products[p, 0] = products[p, 1] = p
+            matrix = _covariance(seen, kernel)
+            along_x = _bells(seen, 0, node_x, kernel[0], kernel[3])
+            along_y = _bells(seen, 1, node_y, kernel[1], 1.0)
         else:
-            _solve_many(
-                seen, kernel, spectrum, terms, span_x, span_y, node_x, node_y, posterior[:, i0:i1, j0:j1]
-            )
+            weights, products = np.zeros((m, 2)), terms
+            matrix = _precision(seen, kernel[2], spectrum, terms, span_x, span_y, weights)
+            along_x = sines(node_x, span_x[0], span_x[1], spectrum[0])
+            along_y = sines(node_y, span_y[0], span_y[1], spectrum[1])
+        factor = np.linalg.cholesky(matrix)
+        substitute_forward(factor, weights, 2)
+        part = posterior[:, i0:i1, j0:j1]
+        fill_nodes(factor, weights, along_x, along_y, products, part)
+        if n > m:
+            for p in range(len(node_x)):
+                for q in range(len(node_y)):
+                    part[2, p, q] = kernel[3] - part[2, p, q]

@@ -18,16 +18,4 @@ if TYPE_CHECKING:
     from geo.grid import FarmGrid as FarmGrid
     from geo.units import FOOT_M as FOOT_M
 else:
-    __getattr__, __dir__, __all__ = attach(
-        __name__,
-        {
-            "geo.built_in": ("farm_names",),
-            "geo.errors": ("FarmError", "WbfMissionError"),
-            "geo.farm": ("Crop", "Farm", "Patch"),
-            "geo.farms": ("get_farm",),
-            "geo.frame": ("LocalFrame",),
-            "geo.geojson": ("load_farm", "save_farm"),
-            "geo.grid": ("FarmGrid",),
-            "geo.units": ("FOOT_M",),
-        },
-    )
+    __getattr__, __dir__, __all__ = attach(__name__)

@@ -1,32 +1,35 @@
 """What is imported when it is first used: public names of packages (PEP 562), and entry points.
 
 Importing one light module of a package then does not import numpy or shapely for all the others. A package
-names the modules twice: for the type checker, which sees plain imports, and for `attach`::
+names them once, as the type checker sees them, one in a line, and `attach` reads these lines::
 
     if TYPE_CHECKING:
         from geo.farm import Farm as Farm
     else:
-        __getattr__, __dir__, __all__ = attach(__name__, {"geo.farm": ("Farm",)})
+        __getattr__, __dir__, __all__ = attach(__name__)
 """
 
 from __future__ import annotations
 
 import importlib
+import re
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from importlib import metadata
 
 
-def attach(
-    package: str, modules: Mapping[str, Iterable[str]]
-) -> tuple[Callable[[str], object], Callable[[], list[str]], list[str]]:
-    """Make ``__getattr__``, ``__dir__`` and ``__all__`` of a package."""
-    homes = {name: module for module, names in modules.items() for name in names}
+_PUBLIC = re.compile(r"^    from ([\w.]+) import (\w+) as \2$", re.MULTILINE)
+
+
+def attach(package: str) -> tuple[Callable[[str], object], Callable[[], list[str]], list[str]]:
+    """Make ``__getattr__``, ``__dir__`` and ``__all__`` of a package, of what its source names."""
+    loader: Any = sys.modules[package].__loader__
+    homes = {name: module for module, name in _PUBLIC.findall(loader.get_source(package))}
     public = sorted(homes)
 
     def __getattr__(name: str) -> object:  # noqa: N807 (is put into the package)

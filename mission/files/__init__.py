@@ -17,18 +17,4 @@ if TYPE_CHECKING:
     from mission.files.formats import write_mission as write_mission
     from mission.files.formats import writer_for as writer_for
 else:
-    __getattr__, __dir__, __all__ = attach(
-        __name__,
-        {
-            "mission.files.common": ("Firmware",),
-            "mission.files.formats": (
-                "MissionFormat",
-                "mission_formats",
-                "read_mission",
-                "reader_for",
-                "register_format",
-                "write_mission",
-                "writer_for",
-            ),
-        },
-    )
+    __getattr__, __dir__, __all__ = attach(__name__)

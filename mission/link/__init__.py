@@ -21,15 +21,4 @@ if TYPE_CHECKING:
     from mission.link.tlog import TlogWriter as TlogWriter
     from mission.link.tlog import read_tlog as read_tlog
 else:
-    __getattr__, __dir__, __all__ = attach(
-        __name__,
-        {
-            "mission.link.codec.frames": ("FrameReader", "FrameWriter", "SourceStatistics"),
-            "mission.link.codec.signing": ("Signing", "key_from_text"),
-            "mission.link.endpoint": ("LinkStatistics", "MavlinkEndpoint"),
-            "mission.link.address": ("Link", "LinkAddress", "parse_link_url"),
-            "mission.link.opening": ("open_link",),
-            "mission.link.memory": ("MemoryLink", "memory_pair"),
-            "mission.link.tlog": ("TlogWriter", "read_tlog"),
-        },
-    )
+    __getattr__, __dir__, __all__ = attach(__name__)

@@ -24,26 +24,4 @@ if TYPE_CHECKING:
     from mission.planners.request import Planner as Planner
     from mission.planners.request import PlanningRequest as PlanningRequest
 else:
-    __getattr__, __dir__, __all__ = attach(
-        __name__,
-        {
-            "mission.planners.budget": (
-                "BatchBudget",
-                "Budget",
-                "LengthBudget",
-                "StepBudget",
-                "parse_budget",
-            ),
-            "mission.planners.build": ("WingPattern", "build_mission"),
-            "mission.planners.conformance": ("check_planner",),
-            "mission.planners.path": ("PlannedPath", "path_length"),
-            "mission.planners.registry": (
-                "ConfiguredPlanner",
-                "make_planner",
-                "planner_names",
-                "planner_parameters",
-            ),
-            "mission.planners.request": ("CropArea", "Planner", "PlanningRequest"),
-            "mission.planners.area_coverage": ("coverage",),
-        },
-    )
+    __getattr__, __dir__, __all__ = attach(__name__)

@@ -24,12 +24,4 @@ else:
     from wbf_mission.rl.task import register_all
 
     register_all()
-    __getattr__, __dir__, __all__ = attach(
-        __name__,
-        {
-            "wbf_mission.rl.errors": ("TrainingError",),
-            "wbf_mission.rl.env": ("SurveyEnv", "SurveyParallelEnv", "parallel_env"),
-            "wbf_mission.rl.task": ("MOVE_NAMES",),
-            "wbf_mission.rl.vector_env": ("SurveyVectorEnv",),
-        },
-    )
+    __getattr__, __dir__, __all__ = attach(__name__)

@@ -38,7 +38,9 @@ def calibrated(name: str) -> VehicleSpec:
         get_vehicle("quad"),
         name=name,
         battery=BatterySpec(energy, cells, cell_v, full_cell_v=4.4),
-        power=PowerSpec(mass, disc, 60.0, drag_area_m2=DRAG_AREA_M2, avionics_w=6.0),
+        power=PowerSpec(
+            mass_kg=mass, disc_area_m2=disc, tip_speed_m_s=60.0, drag_area_m2=DRAG_AREA_M2, avionics_w=6.0
+        ),
     )
     low, high = 1e-3, 0.5
     for _ in range(50):

@@ -17,6 +17,7 @@ __all__ = [
     "PowerSpec",
     "RoverPowerSpec",
     "positive",
+    "within",
 ]
 
 AIR_DENSITY_KG_M3 = 1.225
@@ -84,12 +85,37 @@ class BatterySpec:
         return 1000.0 * self.capacity_wh / self.nominal_voltage_v
 
 
-@dataclass(frozen=True, slots=True)
-class PowerSpec:
-    """Parameters of the rotorcraft power model (see `sim_vehicle.energy.power.multirotor_power`)."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _PowerSpec:
+    """What all power models have."""
 
     mass_kg: float
-    """Take-off mass."""
+    """As it flies or drives."""
+    efficiency: float
+    """Propulsive (of rotors: shaft) power over electric power: propeller, motor, speed controller, wiring."""
+    # Constant power of autopilot and radio, and of the camera.
+    avionics_w: float = 8.0
+    camera_w: float = 4.0
+    idle_w: float = 2.0
+    """Additional power while armed on the ground."""
+
+    def __post_init__(self) -> None:
+        free = ("camera_w", "idle_w")
+        positive("power", self, *(f.name for f in fields(self) if f.name not in free))
+        for name in free:
+            value = getattr(self, name)
+            if not _is_number(value) or not 0.0 <= value < 1e6:
+                msg = f"power: {name} {value!r} is negative or not a number"
+                raise VehicleError(msg)
+        if self.efficiency > 1.0:
+            msg = f"power: efficiency {self.efficiency} is above 1"
+            raise VehicleError(msg)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PowerSpec(_PowerSpec):
+    """Parameters of the rotorcraft power model (see `sim_vehicle.energy.power.multirotor_power`)."""
+
     disc_area_m2: float
     """Disc area of all rotors together."""
     tip_speed_m_s: float
@@ -103,23 +129,13 @@ class PowerSpec:
     drag_area_m2: float = 0.03
     """Equivalent flat plate area of the fuselage."""
     efficiency: float = 0.7
-    """Shaft power over electric power (motors, speed controllers, wiring)."""
-    # Constant power of autopilot and radio, and of the camera.
-    avionics_w: float = 8.0
-    camera_w: float = 4.0
     idle_w: float = 25.0
-    """Additional power while armed on the ground."""
-
-    def __post_init__(self) -> None:
-        _check_power(self)
 
 
-@dataclass(frozen=True, slots=True)
-class FixedWingPowerSpec:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FixedWingPowerSpec(_PowerSpec):
     """Parameters of the power model of a fixed wing (see `sim_vehicle.energy.power.fixed_wing_power`)."""
 
-    mass_kg: float
-    """Take-off mass."""
     # Of the wing; they give its aspect ratio.
     wing_area_m2: float
     wing_span_m: float
@@ -128,20 +144,26 @@ class FixedWingPowerSpec:
     oswald: float = 0.8
     """Span efficiency of the induced drag."""
     efficiency: float = 0.55
-    """Propulsive over electric power: propeller, motor, speed controller, wiring."""
-    # Constant power of autopilot, servos and radio, and of the camera.
-    avionics_w: float = 8.0
-    camera_w: float = 4.0
-    idle_w: float = 2.0
-    """Additional power while armed on the ground."""
-
-    def __post_init__(self) -> None:
-        _check_power(self)
 
     @property
     def drag_area_m2(self) -> float:
         """Equivalent flat plate area of the drag without lift."""
         return self.parasitic_drag * self.wing_area_m2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RoverPowerSpec(_PowerSpec):
+    """Parameters of the power model of a ground vehicle (see `sim_vehicle.energy.power.rover_power`)."""
+
+    rolling_resistance: float = 0.08
+    """Rolling drag over weight."""
+    drag_area_m2: float = 0.2
+    """Drag coefficient times frontal area."""
+    efficiency: float = 0.6
+    avionics_w: float = 15.0
+
+
+AnyPowerSpec = PowerSpec | FixedWingPowerSpec | RoverPowerSpec
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,7 +188,9 @@ class FixedWingAirframe:
     """Deceleration over speed while it rolls; None is grass, which brakes at any speed alike."""
 
     def __post_init__(self) -> None:
-        for name, low, high in (
+        within(
+            "airframe",
+            self,
             ("thrust_n", 0.01, 1e5),
             ("lift_level", -1.0, 2.0),
             ("lift_slope", 1.0, 10.0),
@@ -174,49 +198,7 @@ class FixedWingAirframe:
             ("elevator_per_lift", 0.0, 5.0),
             ("liftoff_airspeed_m_s", 1.0, 100.0),
             ("ground_drag_1_s", 0.01, 10.0),
-        ):
-            value = getattr(self, name)
-            if value is not None and (not _is_number(value) or not low <= value <= high):
-                msg = f"airframe: {name} {value!r} is outside {low:g}..{high:g}"
-                raise VehicleError(msg)
-
-
-@dataclass(frozen=True, slots=True)
-class RoverPowerSpec:
-    """Parameters of the power model of a ground vehicle (see `sim_vehicle.energy.power.rover_power`)."""
-
-    mass_kg: float
-    """Mass as driven."""
-    rolling_resistance: float = 0.08
-    """Rolling drag over weight."""
-    drag_area_m2: float = 0.2
-    """Drag coefficient times frontal area."""
-    efficiency: float = 0.6
-    """Power at the wheels over electric power."""
-    # Constant power of computer and radio, and of the camera.
-    avionics_w: float = 15.0
-    camera_w: float = 4.0
-    idle_w: float = 2.0
-    """Additional power while armed and standing."""
-
-    def __post_init__(self) -> None:
-        _check_power(self)
-
-
-AnyPowerSpec = PowerSpec | FixedWingPowerSpec | RoverPowerSpec
-
-
-def _check_power(spec: AnyPowerSpec) -> None:
-    free = ("camera_w", "idle_w")
-    positive("power", spec, *(f.name for f in fields(spec) if f.name not in free))
-    for name in free:
-        value = getattr(spec, name)
-        if not _is_number(value) or not 0.0 <= value < 1e6:
-            msg = f"power: {name} {value!r} is negative or not a number"
-            raise VehicleError(msg)
-    if spec.efficiency > 1.0:
-        msg = f"power: efficiency {spec.efficiency} is above 1"
-        raise VehicleError(msg)
+        )
 
 
 def _is_number(value: object) -> bool:
@@ -236,3 +218,17 @@ def positive(what: str, spec: object, *names: str) -> None:
         if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < 1e9:
             msg = f"{what}: {name} {value!r} is not a positive number"
             raise VehicleError(msg)
+
+
+def within(what: str, spec: object, *ranges: tuple[str, float, float]) -> None:
+    """Check that attributes are None or numbers within their ranges.
+
+    Raises
+    ------
+    VehicleError
+        Naming the first that is not.
+    """
+    for name, low, high in ranges:
+        value = getattr(spec, name)
+        if value is not None and (not _is_number(value) or not low <= value <= high):
+            raise VehicleError(f"{what}: {name} {value!r} is outside {low:g}..{high:g}")

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from geo.seeds import child_seed, stream
 from sim_vehicle.airframe.estimate_errors import EstimateErrors
-from sim_vehicle.errors import VehicleError
+from sim_vehicle.airframe.power_spec import within
 
 __all__ = ["NavigationErrors", "Sensed", "SensorErrors", "SensorNoise"]
 
@@ -108,11 +108,7 @@ class SensorNoise:
     (`sim_vehicle.airframe.estimate_errors`)."""
 
     def __post_init__(self) -> None:
-        for name, most in (("gps_m", 100.0), ("barometer_m", 20.0)):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and 0.0 <= value <= most):
-                msg = f"sensor noise: {name} {value} is outside 0..{most:g}"
-                raise VehicleError(msg)
+        within("sensor noise", self, ("gps_m", 0.0, 100.0), ("barometer_m", 0.0, 20.0))
 
     @property
     def is_off(self) -> bool:

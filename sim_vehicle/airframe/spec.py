@@ -19,6 +19,7 @@ from sim_vehicle.airframe.power_spec import (
     PowerSpec,
     RoverPowerSpec,
     positive,
+    within,
 )
 from sim_vehicle.errors import VehicleError
 
@@ -158,11 +159,9 @@ class VehicleSpec:
                 msg = f"vehicle {self.name}: {name} {value!r} is not one of {', '.join(known)}"
                 raise VehicleError(msg)
         positive(f"vehicle {self.name}", self, *(f.name for f in fields(self) if f.name not in _NO_LIMITS))
-        for name, least in (("linear_drag_1_s", 0.0), ("attitude_response_s", 0.02)):
-            value = getattr(self, name)
-            if value is not None and not least <= value <= 10.0:
-                msg = f"vehicle {self.name}: {name} {value!r} is outside {least:g}..10"
-                raise VehicleError(msg)
+        within(
+            f"vehicle {self.name}", self, ("linear_drag_1_s", 0.0, 10.0), ("attitude_response_s", 0.02, 10.0)
+        )
         if not 0.0 <= self.disarm_delay_s < 3600.0:
             msg = f"vehicle {self.name}: disarm_delay_s {self.disarm_delay_s} is outside 0..3600"
             raise VehicleError(msg)

@@ -30,22 +30,6 @@ if TYPE_CHECKING:
     from sim_vehicle.autopilot.mavlink_profile import MavlinkProfile
     from sim_vehicle.autopilot.stick_rules import StickRules
 
-__all__ = [
-    "Autopilot",
-    "Firmware",
-    "adapt_vehicle",
-    "autopilot_of_number",
-    "estimate_errs",
-    "firmware_of",
-    "fixed_wing_procedures",
-    "flight_procedures",
-    "forget_autopilots",
-    "get_autopilot",
-    "name_of_number",
-    "with_autopilot",
-    "with_return_margin",
-]
-
 # Of what an estimate's errors carry a vehicle aside: so many are its margin to a step of the return altitude.
 _RETURN_DEVIATIONS = 3.0
 _NOT_INSTALLED = f"no package gives any in the entry points {AUTOPILOT_GROUP}: install wbf-mission again"

@@ -29,32 +29,22 @@ _AVERAGE_S = 30.0
 
 
 class BatteryState(NamedTuple):
-    """What a battery monitor would show.
+    """What a battery monitor would show."""
 
-    Parameters
-    ----------
-    voltage_v, current_a : float
-        At the terminals, now.
-    rest_voltage_v : float
-        What the voltage would be at once without the current: the sag over the resistance made good.
-    used_wh, used_mah : float
-        Drawn since the battery was full.
-    fraction : float
-        Remaining energy over the capacity, 0 to 1.
-    remaining_s : float
-        Until empty at the mean power of late; infinite without any.
-    cells : int
-        Cells in series.
-    """
-
+    # At the terminals, now.
     voltage_v: float
     current_a: float
     rest_voltage_v: float
+    """What the voltage would be at once without the current: the sag over the resistance made good."""
+    # Drawn since the battery was full.
     used_wh: float
     used_mah: float
     fraction: float
+    """Remaining energy over the capacity, 0 to 1."""
     remaining_s: float
+    """Until empty at the mean power of late; infinite without any."""
     cells: int
+    """In series."""
 
     @property
     def depleted(self) -> bool:
@@ -106,14 +96,8 @@ class BatteryMeter:
     def read(self, time_s: float, used_j: float, power_w: float) -> BatteryState:
         """Return the state of the battery, and remember it for the recovery of its voltage.
 
-        Parameters
-        ----------
-        time_s : float
-            Now; reading again at the same time gives the same.
-        used_j : float
-            Energy that its cells gave since they were full.
-        power_w : float
-            Power that they give now, losses in the battery included.
+        Energy and power are those that its cells gave since they were full, and give now, losses in the
+        battery included. Reading again at the same time gives the same.
         """
         battery = self.battery
         fraction = remaining_fraction(battery, used_j)

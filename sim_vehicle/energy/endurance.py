@@ -23,16 +23,9 @@ _SLOWEST = 0.8
 
 @dataclass(frozen=True, slots=True)
 class Best:
-    """What a vehicle can do at most with a full battery.
+    """What a vehicle can do at most with a full battery."""
 
-    Parameters
-    ----------
-    endurance_s, endurance_speed_m_s : float
-        The longest time, and the speed at which it goes on so long.
-    range_m, range_speed_m_s : float
-        The longest distance, and its speed.
-    """
-
+    # The longest time and the longest distance, and the speeds of these.
     endurance_s: float
     endurance_speed_m_s: float
     range_m: float
@@ -42,17 +35,7 @@ class Best:
 def endurance_s(spec: VehicleSpec, airspeed_m_s: float, *, used_fraction: float = 1.0) -> float:
     """Return the time of steady motion until a vehicle has used a share of its battery, seconds.
 
-    Parameters
-    ----------
-    airspeed_m_s : float
-        0 hovers.
-    used_fraction : float
-        Share of the full battery.
-
-    Raises
-    ------
-    VehicleError
-        If the vehicle has no battery or no power model.
+    An airspeed of 0 hovers. VehicleError if the vehicle has no battery or no power model.
 
     Examples
     --------
@@ -70,15 +53,8 @@ def endurance_s(spec: VehicleSpec, airspeed_m_s: float, *, used_fraction: float 
 def best_speeds(spec: VehicleSpec, *, least_airspeed_m_s: float | None = None) -> Best:
     """Return the longest time and the longest distance of a vehicle, with their speeds.
 
-    Parameters
-    ----------
-    least_airspeed_m_s : float, optional
-        How slowly a fixed wing may fly, as its autopilot limits it; 0.8 of the cruise speed without.
-
-    Raises
-    ------
-    VehicleError
-        If the vehicle has no battery or no power model.
+    ``least_airspeed_m_s`` is how slowly a fixed wing may fly, as its autopilot limits it; 0.8 of the cruise
+    speed without. VehicleError if the vehicle has no battery or no power model.
     """
     slowest, fastest = 0.0, spec.fastest_m_s
     if spec.circles:

@@ -41,24 +41,16 @@ _GROUND_M = 0.5
 
 @dataclass(frozen=True, slots=True)
 class BatteryChange:
-    """Where a mission is broken off to change the battery.
-
-    Parameters
-    ----------
-    time_s : float
-        Into the mission as it would be flown without a break.
-    place_m : tuple of 3 floats
-        East, north, up about home; the next battery begins here.
-    seq : int
-        The item that is being flown.
-    energy_wh : float
-        What the old battery has given when the vehicle is home.
-    """
+    """Where a mission is broken off to change the battery."""
 
     time_s: float
+    """Into the mission as it would be flown without a break."""
     place_m: tuple[float, float, float]
+    """East, north, up about home; the next battery begins here."""
     seq: int
+    """The item that is being flown."""
     energy_wh: float
+    """What the old battery has given when the vehicle is home."""
 
 
 def batteries_needed(
@@ -72,20 +64,8 @@ def batteries_needed(
     """Return how many full batteries, each used down to its reserve, fly a mission to its end.
 
     With more than one, the vehicle breaks off where what is left just takes it home, and comes back to that
-    position with the next one (see `battery_changes`).
-
-    Parameters
-    ----------
-    mission, spec, wind, frame
-        As for `sim_vehicle.prediction.predict.expected_flights`.
-    prediction : Prediction
-        What was predicted for them.
-
-    Returns
-    -------
-    int or None
-        0 for a vehicle without a battery; None when no number is enough: the mission cannot be flown, or one
-        of its positions is too far for a battery.
+    position with the next one (see `battery_changes`). 0 for a vehicle without a battery; None when no number
+    is enough: the mission cannot be flown, or one of its positions is too far for a battery.
 
     Examples
     --------
@@ -121,12 +101,8 @@ def battery_changes(
     if battery is None:
         return ()
     home = frame if frame is not None else home_frame(mission)
-    needs_takeoff = not climbs_by_itself(spec)
-    if any(
-        mission_problems(
-            mission.items, item_positions(mission.items, home), spec, needs_takeoff=needs_takeoff
-        )
-    ):
+    positions = item_positions(mission.items, home)
+    if any(mission_problems(mission.items, positions, spec, needs_takeoff=not climbs_by_itself(spec))):
         return None
     ground = _Ground(mission, without_end(spec), home, rehearsals(wind)[0])
     whole = ground.fly(mission.items)
@@ -172,18 +148,7 @@ def battery_changes(
 
 
 def time_home_s(positions_m: NDArray[np.float64], spec: VehicleSpec) -> NDArray[np.float64]:
-    """Estimate how long the return takes: straight at the cruise speed, then down.
-
-    Parameters
-    ----------
-    positions_m : float64[n, 3]
-        East, north, up about home.
-
-    Returns
-    -------
-    float64[n]
-        Seconds.
-    """
+    """Estimate how long the return takes from positions, float64[n, 3]: at the cruise speed, then down."""
     time_s: NDArray[np.float64] = np.hypot(positions_m[:, 0], positions_m[:, 1]) / spec.cruise_speed_m_s
     if not spec.drives:
         time_s += positions_m[:, 2] / spec.descent_speed_m_s
@@ -221,8 +186,7 @@ class _Ground:
         speeds = [item for item in self._items[:seq] if item.command == Command.DO_CHANGE_SPEED][-1:]
         latitude, longitude = self._home.to_wgs84(x, y)
         there = MissionItem.waypoint(latitude, longitude, max(z, _GROUND_M))
-        items = (*self._begin, *speeds, there, *self._end)
-        record = self.fly(items)
+        record = self.fly((*self._begin, *speeds, there, *self._end))
         if record is None:
             return None
         arrived_s = record.reached_s[len(self._begin) + len(speeds)]

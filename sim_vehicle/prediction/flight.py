@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from geo.frame import LocalFrame
 from sim_vehicle.autopilot import firmware_of
 from sim_vehicle.energy.battery import WH_J
+from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.execution.feasibility import mission_problems
@@ -19,6 +20,8 @@ from sim_vehicle.execution.state import BatteryDepleted, CannotFly, CurrentChang
 from sim_vehicle.motion.model import MotionEvent
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from mission.model import Mission
@@ -36,52 +39,40 @@ _TRACK_POINTS = 20_000
 # The kernels of all vehicles but the ideal one write their tracks on this grid.
 _GRID_STEPS = 5
 _ENDLESS_WH = 1e6
+Air: TypeAlias = "tuple[Wind | None, EstimateErrors | None]"
+"""The wind of a flight, and the errors of the estimate that it is flown by."""
 
 
 @dataclass(frozen=True, slots=True)
 class Prediction:
     """Time, energy and path of a mission, from the take-off to the end of its last item.
 
-    Parameters
-    ----------
-    duration_s : float
-        Until the mission is complete (on the ground if it ends with a landing), or until it failed.
-    energy_wh : float
-        0 for a vehicle without a power model.
-    battery_fraction : float
-        What is left at the end, 0 to 1.
-    path_length_m : float
-        Flown, climbs included.
-    track_m : float64[n, 3]
-        East, north, up about home, every ``track_step_s`` and at the end.
-    feasible : bool
-        Whether the vehicle completes the mission with the battery's reserve left.
-    reason : str
-        Why not; empty when feasible.
-    duration_interval_s : tuple of 2 floats or None
-        Between which the duration of one flight is with a probability of 90 %, when what disturbs it is known
-        by its statistics only; None when it was predicted from a single flight.
-    energy_interval_wh : tuple of 2 floats or None
-        The same of the energy.
-    energy_bound_wh : float or None
-        What one flight takes at most with the probability
-        `sim_vehicle.prediction.predict.BOUND_PROBABILITY`; None when it was predicted from a single flight.
-    items : int64[n]
-        The item, from 0, that is flown at each position of the track; empty where that is not known.
+    The intervals and the bound are None when it was predicted from a single flight.
     """
 
     duration_s: float
+    """Until the mission is complete (on the ground if it ends with a landing), or until it failed."""
     energy_wh: float
+    """0 for a vehicle without a power model."""
     battery_fraction: float
+    """What is left at the end, 0 to 1."""
     path_length_m: float
+    """Flown, climbs included."""
     track_m: NDArray[np.float64]
+    """float64[n, 3]: east, north, up about home, every ``track_step_s`` and at the end."""
     track_step_s: float
     feasible: bool
+    """Whether the vehicle completes the mission with the battery's reserve left."""
     reason: str
+    """Why not; empty when feasible."""
     duration_interval_s: tuple[float, float] | None = None
+    """Between which the duration of one flight is with a probability of 90 %, when what disturbs it is known
+    by its statistics only."""
     energy_interval_wh: tuple[float, float] | None = None
     energy_bound_wh: float | None = None
+    """What one flight takes at most, with `sim_vehicle.prediction.predict.BOUND_PROBABILITY`."""
     items: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
+    """int64[n]: the item, from 0, that is flown at each position; empty where that is not known."""
 
     @property
     def ground_length_m(self) -> float:
@@ -112,14 +103,13 @@ class PredictedFlight:
         self,
         mission: Mission,
         spec: VehicleSpec,
-        wind: Wind | None,
+        air: Air,
         frame: LocalFrame | None,
         *,
         track_step_s: float,
         epoch_unix_s: float,
         endless: bool,
-        track_points: int = _TRACK_POINTS,
-        estimate_errors: EstimateErrors | None = None,
+        track_points: int,
     ) -> None:
         if not track_step_s > 0.0:
             msg = f"track_step_s {track_step_s} must be positive"
@@ -137,13 +127,9 @@ class PredictedFlight:
         self._problem = next(iter(problems), None)
         if self._problem is not None:
             return
+        wind, errors = air
         self.executor = executor = MissionExecutor(
-            spec,
-            home,
-            wind=wind,
-            takes_off=takes_off,
-            epoch_unix_s=epoch_unix_s,
-            estimate_errors=estimate_errors,
+            spec, home, wind=wind, takes_off=takes_off, epoch_unix_s=epoch_unix_s, estimate_errors=errors
         )
         motion = executor.motion
         tick_s = motion.step_s if spec.is_ideal else motion.step_s * _GRID_STEPS
@@ -222,15 +208,47 @@ class PredictedFlight:
         return executor.time_s, f"item {executor.current_seq + 1} never ends"
 
 
-def fly_all(flights: list[PredictedFlight], threads: int) -> None:
-    """Fly together all flights that have something to fly; ``threads`` share the work."""
-    flown = [flight for flight in flights if flight.executor is not None]
-    if len(flown) > 1 and not flown[0].spec.is_ideal:
+def fly_all(
+    missions: Sequence[Mission],
+    spec: VehicleSpec,
+    airs: Sequence[Air],
+    frame: LocalFrame | None,
+    track_step_s: float,
+    *,
+    epoch_unix_s: float = EPOCH_UNIX_S,
+    endless: bool = False,
+    threads: int = 1,
+    track_points: int = _TRACK_POINTS,
+) -> list[list[PredictedFlight]]:
+    """Fly each mission in each of the airs, all together; ``threads`` share the work.
+
+    Missions that cannot be flown are among them, with their reason.
+    """
+    flights = [
+        [
+            PredictedFlight(
+                mission,
+                spec,
+                air,
+                frame,
+                track_step_s=track_step_s,
+                epoch_unix_s=epoch_unix_s,
+                endless=endless,
+                track_points=track_points,
+            )
+            for air in airs
+        ]
+        for mission in missions
+    ]
+    flown = [one for of_mission in flights for one in of_mission if one.executor is not None]
+    # One alone is flown when it is asked for its prediction.
+    if len(flown) > 1 and not spec.is_ideal:
         if threads > 1:
             with ThreadPoolExecutor(threads) as pool:
                 _fly_together(flown, pool)
         else:
             _fly_together(flown, None)
+    return flights
 
 
 def _fly_together(flights: list[PredictedFlight], pool: ThreadPoolExecutor | None) -> None:

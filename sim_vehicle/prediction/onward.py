@@ -43,27 +43,17 @@ _MOST_WAYS = 100_000
 
 @dataclass(frozen=True, slots=True)
 class InFlight:
-    """A vehicle in flight, as its telemetry tells it.
-
-    Parameters
-    ----------
-    position_m : tuple of 2 floats
-        Metres of the farm frame.
-    height_m : float
-        Above home.
-    velocity_m_s : tuple of 2 floats
-        Over ground, along x and y of the farm frame.
-    climb_m_s : float
-        Upward.
-    heading_rad : float or None
-        Compass heading; None: along the velocity.
-    """
+    """A vehicle in flight, as its telemetry tells it."""
 
     position_m: tuple[float, float]
+    """Of the farm frame."""
     height_m: float
+    """Above home."""
     velocity_m_s: tuple[float, float] = (0.0, 0.0)
+    """Over ground, along x and y of the farm frame."""
     climb_m_s: float = 0.0
     heading_rad: float | None = None
+    """Compass heading; None: along the velocity."""
 
 
 class OnwardPredictor:
@@ -77,13 +67,9 @@ class OnwardPredictor:
     spec : VehicleSpec
         As its autopilot flies it (`sim_vehicle.autopilot.with_autopilot`).
     frame : LocalFrame
-        The farm frame, in which paths and positions are given.
-    home_m : tuple of 2 floats
-        Home in that frame.
-    altitude_m : float
-        Of the waypoints, above home.
-    speed_m_s : float, optional
-        Of the mission; the vehicle's own without.
+        The farm frame, in which paths, positions and home are given.
+    altitude_m, speed_m_s : float
+        Of the waypoints, above home, and of the mission; without, the speed is the vehicle's own.
     waypoints : callable, optional
         Given a path, float64[n, 2], and where the vehicle is, the waypoints that it is sent to; without, they
         are the points of the path.
@@ -148,7 +134,7 @@ class OnwardPredictor:
         Parameters
         ----------
         paths : sequence of float64[n, 2]
-            Waypoints in metres of the farm frame; none is the way home at once.
+            Waypoints in the farm frame; none is the way home at once.
         anew : sequence of bool, optional
             Which of them are other paths than the one that is flown: an autopilot that begins the leg of a
             changed mission where the vehicle could stop (ArduPilot) does so. By default none is.
@@ -157,12 +143,7 @@ class OnwardPredictor:
         -------
         seconds, watt_hours : float64[number of paths]
             Infinite for a path that the vehicle cannot fly (the wind is too strong); 0 Wh for a vehicle
-            without a power model.
-
-        Raises
-        ------
-        VehicleError
-            If the position, the velocity or a path has numbers that are not finite.
+            without a power model. VehicleError if a number that is given is not finite.
         """
         here, velocity, heading = self._start(state)
         flights = [_Flight(self._through(state, here, np.asarray(path, dtype=np.float64))) for path in paths]
@@ -275,28 +256,18 @@ def _outward(value_m: float) -> float:
 
 
 class _Flight:
-    """One path on its way.
-
-    Attributes
-    ----------
-    route : Route or None
-        What is flown next.
-    wait_s : float
-        Stay so long at its end.
-    slot : int
-        Its number in the squadron.
-    seconds, joules : float
-        Used so far; infinite when it cannot be flown.
-    """
+    """One path on its way."""
 
     __slots__ = ("joules", "motion", "route", "seconds", "slot", "wait_s")
 
     motion: MotionModel
 
     def __init__(self, route: Route | None) -> None:
+        # What is flown next, how long it stays at the end of that, its number in the squadron.
         self.route = route
         self.wait_s = 0.0
         self.slot = 0
+        # Used so far; infinite when it cannot be flown.
         self.seconds = self.joules = 0.0
 
     def give_up(self) -> None:
@@ -319,7 +290,7 @@ class _Squadron:
         from sim_vehicle.motion.batch import VehicleBatch
 
         if len(flights) > len(self._motions):
-            for _ in range(len(flights) - len(self._motions)):
+            while len(self._motions) < len(flights):
                 motion = self._new()
                 motion.ignore_energy()
                 self._motions.append(motion)
@@ -334,11 +305,12 @@ class _Squadron:
         if self._batch is None:
             return
         steps = np.zeros(len(self._motions), dtype=np.int64)
-        flown = [flight for flight in flights if flight.route is not None]
-        for flight in flown:
-            assert flight.route is not None
-            flight.motion.fly(flight.route)
-            steps[flight.slot] = round(_LONGEST_S / self._step_s)
+        flown = []
+        for flight in flights:
+            if flight.route is not None:
+                flight.motion.fly(flight.route)
+                steps[flight.slot] = round(_LONGEST_S / self._step_s)
+                flown.append(flight)
         if not flown:
             return
         events = self._batch.advance(steps, stop_each=False)

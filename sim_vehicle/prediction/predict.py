@@ -11,7 +11,7 @@ import numpy as np
 from sim_vehicle.airframe.estimate_errors import EstimateErrors
 from sim_vehicle.autopilot import estimate_errs
 from sim_vehicle.epoch import EPOCH_UNIX_S
-from sim_vehicle.prediction.flight import PredictedFlight, Prediction, fly_all
+from sim_vehicle.prediction.flight import Prediction, fly_all
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     from geo.frame import LocalFrame
     from mission.model import Mission
     from sim_vehicle.airframe.spec import VehicleSpec
+    from sim_vehicle.prediction.flight import Air, PredictedFlight
     from sim_vehicle.weather.wind import Wind
 
 __all__ = [
     "expected_flights",
-    "mean_prediction",
     "plan_prediction",
     "predict_flight",
     "predict_flights",
@@ -89,48 +89,21 @@ def predict_flight(
     >>> flight.feasible, 115.0 < flight.path_length_m < 122.0
     (True, True)
     """
-    flight = PredictedFlight(
-        mission, spec, wind, frame, track_step_s=track_step_s, epoch_unix_s=epoch_unix_s, endless=endless
+    (flights,) = fly_all(
+        [mission], spec, [(wind, None)], frame, track_step_s, epoch_unix_s=epoch_unix_s, endless=endless
     )
-    return flight.prediction()
+    return flights[0].prediction()
 
 
 def predict_flights(
-    missions: Sequence[Mission],
-    spec: VehicleSpec,
-    *,
-    wind: Wind | None = None,
-    frame: LocalFrame | None = None,
-    track_step_s: float = _TRACK_STEP_S,
-    epoch_unix_s: float = EPOCH_UNIX_S,
-    endless: bool = False,
-    threads: int = 1,
+    missions: Sequence[Mission], spec: VehicleSpec, *, wind: Wind | None = None, threads: int = 1
 ) -> list[Prediction]:
-    """Predict the flights of several missions, all of them advanced together.
+    """Predict the flights of several missions, all of them advanced together by so many threads.
 
     Returns what `predict_flight` returns for each, to the last bit.
-
-    Parameters
-    ----------
-    missions : sequence of Mission
-    spec, wind, frame, track_step_s, epoch_unix_s, endless
-        As for `predict_flight`.
-    threads : int
-        How many share the work; the result does not depend on it.
-
-    Raises
-    ------
-    VehicleError
-        As `predict_flight`.
     """
-    flights = [
-        PredictedFlight(
-            one, spec, wind, frame, track_step_s=track_step_s, epoch_unix_s=epoch_unix_s, endless=endless
-        )
-        for one in missions
-    ]
-    fly_all(flights, threads)
-    return [flight.prediction() for flight in flights]
+    flown = fly_all(missions, spec, [(wind, None)], None, _TRACK_STEP_S, threads=threads)
+    return [flight.prediction() for (flight,) in flown]
 
 
 def expected_flights(
@@ -148,45 +121,17 @@ def expected_flights(
     """Predict flights in a wind whose gusts are known by their statistics only.
 
     In a wind without gusts this is `predict_flights`. Otherwise each mission is flown in the `rehearsals` of
-    the wind, and duration, energy and length are the means of these flights, the track that of the one whose
-    energy is nearest to the mean. That counts what gusts cost in power as well as in time. A mission that is
-    not completed in half of them is not feasible.
+    the wind, with so many pairs, and duration, energy and length are the means of these flights, the track
+    that of the one whose energy is nearest to the mean. That counts what gusts cost in power as well as in
+    time. A mission that is not completed in half of them is not feasible.
 
     With ``estimate_errors`` the same is done for the errors of PX4's estimate
     (`sim_vehicle.airframe.estimate_errors`): `ERROR_REHEARSALS` flights or as many as there are
     winds, each with errors of its own, always the same ones. Other autopilots' estimates are exact.
-
-    Parameters
-    ----------
-    missions, spec, wind, frame, track_step_s, endless, threads
-        As for `predict_flights`.
-    estimate_errors : bool
-        Whether the autopilot's estimate is wrong.
-    pairs : int
-        Of gusts that are rehearsed.
-
-    Raises
-    ------
-    VehicleError
-        As `predict_flight`.
     """
     airs = _rehearsed_airs(spec, wind, pairs, estimate_errors=estimate_errors)
-    flights = [
-        PredictedFlight(
-            one,
-            spec,
-            air,
-            frame,
-            track_step_s=track_step_s,
-            epoch_unix_s=EPOCH_UNIX_S,
-            endless=endless,
-            estimate_errors=wrong,
-        )
-        for one in missions
-        for air, wrong in airs
-    ]
-    fly_all(flights, threads)
-    return [mean_prediction(flights[k : k + len(airs)]) for k in range(0, len(flights), len(airs))]
+    flown = fly_all(missions, spec, airs, frame, track_step_s, endless=endless, threads=threads)
+    return [_mean_prediction(flights) for flights in flown]
 
 
 def rehearsed_tracks(
@@ -197,38 +142,13 @@ def rehearsed_tracks(
     track_step_s: float = _TRACK_STEP_S,
     estimate_errors: bool = False,
 ) -> list[NDArray[np.float64]]:
-    """Return the track of each of the flights in which `expected_flights` tries a mission.
-
-    Parameters
-    ----------
-    mission, spec, wind, track_step_s, estimate_errors
-        As for `expected_flights`.
-
-    Returns
-    -------
-    list of float64[n, 3]
-        East, north, up about home.
-    """
-    flights = [
-        PredictedFlight(
-            mission,
-            spec,
-            air,
-            None,
-            track_step_s=track_step_s,
-            epoch_unix_s=EPOCH_UNIX_S,
-            endless=True,
-            estimate_errors=wrong,
-        )
-        for air, wrong in _rehearsed_airs(spec, wind, REHEARSAL_PAIRS, estimate_errors=estimate_errors)
-    ]
-    fly_all(flights, 1)
+    """Return the track of each of the flights in which `expected_flights` tries a mission, float64[n, 3]."""
+    airs = _rehearsed_airs(spec, wind, REHEARSAL_PAIRS, estimate_errors=estimate_errors)
+    (flights,) = fly_all([mission], spec, airs, None, track_step_s, endless=True)
     return [flight.prediction().track_m for flight in flights]
 
 
-def _rehearsed_airs(
-    spec: VehicleSpec, wind: Wind | None, pairs: int, *, estimate_errors: bool
-) -> list[tuple[Wind | None, EstimateErrors | None]]:
+def _rehearsed_airs(spec: VehicleSpec, wind: Wind | None, pairs: int, *, estimate_errors: bool) -> list[Air]:
     """Return the winds in which flights are tried, each with errors of the estimate."""
     winds = rehearsals(wind, pairs)
     if not (estimate_errors and estimate_errs(spec)):
@@ -255,16 +175,6 @@ def plan_prediction(
     where it lasts a minute: what it covers is told from that. Of a mission that is longer than the battery
     duration, energy, length and track are those of the whole mission, as if the battery lasted; the reason
     tells when it is at its reserve, and when it is empty.
-
-    Parameters
-    ----------
-    mission, spec, wind, frame, threads, estimate_errors
-        As for `expected_flights`.
-
-    Raises
-    ------
-    VehicleError
-        As `predict_flight`.
     """
 
     def flown(*, endless: bool, track_step_s: float) -> Prediction:
@@ -319,7 +229,7 @@ def _clock(seconds: float) -> str:
     return f"{minutes} min {rest} s" if minutes else f"{rest} s"
 
 
-def mean_prediction(flights: Sequence[PredictedFlight]) -> Prediction:
+def _mean_prediction(flights: Sequence[PredictedFlight]) -> Prediction:
     """Return the expected result of one mission that was flown in several winds."""
     predictions = [flight.prediction() for flight in flights]
     done = [one for one, flight in zip(predictions, flights, strict=True) if flight.completed]

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from geo.units import FOOT_M
-from sim_vehicle.errors import VehicleError
+from sim_vehicle.airframe.power_spec import within
 from sim_vehicle.weather.columns import DECAY, LEAK, NOISE_FIRST, NOISE_MIXED, NOISE_SECOND
 
 if TYPE_CHECKING:
@@ -83,18 +83,9 @@ def spectrum(
     length_m: float,
     airspeed_m_s: float,
 ) -> NDArray[np.float64]:
-    """Return the one-sided spectral density of a gust over the frequency, (m/s)^2/Hz.
+    """Return the one-sided spectral density of a gust over the frequency that is met, (m/s)^2/Hz.
 
-    Parameters
-    ----------
-    component : {"u", "v", "w"}
-    frequency_hz : float64[n]
-        That the vehicle meets.
-
-    Returns
-    -------
-    float64[n]
-        Its integral is the square of the intensity.
+    Its integral is the square of the intensity; the component is "u", "v" or "w".
     """
     time_s = length_m / airspeed_m_s
     x2 = (2.0 * np.pi * np.asarray(frequency_hz, dtype=np.float64) * time_s) ** 2
@@ -106,16 +97,6 @@ def spectrum(
 @dataclass(frozen=True, slots=True)
 class Turbulence:
     """Dryden's turbulence for a flight.
-
-    Parameters
-    ----------
-    w20_m_s : float
-        Wind at 6.1 m (20 ft) that the intensities follow from.
-    height_m : float
-        Height of the flight, for the length scales; the intensities are those of the height where the
-        vehicle is.
-    airspeed_m_s : float
-        With which the flight meets the field.
 
     Raises
     ------
@@ -129,19 +110,15 @@ class Turbulence:
     """
 
     w20_m_s: float
+    """Wind at 6.1 m (20 ft) that the intensities follow from."""
     height_m: float = 10.0
+    """Height of the flight, for the length scales; the intensities are those of the height where it is."""
     airspeed_m_s: float = 8.0
+    """With which the flight meets the field."""
 
     def __post_init__(self) -> None:
-        for name, low, high in (
-            ("w20_m_s", 0.0, 60.0),
-            ("height_m", 0.0, 10_000.0),
-            ("airspeed_m_s", 0.1, 200.0),
-        ):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and low <= value <= high):
-                msg = f"turbulence: {name} {value} is outside {low:g}..{high:g}"
-                raise VehicleError(msg)
+        ranges = (("w20_m_s", 0.0, 60.0), ("height_m", 0.0, 10_000.0), ("airspeed_m_s", 0.1, 200.0))
+        within("turbulence", self, *ranges)
 
     def filters(self, step_s: float) -> NDArray[np.float64]:
         """Return the forming filters for a step (`sim_vehicle.weather.gust_kernel.forming_filters`)."""

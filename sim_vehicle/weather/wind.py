@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from geo.units import FOOT_M
+from sim_vehicle.airframe.power_spec import within
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.weather.columns import (
     AIR_EAST,
@@ -44,18 +45,6 @@ _LOWEST_M, _HIGHEST_M = 3.0 * FOOT_M, 1000.0 * FOOT_M
 class WindShear:
     """How the mean wind grows with the height above the ground.
 
-    Parameters
-    ----------
-    law : {"log", "power", "sitl"}
-        ``ln(h / roughness)``, or ``h ** exponent``, each over its value at the height of the given wind.
-        ``sitl`` is the profile of ArduPilot's simulator (SIM_WIND_T 0): the given wind at `SITL_FULL_M` and
-        above, below it times ``sqrt(h / SITL_FULL_M)``, whatever the height of the given wind.
-    roughness_m : float
-        Roughness length of the ground: 0.03 m for grass, 0.1 m for low crops, 0.25 m for high ones
-        (Wieringa 1992); MIL-F-8785C takes 0.15 ft near airfields and 2 ft elsewhere.
-    exponent : float
-        A seventh over open land.
-
     Raises
     ------
     VehicleError
@@ -68,8 +57,14 @@ class WindShear:
     """
 
     law: str = "log"
+    """Of "log" the mean wind grows as ``ln(h / roughness)``, of "power" as ``h ** exponent``, each over its
+    value at the height of the given wind. "sitl" is the profile of ArduPilot's simulator (SIM_WIND_T 0): the
+    given wind at `SITL_FULL_M` and above, below it times ``sqrt(h / SITL_FULL_M)``."""
     roughness_m: float = 0.1
+    """Roughness length of the ground: 0.03 m for grass, 0.1 m for low crops, 0.25 m for high ones
+    (Wieringa 1992); MIL-F-8785C takes 0.15 ft near airfields and 2 ft elsewhere."""
     exponent: float = 1.0 / 7.0
+    """A seventh over open land."""
 
     def __post_init__(self) -> None:
         if self.law not in _LAWS:
@@ -99,26 +94,6 @@ class WindShear:
 class Wind:
     """Wind for a flight.
 
-    Parameters
-    ----------
-    east_m_s, north_m_s : float
-        Mean wind at the reference height, the direction that the air moves to.
-    gust_m_s : float
-        Standard deviation of each horizontal component of a gust that is a Gauss-Markov process.
-    correlation_s : float
-        Time constant of that gust.
-    seed : numpy.random.SeedSequence or int
-        Seed of the gusts.
-    height_m : float
-        The reference height: weather reports tell the wind at 10 m.
-    shear : WindShear, optional
-        Without it the mean wind is the same at all heights.
-    turbulence : Turbulence, optional
-        Dryden's gusts, instead of ``gust_m_s``.
-    mirrored : bool
-        Every gust blows the other way: as likely, and together with the first the mean of both is nearly that
-        of all (antithetic variates).
-
     Raises
     ------
     VehicleError
@@ -131,22 +106,28 @@ class Wind:
     (5.0, 0.0)
     """
 
+    # Mean wind at the reference height, the direction that the air moves to.
     east_m_s: float = 0.0
     north_m_s: float = 0.0
     gust_m_s: float = 0.0
+    """Standard deviation of each horizontal component of a gust that is a Gauss-Markov process."""
     correlation_s: float = 5.0
+    """Time constant of that gust."""
     seed: np.random.SeedSequence | int = 0
+    """Of the gusts."""
     height_m: float = 10.0
+    """The reference height: weather reports tell the wind at 10 m."""
     shear: WindShear | None = None
+    """Without it the mean wind is the same at all heights."""
     turbulence: Turbulence | None = None
+    """Dryden's gusts, instead of ``gust_m_s``."""
     mirrored: bool = False
+    """Every gust blows the other way: as likely, and together with the first the mean of both is nearly that
+    of all (antithetic variates)."""
 
     def __post_init__(self) -> None:
-        for name in ("east_m_s", "north_m_s", "gust_m_s", "correlation_s"):
-            value = getattr(self, name)
-            if not math.isfinite(value) or abs(value) > 200.0:
-                msg = f"wind: {name} {value} is outside -200..200"
-                raise VehicleError(msg)
+        names = ("east_m_s", "north_m_s", "gust_m_s", "correlation_s")
+        within("wind", self, *((name, -200.0, 200.0) for name in names))
         if self.gust_m_s < 0.0 or self.correlation_s <= 0.0:
             msg = (
                 f"wind: gust_m_s {self.gust_m_s} and correlation_s {self.correlation_s} must not be negative"

@@ -45,19 +45,13 @@ _ROW_FACTOR = 1.5
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """One of the vehicles of a run, and the options as far as they concern it alone.
-
-    Parameters
-    ----------
-    vehicle : VehicleOptions
-        With its name, and with the parameters of its layer.
-    mission : MissionOptions
-        With the height of its layer.
-    """
+    """One of the vehicles of a run, and the options as far as they concern it alone."""
 
     task: VehicleAssignment
     vehicle: VehicleOptions
+    """With its name, and with the parameters of its layer."""
     mission: MissionOptions
+    """With the height of its layer."""
     weather: WeatherOptions
     camera: CameraOptions
 

@@ -19,7 +19,6 @@ from mission.model import Command, Frame, Mission, MissionItem
 from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.autopilot import estimate_errs, firmware_of
 from sim_vehicle.camera.component import MIN_INTERVAL_S
-from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.execution.feasibility import ItemProblem, mission_problems
 from sim_vehicle.execution.items import DO_COMMANDS, NAV_COMMANDS, item_positions
 from sim_vehicle.execution.state import BatteryDepleted, CannotFly
@@ -289,20 +288,9 @@ def _flights(
     mission: Mission, vehicle: VehicleSpec, wind: Wind | None, frame: LocalFrame, step_s: float
 ) -> list[PredictedFlight]:
     """Fly the mission in each rehearsal of the wind, with a position every ``step_s``."""
-    flights = [
-        PredictedFlight(
-            mission,
-            vehicle,
-            air,
-            frame,
-            track_step_s=step_s,
-            epoch_unix_s=EPOCH_UNIX_S,
-            endless=not never_ends(mission.items),
-            track_points=_TRACK_POINTS,
-        )
-        for air in rehearsals(wind)
-    ]
-    fly_all(flights, threads=1)
+    airs = [(air, None) for air in rehearsals(wind)]
+    endless = not never_ends(mission.items)
+    (flights,) = fly_all([mission], vehicle, airs, frame, step_s, endless=endless, track_points=_TRACK_POINTS)
     return flights
 
 

@@ -14,6 +14,8 @@ from sim_vehicle.airframe.spec import (
 )
 from sim_vehicle.errors import VehicleError
 
+ROTOR = {"mass_kg": 1.0, "disc_area_m2": 0.1, "tip_speed_m_s": 70.0}
+
 
 def test_the_names_and_the_vehicles():
     names = vehicle_names()
@@ -48,13 +50,13 @@ def test_impossible_batteries_are_refused():
     with pytest.raises(VehicleError, match="resistance"):
         BatterySpec(capacity_wh=10.0, cells=4, resistance_ohm=-1.0)
     with pytest.raises(VehicleError, match="efficiency"):
-        PowerSpec(1.0, 0.1, 70.0, efficiency=1.2)
+        PowerSpec(**ROTOR, efficiency=1.2)
     with pytest.raises(VehicleError, match="power"):
         VehicleSpec("x", battery=BatterySpec(10.0, 4))
     with pytest.raises(VehicleError, match="no power model of kind fixed-wing"):
-        VehicleSpec("x", kind="fixed-wing", power=PowerSpec(1.0, 0.1, 70.0))
+        VehicleSpec("x", kind="fixed-wing", power=PowerSpec(**ROTOR))
     with pytest.raises(VehicleError, match="no power model of kind ideal"):
-        VehicleSpec("x", kind="ideal", power=PowerSpec(1.0, 0.1, 70.0))
+        VehicleSpec("x", kind="ideal", power=PowerSpec(**ROTOR))
 
 
 @pytest.mark.parametrize(

@@ -31,14 +31,14 @@ ROVER = get_vehicle("rover")
 # Zeng, Xu, Zhang 2019, table I: W = 20 N, A = 0.503 m2, Utip = 120 m/s, s = 0.05, delta = 0.012, k = 0.1
 # (added to 1), d0 = 0.6.
 PUBLISHED = PowerSpec(
-    20.0 / GRAVITY_M_S2,
-    0.503,
-    120.0,
-    0.05,
-    0.012,
-    1.1,
-    0.6 * 0.05 * 0.503,
-    1.0,
+    mass_kg=20.0 / GRAVITY_M_S2,
+    disc_area_m2=0.503,
+    tip_speed_m_s=120.0,
+    solidity=0.05,
+    blade_drag=0.012,
+    induced_factor=1.1,
+    drag_area_m2=0.6 * 0.05 * 0.503,
+    efficiency=1.0,
     avionics_w=1e-9,
     camera_w=0.0,
 )
@@ -119,7 +119,9 @@ def test_a_descent_gives_back_no_more_than_its_share(airspeed, sink):
 
 def test_a_slow_climb_and_descent_near_hover_are_those_of_momentum_theory():
     # Axial climb: induced power falls by half of what lifting takes (Leishman, ch. 2.13).
-    numbers = PowerSpec(1.4, 0.18, 75.0, induced_factor=1.0, efficiency=1.0)
+    numbers = PowerSpec(
+        mass_kg=1.4, disc_area_m2=0.18, tip_speed_m_s=75.0, induced_factor=1.0, efficiency=1.0
+    )
     gain = flight_power_w(numbers, 0.0, 0.1) - flight_power_w(numbers)
     assert gain == pytest.approx(0.5 * 1.4 * GRAVITY_M_S2 * 0.1, rel=0.02)
 
@@ -150,7 +152,16 @@ def test_the_loss_in_the_battery_is_that_of_its_resistance():
 
 
 def test_the_drag_of_a_wing():
-    wing = FixedWingPowerSpec(2.0, 0.4, 1.8, 0.03, 0.8, 0.5, avionics_w=10.0, camera_w=0.0)
+    wing = FixedWingPowerSpec(
+        mass_kg=2.0,
+        wing_area_m2=0.4,
+        wing_span_m=1.8,
+        parasitic_drag=0.03,
+        oswald=0.8,
+        efficiency=0.5,
+        avionics_w=10.0,
+        camera_w=0.0,
+    )
     speed, weight = 15.0, 2.0 * GRAVITY_M_S2
     pressure = 0.5 * AIR_DENSITY_KG_M3 * speed**2
     for load in (1.0, 1.5):
@@ -166,7 +177,9 @@ def test_the_drag_of_a_wing():
 
 
 def test_the_resistance_of_a_rover():
-    rover = RoverPowerSpec(20.0, 0.1, 0.3, 0.5, avionics_w=10.0, camera_w=0.0)
+    rover = RoverPowerSpec(
+        mass_kg=20.0, rolling_resistance=0.1, drag_area_m2=0.3, efficiency=0.5, avionics_w=10.0, camera_w=0.0
+    )
     rolling = 0.1 * 20.0 * GRAVITY_M_S2
     drag = 0.5 * AIR_DENSITY_KG_M3 * 0.3 * 4.0
     assert flight_power_w(rover, 2.0) == pytest.approx(10.0 + (rolling + drag) * 2.0 / 0.5)
@@ -194,7 +207,15 @@ def test_flying_takes_what_the_makers_tell_when_hovering_does(name):
     disc = math.pi * (0.0254 * inches) ** 2
 
     def minutes(drag, speed):
-        rotors = PowerSpec(mass, disc, 60.0, 0.1, drag, drag_area_m2=0.03, avionics_w=6.0)
+        rotors = PowerSpec(
+            mass_kg=mass,
+            disc_area_m2=disc,
+            tip_speed_m_s=60.0,
+            solidity=0.1,
+            blade_drag=drag,
+            drag_area_m2=0.03,
+            avionics_w=6.0,
+        )
         return 60.0 * energy / flight_power_w(rotors, speed, battery=battery)
 
     low, high = 1e-3, 0.5

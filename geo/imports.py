@@ -60,6 +60,14 @@ def entry_points(group: str) -> metadata.EntryPoints:
     return _entry_points(group, tuple((one, _changed_ns(one)) for one in sys.path))
 
 
+def load_entry(entry: metadata.EntryPoint, what: str, error: type[Exception]) -> Any:
+    """Return what a package registered; one that cannot be imported is told as ``error``, in one line."""
+    try:
+        return entry.load()
+    except (ImportError, AttributeError) as problem:
+        raise error(f"{what} ({entry.value}) cannot be loaded: {problem}") from problem
+
+
 @lru_cache(maxsize=16)
 def _entry_points(group: str, _path: tuple[tuple[str, int], ...]) -> metadata.EntryPoints:
     # Importing this takes longer than all else here.

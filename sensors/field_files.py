@@ -19,7 +19,7 @@ from typing import Any
 import msgspec
 
 from geo.errors import WbfMissionError
-from geo.imports import entry_points
+from geo.imports import entry_points, load_entry
 from geo.reading import UnreadableError, misfit, read_toml
 from sensors.dynamics.continuous import ContinuousDynamics
 from sensors.dynamics.epidemic import EpidemicParameters
@@ -202,8 +202,5 @@ def _load(group: str, name: str, what: str) -> tuple[Any, str]:
     if len({point.value for point in points}) > 1:
         msg = f"{what} {name!r} is registered twice: {points[0].value} and {points[1].value}"
         raise FieldError(msg)
-    where = f"{what} {name!r} ({points[0].value})"
-    try:
-        return points[0].load(), where
-    except (ImportError, AttributeError) as error:
-        raise FieldError(f"{where} cannot be loaded: {error}") from error
+    where = f"{what} {name!r}"
+    return load_entry(points[0], where, FieldError), f"{where} ({points[0].value})"

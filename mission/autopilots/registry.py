@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import cache
 
-from geo.imports import entry_points
+from geo.imports import entry_points, load_entry
 from mission.autopilots.ardupilot import ARDUPILOT
 from mission.autopilots.profile import Profile
 from mission.autopilots.px4 import PX4
@@ -38,11 +38,7 @@ def _profiles() -> Mapping[int, Profile]:
     """Profiles by MAV_AUTOPILOT: those of this package, and those of further packages."""
     found = {profile.autopilot: profile for profile in (PX4, ARDUPILOT)}
     for entry in entry_points(group=PROFILE_GROUP):
-        try:
-            profile = entry.load()
-        except (ImportError, AttributeError) as error:
-            msg = f"transfer profile {entry.name} ({entry.value}) cannot be loaded: {error}"
-            raise TransferError(msg) from error
+        profile = load_entry(entry, f"transfer profile {entry.name}", TransferError)
         if not isinstance(profile, Profile):
             msg = f"transfer profile {entry.name} ({entry.value}) is no mission.autopilots.Profile"
             raise TransferError(msg)

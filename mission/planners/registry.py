@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple, cast
 
-from geo.imports import entry_points
+from geo.imports import entry_points, load_entry
 from geo.named import ParameterError, check_parameters, parse_named
 from mission.errors import AnswerError, PlanningError
 from mission.planners.path import PlannedPath
@@ -119,17 +119,12 @@ def load_registered(kind: str, group: str, text: str, parameters: Mapping[str, A
     if entry is None:
         msg = f"no {kind} is named {name!r}; there are {', '.join(registered_names(group)) or 'none'}"
         raise PlanningError(msg)
-    what = f"{kind} {entry.name} ({entry.value})"
-    try:
-        found = entry.load()
-    except (ImportError, AttributeError) as error:
-        msg = f"{what} cannot be loaded: {error}"
-        raise PlanningError(msg) from error
+    found = load_entry(entry, f"{kind} {entry.name}", PlanningError)
     twice = sorted(given.keys() & parameters.keys())
     if twice:
         msg = f"{kind} {entry.name}: {twice[0]} is given twice; give it once"
         raise ParameterError(msg)
-    return Registered(entry.name, what, found, given)
+    return Registered(entry.name, f"{kind} {entry.name} ({entry.value})", found, given)
 
 
 def registered_names(group: str) -> tuple[str, ...]:

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self, runtime_checkab
 
 import numpy as np
 
-from geo.imports import entry_points
+from geo.imports import entry_points, load_entry
 from sensors.errors import EstimatorError
 from sensors.fields import PAPER_FIELDS, FieldSet
 from sensors.observations import Observations
@@ -362,11 +362,7 @@ def make_estimator(
     if name not in known:
         msg = f"no estimator {name!r}, expected one of {', '.join(sorted(known))}"
         raise EstimatorError(msg)
-    try:
-        factory = known[name].load()
-    except (ImportError, AttributeError) as error:
-        msg = f"estimator {name!r} ({known[name].value}) cannot be loaded: {error}"
-        raise EstimatorError(msg) from error
+    factory = load_entry(known[name], f"estimator {name!r}", EstimatorError)
     accepted = inspect.signature(factory).parameters
     anything = any(parameter.kind is parameter.VAR_KEYWORD for parameter in accepted.values())
     unknown = [] if anything else sorted(set(params) - set(accepted))

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from enum import Enum
 from functools import cache
 from importlib import resources
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from geo.imports import entry_points
+from geo.imports import entry_points, load_entry
 from sim_vehicle.airframe.power_spec import (
     FixedWingAirframe,
     FixedWingPowerSpec,
@@ -146,13 +146,11 @@ def _registered(name: str) -> VehicleKind:
     entry = next((one for one in entry_points(KIND_GROUP) if one.name == name), None)
     if entry is None:
         raise VehicleError(f"kind {name!r} is not one of {', '.join(kind_names())}")
-    where = f"vehicle kind {name} ({entry.value})"
-    try:
-        found: Any = entry.load()
-    except (ImportError, AttributeError) as error:
-        raise VehicleError(f"{where} cannot be loaded: {error}") from error
+    found = load_entry(entry, f"vehicle kind {name}", VehicleError)
     if not isinstance(found, VehicleKind) or found.name != name:
-        raise VehicleError(f"{where} is no sim_vehicle.airframe.kind.VehicleKind of this name")
+        raise VehicleError(
+            f"vehicle kind {name} ({entry.value}) is no sim_vehicle.airframe.kind.VehicleKind of this name"
+        )
     return found
 
 

@@ -8,7 +8,7 @@ from functools import cache
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING
 
-from geo.imports import entry_points
+from geo.imports import entry_points, load_entry
 from mission.planners.cornering import Cornering
 from sim_vehicle.airframe.autopilot_names import (
     AUTOPILOT_GROUP,
@@ -148,11 +148,7 @@ def _load(name: str) -> Autopilot:
         known = ", ".join(autopilot_names())
         msg = f"unknown autopilot {name!r}: " + (f"choose {known}" if known else _NOT_INSTALLED)
         raise VehicleError(msg)
-    try:
-        autopilot = entry.load()
-    except (ImportError, AttributeError) as error:
-        msg = f"autopilot {entry.name} ({entry.value}) cannot be loaded: {error}"
-        raise VehicleError(msg) from error
+    autopilot = load_entry(entry, f"autopilot {entry.name}", VehicleError)
     if not isinstance(autopilot, Autopilot):
         msg = f"autopilot {entry.name} ({entry.value}) is no sim_vehicle.autopilot.autopilot.Autopilot"
         raise VehicleError(msg)

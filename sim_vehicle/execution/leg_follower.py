@@ -44,6 +44,12 @@ def drag_1_s(spec: VehicleSpec, airspeed_m_s: float) -> float:
     return 0.5 * AIR_DENSITY_KG_M3 * power.drag_area_m2 * airspeed_m_s / power.mass_kg
 
 
+def require(able: bool, text: str) -> None:
+    """Refuse an order that the vehicle is not able to take."""
+    if not able:
+        raise VehicleError(text)
+
+
 @dataclass(slots=True)
 class Waiting:
     """Items that wait in flight for a condition; they are dropped with the plan that is flown."""
@@ -125,11 +131,6 @@ class LegFollower:
             used = (1.0 - min(max(fraction, 0.0), 1.0)) * battery.capacity_wh * WH_J
             self.motion.use_energy(max(0.0, used - self.motion.energy_j))
 
-    def update_spec(self, spec: VehicleSpec) -> None:
-        """Take other defaults and limits; they hold from the next leg on."""
-        self.spec = spec
-        self.motion.update_spec(spec)
-
     def stop_motors(self) -> None:
         """Disarm on the ground."""
         self.armed = False
@@ -145,12 +146,14 @@ class LegFollower:
         self.waiting = Waiting()
 
     def check_power(self, what: str) -> None:
-        """Raise VehicleError for an order to a vehicle that is lost."""
-        if self.phase.is_lost:
-            reason = (
-                "the battery is empty" if self.phase is FlightPhase.DEPLETED else "the vehicle is falling"
-            )
-            raise VehicleError(f"cannot {what}: {reason}")
+        """Refuse an order to a vehicle that is lost."""
+        reason = "the battery is empty" if self.phase is FlightPhase.DEPLETED else "the vehicle is falling"
+        require(not self.phase.is_lost, f"cannot {what}: {reason}")
+
+    def ready(self, what: str) -> None:
+        """Refuse an order to a vehicle that is not armed, or lost."""
+        require(self.armed, f"cannot {what}: not armed")
+        self.check_power(what)
 
     def fly(
         self,
@@ -180,7 +183,7 @@ class LegFollower:
         self.flown = 0
         self._airborne()
 
-    def state(self, current_seq: int) -> VehicleState:
+    def state_at(self, current_seq: int) -> VehicleState:
         """Read the state of the vehicle, which is at a mission item (-1 without a mission)."""
         motion = self.motion
         now, time_s = motion.snapshot(), motion.time_s

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 from mission.model import Command
 from sim_vehicle.epoch import EPOCH_UNIX_S
-from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.items import (
     CAMERA_COMMANDS,
     CONDITIONS,
@@ -27,7 +26,7 @@ from sim_vehicle.execution.items import (
     plan_item_legs,
     time_of_day_wait_s,
 )
-from sim_vehicle.execution.leg_follower import Waiting
+from sim_vehicle.execution.leg_follower import LegFollower, Waiting, require
 from sim_vehicle.execution.legs import AfterLastLeg, LegPlan
 from sim_vehicle.execution.state import (
     CameraCommand,
@@ -50,8 +49,10 @@ if TYPE_CHECKING:
 
     from geo.frame import LocalFrame
     from mission.model import MissionItem
-    from sim_vehicle.execution.leg_follower import LegFollower
+    from sim_vehicle.airframe.estimate_errors import EstimateErrors
+    from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Position
+    from sim_vehicle.weather.wind import Wind
 
 _REPLAN_BEFORE = 64
 _GAVE_UP = -2
@@ -85,8 +86,8 @@ class ReturnPoints:
         return min(points, key=lambda point: math.hypot(point[0] - x, point[1] - y))
 
 
-class MissionSequencer:
-    """Flies the items of a mission one after the other.
+class MissionSequencer(LegFollower):
+    """A follower of legs that flies the items of a mission one after the other.
 
     With `takes_off` a mission that begins on the ground without a take-off item climbs first, to the height
     of its first position or the take-off altitude if that is higher (as PX4 does); `epoch_unix_s` is the time
@@ -96,13 +97,18 @@ class MissionSequencer:
 
     def __init__(
         self,
-        follower: LegFollower,
+        spec: VehicleSpec,
         frame: LocalFrame,
         *,
+        wind: Wind | None = None,
+        yaw_rad: float = 0.0,
         takes_off: bool = False,
         epoch_unix_s: float = EPOCH_UNIX_S,
+        estimate_errors: EstimateErrors | None = None,
     ) -> None:
-        self.follower = follower
+        super().__init__(spec, wind=wind, yaw_rad=yaw_rad)
+        if estimate_errors is not None:
+            self.motion.estimate_with(estimate_errors)
         self.frame = frame
         self.takes_off = takes_off
         self.epoch_unix_s = epoch_unix_s
@@ -127,14 +133,13 @@ class MissionSequencer:
         ``positions`` are those of `sim_vehicle.execution.items.item_positions`, when they are known already;
         with ``keeps_settings`` speeds stay as they are.
         """
-        follower = self.follower
-        if follower.phase is FlightPhase.MISSION:
-            follower.hold()
+        if self.phase is FlightPhase.MISSION:
+            self.hold()
         self._take(items, positions)
         self.current_seq = min(current, len(self.items) - 1)
         if not keeps_settings:
             self.settings = self._default_settings()
-            follower.look_at(None)
+            self.look_at(None)
 
     def change(
         self, items: Sequence[MissionItem], seq: int, *, at_waypoints: bool = False, keeps_jumps: bool = False
@@ -147,24 +152,24 @@ class MissionSequencer:
         one after it follows. ``keeps_jumps`` goes on counting how often jumps were taken. Tells whether the
         vehicle has turned to the item at once.
         """
-        follower = self.follower
+        self.ready("change the mission")
         flown = self.items[self.current_seq].command if self.current_seq < len(self.items) else _WAYPOINT
         self._take(items)
         if not keeps_jumps:
             self.settings.jumps.clear()
-        if follower.phase is FlightPhase.MISSION and follower.landed is not LandedState.ON_GROUND:
+        if self.phase is FlightPhase.MISSION and self.landed is not LandedState.ON_GROUND:
             completes = at_waypoints and (flown not in PASSED_COMMANDS or seq >= len(self.items))
             if flown == Command.NAV_RETURN_TO_LAUNCH:
                 self._goes_on_at = len(self.items)
-            elif not completes and follower.landed is LandedState.TAKEOFF:
+            elif not completes and self.landed is LandedState.TAKEOFF:
                 self._goes_on_at = seq
             if completes or self._goes_on_at is not None:
                 # The plan of the old mission is left at the end of what is flown now.
-                follower.waiting = Waiting()
+                self.waiting = Waiting()
                 self._replan = True
                 return False
-        follower.motion.interrupt()
-        self.start(seq)
+        self.motion.interrupt()
+        self.begin_at(seq)
         return True
 
     def _take(self, items: Sequence[MissionItem], positions: list[Position] | None = None) -> None:
@@ -174,45 +179,44 @@ class MissionSequencer:
 
     def return_point(self) -> Position:
         """Where the vehicle would return to from here, and the least height of the path."""
-        return self.return_points.nearest(self.follower.motion.position_m)
+        return self.return_points.nearest(self.motion.position_m)
 
     def _default_settings(self) -> Settings:
-        speed_m_s = self.follower.spec.cruise_speed_m_s
+        speed_m_s = self.spec.cruise_speed_m_s
         return Settings(speed_m_s, default_m_s=speed_m_s)
 
     def _set_current(self, seq: int, time_s: float | None = None) -> None:
-        follower = self.follower
         if seq != self.current_seq:
             self.current_seq = seq
-            follower.tell(CurrentChanged(follower.time_s if time_s is None else time_s, seq))
+            self.tell(CurrentChanged(self.time_s if time_s is None else time_s, seq))
 
-    def start(self, seq: int) -> None:
+    def begin_at(self, seq: int) -> None:
         """Begin or go on with the mission at an item."""
-        follower = self.follower
-        follower.disarm_step = None
-        follower.drop_plan(FlightPhase.MISSION)
+        self.disarm_step = None
+        self.drop_plan(FlightPhase.MISSION)
         self._goes_on_at = None
         self._continue(seq)
 
     def set_current(self, seq: int) -> None:
         """Make an item the current one; a mission in flight goes on with it at once."""
-        follower = self.follower
+        count = len(self.items)
+        require(0 <= seq < count, f"mission item {seq}: the mission has {count} items")
         self.settings.jumps.clear()
         self._set_current(seq)
-        if follower.phase is FlightPhase.MISSION:
-            follower.motion.interrupt()
-            self.start(seq)
+        if self.phase is FlightPhase.MISSION:
+            self.motion.interrupt()
+            self.begin_at(seq)
 
     def reset_speed(self) -> None:
         """Take the vehicle's own ground speed for the legs to come."""
-        self.settings.speed_m_s = self.follower.spec.cruise_speed_m_s
+        self.settings.speed_m_s = self.spec.cruise_speed_m_s
 
     def replay_speed(self) -> None:
         """Take the ground speed that the items before the current one set, for the legs to come."""
         settings = self._default_settings()
         for seq, item in enumerate(self.items[: max(self.current_seq, 0)]):
             if item.command == Command.DO_CHANGE_SPEED:
-                do_items(self.items[: seq + 1], seq, settings, self.follower.spec.top_speed_m_s)
+                do_items(self.items[: seq + 1], seq, settings, self.spec.top_speed_m_s)
         self.settings.speed_m_s = settings.speed_m_s
 
     def rewind_survey(self) -> None:
@@ -228,72 +232,72 @@ class MissionSequencer:
 
     def apply_speed(self) -> None:
         """Let a ground speed that was set hold for what is being flown."""
-        follower, speed_m_s = self.follower, self.settings.speed_m_s
-        plan = follower.plan
-        if follower.phase is FlightPhase.STEERED or plan is None or follower.timer is not None:
+        speed_m_s = self.settings.speed_m_s
+        plan = self.plan
+        if self.phase is FlightPhase.STEERED or plan is None or self.timer is not None:
             return
-        if follower.phase is FlightPhase.MISSION:
+        if self.phase is FlightPhase.MISSION:
             if self._goes_on_at is None and self.current_seq < len(self.items):
-                self._fly_from(self.current_seq, follower.time_s)
-        elif follower.phase in (FlightPhase.GOTO, FlightPhase.RETURN):
-            left = plan.legs[follower.flown :]
+                self._fly_from(self.current_seq, self.time_s)
+        elif self.phase in (FlightPhase.GOTO, FlightPhase.RETURN):
+            left = plan.legs[self.flown :]
             legs = [leg if leg.descends else replace(leg, speed_m_s=speed_m_s) for leg in left]
-            follower.fly(legs, follower.phase, plan.after_last)
+            self.fly(legs, self.phase, plan.after_last)
 
     @property
     def returns(self) -> bool:
         """Whether the return is flown that is the last item of the mission."""
-        on_mission = self.follower.phase is FlightPhase.MISSION and self.current_seq == len(self.items) - 1
+        on_mission = self.phase is FlightPhase.MISSION and self.current_seq == len(self.items) - 1
         return on_mission and self.items[self.current_seq].command == Command.NAV_RETURN_TO_LAUNCH
 
     def leave_to_return(self) -> None:
         """Let the return that is flown be no item of the mission any more."""
-        follower = self.follower
-        follower.phase = FlightPhase.LAND if follower.landed is LandedState.LANDING else FlightPhase.RETURN
+        self.phase = FlightPhase.LAND if self.landed is LandedState.LANDING else FlightPhase.RETURN
 
     @property
     def lands(self) -> bool:
         """Whether a landing of the mission is flown."""
-        on_mission = self.follower.phase is FlightPhase.MISSION and 0 <= self.current_seq < len(self.items)
+        on_mission = self.phase is FlightPhase.MISSION and 0 <= self.current_seq < len(self.items)
         return on_mission and self.items[self.current_seq].command == Command.NAV_LAND
 
     @property
     def goes_around(self) -> bool:
         """Whether a landing was broken off, and it still climbs."""
-        plan = self.follower.plan
+        plan = self.plan
         return self.lands and plan is not None and plan.legs[0].kind is LegKind.TAKEOFF
 
     def go_around(self, height_m: float | None = None) -> float:
-        """Break off the landing: climb straight ahead, then begin it anew; return the height."""
-        follower = self.follower
-        if not self.lands or follower.landed is LandedState.ON_GROUND:
-            msg = "cannot go around: no landing of the mission is flown"
-            raise VehicleError(msg)
+        """Break off the landing: climb straight ahead, then begin it anew; return the height of the climb.
+
+        By default that is the height of the landing item, or of the take-off.
+        """
+        self.ready("go around")
+        able = self.lands and self.landed is not LandedState.ON_GROUND
+        require(able, "cannot go around: no landing of the mission is flown")
         leg = climb_leg(
-            self.items, self.current_seq, follower.motion.position_m, self.settings.speed_m_s, height_m
+            self.items, self.current_seq, self.motion.position_m, self.settings.speed_m_s, height_m
         )
         plan = LegPlan()
         plan.add(leg, self.current_seq)
-        follower.disarm_step = None
-        follower.motion.interrupt()
-        follower.begin(plan)
+        self.disarm_step = None
+        self.motion.interrupt()
+        self.begin(plan)
         return leg.end_m[2]
 
     def landing_start(self) -> int | None:
         """Return the nearest item where a landing starts, None without one."""
-        return landing_start(self.items, self._positions, self.follower.motion.position_m)
+        return landing_start(self.items, self._positions, self.motion.position_m)
 
     def landing_legs(self) -> list[Leg]:
         """The legs of the mission's own landing from here; none where it has none down to the ground."""
-        follower = self.follower
         seq = self.landing_start()
         if seq is None:
             return []
-        here = follower.motion.position_m
+        here = self.motion.position_m
         legs: list[Leg] = []
         settings = self.settings.copy()
         while True:
-            _, seq = do_items(self.items, seq, settings, follower.spec.top_speed_m_s)
+            _, seq = do_items(self.items, seq, settings, self.spec.top_speed_m_s)
             if not 0 <= seq < len(self.items) or self.items[seq].command not in _LANDING_COMMANDS:
                 return []
             plan = self._plan(seq, settings, here)
@@ -304,7 +308,7 @@ class MissionSequencer:
             seq = plan.seqs[-1] + 1
 
     def _plan(self, seq: int, settings: Settings, here: Position) -> LegPlan:
-        spec, home = self.follower.spec, self.return_point()
+        spec, home = self.spec, self.return_point()
         return plan_item_legs(self.items, self._positions, seq, settings, spec, here, home)
 
     def run(self, target: int, *, stop_each: bool) -> None:
@@ -313,7 +317,7 @@ class MissionSequencer:
         with suppress(StopIteration):
             steps, closely = next(course)
             while True:
-                event = self.follower.motion.advance(steps, stop_each=closely)
+                event = self.motion.advance(steps, stop_each=closely)
                 steps, closely = course.send(event)
 
     def course(self, target: int, *, stop_each: bool) -> Generator[tuple[int, bool], MotionEvent, None]:
@@ -322,76 +326,73 @@ class MissionSequencer:
         Coroutine: yields ``(max_steps, stop_each)``; the caller advances the motion with them and sends the
         MotionEvent back. Without ``stop_each`` it ends as soon as the mission is over.
         """
-        follower, motion = self.follower, self.follower.motion
+        motion = self.motion
         while motion.step < target:
             limit = target
-            for step in (follower.timer, follower.disarm_step, follower.waiting.step):
+            for step in (self.timer, self.disarm_step, self.waiting.step):
                 if step is not None and step < limit:
                     limit = max(step, motion.step)
-            flying = follower.plan is not None and follower.landed is not LandedState.ON_GROUND
+            flying = self.plan is not None and self.landed is not LandedState.ON_GROUND
             if flying:
                 closely = stop_each or self._plan_needs_care()
                 event = yield limit - motion.step, closely
                 self._account(event)
             elif limit > motion.step:
-                motion.rest(limit - motion.step, armed=follower.armed)
-                follower.drain_on_ground()
-            if follower.timer is not None and motion.step >= follower.timer:
-                follower.timer = None
+                motion.rest(limit - motion.step, armed=self.armed)
+                self.drain_on_ground()
+            if self.timer is not None and motion.step >= self.timer:
+                self.timer = None
                 self._complete_item()
-            if follower.waiting.step is not None and motion.step >= follower.waiting.step:
+            if self.waiting.step is not None and motion.step >= self.waiting.step:
                 self._release()
-            if follower.disarm_step is not None and motion.step >= follower.disarm_step:
-                follower.stop_motors()
-                follower.tell(Disarmed(follower.time_s))
+            if self.disarm_step is not None and motion.step >= self.disarm_step:
+                self.stop_motors()
+                self.tell(Disarmed(self.time_s))
             if not stop_each and self._over():
                 return
 
     def _over(self) -> bool:
         """Whether the mission is, or stays where it is for ever."""
-        follower, plan = self.follower, self.follower.plan
+        plan = self.plan
         forever = plan is not None and plan.after_last is AfterLastLeg.FOREVER
-        if plan is not None and forever and follower.flown == len(plan.legs):
+        if plan is not None and forever and self.flown == len(plan.legs):
             return True
-        rests = follower.landed is LandedState.ON_GROUND or follower.phase is FlightPhase.HOLD
-        return rests and follower.phase is not FlightPhase.MISSION and follower.disarm_step is None
+        rests = self.landed is LandedState.ON_GROUND or self.phase is FlightPhase.HOLD
+        return rests and self.phase is not FlightPhase.MISSION and self.disarm_step is None
 
     def _plan_needs_care(self) -> bool:
         """Whether legs have to be handled one by one even in a prediction."""
-        plan = self.follower.plan
-        return bool(self.follower.waiting.seqs) or (plan is not None and (plan.open or plan.unsure))
+        plan = self.plan
+        return bool(self.waiting.seqs) or (plan is not None and (plan.open or plan.unsure))
 
     def _account(self, event: MotionEvent) -> None:
         """Complete the legs that were flown, and take what ended the motion."""
-        follower = self.follower
-        plan = follower.plan
+        plan = self.plan
         self._complete_legs()
         if event is MotionEvent.ENERGY:
-            if follower.landed is not LandedState.ON_GROUND:
-                follower.deplete()
-        elif follower.plan is plan:
+            if self.landed is not LandedState.ON_GROUND:
+                self.deplete()
+        elif self.plan is plan:
             if event is MotionEvent.NEAR:
                 self._release()
             elif event is MotionEvent.STALLED:
                 self._give_up("cannot make progress: the wind is too strong for the vehicle")
 
     def _complete_legs(self) -> None:
-        follower = self.follower
-        plan, motion = follower.plan, follower.motion
+        plan, motion = self.plan, self.motion
         assert plan is not None
         reached = motion.leg + (1 if motion.arrivals[motion.leg] >= 0 else 0)
-        while follower.flown < reached and follower.plan is plan:
-            leg = follower.flown
-            follower.flown += 1
+        while self.flown < reached and self.plan is plan:
+            leg = self.flown
+            self.flown += 1
             self._leg_done(plan, leg, int(motion.arrivals[leg]) * motion.step_s)
 
     def _leg_done(self, plan: LegPlan, leg: int, time_s: float) -> None:
-        follower = self.follower
         final = leg == len(plan.legs) - 1
         seq = plan.seqs[leg]
-        climbed = follower.landed is LandedState.TAKEOFF
+        climbed = self.landed is LandedState.TAKEOFF
         if climbed:
-            follower.landed = LandedState.IN_AIR
+            self.landed = LandedState.IN_AIR
         if climbed and self._goes_on_at is not None and not plan.done[leg] and seq >= 0:
             self._continue(self._following(seq - 1))
             return
@@ -400,17 +401,17 @@ class MissionSequencer:
             return
         if not final:
             if plan.after_last is AfterLastLeg.TOUCHDOWN and plan.legs[leg + 1].descends:
-                follower.descend()
+                self.descend()
             if plan.done[leg]:
                 self._next_leg(plan, leg, time_s)
             return
         if plan.after_last is AfterLastLeg.TOUCHDOWN:
-            self._touch_down(seq)
+            self._on_touch_down(seq)
         elif plan.after_last is AfterLastLeg.WAIT:
             wait_s = self._delay_s(seq) if math.isnan(plan.wait_s) else plan.wait_s
-            follower.timer = follower.motion.step + round(wait_s / follower.motion.step_s)
+            self.timer = self.motion.step + round(wait_s / self.motion.step_s)
             if wait_s <= 0.0:
-                follower.timer = None
+                self.timer = None
                 self._complete_item()
         elif plan.after_last is AfterLastLeg.NEXT:
             if seq >= 0:
@@ -420,31 +421,29 @@ class MissionSequencer:
 
     def _land_again(self, seq: int, time_s: float) -> None:
         """Begin anew a landing that was broken off."""
-        at = landing_restart(self.items, self._positions, seq, self.follower.motion.position_m)
+        at = landing_restart(self.items, self._positions, seq, self.motion.position_m)
         if at is None:
             self._give_up("unable to restart the landing sequence", seq)
             return
-        self.follower.tell(LandingRestarted(time_s, at))
+        self.tell(LandingRestarted(time_s, at))
         self._continue(at)
 
     def _next_leg(self, plan: LegPlan, leg: int, time_s: float) -> None:
         """Go on to the next item of the plan, unless what lies between changes the plan."""
-        follower = self.follower
-        follower.tell(ItemReached(time_s, plan.seqs[leg]))
+        self.tell(ItemReached(time_s, plan.seqs[leg]))
         following = self._between(self._following(plan.seqs[leg]), time_s)
         nearly_out = plan.open and leg >= len(plan.legs) - _REPLAN_BEFORE
         same = following == plan.seqs[leg + 1] and plan.speeds[leg + 1] == self.settings.speed_m_s
-        if same and not nearly_out and not follower.waiting.seqs and not self._replan:
+        if same and not nearly_out and not self.waiting.seqs and not self._replan:
             self._set_current(following, time_s)
             return
         self._fly_from(following, time_s)
 
     def _complete_item(self) -> None:
         """The current item is complete: go on with the items after it."""
-        follower = self.follower
         seq = self.current_seq
-        follower.tell(ItemReached(follower.time_s, seq))
-        self._fly_from(self._between(self._following(seq), follower.time_s), follower.time_s)
+        self.tell(ItemReached(self.time_s, seq))
+        self._fly_from(self._between(self._following(seq), self.time_s), self.time_s)
 
     def _following(self, seq: int) -> int:
         """Where to go on after an item: at the one after it, unless the mission was changed on the way."""
@@ -455,21 +454,20 @@ class MissionSequencer:
         return seq + 1 if took_off else at
 
     def _continue(self, seq: int) -> None:
-        time_s = self.follower.time_s
+        time_s = self.time_s
         self._fly_from(self._between(seq, time_s), time_s)
 
     def _between(self, seq: int, time_s: float) -> int:
         """Execute the items up to the next one with a position; return it, or `_GAVE_UP`."""
-        follower = self.follower
         self.settings.heading = ALONG
-        if follower.waiting.seqs:
+        if self.waiting.seqs:
             self._execute_waiting(time_s)
-            follower.waiting.step = None
+            self.waiting.step = None
         if seq < len(self.items) and self.items[seq].command == _WAYPOINT:
             return seq
-        self.settings.yaw_rad = follower.motion.snapshot().heading_rad
+        self.settings.yaw_rad = self.motion.snapshot().heading_rad
         while True:
-            done, following = do_items(self.items, seq, self.settings, follower.spec.top_speed_m_s)
+            done, following = do_items(self.items, seq, self.settings, self.spec.top_speed_m_s)
             for index in done:
                 self._announce(index, time_s)
             if following < 0:
@@ -477,69 +475,64 @@ class MissionSequencer:
                 return _GAVE_UP
             if following >= len(self.items) or self.items[following].command not in CONDITIONS:
                 break
-            follower.waiting.seqs = condition_items(self.items, following)
-            seq = follower.waiting.seqs[-1] + 1
+            self.waiting.seqs = condition_items(self.items, following)
+            seq = self.waiting.seqs[-1] + 1
         if following >= len(self.items):
             self._execute_waiting(time_s)
         return following
 
     def _execute_waiting(self, time_s: float) -> None:
-        for seq in self.follower.waiting.seqs:
+        for seq in self.waiting.seqs:
             self._execute(seq, time_s)
-        self.follower.waiting.seqs = []
+        self.waiting.seqs = []
 
     def _announce(self, seq: int, time_s: float) -> None:
-        follower = self.follower
         item = self.items[seq]
         command = item.command
         if command in CAMERA_COMMANDS or command in GIMBAL_COMMANDS:
-            follower.tell(CameraCommand(time_s, seq, item))
+            self.tell(CameraCommand(time_s, seq, item))
         if command in ROI_COMMANDS:
             x, y, _ = self._positions[seq]
-            follower.look_at(None if math.isnan(x) else (x, y))
+            self.look_at(None if math.isnan(x) else (x, y))
         elif command == Command.DO_SET_HOME:
-            here = follower.motion.position_m[:2] if number(item.param1) == 1.0 else self._positions[seq][:2]
+            here = self.motion.position_m[:2] if number(item.param1) == 1.0 else self._positions[seq][:2]
             if not math.isnan(here[0]):
                 self.return_points.home_m = here
-                follower.tell(HomeMoved(time_s, *here))
+                self.tell(HomeMoved(time_s, *here))
         elif command == Command.CONDITION_YAW:
             self._replan |= number(item.param4) != 0.0
         elif command == Command.DO_CHANGE_SPEED:
             self._replan |= number(item.param1) > 1.0
-        follower.tell(ItemReached(time_s, seq))
+        self.tell(ItemReached(time_s, seq))
 
     def _execute(self, seq: int, time_s: float) -> None:
         """Execute one item that waited for a condition."""
-        follower = self.follower
         if self.items[seq].command not in CONDITIONS:
-            self.settings.yaw_rad = follower.motion.snapshot().heading_rad
-            do_items(self.items[: seq + 1], seq, self.settings, follower.spec.top_speed_m_s)
+            self.settings.yaw_rad = self.motion.snapshot().heading_rad
+            do_items(self.items[: seq + 1], seq, self.settings, self.spec.top_speed_m_s)
         self._announce(seq, time_s)
 
     def _release(self) -> None:
         """The condition is met: execute what waited for it, up to the next condition."""
-        follower = self.follower
-        time_s = follower.time_s
+        time_s = self.time_s
         before = self.settings.copy()
-        follower.waiting.step = None
-        self._execute(follower.waiting.seqs.pop(0), time_s)
+        self.waiting.step = None
+        self._execute(self.waiting.seqs.pop(0), time_s)
         # At the position itself, where a pause runs, there is no path left on which to wait.
-        while follower.waiting.seqs and (follower.timer is not None or not self._waits()):
-            self._execute(follower.waiting.seqs.pop(0), time_s)
-        if follower.timer is None and (follower.waiting.seqs or self.settings != before):
+        while self.waiting.seqs and (self.timer is not None or not self._waits()):
+            self._execute(self.waiting.seqs.pop(0), time_s)
+        if self.timer is None and (self.waiting.seqs or self.settings != before):
             self._fly_from(self.current_seq, time_s)
 
     def _waits(self, command: int | None = None) -> bool:
         """Whether what comes next waits for a condition (for this one)."""
-        follower = self.follower
-        if not follower.waiting.seqs:
+        if not self.waiting.seqs:
             return False
-        first = self.items[follower.waiting.seqs[0]].command
+        first = self.items[self.waiting.seqs[0]].command
         return first in CONDITIONS if command is None else first == command
 
     def _fly_from(self, seq: int, time_s: float) -> None:
         """Plan the legs from an item with a position on and begin to fly them."""
-        follower = self.follower
         if seq == _GAVE_UP:
             return
         if seq >= len(self.items):
@@ -547,41 +540,40 @@ class MissionSequencer:
             return
         self._set_current(seq, time_s)
         command = self.items[seq].command
-        stands = follower.landed is LandedState.ON_GROUND and not follower.spec.drives
+        stands = self.landed is LandedState.ON_GROUND and not self.spec.drives
         climbs = stands and command != Command.NAV_TAKEOFF
         if climbs and not (self.takes_off and command in POSITION_COMMANDS):
             self._on_ground(seq)
             return
         if self._waits(Command.CONDITION_DELAY):
-            delay = number(self.items[follower.waiting.seqs[0]].param1)
-            follower.waiting.step = follower.motion.step + max(1, round(delay / follower.motion.step_s))
-        here = follower.motion.position_m
+            delay = number(self.items[self.waiting.seqs[0]].param1)
+            self.waiting.step = self.motion.step + max(1, round(delay / self.motion.step_s))
+        here = self.motion.position_m
         if math.isnan(self._positions[seq][0]) and command not in (
             Command.NAV_TAKEOFF,
             Command.NAV_RETURN_TO_LAUNCH,
         ):
-            here = follower.motion.stopping_point()
+            here = self.motion.stopping_point()
         self._replan = False
-        follower.motion.set_climb(self.settings.climb_m_s, self.settings.descent_m_s)
+        self.motion.set_climb(self.settings.climb_m_s, self.settings.descent_m_s)
         if command in (Command.NAV_RETURN_TO_LAUNCH, Command.NAV_LAND):
-            follower.look_at(None)
+            self.look_at(None)
         if climbs:
-            here = (here[0], here[1], max(self._positions[seq][2], follower.spec.takeoff_altitude_m))
+            here = (here[0], here[1], max(self._positions[seq][2], self.spec.takeoff_altitude_m))
         plan = self._plan(seq, self.settings.copy(), here)
         if climbs:
-            plan.prepend(Leg(here, self.settings.speed_m_s, follower.spec.acceptance_radius_m, KEEP), seq)
+            plan.prepend(Leg(here, self.settings.speed_m_s, self.spec.acceptance_radius_m, KEEP), seq)
         if self._waits(Command.CONDITION_DISTANCE):
-            near = max(number(self.items[follower.waiting.seqs[0]].param1), 1e-3)
+            near = max(number(self.items[self.waiting.seqs[0]].param1), 1e-3)
             plan.legs[0] = replace(plan.legs[0], near_m=near)
-        follower.begin(plan)
+        self.begin(plan)
 
     def _on_ground(self, seq: int) -> None:
         """Do an item that is not a take-off on the ground: wait, be landed, or give up."""
-        follower = self.follower
         command = self.items[seq].command
         if command == Command.NAV_DELAY:
-            follower.plan = None
-            follower.timer = follower.motion.step + max(1, round(self._delay_s(seq) / follower.motion.step_s))
+            self.plan = None
+            self.timer = self.motion.step + max(1, round(self._delay_s(seq) / self.motion.step_s))
         elif command in (Command.NAV_LAND, Command.NAV_RETURN_TO_LAUNCH):
             self._complete_item()
         else:
@@ -592,46 +584,42 @@ class MissionSequencer:
         delay_s = number(item.param1)
         if delay_s >= 0.0:
             return delay_s
-        return time_of_day_wait_s(item, self.epoch_unix_s + self.follower.time_s)
+        return time_of_day_wait_s(item, self.epoch_unix_s + self.time_s)
 
     def _finish(self, time_s: float) -> None:
-        follower = self.follower
-        follower.tell(MissionComplete(time_s))
-        if follower.landed is LandedState.ON_GROUND:
-            follower.drop_plan(FlightPhase.GROUND)
-            follower.disarm_later()
+        self.tell(MissionComplete(time_s))
+        if self.landed is LandedState.ON_GROUND:
+            self.drop_plan(FlightPhase.GROUND)
+            self.disarm_later()
         else:
-            follower.hold()
+            self.hold()
 
     def _target_reached(self) -> None:
-        follower = self.follower
-        if follower.phase in (FlightPhase.TAKEOFF, FlightPhase.GOTO):
-            follower.phase = FlightPhase.HOLD
-            follower.tell(TargetReached(follower.time_s))
+        if self.phase in (FlightPhase.TAKEOFF, FlightPhase.GOTO):
+            self.phase = FlightPhase.HOLD
+            self.tell(TargetReached(self.time_s))
 
     def _give_up(self, reason: str, seq: int | None = None) -> None:
-        follower = self.follower
-        on_mission = follower.phase is FlightPhase.MISSION
+        on_mission = self.phase is FlightPhase.MISSION
         at = self.current_seq if seq is None else seq
-        follower.tell(CannotFly(follower.time_s, at if on_mission else -1, reason))
-        if not follower.phase.is_lost:
-            follower.hold()
-        if follower.landed is LandedState.ON_GROUND:
-            follower.disarm_later()
+        self.tell(CannotFly(self.time_s, at if on_mission else -1, reason))
+        if not self.phase.is_lost:
+            self.hold()
+        if self.landed is LandedState.ON_GROUND:
+            self.disarm_later()
 
-    def _touch_down(self, seq: int) -> None:
-        follower = self.follower
-        was = follower.phase
-        follower.touch_down()
-        follower.disarm_later()
+    def _on_touch_down(self, seq: int) -> None:
+        was = self.phase
+        self.touch_down()
+        self.disarm_later()
         if was.is_lost:
-            follower.disarm_step = follower.motion.step
+            self.disarm_step = self.motion.step
         elif was is FlightPhase.MISSION and seq >= 0:
             self._complete_item()
-            if follower.landed is not LandedState.ON_GROUND:
-                follower.disarm_step = None
+            if self.landed is not LandedState.ON_GROUND:
+                self.disarm_step = None
             return
-        follower.drop_plan(FlightPhase.GROUND)
+        self.drop_plan(FlightPhase.GROUND)
 
 
 def _shoots(trigger: MissionItem) -> bool:

@@ -43,12 +43,12 @@ _SWITCHES = (1800, 1000, 1000, 1800, *[0] * 10)
 def _target(source: WireState) -> tuple[Position, Position] | None:
     """Begin and end of the leg that is flown; None without one, and in modes that have no target."""
     pilot = source.pilot
-    follower = pilot.executor.follower
-    plan = follower.plan
-    if plan is None or pilot.mode in _MODES_OF_PILOTS or follower.phase is FlightPhase.STEERED:
+    executor = pilot.executor
+    plan = executor.plan
+    if plan is None or pilot.mode in _MODES_OF_PILOTS or executor.phase is FlightPhase.STEERED:
         return None
-    leg = min(follower.motion.leg, len(plan.legs) - 1)
-    return plan.legs[leg - 1].end_m if leg else follower.began_m, plan.legs[leg].end_m
+    leg = min(executor.motion.leg, len(plan.legs) - 1)
+    return plan.legs[leg - 1].end_m if leg else executor.began_m, plan.legs[leg].end_m
 
 
 def _nav_controller_output(source: WireState) -> Message:

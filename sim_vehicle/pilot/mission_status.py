@@ -95,7 +95,7 @@ class MissionStatus:
                     items,
                     executor.frame,
                     executor.spec,
-                    needs_takeoff=not in_air and not executor.sequencer.takes_off,
+                    needs_takeoff=not in_air and not executor.takes_off,
                     outside=failsafe.outside if failsafe.fence_enabled else None,
                 )
             )

@@ -72,13 +72,13 @@ class ModeControl:
         self._setpoints.forget()
         self.by_itself = False
         if mode is not self._controls.mode and self._controls.landed is not LandedState.ON_GROUND:
-            sequencer = self._controls.executor.sequencer
+            executor = self._controls.executor
             if mode in self._behaviour.forgets_speed_in:
-                sequencer.reset_speed()
+                executor.reset_speed()
             elif mode is Mode.MISSION and self._behaviour.replays_speed:
-                sequencer.replay_speed()
+                executor.replay_speed()
             if mode is Mode.MISSION and self._behaviour.rewinds_survey and self._left == self._present_item:
-                sequencer.rewind_survey()
+                executor.rewind_survey()
             if self._controls.mode is Mode.MISSION:
                 self._left = self._present_item
         self._controls.mode = mode

@@ -550,7 +550,7 @@ class Pilot:
             return
         if (left := self._sticks.take(sticks, flown=flown, by_rate=by_rate)) is not None:
             self._turn_to(left)
-        if self._sticks.breaks_off_landing and not self.executor.sequencer.goes_around:
+        if self._sticks.breaks_off_landing and not self.executor.goes_around:
             with suppress(RefusedError):  # it does not land
                 self.go_around()
                 self.note(Severity.INFO, "Landing aborted via throttle")
@@ -613,19 +613,19 @@ class Pilot:
 
     def _end_in_return(self, lag_s: float) -> None:
         """Take the mode of returns for a mission that ends with one; the same path is flown on."""
-        sequencer, mission, now_s = self.executor.sequencer, self.mission, self.executor.time_s
+        executor, mission, now_s = self.executor, self.mission, self.executor.time_s
         if not (self.armed and self.mode is Mode.MISSION and self.landed is not LandedState.ON_GROUND):
             self._returns_s = math.inf
         elif not mission.returns:
             self._returns_s = math.inf
-            if not sequencer.returns:
+            if not executor.returns:
                 return
             mission.returns, self._returns_s = True, now_s + lag_s
             self.note(Severity.INFO, self.behaviour.finished_texts[0])
             self.note(Severity.INFO, self.behaviour.return_text)
         elif now_s >= self._returns_s:
             self._returns_s, intended = math.inf, self.modes.intended
-            sequencer.leave_to_return()
+            executor.leave_to_return()
             self.controls.refresh()
             self.modes.override(Mode.RTL)
             self.modes.by_itself, self.modes.intended = True, intended

@@ -507,7 +507,7 @@ def test_a_return_begins_with_braking_unless_the_vehicle_stands(speed, brakes):
     distance = math.dist(here[:2], rest[:2])
     assert (distance > 0.25) is brakes
     vehicle.return_home()
-    assert (vehicle.follower.plan.legs[0].kind is LegKind.STAY) is brakes
+    assert (vehicle.plan.legs[0].kind is LegKind.STAY) is brakes
     if speed == 1.5:
         assert distance < 1.8
         top = here[2]
@@ -538,4 +538,4 @@ def test_a_return_is_as_fast_as_a_mission_that_is_faster_than_cruise():
     while vehicle.motion.position_m[0] < 150.0:
         vehicle.advance(vehicle.time_s + 0.5)
     vehicle.return_home()
-    assert max(leg.speed_m_s or 0.0 for leg in vehicle.follower.plan.legs[1:]) == fast
+    assert max(leg.speed_m_s or 0.0 for leg in vehicle.plan.legs[1:]) == fast

@@ -68,7 +68,7 @@ def test_a_delay_ends_at_its_time_of_day():
     items = [takeoff(), wp(20, 0), do(93, -1, 12, 1, 30), wp(40, 0), RTL]
     events, _ = flown(items)
     assert times(events)[2] == pytest.approx(90.0, abs=0.05)
-    events, _ = flown(items, prepare=lambda v: setattr(v.sequencer, "epoch_unix_s", 1_780_315_140.0))
+    events, _ = flown(items, prepare=lambda v: setattr(v, "epoch_unix_s", 1_780_315_140.0))
     assert times(events)[2] == pytest.approx(150.0, abs=0.05)
     early = predict_flight(Mission(tuple(items)), QUAD, frame=HOME, epoch_unix_s=1_780_315_140.0)
     assert early.duration_s == pytest.approx(150.0 + 28.0, abs=8.0)

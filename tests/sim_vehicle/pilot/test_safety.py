@@ -685,7 +685,7 @@ def test_a_low_battery_on_the_way_home_is_told_but_orders_nothing(autopilot):
     rig.pilot.set_mode(Mode.RTL)
     rig.run(2.0)
     assert rig.pilot.state.phase is FlightPhase.RETURN
-    plan = rig.pilot.executor.follower.plan
+    plan = rig.pilot.executor.plan
     rig.pilot.drain_battery(rig.pilot.parameters.low_fraction - 0.02)
     rig.run(1.0)
     told = [text for text in rig.texts if text.startswith("Battery low")]
@@ -693,7 +693,7 @@ def test_a_low_battery_on_the_way_home_is_told_but_orders_nothing(autopilot):
     assert told[0].endswith(" %)"), "it does not say that it returns: it is returning"
     assert not rig.pilot.failsafe.active
     assert rig.pilot.outcome is Outcome.RUNNING
-    assert rig.pilot.executor.follower.plan is plan, "the way home goes on"
+    assert rig.pilot.executor.plan is plan, "the way home goes on"
     on_order = Rig(autopilot, low_battery_action=returns, low_voltage_v=0.0, critical_voltage_v=0.0)
     on_order.aloft()
     on_order.pilot.drain_battery(on_order.pilot.parameters.low_fraction - 0.02)

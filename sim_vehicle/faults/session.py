@@ -33,7 +33,7 @@ def break_vehicle(component: Component, kind: str, broken: bool, value: float = 
 
 
 def _lose_gps(vehicle: Any, broken: bool, _value: float) -> None:
-    vehicle.pilot.controls.position_ok = not broken
+    vehicle.pilot.position_ok = not broken
 
 
 def _drain(vehicle: Any, broken: bool, value: float) -> None:

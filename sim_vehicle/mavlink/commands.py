@@ -156,7 +156,7 @@ def _told_as(vehicle: CommandedVehicle, number: int | None) -> Iterator[None]:
     except RefusedError as refusal:
         if number is None:
             raise
-        has_position = vehicle.pilot.controls.position_ok
+        has_position = vehicle.pilot.position_ok
         told = vehicle.state.mavlink.modes.refusal(number, has_position=has_position)
         raise RefusedError(str(refusal), denied=refusal.denied, told=told) from None
 
@@ -213,7 +213,7 @@ def _run_checks(vehicle: CommandedVehicle, _command: VehicleCommand) -> Result:
         return m.MAV_RESULT_TEMPORARILY_REJECTED
     problem = vehicle.pilot.arming.health_problem()
     if problem is not None:
-        vehicle.say_warning(f"{vehicle.pilot.failsafe.rules.preflight}: {problem}")
+        vehicle.say_warning(f"{vehicle.pilot.rules.preflight}: {problem}")
     return None
 
 

@@ -153,7 +153,7 @@ class Steering:
         elif kind in (_LOCAL, _LOCAL_OFFSET, _BODY, _BODY_OFFSET, _BODY_FRD):
             asked = mask & _IGNORE_POSITION != _IGNORE_POSITION
             # Only ArduPilot takes positions that are offsets from the vehicle.
-            if kind != _LOCAL and asked and self._pilot.failsafe.rules.needs_stream:
+            if kind != _LOCAL and asked and self._pilot.rules.needs_stream:
                 raise RefusedError(f"Setpoint refused: no positions in frame {kind}", denied=True)
             position = _enu(message.x, message.y, message.z, yaw if turned else 0.0)
             if kind != _LOCAL:

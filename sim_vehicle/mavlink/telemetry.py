@@ -69,7 +69,7 @@ def _sys_status(source: WireState) -> Message:
     pilot = source.pilot
     health = _SENSORS
     enabled = _SENSORS if pilot.parameters.fence_enable else _SENSORS & ~_FENCE
-    if not pilot.controls.position_ok:
+    if not pilot.position_ok:
         health &= ~_GPS
     if pilot.failsafe.fence.breach and pilot.armed:
         health &= ~_FENCE
@@ -87,7 +87,7 @@ def _sys_status(source: WireState) -> Message:
 
 def _gps_raw_int(source: WireState) -> Message:
     boot = source.boot
-    if not source.pilot.controls.position_ok or (boot is not None and boot.fix < _FIX_3D):
+    if not source.pilot.position_ok or (boot is not None and boot.fix < _FIX_3D):
         fix = 1 if boot is None else min(boot.fix, 1)
         return m.MAVLink_gps_raw_int_message(source.unix_us, fix, 0, 0, 0, UNUSED, UNUSED, UNUSED, UNUSED, 0)
     east, north, _ = source.pilot.state.velocity_m_s
@@ -208,7 +208,7 @@ def _mission_current(source: WireState) -> Message:
     size = pilot.mission.size
     in_mode = pilot.mode is Mode.MISSION
     seq = source.wire_seq(pilot.mission.current_seq) if size else 0
-    state = pilot.mission_state
+    state = pilot.mission.state
     hovers = pilot.behaviour.stays_after_last and pilot.landed is not LandedState.ON_GROUND
     if state is MissionState.COMPLETE and not (hovers or pilot.mission.returns):
         seq = 0
@@ -249,12 +249,12 @@ def _autopilot_version(source: WireState) -> Message:
 
 
 def _estimator_status(source: WireState) -> Message:
-    flags = _ESTIMATES_OK if source.pilot.controls.position_ok else _ESTIMATES_BLIND
+    flags = _ESTIMATES_OK if source.pilot.position_ok else _ESTIMATES_BLIND
     return m.MAVLink_estimator_status_message(source.unix_us, flags, 0.1, 0.1, 0.1, 0.1, 0.0, 0.0, 0.5, 0.8)
 
 
 def _ekf_status_report(source: WireState) -> Message:
-    flags = _ESTIMATES_OK if source.pilot.controls.position_ok else _ESTIMATES_BLIND
+    flags = _ESTIMATES_OK if source.pilot.position_ok else _ESTIMATES_BLIND
     boot, cold = source.boot, source.firmware.cold_boot
     if cold is not None and boot is not None and not boot.knows_position:
         flags = cold.blind_flags

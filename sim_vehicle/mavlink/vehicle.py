@@ -377,7 +377,7 @@ class SimVehicle:
         shown = (
             (self.state.custom_mode, pilot.armed),
             pilot.landed,
-            (pilot.mission.current_seq, pilot.mission_state, pilot.mission.size),
+            (pilot.mission.current_seq, pilot.mission.state, pilot.mission.size),
         )
         if shown == self._shown:
             return

@@ -22,26 +22,23 @@ FORCE = 21196
 class ArmingChecks:
     """The checks before the motors may run.
 
-    `mission_refusal` tells why the autopilot does not arm with the mission that is loaded, whatever the mode;
     `block` is a reason from outside not to arm, to be assigned.
     """
 
-    def __init__(
-        self, controls: Controls, failsafe: Failsafe, mission_refusal: Callable[[], str | None]
-    ) -> None:
+    def __init__(self, controls: Controls, failsafe: Failsafe) -> None:
         self.block: str | None = None
         self._controls = controls
         self._failsafe = failsafe
-        self._mission_refusal = mission_refusal
 
     def health_problem(self) -> str | None:
         """Why the vehicle is not fit to fly, whatever it is told to do; None when it is."""
-        if not self._controls.position_ok:
+        controls = self._controls
+        if not controls.position_ok:
             return "no position"
-        if not self._controls.motor_ok:
+        if not controls.motor_ok:
             return "motor failure"
         reason = self.block or self._battery_problem() or self._failsafe.why_not_arm()
-        return reason or self._mission_refusal()
+        return reason or controls.behaviour.refuses_to_arm(controls.executor.items, controls.parameters)
 
     def why_not(self, mode: Mode, mission_problem: str | None) -> str | None:
         """Why the vehicle cannot arm in a mode; None when it can.
@@ -61,7 +58,7 @@ class ArmingChecks:
             return None
         if battery.fraction < max(parameters.low_fraction, 1e-9):
             return f"battery low ({100.0 * battery.fraction:.0f} %)"
-        if self._failsafe.rules.watches_voltage:
+        if self._controls.rules.watches_voltage:
             least = max(parameters.low_voltage_v, parameters.critical_voltage_v)
             if battery.voltage_v < least:
                 return f"battery voltage low ({battery.voltage_v:.2f} V, least {least:.2f} V)"

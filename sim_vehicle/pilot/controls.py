@@ -7,16 +7,16 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import TYPE_CHECKING
 
+from sim_vehicle.autopilot.parameters import RuntimeParameters
 from sim_vehicle.errors import VehicleError
 
 if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.autopilot.modes import Mode
-    from sim_vehicle.autopilot.parameters import RuntimeParameters
+    from sim_vehicle.autopilot.autopilot import Firmware
     from sim_vehicle.execution.executor import MissionExecutor
-    from sim_vehicle.execution.state import FlightEvent, LandedState, VehicleState
+    from sim_vehicle.execution.state import LandedState, VehicleState
 
-__all__ = ["Controls", "MissionState", "Notice", "NoticeLog", "RefusedError", "Severity"]
+__all__ = ["Controls", "MissionState", "Notice", "RefusedError", "Severity"]
 
 
 class Severity(IntEnum):
@@ -46,22 +46,6 @@ class Notice:
     text: str
 
 
-class NoticeLog:
-    """Collects notices until they are sent."""
-
-    def __init__(self) -> None:
-        self._notices: list[Notice] = []
-
-    def add(self, severity: Severity, text: str) -> None:
-        """Tell the operator."""
-        self._notices.append(Notice(severity, text))
-
-    def take(self) -> list[Notice]:
-        """Take all notices since the last call."""
-        taken, self._notices = self._notices, []
-        return taken
-
-
 class RefusedError(VehicleError):
     """An order that the vehicle does not take.
 
@@ -82,13 +66,15 @@ class RefusedError(VehicleError):
 
 
 class Controls:
-    """One vehicle under a pilot's hands: what flies, its parameters, its mode, and what the operator is told.
+    """One vehicle under a pilot's hands: what flies, its firmware's rules, parameters, mode, and notices.
 
     Attributes
     ----------
+    parameters : RuntimeParameters
+        What can be changed.
     state : VehicleState
         After the last order or `advance`.
-    attitude : tuple of 2 floats or None
+    flown_attitude : tuple of 2 floats or None
         Roll and pitch where they are flown as they are told; None where they follow from the motion.
     now_s : float
         Time of the last `advance`.
@@ -96,13 +82,16 @@ class Controls:
         Whether there is a position (GPS), and whether all motors run.
     """
 
-    def __init__(self, executor: MissionExecutor, parameters: RuntimeParameters, mode: Mode) -> None:
+    def __init__(self, executor: MissionExecutor, firmware: Firmware) -> None:
         self.executor = executor
-        self.parameters = parameters
-        self.mode = mode
-        self.notices = NoticeLog()
+        self.frame = executor.frame
+        self.firmware = firmware
+        self.rules, self.behaviour = firmware.rules, firmware.behaviour
+        self.parameters = RuntimeParameters.of(executor.spec, firmware.rules.defaults)
+        self.mode = firmware.mavlink.modes.boot
+        self._notices: list[Notice] = []
         self.state: VehicleState = executor.state()
-        self.attitude: tuple[float, float] | None = None
+        self.flown_attitude: tuple[float, float] | None = None
         self.now_s = 0.0
         self.position_ok = self.motor_ok = True
 
@@ -136,17 +125,19 @@ class Controls:
             raise RefusedError(str(error)) from None
         self.refresh()
 
-    def advance(self, now_s: float) -> list[FlightEvent]:
-        """Fly up to a time; the events until then, in order."""
-        self.now_s = now_s
-        events = self.executor.advance(now_s)
-        self.refresh()
-        return events
+    def note(self, severity: Severity, text: str) -> None:
+        """Tell the operator."""
+        self._notices.append(Notice(severity, text))
+
+    def notices(self) -> list[Notice]:
+        """Take what was noted since the last call."""
+        taken, self._notices = self._notices, []
+        return taken
 
     def refresh(self) -> None:
         """Read the state anew."""
         state = self.executor.state()
-        if self.attitude is not None:
-            roll_rad, pitch_rad = self.attitude
+        if self.flown_attitude is not None:
+            roll_rad, pitch_rad = self.flown_attitude
             state = state._replace(roll_rad=roll_rad, pitch_rad=pitch_rad)
         self.state = state

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from mission.outcome import Outcome
-from sim_vehicle.autopilot.behaviour import Action, FailsafeRules
+from sim_vehicle.autopilot.behaviour import Action
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.execution.state import FlightPhase, LandedState
 from sim_vehicle.pilot.controls import Severity
@@ -131,15 +131,14 @@ class Failsafe:
     heartbeats of the ground station came once and come no more.
     """
 
-    def __init__(self, controls: Controls, rules: FailsafeRules) -> None:
-        self.rules = rules
-        self.battery = BatteryWatch(controls, by_voltage=rules.watches_voltage)
+    def __init__(self, controls: Controls) -> None:
+        self._rules = controls.rules
+        self.battery = BatteryWatch(controls, by_voltage=controls.rules.watches_voltage)
         self.fence = FenceWatch()
         self.link_lost = False
         self.active = False
         self._controls = controls
         self._parameters = controls.parameters
-        self._notices = controls.notices
         self._position_lost = False
         self._last_gcs_s = -math.inf
         self.apply_parameters()
@@ -148,7 +147,7 @@ class Failsafe:
     def fence_enabled(self) -> bool:
         """Whether the fence is watched at all."""
         parameters = self._parameters
-        return bool(parameters.fence_enable) and self.rules.fence_action(parameters) is not Action.NONE
+        return bool(parameters.fence_enable) and self._rules.fence_action(parameters) is not Action.NONE
 
     def apply_parameters(self) -> None:
         """Take the parameters of the fence."""
@@ -172,12 +171,12 @@ class Failsafe:
         if self.link_lost:
             self.link_lost = False
             if self._tells_link:
-                self._notices.add(Severity.INFO, self.rules.link_regained)
+                self._controls.note(Severity.INFO, self._rules.link_regained)
 
     @property
     def _tells_link(self) -> bool:
-        acts = self.rules.link_action(self._parameters) is not Action.NONE
-        return acts or self.rules.tells_link_loss
+        acts = self._rules.link_action(self._parameters) is not Action.NONE
+        return acts or self._rules.tells_link_loss
 
     def on_armed(self) -> None:
         """Begin again with the arming."""
@@ -201,7 +200,7 @@ class Failsafe:
         reason = self.outside(self._controls.state.position_m)
         if reason is not None:
             return f"fence: {reason}"
-        needs_link = self.rules.link_action(self._parameters) is not Action.NONE
+        needs_link = self._rules.link_action(self._parameters) is not Action.NONE
         if needs_link and self._silence_s() > self._parameters.link_timeout_s:
             return "no connection to the ground control station"
         return None
@@ -230,35 +229,36 @@ class Failsafe:
         return self._controls.now_s - self._last_gcs_s
 
     def _warn_of_battery(self, level: int) -> Iterator[Reaction]:
-        action = self.rules.battery_action(level, self._parameters)
+        action = self._rules.battery_action(level, self._parameters)
         homes = action is Action.RETURN and is_done(action, self._controls.state.phase)
         acts = action not in (Action.NONE, Action.WARN) and not homes
         text = self.battery.describe(level)
         severity = Severity.CRITICAL if level > 1 else Severity.WARNING
-        self._notices.add(severity, f"Battery {text}" + (f": {action.value}" if acts else ""))
+        self._controls.note(severity, f"Battery {text}" + (f": {action.value}" if acts else ""))
         yield from self._react(Reaction(action, Outcome.BATTERY_LOW, f"battery {text}"))
 
     def _check_position(self) -> Iterator[Reaction]:
         controls = self._controls
         self._position_lost = not controls.position_ok
         if controls.position_ok:
-            self._notices.add(Severity.INFO, "Position regained")
+            self._controls.note(Severity.INFO, "Position regained")
             return
         if controls.landed is LandedState.ON_GROUND:
             return
-        self._notices.add(Severity.CRITICAL, "Position lost: landing")
+        self._controls.note(Severity.CRITICAL, "Position lost: landing")
         yield from self._react(Reaction(Action.LAND, Outcome.POSITION_LOST, "position lost"))
 
     def _lose_link(self) -> Iterator[Reaction]:
         self.link_lost = True
-        action = self.rules.link_action(self._parameters)
-        goes_on = self.rules.mission_goes_on_bit & self._parameters.failsafe_options
+        action = self._rules.link_action(self._parameters)
+        goes_on = self._rules.mission_goes_on_bit & self._parameters.failsafe_options
         if action is not Action.NONE and goes_on and self._controls.mode is Mode.MISSION:
-            self._notices.add(Severity.WARNING, self.rules.link_ignored)
+            self._controls.note(Severity.WARNING, self._rules.link_ignored)
             return
         acts = action is not Action.NONE and self._controls.landed is not LandedState.ON_GROUND
         if self._tells_link:
-            self._notices.add(Severity.WARNING, self.rules.link_lost + (f": {action.value}" if acts else ""))
+            done = f": {action.value}" if acts else ""
+            self._controls.note(Severity.WARNING, self._rules.link_lost + done)
         yield from self._react(Reaction(action, Outcome.LINK_LOST, "ground station lost"))
 
     def _check_fence(self) -> Iterator[Reaction]:
@@ -268,10 +268,10 @@ class Failsafe:
         before, state = watch.breach, controls.state
         fresh = watch.check(state.position_m, state.path_length_m, controls.home_m, controls.now_s)
         if fresh:
-            action = self.rules.fence_action(self._parameters)
+            action = self._rules.fence_action(self._parameters)
             if action is Action.NONE:
                 return
-            self._notices.add(Severity.WARNING, self.rules.fence_text.format(watch.reason))
+            self._controls.note(Severity.WARNING, self._rules.fence_text.format(watch.reason))
             point_m = watch.fence.return_point_m if action is Action.RETURN else None
             reaction = Reaction(action, Outcome.FENCE_BREACHED, f"fence: {watch.reason}", point_m)
             if point_m is None:
@@ -281,7 +281,7 @@ class Failsafe:
                 self.active = True
                 yield reaction
         elif before is not Breach.NONE and watch.breach is Breach.NONE:
-            self._notices.add(Severity.INFO, self.rules.fence_clear)
+            self._controls.note(Severity.INFO, self._rules.fence_clear)
 
     def _react(self, reaction: Reaction) -> Iterator[Reaction]:
         """Ask for a reaction, unless the vehicle is already at something stronger."""

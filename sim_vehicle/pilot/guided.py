@@ -62,9 +62,8 @@ class SetpointFollower:
     def __init__(self, controls: Controls, failsafe: Failsafe) -> None:
         self._controls = controls
         self._parameters = controls.parameters
-        self._notices = controls.notices
         self._failsafe = failsafe
-        self._rules = failsafe.rules
+        self._rules = controls.rules
         self._latest: Setpoint | None = None
         self._taken_s = -math.inf
         self._flown: Setpoint | None = None
@@ -100,11 +99,11 @@ class SetpointFollower:
         if self.is_fresh:
             return None
         if self._rules.needs_stream:
-            self._notices.add(Severity.WARNING, self._rules.stream_lost.format("returning"))
+            self._controls.note(Severity.WARNING, self._rules.stream_lost.format("returning"))
             self._flown = None
             return Mode.RTL
         if self._flown is not None and self._flown.is_velocity:
-            self._notices.add(Severity.WARNING, self._rules.stream_lost.format("stopping"))
+            self._controls.note(Severity.WARNING, self._rules.stream_lost.format("stopping"))
             self._flown = None
             return Mode.GUIDED
         return None
@@ -129,7 +128,7 @@ class SetpointFollower:
         """Tell the operator why a setpoint is not flown, but the same thing only once in a row."""
         if text != self._complaint:
             self._complaint = text
-            self._notices.add(Severity.WARNING, text)
+            self._controls.note(Severity.WARNING, text)
 
     def _fly(self, setpoint: Setpoint) -> None:
         executor = self._controls.executor
@@ -214,7 +213,7 @@ class AttitudePilot:
 
     def stop(self) -> None:
         """Note that something else is flown from now on."""
-        self._target = self._flip = self._controls.attitude = None
+        self._target = self._flip = self._controls.flown_attitude = None
 
     def take(self, target: AttitudeTarget = _LEVEL) -> None:
         """Fly an attitude from now on."""
@@ -243,7 +242,7 @@ class AttitudePilot:
             lifts = target.climb_m_s > 0.0 or (math.isnan(target.climb_m_s) and target.thrust > _HOVER)
             self._flown_s = controls.now_s
             if not lifts:
-                controls.attitude = None
+                controls.flown_attitude = None
                 return False
         over = False
         while self._flown_s < controls.now_s - 1e-9:
@@ -253,7 +252,7 @@ class AttitudePilot:
                 over |= self._turn_over(*self._flip, step_s)
             else:
                 self._lean(target, step_s)
-        controls.attitude = self._roll, self._pitch
+        controls.flown_attitude = self._roll, self._pitch
         east, north, up = self._velocity_m_s
         if target.climb_m_s != 0.0 or self._flip is not None:
             self._height_m = None

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from enum import Enum
 from typing import TYPE_CHECKING
 
+from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.execution.feasibility import check_mission
 from sim_vehicle.execution.state import FlightPhase
 from sim_vehicle.pilot.controls import MissionState
@@ -28,14 +29,9 @@ class MissionChange(Enum):
 
 
 class MissionStatus:
-    """Status of the loaded mission.
+    """Status of the loaded mission."""
 
-    `refuses` tells of a mission why the autopilot does not want it; None when it does.
-    """
-
-    def __init__(
-        self, controls: Controls, failsafe: Failsafe, refuses: Callable[[Sequence[MissionItem]], str | None]
-    ) -> None:
+    def __init__(self, controls: Controls, failsafe: Failsafe) -> None:
         # What cannot be flown.
         self.problems: tuple[str, ...] = ()
         # Whether it was begun since the vehicle was armed, and flown to its end; and whether all that is left
@@ -45,7 +41,6 @@ class MissionStatus:
         self._in_air = False
         self._controls = controls
         self._failsafe = failsafe
-        self._refuses = refuses
 
     @property
     def waits(self) -> bool:
@@ -99,7 +94,7 @@ class MissionStatus:
                     outside=failsafe.outside if failsafe.fence_enabled else None,
                 )
             )
-            refusal = self._refuses(items)
+            refusal = self._controls.behaviour.refuses(items, self._controls.parameters)
             if refusal is not None:
                 self.problems += (refusal,)
 
@@ -116,13 +111,16 @@ class MissionStatus:
         self.check(self.items, in_air=self._in_air)
         return self.problems[0] if self.problems and self.problems != before else None
 
-    def progress(self, *, in_mode: bool) -> MissionState:
-        """Progress of the mission; ``in_mode`` tells whether the vehicle is armed in the mission mode."""
+    @property
+    def state(self) -> MissionState:
+        """Progress of the mission."""
+        controls = self._controls
         if not self.items or self.problems:
             return MissionState.NO_MISSION
         if self.complete or self.returns:
             return MissionState.COMPLETE
         if not self.started:
             return MissionState.NOT_STARTED
-        flying = in_mode and self._controls.state.phase is not FlightPhase.HOLD
+        in_mode = controls.mode is Mode.MISSION and controls.armed
+        flying = in_mode and controls.state.phase is not FlightPhase.HOLD
         return MissionState.ACTIVE if flying else MissionState.PAUSED

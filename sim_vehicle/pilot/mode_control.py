@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from sim_vehicle.autopilot.behaviour import MissionBehaviour
-from sim_vehicle.autopilot.modes import Mode, ModeTable
+from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.execution.state import FlightPhase, LandedState
 from sim_vehicle.pilot.controls import RefusedError
 
@@ -34,23 +33,14 @@ class ModeControl:
         Of the next take-off; None is the vehicle's own.
     """
 
-    def __init__(
-        self,
-        controls: Controls,
-        mission: MissionStatus,
-        setpoints: SetpointFollower,
-        behaviour: MissionBehaviour,
-        modes: ModeTable,
-    ) -> None:
-        self.intended = modes.boot
+    def __init__(self, controls: Controls, mission: MissionStatus, setpoints: SetpointFollower) -> None:
+        self.intended = controls.mode
         self.by_itself = False
         self.takeoff_altitude_m: float | None = None
         self._controls = controls
         self._mission = mission
         self._setpoints = setpoints
-        self._behaviour = behaviour
         self._left: tuple[tuple[MissionItem, ...], int] | None = None
-        self._after_takeoff = modes.after_takeoff
 
     def change(self, mode: Mode) -> bool:
         """Take a mode and, armed, do what it means; the mode is as it was when that cannot be done.
@@ -71,17 +61,17 @@ class ModeControl:
         """Take a mode in which something else is flown than the mode's own."""
         self._setpoints.forget()
         self.by_itself = False
-        if mode is not self._controls.mode and self._controls.landed is not LandedState.ON_GROUND:
-            executor = self._controls.executor
-            if mode in self._behaviour.forgets_speed_in:
-                executor.reset_speed()
-            elif mode is Mode.MISSION and self._behaviour.replays_speed:
-                executor.replay_speed()
-            if mode is Mode.MISSION and self._behaviour.rewinds_survey and self._left == self._present_item:
-                executor.rewind_survey()
-            if self._controls.mode is Mode.MISSION:
+        controls, behaviour = self._controls, self._controls.behaviour
+        if mode is not controls.mode and controls.landed is not LandedState.ON_GROUND:
+            if mode in behaviour.forgets_speed_in:
+                controls.executor.reset_speed()
+            elif mode is Mode.MISSION and behaviour.replays_speed:
+                controls.executor.replay_speed()
+            if mode is Mode.MISSION and behaviour.rewinds_survey and self._left == self._present_item:
+                controls.executor.rewind_survey()
+            if controls.mode is Mode.MISSION:
                 self._left = self._present_item
-        self._controls.mode = mode
+        controls.mode = mode
         if mode not in _LEADS_DOWN_OR_UP:
             self.intended = mode
 
@@ -93,7 +83,7 @@ class ModeControl:
     def on_target_reached(self) -> None:
         """Go on to the mode that follows a take-off."""
         if self._controls.mode is Mode.TAKEOFF:
-            self._controls.mode = self.intended = self._after_takeoff
+            self._controls.mode = self.intended = self._controls.firmware.mavlink.modes.after_takeoff
 
     def _fly(self, mode: Mode) -> bool:
         controls = self._controls

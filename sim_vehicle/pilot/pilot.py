@@ -12,7 +12,7 @@ from mission.outcome import Outcome
 from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.autopilot.behaviour import Action
 from sim_vehicle.autopilot.modes import Mode
-from sim_vehicle.autopilot.parameters import RuntimeParameters, Setting
+from sim_vehicle.autopilot.parameters import Setting
 from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
@@ -28,11 +28,10 @@ from sim_vehicle.execution.state import (
     LandingRestarted,
     MissionComplete,
     TargetReached,
-    VehicleState,
 )
 from sim_vehicle.motion.legs import ALONG, Heading
 from sim_vehicle.pilot.arming import ArmingChecks, IdleWatch
-from sim_vehicle.pilot.controls import Controls, MissionState, Notice, RefusedError, Severity
+from sim_vehicle.pilot.controls import Controls, RefusedError, Severity
 from sim_vehicle.pilot.failsafe import Failsafe, Reaction
 from sim_vehicle.pilot.fence import Fence
 from sim_vehicle.pilot.guided import AttitudePilot, AttitudeTarget, AutoYaw, Setpoint, SetpointFollower
@@ -62,7 +61,7 @@ _CIRCLE_OPTIONS, _LOOKS_ALONG, _BEGINS_AT_CENTER = Setting("CIRCLE_OPTIONS", 1.0
 _MODES = {Action.HOLD: Mode.HOLD, Action.RETURN: Mode.RTL, Action.LAND: Mode.LAND}
 
 
-class Pilot:
+class Pilot(Controls):
     """One vehicle under orders, as a firmware flies it.
 
     An order that the vehicle cannot take, now or at all, raises RefusedError.
@@ -97,12 +96,7 @@ class Pilot:
         epoch_unix_s: float = EPOCH_UNIX_S,
         estimate_errors: EstimateErrors | None = None,
     ) -> None:
-        rules, behaviour, mode = firmware.rules, firmware.behaviour, firmware.mavlink.modes.boot
-        self.frame = frame
-        self.outcome = Outcome.RUNNING
-        self.outcome_text = ""
-        self.parameters = parameters = RuntimeParameters.of(spec, rules.defaults)
-        self.executor = MissionExecutor(
+        executor = MissionExecutor(
             spec,
             frame,
             wind=wind,
@@ -111,77 +105,27 @@ class Pilot:
             epoch_unix_s=epoch_unix_s,
             estimate_errors=estimate_errors,
         )
-        self._rules = rules
-        self.behaviour = behaviour
-        self.controls = controls = Controls(self.executor, parameters, mode)
-        self._notices = controls.notices
-        self.failsafe = Failsafe(controls, rules)
-        self.mission = MissionStatus(
-            controls, self.failsafe, lambda items: behaviour.refuses(items, parameters)
-        )
-        self.arming = ArmingChecks(
-            controls, self.failsafe, lambda: behaviour.refuses_to_arm(self.mission.items, parameters)
-        )
-        self.setpoints = SetpointFollower(controls, self.failsafe)
-        self.modes = ModeControl(controls, self.mission, self.setpoints, behaviour, firmware.mavlink.modes)
-        self.auto_yaw = AutoYaw(controls)
-        self.attitude = AttitudePilot(controls)
-        self._flipped_in, self._circles = mode, False
+        super().__init__(executor, firmware)
+        self.outcome = Outcome.RUNNING
+        self.outcome_text = ""
+        self.failsafe = Failsafe(self)
+        self.mission = MissionStatus(self, self.failsafe)
+        self.arming = ArmingChecks(self, self.failsafe)
+        self.setpoints = SetpointFollower(self, self.failsafe)
+        self.modes = ModeControl(self, self.mission, self.setpoints)
+        self.auto_yaw = AutoYaw(self)
+        self.attitude = AttitudePilot(self)
+        self._flipped_in, self._circles = self.mode, False
         self._returns_s = math.inf
-        self._sticks = flown = None if firmware.sticks is None else StickPilot(controls, firmware.sticks)
+        self._sticks = flown = None if firmware.sticks is None else StickPilot(self, firmware.sticks)
         self._idle = None
-        if rules.idle is not None:
-            self._idle = IdleWatch(controls, rules.idle, lambda: flown is None or flown.throttle_down)
-
-    # What is known of the vehicle.
-
-    @property
-    def spec(self) -> VehicleSpec:
-        """The vehicle, with the defaults and limits that hold now."""
-        return self.executor.spec
-
-    @property
-    def state(self) -> VehicleState:
-        """The state after the last order or `advance`."""
-        return self.controls.state
-
-    @property
-    def mode(self) -> Mode:
-        """The flight mode."""
-        return self.controls.mode
-
-    @property
-    def armed(self) -> bool:
-        """Whether the motors run."""
-        return self.executor.armed
-
-    @property
-    def landed(self) -> LandedState:
-        """Ground contact."""
-        return self.controls.state.landed
-
-    @property
-    def home_m(self) -> tuple[float, float]:
-        """Where home is, east and north of the start."""
-        return self.controls.home_m
+        if self.rules.idle is not None:
+            self._idle = IdleWatch(self, self.rules.idle, lambda: flown is None or flown.throttle_down)
 
     @property
     def sticks(self) -> Sticks | None:
         """Where the sticks of the ground station are, None while none are heard."""
         return None if self._sticks is None else self._sticks.shown
-
-    @property
-    def mission_state(self) -> MissionState:
-        """Progress of the mission."""
-        return self.mission.progress(in_mode=self.mode is Mode.MISSION and self.armed)
-
-    def note(self, severity: Severity, text: str) -> None:
-        """Tell the operator."""
-        self._notices.add(severity, text)
-
-    def notices(self) -> list[Notice]:
-        """Take what was noted since the last call."""
-        return self._notices.take()
 
     # Plans and parameters.
 
@@ -210,7 +154,7 @@ class Pilot:
             change = self._change(items, seq)
         else:
             self.executor.load(items, current=seq, keeps_settings=airborne)
-            self.controls.refresh()
+            self.refresh()
         if mission.returns and not flying:
             mission.choose()
         mission.complete = ended
@@ -231,7 +175,7 @@ class Pilot:
             items, seq, at_waypoints=behaviour.restarts_leg, keeps_jumps=behaviour.keeps_jumps
         )
         self.mission.started = True
-        self.controls.refresh()
+        self.refresh()
         if turned:
             return MissionChange.TURNED
         return MissionChange.LOST if is_beyond else MissionChange.LATER
@@ -254,7 +198,7 @@ class Pilot:
 
     def set_fence(self, items: Sequence[MissionItem]) -> None:
         """Replace the fence; a mission that is not flown now is checked again."""
-        self.failsafe.set_fence(Fence.of(items, self.frame, any_inclusion=self._rules.any_inclusion))
+        self.failsafe.set_fence(Fence.of(items, self.frame, any_inclusion=self.rules.any_inclusion))
         self._check_mission_again()
 
     def set_rally(self, items: Sequence[MissionItem]) -> None:
@@ -313,16 +257,16 @@ class Pilot:
         if reason is not None:
             if not self.mission.started:
                 self._end(Outcome.ARMING_REFUSED, reason)
-            for text in self._rules.arming_texts:
+            for text in self.rules.arming_texts:
                 self.note(Severity.CRITICAL, text.format(reason))
-            raise RefusedError(self._rules.arming_texts[0].format(reason))
+            raise RefusedError(self.rules.arming_texts[0].format(reason))
         self.failsafe.on_armed()
         if self._idle is not None:
             self._idle.on_armed()
         if self._sticks is not None:
             self._sticks.forget()
         self._end(Outcome.RUNNING, "")
-        self.note(Severity.INFO, told or self._rules.armed)
+        self.note(Severity.INFO, told or self.rules.armed)
         if self.mode is Mode.MISSION and self.mission.why_not is not None:
             self.modes.override(Mode.HOLD)
         elif self.mode in (Mode.MISSION, Mode.TAKEOFF):
@@ -330,7 +274,7 @@ class Pilot:
 
     def _mode_problem(self) -> str | None:
         """Why the vehicle does not arm in its mode for want of sticks or setpoints; None when it does."""
-        if self.mode is Mode.GUIDED and self._rules.needs_stream and not self.setpoints.is_fresh:
+        if self.mode is Mode.GUIDED and self.rules.needs_stream and not self.setpoints.is_fresh:
             return "No offboard signal"
         return None if self._sticks is None else self._sticks.why_not_arm(self.mode)
 
@@ -341,15 +285,15 @@ class Pilot:
         try:
             self.executor.disarm(force=force)
         except VehicleError:
-            raise RefusedError("Disarming denied: not landed", told=self._rules.disarming_text) from None
-        self.controls.refresh()
-        self._on_disarmed((self._rules.disarmed,))
+            raise RefusedError("Disarming denied: not landed", told=self.rules.disarming_text) from None
+        self.refresh()
+        self._on_disarmed((self.rules.disarmed,))
 
     def set_mode(self, mode: Mode) -> None:
         """Change the mode; armed, the vehicle does it at once."""
         text = self.behaviour.empty_mission_text
         if text and mode is Mode.MISSION and not self.mission.items and not self.armed:
-            self.note(Severity.CRITICAL, f"{self._rules.preflight}: {text}")
+            self.note(Severity.CRITICAL, f"{self.rules.preflight}: {text}")
         else:
             self._check_mode(mode)
         if self.behaviour.stays_after_last and mode is self.mode is Mode.MISSION and self.mission.waits:
@@ -361,17 +305,17 @@ class Pilot:
         if self.state.phase.is_lost:
             why = "battery empty" if self.state.phase is FlightPhase.DEPLETED else "falling"
             raise RefusedError(f"Mode {mode.value} refused: {why}")
-        if self._rules.any_mode_disarmed and not self.armed:
+        if self.rules.any_mode_disarmed and not self.armed:
             return
         if mode is Mode.MISSION and self.mission.why_not is not None:
             raise RefusedError(f"Mission mode refused: {self.mission.why_not}")
         if mode is Mode.FLIP and not self._may_flip:
             raise RefusedError("Mode flip refused: not flying by hand")
-        if mode not in _WITHOUT_POSITION and not self.controls.position_ok:
+        if mode not in _WITHOUT_POSITION and not self.position_ok:
             raise RefusedError(f"Mode {mode.value} refused: no position")
         if self._sticks is not None and self._sticks.lacks(mode):
             raise RefusedError(f"Mode {mode.value} refused: no sticks")
-        if mode is Mode.GUIDED and self._rules.needs_stream and not self.setpoints.is_fresh:
+        if mode is Mode.GUIDED and self.rules.needs_stream and not self.setpoints.is_fresh:
             raise RefusedError("Mode guided refused: no setpoints")
 
     @property
@@ -414,7 +358,7 @@ class Pilot:
         outside = self.failsafe.outside((x_m, y_m, altitude_m))
         if outside is not None:
             raise RefusedError(
-                f"Reposition refused by the fence: {outside}", denied=True, told=self._rules.fence_refusal
+                f"Reposition refused by the fence: {outside}", denied=True, told=self.rules.fence_refusal
             )
         guided = mode is Mode.GUIDED
         self.auto_yaw.forget()
@@ -427,7 +371,7 @@ class Pilot:
         if speed_m_s is None and self.behaviour.replays_speed:
             # The speed of the mission comes back with it.
             speed_m_s = self.spec.cruise_speed_m_s
-        self.controls.order(
+        self.order(
             lambda: self.executor.goto(
                 x_m, y_m, altitude_m, heading=heading, speed_m_s=speed_m_s, as_setpoint=guided
             )
@@ -446,7 +390,7 @@ class Pilot:
         """Fly circles about a position at an altitude above home."""
         x_m, y_m = self.frame.from_wgs84(latitude_deg, longitude_deg)
         self._hold_in(mode)
-        self.controls.order(lambda: self.executor.orbit(x_m, y_m, altitude_m, radius_m, speed_m_s))
+        self.order(lambda: self.executor.orbit(x_m, y_m, altitude_m, radius_m, speed_m_s))
 
     def look_at(self, latitude_deg: float | None, longitude_deg: float = 0.0) -> None:
         """Point the nose at a position whatever is flown, None for no more."""
@@ -456,20 +400,20 @@ class Pilot:
 
     def pause(self) -> None:
         """Stop and stay: in the hold mode (PX4), or without leaving the mode (ArduPilot)."""
-        if not self._rules.pauses_in_mode:
+        if not self.rules.pauses_in_mode:
             self.set_mode(Mode.HOLD)
             return
         if not self.armed or self.mode not in (Mode.MISSION, Mode.GUIDED):
             raise RefusedError(f"Pause refused: mode {self.mode.value}")
         self.setpoints.forget()
         self.attitude.stop()
-        self.controls.order(self.executor.hold)
+        self.order(self.executor.hold)
 
     def resume(self) -> None:
         """Go on after a pause: with the mission, or (ArduPilot in guided mode) with the next setpoint."""
-        if self._rules.pauses_in_mode and self.mode is Mode.GUIDED:
+        if self.rules.pauses_in_mode and self.mode is Mode.GUIDED:
             return
-        if self._rules.pauses_in_mode and self.mode is not Mode.MISSION:
+        if self.rules.pauses_in_mode and self.mode is not Mode.MISSION:
             raise RefusedError(f"Resume refused: mode {self.mode.value}")
         self.start_mission()
 
@@ -482,8 +426,8 @@ class Pilot:
         if first is not None:
             self.set_current(first)
         self._change_mode(Mode.MISSION)
-        if self._rules.armed_by_start and not self.armed:
-            self.arm(told=self._rules.armed_by_start)
+        if self.rules.armed_by_start and not self.armed:
+            self.arm(told=self.rules.armed_by_start)
 
     def set_current(self, seq: int) -> None:
         """Go on with this mission item; RefusedError when there is none."""
@@ -491,7 +435,7 @@ class Pilot:
         if not 0 <= seq < size:
             raise RefusedError(f"Mission item {seq + 1} refused: there are {size}", denied=True)
         self.mission.choose()
-        self.controls.order(lambda: self.executor.set_current(seq))
+        self.order(lambda: self.executor.set_current(seq))
 
     def go_around(self, height_m: float | None = None) -> None:
         """Break off the landing of the mission and climb, to begin it anew."""
@@ -500,7 +444,7 @@ class Pilot:
             top_m = self.executor.go_around(height_m)
             self.note(Severity.NOTICE, f"Landing aborted, climbing to {top_m:.0f}m")
 
-        self.controls.order(climb)
+        self.order(climb)
 
     def set_speed(self, speed_m_s: float) -> None:
         """Change the ground speed; RefusedError beyond the vehicle's limit."""
@@ -508,15 +452,15 @@ class Pilot:
             raise RefusedError(
                 f"Speed refused: {speed_m_s:g} of {self.spec.top_speed_m_s:g} m/s", denied=True
             )
-        self.controls.order(lambda: self.executor.set_speed(speed_m_s))
+        self.order(lambda: self.executor.set_speed(speed_m_s))
 
     def take_setpoint(self, setpoint: Setpoint) -> None:
         """Take a setpoint; it is flown in the mode for it, and in no other."""
         self.setpoints.take(setpoint)
         if self.mode is Mode.GUIDED:
             self.attitude.stop()
-        if self.mode is Mode.TAKEOFF and not self._rules.needs_stream:
-            self.controls.mode = Mode.GUIDED
+        if self.mode is Mode.TAKEOFF and not self.rules.needs_stream:
+            self.mode = Mode.GUIDED
         if self.mode is Mode.GUIDED and self.armed:
             if self.auto_yaw.active:
                 # The same target again has its own heading, too.
@@ -529,7 +473,7 @@ class Pilot:
         if self.mode not in (Mode.GUIDED, Mode.TAKEOFF, Mode.ATTITUDE) or not self.armed:
             return
         if self.mode is Mode.TAKEOFF:
-            self.controls.mode = Mode.GUIDED
+            self.mode = Mode.GUIDED
         self.auto_yaw.forget()
         self.setpoints.forget()
         if target is not None:
@@ -538,7 +482,7 @@ class Pilot:
             self.attitude.take()
         elif self.landed is not LandedState.ON_GROUND:
             self.attitude.stop()
-            self.controls.order(self.executor.hold)
+            self.order(self.executor.hold)
 
     def take_sticks(self, sticks: Sticks, *, flown: bool = True, by_rate: bool = False) -> None:
         """Fly as the sticks of the ground station say, in the modes that are flown so.
@@ -559,14 +503,14 @@ class Pilot:
 
     def fail_motor(self, failed: bool = True) -> None:
         """Stop a motor for good, or repair it: without it a vehicle in the air falls, and cannot arm."""
-        self.controls.motor_ok = not failed
+        self.motor_ok = not failed
         if failed and self.armed:
             self.terminate("motor failure")
 
     def drain_battery(self, fraction: float) -> None:
         """Leave no more than this fraction of its capacity in the battery."""
         self.executor.drain_battery(fraction)
-        self.controls.refresh()
+        self.refresh()
 
     def terminate(self, reason: str) -> None:
         """Lose the thrust at once: the vehicle falls."""
@@ -575,7 +519,7 @@ class Pilot:
         if self.landed is not LandedState.ON_GROUND:
             self._end(Outcome.CRASHED, reason)
         self.executor.fall()
-        self.controls.refresh()
+        self.refresh()
 
     # Time, and what happens in it.
 
@@ -584,7 +528,9 @@ class Pilot:
 
         ``by_sticks`` tells whether sticks move the vehicle in the mode as it was asked for.
         """
-        events = self.controls.advance(now_s)
+        self.now_s = now_s
+        events = self.executor.advance(now_s)
+        self.refresh()
         for event in events:
             self._on_event(event)
         if self.behaviour.return_lag_s is not None:
@@ -600,7 +546,7 @@ class Pilot:
                     self._carry_out(reaction)
             if self._idle is not None and self.armed and self._idle.is_over():
                 self.executor.disarm()
-                self.controls.refresh()
+                self.refresh()
                 self._on_disarmed(self._idle.texts)
             mode = self.setpoints.expired() if self.mode is Mode.GUIDED else None
             if mode is not None:
@@ -626,7 +572,7 @@ class Pilot:
         elif now_s >= self._returns_s:
             self._returns_s, intended = math.inf, self.modes.intended
             executor.leave_to_return()
-            self.controls.refresh()
+            self.refresh()
             self.modes.override(Mode.RTL)
             self.modes.by_itself, self.modes.intended = True, intended
 
@@ -667,11 +613,11 @@ class Pilot:
             self.note(Severity.CRITICAL, "Battery empty: coming down")
         elif isinstance(event, Landed):
             self.mission.complete |= self.mission.returns and self.mode is Mode.RTL
-            idle = self._rules.idle
+            idle = self.rules.idle
             if idle is not None and not idle.first_flight and self.mode not in _LANDS:
                 self.executor.stay_armed()
         elif isinstance(event, Disarmed):
-            self._on_disarmed(self._rules.landed)
+            self._on_disarmed(self.rules.landed)
 
     def _give_up_mission(self, event: CannotFly) -> None:
         """Bring the vehicle down after something that it could not do: home first, else here."""
@@ -694,7 +640,7 @@ class Pilot:
                 self._end(Outcome.FLIGHT_ABORTED, where)
         mission.started = False
         mission.check_on_ground()
-        if self._rules.restores_mode:
+        if self.rules.restores_mode:
             self.modes.override(self.modes.intended)
 
     def _carry_out(self, reaction: Reaction) -> None:
@@ -705,7 +651,7 @@ class Pilot:
             intended = self.modes.intended
             self.modes.override(Mode.HOLD)
             self.modes.intended = intended
-            self.controls.order(lambda: self.executor.return_home(point_m))
+            self.order(lambda: self.executor.return_home(point_m))
         elif reaction.action is Action.TERMINATE:
             self.terminate(reaction.reason)
         elif reaction.action is Action.DISARM:
@@ -758,7 +704,7 @@ class Pilot:
         x, y, z = self.executor.motion.stopping_point()
         yaw = self.state.yaw_rad
         if radius <= 0.0:
-            self.controls.order(lambda: self.executor.goto(x, y, z, heading=Heading.turning(rate)))
+            self.order(lambda: self.executor.goto(x, y, z, heading=Heading.turning(rate)))
             return
         if rate == 0.0:
             return
@@ -766,7 +712,7 @@ class Pilot:
             x, y = x + radius * math.sin(yaw), y + radius * math.cos(yaw)
         most = min(spec.cruise_speed_m_s, math.sqrt(0.5 * spec.acceleration_m_s2 * radius))
         speed = min(abs(rate) * radius, most)
-        self.controls.order(lambda: self.executor.orbit(x, y, z, math.copysign(radius, rate), speed))
+        self.order(lambda: self.executor.orbit(x, y, z, math.copysign(radius, rate), speed))
         if not options & _LOOKS_ALONG:
             self._circles = True
             self.executor.look_at((x, y))

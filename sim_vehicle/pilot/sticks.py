@@ -205,7 +205,6 @@ class StickPilot:
     def __init__(self, controls: Controls, rules: StickRules) -> None:
         self._controls = controls
         self._parameters = controls.parameters
-        self._notices = controls.notices
         self._rules = rules
         self._sticks: Sticks | None = None
         self._told = Sticks()
@@ -232,7 +231,7 @@ class StickPilot:
         left, was_lost = self._left, self.lost
         self.lost, self._later, self._left = False, None, None
         if was_lost and self._rules.loss.regained:
-            self._notices.add(Severity.WARNING, self._rules.loss.regained)
+            self._controls.note(Severity.WARNING, self._rules.loss.regained)
         if was_lost and left is not None and self._controls.mode is Mode.HOLD:
             return left
         if flown and self._flies:
@@ -285,7 +284,7 @@ class StickPilot:
         if self._later is not None and self._controls.now_s >= self._later[0]:
             reaction, self._later, self._left = self._later[1], None, None
             if self._controls.mode is Mode.HOLD:
-                self._notices.add(Severity.CRITICAL, loss.lost)
+                self._controls.note(Severity.CRITICAL, loss.lost)
                 yield reaction
         if self._silence_s <= self._limit_s:
             if self._wing is not None and not self._flies:
@@ -353,12 +352,12 @@ class StickPilot:
             return
         if controls.landed is LandedState.ON_GROUND:
             if loss.on_ground is not Action.NONE:
-                self._notices.add(Severity.WARNING, f"{loss.lost} - Disarming")
+                self._controls.note(Severity.WARNING, f"{loss.lost} - Disarming")
                 yield Reaction(loss.on_ground, Outcome.LINK_LOST, "sticks lost")
             return
         if loss.exceptions.get(mode, 0) & self._parameters.failsafe_options:
             if mode in loss.ignored:
-                self._notices.add(Severity.WARNING, loss.ignored[mode])
+                self._controls.note(Severity.WARNING, loss.ignored[mode])
             return
         if is_done(action, controls.state.phase):
             return
@@ -366,11 +365,11 @@ class StickPilot:
         delay_s = 0.0 if loss.delay is None else loss.delay.of(self._parameters)
         self._moves = False
         if delay_s > 0.0 and _SEVERITY[action] > _SEVERITY[Action.HOLD]:
-            self._notices.add(Severity.CRITICAL, loss.delayed.format(delay_s))
+            self._controls.note(Severity.CRITICAL, loss.delayed.format(delay_s))
             self._later, self._left = (controls.now_s + delay_s, reaction), mode
             yield Reaction(Action.HOLD, Outcome.RUNNING, "")
             return
-        self._notices.add(Severity.CRITICAL, loss.lost)
+        self._controls.note(Severity.CRITICAL, loss.lost)
         yield reaction
 
     def _fly(self, sticks: Sticks) -> None:

@@ -73,12 +73,12 @@ def test_mavsdk_downloads_the_log_of_a_flight(autopilot, connected, tools, tmp_p
 
     flying, system = connected(autopilot)
     pilot = flying.vehicle.pilot
-    tools.wait_until(lambda: pilot.controls.now_s > 5.0, what="some seconds")
+    tools.wait_until(lambda: pilot.now_s > 5.0, what="some seconds")
     pilot.arm()
-    tools.wait_until(lambda: pilot.controls.now_s > 10.0, what="some seconds")
+    tools.wait_until(lambda: pilot.now_s > 10.0, what="some seconds")
     pilot.disarm()
-    ended_s = pilot.controls.now_s
-    tools.wait_until(lambda: pilot.controls.now_s > ended_s + 3.0, what="the end of the log")
+    ended_s = pilot.now_s
+    tools.wait_until(lambda: pilot.now_s > ended_s + 3.0, what="the end of the log")
     files, ftp = LogFiles(system), Ftp(system)
     got = tmp_path / "got.tlog"
     (log,) = files.get_entries()

@@ -193,13 +193,13 @@ def test_the_log_of_a_flight_is_listed_and_downloaded(autopilot, number, session
     flying, proxy = session(autopilot)
     proxy.type("log list", "No logs")
     vehicle = flying.vehicle
-    tools.wait_until(lambda: vehicle.pilot.controls.now_s > 5.0, what="some seconds")
+    tools.wait_until(lambda: vehicle.pilot.now_s > 5.0, what="some seconds")
     proxy.type("arm throttle")
     tools.wait_until(lambda: vehicle.pilot.armed, what="arming")
     proxy.type("disarm")
     tools.wait_until(lambda: not vehicle.pilot.armed, what="disarming")
-    ended_s = vehicle.pilot.controls.now_s
-    tools.wait_until(lambda: vehicle.pilot.controls.now_s > ended_s + 3.0, what="the end of the log")
+    ended_s = vehicle.pilot.now_s
+    tools.wait_until(lambda: vehicle.pilot.now_s > ended_s + 3.0, what="the end of the log")
     size = int(proxy.type("log list", rf"Log {number} +numLogs 1 lastLog {number} size (\d+)").group(1))
     proxy.type(f"log download {number} flight.tlog", rf"Finished downloading flight.tlog \({size} bytes")
     messages = [message.get_type() for _, message in read_tlog(tmp_path / "flight.tlog")]

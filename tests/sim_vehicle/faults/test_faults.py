@@ -284,7 +284,7 @@ def test_only_one_vehicle_of_two():
     endpoint = MavlinkEndpoint(link, 255, 190)
     link.sleep(3.0)
     assert {message.get_srcSystem() for message in endpoint.receive()} == {1}
-    assert [vehicle.pilot.controls.position_ok for vehicle in pair] == [False, True]
+    assert [vehicle.pilot.position_ok for vehicle in pair] == [False, True]
 
 
 def heard(endpoint, link, seconds):
@@ -353,7 +353,7 @@ def test_gps_loss_comes_and_goes():
         fixes = [x.fix_type for x in driver.endpoint.receive() if x.get_type() == "GPS_RAW_INT"]
         seen.append(min(fixes))
     assert seen[1] >= 3 and seen[4] <= 1 and seen[9] >= 3
-    assert vehicle.pilot.controls.position_ok
+    assert vehicle.pilot.position_ok
 
 
 @pytest.mark.parametrize(
@@ -373,9 +373,9 @@ def test_vehicles_break_in_flight(fault, outcome):
 def test_a_motor_that_fails_on_the_ground_is_mended():
     vehicle, link, _ = simulate("motor-failure,from=1,for=2")
     link.sleep(2.0)
-    assert not vehicle.pilot.controls.motor_ok
+    assert not vehicle.pilot.motor_ok
     link.sleep(2.0)
-    assert vehicle.pilot.controls.motor_ok
+    assert vehicle.pilot.motor_ok
 
 
 class Camera:

@@ -65,7 +65,7 @@ def test_auto_without_a_mission_is_refused_in_flight():
     assert peer.result(176, 1.0, 3.0) == 4
     assert peer.vehicle.pilot.mode is Mode.GUIDED
     assert peer.texts()[-1] == "Mode change to AUTO failed: init failed"
-    peer.vehicle.pilot.controls.position_ok = False
+    peer.vehicle.pilot.position_ok = False
     assert peer.result(176, 1.0, 5.0) == 4
     assert peer.texts()[-1] == "Mode change to LOITER failed: requires position"
     peer = Peer("px4")

@@ -132,16 +132,16 @@ def test_px4_refuses_a_fixed_wings_mission_without_a_landing_unless_told():
     results, texts = uploaded(vehicle, RETURNS)
     assert results == [0]  # it is stored all the same
     assert "Mission rejected: Landing waypoint/pattern required." in "".join(texts)
-    assert vehicle.pilot.mission_state is MissionState.NO_MISSION
+    assert vehicle.pilot.mission.state is MissionState.NO_MISSION
     vehicle.pilot.set_mode(Mode.MISSION)
     with pytest.raises(RefusedError, match="Landing waypoint"):
         vehicle.pilot.arm()
     uploaded(vehicle, LANDS)
-    assert vehicle.pilot.mission_state is MissionState.NOT_STARTED
+    assert vehicle.pilot.mission.state is MissionState.NOT_STARTED
     uploaded(vehicle, RETURNS)
     packed = struct.unpack("<f", struct.pack("<i", 0))[0]
     vehicle.receive(m.MAVLink_param_set_message(1, 1, b"MIS_TKO_LAND_REQ", packed, 6), 0.0)
-    assert vehicle.pilot.mission_state is MissionState.NOT_STARTED
+    assert vehicle.pilot.mission.state is MissionState.NOT_STARTED
 
 
 @pytest.mark.parametrize(

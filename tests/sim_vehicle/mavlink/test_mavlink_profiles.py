@@ -263,7 +263,7 @@ def test_sensors_at_rest_tell_what_they_would_at_rest():
     assert peer.asked(241).clipping_0 == 0
     assert peer.asked(65).chancount == 0
     assert peer.asked(49).latitude == 280500000
-    peer.vehicle.pilot.controls.position_ok = False
+    peer.vehicle.pilot.position_ok = False
     assert not peer.asked(230).flags & 16
 
 

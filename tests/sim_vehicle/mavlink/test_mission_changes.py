@@ -629,7 +629,7 @@ def test_px4_goes_on_at_what_came_on_the_way_home_of_its_mission(by_upload, land
 def test_ardupilot_stays_in_auto_after_the_last_item_until_the_mission_is_started(dynamics):
     flight = Flight(ARDUPILOT, dynamics=dynamics, items=END).fly()
     complete = m.MISSION_STATE_COMPLETE
-    flight.wait(90.0, lambda: flight.pilot.mission_state == complete)
+    flight.wait(90.0, lambda: flight.pilot.mission.state == complete)
     flight.wait(8.0)
     here = flight.place
     assert flight.mode is Mode.MISSION

@@ -348,7 +348,7 @@ def test_a_dead_battery_ends_the_flight_where_it_is():
     ("prepare", "items", "orders", "reason"),
     [
         (drain(0.1), SURVEY, [(2.0, ARM)], "battery low"),
-        (lambda v: setattr(v.pilot.controls, "position_ok", False), SURVEY, [(2.0, ARM)], "no position"),
+        (lambda v: setattr(v.pilot, "position_ok", False), SURVEY, [(2.0, ARM)], "no position"),
         (
             lambda v: setattr(v.pilot.arming, "block", "compass not calibrated"),
             SURVEY,

@@ -276,8 +276,8 @@ def test_telemetry_tells_the_believed_height_and_velocity_and_the_camera_the_tru
         noise=SensorNoise(seed=2, estimate_errors=True),
     )
     vehicle.pilot.load([TAKEOFF, waypoint(80, 0), waypoint(0, 0)])
-    vehicle.pilot.controls.executor.arm()
-    vehicle.pilot.controls.executor.start()
+    vehicle.pilot.executor.arm()
+    vehicle.pilot.executor.start()
     apart, slips = [], []
     for tenth in range(600):
         vehicle.poll(tenth / 10.0)

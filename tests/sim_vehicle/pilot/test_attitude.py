@@ -85,7 +85,7 @@ def test_guided_flies_attitudes():
     assert rig.velocity[2] == pytest.approx(0.0, abs=0.05)
     # A position takes over, with the attitude that its flight has.
     rig.run(1.0, stream=local(POSITION, 0.0, 0.0, -20.0))
-    assert rig.pilot.controls.attitude is None
+    assert rig.pilot.flown_attitude is None
     rig.run(60.0)
     assert rig.place == pytest.approx((0.0, 0.0, 20.0), abs=0.2)
 
@@ -115,9 +115,9 @@ def test_guided_nogps_needs_no_position_and_takes_attitudes_only():
     rig.run(3.0, stream=attitude(roll_deg=10.0))
     assert rig.roll == pytest.approx(10.0, abs=0.5)
     assert rig.mode(4) == 0
-    rig.vehicle.pilot.controls.position_ok = False
+    rig.vehicle.pilot.position_ok = False
     ground = Copter()
-    ground.pilot.controls.position_ok = False
+    ground.pilot.position_ok = False
     assert ground.mode(4) == 4
     assert ground.mode(GUIDED_NOGPS) == 0
 

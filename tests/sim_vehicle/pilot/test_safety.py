@@ -406,20 +406,20 @@ def test_a_dead_battery(autopilot):
 @BOTH
 def test_the_loss_of_the_position(autopilot):
     rig = Rig(autopilot)
-    rig.pilot.controls.position_ok = False
+    rig.pilot.position_ok = False
     with pytest.raises(RefusedError, match="no position"):
         rig.pilot.arm()
-    rig.pilot.controls.position_ok = True
+    rig.pilot.position_ok = True
     rig.aloft()
     rig.goto(100, 0)
     rig.run(5.0)
-    rig.pilot.controls.position_ok = False
+    rig.pilot.position_ok = False
     rig.run(0.3)
     assert rig.pilot.mode is Mode.LAND
     assert "Position lost: landing" in rig.texts
     with pytest.raises(RefusedError, match="no position"):
         rig.pilot.set_mode(Mode.RTL)
-    rig.pilot.controls.position_ok = True
+    rig.pilot.position_ok = True
     rig.run(0.3)
     assert "Position regained" in rig.texts
     rig.pilot.set_mode(Mode.RTL)
@@ -573,12 +573,12 @@ def test_pause_and_continue_at_any_moment(autopilot):
         rig.pilot.arm()
         rig.run(when_s)
         seq = rig.pilot.mission.current_seq
-        assert rig.pilot.mission_state == 3
+        assert rig.pilot.mission.state == 3
         assert rig.command(193, 0.0) == (0 if autopilot is ARDUPILOT else 3)
         if autopilot is PX4:
             rig.pilot.set_mode(Mode.HOLD)
         assert rig.pilot.mode is (Mode.MISSION if autopilot is ARDUPILOT else Mode.HOLD)
-        assert rig.pilot.mission_state == 4
+        assert rig.pilot.mission.state == 4
         rig.run(10.0)
         assert math.hypot(*rig.pilot.state.velocity_m_s) < 0.05
         assert rig.pilot.mission.current_seq == seq
@@ -586,7 +586,7 @@ def test_pause_and_continue_at_any_moment(autopilot):
             rig.pilot.set_mode(Mode.MISSION)
         else:
             assert rig.command(193, 1.0) == 0
-        assert rig.pilot.mission_state == 3
+        assert rig.pilot.mission.state == 3
         rig.run(150.0)
         assert rig.pilot.outcome is Outcome.COMPLETED
     assert rig.command(193, 0.5) == (2 if autopilot is ARDUPILOT else 3)

@@ -329,7 +329,7 @@ def test_heading_and_direction_over_ground_are_two_things():
     # A wing that flies to the east with its nose 20 degrees into a north wind.
     vehicle = SimVehicle(QUAD, GeoPoint(28.05, -82.15, 12.0), wind=Wind(0.0, -4.0))
     vehicle.poll(1.0)
-    vehicle.pilot.controls.state = vehicle.pilot.state._replace(
+    vehicle.pilot.state = vehicle.pilot.state._replace(
         velocity_m_s=(11.0, 0.0, 0.0), yaw_rad=math.radians(70.0)
     )
     vehicle.state.sense(1.0)

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from mission.model import Command, Frame
-from sim_vehicle.execution.fixed_wing_items import MAX_RADIUS_M, landing_problems
+from sim_vehicle.autopilot import fixed_wing_procedures
 from sim_vehicle.execution.items import (
     DO_COMMANDS,
     MAX_TURNS,
     NAV_COMMANDS,
+    PLACED_COMMANDS,
     POSITION_COMMANDS,
     Settings,
     do_items,
@@ -29,8 +30,8 @@ if TYPE_CHECKING:
 
 # Plain numbers: the checks run over thousands of items in every prediction.
 _WAYPOINT = int(Command.NAV_WAYPOINT)
-_WITH_POSITION = POSITION_COMMANDS | {int(Command.NAV_TAKEOFF), int(Command.NAV_LAND)}
 _FRAMES = frozenset({int(Frame.GLOBAL), int(Frame.GLOBAL_RELATIVE_ALT)})
+_MAX_RADIUS_M = 5000.0
 _TIMED = frozenset({16, 19, 82, 93, 112})
 
 
@@ -89,7 +90,7 @@ def check_mission(
     if outside is not None and not problems:
         for seq, (item, position) in enumerate(zip(items, positions, strict=True)):
             reason = (
-                outside(position) if item.command in _WITH_POSITION and not math.isnan(position[0]) else None
+                outside(position) if item.command in PLACED_COMMANDS and not math.isnan(position[0]) else None
             )
             if reason is not None:
                 problems.append(f"item {seq + 1} ({_name(item.command)}): outside the fence, {reason}")
@@ -117,11 +118,7 @@ def mission_problems(
             flying = True
         problems += [ItemProblem(seq, item.command, code, reason) for code, reason in reasons]
     if spec.circles:
-        land = int(Command.NAV_LAND)
-        problems += [
-            ItemProblem(seq, land, "approach", reason)
-            for seq, reason in landing_problems(items, positions, spec)
-        ]
+        problems += _landing_problems(items, positions, spec)
     if not any(item.command in NAV_COMMANDS for item in items):
         problems.append(ItemProblem(None, 0, "no-position", "the mission has no position to fly to"))
     if not problems:
@@ -149,7 +146,7 @@ def _item_problems(
     if command not in NAV_COMMANDS and command not in DO_COMMANDS:
         return [("unknown-command", "the vehicle does not know this command")]
     problems: list[tuple[str, str]] = []
-    has_to_be_placed = command in _WITH_POSITION
+    has_to_be_placed = command in PLACED_COMMANDS
     if has_to_be_placed and item.frame not in _FRAMES:
         return [("frame", f"frame {item.frame} is not supported (use 0 or 3)")]
     if has_to_be_placed:
@@ -175,11 +172,44 @@ def _item_problems(
         if not 0.0 < first <= MAX_TURNS:
             problems.append(("turns", f"{first:g} turns are outside 0..{MAX_TURNS:g}"))
         radius = number(item.param3)
-        most = MAX_RADIUS_M if spec.circles else 1000.0
+        most = _MAX_RADIUS_M if spec.circles else 1000.0
         if radius != 0.0 and not 0.5 <= abs(radius) <= most:
             problems.append(("radius", f"radius {radius:g} m is outside 0.5..{most:g}"))
     if command == Command.DO_JUMP and not (0.0 <= first < count and first == int(first)):
         problems.append(("jump-target", f"jumps to item {first + 1:g} of {count}"))
     if command == Command.CONDITION_DISTANCE and first < 0.0:
         problems.append(("distance", f"distance {first:g} m is negative"))
+    return problems
+
+
+def _landing_problems(
+    items: Sequence[MissionItem], positions: Sequence[Position], spec: VehicleSpec
+) -> list[ItemProblem]:
+    """List what is wrong with the landings of a fixed wing; PX4 refuses an approach that is too steep.
+
+    Only an approach from a waypoint is judged: a circle is left where it points to the landing.
+    """
+    bound = fixed_wing_procedures(spec).steepest_approach(spec)
+    if bound is None:
+        return []
+    parameter, steepest = bound
+    problems: list[ItemProblem] = []
+    before: tuple[int, Position] | None = None
+    for seq, (item, position) in enumerate(zip(items, positions, strict=True)):
+        reason = ""
+        if item.command == Command.NAV_LAND:
+            if before is None:
+                reason = "no position before it to approach it from"
+            elif before[0] == _WAYPOINT and not math.isnan(position[0] + before[1][0]):
+                distance = math.hypot(position[0] - before[1][0], position[1] - before[1][1])
+                slope = math.degrees(math.atan2(before[1][2], max(distance, 1e-3)))
+                if slope > steepest + 0.05:
+                    reason = (
+                        f"the approach of {slope:.1f} degrees is steeper than {parameter} {steepest:g}: "
+                        "begin it farther away or lower"
+                    )
+        if reason:
+            problems.append(ItemProblem(seq, int(Command.NAV_LAND), "approach", reason))
+        if item.command in PLACED_COMMANDS:
+            before = (item.command, position)
     return problems

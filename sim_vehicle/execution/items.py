@@ -1,4 +1,4 @@
-"""From mission items to legs: what the vehicle flies without asking again, and what follows."""
+"""Mission items: which there are, where they are, and what they change for the items after them."""
 
 from __future__ import annotations
 
@@ -9,21 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mission.model import Command, Frame, MissionItem
-from sim_vehicle.autopilot import flight_procedures
-from sim_vehicle.execution.fixed_wing_items import (
-    fixed_wing_leg,
-    lands,
-    next_move,
-    next_position,
-)
-from sim_vehicle.execution.legs import AfterLastLeg, LegPlan, circle_legs, spline_legs
 from sim_vehicle.motion.legs import ALONG, KEEP, Heading, Leg, LegKind
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from geo.frame import LocalFrame
-    from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Position
 
 # Items that are executed between two positions.
@@ -35,19 +26,15 @@ CAMERA_COMMANDS = frozenset({203, 206, 214, 530, 2000, 2001, 2003})
 GIMBAL_COMMANDS = frozenset({195, 197, 201, 205, 1000, 1001})
 CONDITIONS = frozenset({int(Command.CONDITION_DELAY), int(Command.CONDITION_DISTANCE)})
 POSITION_COMMANDS = frozenset({16, 17, 18, 19, 31, 82})
+# The same, the take-off and the landing.
+PLACED_COMMANDS = POSITION_COMMANDS | {21, 22}
 # Flown through to the next position without a pause.
 PASSED_COMMANDS = frozenset({16, 82})
-# What the vehicle does with them is known only when they are executed.
-SURPRISING_COMMANDS = frozenset({115, 179, 195, 197, 201})
-NAV_COMMANDS = POSITION_COMMANDS | {20, 21, 22, 93}
+NAV_COMMANDS = PLACED_COMMANDS | {20, 93}
 HERE_COMMANDS = frozenset({17, 18, 19, 21, 22, 31})
 MAX_TURNS = 100.0
-MAX_LEGS = 4096
 # Climb of a landing that is broken off, where no take-off was flown.
 _CLIMB_M, _CLIMB_DEG = 30.0, 10.0
-# Plain numbers: an enumeration's member costs too much where a plan is made over thousands of items.
-_WAYPOINT = int(Command.NAV_WAYPOINT)
-_SPLINE = int(Command.NAV_SPLINE_WAYPOINT)
 
 
 @dataclass(slots=True)
@@ -185,182 +172,6 @@ def condition_items(items: Sequence[MissionItem], start: int) -> list[int]:
             break
         group.append(seq)
     return group
-
-
-def plan_item_legs(
-    items: Sequence[MissionItem],
-    positions: Sequence[Position],
-    seq: int,
-    settings: Settings,
-    spec: VehicleSpec,
-    here: Position,
-    return_point: Position = (0.0, 0.0, 0.0),
-) -> LegPlan:
-    """Return the legs from item ``seq``, which has a position, as far as they are flown without a pause.
-
-    ``settings`` is a copy to plan ahead with; ``here`` is where the vehicle is, ``return_point`` where it
-    returns to and the least height of the path there.
-    """
-    plan = LegPlan()
-    last = here
-    tangent = (0.0, 0.0, 0.0)
-    while True:
-        item = items[seq]
-        circle = None
-        if spec.circles:
-            position = _position_or_last(positions[seq], last)
-            circle = fixed_wing_leg(
-                item,
-                position,
-                settings.speed_m_s,
-                spec,
-                next_position(items, positions, seq),
-                next_move(items, seq),
-            )
-        if circle is not None:
-            last = position
-            plan.add(circle.leg, seq, done=circle.goes_on)
-            if circle.forever:
-                plan.after_last = AfterLastLeg.FOREVER
-            elif circle.wait_s is not None:
-                plan.after_last, plan.wait_s = AfterLastLeg.WAIT, circle.wait_s
-        elif item.command == _SPLINE:
-            end = _position_or_last(positions[seq], last)
-            ahead = _position_ahead(items, positions, seq)
-            tangent = _spline_legs(plan, item, seq, settings, spec, (last, end, ahead), tangent)
-            last = end
-        else:
-            before = last
-            last = _item_legs(plan, item, positions[seq], seq, settings, spec, last, return_point)
-            tangent = (0.0, 0.0, 0.0)
-            if item.command == _WAYPOINT:
-                tangent = (last[0] - before[0], last[1] - before[1], last[2] - before[2])
-        settings.heading = ALONG
-        if plan.after_last is not AfterLastLeg.NEXT:
-            return plan
-        if len(plan.legs) >= MAX_LEGS:
-            plan.open = True
-            return plan
-        following = seq + 1
-        while following < len(items) and items[following].command not in PASSED_COMMANDS:
-            done, following = do_items(items, following, settings, spec.top_speed_m_s)
-            plan.unsure |= any(_surprises(items[index]) for index in done)
-            if not 0 <= following < len(items) or items[following].command not in CONDITIONS:
-                break
-            plan.unsure = True
-            # What waits for a condition is not known now: the legs are planned again when it has changed
-            # something.
-            following = condition_items(items, following)[-1] + 1
-        if not 0 <= following < len(items) or items[following].command not in PASSED_COMMANDS:
-            return plan
-        seq = following
-
-
-def _surprises(item: MissionItem) -> bool:
-    vertical = item.command == Command.DO_CHANGE_SPEED and number(item.param1) > 1.0
-    return vertical or item.command in SURPRISING_COMMANDS
-
-
-def _position_or_last(position: Position, last: Position) -> Position:
-    return (last[0], last[1], position[2]) if math.isnan(position[0]) else position
-
-
-def _position_ahead(items: Sequence[MissionItem], positions: Sequence[Position], seq: int) -> Position | None:
-    """Return the position after a spline waypoint that is flown through to, None when it stops there."""
-    if number(items[seq].param1) > 0.0:
-        return None
-    following = seq + 1
-    while following < len(items) and items[following].command in DO_COMMANDS:
-        if items[following].command == Command.DO_JUMP:
-            return None
-        following += 1
-    if following >= len(items) or items[following].command not in PASSED_COMMANDS:
-        return None
-    return None if math.isnan(positions[following][0]) else positions[following]
-
-
-def _spline_legs(
-    plan: LegPlan,
-    item: MissionItem,
-    seq: int,
-    settings: Settings,
-    spec: VehicleSpec,
-    path: tuple[Position, Position, Position | None],
-    tangent: Position,
-) -> Position:
-    """Append the legs of a spline waypoint and return the direction of its end."""
-    hold = number(item.param1)
-    legs, after = spline_legs(path, tangent, settings.speed_m_s, settings.heading, spec)
-    if hold > 0.0:
-        legs[-1] = replace(legs[-1], radius_m=0.0)
-    for leg in legs:
-        plan.add(leg, seq, done=leg is legs[-1] and hold <= 0.0, speed=settings.speed_m_s)
-    if hold > 0.0:
-        plan.after_last, plan.wait_s = AfterLastLeg.WAIT, hold
-    return after
-
-
-def _item_legs(
-    plan: LegPlan,
-    item: MissionItem,
-    position: Position,
-    seq: int,
-    settings: Settings,
-    spec: VehicleSpec,
-    last: Position,
-    return_point: Position,
-) -> Position:
-    """Append the legs of one item and return where they end."""
-    command = item.command
-    x, y, z = _position_or_last(position, last)
-    speed = settings.speed_m_s
-    radius = spec.acceptance_radius_m
-    heading = settings.heading
-    if command == _WAYPOINT:
-        if item.param4 is not None:
-            heading = Heading.fixed(math.radians(item.param4))
-        hold = item.param1 or 0.0
-        if hold > 0.0:
-            plan.add(Leg((x, y, z), speed, item.param2 or 0.0, heading), seq)
-            plan.after_last, plan.wait_s = AfterLastLeg.WAIT, hold
-        else:
-            plan.add(Leg((x, y, z), speed, item.param2 or radius, heading), seq, done=True)
-        return x, y, z
-    if item.param4 is not None and command in (17, 19, 22, 31):
-        heading = Heading.fixed(math.radians(item.param4))
-    if command == Command.NAV_TAKEOFF:
-        legs = flight_procedures(spec).takeoff_legs(spec, last, (x, y, z), speed, heading)
-        if spec.circles:
-            legs = [replace(leg, pitch_rad=math.radians(number(item.param1))) for leg in legs]
-        for leg in legs:
-            plan.add(leg, seq, done=leg is legs[-1])
-        return legs[-1].end_m
-    if command == Command.NAV_RETURN_TO_LAUNCH:
-        legs = flight_procedures(spec).return_legs(spec, last, speed, return_point)
-        for leg in legs:
-            plan.add(leg, seq)
-        # A fixed wing may only circle over home.
-        plan.after_last = AfterLastLeg.NEXT if spec.circles and not lands(legs) else AfterLastLeg.TOUCHDOWN
-        return return_point[0], return_point[1], 0.0
-    if command == Command.NAV_LAND:
-        for leg in flight_procedures(spec).landing_legs(spec, (x, y, last[2]), last, speed):
-            plan.add(leg, seq)
-        plan.after_last = AfterLastLeg.TOUCHDOWN
-        return x, y, 0.0
-    if command == Command.NAV_DELAY:
-        plan.add(Leg(last, speed, heading=KEEP), seq)
-        delay = number(item.param1)
-        plan.after_last, plan.wait_s = AfterLastLeg.WAIT, delay if delay >= 0.0 else math.nan
-        return last
-    if command == Command.NAV_LOITER_TURNS:
-        legs = circle_legs((x, y, z), last, number(item.param1), number(item.param3), speed, spec)
-        for leg in legs:
-            plan.add(leg, seq, done=leg is legs[-1])
-        return legs[-1].end_m
-    plan.add(Leg((x, y, z), speed, heading=heading), seq)
-    plan.after_last = AfterLastLeg.FOREVER if command == Command.NAV_LOITER_UNLIM else AfterLastLeg.WAIT
-    plan.wait_s = number(item.param1) if command == Command.NAV_LOITER_TIME else 0.0
-    return x, y, z
 
 
 def climb_leg(

@@ -163,8 +163,7 @@ class LegFollower:
     ) -> None:
         """Fly legs from here, at the vehicle's own vertical speeds."""
         plan = LegPlan(after_last=after_last)
-        for leg in legs:
-            plan.add(leg)
+        plan.extend(legs)
         self.drop_plan(phase)
         self.motion.set_climb(None, None)
         self.begin(plan)

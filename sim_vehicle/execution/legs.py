@@ -7,15 +7,33 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import TYPE_CHECKING
 
-from sim_vehicle.motion.legs import Leg, LegKind
+from sim_vehicle.motion.legs import Circle, Leg, LegKind
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.motion.legs import Heading, Leg, Position
+    from sim_vehicle.motion.legs import Heading, Position
 
 LOITER_RADIUS_M = 10.0
 _CHORD_M = 2.0
 _MAX_CHORDS = 64
+
+
+def lands(legs: Sequence[Leg]) -> bool:
+    """Whether legs end on the ground."""
+    return legs[-1].kind is LegKind.LAND
+
+
+def circle_leg(
+    centre: Position,
+    speed: float,
+    radius_m: float = 0.0,
+    turns: float = 0.0,
+    leave_to_m: tuple[float, float] | None = None,
+) -> Leg:
+    """Return the leg of a circle; a radius of 0 is the autopilot's own, positive is clockwise."""
+    return Leg(centre, speed, kind=LegKind.LOITER, circle=Circle(radius_m or None, turns, leave_to_m))
 
 
 def circle_legs(
@@ -139,6 +157,13 @@ class LegPlan:
         self.legs.append(leg)
         self.seqs.append(seq)
         self.done.append(done)
+
+    def extend(
+        self, legs: Sequence[Leg], seq: int = -1, *, done: bool = False, speed: float | None = None
+    ) -> None:
+        """Append legs, of which the last one may complete the item."""
+        for leg in legs:
+            self.add(leg, seq, done=done and leg is legs[-1], speed=speed)
 
     def prepend(self, leg: Leg, seq: int) -> None:
         """Put a leg before all others; it completes nothing."""

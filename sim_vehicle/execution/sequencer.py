@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING
 
 from mission.model import Command
 from sim_vehicle.epoch import EPOCH_UNIX_S
+from sim_vehicle.execution.item_legs import plan_item_legs
 from sim_vehicle.execution.items import (
     CAMERA_COMMANDS,
     CONDITIONS,
     GIMBAL_COMMANDS,
     PASSED_COMMANDS,
+    PLACED_COMMANDS,
     POSITION_COMMANDS,
     Settings,
     climb_leg,
@@ -23,7 +25,6 @@ from sim_vehicle.execution.items import (
     landing_restart,
     landing_start,
     number,
-    plan_item_legs,
     time_of_day_wait_s,
 )
 from sim_vehicle.execution.leg_follower import LegFollower, Waiting, require
@@ -58,7 +59,6 @@ _REPLAN_BEFORE = 64
 _GAVE_UP = -2
 _LANDING_COMMANDS = frozenset({16, 18, 19, 21, 31})
 _WAYPOINT = int(Command.NAV_WAYPOINT)
-_WITH_POSITION = POSITION_COMMANDS | {int(Command.NAV_LAND), int(Command.NAV_TAKEOFF)}
 _TRIGGERS = frozenset({206, 214, 2000, 2001, 2003})
 ROI_COMMANDS = frozenset({195, 197, 201})
 
@@ -226,7 +226,7 @@ class MissionSequencer(LegFollower):
         """
         before = self.items[: max(self.current_seq, 0)]
         triggers = [item for item in before if item.command in _TRIGGERS]
-        positions = [seq for seq, item in enumerate(before[:-1]) if item.command in _WITH_POSITION]
+        positions = [seq for seq, item in enumerate(before[:-1]) if item.command in PLACED_COMMANDS]
         if triggers and positions and _shoots(triggers[-1]):
             self._set_current(positions[-1])
 

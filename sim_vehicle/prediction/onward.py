@@ -14,7 +14,8 @@ from mission.planners.cornering import Cornering
 from sim_vehicle.autopilot import flight_procedures
 from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.execution.items import Settings, do_items, item_positions, plan_item_legs
+from sim_vehicle.execution.item_legs import plan_item_legs
+from sim_vehicle.execution.items import Settings, do_items, item_positions
 from sim_vehicle.execution.legs import AfterLastLeg
 from sim_vehicle.motion.legs import LegKind, Route
 from sim_vehicle.motion.model import MotionEvent

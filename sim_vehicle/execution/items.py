@@ -23,7 +23,9 @@ DO_COMMANDS = frozenset(
     | {1000, 1001, 2000, 2001, 2003, 2500, 2501}
 )
 CAMERA_COMMANDS = frozenset({203, 206, 214, 530, 2000, 2001, 2003})
-GIMBAL_COMMANDS = frozenset({195, 197, 201, 205, 1000, 1001})
+# Regions of interest, at which the vehicle's nose and a gimbal point.
+ROI_COMMANDS = frozenset({195, 197, 201})
+GIMBAL_COMMANDS = ROI_COMMANDS | {205, 1000, 1001}
 CONDITIONS = frozenset({int(Command.CONDITION_DELAY), int(Command.CONDITION_DISTANCE)})
 POSITION_COMMANDS = frozenset({16, 17, 18, 19, 31, 82})
 # The same, the take-off and the landing.

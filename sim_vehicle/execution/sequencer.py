@@ -17,6 +17,7 @@ from sim_vehicle.execution.items import (
     PASSED_COMMANDS,
     PLACED_COMMANDS,
     POSITION_COMMANDS,
+    ROI_COMMANDS,
     Settings,
     climb_leg,
     condition_items,
@@ -60,7 +61,6 @@ _GAVE_UP = -2
 _LANDING_COMMANDS = frozenset({16, 18, 19, 21, 31})
 _WAYPOINT = int(Command.NAV_WAYPOINT)
 _TRIGGERS = frozenset({206, 214, 2000, 2001, 2003})
-ROI_COMMANDS = frozenset({195, 197, 201})
 
 
 @dataclass(slots=True)

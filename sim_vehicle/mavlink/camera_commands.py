@@ -17,20 +17,9 @@ if TYPE_CHECKING:
     from sim_vehicle.execution.state import VehicleState
     from sim_vehicle.mavlink.wire_state import WireState
 
-__all__ = ["CAMERA", "CAMERA_COMMANDS", "CameraCommands", "camera_feedback"]
+__all__ = ["CAMERA", "CameraCommands", "camera_feedback"]
 
 CAMERA = int(m.MAV_COMP_ID_CAMERA)
-CAMERA_COMMANDS = frozenset(
-    {
-        m.MAV_CMD_DO_DIGICAM_CONTROL,
-        Command.DO_SET_CAM_TRIGG_DIST,
-        Command.DO_SET_CAM_TRIGG_INTERVAL,
-        m.MAV_CMD_SET_CAMERA_MODE,
-        Command.IMAGE_START_CAPTURE,
-        Command.IMAGE_STOP_CAPTURE,
-        m.MAV_CMD_DO_TRIGGER_CONTROL,
-    }
-)
 TRIES = 3
 RETRY_S = 0.5
 _STOPPED_BY = {

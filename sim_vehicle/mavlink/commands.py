@@ -16,8 +16,8 @@ from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import CommandMessage
 from mission.model import RELATIVE_FRAMES, Command
 from sim_vehicle.autopilot.modes import Mode
-from sim_vehicle.mavlink.camera_commands import CAMERA_COMMANDS
-from sim_vehicle.mavlink.gimbal import GIMBAL_BUILDERS, GIMBAL_COMMANDS, REGION_COMMANDS, command_gimbal
+from sim_vehicle.execution.items import CAMERA_COMMANDS, ROI_COMMANDS
+from sim_vehicle.mavlink.gimbal import GIMBAL_BUILDERS, GIMBAL_COMMANDS, command_gimbal
 from sim_vehicle.mavlink.telemetry import BUILDERS, built
 from sim_vehicle.mavlink.vehicle_command import Result, VehicleCommand, read_command
 from sim_vehicle.motion.legs import ALONG, KEEP, Heading
@@ -73,11 +73,8 @@ class CommandedVehicle(Protocol):
     def reboot(self) -> None:
         """Start again."""
 
-    def say_refusal(self, text: str) -> None:
-        """Say why something is refused; nothing where the autopilot has no words for it."""
-
     def say_warning(self, text: str) -> None:
-        """Tell the operator something."""
+        """Tell the operator something; nothing where the autopilot has no words for it."""
 
 
 Handler: TypeAlias = Callable[[CommandedVehicle, VehicleCommand], Result]
@@ -115,7 +112,7 @@ class CommandReceiver:
         try:
             result = handler(self._vehicle, command)
         except RefusedError as refusal:
-            self._vehicle.say_refusal(refusal.told)
+            self._vehicle.say_warning(refusal.told)
             return _DENIED if refusal.denied else profile.refused_result, ()
         return (result, ()) if isinstance(result, int) else (_ACCEPTED, result or ())
 
@@ -201,7 +198,7 @@ def _available_modes(profile: MavlinkProfile, index: int) -> tuple[Message, ...]
 def _arm(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
     arm, force = command.params[0], command.number(2) == FORCE
     if arm not in (0.0, 1.0):
-        vehicle.say_refusal(vehicle.state.mavlink.refusals.arming.format(arm))
+        vehicle.say_warning(vehicle.state.mavlink.refusals.arming.format(arm))
         return _UNSUPPORTED
     (vehicle.pilot.arm if arm else vehicle.pilot.disarm)(force=force)
     return None
@@ -222,8 +219,8 @@ def _takeoff(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
     altitude = command.params[6]
     if profile.takeoff_needs_arming and not pilot.armed:
         return _FAILED
-    if profile.takeoff_above_sea and command.frame not in RELATIVE_FRAMES:
-        altitude -= vehicle.state.home.altitude_m
+    if profile.takeoff_above_sea:
+        altitude = vehicle.state.above_home(altitude, command.frame)
     if not altitude > 0.0:
         altitude = pilot.spec.takeoff_altitude_m
     number = profile.modes[Mode.TAKEOFF]
@@ -232,17 +229,12 @@ def _takeoff(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
     return None
 
 
-def _above_ground(vehicle: CommandedVehicle, command: VehicleCommand, altitude_m: float) -> float:
-    """Height above the ground of an altitude in the command's frame."""
-    return altitude_m - (0.0 if command.frame in RELATIVE_FRAMES else vehicle.state.home.altitude_m)
-
-
 def _reposition(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
     position = command.position
     if position is None or command.frame not in (0, 3):
         raise RefusedError("Reposition refused: no position", denied=True)
     pilot = vehicle.pilot
-    altitude = _above_ground(vehicle, command, command.params[6])
+    altitude = vehicle.state.above_home(command.params[6], command.frame)
     if math.isnan(altitude):
         altitude = pilot.state.position_m[2]
     # The heading is in radians here, other than in mission items.
@@ -263,8 +255,7 @@ def _change_altitude(vehicle: CommandedVehicle, command: VehicleCommand) -> None
     altitude, frame = command.params[0], command.number(2)
     if not math.isfinite(altitude) or frame not in (0, 3, 5, 6):
         raise RefusedError("Altitude refused: no altitude or frame", denied=True)
-    if frame not in RELATIVE_FRAMES:
-        altitude -= vehicle.state.home.altitude_m
+    altitude = vehicle.state.above_home(altitude, frame)
     x, y, _ = pilot.executor.motion.stopping_point()
     mode = vehicle.state.mavlink.modes.after_command
     pilot.goto(*pilot.frame.to_wgs84(x, y), altitude, mode=mode, heading=KEEP)
@@ -286,7 +277,7 @@ def _orbit(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
     here = pilot.state.position_m[2]
     pilot.orbit(
         *position,
-        _above_ground(vehicle, command, altitude) if math.isfinite(altitude) else here,
+        vehicle.state.above_home(altitude, command.frame) if math.isfinite(altitude) else here,
         radius_m=radius if math.isfinite(radius) and radius else 10.0,
         speed_m_s=speed if math.isfinite(speed) and speed > 0.0 else pilot.spec.cruise_speed_m_s,
         mode=modes.after_command,
@@ -408,7 +399,7 @@ def _send(message_id: int) -> Handler:
 def _set_interval(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
     message_id, interval = command.number(1, -1), command.params[1]
     if message_id not in BUILDERS:
-        vehicle.say_refusal(vehicle.state.mavlink.refusals.interval.format(message_id))
+        vehicle.say_warning(vehicle.state.mavlink.refusals.interval.format(message_id))
         return _DENIED
     if math.isnan(interval) or abs(interval) > 1e10:
         return _DENIED
@@ -514,7 +505,7 @@ HANDLERS: dict[int, Handler] = {
     m.MAV_CMD_DO_CANCEL_MAG_CAL: _accept,
     # A vehicle that nobody turns about has no result to accept.
     m.MAV_CMD_DO_ACCEPT_MAG_CAL: lambda _vehicle, _command: _FAILED,
-    **dict.fromkeys(REGION_COMMANDS, _region),
+    **dict.fromkeys(ROI_COMMANDS, _region),
     **dict.fromkeys(GIMBAL_COMMANDS, _gimbal),
     **dict.fromkeys(CAMERA_COMMANDS, _camera),
 }

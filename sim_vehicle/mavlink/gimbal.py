@@ -14,7 +14,8 @@ from geo.frame import angles_of, quaternion_of
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import is_a
-from mission.model import RELATIVE_FRAMES, Command
+from mission.model import Command
+from sim_vehicle.execution.items import ROI_COMMANDS
 from sim_vehicle.mavlink.vehicle_command import Result, VehicleCommand
 from sim_vehicle.pilot.gimbal import Gimbal, GimbalMode
 
@@ -27,7 +28,6 @@ __all__ = [
     "GIMBAL_BUILDERS",
     "GIMBAL_COMMANDS",
     "GIMBAL_MESSAGES",
-    "REGION_COMMANDS",
     "command_gimbal",
     "obey_gimbal_message",
 ]
@@ -51,9 +51,6 @@ _RESTING = {
 _UNIT = 0.1
 _NAN_3 = (math.nan, math.nan, math.nan)
 _MOST_DEG = (90.0, 180.0, 360.0)
-_LOCATIONS = frozenset({Command.DO_SET_ROI_LOCATION, Command.DO_SET_ROI})
-REGION_COMMANDS = _LOCATIONS | {Command.DO_SET_ROI_NONE}
-"""MAV_CMDs of regions of interest, which turn the vehicle's nose, too."""
 
 
 def _turn(gimbal: Gimbal, flags: int, angles_deg: tuple[float, ...], rates_deg: tuple[float, ...]) -> Result:
@@ -129,13 +126,13 @@ def _mount_control(source: WireState, command: VehicleCommand) -> Result:
 
 def _region(source: WireState, command: VehicleCommand) -> None:
     """DO_SET_ROI_LOCATION, DO_SET_ROI and DO_SET_ROI_NONE: point at a position; without one, no more."""
-    position = command.position if command.id in _LOCATIONS else None
+    position = None if command.id == Command.DO_SET_ROI_NONE else command.position
     if position is None:
         source.gimbal.point_at(None)
         return
     height_m = command.params[6] if math.isfinite(command.params[6]) else 0.0
-    if not command.long and command.frame not in RELATIVE_FRAMES:
-        height_m -= source.home.altitude_m
+    if not command.long:
+        height_m = source.above_home(height_m, command.frame)
     source.gimbal.point_at((*source.pilot.frame.from_wgs84(*position), height_m))
 
 
@@ -144,9 +141,9 @@ _POINTING: dict[int, Callable[[WireState, VehicleCommand], Result]] = {
     m.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE: _configure,
     m.MAV_CMD_DO_MOUNT_CONFIGURE: _mount_configure,
     m.MAV_CMD_DO_MOUNT_CONTROL: _mount_control,
-    **dict.fromkeys(REGION_COMMANDS, _region),
+    **dict.fromkeys(ROI_COMMANDS, _region),
 }
-GIMBAL_COMMANDS = frozenset(_POINTING) - REGION_COMMANDS
+GIMBAL_COMMANDS = frozenset(_POINTING) - ROI_COMMANDS
 """MAV_CMDs that are the gimbal's alone."""
 
 

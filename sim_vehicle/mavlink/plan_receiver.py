@@ -11,7 +11,7 @@ from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.frames import FrameReader, FrameWriter
 from mission.link.codec.typed import is_a
-from mission.model import RELATIVE_FRAMES, Command, MissionItem, MissionType
+from mission.model import Command, MissionItem, MissionType
 from mission.transfer import wire
 from mission.transfer.events import (
     Event,
@@ -109,9 +109,7 @@ class PlanReceiver:
         with suppress(RefusedError, MissionError):
             item = wire.item_from_message(message)
             if item.command == Command.NAV_WAYPOINT and pilot.mode in (Mode.GUIDED, Mode.TAKEOFF):
-                above_home = item.frame in RELATIVE_FRAMES
-                altitude_m = item.z - (0.0 if above_home else self._state.home.altitude_m)
-                pilot.goto(item.x, item.y, altitude_m, mode=Mode.GUIDED)
+                pilot.goto(item.x, item.y, self._state.above_home(item.z, item.frame), mode=Mode.GUIDED)
                 result = wire.ACCEPTED
         source = (message.get_srcSystem(), message.get_srcComponent())
         return wire.ack(source, result, MissionType.MISSION)
@@ -166,7 +164,7 @@ class PlanReceiver:
             seq = self._state.wire_seq(pilot.mission.current_seq)
             for text in behaviour.changed_texts:
                 pilot.note(Severity.INFO, text.format(seq))
-        elif change is MissionChange.LOST and behaviour.restart_failed_text:
+        elif change is MissionChange.LOST:
             pilot.note(Severity.CRITICAL, behaviour.restart_failed_text)
 
     def _take(self, output: Output, now_s: float) -> list[Message]:

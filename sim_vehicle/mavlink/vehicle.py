@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from geo.frame import LocalFrame
@@ -11,7 +11,7 @@ from mission.errors import LinkError
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.signing import Signing
-from mission.link.codec.typed import CommandMessage, handler, is_a
+from mission.link.codec.typed import handler, is_a
 from mission.model import GeoPoint
 from mission.outcome import Outcome
 from mission.transfer import wire
@@ -32,7 +32,7 @@ from sim_vehicle.mavlink.camera_commands import CAMERA, CameraCommands, camera_f
 from sim_vehicle.mavlink.commands import CommandReceiver, set_custom_mode
 from sim_vehicle.mavlink.ftp import FtpServer, checksum
 from sim_vehicle.mavlink.gimbal import GIMBAL_MESSAGES, command_gimbal, obey_gimbal_message
-from sim_vehicle.mavlink.logs import LOG_MESSAGES, FlightLogs, LogMessage, LogTransfer
+from sim_vehicle.mavlink.logs import LOG_MESSAGES, FlightLogs, LogTransfer
 from sim_vehicle.mavlink.parameters import ParameterMessage, ParameterSet
 from sim_vehicle.mavlink.plan_receiver import PlanReceiver
 from sim_vehicle.mavlink.reports import GyroCalibration, ItemReports, Schedule, StatusTexts
@@ -201,19 +201,24 @@ class SimVehicle:
         self._handlers = self._message_handlers()
         self.wanted: frozenset[int] | None = frozenset(self._handlers)
 
-    def _message_handlers(self) -> dict[int, Callable[[Any], None]]:
-        """What is done with a message, by its id."""
-        handlers: dict[int, Callable[[Any], None]] = {
-            **dict.fromkeys(_COMMAND_IDS, self._on_command),
+    def _message_handlers(self) -> dict[int, Callable[[Any], Iterable[Message] | None]]:
+        """What is done with a message, by its id; the answers follow what it makes the vehicle send."""
+        handlers: dict[int, Callable[[Any], Iterable[Message] | None]] = {
+            **dict.fromkeys(_COMMAND_IDS, self._commands.receive),
             **dict.fromkeys(_PARAMETER_IDS, self._on_parameter),
-            **dict.fromkeys(LOG_MESSAGES, self._on_log),
+            **dict.fromkeys(
+                LOG_MESSAGES,
+                lambda one: self._log_transfer.receive(one, self._now_s, armed=self.pilot.armed),
+            ),
             **dict.fromkeys(_MISSION_IDS, self._on_mission),
             **dict.fromkeys(GIMBAL_MESSAGES, lambda message: obey_gimbal_message(self.state, message)),
             **dict.fromkeys(SETPOINT_MESSAGES, self._steering.take_setpoint),
         }
         handlers |= (
             handler(m.MAVLink_command_ack_message, self._on_ack),
-            handler(m.MAVLink_file_transfer_protocol_message, self._on_ftp),
+            handler(
+                m.MAVLink_file_transfer_protocol_message, lambda one: self._ftp.receive(one, self._now_s)
+            ),
             handler(m.MAVLink_heartbeat_message, self._on_heartbeat),
             handler(m.MAVLink_manual_control_message, self._steering.take_sticks),
             handler(m.MAVLink_mission_set_current_message, self._on_set_current),
@@ -223,7 +228,7 @@ class SimVehicle:
             # A vehicle that has a position keeps the origin that it has.
             handler(
                 m.MAVLink_set_gps_global_origin_message,
-                lambda _: self._send(m.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN),
+                lambda _: self.built(m.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN),
             ),
             handler(m.MAVLink_set_mode_message, self._on_set_mode),
             handler(m.MAVLink_setup_signing_message, self._on_setup_signing),
@@ -273,7 +278,8 @@ class SimVehicle:
                 self.state.reboot()
         if not is_a(message, m.MAVLink_heartbeat_message):
             self._advance(now_s)
-            handle(message)
+            answers = handle(message) or ()
+            self._outbox += answers
             self._show_changes()
             return self._sent()
         if message.type == m.MAV_TYPE_GCS:
@@ -340,8 +346,7 @@ class SimVehicle:
         stage = self.state.boot = boots.at(self.state.boot_ms / 1e3 if self._spoken_to else 0.0)
         self.pilot.arming.block = boots.problem(stage, self.pilot.mode)
         if before is not None and stage is not before:
-            if stage.text:
-                self.pilot.note(Severity.INFO, stage.text)
+            self.pilot.note(Severity.INFO, stage.text)
             for message_id in before.untold - stage.untold:
                 self._send(message_id)
 
@@ -401,13 +406,8 @@ class SimVehicle:
         elif changed[2]:
             self._send(m.MAVLINK_MSG_ID_MISSION_CURRENT)
 
-    def say_refusal(self, text: str) -> None:
-        """Say why an order is refused; nothing where the autopilot has no words for it."""
-        if text:
-            self.say_warning(text)
-
     def say_warning(self, text: str) -> None:
-        """Tell the operator why something was refused."""
+        """Tell the operator why something was refused; nothing where the autopilot has no words for it."""
         self.pilot.note(Severity.WARNING, text)
 
     def on_home_moved(self) -> None:
@@ -478,11 +478,6 @@ class SimVehicle:
     def _is_own_camera(self, message: Message) -> bool:
         return (message.get_srcSystem(), message.get_srcComponent()) == (self.system_id, CAMERA)
 
-    def _on_command(self, message: CommandMessage) -> None:
-        # What a command makes the vehicle send goes before its acknowledgement.
-        answers = self._commands.receive(message)
-        self._outbox += answers
-
     def _on_ack(self, message: m.MAVLink_command_ack_message) -> None:
         if self._is_own_camera(message):
             self._camera.acknowledged(message.command, message.result)
@@ -490,54 +485,48 @@ class SimVehicle:
     def _on_heartbeat(self, message: m.MAVLink_heartbeat_message) -> None:
         self.has_camera |= self._is_own_camera(message)
 
-    def _on_image(self, message: m.MAVLink_camera_image_captured_message) -> None:
+    def _on_image(self, message: m.MAVLink_camera_image_captured_message) -> list[Message]:
         """Tell of a shot that this vehicle has commanded, as an autopilot's own camera driver does."""
-        if self._is_own_camera(message) and self._camera.shooting and message.capture_result == 1:
-            self._outbox.append(camera_feedback(message, self.pilot.state))
+        own = self._is_own_camera(message) and self._camera.shooting and message.capture_result == 1
+        return [camera_feedback(message, self.pilot.state)] if own else []
 
-    def _on_parameter(self, message: ParameterMessage) -> None:
-        self._outbox += self._parameters.handle(message, self._now_s)
+    def _on_parameter(self, message: ParameterMessage) -> list[Message]:
+        answers = self._parameters.handle(message, self._now_s)
         if is_a(message, m.MAVLink_param_set_message) and message.param_id.startswith("MNT"):
             self.state.gimbal.wake()
-        banner = self.state.mavlink.identity.banner
-        if banner and is_a(message, m.MAVLink_param_request_list_message):
-            self.pilot.note(Severity.INFO, banner)
+        if is_a(message, m.MAVLink_param_request_list_message):
+            self.pilot.note(Severity.INFO, self.state.mavlink.identity.banner)
+        return answers
 
-    def _on_ftp(self, message: m.MAVLink_file_transfer_protocol_message) -> None:
-        self._outbox += self._ftp.receive(message, self._now_s)
-
-    def _on_log(self, message: LogMessage) -> None:
-        self._outbox += self._log_transfer.receive(message, self._now_s, armed=self.pilot.armed)
-
-    def _on_mission(self, message: Message) -> None:
+    def _on_mission(self, message: Message) -> list[Message]:
         guided = self.state.mavlink.guided_items
         if guided and wire.is_item(message) and message.current == _GUIDED_ITEM:
-            self._outbox.append(self._plans.fly_to(message))
-        else:
-            self._outbox += self._plans.receive(message, self._now_s)
+            return [self._plans.fly_to(message)]
+        return self._plans.receive(message, self._now_s)
 
-    def _on_set_current(self, message: m.MAVLink_mission_set_current_message) -> None:
+    def _on_set_current(self, message: m.MAVLink_mission_set_current_message) -> tuple[Message, ...]:
         try:
             self.pilot.set_current(self.state.own_seq(message.seq))
         except RefusedError:
-            self.say_refusal(self.state.mavlink.refusals.current_item)
-            return
-        self._send(m.MAVLINK_MSG_ID_MISSION_CURRENT)
+            self.say_warning(self.state.mavlink.refusals.current_item)
+            return ()
+        return self.built(m.MAVLINK_MSG_ID_MISSION_CURRENT)
 
     def _on_set_mode(self, message: m.MAVLink_set_mode_message) -> None:
         try:
             set_custom_mode(self, message.custom_mode)
         except RefusedError as refusal:
-            self.say_refusal(refusal.told)
+            self.say_warning(refusal.told)
 
-    def _on_ping(self, message: m.MAVLink_ping_message) -> None:
-        if message.target_system == 0 and message.target_component == 0:
-            source = (message.get_srcSystem(), message.get_srcComponent())
-            self._outbox.append(m.MAVLink_ping_message(message.time_usec, message.seq, *source))
+    def _on_ping(self, message: m.MAVLink_ping_message) -> list[Message]:
+        if message.target_system != 0 or message.target_component != 0:
+            return []
+        source = (message.get_srcSystem(), message.get_srcComponent())
+        return [m.MAVLink_ping_message(message.time_usec, message.seq, *source)]
 
-    def _on_timesync(self, message: m.MAVLink_timesync_message) -> None:
-        if message.tc1 == 0:
-            self._outbox.append(m.MAVLink_timesync_message(self.state.unix_us * 1000, message.ts1))
+    def _on_timesync(self, message: m.MAVLink_timesync_message) -> list[Message]:
+        answers = message.tc1 == 0
+        return [m.MAVLink_timesync_message(self.state.unix_us * 1000, message.ts1)] if answers else []
 
     def _on_setup_signing(self, message: m.MAVLink_setup_signing_message) -> None:
         if message.target_system != self.system_id:  # a key is never for everybody

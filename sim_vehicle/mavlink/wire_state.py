@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING, TypeAlias
 
 from geo.frame import Quaternion, quaternion_of
-from mission.model import GeoPoint
+from mission.model import RELATIVE_FRAMES, GeoPoint
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.airframe.sensor_errors import NavigationErrors, Sensed, SensorNoise
 from sim_vehicle.autopilot.modes import Mode
@@ -218,6 +218,10 @@ class WireState:
                 yawing * cr * cp - pitching * sr,
             )
         return self._rates
+
+    def above_home(self, altitude_m: float, frame: int) -> float:
+        """Height above home of an altitude in a MAV_FRAME, which counts from there or from the sea."""
+        return altitude_m - (0.0 if frame in RELATIVE_FRAMES else self.home.altitude_m)
 
     def e7_of(self, position_m: Vector) -> tuple[int, int, int]:
         """A position about home in the units of the wire; its height counts from the sea."""

@@ -126,8 +126,9 @@ class Controls:
         self.refresh()
 
     def note(self, severity: Severity, text: str) -> None:
-        """Tell the operator."""
-        self._notices.append(Notice(severity, text))
+        """Tell the operator; an empty text is nothing to say."""
+        if text:
+            self._notices.append(Notice(severity, text))
 
     def notices(self) -> list[Notice]:
         """Take what was noted since the last call."""

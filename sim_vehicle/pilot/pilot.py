@@ -163,7 +163,7 @@ class Pilot(Controls):
             self._tell_problems(items)
         if flying and (not items or mission.problems):
             self._turn_to(Mode.HOLD)
-            if not items and behaviour.no_mission_text:
+            if not items:
                 self.note(Severity.CRITICAL, behaviour.no_mission_text)
         return change
 

@@ -230,7 +230,7 @@ class StickPilot:
         self._by_rate = by_rate
         left, was_lost = self._left, self.lost
         self.lost, self._later, self._left = False, None, None
-        if was_lost and self._rules.loss.regained:
+        if was_lost:
             self._controls.note(Severity.WARNING, self._rules.loss.regained)
         if was_lost and left is not None and self._controls.mode is Mode.HOLD:
             return left
@@ -356,8 +356,7 @@ class StickPilot:
                 yield Reaction(loss.on_ground, Outcome.LINK_LOST, "sticks lost")
             return
         if loss.exceptions.get(mode, 0) & self._parameters.failsafe_options:
-            if mode in loss.ignored:
-                self._controls.note(Severity.WARNING, loss.ignored[mode])
+            self._controls.note(Severity.WARNING, loss.ignored.get(mode, ""))
             return
         if is_done(action, controls.state.phase):
             return

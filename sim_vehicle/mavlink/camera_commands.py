@@ -117,7 +117,8 @@ class CameraCommands:
             again.append(pending.message)
         return again
 
-    def next_deadline(self) -> float:
+    @property
+    def due_s(self) -> float:
         """When `poll` has something to do."""
         return min([p.due_s for p in self._pending]) if self._pending else NEVER
 

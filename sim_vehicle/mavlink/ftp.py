@@ -157,7 +157,7 @@ class FtpServer:
         self._sessions: dict[tuple[Peer, int], _Session] = {}
         self._bursts: dict[Peer, _Burst] = {}
         self._last: dict[Peer, tuple[Packet, Packet]] = {}
-        self._due_s = NEVER
+        self.due_s = NEVER
         self._operations: dict[int, Callable[[Peer, Packet], Packet]] = {
             Operation.NONE: lambda _peer, request: request.answer(),
             Operation.TERMINATE: self._terminate,
@@ -199,13 +199,9 @@ class FtpServer:
         self._last[peer] = (request, answer)
         return [_message(peer, answer)]
 
-    def next_deadline(self) -> float:
-        """When the next packets of bursts are due."""
-        return self._due_s
-
     def poll(self, now_s: float) -> list[Message]:
         """Return the packets of bursts that are due."""
-        if now_s < self._due_s:
+        if now_s < self.due_s:
             return []
         messages = []
         for peer, burst in list(self._bursts.items()):
@@ -215,7 +211,7 @@ class FtpServer:
                 if packet.complete or packet.operation == Operation.NAK:
                     del self._bursts[peer]
                     break
-        self._due_s = now_s + _BATCH_S if self._bursts else NEVER
+        self.due_s = now_s + _BATCH_S if self._bursts else NEVER
         return messages
 
     def _begin_burst(self, peer: Peer, request: Packet, now_s: float) -> list[Message]:
@@ -226,7 +222,7 @@ class FtpServer:
         if peer not in self._bursts and len(self._bursts) >= _MOST_SESSIONS:
             return [_message(peer, request.refusal(FtpError.NO_SESSIONS))]
         self._bursts[peer] = _Burst(request, data, request.offset, request.sequence)
-        self._due_s = min(self._due_s, now_s)
+        self.due_s = min(self.due_s, now_s)
         return self.poll(now_s)
 
     @staticmethod

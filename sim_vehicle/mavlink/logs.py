@@ -166,7 +166,7 @@ class LogTransfer:
         self._refuse = refuse
         self._sending: _Sending | None = None
         self._warned = False
-        self._due_s = NEVER
+        self.due_s = NEVER
 
     def receive(self, message: LogMessage, now_s: float, *, armed: bool) -> list[Message]:
         """Answer a request; the data follow in time."""
@@ -185,18 +185,14 @@ class LogTransfer:
             self._logs.erase(armed=armed)
         return []
 
-    def next_deadline(self) -> float:
-        """When the next data are due."""
-        return self._due_s
-
     def poll(self, now_s: float) -> list[Message]:
         """Return the data that are due."""
-        if now_s < self._due_s:
+        if now_s < self.due_s:
             return []
         messages: list[Message] = []
         while self._sending is not None and len(messages) < _BATCH:
             messages.append(self._next_part(self._sending))
-        self._due_s = NEVER if self._sending is None else now_s + _BATCH_S
+        self.due_s = NEVER if self._sending is None else now_s + _BATCH_S
         return messages
 
     def _list(self, message: m.MAVLink_log_request_list_message) -> list[Message]:
@@ -232,7 +228,7 @@ class LogTransfer:
         offset = min(message.ofs, size)
         end = min(size, offset + message.count)
         self._sending = _Sending(peer, log, message.id, offset, end)
-        self._due_s = now_s
+        self.due_s = now_s
         return self.poll(now_s)
 
     def _next_part(self, sending: _Sending) -> Message:
@@ -247,4 +243,4 @@ class LogTransfer:
         return message
 
     def _stop(self) -> None:
-        self._sending, self._due_s = None, NEVER
+        self._sending, self.due_s = None, NEVER

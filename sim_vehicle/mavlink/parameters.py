@@ -56,7 +56,7 @@ class ParameterSet:
         self._refused = refused
         self._beyond: dict[str, tuple[float, float]] = {}
         self._next = len(table)
-        self._due_s = NEVER
+        self.due_s = NEVER
         self._defaults = {p.name: self.value(p.name) for p in table if p.field is not None}
 
     @property
@@ -68,18 +68,14 @@ class ParameterSet:
         """Return what a parameter was at the start, in its own unit; KeyError when there is none."""
         return self._defaults.get(name, self._table[self._index[name]].value)
 
-    def next_deadline(self) -> float:
-        """When the next part of a list is due."""
-        return self._due_s
-
     def poll(self, now_s: float) -> list[Message]:
         """Return the part of a list that was asked for and is due now."""
-        if now_s < self._due_s:
+        if now_s < self.due_s:
             return []
         end = min(self._next + _BATCH, len(self._table))
         messages = [self._message(i) for i in range(self._next, end)]
         self._next = end
-        self._due_s = now_s + _BATCH_S if end < len(self._table) else NEVER
+        self.due_s = now_s + _BATCH_S if end < len(self._table) else NEVER
         return messages
 
     def value(self, name: str) -> float:
@@ -103,7 +99,7 @@ class ParameterSet:
     def handle(self, message: ParameterMessage, now_s: float) -> list[Message]:
         """Answer PARAM_REQUEST_LIST, of which the rest follows in time, PARAM_REQUEST_READ and PARAM_SET."""
         if is_a(message, m.MAVLink_param_request_list_message):
-            self._next, self._due_s = 0, now_s
+            self._next, self.due_s = 0, now_s
             return self.poll(now_s)
         if is_a(message, m.MAVLink_param_request_read_message) and message.param_index >= 0:
             index: int | None = message.param_index if message.param_index < len(self._table) else None

@@ -117,7 +117,7 @@ class PlanReceiver:
     def poll(self, now_s: float) -> list[Message]:
         """Do what is due; the messages to send."""
         self._take_part(now_s)
-        return self._take(self.server.poll(now_s), now_s) if self.next_deadline() <= now_s else []
+        return self._take(self.server.poll(now_s), now_s) if self.due_s <= now_s else []
 
     def restart(self, now_s: float) -> None:
         """Forget the transfer that runs."""
@@ -132,7 +132,8 @@ class PlanReceiver:
         for kind, card in self._state.firmware.profile.cards.items():
             self.server.set_card(kind, self._pilot.parameters.kept(card.parameter, 0.0))
 
-    def next_deadline(self) -> float:
+    @property
+    def due_s(self) -> float:
         """When `poll` has something to do."""
         deadline_s = self.server.next_deadline()
         return NEVER if deadline_s is None else deadline_s

@@ -184,7 +184,8 @@ class ItemReports:
             messages += built(m.MAVLINK_MSG_ID_MISSION_CURRENT, self._state)
         return messages
 
-    def next_deadline(self) -> float:
+    @property
+    def due_s(self) -> float:
         """When `poll` has something to do."""
         return self._current_due_s if self._latest is None else min(self._latest[2], self._current_due_s)
 
@@ -207,20 +208,16 @@ class GyroCalibration:
     def __init__(self, say: Callable[[str], None]) -> None:
         self._say = say
         self._left: list[str] = []
-        self._due_s = NEVER
+        self.due_s = NEVER
 
     def begin(self, now_s: float) -> None:
         """Begin; one that runs begins anew."""
         self._left = list(_CALIBRATION_TEXTS)
-        self._due_s = now_s
+        self.due_s = now_s
 
     def poll(self, now_s: float) -> list[Message]:
         """Say what is due; there are no other messages."""
-        while self._due_s <= now_s:
+        while self.due_s <= now_s:
             self._say(self._left.pop(0))
-            self._due_s = self._due_s + _CALIBRATION_STEP_S if self._left else NEVER
+            self.due_s = self.due_s + _CALIBRATION_STEP_S if self._left else NEVER
         return []
-
-    def next_deadline(self) -> float:
-        """When the next text is due."""
-        return self._due_s

@@ -188,7 +188,7 @@ class SimVehicle:
         self._logs = FlightLogs(epoch_unix_s)
         self._log_transfer = LogTransfer(self._logs, profile.logs, self.say_warning)
         self._ftp = FtpServer(vehicle_files(profile, self._parameters, self._logs, self._plans))
-        # What is due by the clock, in the order of sending.
+        # What has something to do at a time, its `due_s`, in the order of sending.
         self._timed = (
             self._camera,
             self._reports,
@@ -309,7 +309,7 @@ class SimVehicle:
 
     def next_deadline(self) -> float:
         """When the next telemetry, retry or piece of flight is due."""
-        deadline_s = min(self.schedule.next_us / 1e6, *[part.next_deadline() for part in self._timed])
+        deadline_s = min(self.schedule.next_us / 1e6, *[part.due_s for part in self._timed])
         return min(deadline_s, self._tick_s + _TICK_S) if self.pilot.armed else deadline_s
 
     def _sent(self) -> list[Message]:

@@ -9,7 +9,6 @@ positions and velocities at both ends (Hermite's), walked in chords of at most 0
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 MAX_GAP_MS = 1500
@@ -55,16 +54,6 @@ class Exposure(NamedTuple):
     roll_cdeg: int = 0
 
 
-@dataclass(slots=True)
-class TrackStatistics:
-    """Counts of faulty telemetry."""
-
-    gaps: int = 0
-    jumps: int = 0
-    stale: int = 0
-    reboots: int = 0
-
-
 class CameraTrigger:
     """Finds the instants of distance, interval and external triggers along a track of position reports.
 
@@ -84,14 +73,12 @@ class CameraTrigger:
         "distance_m",
         "interval_us",
         "remaining",
-        "statistics",
     )
 
     def __init__(self) -> None:
         self.distance_m = 0.0
         self.interval_us = 0
         self.remaining = 0
-        self.statistics = TrackStatistics()
         self._since_m = 0.0
         self._due_us: float = 0.0
         self._external: list[int] = []
@@ -150,17 +137,12 @@ class CameraTrigger:
         step_ms = fix.time_ms - last.time_ms
         if step_ms <= 0:
             if step_ms > -REBOOT_MS:
-                self.statistics.stale += 1
                 return []
-            self.statistics.reboots += 1
             self.stop()
             self._external.clear()
             self._last = self._anchor = fix
             return []
-        jumped = self._jumped(last, fix, step_ms)
-        if jumped or step_ms > MAX_GAP_MS:
-            self.statistics.gaps += not jumped
-            self.statistics.jumps += jumped
+        if step_ms > MAX_GAP_MS or self._jumped(last, fix, step_ms):
             self._last = self._anchor = fix
             self._since_m = 0.0
             self._start_at(fix)

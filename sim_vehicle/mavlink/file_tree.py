@@ -57,18 +57,10 @@ def path_of(text: str) -> Path:
 class FileTree:
     """Directories and files; its methods raise FileError for what cannot be done.
 
-    Parameters
-    ----------
-    directories : tuple of str
-        Those that there are at the start; files can be written in them and below.
-    made : mapping of str to callable
-        Files that are made when they are read, by path.
-    mounted : mapping of str to callable
-        Files that come and go by themselves and can only be read: by directory, what returns their contents
-        by path below it.
-    taken : mapping of str to callable
-        Files that the vehicle takes over when they have been written, by path: each is given the contents and
-        tells whether it accepts them.
+    Files can be written in the ``directories`` and below. By path, ``made`` are files that are made when they
+    are read, and ``taken`` those that the vehicle takes over when they have been written: each is given the
+    contents and tells whether it accepts them. ``mounted`` are files that come and go by themselves and can
+    only be read: by directory, what returns their contents by path below it.
     """
 
     def __init__(

@@ -20,30 +20,19 @@ Result: TypeAlias = "int | tuple[Message, ...] | None"
 
 @dataclass(frozen=True, slots=True)
 class VehicleCommand:
-    """A command as it came, long or int.
-
-    Parameters
-    ----------
-    id : int
-        MAV_CMD.
-    params : tuple of 7 floats
-        Parameters 1 to 7; a position's latitude and longitude are degrees.
-    frame : int
-        MAV_FRAME, without the INT variants; COMMAND_LONG has GLOBAL.
-    source : tuple of int
-        System and component of the sender.
-    again : bool
-        The sender repeats a command that it had no answer to.
-    long : bool
-        It came as COMMAND_LONG, with positions in 32-bit floats.
-    """
+    """A command as it came, long or int."""
 
     id: int
+    """MAV_CMD."""
     params: tuple[float, ...]
+    """Parameters 1 to 7; a position's latitude and longitude are degrees."""
     frame: int
+    """MAV_FRAME, without the INT variants; COMMAND_LONG has GLOBAL."""
     source: tuple[int, int]
     again: bool = False
+    """The sender repeats a command that it had no answer to."""
     long: bool = False
+    """It came as COMMAND_LONG, with positions in 32-bit floats."""
 
     def number(self, index: int, default: int = 0) -> int:
         """Return a parameter (from 1) as an integer; the default when it is not finite."""

@@ -55,10 +55,10 @@ _MOST = 65534
 Details: TypeAlias = Callable[[], Mapping[str, ParameterDetails]]
 
 
-def metadata_files(
-    table: tuple[MavParameter, ...],
-    defaults: tuple[float, ...],
-    details: Callable[[], Mapping[str, ParameterDetails]],
+# Vehicles of a fleet have almost equal tables; compressing one takes some hundredths of a second.
+@lru_cache(maxsize=16)
+def _metadata(
+    table: tuple[MavParameter, ...], defaults: tuple[float, ...], details: Details
 ) -> dict[str, bytes]:
     """Return the files by path: the general one, which names the others, and that of the parameters.
 
@@ -280,8 +280,6 @@ def unpack_plan(data: bytes, mission_type: MissionType) -> PackedPlan | None:
 
 # The other files of @SYS tell of threads, memory, ports and storage of a board, which there is not.
 _TASKS_PATH = "@SYS/tasks.txt"
-# Vehicles of a fleet have almost equal tables; compressing one takes some hundredths of a second.
-_metadata = lru_cache(maxsize=16)(metadata_files)
 
 
 def vehicle_files(

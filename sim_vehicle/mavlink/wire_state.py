@@ -45,27 +45,7 @@ def centidegrees(angle_rad: float) -> int:
 
 
 class WireState:
-    """The source of a vehicle's telemetry: what its messages tell besides the state of its pilot.
-
-    Attributes
-    ----------
-    now_us, boot_ms, unix_us : int
-        Time of the host, since boot, and of day.
-    sensed : Sensed
-        Where it is, in truth and by its sensors.
-    position_e7 : tuple of 3 ints
-        Where it believes to be: 1e-7 degree, 1e-7 degree, millimetres above the sea.
-    velocity_m_s : tuple of 3 floats
-        How it believes to move: east, north, up.
-    home_e7 : tuple of 3 ints
-        Home, in the same units.
-    plan_ids : tuple of 3 ints
-        Opaque ids of mission, fence and rally points.
-    gimbal : Gimbal
-        What carries the camera; not fitted where the autopilot has none.
-    boot : BootStage or None
-        How far it has come up, of a vehicle that boots; None of one that is up.
-    """
+    """The source of a vehicle's telemetry: what its messages tell besides the state of its pilot."""
 
     def __init__(
         self,
@@ -81,19 +61,26 @@ class WireState:
         self.firmware = firmware
         self.mavlink: MavlinkProfile = firmware.mavlink
         self.home = home
+        # What carries the camera; not fitted where the autopilot has none.
         self.gimbal = Gimbal(pilot.parameters, firmware.mavlink.gimbal)
         self.system_id = system_id
         self.errors = NavigationErrors(noise) if noise is not None and not noise.is_off else None
+        # Where it is, in truth and by its sensors.
         self.sensed = Sensed.exact((0.0, 0.0, 0.0))
+        # Home, and where it believes to be: 1e-7 degree, 1e-7 degree, millimetres above the sea.
         self.home_e7 = (
             round(home.latitude_deg * 1e7),
             round(home.longitude_deg * 1e7),
             round(home.altitude_m * 1e3),
         )
         self.position_e7 = self.home_e7
+        # How it believes to move: east, north, up.
         self.velocity_m_s = (0.0, 0.0, 0.0)
+        # Opaque ids of mission, fence and rally points.
         self.plan_ids = (0, 0, 0)
+        # How far it has come up, of a vehicle that boots; None of one that is up.
         self.boot: BootStage | None = None
+        # Time of the host, since boot, and of day.
         self.now_us = 0
         self.boot_ms = 0
         self.unix_us = round(epoch_unix_s * 1e6)

@@ -66,21 +66,7 @@ class RefusedError(VehicleError):
 
 
 class Controls:
-    """One vehicle under a pilot's hands: what flies, its firmware's rules, parameters, mode, and notices.
-
-    Attributes
-    ----------
-    parameters : RuntimeParameters
-        What can be changed.
-    state : VehicleState
-        After the last order or `advance`.
-    flown_attitude : tuple of 2 floats or None
-        Roll and pitch where they are flown as they are told; None where they follow from the motion.
-    now_s : float
-        Time of the last `advance`.
-    position_ok, motor_ok : bool
-        Whether there is a position (GPS), and whether all motors run.
-    """
+    """One vehicle under a pilot's hands: what flies, its firmware's rules, parameters, mode, and notices."""
 
     def __init__(self, executor: MissionExecutor, firmware: Firmware) -> None:
         self.executor = executor
@@ -90,9 +76,12 @@ class Controls:
         self.parameters = RuntimeParameters.of(executor.spec, firmware.rules.defaults)
         self.mode = firmware.mavlink.modes.boot
         self._notices: list[Notice] = []
+        # After the last order or `advance`, and the time of that.
         self.state: VehicleState = executor.state()
-        self.flown_attitude: tuple[float, float] | None = None
         self.now_s = 0.0
+        # Roll and pitch where they are flown as they are told; None where they follow from the motion.
+        self.flown_attitude: tuple[float, float] | None = None
+        # Whether there is a position (GPS), and whether all motors run.
         self.position_ok = self.motor_ok = True
 
     @property

@@ -21,21 +21,14 @@ _LEADS_DOWN_OR_UP = frozenset({Mode.RTL, Mode.LAND, Mode.TAKEOFF})
 
 
 class ModeControl:
-    """Takes modes and gives the vehicle the orders that they stand for.
-
-    Attributes
-    ----------
-    by_itself : bool
-        The vehicle took it by its own decision.
-    intended : Mode
-        The last one that was ordered, or followed from an order, and in which a vehicle arms.
-    takeoff_altitude_m : float or None
-        Of the next take-off; None is the vehicle's own.
-    """
+    """Takes modes and gives the vehicle the orders that they stand for."""
 
     def __init__(self, controls: Controls, mission: MissionStatus, setpoints: SetpointFollower) -> None:
+        # The last one that was ordered, or followed from an order, and in which a vehicle arms.
         self.intended = controls.mode
+        # Whether the vehicle took it by its own decision.
         self.by_itself = False
+        # Of the next take-off; None is the vehicle's own.
         self.takeoff_altitude_m: float | None = None
         self._controls = controls
         self._mission = mission

@@ -21,8 +21,8 @@ from sim_vehicle.mavlink.gimbal import GIMBAL_BUILDERS, GIMBAL_COMMANDS, command
 from sim_vehicle.mavlink.telemetry import BUILDERS, built
 from sim_vehicle.mavlink.vehicle_command import Result, VehicleCommand, read_command
 from sim_vehicle.motion.legs import ALONG, KEEP, Heading
-from sim_vehicle.pilot.arming import FORCE
 from sim_vehicle.pilot.controls import RefusedError
+from sim_vehicle.pilot.failsafe import FORCE
 
 if TYPE_CHECKING:
     from sim_vehicle.autopilot.mavlink_profile import MavlinkProfile

@@ -30,9 +30,8 @@ from sim_vehicle.execution.state import (
     TargetReached,
 )
 from sim_vehicle.motion.legs import ALONG, Heading
-from sim_vehicle.pilot.arming import ArmingChecks, IdleWatch
 from sim_vehicle.pilot.controls import Controls, RefusedError, Severity
-from sim_vehicle.pilot.failsafe import Failsafe, Reaction
+from sim_vehicle.pilot.failsafe import ArmingChecks, Failsafe, IdleWatch, Reaction
 from sim_vehicle.pilot.fence import Fence
 from sim_vehicle.pilot.guided import AttitudePilot, AttitudeTarget, AutoYaw, Setpoint, SetpointFollower
 from sim_vehicle.pilot.mission_status import MissionChange, MissionStatus

@@ -111,16 +111,11 @@ _STEPS_AT_ONE_INSTANT = 300_000
 class StopReason(Enum):
     """Why `Simulation.run` returned."""
 
-    FINISHED = "finished"
-    """The condition of the caller holds."""
-    TIME_LIMIT = "time limit"
-    """The time limit passed first."""
-    IDLE = "idle"
-    """Nothing can happen any more: no message is in transit and no component has a deadline."""
-    STALLED = "stalled"
-    """The components keep each other busy and time does not go on."""
-    STOPPED = "stopped"
-    """Somebody stopped it (`Server` only)."""
+    FINISHED = "finished"  # the condition of the caller holds
+    TIME_LIMIT = "time limit"  # it passed first
+    IDLE = "idle"  # nothing can happen any more: no message is in transit, no component has a deadline
+    STALLED = "stalled"  # the components keep each other busy and time does not go on
+    STOPPED = "stopped"  # somebody stopped it (`Server` only)
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ from mission.link.codec.dialect import mavlink as m
 from sim_vehicle.component import NEVER
 from sim_vehicle.mavlink.file_tree import FileError, FileTree, FtpError, Path, path_of
 
-__all__ = ["MOST_DATA", "FtpServer", "Operation", "Packet", "checksum"]
+__all__ = ["ACK", "MOST_DATA", "NAK", "FtpServer", "Operation", "Packet", "checksum"]
 
 MOST_DATA = 239
 """Bytes of data that a packet holds."""
@@ -33,27 +33,15 @@ _BATCH_S = 0.005
 Peer = tuple[int, int]
 
 
-class Operation(IntEnum):
-    """What a request asks for, and the two kinds of answers."""
-
-    NONE = 0
-    TERMINATE = 1
-    RESET = 2
-    LIST = 3
-    OPEN_TO_READ = 4
-    READ = 5
-    CREATE = 6
-    WRITE = 7
-    REMOVE = 8
-    MAKE_DIRECTORY = 9
-    REMOVE_DIRECTORY = 10
-    OPEN_TO_WRITE = 11
-    TRUNCATE = 12
-    RENAME = 13
-    CHECKSUM = 14
-    BURST = 15
-    ACK = 128
-    NAK = 129
+Operation = IntEnum(
+    "Operation",
+    "NONE TERMINATE RESET LIST OPEN_TO_READ READ CREATE WRITE REMOVE MAKE_DIRECTORY REMOVE_DIRECTORY "
+    "OPEN_TO_WRITE TRUNCATE RENAME CHECKSUM BURST",
+    start=0,
+)
+"""What a request asks for."""
+# The two kinds of answers.
+ACK, NAK = 128, 129
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,12 +91,12 @@ class Packet:
     def answer(self, data: bytes = b"", *, offset: int = 0) -> Packet:
         """The answer that says it was done."""
         sequence = (self.sequence + 1) & 0xFFFF
-        return Packet(sequence, self.session, Operation.ACK, -1, self.operation, False, offset, data)
+        return Packet(sequence, self.session, ACK, -1, self.operation, False, offset, data)
 
     def refusal(self, error: FtpError) -> Packet:
         """The answer that says why it was not done."""
         answer = self.answer(bytes([error]), offset=self.offset)
-        return replace(answer, operation=int(Operation.NAK))
+        return replace(answer, operation=NAK)
 
     @property
     def text(self) -> str | None:
@@ -179,7 +167,7 @@ class FtpServer:
     def receive(self, message: m.MAVLink_file_transfer_protocol_message, now_s: float) -> list[Message]:
         """Answer a request; the packets of a burst follow in time."""
         request = Packet.parse(bytes(message.payload))
-        if request is None or request.operation in (Operation.ACK, Operation.NAK):
+        if request is None or request.operation in (ACK, NAK):
             return []
         peer = (message.get_srcSystem(), message.get_srcComponent())
         last = self._last.get(peer)
@@ -208,7 +196,7 @@ class FtpServer:
             for _ in range(_BATCH):
                 packet = self._next_of(burst)
                 messages.append(_message(peer, packet))
-                if packet.complete or packet.operation == Operation.NAK:
+                if packet.complete or packet.operation == NAK:
                     del self._bursts[peer]
                     break
         self.due_s = now_s + _BATCH_S if self._bursts else NEVER

@@ -377,8 +377,8 @@ class SimVehicle:
         if self._gimbal_interval_us and self.state.gimbal.awake:
             interval_us, self._gimbal_interval_us = self._gimbal_interval_us, 0
             self.schedule.set_interval(_GIMBAL_ATTITUDE, interval_us, self.state.now_us)
-        for notice in pilot.notices():
-            self._outbox += self._texts.messages(notice.severity, notice.text)
+        for severity, text in pilot.notices():
+            self._outbox += self._texts.messages(severity, text)
         shown = (
             (self.state.custom_mode, pilot.armed),
             pilot.landed,

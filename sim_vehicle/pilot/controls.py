@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from enum import IntEnum
 from typing import TYPE_CHECKING
 
@@ -16,7 +15,7 @@ if TYPE_CHECKING:
     from sim_vehicle.execution.executor import MissionExecutor
     from sim_vehicle.execution.state import LandedState, VehicleState
 
-__all__ = ["Controls", "MissionState", "Notice", "RefusedError", "Severity"]
+__all__ = ["Controls", "MissionState", "RefusedError", "Severity"]
 
 
 class Severity(IntEnum):
@@ -36,14 +35,6 @@ class MissionState(IntEnum):
     ACTIVE = 3
     PAUSED = 4
     COMPLETE = 5
-
-
-@dataclass(frozen=True, slots=True)
-class Notice:
-    """Something that the operator is told."""
-
-    severity: Severity
-    text: str
 
 
 class RefusedError(VehicleError):
@@ -75,7 +66,7 @@ class Controls:
         self.rules, self.behaviour = firmware.rules, firmware.behaviour
         self.parameters = RuntimeParameters.of(executor.spec, firmware.rules.defaults)
         self.mode = firmware.mavlink.modes.boot
-        self._notices: list[Notice] = []
+        self._notices: list[tuple[Severity, str]] = []
         # After the last order or `advance`, and the time of that.
         self.state: VehicleState = executor.state()
         self.now_s = 0.0
@@ -117,9 +108,9 @@ class Controls:
     def note(self, severity: Severity, text: str) -> None:
         """Tell the operator; an empty text is nothing to say."""
         if text:
-            self._notices.append(Notice(severity, text))
+            self._notices.append((severity, text))
 
-    def notices(self) -> list[Notice]:
+    def notices(self) -> list[tuple[Severity, str]]:
         """Take what was noted since the last call."""
         taken, self._notices = self._notices, []
         return taken

@@ -18,7 +18,7 @@ from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.mavlink import vehicle_files
 from sim_vehicle.mavlink.file_tree import FileTree, FtpError
-from sim_vehicle.mavlink.ftp import MOST_DATA, FtpServer, Operation, Packet
+from sim_vehicle.mavlink.ftp import ACK, MOST_DATA, NAK, FtpServer, Operation, Packet
 from sim_vehicle.mavlink.vehicle import SimVehicle
 
 HOME = GeoPoint(28.05, -82.15, 10.0)
@@ -45,9 +45,9 @@ class Client:
         (reply,) = self.send(Packet(self.sequence, session, operation, size, offset=offset, data=data))
         assert reply.sequence == (self.sequence + 1) & 0xFFFF
         assert (reply.session, reply.request) == (session, operation)
-        if reply.operation == Operation.NAK:
+        if reply.operation == NAK:
             return FtpError(reply.data[0])
-        assert reply.operation == Operation.ACK
+        assert reply.operation == ACK
         return reply.data
 
     def read(self, path, size=MOST_DATA):
@@ -145,7 +145,7 @@ def test_a_burst_comes_in_parts_and_ends_with_the_file():
             packets += [Packet.parse(bytes(r.payload)) for r in one.server.poll(now_s)]
         assert [p.sequence for p in packets] == [10 + i for i in range(len(packets))]
         for packet in packets:
-            if packet.operation == Operation.NAK:
+            if packet.operation == NAK:
                 assert packet.data == bytes([FtpError.END_OF_FILE])
                 ended = True
             else:
@@ -163,8 +163,8 @@ def test_a_request_again_gets_the_same_answer_and_is_done_once():
     write = Packet(6, 0, Operation.WRITE, data=b"abc")
     assert one.send(write) == one.send(write)
     remove = Packet(7, 0, Operation.REMOVE, data=b"/x")
-    assert [p.operation for p in one.send(remove) + one.send(remove)] == [Operation.ACK, Operation.ACK]
-    assert first[0].operation == Operation.ACK
+    assert [p.operation for p in one.send(remove) + one.send(remove)] == [ACK, ACK]
+    assert first[0].operation == ACK
 
 
 def test_sessions_are_each_clients_own_and_few():

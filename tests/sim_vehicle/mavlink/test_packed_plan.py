@@ -13,7 +13,7 @@ from mission.model import GeoPoint, MissionType
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.mavlink.file_tree import FtpError
-from sim_vehicle.mavlink.ftp import Operation, Packet
+from sim_vehicle.mavlink.ftp import NAK, Operation, Packet
 from sim_vehicle.mavlink.vehicle import SimVehicle
 from sim_vehicle.mavlink.vehicle_files import PLAN_PATHS, pack_plan, unpack_plan
 
@@ -51,7 +51,7 @@ class Vehicle:
         replies = self.tell(m.MAVLink_file_transfer_protocol_message(0, 1, 1, list(packet.payload())))
         (reply,) = [r for r in replies if r.get_type() == "FILE_TRANSFER_PROTOCOL"]
         answer = Packet.parse(bytes(reply.payload))
-        return FtpError(answer.data[0]) if answer.operation == Operation.NAK else answer.data
+        return FtpError(answer.data[0]) if answer.operation == NAK else answer.data
 
     def read(self, path):
         (size,) = struct.unpack("<I", self.ask(Operation.OPEN_TO_READ, path.encode()))

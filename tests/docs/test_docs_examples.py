@@ -1,6 +1,7 @@
 """The examples of the documentation do what they say: every ``wbf-mission`` line in a ``sh`` block runs."""
 
 import ast
+import dataclasses
 import doctest
 import os
 import re
@@ -11,6 +12,15 @@ import sys
 from pathlib import Path
 
 import pytest
+
+from sim_vehicle.airframe.spec import (
+    BatterySpec,
+    FixedWingAirframe,
+    FixedWingPowerSpec,
+    PowerSpec,
+    PublishedEndurance,
+    RoverPowerSpec,
+)
 
 REPOSITORY = Path(__file__).parents[2]
 PAGES = sorted(
@@ -127,6 +137,15 @@ def test_python_in_a_page_is_sound(page: Path) -> None:
             or (isinstance(node, ast.ImportFrom) and not str(node.module).startswith("my_"))
         ]
         exec(compile(ast.Module(imports, type_ignores=[]), page.name, "exec"), {})
+
+
+@pytest.mark.parametrize(
+    "table",
+    [BatterySpec, PowerSpec, FixedWingPowerSpec, RoverPowerSpec, FixedWingAirframe, PublishedEndurance],
+)
+def test_the_page_on_vehicle_files_names_every_key(table: type) -> None:
+    text = PAGES_BY_NAME["vehicle-files"].read_text(encoding="utf-8")
+    assert {field.name for field in dataclasses.fields(table)} <= set(re.findall(r"`(\w+)`", text))
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)

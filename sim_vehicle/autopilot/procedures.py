@@ -186,7 +186,7 @@ class FixedWingProcedures(FlightProcedures):
     def limits(self, spec: VehicleSpec) -> FixedWingLimits:
         """Limits of a vehicle's flight."""
 
-    def control(self, spec: VehicleSpec) -> ArduPlaneControl | None:  # noqa: ARG002
+    def control(self, spec: VehicleSpec) -> ArduPlaneControl | None:
         """Gains of ArduPlane's control of energy; None for others."""
         return None
 
@@ -194,7 +194,7 @@ class FixedWingProcedures(FlightProcedures):
     def lands_as_mission(self, spec: VehicleSpec) -> bool:
         """Whether a return flies the landing of the mission, if it has one."""
 
-    def steepest_approach(self, spec: VehicleSpec) -> tuple[str, float] | None:  # noqa: ARG002
+    def steepest_approach(self, spec: VehicleSpec) -> tuple[str, float] | None:
         """Parameter that bounds the slope of an approach and its value in degrees; None without a bound."""
         return None
 
@@ -232,24 +232,13 @@ class FixedWingProcedures(FlightProcedures):
         return FixedWing(spec, self.limits, wind, yaw_rad, self.control)
 
     def takeoff_legs(
-        self,
-        spec: VehicleSpec,  # noqa: ARG002
-        here: Position,
-        target: Position,
-        speed: float,
-        heading: Heading,  # noqa: ARG002
+        self, spec: VehicleSpec, here: Position, target: Position, speed: float, heading: Heading
     ) -> list[Leg]:
         """Climb-out up to the height."""
         x, y, _ = here if self.climbs_ahead else target
         return [Leg((x, y, max(target[2], 0.5)), speed, heading=KEEP, kind=LegKind.TAKEOFF)]
 
-    def landing_legs(
-        self,
-        spec: VehicleSpec,
-        above: Position,
-        last: Position,
-        speed: float,  # noqa: ARG002
-    ) -> list[Leg]:
+    def landing_legs(self, spec: VehicleSpec, above: Position, last: Position, speed: float) -> list[Leg]:
         """Straight approach from the position before; without one, a circle down to the ground."""
         x, y, z = above
         landing = self.limits(spec).landing_airspeed
@@ -281,32 +270,17 @@ class RoverProcedures(FlightProcedures):
         return Rover(spec, self.limits, wind, yaw_rad)
 
     def takeoff_legs(
-        self,
-        spec: VehicleSpec,  # noqa: ARG002
-        here: Position,
-        target: Position,  # noqa: ARG002
-        speed: float,
-        heading: Heading,  # noqa: ARG002
+        self, spec: VehicleSpec, here: Position, target: Position, speed: float, heading: Heading
     ) -> list[Leg]:
         """A leg that is done at once: there is nothing to take off."""
         return [Leg((here[0], here[1], 0.0), speed, kind=LegKind.TAKEOFF)]
 
-    def landing_legs(
-        self,
-        spec: VehicleSpec,  # noqa: ARG002
-        above: Position,
-        last: Position,  # noqa: ARG002
-        speed: float,
-    ) -> list[Leg]:
+    def landing_legs(self, spec: VehicleSpec, above: Position, last: Position, speed: float) -> list[Leg]:
         """Route to the position, where it stops."""
         return [Leg((above[0], above[1], 0.0), speed, kind=LegKind.HOME)]
 
     def return_legs(
-        self,
-        spec: VehicleSpec,
-        last: Position,
-        speed: float,
-        return_point: Position,
+        self, spec: VehicleSpec, last: Position, speed: float, return_point: Position
     ) -> list[Leg]:
         """Route home, where it stops."""
         return self.landing_legs(spec, return_point, last, speed)

@@ -58,12 +58,7 @@ class ArduCopterProcedures(FlightProcedures):
         return ArduCopter(spec, wind, yaw_rad)
 
     def takeoff_legs(
-        self,
-        spec: VehicleSpec,  # noqa: ARG002
-        here: Position,
-        target: Position,
-        speed: float,
-        heading: Heading,
+        self, spec: VehicleSpec, here: Position, target: Position, speed: float, heading: Heading
     ) -> list[Leg]:
         """Return the leg of a take-off: straight up, wherever its position is."""
         keep = KEEP if heading == ALONG else heading
@@ -75,11 +70,7 @@ class ArduCopterProcedures(FlightProcedures):
         return over_and_down(spec, above, last, speed)
 
     def return_legs(
-        self,
-        spec: VehicleSpec,
-        last: Position,
-        speed: float,  # noqa: ARG002
-        return_point: Position,
+        self, spec: VehicleSpec, last: Position, speed: float, return_point: Position
     ) -> list[Leg]:
         """Return the legs home: up, less near home, straight home, a wait, and down."""
         value = self.values(spec)

@@ -133,11 +133,7 @@ class ArduRover(RoverProcedures):
         )
 
     def return_legs(
-        self,
-        spec: VehicleSpec,
-        last: Position,  # noqa: ARG002
-        speed: float,
-        return_point: Position,
+        self, spec: VehicleSpec, last: Position, speed: float, return_point: Position
     ) -> list[Leg]:
         """Route home, at a speed of its own, where it stops."""
         speed = self.value(spec, "RTL_SPEED") or spec.cruise_speed_m_s

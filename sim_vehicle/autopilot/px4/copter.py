@@ -83,11 +83,7 @@ class Px4MultirotorProcedures(FlightProcedures):
         return over_and_down(spec, above, last, speed, spec.acceptance_radius_m)
 
     def return_legs(
-        self,
-        spec: VehicleSpec,
-        last: Position,
-        speed: float,  # noqa: ARG002
-        return_point: Position,
+        self, spec: VehicleSpec, last: Position, speed: float, return_point: Position
     ) -> list[Leg]:
         """Return the legs home: up, home at the cruise speed, down to wait if so told, and down."""
         x, y, z = last

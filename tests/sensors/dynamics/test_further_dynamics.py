@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from packages import install
 
 from geo.farms import get_farm
 from sensors.environment import generate_environment, load_environment
@@ -28,18 +29,11 @@ dynamics = { width = 0.15 }
 GRID = get_farm("miniberry-30").grid()
 
 
-def install(folder, name, entry_point):
-    metadata = folder / f"{name}-1.0.dist-info"
-    metadata.mkdir()
-    (metadata / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
-    (metadata / "entry_points.txt").write_text(f"[wbf_mission.dynamics]\n{entry_point}\n")
-
-
 @pytest.fixture
 def site(tmp_path, monkeypatch):
     """A folder of installed packages with the third kind's."""
     shutil.copy(Path(__file__).parent / "further" / "haze.py", tmp_path)
-    install(tmp_path, "haze", "haze = haze:Haze")
+    install(tmp_path, "haze", "[wbf_mission.dynamics]\nhaze = haze:Haze\n")
     (tmp_path / "spray.toml").write_text(FIELD_FILE)
     monkeypatch.syspath_prepend(str(tmp_path))
     yield tmp_path
@@ -114,7 +108,7 @@ def test_it_is_flown_over(site):
     ],
 )
 def test_a_broken_package_is_told_in_one_line(tmp_path, monkeypatch, entry_point, text):
-    install(tmp_path, "broken", entry_point)
+    install(tmp_path, "broken", f"[wbf_mission.dynamics]\n{entry_point}\n")
     monkeypatch.syspath_prepend(str(tmp_path))
     with pytest.raises(FieldError, match=rf"^here: dynamics 'haze' \(.*\) {text}") as told:
         field_from_table(HAZE, "here")

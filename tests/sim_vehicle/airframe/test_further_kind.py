@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from packages import importable, install
 
 from mission.transfer.vehicles import Vehicle
 from sim_vehicle.airframe.catalog import forget_vehicles, get_vehicle, vehicle_names
@@ -38,13 +39,6 @@ mass_kg = 25.0
 [airframe]
 turn_lengths = 2.0
 """
-
-
-def install(folder, name, entry_points):
-    metadata = folder / f"{name}-1.0.dist-info"
-    metadata.mkdir()
-    (metadata / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
-    (metadata / "entry_points.txt").write_text(entry_points)
 
 
 def forget():
@@ -148,12 +142,11 @@ def test_a_broken_package_is_told_in_one_line(boat, tmp_path, monkeypatch, value
 
 def run(site, *arguments):
     """Run the command line with the package installed."""
-    path = os.pathsep.join(filter(None, [str(site), os.environ.get("PYTHONPATH", "")]))
     return subprocess.run(
         [sys.executable, "-m", "wbf_mission", *arguments],
         capture_output=True,
         text=True,
-        env={**os.environ, "PYTHONPATH": path},
+        env={**os.environ, "PYTHONPATH": importable(site)},
         check=False,
     )
 

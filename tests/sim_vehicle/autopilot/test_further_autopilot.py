@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from packages import importable, install
 
 from geo.frame import LocalFrame
 from mission.autopilots import registry
@@ -46,10 +47,7 @@ def site(tmp_path_factory):
     """A folder of installed packages with the third autopilot's."""
     folder = tmp_path_factory.mktemp("site")
     shutil.copy(Path(__file__).parent / "further" / "nimbus.py", folder)
-    metadata = folder / "nimbus-3.2.1.dist-info"
-    metadata.mkdir()
-    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: nimbus\nVersion: 3.2.1\n")
-    (metadata / "entry_points.txt").write_text(ENTRY_POINTS)
+    install(folder, "nimbus", ENTRY_POINTS)
     return folder
 
 
@@ -178,10 +176,7 @@ def test_without_its_package_it_is_unknown():
     ],
 )
 def test_a_broken_package_is_told_in_one_line(site, tmp_path, monkeypatch, value, text):
-    metadata = tmp_path / "broken-1.0.dist-info"
-    metadata.mkdir()
-    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 1.0\n")
-    (metadata / "entry_points.txt").write_text(f"[wbf_mission.autopilots]\nbroken = {value}\n")
+    install(tmp_path, "broken", f"[wbf_mission.autopilots]\nbroken = {value}\n")
     shutil.copy(site / "nimbus.py", tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
     forget()
@@ -198,12 +193,11 @@ def test_a_broken_package_is_told_in_one_line(site, tmp_path, monkeypatch, value
 
 def run(site, *arguments, **environment):
     """Run the command line with the third autopilot installed."""
-    path = os.pathsep.join(filter(None, [str(site), os.environ.get("PYTHONPATH", "")]))
     return subprocess.run(
         [sys.executable, "-m", "wbf_mission", *arguments],
         capture_output=True,
         text=True,
-        env={**os.environ, "PYTHONPATH": path, **environment},
+        env={**os.environ, "PYTHONPATH": importable(site), **environment},
         check=False,
     )
 

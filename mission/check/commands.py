@@ -12,17 +12,17 @@ _UNKNOWN = 31999  # no MAV_CMD has this number
 _REFUSED = frozenset({m.MAV_RESULT_UNSUPPORTED, m.MAV_RESULT_DENIED, m.MAV_RESULT_FAILED})
 
 
-@check("command.unknown-long", "an unknown COMMAND_LONG is answered UNSUPPORTED")
+@check("command.unknown-long")
 def unknown_long(peer: Peer) -> None:
-    """Send a number that is no command."""
+    """An unknown COMMAND_LONG is answered UNSUPPORTED."""
     answer = needed(peer.command(_UNKNOWN), "no COMMAND_ACK")
     if answer.result != m.MAV_RESULT_UNSUPPORTED:
         raise FailedError(f"it is answered {result_name(answer.result)}")
 
 
-@check("command.unknown-int", "an unknown COMMAND_INT is answered UNSUPPORTED")
+@check("command.unknown-int")
 def unknown_int(peer: Peer) -> None:
-    """Send a number that is no command."""
+    """An unknown COMMAND_INT is answered UNSUPPORTED."""
     question = m.MAVLink_command_int_message(*peer.address, 0, _UNKNOWN, 0, 0, 0.0, 0.0, 0.0, 0.0, 0, 0, 0.0)
     answer = needed(
         peer.ask(question, m.MAVLink_command_ack_message, where=lambda a: a.command == _UNKNOWN),
@@ -32,9 +32,9 @@ def unknown_int(peer: Peer) -> None:
         raise FailedError(f"it is answered {result_name(answer.result)}")
 
 
-@check("command.ack-address", "COMMAND_ACK is addressed to the sender, or (as in MAVLink 1) to nobody")
+@check("command.ack-address")
 def ack_address(peer: Peer) -> str | None:
-    """Look at the target of an answer."""
+    """COMMAND_ACK is addressed to the sender, or (as in MAVLink 1) to nobody."""
     answer = needed(peer.command(_UNKNOWN), "no COMMAND_ACK")
     target = (answer.target_system, answer.target_component)
     if target == (0, 0):
@@ -44,23 +44,23 @@ def ack_address(peer: Peer) -> str | None:
     return None
 
 
-@check("command.request-message", "REQUEST_MESSAGE is acknowledged")
+@check("command.request-message")
 def request_message(peer: Peer) -> None:
-    """Ask for something that every autopilot has."""
+    """REQUEST_MESSAGE is acknowledged."""
     peer.must(m.MAV_CMD_REQUEST_MESSAGE, float(m.MAVLINK_MSG_ID_AUTOPILOT_VERSION))
 
 
-@check("command.request-unknown", "REQUEST_MESSAGE for a message that does not exist is not accepted")
+@check("command.request-unknown")
 def request_unknown(peer: Peer) -> None:
-    """Ask for a number that is no message."""
+    """REQUEST_MESSAGE for a message that does not exist is not accepted."""
     answer = needed(peer.command(m.MAV_CMD_REQUEST_MESSAGE, 65500.0), "no COMMAND_ACK")
     if answer.result not in _REFUSED:
         raise FailedError(f"it is answered {result_name(answer.result)}")
 
 
-@check("command.repeated", "a repeated command (confirmation 1) is acknowledged again")
+@check("command.repeated")
 def repeated(peer: Peer) -> None:
-    """Send one twice, as a client does that lost the answer."""
+    """A repeated command (confirmation 1) is acknowledged again."""
     values = (float(m.MAVLINK_MSG_ID_AUTOPILOT_VERSION), *[0.0] * 6)
     command = m.MAV_CMD_REQUEST_MESSAGE
     for confirmation in (0, 1):
@@ -74,9 +74,9 @@ def repeated(peer: Peer) -> None:
         )
 
 
-@check("command.foreign-system", "a command for another system is not answered")
+@check("command.foreign-system")
 def foreign_system(peer: Peer) -> None:
-    """Send one to a system that nobody has."""
+    """A command for another system is not answered."""
     other = 237 if peer.vehicle.system_id != 237 else 236
     peer.forget()
     peer.send(m.MAVLink_command_long_message(other, peer.address[1], _UNKNOWN, 0, *[0.0] * 7))
@@ -85,21 +85,18 @@ def foreign_system(peer: Peer) -> None:
 
 
 @check(
-    "command.broadcast",
-    "a command for system 0, component 0 is answered",
-    required=False,
-    suffers="scripts that send commands before they know who is there",
+    "command.broadcast", required=False, suffers="scripts that send commands before they know who is there"
 )
 def broadcast(peer: Peer) -> None:
-    """Send one to everybody."""
+    """A command for system 0, component 0 is answered."""
     question = m.MAVLink_command_long_message(0, 0, _UNKNOWN, 0, *[0.0] * 7)
     if peer.ask(question, m.MAVLink_command_ack_message, where=lambda a: a.command == _UNKNOWN) is None:
         raise FailedError("no COMMAND_ACK")
 
 
-@check("command.bad-arming", "arming with a parameter that is neither 0 nor 1 does not arm")
+@check("command.bad-arming")
 def bad_arming(peer: Peer) -> str:
-    """Ask for something between."""
+    """Arming with a parameter that is neither 0 nor 1 does not arm."""
     answer = peer.command(m.MAV_CMD_COMPONENT_ARM_DISARM, 0.3)
     peer.sleep(1.2)
     if peer.armed:

@@ -54,9 +54,9 @@ def _is_disarmed(message: Message) -> bool:
     return is_a(message, m.MAVLink_heartbeat_message) and not message.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED
 
 
-@check("fly.takeoff-land", "it arms, takes off, lands and disarms by command", flies=True)
+@check("fly.takeoff-land", flies=True)
 def takeoff_land(peer: Peer) -> str:
-    """Up and down."""
+    """It arms, takes off, lands and disarms by command."""
     began_s = peer.now()
     peer.command(m.MAV_CMD_SET_MESSAGE_INTERVAL, float(m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT), 500_000.0)
     _ready_mode(peer)
@@ -73,9 +73,9 @@ def takeoff_land(peer: Peer) -> str:
     return f"{peer.now() - began_s:.0f} s"
 
 
-@check("fly.mission", "it flies a mission, reports the waypoints reached, returns and disarms", flies=True)
+@check("fly.mission", flies=True)
 def mission(peer: Peer) -> str:
-    """Take-off, three waypoints, return."""
+    """It flies a mission, reports the waypoints reached, returns and disarms."""
     home = peer.home
     items = (
         MissionItem(Command.NAV_TAKEOFF, 3, x=home.latitude_deg, y=home.longitude_deg, z=_ALTITUDE_M),

@@ -18,9 +18,9 @@ _WATCH_S = 4.2
 _GROUND_TYPES = frozenset({m.MAV_TYPE_GCS, m.MAV_TYPE_CAMERA, m.MAV_TYPE_GIMBAL, m.MAV_TYPE_ADSB})
 
 
-@check("identity.heartbeat", "HEARTBEAT comes at least each 1.5 s, as peers give up after 3 s")
+@check("identity.heartbeat")
 def heartbeat(peer: Peer) -> str:
-    """Measure the longest gap."""
+    """HEARTBEAT comes at least each 1.5 s, as peers give up after 3 s."""
     times = [now_s for now_s, _ in peer.collect(m.MAVLink_heartbeat_message, _WATCH_S)]
     if len(times) < 2:
         raise FailedError(f"{len(times)} heartbeats in {_WATCH_S} s")
@@ -30,9 +30,9 @@ def heartbeat(peer: Peer) -> str:
     return f"longest gap {gap_s:.2f} s"
 
 
-@check("identity.heartbeat-fields", "HEARTBEAT: a vehicle type, an autopilot, the custom mode bit, a state")
+@check("identity.heartbeat-fields")
 def heartbeat_fields(peer: Peer) -> str:
-    """Look into one heartbeat."""
+    """HEARTBEAT: a vehicle type, an autopilot, the custom mode bit, a state."""
     message = needed(peer.expect(m.MAVLink_heartbeat_message, 3.0), "no heartbeat")
     if message.type in _GROUND_TYPES or message.type == m.MAV_TYPE_GENERIC:
         raise FailedError(f"type {message.type} is no vehicle")
@@ -47,40 +47,34 @@ def heartbeat_fields(peer: Peer) -> str:
 
 @check(
     "identity.component",
-    "the autopilot is component 1",
     required=False,
     suffers="MAVSDK and QGroundControl, which look for the autopilot there",
 )
 def component(peer: Peer) -> None:
-    """Look at the address."""
+    """The autopilot is component 1."""
     if peer.vehicle.component_id != m.MAV_COMP_ID_AUTOPILOT1:
         raise FailedError(f"it is component {peer.vehicle.component_id}")
 
 
-@check("identity.mavlink2", "it speaks MAVLink 2 to a peer that does")
+@check("identity.mavlink2")
 def mavlink2(peer: Peer) -> None:
-    """Look at the frame of a heartbeat."""
+    """It speaks MAVLink 2 to a peer that does."""
     message = needed(peer.expect(m.MAVLink_heartbeat_message, 3.0), "no heartbeat")
     if message.get_msgbuf()[0] != 0xFD:
         raise FailedError("its frames are MAVLink 1")
 
 
-@check("identity.version", "AUTOPILOT_VERSION is sent on REQUEST_MESSAGE")
+@check("identity.version")
 def version(peer: Peer) -> str:
-    """Ask for it."""
+    """AUTOPILOT_VERSION is sent on REQUEST_MESSAGE."""
     message = needed(peer.request(m.MAVLink_autopilot_version_message), "it does not come")
     number = message.flight_sw_version
     return f"firmware {number >> 24}.{number >> 16 & 255}.{number >> 8 & 255}"
 
 
-@check(
-    "identity.version-old",
-    "AUTOPILOT_VERSION is sent on REQUEST_AUTOPILOT_CAPABILITIES",
-    required=False,
-    suffers="older clients; MAVSDK asks so each second time",
-)
+@check("identity.version-old", required=False, suffers="older clients; MAVSDK asks so each second time")
 def version_old(peer: Peer) -> None:
-    """Ask in the old way, as MAVSDK does each second time."""
+    """AUTOPILOT_VERSION is sent on REQUEST_AUTOPILOT_CAPABILITIES."""
     peer.forget()
     question = m.MAVLink_command_long_message(
         *peer.address, m.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES, 0, 1.0, *[0.0] * 6
@@ -89,9 +83,9 @@ def version_old(peer: Peer) -> None:
         raise FailedError("it does not come")
 
 
-@check("identity.capabilities", "capabilities: MISSION_INT, MAVLINK2, parameters not encoded in two ways")
+@check("identity.capabilities")
 def capabilities(peer: Peer) -> str:
-    """Look at the bits that clients test.
+    """Capabilities: MISSION_INT, MAVLINK2, parameters not encoded in two ways.
 
     Of the way to encode parameters there may be no word but PARAM_FLOAT (ArduPilot): values are cast then.
     """
@@ -111,12 +105,11 @@ def capabilities(peer: Peer) -> str:
 
 @check(
     "identity.protocol-version",
-    "PROTOCOL_VERSION is sent on REQUEST_MESSAGE",
     required=False,
     suffers="clients that begin with MAVLink 1 and change to MAVLink 2 by it",
 )
 def protocol_version(peer: Peer) -> str:
-    """Ask for it."""
+    """PROTOCOL_VERSION is sent on REQUEST_MESSAGE."""
     message = needed(peer.request(m.MAVLink_protocol_version_message), "it does not come")
     return f"{message.min_version} to {message.max_version}"
 
@@ -188,9 +181,9 @@ for _name, _text, _stream in (
     check(f"telemetry.{_name}", _text)(_stream)
 
 
-@check("telemetry.home", "HOME_POSITION is sent on REQUEST_MESSAGE or GET_HOME_POSITION")
+@check("telemetry.home")
 def home(peer: Peer) -> str:
-    """Ask in both ways."""
+    """HOME_POSITION is sent on REQUEST_MESSAGE or GET_HOME_POSITION."""
     kind = m.MAVLink_home_position_message
     message = peer.request(kind)
     if message is None:
@@ -204,9 +197,9 @@ def home(peer: Peer) -> str:
     return f"{message.latitude / 1e7:.6f}, {message.longitude / 1e7:.6f}"
 
 
-@check("telemetry.interval", "SET_MESSAGE_INTERVAL changes the rate: ATTITUDE at 5 Hz")
+@check("telemetry.interval")
 def interval(peer: Peer) -> str:
-    """Set it, measure by the vehicle's own clock, set it back."""
+    """SET_MESSAGE_INTERVAL changes the rate: ATTITUDE at 5 Hz."""
     kind = m.MAVLink_attitude_message
     peer.must(m.MAV_CMD_SET_MESSAGE_INTERVAL, float(kind.id), 200_000.0)
     found = [message.time_boot_ms for _, message in peer.collect(kind, 3.0)]
@@ -219,14 +212,9 @@ def interval(peer: Peer) -> str:
     return f"{rate_hz:.1f} Hz"
 
 
-@check(
-    "telemetry.interval-off",
-    "SET_MESSAGE_INTERVAL with -1 stops a message",
-    required=False,
-    suffers="ground stations that spare a slow radio",
-)
+@check("telemetry.interval-off", required=False, suffers="ground stations that spare a slow radio")
 def interval_off(peer: Peer) -> None:
-    """Stop one and listen."""
+    """SET_MESSAGE_INTERVAL with -1 stops a message."""
     kind = m.MAVLink_attitude_message
     peer.must(m.MAV_CMD_SET_MESSAGE_INTERVAL, float(kind.id), -1.0)
     peer.sleep(0.5)
@@ -236,14 +224,9 @@ def interval_off(peer: Peer) -> None:
         raise FailedError(f"{len(found)} messages in 2 s")
 
 
-@check(
-    "telemetry.interval-get",
-    "GET_MESSAGE_INTERVAL is answered by MESSAGE_INTERVAL",
-    required=False,
-    suffers="scripts that look at a rate before they change it",
-)
+@check("telemetry.interval-get", required=False, suffers="scripts that look at a rate before they change it")
 def interval_get(peer: Peer) -> str:
-    """Ask for the interval of the heartbeat."""
+    """GET_MESSAGE_INTERVAL is answered by MESSAGE_INTERVAL."""
     kind = m.MAVLink_message_interval_message
     question = m.MAVLink_command_long_message(*peer.address, m.MAV_CMD_GET_MESSAGE_INTERVAL, 0, *[0.0] * 7)
     message = needed(
@@ -252,9 +235,9 @@ def interval_get(peer: Peer) -> str:
     return f"heartbeat {message.interval_us} us"
 
 
-@check("telemetry.timesync", "TIMESYNC is answered with the vehicle's time and our own")
+@check("telemetry.timesync")
 def timesync(peer: Peer) -> None:
-    """Send one with a time that cannot be by chance."""
+    """TIMESYNC is answered with the vehicle's time and our own."""
     own = 123_456_789_123
     kind = m.MAVLink_timesync_message
     answer = needed(
@@ -267,12 +250,11 @@ def timesync(peer: Peer) -> None:
 
 @check(
     "telemetry.ping",
-    "PING to everybody is answered to the sender",
     required=False,
     suffers="who measures the round trip so; MAVSDK pings all but ArduPilot every 5 s",
 )
 def ping(peer: Peer) -> None:
-    """Send one."""
+    """PING to everybody is answered to the sender."""
     answer = needed(
         peer.ask(
             m.MAVLink_ping_message(77, 4242, 0, 0), m.MAVLink_ping_message, where=lambda a: a.seq == 4242

@@ -53,9 +53,9 @@ check(
 )(_round_trip(500))
 
 
-@check("mission.camera-items", "speed change, hold time and camera trigger distance are kept")
+@check("mission.camera-items")
 def camera_items(peer: Peer) -> None:
-    """The commands of a survey."""
+    """Speed change, hold time and camera trigger distance are kept."""
     first, *rest, last = peer.items(6)
     survey = (
         MissionItem(Command.DO_CHANGE_SPEED, Frame.MISSION, 1.0, 3.0, -1.0),
@@ -66,18 +66,18 @@ def camera_items(peer: Peer) -> None:
     peer.upload((first, *survey, *rest, last))
 
 
-@check("mission.loiter", "the time of a LOITER_TIME is kept; of its other parameters 0 or 1 may come back")
+@check("mission.loiter")
 def loiter(peer: Peer) -> None:
-    """Send one with a time and nothing else."""
+    """The time of a LOITER_TIME is kept; of its other parameters 0 or 1 may come back."""
     first, *rest, last = peer.items(4)
     home = peer.home
     wait = MissionItem(Command.NAV_LOITER_TIME, 3, 5.0, x=home.latitude_deg, y=home.longitude_deg, z=11.0)
     peer.upload((first, *rest, wait, last))
 
 
-@check("mission.replaced", "a shorter mission replaces a longer one")
+@check("mission.replaced")
 def replaced(peer: Peer) -> None:
-    """Nothing of the old one is left."""
+    """A shorter mission replaces a longer one."""
     peer.upload(peer.items(12))
     peer.upload(peer.items(4))
     left = len(peer.download())
@@ -85,9 +85,9 @@ def replaced(peer: Peer) -> None:
         raise FailedError(f"{left} items are there instead of 4")
 
 
-@check("mission.clear", "MISSION_CLEAR_ALL empties the mission")
+@check("mission.clear")
 def clear(peer: Peer) -> None:
-    """Read it afterwards."""
+    """MISSION_CLEAR_ALL empties the mission."""
     peer.upload(peer.items(5))
     peer.driver.clear([MissionType.MISSION])
     left = len(peer.download())
@@ -95,9 +95,9 @@ def clear(peer: Peer) -> None:
         raise FailedError(f"{left} items are left")
 
 
-@check("mission.clear-empty", "an empty mission is cleared and read without error")
+@check("mission.clear-empty")
 def clear_empty(peer: Peer) -> None:
-    """Twice nothing is nothing."""
+    """An empty mission is cleared and read without error."""
     peer.driver.clear([MissionType.MISSION])
     peer.driver.clear([MissionType.MISSION])
     if peer.download():
@@ -106,12 +106,11 @@ def clear_empty(peer: Peer) -> None:
 
 @check(
     "mission.home",
-    "item 0 is home, whatever was sent as such, where the autopilot keeps home in the mission",
     required=lambda profile: profile.home_at_zero,
     suffers="MAVProxy, Mission Planner and QGroundControl, which show item 0 as home",
 )
 def home(peer: Peer) -> str:
-    """Send another home, read item 0."""
+    """Item 0 is home, whatever was sent as such, where the autopilot keeps home in the mission."""
     if not peer.profile.home_at_zero:
         raise SkippedError("its autopilot keeps no home in the mission")
     place = peer.request(m.MAVLink_home_position_message)
@@ -128,12 +127,9 @@ def home(peer: Peer) -> str:
     return f"{found.latitude_deg:.6f}, {found.longitude_deg:.6f}, {found.altitude_m:.1f} m"
 
 
-@check(
-    "mission.clear-all",
-    "MISSION_CLEAR_ALL of all plans is answered, and done where it is accepted",
-)
+@check("mission.clear-all")
 def clear_all(peer: Peer) -> str:
-    """Clear type 255, read the mission afterwards."""
+    """MISSION_CLEAR_ALL of all plans is answered, and done where it is accepted."""
     peer.upload(peer.items(4))
     answer = needed(peer.ask(wire.clear_all(peer.address, wire.ALL_TYPES), ACK), "no MISSION_ACK")
     accepted = answer.type == wire.ACCEPTED
@@ -147,9 +143,9 @@ def clear_all(peer: Peer) -> str:
     return f"refused, so each plan is cleared by itself: {result_text(answer.type)}"
 
 
-@check("mission.part", "MISSION_WRITE_PARTIAL_LIST changes what it says, or nothing")
+@check("mission.part")
 def part(peer: Peer) -> str:
-    """Replace the second item, as MAVProxy does when a waypoint is moved."""
+    """MISSION_WRITE_PARTIAL_LIST changes what it says, or nothing."""
     items = peer.items(5)
     peer.upload(items)
     changed = (items[0], replace(items[1], z=items[1].z + 7.0), *items[2:])
@@ -175,14 +171,9 @@ def part(peer: Peer) -> str:
     return f"not taken ({note}): MAVProxy cannot move a single waypoint"
 
 
-@check(
-    "mission.total",
-    "MISSION_CURRENT tells how many items there are, without home",
-    required=False,
-    suffers="who shows the progress of a mission",
-)
+@check("mission.total", required=False, suffers="who shows the progress of a mission")
 def total(peer: Peer) -> str:
-    """Compare with what was sent."""
+    """MISSION_CURRENT tells how many items there are, without home."""
     peer.upload(peer.items(7))
     peer.sleep(1.0)
     message = needed(peer.request(m.MAVLink_mission_current_message), "no MISSION_CURRENT")
@@ -191,9 +182,9 @@ def total(peer: Peer) -> str:
     return f"total {message.total}, state {message.mission_state}"
 
 
-@check("mission.set-current", "MISSION_SET_CURRENT or DO_SET_MISSION_CURRENT changes the current item")
+@check("mission.set-current")
 def set_current(peer: Peer) -> str:
-    """Choose item 3, in both ways."""
+    """MISSION_SET_CURRENT or DO_SET_MISSION_CURRENT changes the current item."""
     peer.upload(peer.items(7))
     for _ in range(2):
         peer.command(m.MAV_CMD_DO_SET_MISSION_CURRENT, 3.0, tries=1)
@@ -205,9 +196,9 @@ def set_current(peer: Peer) -> str:
     raise FailedError("MISSION_CURRENT does not become 3")
 
 
-@check("mission.set-current-beyond", "an item beyond the mission does not become the current one")
+@check("mission.set-current-beyond")
 def set_current_beyond(peer: Peer) -> None:
-    """Ask for item 999."""
+    """An item beyond the mission does not become the current one."""
     peer.upload(peer.items(5))
     answer = peer.command(m.MAV_CMD_DO_SET_MISSION_CURRENT, 999.0, tries=1)
     peer.send(m.MAVLink_mission_set_current_message(*peer.address, 999))
@@ -236,9 +227,9 @@ def _corner(peer: Peer, north: float, east: float) -> tuple[float, float]:
     return peer.home.latitude_deg + north * 1e-3, peer.home.longitude_deg + east * 1e-3
 
 
-@check("mission.fence", "a fence (polygon and circle) goes up, comes down and is equal")
+@check("mission.fence")
 def fence(peer: Peer) -> None:
-    """A square around home and a hole."""
+    """A fence (polygon and circle) goes up, comes down and is equal."""
     _needs(peer, _FENCE_BIT, "fence")
     corners = [_corner(peer, north, east) for north, east in ((-2, -2), (-2, 2), (2, 2), (2, -2))]
     items = [MissionItem(Command.NAV_FENCE_POLYGON_VERTEX_INCLUSION, 0, 4.0, x=x, y=y) for x, y in corners]
@@ -248,9 +239,9 @@ def fence(peer: Peer) -> None:
     peer.driver.clear([MissionType.FENCE])
 
 
-@check("mission.rally", "rally points go up, come down and are equal")
+@check("mission.rally")
 def rally(peer: Peer) -> None:
-    """Two of them."""
+    """Rally points go up, come down and are equal."""
     _needs(peer, _RALLY_BIT, "rally points")
     corners = [_corner(peer, 0.3, 0.3), _corner(peer, -0.3, 0.2)]
     items = [
@@ -260,9 +251,9 @@ def rally(peer: Peer) -> None:
     peer.driver.clear([MissionType.RALLY])
 
 
-@check("mission.types-apart", "clearing the fence leaves the mission alone")
+@check("mission.types-apart")
 def types_apart(peer: Peer) -> None:
-    """Send a mission, clear the fence, read the mission."""
+    """Clearing the fence leaves the mission alone."""
     peer.upload(peer.items(5))
     _needs(peer, _FENCE_BIT, "fence")
     peer.driver.clear([MissionType.FENCE])

@@ -76,9 +76,9 @@ def _some(peer: Peer) -> _Value:
     raise SkippedError(f"it has none of {', '.join(_HARMLESS)}")
 
 
-@check("param.list", "PARAM_REQUEST_LIST gives every index once, with one count")
+@check("param.list")
 def param_list(peer: Peer) -> str:
-    """Read the list."""
+    """PARAM_REQUEST_LIST gives every index once, with one count."""
     found = _listed(peer)
     if not found:
         raise FailedError("no PARAM_VALUE")
@@ -95,17 +95,17 @@ def param_list(peer: Peer) -> str:
     return f"{count} parameters"
 
 
-@check("param.read-index", "PARAM_REQUEST_READ by index")
+@check("param.read-index")
 def read_index(peer: Peer) -> str:
-    """Read the first."""
+    """PARAM_REQUEST_READ by index."""
     question = m.MAVLink_param_request_read_message(*peer.address, b"", 0)
     answer = needed(peer.ask(question, _Value, where=lambda a: a.param_index == 0), "no PARAM_VALUE")
     return _name(answer)
 
 
-@check("param.read-name", "PARAM_REQUEST_READ by name gives the same value")
+@check("param.read-name")
 def read_name(peer: Peer) -> str:
-    """Read the first by its name."""
+    """PARAM_REQUEST_READ by name gives the same value."""
     question = m.MAVLink_param_request_read_message(*peer.address, b"", 0)
     first = needed(
         peer.ask(question, _Value, where=lambda a: a.param_index == 0),
@@ -120,19 +120,18 @@ def read_name(peer: Peer) -> str:
 
 @check(
     "param.read-unknown",
-    "a parameter that does not exist gives no value",
     required=False,
     suffers="clients that ask for a name to learn which autopilot or version it is",
 )
 def read_unknown(peer: Peer) -> None:
-    """Ask for a name that nobody has."""
+    """A parameter that does not exist gives no value."""
     if _read(peer, _NOBODYS, tries=1) is not None:
         raise FailedError("it has a value")
 
 
-@check("param.set", "PARAM_SET changes a value, answers with it, and it is read back")
+@check("param.set")
 def param_set(peer: Peer) -> str:
-    """Change a harmless one and set it back."""
+    """PARAM_SET changes a value, answers with it, and it is read back."""
     before = _some(peer)
     name = _name(before)
     if before.param_type != m.MAV_PARAM_TYPE_REAL32:
@@ -156,14 +155,9 @@ def _set(peer: Peer, name: str, value: float, kind: int, tries: int = 3) -> _Val
     return peer.ask(question, _Value, where=lambda answer: _name(answer) == name, tries=tries)
 
 
-@check(
-    "param.set-unknown",
-    "PARAM_SET of a name that does not exist adds nothing",
-    required=False,
-    suffers="who loads the parameter file of another version",
-)
+@check("param.set-unknown", required=False, suffers="who loads the parameter file of another version")
 def set_unknown(peer: Peer) -> None:
-    """Set a name that nobody has."""
+    """PARAM_SET of a name that does not exist adds nothing."""
     _set(peer, _NOBODYS, 1.0, m.MAV_PARAM_TYPE_REAL32, tries=1)
     if _read(peer, _NOBODYS, tries=1) is not None:
         raise FailedError("now it has a value")

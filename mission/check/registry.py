@@ -109,6 +109,12 @@ def _nobody(_profile: Profile) -> bool:
     return False
 
 
+def _first_line(function: Function) -> str:
+    """Return the first line of a docstring as a part of a sentence: not "It is there." but "it is there"."""
+    text = (function.__doc__ or "").partition("\n")[0].removesuffix(".")
+    return text if text[1:2].isupper() or text[1:2] == "_" else text[:1].lower() + text[1:]
+
+
 class Checks:
     """The checks of one module, in the order in which they are written.
 
@@ -128,7 +134,7 @@ class Checks:
     def __call__(
         self,
         name: str,
-        text: str,
+        text: str = "",
         *,
         required: bool | Requirement = True,
         flies: bool = False,
@@ -137,11 +143,14 @@ class Checks:
         """Make the decorated function a check.
 
         The parameters are those of `Check`; ``required`` is a requirement, or True or False for everybody.
+        Without a text it is what the docstring of the function begins with.
         """
         requirement = required if callable(required) else _everybody if required else _nobody
 
         def add(function: Function) -> Function:
-            self._checks.append(Check(name, text, requirement, flies, suffers, function))
+            self._checks.append(
+                Check(name, text or _first_line(function), requirement, flies, suffers, function)
+            )
             return function
 
         return add

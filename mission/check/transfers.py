@@ -49,18 +49,18 @@ def _require_ours(peer: Peer, answer: wire.RequestMessage | wire.AckMessage) -> 
         raise FailedError(f"it is addressed to {target[0]}/{target[1]}")
 
 
-@check("transfer.final-ack", "the last item is acknowledged by MISSION_ACK, addressed to us")
+@check("transfer.final-ack")
 def final_ack(peer: Peer) -> None:
-    """Send a whole plan by hand."""
+    """The last item is acknowledged by MISSION_ACK, addressed to us."""
     sender = Sender.begun(peer, peer.items(3))
     answer = sender.finish()
     require_accepted(answer)
     _require_ours(peer, answer)
 
 
-@check("transfer.asks-first", "COUNT is answered by a request for item 0, addressed to us")
+@check("transfer.asks-first")
 def asks_first(peer: Peer) -> str:
-    """Look at the request."""
+    """COUNT is answered by a request for item 0, addressed to us."""
     sender = Sender.begun(peer, peer.items(4))
     answer = peer.expect(REQUESTS, RE_REQUEST_S)
     sender.cancel()
@@ -70,9 +70,9 @@ def asks_first(peer: Peer) -> str:
     return str(answer.get_type())
 
 
-@check("transfer.asks-again", "an item that does not come is asked for again")
+@check("transfer.asks-again")
 def asks_again(peer: Peer) -> str:
-    """Keep item 1 back."""
+    """An item that does not come is asked for again."""
     sender = Sender.begun(peer, peer.items(4))
     sender.send(0)
     seen = 0
@@ -88,18 +88,18 @@ def asks_again(peer: Peer) -> str:
     return f"after {after_s:.2f} s"
 
 
-@check("transfer.duplicate-count", "a COUNT that comes twice does not spoil the upload")
+@check("transfer.duplicate-count")
 def duplicate_count(peer: Peer) -> None:
-    """Send it again before item 0."""
+    """A COUNT that comes twice does not spoil the upload."""
     sender = Sender.begun(peer, peer.items(4))
     peer.send(_COUNT(*peer.address, len(sender.items), MISSION))
     require_accepted(sender.finish())
     peer.require_equal(peer.items(4))
 
 
-@check("transfer.duplicate-item", "an item that comes twice does not spoil the upload")
+@check("transfer.duplicate-item")
 def duplicate_item(peer: Peer) -> None:
-    """Send item 0 twice."""
+    """An item that comes twice does not spoil the upload."""
     sender = Sender.begun(peer, peer.items(4))
     sender.send(0)
     require_accepted(sender.finish())
@@ -107,9 +107,9 @@ def duplicate_item(peer: Peer) -> None:
     peer.require_equal(peer.items(4))
 
 
-@check("transfer.out-of-order", "an item out of order is not taken for the one that was asked for")
+@check("transfer.out-of-order")
 def out_of_order(peer: Peer) -> None:
-    """Send item 2 when item 0 is asked for, then go on as asked."""
+    """An item out of order is not taken for the one that was asked for."""
     sender = Sender.begun(peer, peer.items(5))
     sender.send(2)
     answer = peer.expect(ANSWERS, RE_REQUEST_S)
@@ -125,9 +125,9 @@ def out_of_order(peer: Peer) -> None:
     peer.require_equal(peer.items(5))
 
 
-@check("transfer.wrong-type", "an item of another plan is not taken into the mission")
+@check("transfer.wrong-type")
 def wrong_type(peer: Peer) -> None:
-    """Send a fence item, then go on as asked."""
+    """An item of another plan is not taken into the mission."""
     sender = Sender.begun(peer, peer.items(4))
     peer.send(sender.message(0, int(MissionType.FENCE)))
     answer = peer.expect(ANSWERS, RE_REQUEST_S)
@@ -139,18 +139,18 @@ def wrong_type(peer: Peer) -> None:
     sender.cancel()
 
 
-@check("transfer.cancel", "after OPERATION_CANCELLED in an upload a new one works")
+@check("transfer.cancel")
 def cancel(peer: Peer) -> None:
-    """Break off after the first item."""
+    """After OPERATION_CANCELLED in an upload a new one works."""
     sender = Sender.begun(peer, peer.items(6))
     sender.send(0)
     sender.cancel()
     peer.upload(peer.items(3))
 
 
-@check("transfer.cancel-download", "after OPERATION_CANCELLED in a download a new transfer works")
+@check("transfer.cancel-download")
 def cancel_download(peer: Peer) -> None:
-    """Break off after COUNT."""
+    """After OPERATION_CANCELLED in a download a new transfer works."""
     peer.upload(peer.items(4))
     peer.ask(_listing(peer), _COUNT)
     peer.send(cancelling(peer))
@@ -159,12 +159,11 @@ def cancel_download(peer: Peer) -> None:
 
 @check(
     "transfer.old-plan-kept",
-    "a broken-off upload leaves the old mission as it was",
     required=lambda profile: profile.atomic,
     suffers="whoever's link breaks in an upload: what came of the new list is flown with the rest of the old",
 )
 def old_plan_kept(peer: Peer) -> None:
-    """Send a mission, begin another, break off, read."""
+    """A broken-off upload leaves the old mission as it was."""
     old = peer.items(6)
     peer.upload(old)
     sender = Sender.begun(peer, [replace(item, z=item.z + 5.0) for item in peer.items(4)])
@@ -179,9 +178,9 @@ def old_plan_kept(peer: Peer) -> None:
     peer.require_equal(old)
 
 
-@check("transfer.silence", "after a client that fell silent a new upload works in 12 s")
+@check("transfer.silence")
 def silence(peer: Peer) -> str:
-    """Vanish after item 0."""
+    """After a client that fell silent a new upload works in 12 s."""
     sender = Sender.begun(peer, peer.items(6))
     sender.send(0)
     peer.sleep(_GIVE_UP_S)
@@ -189,9 +188,9 @@ def silence(peer: Peer) -> str:
     return f"tried after {_GIVE_UP_S:g} s"
 
 
-@check("transfer.late-item", "an item that nobody asked for changes nothing")
+@check("transfer.late-item")
 def late_item(peer: Peer) -> None:
-    """Send one while no transfer runs."""
+    """An item that nobody asked for changes nothing."""
     peer.upload(peer.items(4))
     peer.send(Sender(peer, peer.items(4)).message(1))
     peer.sleep(0.5)
@@ -200,12 +199,11 @@ def late_item(peer: Peer) -> None:
 
 @check(
     "transfer.last-ack-again",
-    "the last item sent again is acknowledged again",
     required=False,
     suffers="clients that lost the last ACK: they tell of a failed upload",
 )
 def last_ack_again(peer: Peer) -> None:
-    """Do as if the last ACK had been lost."""
+    """The last item sent again is acknowledged again."""
     sender = Sender.begun(peer, peer.items(4))
     require_accepted(sender.finish())
     peer.forget()
@@ -214,16 +212,16 @@ def last_ack_again(peer: Peer) -> None:
         raise FailedError("no MISSION_ACK")
 
 
-@check("transfer.unknown-command", "an item with an unknown command is refused by MISSION_ACK")
+@check("transfer.unknown-command")
 def unknown_command(peer: Peer) -> str:
-    """Send a command that nobody has."""
+    """An item with an unknown command is refused by MISSION_ACK."""
     items = peer.items(4)
     return _refused(peer, [*items[:2], MissionItem(31999), *items[2:]])
 
 
-@check("transfer.unknown-frame", "an item in a frame that does not exist is refused by MISSION_ACK")
+@check("transfer.unknown-frame")
 def unknown_frame(peer: Peer) -> str:
-    """Send a waypoint in frame 200."""
+    """An item in a frame that does not exist is refused by MISSION_ACK."""
     sender = Sender(peer, peer.items(3))
     wrong = sender.message(1)
     wrong.frame = 200
@@ -232,21 +230,20 @@ def unknown_frame(peer: Peer) -> str:
 
 @check(
     "transfer.bad-latitude",
-    "a latitude of 95 degrees is refused",
     required=False,
     suffers="who does not check before sending: MAVSDK, scripts (PX4 stores it and does not fly it)",
 )
 def bad_latitude(peer: Peer) -> str:
-    """Send a position that is none."""
+    """A latitude of 95 degrees is refused."""
     sender = Sender(peer, peer.items(3))
     wrong = sender.message(1)
     wrong.x = 950_000_000
     return _refused_message(sender, wrong, 1)
 
 
-@check("transfer.nan", "a yaw of NaN is stored or refused, and the vehicle lives on")
+@check("transfer.nan")
 def nan(peer: Peer) -> str:
-    """Send it by hand, read it back."""
+    """A yaw of NaN is stored or refused, and the vehicle lives on."""
     sender = Sender.begun(peer, peer.items(4))
     index = 2 if peer.profile.home_at_zero else 1
     for number in range(index):
@@ -264,12 +261,11 @@ def nan(peer: Peer) -> str:
 
 @check(
     "transfer.too-many",
-    "a COUNT of 65535 is refused or can be broken off",
     required=False,
     suffers="clients that do not know the limit: they send all of it first",
 )
 def too_many(peer: Peer) -> str:
-    """Announce more than anybody holds."""
+    """A COUNT of 65535 is refused or can be broken off."""
     question = _COUNT(*peer.address, 65535, MISSION)
     answer = peer.ask(question, ANSWERS)
     Sender(peer, ()).cancel()
@@ -280,9 +276,9 @@ def too_many(peer: Peer) -> str:
     return told(answer)
 
 
-@check("transfer.count-zero", "COUNT 0 clears the mission")
+@check("transfer.count-zero")
 def count_zero(peer: Peer) -> None:
-    """Announce nothing."""
+    """COUNT 0 clears the mission."""
     peer.upload(peer.items(4))
     answer = needed(peer.ask(_COUNT(*peer.address, 0, MISSION), ACK), "no MISSION_ACK")
     require_accepted(answer)
@@ -293,14 +289,9 @@ def count_zero(peer: Peer) -> None:
         raise FailedError(f"{left} items are left")
 
 
-@check(
-    "transfer.unknown-type",
-    "a COUNT with a plan type that does not exist is refused",
-    required=False,
-    suffers="clients with plans of a later protocol",
-)
+@check("transfer.unknown-type", required=False, suffers="clients with plans of a later protocol")
 def unknown_type(peer: Peer) -> str:
-    """Announce plan type 77."""
+    """A COUNT with a plan type that does not exist is refused."""
     answer = peer.ask(_COUNT(*peer.address, 3, 77), ANSWERS)
     Sender(peer, ()).cancel()
     if answer is None:
@@ -310,9 +301,9 @@ def unknown_type(peer: Peer) -> str:
     return told(answer)
 
 
-@check("transfer.request-beyond", "a request beyond the mission is not answered by an item")
+@check("transfer.request-beyond")
 def request_beyond(peer: Peer) -> None:
-    """Ask for item 300 of 3."""
+    """A request beyond the mission is not answered by an item."""
     peer.upload(peer.items(3))
     peer.ask(_listing(peer), _COUNT)
     peer.forget()
@@ -324,9 +315,9 @@ def request_beyond(peer: Peer) -> None:
     peer.upload(peer.items(2))
 
 
-@check("transfer.re-read", "a request that comes again is answered again")
+@check("transfer.re-read")
 def re_read(peer: Peer) -> None:
-    """Ask for item 0 twice, as after a loss."""
+    """A request that comes again is answered again."""
     peer.upload(peer.items(3))
     peer.ask(_listing(peer), _COUNT)
     question = m.MAVLink_mission_request_int_message(*peer.address, 0, MISSION)
@@ -336,9 +327,9 @@ def re_read(peer: Peer) -> None:
     peer.send(cancelling(peer))
 
 
-@check("transfer.second-station", "a second ground station does not get into an upload")
+@check("transfer.second-station")
 def second_station(peer: Peer) -> str:
-    """Announce a plan from another system in the middle of ours."""
+    """A second ground station does not get into an upload."""
     items = peer.items(4)
     sender = Sender.begun(peer, items)
     sender.send(0)
@@ -356,9 +347,9 @@ def second_station(peer: Peer) -> str:
     return "not answered" if answer is None else told(answer)
 
 
-@check("transfer.components", "a request for component 0 or 190 of the vehicle's system is answered")
+@check("transfer.components")
 def components(peer: Peer) -> None:
-    """Ask for the list as clients do that know only the system, and those that mean any mission planner."""
+    """A request for component 0 or 190 of the vehicle's system is answered."""
     for component in (0, int(m.MAV_COMP_ID_MISSIONPLANNER)):
         question = m.MAVLink_mission_request_list_message(peer.address[0], component, MISSION)
         if peer.ask(question, _COUNT) is None:
@@ -366,9 +357,9 @@ def components(peer: Peer) -> None:
         peer.send(cancelling(peer))
 
 
-@check("transfer.foreign-system", "a request for another system is not answered")
+@check("transfer.foreign-system")
 def foreign_system(peer: Peer) -> None:
-    """Ask for the list of a system that nobody has."""
+    """A request for another system is not answered."""
     other = 237 if peer.address[0] != 237 else 236
     peer.forget()
     peer.send(m.MAVLink_mission_request_list_message(other, peer.address[1], MISSION))

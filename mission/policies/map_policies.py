@@ -10,7 +10,6 @@ from typing import ClassVar
 import numpy as np
 
 from mission.policies.acquisition import Acquisition, Balanced, WithCoverage, WithReach, make_acquisition
-from mission.policies.coordination import Coordination, make_coordination
 from mission.policies.decision import Decision
 from mission.policies.observation import PolicyObservation, pays_for_return
 from mission.policies.planning_grid import MOST_CELLS, strip_width
@@ -25,7 +24,14 @@ from mission.policies.route_search import (
     search_route,
     take_leg,
 )
-from mission.policies.steering import Route, RouteProblem, Steering, far_route
+from mission.policies.steering import (
+    Coordination,
+    Route,
+    RouteProblem,
+    Steering,
+    far_route,
+    make_coordination,
+)
 from mission.policies.tour_search import candidate_places, search_tour
 
 _RADIUS = 3
@@ -55,7 +61,7 @@ class MapPolicy(ABC):
     least_weight : float
         See `mission.policies.acquisition.Balanced`.
     coordination : {"sequential", "auction"} or Coordination
-        Who of a fleet flies where (`mission.policies.coordination`).
+        Who of a fleet flies where (`mission.policies.steering`).
     """
 
     reason: ClassVar[str]
@@ -72,6 +78,7 @@ class MapPolicy(ABC):
     coordination: str | Coordination = "sequential"
 
     def __post_init__(self) -> None:
+        self.triggers = Triggers(observations=int(self.every), least_s=float(self.least_s))
         shares = neighbour_shares(self.share, self.spread, _RADIUS)
         swept = WithReach(make_acquisition(self.acquisition), strip_width(shares), MOST_CELLS)
         self._steering = Steering(
@@ -79,11 +86,6 @@ class MapPolicy(ABC):
             shares,
             make_coordination(self.coordination),
         )
-
-    @property
-    def triggers(self) -> Triggers:
-        """After some observations."""
-        return Triggers(observations=int(self.every), least_s=float(self.least_s))
 
     def start(self) -> None:
         """Forget the run before."""

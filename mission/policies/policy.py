@@ -9,7 +9,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 from geo.named import ParameterError, check_parameters
 from mission.errors import PlanningError
@@ -116,17 +116,13 @@ class FixedPlan:
     True
     """
 
+    triggers: ClassVar[Triggers] = NEVER_AGAIN
     planner: Planner | str
     partition: str = STRIPS
     _shares: dict[int, Share] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
         check_partition(self.partition)
-
-    @property
-    def triggers(self) -> Triggers:
-        """Only at the start."""
-        return NEVER_AGAIN
 
     def start(self) -> None:
         """Forget whose land is which."""
@@ -176,10 +172,7 @@ class FixedPlan:
 class KeepPath:
     """Leave every vehicle on the path that it was given otherwise: in a mission from a file."""
 
-    @property
-    def triggers(self) -> Triggers:
-        """Never."""
-        return NEVER_AGAIN
+    triggers: ClassVar[Triggers] = NEVER_AGAIN
 
     def start(self) -> None:
         """Nothing is remembered."""

@@ -52,6 +52,8 @@ class ConfidenceGuided:
         If a parameter is out of its range.
     """
 
+    triggers = Triggers(waypoints=True, least_s=LEAST_S)
+
     def __init__(self, span: int = 5, field: str = "tylcv", ahead: int = 12) -> None:
         for name, value in (("span", span), ("ahead", ahead)):
             if not isinstance(value, int) or not 1 <= value <= _MOST_SPAN:
@@ -61,11 +63,6 @@ class ConfidenceGuided:
         self._steering = Steering(self._uncertainty, _SHARES)
         self._streams: dict[int, np.random.Generator] = {}
         self._targets: dict[int, Points] = {}
-
-    @property
-    def triggers(self) -> Triggers:
-        """At every waypoint."""
-        return Triggers(waypoints=True, least_s=LEAST_S)
 
     def start(self) -> None:
         """Forget the run before."""

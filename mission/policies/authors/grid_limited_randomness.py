@@ -24,7 +24,7 @@ from mission.planners.search import densest_feasible
 from mission.planners.terrain import Terrain, draw_places
 from mission.policies.decision import NO_CHANGE, Decision
 from mission.policies.observation import Event, PolicyObservation, VehicleReport, pays_for_return
-from mission.policies.policy import NEVER_AGAIN, Triggers
+from mission.policies.policy import NEVER_AGAIN
 from mission.policies.steering import affordable
 
 ORDERS = ("end", "detour", "tour")
@@ -54,6 +54,8 @@ class GridLimitedRandomness:
         If a parameter is out of its range.
     """
 
+    triggers = NEVER_AGAIN
+
     def __init__(self, h_cells: int = 2, v_cells: int = 2, order: str = "tour") -> None:
         for name, count in (("h_cells", h_cells), ("v_cells", v_cells)):
             if not isinstance(count, int) or not 1 <= count <= _MOST_CELLS:
@@ -64,11 +66,6 @@ class GridLimitedRandomness:
             raise PlanningError(msg)
         self._h_cells, self._v_cells = h_cells, v_cells
         self._order = order
-
-    @property
-    def triggers(self) -> Triggers:
-        """Only at the start."""
-        return NEVER_AGAIN
 
     def start(self) -> None:
         """Nothing is remembered."""

@@ -90,16 +90,11 @@ class RefiningLawnmower:
         self._coarse = float(coarse)
         self._gaps = float(gap), float(later_gap)
         self._least_rate = float(least_rate)
-        self._every = int(every)
+        self.triggers = Triggers(observations=int(every), least_s=LEAST_S)
         self._after = RollingHorizon()
         self._rows: dict[int, _Rows] = {}
         self._away: set[int] = set()
         self._terrains: dict[int, Terrain] = {}
-
-    @property
-    def triggers(self) -> Triggers:
-        """After some observations."""
-        return Triggers(observations=self._every, least_s=LEAST_S)
 
     def start(self) -> None:
         """Forget the run before."""

@@ -84,14 +84,10 @@ class Market:
                 msg = f"{_NAME}: {name} must be above zero, not {value!r}"
                 raise PlanningError(msg)
         self._explore, self._blocks = float(explore), int(blocks)
-        self._pioneers, self._every = int(pioneers), int(every)
+        self._pioneers = int(pioneers)
+        self.triggers = Triggers(observations=int(every), least_s=LEAST_S)
         self._detections = Detections(float(border), float(step), field, float(below), _NAME)
         self.start()
-
-    @property
-    def triggers(self) -> Triggers:
-        """After some observations."""
-        return Triggers(observations=self._every, least_s=LEAST_S)
 
     def start(self) -> None:
         """Forget the run before."""

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from geo import get_farm
 from geo.named import ParameterError
 from mission.planners import PlanningRequest, StepBudget
-from mission.policies.coordination import COORDINATIONS, Bid, auction, make_coordination, sequential
 from mission.policies.map_policies import Greedy
 from mission.policies.observation import Event, GeometricTravelCost, PolicyObservation, Status, VehicleReport
+from mission.policies.steering import COORDINATIONS, Bid, auction, make_coordination, sequential
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel

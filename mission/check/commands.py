@@ -5,6 +5,7 @@ from __future__ import annotations
 from mission.check.peer import FailedError, Peer, needed, result_name
 from mission.check.registry import Checks
 from mission.link.codec.dialect import mavlink as m
+from mission.transfer.wire import command_long
 
 check = Checks()
 
@@ -79,7 +80,7 @@ def foreign_system(peer: Peer) -> None:
     """A command for another system is not answered."""
     other = 237 if peer.vehicle.system_id != 237 else 236
     peer.forget()
-    peer.send(m.MAVLink_command_long_message(other, peer.address[1], _UNKNOWN, 0, *[0.0] * 7))
+    peer.send(command_long((other, peer.address[1]), _UNKNOWN))
     if peer.expect(m.MAVLink_command_ack_message, 1.0, lambda a: a.command == _UNKNOWN) is not None:
         raise FailedError(f"it answers a command for system {other}")
 
@@ -89,7 +90,7 @@ def foreign_system(peer: Peer) -> None:
 )
 def broadcast(peer: Peer) -> None:
     """A command for system 0, component 0 is answered."""
-    question = m.MAVLink_command_long_message(0, 0, _UNKNOWN, 0, *[0.0] * 7)
+    question = command_long((0, 0), _UNKNOWN)
     if peer.ask(question, m.MAVLink_command_ack_message, where=lambda a: a.command == _UNKNOWN) is None:
         raise FailedError("no COMMAND_ACK")
 

@@ -11,6 +11,7 @@ from mission.check.peer import FailedError, Peer, SkippedError, needed
 from mission.check.registry import Checks
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
+from mission.transfer.wire import command_long
 
 check = Checks()
 
@@ -76,9 +77,7 @@ def version(peer: Peer) -> str:
 def version_old(peer: Peer) -> None:
     """AUTOPILOT_VERSION is sent on REQUEST_AUTOPILOT_CAPABILITIES."""
     peer.forget()
-    question = m.MAVLink_command_long_message(
-        *peer.address, m.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES, 0, 1.0, *[0.0] * 6
-    )
+    question = command_long(peer.address, m.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES, 1.0)
     if peer.ask(question, m.MAVLink_autopilot_version_message) is None:
         raise FailedError("it does not come")
 
@@ -187,7 +186,7 @@ def home(peer: Peer) -> str:
     kind = m.MAVLink_home_position_message
     message = peer.request(kind)
     if message is None:
-        question = m.MAVLink_command_long_message(*peer.address, m.MAV_CMD_GET_HOME_POSITION, 0, *[0.0] * 7)
+        question = command_long(peer.address, m.MAV_CMD_GET_HOME_POSITION)
         message = peer.ask(question, kind)
     if message is None:
         fix = peer.request(m.MAVLink_gps_raw_int_message)
@@ -228,7 +227,7 @@ def interval_off(peer: Peer) -> None:
 def interval_get(peer: Peer) -> str:
     """GET_MESSAGE_INTERVAL is answered by MESSAGE_INTERVAL."""
     kind = m.MAVLink_message_interval_message
-    question = m.MAVLink_command_long_message(*peer.address, m.MAV_CMD_GET_MESSAGE_INTERVAL, 0, *[0.0] * 7)
+    question = command_long(peer.address, m.MAV_CMD_GET_MESSAGE_INTERVAL)
     message = needed(
         peer.ask(question, kind, where=lambda answer: answer.message_id == 0), "it does not come"
     )

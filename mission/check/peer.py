@@ -219,17 +219,7 @@ class Peer:
 
     def request(self, kind: type[M]) -> M | None:
         """Return a message that was asked for by REQUEST_MESSAGE, None if it does not come."""
-        for _ in range(_TRIES):
-            self.forget()
-            self.send(
-                m.MAVLink_command_long_message(
-                    *self.address, m.MAV_CMD_REQUEST_MESSAGE, 0, float(kind.id), *[0.0] * 6
-                )
-            )
-            message = self.expect(kind)
-            if message is not None:
-                return message
-        return None
+        return self.ask(wire.command_long(self.address, m.MAV_CMD_REQUEST_MESSAGE, float(kind.id)), kind)
 
     def said(self) -> str:
         """Return the vehicle's last text, for the end of a sentence."""

@@ -8,6 +8,7 @@ from enum import Enum
 
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
+from mission.transfer.wire import command_long
 
 __all__ = ["FARTHEST_M", "ArmingGate", "Stage"]
 
@@ -53,13 +54,10 @@ class ArmingGate:
         if self.stage is not Stage.CHECKING or now_s < self._due_s:
             return []
         self._due_s = now_s + _ASK_AGAIN_S
-        wanted = (
-            (m.MAV_CMD_SET_MESSAGE_INTERVAL, float(m.MAVLINK_MSG_ID_SYS_STATUS), float(_STATUS_US)),
-            (m.MAV_CMD_RUN_PREARM_CHECKS, 0.0, 0.0),
-        )
+        status = (float(m.MAVLINK_MSG_ID_SYS_STATUS), float(_STATUS_US))
         return [
-            m.MAVLink_command_long_message(*self._vehicle, int(command), 0, first, second, 0, 0, 0, 0, 0)
-            for command, first, second in wanted
+            command_long(self._vehicle, m.MAV_CMD_SET_MESSAGE_INTERVAL, *status),
+            command_long(self._vehicle, m.MAV_CMD_RUN_PREARM_CHECKS),
         ]
 
     def next_deadline(self) -> float:

@@ -7,6 +7,7 @@ import math
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.transfer import RoundTrip
+from mission.transfer.wire import command_long
 from sensors.camera.wire import ObservationAssembler
 
 __all__ = ["ImageFetch"]
@@ -84,9 +85,7 @@ class ImageFetch:
         if self._counts:
             wanted.append((m.MAVLINK_MSG_ID_CAMERA_CAPTURE_STATUS, 0))
         return [
-            m.MAVLink_command_long_message(
-                *self._camera, int(m.MAV_CMD_REQUEST_MESSAGE), 0, float(kind), float(index), *[0.0] * 5
-            )
+            command_long(self._camera, m.MAV_CMD_REQUEST_MESSAGE, float(kind), float(index))
             for kind, index in wanted
         ]
 

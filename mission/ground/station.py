@@ -49,7 +49,7 @@ from mission.transfer import (
     refuse_errors,
     render,
 )
-from mission.transfer.wire import ground_heartbeat
+from mission.transfer.wire import command_long, ground_heartbeat
 from sensors.camera.wire import ObservationAssembler
 
 GROUND_SYSTEM_ID = 255
@@ -515,9 +515,7 @@ class GroundStation:
             m.MAVLink_request_data_stream_message(*self._vehicle, m.MAV_DATA_STREAM_ALL, _STREAM_HZ, 1)
         ]
         asked += [
-            m.MAVLink_command_long_message(
-                *self._vehicle, int(m.MAV_CMD_SET_MESSAGE_INTERVAL), 0, message_id, _FAST_US, 0, 0, 0, 0, 0
-            )
+            command_long(self._vehicle, m.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, _FAST_US)
             for message_id in _FAST
         ]
         return asked

@@ -12,7 +12,7 @@ from mission.planners.path import Area, PlannedPath, Points, drop_coincident
 from mission.planners.request import PlanningRequest
 from mission.planners.search import Found, densest_feasible, is_number, spacing_limits
 from mission.planners.sweep import Sweep, sweep_angle
-from mission.planners.terrain import Terrain, inset
+from mission.planners.terrain import Terrain, area_of, inset, polygons_of
 
 
 def lawnmower(
@@ -182,13 +182,8 @@ def _both(plan: _Plan, tomato_share: float) -> PlannedPath:
 def _land(request: PlanningRequest, crop: Crop) -> Area | None:
     """Return the crop's land in the area of the request, or None."""
     areas = [land.area for land in request.crop_areas if land.crop == crop]
-    inside = shapely.intersection(shapely.union_all(areas), request.area)
-    parts = [
-        part for part in shapely.get_parts(inside) if isinstance(part, shapely.Polygon) and part.area > 0
-    ]
-    if not parts:
-        return None
-    return parts[0] if len(parts) == 1 else shapely.MultiPolygon(parts)
+    parts = polygons_of(shapely.intersection(shapely.union_all(areas), request.area))
+    return area_of(parts) if parts else None
 
 
 def _sweep(land: Area, footprint_m: float, spacing_m: float, direction: str | float | None) -> Sweep:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mission.errors import PlanningError
 from mission.planners.path import Area, Points
+from mission.planners.terrain import area_of, polygons_of
 
 Divide: TypeAlias = Callable[[Area, Sequence[float]], list[Area]]
 """Divides an area into parts of these shares of it, which add up to 1."""
@@ -24,6 +25,7 @@ _WEIGHT_ROUNDS = 12
 _BALANCE_ROUNDS = 25
 _MOVED = 1e-3
 _LEAST_SHARE = 0.02
+_LEAST_M2 = 1e-9
 _ROUNDING = 1e-8
 # The plastic number's: a sequence that fills the plane evenly (Roberts 2018, "R2").
 _EVEN = (0.7548776662466927, 0.5698402909980532)
@@ -270,21 +272,13 @@ def _clipped(ring: list[NDArray[np.float64]], normal: NDArray[np.float64], bound
 
 def _parts(area: Area, cells: Sequence[shapely.Polygon]) -> list[Area]:
     """Return the area in the cells; what hangs together stays so, as far as that can be."""
-    pieces = [_polygons(shapely.intersection(area, cell)) for cell in cells]
+    pieces = [polygons_of(shapely.intersection(area, cell), _LEAST_M2) for cell in cells]
     if any(not each for each in pieces):
         msg = "partition: the area is too small for so many vehicles; take fewer, or a larger area"
         raise PlanningError(msg)
     if isinstance(area, shapely.Polygon):
         pieces = _connected(pieces)
-    return [each[0] if len(each) == 1 else shapely.MultiPolygon(each) for each in pieces]
-
-
-def _polygons(geometry: shapely.Geometry) -> list[shapely.Polygon]:
-    return [
-        piece
-        for piece in shapely.get_parts(geometry, return_index=False)
-        if isinstance(piece, shapely.Polygon) and piece.area > 1e-9
-    ]
+    return [area_of(each) for each in pieces]
 
 
 def _connected(pieces: list[list[shapely.Polygon]]) -> list[list[shapely.Polygon]]:
@@ -298,4 +292,4 @@ def _connected(pieces: list[list[shapely.Polygon]]) -> list[list[shapely.Polygon
         around = [shapely.intersection(piece.boundary, shapely.buffer(part, near_m)) for part in parts]
         taker = int(np.argmax(shapely.length(around)))
         parts[taker] = shapely.union(parts[taker], piece, grid_size=near_m)
-    return [_polygons(part) for part in parts]
+    return [polygons_of(part, _LEAST_M2) for part in parts]

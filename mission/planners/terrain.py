@@ -26,6 +26,18 @@ def parts_of(area: Area) -> tuple[Polygon, ...]:
     return tuple(area.geoms) if isinstance(area, MultiPolygon) else (area,)
 
 
+def polygons_of(geometry: shapely.Geometry, least_m2: float = 0.0) -> list[Polygon]:
+    """Return the polygons among the parts of a geometry that are larger than so many square metres."""
+    return [one for one in shapely.get_parts(geometry) if isinstance(one, Polygon) and one.area > least_m2]
+
+
+def area_of(polygons: Sequence[Polygon]) -> Area:
+    """Return polygons as one area; an empty polygon of none."""
+    if not polygons:
+        return Polygon()
+    return polygons[0] if len(polygons) == 1 else MultiPolygon(polygons)
+
+
 def is_rectangle(area: Area) -> bool:
     """Tell whether the area is one rectangle with sides along the axes."""
     if not isinstance(area, Polygon) or area.interiors:
@@ -59,7 +71,7 @@ def inset(area: Area, distance_m: float) -> Area:
             left = [piece for piece in parts_of(_shrunk(part, margin)) if piece.area > 0]
             margin /= 2
         pieces += [smooth for piece in left or [part] for smooth in _smoothed(piece, distance_m)]
-    return pieces[0] if len(pieces) == 1 else MultiPolygon(pieces)
+    return area_of(pieces)
 
 
 def _smoothed(part: Polygon, most_m: float) -> Sequence[Polygon]:

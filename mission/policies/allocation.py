@@ -15,6 +15,7 @@ from mission.errors import PlanningError
 from mission.planners.partition import PARTITIONS, STRIPS, balanced, strips
 from mission.planners.path import Area, PlannedPath, Points
 from mission.planners.request import Planner
+from mission.planners.terrain import area_of, polygons_of
 from mission.policies.observation import VehicleReport, pays_for_return
 
 WHOLE = "none"
@@ -219,9 +220,4 @@ def _land(geometry: shapely.Geometry, footprint_m: float) -> Area:
     """Return the polygons of a geometry that are no mere slivers."""
     least = max(0.25 * footprint_m**2, 1e-9)
     tidy = shapely.simplify(shapely.make_valid(geometry), 0.05 * footprint_m) if footprint_m else geometry
-    polygons = [
-        one for one in shapely.get_parts(tidy) if isinstance(one, shapely.Polygon) and one.area > least
-    ]
-    if not polygons:
-        return shapely.Polygon()
-    return polygons[0] if len(polygons) == 1 else shapely.MultiPolygon(polygons)
+    return area_of(polygons_of(tidy, least))

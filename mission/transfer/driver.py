@@ -312,15 +312,12 @@ class TransferDriver:
         """
         vehicle = self.vehicle or self.wait_for_vehicle()
         target = (vehicle.system_id, vehicle.component_id)
-        request = int(mavlink.MAV_CMD_REQUEST_MESSAGE)
         state, trip_s, asked_s = 0, self._round_trip.known_s or 0.0, -math.inf
         end_s = self._clock() + listen_s + trip_s
         while (now_s := self._clock()) < end_s:
             if now_s >= asked_s + listen_s / 3.0:
                 asked_s = now_s
-                self.endpoint.send(
-                    mavlink.MAVLink_command_long_message(*target, request, 0, _CURRENT, 0, 0, 0, 0, 0, 0)
-                )
+                self.endpoint.send(wire.command_long(target, mavlink.MAV_CMD_REQUEST_MESSAGE, _CURRENT))
             self._beat(now_s)
             self._wait(self.endpoint.link, min(end_s - now_s, _LONGEST_WAIT_S))
             for message in self.endpoint.receive():

@@ -106,6 +106,12 @@ def ground_heartbeat() -> Message:
     )
 
 
+def command_long(target: tuple[int, int], command: int, *params: float) -> Message:
+    """A COMMAND_LONG that is sent for the first time; parameters that are not given are 0."""
+    values = (*params, *[0.0] * (7 - len(params)))
+    return mavlink.MAVLink_command_long_message(*target, int(command), 0, *values)
+
+
 def to_server(message: Message) -> TypeIs[MissionMessage]:
     """Tell whether a vehicle has to look at the message."""
     return type(message).id in SERVER_MESSAGES

@@ -24,7 +24,7 @@ from mission.ground.vehicle_state import VehicleMonitor
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.transfer.vehicles import VehicleSearch
-from mission.transfer.wire import ground_heartbeat
+from mission.transfer.wire import command_long, ground_heartbeat
 from wbf_mission.live.command import (
     MotorsStandError,
     OperatorCommand,
@@ -268,11 +268,7 @@ class CommandSession:
 
     def _ask_for_streams(self, vehicle: tuple[int, int]) -> list[Message]:
         """Ask for what shows that it obeys; again and again, for a request may get lost."""
-        interval = int(m.MAV_CMD_SET_MESSAGE_INTERVAL)
-        return [
-            m.MAVLink_command_long_message(*vehicle, interval, 0, kind, _FAST_US, 0, 0, 0, 0, 0)
-            for kind in _STREAMED
-        ]
+        return [command_long(vehicle, m.MAV_CMD_SET_MESSAGE_INTERVAL, kind, _FAST_US) for kind in _STREAMED]
 
     def _note(self, message: Message, now_s: float) -> list[Message]:
         self._heard.receive(message, now_s)

@@ -14,6 +14,7 @@ from mission.ground.vehicle_state import BootClock
 from mission.link.codec.dialect import Message, mavlink
 from mission.link.codec.typed import CommandMessage, is_a, is_command
 from mission.model import Command, Mission
+from mission.transfer.wire import command_long
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.camera.trigger import MAX_GAP_MS
 
@@ -322,8 +323,7 @@ class RidingCamera:
         by_time = ordered.interval_ms > 0.0
         command = Command.DO_SET_CAM_TRIGG_INTERVAL if by_time else Command.DO_SET_CAM_TRIGG_DIST
         value = ordered.interval_ms if by_time else ordered.distance_m
-        target = (self.system_id, self.component_id)
-        order = mavlink.MAVLink_command_long_message(*target, int(command), 0, value, 0, 1, 0, 0, 0, 0)
+        order = command_long((self.system_id, self.component_id), command, value, 0.0, 1.0)
         # The first image; nobody waits for the answer.
         answers = self._camera.receive(order, now_s)
         return [one for one in answers if not is_a(one, mavlink.MAVLink_command_ack_message)]

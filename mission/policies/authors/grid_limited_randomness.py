@@ -21,7 +21,7 @@ from geo.seeds import stream
 from mission.errors import PlanningError
 from mission.planners.path import Area, Points, drop_coincident
 from mission.planners.search import densest_feasible
-from mission.planners.terrain import Terrain, draw_places
+from mission.planners.terrain import Terrain, area_of, draw_places, polygons_of
 from mission.policies.decision import NO_CHANGE, Decision
 from mission.policies.observation import Event, PolicyObservation, VehicleReport, pays_for_return
 from mission.policies.policy import NEVER_AGAIN
@@ -108,9 +108,8 @@ class GridLimitedRandomness:
             columns = list(pairwise(x))
             for left, right in columns if row % 2 == 0 else reversed(columns):
                 cell = shapely.intersection(terrain.flyable, shapely.box(left, low, right, high))
-                parts = [part for part in shapely.get_parts(cell) if part.area > 0.0]
-                if parts:
-                    cells.append(parts[0] if len(parts) == 1 else shapely.MultiPolygon(parts))
+                if parts := polygons_of(cell):
+                    cells.append(area_of(parts))
         return cells
 
 

@@ -15,7 +15,7 @@ from mission.errors import PlanningError
 from mission.planners import Budget, make_planner
 from mission.planners.partition import STRIPS
 from mission.planners.path import Area, Points, path_length
-from mission.planners.terrain import TOLERANCE_M, Terrain, is_rectangle
+from mission.planners.terrain import TOLERANCE_M, Terrain, area_of, is_rectangle, polygons_of
 from mission.policies.acquisition import scored_cells
 from mission.policies.allocation import shared
 from mission.policies.decision import NO_CHANGE, Decision
@@ -180,10 +180,9 @@ class RefiningLawnmower:
         grown.sort(key=lambda one: -weight_of[one.crop.name.lower()])
         lands = []
         for one in grown:
-            pieces = shapely.get_parts(shapely.intersection(one.area, part))
-            polygons = [piece for piece in pieces if isinstance(piece, shapely.Polygon)]
+            polygons = polygons_of(shapely.intersection(one.area, part))
             if polygons:
-                lands.append(polygons[0] if len(polygons) == 1 else shapely.MultiPolygon(polygons))
+                lands.append(area_of(polygons))
         return lands or [part]
 
     def _path(

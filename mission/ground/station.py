@@ -152,18 +152,17 @@ class GroundStation:
         self._disarmed_s: float | None = None
         self._heartbeat_s = -math.inf
         self._order: Order | None = None
-        self.link = LinkState()
+        self.link, self.arming_gate = LinkState(), arming_gate
         self._uploads = PlanUploads(
             mission,
             vehicle=self._vehicle,
             ground=(system_id, self.component_id),
             on_progress=on_progress,
             maker=maker,
-            round_trip=None if arming_gate is None else self.link.round_trip,
+            round_trip=self._round_trip,
             force=force,
         )
         self._maker = maker
-        self.arming_gate = arming_gate
         self.pilot = PilotWatch()
         self._started_boot_s = 0.0
         self._restarts = 0
@@ -185,9 +184,7 @@ class GroundStation:
             round_trip=self._round_trip,
             delay_s=start_delay_s,
         )
-        self._fetch = (
-            None if assembler is None else ImageFetch(assembler, vehicle_system_id, self._round_trip)
-        )
+        self._fetch: ImageFetch | None = None
         self._handlers: dict[int, Callable[[Any, float], list[Message] | None]] = {
             **dict(
                 (
@@ -195,10 +192,16 @@ class GroundStation:
                     handler(m.MAVLink_command_ack_message, self._on_ack),
                     handler(m.MAVLink_statustext_message, self._on_text),
                     handler(m.MAVLink_global_position_int_message, self._on_position),
-                    handler(m.MAVLink_battery_status_message, self._on_battery),
+                    handler(
+                        m.MAVLink_battery_status_message,
+                        lambda message, _now_s: self._failures.on_battery_status(message),
+                    ),
                     handler(m.MAVLink_sys_status_message, self._on_sys_status),
                     handler(m.MAVLink_mission_current_message, self._on_mission_current),
-                    handler(m.MAVLink_extended_sys_state_message, self._on_landed),
+                    handler(
+                        m.MAVLink_extended_sys_state_message,
+                        lambda message, _now_s: self._tracks.on_landed_state(message),
+                    ),
                     handler(m.MAVLink_hil_state_quaternion_message, self._on_truth),
                     handler(m.MAVLink_sim_state_message, self._on_truth),
                 )
@@ -208,8 +211,11 @@ class GroundStation:
             **dict.fromkeys(CLIENT_MESSAGES, self._on_transfer),
         }
         if assembler is not None:
-            self._handlers |= dict.fromkeys(_IMAGES, self._on_image)
-            self._handlers[m.MAVLINK_MSG_ID_CAMERA_CAPTURE_STATUS] = self._on_capture_status
+            fetch = self._fetch = ImageFetch(assembler, vehicle_system_id, self._round_trip)
+            self._handlers |= dict.fromkeys(_IMAGES, lambda message, _now_s: assembler.add(message))
+            self._handlers[m.MAVLINK_MSG_ID_CAMERA_CAPTURE_STATUS] = lambda message, _now_s: (
+                fetch.on_capture_status(message)
+            )
         if arming_gate is not None:
             self._handlers[m.MAVLINK_MSG_ID_SYSTEM_TIME] = self._on_system_time
             self._handlers[m.MAVLINK_MSG_ID_MISSION_ITEM_REACHED] = self._on_reached
@@ -595,9 +601,6 @@ class GroundStation:
         elif unsure:
             self.pilot.settle()
 
-    def _on_landed(self, message: m.MAVLink_extended_sys_state_message, now_s: float) -> None:  # noqa: ARG002
-        self._tracks.on_landed_state(message)
-
     def _on_truth(self, message: TrueState, now_s: float) -> None:
         self._tracks.on_truth(message, now_s, flying=self.phase is Phase.FLIGHT)
 
@@ -605,9 +608,6 @@ class GroundStation:
         if self.phase is Phase.FLIGHT:
             self._failures.on_sys_status(message)
         self._start.on_sys_status(message, now_s)
-
-    def _on_battery(self, message: m.MAVLink_battery_status_message, now_s: float) -> None:  # noqa: ARG002
-        self._failures.on_battery_status(message)
 
     def _on_text(self, message: m.MAVLink_statustext_message, now_s: float) -> None:
         self._texts.on_text(message, now_s)
@@ -617,18 +617,6 @@ class GroundStation:
         if self.phase is Phase.FLIGHT and self._armed and _FINISHED.match(message.text):
             self.pilot.on_mission_end(now_s)
             self._says_finished = True
-
-    def _on_image(self, message: Message, now_s: float) -> None:  # noqa: ARG002
-        assert self._assembler is not None
-        self._assembler.add(message)
-
-    def _on_capture_status(
-        self,
-        message: m.MAVLink_camera_capture_status_message,
-        now_s: float,  # noqa: ARG002
-    ) -> None:
-        assert self._fetch is not None
-        self._fetch.on_capture_status(message)
 
     def _on_transfer(self, message: Message, now_s: float) -> list[Message]:
         if self.phase is not Phase.UPLOAD:

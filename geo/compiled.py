@@ -8,6 +8,7 @@ distribution that it imports, directly or not.
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 import shutil
 import warnings
@@ -165,9 +166,7 @@ def _cache_class() -> Any:
             self._module = function.__module__
             self._line = function.__code__.co_firstlineno
             self._digest = sources_digest(Path(file).resolve())
-            told = numba.config.CACHE_DIR
-            root = Path(told) if told else user_cache_folder("compiled")
-            self._folder = root / f"{self._module}-{self._digest[:16]}"
+            self._folder = compiled_folder() / f"{self._module}-{self._digest[:16]}"
 
         @classmethod
         def from_function(cls, function: Callable[..., Any], file: str) -> Locator:
@@ -231,6 +230,12 @@ def _cache_class() -> Any:
                 self.disable()
 
     return KernelCache
+
+
+def compiled_folder() -> Path:
+    """Return the folder in which compiled functions are kept; it may not exist yet."""
+    told = os.environ.get("NUMBA_CACHE_DIR")
+    return Path(told) if told else user_cache_folder("compiled")
 
 
 def _modified(path: Path) -> float:

@@ -30,6 +30,7 @@ from wbf_mission.run.estimation import (
     require_run_memory,
 )
 from wbf_mission.run.hosting import VirtualHosting
+from wbf_mission.run.rehearsal import REHEARSED_ON, rehearsed
 from wbf_mission.run.resolve import camera_options, resolve
 from wbf_mission.run.reuse import FlightMemory
 from wbf_mission.scenario import Scenario, scenario_with
@@ -119,51 +120,59 @@ def fly(
     run = resolve(scenario, fitted=fitted, weights=weights, progress=progress)
     if connect is not None:
         run = replace(run, vehicles=connect.numbered(run.vehicles))
-    campaign = Campaign(run, progress=progress, watch=watch)
-    if not run.decider.steers:
-        # A planner needs no estimate: what it cannot plan is told before anything takes long.
-        plans = campaign.plan(run.first_day)
-        progress("planning", 1, 1)
-        watch.lap("plan")
-        for one in plans:
-            # The autopilot of a vehicle behind a link is known better when it is asked.
-            if connect is None:
-                refuse_errors(one.rendered)
-        _check(campaign, connect, force=force, tell=tell_errors)
-    learner = run.estimator
-    require_run_memory(run.farm, learner, round(campaign.expected_readings))
-    environments = None if memory is None else memory.environments
-    environment, cached = run.environment(progress, use_cache=use_cache, memory=environments)
-    watch.lap("environment")
-    # One BLAS thread: sums do not depend on the number of cores then, and small matrices are faster.
-    with threadpool_limits(1, user_api="blas"):
-        with attribute_errors_to(learner):
-            learner.fit(run.farm.grid())
-        prepare_days(learner, run.first_day, run.days, progress)
-        watch.lap("learning")
-        campaign.learn_from(environment)
-        assert campaign.evidence.estimate is not None
-        try:
-            if run.decider.steers:
-                run.decider.policy.start()
-                campaign.plan(run.first_day)
-                progress("planning", 1, 1)
-                watch.lap("plan")
-                _check(campaign, connect, force=force, tell=tell_errors)
-            try:
+    with rehearsed(run, rehearse) as ready:
+        campaign = Campaign(run, progress=progress, watch=watch)
+        if not run.decider.steers:
+            # A planner needs no estimate: what it cannot plan is told before anything takes long.
+            plans = campaign.plan(run.first_day)
+            progress("planning", 1, 1)
+            watch.lap("plan")
+            for one in plans:
+                # The autopilot of a vehicle behind a link is known better when it is asked.
                 if connect is None:
-                    hosting = VirtualHosting(pace, tlog, impairment, breaking)
-                    campaign.fly(environment, hosting, memory=memory)
-                else:
-                    campaign.fly(environment, connect.hosting(tlog), connect.attendant)
-            except KeyboardInterrupt:
-                if not campaign.flights:
-                    raise
-            result = _result(campaign)
-        finally:
-            campaign.evidence.estimate.close()
-    result.environment_cached = cached
-    return result
+                    refuse_errors(one.rendered)
+            _check(campaign, connect, force=force, tell=tell_errors)
+        learner = run.estimator
+        require_run_memory(run.farm, learner, round(campaign.expected_readings))
+        environments = None if memory is None else memory.environments
+        environment, cached = run.environment(progress, use_cache=use_cache, memory=environments)
+        watch.lap("environment")
+        # One BLAS thread: sums do not depend on the number of cores then, and small matrices are faster.
+        with threadpool_limits(1, user_api="blas"):
+            with attribute_errors_to(learner):
+                learner.fit(run.farm.grid())
+            prepare_days(learner, run.first_day, run.days, progress)
+            watch.lap("learning")
+            campaign.learn_from(environment, ready)
+            assert campaign.evidence.estimate is not None
+            try:
+                if run.decider.steers:
+                    run.decider.policy.start()
+                    campaign.plan(run.first_day)
+                    progress("planning", 1, 1)
+                    watch.lap("plan")
+                    _check(campaign, connect, force=force, tell=tell_errors)
+                try:
+                    if connect is None:
+                        hosting = VirtualHosting(pace, tlog, impairment, breaking)
+                        campaign.fly(environment, hosting, memory=memory)
+                    else:
+                        campaign.fly(environment, connect.hosting(tlog), connect.attendant)
+                except KeyboardInterrupt:
+                    if not campaign.flights:
+                        raise
+                result = _result(campaign)
+            finally:
+                campaign.evidence.estimate.close()
+        result.environment_cached = cached
+        return result
+
+
+def rehearse(estimator: str) -> None:
+    """Fly what goes through everything that an estimator of this name compiles on a large farm."""
+    # `gp` would take the readings of this farm as those of a small one.
+    chosen = "gp:method=local" if estimator == "gp" else estimator
+    fly(Scenario(farm=REHEARSED_ON, planner="spiral", vehicle="ideal", estimator=chosen, budget="300steps"))
 
 
 def _check(campaign: Campaign, connect: LiveLink | None, *, force: bool, tell: ShowFindings) -> None:

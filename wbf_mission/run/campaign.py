@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -95,8 +96,8 @@ class Campaign:
     def _expected_of_next(self) -> float:
         return 0.0 if self._next is None else self._next.expected_readings(self.run.looks)
 
-    def learn_from(self, environment: Environment) -> None:
-        """Let the estimator, fitted to the farm, learn from now on, and score it."""
+    def learn_from(self, environment: Environment, ready: Callable[[], None]) -> None:
+        """Let the estimator, fitted to the farm, learn once `ready` has returned, and score it."""
         first, estimator = self.run.first_day, self.run.estimator
         self.truth = environment.values(first)
         score = RunningScore(
@@ -104,7 +105,7 @@ class Campaign:
         )
         with attribute_errors_to(estimator):
             advance_estimator(estimator, first)
-        self.evidence.estimate = RunEstimate(estimator, score, day=first)
+        self.evidence.estimate = RunEstimate(estimator, score, day=first, ready=ready)
 
     def fly(
         self,

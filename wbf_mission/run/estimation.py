@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -160,7 +160,8 @@ class RunEstimate:
 
     The scored times of each flight are those of a run of this one flight: after each `every` observations of
     it, and at its end. Those of a flight that is not made are scored by what is believed (`hold`). On later
-    days, what is believed before anything was seen is scored first.
+    days, what is believed before anything was seen is scored first. `ready` is called before anything is
+    learned, and may wait for what the estimator needs.
 
     Attributes
     ----------
@@ -171,7 +172,14 @@ class RunEstimate:
         change with the next observations.
     """
 
-    def __init__(self, estimator: Estimator, score: RunningScore, every: int = 1, day: int = 0) -> None:
+    def __init__(
+        self,
+        estimator: Estimator,
+        score: RunningScore,
+        every: int = 1,
+        day: int = 0,
+        ready: Callable[[], None] = lambda: None,
+    ) -> None:
         self.history = ScoreHistory()
         self.model: InformationModel | None = None
         self.estimate_s = 0.0
@@ -180,6 +188,7 @@ class RunEstimate:
         self._score = score
         self.every = max(1, every)
         self.day = day
+        self._ready = ready
         self._seen = 0
         self._seen_before = 0
         self._held: list[Observations] = []
@@ -254,6 +263,7 @@ class RunEstimate:
         self._worker.shutdown(wait=False, cancel_futures=True)
 
     def _learn(self, observations: Observations, score_at_s: float | None) -> None:
+        self._ready()
         begin = time.perf_counter()
         with attribute_errors_to(self.estimator):
             self.estimator.partial_fit(observations)

@@ -1,0 +1,83 @@
+"""Compiles what estimates need in a process of its own, while a run plans and flies.
+
+numba compiles one function at a time in a process, and what else the process does waits meanwhile. On a
+machine's first run the estimator's functions take as long as all the rest.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from importlib.metadata import version
+from importlib.util import find_spec
+from pathlib import Path
+
+from geo.compiled import compiled_folder, sources_digest
+from geo.farms import get_farm
+from wbf_mission.run.resolve import Run
+
+REHEARSED_ON = "miniberry-100"
+"""A farm of a few tiles, whose estimates take less time than compiling."""
+# What else can estimate a large farm learns for each farm, or compiles nothing.
+_IN_TILES = ("gp", "adaptive-disk")
+
+
+@contextmanager
+def rehearsed(run: Run, rehearse: Callable[[str], None]) -> Iterator[Callable[[], None]]:
+    """Have the estimator's functions compiled beside a run, and give what waits until they are.
+
+    That is done for a farm larger than `REHEARSED_ON`, where they were not compiled on this machine yet.
+    Should the other process fail, this one compiles.
+
+    Parameters
+    ----------
+    rehearse : callable
+        Goes through all that an estimator of this name compiles.
+    """
+    choice = run.asked.estimate.estimator
+    name = choice.name if choice.made is None else ""
+    mark = _mark(run, name)
+    if mark is None or mark.exists():
+        yield _at_once
+        return
+    from geo.workers import Processes
+
+    processes = Processes(1)
+    try:
+        compiled = processes.submit(_rehearse, rehearse, name, mark)
+
+        def wait() -> None:
+            with suppress(Exception):
+                compiled.result()
+
+        yield wait
+    finally:
+        processes.close()
+
+
+def _at_once() -> None:
+    """Wait for nothing."""
+
+
+def _mark(run: Run, name: str) -> Path | None:
+    """Return the file that is there once an estimator's functions are compiled; None: it needs no process."""
+    from joblib import cpu_count
+
+    small = run.farm.width_cells * run.farm.height_cells <= get_farm(REHEARSED_ON).owner_cells
+    if small or name not in _IN_TILES or cpu_count() < 2 or os.environ.get("NUMBA_DISABLE_JIT"):
+        return None
+    made_of = [
+        sources_digest(Path(spec.origin).resolve())
+        for spec in map(find_spec, (type(run.estimator).__module__, "sensors.scoring.score_sums"))
+        if spec is not None and spec.origin is not None
+    ]
+    key = hashlib.sha256("\n".join([*made_of, version("numba"), name]).encode()).hexdigest()
+    return compiled_folder() / f"estimate-{name}-{key[:16]}"
+
+
+def _rehearse(rehearse: Callable[[str], None], name: str, mark: Path) -> None:
+    rehearse(name)
+    mark.parent.mkdir(parents=True, exist_ok=True)
+    mark.touch()

@@ -35,18 +35,7 @@ class SeedError(WbfMissionError, ValueError):
 
 
 def root_seed(seed: SeedSequence | int) -> SeedSequence:
-    """Return the seed sequence of a seed; a ``SeedSequence`` is returned as it is.
-
-    Raises
-    ------
-    SeedError
-        If the seed is negative or not an integer.
-
-    Examples
-    --------
-    >>> root_seed(7).entropy
-    7
-    """
+    """Return the seed sequence of a seed; SeedError if it is negative or not an integer."""
     if isinstance(seed, SeedSequence):
         return seed
     try:
@@ -59,28 +48,11 @@ def root_seed(seed: SeedSequence | int) -> SeedSequence:
 
 
 def child_seed(seed: SeedSequence | int, *names: str) -> SeedSequence:
-    """Derive the seed of a named part.
+    """Derive the seed of a named part, from nothing but the seed and the names; SeedError as of `root_seed`.
 
-    Parameters
-    ----------
-    seed
-        The run's seed, or the seed of an enclosing part.
-    *names
-        The path to the part, for example ``"vehicle-1", "wind"``. No name gives the seed itself.
+    The seed is that of the run or of an enclosing part, whose spawn counter is not touched. The names are the
+    path to the part, for example ``"vehicle-1", "wind"``; none gives the seed itself.
 
-    Returns
-    -------
-    SeedSequence
-        A new sequence that depends on nothing but the seed and the names; the seed's own spawn counter is not
-        touched.
-
-    Raises
-    ------
-    SeedError
-        If the seed is not usable.
-
-    Examples
-    --------
     >>> a = child_seed(7, "environment", "soil")
     >>> b = child_seed(child_seed(7, "environment"), "soil")
     >>> bool((a.generate_state(4) == b.generate_state(4)).all())
@@ -99,22 +71,9 @@ def child_seed(seed: SeedSequence | int, *names: str) -> SeedSequence:
 def stream(seed: SeedSequence | int, *names: str) -> Generator:
     """Open the random stream of a named part, always at its beginning.
 
-    The bit generator is PCG64, named here so that a change of numpy's default cannot change results.
+    Seed and names are those of `child_seed`. The bit generator is PCG64, named here so that a change of
+    numpy's default cannot change results.
 
-    Parameters
-    ----------
-    seed
-        The run's seed, or the seed of an enclosing part.
-    *names
-        The path to the part.
-
-    Raises
-    ------
-    SeedError
-        If the seed is not usable.
-
-    Examples
-    --------
     >>> float(stream(7, "wind").random()) == float(stream(7, "wind").random())
     True
     >>> float(stream(7, "wind").random()) == float(stream(7, "soil").random())
@@ -129,21 +88,8 @@ def sealed_seed(seed: SeedSequence | int, *names: str) -> SeedSequence:
     Its entropy is the SHA-256 of the child seed's state, read as a little-endian integer, and its spawn key
     is empty, so neither the run's seed nor another stream can be computed from it. A run's seed that is
     easily guessed (0, 1, 2, ...) can still be found by trying: take 128 random bits where that matters.
+    Seed and names are those of `child_seed`.
 
-    Parameters
-    ----------
-    seed
-        The run's seed, or the seed of an enclosing part.
-    *names
-        The path to the part, as for `child_seed`.
-
-    Raises
-    ------
-    SeedError
-        If the seed is not usable.
-
-    Examples
-    --------
     >>> sealed = sealed_seed(7, "planner")
     >>> sealed.entropy == sealed_seed(7, "planner").entropy, sealed.entropy == 7
     (True, False)

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import TypeVar
+
 __all__ = ["one_line", "parse_number", "parse_whole", "printable"]
 
 MAX_SHOWN = 500
+
+_Number = TypeVar("_Number", int, float)
 
 
 def printable(text: str) -> str:
@@ -35,12 +40,8 @@ def parse_number(text: str) -> float:
     """Return the number that a text is, infinity and NaN among them.
 
     Unlike ``float`` it takes no grouped digits (``1_000``) and no digits of other scripts: no ground
-    station and no autopilot reads such numbers, so they are slips of the keyboard.
+    station and no autopilot reads such numbers, so they are slips of the keyboard. ValueError if it is none.
 
-    ValueError if it is none.
-
-    Examples
-    --------
     >>> parse_number(" 2.5e3 ")
     2500.0
     >>> parse_number("1_0")
@@ -48,13 +49,7 @@ def parse_number(text: str) -> float:
         ...
     ValueError: '1_0' is not a number
     """
-    try:
-        if not text.isascii() or "_" in text:
-            raise ValueError
-        return float(text)
-    except ValueError:
-        msg = f"{text[:40]!r} is not a number"
-        raise ValueError(msg) from None
+    return _parsed(text, float, "a number")
 
 
 def parse_whole(text: str) -> int:
@@ -63,10 +58,14 @@ def parse_whole(text: str) -> int:
     >>> parse_whole("-12")
     -12
     """
+    return _parsed(text, int, "a whole number")
+
+
+def _parsed(text: str, kind: Callable[[str], _Number], what: str) -> _Number:
     try:
         if not text.isascii() or "_" in text:
             raise ValueError
-        return int(text)
+        return kind(text)
     except ValueError:
-        msg = f"{text[:40]!r} is not a whole number"
+        msg = f"{text[:40]!r} is not {what}"
         raise ValueError(msg) from None

@@ -169,10 +169,7 @@ class Field:
 class FieldSet:
     """Fields in the order of all arrays.
 
-    Parameters
-    ----------
-    fields : tuple of Field
-        From one to `MAX_FIELDS`, each with a name of its own.
+    From one to `MAX_FIELDS`, each with a name of its own.
 
     Raises
     ------
@@ -268,31 +265,16 @@ class FieldSet:
 
 PAPER_FIELDS = FieldSet(
     (
+        Field("tylcv", TYLCV, ("tomato",), 1.0, cost_above=10.0, title="TYLCV (tomato)", unit="health"),
         Field(
-            name="tylcv",
-            dynamics=TYLCV,
-            crops=("tomato",),
-            default=1.0,
-            weight=1.0,
-            cost_above=10.0,
-            title="TYLCV (tomato)",
-            unit="health",
-        ),
-        Field(
-            name="ccr",
-            dynamics=CCR,
-            crops=("strawberry",),
-            default=1.0,
+            *("ccr", CCR, ("strawberry",), 1.0),
             weight=0.2,
             cost_above=10.0,
             title="charcoal rot (strawberry)",
             unit="health",
         ),
         Field(
-            name="soil",
-            dynamics=SoilParameters(),
-            crops=("strawberry", "tomato"),
-            default=0.0,
+            *("soil", SoilParameters(), ("strawberry", "tomato"), 0.0),
             weight=0.1,
             title="soil humidity",
             unit="part of saturation",

@@ -49,12 +49,8 @@ class InfectionRule:
 
     Parameters
     ----------
-    kernel : DistanceKernel
-        Weights of the neighbours.
     likelihood : float
         p_t: probability of infection from a count of one.
-    duration_days : int
-        How long an infection lasts.
     rounded : bool
         True for the rule ``"count"``, False for the rule ``"kernel"``.
     """
@@ -194,13 +190,19 @@ def step(status: NDArray[np.int8], draws: Draws, rule: InfectionRule) -> NDArray
     aged = age(status)
     front = InfectionFront(aged == SUSCEPTIBLE, rule.kernel)
     front.infect(np.flatnonzero(aged > 0))
+    aged.reshape(-1)[_newly_infected(front, draws, rule)] = rule.duration_days
+    return aged
+
+
+def _newly_infected(front: InfectionFront, draws: Draws, rule: InfectionRule) -> NDArray[np.intp]:
+    """Draw the cells that become infected on a day."""
     cells, total = front.exposed()
     probability = rule.probability(total)
     possible = probability > 0.0
     cells, probability = cells[possible], probability[possible]
     uniform = draws(cells) if callable(draws) else draws.reshape(-1)[cells]
-    aged.reshape(-1)[cells[probability > uniform]] = rule.duration_days
-    return aged
+    infected: NDArray[np.intp] = cells[probability > uniform]
+    return infected
 
 
 def draw_seeds(susceptible: NDArray[np.bool_], count: int, rng: Generator) -> NDArray[np.intp]:
@@ -235,9 +237,7 @@ def simulate_outbreak(
 ) -> NDArray[np.int8]:
     """Let a disease run for some days.
 
-    The result is that of `step` repeated day by day, at a cost proportional to
-    the number of infected cells.
-
+    The result is that of `step` repeated day by day, at a cost proportional to the number of infected cells.
     The generator gives the seeds, then on each day one uniform number for each cell that may be infected, in
     C order. The onset, int8[W, H], is 0 for the seeds, `NEVER` or `NO_HOST`.
     """
@@ -252,11 +252,7 @@ def simulate_outbreak(
     for day in range(1, days + 1):
         for cells in ending.pop(day, []):
             front.remove(cells)
-        cells, total = front.exposed()
-        probability = rule.probability(total)
-        possible = probability > 0.0
-        cells, probability = cells[possible], probability[possible]
-        infected = cells[probability > rng.random(cells.size)]
+        infected = _newly_infected(front, lambda cells: rng.random(cells.size), rule)
         front.infect(infected)
         flat[infected] = day
         ending.setdefault(day + rule.duration_days, []).append(infected)

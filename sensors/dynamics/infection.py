@@ -36,20 +36,14 @@ _ROUNDING_UNIT = 1 << 32
 class DistanceKernel:
     """Weights of the neighbours of a cell, grouped by equal weight.
 
-    Parameters
-    ----------
-    size : int
-        Side of the square of neighbours, odd, cells.
-    unit : int
-        The integer that stands for weight 1.
-    rings : tuple of (int, tuple of (int, int))
-        Pairs of a positive integer weight and the offsets ``(dx, dy)`` that have it. The centre has no
-        weight.
+    The square of neighbours has an odd number of cells, `size`, on a side.
     """
 
     size: int
     unit: int
+    """The integer that stands for weight 1."""
     rings: tuple[tuple[int, tuple[tuple[int, int], ...]], ...]
+    """Pairs of a positive integer weight and the offsets ``(dx, dy)`` that have it; the centre has none."""
 
     @property
     def radius(self) -> int:
@@ -136,12 +130,7 @@ def make_kernel(shape: str, size: int, length_cells: float = 1.0) -> DistanceKer
 
 
 class InfectionFront:
-    """Susceptible cells near infected ones.
-
-    Notes
-    -----
-    Cells are given and returned as flat indices of the farm in C order. Memory: nine bytes a cell.
-    """
+    """Susceptible cells near infected ones, given and returned as flat indices of the farm in C order."""
 
     def __init__(self, susceptible: NDArray[np.bool_], kernel: DistanceKernel) -> None:
         width, height = susceptible.shape
@@ -169,10 +158,7 @@ class InfectionFront:
         return cells
 
     def infect(self, cells: Cells) -> None:
-        """Make cells infected; their neighbours join the front.
-
-        They are different cells, in any order.
-        """
+        """Make different cells infected; their neighbours join the front."""
         centres = self._pad(cells)
         self._susceptible[centres] = False
         joining = [self._front]

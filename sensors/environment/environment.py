@@ -62,62 +62,13 @@ class Environment:
 
     Day d is the state after d steps; day 0 is before the first one. All arrays are read-only.
 
-    Parameters
-    ----------
-    fields : FieldSet
-        What there is to sense, in the order of all arrays.
-    days : iterable of int
-        The kept days.
-    onset : mapping of str to int8[W, H]
-        Day of infection of each cell for each disease; -1 never, -2 no host (`sensors.dynamics.epidemic`).
-    levels : mapping of str to mapping of int to float32[W, H]
-        Values of each continuous field on each kept day.
-    provenance : Provenance
-        Farm and seed.
-
-    Raises
-    ------
-    EnvironmentDataError
-        If the arrays do not fit each other, or there is no day.
+    `fields` are in the order of all arrays. Each disease has a layer of onsets, each continuous field one of
+    its levels on each kept day, which are in ascending order.
     """
 
     __slots__ = ("_diseases", "_layers", "_levels", "_onset", "days", "fields", "provenance", "shape")
 
     def __init__(
-        self,
-        fields: FieldSet,
-        days: Iterable[int],
-        onset: Mapping[str, NDArray[np.int8]],
-        levels: Mapping[str, Mapping[int, NDArray[np.float32]]],
-        provenance: Provenance | None = None,
-    ) -> None:
-        kept = tuple(sorted(days))
-        if not kept:
-            raise EnvironmentDataError("environment: it has no day; keep at least one")
-        first_name = fields.names[0]
-        first = onset[first_name] if first_name in onset else levels[first_name][kept[0]]
-        if first.ndim != 2:
-            raise EnvironmentDataError(f"environment: {first_name} has {first.ndim} axes instead of 2")
-        shape = (first.shape[0], first.shape[1])
-        self._set_up(
-            shape,
-            fields,
-            kept,
-            {
-                field.name: _layer(f"onset of {field.name}", onset[field.name], np.int8, shape)
-                for field in fields.diseases
-            },
-            {
-                (field.name, day): _layer(
-                    f"{field.name} of day {day}", levels[field.name][day], np.float32, shape
-                )
-                for field in fields.continuous
-                for day in kept
-            },
-            provenance or Provenance(),
-        )
-
-    def _set_up(
         self,
         shape: tuple[int, int],
         fields: FieldSet,
@@ -146,19 +97,41 @@ class Environment:
         }
 
     @classmethod
-    def from_layers(
+    def of_arrays(
         cls,
-        shape: tuple[int, int],
         fields: FieldSet,
-        days: tuple[int, ...],
-        onset: Mapping[str, Layer[np.int8]],
-        levels: Mapping[tuple[str, int], Layer[np.float32]],
-        provenance: Provenance,
+        days: Iterable[int],
+        onset: Mapping[str, NDArray[np.int8]],
+        levels: Mapping[str, Mapping[int, NDArray[np.float32]]],
+        provenance: Provenance | None = None,
     ) -> Environment:
-        """Make an environment that reads from layers; the days are in ascending order."""
-        environment = cls.__new__(cls)
-        environment._set_up(shape, fields, days, onset, levels, provenance)
-        return environment
+        """Make an environment of arrays: see `onset` and `level`.
+
+        Raises
+        ------
+        EnvironmentDataError
+            If the arrays do not fit each other, or there is no day.
+        """
+        kept = tuple(sorted(days))
+        if not kept:
+            raise EnvironmentDataError("environment: it has no day; keep at least one")
+        first_name = fields.names[0]
+        first = onset[first_name] if first_name in onset else levels[first_name][kept[0]]
+        if first.ndim != 2:
+            raise EnvironmentDataError(f"environment: {first_name} has {first.ndim} axes instead of 2")
+        shape = (first.shape[0], first.shape[1])
+        layers = {
+            (field.name, day): _layer(
+                f"{field.name} of day {day}", levels[field.name][day], np.float32, shape
+            )
+            for field in fields.continuous
+            for day in kept
+        }
+        infected = {
+            field.name: _layer(f"onset of {field.name}", onset[field.name], np.int8, shape)
+            for field in fields.diseases
+        }
+        return cls(shape, fields, kept, infected, layers, provenance or Provenance())
 
     def _check_day(self, day: int) -> None:
         if day not in self._diseases:
@@ -172,34 +145,16 @@ class Environment:
         return self._onset[disease]
 
     def onset(self, disease: str) -> NDArray[np.int8]:
-        """Day of infection of each cell.
+        """Day of infection of each cell: int8[W, H], read-only.
 
-        Parameters
-        ----------
-        disease : str
-            Name of the disease.
-
-        Returns
-        -------
-        int8[W, H]
-            0 for the seeds, -1 for cells never infected, -2 for cells without the crop. Read-only.
+        0 for the seeds, -1 for cells never infected, -2 for cells without the crop.
         """
         return self._onset_of(disease).whole()
 
     def status(self, disease: str, day: int) -> NDArray[np.int8]:
-        """SIRV status on a day.
+        """SIRV status on a kept day: int8[W, H], a new array.
 
-        Parameters
-        ----------
-        disease : str
-            Name of the disease.
-        day : int
-            A kept day.
-
-        Returns
-        -------
-        int8[W, H]
-            0 susceptible, k > 0 infected with k days left, -1 removed, -2 immune. A new array.
+        0 susceptible, k > 0 infected with k days left, -1 removed, -2 immune.
 
         Raises
         ------
@@ -224,20 +179,10 @@ class Environment:
         return self._levels[name, day].whole()
 
     def values(self, day: int, out: NDArray[np.float32] | None = None) -> NDArray[np.float32]:
-        """Return E on a day.
+        """Return E on a kept day, float32[n, W, H]; `out` is an array to fill.
 
-        Parameters
-        ----------
-        day : int
-            A kept day.
-        out : float32[n, W, H], optional
-            Array to fill.
-
-        Returns
-        -------
-        float32[n, W, H]
-            Each field: a disease is 1.0 where plants are healthy or there is no host, 0.5 where they are
-            infected and 0.0 where they are lost.
+        A disease is 1.0 where plants are healthy or there is no host, 0.5 where they are infected and 0.0
+        where they are lost.
 
         Raises
         ------
@@ -250,19 +195,10 @@ class Environment:
         return values
 
     def window(self, day: int, x: slice, y: slice) -> NDArray[np.float32]:
-        """Return E on a part of the farm; of a stored environment only the chunks there are decoded.
+        """Return `values` of a part of the farm, float32[n, w, h], a new array.
 
-        Parameters
-        ----------
-        day : int
-            A kept day.
-        x, y : slice
-            Cells; no step, and an end that is not given is that of the farm.
-
-        Returns
-        -------
-        float32[n, w, h]
-            As `values` of that part. A new array.
+        The slices have no step; an end that is not given is that of the farm. Of a stored environment only
+        the chunks there are decoded.
 
         Raises
         ------
@@ -306,19 +242,7 @@ class Environment:
             values[index] = read(level)
 
     def sample(self, day: int, ix: ArrayLike, iy: ArrayLike) -> NDArray[np.float32]:
-        """Return E at some cells on a day, without building the whole day.
-
-        Parameters
-        ----------
-        day : int
-            A kept day.
-        ix, iy : int or int[k]
-            Cells.
-
-        Returns
-        -------
-        float32[k, n]
-            The fields of each cell, as in `values`.
+        """Return the fields of one or k cells on a kept day, float32[k, n], without building the whole day.
 
         Raises
         ------

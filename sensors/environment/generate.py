@@ -76,18 +76,11 @@ class _Steps:
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """What to generate: equal tasks give equal environments.
-
-    Parameters
-    ----------
-    grid : FarmGrid
-        The farm.
-    days : tuple of int
-        The kept days.
-    """
+    """What to generate: equal tasks give equal environments."""
 
     grid: FarmGrid
     days: tuple[int, ...]
+    """Those that are kept."""
     seed: SeedSequence
     fields: FieldSet
     farm_name: str = ""
@@ -139,9 +132,7 @@ def memory_needed(
     on_disk: bool = False,
     threads: int | None = None,
 ) -> dict[str, int]:
-    """Estimate the memory that generating takes at its peak.
-
-    Bytes by what they are for.
+    """Estimate the memory that generating takes at its peak: bytes by what they are for.
 
     Examples
     --------
@@ -202,8 +193,6 @@ def generate_environment(
         Crops of all cells, the neighbours' included.
     days : int
         Number of steps, 0..126.
-    seed : SeedSequence or int
-        The seed.
     fields : FieldSet
         What there is to sense, and how it develops; the benchmark's by default.
     progress : callable, optional
@@ -221,10 +210,6 @@ def generate_environment(
         environment already, nothing is computed.
     threads : int, optional
         How many to use on large farms; by default one for each processor that this process may use.
-
-    Returns
-    -------
-    Environment
 
     Raises
     ------
@@ -260,7 +245,7 @@ def generate_environment(
                 earlier = day, days_of[day]
         onset = {name: work.step.wait(outbreak) for name, outbreak in outbreaks.items()}
         work.step.tell()
-    return Environment(task.fields, task.days, onset, levels, task.provenance())
+    return Environment.of_arrays(task.fields, task.days, onset, levels, task.provenance())
 
 
 class _Work:

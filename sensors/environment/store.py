@@ -256,10 +256,8 @@ class EnvironmentStore:
             for day in header.days
         }
         if lazy:
-            return Environment.from_layers(
-                header.shape, self.fields, header.days, onset, levels, header.provenance
-            )
-        return Environment.from_layers(
+            return Environment(header.shape, self.fields, header.days, onset, levels, header.provenance)
+        return Environment(
             header.shape,
             self.fields,
             header.days,

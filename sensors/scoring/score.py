@@ -11,17 +11,14 @@ Soil humidity has no worse side. The score is -L: 0 is perfect, lower is worse.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sensors.errors import EstimatorError
 from sensors.fields import PAPER_FIELDS, FieldSet
-from sensors.scoring import small_sums
 from sensors.scoring.information import InformationModel
-from sensors.scoring.small_sums import SUMS
-from sensors.scoring.tiles import tile_shape
+from sensors.scoring.tiles import SUMS, TILE_CELLS, tile_shape
 
 _PerField = tuple[float, ...]
 
@@ -289,13 +286,30 @@ class _Errors:
     axis_max: float = 0.0
 
 
-def _sums(tile_cells: NDArray[np.int64]) -> ModuleType:
-    """Choose what sums: loading compiled code takes longer than all sums over a farm of one tile."""
-    if tile_cells.size == 1:
-        return small_sums
-    from sensors.scoring import score_sums
+# A farm of one tile is summed in numpy: loading compiled code takes longer than that. The same as
+# `sensors.scoring.score_sums` to the last bit: cells are added one after the other, in order.
 
-    return score_sums
+
+def sum_tile(
+    mask: NDArray[np.bool_], truth: NDArray[np.floating], estimate: NDArray[np.floating]
+) -> NDArray[np.float64]:
+    """Sum the errors of one field in its only tile, float64[SUMS]; at least one cell is relevant."""
+    error = estimate[mask].astype(np.float64) - truth[mask]
+    worse = np.where(error > 0.0, error, 0.0)
+    terms = np.stack([error * error, worse * worse, np.abs(error), worse])
+    sums: NDArray[np.float64] = np.cumsum(terms, axis=1)[:, -1]
+    return sums
+
+
+def tile_extremes(
+    mask: NDArray[np.bool_], truth: NDArray[np.floating], estimate: NDArray[np.floating]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Find how far the estimate is above and below on each line: see `score_sums.find_extremes`."""
+    error = estimate.astype(np.float64) - truth
+    unknown = np.isnan(error) & ~mask
+    if unknown.any():
+        return np.where(unknown, -np.inf, error).max(axis=0), np.where(unknown, -np.inf, -error).max(axis=0)
+    return error.max(axis=0), -error.min(axis=0)
 
 
 class _ScoredField:
@@ -306,11 +320,13 @@ class _ScoredField:
         columns, rows = tile_shape((width, height))
         self._mask = mask
         self._low, self._high = weights.too_sick[k], weights.too_healthy[k]
-        self._tile_cells = np.zeros((columns, rows), np.int64)
-        _sums(self._tile_cells).count_cells(mask, self._tile_cells)
+        strips = np.stack(
+            [np.count_nonzero(mask[x : x + TILE_CELLS], axis=0) for x in range(0, width, TILE_CELLS)]
+        )
+        self._tile_cells = np.add.reduceat(strips, range(0, height, TILE_CELLS), axis=1)
         self.cells = int(self._tile_cells.sum())
         self._sums = np.zeros((columns, rows, SUMS))
-        self._line_cells = np.count_nonzero(mask, axis=0)
+        self._line_cells = strips.sum(axis=0)
         # The authors score soil, where no side is worse, by its plain mean absolute error.
         lines = height if self.cells and self._low != self._high else 0
         self._above, self._below = np.zeros((columns, lines)), np.zeros((columns, lines))
@@ -322,8 +338,12 @@ class _ScoredField:
         out = _Errors()
         if not self.cells:
             return out
-        sums = _sums(self._tile_cells)
-        sums.sum_errors(tiles, self._tile_cells, self._mask, truth, estimate, self._sums)
+        if self._tile_cells.size > 1:
+            self._sum_tiles(tiles, truth, estimate)
+        elif tiles[0, 0]:
+            self._sums[0, 0] = sum_tile(self._mask, truth, estimate)
+            if self._low != self._high:
+                self._above[0], self._below[0] = tile_extremes(self._mask, truth, estimate)
         squares, worse_squares, absolute, worse_absolute = (
             self._sums.reshape(-1, SUMS).sum(axis=0) / self.cells
         ).tolist()
@@ -333,9 +353,17 @@ class _ScoredField:
         out.weighted_mae = low * (absolute - worse_absolute) + high * worse_absolute
         out.axis_max = -out.mae
         if low != high:
-            sums.find_extremes(tiles, self._line_cells, self._mask, truth, estimate, self._above, self._below)
             worst = low * self._below.max(axis=0) + high * self._above.max(axis=0)
             # A line without relevant cells may have no number at all.
             worst[self._line_cells == 0] = 0.0
             out.axis_max = -float(self._line_cells @ worst) / self.cells
         return out
+
+    def _sum_tiles(
+        self, tiles: NDArray[np.bool_], truth: NDArray[np.floating], estimate: NDArray[np.floating]
+    ) -> None:
+        from sensors.scoring.score_sums import find_extremes, sum_errors
+
+        sum_errors(tiles, self._tile_cells, self._mask, truth, estimate, self._sums)
+        if self._low != self._high:
+            find_extremes(tiles, self._line_cells, self._mask, truth, estimate, self._above, self._below)

@@ -2,7 +2,7 @@
 
 Estimators report changed tiles (`sum_errors`). Batched training knows the first changed column of each tile,
 too (`resume_errors`). Both add the errors of a tile cell by cell, along y and then along x, so that their
-sums are the same to the last bit; so does `sensors.scoring.small_sums`.
+sums are the same to the last bit; so does `sensors.scoring.score.sum_tile`.
 """
 
 from __future__ import annotations
@@ -11,21 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.compiled import compiled
-from sensors.scoring.small_sums import ABSOLUTE, SQUARES, WORSE_ABSOLUTE, WORSE_SQUARES
-from sensors.scoring.tiles import TILE_CELLS
-
-
-@compiled(nogil=True)
-def count_cells(mask: NDArray[np.bool_], cells: NDArray[np.int64]) -> None:
-    """Count the relevant cells of each tile into `cells`."""
-    width, height = mask.shape
-    for column in range(cells.shape[0]):
-        for row in range(cells.shape[1]):
-            count = 0
-            for x in range(column * TILE_CELLS, min((column + 1) * TILE_CELLS, width)):
-                for y in range(row * TILE_CELLS, min((row + 1) * TILE_CELLS, height)):
-                    count += mask[x, y]
-            cells[column, row] = count
+from sensors.scoring.tiles import ABSOLUTE, SQUARES, TILE_CELLS, WORSE_ABSOLUTE, WORSE_SQUARES
 
 
 @compiled(inline="late", nogil=True, allocates=False)
@@ -73,7 +59,7 @@ def sum_errors(
         The relevant cells; nothing else is looked at.
     truth, estimate : float[W, H]
     sums : float64[tiles along x, tiles along y, SUMS]
-        Written: squared and absolute errors, each of all cells and of those where the estimate is above.
+        Written.
     """
     width, height = mask.shape
     for column in range(tiles.shape[0]):

@@ -13,6 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 TILE_CELLS = 64
+SQUARES, WORSE_SQUARES, ABSOLUTE, WORSE_ABSOLUTE = range(4)
+SUMS = 4
+"""Of a tile: squared and absolute errors, each of all cells and of those where the estimate is above."""
 
 
 def tile_shape(shape: tuple[int, int]) -> tuple[int, int]:

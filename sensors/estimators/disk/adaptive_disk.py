@@ -12,7 +12,7 @@ from sensors.errors import EstimatorError
 from sensors.estimators.append_buffer import GrowingArray
 from sensors.estimators.base import BaseEstimator, check_default_values
 from sensors.estimators.days import carried
-from sensors.estimators.disk.disks import Disk, DiskMap, centred_disk, paint_small
+from sensors.estimators.disk.disks import Disk, DiskMap, Strokes, centred_disk, paint_small
 from sensors.fields import PAPER_FIELDS, FieldSet
 from sensors.scoring.information import InformationModel
 from sensors.scoring.tiles import tile_shape
@@ -173,7 +173,7 @@ class AdaptiveDiskEstimator(BaseEstimator):
             fields = [k for k in range(len(self.fields)) if self.maps_[k] is disks]
             readings = [self._readings(k, painting.start) for k in fields]
             planes = fields if len(self._uncertainty) > 1 else [0]
-            paint(
+            strokes = Strokes(
                 np.ones_like(painting.tiles) if everything else painting.tiles,
                 painting.reset or everything,
                 np.ascontiguousarray(painting.x),
@@ -185,11 +185,9 @@ class AdaptiveDiskEstimator(BaseEstimator):
                 np.stack([doubt for _, doubt in readings[: len(planes)]]),
                 self._defaults[fields],
                 np.array(fields),
-                self._value,
                 np.array(planes),
-                self._uncertainty,
-                changed,
             )
+            paint(strokes, self._value, self._uncertainty, changed)
         self.revision_ += 1
         return InformationModel(
             *self._views(), None if everything else changed, self.revision_, self.fields.names

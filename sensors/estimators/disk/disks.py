@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -148,27 +149,34 @@ class DiskMap:
         return Painting(tiles, reset, start, x, y, disk)
 
 
+class Strokes(NamedTuple):
+    """Disks of n observations that are painted into some tiles, later observations over earlier ones."""
+
+    tiles: NDArray[np.bool_]  # bool[tiles along x, tiles along y]: where
+    reset: bool  # whether cells that no disk reaches get the default and uncertainty 1, or stay as they are
+    x: NDArray[np.int32]  # int32[n]: the observed cells in order of time
+    y: NDArray[np.int32]
+    first: int  # the disk: row i has the cells ``x + first + i`` by ``[y + low[i], y + high[i])``
+    low: NDArray[np.int32]
+    high: NDArray[np.int32]
+    table: NDArray[np.float32]  # float32[fields, n]: the values that these disks stand for
+    doubts: NDArray[np.float32]  # float32[planes, n]: the uncertainty in these disks
+    defaults: NDArray[np.float32]  # float32[fields]
+    fields: NDArray[np.int64]  # where each of these fields is in the value
+    planes: NDArray[np.int64]  # where the uncertainty of these fields is
+
+
 def paint_small(
-    tiles: NDArray[np.bool_],
-    reset: bool,
-    x: NDArray[np.int32],
-    y: NDArray[np.int32],
-    first: int,
-    low: NDArray[np.int32],
-    high: NDArray[np.int32],
-    table: NDArray[np.float32],
-    doubts: NDArray[np.float32],
-    defaults: NDArray[np.float32],
-    fields: NDArray[np.int64],
+    strokes: Strokes,
     value: NDArray[np.float32],
-    planes: NDArray[np.int64],
     uncertainty: NDArray[np.float32],
     changed: NDArray[np.bool_],
 ) -> None:
-    """Paint the disks into the only tile of a small farm, as `sensors.estimators.disk.painting.paint` does.
+    """Paint into the only tile of a small farm, as `sensors.estimators.disk.painting.paint` does.
 
     Loading compiled code takes longer than that.
     """
+    tiles, reset, x, y, first, low, high, table, doubts, defaults, fields, planes = strokes
     if not tiles[0, 0]:
         return
     width, height = value.shape[1:]

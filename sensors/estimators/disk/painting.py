@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.compiled import compiled
+from sensors.estimators.disk.disks import Strokes
 from sensors.scoring.tiles import TILE_CELLS
 
 _ALL = np.uint64(0xFFFFFFFFFFFFFFFF)
@@ -21,50 +22,21 @@ _ZERO = np.uint64(0)
 
 @compiled(nogil=True)
 def paint(
-    tiles: NDArray[np.bool_],
-    reset: bool,
-    x: NDArray[np.int32],
-    y: NDArray[np.int32],
-    first: int,
-    low: NDArray[np.int32],
-    high: NDArray[np.int32],
-    table: NDArray[np.float32],
-    doubts: NDArray[np.float32],
-    defaults: NDArray[np.float32],
-    fields: NDArray[np.int64],
+    strokes: Strokes,
     value: NDArray[np.float32],
-    planes: NDArray[np.int64],
     uncertainty: NDArray[np.float32],
     changed: NDArray[np.bool_],
 ) -> None:
-    """Paint the disks of observations into some tiles, later observations over earlier ones.
+    """Paint disks into some tiles.
 
     Parameters
     ----------
-    tiles : bool[tiles along x, tiles along y]
-        Where to paint.
-    reset : bool
-        Whether cells that no disk reaches get the default and uncertainty 1; they stay as they are if not.
-    x, y : int32[n]
-        The observed cells in order of time.
-    first, low, high : int, int32[rows], int32[rows]
-        The disk: row i has the cells ``x + first + i`` by ``[y + low[i], y + high[i])``.
-    table : float32[fields, n]
-        The values of the fields that these disks stand for.
-    doubts : float32[planes, n]
-        The uncertainty in these disks, for each plane.
-    defaults : float32[fields]
-    fields : int64[fields]
-        Where each of these fields is in `value`.
-    value : float32[3, W, H]
-        Written.
-    planes : int64[planes]
-        Where the uncertainty of these fields is in `uncertainty`.
-    uncertainty : float32[1 or 3, W, H]
+    value, uncertainty : float32[3, W, H], float32[1 or 3, W, H]
         Written.
     changed : bool[tiles along x, tiles along y]
         Set where anything became another.
     """
+    tiles, reset, x, y, first, low, high, table, doubts, defaults, fields, planes = strokes
     width, height = value.shape[1], value.shape[2]
     rows = len(low)
     lowest, highest = 0, 0

@@ -123,9 +123,6 @@ def network_for(
 
     A file that cannot be read, or is not what its name claims, is replaced; a folder that cannot be written
     to costs a training in every process, not an error.
-
-    A file that cannot be read, or is not what its name claims, is replaced; a folder that cannot be written
-    to costs a training in every process, not an error.
     """
     task = shared_task(task, hosts)
     network = known_network(task, hosts, folder)

@@ -25,7 +25,7 @@ from sensors.dynamics.continuous import ContinuousDynamics
 from sensors.dynamics.epidemic import MAX_DAYS, EpidemicParameters, simulate_outbreak, value_table
 from sensors.errors import EstimatorError
 from sensors.estimators.base import Step, no_step
-from sensors.estimators.gp.rbf import Floats, RbfKernel
+from sensors.estimators.gp.rbf import Floats, RbfKernel, kernel_gradient
 from sensors.estimators.gp.threads import one_blas_thread
 from sensors.fields import Field, FieldSet
 
@@ -218,14 +218,7 @@ def _divergence(theta: Floats, dx2: Floats, dy2: Floats, moments: Floats) -> tup
     explained = inverse @ moments
     cost = float(np.log(factor.diagonal()).sum() + 0.5 * np.trace(explained))
     inner = inverse - explained @ inverse
-    by_smooth = inner * smooth
-    gradient = (
-        np.vdot(by_smooth, dx2) / length_x**2,
-        np.vdot(by_smooth, dy2) / length_y**2,
-        noise * np.trace(inner),
-        by_smooth.sum(),
-    )
-    return cost, 0.5 * np.array(gradient)
+    return cost, 0.5 * kernel_gradient(theta, smooth, inner, dx2, dy2)
 
 
 def _save(priors: tuple[FieldPrior, ...], path: Path, fields: FieldSet) -> None:

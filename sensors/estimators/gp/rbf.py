@@ -130,11 +130,12 @@ def _cost(theta: Floats, dx2: Floats, dy2: Floats, residuals: Floats) -> tuple[f
     # The derivative by K is -(w w' - K^-1) / 2; dpotri fills the lower triangle of the inverse only.
     inner = np.outer(weights, weights) - lower - lower.T
     inner.flat[:: len(residuals) + 1] -= inverse.diagonal()
+    return float(cost), -0.5 * kernel_gradient(theta, smooth, inner, dx2, dy2)
+
+
+def kernel_gradient(theta: Floats, smooth: Floats, inner: Floats, dx2: Floats, dy2: Floats) -> Floats:
+    """Return ``trace(inner dK)`` for the logarithm of each parameter, `theta`; `smooth` is K without noise."""
+    length_x, length_y, noise, _ = np.exp(theta)
     by_smooth = inner * smooth
-    gradient = (
-        np.vdot(by_smooth, dx2) / length_x**2,
-        np.vdot(by_smooth, dy2) / length_y**2,
-        noise * np.trace(inner),
-        by_smooth.sum(),
-    )
-    return float(cost), -0.5 * np.array(gradient)
+    by_x, by_y = np.vdot(by_smooth, dx2) / length_x**2, np.vdot(by_smooth, dy2) / length_y**2
+    return np.array([by_x, by_y, noise * np.trace(inner), by_smooth.sum()])

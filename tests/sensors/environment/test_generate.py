@@ -227,12 +227,12 @@ def test_arrays_are_read_only(environment: Environment) -> None:
 def test_arrays_that_do_not_fit_are_refused(environment: Environment) -> None:
     onset = {disease: environment.onset(disease) for disease in ("tylcv", "ccr")}
     with pytest.raises(EnvironmentDataError, match="no day"):
-        Environment(PAPER_FIELDS, [], onset, {"soil": {}})
+        Environment.of_arrays(PAPER_FIELDS, [], onset, {"soil": {}})
     with pytest.raises(EnvironmentDataError, match="soil of day 1"):
-        Environment(PAPER_FIELDS, [1], onset, {"soil": {1: np.zeros((3, 3), np.float32)}})
+        Environment.of_arrays(PAPER_FIELDS, [1], onset, {"soil": {1: np.zeros((3, 3), np.float32)}})
     with pytest.raises(EnvironmentDataError, match="onset of ccr"):
         wrong = {**onset, "ccr": onset["ccr"].astype(np.int16)}
-        Environment(PAPER_FIELDS, [1], wrong, {"soil": {1: environment.level("soil", 1)}})  # type: ignore[dict-item]
+        Environment.of_arrays(PAPER_FIELDS, [1], wrong, {"soil": {1: environment.level("soil", 1)}})  # type: ignore[dict-item]
 
 
 def test_progress_ends_at_the_total_and_can_stop_the_work(grid: FarmGrid) -> None:

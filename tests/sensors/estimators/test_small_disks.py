@@ -6,9 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sensors.estimators.disk.authors import misplaced_disk
-from sensors.estimators.disk.disks import centred_disk, paint_small
+from sensors.estimators.disk.disks import Strokes, centred_disk, paint_small
 from sensors.estimators.disk.painting import paint
-from sensors.scoring import score_sums, small_sums
+from sensors.scoring.score import sum_tile, tile_extremes
+from sensors.scoring.score_sums import find_extremes, sum_errors
+from sensors.scoring.tiles import SUMS
 
 pytestmark = pytest.mark.kernel
 
@@ -37,10 +39,8 @@ def test_disks_are_painted_alike(seed, shape, n, radius, stamp, reset, of_one_fi
     for way in (paint, paint_small):
         arrays = value.copy(), doubt.copy(), np.zeros((1, 1), np.bool_)
         tiles = np.ones((1, 1), np.bool_)
-        way(
-            tiles, reset, x, y, disk.first, disk.low, disk.high, table, unsure, defaults,
-            fields, arrays[0], planes, arrays[1], arrays[2],
-        )  # fmt: skip
+        disks = tiles, reset, x, y, disk.first, disk.low, disk.high
+        way(Strokes(*disks, table, unsure, defaults, fields, planes), *arrays)
         found.append(arrays)
     for compiled, plain in zip(*found, strict=True):
         np.testing.assert_array_equal(compiled, plain)
@@ -53,26 +53,26 @@ def test_errors_are_summed_alike(seed, shape, share):
     truth, estimate = rng.random((2, *shape)).astype(np.float32)
     estimate[rng.random(shape) < 0.02] = np.nan
     tiles, lines = np.ones((1, 1), np.bool_), np.count_nonzero(mask, axis=0)
-    found = []
-    for module in (score_sums, small_sums):
-        cells, sums = np.zeros((1, 1), np.int64), np.zeros((1, 1, small_sums.SUMS))
-        above, below = np.zeros((2, 1, shape[1]))
-        module.count_cells(mask, cells)
-        module.sum_errors(tiles, cells, mask, truth, estimate, sums)
+    sums, above, below = np.zeros((1, 1, SUMS)), *np.zeros((2, 1, shape[1]))
+    if mask.any():
+        sum_errors(tiles, np.full((1, 1), mask.sum()), mask, truth, estimate, sums)
+        find_extremes(tiles, lines, mask, truth, estimate, above, below)
+        assert np.array_equal(sum_tile(mask, truth, estimate), sums[0, 0], equal_nan=True)
         with np.errstate(invalid="ignore"):
-            module.find_extremes(tiles, lines, mask, truth, estimate, above, below)
-        found.append((cells, sums, above, below))
-    for compiled, plain in zip(*found, strict=True):
-        assert np.array_equal(compiled, plain, equal_nan=True)
+            plain = tile_extremes(mask, truth, estimate)
+        assert np.array_equal(plain, np.stack([above[0], below[0]]), equal_nan=True)
 
 
 @pytest.mark.parametrize("way", [paint, paint_small])
 def test_nothing_is_painted_where_nothing_is_to_be(way):
     disk, value = centred_disk(2), np.zeros((3, 4, 4), np.float32)
     tiles = np.zeros((1, 1), np.bool_)
-    way(
-        tiles, True, np.ones(1, np.int32), np.ones(1, np.int32), disk.first, disk.low, disk.high,
-        np.ones((3, 1), np.float32), np.zeros((1, 1), np.float32), np.ones(3, np.float32), np.arange(3),
-        value, np.array([0]), np.zeros((1, 4, 4), np.float32), np.zeros((1, 1), np.bool_),
-    )  # fmt: skip
+    disks = tiles, True, np.ones(1, np.int32), np.ones(1, np.int32), disk.first, disk.low, disk.high
+    table, doubts, defaults = (
+        np.ones((3, 1), np.float32),
+        np.zeros((1, 1), np.float32),
+        np.ones(3, np.float32),
+    )
+    strokes = Strokes(*disks, table, doubts, defaults, np.arange(3), np.array([0]))
+    way(strokes, value, np.zeros((1, 4, 4), np.float32), np.zeros((1, 1), np.bool_))
     assert not value.any()

@@ -129,23 +129,8 @@ class LeafCamera:
     Readings depend on the cells, the generator and the order of the images, not on how many of them are
     taken in one call.
 
-    Parameters
-    ----------
-    environment : Sampled
-        What there is to see.
-    shape : tuple of int
-        Width and height of the farm in cells; cells beyond it give no value.
-    day : int
-        Day of the environment.
-    options : LeafCameraOptions
-        How good the camera is.
-    rng : numpy.random.Generator, optional
-        Source of the errors; required when the options ask for any.
-
-    Raises
-    ------
-    ObservationError
-        If errors are asked for and no generator is given.
+    Cells beyond the farm's `shape` give no value. The generator is the source of errors: ObservationError if
+    the options ask for any and there is none.
 
     Examples
     --------
@@ -186,18 +171,10 @@ class LeafCamera:
             self._noise_rng, self._flip_rng = rng.spawn(2)
 
     def capture(self, ix: Sequence[int], iy: Sequence[int]) -> NDArray[np.float32]:
-        """Take one image centred on each of the cells.
+        """Take one image centred on each of n cells, which may lie off the farm: float32[n, k, fields].
 
-        Parameters
-        ----------
-        ix, iy : sequence of int, length n
-            Cells, which may lie off the farm.
-
-        Returns
-        -------
-        float32[n, k, fields]
-            The fields of the k cells of each footprint, in the order of `footprint_offsets`. NaN where a
-            field is not sensed or the cell lies off the farm.
+        The fields of the k cells of each footprint are in the order of `footprint_offsets`; NaN where a field
+        is not sensed or the cell lies off the farm.
         """
         width, height = self.shape
         x, y = np.array(ix, np.int64), np.array(iy, np.int64)
@@ -260,20 +237,11 @@ def ground_offset(quaternion: Sequence[float], height_m: float) -> tuple[float, 
     """Return how far east and north of the camera the axis of its lens meets flat ground.
 
     That is the height times the tangent of the angle from straight down, in the direction that the camera
-    looks to. What is farther than 10 km counts as not seen, as by ArduPilot (``AP_MOUNT_POI_DIST_M_MAX``).
+    looks to. What is farther than 10 km counts as not seen, as by ArduPilot (``AP_MOUNT_POI_DIST_M_MAX``):
+    `NOWHERE_M` each then, as where the lens looks to the horizon or above.
 
-    Parameters
-    ----------
-    quaternion : sequence of 4 floats
-        Attitude of the camera (w, x, y, z), forward along its lens, as CAMERA_IMAGE_CAPTURED tells it; one
-        that is no rotation (zeros, NaN) tells nothing, and means straight down.
-    height_m : float
-        Of the camera above the ground.
-
-    Returns
-    -------
-    east_m, north_m : float
-        `NOWHERE_M` each if the lens meets no ground: it looks to the horizon or above, or too far.
+    The quaternion (w, x, y, z) is that of the camera, forward along its lens, as CAMERA_IMAGE_CAPTURED tells
+    it; one that is no rotation (zeros, NaN) tells nothing, and means straight down.
 
     Examples
     --------

@@ -79,17 +79,8 @@ class ContinuousDynamics(ABC):
     ) -> NDArray[np.float64]:
         """Simulate some days, in ascending order, on few cells with the proportions of a farm.
 
-        Parameters
-        ----------
-        side : int
-            Cells along the longer side; the shorter one has at least 8.
-        rngs : sequence of numpy.random.Generator
-            One for each simulation.
-
-        Returns
-        -------
-        float64[days, n, w, h]
-            The field of each simulation on each day, which does not depend on the other days.
+        The longer side has `side` cells, the shorter one at least 8. float64[days, n, w, h]: the field by
+        each of the n generators on each day, which does not depend on the other days.
         """
         scale = side / max(shape)
         width, height = (max(_LEAST_COARSE_CELLS, round(cells * scale)) for cells in shape)

@@ -91,34 +91,22 @@ class SoilParameters(ContinuousDynamics):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shower:
-    """The rain of one day.
-
-    Parameters
-    ----------
-    mean_rain : float
-        Humidity that it adds, mean over the farm, before the cut at 1.
-    corners : int64[k, 2]
-        Positions of the humps' lower corners, cells; they may be negative.
-    """
+    """The rain of one day."""
 
     mean_rain: float
+    """Humidity that it adds, mean over the farm, before the cut at 1."""
     corners: NDArray[np.int64]
+    """int64[k, 2]: positions of the humps' lower corners, cells; they may be negative."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Weather:
-    """All that chance decides about the soil.
-
-    Parameters
-    ----------
-    start_corners : int64[k, 2]
-        Positions of the humps of the first field.
-    showers : tuple of Shower or None
-        The rain of each day, the days of warm-up first.
-    """
+    """All that chance decides about the soil."""
 
     start_corners: NDArray[np.int64]
+    """Of the humps of the first field."""
     showers: tuple[Shower | None, ...]
+    """The rain of each day, the days of warm-up first."""
 
 
 def _draw_corners(
@@ -166,10 +154,7 @@ def _profiles(corners: NDArray[np.int64], cells: int, side: int, spread: float) 
 def hump_factors(
     corners: NDArray[np.int64], shape: tuple[int, int], parameters: SoilParameters
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Factor a sum of humps.
-
-    The product of float64[W, k] and float64[k, H] is the sum.
-    """
+    """Factor a sum of humps into float64[W, k] and float64[k, H], whose product it is."""
     sides = parameters.hump_sides(shape)
     along_x = _profiles(corners[:, 0], shape[0], sides[0], parameters.spread)
     along_y = _profiles(corners[:, 1], shape[1], sides[1], parameters.spread)
@@ -214,7 +199,7 @@ class SoilCourse:
     ) -> None:
         self.shape = shape
         self.first_day = -parameters.warm_up_days
-        rows = _block_rows(shape)
+        rows = max(1, _BLOCK_CELLS // max(shape[1], 1))
         self.blocks = tuple(slice(first, min(first + rows, shape[0])) for first in range(0, shape[0], rows))
         self._start = _single(hump_factors(weather.start_corners, shape, parameters))
         self._remaining = np.float32(1.0 - parameters.evaporation)
@@ -236,10 +221,7 @@ class SoilCourse:
     def advance(
         self, rows: slice, block: NDArray[np.float32], day: int, until: int, out: NDArray[np.float32]
     ) -> None:
-        """Let days pass for a block.
-
-        The block is not changed unless it is `out`.
-        """
+        """Let days pass for a block, which is not changed unless it is `out`."""
         if until == day:
             out[...] = block
             return
@@ -272,7 +254,3 @@ def _single(
     factors: tuple[NDArray[np.float64], NDArray[np.float64]] | None,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]] | None:
     return None if factors is None else (factors[0].astype(np.float32), factors[1].astype(np.float32))
-
-
-def _block_rows(shape: tuple[int, int]) -> int:
-    return max(1, _BLOCK_CELLS // max(shape[1], 1))

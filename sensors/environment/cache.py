@@ -44,18 +44,11 @@ _LEFTOVER_AFTER_S = 3600.0
 
 @dataclass(frozen=True, slots=True)
 class EnvironmentCache:
-    """A folder of environments.
-
-    Parameters
-    ----------
-    folder : Path
-        Nothing in it is touched but entries of this cache.
-    limit_bytes : int
-        Size of all entries together; 0 turns the cache off.
-    """
+    """A folder of environments, in which nothing is touched but entries of this cache."""
 
     folder: Path
     limit_bytes: int
+    """Size of all entries together; 0 turns the cache off."""
 
     @classmethod
     def of_user(cls) -> EnvironmentCache:
@@ -89,26 +82,10 @@ class EnvironmentCache:
         """Return the environment of a day or some, from the cache or generated now and kept.
 
         A folder that cannot be written to, or a full disk, costs a generation in every run and a
-        `geo.user_cache.CacheWarning`, not an error.
+        `geo.user_cache.CacheWarning`, not an error. Other errors are those of `generate_environment`.
 
-        Parameters
-        ----------
-        grid, seed, fields, farm_name, progress
-            As for `generate_environment`.
-        day, last_day : int
-            The days to keep, from the first to the last; one day without `last_day`.
-
-        Returns
-        -------
-        environment : Environment
-            In memory.
-        cached : bool
-            Whether it came from the cache.
-
-        Raises
-        ------
-        EnvironmentDataError, geo.memory.NotEnoughMemoryError
-            As `generate_environment`.
+        The days from the first to the last are kept, one day without `last_day`. The environment is in
+        memory; with it comes whether it is from the cache.
         """
         last = day if last_day is None else last_day
         kept = range(day, last + 1)

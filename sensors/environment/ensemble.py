@@ -64,22 +64,14 @@ class EnsembleHeader(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 @dataclass(frozen=True, slots=True)
 class Ensemble:
-    """The members of an ensemble on disk.
-
-    Parameters
-    ----------
-    folder : Path
-        Where.
-    header : EnsembleHeader
-        What it is.
-    made, found : tuple of int
-        Members that were generated now, and that were there already.
-    """
+    """The members of an ensemble on disk."""
 
     folder: Path
     header: EnsembleHeader
     made: tuple[int, ...] = ()
+    """Members that were generated now."""
     found: tuple[int, ...] = ()
+    """Members that were there already."""
 
     def __len__(self) -> int:
         return self.header.members

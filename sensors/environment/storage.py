@@ -14,14 +14,9 @@ from sensors.errors import EnvironmentDataError
 
 
 def save_environment(environment: Environment, path: str | os.PathLike[str]) -> None:
-    """Save an environment to a folder, which appears complete or not at all.
+    """Save an environment to a folder (`docs/environment.md`), which appears complete or not at all.
 
-    Parameters
-    ----------
-    environment : Environment
-        What to save (`docs/environment.md` describes the folder).
-    path : path-like
-        The folder; an older environment there is replaced, anything else is not.
+    An older environment there is replaced, anything else is not.
 
     Raises
     ------
@@ -38,14 +33,9 @@ def save_environment(environment: Environment, path: str | os.PathLike[str]) -> 
 
 
 def load_environment(path: str | os.PathLike[str], *, lazy: bool = True) -> Environment:
-    """Load an environment from a folder.
+    """Load an environment from a folder that `save_environment` or `generate_environment` wrote.
 
-    Parameters
-    ----------
-    path : path-like
-        A folder that `save_environment` or `generate_environment` wrote.
-    lazy : bool
-        Decode what is used when it is used, instead of all at once.
+    Lazily, what is used is decoded when it is used, instead of all at once.
 
     Raises
     ------

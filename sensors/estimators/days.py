@@ -43,28 +43,18 @@ _Floats = NDArray[np.float64]
 class Transition:
     """From readings of one day to what they tell of a later one.
 
-    Parameters
-    ----------
-    readings : float64[k]
-        Rising values of a reading; between them all is linear.
-    means : float64[k]
-        The mean of the later value after such a reading.
-    variances : float64[k]
-        Its variance.
-    spread : float
-        Variance of the later value without any reading.
-
-    Examples
-    --------
     >>> half = Transition(np.array([0.0, 1.0]), np.array([0.2, 0.6]), np.array([0.1, 0.1]), 0.4)
     >>> [part.tolist() for part in half(np.array([0.5]))]
     [[0.4], [0.1]]
     """
 
     readings: _Floats
+    """float64[k]: rising values of a reading; between them all is linear."""
     means: _Floats
+    """The mean of the later value after such a reading."""
     variances: _Floats
     spread: float
+    """Variance of the later value without any reading."""
 
     def __call__(self, values: NDArray[np.floating]) -> tuple[_Floats, _Floats]:
         """Return mean and variance of the later values after readings, float64[n] each."""

@@ -248,32 +248,21 @@ def classes_of(values: NDArray[np.floating]) -> NDArray[np.int8]:
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """What is known of a field at some time, and the cells to learn from: some that were not observed.
-
-    Parameters
-    ----------
-    codes : uint8[W + 2 REACH, H + 2 REACH] or None
-        The map; it is kept only where it is looked at again.
-    day : int
-        Days since the first of the network's.
-    overall : float32[8]
-        The numbers about the whole field; zeros in windows.
-    chosen : intp[n, 2]
-        The cells.
-    features : float32[n, N_FEATURES]
-    classes : int8[n]
-        The truth.
-    weights : float64[n]
-        How much each counts, so that all looks together stand for all cells not observed at them.
-    """
+    """What is known of a field at some time, and the cells to learn from: some that were not observed."""
 
     codes: NDArray[np.uint8] | None
+    """uint8[W + 2 REACH, H + 2 REACH]: the map; it is kept only where it is looked at again."""
     day: int
+    """Days since the first of the network's."""
     overall: NDArray[np.float32]
+    """float32[8]: the numbers about the whole field; zeros in windows."""
     chosen: NDArray[np.intp]
+    """intp[n, 2]: the cells."""
     features: NDArray[np.float32]
     classes: NDArray[np.int8]
+    """The truth."""
     weights: NDArray[np.float64]
+    """How much each counts, so that all looks together stand for all cells not observed at them."""
 
 
 def draw_looks(task: TrainingTask, hosts: NDArray[np.bool_], rng: Generator) -> list[Look]:

@@ -134,7 +134,7 @@ def _cost(theta: Floats, dx2: Floats, dy2: Floats, residuals: Floats) -> tuple[f
 
 
 def kernel_gradient(theta: Floats, smooth: Floats, inner: Floats, dx2: Floats, dy2: Floats) -> Floats:
-    """Return ``trace(inner dK)`` by the logarithms of the parameters, `theta`; `smooth` is K without noise."""
+    """Return ``trace(inner dK)`` by the logarithms of the parameters, `theta`; `smooth` has no noise."""
     length_x, length_y, noise, _ = np.exp(theta)
     by_smooth = inner * smooth
     by_x, by_y = np.vdot(by_smooth, dx2) / length_x**2, np.vdot(by_smooth, dy2) / length_y**2

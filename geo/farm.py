@@ -87,20 +87,17 @@ class Farm:
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.cell_size_m) and self.cell_size_m > 0):
-            msg = f"farm {self.name!r}: cell size {self.cell_size_m} m is not positive"
-            raise FarmError(msg)
+            raise FarmError(f"farm {self.name!r}: cell size {self.cell_size_m} m is not positive")
         if self.width_cells < 1 or self.height_cells < 1:
             msg = f"farm {self.name!r}: a grid of {self.width_cells} x {self.height_cells} cells has no cells"
             raise FarmError(msg)
         if self.width_cells * self.height_cells > MAX_CELLS:
-            msg = (
+            raise FarmError(
                 f"farm {self.name!r}: a grid of {self.width_cells} x {self.height_cells} cells is larger "
                 f"than {MAX_CELLS} cells; choose larger cells than {self.cell_size_m:g} m"
             )
-            raise FarmError(msg)
         if not any(patch.owner == self.owner for patch in self.patches):
-            msg = f"farm {self.name!r}: no patch belongs to the owner {self.owner!r}"
-            raise FarmError(msg)
+            raise FarmError(f"farm {self.name!r}: no patch belongs to the owner {self.owner!r}")
 
     @cached_property
     def owner_area(self) -> shapely.Polygon | shapely.MultiPolygon:

@@ -77,8 +77,7 @@ class LocalFrame:
         ):
             value = float(getattr(self, name))
             if not (math.isfinite(value) and abs(value) <= limit):
-                msg = f"local frame: {name} {value} is outside -{limit:g}..{limit:g}"
-                raise FarmError(msg)
+                raise FarmError(f"local frame: {name} {value} is outside -{limit:g}..{limit:g}")
             object.__setattr__(self, name, value)
         if self.rotation_deg:
             object.__setattr__(self, "_cos", math.cos(math.radians(self.rotation_deg)))

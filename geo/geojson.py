@@ -50,17 +50,13 @@ def read_document(path: Path) -> dict[str, Any]:
         text = read_text(path, MAX_FILE_BYTES)
         document = msgspec.json.decode(text)
     except UnreadableError as error:
-        msg = f"cannot be read: {error}"
-        raise FarmError(msg) from None
+        raise FarmError(f"cannot be read: {error}") from None
     except RecursionError:
-        msg = "is nested too deeply"
-        raise FarmError(msg) from None
+        raise FarmError("is nested too deeply") from None
     except msgspec.DecodeError as error:
-        msg = f"is not JSON ({not_json(error, text.encode())})"
-        raise FarmError(msg) from None
+        raise FarmError(f"is not JSON ({not_json(error, text.encode())})") from None
     if not isinstance(document, dict) or document.get("type") != "FeatureCollection":
-        msg = 'is not a GeoJSON "FeatureCollection"'
-        raise FarmError(msg)
+        raise FarmError('is not a GeoJSON "FeatureCollection"')
     return document
 
 
@@ -73,67 +69,57 @@ def check_crs(holder: dict[str, Any], where: str) -> None:
     name = properties.get("name") if isinstance(properties, dict) else None
     if not (isinstance(name, str) and _WGS84.fullmatch(name.strip())):
         shown = shortened(name if isinstance(name, str) else crs)
-        msg = (
+        raise FarmError(
             f'{where}: member "crs" is {shown!r}, but a farm file holds longitudes and latitudes of WGS 84: '
             "convert it (ogr2ogr -t_srs EPSG:4326)"
         )
-        raise FarmError(msg)
 
 
 def read_feature(entry: object, index: int) -> Feature:
     """Return a member of "features"; FarmError, naming it, if it is no patch and no obstacle."""
     where = f"feature {index + 1}"
     if not isinstance(entry, dict) or entry.get("type") != "Feature":
-        msg = f'{where}: is not a GeoJSON "Feature"'
-        raise FarmError(msg)
+        raise FarmError(f'{where}: is not a GeoJSON "Feature"')
     properties = entry.get("properties")
     if not isinstance(properties, dict):
-        msg = f'{where}: has no "properties" with crop and owner'
-        raise FarmError(msg)
+        raise FarmError(f'{where}: has no "properties" with crop and owner')
     name = text_member(properties, "name", f"patch {index}", where)
     where = f"feature {index + 1} ({name!r})"
     check_crs(entry, where)
     obstacle = properties.get("obstacle", False)
     if not isinstance(obstacle, bool):
-        msg = f'{where}: property "obstacle" is not true or false'
-        raise FarmError(msg)
+        raise FarmError(f'{where}: property "obstacle" is not true or false')
     crop, owner = Crop.NONE, ""
     if not obstacle:
         for key in ("crop", "owner"):
             if properties.get(key) is None:
-                msg = f'{where}: property "{key}" is missing'
-                raise FarmError(msg)
+                raise FarmError(f'{where}: property "{key}" is missing')
         label = text_member(properties, "crop", "", where).lower()
         if label not in _NAMES:
-            msg = f"{where}: unknown crop {label!r}; crops are {', '.join(_NAMES)}"
-            raise FarmError(msg)
+            raise FarmError(f"{where}: unknown crop {label!r}; crops are {', '.join(_NAMES)}")
         crop, owner = _NAMES[label], text_member(properties, "owner", "", where)
     geometry = entry.get("geometry")
     kind = geometry.get("type") if isinstance(geometry, dict) else None
     if not isinstance(geometry, dict) or kind != "Polygon":
         kind = kind if isinstance(kind, str) else "nothing"
         advice = "; make each part a feature of its own" if kind == "MultiPolygon" else ""
-        msg = f"{where}: geometry is {shortened(kind)!r}, not a Polygon{advice}"
-        raise FarmError(msg)
+        raise FarmError(f"{where}: geometry is {shortened(kind)!r}, not a Polygon{advice}")
     check_crs(geometry, where)
     rings = geometry.get("coordinates")
     if not isinstance(rings, list) or not rings or not rings[0]:
-        msg = f"{where}: the polygon is empty"
-        raise FarmError(msg)
+        raise FarmError(f"{where}: the polygon is empty")
     return Feature(where, name, crop, owner, obstacle, tuple(_ring(ring, where) for ring in rings))
 
 
 def _ring(ring: object, where: str) -> np.ndarray[Any, np.dtype[np.float64]]:
     if not isinstance(ring, list) or len(ring) < 4:
-        msg = f"{where}: a ring has fewer than four positions"
-        raise FarmError(msg)
+        raise FarmError(f"{where}: a ring has fewer than four positions")
     if len(ring) > MAX_VERTICES:
         msg = f"{where}: a ring of {len(ring)} positions is longer than {MAX_VERTICES}; simplify it"
         raise FarmError(msg)
     positions = np.array([position_of(position, where) for position in ring])
     if not np.array_equal(positions[0], positions[-1]):
-        msg = f"{where}: a ring is not closed (its last position must repeat the first)"
-        raise FarmError(msg)
+        raise FarmError(f"{where}: a ring is not closed (its last position must repeat the first)")
     return positions
 
 
@@ -151,14 +137,12 @@ def position_of(position: object, where: str) -> tuple[float, float]:
         msg = f"{where}: latitude {latitude_deg:g} is outside -90..90; positions are [longitude, latitude]"
         raise FarmError(msg)
     if abs(longitude_deg) > 180.0:
-        msg = f"{where}: longitude {longitude_deg:g} is outside -180..180"
-        raise FarmError(msg)
+        raise FarmError(f"{where}: longitude {longitude_deg:g} is outside -180..180")
     if abs(latitude_deg) > MAX_LATITUDE_DEG:
-        msg = (
+        raise FarmError(
             f"{where}: nothing grows at latitude {latitude_deg:g}; "
             "are latitude and longitude swapped? positions are [longitude, latitude]"
         )
-        raise FarmError(msg)
     return longitude_deg, latitude_deg
 
 
@@ -168,8 +152,7 @@ def text_member(members: dict[str, Any], key: str, default: str, where: str) -> 
     if value is None:
         return default
     if not isinstance(value, str) or not value.strip() or len(value) > 200 or not value.isprintable():
-        msg = f'{where}: "{key}" is {shortened(value)}, not a short line of text'
-        raise FarmError(msg)
+        raise FarmError(f'{where}: "{key}" is {shortened(value)}, not a short line of text')
     return value.strip()
 
 
@@ -179,8 +162,7 @@ def number_member(document: dict[str, Any], key: str, default: float, low: float
     if value is None:
         return default
     if type(value) not in (int, float) or not low <= value <= high:
-        msg = f'member "{key}": {shortened(value)} is not a number in {low:g}..{high:g}'
-        raise FarmError(msg)
+        raise FarmError(f'member "{key}": {shortened(value)} is not a number in {low:g}..{high:g}')
     return float(value)
 
 
@@ -271,8 +253,7 @@ def _farm_of(document: dict[str, Any], default_name: str) -> Farm:
     name = text_member(document, "name", default_name, "the farm")
     raw = document.get("features")
     if not isinstance(raw, list) or not raw:
-        msg = 'has no "features"'
-        raise FarmError(msg)
+        raise FarmError('has no "features"')
     features = []
     vertices = 0
     for index, entry in enumerate(raw):
@@ -283,8 +264,7 @@ def _farm_of(document: dict[str, Any], default_name: str) -> Farm:
             raise FarmError(msg)
     patches = [feature for feature in features if not feature.obstacle]
     if not patches:
-        msg = "has obstacles only, no patch with a crop"
-        raise FarmError(msg)
+        raise FarmError("has obstacles only, no patch with a crop")
     owner = text_member(document, "owner", patches[0].owner, "the farm")
     cell_size_m = number_member(document, "cell_size_m", FOOT_M, _MIN_CELL_M, _MAX_CELL_M)
     home = position_of(document["home"], 'member "home"') if document.get("home") is not None else None
@@ -308,8 +288,7 @@ def _farm_of(document: dict[str, Any], default_name: str) -> Farm:
     )
     if all(patch.owner != owner for patch in kept):
         owners = ", ".join(sorted({repr(patch.owner) for patch in kept})[:8])
-        msg = f"no feature belongs to the owner {owner!r}; the owners are {owners}"
-        raise FarmError(msg)
+        raise FarmError(f"no feature belongs to the owner {owner!r}; the owners are {owners}")
     obstacles = tuple(
         polygon for feature, polygon in zip(features, polygons, strict=True) if feature.obstacle
     )
@@ -338,8 +317,7 @@ def _check_span(features: list[Feature], home: tuple[float, float] | None) -> No
                 if swapped
                 else f"the limit is {MAX_SPAN_M / 1000:g} km"
             )
-            msg = f"{feature.where}: lies {span_m / 1000:.0f} km from {anchor}; {advice}"
-            raise FarmError(msg)
+            raise FarmError(f"{feature.where}: lies {span_m / 1000:.0f} km from {anchor}; {advice}")
 
 
 def _reach_m(frame: LocalFrame, latitude_deg: Any, longitude_deg: Any) -> float:
@@ -380,11 +358,9 @@ def _polygon(feature: Feature, frame: LocalFrame) -> shapely.Polygon:
         reason = re.sub(
             r"\[\S+ \S+\]", lambda match: _at(match.group(), frame), shapely.is_valid_reason(polygon)
         )
-        msg = f"{feature.where}: the polygon is not valid: {reason}"
-        raise FarmError(msg)
+        raise FarmError(f"{feature.where}: the polygon is not valid: {reason}")
     if polygon.area <= _THIN_M * polygon.length:
-        msg = f"{feature.where}: the polygon has no area"
-        raise FarmError(msg)
+        raise FarmError(f"{feature.where}: the polygon has no area")
     return polygon
 
 
@@ -403,19 +379,17 @@ def _size(document: dict[str, Any], right: float, top: float, cell_size_m: float
             and len(size) == 2
             and all(type(value) is int and 0 < value <= MAX_CELLS for value in size)
         ):
-            msg = f'member "size_cells": {shortened(size)} is not a usable [width, height]'
-            raise FarmError(msg)
+            raise FarmError(f'member "size_cells": {shortened(size)} is not a usable [width, height]')
         wanted = f"{needed[0]} x {needed[1]}"
         if size[0] < needed[0] or size[1] < needed[1]:
             msg = f'member "size_cells": {size[0]} x {size[1]} is less than the patches need ({wanted})'
             raise FarmError(msg)
         needed = (size[0], size[1])
     if needed[0] * needed[1] > MAX_CELLS:
-        msg = (
+        raise FarmError(
             f"a grid of {needed[0]} x {needed[1]} cells is larger than {MAX_CELLS}; "
             f'set a "cell_size_m" above {cell_size_m:g}'
         )
-        raise FarmError(msg)
     return needed
 
 

@@ -63,11 +63,10 @@ def require_memory(what: str, parts: Mapping[str, int], *, available: AvailableM
         return
     large = sorted((item for item in parts.items() if item[1] * 10 >= total), key=lambda item: -item[1])
     named = ", ".join(f"{name} {human_bytes(size)}" for name, size in large)
-    msg = (
+    raise NotEnoughMemoryError(
         f"{what} needs {human_bytes(total)} of memory ({named}), "
         f"available are {human_bytes(limit.bytes)} ({limit.limited_by})"
     )
-    raise NotEnoughMemoryError(msg)
 
 
 def human_bytes(size: float) -> str:

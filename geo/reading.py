@@ -187,8 +187,7 @@ def read_file(path: Path, max_bytes: int) -> bytes:
     """
     try:
         if path.exists() and not path.is_file():
-            msg = "it is a folder, a pipe or a device, no file"
-            raise UnreadableError(msg)
+            raise UnreadableError("it is a folder, a pipe or a device, no file")
         with path.open("rb") as file:
             data = file.read(max_bytes + 1)
     except OSError as error:

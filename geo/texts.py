@@ -67,5 +67,4 @@ def _parsed(text: str, kind: Callable[[str], _Number], what: str) -> _Number:
             raise ValueError
         return kind(text)
     except ValueError:
-        msg = f"{text[:40]!r} is not {what}"
-        raise ValueError(msg) from None
+        raise ValueError(f"{text[:40]!r} is not {what}") from None

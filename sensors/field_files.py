@@ -200,7 +200,6 @@ def _load(group: str, name: str, what: str) -> tuple[Any, str]:
     if not points:
         return None, ""
     if len({point.value for point in points}) > 1:
-        msg = f"{what} {name!r} is registered twice: {points[0].value} and {points[1].value}"
-        raise FieldError(msg)
+        raise FieldError(f"{what} {name!r} is registered twice: {points[0].value} and {points[1].value}")
     where = f"{what} {name!r}"
     return load_entry(points[0], where, FieldError), f"{where} ({points[0].value})"

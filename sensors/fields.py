@@ -99,11 +99,10 @@ class Field:
 
     def __post_init__(self) -> None:
         if not _NAME.fullmatch(self.name) or self.name in _RESERVED:
-            msg = (
+            raise FieldError(
                 f"field {self.name!r:.60}: a name is up to 24 lower-case letters, digits and underscores,"
                 f" begins with a letter and is none of {', '.join(_RESERVED)}"
             )
-            raise FieldError(msg)
         if not isinstance(self.dynamics, EpidemicParameters | ContinuousDynamics):
             found = type(self.dynamics).__name__
             raise self._error(f"dynamics is {found}, expected EpidemicParameters, SoilParameters or others")
@@ -187,12 +186,10 @@ class FieldSet:
 
     def __post_init__(self) -> None:
         if not 1 <= len(self.fields) <= MAX_FIELDS:
-            msg = f"fields: {len(self.fields)} fields, expected 1 to {MAX_FIELDS}"
-            raise FieldError(msg)
+            raise FieldError(f"fields: {len(self.fields)} fields, expected 1 to {MAX_FIELDS}")
         twice = [name for name in self.names if self.names.count(name) > 1]
         if twice:
-            msg = f"fields: {twice[0]!r} is given twice; every field needs a name of its own"
-            raise FieldError(msg)
+            raise FieldError(f"fields: {twice[0]!r} is given twice; every field needs a name of its own")
 
     def __repr__(self) -> str:
         return f"FieldSet({', '.join(self.names)})"
@@ -213,8 +210,7 @@ class FieldSet:
     def index(self, name: str) -> int:
         """Return the number of a field by its name; FieldError if it is not there."""
         if name not in self.names:
-            msg = f"no field {name!r}, expected one of {', '.join(self.names)}"
-            raise FieldError(msg)
+            raise FieldError(f"no field {name!r}, expected one of {', '.join(self.names)}")
         return self.names.index(name)
 
     @property

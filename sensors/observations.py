@@ -83,8 +83,7 @@ class Observations:
             raise ObservationError(msg)
         if np.isinf(values).any():
             i = int(np.argmax(np.isinf(values).any(axis=1)))
-            msg = f"observations: a value of observation {i} is infinite"
-            raise ObservationError(msg)
+            raise ObservationError(f"observations: a value of observation {i} is infinite")
         object.__setattr__(self, "time_s", _read_only(time_s))
         object.__setattr__(self, "values", _read_only(values))
 
@@ -194,16 +193,14 @@ class Observations:
         path = Path(path)
         _, load = _format_of(path)
         if not path.is_file():
-            msg = f"{path}: no such observation file"
-            raise ObservationError(msg)
+            raise ObservationError(f"{path}: no such observation file")
         try:
             return load(path, fields)
         except ObservationError as error:
             text = str(error)
             raise ObservationError(text if text.startswith(str(path)) else f"{path}: {text}") from None
         except OSError as error:
-            msg = f"{path}: cannot be read ({_first_line(error)})"
-            raise ObservationError(msg) from None
+            raise ObservationError(f"{path}: cannot be read ({_first_line(error)})") from None
 
 
 def _read_only(array: NDArray[Any]) -> NDArray[Any]:
@@ -216,11 +213,9 @@ def _array(data: ArrayLike, name: str) -> NDArray[Any]:
     try:
         array = np.asarray(data)
     except ValueError:
-        msg = f"observations: {name} is not a regular array"
-        raise ObservationError(msg) from None
+        raise ObservationError(f"observations: {name} is not a regular array") from None
     if array.dtype.kind not in "iuf":
-        msg = f"observations: {name} holds something that is not a number"
-        raise ObservationError(msg)
+        raise ObservationError(f"observations: {name} holds something that is not a number")
     return array
 
 
@@ -282,8 +277,7 @@ def _load_csv(path: Path, fields: tuple[str, ...]) -> Observations:
                 if row:
                     _read_row(row, positions, columns, f"{path}: line {reader.line_num}")
     except (UnicodeDecodeError, csv.Error) as error:
-        msg = f"{path}: is not a CSV file ({_first_line(error)})"
-        raise ObservationError(msg) from None
+        raise ObservationError(f"{path}: is not a CSV file ({_first_line(error)})") from None
     return _from_columns([np.asarray(column, np.float64) for column in columns.values()], fields)
 
 
@@ -296,8 +290,7 @@ def _read_row(row: list[str], positions: dict[str, int], columns: dict[str, list
             columns[name].append(float("nan") if text == "" and name not in COLUMNS else parse_number(text))
         except ValueError:
             found = "is missing" if text is None else f"is {text[:40]!r}, expected a number"
-            msg = f"{where}: {name} {found}"
-            raise ObservationError(msg) from None
+            raise ObservationError(f"{where}: {name} {found}") from None
 
 
 def _save_parquet(observations: Observations, path: Path) -> None:
@@ -332,11 +325,9 @@ def _load_parquet(path: Path, fields: tuple[str, ...]) -> Observations:
     for name in wanted:
         column = table.column(name)
         if not (pa.types.is_integer(column.type) or pa.types.is_floating(column.type)):
-            msg = f"{path}: column {name} is {column.type}, expected numbers"
-            raise ObservationError(msg)
+            raise ObservationError(f"{path}: column {name} is {column.type}, expected numbers")
         if column.null_count and name in COLUMNS:
-            msg = f"{path}: column {name} has {column.null_count} empty entries"
-            raise ObservationError(msg)
+            raise ObservationError(f"{path}: column {name} has {column.null_count} empty entries")
         columns.append(column.to_numpy())
     return _from_columns(columns, fields)
 

@@ -119,10 +119,9 @@ class _DailyCourse:
             self.day += 1
         fits = isinstance(level, np.ndarray) and level.shape == self.shape and level.dtype.kind == "f"
         if not fits or not (level.min() >= 0.0 and level.max() <= 1.0):  # type: ignore[union-attr]
-            msg = (
+            raise EnvironmentDataError(
                 f"{self.kind}: days() did not yield a float array of {self.shape[0]} x {self.shape[1]} values"
                 f" in 0..1 for day {day}"
             )
-            raise EnvironmentDataError(msg)
         out[...] = level
         on_piece()

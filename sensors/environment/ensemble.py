@@ -201,8 +201,7 @@ def generate_ensemble(
     if target.exists() and any(target.iterdir() if target.is_dir() else [target]):
         older = _read_header(target)
         if msgspec.structs.replace(older, members=members) != header:
-            msg = f"{target}: this folder holds another ensemble; give another one"
-            raise EnvironmentDataError(msg)
+            raise EnvironmentDataError(f"{target}: this folder holds another ensemble; give another one")
         header = msgspec.structs.replace(header, members=max(members, older.members))
     _check_resources(plan, members, jobs)
     try:
@@ -239,11 +238,10 @@ def _together(plan: _Plan, members: int, jobs: int, tell: Progress) -> list[int]
                 made += [futures[future] for future in done if future.result()]
                 tell(members - len(waiting), members)
         except BrokenProcessPool as error:
-            msg = (
+            raise EnvironmentDataError(
                 "ensemble: a process was killed, perhaps for lack of memory; finished members are kept: "
                 "run again with fewer jobs"
-            )
-            raise EnvironmentDataError(msg) from error
+            ) from error
         except BaseException:
             stop.set()
             pool.shutdown(cancel_futures=True)
@@ -335,8 +333,7 @@ def _check_resources(plan: _Plan, members: int, jobs: int) -> None:
     existing = next(path for path in (plan.folder, *plan.folder.parents) if path.exists())
     free = shutil.disk_usage(existing).free
     if needed > free:
-        msg = (
+        raise EnvironmentDataError(
             f"{plan.folder}: {missing} members of {len(plan.days)} days need about {human_bytes(needed)} "
             f"of disk, {human_bytes(free)} are free; keep fewer days or members, or choose another folder"
         )
-        raise EnvironmentDataError(msg)

@@ -240,10 +240,9 @@ class BaseEstimator(ABC):
         known = self._param_names()
         unknown = sorted(set(params) - set(known))
         if unknown:
-            msg = (
+            raise EstimatorError(
                 f"{type(self).__name__} has no parameter {unknown[0]}, expected {', '.join(known) or 'none'}"
             )
-            raise EstimatorError(msg)
         for name, value in params.items():
             setattr(self, name, value)
         return self
@@ -304,21 +303,19 @@ def check_default_values(default_values: Sequence[float] | None, fields: FieldSe
         return fields.defaults
     values = np.asarray(default_values, np.float64)
     if values.shape != (len(fields),) or not np.isfinite(values).all():
-        msg = (
+        raise EstimatorError(
             f"default_values {default_values!r}: give one finite number for each of {', '.join(fields.names)}"
         )
-        raise EstimatorError(msg)
     return tuple(values.tolist())
 
 
 def require_paper_fields(name: str, fields: FieldSet) -> None:
     """Raise EstimatorError, naming the estimator, unless these are the benchmark's fields."""
     if fields.names != PAPER_FIELDS.names:
-        msg = (
+        raise EstimatorError(
             f"estimator {name!r} knows only the fields {', '.join(PAPER_FIELDS.names)}, not"
             f" {', '.join(fields.names)}; use 'adaptive-disk', 'gp' or 'point'"
         )
-        raise EstimatorError(msg)
 
 
 def estimator_names() -> tuple[str, ...]:
@@ -360,8 +357,7 @@ def make_estimator(
         return _given(name, fields, params)
     known = _registered()
     if name not in known:
-        msg = f"no estimator {name!r}, expected one of {', '.join(sorted(known))}"
-        raise EstimatorError(msg)
+        raise EstimatorError(f"no estimator {name!r}, expected one of {', '.join(sorted(known))}")
     factory = load_entry(known[name], f"estimator {name!r}", EstimatorError)
     accepted = inspect.signature(factory).parameters
     anything = any(parameter.kind is parameter.VAR_KEYWORD for parameter in accepted.values())
@@ -383,10 +379,9 @@ def make_estimator(
 def _given(estimator: Estimator, fields: FieldSet, params: dict[str, Any]) -> Estimator:
     if not isinstance(estimator, Estimator):
         found = type(estimator).__name__
-        msg = (
+        raise EstimatorError(
             f"estimator of type {found}: give a registered name, or an object with fit, partial_fit, predict"
         )
-        raise EstimatorError(msg)
     if params:
         msg = f"parameter {sorted(params)[0]!r}: an estimator that is an object has its parameters already"
         raise EstimatorError(msg)

@@ -97,8 +97,7 @@ class InformationModel:
                 raise EstimatorError(msg)
         if self.value.shape != self.uncertainty.shape:
             shapes = f"value {self.value.shape} and uncertainty {self.uncertainty.shape}"
-            msg = f"information model: {shapes} differ in shape"
-            raise EstimatorError(msg)
+            raise EstimatorError(f"information model: {shapes} differ in shape")
         unknown = sorted(set(self.probabilities or ()) - set(self.fields))
         if unknown:
             known = ", ".join(self.fields)
@@ -109,8 +108,7 @@ class InformationModel:
             by_field = (len(self.value), *expected)
             if self.changed.shape not in (expected, by_field) or self.changed.dtype != np.bool_:
                 found = f"{self.changed.dtype}{list(self.changed.shape)}"
-                msg = f"information model: changed is {found}, expected bool{list(expected)}"
-                raise EstimatorError(msg)
+                raise EstimatorError(f"information model: changed is {found}, expected bool{list(expected)}")
 
         if self.loss_map is not None and not callable(self.loss_map):
             self._check_loss(self.loss_map)
@@ -137,8 +135,7 @@ class InformationModel:
     def _check_loss(self, loss: NDArray[np.float32]) -> None:
         if loss.shape != self.value.shape or loss.dtype != np.float32:
             found, expected = f"{loss.dtype}{list(loss.shape)}", f"float32{list(self.value.shape)}"
-            msg = f"information model: expected_loss is {found}, expected {expected}"
-            raise EstimatorError(msg)
+            raise EstimatorError(f"information model: expected_loss is {found}, expected {expected}")
 
     @property
     def shape(self) -> tuple[int, int]:

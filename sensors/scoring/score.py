@@ -273,8 +273,7 @@ class RunningScore:
 
     def _check_shape(self, array: NDArray[np.floating], name: str) -> None:
         if array.shape != self._shape:
-            msg = f"score: {name} has shape {array.shape}, the masks have {self._shape}"
-            raise EstimatorError(msg)
+            raise EstimatorError(f"score: {name} has shape {array.shape}, the masks have {self._shape}")
 
 
 @dataclass(slots=True)

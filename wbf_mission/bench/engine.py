@@ -147,8 +147,7 @@ class Cluster:
         try:
             from distributed import Client, LocalCluster
         except ImportError:
-            msg = "--dask needs Dask: install it with pip install 'wbf-mission[dask]'"
-            raise ClusterError(msg) from None
+            raise ClusterError("--dask needs Dask: install it with pip install 'wbf-mission[dask]'") from None
         self._local: Any = None
         self._address = address
         if address == LOCAL:
@@ -159,8 +158,7 @@ class Cluster:
             self._client = Client(self._local or address, set_as_default=False)
         except (OSError, ValueError) as error:  # TimeoutError is an OSError
             why = one_line(str(error)) or "no answer"
-            msg = f"--dask {address}: no scheduler answers there ({why})"
-            raise ClusterError(msg) from None
+            raise ClusterError(f"--dask {address}: no scheduler answers there ({why})") from None
         try:
             self.most = 2 * self._require_workers()
             self._executor = self._client.get_executor(pure=False)
@@ -192,8 +190,7 @@ class Cluster:
             raise ClusterError(msg) from None
         except Exception as error:  # such as what an older wbf-mission raises
             why = one_line(str(error)) if isinstance(error, WbfMissionError) else one_line(repr(error))
-            msg = f"--dask {self._address}: a worker cannot fly: {why}"
-            raise ClusterError(msg) from None
+            raise ClusterError(f"--dask {self._address}: a worker cannot fly: {why}") from None
 
     def close(self) -> None:
         """Give up what is open, and leave the workers; a local cluster ends."""
@@ -322,8 +319,7 @@ def _fly_packed(sent: bytes, code: str) -> _Flown:
         If this process has other code than that one: its row would be another.
     """
     if code != built_in_digest():
-        msg = "it has another wbf-mission; install the same version there"
-        raise ClusterError(msg)
+        raise ClusterError("it has another wbf-mission; install the same version there")
     try:
         function, run = pickle.loads(sent)  # noqa: S301 (of this command, over its own pool or scheduler)
     except Exception as error:

@@ -39,8 +39,7 @@ def as_floats(kind: type, value: Any) -> Floats:
         If it is none.
     """
     if kind is not array or not isinstance(value, list):
-        msg = f"Expected `array` of numbers, got `{type(value).__name__}`"
-        raise TypeError(msg)
+        raise TypeError(f"Expected `array` of numbers, got `{type(value).__name__}`")
     return array("d", value)
 
 
@@ -292,8 +291,7 @@ def _rows_of(path: Path) -> Iterator[BenchRow]:
                 found = msgspec.convert(row, BenchRow, dec_hook=as_floats)
             except msgspec.ValidationError as error:
                 what = f"holds no rows of a benchmark ({misfit(error)})"
-                msg = f"{path}: {what}; remove it, or give another folder"
-                raise ResultError(msg) from None
+                raise ResultError(f"{path}: {what}; remove it, or give another folder") from None
             yield msgspec.structs.replace(
                 found,
                 versions=shared.setdefault(tuple(found.versions.items()), found.versions),

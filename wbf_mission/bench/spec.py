@@ -100,15 +100,12 @@ class BenchSpec:
         }
         for key, values in columns.items():
             if not values:
-                msg = f"{key} are empty: give at least one"
-                raise ScenarioError(msg)
+                raise ScenarioError(f"{key} are empty: give at least one")
             twice = [one for one in values if list(values).count(one) > 1][:1] if key != "seeds" else []
             if twice:
-                msg = f"{key}: {twice[0]} is given twice; give it once"
-                raise ScenarioError(msg)
+                raise ScenarioError(f"{key}: {twice[0]} is given twice; give it once")
         if len(set(self.seeds)) != len(self.seeds):
-            msg = "seeds: one is given twice; give each once"
-            raise ScenarioError(msg)
+            raise ScenarioError("seeds: one is given twice; give each once")
         if len(self) > _MOST_RUNS:
             msg = f"these are {len(self)} runs; at most {_MOST_RUNS} can be kept together: make several"
             raise ScenarioError(msg)
@@ -153,8 +150,7 @@ class BenchSpec:
         names = _given("scenarios", scenarios)
         for one in names:
             if not isinstance(one, (str, Path)):
-                msg = f"scenarios: {one!r} is neither an id nor a file"
-                raise ScenarioError(msg)
+                raise ScenarioError(f"scenarios: {one!r} is neither an id nor a file")
         return cls(
             scenarios=tuple((str(one), _scenario(one, folder)) for one in names),
             planners=tuple(choose(one, "planner") for one in _given("planners", planners)),
@@ -182,8 +178,7 @@ class BenchSpec:
             given = {key: one for key, one in (changes or {}).items() if one is not None}
             return cls.of(**{**table, **given}, folder=Path(path).parent)
         except ScenarioError as error:
-            msg = f"{path}: {error}"
-            raise ScenarioError(msg) from error
+            raise ScenarioError(f"{path}: {error}") from error
 
     def __len__(self) -> int:
         return len(self.scenarios) * len(self.planners) * len(self.estimators) * len(self.seeds)

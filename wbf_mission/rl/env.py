@@ -55,11 +55,10 @@ class SurveyEnv(gymnasium.Env[Observation, Any]):
     ) -> None:
         self.task = SurveyTask.of(scenario, estimator)
         if self.task.robots > 1:
-            msg = (
+            raise TrainingError(
                 f"{self.task.robots} robots fly; Gymnasium's environments have one:"
                 " take wbf_mission.rl.parallel_env"
             )
-            raise TrainingError(msg)
         self.shown = Shown(self.task, block)
         self.observation_space = self.shown.space()
         self.action_space = self.shown.action_space()
@@ -87,8 +86,7 @@ class SurveyEnv(gymnasium.Env[Observation, Any]):
         """Move; the episode is terminated when the budget of the last flight is spent."""
         episode = self._episode
         if episode is None or episode.ended:
-            msg = "the episode is over, or was not begun: call reset"
-            raise TrainingError(msg)
+            raise TrainingError("the episode is over, or was not begun: call reset")
         reward = episode.move([int(action)])
         info: dict[str, Any] = end_info(episode) if episode.ended else {}
         return _observations(self.shown, episode)[0], reward, episode.ended, False, info
@@ -178,8 +176,7 @@ class SurveyParallelEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo is not
         """Move all robots; one that is given no move stays. All end together."""
         episode, agents = self._episode, self.agents
         if episode is None or not agents:
-            msg = "the episode is over, or was not begun: call reset"
-            raise TrainingError(msg)
+            raise TrainingError("the episode is over, or was not begun: call reset")
         reward = episode.move([int(actions.get(agent, 0)) for agent in agents])
         info = end_info(episode) if episode.ended else {}
         observations = self._by_agent(episode)

@@ -47,8 +47,7 @@ class Shown:
         self.task = task
         self.block = -(-longest // MOST_BLOCKS) if block is None else block
         if not isinstance(self.block, int) or not 1 <= self.block <= longest:
-            msg = f"block {block!r}: give a whole number of cells from 1 to {longest}"
-            raise TrainingError(msg)
+            raise TrainingError(f"block {block!r}: give a whole number of cells from 1 to {longest}")
         self.map_shape = -(-width // self.block), -(-height // self.block)
 
     def action_space(self) -> spaces.Discrete[Any]:

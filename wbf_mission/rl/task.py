@@ -62,11 +62,10 @@ class SurveyTask:
         given = scenario_with(given, {"estimator": estimator})
         robots = len(given.vehicle.fleet)
         if not all(get_vehicle(one).is_ideal for one in given.vehicle.fleet):
-            msg = (
+            raise TrainingError(
                 f"{name}: {given.vehicle.name} flies, and training environments are of the paper's robot;"
                 ' take a scenario whose vehicle is "ideal"'
             )
-            raise TrainingError(msg)
         steps = _steps(name, given.mission.budget)
         farm = get_farm(given.farm.name)
         grid, fields = farm.grid(), load_field_set(given.farm.fields)
@@ -115,8 +114,7 @@ class SurveyTask:
         except Exception as error:
             if isinstance(error, EstimatorError):
                 raise
-            msg = f"estimator {choice} failed: {type(error).__name__}: {error}"
-            raise EstimatorError(msg) from error
+            raise EstimatorError(f"estimator {choice} failed: {type(error).__name__}: {error}") from error
 
 
 def can_batch(scenario: Scenario) -> bool:

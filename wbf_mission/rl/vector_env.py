@@ -64,8 +64,7 @@ class SurveyVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         copy: bool = True,
     ) -> None:
         if num_envs < 1:
-            msg = f"num_envs {num_envs}: give one or more"
-            raise TrainingError(msg)
+            raise TrainingError(f"num_envs {num_envs}: give one or more")
         self.task = SurveyTask.of(scenario, estimator)
         _require_batch(self.task)
         self.num_envs = num_envs
@@ -122,8 +121,7 @@ class SurveyVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         """Move in every run; see `gymnasium.vector.VectorEnv.step`."""
         ended, batch = self._ended, self._batch
         if not self._begun or (self.autoreset_mode is AutoresetMode.DISABLED and ended.any()):
-            msg = "an episode is over, or was not begun: call reset"
-            raise TrainingError(msg)
+            raise TrainingError("an episode is over, or was not begun: call reset")
         actions = np.asarray(actions, np.int64)
         if actions.shape != (self.num_envs,) or not self.action_space.contains(actions):
             msg = f"actions {actions.tolist()}: give one of 0 to 4 for each of {self.num_envs} environments"
@@ -209,14 +207,12 @@ def _require_batch(task: SurveyTask) -> None:
         (estimator.default_values is not None, estimator.radius is not None)
     )
     if not plain:
-        msg = (
+        raise TrainingError(
             f"estimator {scenario.estimate.estimator} is not batched, only adaptive-disk is: give"
             ' vectorization_mode="sync" to gymnasium.make_vec'
         )
-        raise TrainingError(msg)
     if not can_batch(scenario):
-        msg = (
+        raise TrainingError(
             "runs of several flights or robots, or with a wider footprint, are not batched: give"
             ' vectorization_mode="sync" to gymnasium.make_vec'
         )
-        raise TrainingError(msg)

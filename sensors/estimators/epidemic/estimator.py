@@ -302,12 +302,11 @@ class EpidemicEstimator(BaseEstimator):
     def _check_present(self, what: str, basis: _Basis) -> None:
         now = self._basis
         if basis != now:
-            msg = (
+            raise EstimatorError(
                 f"epidemic: the {what} of a model of day {basis.day} and {basis.observations} observations"
                 f" are gone, as the estimator went on to day {now.day} and {now.observations}, or was fitted"
                 " anew; take model.copy() before"
             )
-            raise EstimatorError(msg)
 
     def _check_parameters(self) -> None:
         require_paper_fields("epidemic", self.fields)
@@ -323,8 +322,7 @@ class EpidemicEstimator(BaseEstimator):
         }
         for name, good in problems.items():
             if not good:
-                msg = f"epidemic: {name} cannot be {getattr(self, name)!r}"
-                raise EstimatorError(msg)
+                raise EstimatorError(f"epidemic: {name} cannot be {getattr(self, name)!r}")
 
 
 def _read_only(array: NDArray[np.float32]) -> NDArray[np.float32]:

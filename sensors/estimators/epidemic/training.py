@@ -135,8 +135,7 @@ def network_for(
 def shared_task(task: TrainingTask, hosts: NDArray[np.bool_]) -> TrainingTask:
     """Return the task of the network that knows the day of a task."""
     if not 0 <= task.day <= MAX_DAYS:
-        msg = f"epidemic: day {task.day} is not in 0..{MAX_DAYS}, the days of an environment"
-        raise EstimatorError(msg)
+        raise EstimatorError(f"epidemic: day {task.day} is not in 0..{MAX_DAYS}, the days of an environment")
     return replace(task, day=first_day(task.day, hosts))
 
 
@@ -200,8 +199,7 @@ def _read(file: Mapping[str, NDArray[np.float32]], number: int, layers: Sequence
         good = weight.shape == shape and bias.shape == shape[1:]
         good = good and weight.dtype == bias.dtype == np.float32
         if not (good and np.isfinite(weight).all() and np.isfinite(bias).all()):
-            msg = f"layer {i} is not one of {shape}"
-            raise ValueError(msg)
+            raise ValueError(f"layer {i} is not one of {shape}")
         weights.append(weight)
         biases.append(bias)
     return Network(tuple(weights), tuple(biases))

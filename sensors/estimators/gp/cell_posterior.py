@@ -167,8 +167,7 @@ class WindowedPosterior(CellPosterior):
             self.response.reshape(2, *self.shape), self.variance.reshape(self.shape),
         )  # fmt: skip
         if not done:
-            msg = "the covariance of the observations is singular"
-            raise np.linalg.LinAlgError(msg)
+            raise np.linalg.LinAlgError("the covariance of the observations is singular")
 
 
 def _reach(kernel: RbfKernel) -> tuple[int, int]:

@@ -215,10 +215,9 @@ class GaussianProcessEstimator(BaseEstimator):
             try:
                 process.update(exact=exact, window_bytes=self._window_bytes)
             except np.linalg.LinAlgError:
-                msg = (
+                raise EstimatorError(
                     f"gp: the covariance of {name} is singular; use a kernel or noise_bounds with more noise"
-                )
-                raise EstimatorError(msg) from None
+                ) from None
         self.kernels_ = [process.used_kernel for process in self._fields]
         self._revision += 1
         return self._exact_model() if exact else self._local_model()
@@ -325,12 +324,11 @@ class GaussianProcessEstimator(BaseEstimator):
     def _needs_local(self) -> bool:
         needed = sum(ExactPosterior.bytes_needed(len(p), self.grid_.shape) for p in self._fields) / 2**20
         if self.method == "exact" and needed > self.memory_limit_mb:
-            msg = (
+            raise EstimatorError(
                 f"gp: the exact method needs {needed:.0f} MiB for {self.n_observations_} observations on"
                 f" {self.grid_.shape[0]} x {self.grid_.shape[1]} cells, memory_limit_mb is"
                 f" {self.memory_limit_mb:g}; use method 'local' or 'auto', or the estimator 'adaptive-disk'"
             )
-            raise EstimatorError(msg)
         return self.method == "local" or (self.method == "auto" and needed > self.memory_limit_mb)
 
     def _check_parameters(self) -> None:
@@ -350,8 +348,7 @@ class GaussianProcessEstimator(BaseEstimator):
         }
         for name, good in problems.items():
             if not good:
-                msg = f"gp: {name} cannot be {getattr(self, name)!r}"
-                raise EstimatorError(msg)
+                raise EstimatorError(f"gp: {name} cannot be {getattr(self, name)!r}")
 
 
 def _is_interval(bounds: tuple[float, float]) -> bool:

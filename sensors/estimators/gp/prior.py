@@ -62,8 +62,7 @@ def learn_priors(
     two seconds in every process.
     """
     if not 0 <= day <= MAX_DAYS:
-        msg = f"gp: day {day} is not in 0..{MAX_DAYS}, the days of an environment"
-        raise EstimatorError(msg)
+        raise EstimatorError(f"gp: day {day} is not in 0..{MAX_DAYS}, the days of an environment")
     told = {
         "version": VERSION,
         "fields": [

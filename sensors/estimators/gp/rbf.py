@@ -44,8 +44,7 @@ class RbfKernel:
         for name in ("length_x", "length_y", "noise", "amplitude"):
             value = getattr(self, name)
             if not 0 < value < float("inf"):
-                msg = f"kernel: {name} is {value}, expected a positive number"
-                raise EstimatorError(msg)
+                raise EstimatorError(f"kernel: {name} is {value}, expected a positive number")
 
     @property
     def reach(self) -> int:

@@ -118,10 +118,9 @@ class SklearnGaussianProcessEstimator(BaseEstimator):
         points = max(len(values) for values in self._values)
         width, height = self.grid_.shape
         if points > self.max_points or points * width * height > self.max_entries:
-            msg = (
+            raise EstimatorError(
                 f"gp-sklearn: {points} observations on {width} x {height} cells need fits of so many points,"
                 f" {points * width * height / 1e6:.0f} million covariances, the limits are max_points"
                 f" {self.max_points} and max_entries {self.max_entries / 1e6:.0f} million;"
                 " use the estimator 'gp' or 'adaptive-disk'"
             )
-            raise EstimatorError(msg)

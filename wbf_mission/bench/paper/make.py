@@ -128,11 +128,9 @@ def make_paper(
         wrong = next((one for one in given if one not in known), None)
         if wrong is not None or not given:
             name = f"unknown {what} {wrong!r}" if wrong is not None else f"no {what} is given"
-            msg = f"{name}: known are {', '.join(known)}"
-            raise ResultError(msg)
+            raise ResultError(f"{name}: known are {', '.join(known)}")
     if len(spec.scenarios) != 1:
-        msg = f"{len(spec.scenarios)} scenarios: the paper's comparison is of one; give one"
-        raise ResultError(msg)
+        raise ResultError(f"{len(spec.scenarios)} scenarios: the paper's comparison is of one; give one")
     for farm in cost_farms:
         get_farm(farm)
     folder = Path(out)

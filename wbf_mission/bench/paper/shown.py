@@ -95,8 +95,7 @@ class ShownRun:
         found = cls(**arrays, axis_max=axis_max)
         fit = all(arrays[name].ndim == axes for name, axes in _ARRAYS.items())
         if not fit or found.path_m.shape[1] != 2 or found.truth.shape != found.estimate.shape:
-            msg = f"{path}: holds no run to be shown (its arrays do not fit); remove it"
-            raise ResultError(msg)
+            raise ResultError(f"{path}: holds no run to be shown (its arrays do not fit); remove it")
         return found
 
 

@@ -256,6 +256,12 @@ class BaseEstimator(ABC):
             msg = f"{type(self).__name__}.{what} was called before fit: give it the farm by fit(grid) first"
             raise EstimatorError(msg)
 
+    def _require(self, who: str, **fitting: bool) -> None:
+        """Raise EstimatorError about the first of these parameters that does not fit."""
+        for name, fits in fitting.items():
+            if not fits:
+                raise EstimatorError(f"{who}: {name} cannot be {getattr(self, name)!r}")
+
     @abstractmethod
     def _start(self, grid: FarmGrid) -> None: ...
 

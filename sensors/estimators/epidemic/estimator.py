@@ -310,19 +310,17 @@ class EpidemicEstimator(BaseEstimator):
 
     def _check_parameters(self) -> None:
         require_paper_fields("epidemic", self.fields)
-        problems = {
-            "day": isinstance(self.day, int | np.integer) and self.day >= 0,
-            "misreading_rate": 0.0 <= self.misreading_rate < 0.5,
-            "weights": all(
+        self._require(
+            "epidemic",
+            day=isinstance(self.day, int | np.integer) and self.day >= 0,
+            misreading_rate=0.0 <= self.misreading_rate < 0.5,
+            weights=all(
                 cost > 0 for cost in (*self.weights.too_healthy[:_SOIL], *self.weights.too_sick[:_SOIL])
             ),
-            "outbreaks": self.outbreaks >= 1,
-            "epochs": self.epochs >= 1,
-            "training_seed": isinstance(self.training_seed, int) and self.training_seed >= 0,
-        }
-        for name, good in problems.items():
-            if not good:
-                raise EstimatorError(f"epidemic: {name} cannot be {getattr(self, name)!r}")
+            outbreaks=self.outbreaks >= 1,
+            epochs=self.epochs >= 1,
+            training_seed=isinstance(self.training_seed, int) and self.training_seed >= 0,
+        )
 
 
 def _read_only(array: NDArray[np.float32]) -> NDArray[np.float32]:

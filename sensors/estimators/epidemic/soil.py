@@ -19,7 +19,7 @@ simulated fields, where they made the posterior's deviations true.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
@@ -338,6 +338,7 @@ class SoilField:
         return tuple((seen, sums.now.count) for seen, sums in sorted(self._sums.items()) if seen < day)
 
 
+@dataclass(slots=True, eq=False)
 class _Posterior:
     """Mean and covariance of the functions' weights on a day, for a noise that stays.
 
@@ -345,24 +346,17 @@ class _Posterior:
     `noise_from` of them.
     """
 
-    def __init__(
-        self,
-        day: int,
-        noise: float,
-        shown: float,
-        noise_from: int,
-        covariance: Floats,
-        weights: Floats,
-        at_nodes: Floats,
-    ) -> None:
-        self.day = day
-        self.noise = noise
-        self.shown = shown
-        self.noise_from = noise_from
-        self.weights = weights
-        self._covariance = covariance
-        self._at_nodes = at_nodes
-        self.variance: Floats = np.einsum("ij,ij->i", at_nodes @ covariance, at_nodes)
+    day: int
+    noise: float
+    shown: float
+    noise_from: int
+    covariance: Floats
+    weights: Floats
+    at_nodes: Floats
+    variance: Floats = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.variance = np.einsum("ij,ij->i", self.at_nodes @ self.covariance, self.at_nodes)
 
     def is_outdated(self, day: int, noise_from: int) -> bool:
         """Return whether it is of another day, or of a noise estimated from other readings."""
@@ -375,13 +369,13 @@ class _Posterior:
     def learn(self, functions: Floats, readings: Floats, counted: Floats) -> None:
         """Take further readings of its day, each for a part of one."""
         # Woodbury's identity.
-        moved = self._covariance @ functions.T
+        moved = self.covariance @ functions.T
         within = functions @ moved
         within[np.diag_indices_from(within)] += self.noise / counted
         gain = np.linalg.solve(within, moved.T)
         self.weights = self.weights + gain.T @ (readings - functions @ self.weights)
-        self.variance -= np.einsum("ij,ji->i", self._at_nodes @ moved, gain @ self._at_nodes.T)
-        self._covariance -= moved @ gain
+        self.variance -= np.einsum("ij,ji->i", self.at_nodes @ moved, gain @ self.at_nodes.T)
+        self.covariance -= moved @ gain
 
 
 def _inverse(positive: Floats) -> Floats:

@@ -333,22 +333,20 @@ class GaussianProcessEstimator(BaseEstimator):
 
     def _check_parameters(self) -> None:
         means = self.prior_mean
-        problems = {
-            "prior_mean": means is None
+        self._require(
+            "gp",
+            prior_mean=means is None
             or (len(means) == len(self.fields) and all(mean is None or np.isfinite(mean) for mean in means)),
-            "kernel": isinstance(self.kernel, RbfKernel),
-            "length_bounds": _is_interval(self.length_bounds),
-            "noise_bounds": _is_interval(self.noise_bounds),
-            "amplitude_bounds": _is_interval(self.amplitude_bounds),
-            "method": self.method in METHODS,
-            "memory_limit_mb": self.memory_limit_mb > 0,
-            "learn_from": self.learn_from in PRIOR_SOURCES,
-            "day": isinstance(self.day, int | np.integer) and self.day >= 0,
-            "training_seed": isinstance(self.training_seed, int) and self.training_seed >= 0,
-        }
-        for name, good in problems.items():
-            if not good:
-                raise EstimatorError(f"gp: {name} cannot be {getattr(self, name)!r}")
+            kernel=isinstance(self.kernel, RbfKernel),
+            length_bounds=_is_interval(self.length_bounds),
+            noise_bounds=_is_interval(self.noise_bounds),
+            amplitude_bounds=_is_interval(self.amplitude_bounds),
+            method=self.method in METHODS,
+            memory_limit_mb=self.memory_limit_mb > 0,
+            learn_from=self.learn_from in PRIOR_SOURCES,
+            day=isinstance(self.day, int | np.integer) and self.day >= 0,
+            training_seed=isinstance(self.training_seed, int) and self.training_seed >= 0,
+        )
 
 
 def _is_interval(bounds: tuple[float, float]) -> bool:

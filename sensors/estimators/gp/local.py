@@ -106,7 +106,6 @@ class LocalPosterior:
         self._spectrum = Spectrum(kernel, (sides[0], sides[1]))
         # Zeros: memory that nothing was written to is not taken.
         self._index = np.zeros(shape, np.int32)
-        self._cells = np.empty((0, 2), np.int32)
         self._sums = np.empty((0, 2))
         self._used = 0
         self._waiting = np.zeros((x.tiles, y.tiles), np.bool_)
@@ -117,9 +116,7 @@ class LocalPosterior:
         values = np.ascontiguousarray(values, np.float64)
         parts = np.ones(len(values)) if weights is None else np.ascontiguousarray(weights, np.float64)
         x, y = np.ascontiguousarray(x, np.int32), np.ascontiguousarray(y, np.int32)
-        self._used = gp_tile.add_to_cells(
-            self._index, self._cells, self._sums, self._used, x, y, values, parts
-        )
+        self._used = gp_tile.add_to_cells(self._index, self._sums, self._used, x, y, values, parts)
         spans = [
             part
             for axis, cells, reach in zip((self.lattice.x, self.lattice.y), (x, y), self._reach, strict=True)
@@ -160,11 +157,9 @@ class LocalPosterior:
         needed = min(self._used + more, self._index.size)
         if needed > len(self._sums):
             rows = max(needed, len(self._sums) * 3 // 2)
-            for name in ("_cells", "_sums"):
-                old = getattr(self, name)
-                new = np.empty((rows, 2), old.dtype)
-                new[: self._used] = old[: self._used]
-                setattr(self, name, new)
+            sums = np.empty((rows, 2))
+            sums[: self._used] = self._sums[: self._used]
+            self._sums = sums
 
 
 class WholePosterior:

@@ -27,7 +27,6 @@ _BATCH = 256
 @compiled(nogil=True)
 def add_to_cells(
     index: NDArray[np.int32],
-    cells: NDArray[np.int32],
     sums: Floats,
     used: int,
     x: NDArray[np.int32],
@@ -41,12 +40,10 @@ def add_to_cells(
     ----------
     index : int32[W, H]
         One more than the row of each cell in `sums`; 0 where nothing was observed. Changed.
-    cells, sums : int32[n, 2], float64[n, 2]
-        Place, weight and sum of the weighted values, with room for the cells that are new. Changed.
+    sums : float64[n, 2]
+        Weight and sum of the weighted values, with room for the cells that are new. Changed.
     used : int
         Number of observed cells so far.
-    x, y, values
-        The observations.
     weights : float64[k]
         The part of an observation that each counts for; negative takes one away again.
     """
@@ -56,7 +53,6 @@ def add_to_cells(
             row = used
             used += 1
             index[x[k], y[k]] = used
-            cells[row, 0], cells[row, 1] = x[k], y[k]
             sums[row, :] = 0.0
         sums[row, 0] += weights[k]
         sums[row, 1] += weights[k] * values[k]

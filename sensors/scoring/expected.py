@@ -54,12 +54,7 @@ def least_loss_value(
 
     which for the three values 1, 0.5 and 0 has one solution on each side of 0.5.
 
-    Parameters
-    ----------
-    probabilities : float[..., 3]
-        Of the classes susceptible, infected, removed.
-    asymmetry : float
-        a, how much worse an estimate that is too healthy is.
+    The probabilities, float[..., 3], are of the classes susceptible, infected, removed.
 
     Examples
     --------

@@ -47,19 +47,10 @@ def sum_errors(
     estimate: NDArray[np.floating],
     sums: NDArray[np.float64],
 ) -> None:
-    """Sum the errors of one field anew in some tiles.
+    """Sum the errors of one field anew in some tiles, of which `cells` counts the relevant cells.
 
-    Parameters
-    ----------
-    tiles : bool[tiles along x, tiles along y]
-        Where to sum.
-    cells : int64[tiles along x, tiles along y]
-        Relevant cells of each tile.
-    mask : bool[W, H]
-        The relevant cells; nothing else is looked at.
-    truth, estimate : float[W, H]
-    sums : float64[tiles along x, tiles along y, SUMS]
-        Written.
+    The mask has the relevant cells; nothing else is looked at. Written are the `sums`, float64[tiles along x,
+    tiles along y, SUMS].
     """
     width, height = mask.shape
     for column in range(tiles.shape[0]):
@@ -140,13 +131,8 @@ def find_extremes(
 
     Parameters
     ----------
-    tiles : bool[tiles along x, tiles along y]
-        Where to look.
     lines : int64[H]
         Relevant cells of each line; tiles that no line with any runs through are left out.
-    mask : bool[W, H]
-        The relevant cells.
-    truth, estimate : float[W, H]
     above, below : float64[tiles along x, H]
         Written: the largest difference on the part of each line in each tile; NaN if that of a relevant
         cell is NaN, while a NaN elsewhere is passed over.

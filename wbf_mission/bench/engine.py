@@ -33,13 +33,7 @@ __all__ = ["Cluster", "ClusterError", "failed_row", "fly_all", "fly_run"]
 
 
 def fly_run(run: BenchRun) -> BenchRow:
-    """Fly a run and return its row; of a run that fails, one with the cause.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        If it came meanwhile.
-    """
+    """Fly a run and return its row; of a run that fails, one with the cause."""
     wall_s, cpu_s = time.perf_counter(), time.process_time()
     try:
         result = fly(_fresh(run.scenario), memory=memory_of_process())
@@ -115,11 +109,7 @@ def _finite(value: float | None) -> float | None:
 
 
 def _versions() -> dict[str, str]:
-    return {
-        "wbf-mission": __version__,
-        "python": platform.python_version(),
-        "numpy": np.__version__,
-    }
+    return {"wbf-mission": __version__, "python": platform.python_version(), "numpy": np.__version__}
 
 
 LOCAL = "local"
@@ -174,10 +164,7 @@ class Cluster:
     def result(self, future: Future[_T]) -> _T | None:
         """Return what a future that is done gave; None if worker after worker died of it.
 
-        Raises
-        ------
-        ClusterError
-            If the scheduler is lost, or a worker has other code.
+        ClusterError if the scheduler is lost, or a worker has other code.
         """
         from distributed import KilledWorker
 
@@ -313,10 +300,7 @@ def _packed(run: BenchRun) -> tuple[bytes, str]:
 def _fly_packed(sent: bytes, code: str) -> _Flown:
     """Fly a run that another process of the same user packed; return its row, or why it has none.
 
-    Raises
-    ------
-    WbfMissionError
-        If this process has other code than that one: its row would be another.
+    ClusterError if this process has other code than that one: its row would be another.
     """
     if code != built_in_digest():
         raise ClusterError("it has another wbf-mission; install the same version there")

@@ -31,13 +31,7 @@ else:
 
 
 def as_floats(kind: type, value: Any) -> Floats:
-    """Return a list of numbers as an array: how msgspec reads the lists of a row.
-
-    Raises
-    ------
-    TypeError
-        If it is none.
-    """
+    """Return a list of numbers as an array, how msgspec reads the lists of a row; TypeError if it is none."""
     if kind is not array or not isinstance(value, list):
         raise TypeError(f"Expected `array` of numbers, got `{type(value).__name__}`")
     return array("d", value)

@@ -90,12 +90,7 @@ def mean_interval(values: NDArray[np.float64]) -> Interval:
     The interval is that of Student's t with the distribution of t taken from resamples, so that it is right
     for few and for skewed values, too (B. Efron & R. Tibshirani, "An Introduction to the Bootstrap", 1993,
     chapter 12.5); of fewer than seven values, which have too few resamples, it is Student's: with one of five
-    far off the other would be many times too wide.
-
-    Parameters
-    ----------
-    values : float64[n]
-        One value an environment; nan where there is none.
+    far off the other would be many times too wide. There is one value an environment, nan if it has none.
     """
     values = values[np.isfinite(values)]
     count = len(values)
@@ -122,16 +117,9 @@ def mean_interval(values: NDArray[np.float64]) -> Interval:
 
 
 def students_reach(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return how far Student's interval of 95 % reaches to both sides of a mean.
+    """Return how far Student's interval of 95 % reaches to both sides of the mean along the first axis.
 
-    Parameters
-    ----------
-    values : float64[n, ...]
-        One value an environment, two at least.
-
-    Returns
-    -------
-    float64[...]
+    Along it is one value an environment, two at least.
     """
     count = len(values)
     return np.asarray(values.std(axis=0, ddof=1) / np.sqrt(count) * stats.t.ppf(0.975, count - 1))

@@ -21,11 +21,6 @@ __all__ = ["Batch"]
 class Batch:
     """Runs of one robot, one flight and one day with adaptive disks; each is what an `Episode` is.
 
-    Parameters
-    ----------
-    size : int
-        How many.
-
     Attributes
     ----------
     cells : int64[size, 2]

@@ -57,22 +57,14 @@ class Runs(NamedTuple):
     # float64[B, k, tiles along x, tiles along y, TILE_CELLS + 1, 2]: sums of the squared errors before each
     # column, of all cells and of those estimated too high.
     partial: NDArray[np.float64]
-    sums: NDArray[
-        np.float64
-    ]  # float64[B, SCORES_A_STEP, k, 2]: the same sums of all cells at each scored time
+    # float64[B, SCORES_A_STEP, k, 2]: the same sums of all cells at each scored time.
+    sums: NDArray[np.float64]
     scored: NDArray[np.int64]  # int64[B]: how many those are
 
 
 @compiled(nogil=True)
 def advance(going: NDArray[np.int64], actions: NDArray[np.int64], rules: Rules, runs: Runs) -> None:
-    """Move in some runs, learn what is seen, and sum the errors where the estimate is scored.
-
-    Parameters
-    ----------
-    going : int64[n]
-        Which runs go on.
-    actions : int64[B]
-    """
+    """Move in the runs that go on, learn what is seen, and sum the errors where the estimate is scored."""
     width, height = rules.allowed.shape
     most = runs.seen.shape[1]
     for run in going:

@@ -33,21 +33,11 @@ class Episode:
     """A run of a task on the environment of a seed.
 
     As in a flight, an image arrives when the robot has moved on: the one at home with the one after the first
-    move, those of one robot after those of the one before it.
+    move, those of one robot after those of the one before it. Equal seeds give the same environment and the
+    same errors of the camera.
 
-    Parameters
-    ----------
-    seed : int
-        As that of a scenario: equal seeds give the same environment and the same errors of the camera.
-
-    Attributes
-    ----------
-    cells : int64[robots, 2]
-        Where the robots are.
-    moved : int
-        Moves of each robot in this flight.
-    seen : float32[W, H]
-        1 where something was seen in the run.
+    `cells`, int64[robots, 2], is where the robots are, `moved` the moves of each in this flight, and `seen`,
+    float32[W, H], is 1 where something was seen in the run.
     """
 
     def __init__(self, task: SurveyTask, seed: int) -> None:
@@ -172,13 +162,8 @@ def rewards_of(
 ) -> NDArray[np.float64]:
     """Return the reward of the scored times with these numbers, from 1, of `points`.
 
-    Parameters
-    ----------
-    before, after : float64[n]
-        The losses at the scored time before each, and at it.
+    `before` and `after` are the losses at the scored time before each, and at it, float64[n].
 
-    Examples
-    --------
     >>> rewards_of(np.array([1, 2]), 2, np.array([3.0, 2.0]), np.array([2.0, 0.0])).tolist()
     [1.0, 1.0]
     """
@@ -188,14 +173,9 @@ def rewards_of(
 
 
 class Returns:
-    """The rewards of one run.
+    """The rewards of one run, from the loss of the estimate before anything was seen.
 
-    Parameters
-    ----------
-    points : int
-        How often the estimate is scored in a run all of whose images lie on the farm.
-    loss : float
-        Of the estimate before anything was seen.
+    `points` is how often the estimate is scored in a run all of whose images lie on the farm.
     """
 
     def __init__(self, points: int, loss: float) -> None:

@@ -22,10 +22,6 @@ class Disk:
     """The cells that one observation stands for, relative to the observed cell.
 
     Row i holds the cells ``x + first + i`` by ``[y + low[i], y + high[i])``.
-
-    Parameters
-    ----------
-    low, high : int32[rows]
     """
 
     first: int
@@ -72,24 +68,15 @@ def centred_disk(radius: int) -> Disk:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Painting:
-    """What has to be painted so that a map is up to date.
-
-    Parameters
-    ----------
-    tiles : bool[tiles along x, tiles along y]
-        Where.
-    reset : bool
-        Whether the older disks are gone, so that what no disk of these reaches has nothing.
-    start : int
-        The first observation to paint; the ones before are there already.
-    x, y : int32[n]
-        The observed cells from `start` on.
-    """
+    """What has to be painted so that a map is up to date."""
 
     tiles: NDArray[np.bool_]
     reset: bool
+    """Whether the older disks are gone, so that what no disk of these reaches has nothing."""
     start: int
+    """The first observation to paint; the ones before are there already."""
     x: NDArray[np.int32]
+    """The observed cells from `start` on."""
     y: NDArray[np.int32]
     disk: Disk
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = ["MINIBERRY_SIZES", "farm_names"]
-
 MINIBERRY_SIZES = (10, 30, 100)  # cells on a side
 
 

@@ -21,8 +21,6 @@ from typing import Any, Literal, TypeVar, overload
 
 from geo.user_cache import user_cache_folder
 
-__all__ = ["compile_notices", "compiled"]
-
 _Inline = Literal["never", "always", "late"]
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 _IMPORT = re.compile(

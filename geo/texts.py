@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TypeVar
 
-__all__ = ["one_line", "parse_number", "parse_whole", "printable"]
-
 MAX_SHOWN = 500
 
 _Number = TypeVar("_Number", int, float)

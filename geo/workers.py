@@ -11,8 +11,6 @@ from typing import Any, Generic, TypeVar
 
 from geo.interrupts import ignore_interrupts, interrupts_held
 
-__all__ = ["CallsAhead", "Processes"]
-
 _T = TypeVar("_T")
 _POLL_S = 0.01
 _HAND_OVER_S = 5.0

@@ -12,8 +12,6 @@ from wbf_mission.bench.rows import BenchRow, BenchStore
 from wbf_mission.bench.spec import BenchSpec
 from wbf_mission.progress import Progress, silent
 
-__all__ = ["BenchmarkInterrupted", "benchmark"]
-
 
 class BenchmarkInterrupted(KeyboardInterrupt):
     """Ctrl-C in a benchmark.

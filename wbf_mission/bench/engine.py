@@ -29,8 +29,6 @@ from wbf_mission.run.reuse import memory_of_process
 from wbf_mission.scenario import Scenario
 from wbf_mission.version import __version__
 
-__all__ = ["Cluster", "ClusterError", "failed_row", "fly_all", "fly_run"]
-
 
 def fly_run(run: BenchRun) -> BenchRow:
     """Fly a run and return its row; of a run that fails, one with the cause."""

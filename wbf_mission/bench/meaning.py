@@ -28,8 +28,6 @@ from sensors.field_files import field_to_table, load_field_set
 from sim_vehicle.airframe.catalog import get_vehicle
 from wbf_mission.scenario import Scenario
 
-__all__ = ["built_in_digest", "digest", "is_own", "meaning_of", "own_digest"]
-
 _SOURCES = frozenset({".py", ".csv", ".npz"})
 
 _ROWS = ("planner", "policy", "estimator", "seed")

@@ -9,8 +9,6 @@ from pathlib import Path
 
 from geo.atomic import atomic_write
 
-__all__ = ["Page", "Picture", "Section", "Table"]
-
 
 @dataclass(frozen=True, slots=True)
 class Table:

@@ -18,14 +18,6 @@ from wbf_mission.pictures.plots import LINE_COLOURS, new_figure, save_figure
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = [
-    "draw_mean_score",
-    "score_over_time",
-    "scores_at",
-    "standing_table",
-    "write_report",
-]
-
 _READING = (
     "Scores: 0 is perfect; the mean over the run and at its end, each with its interval of 95 % over the "
     "environments. Losses are means a cell at the end. Rank: the mean place among all rows on the same "

@@ -21,8 +21,6 @@ from geo.atomic import disk_errors_named
 from geo.reading import misfit
 from wbf_mission.results.storage import ResultError, read_batches, write_table
 
-__all__ = ["BenchRow", "BenchStore", "Floats", "as_floats", "by_pair", "read_rows", "rows_table"]
-
 if TYPE_CHECKING:
     Floats: TypeAlias = array[float]
 else:

@@ -30,8 +30,6 @@ from wbf_mission.scenario import (
 from wbf_mission.scenario.choice import choose, names_of
 from wbf_mission.scenario.scenario import unknown_key
 
-__all__ = ["BenchRun", "BenchSpec"]
-
 _FORMAT = 2
 _SEEDS = 10
 _DEFAULTS: Mapping[str, tuple[str, ...]] = {

@@ -13,18 +13,6 @@ from scipy import stats
 
 from wbf_mission.bench.rows import BenchRow
 
-__all__ = [
-    "Comparison",
-    "Interval",
-    "Standing",
-    "apart",
-    "compare",
-    "mean_interval",
-    "standings",
-    "students_reach",
-    "verdict",
-]
-
 _DRAWS = 2000
 _SEED = 0
 _PART_VALUES = 200_000

@@ -15,8 +15,6 @@ from wbf_mission.rl.batch_kernel import SCORES_A_STEP, Rules, Runs, advance
 from wbf_mission.rl.episode import rewards_of
 from wbf_mission.rl.task import MOVES, SurveyTask
 
-__all__ = ["Batch"]
-
 
 class Batch:
     """Runs of one robot, one flight and one day with adaptive disks; each is what an `Episode` is.

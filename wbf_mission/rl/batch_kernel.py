@@ -16,8 +16,6 @@ from geo.compiled import compiled
 from sensors.scoring.score_sums import resume_errors
 from sensors.scoring.tiles import TILE_CELLS
 
-__all__ = ["SCORES_A_STEP", "Rules", "Runs", "advance"]
-
 SCORES_A_STEP = 2
 """The first move of a flight brings two images."""
 

@@ -6,8 +6,6 @@ import importlib.util
 
 from geo.errors import WbfMissionError
 
-__all__ = ["require_libraries"]
-
 
 class TrainingError(WbfMissionError, ValueError):
     """A training environment that cannot be made, or is used in a way that makes no sense."""

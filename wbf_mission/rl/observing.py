@@ -17,8 +17,6 @@ from wbf_mission.rl.task import MOVE_NAMES, SurveyTask
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["MOST_BLOCKS", "Shown", "block_means"]
-
 MOST_BLOCKS = 64
 
 

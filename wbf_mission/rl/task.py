@@ -29,8 +29,6 @@ if TYPE_CHECKING:
 
     from geo.grid import FarmGrid
 
-__all__ = ["MOVES", "MOVE_NAMES", "SurveyTask", "can_batch", "register_all"]
-
 MOVE_NAMES = ("stay", "east", "north", "west", "south")
 """The actions by their numbers: along x, along y, and back."""
 MOVES = np.array([(0, 0), (1, 0), (0, 1), (-1, 0), (0, -1)])

@@ -21,8 +21,6 @@ from wbf_mission.rl.observing import Shown, block_means
 from wbf_mission.rl.task import SurveyTask, can_batch
 from wbf_mission.scenario import Scenario
 
-__all__ = ["SurveyVectorEnv"]
-
 _Bools = NDArray[np.bool_]
 
 

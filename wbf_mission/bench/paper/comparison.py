@@ -17,24 +17,15 @@ from sensors.field_files import load_field_set
 from sensors.fields import FieldSet
 from wbf_mission.bench.page import Table
 from wbf_mission.bench.paper.shown import ShownRun
-from wbf_mission.bench.report import draw_mean_score, scores_at, standing_table
+from wbf_mission.bench.report import draw_mean_score, scores_at
 from wbf_mission.bench.rows import BenchRow, by_pair
-from wbf_mission.bench.standings import Interval, mean_interval, standings
+from wbf_mission.bench.standings import Interval, mean_interval
 from wbf_mission.pictures.path_plot import FLOWN
 from wbf_mission.pictures.plots import LAND, WORST_COLOURS, draw_farm, new_sheet, save_sheet
 from wbf_mission.scenario import Scenario
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-__all__ = [
-    "authors_table",
-    "early_table",
-    "lead_table",
-    "plot_pairs",
-    "plot_scores",
-    "standings_table",
-]
 
 _OTHERS = "#b9b6ae"
 _ACROSS = 2
@@ -159,11 +150,6 @@ def _score(axes: Axes, planner: str, rows: Sequence[BenchRow], colour: str, lowe
     axes.set_ylim(1.05 * lowest, 0.0)
     axes.set_xlabel("time, s")
     axes.grid(alpha=0.3)
-
-
-def standings_table(rows: Sequence[BenchRow]) -> Table:
-    """Return the standings of one scenario's runs."""
-    return standing_table("Scores over the run and at its end", standings(rows))
 
 
 def early_table(rows: Sequence[BenchRow]) -> Table:

@@ -26,8 +26,6 @@ from wbf_mission.pictures.plots import new_sheet, save_sheet
 from wbf_mission.progress import Progress, silent
 from wbf_mission.results.storage import ResultError
 
-__all__ = ["ESTIMATORS", "FARMS", "NUMBERS", "Cost", "kept_costs", "measured_costs", "plot_costs"]
-
 FARMS = ("miniberry-10", "miniberry-30", "miniberry-100", "waterberry")
 ESTIMATORS = ("adaptive-disk", "gp", "gp-sklearn")
 """Ours, and the paper's Gaussian process as its code has it."""

@@ -21,8 +21,6 @@ from wbf_mission.scenario import Scenario, scenario_with
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["DAYS", "Dynamics", "plot_dynamics"]
-
 DAYS = tuple(range(1, 16))
 _SHOWN = (1, 3, 6, 9, 12, 15)
 _INFECTED, _LOST = "#d55e00", "#3d0a3a"

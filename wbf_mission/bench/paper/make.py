@@ -18,19 +18,18 @@ from wbf_mission.bench.paper.comparison import (
     lead_table,
     plot_pairs,
     plot_scores,
-    standings_table,
 )
 from wbf_mission.bench.paper.cost import FARMS, LIMIT_S, measured_costs, plot_costs
 from wbf_mission.bench.paper.dynamics import DAYS, Dynamics, plot_dynamics
 from wbf_mission.bench.paper.shown import shown_runs
+from wbf_mission.bench.report import standing_table
 from wbf_mission.bench.rows import BenchRow
 from wbf_mission.bench.spec import BenchSpec
+from wbf_mission.bench.standings import standings
 from wbf_mission.pictures.plots import CROP_COLOURS, LINE_COLOURS, draw_farm, new_sheet, save_sheet
 from wbf_mission.progress import Progress, silent
 from wbf_mission.results.storage import ResultError
 from wbf_mission.run.resolve import FlightError
-
-__all__ = ["FIGURES", "FORMATS", "Paper", "make_paper", "plot_geometry"]
 
 _DRAWN = ("waterberry", "miniberry-10", "miniberry-30", "miniberry-100")
 """The paper's, the full one first."""
@@ -214,7 +213,8 @@ def _comparison(work: _Work) -> tuple[Section, list[BenchRow]]:
         " plants that it can befall, and the score over time (thin: the other planners). The last picture is"
         f" the mean score over {len(spec.seeds)} environments with Student's interval of 95 %. 0 is perfect."
     )
-    tables = (standings_table(rows), early_table(rows), lead_table(rows), authors_table(of_first, shown))
+    scores = standing_table("Scores over the run and at its end", standings(rows))
+    tables = (scores, early_table(rows), lead_table(rows), authors_table(of_first, shown))
     return Section("Planners and estimators", caption, tuple(pictures), tables), rows
 
 

@@ -22,8 +22,6 @@ from wbf_mission.progress import Progress
 from wbf_mission.results.storage import ResultError
 from wbf_mission.run.resolve import FlightError
 
-__all__ = ["ShownRun", "shown_runs"]
-
 _ARRAYS = {"path_m": 2, "truth": 3, "estimate": 3}
 
 

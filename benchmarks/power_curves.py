@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from sim_vehicle.airframe.catalog import get_vehicle
-from sim_vehicle.airframe.spec import BatterySpec, PowerSpec, VehicleSpec
+from sim_vehicle.airframe.power_spec import BatterySpec, PowerSpec
+from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.energy.endurance import endurance_s
 from sim_vehicle.energy.power import flight_power_w
 

@@ -7,19 +7,6 @@ from dataclasses import dataclass, fields
 
 from sim_vehicle.errors import VehicleError
 
-__all__ = [
-    "AIR_DENSITY_KG_M3",
-    "GRAVITY_M_S2",
-    "AnyPowerSpec",
-    "BatterySpec",
-    "FixedWingAirframe",
-    "FixedWingPowerSpec",
-    "PowerSpec",
-    "RoverPowerSpec",
-    "positive",
-    "within",
-]
-
 AIR_DENSITY_KG_M3 = 1.225
 GRAVITY_M_S2 = 9.80665
 
@@ -206,13 +193,7 @@ def _is_number(value: object) -> bool:
 
 
 def positive(what: str, spec: object, *names: str) -> None:
-    """Check that attributes are positive numbers.
-
-    Raises
-    ------
-    VehicleError
-        Naming the first that is not.
-    """
+    """Check that attributes are positive numbers: VehicleError names the first that is not."""
     for name in names:
         value = getattr(spec, name)
         if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < 1e9:
@@ -221,13 +202,7 @@ def positive(what: str, spec: object, *names: str) -> None:
 
 
 def within(what: str, spec: object, *ranges: tuple[str, float, float]) -> None:
-    """Check that attributes are None or numbers within their ranges.
-
-    Raises
-    ------
-    VehicleError
-        Naming the first that is not.
-    """
+    """Check that attributes are None or within their ranges: VehicleError names the first that is not."""
     for name, low, high in ranges:
         value = getattr(spec, name)
         if value is not None and (not _is_number(value) or not low <= value <= high):

@@ -84,12 +84,7 @@ class Sensed(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class SensorNoise:
-    """How wrong a vehicle's sensors are.
-
-    Raises
-    ------
-    VehicleError
-        If a number is out of range.
+    """How wrong a vehicle's sensors are; VehicleError if a number is out of range.
 
     Examples
     --------

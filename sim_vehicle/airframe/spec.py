@@ -9,32 +9,10 @@ from typing import Any
 from geo.units import FOOT_M
 from sim_vehicle.airframe.autopilot_names import NO_AUTOPILOT, autopilot_names
 from sim_vehicle.airframe.kind import Movement, VehicleKind, get_kind, kind_names
-from sim_vehicle.airframe.power_spec import (
-    AIR_DENSITY_KG_M3,
-    GRAVITY_M_S2,
-    AnyPowerSpec,
-    BatterySpec,
-    FixedWingAirframe,
-    FixedWingPowerSpec,
-    PowerSpec,
-    RoverPowerSpec,
-    positive,
-    within,
-)
+from sim_vehicle.airframe.power_spec import AnyPowerSpec, BatterySpec, FixedWingAirframe, positive, within
 from sim_vehicle.errors import VehicleError
 
-__all__ = [
-    "AIR_DENSITY_KG_M3",
-    "GRAVITY_M_S2",
-    "AnyPowerSpec",
-    "BatterySpec",
-    "FixedWingAirframe",
-    "FixedWingPowerSpec",
-    "PowerSpec",
-    "PublishedEndurance",
-    "RoverPowerSpec",
-    "VehicleSpec",
-]
+__all__ = ["PublishedEndurance", "VehicleSpec"]
 
 _NO_LIMITS = (
     "name",

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from sim_vehicle.airframe.spec import AIR_DENSITY_KG_M3, GRAVITY_M_S2
+from sim_vehicle.airframe.power_spec import AIR_DENSITY_KG_M3, GRAVITY_M_S2
 from sim_vehicle.autopilot import flight_procedures
 from sim_vehicle.energy.battery import WH_J, BatteryMeter, remaining_fraction
 from sim_vehicle.errors import VehicleError

@@ -43,12 +43,7 @@ _LOWEST_M, _HIGHEST_M = 3.0 * FOOT_M, 1000.0 * FOOT_M
 
 @dataclass(frozen=True, slots=True)
 class WindShear:
-    """How the mean wind grows with the height above the ground.
-
-    Raises
-    ------
-    VehicleError
-        If the law is unknown or a number out of range.
+    """How the mean wind grows with the height; VehicleError if the law is unknown or a number out of range.
 
     Examples
     --------
@@ -92,12 +87,7 @@ class WindShear:
 
 @dataclass(frozen=True, slots=True)
 class Wind:
-    """Wind for a flight.
-
-    Raises
-    ------
-    VehicleError
-        If a number is not finite or out of range, or both kinds of gusts are given.
+    """Wind for a flight; VehicleError if a number is out of range, or both kinds of gusts are given.
 
     Examples
     --------

@@ -13,14 +13,14 @@ from pathlib import Path
 
 import pytest
 
-from sim_vehicle.airframe.spec import (
+from sim_vehicle.airframe.power_spec import (
     BatterySpec,
     FixedWingAirframe,
     FixedWingPowerSpec,
     PowerSpec,
-    PublishedEndurance,
     RoverPowerSpec,
 )
+from sim_vehicle.airframe.spec import PublishedEndurance
 
 REPOSITORY = Path(__file__).parents[2]
 PAGES = sorted(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from sim_vehicle.airframe.estimate_errors import carried_aside_m
 from sim_vehicle.airframe.parameters import ParameterSpec
-from sim_vehicle.airframe.spec import GRAVITY_M_S2
+from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.autopilot.procedures import FlightProcedures, over_and_down, vertical_landing
 from sim_vehicle.motion.legs import KEEP, Leg, LegKind
 from sim_vehicle.motion.px4.parameters import PARAMETERS, drag_of, value_of

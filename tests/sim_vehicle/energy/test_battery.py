@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim_vehicle.airframe.catalog import get_vehicle, vehicle_names
-from sim_vehicle.airframe.spec import BatterySpec
+from sim_vehicle.airframe.power_spec import BatterySpec
 from sim_vehicle.energy.battery import WH_J, BatteryMeter, remaining_fraction
 
 BATTERY = get_vehicle("quad").battery

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sim_vehicle.airframe.catalog import get_vehicle
-from sim_vehicle.airframe.spec import (
+from sim_vehicle.airframe.power_spec import (
     AIR_DENSITY_KG_M3,
     GRAVITY_M_S2,
     BatterySpec,

@@ -124,7 +124,7 @@ class WithCoverage:
 
 
 @dataclass(frozen=True, slots=True)
-class WithReach:
+class WithCorrelationLength:
     """An acquisition by which a reading of a smooth field saves the loss of all that it tells of.
 
     Who flies over a continuous field with the correlation length l learns what lies beside the track, too: a
@@ -148,17 +148,17 @@ class WithReach:
 
     def __call__(self, observation: PolicyObservation, /) -> ValueMap:
         """Return the acquisition value of each cell."""
-        reach, widest = observation.model.correlation_length, max(observation.model.shape)
-        if reach is None or widest <= self.beyond:
+        lengths, widest = observation.model.correlation_length, max(observation.model.shape)
+        if lengths is None or widest <= self.beyond:
             return self.acquisition(observation)
         field = tuple(
             weight if one.kind == "disease" else weight * self._swath(cells, widest)
-            for one, weight, cells in zip(observation.fields, observation.weights.field, reach, strict=True)
+            for one, weight, cells in zip(observation.fields, observation.weights.field, lengths, strict=True)
         )
         return self.acquisition(replace(observation, weights=replace(observation.weights, field=field)))
 
-    def _swath(self, reach: float, widest: int) -> float:
-        return max(1.0, min(math.sqrt(math.pi) * reach, widest) / self.strip)
+    def _swath(self, length: float, widest: int) -> float:
+        return max(1.0, min(math.sqrt(math.pi) * length, widest) / self.strip)
 
 
 @dataclass(frozen=True, slots=True)

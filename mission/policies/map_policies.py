@@ -9,7 +9,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from mission.policies.acquisition import Acquisition, Balanced, WithCoverage, WithReach, make_acquisition
+from mission.policies.acquisition import (
+    Acquisition,
+    Balanced,
+    WithCorrelationLength,
+    WithCoverage,
+    make_acquisition,
+)
 from mission.policies.decision import Decision
 from mission.policies.observation import PolicyObservation, pays_for_return
 from mission.policies.planning_grid import MOST_CELLS, strip_width
@@ -80,7 +86,7 @@ class MapPolicy(ABC):
     def __post_init__(self) -> None:
         self.triggers = Triggers(observations=int(self.every), least_s=float(self.least_s))
         shares = neighbour_shares(self.share, self.spread, _RADIUS)
-        swept = WithReach(make_acquisition(self.acquisition), strip_width(shares), MOST_CELLS)
+        swept = WithCorrelationLength(make_acquisition(self.acquisition), strip_width(shares), MOST_CELLS)
         self._steering = Steering(
             Balanced(WithCoverage(swept, self.caution, self.reach), self.least_weight),
             shares,

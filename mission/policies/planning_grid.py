@@ -1,4 +1,4 @@
-"""Charts: the farm as a route search sees it, in cells that are few enough to search."""
+"""The planning grid: the farm as a route search sees it, in cells that are few enough to search."""
 
 from __future__ import annotations
 

@@ -105,7 +105,7 @@ class MissionServer(ServerInputs):
     capacity : mapping of MissionType to int, optional
         The most items per plan; default 65535.
     validator : callable, optional
-        Judges each mission item by itself: returns a MAV_MISSION_RESULT, 0 to accept.
+        Validates each mission item by itself: returns a MAV_MISSION_RESULT, 0 to accept.
     home : GeoPoint, optional
         Home, which profiles with a home item show as item 0; assign `home` when it changes.
 

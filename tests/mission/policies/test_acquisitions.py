@@ -8,8 +8,8 @@ from mission.errors import PlanningError
 from mission.policies.acquisition import (
     ACQUISITIONS,
     Balanced,
+    WithCorrelationLength,
     WithCoverage,
-    WithReach,
     expected_loss,
     make_acquisition,
     variance,
@@ -87,7 +87,7 @@ def test_a_pass_over_a_smooth_field_saves_the_loss_of_a_swath():
 
     def values(reach, strip=2.0, beyond=9):
         model = replace(told.model, correlation_length=reach)
-        return WithReach(variance, strip, beyond)(replace(told, model=model))
+        return WithCorrelationLength(variance, strip, beyond)(replace(told, model=model))
 
     swath = np.sqrt(np.pi) * 5.0 / 2.0
     assert np.allclose(values((3.0, 3.0, 5.0)), diseases + swath * (plain - diseases))

@@ -102,14 +102,14 @@ class MavsdkOrders:
         done: list[Message] = []
         for order in list(self._orders):
             if order.result is None:
-                self._judge(order, now_s)
+                self._take_answer(order, now_s)
             if order.result is not None and now_s >= order.due_s:
                 self._orders.remove(order)
                 if order.result >= 0:
                     done.append(self._ack(order.command, order.result))
         return done
 
-    def _judge(self, order: _Order, now_s: float) -> None:
+    def _take_answer(self, order: _Order, now_s: float) -> None:
         """Take MAVSDK's answer, if there is one; -1 is none of the vehicle."""
         answer = order.call.answer()
         if answer is None:

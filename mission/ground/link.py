@@ -163,18 +163,6 @@ def download(
         return mission, replace(_report(vehicle, costs), items=counts)
 
 
-def find_vehicle(
-    url: str,
-    *,
-    wait_s: float = 10.0,
-    system_id: int | None = None,
-    note: Note = _silent,
-    open_driver: DriverMaker = own_driver,
-) -> Vehicle:
-    """Wait for the heartbeat of a vehicle behind ``url``; NoVehicleError if none is heard."""
-    return find_vehicles(url, (system_id,), wait_s=wait_s, note=note, open_driver=open_driver)[0]
-
-
 def find_vehicles(
     url: str,
     system_ids: Sequence[int | None],
@@ -186,7 +174,7 @@ def find_vehicles(
     """Wait for the heartbeats of several vehicles behind ``url``.
 
     None among ``system_ids`` is any other than those that are named or were heard before it; each is waited
-    for so long. Errors as of `find_vehicle`.
+    for so long. NoVehicleError if one is not heard, LinkError if the link cannot be opened or breaks.
     """
     known = {one for one in system_ids if one is not None}
     found = []

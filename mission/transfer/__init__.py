@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from mission.transfer.rendering import render as render
     from mission.transfer.round_trip import RoundTrip as RoundTrip
     from mission.transfer.server import MissionServer as MissionServer
-    from mission.transfer.server_state import StoredPlan as StoredPlan
+    from mission.transfer.server_session import StoredPlan as StoredPlan
     from mission.transfer.upload import MissionClear as MissionClear
     from mission.transfer.upload import MissionUpload as MissionUpload
     from mission.transfer.upload import check_plan as check_plan

@@ -26,8 +26,7 @@ from mission.transfer.events import (
     TransferFailed,
     TransferStarted,
 )
-from mission.transfer.server_inputs import ServerInputs, Validator
-from mission.transfer.server_state import EndedUpload, PlanStore, StoredPlan
+from mission.transfer.server_session import EndedUpload, PlanStore, ServerInputs, StoredPlan, Validator
 from mission.transfer.server_table import (
     IDLE,
     RECEIVING,

@@ -16,7 +16,7 @@ from processes import unmeasured
 from stand_in import LONG_S, scenario, stand_in
 
 from mission.errors import LinkError
-from mission.ground.link import download, find_vehicle, upload
+from mission.ground.link import download, find_vehicles, upload
 from mission.ground.modes import Maneuver, arming_mode, maneuver_command, mode_name
 from mission.link.address import parse_link_url
 from mission.link.codec.dialect import mavlink as m
@@ -223,7 +223,8 @@ def test_an_upload_whose_confirmation_is_lost_is_found_on_the_vehicle():
 
 def test_nobody_is_heard():
     with pytest.raises(NoVehicleError) as error:
-        find_vehicle("udpin:127.0.0.1:" + str(free_udp_port()), wait_s=0.3, open_driver=driver("mavsdk"))
+        url = f"udpin:127.0.0.1:{free_udp_port()}"
+        find_vehicles(url, (None,), wait_s=0.3, open_driver=driver("mavsdk"))
     assert exit_code_of(error.value) is ExitCode.NO_VEHICLE
 
 
@@ -247,7 +248,7 @@ class Orders:
         from wbf_mission.live.via_mavsdk.link import MavsdkLink
         from wbf_mission.live.via_mavsdk.orders import MavsdkOrders
 
-        heard = find_vehicle(url)
+        (heard,) = find_vehicles(url, (None,))
         self.notes = []
         link = stack.enter_context(contextlib.closing(MavsdkLink(url)))
         self.kind = (heard.autopilot, heard.vehicle_type)

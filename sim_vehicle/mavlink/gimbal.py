@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 __all__ = [
     "GIMBAL_BUILDERS",
     "GIMBAL_COMMANDS",
-    "GIMBAL_MESSAGES",
+    "GimbalMessage",
     "command_gimbal",
     "obey_gimbal_message",
 ]
@@ -156,7 +156,7 @@ def command_gimbal(source: WireState, command: VehicleCommand) -> Result:
     return obey(source, command)
 
 
-_SetMessage = (
+GimbalMessage = (
     m.MAVLink_gimbal_manager_set_attitude_message
     | m.MAVLink_gimbal_manager_set_pitchyaw_message
     | m.MAVLink_mount_configure_message
@@ -164,7 +164,7 @@ _SetMessage = (
 )
 
 
-def obey_gimbal_message(source: WireState, message: _SetMessage) -> None:
+def obey_gimbal_message(source: WireState, message: GimbalMessage) -> None:
     """Do what a message asks the gimbal for; what makes no sense is ignored."""
     gimbal = source.gimbal
     if not gimbal.fitted:
@@ -189,16 +189,6 @@ def obey_gimbal_message(source: WireState, message: _SetMessage) -> None:
             rates = (message.angular_velocity_x, message.angular_velocity_y, message.angular_velocity_z)
         if not all(map(math.isfinite, (*angles, *rates))):
             _turn(gimbal, message.flags, tuple(map(math.degrees, angles)), tuple(map(math.degrees, rates)))
-
-
-GIMBAL_MESSAGES = frozenset(
-    {
-        m.MAVLINK_MSG_ID_GIMBAL_MANAGER_SET_ATTITUDE,
-        m.MAVLINK_MSG_ID_GIMBAL_MANAGER_SET_PITCHYAW,
-        m.MAVLINK_MSG_ID_MOUNT_CONFIGURE,
-        m.MAVLINK_MSG_ID_MOUNT_CONTROL,
-    }
-)
 
 
 def _information(source: WireState) -> Message:

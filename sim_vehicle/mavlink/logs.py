@@ -19,7 +19,7 @@ from mission.link.tlog import tlog_record
 from sim_vehicle.autopilot.mavlink_profile import LogBehaviour
 from sim_vehicle.component import NEVER
 
-__all__ = ["LOG_MESSAGES", "FlightLog", "FlightLogs", "LogMessage", "LogTransfer"]
+__all__ = ["FlightLog", "FlightLogs", "LogMessage", "LogTransfer"]
 
 _MOST_BYTES = 16 * 2**20
 _MOST_LOGS = 32
@@ -39,15 +39,6 @@ LogMessage = (
     | m.MAVLink_log_request_end_message
     | m.MAVLink_log_erase_message
 )
-LOG_MESSAGES = frozenset(
-    {
-        m.MAVLINK_MSG_ID_LOG_REQUEST_LIST,
-        m.MAVLINK_MSG_ID_LOG_REQUEST_DATA,
-        m.MAVLINK_MSG_ID_LOG_REQUEST_END,
-        m.MAVLINK_MSG_ID_LOG_ERASE,
-    }
-)
-"""Ids of the messages that `LogTransfer.receive` takes."""
 _PART = 90
 # As many at a time as ArduPilot's simulator sends.
 _BATCH = 40

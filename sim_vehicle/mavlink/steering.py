@@ -26,18 +26,13 @@ if TYPE_CHECKING:
     from sim_vehicle.mavlink.wire_state import WireState
     from sim_vehicle.motion.legs import Position
 
-__all__ = ["SETPOINT_MESSAGES", "SetpointMessage", "Steering", "StickMessage"]
+__all__ = ["SetpointMessage", "Steering", "StickMessage"]
 
 StickMessage: TypeAlias = m.MAVLink_manual_control_message | m.MAVLink_rc_channels_override_message
 PositionTarget: TypeAlias = (
     m.MAVLink_set_position_target_local_ned_message | m.MAVLink_set_position_target_global_int_message
 )
 SetpointMessage: TypeAlias = PositionTarget | m.MAVLink_set_attitude_target_message
-SETPOINT_MESSAGES = (
-    m.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED,
-    m.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT,
-    m.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET,
-)
 _GROUND_STATION = Setting("MAV_GCS_SYSID", 255.0)
 _GUIDED_OPTIONS, _THRUST_AS_THRUST = Setting("GUID_OPTIONS", 0.0), 8
 _FULL = 1000.0

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from typing import Any
+from typing import Any, TypeAlias, get_args
 
 from geo.frame import LocalFrame
 from mission.errors import LinkError
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.signing import Signing
-from mission.link.codec.typed import handler, is_a
+from mission.link.codec.typed import CommandMessage, handler, is_a
 from mission.model import GeoPoint
 from mission.outcome import Outcome
 from mission.transfer import wire
@@ -31,12 +31,12 @@ from sim_vehicle.mavlink.ardupilot_messages import STREAMS
 from sim_vehicle.mavlink.camera_commands import CAMERA, CameraCommands, camera_feedback
 from sim_vehicle.mavlink.commands import CommandReceiver, set_custom_mode
 from sim_vehicle.mavlink.ftp import FtpServer, checksum
-from sim_vehicle.mavlink.gimbal import GIMBAL_MESSAGES, command_gimbal, obey_gimbal_message
-from sim_vehicle.mavlink.logs import LOG_MESSAGES, FlightLogs, LogTransfer
+from sim_vehicle.mavlink.gimbal import GimbalMessage, command_gimbal, obey_gimbal_message
+from sim_vehicle.mavlink.logs import FlightLogs, LogMessage, LogTransfer
 from sim_vehicle.mavlink.parameters import ParameterMessage, ParameterSet
 from sim_vehicle.mavlink.plan_receiver import PlanReceiver
 from sim_vehicle.mavlink.reports import GyroCalibration, ItemReports, Schedule, StatusTexts
-from sim_vehicle.mavlink.steering import SETPOINT_MESSAGES, Steering
+from sim_vehicle.mavlink.steering import SetpointMessage, Steering, StickMessage
 from sim_vehicle.mavlink.telemetry import BUILDERS, built
 from sim_vehicle.mavlink.vehicle_command import VehicleCommand
 from sim_vehicle.mavlink.vehicle_files import GENERAL_PATH, general_metadata, uri, vehicle_files
@@ -54,13 +54,13 @@ _ITEM_AFTER_MODE_S = 0.03
 _GUIDED_ITEM = 2
 _TRUTH_HZ = 10.0
 _MISSION_IDS = frozenset(wire.SERVER_MESSAGES)
-_COMMAND_IDS = (m.MAVLINK_MSG_ID_COMMAND_LONG, m.MAVLINK_MSG_ID_COMMAND_INT)
-_PARAMETER_IDS = (
-    m.MAVLINK_MSG_ID_PARAM_REQUEST_LIST,
-    m.MAVLINK_MSG_ID_PARAM_REQUEST_READ,
-    m.MAVLINK_MSG_ID_PARAM_SET,
-)
+_Handler: TypeAlias = Callable[[Any], Iterable[Message] | None]
 _GIMBAL_ATTITUDE = m.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS
+
+
+def _each(kinds: Any, handle: _Handler) -> dict[int, _Handler]:
+    """Return the entries of a table of handlers for all messages of a union of types."""
+    return {kind.id: handle for kind in get_args(kinds)}
 
 
 class SimVehicle:
@@ -201,18 +201,19 @@ class SimVehicle:
         self._handlers = self._message_handlers()
         self.wanted: frozenset[int] | None = frozenset(self._handlers)
 
-    def _message_handlers(self) -> dict[int, Callable[[Any], Iterable[Message] | None]]:
+    def _message_handlers(self) -> dict[int, _Handler]:
         """What is done with a message, by its id; the answers follow what it makes the vehicle send."""
-        handlers: dict[int, Callable[[Any], Iterable[Message] | None]] = {
-            **dict.fromkeys(_COMMAND_IDS, self._commands.receive),
-            **dict.fromkeys(_PARAMETER_IDS, self._on_parameter),
-            **dict.fromkeys(
-                LOG_MESSAGES,
+        handlers: dict[int, _Handler] = {
+            **_each(CommandMessage, self._commands.receive),
+            **_each(ParameterMessage, self._on_parameter),
+            **_each(
+                LogMessage,
                 lambda one: self._log_transfer.receive(one, self._now_s, armed=self.pilot.armed),
             ),
             **dict.fromkeys(_MISSION_IDS, self._on_mission),
-            **dict.fromkeys(GIMBAL_MESSAGES, lambda message: obey_gimbal_message(self.state, message)),
-            **dict.fromkeys(SETPOINT_MESSAGES, self._steering.take_setpoint),
+            **_each(GimbalMessage, lambda one: obey_gimbal_message(self.state, one)),
+            **_each(SetpointMessage, self._steering.take_setpoint),
+            **_each(StickMessage, self._steering.take_sticks),
         }
         handlers |= (
             handler(m.MAVLink_command_ack_message, self._on_ack),
@@ -220,10 +221,8 @@ class SimVehicle:
                 m.MAVLink_file_transfer_protocol_message, lambda one: self._ftp.receive(one, self._now_s)
             ),
             handler(m.MAVLink_heartbeat_message, self._on_heartbeat),
-            handler(m.MAVLink_manual_control_message, self._steering.take_sticks),
             handler(m.MAVLink_mission_set_current_message, self._on_set_current),
             handler(m.MAVLink_ping_message, self._on_ping),
-            handler(m.MAVLink_rc_channels_override_message, self._steering.take_sticks),
             handler(m.MAVLink_request_data_stream_message, self._on_data_stream),
             # A vehicle that has a position keeps the origin that it has.
             handler(

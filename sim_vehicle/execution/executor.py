@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 from sim_vehicle.autopilot import fixed_wing_procedures, flight_procedures
 from sim_vehicle.energy.battery import remaining_fraction
+from sim_vehicle.execution.item_legs import circle_leg, circle_legs, lands
 from sim_vehicle.execution.items import MAX_TURNS
-from sim_vehicle.execution.leg_follower import require
-from sim_vehicle.execution.legs import AfterLastLeg, circle_leg, circle_legs, lands
+from sim_vehicle.execution.leg_follower import AfterLastLeg, require
 from sim_vehicle.execution.sequencer import MissionSequencer
 from sim_vehicle.execution.state import FlightEvent, FlightPhase, LandedState, VehicleState
 from sim_vehicle.motion.legs import ALONG, KEEP, Heading, Leg, LegKind

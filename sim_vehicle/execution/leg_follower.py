@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from enum import Enum
 from typing import TYPE_CHECKING
 
 from sim_vehicle.airframe.power_spec import AIR_DENSITY_KG_M3, GRAVITY_M_S2
 from sim_vehicle.autopilot import flight_procedures
 from sim_vehicle.energy.battery import WH_J, BatteryMeter, remaining_fraction
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.execution.legs import AfterLastLeg, LegPlan
 from sim_vehicle.execution.state import (
     BatteryDepleted,
     Disarmed,
@@ -48,6 +48,56 @@ def require(able: bool, text: str) -> None:
     """Refuse an order that the vehicle is not able to take."""
     if not able:
         raise VehicleError(text)
+
+
+class AfterLastLeg(Enum):
+    """Continuation after the last leg of a plan."""
+
+    NEXT = "the next item"
+    WAIT = "a pause"
+    FOREVER = "nothing, it stays"
+    TOUCHDOWN = "the ground"
+
+
+@dataclass(slots=True)
+class LegPlan:
+    """Legs and what they complete."""
+
+    legs: list[Leg] = field(default_factory=list)
+    seqs: list[int] = field(default_factory=list)
+    """The item that each leg belongs to, -1 outside a mission."""
+    done: list[bool] = field(default_factory=list)
+    """Whether the leg completes its item."""
+    speeds: list[float | None] = field(default_factory=list)
+    """The ground speed that was set for the leg; a curve may be flown more slowly."""
+    after_last: AfterLastLeg = AfterLastLeg.NEXT
+    wait_s: float = 0.0
+    """Of a WAIT; NaN until the time of day that the item names."""
+    open: bool = False
+    """Whether it was cut short, so it has to be planned again before its end."""
+    unsure: bool = False
+    """Whether something between its items waits for a condition, which may change it."""
+
+    def add(self, leg: Leg, seq: int = -1, *, done: bool = False, speed: float | None = None) -> None:
+        """Append a leg."""
+        self.speeds.append(leg.speed_m_s if speed is None else speed)
+        self.legs.append(leg)
+        self.seqs.append(seq)
+        self.done.append(done)
+
+    def extend(
+        self, legs: Sequence[Leg], seq: int = -1, *, done: bool = False, speed: float | None = None
+    ) -> None:
+        """Append legs, of which the last one may complete the item."""
+        for leg in legs:
+            self.add(leg, seq, done=done and leg is legs[-1], speed=speed)
+
+    def prepend(self, leg: Leg, seq: int) -> None:
+        """Put a leg before all others; it completes nothing."""
+        self.legs.insert(0, leg)
+        self.speeds.insert(0, leg.speed_m_s)
+        self.seqs.insert(0, seq)
+        self.done.insert(0, False)
 
 
 @dataclass(slots=True)

@@ -28,8 +28,7 @@ from sim_vehicle.execution.items import (
     number,
     time_of_day_wait_s,
 )
-from sim_vehicle.execution.leg_follower import LegFollower, Waiting, require
-from sim_vehicle.execution.legs import AfterLastLeg, LegPlan
+from sim_vehicle.execution.leg_follower import AfterLastLeg, LegFollower, LegPlan, Waiting, require
 from sim_vehicle.execution.state import (
     CameraCommand,
     CannotFly,

@@ -16,7 +16,7 @@ from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.item_legs import plan_item_legs
 from sim_vehicle.execution.items import Settings, do_items, item_positions
-from sim_vehicle.execution.legs import AfterLastLeg
+from sim_vehicle.execution.leg_follower import AfterLastLeg
 from sim_vehicle.motion.legs import LegKind, Route
 from sim_vehicle.motion.model import MotionEvent
 

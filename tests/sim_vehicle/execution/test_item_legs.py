@@ -5,7 +5,7 @@ import math
 import pytest
 
 from sim_vehicle.airframe.catalog import get_vehicle
-from sim_vehicle.execution.legs import circle_legs, spline_legs
+from sim_vehicle.execution.item_legs import circle_legs, spline_legs
 from sim_vehicle.motion.legs import ALONG, LegKind
 
 QUAD = get_vehicle("quad")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -37,11 +36,10 @@ class _Pending:
 
 
 class CameraCommands:
-    """Commands to the camera of the vehicle's own system; ``warn`` is told why one had no effect."""
+    """Commands to the camera of the vehicle's own system; the operator is told why one had no effect."""
 
-    def __init__(self, state: WireState, warn: Callable[[str], None]) -> None:
+    def __init__(self, state: WireState) -> None:
         self._state = state
-        self._warn = warn
         self._pending: list[_Pending] = []
         self._stop: int | None = None
         self._started: tuple[int, tuple[float, ...]] | None = None
@@ -101,7 +99,7 @@ class CameraCommands:
             return
         self._pending = [p for p in self._pending if p.message.command != command]
         if result != m.MAV_RESULT_ACCEPTED:
-            self._warn(f"Camera refused command {command} (result {result})")
+            self._state.pilot.warn(f"Camera refused command {command} (result {result})")
 
     def poll(self, now_s: float) -> list[Message]:
         """Unacknowledged commands that are due to be sent again; after three times the operator is told."""
@@ -109,7 +107,7 @@ class CameraCommands:
         for pending in [p for p in self._pending if p.due_s <= now_s]:
             if pending.tries == TRIES:
                 self._pending.remove(pending)
-                self._warn(f"Camera does not answer command {pending.message.command}")
+                self._state.pilot.warn(f"Camera does not answer command {pending.message.command}")
                 continue
             pending.message.confirmation = pending.tries
             pending.tries += 1

@@ -73,9 +73,6 @@ class CommandedVehicle(Protocol):
     def reboot(self) -> None:
         """Start again."""
 
-    def say_warning(self, text: str) -> None:
-        """Tell the operator something; nothing where the autopilot has no words for it."""
-
 
 Handler: TypeAlias = Callable[[CommandedVehicle, VehicleCommand], Result]
 
@@ -112,7 +109,7 @@ class CommandReceiver:
         try:
             result = handler(self._vehicle, command)
         except RefusedError as refusal:
-            self._vehicle.say_warning(refusal.told)
+            self._vehicle.pilot.warn(refusal.told)
             return _DENIED if refusal.denied else profile.refused_result, ()
         return (result, ()) if isinstance(result, int) else (_ACCEPTED, result or ())
 
@@ -198,7 +195,7 @@ def _available_modes(profile: MavlinkProfile, index: int) -> tuple[Message, ...]
 def _arm(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
     arm, force = command.params[0], command.number(2) == FORCE
     if arm not in (0.0, 1.0):
-        vehicle.say_warning(vehicle.state.mavlink.refusals.arming.format(arm))
+        vehicle.pilot.warn(vehicle.state.mavlink.refusals.arming.format(arm))
         return _UNSUPPORTED
     (vehicle.pilot.arm if arm else vehicle.pilot.disarm)(force=force)
     return None
@@ -210,7 +207,7 @@ def _run_checks(vehicle: CommandedVehicle, _command: VehicleCommand) -> Result:
         return m.MAV_RESULT_TEMPORARILY_REJECTED
     problem = vehicle.pilot.arming.health_problem()
     if problem is not None:
-        vehicle.say_warning(f"{vehicle.pilot.rules.preflight}: {problem}")
+        vehicle.pilot.warn(f"{vehicle.pilot.rules.preflight}: {problem}")
     return None
 
 
@@ -399,7 +396,7 @@ def _send(message_id: int) -> Handler:
 def _set_interval(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
     message_id, interval = command.number(1, -1), command.params[1]
     if message_id not in BUILDERS:
-        vehicle.say_warning(vehicle.state.mavlink.refusals.interval.format(message_id))
+        vehicle.pilot.warn(vehicle.state.mavlink.refusals.interval.format(message_id))
         return _DENIED
     if math.isnan(interval) or abs(interval) > 1e10:
         return _DENIED
@@ -459,7 +456,7 @@ def _servo(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
     """DO_SET_SERVO: the outputs of the motors are not to be had."""
     channel = command.number(1)
     if 1 <= channel < _FIRST_FREE_SERVO:
-        vehicle.say_warning(f"ServoRelayEvent: Channel {channel} is already in use")
+        vehicle.pilot.warn(f"ServoRelayEvent: Channel {channel} is already in use")
     return None if _FIRST_FREE_SERVO <= channel <= _LAST_SERVO else _FAILED
 
 

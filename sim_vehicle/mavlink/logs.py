@@ -8,16 +8,19 @@ heard. Sources: ArduPilot's ``AP_Logger_MAVLinkLogTransfer.cpp``, PX4's ``mavlin
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.signing import SETUP_SIGNING
 from mission.link.codec.typed import is_a
 from mission.link.tlog import tlog_record
-from sim_vehicle.autopilot.mavlink_profile import LogBehaviour
 from sim_vehicle.component import NEVER
+
+if TYPE_CHECKING:
+    from sim_vehicle.pilot.pilot import Pilot
 
 __all__ = ["FlightLog", "FlightLogs", "LogMessage", "LogTransfer"]
 
@@ -149,21 +152,22 @@ class _Sending:
 
 
 class LogTransfer:
-    """Lists and sends logs, one of them at a time; ``refuse`` is given the text of a refusal."""
+    """Lists and sends logs, one of them at a time."""
 
-    def __init__(self, logs: FlightLogs, behaviour: LogBehaviour, refuse: Callable[[str], None]) -> None:
+    def __init__(self, logs: FlightLogs, pilot: Pilot) -> None:
         self._logs = logs
-        self._behaviour = behaviour
-        self._refuse = refuse
+        self._pilot = pilot
+        self._behaviour = pilot.firmware.mavlink.logs
         self._sending: _Sending | None = None
         self._warned = False
         self.due_s = NEVER
 
-    def receive(self, message: LogMessage, now_s: float, *, armed: bool) -> list[Message]:
+    def receive(self, message: LogMessage, now_s: float) -> list[Message]:
         """Answer a request; the data follow in time."""
+        armed = self._pilot.armed
         if armed and self._behaviour.refusal_armed:
             if not self._warned:
-                self._refuse(self._behaviour.refusal_armed)
+                self._pilot.warn(self._behaviour.refusal_armed)
             self._warned = True
             return []
         self._warned = False
@@ -208,7 +212,7 @@ class LogTransfer:
         busy = self._sending
         if busy is not None and self._behaviour.busy_text:
             if busy.peer != peer:
-                self._refuse(self._behaviour.busy_text)
+                self._pilot.warn(self._behaviour.busy_text)
             return []
         logs, place = self._logs.all, message.id - self._behaviour.first_number
         if not 0 <= place < len(logs):

@@ -10,13 +10,16 @@ import math
 import struct
 import zlib
 from collections.abc import Callable, Mapping
-from typing import Literal, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import is_a
-from sim_vehicle.autopilot.parameters import MavParameter, RuntimeParameters
+from sim_vehicle.autopilot.parameters import MavParameter
 from sim_vehicle.component import NEVER
+
+if TYPE_CHECKING:
+    from sim_vehicle.pilot.pilot import Pilot
 
 ParameterMessage: TypeAlias = (
     m.MAVLink_param_request_list_message | m.MAVLink_param_request_read_message | m.MAVLink_param_set_message
@@ -32,28 +35,17 @@ __all__ = ["ParameterSet"]
 
 
 class ParameterSet:
-    """The vehicle's side of the parameter protocol.
-
-    ``changed`` is called after a parameter took a new value, ``refused`` with a reason when a value was not
-    taken, or is not flown as it was given; ``live`` are constants that are counted anew each time.
-    """
+    """The side of the vehicle in the parameter protocol; ``live`` are constants, counted anew each time."""
 
     def __init__(
-        self,
-        table: tuple[MavParameter, ...],
-        values: RuntimeParameters,
-        encoding: Literal["bytewise", "cast"],
-        changed: Callable[[], None],
-        refused: Callable[[str], None],
-        live: Mapping[str, Callable[[], float]] | None = None,
+        self, pilot: Pilot, table: tuple[MavParameter, ...], live: Mapping[str, Callable[[], float]]
     ) -> None:
-        self._live = dict(live or {})
+        self._pilot = pilot
+        self._live = live
         self._table = table
         self._index = {parameter.name: i for i, parameter in enumerate(table)}
-        self._values = values
-        self._bytewise = encoding == "bytewise"
-        self._changed = changed
-        self._refused = refused
+        self._values = pilot.parameters
+        self._bytewise = pilot.firmware.mavlink.parameter_encoding == "bytewise"
         self._beyond: dict[str, tuple[float, float]] = {}
         self._next = len(table)
         self.due_s = NEVER
@@ -134,13 +126,13 @@ class ParameterSet:
     def _set(self, parameter: MavParameter, value: float) -> None:
         name = parameter.name
         if name in self._live or (parameter.field is None and not (parameter.motion or parameter.stored)):
-            self._refused(f"{name} cannot be changed")
+            self._pilot.warn(f"{name} cannot be changed")
         elif not math.isfinite(value):
-            self._refused(f"{name} must be a number")
+            self._pilot.warn(f"{name} must be a number")
         elif parameter.stored:
             self._store(parameter, value)
         elif self._is_choice(parameter) and not parameter.low <= value <= parameter.high:
-            self._refused(f"{name} must be {parameter.low:g} to {parameter.high:g}")
+            self._pilot.warn(f"{name} must be {parameter.low:g} to {parameter.high:g}")
         else:
             self._take(parameter, value)
 
@@ -155,7 +147,7 @@ class ParameterSet:
             limit = 2 ** (parameter.bits - 1)
             value = float(round(value))
             if not -limit <= value < limit:
-                self._refused(f"{parameter.name} must be {-limit} to {limit - 1}")
+                self._pilot.warn(f"{parameter.name} must be {-limit} to {limit - 1}")
                 return
         self._values.stored[parameter.name] = value
 
@@ -172,8 +164,8 @@ class ParameterSet:
         self._beyond.pop(parameter.name, None)
         if holds != value:
             self._beyond[parameter.name] = (value, self._held(parameter))
-            self._refused(f"{parameter.name} {value:g} is kept, {holds:g} holds")
-        self._changed()
+            self._pilot.warn(f"{parameter.name} {value:g} is kept, {holds:g} holds")
+        self._pilot.apply_parameters()
 
     def _decode(self, value: float, kind: int) -> float:
         if self._bytewise and kind != m.MAV_PARAM_TYPE_REAL32:

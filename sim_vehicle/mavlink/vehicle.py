@@ -134,7 +134,6 @@ class SimVehicle:
         self.autopilot = get_autopilot() if autopilot is None else autopilot
         spec = adapt_vehicle(spec, self.autopilot)
         firmware = self.autopilot.for_vehicle(spec.kind)
-        profile = firmware.mavlink
         self._boots = firmware.cold_boot if cold else None
         if cold and self._boots is None:
             msg = f"how {self.autopilot.title} boots on a {spec.kind} is not known: leave the cold boot out"
@@ -153,7 +152,7 @@ class SimVehicle:
             estimate_errors=None if noise is None else noise.of_estimate,
         )
         self.state = state = WireState(
-            pilot, firmware, home, system_id=system_id, epoch_unix_s=epoch_unix_s, noise=noise
+            pilot, home, system_id=system_id, epoch_unix_s=epoch_unix_s, noise=noise
         )
         self.errors: NavigationErrors | None = state.errors
         self.schedule = self._default_schedule()
@@ -175,19 +174,12 @@ class SimVehicle:
         self._calibration = GyroCalibration(lambda text: pilot.note(Severity.INFO, text))
         self._steering = Steering(state)
         self._plans = PlanReceiver(state, _AUTOPILOT, self._texts, self._reports)
-        self._camera = CameraCommands(state, self.say_warning)
+        self._camera = CameraCommands(state)
         self._commands = CommandReceiver(self)
-        self._parameters = ParameterSet(
-            firmware.parameters(spec, system_id),
-            pilot.parameters,
-            profile.parameter_encoding,
-            pilot.apply_parameters,
-            self.say_warning,
-            self._plans.totals(),
-        )
+        self._parameters = ParameterSet(pilot, firmware.parameters(spec, system_id), self._plans.totals())
         self._logs = FlightLogs(epoch_unix_s)
-        self._log_transfer = LogTransfer(self._logs, profile.logs, self.say_warning)
-        self._ftp = FtpServer(vehicle_files(profile, self._parameters, self._logs, self._plans))
+        self._log_transfer = LogTransfer(self._logs, pilot)
+        self._ftp = FtpServer(vehicle_files(firmware.mavlink, self._parameters, self._logs, self._plans))
         # What has something to do at a time, its `due_s`, in the order of sending.
         self._timed = (
             self._camera,
@@ -206,10 +198,7 @@ class SimVehicle:
         handlers: dict[int, _Handler] = {
             **_each(CommandMessage, self._commands.receive),
             **_each(ParameterMessage, self._on_parameter),
-            **_each(
-                LogMessage,
-                lambda one: self._log_transfer.receive(one, self._now_s, armed=self.pilot.armed),
-            ),
+            **_each(LogMessage, lambda one: self._log_transfer.receive(one, self._now_s)),
             **dict.fromkeys(_MISSION_IDS, self._on_mission),
             **_each(GimbalMessage, lambda one: obey_gimbal_message(self.state, one)),
             **_each(SetpointMessage, self._steering.take_setpoint),
@@ -405,10 +394,6 @@ class SimVehicle:
         elif changed[2]:
             self._send(m.MAVLINK_MSG_ID_MISSION_CURRENT)
 
-    def say_warning(self, text: str) -> None:
-        """Tell the operator why something was refused; nothing where the autopilot has no words for it."""
-        self.pilot.note(Severity.WARNING, text)
-
     def on_home_moved(self) -> None:
         """Tell where home is now."""
         self._plans.server.home = self.state.move_home()
@@ -507,7 +492,7 @@ class SimVehicle:
         try:
             self.pilot.set_current(self.state.own_seq(message.seq))
         except RefusedError:
-            self.say_warning(self.state.mavlink.refusals.current_item)
+            self.pilot.warn(self.state.mavlink.refusals.current_item)
             return ()
         return self.built(m.MAVLINK_MSG_ID_MISSION_CURRENT)
 
@@ -515,7 +500,7 @@ class SimVehicle:
         try:
             set_custom_mode(self, message.custom_mode)
         except RefusedError as refusal:
-            self.say_warning(refusal.told)
+            self.pilot.warn(refusal.told)
 
     def _on_ping(self, message: m.MAVLink_ping_message) -> list[Message]:
         if message.target_system != 0 or message.target_component != 0:
@@ -532,12 +517,12 @@ class SimVehicle:
             return
         if self.pilot.armed or self._signing is None:
             why = "armed" if self.pilot.armed else "not over this link"
-            self.say_warning(f"Signing setup refused: {why}")
+            self.pilot.warn(f"Signing setup refused: {why}")
             return
         try:
             self._signing.setup(bytes(message.secret_key), message.initial_timestamp)
         except LinkError:
-            self.say_warning("Signing setup refused: not over this link")
+            self.pilot.warn("Signing setup refused: not over this link")
 
     def _on_data_stream(self, message: m.MAVLink_request_data_stream_message) -> None:
         if not self.state.mavlink.data_streams:

@@ -13,9 +13,7 @@ from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.pilot.gimbal import Gimbal
 
 if TYPE_CHECKING:
-    from sim_vehicle.autopilot.autopilot import Firmware
     from sim_vehicle.autopilot.behaviour import BootStage
-    from sim_vehicle.autopilot.mavlink_profile import MavlinkProfile
     from sim_vehicle.pilot.pilot import Pilot
 
 __all__ = ["UNUSED", "WireState", "centidegrees", "int16", "int16_vector"]
@@ -44,13 +42,16 @@ def centidegrees(angle_rad: float) -> int:
     return round(math.degrees(angle_rad) * 100.0) % 36000
 
 
+def _e7(latitude_deg: float, longitude_deg: float, altitude_m: float) -> tuple[int, int, int]:
+    return round(latitude_deg * 1e7), round(longitude_deg * 1e7), round(altitude_m * 1e3)
+
+
 class WireState:
     """The source of a vehicle's telemetry: what its messages tell besides the state of its pilot."""
 
     def __init__(
         self,
         pilot: Pilot,
-        firmware: Firmware,
         home: GeoPoint,
         *,
         system_id: int,
@@ -58,21 +59,17 @@ class WireState:
         noise: SensorNoise | None = None,
     ) -> None:
         self.pilot = pilot
-        self.firmware = firmware
-        self.mavlink: MavlinkProfile = firmware.mavlink
+        self.firmware = pilot.firmware
+        self.mavlink = pilot.firmware.mavlink
         self.home = home
         # What carries the camera; not fitted where the autopilot has none.
-        self.gimbal = Gimbal(pilot.parameters, firmware.mavlink.gimbal)
+        self.gimbal = Gimbal(pilot.parameters, self.mavlink.gimbal)
         self.system_id = system_id
         self.errors = NavigationErrors(noise) if noise is not None and not noise.is_off else None
         # Where it is, in truth and by its sensors.
         self.sensed = Sensed.exact((0.0, 0.0, 0.0))
         # Home, and where it believes to be: 1e-7 degree, 1e-7 degree, millimetres above the sea.
-        self.home_e7 = (
-            round(home.latitude_deg * 1e7),
-            round(home.longitude_deg * 1e7),
-            round(home.altitude_m * 1e3),
-        )
+        self.home_e7 = _e7(home.latitude_deg, home.longitude_deg, home.altitude_m)
         self.position_e7 = self.home_e7
         # How it believes to move: east, north, up.
         self.velocity_m_s = (0.0, 0.0, 0.0)
@@ -213,17 +210,12 @@ class WireState:
     def e7_of(self, position_m: Vector) -> tuple[int, int, int]:
         """A position about home in the units of the wire; its height counts from the sea."""
         east, north, up = position_m
-        latitude, longitude = self.pilot.frame.to_wgs84(east, north)
-        return (
-            round(latitude * 1e7),
-            round(longitude * 1e7),
-            round(1000.0 * (up + self.home.altitude_m)),
-        )
+        return _e7(*self.pilot.frame.to_wgs84(east, north), up + self.home.altitude_m)
 
     def move_home(self) -> GeoPoint:
         """Take over where the pilot's home is now."""
         latitude, longitude = self.pilot.frame.to_wgs84(*self.pilot.home_m)
-        self.home_e7 = (round(latitude * 1e7), round(longitude * 1e7), self.home_e7[2])
+        self.home_e7 = _e7(latitude, longitude, self.home.altitude_m)
         return GeoPoint(latitude, longitude, self.home.altitude_m)
 
     def reboot(self) -> None:

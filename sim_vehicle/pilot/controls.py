@@ -110,6 +110,10 @@ class Controls:
         if text:
             self._notices.append((severity, text))
 
+    def warn(self, text: str) -> None:
+        """Tell the operator why something was refused; nothing where the autopilot has no words for it."""
+        self.note(Severity.WARNING, text)
+
     def notices(self) -> list[tuple[Severity, str]]:
         """Take what was noted since the last call."""
         taken, self._notices = self._notices, []

@@ -372,7 +372,7 @@ def test_ping_and_timesync():
 def test_long_texts_are_cut_into_chunks():
     peer = Peer()
     text = "x" * 50 + "y" * 50
-    peer.vehicle.say_warning(text)
+    peer.vehicle.pilot.warn(text)
     peer.wait(0.1)
     pieces = [t for t in peer.told if t.get_type() == "STATUSTEXT"]
     assert [p.chunk_seq for p in pieces] == [0, 1, 2]

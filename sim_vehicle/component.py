@@ -20,12 +20,7 @@ NEVER = float("inf")
 class Component(Protocol):
     """One MAVLink component. Times are monotone seconds of the host's clock.
 
-    Attributes
-    ----------
-    system_id, component_id : int
-        The address, also the source of everything that the component sends.
-    wanted : frozenset of int or None
-        Message ids that `receive` cares for; None is all. The host does not parse the others. Read once.
+    Its system and component are the source of everything that it sends.
     """
 
     @property
@@ -40,7 +35,7 @@ class Component(Protocol):
 
     @property
     def wanted(self) -> frozenset[int] | None:
-        """Message ids that `receive` cares for."""
+        """Message ids that `receive` cares for, None for all; the host does not parse others. Read once."""
         ...
 
     def receive(self, message: mavlink.MAVLink_message, now_s: float) -> list[mavlink.MAVLink_message]:

@@ -54,8 +54,6 @@ class LeafCameraComponent:
         Turns positions into cells.
     system_id, component_id : int
         Address; the system is that of the vehicle.
-    autopilot_component_id : int
-        Whose telemetry to follow.
     position_error : callable, optional
         ``position_error(time_us)``, how far east and north (m) of the truth the vehicle believed to be, at a
         time since its boot; exact without.
@@ -82,7 +80,6 @@ class LeafCameraComponent:
         *,
         system_id: int = 1,
         component_id: int = CAMERA_COMPONENT_ID,
-        autopilot_component_id: int = mavlink.MAV_COMP_ID_AUTOPILOT1,
         position_error: Callable[[float], tuple[float, float]] | None = None,
         looks: Callable[[float], tuple[float, float, float] | None] | None = None,
     ) -> None:
@@ -94,7 +91,7 @@ class LeafCameraComponent:
         self._camera = camera
         self._memory = ImageMemory(camera.options.fields.names, camera.options.footprint_cells)
         self._farm = farm
-        self._autopilot = (system_id, autopilot_component_id)
+        self._autopilot = (system_id, int(mavlink.MAV_COMP_ID_AUTOPILOT1))
         self._heartbeat_s: float | None = None
         self._position_s: float | None = None
         self._mode = mavlink.CAMERA_MODE_IMAGE_SURVEY
@@ -355,15 +352,11 @@ class LeafCameraComponent:
             if image is None:
                 return _DENIED
             return self._memory.report(image, self._utc_offset_us)
-        if message_id == mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION:
-            return [self._information(time_ms)]
-        if message_id == mavlink.MAVLINK_MSG_ID_CAMERA_SETTINGS:
-            return [mavlink.MAVLink_camera_settings_message(time_ms, self._mode)]
-        if message_id == mavlink.MAVLINK_MSG_ID_STORAGE_INFORMATION:
-            return [self._storage(time_ms)]
-        if message_id == mavlink.MAVLINK_MSG_ID_CAMERA_CAPTURE_STATUS:
-            return [self._status(time_ms)]
-        return _UNSUPPORTED
+        tell = _TOLD.get(message_id)
+        return _UNSUPPORTED if tell is None else [tell(self, time_ms)]
+
+    def _settings(self, time_ms: int) -> Message:
+        return mavlink.MAVLink_camera_settings_message(time_ms, self._mode)
 
     def _information(self, time_ms: int) -> Message:
         side = self._camera.options.footprint_cells
@@ -436,6 +429,12 @@ _HANDLERS: dict[int, _Handler] = {
     mavlink.MAV_CMD_SET_CAMERA_MODE: LeafCameraComponent._set_mode,
     mavlink.MAV_CMD_STORAGE_FORMAT: LeafCameraComponent._format_storage,
     mavlink.MAV_CMD_RESET_CAMERA_SETTINGS: LeafCameraComponent._reset_settings,
+}
+_TOLD: dict[float, Callable[[LeafCameraComponent, int], Message]] = {
+    mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION: LeafCameraComponent._information,
+    mavlink.MAVLINK_MSG_ID_CAMERA_SETTINGS: LeafCameraComponent._settings,
+    mavlink.MAVLINK_MSG_ID_STORAGE_INFORMATION: LeafCameraComponent._storage,
+    mavlink.MAVLINK_MSG_ID_CAMERA_CAPTURE_STATUS: LeafCameraComponent._status,
 }
 _OLD_REQUESTS = {
     mavlink.MAV_CMD_REQUEST_CAMERA_INFORMATION: mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION,

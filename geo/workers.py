@@ -53,16 +53,18 @@ class Processes:
 
 
 class CallsAhead(Generic[_T]):
-    """Makes calls in as many processes as there are cores, each before its result is asked for.
+    """Makes calls in processes, by default one for each core, each call before its result is asked for.
 
-    Calls are made as `Processes.submit` says. KeyboardInterrupt if it came while the processes started; they
+    They are made as `Processes.submit` says. KeyboardInterrupt if it came while the processes started; they
     have ended.
     """
 
-    def __init__(self, function: Callable[..., _T], arguments: Sequence[tuple[Any, ...]]) -> None:
+    def __init__(
+        self, function: Callable[..., _T], arguments: Sequence[tuple[Any, ...]], processes: int | None = None
+    ) -> None:
         from joblib import cpu_count
 
-        self._processes = Processes(max(1, min(len(arguments), cpu_count())))
+        self._processes = Processes(max(1, min(len(arguments), processes or cpu_count())))
         self._function = function
         self._arguments = list(arguments)
         self._futures: dict[int, Future[_T]] = {}

@@ -7,13 +7,11 @@ finished members, and finished days of others, are not made again.
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import shutil
-import threading
 from collections.abc import Callable, Iterable
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,19 +20,17 @@ import msgspec
 from numpy.random import SeedSequence
 
 from geo.atomic import atomic_write
-from geo.interrupts import ignore_interrupts, interrupts_held
 from geo.memory import NotEnoughMemoryError, human_bytes, require_memory
 from geo.seeds import child_seed, root_seed
+from geo.workers import CallsAhead
 from sensors.environment.environment import Environment, Provenance
-from sensors.environment.generate import StoppedError, generate_environment, kept_days, memory_needed
+from sensors.environment.generate import generate_environment, kept_days, memory_needed
 from sensors.environment.storage import load_environment
 from sensors.environment.store import fields_from_tables, fields_to_tables
 from sensors.errors import EnvironmentDataError
 from sensors.fields import PAPER_FIELDS, FieldSet
 
 if TYPE_CHECKING:
-    from multiprocessing.synchronize import Event
-
     from geo.grid import FarmGrid
 
 HEADER = "ensemble.json"
@@ -46,7 +42,6 @@ Progress = Callable[[float, float], None]
 
 # What a process needs beside the environment: the interpreter with its libraries.
 _PROCESS_BYTES = 150_000_000
-_POLL_S = 0.2
 # Lossless compression leaves about half of a continuous field.
 _BYTES_A_CELL = 2.2
 
@@ -156,7 +151,8 @@ def generate_ensemble(
 ) -> Ensemble:
     """Generate the members of an ensemble that are not there yet.
 
-    Ctrl-C, or an exception that `progress` raises, stops all processes after their current piece of work.
+    Ctrl-C, or an exception that `progress` raises, ends all processes; the next call goes on with the days
+    that they had finished.
 
     Parameters
     ----------
@@ -171,8 +167,7 @@ def generate_ensemble(
     days, fields, keep_days, farm_name
         As for `generate_environment`.
     jobs : int
-        Processes at once. They are spawned, so a script that calls this with more than one needs the usual
-        ``if __name__ == "__main__"``.
+        Processes at once.
     progress : callable, optional
         Called as ``progress(done, total)`` in members, with fractions.
 
@@ -225,61 +220,27 @@ def _alone(plan: _Plan, members: int, tell: Progress) -> list[int]:
 
 
 def _together(plan: _Plan, members: int, jobs: int, tell: Progress) -> list[int]:
-    context = multiprocessing.get_context("spawn")
-    stop = context.Event()
     made = []
-    with ProcessPoolExecutor(jobs, context, initializer=_start_worker, initargs=(plan, stop)) as pool:
+    with closing(CallsAhead(_make, [(plan, member) for member in range(members)], jobs)) as calls:
         try:
-            with interrupts_held():
-                futures = {pool.submit(_make, member): member for member in range(members)}
-            waiting: set[Future[bool]] = set(futures)
-            while waiting:
-                done, waiting = wait(waiting, timeout=_POLL_S, return_when=FIRST_COMPLETED)
-                made += [futures[future] for future in done if future.result()]
-                tell(members - len(waiting), members)
+            for member in range(members):
+                if calls.result(member):
+                    made.append(member)
+                tell(member + 1, members)
         except BrokenProcessPool as error:
             raise EnvironmentDataError(
                 "ensemble: a process was killed, perhaps for lack of memory; finished members are kept: "
                 "run again with fewer jobs"
             ) from error
-        except BaseException:
-            stop.set()
-            pool.shutdown(cancel_futures=True)
-            raise
-    return sorted(made)
+    return made
 
 
-_worker: tuple[_Plan, Event] | None = None
-
-
-def _start_worker(plan: _Plan, stop: Event) -> None:
+def _make(plan: _Plan, member: int) -> bool:
+    """Make a member in a process of its own."""
     import zarr
 
-    global _worker
-    # The parent tells the workers to stop.
-    ignore_interrupts()
     zarr.config.set({"threading.max_workers": 1})
-    _worker = (plan, stop)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
-
-
-def _make(member: int) -> bool:
-    assert _worker is not None
-    plan, stop = _worker
-
-    def check(_done: int, _total: int) -> None:
-        if stop.is_set():
-            raise StoppedError
-
-    check(0, 0)
-    return plan.make(member, check)
+    return plan.make(member, lambda _done, _total: None)
 
 
 def _header(plan: _Plan, members: int) -> EnsembleHeader:

@@ -39,7 +39,7 @@ _OUTBREAKS_AT_ONCE = 2
 
 
 class StoppedError(Exception):
-    """Ends a thread or process whose result nobody waits for any more."""
+    """Ends a thread whose result nobody waits for any more."""
 
 
 class _Steps:

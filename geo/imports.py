@@ -28,8 +28,8 @@ _PUBLIC = re.compile(r"^    from ([\w.]+) import (\w+) as \2$", re.MULTILINE)
 
 def attach(package: str) -> tuple[Callable[[str], object], Callable[[], list[str]], list[str]]:
     """Make ``__getattr__``, ``__dir__`` and ``__all__`` of a package, of what its source names."""
-    loader: Any = sys.modules[package].__loader__
-    homes = {name: module for module, name in _PUBLIC.findall(loader.get_source(package))}
+    source = Path(str(sys.modules[package].__file__)).read_text(encoding="utf-8")
+    homes = {name: module for module, name in _PUBLIC.findall(source)}
     public = sorted(homes)
 
     def __getattr__(name: str) -> object:  # noqa: N807 (is put into the package)

@@ -97,10 +97,8 @@ def make_kernel(shape: str, size: int, length_cells: float = 1.0) -> DistanceKer
     length_cells : float
         Length of the exponential and the Gaussian shape, cells.
 
-    Raises
-    ------
-    EnvironmentDataError
-        If the shape is unknown, the size is not a small odd number or the length not positive.
+    EnvironmentDataError if the shape is unknown, the size is not a small odd number or the length not
+    positive.
 
     Examples
     --------

@@ -107,10 +107,7 @@ class Environment:
     ) -> Environment:
         """Make an environment of arrays: see `onset` and `level`.
 
-        Raises
-        ------
-        EnvironmentDataError
-            If the arrays do not fit each other, or there is no day.
+        EnvironmentDataError if the arrays do not fit each other, or there is no day.
         """
         kept = tuple(sorted(days))
         if not kept:
@@ -156,10 +153,7 @@ class Environment:
 
         0 susceptible, k > 0 infected with k days left, -1 removed, -2 immune.
 
-        Raises
-        ------
-        EnvironmentDataError
-            If the disease is unknown or the day not kept.
+        EnvironmentDataError if the disease is unknown or the day not kept.
         """
         layer = self._onset_of(disease)
         self._check_day(day)
@@ -184,10 +178,7 @@ class Environment:
         A disease is 1.0 where plants are healthy or there is no host, 0.5 where they are infected and 0.0
         where they are lost.
 
-        Raises
-        ------
-        EnvironmentDataError
-            If the day is not kept.
+        EnvironmentDataError if the day is not kept.
         """
         self._check_day(day)
         values = np.empty((len(self.fields), *self.shape), np.float32) if out is None else out
@@ -200,10 +191,7 @@ class Environment:
         The slices have no step; an end that is not given is that of the farm. Of a stored environment only
         the chunks there are decoded.
 
-        Raises
-        ------
-        EnvironmentDataError
-            If the day is not kept or the window not on the farm.
+        EnvironmentDataError if the day is not kept or the window not on the farm.
 
         Examples
         --------
@@ -244,10 +232,8 @@ class Environment:
     def sample(self, day: int, ix: ArrayLike, iy: ArrayLike) -> NDArray[np.float32]:
         """Return the fields of one or k cells on a kept day, float32[k, n], without building the whole day.
 
-        Raises
-        ------
-        EnvironmentDataError
-            If the day is not kept, or a cell lies outside the farm or is not given by integers.
+        EnvironmentDataError if the day is not kept, or a cell lies outside the farm or is not given by
+        integers.
         """
         self._check_day(day)
         few = _few_cells(ix, iy, self.shape)

@@ -124,11 +124,8 @@ class Cluster:
 
     For the address ``local`` one with `workers` is started on the loopback interface, and ends with this.
 
-    Raises
-    ------
-    ClusterError
-        If the package is not installed, the scheduler does not answer, has no workers, or has such with
-        several threads: a run counts on the process for itself.
+    ClusterError if the package is not installed, the scheduler does not answer, has no workers, or has such
+    with several threads: a run counts on the process for itself.
     """
 
     def __init__(self, address: str, workers: int) -> None:

@@ -42,10 +42,7 @@ def meaning_of(scenario: Scenario) -> str:
 
     A farm or vehicle file counts by what is in it, not by its name.
 
-    Raises
-    ------
-    WbfMissionError
-        If the farm, a field or a vehicle is unknown.
+    WbfMissionError if the farm, a field or a vehicle is unknown.
     """
     options = {key: one for key, one in scenario.to_dict().items() if key not in (*_ROWS, *_FILES)}
     options = _without(options, _LATER_OPTIONS)

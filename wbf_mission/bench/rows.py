@@ -188,10 +188,7 @@ def read_rows(folder: Path) -> list[BenchRow]:
 
     Of a run that was flown twice the later row counts.
 
-    Raises
-    ------
-    ResultError
-        If there is none, or a file is damaged.
+    ResultError if there is none, or a file is damaged.
     """
     found: dict[str, BenchRow] = {}
     table = folder / TABLE

@@ -84,10 +84,7 @@ def measured_costs(
 
     A method that took more than the limit on a farm is not asked for more observations (`numbers`, growing).
 
-    Raises
-    ------
-    ResultError
-        If the file holds something else.
+    ResultError if the file holds something else.
     """
     found = kept_costs(path) if path.exists() else []
     wanted = [(method, farm) for farm in farms for method in (*ESTIMATORS, SCORE)]
@@ -106,10 +103,7 @@ def measured_costs(
 def kept_costs(path: Path) -> list[Cost]:
     """Read what `measured_costs` keeps.
 
-    Raises
-    ------
-    ResultError
-        If the file holds something else.
+    ResultError if the file holds something else.
     """
     try:
         return _decoder.decode(path.read_bytes())

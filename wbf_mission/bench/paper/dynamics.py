@@ -45,10 +45,7 @@ class Dynamics:
     def of(cls, scenario: Scenario, seeds: Sequence[int], progress: Progress = silent) -> Self:
         """Make the environments of a scenario's farm.
 
-        Raises
-        ------
-        WbfMissionError
-            If there is no such farm, or not enough memory for it.
+        WbfMissionError if there is no such farm, or not enough memory for it.
         """
         farm = get_farm(scenario.farm.name)
         maps: dict[int, NDArray[np.float32]] = {}

@@ -78,10 +78,7 @@ class ShownRun:
     def load(cls, path: Path) -> Self:
         """Read what `save` wrote.
 
-        Raises
-        ------
-        ResultError
-            If the file holds something else.
+        ResultError if the file holds something else.
         """
         try:
             with np.load(path, allow_pickle=False) as file:

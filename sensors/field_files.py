@@ -67,10 +67,8 @@ def load_field_set(names_or_paths: Iterable[str], folder: str | Path = ".") -> F
     """
     found: list[Field] = []
     for item in names_or_paths:
-        if item.lower().endswith(".toml"):
-            found += read_fields(Path(folder) / item)
-        else:
-            found.append(_registered(item))
+        named = not item.lower().endswith(".toml")
+        found += (_registered(item),) if named else read_fields(Path(folder) / item)
     return FieldSet(tuple(found))
 
 

@@ -14,8 +14,7 @@ from mission.transfer import refuse_errors
 from sensors.estimators import Estimator
 from sensors.field_files import load_field_set
 from sensors.scoring.score import ScoreWeights
-from sim_vehicle.faults.fault import Fault, parse_fault
-from sim_vehicle.faults.session import check_vehicles
+from sim_vehicle.faults.fault import Fault
 from sim_vehicle.host.simulation import Impairment
 from wbf_mission.live.link import LiveLink
 from wbf_mission.maps.field_maps import FieldMap, true_map
@@ -23,12 +22,7 @@ from wbf_mission.preflight.run import ShowFindings, check_plans, show_nobody
 from wbf_mission.progress import Progress, Stopwatch, silent
 from wbf_mission.results.result import Result
 from wbf_mission.run.campaign import Campaign
-from wbf_mission.run.estimation import (
-    attribute_errors_to,
-    estimator_of,
-    prepare_days,
-    require_run_memory,
-)
+from wbf_mission.run.estimation import estimator_of, require_run_memory
 from wbf_mission.run.hosting import VirtualHosting
 from wbf_mission.run.rehearsal import REHEARSED_ON, rehearsed
 from wbf_mission.run.resolve import camera_options, resolve
@@ -114,10 +108,8 @@ def fly(
     progress = progress or silent
     watch = Stopwatch()
     scenario = scenario_with(scenario, {"planner": planner, "policy": policy, "estimator": estimator})
-    breaking = tuple(parse_fault(one) if isinstance(one, str) else one for one in faults)
-    check_vehicles(breaking, range(1, len(scenario.vehicle.fleet) + 1))
     fitted = None if connect is None else connect.fitted
-    run = resolve(scenario, fitted=fitted, weights=weights, progress=progress)
+    run = resolve(scenario, faults=faults, fitted=fitted, weights=weights, progress=progress)
     if connect is not None:
         run = replace(run, vehicles=connect.numbered(run.vehicles))
     with rehearsed(run, rehearse) as ready:
@@ -132,17 +124,12 @@ def fly(
                 if connect is None:
                     refuse_errors(one.rendered)
             _check(campaign, connect, force=force, tell=tell_errors)
-        learner = run.estimator
-        require_run_memory(run.farm, learner, round(campaign.expected_readings))
+        require_run_memory(run.farm, run.estimator, round(campaign.expected_readings))
         environments = None if memory is None else memory.environments
         environment, cached = run.environment(progress, use_cache=use_cache, memory=environments)
         watch.lap("environment")
         # One BLAS thread: sums do not depend on the number of cores then, and small matrices are faster.
         with threadpool_limits(1, user_api="blas"):
-            with attribute_errors_to(learner):
-                learner.fit(run.farm.grid())
-            prepare_days(learner, run.first_day, run.days, progress)
-            watch.lap("learning")
             campaign.learn_from(environment, ready)
             assert campaign.evidence.estimate is not None
             try:
@@ -154,7 +141,7 @@ def fly(
                     _check(campaign, connect, force=force, tell=tell_errors)
                 try:
                     if connect is None:
-                        hosting = VirtualHosting(pace, tlog, impairment, breaking)
+                        hosting = VirtualHosting(pace, tlog, impairment, run.faults)
                         campaign.fly(environment, hosting, memory=memory)
                     else:
                         campaign.fly(environment, connect.hosting(tlog), connect.attendant)

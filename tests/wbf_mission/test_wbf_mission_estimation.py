@@ -7,12 +7,13 @@ import geo.memory
 from geo.farms import get_farm
 from geo.memory import AvailableMemory, NotEnoughMemoryError
 from sensors.errors import EstimatorError
+from sensors.estimation import RunEstimate
 from sensors.estimators import make_estimator
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.score import RunningScore
 from wbf_mission.cli.app import main
-from wbf_mission.run.estimation import RunEstimate, require_run_memory, score_points
+from wbf_mission.run.estimation import require_run_memory, score_points
 
 
 @pytest.mark.parametrize(

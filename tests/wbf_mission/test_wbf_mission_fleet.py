@@ -12,8 +12,9 @@ from sim_vehicle.faults.fault import FaultError
 from wbf_mission import Scenario, fly, load_result
 from wbf_mission.cli.app import main
 from wbf_mission.planning import plan
-from wbf_mission.planning.fleet import single_scenarios, vehicles_of
+from wbf_mission.planning.fleet import single_vehicles
 from wbf_mission.planning.plan import plan_fleet
+from wbf_mission.run.resolve import resolve
 from wbf_mission.scenario import ScenarioError
 from wbf_mission.scenario.values import Separation, parse_separation
 
@@ -46,22 +47,22 @@ def test_each_flying_vehicle_has_a_layer_and_comes_home_in_it():
     mixed = Scenario(
         vehicle="quad,ideal,quad,rover,mapping-quad", separation="layers:3m", estimate_errors=False
     )
-    singles = single_scenarios(mixed)
+    singles = single_vehicles(mixed)
     heights = [one.mission.altitude_m for one in singles]
     assert heights[:4] == [10.0, None, 13.0, None] and heights[4] >= 16.0
     assert [one.vehicle.parameters.get("RTL_RETURN_ALT") for one in singles] == heights
-    ardupilot = single_scenarios(Scenario(vehicle="quad", vehicles=2, autopilot="ardupilot"))
+    ardupilot = single_vehicles(Scenario(vehicle="quad", vehicles=2, autopilot="ardupilot"))
     assert [one.vehicle.parameters for one in ardupilot] == [{"RTL_ALT": 1000.0}, {"RTL_ALT": 1200.0}]
-    own = single_scenarios(Scenario(vehicle="quad", vehicles=2, parameters={"RTL_RETURN_ALT": 40.0}))
+    own = single_vehicles(Scenario(vehicle="quad", vehicles=2, parameters={"RTL_RETURN_ALT": 40.0}))
     assert [one.vehicle.parameters["RTL_RETURN_ALT"] for one in own] == [40.0, 40.0]
-    assert single_scenarios(Scenario())[0].mission.altitude_m is None
+    assert single_vehicles(Scenario())[0].mission.altitude_m is None
     with pytest.raises(ScenarioError, match=r"vehicle 3 would fly at 176\.2 m, above 120 m"):
-        single_scenarios(Scenario(vehicle="quad", vehicles=3, separation="layers:80m"))
+        single_vehicles(Scenario(vehicle="quad", vehicles=3, separation="layers:80m"))
 
 
 def test_layers_are_farther_apart_by_what_vehicles_err_about_their_heights():
     def heights(**options):
-        return [one.mission.altitude_m for one in single_scenarios(Scenario(**options))]
+        return [one.mission.altitude_m for one in single_vehicles(Scenario(**options))]
 
     assert heights(vehicle="quad", vehicles=4) == [10.0, 15.1, 20.2, 25.3]
     assert heights(vehicle="quad", vehicles=3, estimate_errors=False) == [10.0, 12.0, 14.0]
@@ -69,20 +70,21 @@ def test_layers_are_farther_apart_by_what_vehicles_err_about_their_heights():
     apart = np.diff(heights(vehicle="quad", vehicles=2, autopilot="ardupilot", baro_noise_m=0.5))
     assert apart == pytest.approx(2.0 + 3.0 * 2.0 * 0.5)
     rows = [
-        one.task.request.start_xy_m for one in vehicles_of(Scenario(**QUADS, vehicles=2, gps_noise_m=1.5))
+        one.task.request.start_xy_m
+        for one in resolve(Scenario(**QUADS, vehicles=2, gps_noise_m=1.5)).vehicles
     ]
     assert np.hypot(*np.subtract(*rows)) == pytest.approx(4.0 + 3.0 * np.sqrt(2.0) * 1.5, abs=0.1)
 
 
 def test_vehicles_stand_in_a_row_behind_home():
     farm = get_farm("miniberry-30")
-    homes = [one.task.request.start_xy_m for one in vehicles_of(Scenario(**QUADS, vehicles=4))]
+    homes = [one.task.request.start_xy_m for one in resolve(Scenario(**QUADS, vehicles=4)).vehicles]
     assert homes[0] == farm.home_m
     steps = np.diff(homes, axis=0)
     assert np.hypot(*steps.T) == pytest.approx([4.0] * 3)
     centre = np.array([farm.owner_area.centroid.x, farm.owner_area.centroid.y])
     assert (np.diff([np.hypot(*(centre - home)) for home in homes]) > 3.99).all()
-    robots = [one.task.request.start_xy_m for one in vehicles_of(Scenario(**ROBOTS, vehicles=3))]
+    robots = [one.task.request.start_xy_m for one in resolve(Scenario(**ROBOTS, vehicles=3)).vehicles]
     assert robots == [get_farm("miniberry-10").home_m] * 3
 
 

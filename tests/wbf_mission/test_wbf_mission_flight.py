@@ -13,13 +13,13 @@ from mission.files import write_mission
 from mission.model import Command, Mission, MissionItem
 from mission.outcome import Outcome
 from sensors.errors import EstimatorError
+from sensors.estimation import RunEstimate
 from sensors.observations import Observations
 from sim_vehicle.host.simulation import Impairment
 from wbf_mission.exit_codes import exit_code_of_flight
 from wbf_mission.flight import fly
 from wbf_mission.planning import plan
 from wbf_mission.preflight.finding import PreflightError, Report
-from wbf_mission.run.estimation import RunEstimate
 from wbf_mission.run.resolve import make_environment
 from wbf_mission.scenario import Scenario, ScenarioError, scenario_with
 

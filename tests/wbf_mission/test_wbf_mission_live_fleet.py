@@ -21,10 +21,10 @@ from wbf_mission.flight import fly
 from wbf_mission.live.discovery import LiveFlightError, fitted_to, wanted_vehicles
 from wbf_mission.live.hosting import links_of
 from wbf_mission.live.link import LiveLink, via_named
-from wbf_mission.planning.fleet import vehicles_of
 from wbf_mission.replanning.loop import DecisionLoop
 from wbf_mission.run import joint_flight, sortie
 from wbf_mission.run.joint_flight import JointFlight
+from wbf_mission.run.resolve import resolve
 
 A, B = "tcp:127.0.0.1:1", "tcp:127.0.0.1:2"
 FAST = 8
@@ -55,7 +55,7 @@ def by_id(flights):
 
 def home_of(number, autopilots, farm="miniberry-10"):
     """Return where a vehicle of a fleet stands by its plan."""
-    fleet = vehicles_of(scenario(farm=farm, vehicles=len(autopilots), autopilot=",".join(autopilots)))
+    fleet = resolve(scenario(farm=farm, vehicles=len(autopilots), autopilot=",".join(autopilots))).vehicles
     builder = fleet[number - 1].task.builder
     latitude, longitude = builder.farm.frame.to_wgs84(*builder.home_m)
     return f"{latitude:.8f},{longitude:.8f},{builder.farm.frame.altitude_m}"

@@ -13,7 +13,7 @@ from mission.policies.decision import NO_CHANGE, Decision
 from mission.policies.observation import Event, Status
 from mission.policies.policy import FixedPlan, Triggers
 from wbf_mission import Scenario, fly
-from wbf_mission.planning.fleet import vehicles_of
+from wbf_mission.run.resolve import resolve
 from wbf_mission.run.sortie import SILENT_S, SLOWER, SPARE_S, StationRange
 from wbf_mission.scenario import ScenarioError
 
@@ -163,7 +163,7 @@ def test_whatever_the_range_it_ends_at_home_within_its_battery(autopilot, range_
         seed=seed,
     )
     result = fly(scenario)
-    for one, vehicle in zip(result.flights, vehicles_of(scenario), strict=True):
+    for one, vehicle in zip(result.flights, resolve(scenario).vehicles, strict=True):
         assert one.outcome is Outcome.COMPLETED, one.reason
         end = one.track.x_m[-1], one.track.y_m[-1]
         assert np.hypot(*np.subtract(end, vehicle.task.request.start_xy_m)) < 1.0

@@ -7,12 +7,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from geo.farms import get_farm
+from sensors.dynamics.epidemic import outbreak_of
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from wbf_mission.maps import block_sums, blocks
 from wbf_mission.maps.blocks import MapGrid
-from wbf_mission.maps.field_maps import FieldMap, field_maps, outbreak_of, true_map
+from wbf_mission.maps.field_maps import FieldMap, field_maps, true_map
 from wbf_mission.maps.report import farm_report, gamma_interval, report_of_maps
 from wbf_mission.pictures import plots
 

@@ -4,7 +4,7 @@ import itertools
 
 from wbf_mission import Scenario
 from wbf_mission.planning.assignment import SortieNumber
-from wbf_mission.planning.fleet import vehicles_of
+from wbf_mission.run.resolve import resolve
 
 
 def test_the_first_flight_has_the_parts_own_stream_and_no_two_flights_the_same():
@@ -19,7 +19,7 @@ def test_the_first_flight_has_the_parts_own_stream_and_no_two_flights_the_same()
 
 
 def test_planning_alone_draws_what_the_first_flight_draws():
-    for one in vehicles_of(Scenario(farm="miniberry-10", vehicle="ideal", vehicles=2, day=4)):
+    for one in resolve(Scenario(farm="miniberry-10", vehicle="ideal", vehicles=2, day=4)).vehicles:
         task = one.task
         first = task.of_sortie(SortieNumber.first(4, task.system_id)).request.seed
         again = task.of_sortie(SortieNumber(4, 2, task.system_id, 4)).request.seed

@@ -68,7 +68,7 @@ def plan_command(
     from mission.files import Firmware, write_mission, writer_for
     from mission.transfer import Severity
     from wbf_mission.flight import check_flight
-    from wbf_mission.planning.fleet import single_scenarios
+    from wbf_mission.planning.fleet import single_vehicles
     from wbf_mission.planning.plan import plan_fleet
     from wbf_mission.preflight.run import check_plans
 
@@ -86,9 +86,8 @@ def plan_command(
         progress("planning", 0, 1)
         results = plan_fleet(chosen, progress=progress)
         progress("planning", 1, 1)
-    singles = single_scenarios(chosen)
     check_plans(
-        zip(results, singles, strict=True),
+        zip(results, single_vehicles(chosen), strict=True),
         "nothing was written",
         force=force,
         show=partial(show_findings, output),

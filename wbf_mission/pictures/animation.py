@@ -26,12 +26,13 @@ from threadpoolctl import threadpool_limits
 from geo.atomic import atomic_path
 from geo.errors import WbfMissionError
 from mission.ground.tracks import Track
+from sensors.estimation import attribute_errors_to, prepare_days
 from sensors.estimators import Estimator, advance_estimator
 from sensors.fields import Field
 from wbf_mission.maps.blocks import COUNT, ILLNESS, MapGrid
 from wbf_mission.maps.field_maps import pixel_sums
 from wbf_mission.progress import Progress, silent
-from wbf_mission.run.estimation import attribute_errors_to, estimator_of, prepare_days
+from wbf_mission.run.estimation import estimator_of
 from wbf_mission.run.record import FlightRecord
 from wbf_mission.run.resolve import make_environment
 

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from sensors.estimation import ScoreHistory
     from wbf_mission.maps.field_maps import FieldMap
-    from wbf_mission.run.estimation import ScoreHistory
 
 CROP_COLOURS = {
     Crop.NONE: "#f4f1ea",

@@ -27,7 +27,7 @@ from wbf_mission.planning.budget import (
 from wbf_mission.planning.builder import MissionBuilder, PlanResult
 from wbf_mission.planning.keep_out import flyable_area
 from wbf_mission.progress import Progress, silent
-from wbf_mission.scenario import MissionOptions, Scenario
+from wbf_mission.scenario import MissionOptions
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,23 +92,30 @@ class VehicleAssignment:
 
     @classmethod
     def of(
-        cls, scenario: Scenario, builder: MissionBuilder, *, system_id: int = 1, progress: Progress = silent
+        cls,
+        mission: MissionOptions,
+        builder: MissionBuilder,
+        *,
+        footprint: int,
+        seed: int,
+        number: SortieNumber,
+        progress: Progress = silent,
     ) -> VehicleAssignment:
-        """Return the task of a vehicle."""
+        """Return the task of a vehicle in a flight; the camera's footprint is so many cells wide."""
         farm = builder.farm
-        means, text = _means(scenario.mission, builder)
+        means, text = _means(mission, builder)
         request = PlanningRequest(
-            footprint_m=scenario.camera.footprint * farm.cell_size_m,
+            footprint_m=footprint * farm.cell_size_m,
             crop_areas=tuple(
                 CropArea(crop, land)
                 for crop in (Crop.TOMATO, Crop.STRAWBERRY)
                 if not (land := farm.crop_area(crop)).is_empty
             ),
-            seed=_planner_seed(scenario.seed, SortieNumber.first(scenario.farm.day, system_id)),
+            seed=_planner_seed(seed, number),
             progress=lambda done, total: progress("planning", done, total),
             **means,
         )
-        return cls(system_id, builder, request, text, scenario.seed)
+        return cls(number.system_id, builder, request, text, seed)
 
     def moved(self, mission: MissionOptions, builder: MissionBuilder) -> VehicleAssignment:
         """Return the same task from where another builder has its home; errors as of `of`."""

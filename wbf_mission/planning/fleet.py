@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from geo import Farm, get_farm
+from geo import Farm
 from geo.seeds import child_seed
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.airframe.sensor_errors import SensorNoise
@@ -30,12 +30,11 @@ from wbf_mission.progress import Progress, silent
 from wbf_mission.scenario import (
     CameraOptions,
     MissionOptions,
-    Scenario,
     ScenarioError,
     VehicleOptions,
     WeatherOptions,
 )
-from wbf_mission.scenario.scenario import PARTS
+from wbf_mission.scenario.parts import VehicleParts
 from wbf_mission.scenario.values import DISTANCE, LAYERS
 
 HIGHEST_M = 120.0
@@ -44,16 +43,22 @@ _ROW_FACTOR = 1.5
 
 
 @dataclass(frozen=True, slots=True)
-class Vehicle:
-    """One of the vehicles of a run, and the options as far as they concern it alone."""
+class SingleVehicle:
+    """The options of a run as far as they concern one of its vehicles."""
 
-    task: VehicleAssignment
     vehicle: VehicleOptions
     """With its name, and with the parameters of its layer."""
     mission: MissionOptions
     """With the height of its layer."""
     weather: WeatherOptions
     camera: CameraOptions
+
+
+@dataclass(frozen=True, slots=True)
+class Vehicle(SingleVehicle):
+    """One of the vehicles of a run, with its task."""
+
+    task: VehicleAssignment
 
     def wind(self, number: SortieNumber) -> Wind:
         """Return the wind that it meets in a flight, gusts included."""
@@ -70,28 +75,33 @@ class Vehicle:
         return replace(self, task=self.task.moved(self.mission, builder))
 
 
-def vehicles_of(scenario: Scenario, progress: Progress = silent) -> tuple[Vehicle, ...]:
+def vehicles_of(
+    options: VehicleParts, farm: Farm, *, seed: int, first_day: int, progress: Progress = silent
+) -> tuple[Vehicle, ...]:
     """Return the vehicles of a run, each with its task.
 
     The first one starts at the farm's home. The others stand behind it in a row that leads away from the
     farm. Ideal robots, which have no size, all start at home, as in the paper.
     """
-    farm = get_farm(scenario.farm.name)
     vehicles = []
-    for number, one in enumerate(single_scenarios(scenario), start=1):
+    for number, one in enumerate(single_vehicles(options), start=1):
         together = number == 1 or get_vehicle(one.vehicle.name).is_ideal
-        home_m = None if together else _start_m(scenario, farm, number)
+        home_m = None if together else _start_m(options.vehicle, farm, number)
         task = VehicleAssignment.of(
-            one, MissionBuilder.of(one, farm, home_m), system_id=number, progress=progress
+            one.mission,
+            MissionBuilder.of(one, farm, home_m),
+            footprint=one.camera.footprint,
+            seed=seed,
+            number=SortieNumber.first(first_day, number),
+            progress=progress,
         )
-        vehicles.append(Vehicle(task, one.vehicle, one.mission, one.weather, one.camera))
-    _check_radio(scenario, farm, vehicles)
+        vehicles.append(Vehicle(one.vehicle, one.mission, one.weather, one.camera, task))
+    _check_radio(options.vehicle.radio_range_m, farm, vehicles)
     return tuple(vehicles)
 
 
-def _check_radio(scenario: Scenario, farm: Farm, vehicles: Sequence[Vehicle]) -> None:
+def _check_radio(range_m: float | None, farm: Farm, vehicles: Sequence[Vehicle]) -> None:
     """Raise ScenarioError if a vehicle would start beyond the radio's range: it could not be told to."""
-    range_m = scenario.vehicle.radio_range_m
     for one in vehicles:
         away_m = math.dist(one.task.builder.home_m, farm.home_m)
         if range_m is not None and away_m >= range_m:
@@ -102,37 +112,42 @@ def _check_radio(scenario: Scenario, farm: Farm, vehicles: Sequence[Vehicle]) ->
             raise ScenarioError(msg)
 
 
-def single_scenarios(scenario: Scenario) -> tuple[Scenario, ...]:
-    """Return for each vehicle of a run the run of it alone, in the order of their system ids.
+def single_vehicles(options: VehicleParts) -> tuple[SingleVehicle, ...]:
+    """Return the options of each vehicle of a run, in the order of their system ids.
 
     With layers, each that flies does so higher than the one before it, on its way home, too: the autopilot
     returns at the height of the layer. Layers are as far apart as told, and farther by what the vehicles err
     about their heights. A vehicle that stands farther behind crosses the columns in which those before it
     climb and land above all that they do there; they never come to its own.
     """
-    separation = scenario.vehicle.keeps
-    layered = separation.kind == LAYERS and len(scenario.vehicle.fleet) > 1
-    below_m, below_error_m = -math.inf, 0.0
-    singles: list[Scenario] = []
-    for name, autopilot in zip(scenario.vehicle.fleet, scenario.vehicle.autopilots, strict=True):
-        vehicle = replace(scenario.vehicle, name=name, autopilot=autopilot, vehicles=None)
-        mission, spec = scenario.mission, get_vehicle(name)
-        if layered and flies(spec):
-            error_m = height_error_m(vehicle, spec)
+    asked, mission, separation = options.vehicle, options.mission, options.vehicle.keeps
+    vehicles = [
+        replace(asked, name=name, autopilot=autopilot, vehicles=None)
+        for name, autopilot in zip(asked.fleet, asked.autopilots, strict=True)
+    ]
+    missions = [mission] * len(vehicles)
+    if separation.kind == LAYERS and len(vehicles) > 1:
+        below_m, below_error_m = -math.inf, 0.0
+        for k, one in enumerate(vehicles):
+            spec = get_vehicle(one.name)
+            if not flies(spec):
+                continue
+            error_m = height_error_m(one, spec)
             lowest_m = below_m + separation.metres + separation_margin_m(below_error_m, error_m)
             height_m = max(mission.altitude_m or spec.takeoff_altitude_m, round(lowest_m, 2))
             if height_m > HIGHEST_M:
                 msg = (
-                    f"separation layers: vehicle {len(singles) + 1} would fly at {height_m:g} m, above"
+                    f"separation layers: vehicle {k + 1} would fly at {height_m:g} m, above"
                     f" {HIGHEST_M:g} m; give thinner layers or a lower altitude"
                 )
                 raise ScenarioError(msg)
             below_m, below_error_m = height_m, error_m
-            mission = replace(mission, altitude_m=height_m)
-            vehicle = replace(vehicle, parameters=_parameters(vehicle, spec, height_m))
-        parts = {part: getattr(scenario, part) for part in PARTS}
-        singles.append(Scenario(**{**parts, "vehicle": vehicle, "mission": mission}, seed=scenario.seed))
-    return tuple(singles)
+            missions[k] = replace(mission, altitude_m=height_m)
+            vehicles[k] = replace(one, parameters=_parameters(one, spec, height_m))
+    return tuple(
+        SingleVehicle(one, flown, options.weather, options.camera)
+        for one, flown in zip(vehicles, missions, strict=True)
+    )
 
 
 def flies(spec: VehicleSpec) -> bool:
@@ -150,13 +165,13 @@ def _parameters(vehicle: VehicleOptions, spec: VehicleSpec, height_m: float) -> 
     return {name: round(height_m / unit_m), **given} if unit_m < 1.0 else {name: height_m, **given}
 
 
-def _start_m(scenario: Scenario, farm: Farm, number: int) -> tuple[float, float]:
+def _start_m(options: VehicleOptions, farm: Farm, number: int) -> tuple[float, float]:
     """Return where a vehicle stands: in a row behind home, as seen from the farm."""
-    separation = scenario.vehicle.keeps
+    separation = options.keeps
     spacing_m = SPACING_M
     if separation.kind in (LAYERS, DISTANCE):
         spacing_m = max(SPACING_M, _ROW_FACTOR * separation.metres)
-        spacing_m += ground_separation_margin_m(scenario.vehicle)
+        spacing_m += ground_separation_margin_m(options)
     home = np.asarray(farm.home_m)
     centre = free_area(farm).centroid
     away = home - (centre.x, centre.y)

@@ -46,15 +46,17 @@ def plan(scenario: Scenario, *, progress: Progress = silent) -> PlanResult:
 
 def plan_fleet(scenario: Scenario, *, progress: Progress = silent) -> tuple[PlanResult, ...]:
     """Plan for all vehicles of a scenario, in the order of their system ids; errors as of `plan`."""
+    farm, day = get_farm(scenario.farm.name), scenario.farm.day
     if scenario.mission.file is not None:
-        require_one_vehicle(scenario)
-        return (read_plan(scenario, MissionBuilder.of(scenario, get_farm(scenario.farm.name))),)
-    tasks = [one.task for one in vehicles_of(scenario, progress)]
-    farm, choice = tasks[0].builder.farm, scenario.mission.planner
+        require_one_vehicle(scenario.mission.file, len(scenario.vehicle.fleet))
+        builder = MissionBuilder.of(scenario, farm)
+        return (read_plan(scenario.mission.file, builder, scenario.camera.footprint, scenario.seed),)
+    vehicles = vehicles_of(scenario, farm, seed=scenario.seed, first_day=day, progress=progress)
+    tasks, choice = [one.task for one in vehicles], scenario.mission.planner
     fields = load_field_set(scenario.farm.fields)
     knowledge = Knowledge(
         farm,
-        scenario.farm.day,
+        day,
         fields,
         ScoreWeights.of(fields),
         partial(InformationModel.unknown, farm.grid().shape, fields),
@@ -66,11 +68,10 @@ def plan_fleet(scenario: Scenario, *, progress: Progress = silent) -> tuple[Plan
     return tuple(task.plan_of(decision, str(choice)) for task in tasks)
 
 
-def require_one_vehicle(scenario: Scenario) -> None:
+def require_one_vehicle(file: str, count: int) -> None:
     """Raise ScenarioError if several vehicles are to fly one mission file."""
-    count = len(scenario.vehicle.fleet)
     if count > 1:
-        msg = f"mission {scenario.mission.file} is one vehicle's, but {count} fly; give one"
+        msg = f"mission {file} is one vehicle's, but {count} fly; give one"
         raise ScenarioError(msg)
 
 
@@ -79,20 +80,19 @@ def planner_of(choice: Choice) -> Planner:
     return make_planner(choice.chosen, **choice.params)
 
 
-def read_plan(scenario: Scenario, builder: MissionBuilder) -> PlanResult:
-    """Take a scenario's mission from its file; the farm only says where its waypoints lie."""
-    path, farm = str(scenario.mission.file), builder.farm
-    mission = read_mission(path)
+def read_plan(file: str, builder: MissionBuilder, footprint: int, seed: int) -> PlanResult:
+    """Take a run's mission from a file; the farm only says where its waypoints lie."""
+    farm, mission = builder.farm, read_mission(file)
     positioned = [item for item in mission.items if item.has_position and (item.x or item.y)]
     if not positioned:
-        msg = f"{path}: no item of the mission has a position; give a mission with waypoints"
+        msg = f"{file}: no item of the mission has a position; give a mission with waypoints"
         raise ScenarioError(msg)
     x, y = np.array([(item.x, item.y) for item in positioned]).T
     return builder.plan_of(
         mission,
         np.column_stack(farm.frame.from_wgs84(x, y)),
         planner=None,
-        seed=scenario.seed,
+        seed=seed,
         budget_text="none (mission file)",
-        footprint_m=scenario.camera.footprint * farm.cell_size_m,
+        footprint_m=footprint * farm.cell_size_m,
     )

@@ -19,6 +19,7 @@ from mission.ground.tracks import Track
 from mission.outcome import Outcome
 from mission.transfer.events import TransferStatistics
 from sensors.camera.wire import AssemblerStatistics
+from sensors.estimation import ScoreHistory
 from sensors.field_files import field_from_table, field_to_table
 from sensors.fields import FieldSet
 from sensors.observations import Observations
@@ -28,7 +29,7 @@ from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.prediction.flight import Prediction
 from wbf_mission.maps.report import FarmReport
 from wbf_mission.planning import PlanResult, flown_vehicle
-from wbf_mission.planning.fleet import single_scenarios
+from wbf_mission.planning.fleet import single_vehicles
 from wbf_mission.replanning.record import DecisionEntry, decision_table
 from wbf_mission.results.storage import (
     SUFFIX,
@@ -40,7 +41,6 @@ from wbf_mission.results.storage import (
     write_maps,
     write_table,
 )
-from wbf_mission.run.estimation import ScoreHistory
 from wbf_mission.run.record import DayRecord, FlightRecord, RunRecord, keeps_days
 from wbf_mission.scenario import Scenario, scenario_with
 
@@ -419,7 +419,7 @@ def _vehicles(scenario: Scenario, folder: Path) -> list[VehicleSpec]:
         own = folder / _vehicle_name(number)
         names.append(str(own) if own.is_file() else name)
     own_files = scenario_with(scenario, {"vehicle": ",".join(names)})
-    return [flown_vehicle(one.vehicle) for one in single_scenarios(own_files)]
+    return [flown_vehicle(one.vehicle) for one in single_vehicles(own_files)]
 
 
 def _vehicle_name(number: int) -> str:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from geo.seeds import stream
 from sensors.camera.leaf_camera import LeafCamera, footprint_offsets
+from sensors.estimation import RunEstimate, attribute_errors_to, prepare_days
 from sensors.estimators import advance_estimator
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
@@ -26,7 +27,6 @@ from sensors.scoring.score import RunningScore, ScoreWeights
 from wbf_mission.planning.assignment import SortieNumber
 from wbf_mission.progress import silent
 from wbf_mission.rl.task import MOVES, SurveyTask
-from wbf_mission.run.estimation import RunEstimate, attribute_errors_to, prepare_days
 
 
 class Episode:

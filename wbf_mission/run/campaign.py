@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from mission.errors import PlanningError
 from mission.link.tlog import TlogWriter
 from sensors.environment import Environment
-from sensors.estimators import advance_estimator
+from sensors.estimation import Evidence, RunEstimate, attribute_errors_to
+from sensors.estimators import advance_estimator, prepare_estimator
 from sensors.scoring.information import InformationModel
 from sensors.scoring.score import RunningScore
 from sim_vehicle.epoch import EPOCH_UNIX_S
@@ -21,7 +22,6 @@ from wbf_mission.planning import PlanResult
 from wbf_mission.planning.fleet import Vehicle
 from wbf_mission.progress import Progress, Stopwatch
 from wbf_mission.replanning.record import DecisionRecord
-from wbf_mission.run.estimation import Evidence, RunEstimate, attribute_errors_to
 from wbf_mission.run.flight import FlightInterrupted, PlannedFlight, fly_once, leaf_camera, plan_flight
 from wbf_mission.run.hosting import Hosting
 from wbf_mission.run.joint_flight import Attendant
@@ -97,14 +97,15 @@ class Campaign:
         return 0.0 if self._next is None else self._next.expected_readings(self.run.looks)
 
     def learn_from(self, environment: Environment, ready: Callable[[], None]) -> None:
-        """Let the estimator, fitted to the farm, learn once `ready` has returned, and score it."""
-        first, estimator = self.run.first_day, self.run.estimator
-        self.truth = environment.values(first)
-        score = RunningScore(
-            self.truth, self.run.fields.masks(self.run.farm.grid()), self.run.weights, self.run.fields
-        )
+        """Let the estimator learn what it needs of the farm, then, once `ready` has returned, from now on."""
+        run, first, estimator = self.run, self.run.first_day, self.run.estimator
         with attribute_errors_to(estimator):
+            estimator.fit(run.farm.grid())
+            prepare_estimator(estimator, range(first, first + run.days), self._progress)
             advance_estimator(estimator, first)
+        self.watch.lap("learning")
+        self.truth = environment.values(first)
+        score = RunningScore(self.truth, run.fields.masks(run.farm.grid()), run.weights, run.fields)
         self.evidence.estimate = RunEstimate(estimator, score, day=first, ready=ready)
 
     def fly(

@@ -1,36 +1,14 @@
-"""Estimating and scoring while the observations come in."""
+"""Which estimator a run gets, how often it is scored, and what memory that takes."""
 
 from __future__ import annotations
 
-import time
-from collections import deque
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
-from dataclasses import dataclass, field
-
-import numpy as np
-from numpy.typing import NDArray
-
 from geo import Farm, get_farm
-from geo.errors import PACKAGES, WbfMissionError, told_error
 from geo.memory import require_memory
 from geo.seeds import sealed_seed
-from sensors.errors import EstimatorError
-from sensors.estimators import (
-    Estimator,
-    advance_estimator,
-    default_estimator,
-    make_estimator,
-    prepare_estimator,
-)
-from sensors.estimators.base import estimator_memory, model_fault
+from sensors.estimators import Estimator, default_estimator, make_estimator
+from sensors.estimators.base import estimator_memory
 from sensors.field_files import load_field_set
 from sensors.fields import PAPER_FIELDS, FieldSet
-from sensors.observations import Observations
-from sensors.scoring.information import InformationModel
-from sensors.scoring.score import RunningScore, Score
-from wbf_mission.progress import Progress
 from wbf_mission.scenario import Choice, Scenario, scenario_with
 
 DEFAULT_SCORE_POINTS = 25
@@ -51,8 +29,14 @@ def resolved(scenario: Scenario) -> Scenario:
     """Return a scenario that names its estimator: its own, else the best one that its farm can afford."""
     if scenario.estimate.estimator is not None:
         return scenario
-    farm = get_farm(scenario.farm.name)
-    names = load_field_set(scenario.farm.fields).names
+    return naming_estimator(scenario, get_farm(scenario.farm.name), load_field_set(scenario.farm.fields))
+
+
+def naming_estimator(scenario: Scenario, farm: Farm, fields: FieldSet) -> Scenario:
+    """Return what `resolved` does, for the scenario's farm and fields."""
+    if scenario.estimate.estimator is not None:
+        return scenario
+    names = fields.names
     sensed = scenario.camera.fields
     if sensed is not None and names == PAPER_FIELDS.names:
         names = sensed
@@ -61,17 +45,9 @@ def resolved(scenario: Scenario) -> Scenario:
 
 def estimator_of(choice: Choice, seed: int, fields: FieldSet) -> Estimator:
     """Return the estimator of a choice for these fields, with a seed that does not tell the run's."""
-    if choice.made is None:
-        return make_estimator(
-            choice.name, fields=fields, random_state=sealed_seed(seed, "estimator"), **choice.params
-        )
-    return make_estimator(choice.made, fields=fields)
-
-
-def prepare_days(estimator: Estimator, first: int, days: int, progress: Progress) -> None:
-    """Let an estimator learn beforehand what estimates of all days of a run need."""
-    with attribute_errors_to(estimator):
-        prepare_estimator(estimator, range(first, first + days), progress)
+    return make_estimator(
+        choice.chosen, fields=fields, random_state=sealed_seed(seed, "estimator"), **choice.params
+    )
 
 
 def score_points(farm: Farm, estimator: Estimator) -> int:
@@ -109,245 +85,12 @@ def readings_a_score(
 def require_run_memory(farm: Farm, estimator: Estimator, n_observations: int) -> None:
     """Foresee the memory of a whole run."""
     shape = (farm.width_cells, farm.height_cells)
+    estimate = estimator_memory(estimator, shape, n_observations)
     require_memory(
         f"flying {farm.name} ({shape[0]} x {shape[1]} cells) with {type(estimator).__name__}",
         {
-            "estimate": estimator_memory(estimator, shape, n_observations),
+            "estimate": estimate,
             "environment and score": _RUN_BYTES_A_CELL * shape[0] * shape[1],
             "program": _PROGRAM_BYTES,
         },
     )
-
-
-@dataclass(slots=True)
-class ScoreHistory:
-    """The scores of a run, one entry for each scored time: seconds since the run began, and the day."""
-
-    times_s: list[float] = field(default_factory=list)
-    observations: list[int] = field(default_factory=list)
-    entries: list[Score] = field(default_factory=list)
-    days: list[int] = field(default_factory=list)
-
-    @property
-    def scores(self) -> list[float]:
-        """The paper's score at each scored time."""
-        return [entry.score for entry in self.entries]
-
-    @property
-    def field_losses(self) -> NDArray[np.float64]:
-        """The mean loss a cell of each field, float64[c, n]."""
-        losses = [entry.field_loss for entry in self.entries]
-        return np.array(losses, dtype=np.float64) if losses else np.empty((0, 0))
-
-    @property
-    def score(self) -> float | None:
-        """The paper's score of the run, averaged over the scored times; None before the first."""
-        return float(np.mean(self.scores)) if self.entries else None
-
-    def of_day(self, day: int) -> ScoreHistory:
-        """Return the entries of one day."""
-        at = [k for k, one in enumerate(self.days) if one == day]
-        columns = (self.times_s, self.observations, self.entries, self.days)
-        return ScoreHistory(*([column[k] for k in at] for column in columns))  # type: ignore[arg-type]
-
-
-class RunEstimate:
-    """An estimator that is fed and scored as a run goes on, in a thread of its own beside the flight.
-
-    Observations are learned in the order in which they are added, those between two scored times together, so
-    the outcome depends neither on how fast either side is nor on the parts in which they arrive. An error of
-    the estimator is raised by a later call; a run ends with `close`.
-
-    The scored times of each flight are those of a run of this one flight: after each `every` observations of
-    it, and at its end. Those of a flight that is not made are scored by what is believed (`hold`). On later
-    days, what is believed before anything was seen is scored first. `ready` is called before anything is
-    learned, and may wait for what the estimator needs.
-
-    Attributes
-    ----------
-    history : ScoreHistory
-        The scores so far; complete after `end_flight`.
-    model : InformationModel or None
-        The latest scored estimate, valid after `end_flight`; its arrays may be the estimator's own, which
-        change with the next observations.
-    """
-
-    def __init__(
-        self,
-        estimator: Estimator,
-        score: RunningScore,
-        every: int = 1,
-        day: int = 0,
-        ready: Callable[[], None] = lambda: None,
-    ) -> None:
-        self.history = ScoreHistory()
-        self.model: InformationModel | None = None
-        self.estimate_s = 0.0
-        self.score_s = 0.0
-        self.estimator = estimator
-        self._score = score
-        self.every = max(1, every)
-        self.day = day
-        self._ready = ready
-        self._seen = 0
-        self._seen_before = 0
-        self._held: list[Observations] = []
-        self._given = 0
-        self._worker = ThreadPoolExecutor(1, "estimate")
-        self._waiting: deque[Future[None]] = deque()
-
-    def add(self, parts: Sequence[Observations], offset_s: float = 0.0) -> None:
-        """Take observations; what is seen up to a time that is scored is learned then."""
-        while self._waiting and self._waiting[0].done():
-            self._waiting.popleft().result()
-        for part in parts:
-            start = 0
-            while start < len(part):
-                due = self.every - (self._given - self._seen_before) % self.every
-                whole = start == 0 and len(part) <= due
-                self._held.append(part if whole else part[start : start + due])
-                start += due
-                self._given += len(self._held[-1])
-                if len(self._held[-1]) == due:
-                    self._hand_over(offset_s + float(self._held[-1].time_s[-1]))
-
-    def current(self) -> InformationModel:
-        """Wait for all that was added, and return what is believed then, in the estimator's own arrays."""
-        self._catch_up()
-        begin = time.perf_counter()
-        model = believed(self.estimator)
-        self.estimate_s += time.perf_counter() - begin
-        return model
-
-    def begin_day(self, day: int, truth: NDArray[np.float32], time_s: float) -> None:
-        """Go on to another day; score against its truth what is believed before anything is seen of it."""
-        self._catch_up()
-        self.day = day
-        self._score.advance(truth)
-        with attribute_errors_to(self.estimator):
-            advance_estimator(self.estimator, day)
-        self._evaluate(time_s)
-
-    def end_flight(self, time_s: float) -> None:
-        """Wait for all that was added, and score it unless that was done or nothing was ever seen."""
-        self._catch_up()
-        history = self.history
-        if self._seen and (history.observations[-1:], history.days[-1:]) != ([self._seen], [self.day]):
-            self._evaluate(time_s)
-        self._seen_before = self._seen
-
-    def hold(self, times: int, time_s: float) -> None:
-        """Score what is believed as often as during a flight that is not made."""
-        self._catch_up()
-        self._evaluate(time_s)
-        history, again = self.history, times - 1
-        history.entries += again * history.entries[-1:]
-        history.times_s += again * [time_s]
-        history.observations += again * [self._seen]
-        history.days += again * [self.day]
-
-    def _hand_over(self, score_at_s: float | None = None) -> None:
-        """Begin to learn what is held, and to score what is believed then if a time is given."""
-        if self._held:
-            held = Observations.concatenate(self._held, self._held[0].fields)
-            self._held = []
-            self._waiting.append(self._worker.submit(self._learn, held, score_at_s))
-
-    def _catch_up(self) -> None:
-        self._hand_over()
-        while self._waiting:
-            self._waiting.popleft().result()
-
-    def close(self) -> None:
-        """End the thread; what was added and not learned yet is dropped."""
-        self._worker.shutdown(wait=False, cancel_futures=True)
-
-    def _learn(self, observations: Observations, score_at_s: float | None) -> None:
-        self._ready()
-        begin = time.perf_counter()
-        with attribute_errors_to(self.estimator):
-            self.estimator.partial_fit(observations)
-        self.estimate_s += time.perf_counter() - begin
-        self._seen += len(observations)
-        if score_at_s is not None:
-            self._evaluate(score_at_s)
-
-    def _evaluate(self, time_s: float) -> None:
-        begin = time.perf_counter()
-        self.model = believed(self.estimator)
-        middle = time.perf_counter()
-        self.history.entries.append(self._score.add(self.model))
-        self.history.times_s.append(time_s)
-        self.history.observations.append(self._seen)
-        self.history.days.append(self.day)
-        self.estimate_s += middle - begin
-        self.score_s += time.perf_counter() - middle
-
-
-@contextmanager
-def attribute_errors_to(estimator: Estimator) -> Iterator[None]:
-    """Name the estimator whose own code failed; the cause stays attached for its author."""
-    try:
-        yield
-    except (WbfMissionError, MemoryError):
-        raise
-    except Exception as error:
-        msg = f"estimator {type(estimator).__name__} failed: {told_error(error)}"
-        raise EstimatorError(msg) from error
-    except SystemExit as error:
-        who = f"estimator {type(estimator).__name__}"
-        msg = f"{who} ended the program: {told_error(error)}; raise an error instead"
-        raise EstimatorError(msg) from error
-
-
-def believed(estimator: Estimator) -> InformationModel:
-    """Return what an estimator predicts; one that is no part of this program is held to the contract."""
-    with attribute_errors_to(estimator):
-        model = estimator.predict()
-    if type(estimator).__module__.partition(".")[0] not in PACKAGES:
-        fault = model_fault(estimator, model)
-        if fault is not None:
-            msg = f"estimator {type(estimator).__name__}: {fault}"
-            raise EstimatorError(msg)
-    return model
-
-
-class Evidence:
-    """Observations of all flights, and the estimate that learns from them."""
-
-    def __init__(self, farm: Farm, fields: FieldSet) -> None:
-        self.estimate: RunEstimate | None = None
-        self._farm = farm
-        self._fields = fields
-        self._parts: list[Observations] = []
-        self._count = 0
-
-    def __len__(self) -> int:
-        return self._count
-
-    def add(self, *parts: Observations, offset_s: float) -> None:
-        """Take observations, made `offset_s` after the beginning of the run by the time they tell."""
-        told = [part for part in parts if len(part)]
-        if not told:
-            return
-        self._parts += told
-        self._count += sum(map(len, told))
-        if self.estimate is not None:
-            self.estimate.add(told, offset_s)
-
-    @property
-    def parts(self) -> tuple[Observations, ...]:
-        """All observations, in the parts and the order in which they arrived."""
-        return tuple(part for part in self._parts if len(part))
-
-    def observations(self) -> Observations:
-        """Return all observations, in the order in which they arrived."""
-        if len(self._parts) != 1:
-            self._parts = [Observations.concatenate(self._parts, self._fields.names)]
-        return self._parts[0]
-
-    def model(self) -> InformationModel:
-        """Return what is believed after all observations so far; without an estimate: nothing is known."""
-        if self.estimate is not None:
-            return self.estimate.current()
-        return InformationModel.unknown(self._farm.grid().shape, self._fields)

@@ -7,12 +7,14 @@ from dataclasses import dataclass, replace
 from itertools import compress
 
 import numpy as np
+from numpy.random import SeedSequence
 
 from geo.frame import LocalFrame
 from geo.seeds import child_seed, stream
 from mission.link.tlog import FrameSink
 from sensors.camera.leaf_camera import Camera, LeafCamera
 from sensors.environment import Environment
+from sensors.estimation import Evidence
 from wbf_mission.planning import PlanResult, home_of
 from wbf_mission.planning.assignment import SortieNumber
 from wbf_mission.planning.conditions import ground_separation_margin_m
@@ -21,7 +23,6 @@ from wbf_mission.progress import Progress, Stopwatch, silent
 from wbf_mission.replanning.loop import DecisionLoop, Knowledge
 from wbf_mission.replanning.record import DecisionRecord
 from wbf_mission.replanning.spacing import MARGIN_M, KeptDistance, Positions, least_apart_m
-from wbf_mission.run.estimation import Evidence
 from wbf_mission.run.hosting import Hosting
 from wbf_mission.run.joint_flight import Attendant, JointFlight
 from wbf_mission.run.record import Flight
@@ -54,6 +55,8 @@ class PlannedFlight:
         Of each vehicle that flies; none if the flight is not worth making.
     times : tuple of float
         Who decides in flight begins with a short path: how many such paths the budget of each pays for.
+    faults_seed : SeedSequence
+        Of what goes wrong in it.
     gone : collection of int
         System ids of the vehicles that do not fly any more.
     """
@@ -63,6 +66,7 @@ class PlannedFlight:
     loop: DecisionLoop
     sorties: tuple[tuple[SortieNumber, Vehicle, PlanResult], ...]
     times: tuple[float, ...]
+    faults_seed: SeedSequence
     gone: Collection[int] = ()
 
     @property
@@ -93,10 +97,6 @@ def plan_flight(
 ) -> PlannedFlight:
     """Ask for the paths of a flight; vehicles whose paths have no points stay on the ground."""
     there = [one for one in run.vehicles if one.task.system_id not in gone]
-    numbers = [SortieNumber(day, flight, one.task.system_id, run.first_day) for one in there]
-    vehicles = [
-        replace(one, task=one.task.of_sortie(number)) for one, number in zip(there, numbers, strict=True)
-    ]
     decider = run.decider
     knowledge = Knowledge(run.farm, day, run.fields, run.weights, evidence.model, evidence.observations)
     loop = DecisionLoop(
@@ -105,8 +105,13 @@ def plan_flight(
         knowledge,
         flight=flight,
         records=decisions,
-        kept_distance=_kept_distance(run, vehicles),
+        kept_distance=_kept_distance(run, there),
     )
+    numbers = [SortieNumber(day, flight, one.task.system_id, run.first_day) for one in there]
+    vehicles = [
+        replace(one, task=one.task.of_sortie(number)) for one, number in zip(there, numbers, strict=True)
+    ]
+    faults_seed = child_seed(run.seed, "faults", f"day-{day}", f"flight-{flight}")
     times = (1.0,) * len(vehicles)
     if decider.mission is not None:
         plans = (decider.mission,) * len(vehicles)
@@ -121,13 +126,19 @@ def plan_flight(
             times = tuple(
                 max(1.0, one.request.budget.limit / max(answer.costs[one.system_id], 1e-9)) for one in tasks
             )
-    return PlannedFlight(day, flight, loop, tuple(zip(numbers, vehicles, plans, strict=True)), times, gone)
+    sorties = tuple(zip(numbers, vehicles, plans, strict=True))
+    return PlannedFlight(day, flight, loop, sorties, times, faults_seed, gone)
 
 
 def leaf_camera(run: Run, number: SortieNumber, environment: Environment) -> LeafCamera:
     """Return the leaf camera of a flight of one vehicle."""
-    rng = stream(run.seed, *number.stream_names("camera"))
-    return LeafCamera(environment, run.farm.grid().shape, number.day, run.camera, rng)
+    return LeafCamera(
+        environment,
+        run.farm.grid().shape,
+        number.day,
+        run.camera,
+        stream(run.seed, *number.stream_names("camera")),
+    )
 
 
 def fly_once(
@@ -189,7 +200,7 @@ def fly_once(
         sorties,
         writer,
         offset_s=offset_s,
-        seed=child_seed(run.seed, "faults", f"day-{planned.day}", f"flight-{planned.flight}"),
+        seed=planned.faults_seed,
         gone=planned.gone,
     )
     flying: JointFlight | None = None

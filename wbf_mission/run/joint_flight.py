@@ -13,10 +13,10 @@ from mission.ground.modes import Maneuver
 from mission.ground.status_text import NotStartedError, doing, not_started
 from mission.outcome import Outcome, Phase
 from mission.policies.observation import Event
+from sensors.estimation import Evidence
 from sim_vehicle.host.simulation import StopReason
 from wbf_mission.progress import Progress, Stopwatch
 from wbf_mission.replanning.loop import DecisionLoop
-from wbf_mission.run.estimation import Evidence
 from wbf_mission.run.hosting import FlightHost
 from wbf_mission.run.record import Flight
 from wbf_mission.run.sortie import Sortie

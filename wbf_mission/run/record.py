@@ -16,6 +16,7 @@ from mission.ground.tracks import Track, joined
 from mission.link.tlog import FrameLog
 from mission.outcome import Outcome
 from sensors.camera.wire import AssemblerStatistics
+from sensors.estimation import ScoreHistory
 from sensors.fields import PAPER_FIELDS, FieldSet
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
@@ -23,7 +24,6 @@ from wbf_mission.maps.field_maps import FieldMap
 from wbf_mission.maps.report import FarmReport, report_of_maps
 from wbf_mission.planning import PlanResult
 from wbf_mission.replanning.record import SKIPPED, DecisionRecord
-from wbf_mission.run.estimation import ScoreHistory
 from wbf_mission.scenario import Scenario
 
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from geo import Farm
+from geo import Farm, get_farm
 from geo.errors import WbfMissionError
 from geo.seeds import child_seed
 from mission.planners import make_planner
@@ -18,12 +18,14 @@ from sensors.estimators import Estimator
 from sensors.field_files import load_field_set
 from sensors.fields import FieldSet
 from sensors.scoring.score import ScoreWeights
+from sim_vehicle.faults.fault import Fault, parse_fault
+from sim_vehicle.faults.session import check_vehicles
 from wbf_mission.planning import PlanResult
 from wbf_mission.planning.fleet import Vehicle, vehicles_of
 from wbf_mission.planning.plan import read_plan, require_one_vehicle
 from wbf_mission.progress import Progress, silent
-from wbf_mission.run.estimation import estimator_of, readings_a_score, resolved
-from wbf_mission.scenario import CameraOptions, Scenario
+from wbf_mission.run.estimation import estimator_of, naming_estimator, readings_a_score
+from wbf_mission.scenario import CameraOptions, MissionOptions, Scenario
 from wbf_mission.scenario.values import Separation
 
 
@@ -81,6 +83,8 @@ class Run:
         How often the estimate of a flight is scored; None: as often as the farm can afford.
     keeps : Separation
         How the vehicles stay apart.
+    faults : tuple of Fault
+        What goes wrong in each flight of simulated vehicles.
     """
 
     asked: Scenario
@@ -98,6 +102,7 @@ class Run:
     flights_per_day: int
     points: int | None
     keeps: Separation
+    faults: tuple[Fault, ...] = ()
 
     def __getstate__(self) -> dict[str, object]:
         """Leave out the estimator, which may be large: other processes fly, and estimate nothing."""
@@ -141,6 +146,7 @@ class Run:
 def resolve(
     scenario: Scenario,
     *,
+    faults: Sequence[Fault | str] = (),
     fitted: Callable[[Scenario], Scenario] | None = None,
     weights: ScoreWeights | None = None,
     progress: Progress = silent,
@@ -149,6 +155,8 @@ def resolve(
 
     Parameters
     ----------
+    faults : sequence of Fault or str
+        What goes wrong in each flight.
     fitted : callable, optional
         Returns the scenario as the vehicles behind a link want it. They are waited for when what does not
         depend on them has been found to be in order.
@@ -158,20 +166,24 @@ def resolve(
     WbfMissionError
         If a name is unknown, a value out of range, or the parts do not suit each other.
     """
-    scenario = resolved(scenario)
-    fields = load_field_set(scenario.farm.fields)
+    breaking = tuple(parse_fault(one) if isinstance(one, str) else one for one in faults)
+    check_vehicles(breaking, range(1, len(scenario.vehicle.fleet) + 1))
+    farm, fields = get_farm(scenario.farm.name), load_field_set(scenario.farm.fields)
+    scenario = naming_estimator(scenario, farm, fields)
     camera = camera_options(scenario.camera, fields)
     estimator = estimator_of(scenario.estimate.estimator, scenario.seed, fields)
     if fitted is not None:
         scenario = fitted(scenario)
     progress("planning", 0, 1)
-    decider = decider_of(scenario)
-    vehicles = vehicles_of(scenario, progress)
+    decider = decider_of(scenario.mission, len(scenario.vehicle.fleet))
+    vehicles = vehicles_of(scenario, farm, seed=scenario.seed, first_day=scenario.farm.day, progress=progress)
     if scenario.mission.file is not None:
-        decider = replace(decider, mission=read_plan(scenario, vehicles[0].task.builder))
+        builder = vehicles[0].task.builder
+        flown = read_plan(scenario.mission.file, builder, scenario.camera.footprint, scenario.seed)
+        decider = replace(decider, mission=flown)
     return Run(
         asked=scenario,
-        farm=vehicles[0].task.builder.farm,
+        farm=farm,
         fields=fields,
         vehicles=vehicles,
         decider=decider,
@@ -185,14 +197,14 @@ def resolve(
         flights_per_day=scenario.farm.flights_per_day,
         points=scenario.score.points,
         keeps=scenario.vehicle.keeps,
+        faults=breaking,
     )
 
 
-def decider_of(scenario: Scenario) -> Decider:
-    """Return who decides where the vehicles of a run fly: its mission file, policy or planner."""
-    options = scenario.mission
+def decider_of(options: MissionOptions, vehicles: int) -> Decider:
+    """Return who decides where so many vehicles fly: a mission file, a policy or a planner."""
     if options.file is not None:
-        require_one_vehicle(scenario)
+        require_one_vehicle(options.file, vehicles)
         return Decider(KeepPath(), f"mission {options.file}", options.file)
     if options.policy is not None:
         choice = options.policy

@@ -21,8 +21,8 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from functools import cache, partial
 
-import msgspec
 import numpy as np
+from msgspec.msgpack import encode
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
@@ -36,6 +36,7 @@ from sensors.camera.layout import LeafLayout
 from sensors.camera.leaf_camera import Camera, ImageList, NumberingCamera
 from sensors.environment import Environment
 from sensors.environment.cache import EnvironmentMemory
+from sensors.estimation import Evidence
 from sensors.observations import Observations
 from sim_vehicle.epoch import EPOCH_UNIX_S
 from wbf_mission.planning import PlanResult
@@ -43,7 +44,6 @@ from wbf_mission.planning.assignment import SortieNumber
 from wbf_mission.planning.fleet import Vehicle
 from wbf_mission.progress import Progress, silent
 from wbf_mission.replanning.record import DecisionRecord
-from wbf_mission.run.estimation import Evidence
 from wbf_mission.run.flight import FlightInterrupted, PlannedFlight, fly_once, leaf_camera, plan_flight
 from wbf_mission.run.hosting import Hosting, VirtualHosting
 from wbf_mission.run.record import Flight, FlightRecord
@@ -62,18 +62,22 @@ def log_of_readings(log: FrameLog, readings: NDArray[np.float32], layout: LeafLa
     told = FrameLog()
     reader = FrameReader()
     for frame, time_s in log:
-        if frame[_ID] != _IMAGE_ID:
-            told.write(frame, time_s)
-            continue
-        for message in reader.feed(frame):
-            if not is_a(message, mavlink.MAVLink_debug_float_array_message):
-                continue
-            if message.name == layout.name and layout.fits(message.data):
-                message.data = _read(message.data, readings, layout)
-            writer = FrameWriter(message.get_srcSystem(), message.get_srcComponent())
-            writer.codec.seq = frame[_SEQUENCE]
-            told.write(writer.encode(message), time_s)
+        image = frame[_ID] == _IMAGE_ID
+        told.write(_frame_of_readings(frame, reader, readings, layout) if image else frame, time_s)
     return told
+
+
+def _frame_of_readings(
+    frame: bytes, reader: FrameReader, readings: NDArray[np.float32], layout: LeafLayout
+) -> bytes:
+    """Return the frame of an image, with other readings if it is the leaf camera's."""
+    (message,) = reader.feed(frame)
+    assert is_a(message, mavlink.MAVLink_debug_float_array_message)
+    if message.name == layout.name and layout.fits(message.data):
+        message.data = _read(message.data, readings, layout)
+    writer = FrameWriter(message.get_srcSystem(), message.get_srcComponent())
+    writer.codec.seq = frame[_SEQUENCE]
+    return writer.encode(message)
 
 
 def _read(data: Sequence[float], readings: NDArray[np.float32], layout: LeafLayout) -> list[float]:
@@ -265,7 +269,7 @@ def _key(run: Run, planned: PlannedFlight, *, logged: bool) -> bytes:
     drawn = None
     if any(_draws(one) for _, one, _ in planned.sorties):
         drawn = (run.seed, [number for number, _, _ in planned.sorties])
-    return msgspec.msgpack.encode(
+    return encode(
         [
             [georeference, farm.cell_size_m, farm.width_cells, farm.height_cells, farm.home_m],
             [run.camera.footprint_cells, run.fields.names],

@@ -25,16 +25,10 @@ from wbf_mission.scenario import Scenario, ScenarioError
 
 @dataclass(frozen=True, slots=True)
 class Simulated:
-    """Vehicles that are ready to be served.
-
-    Parameters
-    ----------
-    cameras : tuple of LeafCameraComponent
-        One for each vehicle, or none.
-    """
+    """Vehicles that are ready to be served."""
 
     fleet: Fleet
-    cameras: tuple[LeafCameraComponent, ...]
+    cameras: tuple[LeafCameraComponent, ...]  # One for each vehicle, or none
 
     @property
     def vehicles(self) -> tuple[SimVehicle, ...]:

@@ -29,17 +29,6 @@ COUNT, ILLNESS, SPREAD, SICK = range(4)
 class MapGrid:
     """The blocks that a farm is told in: columns A, B, C, ... along x, rows 1, 2, 3, ... along y.
 
-    Parameters
-    ----------
-    shape : tuple of int
-        Width and height of the farm, cells.
-    cell_size_m : float
-        Side of a cell.
-    pixel : int
-        Side, in cells, of what a picture shows with one colour.
-    pixels_a_block : int
-        Pixels on a side of a block.
-
     Examples
     --------
     >>> from geo.farms import get_farm
@@ -48,10 +37,10 @@ class MapGrid:
     (25, 250, (24, 20), 'B1', 'AB5')
     """
 
-    shape: tuple[int, int]
-    cell_size_m: float
-    pixel: int
-    pixels_a_block: int
+    shape: tuple[int, int]  # Width and height of the farm, cells
+    cell_size_m: float  # Side of a cell
+    pixel: int  # Side, in cells, of what a picture shows with one colour
+    pixels_a_block: int  # Pixels on a side of a block
 
     @classmethod
     def of(cls, farm: Farm) -> MapGrid:

@@ -35,36 +35,20 @@ _DAY_BEFORE = 6  # that is assumed without observations, as estimators do
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FieldMap:
-    """One field by pixels (`MapGrid`), all arrays float64[pixels along x, pixels along y].
-
-    Parameters
-    ----------
-    cells : float64
-        The owner's cells with the field's crops.
-    total : float64
-        Of a disease the expected number of sick plants, else the sum of the values.
-    least : float64
-        The least value of a cell; infinite where there is no cell.
-    variance : float64 or None
-        The sum of the variances of the cells, in units of `total`; None if the estimator does not tell them.
-    seen, seen_sick : float64
-        Observed cells, and how many of them were sick.
-    finds : int32[n, 2]
-        The cells of the sick plants that were seen.
-    together : float
-        How many cells err as one.
-    """
+    """One field by pixels (`MapGrid`), all arrays float64[pixels along x, pixels along y]."""
 
     field: Field
     grid: MapGrid
-    cells: Floats
-    total: Floats
-    least: Floats
+    cells: Floats  # The owner's cells with the field's crops
+    total: Floats  # Of a disease the expected number of sick plants, else the sum of the values
+    least: Floats  # The least value of a cell; infinite where there is no cell
+    # The sum of the variances of the cells, in units of `total`; None if the estimator does not tell them
     variance: Floats | None
+    # Observed cells, and how many of them were sick
     seen: Floats
     seen_sick: Floats
-    finds: NDArray[np.int32]
-    together: float = 1.0
+    finds: NDArray[np.int32]  # int32[n, 2]: the cells of the sick plants that were seen
+    together: float = 1.0  # How many cells err as one
 
     @property
     def share(self) -> Floats:

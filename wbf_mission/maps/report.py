@@ -46,34 +46,21 @@ class BlockReport:
 
 @dataclass(frozen=True, slots=True)
 class FieldReport:
-    """What is believed of one field.
+    """What is believed of one field."""
 
-    Parameters
-    ----------
-    name, title, kind : str
-        Of the field.
-    cells : int
-        The owner's cells with its crops.
-    seen, seen_sick : int
-        How many were observed, and how many of those were sick (0 of a continuous field).
-    expected : float
-        Of a disease the share of sick plants, else the mean value.
-    low, high : float or None
-        Its 90 % interval, None if the estimator does not tell how sure it is.
-    blocks : tuple of BlockReport
-        The worst ones: most sick plants, or the least values.
-    """
-
+    # Of the field
     name: str
     title: str
     kind: str
-    cells: int
+    cells: int  # The owner's cells with its crops
+    # How many were observed, and how many of those were sick (0 of a continuous field)
     seen: int
     seen_sick: int
-    expected: float
+    expected: float  # Of a disease the share of sick plants, else the mean value
+    # Its 90 % interval, None if the estimator does not tell how sure it is
     low: float | None
     high: float | None
-    blocks: tuple[BlockReport, ...]
+    blocks: tuple[BlockReport, ...]  # The worst ones: most sick plants, or the least values
 
 
 @dataclass(frozen=True, slots=True)

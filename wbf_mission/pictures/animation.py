@@ -68,21 +68,11 @@ class AnimationError(WbfMissionError, ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """What one frame shows.
+    """What one frame shows."""
 
-    Parameters
-    ----------
-    flights : tuple of FlightRecord
-        Those that are in the air together.
-    time_s : float
-        Since they began.
-    seen : int
-        How many observations are known.
-    """
-
-    flights: tuple[FlightRecord, ...]
-    time_s: float
-    seen: int
+    flights: tuple[FlightRecord, ...]  # Those that are in the air together
+    time_s: float  # Since they began
+    seen: int  # How many observations are known
 
     @property
     def day(self) -> int:

@@ -32,24 +32,12 @@ from wbf_mission.scenario import MissionOptions
 
 @dataclass(frozen=True, slots=True)
 class SortieNumber:
-    """Which flight of a run it is.
+    """Which flight of a run it is."""
 
-    Parameters
-    ----------
-    day : int
-        Of the environment.
-    flight : int
-        On that day, from 1.
-    system_id : int
-        Of the vehicle.
-    first_day : int
-        The first day that is flown.
-    """
-
-    day: int
-    flight: int
-    system_id: int
-    first_day: int
+    day: int  # Of the environment
+    flight: int  # On that day, from 1
+    system_id: int  # Of the vehicle
+    first_day: int  # The first day that is flown
 
     @classmethod
     def first(cls, day: int, system_id: int) -> SortieNumber:
@@ -68,27 +56,13 @@ class SortieNumber:
 
 @dataclass(frozen=True, slots=True)
 class VehicleAssignment:
-    """One vehicle's task.
+    """One vehicle's task."""
 
-    Parameters
-    ----------
-    system_id : int
-        The vehicle's MAVLink system id.
-    builder : MissionBuilder
-        Makes its missions and predicts them.
-    request : PlanningRequest
-        What its planner is asked.
-    budget_text : str
-        The budget in words.
-    seed : int
-        The run's, for the record.
-    """
-
-    system_id: int
-    builder: MissionBuilder
-    request: PlanningRequest
-    budget_text: str
-    seed: int
+    system_id: int  # The vehicle's MAVLink system id
+    builder: MissionBuilder  # Makes its missions and predicts them
+    request: PlanningRequest  # What its planner is asked
+    budget_text: str  # The budget in words
+    seed: int  # The run's, for the record
 
     @classmethod
     def of(

@@ -73,27 +73,16 @@ class ReserveCharge:
 
 @dataclass(frozen=True, slots=True)
 class FlightBudget:
-    """A budget in seconds or watt hours, charged by flying the paths' missions in the vehicle's own model.
+    """A budget in seconds or watt hours, charged by flying the paths' missions in the vehicle's own model."""
 
-    Parameters
-    ----------
-    limit : float
-        The most that the whole flight may take, from take-off to touch-down.
-    unit : {"s", "Wh"}
-    price : callable
-        The predicted seconds or watt hours of each of several paths, float64[n, 2]; infinite for one that
-        the vehicle cannot fly.
-    explain : callable
-        Why the vehicle cannot fly a path; empty if it can.
-    onward : callable
-        From what a rest of a path takes in the mean wind to what is charged for it. It is given a path of
-        the whole flight, too.
-    """
-
-    limit: float
-    unit: str
+    limit: float  # The most that the whole flight may take, from take-off to touch-down
+    unit: str  # {"s", "Wh"}
+    # The predicted seconds or watt hours of each of several paths, float64[n, 2]; infinite for one that the
+    # vehicle cannot fly
     price: Callable[[Paths], list[float]]
-    explain: Callable[[NDArray[np.float64]], str]
+    explain: Callable[[NDArray[np.float64]], str]  # Why the vehicle cannot fly a path; empty if it can
+    # From what a rest of a path takes in the mean wind to what is charged for it. It is given a path of the
+    # whole flight, too.
     onward: Callable[[NDArray[np.float64]], Callable[[float], float]]
 
     def cost(self, path_xy_m: NDArray[np.float64]) -> float:
@@ -209,24 +198,12 @@ _SAME_M = 0.05
 
 @dataclass(frozen=True, slots=True)
 class LegFares:
-    """Roughly what straight legs cost: their length by the speed over ground in the mean wind, and a turn.
+    """Roughly what straight legs cost: their length by the speed over ground in the mean wind, and a turn."""
 
-    Parameters
-    ----------
-    speed_m_s : float
-        Through the air.
-    acceleration_m_s2 : float
-        With which the vehicle brakes and speeds up.
-    wind_m_s : tuple of float
-        Mean wind, the velocity of the air along x and y of the farm frame.
-    a_second : float
-        What a second of flight costs, in the unit of the budget.
-    """
-
-    speed_m_s: float
-    acceleration_m_s2: float
-    wind_m_s: tuple[float, float]
-    a_second: float
+    speed_m_s: float  # Through the air
+    acceleration_m_s2: float  # With which the vehicle brakes and speeds up
+    wind_m_s: tuple[float, float]  # Mean wind, the velocity of the air along x and y of the farm frame
+    a_second: float  # What a second of flight costs, in the unit of the budget
 
     def legs(self, from_m: Points, to_m: Points) -> NDArray[np.float64]:
         """Return what the legs cost, float64[n, m], from n points to m others."""
@@ -244,17 +221,12 @@ class LegFares:
 
 @dataclass(frozen=True, slots=True)
 class StartTravelCost:
-    """The travel cost of a vehicle that stands at its start: whole flights, as its budget prices them.
-
-    Parameters
-    ----------
-    steered : bool
-        Whether the paths are changed in flight: then a point that is named again is no stay
-        (`VehicleAssignment.plan_of`).
-    """
+    """The travel cost of a vehicle that stands at its start: whole flights, as its budget prices them."""
 
     request: PlanningRequest
     builder: MissionBuilder
+    # Whether the paths are changed in flight: then a point that is named again is no stay
+    # (`VehicleAssignment.plan_of`)
     steered: bool = False
 
     def rest(self, paths_m: Sequence[Points]) -> list[float]:
@@ -274,27 +246,17 @@ class StartTravelCost:
 
 @dataclass(frozen=True, slots=True)
 class FlightTravelCost:
-    """The travel cost of a vehicle in flight, where the budget counts seconds or watt hours.
+    """The travel cost of a vehicle in flight, where the budget counts seconds or watt hours."""
 
-    Parameters
-    ----------
-    state : InFlight
-        The vehicle, as its telemetry tells it.
-    unit : {"s", "Wh"}
-    charged : callable
-        From what a rest takes in the mean wind to what is charged for it (`FlightBudget.onward`).
-    present_m : float64[n, 2]
-        The path that is flown.
-    loses_speed : bool
-        Whether the autopilot leaves its mission for a change, and begins anew where it could stop.
-    """
-
-    state: InFlight
+    state: InFlight  # The vehicle, as its telemetry tells it
     predictor: OnwardPredictor
     rough: LegFares | GeometricTravelCost
-    unit: str
+    unit: str  # {"s", "Wh"}
+    # From what a rest takes in the mean wind to what is charged for it (`FlightBudget.onward`)
     charged: Callable[[float], float]
+    # float64[n, 2]: the path that is flown
     present_m: Points = field(default_factory=lambda: np.empty((0, 2)))
+    # Whether the autopilot leaves its mission for a change, and begins anew where it could stop
     loses_speed: bool = False
     # A policy asks for what it chose, and who checks its answer asks again.
     _known: dict[bytes, float] = field(default_factory=dict, init=False, repr=False, compare=False)

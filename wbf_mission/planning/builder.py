@@ -166,32 +166,19 @@ class MissionBuilder:
     """Turns paths into missions of one run, and predicts them.
 
     It knows the weather as a forecast does (mean wind, statistics of the gusts), not the run's seed.
-
-    Parameters
-    ----------
-    vehicle : VehicleSpec
-        As its autopilot flies it.
-    image_spacing_m : float
-        Distance between images.
-    cornering : Cornering
-        How the autopilot takes the corners of a path.
-    home_m : tuple of float
-        Where the vehicle takes off and lands, in metres of the farm frame.
-    estimate_errors : bool
-        Whether the vehicle flies by an estimate that errs: known by its statistics.
-    keep_out : KeepOut or None
-        What its paths lead round; None on a farm without obstacles, and for the paper's robot, which has no
-        size.
     """
 
     farm: Farm
-    vehicle: VehicleSpec
+    vehicle: VehicleSpec  # As its autopilot flies it
     level: FlightLevel
     weather: WeatherOptions
-    image_spacing_m: float
-    cornering: Cornering
-    home_m: tuple[float, float]
+    image_spacing_m: float  # Distance between images
+    cornering: Cornering  # How the autopilot takes the corners of a path
+    home_m: tuple[float, float]  # Where the vehicle takes off and lands, in metres of the farm frame
+    # Whether the vehicle flies by an estimate that errs: known by its statistics
     estimate_errors: bool = False
+    # What its paths lead round; None on a farm without obstacles, and for the paper's robot, which has no
+    # size
     keep_out: KeepOut | None = None
 
     @classmethod

@@ -22,18 +22,10 @@ _SLOWEST_M_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class FlightLevel:
-    """How high and how fast a planned flight is.
+    """How high and how fast a planned flight is."""
 
-    Parameters
-    ----------
-    altitude_m : float
-        Above home.
-    speed_m_s : float
-        Over ground in calm air.
-    """
-
-    altitude_m: float
-    speed_m_s: float
+    altitude_m: float  # Above home
+    speed_m_s: float  # Over ground in calm air
 
 
 def flight_level(mission: MissionOptions, vehicle: VehicleOptions) -> FlightLevel:

@@ -27,25 +27,14 @@ _TURNS_DEG = (90, 90, 90, 45, 120, 120, 120, 30, -90, -90, -90, -45, -120, -120,
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KeepOut:
-    """The ground round a farm's obstacles over which no path is planned.
+    """The ground round a farm's obstacles over which no path is planned."""
 
-    Parameters
-    ----------
-    area : Polygon or MultiPolygon
-        The obstacles, wider by `distance_m` (or a little more), without what they enclose; metres of the farm
-        frame.
-    distance_m : float
-        How far planned legs stay away from the obstacles.
-    near : Polygon or MultiPolygon
-        The obstacles, wider by the margin of the flown path.
-    outside : Terrain
-        The plane round it, in which ways are found.
-    """
-
+    # The obstacles, wider by `distance_m` (or a little more), without what they enclose; metres of the farm
+    # frame
     area: Area
-    distance_m: float
-    near: Area
-    outside: Terrain
+    distance_m: float  # How far planned legs stay away from the obstacles
+    near: Area  # The obstacles, wider by the margin of the flown path
+    outside: Terrain  # The plane round it, in which ways are found
     _crossed: Area
 
     @classmethod

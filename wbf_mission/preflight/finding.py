@@ -124,36 +124,19 @@ _NOTHING_MEASURED = dict.fromkeys(("measured", "value", "unit", "limit", "agains
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that a check found.
-
-    Parameters
-    ----------
-    code : str
-        What was found, in words joined by hyphens; it never changes, so that scripts can rely on it.
-    text : str
-        What is wrong.
-    fix : str
-        What to do; empty for a note.
-    plan : str
-        ``mission``, ``fence`` or ``rally``.
-    item : int or None
-        Counted from 1, without a home item; None for the plan as a whole. Where several items share a
-        finding, the worst.
-    command : str
-        Name of the item's command.
-    count : int
-        How many items share the finding.
-    """
+    """One thing that a check found."""
 
     severity: Severity
-    code: str
-    text: str
-    fix: str = ""
-    plan: str = "mission"
+    code: str  # What was found, in words joined by hyphens; it never changes, so that scripts can rely on it
+    text: str  # What is wrong
+    fix: str = ""  # What to do; empty for a note
+    plan: str = "mission"  # ``mission``, ``fence`` or ``rally``
+    # Counted from 1, without a home item; None for the plan as a whole. Where several items share a finding,
+    # the worst.
     item: int | None = None
-    command: str = ""
+    command: str = ""  # Name of the item's command
     measure: Measure | None = None
-    count: int = 1
+    count: int = 1  # How many items share the finding
     concern: Concern = Concern.PLAN
 
     @property

@@ -77,40 +77,26 @@ class Gps:
 
 @dataclass(frozen=True, slots=True)
 class VehicleSnapshot:
-    """A vehicle as it answered; None for what it did not tell.
+    """A vehicle as it answered; None for what it did not tell."""
 
-    Parameters
-    ----------
-    system_id, autopilot, vehicle_type : int
-        Ids of its heartbeat: MAV_AUTOPILOT, MAV_TYPE.
-    parameters : mapping of str to float
-        Those that it told, of those that were asked for.
-    sensors_present, sensors_enabled, sensors_health : int or None
-        Of SYS_STATUS: MAV_SYS_STATUS_SENSOR.
-    estimator_flags : int or None
-        ESTIMATOR_STATUS_FLAGS, or EKF_STATUS_FLAGS, whose lower bits mean the same.
-    position : GeoPoint or None
-        Where it stands.
-    battery : float or None
-        Fraction that is left.
-    reasons : tuple of str
-        Why it would not arm, in its own words.
-    """
-
+    # Ids of its heartbeat: MAV_AUTOPILOT, MAV_TYPE
     system_id: int
     autopilot: int
     vehicle_type: int
     armed: bool = False
+    # Those that it told, of those that were asked for
     parameters: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
     version: FirmwareVersion | None = None
+    # Of SYS_STATUS: MAV_SYS_STATUS_SENSOR
     sensors_present: int | None = None
     sensors_enabled: int | None = None
     sensors_health: int | None = None
     gps: Gps | None = None
+    # ESTIMATOR_STATUS_FLAGS, or EKF_STATUS_FLAGS, whose lower bits mean the same
     estimator_flags: int | None = None
-    position: GeoPoint | None = None
-    battery: float | None = None
-    reasons: tuple[str, ...] = ()
+    position: GeoPoint | None = None  # Where it stands
+    battery: float | None = None  # Fraction that is left
+    reasons: tuple[str, ...] = ()  # Why it would not arm, in its own words
 
 
 _UNKNOWN = 65535

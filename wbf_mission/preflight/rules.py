@@ -34,20 +34,14 @@ _LEFT = _least("left in the battery at the end", "%")
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """What a kind of finding says; the check that finds it fills in the words in braces.
-
-    Parameters
-    ----------
-    measured : tuple of (Against, str, str), optional
-        How the number that is measured compares with its limit, what it is, and its unit.
-    by_vehicle : bool
-        It depends on the vehicle: where nobody said what vehicle it is, an error is a warning.
-    """
+    """What a kind of finding says; the check that finds it fills in the words in braces."""
 
     severity: Severity
     text: str
     fix: str = ""
+    # How the number that is measured compares with its limit, what it is, and its unit
     measured: tuple[Against, str, str] | None = None
+    # It depends on the vehicle: where nobody said what vehicle it is, an error is a warning
     by_vehicle: bool = False
 
 

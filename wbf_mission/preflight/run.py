@@ -97,31 +97,16 @@ def show_nobody(_report: Report, _refused: PreflightError | None, _who: str) -> 
 
 @dataclass(frozen=True, slots=True)
 class Circumstances:
-    """Who flies a plan, where and in what air.
+    """Who flies a plan, where and in what air."""
 
-    Parameters
-    ----------
-    vehicle : VehicleOptions
-        Of one vehicle.
-    farm : Farm or None
-        Whose obstacles count.
-    margin_m : float
-        How far the flown path has to stay away from fence and obstacles.
-    image_interval_s : float
-        The camera's shortest interval.
-    assumed : bool
-        Nobody said what vehicle it is.
-    snapshot : VehicleSnapshot or None
-        What the vehicle told of itself.
-    """
-
-    vehicle: VehicleOptions = field(default_factory=VehicleOptions)
+    vehicle: VehicleOptions = field(default_factory=VehicleOptions)  # Of one vehicle
     weather: WeatherOptions = field(default_factory=WeatherOptions)
-    farm: Farm | None = None
+    farm: Farm | None = None  # Whose obstacles count
+    # How far the flown path has to stay away from fence and obstacles
     margin_m: float = MissionOptions().margin_m
-    image_interval_s: float = MIN_INTERVAL_S
-    assumed: bool = False
-    snapshot: VehicleSnapshot | None = None
+    image_interval_s: float = MIN_INTERVAL_S  # The camera's shortest interval
+    assumed: bool = False  # Nobody said what vehicle it is
+    snapshot: VehicleSnapshot | None = None  # What the vehicle told of itself
 
 
 @dataclass(frozen=True, slots=True)

@@ -126,55 +126,26 @@ class FlownTrack:
 
 @dataclass(frozen=True, slots=True)
 class Subject:
-    """A plan with everything that its checks need.
+    """A plan with everything that its checks need."""
 
-    Parameters
-    ----------
-    mission : Mission
-        With home, if that is known from anywhere.
-    vehicle : VehicleSpec
-        As its autopilot flies it.
-    profile : mission.transfer.Profile
-        How that autopilot speaks the mission protocol.
-    frame : LocalFrame
-        East and north about home.
-    positions : tuple of Position
-        Of the items: east, north, up about home; NaN where they have none.
-    problems : tuple of ItemProblem
-        Why the vehicle cannot fly it.
-    tracks : tuple of FlownTrack
-        Flights by an exact estimate, one for each rehearsal of the wind's gusts; empty if it cannot be flown.
-    prediction : Prediction or None
-        What planning predicts of it, too (`sim_vehicle.prediction.predict.plan_prediction`).
-    stopped : tuple of (int, str) or None
-        The item, from 0, at which a predicted flight ended before its end, and why.
-    obstacles : tuple of shapely geometries
-        Where no flight may pass, metres about home.
-    margin_m : float
-        How far the path has to stay away from fence and obstacles.
-    image_interval_s : float
-        The camera's shortest interval.
-    assumed : bool
-        Nobody said what vehicle it is: what depends on that is no error.
-    snapshot : VehicleSnapshot or None
-        What the vehicle told of itself.
-    """
-
-    mission: Mission
-    vehicle: VehicleSpec
-    profile: Profile
-    frame: LocalFrame
-    positions: tuple[Position, ...]
-    problems: tuple[ItemProblem, ...]
+    mission: Mission  # With home, if that is known from anywhere
+    vehicle: VehicleSpec  # As its autopilot flies it
+    profile: Profile  # How that autopilot speaks the mission protocol
+    frame: LocalFrame  # East and north about home
+    positions: tuple[Position, ...]  # Of the items: east, north, up about home; NaN where they have none
+    problems: tuple[ItemProblem, ...]  # Why the vehicle cannot fly it
+    # Flights by an exact estimate, one for each rehearsal of the wind's gusts; empty if it cannot be flown
     tracks: tuple[FlownTrack, ...]
+    # What planning predicts of it, too (`sim_vehicle.prediction.predict.plan_prediction`)
     prediction: Prediction | None
+    # The item, from 0, at which a predicted flight ended before its end, and why
     stopped: tuple[int, str] | None
     wind: Wind | None = None
-    obstacles: tuple[shapely.Geometry, ...] = ()
-    margin_m: float = MissionOptions().margin_m
-    image_interval_s: float = MIN_INTERVAL_S
-    assumed: bool = False
-    snapshot: VehicleSnapshot | None = None
+    obstacles: tuple[shapely.Geometry, ...] = ()  # Where no flight may pass, metres about home
+    margin_m: float = MissionOptions().margin_m  # How far the path has to stay away from fence and obstacles
+    image_interval_s: float = MIN_INTERVAL_S  # The camera's shortest interval
+    assumed: bool = False  # Nobody said what vehicle it is: what depends on that is no error
+    snapshot: VehicleSnapshot | None = None  # What the vehicle told of itself
 
     @property
     def items(self) -> tuple[MissionItem, ...]:

@@ -45,29 +45,17 @@ class FlightInterrupted(KeyboardInterrupt):
 
 @dataclass(frozen=True, slots=True)
 class PlannedFlight:
-    """A flight before it begins.
-
-    Parameters
-    ----------
-    loop : DecisionLoop
-        Who is asked during it.
-    sorties : tuple of (SortieNumber, Vehicle, PlanResult)
-        Of each vehicle that flies; none if the flight is not worth making.
-    times : tuple of float
-        Who decides in flight begins with a short path: how many such paths the budget of each pays for.
-    faults_seed : SeedSequence
-        Of what goes wrong in it.
-    gone : collection of int
-        System ids of the vehicles that do not fly any more.
-    """
+    """A flight before it begins."""
 
     day: int
     flight: int
-    loop: DecisionLoop
+    loop: DecisionLoop  # Who is asked during it
+    # Of each vehicle that flies; none if the flight is not worth making
     sorties: tuple[tuple[SortieNumber, Vehicle, PlanResult], ...]
+    # Who decides in flight begins with a short path: how many such paths the budget of each pays for
     times: tuple[float, ...]
-    faults_seed: SeedSequence
-    gone: Collection[int] = ()
+    faults_seed: SeedSequence  # Of what goes wrong in it
+    gone: Collection[int] = ()  # System ids of the vehicles that do not fly any more
 
     @property
     def plans(self) -> tuple[PlanResult, ...]:

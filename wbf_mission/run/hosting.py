@@ -96,24 +96,12 @@ class Hosting(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class VirtualHosting:
-    """Vehicles of our own on a virtual clock.
+    """Vehicles of our own on a virtual clock."""
 
-    Parameters
-    ----------
-    pace : float or None
-        Simulated seconds per wall second; as fast as possible without.
-    tlog : Path or None
-        Where every MAVLink frame is written.
-    impairment : Impairment or None
-        A bad radio between the ground stations and the vehicles.
-    faults : tuple of Fault
-        What goes wrong in each flight of the vehicles that are still there.
-    """
-
-    pace: float | None = None
-    tlog: Path | None = None
-    impairment: Impairment | None = None
-    faults: tuple[Fault, ...] = ()
+    pace: float | None = None  # Simulated seconds per wall second; as fast as possible without
+    tlog: Path | None = None  # Where every MAVLink frame is written
+    impairment: Impairment | None = None  # A bad radio between the ground stations and the vehicles
+    faults: tuple[Fault, ...] = ()  # What goes wrong in each flight of the vehicles that are still there
 
     @property
     def transfers(self) -> TransferMaker:

@@ -35,27 +35,13 @@ class FlightError(WbfMissionError, RuntimeError):
 
 @dataclass(frozen=True, slots=True)
 class Decider:
-    """Who decides where the vehicles fly.
+    """Who decides where the vehicles fly."""
 
-    Parameters
-    ----------
-    policy : Policy
-        A `FixedPlan` for a planner, a `KeepPath` for a mission from a file.
-    name : str
-        What messages call it: ``planner spiral``, ``policy greedy``.
-    label : str
-        Its name with its parameters.
-    mission : PlanResult or None
-        A mission from a file, which is flown.
-    named : bool
-        Whether any process can make it by its name; an object may be bound to this one.
-    """
-
-    policy: Policy
-    name: str
-    label: str
-    mission: PlanResult | None = None
-    named: bool = True
+    policy: Policy  # A `FixedPlan` for a planner, a `KeepPath` for a mission from a file
+    name: str  # What messages call it: ``planner spiral``, ``policy greedy``
+    label: str  # Its name with its parameters
+    mission: PlanResult | None = None  # A mission from a file, which is flown
+    named: bool = True  # Whether any process can make it by its name; an object may be bound to this one
 
     @property
     def steers(self) -> bool:
@@ -65,44 +51,24 @@ class Decider:
 
 @dataclass(frozen=True)
 class Run:
-    """Everything that decides a run.
+    """Everything that decides a run."""
 
-    Parameters
-    ----------
-    asked : Scenario
-        What was asked for, with the default estimator named: for the record.
-    fields : FieldSet
-        What there is to see.
-    vehicles : tuple of Vehicle
-        In the order of their system ids.
-    looks : CameraOptions
-        How often it looks, and at how much.
-    weights : ScoreWeights
-        What errors cost.
-    points : int or None
-        How often the estimate of a flight is scored; None: as often as the farm can afford.
-    keeps : Separation
-        How the vehicles stay apart.
-    faults : tuple of Fault
-        What goes wrong in each flight of simulated vehicles.
-    """
-
-    asked: Scenario
+    asked: Scenario  # What was asked for, with the default estimator named: for the record
     farm: Farm
-    fields: FieldSet
-    vehicles: tuple[Vehicle, ...]
+    fields: FieldSet  # What there is to see
+    vehicles: tuple[Vehicle, ...]  # In the order of their system ids
     decider: Decider
     estimator: Estimator
     camera: LeafCameraOptions
-    looks: CameraOptions
-    weights: ScoreWeights
+    looks: CameraOptions  # How often it looks, and at how much
+    weights: ScoreWeights  # What errors cost
     seed: int
     first_day: int
     days: int
     flights_per_day: int
-    points: int | None
-    keeps: Separation
-    faults: tuple[Fault, ...] = ()
+    points: int | None  # How often the estimate of a flight is scored; None: as often as the farm can afford
+    keeps: Separation  # How the vehicles stay apart
+    faults: tuple[Fault, ...] = ()  # What goes wrong in each flight of simulated vehicles
 
     def __getstate__(self) -> dict[str, object]:
         """Leave out the estimator, which may be large: other processes fly, and estimate nothing."""

@@ -98,26 +98,15 @@ MOST_READINGS = 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class _KeptFlight:
-    """A flight without what its cameras saw.
-
-    Parameters
-    ----------
-    records : tuple of FlightRecord
-    seen : Observations
-        Without values.
-    reading : int64[n]
-        Which reading each observation is.
-    log : FrameLog or None
-        With the numbers of the readings.
-    """
+    """A flight without what its cameras saw."""
 
     records: tuple[FlightRecord, ...]
     images: ImageList
-    seen: Observations
-    reading: NDArray[np.int64]
+    seen: Observations  # Without values
+    reading: NDArray[np.int64]  # int64[n]: which reading each observation is
     duration_s: float
     frames: int
-    log: FrameLog | None
+    log: FrameLog | None  # With the numbers of the readings
 
     def of_run(self, run: Run, planned: PlannedFlight, environment: Environment) -> Flight:
         """Return the flight of a run, with what is seen in its environment."""
@@ -303,20 +292,12 @@ MOST_CELLS = 500_000
 
 @dataclass(frozen=True, slots=True)
 class FlightAlone:
-    """Flies any flight of a run without the others.
+    """Flies any flight of a run without the others."""
 
-    Parameters
-    ----------
-    run : Run
-        With a decider that does not ask what is believed.
-    logged : bool
-        Whether frames are kept.
-    """
-
-    run: Run
+    run: Run  # With a decider that does not ask what is believed
     environment: Environment
     hosting: Hosting
-    logged: bool = False
+    logged: bool = False  # Whether frames are kept
 
     def __call__(self, day: int, flight: int) -> Flight:
         """Plan a flight and fly it, unless it was flown in this process before."""

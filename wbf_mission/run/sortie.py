@@ -46,27 +46,13 @@ ASIDE_S, WHOLE_S = 8.0, 2.0
 
 @dataclass(frozen=True, slots=True)
 class StationRange:
-    """The range of the ground station's radio, as far as plans over ground go.
+    """The range of the ground station's radio, as far as plans over ground go."""
 
-    Parameters
-    ----------
-    range_m : float
-        In space.
-    station_xy_m : tuple of float
-        Where the ground station stands, in metres of the farm frame.
-    height_m : float
-        At which the vehicle flies above it.
-    speed_m_s : float
-        At which it flies.
-    mean_speed_m_s : float
-        Of its planned flight, turns included.
-    """
-
-    range_m: float
-    station_xy_m: tuple[float, float]
-    height_m: float
-    speed_m_s: float
-    mean_speed_m_s: float
+    range_m: float  # In space
+    station_xy_m: tuple[float, float]  # Where the ground station stands, in metres of the farm frame
+    height_m: float  # At which the vehicle flies above it
+    speed_m_s: float  # At which it flies
+    mean_speed_m_s: float  # Of its planned flight, turns included
 
     @property
     def radius_m(self) -> float:

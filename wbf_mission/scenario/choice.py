@@ -13,21 +13,11 @@ from wbf_mission.scenario.option import ScenarioError
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """A planner, a policy or an estimator.
+    """A planner, a policy or an estimator."""
 
-    Parameters
-    ----------
-    name : str
-        Its registered name; of an object the name of its function or class.
-    params : dict
-        Parameters that are not at their defaults.
-    made : object or None
-        The object itself, where one was given in place of a name.
-    """
-
-    name: str
-    params: dict[str, Any] = field(default_factory=dict)
-    made: Any = None
+    name: str  # Its registered name; of an object the name of its function or class
+    params: dict[str, Any] = field(default_factory=dict)  # Parameters that are not at their defaults
+    made: Any = None  # The object itself, where one was given in place of a name
 
     def __str__(self) -> str:
         return format_named(self.name, self.params)

@@ -28,57 +28,27 @@ class ScenarioError(WbfMissionError, ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Option:
-    """What is known of one option.
+    """What is known of one option."""
 
-    Parameters
-    ----------
-    key : str
-        Its name as a keyword of `Scenario` and in a scenario file; unique over all parts.
-    help : str
-        What it is, without unit, range and default.
-    panel : str
-        Under which heading ``--help`` shows it.
-    low, high : float or None
-        The range of a number, both ends included.
-    choices : tuple of str
-        The words that it may be.
-    default : str
-        The default in words, where its value does not say it.
-    flag : str or None
-        Its name on the command line; None if only a `CompoundFlag` sets it.
-    metavar : str or None
-        What stands for its value in ``--help``.
-    example : str
-        A value that is easily given as a number, as the text that it has to be.
-    kind : str
-        Of what it is a name, for completion: farm, planner, policy, estimator, vehicle, autopilot or empty.
-    needs : str
-        The key of the option without which it has no effect.
-    not_with : tuple of str
-        The keys of the options that leave it without effect.
-    read : callable or None
-        Reads its text of the command line; None where the command line's own types do.
-    needs_fleet : bool
-        Whether it has an effect only where several vehicles fly.
-    each : bool
-        Whether several of the choices may be given, separated by commas: one for each vehicle.
-    """
-
-    key: str
-    help: str
-    panel: str
+    key: str  # Its name as a keyword of `Scenario` and in a scenario file; unique over all parts
+    help: str  # What it is, without unit, range and default
+    panel: str  # Under which heading ``--help`` shows it
+    # The range of a number, both ends included
     low: float | None = None
     high: float | None = None
-    choices: tuple[str, ...] = ()
-    default: str = ""
-    flag: str | None = None
-    metavar: str | None = None
-    example: str = ""
+    choices: tuple[str, ...] = ()  # The words that it may be
+    default: str = ""  # The default in words, where its value does not say it
+    flag: str | None = None  # Its name on the command line; None if only a `CompoundFlag` sets it
+    metavar: str | None = None  # What stands for its value in ``--help``
+    example: str = ""  # A value that is easily given as a number, as the text that it has to be
+    # Of what it is a name, for completion: farm, planner, policy, estimator, vehicle, autopilot or empty
     kind: str = ""
-    needs: str = ""
-    not_with: tuple[str, ...] = ()
+    needs: str = ""  # The key of the option without which it has no effect
+    not_with: tuple[str, ...] = ()  # The keys of the options that leave it without effect
+    # Reads its text of the command line; None where the command line's own types do
     read: Callable[[str], Any] | None = None
-    needs_fleet: bool = False
+    needs_fleet: bool = False  # Whether it has an effect only where several vehicles fly
+    # Whether several of the choices may be given, separated by commas: one for each vehicle
     each: bool = False
 
     @property
@@ -123,24 +93,15 @@ class Option:
 
 @dataclass(frozen=True, slots=True)
 class CompoundFlag:
-    """An option of the command line that sets several options at once, such as ``--wind 5,270``.
+    """An option of the command line that sets several options at once, such as ``--wind 5,270``."""
 
-    Parameters
-    ----------
-    flag, metavar, help, panel, needs
-        As of `Option`; `help` tells the defaults, too.
-    keys : tuple of str
-        The options that it sets.
-    read : callable
-        Text to values by key; raises ScenarioError.
-    """
-
+    # As of `Option`; `help` tells the defaults, too
     flag: str
     metavar: str
     help: str
     panel: str
-    keys: tuple[str, ...]
-    read: Callable[[str], dict[str, Any]]
+    keys: tuple[str, ...]  # The options that it sets
+    read: Callable[[str], dict[str, Any]]  # Text to values by key; raises ScenarioError
     needs: str = ""
 
 

@@ -14,19 +14,12 @@ _LEAST_M, _MOST_M = 0.5, 100.0
 
 @dataclass(frozen=True, slots=True)
 class Separation:
-    """How vehicles keep apart.
+    """How vehicles keep apart."""
 
-    Parameters
-    ----------
-    kind : {"layers", "distance", "none"}
-        Each flies at a height of its own; or all fly at one height and keep a distance in time; or they do
-        not care.
-    metres : float
-        Between two layers, or between two vehicles.
-    """
-
+    # {"layers", "distance", "none"}: each flies at a height of its own; or all fly at one height and keep a
+    # distance in time; or they do not care
     kind: str
-    metres: float = 0.0
+    metres: float = 0.0  # Between two layers, or between two vehicles
 
 
 def parse_separation(text: str) -> Separation:

@@ -20,8 +20,6 @@ from enum import IntEnum
 
 from mission.outcome import Outcome
 
-__all__ = ["ExitCode", "exit_code_of", "exit_code_of_flight"]
-
 
 class ExitCode(IntEnum):
     """What a command tells its caller; those from 128 on are 128 and the number of a signal."""

@@ -34,10 +34,7 @@ from wbf_mission.scenario.scenario import require_scenario
 def check_flight(scenario: Scenario) -> None:
     """Check what a scenario says of fields, camera and estimator, which planning alone does not use.
 
-    Raises
-    ------
-    WbfMissionError
-        If `fly` would refuse it.
+    WbfMissionError if `fly` would refuse it.
     """
     fields = load_field_set(scenario.farm.fields)
     camera_options(scenario.camera, fields)

@@ -18,26 +18,17 @@ from geo.named import ParameterError, format_named, parse_named
 from geo.texts import one_line
 from wbf_mission.scenario import Choice, ScenarioError
 
-__all__ = ["own_choice"]
-
 _OWN = re.compile(r"(?P<file>.+\.py):(?P<name>[^\W\d]\w*)(?::(?P<parameters>.*))?", re.DOTALL)
 
 
 def own_choice(text: str, what: str) -> Choice | None:
     """Return what stands in a user's file; None if the text names no such thing.
 
-    Parameters
-    ----------
-    text : str
-        ``FILE.py:NAME`` or ``FILE.py:NAME:key=value,...``; the name is that of a planner (a function), or of
-        a class, which is called with the parameters.
-    what : str
-        ``planner``, ``policy`` or ``estimator``.
+    The text is ``FILE.py:NAME`` or ``FILE.py:NAME:key=value,...``; the name is that of a planner (a
+    function), or of a class, which is called with the parameters. `what` is ``planner``, ``policy`` or
+    ``estimator``.
 
-    Raises
-    ------
-    ScenarioError
-        If the file cannot be run, has no such name, or the class does not take the parameters.
+    ScenarioError if the file cannot be run, has no such name, or the class does not take the parameters.
     """
     found = _OWN.fullmatch(text.strip())
     if found is None:

@@ -20,12 +20,7 @@ _IMPORTED_S = time.perf_counter()
 
 
 class Stopwatch:
-    """Wall seconds by part of a run.
-
-    Attributes
-    ----------
-    seconds : dict of str to float
-    """
+    """Wall seconds by part of a run."""
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}

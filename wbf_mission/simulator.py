@@ -88,29 +88,13 @@ def make_components(
     cold: bool = False,
     progress: Callable[[str, float, float], None] | None = None,
 ) -> Simulated:
-    """Make vehicles, each with its camera.
+    """Make vehicles, each with its camera, by a scenario's farm, vehicle, weather, seed, day and camera.
 
-    Parameters
-    ----------
-    scenario : Scenario
-        Farm, vehicle, weather, sensors, seed, day and camera.
-    count : int, optional
-        How many; as many as there are homes, else one.
-    homes : sequence of GeoPoint and float
-        Where they start and their headings; none: around the farm's home.
-    spacing_m : float
-        Between vehicles that share a home.
-    first_system : int
-        The system id of the first one.
-    with_camera : bool
-        Without cameras no environment is generated.
-    cold : bool
-        The autopilots boot when they are first spoken to; otherwise they are up.
+    `count` are as many as there are `homes` (places and headings), else one; without homes they stand around
+    the farm's, `spacing_m` apart where they share one. Without cameras no environment is generated. `cold`
+    autopilots boot when they are first spoken to; otherwise they are up.
 
-    Raises
-    ------
-    WbfMissionError
-        If a name is unknown or an option out of range.
+    WbfMissionError if a name is unknown or an option out of range.
     """
     farm = get_farm(scenario.farm.name)
     spec = flown_vehicle(scenario.vehicle)

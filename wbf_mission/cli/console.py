@@ -6,8 +6,6 @@ from typing import IO
 
 from rich.console import Console
 
-__all__ = ["PlainConsole"]
-
 
 class PlainConsole(Console):
     """A console without markup, emoji codes and highlighting, as wide as the terminal unless told."""

@@ -14,8 +14,6 @@ from typer.core import TyperCommand, TyperGroup
 from wbf_mission.cli.options import TargetError
 from wbf_mission.exit_codes import ExitCode
 
-__all__ = ["HelpCommand", "HelpGroup"]
-
 _ARGUMENTS, _OPTIONS = "Arguments", "Options"
 
 

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from wbf_mission.run.joint_flight import JointFlight
     from wbf_mission.run.sortie import Sortie
 
-__all__ = ["OperatorConsole"]
-
 _STATUS_S = 5.0
 _SILENCE_S = 5.0
 _OBEYS_S = 5.0

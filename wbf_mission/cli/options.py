@@ -221,10 +221,7 @@ class Given:
     def scenario(self) -> Scenario:
         """Return the run: the file's, without one the defaults, changed as was given.
 
-        Raises
-        ------
-        ScenarioError
-            If the file or an option is wrong, or an option was given that has no effect.
+        ScenarioError if the file or an option is wrong, or an option was given that has no effect.
         """
         return self.change(load_scenario(self.file) if self.file else Scenario(**self.defaults))
 

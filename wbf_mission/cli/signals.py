@@ -8,8 +8,6 @@ import signal
 from collections.abc import Callable, Iterator
 from types import FrameType
 
-__all__ = ["announcing", "came", "defer", "exit_code", "forget", "install", "restore"]
-
 # A command in the background of a script ignores SIGINT, one under nohup SIGHUP: those stay ignored.
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _before: dict[int, object] = {}

@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 from geo.compiled import compiled
 from wbf_mission.maps.blocks import SICK_BELOW
 
-__all__ = ["sum_pixels", "sum_squares"]
-
 Floats = NDArray[np.float64]
 
 

@@ -83,20 +83,11 @@ def field_maps(
     states_deviation: bool = True,
     day: int | None = None,
 ) -> tuple[FieldMap, ...]:
-    """Sum an estimate by pixels.
+    """Sum an estimate, float32[n, W, H] in the order of `fields`, by pixels.
 
-    Parameters
-    ----------
-    model : InformationModel
-        The estimate, float32[n, W, H]. One whose values are not means needs its class probabilities.
-    observations : Observations
-        What was observed; the last reading of a cell counts.
-    fields : FieldSet
-        The fields of the model, in its order.
-    states_deviation : bool
-        Whether the model's uncertainty is a standard deviation.
-    day : int, optional
-        The day of the estimate, whose observations count; by default the latest that was observed.
+    One whose values are not means needs its class probabilities. `states_deviation` tells whether its
+    uncertainty is a standard deviation. The last reading of a cell on the day of the estimate counts; by
+    default that is the latest day that was observed.
     """
     grid, cells = MapGrid.of(farm), farm.grid()
     if day is None:

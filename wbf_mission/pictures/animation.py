@@ -45,8 +45,6 @@ if TYPE_CHECKING:
     from sensors.environment.environment import Environment
     from wbf_mission.run.record import RunRecord
 
-__all__ = ["GifWriter"]
-
 MOST_FRAMES = 300
 _FRAMES = 150
 _FRAMES_A_SECOND = 12
@@ -121,24 +119,7 @@ def animate(
     estimator: Estimator | None = None,
     progress: Progress | None = None,
 ) -> Path:
-    """Write a run as a moving picture.
-
-    Parameters
-    ----------
-    path : Path
-        A GIF, or an MP4 file, which needs the program ffmpeg.
-    frames : int
-        About so many, 2 to 300; each flight has two at least.
-    estimator : Estimator, optional
-        In place of the run's: it is fitted anew.
-
-    Raises
-    ------
-    AnimationError
-        If nothing was flown, the number of frames or the kind of the file is not known, or ffmpeg is missing.
-    EstimatorError
-        If the run's estimator cannot be made again.
-    """
+    """Write a run as a moving picture of about so many frames, 2 to 300; errors as of `Result.animate`."""
     if not 2 <= frames <= MOST_FRAMES:
         msg = f"animation: {frames} frames; give 2 to {MOST_FRAMES}"
         raise AnimationError(msg)
@@ -419,17 +400,7 @@ _SHADES = (0.35, 0.7, 1.0)
 
 
 class GifWriter(PillowWriter):
-    """Writes frames of a figure.
-
-    Parameters
-    ----------
-    fps : int
-        Frames a second.
-    maps : sequence of Colormap
-        Of the figure's images.
-    lines : sequence of str
-        Colours of its lines.
-    """
+    """Writes frames of a figure, which has images with these maps of colours and lines of these colours."""
 
     def __init__(self, fps: int, maps: Sequence[Colormap], lines: Sequence[str]) -> None:
         super().__init__(fps=fps)

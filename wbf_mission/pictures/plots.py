@@ -179,20 +179,9 @@ def plot_field(
     flown_m: NDArray[np.float64] | None = None,
     about: str = "",
 ) -> Path:
-    """Write the map sheet of one field.
+    """Write the map sheet of one field as a PNG file: estimate, and the truth where somebody knows it.
 
-    Parameters
-    ----------
-    estimate : FieldMap
-        `wbf_mission.maps.field_maps.field_maps`.
-    path : Path
-        The PNG file.
-    truth : FieldMap, optional
-        `wbf_mission.maps.field_maps.true_map`, where somebody knows it.
-    flown_m : float64[n, 2], optional
-        The path over ground, metres of the farm's frame.
-    about : str
-        First line of the sheet.
+    `flown_m` is the path over ground, float64[n, 2] in metres of the farm's frame; `about` the first line.
     """
     kind, grid = estimate.field.kind, estimate.grid
     left, right, low, high = _part_shown(farm)

@@ -43,15 +43,10 @@ class ReserveCharge:
     estimate's errors and more gusts, and its `Prediction.energy_bound_wh` over its price is what all others
     are charged. What disturbs flights varies less over longer ones: the part of it that is spread grows with
     the square root of what is flown.
-
-    Attributes
-    ----------
-    factor : float or None
-        Bound over price, of a whole flight; None until a flight was predicted.
     """
 
     builder: MissionBuilder
-    factor: float | None = None
+    factor: float | None = None  # bound over price, of a whole flight; None until one was predicted
     _onward: float = 1.0
     _spread: float = 0.0
 

@@ -9,19 +9,7 @@ from enum import Enum, StrEnum
 from typing import Any
 
 from geo.errors import WbfMissionError
-from mission.transfer.remarks import Severity
-
-__all__ = [
-    "Against",
-    "Concern",
-    "Finding",
-    "Hit",
-    "Measure",
-    "PreflightError",
-    "Report",
-    "Severity",
-    "worst_of",
-]
+from mission.transfer.remarks import Severity as Severity
 
 
 class PreflightError(WbfMissionError, ValueError):

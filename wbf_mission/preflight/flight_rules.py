@@ -19,34 +19,14 @@ from wbf_mission.preflight.plan_rules import Leg, legs_of, remarks_of
 from wbf_mission.preflight.rules import found, worst
 from wbf_mission.preflight.subject import FlownTrack, Subject
 
-__all__ = [
-    "TOO_GUSTY",
-    "check_battery",
-    "check_climbs",
-    "check_fence",
-    "check_obstacles",
-    "check_short_legs",
-    "check_speeds",
-    "check_turns",
-    "check_wind",
-    "share_flown",
-]
-
 _FOLLOW_STEP_M = 0.5
 _MOST_POINTS = 20_000
 
 
 def share_flown(subject: Subject, legs: Sequence[Leg], within_m: float) -> float | None:
-    """Return which part of the length of legs the vehicle passes at no more than a distance, over ground.
+    """Return which part of the length of legs is passed at no more than a distance, over ground.
 
-    Parameters
-    ----------
-    legs : sequence of Leg
-
-    Returns
-    -------
-    float or None
-        From 0 to 1, of the flight that follows them least; None without a predicted flight.
+    0 to 1, of the flight that follows them least; None without a predicted flight.
     """
     tracks = [track.points_m[:, :2] for track in subject.tracks if len(track.points_m) > 1]
     lengths_m = np.array([leg.length_m for leg in legs])

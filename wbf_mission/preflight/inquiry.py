@@ -23,16 +23,6 @@ from mission.transfer.wire import ground_heartbeat
 from sim_vehicle.host.server import Server
 from sim_vehicle.host.simulation import StopReason
 
-__all__ = [
-    "FirmwareVersion",
-    "Gps",
-    "HeardState",
-    "Inquiry",
-    "VehicleSnapshot",
-    "ask_vehicle",
-    "decoded",
-]
-
 _KINDS = {0: "dev", 64: "alpha", 128: "beta", 192: "rc", 255: ""}
 
 
@@ -115,15 +105,7 @@ ESTIMATES = (int(m.MAVLINK_MSG_ID_ESTIMATOR_STATUS), int(m.MAVLINK_MSG_ID_EKF_ST
 
 
 class HeardState:
-    """Keeps what a vehicle told; everything is None until it did.
-
-    Attributes
-    ----------
-    monitor : VehicleMonitor
-        Its heartbeat and battery.
-    ids : set of int
-        Messages that came.
-    """
+    """Keeps what a vehicle told; everything is None until it did."""
 
     def __init__(self) -> None:
         self.monitor = VehicleMonitor()
@@ -179,20 +161,10 @@ _INTEGERS = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}
 
 
 class Inquiry:
-    """A component that asks one vehicle, until it has answered or does not.
+    """A component that asks one vehicle, of a system id or the first that is heard, until it has answered.
 
     What is not answered is asked again, at the pace of the link: as long as the first answer took. A
     parameter that a vehicle does not have is never answered; it is given up after some tries.
-
-    Parameters
-    ----------
-    system_id : int, optional
-        Of the vehicle; by default the first one that is heard.
-
-    Attributes
-    ----------
-    search : VehicleSearch
-        For the vehicle.
     """
 
     system_id = GROUND_SYSTEM_ID
@@ -404,29 +376,9 @@ def ask_vehicle(
     system_id: int | None = None,
     note: Callable[[str], None] = _silent,
 ) -> VehicleSnapshot:
-    """Wait for the vehicle behind a link, and ask it for what a plan assumes.
+    """Wait for the vehicle behind a link, and ask it for what a plan assumes; nothing is changed on it.
 
-    Nothing is changed on the vehicle.
-
-    Parameters
-    ----------
-    url : str
-        ``udpin:``, ``udpout:``, ``tcp:`` or ``tcpin:HOST:PORT``, or ``serial:DEVICE:BAUD``.
-    wait_s : float
-        How long to wait for its heartbeat.
-    system_id : int, optional
-        Of the vehicle; by default the first one that is heard.
-    note : callable
-        Takes lines for the operator.
-
-    Raises
-    ------
-    LinkError
-        If there is no link.
-    NoVehicleError
-        If nobody is heard.
-    KeyboardInterrupt
-        At Ctrl-C.
+    LinkError without a link, NoVehicleError if nobody is heard, KeyboardInterrupt at Ctrl-C.
     """
     inquiry = Inquiry(system_id=system_id)
     with Server([inquiry], [url]) as server:

@@ -26,27 +26,6 @@ from wbf_mission.preflight.subject import (
     reachable,
 )
 
-__all__ = [
-    "PLACED",
-    "Leg",
-    "check_camera",
-    "check_dialect",
-    "check_end",
-    "check_ends",
-    "check_flown",
-    "check_frames",
-    "check_heights",
-    "check_lengths",
-    "check_predicted",
-    "check_problems",
-    "check_radii",
-    "check_start_distance",
-    "check_takeoff",
-    "check_unknown",
-    "legs_of",
-    "remarks_of",
-]
-
 PLACED = frozenset({16, 17, 18, 19, 22, 31, 82})
 """Commands that are flown to at a height of their own."""
 _FLOWN_TO = PLACED | {int(Command.NAV_LAND)}

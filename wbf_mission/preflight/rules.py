@@ -11,8 +11,6 @@ from mission.transfer.wire import command_name
 from wbf_mission.preflight.finding import Against, Concern, Finding, Hit, Measure, Severity, worst_of
 from wbf_mission.preflight.subject import Subject
 
-__all__ = ["RULES", "Rule", "found", "worst"]
-
 _ERROR, _WARNING, _NOTE = Severity.ERROR, Severity.WARNING, Severity.NOTE
 
 
@@ -345,20 +343,9 @@ def found(
     severity: Severity | None = None,
     **words: Any,
 ) -> Finding:
-    """Return what a rule says.
+    """Return what a rule says; `item` counts from 0, `words` stand for the words in braces.
 
-    Parameters
-    ----------
-    item : int, optional
-        Counted from 0.
-    measured : tuple of (float, float), optional
-        What was measured and its limit.
-    measure : Measure, optional
-        In place of that, where what is measured varies.
-    severity : Severity, optional
-        Where it is not the rule's.
-    words : Any
-        What stands for the words in braces.
+    What was measured and its limit is `measured`, or a whole `measure` where what is measured varies.
     """
     concern, rule = _BY_CODE[code]
     if measured is not None and rule.measured is not None:

@@ -24,18 +24,6 @@ from wbf_mission.scenario.parts import VehicleParts
 if TYPE_CHECKING:
     from wbf_mission.preflight.inquiry import VehicleSnapshot
 
-__all__ = [
-    "PLAN_CHECKS",
-    "VEHICLE_CHECKS",
-    "Circumstances",
-    "Preflight",
-    "ShowFindings",
-    "check_mission",
-    "check_plans",
-    "inspect",
-    "show_nobody",
-]
-
 PLAN_CHECKS: tuple[Callable[[Subject], Iterable[Finding]], ...] = (
     plan_rules.check_problems,
     plan_rules.check_predicted,
@@ -120,12 +108,8 @@ class Preflight:
 def check_mission(mission: Mission, circumstances: Circumstances | None = None) -> Preflight:
     """Check a plan before it goes up.
 
-    Raises
-    ------
-    VehicleError
-        If the vehicle or a parameter of its autopilot is unknown, or a value out of range.
-    PreflightError
-        If several vehicles are named, or nothing tells where the mission begins.
+    VehicleError if the vehicle or a parameter of its autopilot is unknown, or a value out of range;
+    PreflightError if several vehicles are named, or nothing tells where the mission begins.
 
     Examples
     --------
@@ -175,21 +159,9 @@ def check_plans(
 ) -> None:
     """Refuse plans in which the check finds errors; the paper's robot, which has no size, flies anything.
 
-    Planners and policies keep away from what they know; gusts that the vehicle cannot hold are told, too.
-
-    Parameters
-    ----------
-    plans : iterable of (PlanResult, VehicleParts)
-        What each vehicle is to fly, and the run as far as it concerns this vehicle.
-    consequence : str
-        What is not done with plans that are refused: ``nothing was flown``.
-    force : bool
-        Only show the errors and the gusts.
-
-    Raises
-    ------
-    PreflightError
-        With the first error.
+    Planners and policies keep away from what they know; gusts that the vehicle cannot hold are told, too. The
+    PreflightError tells the first error, and as `consequence` what is not done: ``nothing was flown``. With
+    `force` errors and gusts are only shown.
     """
     found = Report(
         tuple(

@@ -31,18 +31,6 @@ from wbf_mission.scenario import MissionOptions
 if TYPE_CHECKING:
     from wbf_mission.preflight.inquiry import VehicleSnapshot
 
-__all__ = [
-    "LANDINGS",
-    "LAST_NAV",
-    "TAKEOFFS",
-    "FlownTrack",
-    "Subject",
-    "followers",
-    "never_ends",
-    "reachable",
-    "subject_of",
-]
-
 _ENDINGS = frozenset({int(Command.NAV_RETURN_TO_LAUNCH), int(Command.NAV_LOITER_UNLIM)})
 TAKEOFFS = frozenset({int(Command.NAV_TAKEOFF), 84})
 LANDINGS = frozenset({int(Command.NAV_LAND), 85})
@@ -181,13 +169,9 @@ def subject_of(
 ) -> Subject:
     """Fly a plan in prediction, and gather what its checks need.
 
-    The profile is by default that of the vehicle's autopilot. A mission without a home has the farm's.
-    With ``estimate_errors`` an autopilot whose estimate errs is predicted with its errors.
-
-    Raises
-    ------
-    VehicleError
-        If nothing tells where the mission begins.
+    The profile is by default that of the vehicle's autopilot. A mission without a home has the farm's;
+    without both it is a VehicleError. With ``estimate_errors`` an autopilot whose estimate errs is predicted
+    so.
     """
     placed = _with_home(mission, farm, snapshot)
     frame = home_frame(placed)

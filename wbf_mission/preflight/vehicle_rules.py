@@ -25,22 +25,6 @@ from wbf_mission.preflight.subject import LANDINGS, TAKEOFFS, Subject
 if TYPE_CHECKING:
     from wbf_mission.preflight.inquiry import VehicleSnapshot
 
-__all__ = [
-    "check_battery_now",
-    "check_calibration",
-    "check_estimator",
-    "check_failsafes",
-    "check_fence_settings",
-    "check_firmware",
-    "check_gps",
-    "check_landing_rules",
-    "check_motion_settings",
-    "check_place",
-    "check_readiness",
-    "check_return_height",
-    "check_unread",
-]
-
 _NOTICEABLE = 0.05
 _NOTICEABLE_RADIUS_M = 0.5
 _NOTICEABLE_HEIGHT_M = 1.0

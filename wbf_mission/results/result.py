@@ -19,8 +19,6 @@ from wbf_mission.results.storage import ResultError
 from wbf_mission.results.writing import ResultFolder, settle_result
 from wbf_mission.run.record import RunRecord
 
-__all__ = ["Result", "load_result"]
-
 
 @dataclass(slots=True, eq=False)
 class Result(RunRecord):

@@ -100,13 +100,7 @@ def write_array(path: Path, array: NDArray[np.floating], fields: Sequence[str]) 
 
 
 def read_array(path: Path, shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """Read an array of a known shape.
-
-    Raises
-    ------
-    ArrayFileError
-        If the file is not one that `write_array` wrote, or its shape is another one.
-    """
+    """Read an array of a known shape; ArrayFileError if it is another, or `write_array` did not write it."""
     import zarr
     from zarr.storage import ZipStore
 

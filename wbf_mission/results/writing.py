@@ -28,8 +28,6 @@ from wbf_mission.scenario import Scenario
 if TYPE_CHECKING:
     from wbf_mission.maps.field_maps import FieldMap
 
-__all__ = ["ResultFolder", "run_name", "settle_result"]
-
 ANIMATION = "run.gif"
 
 
@@ -40,21 +38,9 @@ class ResultFolder:
     temporary folder beside the target. `write` fills that folder and puts it in the target's place; an older
     result stays until then. Leaving the block removes what was not put there.
 
-    Parameters
-    ----------
-    path : Path
-        The folder for the result.
-    inputs : iterable of path
-        Files that the run reads: the folder must not hold one of them.
-    scenario : dict, optional
-        The options of the run, as of `Scenario.to_dict`: an older result of the same run is replaced.
-    overwrite : bool
-        Replace any older result, and write into a folder that holds other files (which stay).
-
-    Raises
-    ------
-    ResultError
-        If the folder must not be written; on entering, if it cannot be, or another run writes it.
+    The folder must hold none of the `inputs`. An older result of the same `scenario` (`Scenario.to_dict`) is
+    replaced; with `overwrite` any, also among other files, which stay. ResultError if the folder must not be
+    written; on entering, if it cannot be, or another run writes it.
     """
 
     def __init__(

@@ -38,15 +38,6 @@ class Campaign:
     (`Outcome.loses_vehicle`) does not fly again; when none is left, the days that remain are scored by what
     is believed of them. A flight that the policy does not find worth making is not made, after the first one;
     what is believed holds for as long.
-
-    Attributes
-    ----------
-    flights, days : list
-        What is over.
-    maps : tuple of FieldMap
-        The estimate at the end of the last of these days, in blocks of cells.
-    truth : float32[n, W, H] or None
-        Of the day that is flown.
     """
 
     def __init__(self, run: Run, *, progress: Progress, watch: Stopwatch) -> None:
@@ -54,9 +45,9 @@ class Campaign:
         self.decisions: list[DecisionRecord] = []
         self.flights: list[FlightRecord] = []
         self.days: list[DayRecord] = []
-        self.maps: tuple[FieldMap, ...] = ()
+        self.maps: tuple[FieldMap, ...] = ()  # the estimate at the end of the last day, in blocks of cells
         self.evidence = Evidence(run.farm, run.fields)
-        self.truth: NDArray[np.float32] | None = None
+        self.truth: NDArray[np.float32] | None = None  # float32[n, W, H], of the day that is flown
         self.simulated_s = 0.0
         self.frames = 0
         self.watch = watch
@@ -70,10 +61,7 @@ class Campaign:
     def plan(self, day: int, flight: int = 1) -> tuple[PlanResult, ...]:
         """Ask for the paths of the next flight, and return the plan of each vehicle.
 
-        Raises
-        ------
-        WbfMissionError
-            If there is no path within the budget, or the first flight is not worth making.
+        WbfMissionError without a path within the budget, or if the first flight is not worth making.
         """
         planned = plan_flight(self.run, day, flight, self.evidence, self.decisions, self._gone)
         if not planned.sorties and not self.flights:

@@ -142,27 +142,10 @@ def fly_once(
     writer: FrameSink | None = None,
     offset_s: float = 0.0,
 ) -> Flight:
-    """Fly a flight to its end.
+    """Fly a flight to its end; at Ctrl-C it is a FlightInterrupted, when the flight has begun.
 
-    Parameters
-    ----------
-    evidence : Evidence
-        Takes what is seen, as it arrives.
-    cameras : callable
-        Returns the leaf camera of each vehicle; see `leaf_camera`.
-    hosting : Hosting
-        Where it takes place.
-    attendant : Attendant or None
-        Stands by.
-    writer : FrameSink or None
-        Takes every frame.
-    offset_s : float
-        When it begins, in seconds since the beginning of the run.
-
-    Raises
-    ------
-    FlightInterrupted
-        At Ctrl-C, when the flight has begun.
+    `evidence` takes what is seen by the `cameras` (see `leaf_camera`), as it arrives; `writer` every frame.
+    It begins `offset_s` after the beginning of the run.
     """
     delays = _start_delays(run, planned.plans)
     sorties = [

@@ -26,8 +26,6 @@ from sim_vehicle.mavlink import SimVehicle
 from wbf_mission.planning import home_of
 from wbf_mission.run.sortie import Sortie
 
-__all__ = ["FlightHost", "Hosting", "VirtualHosting"]
-
 
 class FlightHost(Protocol):
     """What runs the components of a flight, on its own clock."""

@@ -119,13 +119,7 @@ class JointFlight:
                 gate.release()
 
     def fly(self) -> None:
-        """Fly until every vehicle is down.
-
-        Raises
-        ------
-        KeyboardInterrupt
-            Between two slices of time; `interrupt` is to follow.
-        """
+        """Fly until every vehicle is down; a KeyboardInterrupt comes between slices: `interrupt` follows."""
         if self._attendant is not None:
             # Who stands by asks for signals, and what they are to mean.
             self._fly(lambda: None)

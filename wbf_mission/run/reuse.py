@@ -135,18 +135,7 @@ class _KeptFlight:
 
 
 class FlightMemory:
-    """Keeps the flights that were used last, and the environments.
-
-    Parameters
-    ----------
-    most : int
-        How many.
-
-    Attributes
-    ----------
-    environments : EnvironmentMemory
-        The small environments that were used last.
-    """
+    """Keeps the flights that were used last, at `most` so many, and the small environments."""
 
     def __init__(self, most: int = MOST_FLIGHTS) -> None:
         self.environments = EnvironmentMemory()

@@ -117,23 +117,8 @@ _NO_REST: tuple[tuple[MissionItem, ...], int, Points] = ((), -1, np.empty((0, 2)
 class Sortie:
     """One vehicle from the first heartbeat to the landing.
 
-    Parameters
-    ----------
-    on_transfer : callable, optional
-        ``on_transfer(done, total)`` as mission items cross.
-    arming_gate : ArmingGate, optional
-        What has to hold before its motors start.
-    force : bool
-        Send also what the autopilot would refuse or not fly.
-    place : int
-        Which of those that fly together it is, from 0.
-
-    Attributes
-    ----------
-    images_missed : callable
-        Returns how many images were never taken because the link was dead; the host sets it.
-    send : callable
-        Sends messages of the ground station; the host sets it.
+    `force` sends also what the autopilot would refuse or not fly; of those that fly together it is number
+    `place`, from 0.
     """
 
     def __init__(
@@ -155,6 +140,8 @@ class Sortie:
         farm = plan.farm
         self.start_delay_s = start_delay_s
         self.number, self.task, self.plan = number, task, plan
+        # The host sets both: what sends messages of the ground station, and what tells how many images were
+        # never taken because the link was dead.
         self.send: Callable[[list[Message]], None] = _nobody_sends
         self.images_missed: Callable[[], int] = _none_missed
         self.vehicle = vehicle

@@ -15,8 +15,6 @@ from wbf_mission.scenario.scenario import Scenario
 if TYPE_CHECKING:
     from sim_vehicle.faults.fault import Fault
 
-__all__ = ["about_scenario", "scenario_file", "scenario_ids"]
-
 _FOLDER = Path(__file__).parent / "catalogue"
 _ID = re.compile(r"WBF/[\w-]+-v\d+")
 
@@ -75,12 +73,7 @@ def load_scenario(path: str | Path) -> Scenario:
 def load_broken_scenario(path: str | Path) -> tuple[Scenario, tuple[Fault, ...]]:
     """Read a scenario as `load_scenario` does, and what its tables ``[[fault]]`` say goes wrong in flight.
 
-    Raises
-    ------
-    ScenarioError
-        As of `load_scenario`.
-    FaultError
-        If a fault is wrong.
+    ScenarioError as of `load_scenario`; FaultError if a fault is wrong.
     """
     path = Path(path)
     table = read_table(path)

@@ -83,15 +83,8 @@ class Scenario:
         one.check(self.seed)
 
     def __getitem__(self, key: str) -> Any:
-        """Return an option by the key under which it is given.
+        """Return an option by the key under which it is given; ScenarioError if there is no such option.
 
-        Raises
-        ------
-        ScenarioError
-            If there is no such option.
-
-        Examples
-        --------
         >>> Scenario(farm="miniberry-10", wind_speed_m_s=4)["wind_speed_m_s"]
         4.0
         """

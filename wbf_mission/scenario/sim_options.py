@@ -16,8 +16,6 @@ from wbf_mission.scenario.scenario import unknown_key
 if TYPE_CHECKING:
     from sim_vehicle.faults.fault import Fault
 
-__all__ = ["SimOptions", "load_sim", "parse_speed"]
-
 LINKS = "Links and time"
 _BOOTS = ("warm", "cold")
 _SLOWEST, _FASTEST = 0.01, 10_000.0

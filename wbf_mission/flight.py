@@ -141,7 +141,7 @@ def fly(
                         hosting = VirtualHosting(pace, tlog, impairment, run.faults)
                         campaign.fly(environment, hosting, memory=memory)
                     else:
-                        campaign.fly(environment, connect.hosting(tlog), connect.attendant)
+                        campaign.fly(environment, connect.hosting(tlog), connect.console)
                 except KeyboardInterrupt:
                     if not campaign.flights:
                         raise

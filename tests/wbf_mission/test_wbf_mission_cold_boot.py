@@ -55,7 +55,7 @@ class Log:
 
 
 class Nobody:
-    """An attendant who has agreed beforehand, as --yes does, and looks on."""
+    """An operator who has agreed beforehand, as --yes does, and looks on."""
 
     def tend(self, flight):
         pass

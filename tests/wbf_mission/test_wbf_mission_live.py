@@ -33,7 +33,7 @@ AUTOPILOTS = {"px4": m.MAV_AUTOPILOT_PX4, "ardupilot": m.MAV_AUTOPILOT_ARDUPILOT
 
 
 class Watcher:
-    """An attendant who agrees, and does something once when the flight has gone so far."""
+    """An operator who agrees, and does something once when the flight has gone so far."""
 
     def __init__(self, *, agrees=True, images=10, act=lambda flight: None):
         self.agrees, self.images, self.act = agrees, images, act

@@ -23,7 +23,7 @@ from wbf_mission.live.hosting import links_of
 from wbf_mission.live.link import LiveLink, via_named
 from wbf_mission.replanning.loop import DecisionLoop
 from wbf_mission.run import joint_flight, sortie
-from wbf_mission.run.joint_flight import JointFlight
+from wbf_mission.run.hosting import JointFlight
 from wbf_mission.run.resolve import resolve
 
 A, B = "tcp:127.0.0.1:1", "tcp:127.0.0.1:2"
@@ -32,7 +32,7 @@ WIDE = ("--farm", "miniberry-30")
 
 
 class Agreeing:
-    """An attendant who agrees, and does something once when a vehicle has taken so many images."""
+    """An operator who agrees, and does something once when a vehicle has taken so many images."""
 
     def __init__(self, *, vehicle=0, images=math.inf, act=lambda flight: None):
         self.vehicle, self.images, self.act = vehicle, images, act
@@ -136,9 +136,9 @@ def test_a_vehicle_that_is_killed_gives_its_part_to_the_other(tmp_path, monkeypa
     monkeypatch.setattr(joint_flight, "SILENT_FACTOR", 0.02)
     chosen = scenario(farm="miniberry-30", budget="4min")
     with pair(tmp_path, *WIDE) as (one, two):
-        attendant = Agreeing(vehicle=2, images=15, act=lambda _flight: two.process.kill())
-        result = fly(chosen, connect=LiveLink((*one, *two), attendant))
-    assert attendant.acted
+        operator = Agreeing(vehicle=2, images=15, act=lambda _flight: two.process.kill())
+        result = fly(chosen, connect=LiveLink((*one, *two), operator))
+    assert operator.acted
     flights = by_id(result.flights)
     assert flights[2].outcome is Outcome.NO_ANSWER
     assert flights[1].outcome is Outcome.COMPLETED, flights[1].reason

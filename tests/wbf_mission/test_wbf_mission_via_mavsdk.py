@@ -39,7 +39,7 @@ def driver(way):
 
 
 class Agreeing:
-    """An attendant who agrees, and does something once when so much was seen."""
+    """An operator who agrees, and does something once when so much was seen."""
 
     def __init__(self, act=None, images=8):
         self.act, self.images = act, images
@@ -351,9 +351,9 @@ def test_the_same_flight_both_ways(autopilot, tmp_path):
 
 @pytest.mark.slow
 def test_the_operator_orders_a_return_by_mavsdk():
-    attendant = Agreeing(act=lambda flight: flight.maneuver(Maneuver.RETURN))
+    operator = Agreeing(act=lambda flight: flight.maneuver(Maneuver.RETURN))
     with stand_in("ardupilot", speed=2.0) as (url, made):
-        result = fly(scenario(), connect=LiveLink(url, attendant, via=via_named("mavsdk")))
+        result = fly(scenario(), connect=LiveLink(url, operator, via=via_named("mavsdk")))
         assert not made.vehicle.pilot.armed
     assert result.outcome is Outcome.INTERRUPTED
     assert result.reason == "the operator ordered it to return"

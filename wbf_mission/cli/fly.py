@@ -279,7 +279,7 @@ def _live_link(
     via: options.Way,
 ) -> LiveLink:
     """Return the links to vehicles, with the operator at this terminal."""
-    from wbf_mission.cli.operator_console import OperatorConsole
+    from wbf_mission.cli.operator_console import TerminalConsole
     from wbf_mission.live.link import LiveLink, via_named
 
     if not agreed and not sys.stdin.isatty():
@@ -287,7 +287,7 @@ def _live_link(
         raise ScenarioError(msg)
     return LiveLink(
         urls,
-        OperatorConsole(output),
+        TerminalConsole(output),
         agreed=agreed,
         wait_s=wait_s,
         system_ids=system_ids,

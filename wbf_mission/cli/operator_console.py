@@ -20,7 +20,7 @@ from wbf_mission.cli import signals
 from wbf_mission.cli.output import Output, distance
 
 if TYPE_CHECKING:
-    from wbf_mission.run.joint_flight import JointFlight
+    from wbf_mission.run.hosting import JointFlight
     from wbf_mission.run.sortie import Sortie
 
 _STATUS_S = 5.0
@@ -162,7 +162,7 @@ class _Vehicle:
                 self._output.warn(f"{self.who} is heard again")
 
 
-class OperatorConsole:
+class TerminalConsole:
     """Shows how the flight goes, asks before the start, and asks what Ctrl-C means."""
 
     def __init__(self, output: Output) -> None:

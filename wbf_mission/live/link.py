@@ -17,8 +17,7 @@ from wbf_mission.planning.fleet import Vehicle
 from wbf_mission.preflight.finding import Concern, Finding, PreflightError, Report, Severity
 from wbf_mission.preflight.inquiry import VehicleSnapshot, ask_vehicle
 from wbf_mission.preflight.run import Circumstances, ShowFindings, check_mission, show_nobody
-from wbf_mission.run.hosting import Hosting
-from wbf_mission.run.joint_flight import Attendant
+from wbf_mission.run.hosting import Hosting, OperatorConsole
 from wbf_mission.scenario import Scenario
 from wbf_mission.scenario.values import LAYERS
 
@@ -60,7 +59,7 @@ class LiveLink:
     """
 
     urls: str | Sequence[str]
-    attendant: Attendant
+    console: OperatorConsole
     agreed: bool = False
     wait_s: float = 10.0
     system_ids: Sequence[int] = ()

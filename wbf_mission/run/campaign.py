@@ -23,8 +23,7 @@ from wbf_mission.planning.fleet import Vehicle
 from wbf_mission.progress import Progress, Stopwatch
 from wbf_mission.replanning.record import DecisionRecord
 from wbf_mission.run.flight import FlightInterrupted, PlannedFlight, fly_once, leaf_camera, plan_flight
-from wbf_mission.run.hosting import Hosting
-from wbf_mission.run.joint_flight import Attendant
+from wbf_mission.run.hosting import Hosting, OperatorConsole
 from wbf_mission.run.record import DayRecord, Flight, FlightRecord, keeps_days
 from wbf_mission.run.resolve import Run
 from wbf_mission.run.reuse import FlightAlone, FlightMemory, FlightsAhead, can_fly_ahead
@@ -100,17 +99,17 @@ class Campaign:
         self,
         environment: Environment,
         hosting: Hosting,
-        attendant: Attendant | None = None,
+        console: OperatorConsole | None = None,
         memory: FlightMemory | None = None,
     ) -> None:
-        """Fly all days; `attendant` stands by, `memory` has flights that need not be flown again."""
+        """Fly all days; `console` stands by, `memory` has flights that need not be flown again."""
         first = self.run.first_day
         if self._next is None:
             self.plan(first)
         assert self.evidence.estimate is not None
         self.evidence.estimate.every = self.run.readings_a_score(self._expected_of_next)
         self._scored_a_flight = max(1, round(self._expected_of_next / self.evidence.estimate.every))
-        ahead = None if attendant is not None else self._ahead(environment, hosting)
+        ahead = None if console is not None else self._ahead(environment, hosting)
         try:
             for day in range(first, self.run.last_day + 1):
                 if day != first:
@@ -120,13 +119,13 @@ class Campaign:
                         continue
                     # Without those that are gone the others fly otherwise.
                     flown = None if ahead is None or self._gone else ahead.take(day, flight)
-                    if flown is None and memory is not None and attendant is None:
+                    if flown is None and memory is not None and console is None:
                         planned, logged = self._planned(day, flight), hosting.tlog is not None
                         flown = memory.fly(
                             self.run, planned, environment, hosting, self._progress, logged=logged
                         )
                     if flown is None:
-                        self._fly_once(day, flight, environment, hosting, attendant)
+                        self._fly_once(day, flight, environment, hosting, console)
                     else:
                         self._progress(
                             "flying", self.run.numbers.index((day, flight)) + 1, len(self.run.numbers)
@@ -178,7 +177,7 @@ class Campaign:
         flight: int,
         environment: Environment,
         hosting: Hosting,
-        attendant: Attendant | None,
+        console: OperatorConsole | None,
     ) -> None:
         planned, self._next = self._planned(day, flight), None
         if not planned.sorties:
@@ -193,7 +192,7 @@ class Campaign:
                 hosting,
                 progress=self._progress,
                 watch=self.watch,
-                attendant=attendant,
+                console=console,
                 writer=self._open_log(hosting),
                 offset_s=self.simulated_s,
             )

@@ -23,8 +23,7 @@ from wbf_mission.progress import Progress, Stopwatch, silent
 from wbf_mission.replanning.loop import DecisionLoop, Knowledge
 from wbf_mission.replanning.record import DecisionRecord
 from wbf_mission.replanning.spacing import MARGIN_M, KeptDistance, Positions, least_apart_m
-from wbf_mission.run.hosting import Hosting
-from wbf_mission.run.joint_flight import Attendant, JointFlight
+from wbf_mission.run.hosting import Hosting, JointFlight, OperatorConsole
 from wbf_mission.run.record import Flight
 from wbf_mission.run.resolve import Run
 from wbf_mission.run.sortie import Sortie
@@ -138,7 +137,7 @@ def fly_once(
     *,
     progress: Progress = silent,
     watch: Stopwatch | None = None,
-    attendant: Attendant | None = None,
+    console: OperatorConsole | None = None,
     writer: FrameSink | None = None,
     offset_s: float = 0.0,
 ) -> Flight:
@@ -184,7 +183,7 @@ def fly_once(
                 host,
                 offset_s=offset_s,
                 pace=hosting.pace,
-                attendant=attendant,
+                console=console,
                 expected_s=expected_s,
                 progress=progress,
                 watch=watch or Stopwatch(),

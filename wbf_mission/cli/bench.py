@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -57,7 +58,8 @@ _ROW = ("key", "scenario", "planner", "estimator", "seed", "error")
 
 
 @app.command("list", cls=HelpCommand, epilog=LIST_EXAMPLES)
-def list_command(json: options.Json = False) -> int:
+@options.speaks(quiet=False)
+def list_command(output: Output) -> int:
     """List the scenarios that results can be compared by.
 
     What an id means never changes; a change gets a new version.
@@ -70,28 +72,39 @@ def list_command(json: options.Json = False) -> int:
         for one in scenario_ids()
     ]
     rows = [[one["scenario"], one["about"]] for one in values]
-    Output(as_json=json).table(values, ["scenario", "what it is"], rows, left=True)
+    output.table(values, ["scenario", "what it is"], rows, left=True)
     return ExitCode.GOOD
 
 
-Scenarios = Annotated[
-    str | None,
-    typer.Option(help="Ids (see 'bench list') or files, separated by commas.", rich_help_panel=_RUN),
-]
-Planners = Annotated[
-    str | None,
-    typer.Option(
-        help="Planners and policies, separated by commas, such as lawnmower:direction=0.3,greedy.",
-        rich_help_panel=_RUN,
-    ),
-]
-Estimators = Annotated[
-    str | None,
-    typer.Option(
-        help="Estimators, separated by commas, such as gp:learn_from=model,epidemic.", rich_help_panel=_RUN
-    ),
-]
-Seeds = Annotated[
+def _names(text: str) -> list[str]:
+    return [one.strip().lower() for one in text.split(",") if one.strip()]
+
+
+def _choices(text: str, what: str) -> list[Choice]:
+    """Return what is named, separated by commas; also what stands in a file of the user's."""
+    from wbf_mission.own_code import own_choice
+    from wbf_mission.scenario.choice import choose, split_choices
+
+    return [own_choice(one, what) or choose(one, what) for one in split_choices(text, what)]
+
+
+def _selection(
+    scenarios: str | None, estimators: str | None, seeds: int | None, planners: str | None = None
+) -> dict[str, Any]:
+    """Return what `BenchSpec.of` takes, of options that are given."""
+    return {
+        "scenarios": None if scenarios is None else [one.strip() for one in scenarios.split(",")],
+        "planners": None if planners is None else _choices(planners, "planner"),
+        "estimators": None if estimators is None else _choices(estimators, "estimator"),
+        "seeds": seeds,
+    }
+
+
+def _text(text: str) -> Any:
+    return Annotated[str | None, typer.Option(help=text, rich_help_panel=_RUN)]
+
+
+_SEEDS = Annotated[
     int | None,
     typer.Option(
         help="How many environments: seeds 0, 1, ...",
@@ -99,7 +112,49 @@ Seeds = Annotated[
         rich_help_panel=_RUN,
     ),
 ]
-Dask = Annotated[
+_SELECTION: dict[str, tuple[Any, Any]] = {
+    "scenarios": (_text("Ids (see 'bench list') or files, separated by commas."), None),
+    "planners": (
+        _text("Planners and policies, separated by commas, such as lawnmower:direction=0.3,greedy."),
+        None,
+    ),
+    "estimators": (_text("Estimators, separated by commas, such as gp:learn_from=model,epidemic."), None),
+    "seeds": (_SEEDS, None),
+}
+_COMPARED = {
+    name: (_SELECTION[name][0], default)
+    for name, default in {
+        "scenarios": "WBF/Miniberry-30-Sweep-v1",
+        "estimators": "epidemic",
+        "seeds": 10,
+    }.items()
+}
+"""What runs are wanted, by the options' names; the defaults of ``bench compare``."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Flying:
+    """How runs are flown."""
+
+    jobs: int
+    dask: str | None
+    retry: bool
+
+    def rows(self, output: Output, wanted: BenchSpec, out: Path | None) -> tuple[list[BenchRow], bool]:
+        """Fly what is missing; return the rows, and whether Ctrl-C came."""
+        from wbf_mission.bench.benchmark import BenchmarkInterrupted, benchmark
+
+        options.require_processes(self.jobs)
+        try:
+            with output.progress(_TOLD_EVERY_S) as progress:
+                how: dict[str, Any] = {"jobs": self.jobs, "dask": self.dask, "retry": self.retry}
+                return benchmark(wanted, out=out, progress=progress, **how), False
+        except BenchmarkInterrupted as stop:
+            output.warn(f"{stop}" + ("; the same command goes on with them" if out else ""))
+            return stop.rows, True
+
+
+_DASK = Annotated[
     str | None,
     typer.Option(
         metavar="ADDRESS",
@@ -108,11 +163,20 @@ Dask = Annotated[
         show_default=False,
     ),
 ]
-Retry = Annotated[bool, typer.Option("--retry", help="Fly again what failed.")]
+_RETRY = Annotated[bool, typer.Option("--retry", help="Fly again what failed.")]
+_flown = options.gives(
+    "flying", {"jobs": (options.Jobs, 1), "dask": (_DASK, None), "retry": (_RETRY, False)}, _Flying
+)
+_selected = options.gives("selected", _SELECTION, _selection)
 
 
 @app.command("run", cls=HelpCommand, epilog=RUN_EXAMPLES)
+@options.speaks()
+@_selected
+@_flown
 def run_command(
+    output: Output,
+    *,
     out: Annotated[Path, typer.Option(help="Folder of the results.", show_default=False)],
     spec: Annotated[
         Path | None,
@@ -121,15 +185,8 @@ def run_command(
             show_default=False,
         ),
     ] = None,
-    scenarios: Scenarios = None,
-    planners: Planners = None,
-    estimators: Estimators = None,
-    seeds: Seeds = None,
-    jobs: options.Jobs = 1,
-    dask: Dask = None,
-    retry: Retry = False,
-    json: options.Json = False,
-    quiet: options.Quiet = False,
+    selected: dict[str, Any],
+    flying: _Flying,
 ) -> int:
     """Fly what is missing of a benchmark, and print what all of it tells.
 
@@ -138,16 +195,19 @@ def run_command(
     """
     from wbf_mission.bench.spec import BenchSpec
 
-    output = Output(as_json=json, quiet=quiet)
-    given = _spec(scenarios, planners, estimators, seeds)
-    wanted = BenchSpec.of(**given) if spec is None else BenchSpec.read(spec, given)
-    rows, interrupted = _fly(output, wanted, out, jobs, dask, retry=retry)
+    wanted = BenchSpec.of(**selected) if spec is None else BenchSpec.read(spec, selected)
+    rows, interrupted = flying.rows(output, wanted, out)
     _print(output, rows, title=f"{out}: {len(rows)} of {len(wanted)} runs")
     return _exit_code(rows, interrupted=interrupted)
 
 
 @app.command("compare", cls=HelpCommand, epilog=COMPARE_EXAMPLES)
+@options.speaks()
+@options.gives("selected", _COMPARED, _selection)
+@_flown
 def compare_command(
+    output: Output,
+    *,
     mine: Annotated[str, typer.Argument(help="A planner or policy.", show_default=False)],
     against: Annotated[
         str, typer.Option(help="Planners and policies, separated by commas.", rich_help_panel=_RUN)
@@ -156,14 +216,8 @@ def compare_command(
         Path | None,
         typer.Option(help="Folder of the results.  [default: they are not kept]", show_default=False),
     ] = None,
-    scenarios: Scenarios = "WBF/Miniberry-30-Sweep-v1",
-    estimators: Estimators = "epidemic",
-    seeds: Seeds = 10,
-    jobs: options.Jobs = 1,
-    dask: Dask = None,
-    retry: Retry = False,
-    json: options.Json = False,
-    quiet: options.Quiet = False,
+    selected: dict[str, Any],
+    flying: _Flying,
 ) -> int:
     """Tell whether a planner or policy is better than others, on the same environments.
 
@@ -175,9 +229,8 @@ def compare_command(
     from wbf_mission.bench.spec import BenchSpec
     from wbf_mission.bench.standings import compare, verdict
 
-    output = Output(as_json=json, quiet=quiet)
-    wanted = BenchSpec.of(**_spec(scenarios, f"{mine},{against}", estimators, seeds))
-    rows, interrupted = _fly(output, wanted, out, jobs, dask, retry=retry)
+    wanted = BenchSpec.of(**selected | {"planners": _choices(f"{mine},{against}", "planner")})
+    rows, interrupted = flying.rows(output, wanted, out)
     first, *others = (str(one) for one in wanted.planners)
     found = compare(rows, first, others)
     values = [
@@ -196,56 +249,11 @@ def compare_command(
         ]
         for one in found
     ]
-    header = [
-        "scenario, estimator",
-        "against",
-        "run",
-        "95 %",
-        "verdict",
-        "end",
-        "95 %",
-        "verdict",
-        "better on",
-    ]
+    of_score = ("95 %", "verdict")
+    header = ["scenario, estimator", "against", "run", *of_score, "end", *of_score, "better on"]
     output.table(values, header, table, title=f"{first}: difference of scores (positive: it is better)")
     _tell_failures(output, rows)
     return _exit_code(rows, interrupted=interrupted)
-
-
-def _spec(
-    scenarios: str | None, planners: str | None, estimators: str | None, seeds: int | None
-) -> dict[str, Any]:
-    """Return what `BenchSpec.of` takes, of options that are given."""
-    return {
-        "scenarios": None if scenarios is None else [one.strip() for one in scenarios.split(",")],
-        "planners": None if planners is None else _choices(planners, "planner"),
-        "estimators": None if estimators is None else _choices(estimators, "estimator"),
-        "seeds": seeds,
-    }
-
-
-def _choices(text: str, what: str) -> list[Choice]:
-    """Return what is named, separated by commas; also what stands in a file of the user's."""
-    from wbf_mission.own_code import own_choice
-    from wbf_mission.scenario.choice import choose, split_choices
-
-    return [own_choice(one, what) or choose(one, what) for one in split_choices(text, what)]
-
-
-def _fly(
-    output: Output, wanted: BenchSpec, out: Path | None, jobs: int, dask: str | None, *, retry: bool
-) -> tuple[list[BenchRow], bool]:
-    """Fly what is missing; return the rows, and whether Ctrl-C came."""
-    from wbf_mission.bench.benchmark import BenchmarkInterrupted, benchmark
-
-    options.require_processes(jobs)
-    try:
-        with output.progress(_TOLD_EVERY_S) as progress:
-            rows = benchmark(wanted, out=out, jobs=jobs, dask=dask, retry=retry, progress=progress)
-    except BenchmarkInterrupted as stop:
-        output.warn(f"{stop}" + ("; the same command goes on with them" if out else ""))
-        return stop.rows, True
-    return rows, False
 
 
 def _exit_code(rows: Sequence[BenchRow], *, interrupted: bool) -> int:
@@ -255,7 +263,9 @@ def _exit_code(rows: Sequence[BenchRow], *, interrupted: bool) -> int:
 
 
 @app.command("report", cls=HelpCommand, epilog=REPORT_EXAMPLES)
+@options.speaks(quiet=False)
 def report_command(
+    output: Output,
     folder: Annotated[Path, typer.Argument(help="Folder of the results.", show_default=False)],
     out: Annotated[
         Path | None,
@@ -264,7 +274,6 @@ def report_command(
             show_default=False,
         ),
     ] = None,
-    json: options.Json = False,
 ) -> int:
     """Print what the results in a folder tell, also while they are made, or write it as a report."""
     from wbf_mission.bench.report import write_report
@@ -277,7 +286,6 @@ def report_command(
     if not rows:
         msg = f"{folder}: holds no results of a benchmark; give the folder of 'bench run --out'"
         raise ResultError(msg)
-    output = Output(as_json=json)
     if rows is not kept:
         output.warn(
             f"{folder}: rows of the same name were flown by different code, parameters or files;"
@@ -291,7 +299,11 @@ def report_command(
 
 
 @app.command("paper", cls=HelpCommand, epilog=PAPER_EXAMPLES)
+@options.speaks()
+@_selected
 def paper_command(
+    output: Output,
+    *,
     out: Annotated[Path, typer.Option(help="Folder of the figures.", show_default=False)],
     spec: Annotated[
         Path | None,
@@ -305,16 +317,11 @@ def paper_command(
         str, typer.Option(help="Which figures, separated by commas.")
     ] = "geometry,dynamics,comparison,cost",
     formats: Annotated[str, typer.Option("--format", help="Kinds of files: png, pdf or both.")] = "png",
-    scenarios: Scenarios = None,
-    planners: Planners = None,
-    estimators: Estimators = None,
-    seeds: Seeds = None,
+    selected: dict[str, Any],
     cost_farms: Annotated[
         str, typer.Option(help="Where costs are measured, separated by commas.", rich_help_panel=_RUN)
     ] = "miniberry-10,miniberry-30,miniberry-100,waterberry",
     jobs: options.Jobs = 1,
-    json: options.Json = False,
-    quiet: options.Quiet = False,
 ) -> int:
     """Make the figures of the paper: farms, fifteen days, planners with estimators, costs.
 
@@ -326,12 +333,11 @@ def paper_command(
     from wbf_mission.bench.spec import BenchSpec
 
     options.require_processes(jobs)
-    output = Output(as_json=json, quiet=quiet)
-    given = _spec(scenarios, planners, estimators, seeds)
-    wanted = BenchSpec.of(**given | {"seeds": seeds or 5}) if spec is None else BenchSpec.read(spec, given)
+    paper = selected | {"seeds": selected["seeds"] or 5}
+    wanted = BenchSpec.of(**paper) if spec is None else BenchSpec.read(spec, selected)
     try:
         with output.progress() as progress:
-            paper = make_paper(
+            made = make_paper(
                 wanted,
                 out,
                 figures=_names(only),
@@ -343,17 +349,13 @@ def paper_command(
     except BenchmarkInterrupted as stop:
         output.warn(f"{stop}; the same command goes on with them")
         return ExitCode.INTERRUPTED
-    _tell_failures(output, paper.rows)
-    files = [str(one) for one in paper.files]
+    _tell_failures(output, made.rows)
+    files = [str(one) for one in made.files]
     output.result(
-        {"pages": files[:2], "pictures": files[2:], "runs": len(paper.rows)},
+        {"pages": files[:2], "pictures": files[2:], "runs": len(made.rows)},
         {"pages": "\n".join(files[:2]), "pictures": "\n".join(files[2:])},
     )
-    return _exit_code(paper.rows, interrupted=False)
-
-
-def _names(text: str) -> list[str]:
-    return [one.strip().lower() for one in text.split(",") if one.strip()]
+    return _exit_code(made.rows, interrupted=False)
 
 
 def _print(output: Output, rows: Sequence[BenchRow], title: str) -> None:

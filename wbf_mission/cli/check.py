@@ -23,7 +23,9 @@ wbf-mission check udpin:127.0.0.1:14540 --fly --json
 """
 
 
+@options.speaks()
 def check_command(
+    output: Output,
     url: Annotated[
         str | None,
         typer.Argument(
@@ -38,8 +40,6 @@ def check_command(
     system_id: options.SystemId = None,
     wait: options.Wait = 10.0,
     list_checks: Annotated[bool, typer.Option("--list", help="List the checks.")] = False,
-    json: options.Json = False,
-    quiet: options.Quiet = False,
 ) -> None:
     """Check whether a vehicle does what ground software expects of a MAVLink autopilot.
 
@@ -48,7 +48,6 @@ def check_command(
     """
     from mission.check import Verdict, all_checks, check_vehicle
 
-    output = Output(as_json=json, quiet=quiet)
     if list_checks:
         keys = ("id", "required_of", "text", "suffers")
         rows = [[getattr(one, key) for key in keys] for one in all_checks()]
@@ -96,7 +95,9 @@ _Name = Annotated[
 ]
 
 
+@options.speaks(quiet=False)
 def check_planner_command(
+    output: Output,
     name: _Name,
     land: Annotated[
         str | None,
@@ -108,7 +109,6 @@ def check_planner_command(
             show_default="all",
         ),
     ] = None,
-    json: options.Json = False,
 ) -> int:
     """Check that a planner keeps its contract: budget, area, the same path again."""
 
@@ -119,10 +119,11 @@ def check_planner_command(
         check_planner(choice.chosen, lands, **choice.params)
         return {}
 
-    return _run(name, "planner", check, as_json=json)
+    return _run(output, name, "planner", check)
 
 
-def check_policy_command(name: _Name, json: options.Json = False) -> int:
+@options.speaks(quiet=False)
+def check_policy_command(output: Output, name: _Name) -> int:
     """Check that a policy keeps its contract.
 
     Budget, area, the same answers again, no truth, sensible answers when nothing or all was seen and when a
@@ -135,10 +136,11 @@ def check_policy_command(name: _Name, json: options.Json = False) -> int:
         found = check_policy(choice.chosen, **choice.params)
         return {"decisions": found.decisions, "time_share": found.time_share}
 
-    return _run(name, "policy", check, as_json=json)
+    return _run(output, name, "policy", check)
 
 
-def check_estimator_command(name: _Name, json: options.Json = False) -> int:
+@options.speaks(quiet=False)
+def check_estimator_command(output: Output, name: _Name) -> int:
     """Check that an estimator keeps its contract: scikit-learn's habits, shapes, ranges, equal maps."""
 
     def check(choice: Choice) -> dict[str, Any]:
@@ -149,15 +151,14 @@ def check_estimator_command(name: _Name, json: options.Json = False) -> int:
         check_estimator(estimator_of(choice, 0, PAPER_FIELDS))
         return {}
 
-    return _run(name, "estimator", check, as_json=json)
+    return _run(output, name, "estimator", check)
 
 
-def _run(name: str, what: str, check: Callable[[Choice], dict[str, Any]], *, as_json: bool) -> int:
+def _run(output: Output, name: str, what: str, check: Callable[[Choice], dict[str, Any]]) -> int:
     from geo.errors import told_error, users_line
     from wbf_mission.own_code import own_choice
     from wbf_mission.scenario.choice import choose
 
-    output = Output(as_json=as_json)
     choice = own_choice(name, what) or choose(name, what)
     broken, measured = None, {}
     try:

@@ -25,7 +25,8 @@ FarmArgument = Annotated[
 
 
 @app.command("list", cls=HelpCommand)
-def list_command(json: options.Json = False, quiet: options.Quiet = False) -> None:
+@options.speaks()
+def list_command(output: Output) -> None:
     """List the farms that are known by name."""
     from geo import farm_names, get_farm
 
@@ -50,11 +51,12 @@ def list_command(json: options.Json = False, quiet: options.Quiet = False) -> No
         ]
         for farm in farms
     ]
-    Output(as_json=json, quiet=quiet).table(values, ["farm", "cells", "metres", "owner's cells"], rows)
+    output.table(values, ["farm", "cells", "metres", "owner's cells"], rows)
 
 
 @app.command("show", cls=HelpCommand, epilog="Example\n\nwbf-mission farm show waterberry")
-def show_command(farm: FarmArgument, json: options.Json = False, quiet: options.Quiet = False) -> None:
+@options.speaks()
+def show_command(output: Output, farm: FarmArgument) -> None:
     """Show a farm's size, position, patches, crops and obstacles."""
     import numpy as np
     import shapely
@@ -122,19 +124,19 @@ def show_command(farm: FarmArgument, json: options.Json = False, quiet: options.
             for x0, y0, x1, y1 in [one.bounds]
         },
     }
-    Output(as_json=json, quiet=quiet).result(values, rows, title=shown.name)
+    output.result(values, rows, title=shown.name)
 
 
 @app.command(
     "draw", cls=HelpCommand, epilog="Example\n\nwbf-mission farm draw waterberry --out waterberry.png"
 )
+@options.speaks()
 def draw_command(
+    output: Output,
     farm: FarmArgument,
     out: Annotated[
         Path | None, typer.Option(help="PNG file.  [default: FARM.png]", show_default=False)
     ] = None,
-    json: options.Json = False,
-    quiet: options.Quiet = False,
 ) -> None:
     """Draw a farm's crops, the owner's border, obstacles and home as a PNG picture."""
     from geo import get_farm
@@ -145,18 +147,18 @@ def draw_command(
     refuse_overwrite(target, [farm])
     _require_suffix(target, ".png")
     plot_farm(shown, target)
-    Output(as_json=json, quiet=quiet).result({"file": str(target)}, title="Drawn")
+    output.result({"file": str(target)}, title="Drawn")
 
 
 @app.command(
     "save", cls=HelpCommand, epilog="Example\n\nwbf-mission farm save miniberry-30 --out my-farm.geojson"
 )
+@options.speaks()
 def save_command(
+    output: Output,
     farm: FarmArgument,
     out: Annotated[Path, typer.Option(help="GeoJSON file.")],
     overwrite: Overwrite = False,
-    json: options.Json = False,
-    quiet: options.Quiet = False,
 ) -> None:
     """Save a farm as GeoJSON, a start for a farm file of your own."""
     from geo import get_farm, save_farm
@@ -165,7 +167,7 @@ def save_command(
     _require_suffix(out, ".geojson", ".json")
     shown = get_farm(farm)
     save_farm(shown, out)
-    Output(as_json=json, quiet=quiet).result({"file": str(out)}, title="Saved")
+    output.result({"file": str(out)}, title="Saved")
 
 
 GENERATE_EXAMPLES = """
@@ -177,8 +179,10 @@ wbf-mission farm generate --farm waterberry --keep 6 --count 8 --jobs 2 --out en
 
 @app.command("generate", cls=HelpCommand, epilog=GENERATE_EXAMPLES)
 @options.scenario_options(FarmOptions, without=("day", "days", "flights_per_day"))
+@options.speaks()
 def generate_command(
     given: options.Given,
+    output: Output,
     count: Annotated[
         int,
         typer.Option(
@@ -202,8 +206,6 @@ def generate_command(
         Path | None,
         typer.Option(help="Folder.  [default: environments/ and the farm's name]", show_default=False),
     ] = None,
-    json: options.Json = False,
-    quiet: options.Quiet = False,
 ) -> int:
     """Generate environments of a farm: diseases and soil on each day, as Zarr stores.
 
@@ -215,7 +217,6 @@ def generate_command(
     from geo import get_farm
     from sensors.environment.ensemble import generate_ensemble
 
-    output = Output(as_json=json, quiet=quiet)
     options.require_processes(jobs)
     scenario = given.scenario()
     shown = get_farm(scenario.farm.name)

@@ -51,8 +51,10 @@ wbf-mission fly --policy greedy --connect udpin:127.0.0.1:14550 --connect serial
 @options.scenario_options(
     FarmOptions, MissionOptions, EstimateOptions, ScoreOptions, VehicleOptions, WeatherOptions, CameraOptions
 )
+@options.speaks()
 def fly_command(
     given: options.Given,
+    output: Output,
     speed: Annotated[
         float | None,
         typer.Option(
@@ -137,8 +139,6 @@ def fly_command(
         ),
     ] = False,
     force: Force = False,
-    json: options.Json = False,
-    quiet: options.Quiet = False,
 ) -> int:
     """Do the whole job: plan, upload over MAVLink, fly, look, estimate, score; offline, or with --connect.
 
@@ -147,7 +147,6 @@ def fly_command(
     """
     from wbf_mission.flight import fly
 
-    output = Output(as_json=json, quiet=quiet)
     if speed is not None and not 0.01 <= speed <= 1e6:
         msg = f"--speed {speed} is out of range: give 0.01 to 1000000 simulated seconds per second"
         raise ScenarioError(msg)
@@ -217,9 +216,9 @@ def fly_command(
     title = f"{result.farm.name}: {result.plan.planner or 'mission file'}, {result.estimator}"
     title += f", {result.plan.vehicle.name}, seed {chosen.seed}"
     output.result(summary, _rows(result, summary, simulated=live is None), title=title)
-    if not json and len(result.days) > 1:
+    if not output.as_json and len(result.days) > 1:
         _print_days(output, result)
-    if not json and summary["vehicles"] > 1:
+    if not output.as_json and summary["vehicles"] > 1:
         _print_fleet(output, result)
     if interrupted:
         return ExitCode.INTERRUPTED

@@ -47,7 +47,17 @@ _COLUMNS = {
 """Headings of the lines, and how wide their columns are."""
 
 
+_JSON_LINES = Annotated[
+    bool,
+    typer.Option(
+        "--json", help="Print a line of JSON for each vehicle and each text.", rich_help_panel="Output"
+    ),
+]
+
+
+@options.speaks(json=_JSON_LINES)
 def monitor_command(
+    output: Output,
     url: Annotated[str, typer.Argument(help=f"The link: {options.LINKS}")],
     duration: Annotated[
         float | None,
@@ -58,15 +68,6 @@ def monitor_command(
     interval: Annotated[
         float, typer.Option(help="Seconds between two reports.", parser=options.number)
     ] = 1.0,
-    json: Annotated[
-        bool,
-        typer.Option(
-            "--json",
-            help="Print a line of JSON for each vehicle and each text.",
-            rich_help_panel="Output",
-        ),
-    ] = False,
-    quiet: options.Quiet = False,
 ) -> int:
     """Show what the vehicles on a link tell of themselves: mode, item, position, battery, link, texts."""
     from sim_vehicle.host.server import Server
@@ -77,9 +78,8 @@ def monitor_command(
     if not 0.05 <= interval <= 3600.0 or not (duration is None or 0.0 < duration <= 1e7):
         msg = "--interval takes 0.05 to 3600 seconds, --duration up to 10000000"
         raise ScenarioError(msg)
-    output = Output(as_json=json, quiet=quiet)
     watch = FleetWatch()
-    told = _Told(output, watch, as_json=json)
+    told = _Told(output, watch)
     # Ctrl-C is how it is ended by hand, at any moment.
     with contextlib.suppress(KeyboardInterrupt), Server([watch], [url]) as server:
         output.note(f"listening on {server.urls[0]}; Ctrl-C ends it")
@@ -99,8 +99,8 @@ def monitor_command(
 class _Told:
     """What was printed of a watched fleet so far: one header, then a line for each vehicle and report."""
 
-    def __init__(self, output: Output, watch: FleetWatch, *, as_json: bool) -> None:
-        self._output, self._watch, self._as_json = output, watch, as_json
+    def __init__(self, output: Output, watch: FleetWatch) -> None:
+        self._output, self._watch = output, watch
         self._texts: dict[int, int] = {}
         self._headed = False
 
@@ -109,14 +109,14 @@ class _Told:
         for number, vehicle in self._watch.vehicles.items():
             texts = vehicle.texts.texts
             for time_s, severity, text in texts[self._texts.get(number, 0) :]:
-                if self._as_json:
+                if self._output.as_json:
                     _json_line({"time_s": time_s, "system_id": number, "severity": severity, "text": text})
                 else:
                     self._output.note(f"vehicle {number}: {text}")
             self._texts[number] = len(texts)
         for vehicle in self._watch.vehicles.values():
             one = vehicle.summary(now_s)
-            if self._as_json:
+            if self._output.as_json:
                 _json_line({"time_s": now_s, **one})
                 continue
             if not self._headed:
@@ -167,7 +167,9 @@ def _row(one: dict[str, Any], *, silent: bool) -> list[str]:
     ]
 
 
+@options.speaks()
 def command_command(
+    output: Output,
     url: Annotated[str, typer.Argument(help=f"The link: {options.LINKS}")],
     order: Annotated[
         str,
@@ -181,13 +183,10 @@ def command_command(
     ] = False,
     system_id: options.SystemId = None,
     wait: options.Wait = 10.0,
-    json: options.Json = False,
-    quiet: options.Quiet = False,
 ) -> None:
     """Give a vehicle one order, and wait until it shows that it obeys."""
     from wbf_mission.live.command import MotorsStandError, OperatorCommand
 
-    output = Output(as_json=json, quiet=quiet)
     try:
         _give(OperatorCommand(order, value, arm), url, system_id, wait, output)
     except MotorsStandError:

@@ -14,12 +14,13 @@ import typing
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeAlias
 
 import typer
 
 from geo.errors import WbfMissionError
 from geo.texts import parse_number, parse_whole
+from wbf_mission.cli.output import Output
 from wbf_mission.scenario import Scenario, ScenarioError, load_scenario, scenario_with
 from wbf_mission.scenario.option import CompoundFlag, Option, Part, default_of, options_of
 from wbf_mission.scenario.parts import RUN
@@ -96,11 +97,6 @@ ScenarioFile = Annotated[
         show_default=False,
     ),
 ]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON document.", rich_help_panel=OUTPUT_PANEL)]
-Quiet = Annotated[
-    bool, typer.Option("--quiet", "-q", help="No progress, no notes.", rich_help_panel=OUTPUT_PANEL)
-]
-
 LINK_PANEL = "The vehicle's link"
 LINKS = "udpin:, udpout:, tcp: or tcpin:HOST:PORT, or serial:DEVICE:BAUD."
 """The addresses of a link, for the help."""
@@ -251,12 +247,66 @@ class Given:
                     raise ScenarioError(msg)
 
 
+Command: TypeAlias = Callable[..., Any]
+
+
+def gives(
+    parameter: str, options: Mapping[str, tuple[Any, Any]], make: Callable[..., Any], *, last: bool = False
+) -> Callable[[Command], Command]:
+    """Give a command options in place of one of its parameters, which takes what is made of their values.
+
+    The options are names with their annotation and default. They stand where the parameter stands, or `last`.
+    """
+
+    def decorate(command: Command) -> Command:
+        own = inspect.signature(command, eval_str=True).parameters
+        clash = set(options) & set(own)
+        if clash:
+            msg = f"{command.__name__}: options {', '.join(sorted(clash))} stand in a part and in the command"
+            raise TypeError(msg)
+
+        @functools.wraps(command)
+        def run(**values: Any) -> Any:
+            made = make(**{name: values.pop(name) for name in options})
+            return command(**{parameter: made}, **values)
+
+        expanded = [
+            inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+            for name, (annotation, default) in options.items()
+        ]
+        every: list[inspect.Parameter] = []
+        for one in own.values():
+            if one.name != parameter:
+                every.append(one.replace(kind=inspect.Parameter.KEYWORD_ONLY))
+            elif not last:
+                every += expanded
+        every += expanded if last else []
+        run.__signature__ = inspect.Signature(every)  # type: ignore[attr-defined]
+        run.__annotations__ = {one.name: one.annotation for one in every}
+        del run.__wrapped__
+        return run
+
+    return decorate
+
+
+_JSON = Annotated[bool, typer.Option("--json", help="Print one JSON document.", rich_help_panel=OUTPUT_PANEL)]
+_QUIET = Annotated[
+    bool, typer.Option("--quiet", "-q", help="No progress, no notes.", rich_help_panel=OUTPUT_PANEL)
+]
+
+
+def speaks(*, quiet: bool = True, json: Any = _JSON) -> Callable[[Command], Command]:
+    """Give a command ``--json`` and mostly ``--quiet``, and an `Output` by them as ``output``."""
+    flags = {"json": (json, False), **({"quiet": (_QUIET, False)} if quiet else {})}
+    return gives("output", flags, lambda json, quiet=False: Output(as_json=json, quiet=quiet), last=True)
+
+
 def scenario_options(
     *parts: type[Any],
     without: tuple[str, ...] = (),
     more: tuple[type[Part], ...] = (),
     defaults: Mapping[str, Any] = types.MappingProxyType({}),
-) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+) -> Callable[[Command], Command]:
     """Give a command the options of some parts of a run, ``--scenario`` and ``--seed``.
 
     The first parameter of the command is called ``given`` and takes a `Given`. Options stand in ``--help`` in
@@ -265,41 +315,19 @@ def scenario_options(
     """
     known = [(part, flag) for part in (*parts, Scenario, *more) for flag in _flags(part, without)]
 
-    def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
-        own = inspect.signature(command, eval_str=True).parameters
-        flags = {str(flag.flag) for _, flag in known}
-        made = {_parameter(flag): _annotation(part, flag, flags, defaults) for part, flag in known}
-        made["scenario"] = ScenarioFile
-        clash = set(made) & set(own)
-        if clash:
-            msg = f"{command.__name__}: options {', '.join(sorted(clash))} stand in a part and in the command"
-            raise TypeError(msg)
+    flags = {str(flag.flag) for _, flag in known}
+    made = {_parameter(flag): (_annotation(part, flag, flags, defaults), None) for part, flag in known}
 
-        @functools.wraps(command)
-        def run(**values: Any) -> Any:
-            file = values.pop("scenario")
-            texts = {flag: (part, values.pop(_parameter(flag))) for part, flag in known}
-            changes: dict[str, Any] = {}
-            others: dict[str, Any] = {}
-            for flag, (part, value) in texts.items():
-                if value is not None and value != []:
-                    (others if part in more else changes).update(_values(flag, value))
-            return command(given=Given(file, changes, others, defaults), **values)
+    def given(scenario: Path | None, **texts: Any) -> Given:
+        changes: dict[str, Any] = {}
+        others: dict[str, Any] = {}
+        for part, flag in known:
+            value = texts[_parameter(flag)]
+            if value is not None and value != []:
+                (others if part in more else changes).update(_values(flag, value))
+        return Given(scenario, changes, others, defaults)
 
-        options = [
-            inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=annotation)
-            for name, annotation in made.items()
-        ]
-        rest = [
-            one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in own.values() if one.name != "given"
-        ]
-        signature = inspect.Signature([*options, *rest])
-        run.__signature__ = signature  # type: ignore[attr-defined]
-        run.__annotations__ = {one.name: one.annotation for one in signature.parameters.values()}
-        del run.__wrapped__
-        return run
-
-    return decorate
+    return gives("given", {**made, "scenario": (ScenarioFile, None)}, given)
 
 
 def _compounds(part: type[Any]) -> tuple[CompoundFlag, ...]:

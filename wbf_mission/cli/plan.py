@@ -48,8 +48,10 @@ wbf-mission plan --farm waterberry --vehicles 3 --partition voronoi --budget 10k
         "camera_fields",
     ),
 )
+@options.speaks()
 def plan_command(
     given: options.Given,
+    output: Output,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -61,8 +63,6 @@ def plan_command(
     ] = None,
     overwrite: Overwrite = False,
     force: Force = False,
-    json: options.Json = False,
-    quiet: options.Quiet = False,
 ) -> None:
     """Plan a mission within a budget and say what it takes: length, time, coverage, battery."""
     from mission.files import Firmware, write_mission, writer_for
@@ -72,7 +72,6 @@ def plan_command(
     from wbf_mission.planning.plan import plan_fleet
     from wbf_mission.preflight.run import check_plans
 
-    output = Output(as_json=json, quiet=quiet)
     chosen = given.scenario()
     if given.file is not None or chosen.farm.fields:
         check_flight(chosen)

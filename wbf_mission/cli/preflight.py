@@ -71,8 +71,10 @@ _HEADER = ["", "item", "finding"]
 
 
 @CHECKED
+@options.speaks()
 def preflight_command(
     given: options.Given,
+    output: Output,
     file: Annotated[Path, typer.Argument(help="Mission file: .plan, .waypoints or .json.")],
     farm: ObstacleFarm = None,
     camera_interval: CameraInterval = None,
@@ -81,8 +83,6 @@ def preflight_command(
     ] = None,
     system_id: options.SystemId = None,
     wait: options.Wait = 10.0,
-    json: options.Json = False,
-    quiet: options.Quiet = False,
 ) -> int:
     """Check a mission file before it is flown, and with --connect the vehicle that is to fly it.
 
@@ -92,7 +92,6 @@ def preflight_command(
     from mission.files import read_mission
     from wbf_mission.preflight.run import check_mission
 
-    output = Output(as_json=json, quiet=quiet)
     if system_id is not None and connect is None:
         msg = "--system-id goes with --connect: give the link to the vehicle, or leave it out"
         raise ScenarioError(msg)

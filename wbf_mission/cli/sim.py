@@ -42,8 +42,10 @@ wbf-mission sim --fault loss=0.2 --fault gps-loss,at=airborne,from=20,for=10
     without=("days", "flights_per_day", "vehicles", "separation", "radio_range_m", "camera_spacing_m"),
     more=(SimOptions,),
 )
+@options.speaks()
 def sim_command(
     given: options.Given,
+    output: Output,
     signing_key: Annotated[
         str | None,
         typer.Option(
@@ -84,8 +86,6 @@ def sim_command(
             show_default=False,
         ),
     ] = None,
-    json: options.Json = False,
-    quiet: options.Quiet = False,
 ) -> int:
     """Run simulated vehicles with leaf cameras on UDP, TCP or serial lines, for ground stations and programs.
 
@@ -100,7 +100,6 @@ def sim_command(
     from wbf_mission.scenario import Scenario
     from wbf_mission.simulator import make_components, parse_home
 
-    output = Output(as_json=json, quiet=quiet)
     if list_faults:
         _list_faults(output)
         return ExitCode.GOOD

@@ -35,8 +35,10 @@ wbf-mission download --connect udpin:127.0.0.1:14550 --out onboard.plan
 
 
 @CHECKED
+@options.speaks()
 def upload_command(
     given: options.Given,
+    output: Output,
     file: Annotated[Path, typer.Argument(help="Mission file: .plan, .waypoints or .json.")],
     farm: ObstacleFarm = None,
     camera_interval: CameraInterval = None,
@@ -45,8 +47,6 @@ def upload_command(
     system_id: options.SystemId = None,
     wait: options.Wait = 10.0,
     via: options.Via = "own",
-    json: options.Json = False,
-    quiet: options.Quiet = False,
 ) -> int:
     """Check a mission file, upload it (mission, fence, rally points), download it again and compare.
 
@@ -58,7 +58,6 @@ def upload_command(
     from mission.ground.link import upload
     from wbf_mission.live.link import via_named
 
-    output = Output(as_json=json, quiet=quiet)
     mission = read_mission(file)
     circumstances = circumstances_of(given, farm, camera_interval)
     snapshot = asked(output, connect, wait, system_id)
@@ -99,22 +98,21 @@ def upload_command(
     return ExitCode.REFUSED if rejected else ExitCode.GOOD
 
 
+@options.speaks()
 def download_command(
+    output: Output,
     out: Annotated[Path, typer.Option(help="Mission file to write: .plan, .waypoints or .json.")],
     connect: Connect = "udpin:127.0.0.1:14550",
     system_id: options.SystemId = None,
     wait: options.Wait = 10.0,
     via: options.Via = "own",
     overwrite: Overwrite = False,
-    json: options.Json = False,
-    quiet: options.Quiet = False,
 ) -> None:
     """Download the mission, the fence and the rally points of a vehicle into a file."""
     from mission.files import Firmware, write_mission, writer_for
     from mission.ground.link import download
     from wbf_mission.live.link import via_named
 
-    output = Output(as_json=json, quiet=quiet)
     refuse_overwrite(out, suffixes=MISSION_SUFFIXES, overwrite=overwrite)
     writer_for(out)
     with output.progress() as progress:

@@ -24,7 +24,8 @@ VehicleArgument = Annotated[
 
 
 @app.command("list", cls=HelpCommand)
-def list_command(json: options.Json = False, quiet: options.Quiet = False) -> None:
+@options.speaks()
+def list_command(output: Output) -> None:
     """List the vehicles that are known by name, with the endurance of their cruise flight."""
     from sim_vehicle.airframe.catalog import get_vehicle, vehicle_names
 
@@ -43,11 +44,12 @@ def list_command(json: options.Json = False, quiet: options.Quiet = False) -> No
         for value in values
     ]
     columns = ["vehicle", "kind", "mass", "battery", "cruise", "lasts", "what it is"]
-    Output(as_json=json, quiet=quiet).table(values, columns, rows)
+    output.table(values, columns, rows)
 
 
 @app.command("show", cls=HelpCommand, epilog="Example\n\nwbf-mission vehicle show quad")
-def show_command(vehicle: VehicleArgument, json: options.Json = False, quiet: options.Quiet = False) -> None:
+@options.speaks()
+def show_command(output: Output, vehicle: VehicleArgument) -> None:
     """Show a vehicle's limits, battery, power and endurance."""
     from sim_vehicle.airframe.catalog import get_vehicle
 
@@ -69,7 +71,7 @@ def show_command(vehicle: VehicleArgument, json: options.Json = False, quiet: op
     for name, table in spec.autopilot_parameters:
         if table:
             rows[f"parameters for {name}"] = ", ".join(f"{key}={value:g}" for key, value in table)
-    Output(as_json=json, quiet=quiet).result(values, rows, title=spec.name)
+    output.result(values, rows, title=spec.name)
 
 
 def _by_autopilot(spec: VehicleSpec, speed: Callable[[VehicleSpec], float]) -> str:

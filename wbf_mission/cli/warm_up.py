@@ -33,14 +33,14 @@ _FLIGHTS: dict[str, dict[str, str]] = {
 _TRAINED_IN = "WBF/Miniberry-10-v1"
 
 
-def warm_up_command(json: options.Json = False, quiet: options.Quiet = False) -> None:
+@options.speaks()
+def warm_up_command(output: Output) -> None:
     """Compile everything ahead, once after an installation, so that no later run has to.
 
     What is compiled is kept in the user's cache; a second warm-up has nothing to do but to look.
     """
     from sim_vehicle.prediction.compile_ahead import compile_all
 
-    output = Output(as_json=json, quiet=quiet)
     steps = _Steps(output)
     compile_all(lambda what, _done, _total: steps.begin(what))
     fly_all(steps.begin)

@@ -29,28 +29,60 @@ from wbf_mission.scenario import Scenario
 
 @dataclass(slots=True)
 class FlightRecord:
-    """One vehicle's flight, from take-off to landing."""
+    """One vehicle's flight, from take-off to landing.
 
-    # The day of the environment, and the number of the flight on it, from 1
+    Parameters
+    ----------
+    day, flight : int
+        The day of the environment, and the number of the flight on it, from 1.
+    system_id : int
+        Of the vehicle.
+    plan : PlanResult
+        What was planned before take-off.
+    outcome : Outcome
+        How the flight ended.
+    reason : str
+        Why it ended so, empty when it went well.
+    track : Track
+        What was flown, as the vehicle believed.
+    true_track : Track or None
+        What was flown; None when the vehicle made no errors about its position.
+    camera : AssemblerStatistics
+        Images received, lost, fetched again.
+    transfers : list
+        Statistics of the mission transfers.
+    battery_used : float or None
+        Fraction of the battery, from the vehicle's telemetry.
+    flight_time_s : float
+        Simulated seconds from the mission's start to its end.
+    link : LinkReport or None
+        How good the link to a real vehicle was; None in a simulation.
+    missing_images : int
+        Images that will not come any more: lost on the way, or never taken because the link was dead.
+    seen_before : int
+        How many observations of the run there were when it began.
+    texts : list
+        What the vehicle said (time, severity, text).
+    warnings : list of str
+        What the user should know, each in one line; those of the plan come first.
+    """
+
     day: int
     flight: int
-    system_id: int  # Of the vehicle
-    plan: PlanResult  # What was planned before take-off
-    outcome: Outcome  # How the flight ended
-    reason: str  # Why it ended so, empty when it went well
-    track: Track  # What was flown, as the vehicle believed
-    true_track: Track | None  # What was flown; None when the vehicle made no errors about its position
-    camera: AssemblerStatistics  # Images received, lost, fetched again
-    transfers: list[Any]  # Statistics of the mission transfers
-    battery_used: float | None  # Fraction of the battery, from the vehicle's telemetry
-    flight_time_s: float  # Simulated seconds from the mission's start to its end
-    link: LinkReport | None = None  # How good the link to a real vehicle was; None in a simulation
-    # Images that will not come any more: lost on the way, or never taken because the link was dead
+    system_id: int
+    plan: PlanResult
+    outcome: Outcome
+    reason: str
+    track: Track
+    true_track: Track | None
+    camera: AssemblerStatistics
+    transfers: list[Any]
+    battery_used: float | None
+    flight_time_s: float
+    link: LinkReport | None = None
     missing_images: int = 0
-    seen_before: int = 0  # How many observations of the run there were when it began
-    # What the vehicle said (time, severity, text)
+    seen_before: int = 0
     texts: list[tuple[float, int, str]] = field(default_factory=list)
-    # What the user should know, each in one line; those of the plan come first
     warnings: list[str] = field(default_factory=list)
 
     @property
@@ -83,16 +115,27 @@ class FlightRecord:
 
 @dataclass(frozen=True, slots=True)
 class Flight:
-    """What a flight gave, in whatever way it was got."""
+    """What a flight gave, in whatever way it was got.
 
-    records: list[FlightRecord]  # Of each vehicle
-    duration_s: float  # Simulated seconds
+    Parameters
+    ----------
+    records : list of FlightRecord
+        Of each vehicle.
+    duration_s : float
+        Simulated seconds.
+    parts : tuple of Observations
+        Those that the run has not got yet, in the order in which they arrived.
+    decisions : list of DecisionRecord
+        Those that the run has not got yet, with the number of observations since the flight began.
+    log : FrameLog or None
+        All frames that are not written yet, with their times since the flight began.
+    """
+
+    records: list[FlightRecord]
+    duration_s: float
     frames: int
-    # Those that the run has not got yet, in the order in which they arrived
     parts: tuple[Observations, ...] = ()
-    # Those that the run has not got yet, with the number of observations since the flight began
     decisions: list[DecisionRecord] = field(default_factory=list)
-    # All frames that are not written yet, with their times since the flight began
     log: FrameLog | None = None
 
 
@@ -102,15 +145,21 @@ KEPT_DAYS_BYTES = 128_000_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DayRecord:
-    """One day of a run."""
+    """One day of a run.
+
+    Parameters
+    ----------
+    report : FarmReport or None
+        What the estimate at the end of the day says of the farm; None without an estimate.
+    truth : float32[n, W, H] or None
+        The environment of the day; None on large farms, where only the last day's is kept.
+    model : InformationModel or None
+        The estimate at the end of the day, without class probabilities; None as for `truth`.
+    """
 
     day: int
-    # What the estimate at the end of the day says of the farm; None without an estimate
     report: FarmReport | None
-    # float32[n, W, H] or None: the environment of the day; None on large farms, where only the last day's is
-    # kept
     truth: NDArray[np.float32] | None = None
-    # The estimate at the end of the day, without class probabilities; None as for `truth`
     model: InformationModel | None = None
 
     def summary(self, history: ScoreHistory, flights: int, observations: int) -> dict[str, Any]:
@@ -146,28 +195,52 @@ MOST_BAD = 0.1
 
 @dataclass(slots=True)
 class RunRecord:
-    """What a run gave; parts that were not reached are empty."""
+    """What a run gave; parts that were not reached are empty.
+
+    Parameters
+    ----------
+    flights : tuple of FlightRecord
+        Of each vehicle in each flight of each day, at least one, in that order; none of those that were not
+        worth making (`skipped_flights`).
+    observations : Observations
+        What arrived from the cameras.
+    truth, model : float32[n, W, H] and InformationModel, or None
+        The environment of the last day that was flown, and the last estimate.
+    history : ScoreHistory
+        Scores over time.
+    simulated_s : float
+        Seconds on the virtual clock, of all flights together.
+    frames : int
+        MAVLink frames that were sent.
+    timings_s : dict
+        Wall seconds of each part.
+    environment_cached : bool
+        Whether the environment came from the user's cache.
+    fields : FieldSet
+        What was sensed and scored.
+    maps, true_maps : tuple of FieldMap
+        Estimate and truth in blocks of cells; empty without an estimate.
+    decisions : list of DecisionRecord
+        Every question that the policy was asked.
+    days : tuple of DayRecord
+        What each day gave.
+    """
 
     scenario: Scenario
-    # Of each vehicle in each flight of each day, at least one, in that order; none of those that were not
-    # worth making (`skipped_flights`)
     flights: tuple[FlightRecord, ...]
-    observations: Observations  # What arrived from the cameras
-    # float32[n, W, H] and InformationModel, or None: the environment of the last day that was flown, and the
-    # last estimate
+    observations: Observations
     truth: NDArray[np.float32] | None
     model: InformationModel | None
-    history: ScoreHistory  # Scores over time
-    simulated_s: float  # Seconds on the virtual clock, of all flights together
-    frames: int  # MAVLink frames that were sent
-    timings_s: dict[str, float] = field(default_factory=dict)  # Wall seconds of each part
-    environment_cached: bool = False  # Whether the environment came from the user's cache
-    fields: FieldSet = PAPER_FIELDS  # What was sensed and scored
-    # Estimate and truth in blocks of cells; empty without an estimate
+    history: ScoreHistory
+    simulated_s: float
+    frames: int
+    timings_s: dict[str, float] = field(default_factory=dict)
+    environment_cached: bool = False
+    fields: FieldSet = PAPER_FIELDS
     maps: tuple[FieldMap, ...] = ()
     true_maps: tuple[FieldMap, ...] = ()
-    decisions: list[DecisionRecord] = field(default_factory=list)  # Every question that the policy was asked
-    days: tuple[DayRecord, ...] = ()  # What each day gave
+    decisions: list[DecisionRecord] = field(default_factory=list)
+    days: tuple[DayRecord, ...] = ()
 
     @property
     def plan(self) -> PlanResult:

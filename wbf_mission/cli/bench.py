@@ -11,6 +11,7 @@ import typer
 
 from wbf_mission.cli import options
 from wbf_mission.cli.help import HelpCommand, HelpGroup
+from wbf_mission.cli.options import option
 from wbf_mission.cli.output import Output
 from wbf_mission.exit_codes import ExitCode
 
@@ -89,7 +90,27 @@ def _choices(text: str, what: str) -> list[Choice]:
 
 
 def _selection(
-    scenarios: str | None, estimators: str | None, seeds: int | None, planners: str | None = None
+    scenarios: Annotated[
+        str | None, option("Ids (see 'bench list') or files, separated by commas.", panel=_RUN)
+    ] = None,
+    planners: Annotated[
+        str | None,
+        option(
+            "Planners and policies, separated by commas, such as lawnmower:direction=0.3,greedy.", panel=_RUN
+        ),
+    ] = None,
+    estimators: Annotated[
+        str | None,
+        option("Estimators, separated by commas, such as gp:learn_from=model,epidemic.", panel=_RUN),
+    ] = None,
+    seeds: Annotated[
+        int | None,
+        option(
+            "How many environments: seeds 0, 1, ...",
+            panel=_RUN,
+            parser=options.whole_number_in(1, 10_000_000),
+        ),
+    ] = None,
 ) -> dict[str, Any]:
     """Return what `BenchSpec.of` takes, of options that are given."""
     return {
@@ -100,45 +121,21 @@ def _selection(
     }
 
 
-def _text(text: str) -> Any:
-    return Annotated[str | None, typer.Option(help=text, rich_help_panel=_RUN)]
-
-
-_SEEDS = Annotated[
-    int | None,
-    typer.Option(
-        help="How many environments: seeds 0, 1, ...",
-        parser=options.whole_number_in(1, 10_000_000),
-        rich_help_panel=_RUN,
-    ),
-]
-_SELECTION: dict[str, tuple[Any, Any]] = {
-    "scenarios": (_text("Ids (see 'bench list') or files, separated by commas."), None),
-    "planners": (
-        _text("Planners and policies, separated by commas, such as lawnmower:direction=0.3,greedy."),
-        None,
-    ),
-    "estimators": (_text("Estimators, separated by commas, such as gp:learn_from=model,epidemic."), None),
-    "seeds": (_SEEDS, None),
-}
-_COMPARED = {
-    name: (_SELECTION[name][0], default)
-    for name, default in {
-        "scenarios": "WBF/Miniberry-30-Sweep-v1",
-        "estimators": "epidemic",
-        "seeds": 10,
-    }.items()
-}
-"""What runs are wanted, by the options' names; the defaults of ``bench compare``."""
-
-
 @dataclass(frozen=True, slots=True)
 class _Flying:
     """How runs are flown."""
 
-    jobs: int
-    dask: str | None
-    retry: bool
+    jobs: options.Jobs = 1
+    dask: Annotated[
+        str | None,
+        option(
+            "Fly on the workers of a Dask scheduler, such as tcp://10.0.0.1:8786, or of one made here:"
+            " local (with --jobs).",
+            metavar="ADDRESS",
+            show_default=False,
+        ),
+    ] = None
+    retry: Annotated[bool, option("Fly again what failed.", "--retry")] = False
 
     def rows(self, output: Output, wanted: BenchSpec, out: Path | None) -> tuple[list[BenchRow], bool]:
         """Fly what is missing; return the rows, and whether Ctrl-C came."""
@@ -154,30 +151,14 @@ class _Flying:
             return stop.rows, True
 
 
-_DASK = Annotated[
-    str | None,
-    typer.Option(
-        metavar="ADDRESS",
-        help="Fly on the workers of a Dask scheduler, such as tcp://10.0.0.1:8786, or of one made here:"
-        " local (with --jobs).",
-        show_default=False,
-    ),
-]
-_RETRY = Annotated[bool, typer.Option("--retry", help="Fly again what failed.")]
-_flown = options.gives(
-    "flying", {"jobs": (options.Jobs, 1), "dask": (_DASK, None), "retry": (_RETRY, False)}, _Flying
-)
-_selected = options.gives("selected", _SELECTION, _selection)
-
-
 @app.command("run", cls=HelpCommand, epilog=RUN_EXAMPLES)
 @options.speaks()
-@_selected
-@_flown
+@options.gives("selected", _selection)
+@options.gives("flying", _Flying)
 def run_command(
     output: Output,
     *,
-    out: Annotated[Path, typer.Option(help="Folder of the results.", show_default=False)],
+    out: Annotated[Path, option("Folder of the results.", show_default=False)],
     spec: Annotated[
         Path | None,
         typer.Argument(
@@ -201,20 +182,21 @@ def run_command(
     return _exit_code(rows, interrupted=interrupted)
 
 
+_COMPARED = {"scenarios": "WBF/Miniberry-30-Sweep-v1", "estimators": "epidemic", "seeds": 10}
+_OPTIONS = options.taken_by(_selection)
+
+
 @app.command("compare", cls=HelpCommand, epilog=COMPARE_EXAMPLES)
 @options.speaks()
-@options.gives("selected", _COMPARED, _selection)
-@_flown
+@options.gives("selected", _selection, {key: (_OPTIONS[key][0], one) for key, one in _COMPARED.items()})
+@options.gives("flying", _Flying)
 def compare_command(
     output: Output,
     *,
     mine: Annotated[str, typer.Argument(help="A planner or policy.", show_default=False)],
-    against: Annotated[
-        str, typer.Option(help="Planners and policies, separated by commas.", rich_help_panel=_RUN)
-    ] = "greedy",
+    against: Annotated[str, option("Planners and policies, separated by commas.", panel=_RUN)] = "greedy",
     out: Annotated[
-        Path | None,
-        typer.Option(help="Folder of the results.  [default: they are not kept]", show_default=False),
+        Path | None, option("Folder of the results.  [default: they are not kept]", show_default=False)
     ] = None,
     selected: dict[str, Any],
     flying: _Flying,
@@ -269,8 +251,8 @@ def report_command(
     folder: Annotated[Path, typer.Argument(help="Folder of the results.", show_default=False)],
     out: Annotated[
         Path | None,
-        typer.Option(
-            help="Write a report into this folder: report.md, report.html and a picture for each scenario.",
+        option(
+            "Write a report into this folder: report.md, report.html and a picture for each scenario.",
             show_default=False,
         ),
     ] = None,
@@ -300,11 +282,11 @@ def report_command(
 
 @app.command("paper", cls=HelpCommand, epilog=PAPER_EXAMPLES)
 @options.speaks()
-@_selected
+@options.gives("selected", _selection)
 def paper_command(
     output: Output,
     *,
-    out: Annotated[Path, typer.Option(help="Folder of the figures.", show_default=False)],
+    out: Annotated[Path, option("Folder of the figures.", show_default=False)],
     spec: Annotated[
         Path | None,
         typer.Argument(
@@ -313,13 +295,11 @@ def paper_command(
             show_default=False,
         ),
     ] = None,
-    only: Annotated[
-        str, typer.Option(help="Which figures, separated by commas.")
-    ] = "geometry,dynamics,comparison,cost",
-    formats: Annotated[str, typer.Option("--format", help="Kinds of files: png, pdf or both.")] = "png",
+    only: Annotated[str, option("Which figures, separated by commas.")] = "geometry,dynamics,comparison,cost",
+    formats: Annotated[str, option("Kinds of files: png, pdf or both.", "--format")] = "png",
     selected: dict[str, Any],
     cost_farms: Annotated[
-        str, typer.Option(help="Where costs are measured, separated by commas.", rich_help_panel=_RUN)
+        str, option("Where costs are measured, separated by commas.", panel=_RUN)
     ] = "miniberry-10,miniberry-30,miniberry-100,waterberry",
     jobs: options.Jobs = 1,
 ) -> int:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from wbf_mission.cli import options
+from wbf_mission.cli.options import option
 from wbf_mission.cli.output import Output
 from wbf_mission.exit_codes import ExitCode
 from wbf_mission.scenario import Choice
@@ -33,13 +34,11 @@ def check_command(
             show_default=False,
         ),
     ] = None,
-    fly: Annotated[bool, typer.Option("--fly", help="Also run the checks that arm and fly.")] = False,
-    only: Annotated[
-        list[str] | None, typer.Option(help="Only this check or group of checks; may be repeated.")
-    ] = None,
+    fly: Annotated[bool, option("Also run the checks that arm and fly.", "--fly")] = False,
+    only: Annotated[list[str] | None, option("Only this check or group of checks; may be repeated.")] = None,
     system_id: options.SystemId = None,
     wait: options.Wait = 10.0,
-    list_checks: Annotated[bool, typer.Option("--list", help="List the checks.")] = False,
+    list_checks: Annotated[bool, option("List the checks.", "--list")] = False,
 ) -> None:
     """Check whether a vehicle does what ground software expects of a MAVLink autopilot.
 
@@ -101,10 +100,10 @@ def check_planner_command(
     name: _Name,
     land: Annotated[
         str | None,
-        typer.Option(
-            "--land",
-            help="The kinds of land that it is made for, separated by commas: convex, concave, pierced, apart"
+        option(
+            "The kinds of land that it is made for, separated by commas: convex, concave, pierced, apart"
             " (parts that do not hang together).",
+            "--land",
             metavar="KINDS",
             show_default="all",
         ),

@@ -10,7 +10,7 @@ import typer
 
 from wbf_mission.cli import options
 from wbf_mission.cli.help import HelpCommand, HelpGroup
-from wbf_mission.cli.options import Overwrite, refuse_overwrite
+from wbf_mission.cli.options import Overwrite, option, refuse_overwrite
 from wbf_mission.cli.output import Output, distance, duration
 from wbf_mission.scenario import FarmOptions, ScenarioError
 
@@ -134,9 +134,7 @@ def show_command(output: Output, farm: FarmArgument) -> None:
 def draw_command(
     output: Output,
     farm: FarmArgument,
-    out: Annotated[
-        Path | None, typer.Option(help="PNG file.  [default: FARM.png]", show_default=False)
-    ] = None,
+    out: Annotated[Path | None, option("PNG file.  [default: FARM.png]", show_default=False)] = None,
 ) -> None:
     """Draw a farm's crops, the owner's border, obstacles and home as a PNG picture."""
     from geo import get_farm
@@ -157,7 +155,7 @@ def draw_command(
 def save_command(
     output: Output,
     farm: FarmArgument,
-    out: Annotated[Path, typer.Option(help="GeoJSON file.")],
+    out: Annotated[Path, option("GeoJSON file.")],
     overwrite: Overwrite = False,
 ) -> None:
     """Save a farm as GeoJSON, a start for a farm file of your own."""
@@ -184,27 +182,22 @@ def generate_command(
     given: options.Given,
     output: Output,
     count: Annotated[
-        int,
-        typer.Option(
-            help="How many environments.", parser=options.whole_number_in(1, 100_000), min=1, max=100_000
-        ),
+        int, option("How many environments.", parser=options.whole_number_in(1, 100_000), min=1, max=100_000)
     ] = 1,
     days: Annotated[
         int | None,
-        typer.Option(
-            help="Days after the first one, 0 to 126.  [default: 15, or the last one of --keep]",
+        option(
+            "Days after the first one, 0 to 126.  [default: 15, or the last one of --keep]",
             parser=options.whole_number_in(0, 126),
             show_default=False,
         ),
     ] = None,
     keep: Annotated[
-        str | None,
-        typer.Option(help="Days to keep, such as 6 or 1-15 or 0,6,15.  [default: all]", show_default=False),
+        str | None, option("Days to keep, such as 6 or 1-15 or 0,6,15.  [default: all]", show_default=False)
     ] = None,
     jobs: options.Jobs = 1,
     out: Annotated[
-        Path | None,
-        typer.Option(help="Folder.  [default: environments/ and the farm's name]", show_default=False),
+        Path | None, option("Folder.  [default: environments/ and the farm's name]", show_default=False)
     ] = None,
 ) -> int:
     """Generate environments of a farm: diseases and soil on each day, as Zarr stores.

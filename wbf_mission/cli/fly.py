@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import sys
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from wbf_mission.cli import options, signals
-from wbf_mission.cli.options import Force
+from wbf_mission.cli.options import Force, option
 from wbf_mission.cli.output import Output, distance, duration
 from wbf_mission.cli.preflight import show_findings
 from wbf_mission.exit_codes import ExitCode, exit_code_of_flight
@@ -48,21 +46,10 @@ wbf-mission fly --policy greedy --connect udpin:127.0.0.1:14550 --connect serial
 """
 
 
-@options.scenario_options(
-    FarmOptions, MissionOptions, EstimateOptions, ScoreOptions, VehicleOptions, WeatherOptions, CameraOptions
-)
-@options.speaks()
-def fly_command(
-    given: options.Given,
-    output: Output,
-    speed: Annotated[
-        float | None,
-        typer.Option(
-            help="Pace: simulated seconds per second of wall time.  [default: as fast as possible]",
-            parser=options.number,
-            rich_help_panel="What to run",
-        ),
-    ] = None,
+@dataclass(frozen=True, slots=True)
+class _Links:
+    """The links to vehicles that fly in place of simulated ones, if there are any."""
+
     connect: Annotated[
         list[str] | None,
         options.link(
@@ -70,74 +57,136 @@ def fly_command(
             " or once for all",
             required=False,
         ),
-    ] = None,
-    yes: Annotated[
-        bool,
-        typer.Option("--yes", help="Start without asking.", rich_help_panel=options.LINK_PANEL),
-    ] = False,
+    ] = None
+    yes: Annotated[bool, option("Start without asking.", "--yes", panel=options.LINK_PANEL)] = False
     system_id: Annotated[
         list[int] | None,
-        typer.Option(
-            help="The vehicle's system id, 1 to 255; of several repeated, one for each in the order of"
-            " --connect.  [default: the first ones heard]",
+        option(
+            "The vehicle's system id, 1 to 255; of several repeated, one for each in the order of --connect."
+            "  [default: the first ones heard]",
+            panel=options.LINK_PANEL,
             parser=options.whole_number_in(1, 255),
-            rich_help_panel=options.LINK_PANEL,
             show_default=False,
         ),
-    ] = None,
-    wait: options.Wait = 10.0,
-    via: options.Via = "own",
-    fault: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="What goes wrong in each flight, besides what the scenario file says:"
-            " KIND[=VALUE][,vehicle=N][,from=S][,for=S][,at=EVENT][,...],"
-            " may be repeated; 'wbf-mission sim --list-faults' lists the kinds.",
-            rich_help_panel="Faults",
-            show_default=False,
-        ),
-    ] = None,
+    ] = None
+    wait: options.Wait = 10.0
+    via: options.Via = "own"
+
+    def counted(self, given: options.Given) -> options.Given:
+        """Return what was given with the number of vehicles: so many links fly together."""
+        count = max(len(self.connect or ()), len(self.system_id or ()))
+        if not self.connect or count < 2:
+            return given
+        return replace(given, changes={"vehicles": count, **given.changes})
+
+    def live(self, output: Output, *, force: bool, simulates: bool) -> LiveLink | None:
+        """Return the links, with the operator at this terminal; not where a simulated flight is wanted."""
+        if not self.connect:
+            if self.yes or self.system_id or self.via != "own":
+                with_link = "--yes, --system-id and --via go with --connect"
+                msg = f"{with_link}: give the vehicle's link, or leave them out"
+                raise ScenarioError(msg)
+            return None
+        from wbf_mission.cli.operator_console import TerminalConsole
+        from wbf_mission.live.link import LiveLink, via_named
+
+        if not self.yes and not sys.stdin.isatty():
+            msg = "--connect asks before the motors start, but nobody is at the terminal: give --yes"
+            raise ScenarioError(msg)
+        live = LiveLink(
+            self.connect,
+            TerminalConsole(output),
+            agreed=self.yes,
+            wait_s=self.wait,
+            system_ids=self.system_id or (),
+            note=output.note,
+            force=force,
+            tell=partial(show_findings, output),
+            via=via_named(self.via),
+        )
+        if simulates:
+            msg = "--speed and --fault are of simulated flights: leave them out with --connect"
+            raise ScenarioError(msg)
+        return live
+
+
+_OUT = options.OUTPUT_PANEL
+
+
+@dataclass(frozen=True, slots=True)
+class _Saving:
+    """Where the results go, if anywhere, and with which pictures."""
+
     out: Annotated[
         Path | None,
-        typer.Option(
-            help="Folder for the results.  [default: runs/ and a name from the scenario]",
-            rich_help_panel="Output",
-        ),
-    ] = None,
+        option("Folder for the results.  [default: runs/ and a name from the scenario]", panel=_OUT),
+    ] = None
     files: Annotated[
-        bool,
-        typer.Option(
-            "--files/--no-files", help="Write the results, or only print them.", rich_help_panel="Output"
-        ),
-    ] = True,
-    plots: Annotated[
-        bool,
-        typer.Option("--plots/--no-plots", help="Draw pictures among the results.", rich_help_panel="Output"),
-    ] = True,
+        bool, option("Write the results, or only print them.", "--files/--no-files", panel=_OUT)
+    ] = True
+    plots: Annotated[bool, option("Draw pictures among the results.", "--plots/--no-plots", panel=_OUT)] = (
+        True
+    )
     animate: Annotated[
-        bool,
-        typer.Option(
-            "--animate",
-            help="Write the run as a moving picture (run.gif), too.",
-            rich_help_panel="Output",
-        ),
-    ] = False,
-    cache: Annotated[
-        bool,
-        typer.Option(
-            "--cache/--no-cache",
-            help="Keep a large farm's environment for the next run.",
-            rich_help_panel="What to run",
-        ),
-    ] = True,
+        bool, option("Write the run as a moving picture (run.gif), too.", "--animate", panel=_OUT)
+    ] = False
     overwrite: Annotated[
         bool,
-        typer.Option(
+        option(
+            "Replace the result of another run in the folder, or write among other files.",
             "--overwrite",
-            help="Replace the result of another run in the folder, or write among other files.",
-            rich_help_panel=options.OUTPUT_PANEL,
+            panel=_OUT,
         ),
-    ] = False,
+    ] = False
+
+    def folder(self, given: options.Given, chosen: Scenario) -> ResultFolder | None:
+        """Return the folder of the run, which holds nothing that it reads."""
+        if not self.files:
+            return None
+        from wbf_mission.results.writing import ResultFolder, run_name
+        from wbf_mission.run.estimation import resolved
+
+        inputs = [given.file, chosen.farm.name, *chosen.farm.fields, chosen.mission.file, chosen.vehicle.name]
+        path, asked = self.out or Path("runs") / run_name(chosen), resolved(chosen).to_dict()
+        return ResultFolder(path, inputs=inputs, scenario=asked, overwrite=self.overwrite)
+
+
+@options.scenario_options(
+    FarmOptions, MissionOptions, EstimateOptions, ScoreOptions, VehicleOptions, WeatherOptions, CameraOptions
+)
+@options.speaks()
+@options.gives("links", _Links)
+@options.gives("saving", _Saving)
+def fly_command(
+    given: options.Given,
+    output: Output,
+    *,
+    speed: Annotated[
+        float | None,
+        option(
+            "Pace: simulated seconds per second of wall time.  [default: as fast as possible]",
+            panel="What to run",
+            parser=options.number,
+        ),
+    ] = None,
+    links: _Links,
+    fault: Annotated[
+        list[str] | None,
+        option(
+            "What goes wrong in each flight, besides what the scenario file says:"
+            " KIND[=VALUE][,vehicle=N][,from=S][,for=S][,at=EVENT][,...],"
+            " may be repeated; 'wbf-mission sim --list-faults' lists the kinds.",
+            panel="Faults",
+            show_default=False,
+        ),
+    ] = None,
+    saving: _Saving,
+    cache: Annotated[
+        bool,
+        option(
+            "Keep a large farm's environment for the next run.", "--cache/--no-cache", panel="What to run"
+        ),
+    ] = True,
     force: Force = False,
 ) -> int:
     """Do the whole job: plan, upload over MAVLink, fly, look, estimate, score; offline, or with --connect.
@@ -150,32 +199,19 @@ def fly_command(
     if speed is not None and not 0.01 <= speed <= 1e6:
         msg = f"--speed {speed} is out of range: give 0.01 to 1000000 simulated seconds per second"
         raise ScenarioError(msg)
-    if animate and not files:
+    if saving.animate and not saving.files:
         msg = "--animate writes a file, --no-files none: leave one of them out"
         raise ScenarioError(msg)
     base, in_file = (
         (Scenario(**given.defaults), ()) if given.file is None else load_broken_scenario(given.file)
     )
-    count = max(len(connect or ()), len(system_id or ()))
-    if connect and count > 1:
-        # So many fly together, whether their number was given or not.
-        given = replace(given, changes={"vehicles": count, **given.changes})
-    chosen = given.change(base)
-    live = None
-    if connect:
-        live = _live_link(
-            output, connect, agreed=yes, wait_s=wait, system_ids=system_id or (), force=force, via=via
-        )
-        if speed is not None or fault or in_file:
-            msg = "--speed and --fault are of simulated flights: leave them out with --connect"
-            raise ScenarioError(msg)
-    elif yes or system_id or via != "own":
-        msg = "--yes, --system-id and --via go with --connect: give the vehicle's link, or leave them out"
-        raise ScenarioError(msg)
+    chosen = links.counted(given).change(base)
+    simulates = speed is not None or bool(fault or in_file)
+    live = links.live(output, force=force, simulates=simulates)
     with contextlib.ExitStack() as stack:
-        folder = None
-        if files:
-            folder = stack.enter_context(_result_folder(given, chosen, out, overwrite=overwrite))
+        folder = saving.folder(given, chosen)
+        if folder is not None:
+            stack.enter_context(folder)
         if folder is not None and live is None:
             saved = f"interrupted: what was flown is estimated and saved in {folder.path}; again ends at once"
             # From the flight's beginning.
@@ -196,45 +232,41 @@ def fly_command(
         flown_s, interrupted = process_age_s(), False
         try:
             if folder is not None:
-                folder.write(result, plots=plots, animation=animate, release=True, progress=progress)
+                pictures = {"plots": saving.plots, "animation": saving.animate}
+                folder.write(result, **pictures, release=True, progress=progress)
         except KeyboardInterrupt:
             interrupted = True
     summary = result.summary()
     summary["files"] = str(folder.path) if folder and folder.is_written else None
     summary["timings_s"] = {"start-up": started_s, **result.timings_s, "results": process_age_s() - flown_s}
     summary["wall_time_s"] = process_age_s()
+    _show(output, result, summary, interrupted=interrupted, simulated=live is None)
+    if interrupted:
+        return ExitCode.INTERRUPTED
+    blind = result.outcome.is_good and not len(result.observations)
+    return ExitCode.NOT_GOOD if blind or result.policy_failed else exit_code_of_flight(result.outcome)
+
+
+def _show(
+    output: Output, result: Result, summary: dict[str, Any], *, interrupted: bool, simulated: bool
+) -> None:
+    """Print what a run gave, and what its user should know."""
     for warning in result.warnings:
         output.warn(warning)
     if interrupted:
         kept = "pictures may be missing" if summary["files"] else "nothing of this run is kept"
         output.warn(f"interrupted while the results were written: {kept}")
-    blind = result.outcome.is_good and not len(result.observations)
-    if blind:
-        output.warn(f"the mission saw nothing of the farm {result.farm.name}: no estimate and no score")
     if not result.outcome.is_good:
         output.warn(f"{result.outcome.value}: {result.reason}")
+    elif not len(result.observations):
+        output.warn(f"the mission saw nothing of the farm {result.farm.name}: no estimate and no score")
     title = f"{result.farm.name}: {result.plan.planner or 'mission file'}, {result.estimator}"
-    title += f", {result.plan.vehicle.name}, seed {chosen.seed}"
-    output.result(summary, _rows(result, summary, simulated=live is None), title=title)
+    title += f", {result.plan.vehicle.name}, seed {result.scenario.seed}"
+    output.result(summary, _rows(result, summary, simulated=simulated), title=title)
     if not output.as_json and len(result.days) > 1:
         _print_days(output, result)
     if not output.as_json and summary["vehicles"] > 1:
         _print_fleet(output, result)
-    if interrupted:
-        return ExitCode.INTERRUPTED
-    return ExitCode.NOT_GOOD if blind or result.policy_failed else exit_code_of_flight(result.outcome)
-
-
-def _result_folder(
-    given: options.Given, chosen: Scenario, out: Path | None, *, overwrite: bool
-) -> ResultFolder:
-    """Return the folder of the run, which holds nothing that it reads."""
-    from wbf_mission.results.writing import ResultFolder, run_name
-    from wbf_mission.run.estimation import resolved
-
-    inputs = [given.file, chosen.farm.name, *chosen.farm.fields, chosen.mission.file, chosen.vehicle.name]
-    path = out or Path("runs") / run_name(chosen)
-    return ResultFolder(path, inputs=inputs, scenario=resolved(chosen).to_dict(), overwrite=overwrite)
 
 
 def _rows(result: Result, summary: Mapping[str, Any], *, simulated: bool) -> dict[str, str]:
@@ -265,36 +297,6 @@ def _rows(result: Result, summary: Mapping[str, Any], *, simulated: bool) -> dic
     if summary["least_distance_m"] is not None:
         rows["nearest to each other"] = distance(summary["least_distance_m"])
     return rows
-
-
-def _live_link(
-    output: Output,
-    urls: Sequence[str],
-    *,
-    agreed: bool,
-    wait_s: float,
-    system_ids: Sequence[int],
-    force: bool,
-    via: options.Way,
-) -> LiveLink:
-    """Return the links to vehicles, with the operator at this terminal."""
-    from wbf_mission.cli.operator_console import TerminalConsole
-    from wbf_mission.live.link import LiveLink, via_named
-
-    if not agreed and not sys.stdin.isatty():
-        msg = "--connect asks before the motors start, but nobody is at the terminal: give --yes"
-        raise ScenarioError(msg)
-    return LiveLink(
-        urls,
-        TerminalConsole(output),
-        agreed=agreed,
-        wait_s=wait_s,
-        system_ids=system_ids,
-        note=output.note,
-        force=force,
-        tell=partial(show_findings, output),
-        via=via_named(via),
-    )
 
 
 def _prediction(result: Result, predicted_s: float) -> str:

@@ -12,6 +12,7 @@ import typer
 
 from geo.texts import printable
 from wbf_mission.cli import options, signals
+from wbf_mission.cli.options import option
 from wbf_mission.cli.output import Output, to_stdout
 from wbf_mission.exit_codes import ExitCode
 
@@ -48,10 +49,7 @@ _COLUMNS = {
 
 
 _JSON_LINES = Annotated[
-    bool,
-    typer.Option(
-        "--json", help="Print a line of JSON for each vehicle and each text.", rich_help_panel="Output"
-    ),
+    bool, option("Print a line of JSON for each vehicle and each text.", "--json", panel="Output")
 ]
 
 
@@ -61,13 +59,9 @@ def monitor_command(
     url: Annotated[str, typer.Argument(help=f"The link: {options.LINKS}")],
     duration: Annotated[
         float | None,
-        typer.Option(
-            help="Seconds to watch.  [default: until Ctrl-C]", parser=options.number, show_default=False
-        ),
+        option("Seconds to watch.  [default: until Ctrl-C]", parser=options.number, show_default=False),
     ] = None,
-    interval: Annotated[
-        float, typer.Option(help="Seconds between two reports.", parser=options.number)
-    ] = 1.0,
+    interval: Annotated[float, option("Seconds between two reports.", parser=options.number)] = 1.0,
 ) -> int:
     """Show what the vehicles on a link tell of themselves: mode, item, position, battery, link, texts."""
     from sim_vehicle.host.server import Server
@@ -179,7 +173,7 @@ def command_command(
     ],
     value: Annotated[str, typer.Argument(help="What the order takes.", show_default=False)] = "",
     arm: Annotated[
-        bool, typer.Option("--arm", help="The order mission may start the motors of a PX4 and take off.")
+        bool, option("The order mission may start the motors of a PX4 and take off.", "--arm")
     ] = False,
     system_id: options.SystemId = None,
     wait: options.Wait = 10.0,

@@ -30,6 +30,11 @@ OUTPUT_PANEL = "Output"
 CHECK_PANEL = "What is checked"
 
 
+def option(text: str, *names: str, panel: str | None = None, **more: Any) -> Any:
+    """Return an option of the command line: what it is, its names, its heading; `more` is typer's."""
+    return typer.Option(*names, help=text, rich_help_panel=panel, **more)
+
+
 def complete(kind: str) -> Callable[[str], list[str]]:
     """Return what completes the names of a kind: farm, planner, estimator, autopilot or vehicle."""
 
@@ -74,10 +79,7 @@ _READERS: Mapping[Any, Callable[[str], Any]] = {int: whole_number, float: number
 
 
 Jobs = Annotated[
-    int,
-    typer.Option(
-        help="Processes at once; -1: one per core.", parser=whole_number_in(-1, 1024), min=-1, max=1024
-    ),
+    int, option("Processes at once; -1: one per core.", parser=whole_number_in(-1, 1024), min=-1, max=1024)
 ]
 
 
@@ -90,12 +92,7 @@ def require_processes(jobs: int) -> None:
 
 ScenarioFile = Annotated[
     Path | None,
-    typer.Option(
-        "--scenario",
-        help="A scenario file (TOML); other options change it.",
-        rich_help_panel=RUN,
-        show_default=False,
-    ),
+    option("A scenario file (TOML); other options change it.", "--scenario", panel=RUN, show_default=False),
 ]
 LINK_PANEL = "The vehicle's link"
 LINKS = "udpin:, udpout:, tcp: or tcpin:HOST:PORT, or serial:DEVICE:BAUD."
@@ -104,23 +101,17 @@ Way = Literal["own", "mavsdk"]
 """Who talks to a vehicle behind a link."""
 Via = Annotated[
     Way,
-    typer.Option(
-        help="Who talks to the vehicle: wbf-mission itself or, independently of it, MAVSDK.",
-        rich_help_panel=LINK_PANEL,
-    ),
+    option("Who talks to the vehicle: wbf-mission itself or, independently of it, MAVSDK.", panel=LINK_PANEL),
 ]
 Wait = Annotated[
-    float,
-    typer.Option(
-        help="Seconds to wait for the vehicle's heartbeat.", min=0.1, max=3600.0, rich_help_panel=LINK_PANEL
-    ),
+    float, option("Seconds to wait for the vehicle's heartbeat.", panel=LINK_PANEL, min=0.1, max=3600.0)
 ]
 SystemId = Annotated[
     int | None,
-    typer.Option(
-        help="The vehicle's system id, 1 to 255.  [default: the first one heard]",
+    option(
+        "The vehicle's system id, 1 to 255.  [default: the first one heard]",
+        panel=LINK_PANEL,
         parser=whole_number_in(1, 255),
-        rich_help_panel=LINK_PANEL,
         show_default=False,
     ),
 ]
@@ -135,21 +126,11 @@ MISSION_SUFFIXES = (".plan", ".waypoints", ".wpl", ".kml")
 """Of files that hold nothing but missions; a .json, .txt or .geojson may hold anything."""
 
 Overwrite = Annotated[
-    bool,
-    typer.Option(
-        "--overwrite",
-        help="Replace an existing file of any kind, not only of ours.",
-        rich_help_panel=OUTPUT_PANEL,
-    ),
+    bool, option("Replace an existing file of any kind, not only of ours.", "--overwrite", panel=OUTPUT_PANEL)
 ]
 """Replaces files that are there; `Force` does not."""
 Force = Annotated[
-    bool,
-    typer.Option(
-        "--force",
-        help="Go on in spite of errors that the preflight check finds.",
-        rich_help_panel=CHECK_PANEL,
-    ),
+    bool, option("Go on in spite of errors that the preflight check finds.", "--force", panel=CHECK_PANEL)
 ]
 """Does what has errors; `Overwrite` does not."""
 
@@ -250,13 +231,25 @@ class Given:
 Command: TypeAlias = Callable[..., Any]
 
 
-def gives(
-    parameter: str, options: Mapping[str, tuple[Any, Any]], make: Callable[..., Any], *, last: bool = False
-) -> Callable[[Command], Command]:
-    """Give a command options in place of one of its parameters, which takes what is made of their values.
+def taken_by(make: Callable[..., Any]) -> dict[str, tuple[Any, Any]]:
+    """Return the parameters of a callable: annotations and defaults by name."""
+    taken = inspect.signature(make, eval_str=True).parameters
+    return {name: (one.annotation, one.default) for name, one in taken.items()}
 
-    The options are names with their annotation and default. They stand where the parameter stands, or `last`.
+
+def gives(
+    parameter: str,
+    make: Callable[..., Any],
+    options: Mapping[str, tuple[Any, Any]] | None = None,
+    *,
+    last: bool = False,
+) -> Callable[[Command], Command]:
+    """Give a command options in place of one of its parameters, which takes what `make` makes of them.
+
+    The options, names with their annotation and default, are the parameters of `make` (a dataclass, say) if
+    none are given. They stand where the parameter stands, or `last`.
     """
+    options = taken_by(make) if options is None else options
 
     def decorate(command: Command) -> Command:
         own = inspect.signature(command, eval_str=True).parameters
@@ -289,16 +282,18 @@ def gives(
     return decorate
 
 
-_JSON = Annotated[bool, typer.Option("--json", help="Print one JSON document.", rich_help_panel=OUTPUT_PANEL)]
-_QUIET = Annotated[
-    bool, typer.Option("--quiet", "-q", help="No progress, no notes.", rich_help_panel=OUTPUT_PANEL)
-]
+_JSON = Annotated[bool, option("Print one JSON document.", "--json", panel=OUTPUT_PANEL)]
+_QUIET = Annotated[bool, option("No progress, no notes.", "--quiet", "-q", panel=OUTPUT_PANEL)]
 
 
 def speaks(*, quiet: bool = True, json: Any = _JSON) -> Callable[[Command], Command]:
     """Give a command ``--json`` and mostly ``--quiet``, and an `Output` by them as ``output``."""
     flags = {"json": (json, False), **({"quiet": (_QUIET, False)} if quiet else {})}
-    return gives("output", flags, lambda json, quiet=False: Output(as_json=json, quiet=quiet), last=True)
+
+    def output(json: bool, quiet: bool = False) -> Output:
+        return Output(as_json=json, quiet=quiet)
+
+    return gives("output", output, flags, last=True)
 
 
 def scenario_options(
@@ -327,7 +322,7 @@ def scenario_options(
                 (others if part in more else changes).update(_values(flag, value))
         return Given(scenario, changes, others, defaults)
 
-    return gives("given", {**made, "scenario": (ScenarioFile, None)}, given)
+    return gives("given", given, {**made, "scenario": (ScenarioFile, None)})
 
 
 def _compounds(part: type[Any]) -> tuple[CompoundFlag, ...]:

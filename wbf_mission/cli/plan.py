@@ -6,10 +6,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from wbf_mission.cli import options
-from wbf_mission.cli.options import MISSION_SUFFIXES, Force, Overwrite, refuse_overwrite
+from wbf_mission.cli.options import MISSION_SUFFIXES, Force, Overwrite, option, refuse_overwrite
 from wbf_mission.cli.output import Output, distance, duration
 from wbf_mission.cli.preflight import show_findings
 from wbf_mission.scenario import CameraOptions, FarmOptions, MissionOptions, VehicleOptions, WeatherOptions
@@ -54,10 +52,10 @@ def plan_command(
     output: Output,
     out: Annotated[
         Path | None,
-        typer.Option(
-            help="Mission file: .plan (QGroundControl), .waypoints (WPL 110), .json (ours), .kml, .geojson;"
+        option(
+            "Mission file: .plan (QGroundControl), .waypoints (WPL 110), .json (ours), .kml, .geojson;"
             " of several vehicles NAME-1.plan, NAME-2.plan ...",
-            rich_help_panel="Output",
+            panel="Output",
             show_default=False,
         ),
     ] = None,

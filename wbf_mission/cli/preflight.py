@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from wbf_mission.cli import options
+from wbf_mission.cli.options import option
 from wbf_mission.cli.output import Output
 from wbf_mission.exit_codes import ExitCode
 from wbf_mission.scenario import MissionOptions, ScenarioError, VehicleOptions, WeatherOptions
@@ -44,19 +45,19 @@ CHECKED = options.scenario_options(
 """Gives a command the margin, and the options of the vehicle and the air that a plan is checked for."""
 ObstacleFarm = Annotated[
     str | None,
-    typer.Option(
-        help="Farm whose obstacles count: a name or a GeoJSON file.  [default: none]",
+    option(
+        "Farm whose obstacles count: a name or a GeoJSON file.  [default: none]",
+        panel=options.CHECK_PANEL,
         autocompletion=options.complete("farm"),
-        rich_help_panel=options.CHECK_PANEL,
         show_default=False,
     ),
 ]
 CameraInterval = Annotated[
     float | None,
-    typer.Option(
-        help="The camera's shortest interval between images, s.  [default: 0.01, the leaf camera's]",
+    option(
+        "The camera's shortest interval between images, s.  [default: 0.01, the leaf camera's]",
+        panel=options.CHECK_PANEL,
         parser=options.number,
-        rich_help_panel=options.CHECK_PANEL,
         show_default=False,
     ),
 ]

@@ -9,10 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from wbf_mission.cli import options, signals
-from wbf_mission.cli.options import Overwrite, refuse_overwrite
+from wbf_mission.cli.options import Overwrite, option, refuse_overwrite
 from wbf_mission.cli.output import Output, duration
 from wbf_mission.exit_codes import ExitCode
 from wbf_mission.scenario import CameraOptions, FarmOptions, ScenarioError, VehicleOptions, WeatherOptions
@@ -48,41 +46,37 @@ def sim_command(
     output: Output,
     signing_key: Annotated[
         str | None,
-        typer.Option(
-            envvar="WBF_MISSION_SIGNING_KEY",
-            help="Hear only who signs with this key, and sign: 64 hexadecimal digits, a phrase, or @FILE that"
+        option(
+            "Hear only who signs with this key, and sign: 64 hexadecimal digits, a phrase, or @FILE that"
             " holds one.",
-            rich_help_panel=LINKS,
+            panel=LINKS,
+            envvar="WBF_MISSION_SIGNING_KEY",
             show_default=False,
             show_envvar=True,
         ),
     ] = None,
     fault: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="TEXT",
-            help="What goes wrong: KIND[=VALUE][,from=S][,for=S][,at=EVENT][,...], may be repeated; see"
+        option(
+            "What goes wrong: KIND[=VALUE][,from=S][,for=S][,at=EVENT][,...], may be repeated; see"
             " --list-faults.",
-            rich_help_panel="Faults",
+            panel="Faults",
+            metavar="TEXT",
         ),
     ] = None,
     list_faults: Annotated[
-        bool, typer.Option("--list-faults", help="List the kinds of faults.", rich_help_panel="Faults")
+        bool, option("List the kinds of faults.", "--list-faults", panel="Faults")
     ] = False,
     tlog: Annotated[
         Path | None,
-        typer.Option(
-            help="Log every frame there; an existing .tlog is replaced.",
-            rich_help_panel="Output",
-            show_default=False,
-        ),
+        option("Log every frame there; an existing .tlog is replaced.", panel="Output", show_default=False),
     ] = None,
     overwrite: Overwrite = False,
     ready_file: Annotated[
         Path | None,
-        typer.Option(
-            help="Write the links there, one a line, as soon as they can be used; it is removed at the end.",
-            rich_help_panel="Output",
+        option(
+            "Write the links there, one a line, as soon as they can be used; it is removed at the end.",
+            panel="Output",
             show_default=False,
         ),
     ] = None,

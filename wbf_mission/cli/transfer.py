@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from wbf_mission.cli import options
-from wbf_mission.cli.options import MISSION_SUFFIXES, Force, Overwrite, refuse_overwrite
+from wbf_mission.cli.options import MISSION_SUFFIXES, Force, Overwrite, option, refuse_overwrite
 from wbf_mission.cli.output import Output, duration
 from wbf_mission.cli.preflight import (
     CHECKED,
@@ -101,7 +101,7 @@ def upload_command(
 @options.speaks()
 def download_command(
     output: Output,
-    out: Annotated[Path, typer.Option(help="Mission file to write: .plan, .waypoints or .json.")],
+    out: Annotated[Path, option("Mission file to write: .plan, .waypoints or .json.")],
     connect: Connect = "udpin:127.0.0.1:14550",
     system_id: options.SystemId = None,
     wait: options.Wait = 10.0,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -43,24 +43,51 @@ CHECKED = options.scenario_options(
     ),
 )
 """Gives a command the margin, and the options of the vehicle and the air that a plan is checked for."""
-ObstacleFarm = Annotated[
-    str | None,
-    option(
-        "Farm whose obstacles count: a name or a GeoJSON file.  [default: none]",
-        panel=options.CHECK_PANEL,
-        autocompletion=options.complete("farm"),
-        show_default=False,
-    ),
-]
-CameraInterval = Annotated[
-    float | None,
-    option(
-        "The camera's shortest interval between images, s.  [default: 0.01, the leaf camera's]",
-        panel=options.CHECK_PANEL,
-        parser=options.number,
-        show_default=False,
-    ),
-]
+
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """What a plan is checked for besides the options of a run."""
+
+    farm: Annotated[
+        str | None,
+        option(
+            "Farm whose obstacles count: a name or a GeoJSON file.  [default: none]",
+            panel=options.CHECK_PANEL,
+            autocompletion=options.complete("farm"),
+            show_default=False,
+        ),
+    ] = None
+    camera_interval: Annotated[
+        float | None,
+        option(
+            "The camera's shortest interval between images, s.  [default: 0.01, the leaf camera's]",
+            panel=options.CHECK_PANEL,
+            parser=options.number,
+            show_default=False,
+        ),
+    ] = None
+
+    def circumstances(self, given: options.Given) -> Circumstances:
+        """Return what a plan is checked for, by the command line."""
+        from geo import get_farm
+        from sim_vehicle.camera.component import MIN_INTERVAL_S
+        from wbf_mission.preflight.run import Circumstances
+
+        interval_s = self.camera_interval
+        if interval_s is not None and not 0.0 < interval_s <= 3600.0:
+            msg = f"--camera-interval {interval_s:g} is out of range: give seconds above 0, up to 3600"
+            raise ScenarioError(msg)
+        chosen = given.scenario()
+        return Circumstances(
+            chosen.vehicle,
+            chosen.weather,
+            None if self.farm is None else get_farm(self.farm),
+            chosen.mission.margin_m,
+            MIN_INTERVAL_S if interval_s is None else interval_s,
+        )
+
+
 EXAMPLES = """
 Examples
 wbf-mission preflight spiral.plan
@@ -73,12 +100,12 @@ _HEADER = ["", "item", "finding"]
 
 @CHECKED
 @options.speaks()
+@options.gives("around", Surroundings)
 def preflight_command(
     given: options.Given,
     output: Output,
     file: Annotated[Path, typer.Argument(help="Mission file: .plan, .waypoints or .json.")],
-    farm: ObstacleFarm = None,
-    camera_interval: CameraInterval = None,
+    around: Surroundings,
     connect: Annotated[
         str | None, options.link("Ask the vehicle behind this link, too", required=False)
     ] = None,
@@ -97,7 +124,7 @@ def preflight_command(
         msg = "--system-id goes with --connect: give the link to the vehicle, or leave it out"
         raise ScenarioError(msg)
     mission = read_mission(file)
-    circumstances = circumstances_of(given, farm, camera_interval)
+    circumstances = around.circumstances(given)
     if connect is not None:
         snapshot = asked(output, connect, wait, system_id)
         circumstances = fitted_circumstances(circumstances, given, snapshot)
@@ -107,27 +134,6 @@ def preflight_command(
         progress("predicting", 1, 1)
     _show(output, file, checked)
     return ExitCode.NOT_GOOD if checked.report.has_errors else ExitCode.GOOD
-
-
-def circumstances_of(
-    given: options.Given, farm: str | None, camera_interval_s: float | None
-) -> Circumstances:
-    """Return what a plan is checked for, by the command line."""
-    from geo import get_farm
-    from sim_vehicle.camera.component import MIN_INTERVAL_S
-    from wbf_mission.preflight.run import Circumstances
-
-    if camera_interval_s is not None and not 0.0 < camera_interval_s <= 3600.0:
-        msg = f"--camera-interval {camera_interval_s:g} is out of range: give seconds above 0, up to 3600"
-        raise ScenarioError(msg)
-    chosen = given.scenario()
-    return Circumstances(
-        chosen.vehicle,
-        chosen.weather,
-        None if farm is None else get_farm(farm),
-        chosen.mission.margin_m,
-        MIN_INTERVAL_S if camera_interval_s is None else camera_interval_s,
-    )
 
 
 def fitted_circumstances(

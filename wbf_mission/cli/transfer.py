@@ -12,11 +12,9 @@ from wbf_mission.cli.options import MISSION_SUFFIXES, Force, Overwrite, option, 
 from wbf_mission.cli.output import Output, duration
 from wbf_mission.cli.preflight import (
     CHECKED,
-    CameraInterval,
-    ObstacleFarm,
+    Surroundings,
     asked,
     check_before_upload,
-    circumstances_of,
     fitted_circumstances,
 )
 from wbf_mission.exit_codes import ExitCode
@@ -36,12 +34,12 @@ wbf-mission download --connect udpin:127.0.0.1:14550 --out onboard.plan
 
 @CHECKED
 @options.speaks()
+@options.gives("around", Surroundings)
 def upload_command(
     given: options.Given,
     output: Output,
     file: Annotated[Path, typer.Argument(help="Mission file: .plan, .waypoints or .json.")],
-    farm: ObstacleFarm = None,
-    camera_interval: CameraInterval = None,
+    around: Surroundings,
     force: Force = False,
     connect: Connect = "udpin:127.0.0.1:14550",
     system_id: options.SystemId = None,
@@ -59,7 +57,7 @@ def upload_command(
     from wbf_mission.live.link import via_named
 
     mission = read_mission(file)
-    circumstances = circumstances_of(given, farm, camera_interval)
+    circumstances = around.circumstances(given)
     snapshot = asked(output, connect, wait, system_id)
     circumstances = fitted_circumstances(circumstances, given, snapshot)
     checked = check_before_upload(output, mission, circumstances, force=force)

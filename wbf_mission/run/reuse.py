@@ -61,9 +61,10 @@ def log_of_readings(log: FrameLog, readings: NDArray[np.float32], layout: LeafLa
     """
     told = FrameLog()
     reader = FrameReader()
+    write = told.write
     for frame, time_s in log:
         image = frame[_ID] == _IMAGE_ID
-        told.write(_frame_of_readings(frame, reader, readings, layout) if image else frame, time_s)
+        write(_frame_of_readings(frame, reader, readings, layout) if image else frame, time_s)
     return told
 
 

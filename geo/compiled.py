@@ -163,7 +163,10 @@ def _cache_class() -> Any:
         def __init__(self, function: Callable[..., Any], file: str) -> None:
             self._module = function.__module__
             self._line = function.__code__.co_firstlineno
-            self._digest = sources_digest(Path(file).resolve())
+            # Of one that is made inside another function: those that it was made over, too.
+            over = [one.py_func.__code__.co_filename for one in _made_over(function)]
+            digests = sorted({sources_digest(Path(one).resolve()) for one in (file, *over)})
+            self._digest = hashlib.sha256("".join(digests).encode()).hexdigest()
             self._folder = compiled_folder() / f"{self._module}-{self._digest[:16]}"
 
         @classmethod
@@ -193,11 +196,11 @@ def _cache_class() -> Any:
         _impl_class = Implementation
 
         def _index_key(self, signature: Any, codegen: Any) -> Any:
-            cells = [cell.cell_contents for cell in self._py_func.__closure__ or ()]
-            if not any(isinstance(one, numba.core.dispatcher.Dispatcher) for one in cells):
+            over = _made_over(self._py_func)
+            if not over:
                 return super()._index_key(signature, codegen)
             # numba tells a compiled function by a number, which is another in each process.
-            names = tuple(f"{one.__module__}.{one.__qualname__}" for one in cells)
+            names = tuple(f"{one.__module__}.{one.__qualname__}" for one in over)
             return signature, codegen.magic_tuple(), names
 
         def load_overload(self, signature: Any, context: Any) -> Any:
@@ -234,6 +237,13 @@ def compiled_folder() -> Path:
     """Return the folder in which compiled functions are kept; it may not exist yet."""
     told = os.environ.get("NUMBA_CACHE_DIR")
     return Path(told) if told else user_cache_folder("compiled")
+
+
+def _made_over(function: Callable[..., Any]) -> list[Any]:
+    """The compiled functions that a function was made over, inside another one, with those of their own."""
+    cells = [cell.cell_contents for cell in function.__closure__ or ()]
+    over = [one for one in cells if hasattr(one, "py_func")]
+    return over + [other for one in over for other in _made_over(one.py_func)]
 
 
 def _modified(path: Path) -> float:

@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from geo.compiled import compiled
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.motion.columns import STEP, WIND
+from sim_vehicle.motion.columns import STEP, WIND, Record, records_of
 from sim_vehicle.motion.compiled_motion import CompiledMotion, Dynamics
-from sim_vehicle.motion.records import Record, records_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

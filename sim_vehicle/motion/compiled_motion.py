@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
     from sim_vehicle.airframe.estimate_errors import EstimateErrors
     from sim_vehicle.airframe.spec import VehicleSpec
+    from sim_vehicle.motion.columns import Record
     from sim_vehicle.motion.legs import Position
-    from sim_vehicle.motion.records import Record
 
 _NO_TRACK = np.empty((0, 3))
 

@@ -147,6 +147,8 @@ def test_functions_made_over_different_ones_are_kept_apart_and_found_again(packa
     assert run(package, arguments=["rate"])[:2] == (7.0, True)
     assert run(package, arguments=["half"])[:2] == (2.0, True)
     assert run(package, arguments=["half+rate"])[:2] == (9.0, False)
+    (package / "inner.py").write_text(INNER.replace("FACTOR * x", "FACTOR * x + 1.0"))
+    assert run(package, arguments=["rate"])[:2] == (8.0, True)
 
 
 def test_what_becomes_part_of_its_caller_as_machine_code_and_counts_no_references():

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from geo.compiled import compiled
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.motion.arducopter.layout import LEGS
+from sim_vehicle.motion.columns import Record
 from sim_vehicle.motion.multirotor.kernel import ROI_NEAR
-from sim_vehicle.motion.records import Record
-from sim_vehicle.motion.rules import stop
+from sim_vehicle.motion.stepping import stop
 
 Floats = NDArray[np.float64]
 

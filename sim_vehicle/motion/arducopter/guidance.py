@@ -49,8 +49,8 @@ from sim_vehicle.motion.arducopter.scurve import (
     may_turn,
     state_at,
 )
-from sim_vehicle.motion.records import Record
-from sim_vehicle.motion.rules import distance2
+from sim_vehicle.motion.columns import Record
+from sim_vehicle.motion.stepping import distance2
 
 Floats = NDArray[np.float64]
 Position = tuple[float, float, float]

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from enum import IntEnum
 
-from sim_vehicle.motion.records import record_type
+from sim_vehicle.motion.columns import record_type
 
 Leg = IntEnum(
     "Leg",
     "X Y Z RADIUS SPEED HEADING "
-    "DISTANCE "  # To notify at.
+    "NEAR "  # Distance to notify at.
     "KIND "  # `LegKind`.
     "PAUSE "
     "TURNING",  # Rate.

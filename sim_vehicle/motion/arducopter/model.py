@@ -10,11 +10,11 @@ import numpy as np
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.energy.power import CONSTANT_POWER
 from sim_vehicle.motion import columns as col
-from sim_vehicle.motion.arducopter import kernel, scurve
+from sim_vehicle.motion.arducopter import kernel
 from sim_vehicle.motion.arducopter import layout as at
+from sim_vehicle.motion.arducopter.along_curves import AlongCurves
 from sim_vehicle.motion.arducopter.control import stopping_distance
-from sim_vehicle.motion.arducopter.joining import follows, join
-from sim_vehicle.motion.arducopter.layout import Guide, Law, Leg
+from sim_vehicle.motion.arducopter.layout import Guide, Law
 from sim_vehicle.motion.arducopter.parameters import drag_of, lookup
 from sim_vehicle.motion.columns import State
 from sim_vehicle.motion.compiled_motion import Dynamics
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Heading, Position, Route
-    from sim_vehicle.motion.records import Record
     from sim_vehicle.weather.wind import Wind
 
 _HOVER_THROTTLE = 0.39
@@ -39,7 +38,7 @@ _ARMING_DELAY_S = 2.0
 _LAND_DETECTOR_S = 2.0
 
 
-class ArduCopter(Multirotor):
+class ArduCopter(AlongCurves, Multirotor):
     """A multirotor under ArduCopter; velocity set-points are flown as any `Multirotor` flies them.
 
     Examples
@@ -62,17 +61,14 @@ class ArduCopter(Multirotor):
         (("guide", at.GUIDE), ("law", at.LAW), ("heads", None), ("curves", None)),
         "_rows",
     )
+    generic = GENERIC
+    begins_anew = LegKind.CLIMB
 
     def __init__(self, spec: VehicleSpec, wind: Wind | None = None, yaw_rad: float = 0.0) -> None:
         super().__init__(spec, wind, yaw_rad)
-        self.guide: NDArray[np.float64] = np.zeros(len(Guide))
-        self.heads: NDArray[np.float64] = np.zeros((3, scurve.HEAD))
-        self.curves: NDArray[np.float64] = np.zeros((3, scurve.SEGMENTS, scurve.COLUMNS))
+        self._remember(len(Guide))
         self.law = _law(spec, self._idle_w + float(self._power[CONSTANT_POWER]))
         self.guide[Guide.LEVEL] = spec.cruise_speed_m_s
-        self._under_way = False
-        self._rows: Record | None = None
-        self._interrupted = False
         self._armed_steps = 0
 
     def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
@@ -95,50 +91,14 @@ class ArduCopter(Multirotor):
 
     def fly(self, route: Route) -> None:
         """Begin a route, from where the vehicle is and as it moves now."""
-        rows = np.column_stack(
-            (
-                route.points_m,
-                route.radius_m,
-                np.where(
-                    np.isnan(route.speed_m_s), 0.0, np.minimum(route.speed_m_s, self.spec.top_speed_m_s)
-                ),
-                route.heading_rad,
-                route.near_m,
-                route.kind,
-                route.pause_s,
-                route.turn_rad_s,
-            )
-        )
-        under_way, self._under_way = self._under_way and not self._interrupted, False
-        self.guide[Guide.BEGINS] = self._join(rows[0]) if under_way else self._follows(rows[0])
+        fastest = self.spec.top_speed_m_s
         self.guide[Guide.ARMING_STEPS] = max(round(_ARMING_DELAY_S / self.step_s) - self._armed_steps, 0)
-        self._rows = self._route = np.ascontiguousarray(rows).view(at.LEG)[:, 0]
-        self._begin()
+        self._set_out(route, self.law, route.points_m, route.kind, fastest)
 
     def rest(self, steps: int, *, armed: bool) -> None:
         """Stand on the ground for a number of steps; the time that it is armed counts for the motors."""
         super().rest(steps, armed=armed)
         self._armed_steps = self._armed_steps + steps if armed else 0
-
-    def interrupt(self) -> None:
-        """Give up the leg that is flown: the next one begins where the vehicle could stop, as in AC_WPNav."""
-        self._interrupted = True
-
-    def _follows(self, row: NDArray[np.float64]) -> int:
-        """Return the transition to a leg from what is flown now."""
-        interrupted, self._interrupted = self._interrupted, False
-        if self._rows is None or row[Leg.KIND] == LegKind.CLIMB:
-            return at.ANEW
-        arrived = bool(self.counters[col.ARRIVED])
-        return follows(self.guide, self.heads, row, arrived=arrived, interrupted=interrupted)
-
-    def _join(self, row: NDArray[np.float64]) -> int:
-        """Be on a leg that began somewhere behind; return how it is gone on with."""
-        here, velocity = (
-            self.state[col.POSITION],
-            self.state[col.VELOCITY],
-        )
-        return join(self.guide, self.law, self.heads[1], self.curves[1], row, here, velocity)
 
     def steer(
         self,
@@ -187,10 +147,6 @@ class ArduCopter(Multirotor):
         stretch = math.sqrt(1.0 + (east * east + north * north) / GRAVITY_M_S2**2)
         thrust = (1.0 + float(self.guide[Guide.THRUST]) / GRAVITY_M_S2) * stretch
         return roll, pitch, airspeed, min(max(_HOVER_THROTTLE * thrust, 0.0), 1.0)
-
-    @property
-    def _dynamics_now(self) -> Dynamics:
-        return GENERIC if self._rows is None else self.dynamics
 
     def update_spec(self, spec: VehicleSpec) -> None:
         """Take other defaults, limits and parameters; they hold from the next leg on."""

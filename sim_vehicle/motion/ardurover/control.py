@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from geo.compiled import compiled
 from sim_vehicle.motion.arducopter.control import rooted
-from sim_vehicle.motion.records import Record
+from sim_vehicle.motion.columns import Record
 from sim_vehicle.motion.rover.layout import STOPPED
 
 Floats = NDArray[np.float64]

@@ -17,9 +17,9 @@ from sim_vehicle.energy.power_kernels import rover_power
 from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.arducopter.control import halt
 from sim_vehicle.motion.arducopter.guidance import begin_of, end_of, lead_legs
+from sim_vehicle.motion.arducopter.kernel import Own, chain
 from sim_vehicle.motion.arducopter.layout import (
     ANEW,
-    CHAINED,
     HOLDING,
     HOME,
     LEAST_SPEED,
@@ -41,11 +41,11 @@ from sim_vehicle.motion.arducopter.scurve import (
     make_leg,
 )
 from sim_vehicle.motion.ardurover.control import ask, centre, drive, look_along, steer
-from sim_vehicle.motion.records import Record, record_type
+from sim_vehicle.motion.columns import Record, record_type
+from sim_vehicle.motion.multirotor.kernel import Vector
 from sim_vehicle.motion.rover.kernel import PATIENCE_S, SLOW_SHARE
 from sim_vehicle.motion.rover.layout import STOPPED
-from sim_vehicle.motion.rules import complete_leg, mark_track, wind_row
-from sim_vehicle.weather.gust_kernel import wind_at
+from sim_vehicle.motion.stepping import kernel_of
 
 Drive = IntEnum(
     "Drive",
@@ -203,99 +203,57 @@ def _lead(state: Record, guide: Record, law: Record, heads: Floats, curves: Floa
     return done
 
 
-@compiled(allocates=False)
-def advance(
-    states: Record,
-    counters: Integers,
-    route: Record,
-    limits_of: Record,
-    power: Floats,
-    wind: Floats,
-    first_wind: int,
-    max_steps: int,
-    stop_each: bool,
-    arrivals: Integers,
-    track: Floats,
-    track_every: int,
-    guides: Record,
-    laws: Record,
-    heads: Floats,
-    curves: Floats,
-) -> int:
-    """Drive up to ``max_steps`` steps along the route, as `sim_vehicle.motion.arducopter.kernel.advance`.
-
-    Parameters
-    ----------
-    states, counters : STATE[1], int64[COUNTERS]
-        Those of `sim_vehicle.motion.rover.kernel`; changed in place.
-    route : LEG[n]
-        As for ArduCopter.
-    limits_of : LIMITS[1]
-        Of the rover: only the energy that ends the drive is used.
-    guides, laws : GUIDE[1], LAW[1]
-        See `sim_vehicle.motion.ardurover.kernel`.
-    """
-    state, guide, law = states[0], guides[0], laws[0]
-    dt, capacity = law.dt, limits_of[0].energy_limit
-    event = col.RAN
-    for _ in range(max_steps):
-        step, leg = counters[col.STEP], counters[col.LEG_INDEX]
-        if guide.begins != NOTHING:
-            begin(state, guide, law, heads, curves, route, leg)
-            state.give_up_step = inf
+@compiled(inline="always")
+def _enter(state: Record, counters: Integers, route: Record, limits: Record, own: Own) -> None:
+    guide, law, leg = own[0][0], own[1][0], counters[col.LEG_INDEX]
+    if guide.begins != NOTHING:
+        begin(state, guide, law, own[2], own[3], route, leg)
+        state.give_up_step = inf
+    if state.give_up_step == inf:
         row = route[leg]
-        if state.give_up_step == inf:
-            left = sqrt((row.x - state.position_x) ** 2 + (row.y - state.position_y) ** 2)
-            slowest = SLOW_SHARE * max(guide.level, LEAST_SPEED)
-            state.give_up_step = step + (PATIENCE_S + row.pause + left / slowest) / dt
-        if step % col.GRID == 0:
-            index = wind_row(step, first_wind, len(wind))
-            if index < 0:
-                event = col.WIND
-                break
-            state.wind_east, state.wind_north, _ = wind_at(wind[index], 0.0)
-            speed = abs(state.speed)
-            ux, uy = (
-                state.velocity_x / speed if speed > 0.0 else 0.0,
-                state.velocity_y / speed if speed > 0.0 else 0.0,
-            )
-            head = speed - state.wind_east * ux - state.wind_north * uy
-            pull = state.acceleration_x * ux + state.acceleration_y * uy
-            state.power = rover_power(power, speed, head, pull)
-            mark_track(counters, step, track, track_every, state.position_x, state.position_y, 0.0)
-            if counters[col.ARRIVED] == 0 and step > state.give_up_step:
-                event = col.STALLED
-                break
-        stops = guide.mode == HOLDING or counters[col.ARRIVED] != 0
-        if stops:
-            centre(state, guide, law)
-        else:
-            steer(state, guide, law, ask(state, guide, law, step))
-        drive(state, guide, law)
-        state.energy_used += state.power * dt
-        step += 1
-        counters[col.STEP] = step
-        if counters[col.ARRIVED] == 0:
-            if stops:
-                done = row.kind == AT_ONCE or leg + 1 < len(route) or bool(abs(state.speed) < STOPPED)
-            else:
-                done = _lead(state, guide, law, heads, curves)
-            if done and row.pause > 0.0 and guide.done == 0.0:
-                guide.done = 1.0
-                guide.until = step + round(row.pause / dt)
-            if guide.done != 0.0:
-                done = step >= guide.until
-            if done:
-                event = complete_leg(counters, arrivals, step, stop_each)
-                if counters[col.ARRIVED] == 0:
-                    guide.begins = CHAINED
-            elif counters[col.NEAR_TOLD] == 0 and row.distance > 0.0:
-                rx, ry = row.x - state.position_x, row.y - state.position_y
-                if rx * rx + ry * ry < row.distance**2:
-                    counters[col.NEAR_TOLD] = 1
-                    event = col.NEAR
-        if state.energy_used >= capacity:
-            event = col.ENERGY
-        if event != col.RAN:
-            break
-    return event
+        left = sqrt((row.x - state.position_x) ** 2 + (row.y - state.position_y) ** 2)
+        slowest = SLOW_SHARE * max(guide.level, LEAST_SPEED)
+        state.give_up_step = counters[col.STEP] + (PATIENCE_S + row.pause + left / slowest) / law.dt
+
+
+@compiled(inline="always")
+def _feel(
+    state: Record, counters: Integers, row: Record, air: Vector, limits: Record, power: Floats, own: Own
+) -> bool:
+    state.wind_east, state.wind_north = air[0], air[1]
+    speed, ux, uy = abs(state.speed), 0.0, 0.0
+    if speed > 0.0:
+        ux, uy = state.velocity_x / speed, state.velocity_y / speed
+    head = speed - state.wind_east * ux - state.wind_north * uy
+    pull = state.acceleration_x * ux + state.acceleration_y * uy
+    state.power = rover_power(power, speed, head, pull)
+    return bool(counters[col.ARRIVED] == 0 and counters[col.STEP] > state.give_up_step)
+
+
+@compiled(inline="always")
+def _move(state: Record, counters: Integers, route: Record, limits: Record, own: Own) -> bool:
+    guide, law = own[0][0], own[1][0]
+    step, leg = counters[col.STEP], counters[col.LEG_INDEX]
+    row = route[leg]
+    stops = guide.mode == HOLDING or counters[col.ARRIVED] != 0
+    if stops:
+        centre(state, guide, law)
+    else:
+        steer(state, guide, law, ask(state, guide, law, step))
+    drive(state, guide, law)
+    step += 1
+    if counters[col.ARRIVED] != 0:
+        return False
+    if stops:
+        done = row.kind == AT_ONCE or leg + 1 < len(route) or bool(abs(state.speed) < STOPPED)
+    else:
+        done = _lead(state, guide, law, own[2], own[3])
+    if done and row.pause > 0.0 and guide.done == 0.0:
+        guide.done = 1.0
+        guide.until = step + round(row.pause / law.dt)
+    if guide.done != 0.0:
+        done = step >= guide.until
+    return done
+
+
+advance = kernel_of(__name__, _enter, _feel, _move, chain)

@@ -8,11 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sim_vehicle.motion import columns as col
-from sim_vehicle.motion.arducopter import layout as at
-from sim_vehicle.motion.arducopter import scurve
-from sim_vehicle.motion.arducopter.joining import follows, join
-from sim_vehicle.motion.arducopter.layout import Guide, Law, Leg
+from sim_vehicle.motion.arducopter.along_curves import AlongCurves
+from sim_vehicle.motion.arducopter.layout import Guide, Law
 from sim_vehicle.motion.ardurover import kernel
 from sim_vehicle.motion.ardurover.kernel import Drive, DriveGains
 from sim_vehicle.motion.compiled_motion import Dynamics
@@ -28,7 +25,6 @@ if TYPE_CHECKING:
 
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Heading, Position, Route
-    from sim_vehicle.motion.records import Record
     from sim_vehicle.motion.rover.model import RoverLimits
     from sim_vehicle.weather.wind import Wind
 
@@ -109,7 +105,7 @@ class DriveLaw:
     drive_lag_s: float
 
 
-class ArduRover(Rover):
+class ArduRover(AlongCurves, Rover):
     """A vehicle on wheels or tracks under ArduPilot's Rover; velocities are driven as any `Rover` does.
 
     Parameters
@@ -129,6 +125,9 @@ class ArduRover(Rover):
         (("guide", kernel.GUIDE), ("numbers", kernel.LAW), ("heads", None), ("curves", None)),
         "_rows",
     )
+    generic = Rover.dynamics
+    # A return begins anew from where the vehicle stops.
+    begins_anew = LegKind.HOME
 
     def __init__(
         self,
@@ -140,12 +139,8 @@ class ArduRover(Rover):
     ) -> None:
         super().__init__(spec, limits_of, wind, yaw_rad)
         self._law_of = law_of
-        self.guide: NDArray[np.float64] = np.zeros(len(Guide) + len(Drive))
-        self.heads: NDArray[np.float64] = np.zeros((3, scurve.HEAD))
-        self.curves: NDArray[np.float64] = np.zeros((3, scurve.SEGMENTS, scurve.COLUMNS))
+        self._remember(len(Guide) + len(Drive))
         self.numbers = _numbers(law_of(spec), self.step_s)
-        self._rows: Record | None = None
-        self._under_way = self._interrupted = False
         self._rest()
 
     def _rest(self) -> None:
@@ -172,47 +167,11 @@ class ArduRover(Rover):
             self._rest()
             super().fly(route)
             return
-        rows = np.column_stack(
-            (
-                route.points_m[:, :2],
-                np.zeros(len(route.kind)),
-                route.radius_m,
-                np.where(np.isnan(route.speed_m_s), 0.0, np.minimum(route.speed_m_s, self.law.speed_max)),
-                route.heading_rad,
-                route.near_m,
-                np.where(np.isin(route.kind, NOT_DRIVEN), kernel.AT_ONCE, route.kind),
-                route.pause_s,
-                route.turn_rad_s,
-            )
-        )
-        under_way, self._under_way = self._under_way and not self._interrupted, False
-        if self._rows is None and not under_way:
+        if self._rows is None and not self._goes_on:
             self._rest()
-        how = self._join(rows[0]) if under_way else self._follows(rows[0])
-        self.guide[Guide.BEGINS] = how
-        self._rows = self._route = np.ascontiguousarray(rows).view(at.LEG)[:, 0]
-        self._begin()
-
-    def interrupt(self) -> None:
-        """Give up the leg that is driven: the next one begins where the vehicle could stop."""
-        self._interrupted = True
-
-    def _follows(self, row: NDArray[np.float64]) -> int:
-        """Return the transition to a leg from what is driven now."""
-        interrupted, self._interrupted = self._interrupted, False
-        # A return begins anew from where the vehicle stops.
-        if self._rows is None or row[Leg.KIND] == LegKind.HOME:
-            return at.ANEW
-        arrived = bool(self.counters[col.ARRIVED])
-        return follows(self.guide, self.heads, row, arrived=arrived, interrupted=interrupted)
-
-    def _join(self, row: NDArray[np.float64]) -> int:
-        """Be on a leg that began somewhere behind; return how it is gone on with."""
-        here, velocity = (
-            self.state[col.POSITION],
-            self.state[col.VELOCITY],
-        )
-        return join(self.guide, self.numbers, self.heads[1], self.curves[1], row, here, velocity)
+        ends = np.column_stack((route.points_m[:, :2], np.zeros(len(route.kind))))
+        kind = np.where(np.isin(route.kind, NOT_DRIVEN), kernel.AT_ONCE, route.kind)
+        self._set_out(route, self.numbers, ends, kind, self.law.speed_max)
 
     def steer(
         self,
@@ -224,10 +183,6 @@ class ArduRover(Rover):
         """Drive at a velocity, or stop; told to go down it stops for good."""
         self._rest()
         super().steer(velocity_m_s, height_m=height_m, heading=heading)
-
-    @property
-    def _dynamics_now(self) -> Dynamics:
-        return Rover.dynamics if self._rows is None else self.dynamics
 
     def lose_power(self) -> None:
         """Stop: without power it cannot go anywhere."""

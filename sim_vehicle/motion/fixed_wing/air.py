@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from geo.compiled import compiled
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
+from sim_vehicle.motion.columns import Record
 from sim_vehicle.motion.fixed_wing.guidance import NPFG
 from sim_vehicle.motion.fixed_wing.layout import FLARE, FLYING, SHORT
-from sim_vehicle.motion.records import Record
 
 __all__ = [
     "blow",

@@ -10,9 +10,9 @@ from math import acos, atan, cos, isnan, sin, sqrt
 
 from geo.compiled import compiled
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
+from sim_vehicle.motion.columns import Record
 from sim_vehicle.motion.fixed_wing import layout as at
 from sim_vehicle.motion.fixed_wing import tecs
-from sim_vehicle.motion.records import Record
 
 __all__ = ["ahead_of_landing", "begin_slope", "command_bank", "command_energy"]
 

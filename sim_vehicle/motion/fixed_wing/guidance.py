@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.compiled import compiled
-from sim_vehicle.motion.records import Record
+from sim_vehicle.motion.columns import Record
 
 Floats = NDArray[np.float64]
 

@@ -13,6 +13,7 @@ from math import atan2, cos, inf, isnan, pi, sqrt
 from geo.compiled import compiled
 from sim_vehicle.energy.power_kernels import fixed_wing_power
 from sim_vehicle.motion import columns as col
+from sim_vehicle.motion.columns import Record
 from sim_vehicle.motion.fixed_wing import arduplane
 from sim_vehicle.motion.fixed_wing.air import (
     blow,
@@ -40,10 +41,8 @@ from sim_vehicle.motion.fixed_wing.layout import (
 )
 from sim_vehicle.motion.fixed_wing.px4 import px4_control
 from sim_vehicle.motion.fixed_wing.steering import circled, circles, leg_airspeed, passed, steer
-from sim_vehicle.motion.multirotor.kernel import Integers
-from sim_vehicle.motion.records import Record
-from sim_vehicle.motion.rules import complete_leg, mark_track, wind_row
-from sim_vehicle.weather.gust_kernel import wind_at
+from sim_vehicle.motion.multirotor.kernel import Integers, Vector
+from sim_vehicle.motion.stepping import kernel_of
 
 __all__ = ["advance"]
 
@@ -64,8 +63,11 @@ def _patience_steps(state: Record, row: Record, limits: Record) -> float:
 
 
 @compiled(allocates=False)
-def _enter(state: Record, route: Record, leg: int, step: int, limits: Record) -> None:
-    """Begin a leg."""
+def _enter(state: Record, counters: Integers, route: Record, limits: Record, own: tuple[()]) -> None:
+    """Begin a leg, unless it has begun."""
+    if state.give_up_step != inf:
+        return
+    step, leg = counters[col.STEP], counters[col.LEG_INDEX]
     row = route[leg]
     state.give_up_step = step + _patience_steps(state, row, limits)
     state.turned, state.bearing, state.pause_end = 0.0, float("nan"), inf
@@ -114,10 +116,11 @@ def _arduplane_control(
 
 
 @compiled(allocates=False)
-def _tick(
-    state: Record, row: Record, arrived: bool, limits: Record, step: int, wx: float, wy: float, rising: float
-) -> bool:
+def _move(state: Record, counters: Integers, route: Record, limits: Record, own: tuple[()]) -> bool:
     """Move one step and tell whether the leg is done."""
+    step, arrived = counters[col.STEP], counters[col.ARRIVED] != 0
+    row = route[counters[col.LEG_INDEX]]
+    wx, wy, rising = state.wind_east, state.wind_north, state.wind_up
     kind = row.kind
     doing = state.doing
     if kind == FALL:
@@ -163,110 +166,41 @@ def _tick(
     return passed(state, row, limits)
 
 
-@compiled(allocates=False)
-def advance(
-    states: Record,
-    counters: Integers,
-    route: Record,
-    limits_of: Record,
-    power: Floats,
-    wind: Floats,
-    first_wind: int,
-    max_steps: int,
-    stop_each: bool,
-    arrivals: Integers,
-    track: Floats,
-    track_every: int,
-) -> int:
-    """Fly up to ``max_steps`` steps along the route; return early, with the event, when something happens.
+@compiled(inline="always")
+def _feel(
+    state: Record, counters: Integers, row: Record, air: Vector, limits: Record, power: Floats, own: tuple[()]
+) -> bool:
+    wx, wy, up = air
+    if wx != state.wind_east or wy != state.wind_north or up != state.wind_up:
+        blow(state, wx, wy, up)
+        state.wind_east, state.wind_north, state.wind_up = wx, wy, up
+    if state.doing == FLYING or state.doing == FLARE:
+        load = 1.0 / cos(state.bank)
+        v = state.airspeed
+        rate = energy_rate(limits, state.throttle, v, load)
+        state.power = fixed_wing_power(power, v if state.throttle > 1e-3 else 0.0, rate, load)
+    elif state.doing == ON_GROUND:
+        state.power = fixed_wing_power(power, limits.airspeed_trim, limits.climb_max, 1.0)
+    else:
+        state.power = fixed_wing_power(power, 0.0, 0.0, 1.0)
+    return bool(counters[col.ARRIVED] == 0 and counters[col.STEP] > state.give_up_step)
 
-    As `sim_vehicle.motion.multirotor.kernel.advance`. After the last leg the vehicle circles: on, where that
-    was a circle, otherwise about the end of the leg.
 
-    Parameters
-    ----------
-    states, counters : STATE[1], int64[6]
-        Changed in place.
-    route : LEG[n]
-    limits_of, power : LIMITS[1], float64[9]
-    wind : float64[m, 9]
+@compiled(inline="always")
+def _leave(
+    state: Record, counters: Integers, row: Record, route: Record, limits: Record, own: tuple[()]
+) -> None:
+    """Begin the next leg, or choose the circle that is flown after the end of a route.
+
+    That is the one it flew, otherwise one about the end of the leg.
     """
-    state, limits = states[0], limits_of[0]
-    event = col.RAN
-    for _ in range(max_steps):
-        step, leg = counters[col.STEP], counters[col.LEG_INDEX]
-        row = route[leg]
-        if state.give_up_step == inf:
-            _enter(state, route, leg, step, limits)
-        if step % col.GRID == 0:
-            index = wind_row(step, first_wind, len(wind))
-            if index < 0:
-                event = col.WIND
-                break
-            wx, wy, up = wind_at(wind[index], state.position_z)
-            if wx != state.wind_east or wy != state.wind_north or up != state.wind_up:
-                blow(state, wx, wy, up)
-                state.wind_east, state.wind_north, state.wind_up = wx, wy, up
-            if state.doing == FLYING or state.doing == FLARE:
-                load = 1.0 / cos(state.bank)
-                v = state.airspeed
-                rate = energy_rate(limits, state.throttle, v, load)
-                state.power = fixed_wing_power(power, v if state.throttle > 1e-3 else 0.0, rate, load)
-            elif state.doing == ON_GROUND:
-                state.power = fixed_wing_power(power, limits.airspeed_trim, limits.climb_max, 1.0)
-            else:
-                state.power = fixed_wing_power(power, 0.0, 0.0, 1.0)
-            mark_track(
-                counters,
-                step,
-                track,
-                track_every,
-                state.position_x,
-                state.position_y,
-                state.position_z,
-            )
-            if counters[col.ARRIVED] == 0 and step > state.give_up_step:
-                event = col.STALLED
-                break
-        done = _tick(
-            state,
-            row,
-            counters[col.ARRIVED] != 0,
-            limits,
-            step,
-            state.wind_east,
-            state.wind_north,
-            state.wind_up,
-        )
-        state.energy_used += state.power * limits.step_s
-        counters[col.STEP] = step + 1
-        if counters[col.ARRIVED] == 0:
-            if done:
-                event = complete_leg(counters, arrivals, step + 1, stop_each)
-                if counters[col.ARRIVED] == 0:
-                    state.give_up_step = inf
-                else:
-                    _settle(state, row, limits)
-            elif counters[col.NEAR_TOLD] == 0 and row.near > 0.0:
-                rx, ry, rz = (
-                    row.x - state.position_x,
-                    row.y - state.position_y,
-                    row.z - state.position_z,
-                )
-                if rx * rx + ry * ry + rz * rz < row.near * row.near:
-                    counters[col.NEAR_TOLD] = 1
-                    event = col.NEAR
-        if state.energy_used >= limits.energy_limit:
-            event = col.ENERGY
-        if event != col.RAN:
-            break
-    return event
-
-
-@compiled(allocates=False)
-def _settle(state: Record, row: Record, limits: Record) -> None:
-    """Choose the circle that is flown after the end of a route."""
+    if counters[col.ARRIVED] == 0:
+        state.give_up_step = inf
+        return
     state.centre_x, state.centre_y, state.centre_z = row.x, row.y, row.z
     state.centre_radius = row.circle_radius if row.kind == CIRCLE else limits.loiter_radius
     if row.kind == TAKEOFF:
         state.centre_x, state.centre_y = state.position_x, state.position_y
+
+
+advance = kernel_of(__name__, _enter, _feel, _move, _leave)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from enum import IntEnum
 
-from sim_vehicle.motion.columns import State
-from sim_vehicle.motion.records import record_type
+from sim_vehicle.motion.columns import State, record_type
 
 # The state beyond the shared numbers.
 Wing = IntEnum(

@@ -11,9 +11,9 @@ import numpy as np
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2, FixedWingAirframe, FixedWingPowerSpec
 from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.energy.power import DRAG, INDUCED_DRAG, power_coefficients
+from sim_vehicle.motion.columns import record_of
 from sim_vehicle.motion.fixed_wing.air import drag
 from sim_vehicle.motion.fixed_wing.layout import LIMITS, Limits
-from sim_vehicle.motion.records import record_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -6,6 +6,7 @@ from math import atan, cos, isnan, sqrt
 
 from geo.compiled import compiled
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
+from sim_vehicle.motion.columns import Record
 from sim_vehicle.motion.fixed_wing.air import energy_rate
 from sim_vehicle.motion.fixed_wing.layout import (
     CIRCULAR_LANDING,
@@ -16,7 +17,6 @@ from sim_vehicle.motion.fixed_wing.layout import (
     TAKEOFF,
 )
 from sim_vehicle.motion.fixed_wing.steering import circles, leg_airspeed, steer
-from sim_vehicle.motion.records import Record
 
 __all__ = ["px4_control"]
 

@@ -6,6 +6,7 @@ from math import atan2, cos, isnan, pi, sin, sqrt, tan
 
 from geo.compiled import compiled
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
+from sim_vehicle.motion.columns import Record
 from sim_vehicle.motion.fixed_wing.guidance import (
     NPFG,
     l1_circle,
@@ -24,7 +25,6 @@ from sim_vehicle.motion.fixed_wing.layout import (
     TAKEOFF,
 )
 from sim_vehicle.motion.fixed_wing.tecs import PERIOD_S
-from sim_vehicle.motion.records import Record
 
 __all__ = ["circled", "circles", "leg_airspeed", "passed", "steer"]
 

@@ -14,7 +14,7 @@ from math import cos, isnan, nan, sqrt
 
 from geo.compiled import compiled
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
-from sim_vehicle.motion.records import Record
+from sim_vehicle.motion.columns import Record
 
 __all__ = ["CLIMB_OUT", "CRUISE", "FLARING", "LAND", "PERIOD_S", "control_energy"]
 

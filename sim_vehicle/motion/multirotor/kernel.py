@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from geo.compiled import compiled
 from sim_vehicle.energy.power_kernels import multirotor_power
 from sim_vehicle.motion import columns as col
-from sim_vehicle.motion.records import Record, record_type
-from sim_vehicle.motion.rules import complete_leg, mark_track, wind_row
+from sim_vehicle.motion.columns import Record, record_type
+from sim_vehicle.motion.stepping import complete_leg, mark_track, wind_row
 from sim_vehicle.weather.columns import AIR_EAST, AIR_NORTH
 from sim_vehicle.weather.gust_kernel import wind_at
 

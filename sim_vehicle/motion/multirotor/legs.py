@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from geo.compiled import compiled
+from sim_vehicle.motion.columns import Record
 from sim_vehicle.motion.multirotor.kernel import AT_HEIGHT, LEG, VELOCITY, Floats
-from sim_vehicle.motion.records import Record
 
 if TYPE_CHECKING:
     from sim_vehicle.motion.legs import Position

@@ -7,6 +7,11 @@ out.
 
 The state and the counters are those of `sim_vehicle.motion.multirotor.kernel`; what the autopilot remembers
 is a further record, `GUIDE`. East-north-up about home.
+
+A step takes, besides what all vehicles have: guides GUIDE[1], laws LAW[1] and errors float64[n, COLUMNS], a
+row with the grid index of the first take-off, then the errors of the estimate
+(`sim_vehicle.airframe.estimate_errors`) on the grid from there on; one row is an exact estimate. Of the
+limits, those of the multirotor, only the step and the energy that ends the flight are used.
 """
 
 from __future__ import annotations
@@ -18,6 +23,7 @@ from geo.compiled import compiled
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.energy.power_kernels import multirotor_power
 from sim_vehicle.motion import columns as col
+from sim_vehicle.motion.columns import Record, record_type
 from sim_vehicle.motion.multirotor.kernel import ROI_NEAR, STALL_S, Floats, Integers
 from sim_vehicle.motion.px4.smoothing import (
     Vector,
@@ -30,9 +36,7 @@ from sim_vehicle.motion.px4.smoothing import (
     stretched,
     unit_dot,
 )
-from sim_vehicle.motion.records import Record, record_type
-from sim_vehicle.motion.rules import complete_leg, mark_track, stop, wind_row
-from sim_vehicle.weather.gust_kernel import wind_at
+from sim_vehicle.motion.stepping import kernel_of, stop
 
 # One leg: its target, the positions before and after it, and how it is flown.
 Leg = IntEnum(
@@ -82,6 +86,7 @@ Law = IntEnum(
     start=0,
 )
 LEG, GUIDE, LAW = record_type(Leg), record_type(Guide), record_type(Law)
+Own = tuple[Record, Record, Floats]
 # Once the vehicle is maybe landed, the land detector takes so many times more for a vertical movement.
 MAYBE_LANDED = 2.5
 
@@ -317,16 +322,14 @@ def _turn(g: Record, row: Record, law: Record, state: Record) -> None:
 
 
 @compiled(allocates=False)
-def _fly(
-    g: Record, law: Record, state: Record, wanted: Vector, lag: float, flying: bool, turning: float
-) -> float:
+def _fly(g: Record, law: Record, state: Record, wanted: Vector, flying: bool, turning: float) -> float:
     """Move the airframe by one step and return the length of it.
 
     The direction of the thrust follows as the attitude does (an angle controller over a rate that lags), its
     size as the motors do; the drag is linear. ``turning`` is the yaw rate (rad/s, clockwise) that the
     attitude controller feeds forward about the vertical (``AttitudeControl``): it carries the tilt along.
     """
-    dt = law.dt
+    dt, lag = law.dt, 1.0 - exp(-law.dt / MOTOR_S)
     size = sqrt(wanted[0] ** 2 + wanted[1] ** 2 + wanted[2] ** 2)
     scale = 1.0 / size if size > 1e-6 else 0.0
     ratex = law.attitude * (wanted[0] * scale - g.thrust_x) + turning * g.thrust_y
@@ -401,172 +404,116 @@ def begin_leg(g: Record, row: Record, state: Record) -> None:
     g.fresh, g.best, g.inside, g.ground = 1.0, inf, -1.0, 0.0
 
 
+@compiled(inline="always")
+def _enter(state: Record, counters: Integers, route: Record, limits: Record, own: Own) -> None:
+    """Nothing: a leg begins as the one before it ends."""
+
+
+@compiled(inline="always")
+def _feel(
+    state: Record, counters: Integers, row: Record, air: Vector, limits: Record, power: Floats, own: Own
+) -> bool:
+    g, law, errors, step = own[0][0], own[1][0], own[2], counters[col.STEP]
+    state.wind_east, state.wind_north = air[0], air[1]
+    airx, airy = state.velocity_x - state.wind_east, state.velocity_y - state.wind_north
+    climb = state.velocity_z - air[2]
+    state.power = multirotor_power(
+        power, airx, airy, climb, state.acceleration_x, state.acceleration_y, state.acceleration_z
+    )
+    stall_s = STALL_S
+    if len(errors) > 1:
+        stall_s = LONG_STALL_S
+        wrong = errors[min(max(step // col.GRID - int(errors[0, 0]), 0) + 1, len(errors) - 1)]
+        if abs(wrong[0] - g.error) > RESET_M:
+            # FlightTaskAuto goes on from the new estimate.
+            g.z = state.position_z + wrong[0]
+        g.error, g.error_vx, g.error_vy, g.error_vz = wrong[0], wrong[1], wrong[2], wrong[3]
+        g.push_x, g.push_y = wrong[4], wrong[5]
+    if counters[col.ARRIVED] != 0 or g.inside >= 0.0:
+        return False
+    left = _left(row, state)
+    if left < PROGRESS * g.best or g.clock < law.spoolup or g.ground > 0.0:
+        g.best = left
+        counters[col.MOVED_STEP] = step
+        return False
+    return bool((step - counters[col.MOVED_STEP]) * law.dt > stall_s)
+
+
 @compiled(allocates=False)
-def advance(
-    states: Record,
-    counters: Integers,
-    route: Record,
-    limits_of: Record,
-    power: Floats,
-    wind: Floats,
-    first_wind: int,
-    max_steps: int,
-    stop_each: bool,
-    arrivals: Integers,
-    track: Floats,
-    track_every: int,
-    guides: Record,
-    laws: Record,
-    errors: Floats,
-) -> int:
-    """Fly up to ``max_steps`` steps along the route; return early, with the event, when something happens.
+def _wait_on_ground(g: Record, state: Record) -> None:
+    """Motors spin up; the trajectory waits on the ground, sinking at 0.7 m/s as PX4 has it."""
+    g.x, g.y, g.z = state.position_x, state.position_y, state.position_z + g.error
+    g.vx = g.vy = g.ax = g.ay = g.az = 0.0
+    g.integral_x = g.integral_y = g.integral_z = 0.0
+    g.thrust_x = g.thrust_y = g.thrust_rate_x = g.thrust_rate_y = g.thrust = 0.0
+    g.filtered_ax = g.filtered_ay = g.filtered_az = 0.0
+    g.vz, g.climb = -0.7, 1.0
 
-    Parameters and events as in `sim_vehicle.motion.multirotor.kernel.advance`, and:
 
-    Parameters
-    ----------
-    route : LEG[n]
-    limits_of : LIMITS[1]
-        Of the multirotor: only the energy that ends the flight is used.
-    guides : GUIDE[1]
-        What the autopilot remembers, changed in place.
-    laws : LAW[1]
-    errors : float64[n, COLUMNS]
-        A row with the grid index of the first take-off, then the errors of the estimate
-        (`sim_vehicle.airframe.estimate_errors`) on the grid from there on; one row is an exact estimate.
-    """
-    state, g, law = states[0], guides[0], laws[0]
-    # Read once: a look into the limits at every step costs a tenth of the speed.
-    dt, capacity = law.dt, limits_of[0].energy_limit
-    lag = 1.0 - exp(-dt / MOTOR_S)
-    errs = len(errors) > 1
-    # With less, a wind that shakes the vehicle off its track could keep it going to and fro between states;
-    # so it goes for the real one, whose estimate shakes.
-    least_track = 0.0 if errs else LEAST_TRACK_M
-    stall_s = LONG_STALL_S if errs else STALL_S
-    leg = counters[col.LEG_INDEX]
-    row = route[leg]
-    event = col.RAN
-    for _ in range(max_steps):
-        step = counters[col.STEP]
-        if step % col.GRID == 0:
-            index = wind_row(step, first_wind, len(wind))
-            if index < 0:
-                return col.WIND
-            state.wind_east, state.wind_north, rising = wind_at(wind[index], state.position_z)
-            airx, airy = (
-                state.velocity_x - state.wind_east,
-                state.velocity_y - state.wind_north,
-            )
-            climb = state.velocity_z - rising
-            state.power = multirotor_power(
-                power,
-                airx,
-                airy,
-                climb,
-                state.acceleration_x,
-                state.acceleration_y,
-                state.acceleration_z,
-            )
-            mark_track(
-                counters,
-                step,
-                track,
-                track_every,
-                state.position_x,
-                state.position_y,
-                state.position_z,
-            )
-            if errs:
-                wrong = errors[min(max(step // col.GRID - int(errors[0, 0]), 0) + 1, len(errors) - 1)]
-                if abs(wrong[0] - g.error) > RESET_M:
-                    # FlightTaskAuto goes on from the new estimate.
-                    g.z = state.position_z + wrong[0]
-                g.error, g.error_vx, g.error_vy, g.error_vz, g.push_x, g.push_y = (
-                    wrong[0],
-                    wrong[1],
-                    wrong[2],
-                    wrong[3],
-                    wrong[4],
-                    wrong[5],
-                )
-            if counters[col.ARRIVED] == 0 and g.inside < 0.0:
-                left = _left(row, state)
-                if left < PROGRESS * g.best or g.clock < law.spoolup or g.ground > 0.0:
-                    g.best = left
-                    counters[col.MOVED_STEP] = step
-                elif (step - counters[col.MOVED_STEP]) * dt > stall_s:
-                    return col.STALLED
-        kind = row.kind
-        state.energy_used += state.power * dt
-        counters[col.STEP] = step = step + 1
-        if kind == _LAND and state.position_z <= 0.0:
-            stop(state)
-            state.heading_rate = 0.0
-            # A vertical speed that is wrongly told is a movement: the stages begin anew.
-            maybe = g.ground >= law.land_time * (2.0 / 3.0)
-            still = abs(g.error_vz) <= law.land_climb * (MAYBE_LANDED if maybe else 1.0)
-            # Landed is landed: what is told later does not delay the disarming.
-            g.ground = g.ground + dt if still or g.inside >= 0.0 else dt
+@compiled(allocates=False)
+def _stand_landed(g: Record, law: Record, state: Record) -> None:
+    """Stand on the ground until the land detector is sure."""
+    stop(state)
+    state.heading_rate = 0.0
+    # A vertical speed that is wrongly told is a movement: the stages begin anew.
+    maybe = g.ground >= law.land_time * (2.0 / 3.0)
+    still = abs(g.error_vz) <= law.land_climb * (MAYBE_LANDED if maybe else 1.0)
+    # Landed is landed: what is told later does not delay the disarming.
+    g.ground = g.ground + law.dt if still or g.inside >= 0.0 else law.dt
+
+
+@compiled(inline="always")
+def _move(state: Record, counters: Integers, route: Record, limits: Record, own: Own) -> bool:
+    g, law, errs = own[0][0], own[1][0], len(own[2]) > 1
+    row = route[counters[col.LEG_INDEX]]
+    if row.kind == _LAND and state.position_z <= 0.0:
+        _stand_landed(g, law, state)
+    else:
+        g.clock += law.dt
+        if g.clock < law.spoolup:
+            _wait_on_ground(g, state)
         else:
-            g.clock += dt
-            if g.clock < law.spoolup:
-                # Motors spin up; the trajectory waits on the ground, sinking at 0.7 m/s as PX4 has it.
-                g.x, g.y, g.z = state.position_x, state.position_y, state.position_z + g.error
-                g.vx = g.vy = g.ax = g.ay = g.az = 0.0
-                g.integral_x = g.integral_y = g.integral_z = 0.0
-                g.thrust_x = g.thrust_y = g.thrust_rate_x = g.thrust_rate_y = g.thrust = 0.0
-                g.filtered_ax = g.filtered_ay = g.filtered_az = 0.0
-                g.vz, g.climb = -0.7, 1.0
-            else:
-                climb_limit, flying = law.max_up, True
-                ramp = law.takeoff_ramp
-                if g.clock - law.spoolup < ramp:
-                    flying = False
-                    low = -GRAVITY_M_S2 / law.z_vel_p
-                    climb_limit = low + (g.clock - law.spoolup) / ramp * (climb_limit - low)
-                believed = state.position_z + g.error
-                _guide(g, row, law, state.position_x, state.position_y, believed, least_track)
-                wanted = _control(g, law, state, climb_limit, flying)
-                turning = state.heading_rate if errs else 0.0
-                state.path_length += _fly(g, law, state, wanted, lag, flying, turning)
-                _turn(g, row, law, state)
-        if counters[col.ARRIVED] == 0:
-            # The navigator looks twenty times a second.
-            if g.inside < 0.0:
-                if kind == _LAND:
-                    if g.ground >= law.land_time:
-                        g.inside = step
-                elif (2 * step) % 5 < 2 and g.clock >= law.spoolup and _inside(row, law, state, g.error):
-                    g.inside = step
-            reached = g.inside >= 0.0 and (step - g.inside) * dt >= row.pause
-            if (
-                reached
-                and kind == 0.0
-                and row.heading < inf
-                and isnan(state.look_east)
-                and isnan(row.turn_rate)
-            ):
-                gap = (row.heading - state.heading + pi) % (2.0 * pi) - pi
-                reached = abs(gap) < law.yaw_error
-            if reached:
-                event = complete_leg(counters, arrivals, step, stop_each)
-                counters[col.MOVED_STEP] = step
-                if counters[col.ARRIVED] == 0:
-                    leg = counters[col.LEG_INDEX]
-                    row = route[leg]
-                    begin_leg(g, row, state)
-            elif counters[col.NEAR_TOLD] == 0 and row.near > 0.0:
-                dx, dy, dz = (
-                    row.x - state.position_x,
-                    row.y - state.position_y,
-                    row.z - state.position_z,
-                )
-                if dx * dx + dy * dy + dz * dz < row.near * row.near:
-                    counters[col.NEAR_TOLD] = 1
-                    event = col.NEAR
-        if state.energy_used >= capacity:
-            event = col.ENERGY
-        if event != col.RAN:
-            break
-    return event
+            climb_limit, flying = law.max_up, True
+            ramp = law.takeoff_ramp
+            if g.clock - law.spoolup < ramp:
+                flying = False
+                low = -GRAVITY_M_S2 / law.z_vel_p
+                climb_limit = low + (g.clock - law.spoolup) / ramp * (climb_limit - low)
+            believed = state.position_z + g.error
+            # With less, a wind that shakes the vehicle off its track could keep it going to and fro between
+            # states; so it goes for the real one, whose estimate shakes.
+            least_track = 0.0 if errs else LEAST_TRACK_M
+            _guide(g, row, law, state.position_x, state.position_y, believed, least_track)
+            wanted = _control(g, law, state, climb_limit, flying)
+            turning = state.heading_rate if errs else 0.0
+            state.path_length += _fly(g, law, state, wanted, flying, turning)
+            _turn(g, row, law, state)
+    return bool(counters[col.ARRIVED] == 0 and _reached(g, row, law, state, counters[col.STEP] + 1))
+
+
+@compiled(allocates=False)
+def _reached(g: Record, row: Record, law: Record, state: Record, step: int) -> bool:
+    """Tell whether the navigator goes on to the next leg after a step."""
+    # The navigator looks twenty times a second.
+    if g.inside < 0.0:
+        if row.kind == _LAND:
+            if g.ground >= law.land_time:
+                g.inside = step
+        elif (2 * step) % 5 < 2 and g.clock >= law.spoolup and _inside(row, law, state, g.error):
+            g.inside = step
+    if g.inside < 0.0 or (step - g.inside) * law.dt < row.pause:
+        return False
+    if row.kind == 0.0 and row.heading < inf and isnan(state.look_east) and isnan(row.turn_rate):
+        gap = (row.heading - state.heading + pi) % (2.0 * pi) - pi
+        return bool(abs(gap) < law.yaw_error)
+    return True
+
+
+@compiled(inline="always")
+def _leave(state: Record, counters: Integers, row: Record, route: Record, limits: Record, own: Own) -> None:
+    counters[col.MOVED_STEP] = counters[col.STEP]
+    if counters[col.ARRIVED] == 0:
+        begin_leg(own[0][0], route[counters[col.LEG_INDEX]], state)
+
+
+advance = kernel_of(__name__, _enter, _feel, _move, _leave)

@@ -12,8 +12,8 @@ from math import atan2, cos, inf, pi, sin, sqrt
 from geo.compiled import compiled
 from sim_vehicle.energy.power_kernels import rover_power
 from sim_vehicle.motion import columns as col
-from sim_vehicle.motion.multirotor.kernel import Floats, Integers
-from sim_vehicle.motion.records import Record
+from sim_vehicle.motion.columns import Record
+from sim_vehicle.motion.multirotor.kernel import Floats, Integers, Vector
 from sim_vehicle.motion.rover.layout import (
     AT_ONCE,
     BRAKE,
@@ -22,8 +22,7 @@ from sim_vehicle.motion.rover.layout import (
     VELOCITY,
 )
 from sim_vehicle.motion.rover.sih import move, steer, thought_speed, throttle
-from sim_vehicle.motion.rules import complete_leg, mark_track, wind_row
-from sim_vehicle.weather.gust_kernel import wind_at
+from sim_vehicle.motion.stepping import kernel_of
 
 CREEP = 0.3
 PATIENCE_S = 60.0
@@ -103,8 +102,9 @@ def _turned_to(state: Record, limits: Record, bearing: float, speed: float) -> f
 
 
 @compiled(allocates=False)
-def _tick(state: Record, row: Record, arrived: bool, limits: Record, step: int) -> bool:
+def _move(state: Record, counters: Integers, route: Record, limits: Record, own: tuple[()]) -> bool:
     """Move one step and tell whether the leg is done."""
+    row, arrived = route[counters[col.LEG_INDEX]], counters[col.ARRIVED] != 0
     dt = limits.step_s
     kind = row.kind
     if kind == AT_ONCE and not arrived:
@@ -201,85 +201,49 @@ def _tick(state: Record, row: Record, arrived: bool, limits: Record, step: int) 
     if state.pause_end == inf:
         if left2 > row.radius * row.radius and not (past and left2 < 4.0 * row.radius * row.radius):
             return False
-        state.pause_end = step + row.pause / limits.step_s
+        state.pause_end = counters[col.STEP] + row.pause / limits.step_s
         return False
-    return bool(speed < STOPPED and step >= state.pause_end)
+    return bool(speed < STOPPED and counters[col.STEP] >= state.pause_end)
 
 
-@compiled(allocates=False)
-def advance(
-    states: Record,
-    counters: Integers,
-    route: Record,
-    limits_of: Record,
-    power: Floats,
-    wind: Floats,
-    first_wind: int,
-    max_steps: int,
-    stop_each: bool,
-    arrivals: Integers,
-    track: Floats,
-    track_every: int,
-) -> int:
-    """Drive up to ``max_steps`` steps along the route, as `sim_vehicle.motion.multirotor.kernel.advance`.
+@compiled(inline="always")
+def _enter(state: Record, counters: Integers, route: Record, limits: Record, own: tuple[()]) -> None:
+    if state.give_up_step != inf:
+        return
+    step, leg = counters[col.STEP], counters[col.LEG_INDEX]
+    row = route[leg]
+    state.pause_end = inf
+    state.pivoting = 0.0
+    if state.speed == 0.0:
+        state.yaw_asked, state.rate_asked = state.heading, 0.0
+    state.begin_x, state.begin_y = state.position_x, state.position_y
+    if leg > 0:
+        state.begin_x, state.begin_y = route[leg - 1].x, route[leg - 1].y
+    rx, ry = row.x - state.position_x, row.y - state.position_y
+    slow = SLOW_SHARE * min(max(row.speed, CREEP), limits.speed_max)
+    state.give_up_step = step + (PATIENCE_S + row.pause + sqrt(rx * rx + ry * ry) / slow) / limits.step_s
+    if row.kind == VELOCITY:
+        state.give_up_step = 1e300
 
-    Parameters
-    ----------
-    states, counters : STATE[1], int64[6]
-        Changed in place.
-    route : LEG[n]
-    limits_of, power : LIMITS[1], float64[9]
-    wind : float64[m, 9]
-    """
-    state, limits = states[0], limits_of[0]
-    event = col.RAN
-    for _ in range(max_steps):
-        step, leg = counters[col.STEP], counters[col.LEG_INDEX]
-        row = route[leg]
-        if state.give_up_step == inf:
-            state.pause_end = inf
-            state.pivoting = 0.0
-            if state.speed == 0.0:
-                state.yaw_asked, state.rate_asked = state.heading, 0.0
-            state.begin_x, state.begin_y = state.position_x, state.position_y
-            if leg > 0:
-                state.begin_x, state.begin_y = route[leg - 1].x, route[leg - 1].y
-            rx, ry = row.x - state.position_x, row.y - state.position_y
-            slow = SLOW_SHARE * min(max(row.speed, CREEP), limits.speed_max)
-            state.give_up_step = (
-                step + (PATIENCE_S + row.pause + sqrt(rx * rx + ry * ry) / slow) / limits.step_s
-            )
-            if row.kind == VELOCITY:
-                state.give_up_step = 1e300
-        if step % col.GRID == 0:
-            index = wind_row(step, first_wind, len(wind))
-            if index < 0:
-                event = col.WIND
-                break
-            state.wind_east, state.wind_north, _ = wind_at(wind[index], 0.0)
-            speed = state.speed
-            head = speed - state.wind_east * sin(state.heading) - state.wind_north * cos(state.heading)
-            pull = state.acceleration_x * sin(state.heading) + state.acceleration_y * cos(state.heading)
-            state.power = rover_power(power, speed, head, pull)
-            mark_track(counters, step, track, track_every, state.position_x, state.position_y, 0.0)
-            if counters[col.ARRIVED] == 0 and step > state.give_up_step:
-                event = col.STALLED
-                break
-        done = _tick(state, row, counters[col.ARRIVED] != 0, limits, step)
-        state.energy_used += state.power * limits.step_s
-        counters[col.STEP] = step + 1
-        if counters[col.ARRIVED] == 0:
-            if done:
-                event = complete_leg(counters, arrivals, step + 1, stop_each)
-                if counters[col.ARRIVED] == 0:
-                    state.give_up_step = inf
-            elif counters[col.NEAR_TOLD] == 0 and row.near > 0.0:
-                rx, ry = row.x - state.position_x, row.y - state.position_y
-                if rx * rx + ry * ry < row.near * row.near:
-                    counters[col.NEAR_TOLD] = 1
-                    event = col.NEAR
-        if state.energy_used >= limits.energy_limit:
-            event = col.ENERGY
-        if event != col.RAN:
-            break
-    return event
+
+@compiled(inline="always")
+def _feel(
+    state: Record, counters: Integers, row: Record, air: Vector, limits: Record, power: Floats, own: tuple[()]
+) -> bool:
+    state.wind_east, state.wind_north = air[0], air[1]
+    sine, cosine = sin(state.heading), cos(state.heading)
+    head = state.speed - state.wind_east * sine - state.wind_north * cosine
+    pull = state.acceleration_x * sine + state.acceleration_y * cosine
+    state.power = rover_power(power, state.speed, head, pull)
+    return bool(counters[col.ARRIVED] == 0 and counters[col.STEP] > state.give_up_step)
+
+
+@compiled(inline="always")
+def _leave(
+    state: Record, counters: Integers, row: Record, route: Record, limits: Record, own: tuple[()]
+) -> None:
+    if counters[col.ARRIVED] == 0:
+        state.give_up_step = inf
+
+
+advance = kernel_of(__name__, _enter, _feel, _move, _leave)

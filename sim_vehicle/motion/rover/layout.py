@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from enum import IntEnum
 
-from sim_vehicle.motion.columns import State
-from sim_vehicle.motion.records import record_type
+from sim_vehicle.motion.columns import State, record_type
 
 # The state beyond the shared numbers.
 Wheels = IntEnum(
@@ -32,7 +31,8 @@ Leg = IntEnum(
     "NEAR "  # Distance to notify at.
     "END_SPEED "  # Speed at its end.
     "PAUSE "
-    "HEADING",  # Heading to keep.
+    "HEADING "  # Heading to keep.
+    "Z",  # The ground: 0.
     start=0,
 )
 THROUGH, STOP, AT_ONCE, VELOCITY, BRAKE = 0.0, 1.0, 2.0, 3.0, 4.0

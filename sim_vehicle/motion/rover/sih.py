@@ -11,7 +11,7 @@ from __future__ import annotations
 from math import atan, cos, exp, sin, sqrt
 
 from geo.compiled import compiled
-from sim_vehicle.motion.records import Record
+from sim_vehicle.motion.columns import Record
 from sim_vehicle.motion.rover.layout import (
     STOPPED,
 )

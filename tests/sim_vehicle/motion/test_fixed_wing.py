@@ -24,12 +24,12 @@ from sim_vehicle.execution.state import (
     ItemReached,
     LandedState,
 )
+from sim_vehicle.motion.columns import record_of
 from sim_vehicle.motion.fixed_wing.air import energy_rate
 from sim_vehicle.motion.fixed_wing.layout import LIMITS, Wing
 from sim_vehicle.motion.fixed_wing.model import FixedWing
 from sim_vehicle.motion.legs import Circle, Leg, LegKind, Route
 from sim_vehicle.motion.model import MotionEvent
-from sim_vehicle.motion.records import record_of
 from sim_vehicle.prediction.predict import predict_flight
 from sim_vehicle.weather.wind import Wind
 

@@ -10,9 +10,8 @@ from recordings import compare, fly_recording, load_recording
 
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import flight_procedures, with_autopilot
-from sim_vehicle.motion.columns import State
+from sim_vehicle.motion.columns import State, record_of
 from sim_vehicle.motion.legs import Leg, Route
-from sim_vehicle.motion.records import record_of
 from sim_vehicle.motion.rover import layout as wheels
 from sim_vehicle.motion.rover import sih
 from sim_vehicle.motion.rover.layout import Limits, Wheels

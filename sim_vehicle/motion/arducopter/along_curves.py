@@ -1,0 +1,157 @@
+"""Vehicles of ArduPilot along S-curves: how a new route follows from what is flown, how a leg is joined."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from sim_vehicle.motion import columns as col
+from sim_vehicle.motion.arducopter import layout as at
+from sim_vehicle.motion.arducopter import scurve
+from sim_vehicle.motion.arducopter.layout import Guide, Law, Leg
+from sim_vehicle.motion.compiled_motion import CompiledMotion, Dynamics
+from sim_vehicle.motion.legs import LegKind
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from sim_vehicle.motion.columns import Record
+    from sim_vehicle.motion.legs import Route
+
+    Floats = NDArray[np.float64]
+
+__all__ = ["AlongCurves"]
+
+# A vehicle that is put into flight goes on along its first leg when so much of its speed points there; the
+# leg began at most so far behind, and the speed of its profile is that of the vehicle within so much.
+_STEADY = 0.2
+_FAR_M = 200.0
+_SAME_M_S = 0.3
+_HALVINGS = 24
+# What `scurve.state_at` returns first.
+_POSITION, _SPEED = 0, 1
+
+
+class AlongCurves(CompiledMotion):
+    """A vehicle that ArduPilot leads along S-curves; velocities are kept as any vehicle of its kind does."""
+
+    generic: ClassVar[Dynamics]
+    """Those of such a vehicle without an autopilot."""
+    begins_anew: ClassVar[LegKind]
+    """Kind of a leg that follows from nothing."""
+
+    def _remember(self, columns: int) -> None:
+        """Have no path, and a memory of so many numbers."""
+        self.guide: NDArray[np.float64] = np.zeros(columns)
+        self.heads: NDArray[np.float64] = np.zeros((3, scurve.HEAD))
+        self.curves: NDArray[np.float64] = np.zeros((3, scurve.SEGMENTS, scurve.COLUMNS))
+        self._rows: Record | None = None
+        self._under_way = self._interrupted = False
+
+    @property
+    def _dynamics_now(self) -> Dynamics:
+        return self.generic if self._rows is None else self.dynamics
+
+    def interrupt(self) -> None:
+        """Give up the leg that is followed: the next begins where the vehicle could stop, as in AC_WPNav."""
+        self._interrupted = True
+
+    @property
+    def _goes_on(self) -> bool:
+        """Whether it was put under way, and goes on along its first leg."""
+        return self._under_way and not self._interrupted
+
+    def _set_out(self, route: Route, law: Floats, points_m: Floats, kind: Floats, fastest: float) -> None:
+        """Begin a route whose ends of legs, kinds and greatest speed are the vehicle's.
+
+        Parameters
+        ----------
+        law : float64[LAW]
+        """
+        speed = np.where(np.isnan(route.speed_m_s), 0.0, np.minimum(route.speed_m_s, fastest))
+        rest = (route.heading_rad, route.near_m, kind, route.pause_s, route.turn_rad_s)
+        rows = np.column_stack((points_m, route.radius_m, speed, *rest))
+        under_way, self._under_way = self._goes_on, False
+        self.guide[Guide.BEGINS] = self._join(rows[0], law) if under_way else self._follows(rows[0])
+        self._rows = self._route = np.ascontiguousarray(rows).view(at.LEG)[:, 0]
+        self._begin()
+
+    def _join(self, row: Floats, law: Floats) -> int:
+        """Be on a leg that began somewhere behind; return how it is gone on with."""
+        guide, head, curve = self.guide, self.heads[1], self.curves[1]
+        here, velocity = self.state[col.POSITION], self.state[col.VELOCITY]
+        end = row[: Leg.Z + 1]
+        left = float(np.linalg.norm(end - here))
+        speed = float(np.linalg.norm(velocity))
+        along = float(velocity @ (end - here)) / left if left > 0.0 else 0.0
+        if int(row[Leg.KIND]) not in (LegKind.WAYPOINT, LegKind.HOME) or along < _STEADY * max(speed, 0.5):
+            return at.ANEW
+        guide[Guide.LEVEL] = row[Leg.SPEED] if row[Leg.SPEED] >= at.LEAST_SPEED else guide[Guide.LEVEL]
+        guide[Guide.UP], guide[Guide.DOWN] = law[Law.SPEED_UP], law[Law.SPEED_DOWN]
+        ahead = (end - here) / left
+        _make_leg(guide, law, head, curve, ahead * (_FAR_M + left))
+        at_s = _time_of(head, curve, _POSITION, _FAR_M, scurve.end_time(head, curve))
+        behind = _FAR_M
+        if scurve.state_at(head, curve, at_s)[1] > along + _SAME_M_S:
+            # It speeds up still: the leg began as far behind as that takes.
+            at_s = _time_of(head, curve, _SPEED, along, 0.5 * scurve.end_time(head, curve))
+            behind = scurve.state_at(head, curve, at_s)[0]
+            _make_leg(guide, law, head, curve, ahead * (behind + left))
+            at_s = _time_of(head, curve, _POSITION, behind, scurve.end_time(head, curve))
+        _, speed, acceleration = scurve.state_at(head, curve, at_s)
+        head[scurve.TIME] = at_s
+        guide[Guide.BEGIN_X : Guide.BEGIN_X + 3] = here - ahead * behind
+        guide[Guide.END_X : Guide.END_X + 3] = end
+        guide[Guide.PX : Guide.PX + 3] = here
+        guide[Guide.VX : Guide.VX + 3] = ahead * speed
+        guide[Guide.AX : Guide.AX + 3] = ahead * acceleration
+        guide[Guide.MODE] = at.LEGS
+        guide[Guide.RESET] = guide[Guide.PACE] = 1.0
+        return at.SAME
+
+    def _follows(self, row: Floats) -> int:
+        """Return the transition to a leg from what is flown now."""
+        interrupted, self._interrupted = self._interrupted, False
+        if self._rows is None or row[Leg.KIND] == self.begins_anew:
+            return at.ANEW
+        guide, target, arrived = self.guide, row[: Leg.Z + 1], bool(self.counters[col.ARRIVED])
+        chained = guide[Guide.BEGINS] == at.CHAINED
+        if interrupted and not (chained or arrived):
+            return at.ANEW
+        end = guide[Guide.END_X : Guide.END_X + 3]
+        if chained and guide[Guide.FAST] != 0.0:
+            head = self.heads[2]
+            ahead = end + head[scurve.LENGTH] * head[scurve.UX : scurve.UZ + 1]
+            return at.CHAINED if np.allclose(ahead, target, rtol=0.0, atol=1e-3) else at.ANEW
+        if chained or arrived:
+            return at.CHAINED
+        if guide[Guide.MODE] == at.LEGS and np.allclose(end, target, rtol=0.0, atol=1e-3):
+            return at.SAME
+        return at.ANEW
+
+
+def _make_leg(guide: Floats, law: Floats, head: Floats, curve: Floats, way: Floats) -> None:
+    """Make the profile of a leg at the speeds in use."""
+    east, north, up = way.tolist()
+    scurve.make_leg(
+        head,
+        curve,
+        (east, north, up),
+        (float(guide[Guide.LEVEL]), float(guide[Guide.UP]), float(guide[Guide.DOWN])),
+        (float(law[Law.ACCEL]), float(law[Law.ACCEL_Z])),
+        law[Law.SNAP],
+        law[Law.JERK],
+    )
+
+
+def _time_of(head: Floats, curve: Floats, which: int, value: float, end_s: float) -> float:
+    """Return when position or speed of the profile, which rise until ``end_s``, reach a value."""
+    low, high = 0.0, end_s
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        if scurve.state_at(head, curve, middle)[which] < value:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)

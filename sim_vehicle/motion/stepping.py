@@ -1,0 +1,157 @@
+"""The loop over steps that moves vehicles: wind, track, legs, events; a model tells what a step does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geo.compiled import compiled
+from sim_vehicle.motion import columns as col
+from sim_vehicle.motion.columns import Record
+from sim_vehicle.weather.gust_kernel import wind_at
+
+__all__ = ["complete_leg", "distance2", "kernel_of", "mark_track", "stop", "wind_row"]
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+@compiled(allocates=False)
+def wind_row(step: int, first: int, rows: int) -> int:
+    """Return the row of the wind's block for a step on its grid; -1: the block is used up.
+
+    Parameters
+    ----------
+    first : int
+        Grid index of the first row.
+    rows : int
+        One row is a steady wind.
+    """
+    if rows == 1:
+        return 0
+    index = step // col.GRID - first
+    return index if index < rows else -1
+
+
+@compiled(allocates=False)
+def mark_track(
+    counters: Integers, step: int, track: Floats, every: int, x: float, y: float, z: float
+) -> None:
+    """Write the position into the track at every so many grid points (0: never), until it is full."""
+    point = counters[col.TRACK_POINTS]
+    if every > 0 and (step // col.GRID) % every == 0 and point < track.shape[0]:
+        track[point, 0], track[point, 1], track[point, 2] = x, y, z
+        counters[col.TRACK_POINTS] = point + 1
+
+
+@compiled(allocates=False)
+def complete_leg(counters: Integers, arrivals: Integers, step: int, stop_each: bool) -> int:
+    """Enter the arrival at the end of the current leg and go on to the next; return the event."""
+    leg = counters[col.LEG_INDEX]
+    arrivals[leg] = step
+    counters[col.NEAR_TOLD] = 0
+    if leg == len(arrivals) - 1:
+        counters[col.ARRIVED] = 1
+        return col.REACHED
+    counters[col.LEG_INDEX] = leg + 1
+    return col.REACHED if stop_each else col.RAN
+
+
+@compiled(inline="always")
+def distance2(state: Record, x: float, y: float, z: float) -> float:
+    """Return the square of the distance to a position."""
+    dx, dy, dz = x - state.position_x, y - state.position_y, z - state.position_z
+    return float(dx**2 + dy**2 + dz**2)
+
+
+@compiled(allocates=False)
+def stop(state: Record) -> None:
+    """Have neither velocity nor acceleration."""
+    state.velocity_x = state.velocity_y = state.velocity_z = 0.0
+    state.acceleration_x = state.acceleration_y = state.acceleration_z = 0.0
+
+
+def kernel_of(
+    module: str,
+    enter: Callable[..., None],
+    feel: Callable[..., bool],
+    move: Callable[..., bool],
+    leave: Callable[..., None],
+) -> Callable[..., int]:
+    """Return the kernel of a vehicle: the compiled loop over its steps.
+
+    All that it is made of is compiled and takes state STATE, limits LIMITS and ``own``, a tuple of the arrays
+    that only this vehicle has.
+
+    Parameters
+    ----------
+    module : str
+        Under which the kernel is told and kept.
+    enter : callable
+        Before a step: begins a leg, where that is due. Takes state, counters, route LEG[n], limits, own.
+    feel : callable
+        On the grid of the wind: sets the wind (a tuple: east, north, up) and the power of the state, and
+        tells whether the vehicle makes no progress any more. Takes state, counters, the row of the leg, the
+        wind, limits, power, own.
+    move : callable
+        Moves by one step and tells whether the leg is done. Takes what ``enter`` takes.
+    leave : callable
+        After a leg that was done, with its row: state, counters, row, route, limits, own.
+    """
+
+    def advance(
+        states: Record,
+        counters: Integers,
+        route: Record,
+        limits_of: Record,
+        power: Floats,
+        wind: Floats,
+        first_wind: int,
+        max_steps: int,
+        stop_each: bool,
+        arrivals: Integers,
+        track: Floats,
+        track_every: int,
+        *own: Any,
+    ) -> int:
+        """Move up to ``max_steps`` steps, as `sim_vehicle.motion.multirotor.kernel.advance`."""
+        state, limits = states[0], limits_of[0]
+        # Read once: a look into the limits at every step costs a tenth of the speed.
+        dt, capacity = limits.step_s, limits.energy_limit
+        for _ in range(max_steps):
+            enter(state, counters, route, limits, own)
+            step, row = counters[col.STEP], route[counters[col.LEG_INDEX]]
+            if step % col.GRID == 0:
+                index = wind_row(step, first_wind, len(wind))
+                if index < 0:
+                    return col.WIND
+                air = wind_at(wind[index], state.position_z)
+                stuck = feel(state, counters, row, air, limits, power, own)
+                mark_track(
+                    counters, step, track, track_every, state.position_x, state.position_y, state.position_z
+                )
+                if stuck:
+                    return col.STALLED
+            done = move(state, counters, route, limits, own)
+            state.energy_used += state.power * dt
+            step += 1
+            counters[col.STEP] = step
+            event = col.RAN
+            if counters[col.ARRIVED] == 0:
+                if done:
+                    event = complete_leg(counters, arrivals, step, stop_each)
+                    leave(state, counters, row, route, limits, own)
+                elif counters[col.NEAR_TOLD] == 0 and distance2(state, row.x, row.y, row.z) < row.near**2:
+                    counters[col.NEAR_TOLD] = 1
+                    event = col.NEAR
+            if state.energy_used >= capacity:
+                event = col.ENERGY
+            if event != col.RAN:
+                return event
+        return col.RAN
+
+    advance.__module__, advance.__qualname__ = module, "advance"
+    return compiled(allocates=False)(advance)

@@ -48,7 +48,7 @@ def _row(table: Record, k: int) -> Record:
 # The rows of one vehicle in the tables that only its kernel has; their dimensions differ, so that compiled
 # code cannot loop over them.
 @compiled
-def _none(own: Tables, k: int) -> Tables:  # noqa: ARG001
+def _none(own: Tables, k: int) -> Tables:
     return ()
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from sim_vehicle.energy.power import CONSTANT_POWER, power_coefficients
 from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.columns import State
-from sim_vehicle.motion.model import MotionEvent, MotionState
+from sim_vehicle.motion.model import MotionEvent, MotionModel, MotionState
 from sim_vehicle.weather.wind import Wind
 
 if TYPE_CHECKING:
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from sim_vehicle.airframe.estimate_errors import EstimateErrors
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.columns import Record
     from sim_vehicle.motion.legs import Position
@@ -63,7 +62,7 @@ class Dynamics:
         }
 
 
-class CompiledMotion(ABC):
+class CompiledMotion(MotionModel, ABC):
     """A vehicle on the ground at home, moved by a compiled kernel.
 
     Parameters
@@ -101,11 +100,6 @@ class CompiledMotion(ABC):
         """The limits in the order of the kernel."""
 
     @property
-    def time_s(self) -> float:
-        """Time since the start."""
-        return self.step * self.step_s
-
-    @property
     def track_points(self) -> int:
         """Points of the track that were written."""
         return int(self.counters[col.TRACK_POINTS])
@@ -133,17 +127,9 @@ class CompiledMotion(ABC):
         return float(self.state[State.ENERGY_USED])
 
     @property
-    def estimate_error(self) -> tuple[float, float, float, float]:
-        """Errors of what the autopilot estimates: 0, it flies by the truth."""
-        return 0.0, 0.0, 0.0, 0.0
-
-    @property
     def draws_errors(self) -> bool:
         """Whether its estimate is wrong."""
         return False
-
-    def estimate_with(self, errors: EstimateErrors) -> None:  # noqa: B027 (most motions fly by the truth)
-        """Nothing: only PX4's multirotors are flown by a wrong estimate."""
 
     def snapshot(self) -> MotionState:
         """Return the motion state now."""
@@ -224,12 +210,6 @@ class CompiledMotion(ABC):
             if event != col.WIND:
                 return MotionEvent(event)
             self._wind.forward()
-
-    def interrupt(self) -> None:  # noqa: B027 (most motions have nothing to do)
-        """Nothing: a route begins as the vehicle moves."""
-
-    def point(self, heading_rad: float) -> None:  # noqa: B027 (only multirotors turn as they like)
-        """Nothing: the nose points where it moves to."""
 
     def rest(self, steps: int, *, armed: bool) -> None:
         """Stand on the ground for a number of steps: no motion, only the idle power."""

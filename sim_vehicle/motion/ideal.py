@@ -14,12 +14,11 @@ import numpy as np
 
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.motion.legs import KEEP
-from sim_vehicle.motion.model import MotionEvent, MotionState
+from sim_vehicle.motion.model import MotionEvent, MotionModel, MotionState
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from sim_vehicle.airframe.estimate_errors import EstimateErrors
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Heading, Position, Route
 
@@ -81,7 +80,7 @@ def ideal_positions(
     return places
 
 
-class IdealRobot:
+class IdealRobot(MotionModel):
     """The paper's robot as a motion model, in metres about home.
 
     Heights change in no time at the beginning of a leg, and a leg that only climbs or sinks takes no step.
@@ -94,16 +93,15 @@ class IdealRobot:
         Heading at the start.
     """
 
+    step = leg = track_points = 0
+    energy_j = 0.0
+
     def __init__(self, spec: VehicleSpec, yaw_rad: float = 0.0) -> None:
         self.spec = spec
         self.step_s = spec.step_s
-        self.step = 0
-        self.leg = 0
         self.arrivals: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
         self.track: NDArray[np.float64] = np.empty((0, 3))
         self.track_every = 0
-        self.track_points = 0
-        self.energy_j = 0.0
         self._place = (0.0, 0.0, 0.0)
         self._velocity = (0.0, 0.0)
         self._yaw = yaw_rad % (2.0 * math.pi)
@@ -112,22 +110,9 @@ class IdealRobot:
         self._begin: tuple[float, float, float, int] = (0.0, 0.0, 0.0, 0)
 
     @property
-    def time_s(self) -> float:
-        """Time since the start."""
-        return self.step * self.step_s
-
-    @property
     def position_m(self) -> Position:
         """East, north, up about home."""
         return self._place
-
-    @property
-    def estimate_error(self) -> tuple[float, float, float, float]:
-        """Errors of what the autopilot estimates: none."""
-        return 0.0, 0.0, 0.0, 0.0
-
-    def estimate_with(self, errors: EstimateErrors) -> None:
-        """Nothing: the ideal robot knows where it is."""
 
     def snapshot(self) -> MotionState:
         """Return the motion state now."""
@@ -142,10 +127,6 @@ class IdealRobot:
             power_w=0.0,
             wind_m_s=(0.0, 0.0),
         )
-
-    def attitude(self) -> tuple[float, float, float, float] | None:
-        """None: it has none."""
-        return None
 
     def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
         """Be at a position at time 0, as if it had come there."""
@@ -173,22 +154,10 @@ class IdealRobot:
         elif math.isnan(heading) and distance > 0.0:
             self._yaw = math.atan2(tx - x, ty - y) % (2.0 * math.pi)
 
-    def steer(
-        self,
-        velocity_m_s: tuple[float, float, float],  # noqa: ARG002
-        *,
-        height_m: float = math.nan,  # noqa: ARG002
-        heading: Heading = KEEP,  # noqa: ARG002
-    ) -> None:
+    def steer(self, velocity_m_s: Position, *, height_m: float = math.nan, heading: Heading = KEEP) -> None:
         """Refuse: it only knows positions."""
         msg = f"vehicle {self.spec.name}: the ideal robot has no velocity control, give it places"
         raise VehicleError(msg)
-
-    def look_at(self, position_m: tuple[float, float] | None) -> None:
-        """Nothing: it looks along its path."""
-
-    def point(self, heading_rad: float) -> None:
-        """Nothing: it looks along its path."""
 
     def stopping_point(self) -> Position:
         """Return the position: it stops at once."""
@@ -253,10 +222,7 @@ class IdealRobot:
             self.track[self.track_points] = (x + (tx - x) * part, y + (ty - y) * part, tz)
             self.track_points += 1
 
-    def interrupt(self) -> None:
-        """Nothing: a route begins as the robot moves."""
-
-    def rest(self, steps: int, *, armed: bool) -> None:  # noqa: ARG002 (the ideal robot uses no energy)
+    def rest(self, steps: int, *, armed: bool) -> None:
         """Stand on the ground for a number of steps."""
         self._velocity = (0.0, 0.0)
         self.step += steps
@@ -265,20 +231,8 @@ class IdealRobot:
         """Take other defaults."""
         self.spec = spec
 
-    def set_climb(self, climb_m_s: float | None, descent_m_s: float | None) -> None:
-        """Nothing: heights change in no time."""
-
-    def use_energy(self, joules: float) -> None:
-        """Nothing: there is no battery."""
-
-    def lose_power(self) -> None:
-        """Nothing: it comes down with what is left."""
-
     def touch_down(self) -> None:
         """Stand still on the ground."""
         self._place = (*self._place[:2], 0.0)
         self._velocity = (0.0, 0.0)
         self._legs = []
-
-    def ignore_energy(self) -> None:
-        """Nothing: there is no battery."""

@@ -58,7 +58,10 @@ class MotionState(NamedTuple):
 
 
 class MotionModel(Protocol):
-    """A vehicle's motion (`Multirotor`, `FixedWing`, `Rover`, `IdealRobot`)."""
+    """A vehicle's motion (`Multirotor`, `FixedWing`, `Rover`, `IdealRobot`).
+
+    What has a body here is inherited by those to which it means nothing.
+    """
 
     spec: VehicleSpec
     step_s: float
@@ -73,6 +76,7 @@ class MotionModel(Protocol):
     @property
     def time_s(self) -> float:
         """Time since the start."""
+        return self.step * self.step_s
 
     @property
     def step(self) -> int:
@@ -96,6 +100,7 @@ class MotionModel(Protocol):
 
         Height (m), velocity east, north, up (m/s).
         """
+        return 0.0, 0.0, 0.0, 0.0
 
     def estimate_with(self, errors: EstimateErrors) -> None:
         """Fly by an estimate that is wrong, where the autopilot's is known to be."""
@@ -105,6 +110,7 @@ class MotionModel(Protocol):
 
     def attitude(self) -> tuple[float, float, float, float] | None:
         """Return roll, pitch, airspeed and throttle; None where they follow from the acceleration."""
+        return None
 
     def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
         """Be in steady flight at time 0, with nothing used yet, as if it had flown there.
@@ -123,13 +129,7 @@ class MotionModel(Protocol):
     def interrupt(self) -> None:
         """Give up the leg that is flown: the next route begins anew, where the autopilot does it so."""
 
-    def steer(
-        self,
-        velocity_m_s: tuple[float, float, float],
-        *,
-        height_m: float = math.nan,
-        heading: Heading = KEEP,
-    ) -> None:
+    def steer(self, velocity_m_s: Position, *, height_m: float = math.nan, heading: Heading = KEEP) -> None:
         """Keep a velocity (east, north, up), or its horizontal part at a height.
 
         Sinking, it goes on to the ground and slows down to the landing speed there; REACHED tells the touch.
@@ -142,7 +142,7 @@ class MotionModel(Protocol):
         """
 
     def look_at(self, position_m: tuple[float, float] | None) -> None:
-        """Point the nose at a position (east, north) whatever is flown, None for no more."""
+        """Point the nose at a position (east, north) whatever is flown, None for no more, where it can."""
 
     def point(self, heading_rad: float) -> None:
         """Turn the nose to a compass heading on the leg that is flown now, where that is possible."""

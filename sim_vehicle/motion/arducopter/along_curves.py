@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -62,7 +62,9 @@ class AlongCurves(CompiledMotion):
         """Whether it was put under way, and goes on along its first leg."""
         return self._under_way and not self._interrupted
 
-    def _set_out(self, route: Route, law: Floats, points_m: Floats, kind: Floats, fastest: float) -> None:
+    def _set_out(
+        self, route: Route, law: Floats, points_m: Floats, kind: NDArray[Any], fastest: float
+    ) -> None:
         """Begin a route whose ends of legs, kinds and greatest speed are the vehicle's.
 
         Parameters

@@ -100,13 +100,7 @@ class ArduCopter(AlongCurves, Multirotor):
         super().rest(steps, armed=armed)
         self._armed_steps = self._armed_steps + steps if armed else 0
 
-    def steer(
-        self,
-        velocity_m_s: tuple[float, float, float],
-        *,
-        height_m: float = math.nan,
-        heading: Heading = KEEP,
-    ) -> None:
+    def steer(self, velocity_m_s: Position, *, height_m: float = math.nan, heading: Heading = KEEP) -> None:
         """Keep a velocity, or its horizontal part at a height; downward it goes on to the ground."""
         self._rows = None
         super().steer(velocity_m_s, height_m=height_m, heading=heading)

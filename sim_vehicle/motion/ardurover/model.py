@@ -173,13 +173,7 @@ class ArduRover(AlongCurves, Rover):
         kind = np.where(np.isin(route.kind, NOT_DRIVEN), kernel.AT_ONCE, route.kind)
         self._set_out(route, self.numbers, ends, kind, self.law.speed_max)
 
-    def steer(
-        self,
-        velocity_m_s: tuple[float, float, float],
-        *,
-        height_m: float = math.nan,
-        heading: Heading = KEEP,
-    ) -> None:
+    def steer(self, velocity_m_s: Position, *, height_m: float = math.nan, heading: Heading = KEEP) -> None:
         """Drive at a velocity, or stop; told to go down it stops for good."""
         self._rest()
         super().steer(velocity_m_s, height_m=height_m, heading=heading)

@@ -181,13 +181,7 @@ class FixedWing(CompiledMotion):
             if math.hypot(ax, ay) > 0.1 and math.hypot(bx, by) > 0.1:
                 rows[i, Leg.TURN_ANGLE] = abs(math.atan2(ax * by - ay * bx, ax * bx + ay * by))
 
-    def steer(
-        self,
-        velocity_m_s: tuple[float, float, float],
-        *,
-        height_m: float = math.nan,
-        heading: Heading = KEEP,  # noqa: ARG002
-    ) -> None:
+    def steer(self, velocity_m_s: Position, *, height_m: float = math.nan, heading: Heading = KEEP) -> None:
         """Fall, when it is told to go straight down; it keeps no other velocities.
 
         Raises
@@ -205,9 +199,6 @@ class FixedWing(CompiledMotion):
         row[0, Leg.CIRCLE_RADIUS] = self.law.loiter_radius
         self._route = row.view(wing.LEG)[:, 0]
         self._begin()
-
-    def look_at(self, position_m: tuple[float, float] | None) -> None:
-        """Nothing: the nose is where it flies to."""
 
     def stopping_point(self) -> Position:
         """Return the centre that it circles when told to stay: that of its circle, otherwise here."""

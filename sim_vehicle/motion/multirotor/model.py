@@ -57,10 +57,6 @@ class Multirotor(CompiledMotion):
     def _numbers(self, spec: VehicleSpec) -> NDArray[np.float64]:
         return _limits(spec)
 
-    def attitude(self) -> tuple[float, float, float, float] | None:
-        """None: they follow from the acceleration."""
-        return None
-
     def fly(self, route: Route) -> None:
         """Begin a route, from where the vehicle is and as it moves now."""
         self._route = np.zeros(len(route.points_m), kernel.LEG)
@@ -78,13 +74,7 @@ class Multirotor(CompiledMotion):
         )
         self._begin()
 
-    def steer(
-        self,
-        velocity_m_s: tuple[float, float, float],
-        *,
-        height_m: float = math.nan,
-        heading: Heading = KEEP,
-    ) -> None:
+    def steer(self, velocity_m_s: Position, *, height_m: float = math.nan, heading: Heading = KEEP) -> None:
         """Keep a velocity, or its horizontal part at a height; downward it goes on to the ground."""
         limits = self._records("_limits", kernel.LIMITS)[0]
         self._route = prepare_velocity(self.position_m, velocity_m_s, height_m, *heading.numbers, limits)
@@ -125,9 +115,6 @@ class Multirotor(CompiledMotion):
         spec = self.spec
         self._limits[kernel.Limits.CLIMB_MAX] = min(climb_m_s or math.inf, spec.climb_speed_m_s)
         self._limits[kernel.Limits.DESCENT_MAX] = min(descent_m_s or math.inf, spec.descent_speed_m_s)
-
-    def lose_power(self) -> None:
-        """Nothing: it comes down with what is left."""
 
 
 def _limits(spec: VehicleSpec) -> NDArray[np.float64]:

@@ -289,13 +289,7 @@ class Px4Multirotor(Multirotor):
         here[2] += self.guide[Guide.ERROR]
         return here
 
-    def steer(
-        self,
-        velocity_m_s: tuple[float, float, float],
-        *,
-        height_m: float = math.nan,
-        heading: Heading = KEEP,
-    ) -> None:
+    def steer(self, velocity_m_s: Position, *, height_m: float = math.nan, heading: Heading = KEEP) -> None:
         """Keep a velocity, or its horizontal part at a height; downward it goes on to the ground."""
         self._leave()
         super().steer(velocity_m_s, height_m=height_m, heading=heading)

@@ -233,13 +233,7 @@ class Rover(CompiledMotion):
             leave = min(speed, reach, float(row[Leg.SPEED]))
             row[Leg.END_SPEED] = leave
 
-    def steer(
-        self,
-        velocity_m_s: tuple[float, float, float],
-        *,
-        height_m: float = math.nan,  # noqa: ARG002
-        heading: Heading = KEEP,  # noqa: ARG002
-    ) -> None:
+    def steer(self, velocity_m_s: Position, *, height_m: float = math.nan, heading: Heading = KEEP) -> None:
         """Drive at a velocity, or stop; told to go down it stops for good."""
         east, north, up = velocity_m_s
         speed = math.hypot(east, north)
@@ -250,9 +244,6 @@ class Rover(CompiledMotion):
         row[0, Leg.HEADING] = math.atan2(east, north) if speed > 0.0 else self.state[State.HEADING]
         self._route = row.view(wheels.LEG)[:, 0]
         self._begin()
-
-    def look_at(self, position_m: tuple[float, float] | None) -> None:
-        """Nothing: the nose is where it drives to."""
 
     def stopping_point(self) -> Position:
         """Return the position of rest if it brakes now."""
@@ -269,9 +260,6 @@ class Rover(CompiledMotion):
         """Take other defaults and limits; they hold from the next route on."""
         self.law = self._limits_of(spec)
         super().update_spec(spec)
-
-    def set_climb(self, climb_m_s: float | None, descent_m_s: float | None) -> None:
-        """Nothing: it does not climb."""
 
     def touch_down(self) -> None:
         """Stand still."""

@@ -154,7 +154,6 @@ def _remember_operators() -> None:
 @cache
 def _cache_class() -> Any:
     """The cache of one function, made here so that importing this module does not import numba."""
-    numba: Any = import_module("numba")
     caching: Any = import_module("numba.core.caching")
 
     class Locator(caching._CacheLocator):  # type: ignore[misc]

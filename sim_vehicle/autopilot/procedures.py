@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from sim_vehicle.motion.fixed_wing.limits import ArduPlaneControl, FixedWingLimits
     from sim_vehicle.motion.legs import Heading, Position
     from sim_vehicle.motion.model import MotionModel
-    from sim_vehicle.motion.rover.model import RoverLimits
+    from sim_vehicle.motion.rover.layout import RoverLimits
     from sim_vehicle.weather.wind import Wind
 
 __all__ = [

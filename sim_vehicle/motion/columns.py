@@ -19,7 +19,7 @@ Record = Any
 """A row in a kernel; its attributes are the columns in lower case."""
 
 
-def record_type(*columns: type[IntEnum]) -> np.dtype[Any]:
+def record_type(*columns: type[IntEnum] | list[str]) -> np.dtype[Any]:
     """Return the type of a row that has these columns, one after the other.
 
     Examples
@@ -27,7 +27,7 @@ def record_type(*columns: type[IntEnum]) -> np.dtype[Any]:
     >>> record_type(IntEnum("Leg", ["LEFT_M", "HEADING"], start=0)).names
     ('left_m', 'heading')
     """
-    names = [column.name.lower() for each in columns for column in each]
+    names = [one if isinstance(one, str) else one.name.lower() for each in columns for one in each]
     return np.dtype((np.record, [(name, np.float64) for name in names]), align=True)
 
 

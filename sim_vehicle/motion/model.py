@@ -104,6 +104,7 @@ class MotionModel(Protocol):
 
     def estimate_with(self, errors: EstimateErrors) -> None:
         """Fly by an estimate that is wrong, where the autopilot's is known to be."""
+        return
 
     def snapshot(self) -> MotionState:
         """Return the motion state now."""
@@ -128,6 +129,7 @@ class MotionModel(Protocol):
 
     def interrupt(self) -> None:
         """Give up the leg that is flown: the next route begins anew, where the autopilot does it so."""
+        return
 
     def steer(self, velocity_m_s: Position, *, height_m: float = math.nan, heading: Heading = KEEP) -> None:
         """Keep a velocity (east, north, up), or its horizontal part at a height.
@@ -143,9 +145,11 @@ class MotionModel(Protocol):
 
     def look_at(self, position_m: tuple[float, float] | None) -> None:
         """Point the nose at a position (east, north) whatever is flown, None for no more, where it can."""
+        return
 
     def point(self, heading_rad: float) -> None:
         """Turn the nose to a compass heading on the leg that is flown now, where that is possible."""
+        return
 
     def stopping_point(self) -> Position:
         """Return the position of rest if it brakes now."""
@@ -161,15 +165,19 @@ class MotionModel(Protocol):
 
     def set_climb(self, climb_m_s: float | None, descent_m_s: float | None) -> None:
         """Climb and sink no faster than this, from the next route on; None is the vehicle's own limit."""
+        return
 
     def use_energy(self, joules: float) -> None:
         """Take energy out of the battery."""
+        return
 
     def lose_power(self) -> None:
         """Fly on without the motor, where that is possible."""
+        return
 
     def touch_down(self) -> None:
         """Stand still on the ground."""
 
     def ignore_energy(self) -> None:
         """Tell no more that the battery is empty."""
+        return

@@ -13,10 +13,10 @@ from sim_vehicle.motion.legs import Leg, LegKind
 
 if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.motion.ardurover.model import DriveLaw
+    from sim_vehicle.motion.ardurover.kernel import DriveLaw
     from sim_vehicle.motion.legs import Position
     from sim_vehicle.motion.model import MotionModel
-    from sim_vehicle.motion.rover.model import RoverLimits
+    from sim_vehicle.motion.rover.layout import RoverLimits
     from sim_vehicle.weather.wind import Wind
 
 __all__ = ["ARDUROVER"]
@@ -53,7 +53,7 @@ class ArduRover(RoverProcedures):
 
     def limits(self, spec: VehicleSpec) -> RoverLimits:
         """Limits of a vehicle's driving."""
-        from sim_vehicle.motion.rover.model import RoverLimits
+        from sim_vehicle.motion.rover.layout import RoverLimits
 
         value = self.values(spec)
         skid = value["SERVO1_FUNCTION"] == _SKID
@@ -81,7 +81,7 @@ class ArduRover(RoverProcedures):
 
     def law(self, spec: VehicleSpec) -> DriveLaw:
         """What Rover makes of a vehicle's parameters."""
-        from sim_vehicle.motion.ardurover.model import DriveLaw
+        from sim_vehicle.motion.ardurover.kernel import DriveLaw
 
         value = self.values(spec)
         skid = value["SERVO1_FUNCTION"] == _SKID

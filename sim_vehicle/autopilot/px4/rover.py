@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.motion.rover.model import RoverLimits, SihRover
+    from sim_vehicle.motion.rover.layout import RoverLimits, SihRover
 
 __all__ = ["PX4_ROVER"]
 
@@ -52,7 +52,7 @@ class Px4Rover(RoverProcedures):
 
     def limits(self, spec: VehicleSpec) -> RoverLimits:
         """Limits of a vehicle's driving."""
-        from sim_vehicle.motion.rover.model import RoverLimits
+        from sim_vehicle.motion.rover.layout import RoverLimits
 
         value = self.values(spec)
         skid = value["CA_AIRFRAME"] == _DIFFERENTIAL
@@ -97,7 +97,7 @@ class Px4Rover(RoverProcedures):
 
 def _simulated(law: RoverLimits, value: Mapping[str, float]) -> SihRover:
     """Return the rover of PX4's simulator."""
-    from sim_vehicle.motion.rover.model import SihRover
+    from sim_vehicle.motion.rover.layout import SihRover
 
     latitude, longitude = math.radians(value["SIH_LOC_LAT0"]), math.radians(value["SIH_LOC_LON0"])
     sine, cosine = math.sin(latitude), math.cos(latitude)

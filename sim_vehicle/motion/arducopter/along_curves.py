@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from sim_vehicle.motion import columns as col
-from sim_vehicle.motion.arducopter import layout as at
+from sim_vehicle.motion.arducopter import control as at
 from sim_vehicle.motion.arducopter import scurve
-from sim_vehicle.motion.arducopter.layout import Guide, Law, Leg
+from sim_vehicle.motion.arducopter.control import Guide, Law, Leg
 from sim_vehicle.motion.compiled_motion import CompiledMotion, Dynamics
 from sim_vehicle.motion.legs import LegKind
 

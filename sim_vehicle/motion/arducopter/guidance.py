@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.compiled import compiled
-from sim_vehicle.motion.arducopter.control import halt, rooted, stand, stopping_distance
-from sim_vehicle.motion.arducopter.layout import (
+from sim_vehicle.motion.arducopter.control import (
     ANEW,
     ARC,
     CHORDS,
@@ -35,6 +34,10 @@ from sim_vehicle.motion.arducopter.layout import (
     SIDE,
     STAY,
     TAKEOFF,
+    halt,
+    rooted,
+    stand,
+    stopping_distance,
 )
 from sim_vehicle.motion.arducopter.scurve import (
     LENGTH,

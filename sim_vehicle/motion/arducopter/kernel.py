@@ -16,9 +16,18 @@ from numpy.typing import NDArray
 from geo.compiled import compiled
 from sim_vehicle.energy.power_kernels import multirotor_power
 from sim_vehicle.motion import columns as col
-from sim_vehicle.motion.arducopter.control import command, move, stand, turn
+from sim_vehicle.motion.arducopter.control import (
+    CHAINED,
+    CLIMBING,
+    LANDED,
+    LANDING,
+    NOTHING,
+    command,
+    move,
+    stand,
+    turn,
+)
 from sim_vehicle.motion.arducopter.guidance import begin, lead
-from sim_vehicle.motion.arducopter.layout import CHAINED, CLIMBING, LANDED, LANDING, NOTHING
 from sim_vehicle.motion.columns import Record
 from sim_vehicle.motion.multirotor.kernel import SLOWEST, STALL_S, Vector
 from sim_vehicle.motion.stepping import distance2, kernel_of

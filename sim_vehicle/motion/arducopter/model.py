@@ -10,11 +10,10 @@ import numpy as np
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.energy.power import CONSTANT_POWER
 from sim_vehicle.motion import columns as col
+from sim_vehicle.motion.arducopter import control as at
 from sim_vehicle.motion.arducopter import kernel
-from sim_vehicle.motion.arducopter import layout as at
 from sim_vehicle.motion.arducopter.along_curves import AlongCurves
-from sim_vehicle.motion.arducopter.control import stopping_distance
-from sim_vehicle.motion.arducopter.layout import Guide, Law
+from sim_vehicle.motion.arducopter.control import Guide, Law, stopping_distance
 from sim_vehicle.motion.arducopter.parameters import drag_of, lookup
 from sim_vehicle.motion.columns import State
 from sim_vehicle.motion.compiled_motion import Dynamics

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import fields
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sim_vehicle.motion.arducopter.along_curves import AlongCurves
-from sim_vehicle.motion.arducopter.layout import Guide, Law
+from sim_vehicle.motion.arducopter.control import Guide
 from sim_vehicle.motion.ardurover import kernel
-from sim_vehicle.motion.ardurover.kernel import Drive, DriveGains
+from sim_vehicle.motion.ardurover.kernel import Drive, DriveLaw
+from sim_vehicle.motion.columns import record_of
 from sim_vehicle.motion.compiled_motion import Dynamics
 from sim_vehicle.motion.legs import KEEP, LegKind
 from sim_vehicle.motion.rover import layout as wheels
@@ -25,84 +26,12 @@ if TYPE_CHECKING:
 
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Heading, Position, Route
-    from sim_vehicle.motion.rover.model import RoverLimits
+    from sim_vehicle.motion.rover.layout import RoverLimits
     from sim_vehicle.weather.wind import Wind
 
 # Legs that are followed as any `Rover` does it: bends of a curve, and positions that are asked for again and
 # again, which Rover does not drive to along S-curves either.
 _PURSUED = (LegKind.ARC, LegKind.SETPOINT)
-
-
-@dataclass(frozen=True, slots=True)
-class DriveLaw:
-    """What Rover's parameters and the vehicle decide; SI units, radians, throttle and steering from -1 to 1.
-
-    Parameters
-    ----------
-    position_p, velocity_p, velocity_filter_hz : float
-        Position control.
-    path_acceleration, jerk, snap : float
-        Along the S-curves.
-    acceleration, deceleration : float
-        Of the speed that is asked for.
-    lateral, turn_speed : float
-        Greatest lateral acceleration; speed that it keeps in turns unless it slows down.
-    radius, near : float
-        How near to a corner the next leg may begin; how near a stop counts as reached.
-    steer_acceleration, steer_rate : float
-        Limits of the rate of turning that is asked for.
-    steer_ff, steer_p, steer_i, steer_imax, steer_filter_hz : float
-        Steering over rate of turning.
-    scale_base : float
-        Speed above which the steering is scaled down.
-    tightest : float
-        Radius at full steering; 0 for a vehicle that steers by its tracks.
-    track_lag_s : float
-        Time constant of the turns of tracks.
-    angle_p, pivot_angle, pivot_rate, pivot_delay_s : float
-        Turns on the spot; an angle of 0 is never.
-    drive_base, drive_p, drive_i, drive_imax, drive_filter_hz : float
-        Throttle over speed.
-    stop_speed : float
-        Below it, told to stop, the throttle is zero.
-    top_speed, drive_lag_s : float
-        Speed at full throttle and time constant of the speed.
-    """
-
-    position_p: float
-    velocity_p: float
-    velocity_filter_hz: float
-    path_acceleration: float
-    jerk: float
-    snap: float
-    acceleration: float
-    deceleration: float
-    lateral: float
-    turn_speed: float
-    radius: float
-    near: float
-    steer_acceleration: float
-    steer_rate: float
-    steer_ff: float
-    steer_p: float
-    steer_i: float
-    steer_imax: float
-    steer_filter_hz: float
-    scale_base: float
-    tightest: float
-    track_lag_s: float
-    angle_p: float
-    pivot_angle: float
-    pivot_rate: float
-    pivot_delay_s: float
-    drive_base: float
-    drive_p: float
-    drive_i: float
-    drive_imax: float
-    drive_filter_hz: float
-    stop_speed: float
-    top_speed: float
-    drive_lag_s: float
 
 
 class ArduRover(AlongCurves, Rover):
@@ -181,7 +110,7 @@ class ArduRover(AlongCurves, Rover):
     def lose_power(self) -> None:
         """Stop: without power it cannot go anywhere."""
         super().lose_power()
-        self.numbers[DriveGains.TOP_SPEED] = 0.0
+        record_of(self.numbers, kernel.LAW).top_speed = 0.0
 
     def update_spec(self, spec: VehicleSpec) -> None:
         """Take other defaults and limits; they hold from the next route on."""
@@ -196,50 +125,20 @@ class ArduRover(AlongCurves, Rover):
 
 def _numbers(law: DriveLaw, dt: float) -> NDArray[np.float64]:
     """Return the law in the order of the kernel."""
-    numbers = np.zeros(len(Law) + len(DriveGains))
-    by_place = {
-        Law.DT: dt,
-        Law.POS_P: law.position_p,
-        Law.VEL_P: law.velocity_p,
-        Law.ERROR_FILTER: _share(dt, law.velocity_filter_hz),
-        Law.ACCEL: law.path_acceleration,
-        Law.ACCEL_Z: law.path_acceleration,
-        Law.CORNER: law.lateral,
-        Law.WP_RADIUS: law.radius,
-        Law.PACE_FILTER: min(1.0, dt * law.jerk / law.path_acceleration),
-        Law.JERK: law.jerk,
-        Law.SNAP: law.snap,
-        DriveGains.NEAR: law.near,
-        DriveGains.SPEED_ACCEL: law.acceleration,
-        DriveGains.DECEL: law.deceleration,
-        DriveGains.LATERAL: law.lateral,
-        DriveGains.TURN_SPEED: law.turn_speed,
-        DriveGains.STEER_ACCEL: law.steer_acceleration,
-        DriveGains.STEER_RATE: law.steer_rate,
-        DriveGains.STEER_FF: law.steer_ff,
-        DriveGains.STEER_P: law.steer_p,
-        DriveGains.STEER_I_GAIN: law.steer_i,
-        DriveGains.STEER_IMAX: law.steer_imax,
-        DriveGains.STEER_FILTER: _share(dt, law.steer_filter_hz),
-        DriveGains.SCALE_BASE: law.scale_base,
-        DriveGains.TIGHTEST: law.tightest,
-        DriveGains.STEER_LAG: min(1.0, dt / law.track_lag_s),
-        DriveGains.ANGLE_P: law.angle_p,
-        DriveGains.PIVOT_ANGLE: law.pivot_angle,
-        DriveGains.PIVOT_RATE: law.pivot_rate,
-        DriveGains.PIVOT_DELAY: law.pivot_delay_s / dt,
-        DriveGains.DRIVE_BASE: law.drive_base,
-        DriveGains.DRIVE_P: law.drive_p,
-        DriveGains.DRIVE_I_GAIN: law.drive_i,
-        DriveGains.DRIVE_IMAX: law.drive_imax,
-        DriveGains.DRIVE_FILTER: _share(dt, law.drive_filter_hz),
-        DriveGains.STOP_SPEED: law.stop_speed,
-        DriveGains.TOP_SPEED: law.top_speed,
-        DriveGains.DRIVE_LAG: min(1.0, dt / law.drive_lag_s),
-    }
-    for place, value in by_place.items():
-        numbers[place] = value
-    return numbers
+    row = np.zeros(1, kernel.LAW)
+    numbers = row[0]
+    for each in fields(DriveLaw):
+        numbers[each.name] = getattr(law, each.name)
+    numbers.dt, numbers.pos_p, numbers.vel_p = dt, law.position_p, law.velocity_p
+    numbers.error_filter = _share(dt, law.velocity_filter_hz)
+    numbers.accel = numbers.accel_z = law.path_acceleration
+    numbers.corner, numbers.wp_radius = law.lateral, law.radius
+    numbers.pace_filter = min(1.0, dt * law.jerk / law.path_acceleration)
+    numbers.steer_filter = _share(dt, law.steer_filter_hz)
+    numbers.drive_filter = _share(dt, law.drive_filter_hz)
+    numbers.steer_lag, numbers.drive_lag = min(1.0, dt / law.track_lag_s), min(1.0, dt / law.drive_lag_s)
+    numbers.pivot_delay = law.pivot_delay_s / dt
+    return row.view(np.float64)
 
 
 def _share(dt: float, frequency_hz: float) -> float:

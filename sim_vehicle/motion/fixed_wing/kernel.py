@@ -25,7 +25,7 @@ from sim_vehicle.motion.fixed_wing.air import (
     roll_on_ground,
     take_off,
 )
-from sim_vehicle.motion.fixed_wing.guidance import NPFG, Floats
+from sim_vehicle.motion.fixed_wing.guidance import NPFG, Floats, circled, circles, leg_airspeed, passed, steer
 from sim_vehicle.motion.fixed_wing.layout import (
     CIRCLE,
     CIRCULAR_LANDING,
@@ -40,7 +40,6 @@ from sim_vehicle.motion.fixed_wing.layout import (
     TAKEOFF,
 )
 from sim_vehicle.motion.fixed_wing.px4 import px4_control
-from sim_vehicle.motion.fixed_wing.steering import circled, circles, leg_airspeed, passed, steer
 from sim_vehicle.motion.multirotor.kernel import Integers, Vector
 from sim_vehicle.motion.stepping import kernel_of
 

@@ -1,7 +1,8 @@
-"""Columns of a ground vehicle's state, of its legs and of its limits."""
+"""Columns of a ground vehicle's state and legs, and the limits that parameters decide."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, fields
 from enum import IntEnum
 
 from sim_vehicle.motion.columns import State, record_type
@@ -37,28 +38,121 @@ Leg = IntEnum(
 )
 THROUGH, STOP, AT_ONCE, VELOCITY, BRAKE = 0.0, 1.0, 2.0, 3.0, 4.0
 
-Limits = IntEnum(
-    "Limits",
-    "STEP_S SPEED_MAX ACCELERATION DECELERATION TURN_RADIUS TURN_RATE LATERAL STEERING_S AHEAD_GAIN "
-    "AHEAD_MIN AHEAD_MAX PIVOT_BEGIN PIVOT_END PIVOT_RATE PASSES ENERGY_LIMIT "
-    "YAW_P "  # Rate of turning over the error of the heading; 0: pure pursuit gives the bend itself.
-    "YAW_ACCELERATION "
-    "JERK "  # 0: speeds before a corner or a stop are those of the deceleration alone.
-    "THROTTLE_SPEED "  # What full throttle is thought to give.
-    "SPEED_P SPEED_I WHEEL_BASE STEER_MAX "
-    "STEER_STEP "  # Greatest change of the steering in a step, as a share of full steering.
-    "RATE_FF RATE_P RATE_I "
-    "FORCE "  # Per mass, of full throttle; 0: the vehicle has the speed that is asked for.
-    "FRICTION "  # Per mass.
-    "GRIP "  # Cornering stiffness over mass.
-    "TURN_GRIP "  # Cornering stiffness over the moment of inertia.
-    "TURN_DAMPING "  # Over the moment of inertia.
-    "ACTUATOR_SHARE "  # How much of a change of its outputs it takes in a step.
-    "DRAG "  # Per mass, over the square of the speed along each axis of the Earth.
-    "NORTH_1 NORTH_2 NORTH_3 EAST_1 EAST_2 EAST_3",  # Of the axes of the Earth.
-    start=0,
+
+@dataclass(frozen=True, slots=True)
+class SihRover:
+    """The rover of PX4's simulator, and the loops that steer and drive it.
+
+    Parameters
+    ----------
+    throttle_speed, speed_p, speed_i : float
+        Throttle over speed, m/s and s/m.
+    wheel_base, steer_max, steer_speed : float
+        Metres; greatest angle of the wheels, rad, and its greatest change, rad/s.
+    rate_ff, rate_p, rate_i : float
+        Angle of the wheels over the rate of turning: of the feed-forward, s, and 1.
+    force, friction : float
+        Per mass: of full throttle and of rolling, m/s^2.
+    grip, turn_grip, turn_damping : float
+        Cornering stiffness over mass and over the moment of inertia, damping over that.
+    actuator_s : float
+        Time constant of its outputs.
+    drag : float
+        Per mass, over the square of the speed along each axis of the Earth, 1/m.
+    north, east : tuple of 3 floats
+        Those directions in the axes of the Earth.
+    """
+
+    throttle_speed: float
+    speed_p: float
+    speed_i: float
+    wheel_base: float
+    steer_max: float
+    steer_speed: float
+    rate_ff: float
+    rate_p: float
+    rate_i: float
+    force: float
+    friction: float
+    grip: float
+    turn_grip: float
+    turn_damping: float
+    actuator_s: float
+    drag: float
+    north: tuple[float, float, float]
+    east: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class RoverLimits:
+    """What an autopilot's parameters decide about driving; SI units, radians.
+
+    Parameters
+    ----------
+    turn_radius, turn_rate, lateral : float
+        Tightest turn, greatest rate of turning and lateral acceleration.
+    steering_s : float
+        Time constant of the steering.
+    ahead_gain, ahead_min, ahead_max : float
+        Look-ahead of the pure pursuit: seconds, and metres.
+    pivot_begin, pivot_end, pivot_rate : float
+        Heading errors at which turning on the spot begins and ends, and its rate; a beginning of 0 is never.
+    acceptance : float
+        Radius of waypoints.
+    corner_gain, corner_max : float
+        The acceptance radius of a corner is this much of what the tightest turn needs, at most so much; 0 is
+        none.
+    passes : bool
+        Whether a waypoint that was driven past counts.
+    yaw_p, yaw_acceleration : float
+        Rate of turning over the error of the heading, and its greatest change; 0: the bend is that of pure
+        pursuit.
+    jerk : float
+        Of slowing down; 0 is none.
+    corner_slows, corner_least, corner_most : float
+        A corner of 180 degrees takes such a share of the greatest speed, down to the least; a negative share:
+        the speed is that which the lateral acceleration allows.
+    simulated : SihRover, optional
+        The vehicle; without one it has the speed that is asked for and turns as it is asked to.
+    """
+
+    speed_max: float
+    acceleration: float
+    deceleration: float
+    turn_radius: float
+    turn_rate: float
+    lateral: float
+    steering_s: float
+    ahead_gain: float
+    ahead_min: float
+    ahead_max: float
+    pivot_begin: float
+    pivot_end: float
+    pivot_rate: float
+    acceptance: float
+    corner_gain: float
+    corner_max: float
+    passes: bool
+    yaw_p: float = 0.0
+    yaw_acceleration: float = 0.0
+    jerk: float = 0.0
+    corner_slows: float = -1.0
+    corner_least: float = 0.0
+    corner_most: float = 0.0
+    simulated: SihRover | None = None
+
+
+# Limits: the step and the energy that ends the drive, the vehicle's, and those of PX4's simulated rover.
+OF_ROVER = [each.name for each in fields(RoverLimits) if each.name != "simulated"]
+OF_SIMULATED = [each.name for each in fields(SihRover) if each.name not in ("north", "east")]
+ENERGY_LIMIT = 0
+LIMITS = record_type(
+    ["energy_limit", "step_s", *OF_ROVER, *OF_SIMULATED],
+    ["steer_step"],  # Greatest change of the steering in a step, as a share of full steering.
+    ["actuator_share"],  # How much of a change of its outputs it takes in a step.
+    ["north_1", "north_2", "north_3", "east_1", "east_2", "east_3"],  # Of the axes of the Earth.
 )
-STATE, LEG, LIMITS = record_type(State, Wheels), record_type(Leg), record_type(Limits)
+STATE, LEG = record_type(State, Wheels), record_type(Leg)
 
 STOPPED = 0.05
 """Below it the vehicle counts as standing, m/s."""

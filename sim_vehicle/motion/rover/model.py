@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sim_vehicle.energy.battery import WH_J
-from sim_vehicle.motion.columns import State
+from sim_vehicle.motion.columns import State, record_of
 from sim_vehicle.motion.compiled_motion import CompiledMotion, Dynamics
 from sim_vehicle.motion.legs import KEEP, LegKind
 from sim_vehicle.motion.rover import layout as wheels
 from sim_vehicle.motion.rover.kernel import advance
-from sim_vehicle.motion.rover.layout import Leg, Limits, Wheels
+from sim_vehicle.motion.rover.layout import Leg, Wheels
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -23,113 +22,11 @@ if TYPE_CHECKING:
 
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Heading, Position, Route
+    from sim_vehicle.motion.rover.layout import RoverLimits
     from sim_vehicle.weather.wind import Wind
 
 NOT_DRIVEN = (LegKind.TAKEOFF, LegKind.CLIMB, LegKind.DESCEND)
 """Legs that mean nothing on the ground."""
-
-
-@dataclass(frozen=True, slots=True)
-class SihRover:
-    """The rover of PX4's simulator and the loops that steer and drive it; see `sim_vehicle.motion.rover.sih`.
-
-    Parameters
-    ----------
-    throttle_speed, speed_p, speed_i : float
-        Throttle over speed, m/s and s/m.
-    wheel_base, steer_max, steer_speed : float
-        Metres; greatest angle of the wheels, rad, and its greatest change, rad/s.
-    rate_ff, rate_p, rate_i : float
-        Angle of the wheels over the rate of turning: of the feed-forward, s, and 1.
-    force, friction : float
-        Per mass: of full throttle and of rolling, m/s^2.
-    grip, turn_grip, turn_damping : float
-        Cornering stiffness over mass and over the moment of inertia, damping over that.
-    actuator_s : float
-        Time constant of its outputs.
-    drag : float
-        Per mass, over the square of the speed along each axis of the Earth, 1/m.
-    north, east : tuple of 3 floats
-        Those directions in the axes of the Earth.
-    """
-
-    throttle_speed: float
-    speed_p: float
-    speed_i: float
-    wheel_base: float
-    steer_max: float
-    steer_speed: float
-    rate_ff: float
-    rate_p: float
-    rate_i: float
-    force: float
-    friction: float
-    grip: float
-    turn_grip: float
-    turn_damping: float
-    actuator_s: float
-    drag: float
-    north: tuple[float, float, float]
-    east: tuple[float, float, float]
-
-
-@dataclass(frozen=True, slots=True)
-class RoverLimits:
-    """What an autopilot's parameters decide about driving; SI units, radians.
-
-    Parameters
-    ----------
-    turn_radius, turn_rate, lateral : float
-        Tightest turn, greatest rate of turning and lateral acceleration.
-    steering_s : float
-        Time constant of the steering.
-    ahead_gain, ahead_min, ahead_max : float
-        Look-ahead of the pure pursuit: seconds, and metres.
-    pivot_begin, pivot_end, pivot_rate : float
-        Heading errors at which turning on the spot begins and ends, and its rate; a beginning of 0 is never.
-    acceptance : float
-        Radius of waypoints.
-    corner_gain, corner_max : float
-        The acceptance radius of a corner is this much of what the tightest turn needs, at most so much; 0 is
-        none.
-    passes : bool
-        Whether a waypoint that was driven past counts.
-    yaw_p, yaw_acceleration : float
-        Rate of turning over the error of the heading, and its greatest change; 0: the bend is that of pure
-        pursuit.
-    jerk : float
-        Of slowing down; 0 is none.
-    corner_slows, corner_least, corner_most : float
-        A corner of 180 degrees takes such a share of the greatest speed, down to the least; a negative share:
-        the speed is that which the lateral acceleration allows.
-    simulated : SihRover, optional
-        The vehicle; without one it has the speed that is asked for and turns as it is asked to.
-    """
-
-    speed_max: float
-    acceleration: float
-    deceleration: float
-    turn_radius: float
-    turn_rate: float
-    lateral: float
-    steering_s: float
-    ahead_gain: float
-    ahead_min: float
-    ahead_max: float
-    pivot_begin: float
-    pivot_end: float
-    pivot_rate: float
-    acceptance: float
-    corner_gain: float
-    corner_max: float
-    passes: bool
-    yaw_p: float = 0.0
-    yaw_acceleration: float = 0.0
-    jerk: float = 0.0
-    corner_slows: float = -1.0
-    corner_least: float = 0.0
-    corner_most: float = 0.0
-    simulated: SihRover | None = None
 
 
 class Rover(CompiledMotion):
@@ -147,7 +44,7 @@ class Rover(CompiledMotion):
 
     dynamics = Dynamics(advance, wheels.STATE, wheels.LIMITS)
     _state_size = len(State) + len(Wheels)
-    _energy_limit = Limits.ENERGY_LIMIT
+    _energy_limit = wheels.ENERGY_LIMIT
 
     def __init__(
         self,
@@ -254,7 +151,7 @@ class Rover(CompiledMotion):
 
     def lose_power(self) -> None:
         """Stop: without power it cannot go anywhere."""
-        self._limits[Limits.SPEED_MAX] = 1e-3
+        record_of(self._limits, wheels.LIMITS).speed_max = 1e-3
 
     def update_spec(self, spec: VehicleSpec) -> None:
         """Take other defaults and limits; they hold from the next route on."""
@@ -269,57 +166,18 @@ class Rover(CompiledMotion):
 
     def _numbers(self, spec: VehicleSpec) -> NDArray[np.float64]:
         """Return the limits in the order of the kernel."""
-        law = self.law
-        numbers = np.zeros(len(Limits))
-        by_name = {
-            Limits.STEP_S: spec.step_s,
-            Limits.SPEED_MAX: law.speed_max,
-            Limits.ACCELERATION: law.acceleration,
-            Limits.DECELERATION: law.deceleration,
-            Limits.TURN_RADIUS: law.turn_radius,
-            Limits.TURN_RATE: law.turn_rate,
-            Limits.LATERAL: law.lateral,
-            Limits.STEERING_S: law.steering_s,
-            Limits.AHEAD_GAIN: law.ahead_gain,
-            Limits.AHEAD_MIN: law.ahead_min,
-            Limits.AHEAD_MAX: law.ahead_max,
-            Limits.PIVOT_BEGIN: law.pivot_begin,
-            Limits.PIVOT_END: law.pivot_end,
-            Limits.PIVOT_RATE: law.pivot_rate,
-            Limits.PASSES: float(law.passes),
-            Limits.YAW_P: law.yaw_p,
-            Limits.YAW_ACCELERATION: law.yaw_acceleration,
-            Limits.JERK: law.jerk,
-            Limits.ENERGY_LIMIT: math.inf if spec.battery is None else spec.battery.capacity_wh * WH_J,
-        }
-        for index, value in by_name.items():
-            numbers[index] = value
+        law, row = self.law, np.zeros(1, wheels.LIMITS)
+        limits = row[0]
+        limits.step_s = spec.step_s
+        limits.energy_limit = math.inf if spec.battery is None else spec.battery.capacity_wh * WH_J
+        for name in wheels.OF_ROVER:
+            limits[name] = getattr(law, name)
         if law.simulated is not None:
-            _set_simulated(numbers, law.simulated, spec.step_s)
-        return numbers
-
-
-def _set_simulated(numbers: NDArray[np.float64], rover: SihRover, step_s: float) -> None:
-    """Add the numbers of PX4's simulated rover to the limits."""
-    by_name = {
-        Limits.THROTTLE_SPEED: rover.throttle_speed,
-        Limits.SPEED_P: rover.speed_p,
-        Limits.SPEED_I: rover.speed_i,
-        Limits.WHEEL_BASE: rover.wheel_base,
-        Limits.STEER_MAX: rover.steer_max,
-        Limits.STEER_STEP: rover.steer_speed / rover.steer_max * step_s,
-        Limits.RATE_FF: rover.rate_ff,
-        Limits.RATE_P: rover.rate_p,
-        Limits.RATE_I: rover.rate_i,
-        Limits.FORCE: rover.force,
-        Limits.FRICTION: rover.friction,
-        Limits.GRIP: rover.grip,
-        Limits.TURN_GRIP: rover.turn_grip,
-        Limits.TURN_DAMPING: rover.turn_damping,
-        Limits.ACTUATOR_SHARE: -math.expm1(-step_s / rover.actuator_s),
-        Limits.DRAG: rover.drag,
-    }
-    for index, value in by_name.items():
-        numbers[index] = value
-    numbers[Limits.NORTH_1 : Limits.EAST_1] = rover.north
-    numbers[Limits.EAST_1 :] = rover.east
+            rover = law.simulated
+            for name in wheels.OF_SIMULATED:
+                limits[name] = getattr(rover, name)
+            limits.steer_step = rover.steer_speed / rover.steer_max * spec.step_s
+            limits.actuator_share = -math.expm1(-spec.step_s / rover.actuator_s)
+            limits.north_1, limits.north_2, limits.north_3 = rover.north
+            limits.east_1, limits.east_2, limits.east_3 = rover.east
+        return row.view(np.float64)

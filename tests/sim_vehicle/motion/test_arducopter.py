@@ -22,7 +22,7 @@ from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.execution.state import CannotFly, FlightEvent, ItemReached
 from sim_vehicle.motion.arducopter import scurve
-from sim_vehicle.motion.arducopter.layout import Guide
+from sim_vehicle.motion.arducopter.control import Guide
 from sim_vehicle.motion.arducopter.model import ArduCopter
 from sim_vehicle.motion.arducopter.parameters import PARAMETERS
 from sim_vehicle.motion.legs import KEEP, Leg, LegKind, Route

@@ -13,8 +13,8 @@ from sim_vehicle.autopilot import flight_procedures, with_autopilot
 from sim_vehicle.motion.columns import State, record_of
 from sim_vehicle.motion.legs import Leg, Route
 from sim_vehicle.motion.rover import layout as wheels
-from sim_vehicle.motion.rover import sih
-from sim_vehicle.motion.rover.layout import Limits, Wheels
+from sim_vehicle.motion.rover.kernel import move
+from sim_vehicle.motion.rover.layout import Wheels
 
 RECORDING = Path(__file__).parents[2] / "data" / "flights" / "px4-rover-random-10.json"
 
@@ -70,11 +70,11 @@ def test_the_simulated_rover_turns_and_slips_as_its_tyres_let_it(recording):
     motion.advance(200)
     motion.state[Wheels.STEER] = motion.state[Wheels.STEER_ASKED] = 1.0
     base, angle, stiffness, damping, mass = 0.321, math.radians(30.0), 500.0, 10.0, 20.0
-    limits = motion._limits
-    limits[Limits.DRAG] = limits[Limits.FRICTION] = 0.0
+    limits = record_of(motion._limits, wheels.LIMITS)
+    limits.drag = limits.friction = 0.0
     for _ in range(300):
         motion.state[Wheels.SPEED] = 2.0
-        sih.move(record_of(motion.state, wheels.STATE), record_of(limits, wheels.LIMITS))
+        move(record_of(motion.state, wheels.STATE), limits)
     rate = 2.0 * angle / (base + damping * 2.0 / (stiffness * base))
     assert motion.state[State.HEADING_RATE] == pytest.approx(rate, rel=1e-3)
     # The turn is counted twice in the sideways speed (`sih.cpp`).

@@ -18,7 +18,7 @@ class Steering(RoverProcedures):
         return spec
 
     def limits(self, spec):
-        from sim_vehicle.motion.rover.model import RoverLimits
+        from sim_vehicle.motion.rover.layout import RoverLimits
 
         hull = spec.airframe or Hull()
         return RoverLimits(

@@ -63,7 +63,7 @@ class LinkHosting:
         **_of_a_simulation: object,
     ) -> LinkHost:
         """Open the links; LinkError if an address is wrong, in use or not reachable."""
-        cameras = [_riding_camera(one) for one in sorties]
+        cameras = [riding_camera(one) for one in sorties]
         return self._serve(sorties, cameras, tap_of(writer, lambda _now_s: time.time()))
 
     def _serve(self, sorties: Sequence[Sortie], cameras: Sequence[RidingCamera], tap: Tap | None) -> LinkHost:
@@ -147,7 +147,7 @@ class Via:
         """Refuse what cannot be done in this way with a vehicle that was heard, with LiveFlightError."""
 
 
-def _riding_camera(sortie: Sortie) -> RidingCamera:
+def riding_camera(sortie: Sortie) -> RidingCamera:
     """Return the leaf camera that rides beside the vehicle of a sortie."""
     camera = LeafCameraComponent(sortie.leaf_camera, sortie.plan.farm, system_id=sortie.system_id)
     riding = RidingCamera(camera, sortie.held_mission, sortie.is_changing)

@@ -127,11 +127,11 @@ def plain_python() -> Iterator[None]:
 def executor_rate(plan: Mission, spec: VehicleSpec, look_s: float) -> float:
     """Return simulated over real seconds of a flight whose state is read every ``look_s`` seconds."""
     vehicle = MissionExecutor(spec, HOME)
-    vehicle.load(plan.items)
+    vehicle.mission.load(plan.items)
     vehicle.arm()
     vehicle.start()
     begin = time.perf_counter()
-    while vehicle.armed:
+    while vehicle.flight.armed:
         vehicle.advance(vehicle.time_s + look_s)
         vehicle.state()
     return vehicle.time_s / (time.perf_counter() - begin)

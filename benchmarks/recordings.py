@@ -262,7 +262,7 @@ def fly_recording(
         takes_off=True,
         estimate_errors=estimate_errors,
     )
-    executor.load(recording.items)
+    executor.mission.load(recording.items)
     executor.arm()
     executor.start()
     samples, events = [], list[FlightEvent]()
@@ -270,7 +270,7 @@ def fly_recording(
     enough_s = _LIMIT_S
     if math.isnan(recording.flight.end_s):
         enough_s = float(recording.flight.time_s[-1]) - START_S + _AFTER_S
-    while executor.armed and executor.time_s <= enough_s:
+    while executor.flight.armed and executor.time_s <= enough_s:
         state = executor.state()
         # What its telemetry would tell, as the recording has it.
         height_m, *drift_m_s = executor.motion.estimate_error
@@ -284,7 +284,7 @@ def fly_recording(
                 raise VehicleError(msg)
             if isinstance(event, Disarmed):
                 end_s = event.time_s
-    if executor.armed and enough_s == _LIMIT_S:
+    if executor.flight.armed and enough_s == _LIMIT_S:
         msg = f"{recording.name}: still flying after {_LIMIT_S:.0f} s"
         raise VehicleError(msg)
     table = np.array(samples)

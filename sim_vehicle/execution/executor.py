@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 
 from sim_vehicle.autopilot import fixed_wing_procedures, flight_procedures
 from sim_vehicle.energy.battery import remaining_fraction
+from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.execution.item_legs import circle_leg, circle_legs, lands
 from sim_vehicle.execution.items import MAX_TURNS
-from sim_vehicle.execution.leg_follower import AfterLastLeg, require
+from sim_vehicle.execution.leg_follower import AfterLastLeg, LegFollower, require
 from sim_vehicle.execution.sequencer import MissionSequencer
 from sim_vehicle.execution.state import FlightEvent, FlightPhase, LandedState, VehicleState
 from sim_vehicle.motion.legs import ALONG, KEEP, Heading, Leg, LegKind
@@ -17,9 +18,12 @@ from sim_vehicle.motion.legs import ALONG, KEEP, Heading, Leg, LegKind
 if TYPE_CHECKING:
     from collections.abc import Generator
 
+    from geo.frame import LocalFrame
+    from sim_vehicle.airframe.estimate_errors import EstimateErrors
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Position
-    from sim_vehicle.motion.model import MotionEvent
+    from sim_vehicle.motion.model import MotionEvent, MotionModel
+    from sim_vehicle.weather.wind import Wind
 
 __all__ = ["MissionExecutor"]
 
@@ -27,11 +31,11 @@ __all__ = ["MissionExecutor"]
 _BRAKING_M = 0.2
 
 
-class MissionExecutor(MissionSequencer):
-    """One vehicle in flight: it takes orders, and flies missions and legs as its base classes do.
+class MissionExecutor:
+    """One vehicle in flight that takes orders: its `flight` flies legs, its `mission` items as legs.
 
-    Use: ``load(items)``, ``arm()``, ``start()``, then ``advance(until_s)`` again and again. Orders take
-    effect at the time that the vehicle was advanced to; one that cannot be taken raises VehicleError.
+    Use: ``mission.load(items)``, ``arm()``, ``start()``, then ``advance(until_s)`` again and again. Orders
+    take effect at the time that the vehicle was advanced to; one that cannot be taken raises VehicleError.
 
     Parameters
     ----------
@@ -47,14 +51,45 @@ class MissionExecutor(MissionSequencer):
         How wrong the autopilot's estimate is, where it is known to be; exact without.
     """
 
+    def __init__(
+        self,
+        spec: VehicleSpec,
+        frame: LocalFrame,
+        *,
+        wind: Wind | None = None,
+        yaw_rad: float = 0.0,
+        takes_off: bool = False,
+        epoch_unix_s: float = EPOCH_UNIX_S,
+        estimate_errors: EstimateErrors | None = None,
+    ) -> None:
+        self.flight = LegFollower(spec, wind=wind, yaw_rad=yaw_rad)
+        if estimate_errors is not None:
+            self.motion.estimate_with(estimate_errors)
+        self.mission = MissionSequencer(self.flight, frame, takes_off=takes_off, epoch_unix_s=epoch_unix_s)
+
+    @property
+    def spec(self) -> VehicleSpec:
+        """The vehicle, with the defaults and limits that hold now."""
+        return self.flight.spec
+
+    @property
+    def motion(self) -> MotionModel:
+        """The motion model of the vehicle."""
+        return self.flight.motion
+
+    @property
+    def time_s(self) -> float:
+        """The time that the vehicle was advanced to, on its grid of steps."""
+        return self.flight.time_s
+
     def update_spec(self, spec: VehicleSpec) -> None:
         """Take other defaults and limits; they hold from the next leg or order on."""
         same = spec.kind == self.spec.kind and spec.step_s == self.spec.step_s
         require(same, f"vehicle {spec.name}: another kind or time step cannot be taken in flight")
-        settings = self.settings
+        settings = self.mission.settings
         if settings.speed_m_s == self.spec.cruise_speed_m_s:
             settings.speed_m_s = spec.cruise_speed_m_s
-        self.spec = spec
+        self.flight.spec = spec
         self.motion.update_spec(spec)
 
     def arm(self) -> None:
@@ -62,37 +97,37 @@ class MissionExecutor(MissionSequencer):
         battery = self.spec.battery
         empty = battery is not None and remaining_fraction(battery, self.motion.energy_j) <= 0.0
         require(not empty, "the battery is empty: change it before arming")
-        self.armed = True
-        self.disarm_step = None
+        self.flight.armed = True
+        self.flight.disarm_step = None
 
     def disarm(self, *, force: bool = False) -> None:
         """Stop the motors. Forced in the air, the vehicle drops: it is on the ground at once."""
-        if self.landed is not LandedState.ON_GROUND:
+        if self.flight.landed is not LandedState.ON_GROUND:
             require(force, "cannot disarm in flight: land first, or force it")
-            self.touch_down()
-        self.stop_motors()
+            self.flight.touch_down()
+        self.flight.stop_motors()
 
     def stay_armed(self) -> None:
         """Let the motors run on after a touch-down, until another order."""
-        if self.landed is LandedState.ON_GROUND and not self.phase.is_lost:
-            self.disarm_step = None
+        if self.flight.landed is LandedState.ON_GROUND and not self.flight.phase.is_lost:
+            self.flight.disarm_step = None
 
     def start(self) -> None:
         """Begin the mission, or resume it at the current item."""
-        self.ready("start the mission")
-        require(bool(self.items), "cannot start the mission: none is loaded")
-        self.begin_at(self.current_seq)
+        self.flight.ready("start the mission")
+        require(bool(self.mission.items), "cannot start the mission: none is loaded")
+        self.mission.begin_at(self.mission.current_seq)
 
     def takeoff(self, altitude_m: float) -> None:
         """Climb to an altitude above home and hold there; TargetReached tells when."""
-        self.ready("take off")
+        self.flight.ready("take off")
         require(not self.spec.drives, f"cannot take off: a {self.spec.kind} stays on the ground")
         self._check_height(altitude_m)
         x, y, z = self.motion.position_m
-        self.disarm_step = None
-        self.settings.speed_m_s = speed = self.spec.cruise_speed_m_s
+        self.flight.disarm_step = None
+        self.mission.settings.speed_m_s = speed = self.spec.cruise_speed_m_s
         climb = Leg((x, y, max(altitude_m, z)), speed, heading=KEEP, kind=LegKind.TAKEOFF)
-        self.fly([climb], FlightPhase.TAKEOFF)
+        self.flight.fly([climb], FlightPhase.TAKEOFF)
 
     def goto(
         self,
@@ -108,19 +143,19 @@ class MissionExecutor(MissionSequencer):
 
         As a setpoint, a multirotor in the air goes there without a path.
         """
-        settings = self.settings
-        self.ready("fly to a position")
+        settings = self.mission.settings
+        self.flight.ready("fly to a position")
         self._check_height(altitude_m)
         farthest_m = self.spec.max_distance_m
         near = math.hypot(x_m, y_m) <= farthest_m
         require(near, f"cannot fly to ({x_m:g}, {y_m:g}): more than {farthest_m:g} m from home")
         if speed_m_s is not None:
             settings.speed_m_s = self._checked_speed(speed_m_s)
-        self.disarm_step = None
-        direct = as_setpoint and self.spec.hovers and self.landed is not LandedState.ON_GROUND
+        self.flight.disarm_step = None
+        direct = as_setpoint and self.spec.hovers and self.flight.landed is not LandedState.ON_GROUND
         kind = LegKind.SETPOINT if direct else LegKind.WAYPOINT
         leg = Leg((x_m, y_m, altitude_m), settings.speed_m_s, heading=heading, kind=kind)
-        self.fly([leg], FlightPhase.GOTO)
+        self.flight.fly([leg], FlightPhase.GOTO)
 
     def steer(
         self,
@@ -134,13 +169,13 @@ class MissionExecutor(MissionSequencer):
         More than the vehicle flies is reduced; ``height_m`` is kept instead of the vertical speed unless it
         is NaN.
         """
-        self.ready("fly at a velocity")
+        self.flight.ready("fly at a velocity")
         if not math.isnan(height_m):
             self._check_height(height_m)
-        elif self.landed is LandedState.ON_GROUND and not self.spec.drives:
+        elif self.flight.landed is LandedState.ON_GROUND and not self.spec.drives:
             require(velocity_m_s[2] > 0.0, "cannot fly at a velocity: on the ground")
-        self.disarm_step = None
-        self.keep_velocity(velocity_m_s, height_m=height_m, heading=heading)
+        self.flight.disarm_step = None
+        self.flight.keep_velocity(velocity_m_s, height_m=height_m, heading=heading)
 
     def orbit(self, x_m: float, y_m: float, altitude_m: float, radius_m: float, speed_m_s: float) -> None:
         """Fly circles about a position (clockwise with a positive radius), a hundred of them, then hold."""
@@ -154,7 +189,7 @@ class MissionExecutor(MissionSequencer):
             legs = [circle_leg((x_m, y_m, altitude_m), speed, radius_m, MAX_TURNS)]
         else:
             legs = circle_legs((x_m, y_m, altitude_m), here, MAX_TURNS, radius_m, speed, self.spec)
-        self.fly(legs, FlightPhase.GOTO)
+        self.flight.fly(legs, FlightPhase.GOTO)
 
     def return_home(self, position_m: Position | None = None) -> None:
         """Climb to the return altitude, fly home or to the nearest rally point, land.
@@ -163,8 +198,8 @@ class MissionExecutor(MissionSequencer):
         before it turns to it.
         """
         self._in_air("return home")
-        self.look_at(None)
-        speed = max(self.settings.speed_m_s, self.spec.cruise_speed_m_s)
+        self.flight.look_at(None)
+        speed = max(self.mission.settings.speed_m_s, self.spec.cruise_speed_m_s)
         if self.spec.circles:
             self._return_circling(position_m, speed)
             return
@@ -174,49 +209,49 @@ class MissionExecutor(MissionSequencer):
             legs.append(Leg((x, y, z), self.spec.top_speed_m_s, heading=KEEP, kind=LegKind.STAY))
         if position_m is None:
             legs += self._home_legs((x, y, z), speed)
-            self.fly(legs, FlightPhase.RETURN, AfterLastLeg.TOUCHDOWN)
+            self.flight.fly(legs, FlightPhase.RETURN, AfterLastLeg.TOUCHDOWN)
             return
         height = max(position_m[2], self.spec.return_altitude_m, z)
         legs.append(Leg((x, y, height), speed, self.spec.acceptance_radius_m, KEEP, LegKind.CLIMB))
         legs.append(Leg((position_m[0], position_m[1], height), speed))
-        self.fly(legs, FlightPhase.GOTO)
+        self.flight.fly(legs, FlightPhase.GOTO)
 
     def _return_circling(self, position_m: Position | None, speed: float) -> None:
         """Return as a fixed wing does: to a circle there or over home, or to the landing of the mission."""
         here = self.motion.position_m
         if position_m is not None:
             height = max(position_m[2], self.spec.return_altitude_m, here[2])
-            self.fly([circle_leg((position_m[0], position_m[1], height), speed)], FlightPhase.GOTO)
+            self.flight.fly([circle_leg((position_m[0], position_m[1], height), speed)], FlightPhase.GOTO)
             return
         own = fixed_wing_procedures(self.spec).lands_as_mission(self.spec)
-        legs = (self.landing_legs() if own else []) or self._home_legs(here, speed)
+        legs = (self.mission.landing_legs() if own else []) or self._home_legs(here, speed)
         after = AfterLastLeg.TOUCHDOWN if lands(legs) else AfterLastLeg.NEXT
-        self.fly(legs, FlightPhase.RETURN, after)
+        self.flight.fly(legs, FlightPhase.RETURN, after)
 
     def _home_legs(self, here: Position, speed: float) -> list[Leg]:
         procedures = flight_procedures(self.spec)
-        return procedures.return_legs(self.spec, here, speed, self.return_point())
+        return procedures.return_legs(self.spec, here, speed, self.mission.return_point())
 
     def land(self) -> None:
         """Land here."""
         self._in_air("land")
-        self.look_at(None)
+        self.flight.look_at(None)
         x, y, _ = self.motion.stopping_point()
         here = self.motion.position_m
         legs = flight_procedures(self.spec).landing_legs(
-            self.spec, (x, y, here[2]), here, self.settings.speed_m_s
+            self.spec, (x, y, here[2]), here, self.mission.settings.speed_m_s
         )
-        self.fly(legs, FlightPhase.LAND, AfterLastLeg.TOUCHDOWN)
+        self.flight.fly(legs, FlightPhase.LAND, AfterLastLeg.TOUCHDOWN)
 
     def set_speed(self, speed_m_s: float) -> None:
         """Set the ground speed until the mission sets another."""
-        self.settings.speed_m_s = self._checked_speed(speed_m_s)
-        self.apply_speed()
+        self.mission.settings.speed_m_s = self._checked_speed(speed_m_s)
+        self.mission.apply_speed()
 
     def advance(self, until_s: float) -> list[FlightEvent]:
         """Fly until a time; the events of the flight, in order, each with its own time."""
-        self.run(self._step_at(until_s), stop_each=True)
-        return self.take_events()
+        self.mission.run(self._step_at(until_s), stop_each=True)
+        return self.flight.take_events()
 
     def fly_through(self, limit_s: float) -> list[FlightEvent]:
         """Fly until the mission is over, or to a time limit; events in order.
@@ -224,24 +259,24 @@ class MissionExecutor(MissionSequencer):
         The same flight as with `advance`, faster: positions that need no decision are not returned to one by
         one.
         """
-        self.run(self._step_at(limit_s), stop_each=False)
-        return self.take_events()
+        self.mission.run(self._step_at(limit_s), stop_each=False)
+        return self.flight.take_events()
 
     def course_through(self, limit_s: float) -> Generator[tuple[int, bool], MotionEvent, list[FlightEvent]]:
         """Fly as `fly_through` does, while the caller moves the vehicle: see `MissionSequencer.course`."""
-        yield from self.course(self._step_at(limit_s), stop_each=False)
-        return self.take_events()
+        yield from self.mission.course(self._step_at(limit_s), stop_each=False)
+        return self.flight.take_events()
 
     def state(self) -> VehicleState:
         """The state of the vehicle now."""
-        return self.state_at(self.current_seq)
+        return self.flight.state_at(self.mission.current_seq)
 
     def _step_at(self, time_s: float) -> int:
         return math.floor(time_s / self.motion.step_s + 1e-6)
 
     def _in_air(self, what: str) -> None:
-        self.ready(what)
-        require(self.landed is not LandedState.ON_GROUND, f"cannot {what}: on the ground")
+        self.flight.ready(what)
+        require(self.flight.landed is not LandedState.ON_GROUND, f"cannot {what}: on the ground")
 
     def _check_height(self, altitude_m: float) -> None:
         text = f"altitude {altitude_m:g} m is outside 0..{self.spec.max_altitude_m:g}"

@@ -50,10 +50,7 @@ if TYPE_CHECKING:
 
     from geo.frame import LocalFrame
     from mission.model import MissionItem
-    from sim_vehicle.airframe.estimate_errors import EstimateErrors
-    from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Position
-    from sim_vehicle.weather.wind import Wind
 
 _REPLAN_BEFORE = 64
 _GAVE_UP = -2
@@ -85,8 +82,8 @@ class ReturnPoints:
         return min(points, key=lambda point: math.hypot(point[0] - x, point[1] - y))
 
 
-class MissionSequencer(LegFollower):
-    """A follower of legs that flies the items of a mission one after the other.
+class MissionSequencer:
+    """Flies the items of a mission one after the other, as legs of a `LegFollower`.
 
     With `takes_off` a mission that begins on the ground without a take-off item climbs first, to the height
     of its first position or the take-off altitude if that is higher (as PX4 does); `epoch_unix_s` is the time
@@ -96,18 +93,14 @@ class MissionSequencer(LegFollower):
 
     def __init__(
         self,
-        spec: VehicleSpec,
+        flight: LegFollower,
         frame: LocalFrame,
         *,
-        wind: Wind | None = None,
-        yaw_rad: float = 0.0,
         takes_off: bool = False,
         epoch_unix_s: float = EPOCH_UNIX_S,
-        estimate_errors: EstimateErrors | None = None,
     ) -> None:
-        super().__init__(spec, wind=wind, yaw_rad=yaw_rad)
-        if estimate_errors is not None:
-            self.motion.estimate_with(estimate_errors)
+        self.flight = flight
+        self._motion = flight.motion
         self.frame = frame
         self.takes_off = takes_off
         self.epoch_unix_s = epoch_unix_s
@@ -132,13 +125,13 @@ class MissionSequencer(LegFollower):
         ``positions`` are those of `sim_vehicle.execution.items.item_positions`, when they are known already;
         with ``keeps_settings`` speeds stay as they are.
         """
-        if self.phase is FlightPhase.MISSION:
-            self.hold()
+        if self.flight.phase is FlightPhase.MISSION:
+            self.flight.hold()
         self._take(items, positions)
         self.current_seq = min(current, len(self.items) - 1)
         if not keeps_settings:
             self.settings = self._default_settings()
-            self.look_at(None)
+            self.flight.look_at(None)
 
     def change(
         self, items: Sequence[MissionItem], seq: int, *, at_waypoints: bool = False, keeps_jumps: bool = False
@@ -151,23 +144,23 @@ class MissionSequencer(LegFollower):
         one after it follows. ``keeps_jumps`` goes on counting how often jumps were taken. Tells whether the
         vehicle has turned to the item at once.
         """
-        self.ready("change the mission")
+        self.flight.ready("change the mission")
         flown = self.items[self.current_seq].command if self.current_seq < len(self.items) else _WAYPOINT
         self._take(items)
         if not keeps_jumps:
             self.settings.jumps.clear()
-        if self.phase is FlightPhase.MISSION and self.landed is not LandedState.ON_GROUND:
+        if self.flight.phase is FlightPhase.MISSION and self.flight.landed is not LandedState.ON_GROUND:
             completes = at_waypoints and (flown not in PASSED_COMMANDS or seq >= len(self.items))
             if flown == Command.NAV_RETURN_TO_LAUNCH:
                 self._goes_on_at = len(self.items)
-            elif not completes and self.landed is LandedState.TAKEOFF:
+            elif not completes and self.flight.landed is LandedState.TAKEOFF:
                 self._goes_on_at = seq
             if completes or self._goes_on_at is not None:
                 # The plan of the old mission is left at the end of what is flown now.
-                self.waiting = Waiting()
+                self.flight.waiting = Waiting()
                 self._replan = True
                 return False
-        self.motion.interrupt()
+        self._motion.interrupt()
         self.begin_at(seq)
         return True
 
@@ -178,21 +171,21 @@ class MissionSequencer(LegFollower):
 
     def return_point(self) -> Position:
         """Where the vehicle would return to from here, and the least height of the path."""
-        return self.return_points.nearest(self.motion.position_m)
+        return self.return_points.nearest(self._motion.position_m)
 
     def _default_settings(self) -> Settings:
-        speed_m_s = self.spec.cruise_speed_m_s
+        speed_m_s = self.flight.spec.cruise_speed_m_s
         return Settings(speed_m_s, default_m_s=speed_m_s)
 
     def _set_current(self, seq: int, time_s: float | None = None) -> None:
         if seq != self.current_seq:
             self.current_seq = seq
-            self.tell(CurrentChanged(self.time_s if time_s is None else time_s, seq))
+            self.flight.tell(CurrentChanged(self.flight.time_s if time_s is None else time_s, seq))
 
     def begin_at(self, seq: int) -> None:
         """Begin or go on with the mission at an item."""
-        self.disarm_step = None
-        self.drop_plan(FlightPhase.MISSION)
+        self.flight.disarm_step = None
+        self.flight.drop_plan(FlightPhase.MISSION)
         self._goes_on_at = None
         self._continue(seq)
 
@@ -202,20 +195,20 @@ class MissionSequencer(LegFollower):
         require(0 <= seq < count, f"mission item {seq}: the mission has {count} items")
         self.settings.jumps.clear()
         self._set_current(seq)
-        if self.phase is FlightPhase.MISSION:
-            self.motion.interrupt()
+        if self.flight.phase is FlightPhase.MISSION:
+            self._motion.interrupt()
             self.begin_at(seq)
 
     def reset_speed(self) -> None:
         """Take the vehicle's own ground speed for the legs to come."""
-        self.settings.speed_m_s = self.spec.cruise_speed_m_s
+        self.settings.speed_m_s = self.flight.spec.cruise_speed_m_s
 
     def replay_speed(self) -> None:
         """Take the ground speed that the items before the current one set, for the legs to come."""
         settings = self._default_settings()
         for seq, item in enumerate(self.items[: max(self.current_seq, 0)]):
             if item.command == Command.DO_CHANGE_SPEED:
-                do_items(self.items[: seq + 1], seq, settings, self.spec.top_speed_m_s)
+                do_items(self.items[: seq + 1], seq, settings, self.flight.spec.top_speed_m_s)
         self.settings.speed_m_s = settings.speed_m_s
 
     def rewind_survey(self) -> None:
@@ -232,37 +225,39 @@ class MissionSequencer(LegFollower):
     def apply_speed(self) -> None:
         """Let a ground speed that was set hold for what is being flown."""
         speed_m_s = self.settings.speed_m_s
-        plan = self.plan
-        if self.phase is FlightPhase.STEERED or plan is None or self.timer is not None:
+        plan = self.flight.plan
+        if self.flight.phase is FlightPhase.STEERED or plan is None or self.flight.timer is not None:
             return
-        if self.phase is FlightPhase.MISSION:
+        if self.flight.phase is FlightPhase.MISSION:
             if self._goes_on_at is None and self.current_seq < len(self.items):
-                self._fly_from(self.current_seq, self.time_s)
-        elif self.phase in (FlightPhase.GOTO, FlightPhase.RETURN):
-            left = plan.legs[self.flown :]
+                self._fly_from(self.current_seq, self.flight.time_s)
+        elif self.flight.phase in (FlightPhase.GOTO, FlightPhase.RETURN):
+            left = plan.legs[self.flight.flown :]
             legs = [leg if leg.descends else replace(leg, speed_m_s=speed_m_s) for leg in left]
-            self.fly(legs, self.phase, plan.after_last)
+            self.flight.fly(legs, self.flight.phase, plan.after_last)
 
     @property
     def returns(self) -> bool:
         """Whether the return is flown that is the last item of the mission."""
-        on_mission = self.phase is FlightPhase.MISSION and self.current_seq == len(self.items) - 1
+        on_mission = self.flight.phase is FlightPhase.MISSION and self.current_seq == len(self.items) - 1
         return on_mission and self.items[self.current_seq].command == Command.NAV_RETURN_TO_LAUNCH
 
     def leave_to_return(self) -> None:
         """Let the return that is flown be no item of the mission any more."""
-        self.phase = FlightPhase.LAND if self.landed is LandedState.LANDING else FlightPhase.RETURN
+        self.flight.phase = (
+            FlightPhase.LAND if self.flight.landed is LandedState.LANDING else FlightPhase.RETURN
+        )
 
     @property
     def lands(self) -> bool:
         """Whether a landing of the mission is flown."""
-        on_mission = self.phase is FlightPhase.MISSION and 0 <= self.current_seq < len(self.items)
+        on_mission = self.flight.phase is FlightPhase.MISSION and 0 <= self.current_seq < len(self.items)
         return on_mission and self.items[self.current_seq].command == Command.NAV_LAND
 
     @property
     def goes_around(self) -> bool:
         """Whether a landing was broken off, and it still climbs."""
-        plan = self.plan
+        plan = self.flight.plan
         return self.lands and plan is not None and plan.legs[0].kind is LegKind.TAKEOFF
 
     def go_around(self, height_m: float | None = None) -> float:
@@ -270,33 +265,33 @@ class MissionSequencer(LegFollower):
 
         By default that is the height of the landing item, or of the take-off.
         """
-        self.ready("go around")
-        able = self.lands and self.landed is not LandedState.ON_GROUND
+        self.flight.ready("go around")
+        able = self.lands and self.flight.landed is not LandedState.ON_GROUND
         require(able, "cannot go around: no landing of the mission is flown")
         leg = climb_leg(
-            self.items, self.current_seq, self.motion.position_m, self.settings.speed_m_s, height_m
+            self.items, self.current_seq, self._motion.position_m, self.settings.speed_m_s, height_m
         )
         plan = LegPlan()
         plan.add(leg, self.current_seq)
-        self.disarm_step = None
-        self.motion.interrupt()
-        self.begin(plan)
+        self.flight.disarm_step = None
+        self._motion.interrupt()
+        self.flight.begin(plan)
         return leg.end_m[2]
 
     def landing_start(self) -> int | None:
         """Return the nearest item where a landing starts, None without one."""
-        return landing_start(self.items, self._positions, self.motion.position_m)
+        return landing_start(self.items, self._positions, self._motion.position_m)
 
     def landing_legs(self) -> list[Leg]:
         """The legs of the mission's own landing from here; none where it has none down to the ground."""
         seq = self.landing_start()
         if seq is None:
             return []
-        here = self.motion.position_m
+        here = self._motion.position_m
         legs: list[Leg] = []
         settings = self.settings.copy()
         while True:
-            _, seq = do_items(self.items, seq, settings, self.spec.top_speed_m_s)
+            _, seq = do_items(self.items, seq, settings, self.flight.spec.top_speed_m_s)
             if not 0 <= seq < len(self.items) or self.items[seq].command not in _LANDING_COMMANDS:
                 return []
             plan = self._plan(seq, settings, here)
@@ -307,7 +302,7 @@ class MissionSequencer(LegFollower):
             seq = plan.seqs[-1] + 1
 
     def _plan(self, seq: int, settings: Settings, here: Position) -> LegPlan:
-        spec, home = self.spec, self.return_point()
+        spec, home = self.flight.spec, self.return_point()
         return plan_item_legs(self.items, self._positions, seq, settings, spec, here, home)
 
     def run(self, target: int, *, stop_each: bool) -> None:
@@ -316,7 +311,7 @@ class MissionSequencer(LegFollower):
         with suppress(StopIteration):
             steps, closely = next(course)
             while True:
-                event = self.motion.advance(steps, stop_each=closely)
+                event = self._motion.advance(steps, stop_each=closely)
                 steps, closely = course.send(event)
 
     def course(self, target: int, *, stop_each: bool) -> Generator[tuple[int, bool], MotionEvent, None]:
@@ -325,73 +320,73 @@ class MissionSequencer(LegFollower):
         Coroutine: yields ``(max_steps, stop_each)``; the caller advances the motion with them and sends the
         MotionEvent back. Without ``stop_each`` it ends as soon as the mission is over.
         """
-        motion = self.motion
+        motion = self._motion
         while motion.step < target:
             limit = target
-            for step in (self.timer, self.disarm_step, self.waiting.step):
+            for step in (self.flight.timer, self.flight.disarm_step, self.flight.waiting.step):
                 if step is not None and step < limit:
                     limit = max(step, motion.step)
-            flying = self.plan is not None and self.landed is not LandedState.ON_GROUND
+            flying = self.flight.plan is not None and self.flight.landed is not LandedState.ON_GROUND
             if flying:
                 closely = stop_each or self._plan_needs_care()
                 event = yield limit - motion.step, closely
                 self._account(event)
             elif limit > motion.step:
-                motion.rest(limit - motion.step, armed=self.armed)
-                self.drain_on_ground()
-            if self.timer is not None and motion.step >= self.timer:
-                self.timer = None
+                motion.rest(limit - motion.step, armed=self.flight.armed)
+                self.flight.drain_on_ground()
+            if self.flight.timer is not None and motion.step >= self.flight.timer:
+                self.flight.timer = None
                 self._complete_item()
-            if self.waiting.step is not None and motion.step >= self.waiting.step:
+            if self.flight.waiting.step is not None and motion.step >= self.flight.waiting.step:
                 self._release()
-            if self.disarm_step is not None and motion.step >= self.disarm_step:
-                self.stop_motors()
-                self.tell(Disarmed(self.time_s))
+            if self.flight.disarm_step is not None and motion.step >= self.flight.disarm_step:
+                self.flight.stop_motors()
+                self.flight.tell(Disarmed(self.flight.time_s))
             if not stop_each and self._over():
                 return
 
     def _over(self) -> bool:
         """Whether the mission is, or stays where it is for ever."""
-        plan = self.plan
+        plan = self.flight.plan
         forever = plan is not None and plan.after_last is AfterLastLeg.FOREVER
-        if plan is not None and forever and self.flown == len(plan.legs):
+        if plan is not None and forever and self.flight.flown == len(plan.legs):
             return True
-        rests = self.landed is LandedState.ON_GROUND or self.phase is FlightPhase.HOLD
-        return rests and self.phase is not FlightPhase.MISSION and self.disarm_step is None
+        rests = self.flight.landed is LandedState.ON_GROUND or self.flight.phase is FlightPhase.HOLD
+        return rests and self.flight.phase is not FlightPhase.MISSION and self.flight.disarm_step is None
 
     def _plan_needs_care(self) -> bool:
         """Whether legs have to be handled one by one even in a prediction."""
-        plan = self.plan
-        return bool(self.waiting.seqs) or (plan is not None and (plan.open or plan.unsure))
+        plan = self.flight.plan
+        return bool(self.flight.waiting.seqs) or (plan is not None and (plan.open or plan.unsure))
 
     def _account(self, event: MotionEvent) -> None:
         """Complete the legs that were flown, and take what ended the motion."""
-        plan = self.plan
+        plan = self.flight.plan
         self._complete_legs()
         if event is MotionEvent.ENERGY:
-            if self.landed is not LandedState.ON_GROUND:
-                self.deplete()
-        elif self.plan is plan:
+            if self.flight.landed is not LandedState.ON_GROUND:
+                self.flight.deplete()
+        elif self.flight.plan is plan:
             if event is MotionEvent.NEAR:
                 self._release()
             elif event is MotionEvent.STALLED:
                 self._give_up("cannot make progress: the wind is too strong for the vehicle")
 
     def _complete_legs(self) -> None:
-        plan, motion = self.plan, self.motion
+        plan, motion = self.flight.plan, self._motion
         assert plan is not None
         reached = motion.leg + (1 if motion.arrivals[motion.leg] >= 0 else 0)
-        while self.flown < reached and self.plan is plan:
-            leg = self.flown
-            self.flown += 1
+        while self.flight.flown < reached and self.flight.plan is plan:
+            leg = self.flight.flown
+            self.flight.flown += 1
             self._leg_done(plan, leg, int(motion.arrivals[leg]) * motion.step_s)
 
     def _leg_done(self, plan: LegPlan, leg: int, time_s: float) -> None:
         final = leg == len(plan.legs) - 1
         seq = plan.seqs[leg]
-        climbed = self.landed is LandedState.TAKEOFF
+        climbed = self.flight.landed is LandedState.TAKEOFF
         if climbed:
-            self.landed = LandedState.IN_AIR
+            self.flight.landed = LandedState.IN_AIR
         if climbed and self._goes_on_at is not None and not plan.done[leg] and seq >= 0:
             self._continue(self._following(seq - 1))
             return
@@ -400,7 +395,7 @@ class MissionSequencer(LegFollower):
             return
         if not final:
             if plan.after_last is AfterLastLeg.TOUCHDOWN and plan.legs[leg + 1].descends:
-                self.descend()
+                self.flight.descend()
             if plan.done[leg]:
                 self._next_leg(plan, leg, time_s)
             return
@@ -408,9 +403,9 @@ class MissionSequencer(LegFollower):
             self._on_touch_down(seq)
         elif plan.after_last is AfterLastLeg.WAIT:
             wait_s = self._delay_s(seq) if math.isnan(plan.wait_s) else plan.wait_s
-            self.timer = self.motion.step + round(wait_s / self.motion.step_s)
+            self.flight.timer = self._motion.step + round(wait_s / self._motion.step_s)
             if wait_s <= 0.0:
-                self.timer = None
+                self.flight.timer = None
                 self._complete_item()
         elif plan.after_last is AfterLastLeg.NEXT:
             if seq >= 0:
@@ -420,20 +415,20 @@ class MissionSequencer(LegFollower):
 
     def _land_again(self, seq: int, time_s: float) -> None:
         """Begin anew a landing that was broken off."""
-        at = landing_restart(self.items, self._positions, seq, self.motion.position_m)
+        at = landing_restart(self.items, self._positions, seq, self._motion.position_m)
         if at is None:
             self._give_up("unable to restart the landing sequence", seq)
             return
-        self.tell(LandingRestarted(time_s, at))
+        self.flight.tell(LandingRestarted(time_s, at))
         self._continue(at)
 
     def _next_leg(self, plan: LegPlan, leg: int, time_s: float) -> None:
         """Go on to the next item of the plan, unless what lies between changes the plan."""
-        self.tell(ItemReached(time_s, plan.seqs[leg]))
+        self.flight.tell(ItemReached(time_s, plan.seqs[leg]))
         following = self._between(self._following(plan.seqs[leg]), time_s)
         nearly_out = plan.open and leg >= len(plan.legs) - _REPLAN_BEFORE
         same = following == plan.seqs[leg + 1] and plan.speeds[leg + 1] == self.settings.speed_m_s
-        if same and not nearly_out and not self.waiting.seqs and not self._replan:
+        if same and not nearly_out and not self.flight.waiting.seqs and not self._replan:
             self._set_current(following, time_s)
             return
         self._fly_from(following, time_s)
@@ -441,8 +436,8 @@ class MissionSequencer(LegFollower):
     def _complete_item(self) -> None:
         """The current item is complete: go on with the items after it."""
         seq = self.current_seq
-        self.tell(ItemReached(self.time_s, seq))
-        self._fly_from(self._between(self._following(seq), self.time_s), self.time_s)
+        self.flight.tell(ItemReached(self.flight.time_s, seq))
+        self._fly_from(self._between(self._following(seq), self.flight.time_s), self.flight.time_s)
 
     def _following(self, seq: int) -> int:
         """Where to go on after an item: at the one after it, unless the mission was changed on the way."""
@@ -453,20 +448,20 @@ class MissionSequencer(LegFollower):
         return seq + 1 if took_off else at
 
     def _continue(self, seq: int) -> None:
-        time_s = self.time_s
+        time_s = self.flight.time_s
         self._fly_from(self._between(seq, time_s), time_s)
 
     def _between(self, seq: int, time_s: float) -> int:
         """Execute the items up to the next one with a position; return it, or `_GAVE_UP`."""
         self.settings.heading = ALONG
-        if self.waiting.seqs:
+        if self.flight.waiting.seqs:
             self._execute_waiting(time_s)
-            self.waiting.step = None
+            self.flight.waiting.step = None
         if seq < len(self.items) and self.items[seq].command == _WAYPOINT:
             return seq
-        self.settings.yaw_rad = self.motion.snapshot().heading_rad
+        self.settings.yaw_rad = self._motion.snapshot().heading_rad
         while True:
-            done, following = do_items(self.items, seq, self.settings, self.spec.top_speed_m_s)
+            done, following = do_items(self.items, seq, self.settings, self.flight.spec.top_speed_m_s)
             for index in done:
                 self._announce(index, time_s)
             if following < 0:
@@ -474,60 +469,60 @@ class MissionSequencer(LegFollower):
                 return _GAVE_UP
             if following >= len(self.items) or self.items[following].command not in CONDITIONS:
                 break
-            self.waiting.seqs = condition_items(self.items, following)
-            seq = self.waiting.seqs[-1] + 1
+            self.flight.waiting.seqs = condition_items(self.items, following)
+            seq = self.flight.waiting.seqs[-1] + 1
         if following >= len(self.items):
             self._execute_waiting(time_s)
         return following
 
     def _execute_waiting(self, time_s: float) -> None:
-        for seq in self.waiting.seqs:
+        for seq in self.flight.waiting.seqs:
             self._execute(seq, time_s)
-        self.waiting.seqs = []
+        self.flight.waiting.seqs = []
 
     def _announce(self, seq: int, time_s: float) -> None:
         item = self.items[seq]
         command = item.command
         if command in CAMERA_COMMANDS or command in GIMBAL_COMMANDS:
-            self.tell(CameraCommand(time_s, seq, item))
+            self.flight.tell(CameraCommand(time_s, seq, item))
         if command in ROI_COMMANDS:
             x, y, _ = self._positions[seq]
-            self.look_at(None if math.isnan(x) else (x, y))
+            self.flight.look_at(None if math.isnan(x) else (x, y))
         elif command == Command.DO_SET_HOME:
-            here = self.motion.position_m[:2] if number(item.param1) == 1.0 else self._positions[seq][:2]
+            here = self._motion.position_m[:2] if number(item.param1) == 1.0 else self._positions[seq][:2]
             if not math.isnan(here[0]):
                 self.return_points.home_m = here
-                self.tell(HomeMoved(time_s, *here))
+                self.flight.tell(HomeMoved(time_s, *here))
         elif command == Command.CONDITION_YAW:
             self._replan |= number(item.param4) != 0.0
         elif command == Command.DO_CHANGE_SPEED:
             self._replan |= number(item.param1) > 1.0
-        self.tell(ItemReached(time_s, seq))
+        self.flight.tell(ItemReached(time_s, seq))
 
     def _execute(self, seq: int, time_s: float) -> None:
         """Execute one item that waited for a condition."""
         if self.items[seq].command not in CONDITIONS:
-            self.settings.yaw_rad = self.motion.snapshot().heading_rad
-            do_items(self.items[: seq + 1], seq, self.settings, self.spec.top_speed_m_s)
+            self.settings.yaw_rad = self._motion.snapshot().heading_rad
+            do_items(self.items[: seq + 1], seq, self.settings, self.flight.spec.top_speed_m_s)
         self._announce(seq, time_s)
 
     def _release(self) -> None:
         """The condition is met: execute what waited for it, up to the next condition."""
-        time_s = self.time_s
+        time_s = self.flight.time_s
         before = self.settings.copy()
-        self.waiting.step = None
-        self._execute(self.waiting.seqs.pop(0), time_s)
+        self.flight.waiting.step = None
+        self._execute(self.flight.waiting.seqs.pop(0), time_s)
         # At the position itself, where a pause runs, there is no path left on which to wait.
-        while self.waiting.seqs and (self.timer is not None or not self._waits()):
-            self._execute(self.waiting.seqs.pop(0), time_s)
-        if self.timer is None and (self.waiting.seqs or self.settings != before):
+        while self.flight.waiting.seqs and (self.flight.timer is not None or not self._waits()):
+            self._execute(self.flight.waiting.seqs.pop(0), time_s)
+        if self.flight.timer is None and (self.flight.waiting.seqs or self.settings != before):
             self._fly_from(self.current_seq, time_s)
 
     def _waits(self, command: int | None = None) -> bool:
         """Whether what comes next waits for a condition (for this one)."""
-        if not self.waiting.seqs:
+        if not self.flight.waiting.seqs:
             return False
-        first = self.items[self.waiting.seqs[0]].command
+        first = self.items[self.flight.waiting.seqs[0]].command
         return first in CONDITIONS if command is None else first == command
 
     def _fly_from(self, seq: int, time_s: float) -> None:
@@ -539,40 +534,40 @@ class MissionSequencer(LegFollower):
             return
         self._set_current(seq, time_s)
         command = self.items[seq].command
-        stands = self.landed is LandedState.ON_GROUND and not self.spec.drives
+        stands = self.flight.landed is LandedState.ON_GROUND and not self.flight.spec.drives
         climbs = stands and command != Command.NAV_TAKEOFF
         if climbs and not (self.takes_off and command in POSITION_COMMANDS):
             self._on_ground(seq)
             return
         if self._waits(Command.CONDITION_DELAY):
-            delay = number(self.items[self.waiting.seqs[0]].param1)
-            self.waiting.step = self.motion.step + max(1, round(delay / self.motion.step_s))
-        here = self.motion.position_m
+            delay = number(self.items[self.flight.waiting.seqs[0]].param1)
+            self.flight.waiting.step = self._motion.step + max(1, round(delay / self._motion.step_s))
+        here = self._motion.position_m
         if math.isnan(self._positions[seq][0]) and command not in (
             Command.NAV_TAKEOFF,
             Command.NAV_RETURN_TO_LAUNCH,
         ):
-            here = self.motion.stopping_point()
+            here = self._motion.stopping_point()
         self._replan = False
-        self.motion.set_climb(self.settings.climb_m_s, self.settings.descent_m_s)
+        self._motion.set_climb(self.settings.climb_m_s, self.settings.descent_m_s)
         if command in (Command.NAV_RETURN_TO_LAUNCH, Command.NAV_LAND):
-            self.look_at(None)
+            self.flight.look_at(None)
         if climbs:
-            here = (here[0], here[1], max(self._positions[seq][2], self.spec.takeoff_altitude_m))
+            here = (here[0], here[1], max(self._positions[seq][2], self.flight.spec.takeoff_altitude_m))
         plan = self._plan(seq, self.settings.copy(), here)
         if climbs:
-            plan.prepend(Leg(here, self.settings.speed_m_s, self.spec.acceptance_radius_m, KEEP), seq)
+            plan.prepend(Leg(here, self.settings.speed_m_s, self.flight.spec.acceptance_radius_m, KEEP), seq)
         if self._waits(Command.CONDITION_DISTANCE):
-            near = max(number(self.items[self.waiting.seqs[0]].param1), 1e-3)
+            near = max(number(self.items[self.flight.waiting.seqs[0]].param1), 1e-3)
             plan.legs[0] = replace(plan.legs[0], near_m=near)
-        self.begin(plan)
+        self.flight.begin(plan)
 
     def _on_ground(self, seq: int) -> None:
         """Do an item that is not a take-off on the ground: wait, be landed, or give up."""
         command = self.items[seq].command
         if command == Command.NAV_DELAY:
-            self.plan = None
-            self.timer = self.motion.step + max(1, round(self._delay_s(seq) / self.motion.step_s))
+            self.flight.plan = None
+            self.flight.timer = self._motion.step + max(1, round(self._delay_s(seq) / self._motion.step_s))
         elif command in (Command.NAV_LAND, Command.NAV_RETURN_TO_LAUNCH):
             self._complete_item()
         else:
@@ -583,42 +578,42 @@ class MissionSequencer(LegFollower):
         delay_s = number(item.param1)
         if delay_s >= 0.0:
             return delay_s
-        return time_of_day_wait_s(item, self.epoch_unix_s + self.time_s)
+        return time_of_day_wait_s(item, self.epoch_unix_s + self.flight.time_s)
 
     def _finish(self, time_s: float) -> None:
-        self.tell(MissionComplete(time_s))
-        if self.landed is LandedState.ON_GROUND:
-            self.drop_plan(FlightPhase.GROUND)
-            self.disarm_later()
+        self.flight.tell(MissionComplete(time_s))
+        if self.flight.landed is LandedState.ON_GROUND:
+            self.flight.drop_plan(FlightPhase.GROUND)
+            self.flight.disarm_later()
         else:
-            self.hold()
+            self.flight.hold()
 
     def _target_reached(self) -> None:
-        if self.phase in (FlightPhase.TAKEOFF, FlightPhase.GOTO):
-            self.phase = FlightPhase.HOLD
-            self.tell(TargetReached(self.time_s))
+        if self.flight.phase in (FlightPhase.TAKEOFF, FlightPhase.GOTO):
+            self.flight.phase = FlightPhase.HOLD
+            self.flight.tell(TargetReached(self.flight.time_s))
 
     def _give_up(self, reason: str, seq: int | None = None) -> None:
-        on_mission = self.phase is FlightPhase.MISSION
+        on_mission = self.flight.phase is FlightPhase.MISSION
         at = self.current_seq if seq is None else seq
-        self.tell(CannotFly(self.time_s, at if on_mission else -1, reason))
-        if not self.phase.is_lost:
-            self.hold()
-        if self.landed is LandedState.ON_GROUND:
-            self.disarm_later()
+        self.flight.tell(CannotFly(self.flight.time_s, at if on_mission else -1, reason))
+        if not self.flight.phase.is_lost:
+            self.flight.hold()
+        if self.flight.landed is LandedState.ON_GROUND:
+            self.flight.disarm_later()
 
     def _on_touch_down(self, seq: int) -> None:
-        was = self.phase
-        self.touch_down()
-        self.disarm_later()
+        was = self.flight.phase
+        self.flight.touch_down()
+        self.flight.disarm_later()
         if was.is_lost:
-            self.disarm_step = self.motion.step
+            self.flight.disarm_step = self._motion.step
         elif was is FlightPhase.MISSION and seq >= 0:
             self._complete_item()
-            if self.landed is not LandedState.ON_GROUND:
-                self.disarm_step = None
+            if self.flight.landed is not LandedState.ON_GROUND:
+                self.flight.disarm_step = None
             return
-        self.drop_plan(FlightPhase.GROUND)
+        self.flight.drop_plan(FlightPhase.GROUND)
 
 
 def _shoots(trigger: MissionItem) -> bool:

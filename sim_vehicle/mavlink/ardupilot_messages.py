@@ -44,11 +44,11 @@ def _target(source: WireState) -> tuple[Position, Position] | None:
     """Begin and end of the leg that is flown; None without one, and in modes that have no target."""
     pilot = source.pilot
     executor = pilot.executor
-    plan = executor.plan
-    if plan is None or pilot.mode in _MODES_OF_PILOTS or executor.phase is FlightPhase.STEERED:
+    plan = executor.flight.plan
+    if plan is None or pilot.mode in _MODES_OF_PILOTS or executor.flight.phase is FlightPhase.STEERED:
         return None
     leg = min(executor.motion.leg, len(plan.legs) - 1)
-    return plan.legs[leg - 1].end_m if leg else executor.began_m, plan.legs[leg].end_m
+    return plan.legs[leg - 1].end_m if leg else executor.flight.began_m, plan.legs[leg].end_m
 
 
 def _nav_controller_output(source: WireState) -> Message:

@@ -360,7 +360,7 @@ def _mission_start(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
 
 def _land_start(vehicle: CommandedVehicle, _command: VehicleCommand) -> None:
     """DO_LAND_START: go on with the mission where its landing begins."""
-    seq = vehicle.pilot.executor.landing_start()
+    seq = vehicle.pilot.executor.mission.landing_start()
     if seq is None:
         told = vehicle.state.mavlink.refusals.landing
         raise RefusedError("Land start refused: the mission has none", told=told)

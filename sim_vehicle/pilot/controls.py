@@ -61,7 +61,7 @@ class Controls:
 
     def __init__(self, executor: MissionExecutor, firmware: Firmware) -> None:
         self.executor = executor
-        self.frame = executor.frame
+        self.frame = executor.mission.frame
         self.firmware = firmware
         self.rules, self.behaviour = firmware.rules, firmware.behaviour
         self.parameters = RuntimeParameters.of(executor.spec, firmware.rules.defaults)
@@ -83,7 +83,7 @@ class Controls:
     @property
     def armed(self) -> bool:
         """Whether the motors run."""
-        return self.executor.armed
+        return self.executor.flight.armed
 
     @property
     def landed(self) -> LandedState:
@@ -93,7 +93,7 @@ class Controls:
     @property
     def home_m(self) -> tuple[float, float]:
         """Where home is, east and north of the start."""
-        return self.executor.return_points.home_m
+        return self.executor.mission.return_points.home_m
 
     def order(self, order: Callable[[], None]) -> None:
         """Give the executor an order."""

@@ -317,7 +317,9 @@ class ArmingChecks:
         if not controls.motor_ok:
             return "motor failure"
         reason = self.block or self._battery_problem() or self._failsafe.why_not_arm()
-        return reason or controls.behaviour.refuses_to_arm(controls.executor.items, controls.parameters)
+        return reason or controls.behaviour.refuses_to_arm(
+            controls.executor.mission.items, controls.parameters
+        )
 
     def why_not(self, mode: Mode, mission_problem: str | None) -> str | None:
         """Why the vehicle cannot arm in a mode; None when it can.

@@ -134,7 +134,7 @@ class SetpointFollower:
         executor = self._controls.executor
         (x, y, z), (vx, vy, vz) = setpoint.position_m, setpoint.velocity_m_s
         heading = setpoint.heading
-        executor.look_at(None)
+        executor.flight.look_at(None)
         if math.isnan(x) and not (math.isnan(vx) and math.isnan(vz)):
             across = (0.0, 0.0) if math.isnan(vx) else (vx, vy)
             up = 0.0 if math.isnan(vz) else vz
@@ -365,7 +365,7 @@ class AutoYaw:
         self._rate_rad_s = min(rate_rad_s, most) if rate_rad_s > 0.0 else most
         self._slewed_s = self._controls.now_s
         self._flown = self._now
-        self._controls.executor.look_at(None)
+        self._controls.executor.flight.look_at(None)
         self.check()
 
     def check(self) -> None:
@@ -386,4 +386,4 @@ class AutoYaw:
     def _now(self) -> tuple[Mode, int]:
         """What is flown, with the waypoint of a mission."""
         mode = self._controls.mode
-        return mode, self._controls.executor.current_seq if mode is Mode.MISSION else -1
+        return mode, self._controls.executor.mission.current_seq if mode is Mode.MISSION else -1

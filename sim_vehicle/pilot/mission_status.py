@@ -60,7 +60,7 @@ class MissionStatus:
     @property
     def items(self) -> tuple[MissionItem, ...]:
         """The mission."""
-        return self._controls.executor.items
+        return self._controls.executor.mission.items
 
     @property
     def size(self) -> int:
@@ -70,7 +70,7 @@ class MissionStatus:
     @property
     def current_seq(self) -> int:
         """The item that is flown now or next."""
-        return max(0, self._controls.executor.current_seq)
+        return max(0, self._controls.executor.mission.current_seq)
 
     @property
     def why_not(self) -> str | None:
@@ -88,9 +88,9 @@ class MissionStatus:
             self.problems = tuple(
                 check_mission(
                     items,
-                    executor.frame,
+                    executor.mission.frame,
                     executor.spec,
-                    needs_takeoff=not in_air and not executor.takes_off,
+                    needs_takeoff=not in_air and not executor.mission.takes_off,
                     outside=failsafe.outside if failsafe.fence_enabled else None,
                 )
             )

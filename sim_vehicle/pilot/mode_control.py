@@ -57,11 +57,11 @@ class ModeControl:
         controls, behaviour = self._controls, self._controls.behaviour
         if mode is not controls.mode and controls.landed is not LandedState.ON_GROUND:
             if mode in behaviour.forgets_speed_in:
-                controls.executor.reset_speed()
+                controls.executor.mission.reset_speed()
             elif mode is Mode.MISSION and behaviour.replays_speed:
-                controls.executor.replay_speed()
+                controls.executor.mission.replay_speed()
             if mode is Mode.MISSION and behaviour.rewinds_survey and self._left == self._present_item:
-                controls.executor.rewind_survey()
+                controls.executor.mission.rewind_survey()
             if controls.mode is Mode.MISSION:
                 self._left = self._present_item
         controls.mode = mode
@@ -71,7 +71,7 @@ class ModeControl:
     @property
     def _present_item(self) -> tuple[tuple[MissionItem, ...], int]:
         """The mission and its current item, where it is left and gone on with."""
-        return self._mission.items, self._controls.executor.current_seq
+        return self._mission.items, self._controls.executor.mission.current_seq
 
     def on_target_reached(self) -> None:
         """Go on to the mode that follows a take-off."""
@@ -94,7 +94,7 @@ class ModeControl:
                 return not controls.spec.drives
             controls.order(executor.return_home if mode is Mode.RTL else executor.land)
         elif not on_ground or controls.state.phase is not FlightPhase.GROUND:
-            controls.order(executor.hold)
+            controls.order(executor.flight.hold)
         if mode is Mode.GUIDED:
             controls.order(self._setpoints.begin)
         return False
@@ -102,6 +102,6 @@ class ModeControl:
     def _fly_mission(self) -> None:
         mission, executor = self._mission, self._controls.executor
         if mission.complete:
-            executor.set_current(0)
+            executor.mission.set_current(0)
         mission.begin()
         self._controls.order(executor.start)

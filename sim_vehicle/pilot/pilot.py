@@ -152,7 +152,7 @@ class Pilot(Controls):
         if flying and items and not mission.problems and not ended:
             change = self._change(items, seq)
         else:
-            self.executor.load(items, current=seq, keeps_settings=airborne)
+            self.executor.mission.load(items, current=seq, keeps_settings=airborne)
             self.refresh()
         if mission.returns and not flying:
             mission.choose()
@@ -170,7 +170,7 @@ class Pilot(Controls):
         """Go on with another mission in flight."""
         behaviour, executor = self.behaviour, self.executor
         is_beyond = seq >= len(items)
-        turned = executor.change(
+        turned = executor.mission.change(
             items, seq, at_waypoints=behaviour.restarts_leg, keeps_jumps=behaviour.keeps_jumps
         )
         self.mission.started = True
@@ -205,7 +205,7 @@ class Pilot(Controls):
         positions = item_positions(
             [item for item in items if item.command == Command.NAV_RALLY_POINT], self.frame
         )
-        self.executor.return_points.rally_m = tuple(
+        self.executor.mission.return_points.rally_m = tuple(
             position for position in positions if not math.isnan(position[0])
         )
 
@@ -216,7 +216,7 @@ class Pilot(Controls):
             raise RefusedError(
                 f"Home refused: more than {self.spec.max_distance_m:.0f} m from the start", denied=True
             )
-        self.executor.return_points.home_m = (x_m, y_m)
+        self.executor.mission.return_points.home_m = (x_m, y_m)
         self.failsafe.apply_parameters()
 
     def apply_parameters(self) -> None:
@@ -395,7 +395,7 @@ class Pilot(Controls):
         """Point the nose at a position whatever is flown, None for no more."""
         position = None if latitude_deg is None else self.frame.from_wgs84(latitude_deg, longitude_deg)
         self.auto_yaw.forget()
-        self.executor.look_at(position)
+        self.executor.flight.look_at(position)
 
     def pause(self) -> None:
         """Stop and stay: in the hold mode (PX4), or without leaving the mode (ArduPilot)."""
@@ -406,7 +406,7 @@ class Pilot(Controls):
             raise RefusedError(f"Pause refused: mode {self.mode.value}")
         self.setpoints.forget()
         self.attitude.stop()
-        self.order(self.executor.hold)
+        self.order(self.executor.flight.hold)
 
     def resume(self) -> None:
         """Go on after a pause: with the mission, or (ArduPilot in guided mode) with the next setpoint."""
@@ -434,13 +434,13 @@ class Pilot(Controls):
         if not 0 <= seq < size:
             raise RefusedError(f"Mission item {seq + 1} refused: there are {size}", denied=True)
         self.mission.choose()
-        self.order(lambda: self.executor.set_current(seq))
+        self.order(lambda: self.executor.mission.set_current(seq))
 
     def go_around(self, height_m: float | None = None) -> None:
         """Break off the landing of the mission and climb, to begin it anew."""
 
         def climb() -> None:
-            top_m = self.executor.go_around(height_m)
+            top_m = self.executor.mission.go_around(height_m)
             self.note(Severity.NOTICE, f"Landing aborted, climbing to {top_m:.0f}m")
 
         self.order(climb)
@@ -481,7 +481,7 @@ class Pilot(Controls):
             self.attitude.take()
         elif self.landed is not LandedState.ON_GROUND:
             self.attitude.stop()
-            self.order(self.executor.hold)
+            self.order(self.executor.flight.hold)
 
     def take_sticks(self, sticks: Sticks, *, flown: bool = True, by_rate: bool = False) -> None:
         """Fly as the sticks of the ground station say, in the modes that are flown so.
@@ -493,7 +493,7 @@ class Pilot(Controls):
             return
         if (left := self._sticks.take(sticks, flown=flown, by_rate=by_rate)) is not None:
             self._turn_to(left)
-        if self._sticks.breaks_off_landing and not self.executor.goes_around:
+        if self._sticks.breaks_off_landing and not self.executor.mission.goes_around:
             with suppress(RefusedError):  # it does not land
                 self.go_around()
                 self.note(Severity.INFO, "Landing aborted via throttle")
@@ -508,7 +508,7 @@ class Pilot(Controls):
 
     def drain_battery(self, fraction: float) -> None:
         """Leave no more than this fraction of its capacity in the battery."""
-        self.executor.drain_battery(fraction)
+        self.executor.flight.drain_battery(fraction)
         self.refresh()
 
     def terminate(self, reason: str) -> None:
@@ -517,7 +517,7 @@ class Pilot(Controls):
         self.failsafe.give_up()
         if self.landed is not LandedState.ON_GROUND:
             self._end(Outcome.CRASHED, reason)
-        self.executor.fall()
+        self.executor.flight.fall()
         self.refresh()
 
     # Time, and what happens in it.
@@ -563,14 +563,14 @@ class Pilot(Controls):
             self._returns_s = math.inf
         elif not mission.returns:
             self._returns_s = math.inf
-            if not executor.returns:
+            if not executor.mission.returns:
                 return
             mission.returns, self._returns_s = True, now_s + lag_s
             self.note(Severity.INFO, self.behaviour.finished_texts[0])
             self.note(Severity.INFO, self.behaviour.return_text)
         elif now_s >= self._returns_s:
             self._returns_s, intended = math.inf, self.modes.intended
-            executor.leave_to_return()
+            executor.mission.leave_to_return()
             self.refresh()
             self.modes.override(Mode.RTL)
             self.modes.by_itself, self.modes.intended = True, intended
@@ -579,7 +579,7 @@ class Pilot(Controls):
         """Fly the attitude that is asked for, or the flip, on; leave the circle behind with its mode."""
         if self._circles and self.mode is not Mode.CIRCLE:
             self._circles = False
-            self.executor.look_at(None)
+            self.executor.flight.look_at(None)
         if not self.attitude.active:
             return
         if self.mode not in (Mode.GUIDED, Mode.ATTITUDE, Mode.FLIP):
@@ -714,7 +714,7 @@ class Pilot(Controls):
         self.order(lambda: self.executor.orbit(x, y, z, math.copysign(radius, rate), speed))
         if not options & _LOOKS_ALONG:
             self._circles = True
-            self.executor.look_at((x, y))
+            self.executor.flight.look_at((x, y))
 
     def _end(self, outcome: Outcome, reason: str) -> None:
         """Note how the run ended."""

@@ -442,5 +442,5 @@ class StickPilot:
     def _stop(self) -> None:
         if self._moves and self._flies:
             with suppress(RefusedError):  # it may have come down meanwhile
-                self._controls.order(self._controls.executor.hold)
+                self._controls.order(self._controls.executor.flight.hold)
         self._moves = False

@@ -197,7 +197,7 @@ class _Ground:
         """Fly items to their end and return what happened; None if it never ends or cannot be flown."""
         executor = self._new()
         motion = executor.motion
-        executor.load(items)
+        executor.mission.load(items)
         executor.arm()
         executor.start()
         samples: list[tuple[float, float, float, float, float, float]] = []
@@ -205,10 +205,12 @@ class _Ground:
         end_s = math.inf
 
         def sample() -> None:
-            samples.append((motion.time_s, *motion.position_m, motion.energy_j / WH_J, executor.current_seq))
+            samples.append(
+                (motion.time_s, *motion.position_m, motion.energy_j / WH_J, executor.mission.current_seq)
+            )
 
         sample()
-        while executor.armed and end_s == math.inf:
+        while executor.flight.armed and end_s == math.inf:
             events: list[FlightEvent] = executor.advance(executor.time_s + _LOOK_S)
             sample()
             for event in events:

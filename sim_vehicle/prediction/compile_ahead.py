@@ -48,7 +48,7 @@ def warm_up(spec: VehicleSpec) -> None:
     if spec.hovers:
         executor.steer((0.5, 0.0, 0.0))
     executor.advance(1.5)
-    executor.hold()
+    executor.flight.hold()
     executor.advance(2.0)
 
 

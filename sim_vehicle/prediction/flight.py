@@ -136,7 +136,7 @@ class PredictedFlight:
         motion.track_every = max(1, round(track_step_s / tick_s))
         motion.track = np.empty((track_points, 3))
         self._track_step_s = motion.track_every * tick_s
-        executor.load(mission.items, positions)
+        executor.mission.load(mission.items, positions)
         executor.arm()
         executor.start()
 
@@ -200,12 +200,12 @@ class PredictedFlight:
             if isinstance(event, CannotFly):
                 return event.time_s, f"item {event.seq + 1}: {event.reason}"
             if isinstance(event, BatteryDepleted):
-                item = executor.current_seq + 1
+                item = executor.mission.current_seq + 1
                 return event.time_s, f"the battery is empty after {event.time_s:.0f} s, at item {item}"
         for event in reversed(events):
             if isinstance(event, MissionComplete):
                 return event.time_s, ""
-        return executor.time_s, f"item {executor.current_seq + 1} never ends"
+        return executor.time_s, f"item {executor.mission.current_seq + 1} never ends"
 
 
 def fly_all(

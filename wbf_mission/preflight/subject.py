@@ -259,7 +259,7 @@ def _stop_of(flight: PredictedFlight) -> tuple[int, str] | None:
     executor = flight.executor
     if flight.completed or executor is None:
         return None
-    return max(executor.current_seq, 0), "this item never ends"
+    return max(executor.mission.current_seq, 0), "this item never ends"
 
 
 def _track_of(flight: PredictedFlight) -> FlownTrack:

@@ -36,14 +36,14 @@ SQUARE = [takeoff(), wp(40, 0), wp(40, 40), wp(0, 40), RTL]
 def executor(items=(), spec=QUAD, wind=None):
     vehicle = MissionExecutor(spec, HOME, wind=wind)
     if items:
-        vehicle.load(items)
+        vehicle.mission.load(items)
     vehicle.arm()
     return vehicle
 
 
 def fly(vehicle, limit_s=3000.0, step_s=0.1):
     events, time_s = [], vehicle.time_s
-    while vehicle.armed and time_s < limit_s:
+    while vehicle.flight.armed and time_s < limit_s:
         time_s += step_s
         events += vehicle.advance(time_s)
     return events
@@ -120,7 +120,7 @@ def test_holds_and_delays_take_their_time():
     vehicle = executor(items)
     vehicle.start()
     times, pauses = {}, 0.0
-    while vehicle.armed:
+    while vehicle.flight.armed:
         for event in vehicle.advance(vehicle.time_s + 0.02):
             if isinstance(event, ItemReached):
                 times[event.seq] = event.time_s
@@ -163,7 +163,7 @@ def test_speed_changes_hold_until_the_next():
         vehicle = executor(items)
         vehicle.start()
         speeds = {}
-        while vehicle.armed:
+        while vehicle.flight.armed:
             vehicle.advance(vehicle.time_s + 0.1)
             state = vehicle.state()
             speed = math.hypot(*state.velocity_m_s[:2])
@@ -212,7 +212,7 @@ def test_conditions_delay_the_items_after_them_not_the_flight():
     vehicle.start()
     places = {}
     events = []
-    while vehicle.armed:
+    while vehicle.flight.armed:
         for event in vehicle.advance(vehicle.time_s + 0.02):
             events.append(event)
             if isinstance(event, CameraCommand):
@@ -239,11 +239,11 @@ def test_circles():
     vehicle = executor(items)
     vehicle.start()
     around, last = 0.0, None
-    while vehicle.armed and vehicle.current_seq <= 1:
+    while vehicle.flight.armed and vehicle.mission.current_seq <= 1:
         vehicle.advance(vehicle.time_s + 0.1)
         x, y, _ = vehicle.state().position_m
         distance = math.hypot(x - 50.0, y)
-        if distance < 11.5 and vehicle.current_seq == 1:
+        if distance < 11.5 and vehicle.mission.current_seq == 1:
             assert distance > 8.5
             angle = math.atan2(y, x - 50.0)
             if last is not None:
@@ -258,21 +258,21 @@ def test_absolute_altitudes_count_from_the_ground_at_home():
     vehicle.start()
     vehicle.advance(60.0)
     assert vehicle.state().position_m == pytest.approx((20.0, 20.0, 25.0), abs=0.02)
-    assert vehicle.phase is FlightPhase.HOLD
+    assert vehicle.flight.phase is FlightPhase.HOLD
 
 
 def test_pause_and_resume():
     vehicle = executor(SQUARE)
     vehicle.start()
     vehicle.advance(12.0)
-    seq = vehicle.current_seq
-    vehicle.hold()
-    assert vehicle.phase is FlightPhase.HOLD
+    seq = vehicle.mission.current_seq
+    vehicle.flight.hold()
+    assert vehicle.flight.phase is FlightPhase.HOLD
     vehicle.advance(20.0)
     here = vehicle.state().position_m
     vehicle.advance(40.0)
     assert vehicle.state().position_m == pytest.approx(here, abs=0.02)
-    assert vehicle.current_seq == seq
+    assert vehicle.mission.current_seq == seq
     vehicle.start()
     events = fly(vehicle)
     assert reached(events)[0] == seq
@@ -281,15 +281,15 @@ def test_pause_and_resume():
 
 def test_set_current():
     vehicle = executor(SQUARE)
-    vehicle.set_current(0)
+    vehicle.mission.set_current(0)
     vehicle.start()
     vehicle.advance(8.0)
-    vehicle.set_current(3)
+    vehicle.mission.set_current(3)
     events = fly(vehicle)
     assert CurrentChanged(vehicle_time(events), 3) == events[0]
     assert reached(events) == [3, 4]
     with pytest.raises(VehicleError, match="5 items"):
-        vehicle.set_current(5)
+        vehicle.mission.set_current(5)
 
 
 def vehicle_time(events):
@@ -302,7 +302,7 @@ def test_direct_targets():
     assert vehicle.state().landed is LandedState.TAKEOFF
     events = vehicle.advance(15.0)
     assert [type(event) for event in events] == [TargetReached]
-    assert vehicle.phase is FlightPhase.HOLD
+    assert vehicle.flight.phase is FlightPhase.HOLD
     vehicle.goto(30.0, -20.0, 20.0, heading=Heading.fixed(1.0), speed_m_s=4.0)
     assert isinstance(vehicle.advance(50.0)[0], TargetReached)
     state = vehicle.state()
@@ -310,7 +310,7 @@ def test_direct_targets():
     assert state.yaw_rad == pytest.approx(1.0, abs=1e-3)
     vehicle.set_speed(8.0)
     vehicle.return_home()
-    assert vehicle.phase is FlightPhase.RETURN
+    assert vehicle.flight.phase is FlightPhase.RETURN
     events = fly(vehicle)
     assert [type(event) for event in events] == [Landed, Disarmed]
     assert math.hypot(*vehicle.state().position_m) < 0.05
@@ -324,7 +324,7 @@ def test_returning_climbs_first():
     vehicle.advance(40.0)
     vehicle.return_home()
     highest = {}
-    while vehicle.armed:
+    while vehicle.flight.armed:
         vehicle.advance(vehicle.time_s + 0.1)
         x, _, z = vehicle.state().position_m
         highest[round(x / 10)] = max(z, highest.get(round(x / 10), 0.0))
@@ -337,7 +337,7 @@ def test_landing_is_slow_near_the_ground():
     vehicle.advance(20.0)
     vehicle.land()
     phases = set()
-    while vehicle.armed:
+    while vehicle.flight.armed:
         vehicle.advance(vehicle.time_s + 0.02)
         state = vehicle.state()
         phases.add(state.landed)
@@ -360,7 +360,7 @@ def test_landing_is_slow_near_the_ground():
 )
 def test_a_disarmed_vehicle_takes_no_orders(order):
     vehicle = MissionExecutor(QUAD, HOME)
-    vehicle.load(SQUARE)
+    vehicle.mission.load(SQUARE)
     with pytest.raises(VehicleError, match="not armed"):
         order(vehicle)
 
@@ -401,7 +401,7 @@ def test_a_storm_ends_the_mission():
     events = vehicle.advance(200.0)
     (event,) = only(events, CannotFly)
     assert event.seq == 1 and "wind" in event.reason
-    assert vehicle.phase is FlightPhase.HOLD
+    assert vehicle.flight.phase is FlightPhase.HOLD
     vehicle.land()
     assert isinstance(fly(vehicle)[-1], Disarmed)
 
@@ -423,9 +423,9 @@ def test_changes_in_flight():
     vehicle.advance(11.0)
     assert math.hypot(*vehicle.state().velocity_m_s) == pytest.approx(2.0, abs=0.05)
     vehicle.update_spec(replace(QUAD, acceptance_radius_m=0.3, return_altitude_m=30.0))
-    vehicle.load([takeoff(), wp(0, 5), RTL])
-    assert vehicle.phase is FlightPhase.HOLD
-    assert vehicle.current_seq == 0
+    vehicle.mission.load([takeoff(), wp(0, 5), RTL])
+    assert vehicle.flight.phase is FlightPhase.HOLD
+    assert vehicle.mission.current_seq == 0
     vehicle.start()
     assert reached(fly(vehicle)) == [0, 1, 2]
     with pytest.raises(VehicleError, match="another kind"):
@@ -507,7 +507,7 @@ def test_a_return_begins_with_braking_unless_the_vehicle_stands(speed, brakes):
     distance = math.dist(here[:2], rest[:2])
     assert (distance > 0.25) is brakes
     vehicle.return_home()
-    assert (vehicle.plan.legs[0].kind is LegKind.STAY) is brakes
+    assert (vehicle.flight.plan.legs[0].kind is LegKind.STAY) is brakes
     if speed == 1.5:
         assert distance < 1.8
         top = here[2]
@@ -524,7 +524,7 @@ def test_a_return_is_flown_at_the_cruise_speed_when_the_mission_was_slower():
     assert math.hypot(*vehicle.state().velocity_m_s[:2]) == pytest.approx(0.8, abs=0.1)
     vehicle.return_home()
     fastest = 0.0
-    while vehicle.armed:
+    while vehicle.flight.armed:
         vehicle.advance(vehicle.time_s + 0.2)
         fastest = max(fastest, math.hypot(*vehicle.state().velocity_m_s[:2]))
     assert fastest == pytest.approx(QUAD.cruise_speed_m_s, rel=0.1)
@@ -538,4 +538,4 @@ def test_a_return_is_as_fast_as_a_mission_that_is_faster_than_cruise():
     while vehicle.motion.position_m[0] < 150.0:
         vehicle.advance(vehicle.time_s + 0.5)
     vehicle.return_home()
-    assert max(leg.speed_m_s or 0.0 for leg in vehicle.plan.legs[1:]) == fast
+    assert max(leg.speed_m_s or 0.0 for leg in vehicle.flight.plan.legs[1:]) == fast

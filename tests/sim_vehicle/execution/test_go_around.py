@@ -30,7 +30,7 @@ APPROACH = item(16, 0.0, -700.0, 40.0)
 
 def started(*items):
     executor = MissionExecutor(SPEC, HOME)
-    executor.load((TAKEOFF, *items))
+    executor.mission.load((TAKEOFF, *items))
     executor.arm()
     executor.start()
     return executor
@@ -39,7 +39,10 @@ def started(*items):
 def landing(*items, below_m=15.0):
     """Return an executor that has flown a mission to its landing, below a height."""
     executor = started(*items)
-    while executor.items[executor.current_seq].command != 21 or executor.motion.position_m[2] > below_m:
+    while (
+        executor.mission.items[executor.mission.current_seq].command != 21
+        or executor.motion.position_m[2] > below_m
+    ):
         executor.advance(executor.time_s + 0.1)
         assert executor.time_s < 900.0
     return executor
@@ -47,8 +50,8 @@ def landing(*items, below_m=15.0):
 
 def climbed(executor):
     """Fly until the landing is begun anew; return the events, and the positions on the way."""
-    land, begun_s, events, way = executor.current_seq, executor.time_s, [], []
-    while executor.current_seq == land:
+    land, begun_s, events, way = executor.mission.current_seq, executor.time_s, [], []
+    while executor.mission.current_seq == land:
         events += executor.advance(executor.time_s + 0.1)
         way.append(executor.motion.position_m)
         assert executor.time_s < begun_s + 60.0
@@ -67,8 +70,8 @@ def climbed(executor):
 )
 def test_it_climbs_straight_ahead_and_lands_after_all(start, own_m, ordered_m, top_m, again):
     executor = landing(item(16, 300.0, 300.0, 50.0), *start, APPROACH, item(21, 0.0, 0.0, 0.0, own_m))
-    land = executor.current_seq
-    assert executor.go_around(ordered_m) == top_m
+    land = executor.mission.current_seq
+    assert executor.mission.go_around(ordered_m) == top_m
     events, way = climbed(executor)
     (x, y, _), (end_x, end_y, top) = way[0], way[-1]
     assert math.degrees(math.atan2(end_x - x, end_y - y)) == pytest.approx(0.0, abs=5.0)
@@ -77,15 +80,15 @@ def test_it_climbs_straight_ahead_and_lands_after_all(start, own_m, ordered_m, t
     assert [event.seq for event in events if isinstance(event, LandingRestarted)] == [again]
     assert not any(isinstance(event, ItemReached) and event.seq == land for event in events)
     executor.advance(executor.time_s + 400.0)
-    assert executor.landed is LandedState.ON_GROUND
+    assert executor.flight.landed is LandedState.ON_GROUND
     assert math.hypot(*executor.motion.position_m[:2]) < 120.0
 
 
 def test_it_goes_around_from_the_flare():
     executor = landing(APPROACH, item(21, 0.0, 0.0), below_m=1.5)
-    assert executor.landed is LandedState.LANDING
-    executor.go_around()
-    assert executor.landed is LandedState.IN_AIR
+    assert executor.flight.landed is LandedState.LANDING
+    executor.mission.go_around()
+    assert executor.flight.landed is LandedState.IN_AIR
     _, way = climbed(executor)
     assert way[-1][2] == pytest.approx(TAKEOFF.z, abs=1.0)
 
@@ -93,14 +96,14 @@ def test_it_goes_around_from_the_flare():
 def test_it_goes_to_the_nearest_start_of_a_landing():
     far = LAND_START, item(16, 3000.0, 0.0, 40.0)
     executor = landing(*far, LAND_START, APPROACH, item(21, 0.0, 0.0))
-    executor.go_around()
+    executor.mission.go_around()
     events, _ = climbed(executor)
     assert [event.seq for event in events if isinstance(event, LandingRestarted)] == [3]
 
 
 def test_a_landing_without_a_way_to_it_cannot_be_begun_anew():
     executor = landing(item(21, 0.0, 0.0), below_m=30.0)
-    executor.go_around()
+    executor.mission.go_around()
     events = executor.advance(executor.time_s + 60.0)
     assert [event.reason for event in events if isinstance(event, CannotFly)] == [
         "unable to restart the landing sequence"
@@ -111,4 +114,4 @@ def test_only_a_landing_can_be_broken_off():
     executor = started(item(16, 0.0, 900.0, 50.0))
     executor.advance(20.0)
     with pytest.raises(VehicleError, match="no landing"):
-        executor.go_around()
+        executor.mission.go_around()

@@ -36,22 +36,22 @@ QUAD = get_vehicle("quad")
 def flown(items, spec=QUAD, step_s=0.1, limit_s=1500.0, prepare=None):
     """Fly a mission; return events and the states on the way."""
     vehicle = MissionExecutor(spec, HOME)
-    vehicle.load(items)
+    vehicle.mission.load(items)
     if prepare:
         prepare(vehicle)
     vehicle.arm()
     vehicle.start()
     events, states = [], []
-    while vehicle.armed and vehicle.time_s < limit_s:
+    while vehicle.flight.armed and vehicle.time_s < limit_s:
         events += vehicle.advance(vehicle.time_s + step_s)
         states.append(vehicle.state())
     through = MissionExecutor(spec, HOME)
-    through.load(items)
+    through.mission.load(items)
     if prepare:
         prepare(through)
     through.arm()
     through.start()
-    if not vehicle.armed:
+    if not vehicle.flight.armed:
         assert through.fly_through(limit_s) == events
     return events, states
 
@@ -68,7 +68,7 @@ def test_a_delay_ends_at_its_time_of_day():
     items = [takeoff(), wp(20, 0), do(93, -1, 12, 1, 30), wp(40, 0), RTL]
     events, _ = flown(items)
     assert times(events)[2] == pytest.approx(90.0, abs=0.05)
-    events, _ = flown(items, prepare=lambda v: setattr(v, "epoch_unix_s", 1_780_315_140.0))
+    events, _ = flown(items, prepare=lambda v: setattr(v.mission, "epoch_unix_s", 1_780_315_140.0))
     assert times(events)[2] == pytest.approx(150.0, abs=0.05)
     early = predict_flight(Mission(tuple(items)), QUAD, frame=HOME, epoch_unix_s=1_780_315_140.0)
     assert early.duration_s == pytest.approx(150.0 + 28.0, abs=8.0)
@@ -176,7 +176,7 @@ def test_home_moves_and_is_returned_to():
 
 def test_the_nearest_of_home_and_rally_points_is_returned_to():
     def with_rally(vehicle):
-        vehicle.return_points.rally_m = ((100.0, 0.0, 40.0), (-300.0, 0.0, 10.0))
+        vehicle.mission.return_points.rally_m = ((100.0, 0.0, 40.0), (-300.0, 0.0, 10.0))
 
     _, states = flown([takeoff(), wp(90, 30), RTL], prepare=with_rally)
     assert states[-1].position_m[:2] == pytest.approx((100, 0), abs=0.1)
@@ -223,24 +223,24 @@ SQUARE = [
 @given(st.floats(0.1, 110.0), st.sampled_from(["resume", "jump", "start"]), st.integers(0, 5))
 def test_a_pause_at_any_moment_loses_nothing(when_s, how, seq):
     vehicle = MissionExecutor(QUAD, HOME)
-    vehicle.load(SQUARE)
+    vehicle.mission.load(SQUARE)
     vehicle.arm()
     vehicle.start()
     events = vehicle.advance(when_s)
-    if not vehicle.armed or vehicle.landed is LandedState.ON_GROUND:
+    if not vehicle.flight.armed or vehicle.flight.landed is LandedState.ON_GROUND:
         return
     if how != "jump":
-        vehicle.hold()
-        assert vehicle.phase is FlightPhase.HOLD
+        vehicle.flight.hold()
+        assert vehicle.flight.phase is FlightPhase.HOLD
         events += vehicle.advance(when_s + 12.0)
         assert math.hypot(*vehicle.state().velocity_m_s) < 0.1
-        assert vehicle.landed in (LandedState.IN_AIR, LandedState.TAKEOFF)
+        assert vehicle.flight.landed in (LandedState.IN_AIR, LandedState.TAKEOFF)
     if how != "resume":
-        vehicle.set_current(seq)
-    current = vehicle.current_seq
+        vehicle.mission.set_current(seq)
+    current = vehicle.mission.current_seq
     if how != "jump":
         vehicle.start()
-    if vehicle.phase is FlightPhase.MISSION:
+    if vehicle.flight.phase is FlightPhase.MISSION:
         events = vehicle.advance(2000.0)
         assert [e.seq for e in events if isinstance(e, ItemReached)] == list(range(current, 6))
         assert isinstance(events[-1], Disarmed)
@@ -254,12 +254,12 @@ def test_a_pause_at_any_moment_loses_nothing(when_s, how, seq):
 @example(35.2, 3)
 def test_a_mission_changed_in_flight_goes_on(when_s, current):
     vehicle = MissionExecutor(QUAD, HOME)
-    vehicle.load(SQUARE)
+    vehicle.mission.load(SQUARE)
     vehicle.arm()
     vehicle.start()
     vehicle.advance(when_s)
-    vehicle.load([takeoff(), wp(10, 0), wp(10, 10), RTL], current=current)
-    assert vehicle.current_seq == current
+    vehicle.mission.load([takeoff(), wp(10, 0), wp(10, 10), RTL], current=current)
+    assert vehicle.mission.current_seq == current
     vehicle.start()
     events = vehicle.advance(1000.0)
     assert [e.seq for e in events if isinstance(e, ItemReached)] == list(range(current, 4))
@@ -276,7 +276,7 @@ def aloft(height_m=30.0, spec=QUAD):
 def test_velocities_and_places_by_turns():
     vehicle = aloft()
     vehicle.steer((3.0, 4.0, 0.0), heading=ALONG)
-    assert vehicle.phase is FlightPhase.STEERED
+    assert vehicle.flight.phase is FlightPhase.STEERED
     assert vehicle.advance(60.0) == []
     state = vehicle.state()
     assert state.velocity_m_s == pytest.approx((3.0, 4.0, 0.0), abs=1e-4)
@@ -316,9 +316,14 @@ def test_falling():
     vehicle = aloft(60.0)
     vehicle.goto(100.0, 0.0, 60.0)
     vehicle.advance(45.0)
-    vehicle.fall()
-    assert vehicle.phase is FlightPhase.FALLING
-    for order in (vehicle.hold, vehicle.land, vehicle.return_home, lambda: vehicle.steer((0.0, 0.0, 1.0))):
+    vehicle.flight.fall()
+    assert vehicle.flight.phase is FlightPhase.FALLING
+    for order in (
+        vehicle.flight.hold,
+        vehicle.land,
+        vehicle.return_home,
+        lambda: vehicle.steer((0.0, 0.0, 1.0)),
+    ):
         with pytest.raises(VehicleError, match="falling"):
             order()
     events = vehicle.advance(60.0)
@@ -333,16 +338,16 @@ def test_falling():
 
 def test_a_drained_battery():
     vehicle = aloft(30.0)
-    vehicle.drain_battery(0.15)
+    vehicle.flight.drain_battery(0.15)
     assert vehicle.state().battery.fraction == pytest.approx(0.15, abs=0.01)
-    vehicle.drain_battery(0.5)
+    vehicle.flight.drain_battery(0.5)
     assert vehicle.state().battery.fraction < 0.16, "nothing comes back"
-    vehicle.drain_battery(0.0)
+    vehicle.flight.drain_battery(0.0)
     events = vehicle.advance(100.0)
     assert isinstance(events[0], BatteryDepleted)
     assert isinstance(events[-1], Disarmed)
     ideal = MissionExecutor(get_vehicle("ideal"), HOME)
-    ideal.drain_battery(0.0)
+    ideal.flight.drain_battery(0.0)
     assert ideal.state().battery is None
 
 
@@ -356,9 +361,9 @@ def test_an_aborted_landing_is_in_the_air_again():
     vehicle = aloft(12.0)
     vehicle.land()
     vehicle.advance(vehicle.time_s + 6.0)
-    assert vehicle.landed is LandedState.LANDING
-    vehicle.hold()
-    assert vehicle.landed is LandedState.IN_AIR
+    assert vehicle.flight.landed is LandedState.LANDING
+    vehicle.flight.hold()
+    assert vehicle.flight.landed is LandedState.IN_AIR
     assert np.isfinite(vehicle.state().position_m).all()
 
 

@@ -76,7 +76,7 @@ def test_navigation_tells_the_way_to_the_waypoint():
     assert told.alt_error == pytest.approx(20.0 - z, abs=0.05)
     assert told.nav_pitch == pytest.approx(math.degrees(peer.pilot.state.pitch_rad), abs=1e-3)
     # To the right of the track is positive.
-    peer.pilot.executor.began_m = (begun[0], begun[1] + 4.0, begun[2])
+    peer.pilot.executor.flight.began_m = (begun[0], begun[1] + 4.0, begun[2])
     assert peer.asked(62).xtrack_error == pytest.approx(4.0 * (1.0 - (x - begun[0]) / 300.0), abs=0.1)
     target = peer.asked(87)
     there = FRAME.from_wgs84(target.lat_int / 1e7, target.lon_int / 1e7)

@@ -386,7 +386,7 @@ def landing_plane():
     assert uploaded(vehicle, items)[0] == [m.MAV_MISSION_ACCEPTED]
     vehicle.pilot.arm(force=True)
     vehicle.pilot.start_mission()
-    fly_on(vehicle, lambda: vehicle.pilot.executor.lands and height(vehicle) < 20.0)
+    fly_on(vehicle, lambda: vehicle.pilot.executor.mission.lands and height(vehicle) < 20.0)
     return vehicle
 
 
@@ -424,10 +424,10 @@ def test_arduplane_goes_around_by_command():
     vehicle = landing_plane()
     results, texts = answered(vehicle, go_around(55.0))
     assert results == [m.MAV_RESULT_ACCEPTED]
-    texts += fly_on(vehicle, lambda: not vehicle.pilot.executor.goes_around)
+    texts += fly_on(vehicle, lambda: not vehicle.pilot.executor.mission.goes_around)
     assert height(vehicle) == pytest.approx(55.0, abs=1.0)
     assert "Landing aborted, climbing to 55m" in texts
-    texts += fly_on(vehicle, lambda: vehicle.pilot.executor.lands)
+    texts += fly_on(vehicle, lambda: vehicle.pilot.executor.mission.lands)
     assert "Restarted landing sequence at waypoint 2" in texts
 
 
@@ -446,6 +446,6 @@ def test_full_throttle_breaks_off_a_landing_if_that_is_enabled(enabled, throttle
     vehicle = landing_plane()
     vehicle.pilot.parameters.stored["LAND_ABORT_THR"] = float(enabled)
     _, texts = answered(vehicle, m.MAVLink_manual_control_message(1, 0, 0, throttle, 0, 0))
-    assert vehicle.pilot.executor.goes_around is breaks_off
-    texts += fly_on(vehicle, lambda: not vehicle.pilot.executor.goes_around)
+    assert vehicle.pilot.executor.mission.goes_around is breaks_off
+    texts += fly_on(vehicle, lambda: not vehicle.pilot.executor.mission.goes_around)
     assert ("Landing aborted via throttle" in texts) is breaks_off

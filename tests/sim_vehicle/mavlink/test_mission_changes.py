@@ -165,7 +165,7 @@ def test_speed_and_shot_distance_stay(autopilot):
     flight = Flight(autopilot).fly().to_the_change()
     flight.upload(OTHER)
     flight.wait(60.0, lambda: flight.seq == TURN + 1)
-    assert flight.pilot.executor.settings.speed_m_s == 7.0
+    assert flight.pilot.executor.mission.settings.speed_m_s == 7.0
     orders = [a.param1 for a in flight.of("COMMAND_LONG") if a.command == 206]
     assert set(orders) == {5.0}, "the new DO items before the present one are not run"
 
@@ -174,12 +174,12 @@ def test_speed_and_shot_distance_stay(autopilot):
 def test_the_counter_of_jumps(autopilot, again):
     jumping = (TAKEOFF, wp(0, 20), wp(20, 20), do(177, 2.0, 1.0), wp(20, 40), RTL)
     flight = Flight(autopilot, items=jumping).fly()
-    settings = flight.pilot.executor.settings
+    settings = flight.pilot.executor.mission.settings
     flight.wait(90.0, lambda: bool(settings.jumps))
     assert settings.jumps == {3: 1}
     assert flight.seq == 2
     flight.upload((*jumping[:-1], wp(0, 40), RTL))
-    settings = flight.pilot.executor.settings
+    settings = flight.pilot.executor.mission.settings
     assert (settings.jumps == {}) is again
 
 
@@ -270,7 +270,7 @@ def test_px4_holds_takes_a_list_and_goes_on():
     assert flight.result(176, 1.0, 4.0, 4.0) == 0
     assert flight.seq == TURN, "another list is not flown twice"
     flight.wait(5.0)
-    assert flight.pilot.executor.settings.speed_m_s == 7.0
+    assert flight.pilot.executor.mission.settings.speed_m_s == 7.0
     assert 4.0 < late_s(flight, at_s) < 9.0
 
 

@@ -69,14 +69,14 @@ def fly(
     limit_s: float = 4000.0,
 ) -> tuple[MissionExecutor, list[FlightEvent]]:
     executor = MissionExecutor(spec, FRAME, wind=wind)
-    executor.load(items)
+    executor.mission.load(items)
     executor.arm()
     executor.start()
     if cuts is None:
         return executor, executor.fly_through(limit_s)
     events: list[FlightEvent] = []
     now, turn = 0.0, 0
-    while executor.armed and now < limit_s:
+    while executor.flight.armed and now < limit_s:
         now += cuts[turn % len(cuts)]
         turn += 1
         events += executor.advance(now)
@@ -93,11 +93,11 @@ def reached(events: list[FlightEvent]) -> dict[int, float]:
 
 def speeds(items: list[MissionItem], spec: VehicleSpec = QUAD, step_s: float = 0.1) -> np.ndarray:
     executor = MissionExecutor(spec, FRAME)
-    executor.load(items)
+    executor.mission.load(items)
     executor.arm()
     executor.start()
     rows = []
-    while executor.armed and executor.time_s < 2000.0:
+    while executor.flight.armed and executor.time_s < 2000.0:
         executor.advance(executor.time_s + step_s)
         rows.append((executor.time_s, *executor.motion.state[:6].tolist()))
     return np.array(rows)
@@ -232,7 +232,7 @@ def test_speed_changes_on_the_way() -> None:
 
 def test_an_order_changes_the_speed_without_a_stop() -> None:
     executor = MissionExecutor(QUAD, FRAME)
-    executor.load([takeoff(), speed(5.0), way(0.0, 400.0), HOME])
+    executor.mission.load([takeoff(), speed(5.0), way(0.0, 400.0), HOME])
     executor.arm()
     executor.start()
     executor.advance(25.0)
@@ -310,7 +310,7 @@ def test_parameters_act(name: str, value: float) -> None:
     spec = quad(WPNAV_JERK=3.0, **{name: value} if name != "WPNAV_JERK" else {})
     plain, other = fly(items, quad(WPNAV_JERK=3.0)), fly(items, spec if name != "WPNAV_JERK" else QUAD)
     for executor, events in (plain, other):
-        assert not executor.armed
+        assert not executor.flight.armed
         assert set(reached(events)) == set(range(len(items)))
     same = np.array_equal(plain[0].motion.state[:13], other[0].motion.state[:13])
     assert not same or plain[0].time_s != other[0].time_s
@@ -350,10 +350,10 @@ def test_the_nose_leads_unless_it_is_kept() -> None:
     items = [takeoff(), way(40.0, 0.0), way(40.0, -40.0), HOME]
     for behaviour, wanted in ((2.0, math.pi), (0.0, 0.0)):
         executor = MissionExecutor(quad(WP_YAW_BEHAVIOR=behaviour), FRAME)
-        executor.load(items)
+        executor.mission.load(items)
         executor.arm()
         executor.start()
-        while executor.current_seq < 3:
+        while executor.mission.current_seq < 3:
             executor.advance(executor.time_s + 1.0)
         assert math.remainder(
             executor.motion.snapshot().heading_rad - wanted, 2.0 * math.pi
@@ -428,7 +428,7 @@ def test_every_mission_ends_and_does_not_depend_on_the_cuts(
     whole.append(HOME)
     wind = None if gust is None else Wind(2.0, -3.0, gust_m_s=gust, seed=3)
     straight, told = fly(whole, wind=wind)
-    assert not straight.armed
+    assert not straight.flight.armed
     assert set(reached(told)) == set(range(len(whole)))
     assert np.isfinite(straight.motion.state[:14]).all()
     assert math.hypot(*straight.motion.position_m[:2]) < 1.0
@@ -454,19 +454,19 @@ def test_whatever_is_ordered_it_comes_home(
 ) -> None:
     items = [takeoff(), way(0.0, 40.0), way(40.0, 40.0, 15.0), way(40.0, 0.0, 10.0, 2.0), HOME]
     executor = MissionExecutor(QUAD, FRAME, wind=Wind(3.0, 1.0, gust_m_s=0.7, seed=1) if windy else None)
-    executor.load(items)
+    executor.mission.load(items)
     executor.arm()
     executor.start()
     for order, wait_s, a, b in orders:
         executor.advance(executor.time_s + wait_s)
         calls = {
-            "hold": executor.hold,
+            "hold": executor.flight.hold,
             "goto": lambda a=a, b=b: executor.goto(40.0 * a, 40.0 * b, 11.0 + 9.0 * a),
             "speed": lambda a=a: executor.set_speed(6.5 + 6.0 * a),
             "start": executor.start,
             "home": executor.return_home,
             "land": executor.land,
-            "jump": lambda a=a: executor.set_current(round(2.0 + 1.9 * a)),
+            "jump": lambda a=a: executor.mission.set_current(round(2.0 + 1.9 * a)),
             "steer": lambda a=a, b=b: executor.steer((5.0 * a, 5.0 * b, 2.0 * a)),
             "update_spec": lambda a=a: executor.update_spec(
                 quad(WPNAV_SPEED=800.0 + 700.0 * a, WPNAV_ACCEL=275.0 + 200.0 * a)
@@ -476,15 +476,15 @@ def test_whatever_is_ordered_it_comes_home(
         try:
             calls[order]()
         except VehicleError:
-            assert not executor.armed or executor.landed.name == "ON_GROUND"
+            assert not executor.flight.armed or executor.flight.landed.name == "ON_GROUND"
             executor.arm()
             executor.start()
     executor.advance(executor.time_s + 1.0)
-    if executor.landed.name == "ON_GROUND":
+    if executor.flight.landed.name == "ON_GROUND":
         return
     executor.return_home()
     executor.advance(executor.time_s + 600.0)
-    assert not executor.armed
+    assert not executor.flight.armed
     assert math.hypot(*executor.motion.position_m[:2]) < 1.0
 
 

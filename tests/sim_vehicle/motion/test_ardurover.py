@@ -62,15 +62,15 @@ def test_a_return_has_a_speed_of_its_own():
     spec = rover(RTL_SPEED=0.7)
     executor = MissionExecutor(spec, HOME)
     latitude, longitude = HOME.to_wgs84(0.0, 40.0)
-    executor.load((MissionItem(16, 3, 0, 0, 0, 0, latitude, longitude, 0.0), MissionItem(20, 2)))
+    executor.mission.load((MissionItem(16, 3, 0, 0, 0, 0, latitude, longitude, 0.0), MissionItem(20, 2)))
     executor.arm()
     executor.start()
     speeds = {0: 0.0, 1: 0.0}
     for tick in range(1, 1200):
         executor.advance(0.1 * tick)
-        if executor.current_seq in speeds:
+        if executor.mission.current_seq in speeds:
             speed = math.hypot(*executor.motion.snapshot().velocity_m_s[:2])
-            speeds[executor.current_seq] = max(speeds[executor.current_seq], speed)
+            speeds[executor.mission.current_seq] = max(speeds[executor.mission.current_seq], speed)
     assert speeds[0] == pytest.approx(1.5, abs=0.1)
     # The speed that the waypoint was reached with is behind it.
     assert speeds[1] == pytest.approx(0.7, abs=0.15)
@@ -116,7 +116,7 @@ def test_a_pause_after_a_turn_on_the_spot():
 def test_speed_changes_under_way():
     executor = MissionExecutor(rover(), HOME)
     latitude, longitude = HOME.to_wgs84(0.0, 200.0)
-    executor.load((MissionItem(16, 3, 0, 0, 0, 0, latitude, longitude, 0.0),))
+    executor.mission.load((MissionItem(16, 3, 0, 0, 0, 0, latitude, longitude, 0.0),))
     executor.arm()
     executor.start()
     executor.advance(20.0)

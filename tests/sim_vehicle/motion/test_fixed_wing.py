@@ -90,7 +90,7 @@ RETURN = MissionItem(20, 2)
 
 def fly(items, spec, wind=None, limit_s=20_000.0):
     executor = MissionExecutor(spec, HOME, wind=wind)
-    executor.load(items)
+    executor.mission.load(items)
     executor.arm()
     executor.start()
     return executor, executor.fly_through(limit_s)
@@ -213,13 +213,13 @@ def test_px4_reaches_the_height_of_item_31_on_its_circle():
         waypoint(0.0, 2000.0, 30.0),
     )
     executor = MissionExecutor(SPECS["px4"], HOME)
-    executor.load(items)
+    executor.mission.load(items)
     executor.arm()
     executor.start()
     on_circle = []
     while executor.time_s < 600.0:
         events = executor.advance(executor.time_s + 0.2)
-        if executor.current_seq == 2:
+        if executor.mission.current_seq == 2:
             x, y, z = executor.motion.position_m
             on_circle.append((math.hypot(x, y - 1200.0), z))
         if any(isinstance(event, ItemReached) and event.seq == 2 for event in events):
@@ -261,11 +261,11 @@ def test_a_landing_of_arduplane_s_simulator():
     items = (item(22, 0.0, 150.0, 50.0, 12.0), waypoint(0.0, 600.0, 60.0), waypoint(-400.0, -660.0, 60.0),
              waypoint(0.0, -360.0, 30.0), item(21, 0.0, 0.0, 0.0))  # fmt: skip
     executor = MissionExecutor(spec, HOME)
-    executor.load(items)
+    executor.mission.load(items)
     executor.arm()
     executor.start()
     touched, last = None, None
-    while executor.armed and executor.time_s < 600.0:
+    while executor.flight.armed and executor.time_s < 600.0:
         for event in executor.advance(executor.time_s + 0.1):
             if isinstance(event, ItemReached) and event.seq == 3:
                 last = event.time_s
@@ -289,7 +289,7 @@ def test_arduplane_takes_the_coordinates_of_a_return_for_a_place(home):
     bearing = math.atan2(-longitude * math.cos(math.radians(0.5 * latitude)), -latitude)
     items = (placed(22, 0.0, 150.0, 40.0, 10.0), placed(18, 0.0, 400.0, 50.0, 1.0), RETURN)
     executor = MissionExecutor(SPECS["ardupilot"], home)
-    executor.load(items)
+    executor.mission.load(items)
     executor.arm()
     executor.start()
     while executor.time_s < 600.0:
@@ -463,10 +463,10 @@ def test_px4_turns_at_its_own_radius_arduplane_at_that_of_the_item():
     items = (far, waypoint(0.0, 1500.0, 60.0, 0.0, 5.0), waypoint(1500.0, 1500.0, 60.0))
     for autopilot, distance in (("px4", 10.0), ("ardupilot", 5.0)):
         executor = MissionExecutor(SPECS[autopilot], HOME)
-        executor.load(items)
+        executor.mission.load(items)
         executor.arm()
         executor.start()
-        while executor.current_seq < 2:
+        while executor.mission.current_seq < 2:
             executor.advance(executor.time_s + 0.1)
         x, y, _ = executor.motion.position_m
         assert math.hypot(x, y - 1500.0) == pytest.approx(distance, abs=2.6)
@@ -509,17 +509,17 @@ def test_a_landing_touches_down_at_its_place(autopilot, wind):
     spec = SPECS[autopilot]
     items = (TAKEOFF, waypoint(0.0, 500.0, 40.0), item(31, 80.0, -400.0, 30.0, 1.0, 80.0), item(21, 0, 0, 0))
     executor = MissionExecutor(spec, HOME, wind=wind)
-    executor.load(items)
+    executor.mission.load(items)
     executor.arm()
     executor.start()
     touched, before = None, (0.0, 0.0, 0.0)
-    while executor.armed and executor.time_s < 2000.0:
+    while executor.flight.armed and executor.time_s < 2000.0:
         executor.advance(executor.time_s + 0.1)
         x, y, z = executor.motion.position_m
-        if z == 0.0 and before[2] > 0.0 and executor.landed is LandedState.LANDING:
+        if z == 0.0 and before[2] > 0.0 and executor.flight.landed is LandedState.LANDING:
             touched = (x, y, executor.motion.snapshot().velocity_m_s[2], executor.motion.state[Wing.PITCH])
         before = (x, y, z)
-    assert executor.landed is LandedState.ON_GROUND
+    assert executor.flight.landed is LandedState.ON_GROUND
     assert touched is not None
     assert abs(touched[0]) < 6.0
     assert -30.0 < touched[1] < 60.0
@@ -569,19 +569,19 @@ def test_hold_times_of_waypoints_count_for_px4_only():
 def test_hold_circles_and_the_mission_goes_on(autopilot):
     spec = SPECS[autopilot]
     executor = MissionExecutor(spec, HOME)
-    executor.load((TAKEOFF, waypoint(0.0, 900.0, 50.0), waypoint(900.0, 900.0, 50.0), RETURN))
+    executor.mission.load((TAKEOFF, waypoint(0.0, 900.0, 50.0), waypoint(900.0, 900.0, 50.0), RETURN))
     executor.arm()
     executor.start()
     executor.advance(30.0)
     x, y, _ = executor.motion.position_m
-    executor.hold()
-    assert executor.phase is FlightPhase.HOLD
+    executor.flight.hold()
+    assert executor.flight.phase is FlightPhase.HOLD
     executor.advance(120.0)
     radius = math.hypot(executor.motion.position_m[0] - x, executor.motion.position_m[1] - y)
     assert radius == pytest.approx(abs(executor.motion.law.loiter_radius), rel=0.05)
     executor.start()
     executor.advance(400.0)
-    assert executor.current_seq >= 2
+    assert executor.mission.current_seq >= 2
 
 
 @BOTH
@@ -589,20 +589,20 @@ def test_a_return_circles_over_home_or_lands(autopilot):
     ever = {"px4": {"RTL_LAND_DELAY": -1.0}, "ardupilot": {}}[autopilot]
     spec = plane(autopilot, **ever)
     executor = MissionExecutor(spec, HOME)
-    executor.load((TAKEOFF, waypoint(500.0, 500.0, 50.0), waypoint(900.0, 900.0, 50.0)))
+    executor.mission.load((TAKEOFF, waypoint(500.0, 500.0, 50.0), waypoint(900.0, 900.0, 50.0)))
     executor.arm()
     executor.start()
     executor.advance(40.0)
     executor.return_home()
-    assert executor.phase is FlightPhase.RETURN
+    assert executor.flight.phase is FlightPhase.RETURN
     executor.advance(400.0)
-    assert executor.armed
+    assert executor.flight.armed
     x, y, z = executor.motion.position_m
     assert math.hypot(x, y) == pytest.approx(abs(executor.motion.law.loiter_radius), rel=0.1)
     executor.land()
     executor.advance(900.0)
-    assert executor.landed is LandedState.ON_GROUND
-    assert not executor.armed
+    assert executor.flight.landed is LandedState.ON_GROUND
+    assert not executor.flight.armed
     assert z == pytest.approx({"px4": 30.0, "ardupilot": 60.0}[autopilot], abs=2.0)
 
 
@@ -611,13 +611,13 @@ def test_a_return_flies_the_landing_of_the_mission(autopilot):
     spec = plane(autopilot, **{"px4": {"RTL_TYPE": 1.0, "RTL_LAND_DELAY": -1.0}, "ardupilot": {}}[autopilot])
     landing = (MissionItem(189, 2), item(31, 80.0, -400.0, 30.0, 1.0, 80.0), item(21, 0.0, 0.0, 0.0))
     executor = MissionExecutor(spec, HOME)
-    executor.load((TAKEOFF, waypoint(500.0, 500.0, 50.0), waypoint(900.0, 900.0, 50.0), *landing))
+    executor.mission.load((TAKEOFF, waypoint(500.0, 500.0, 50.0), waypoint(900.0, 900.0, 50.0), *landing))
     executor.arm()
     executor.start()
     executor.advance(40.0)
     executor.return_home()
     executor.advance(500.0)
-    assert executor.landed is LandedState.ON_GROUND
+    assert executor.flight.landed is LandedState.ON_GROUND
     assert math.hypot(*executor.motion.position_m[:2]) < 80.0
 
 
@@ -633,9 +633,9 @@ def test_orders_that_a_wing_cannot_obey(autopilot):
     executor.advance(120.0)
     x, y, _ = executor.motion.position_m
     assert math.hypot(x - 200.0, y - 200.0) == pytest.approx(100.0, rel=0.05)
-    executor.fall()
+    executor.flight.fall()
     executor.advance(160.0)
-    assert executor.landed is LandedState.ON_GROUND
+    assert executor.flight.landed is LandedState.ON_GROUND
 
 
 @BOTH
@@ -643,7 +643,7 @@ def test_without_a_battery_it_glides_down(autopilot):
     full = plane(autopilot, endless=False)
     spec = replace(full, battery=replace(full.battery, capacity_wh=3.0))
     executor = MissionExecutor(spec, HOME)
-    executor.load((TAKEOFF, waypoint(0.0, 3000.0, 80.0), waypoint(3000.0, 3000.0, 80.0)))
+    executor.mission.load((TAKEOFF, waypoint(0.0, 3000.0, 80.0), waypoint(3000.0, 3000.0, 80.0)))
     executor.arm()
     executor.start()
     events = executor.advance(600.0)
@@ -725,7 +725,7 @@ def test_predictions_agree_with_the_flight(autopilot):
     wind = Wind(4.0, -3.0)
     prediction = predict_flight(Mission(items, GeoPoint(28.05, -82.15)), spec, wind=wind)
     executor = MissionExecutor(spec, HOME, wind=wind)
-    executor.load(items)
+    executor.mission.load(items)
     executor.arm()
     executor.start()
     done = []

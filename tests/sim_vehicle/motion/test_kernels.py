@@ -46,20 +46,22 @@ def item(command, x, y, z, first=0.0):
 def test_a_short_mission_is_flown_to_its_end(vehicle, autopilot, far_m, limit_s, wind):
     executor = MissionExecutor(with_autopilot(get_vehicle(vehicle), autopilot), HOME, wind=wind)
     corner = [item(Command.NAV_WAYPOINT, far_m, 0.0, 5.0), item(Command.NAV_WAYPOINT, far_m, far_m, 6.0, 1.0)]
-    executor.load([item(Command.NAV_TAKEOFF, 0.0, 0.0, 5.0), *corner, item(Command.NAV_LAND, 5.0, 5.0, 0.0)])
+    executor.mission.load(
+        [item(Command.NAV_TAKEOFF, 0.0, 0.0, 5.0), *corner, item(Command.NAV_LAND, 5.0, 5.0, 0.0)]
+    )
     executor.arm()
     executor.start()
     events = executor.advance(limit_s)
     assert [event.seq for event in events if isinstance(event, ItemReached)] == [0, 1, 2, 3]
     x, y, z = executor.motion.position_m
     assert (x, y, z) == pytest.approx((5.0, 5.0, 0.0), abs=2.5)
-    assert vehicle == "rover" or executor.landed is LandedState.ON_GROUND
+    assert vehicle == "rover" or executor.flight.landed is LandedState.ON_GROUND
 
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_a_fixed_wing_climbs_out_and_circles(autopilot):
     executor = MissionExecutor(with_autopilot(get_vehicle("fixed-wing"), autopilot), HOME)
-    executor.load(
+    executor.mission.load(
         [item(Command.NAV_TAKEOFF, 0.0, 80.0, 40.0), item(Command.NAV_LOITER_UNLIM, 0.0, 200.0, 40.0)]
     )
     executor.arm()
@@ -78,7 +80,7 @@ def flying(vehicle, autopilot, items=None, wind=None, height=6.0):
     """A vehicle with a mission, or one that took off and holds."""
     executor = MissionExecutor(with_autopilot(get_vehicle(vehicle), autopilot), HOME, wind=wind)
     if items is not None:
-        executor.load(items)
+        executor.mission.load(items)
     executor.arm()
     if items is not None:
         executor.start()
@@ -127,21 +129,21 @@ def test_orders_under_way(autopilot):
     assert executor.motion.snapshot().yaw_rate_rad_s == pytest.approx(0.5, abs=0.1)
     executor.goto(10.0, 10.0, 9.0)
     executor.advance(executor.time_s + 2.0)
-    executor.look_at((0.0, 30.0))
+    executor.flight.look_at((0.0, 30.0))
     executor.goto(-5.0, 10.0, 4.0)
     executor.advance(executor.time_s + 25.0)
     assert executor.motion.position_m == pytest.approx((-5.0, 10.0, 4.0), abs=1.0)
-    executor.look_at(None)
+    executor.flight.look_at(None)
     executor.orbit(0.0, 10.0, 5.0, 5.0, 2.0)
     executor.advance(executor.time_s + 15.0)
     x, y, _ = executor.motion.position_m
     assert np.hypot(x, y - 10.0) == pytest.approx(5.0, abs=1.0)
-    executor.hold()
+    executor.flight.hold()
     executor.advance(executor.time_s + 5.0)
     assert np.hypot(*executor.motion.snapshot().velocity_m_s[:2]) < 0.2
     executor.land()
     executor.advance(executor.time_s + 40.0)
-    assert executor.landed is LandedState.ON_GROUND
+    assert executor.flight.landed is LandedState.ON_GROUND
 
 
 @MULTIROTORS
@@ -151,13 +153,13 @@ def test_without_motors_and_without_a_battery_it_comes_down(autopilot, order):
     executor.steer((3.0, 0.0, 0.0))
     executor.advance(executor.time_s + 2.0)
     if order == "fall":
-        executor.fall()
+        executor.flight.fall()
     else:
-        executor.drain_battery(0.0)
+        executor.flight.drain_battery(0.0)
     executor.advance(executor.time_s + 0.5)
-    assert executor.phase is (FlightPhase.FALLING if order == "fall" else FlightPhase.DEPLETED)
+    assert executor.flight.phase is (FlightPhase.FALLING if order == "fall" else FlightPhase.DEPLETED)
     executor.advance(executor.time_s + 30.0)
-    assert executor.landed is LandedState.ON_GROUND
+    assert executor.flight.landed is LandedState.ON_GROUND
     assert executor.motion.position_m[2] == 0.0
 
 
@@ -179,7 +181,7 @@ def test_a_fixed_wing_turns_circles_and_lands(autopilot):
     events = executor.advance(400.0)
     reached = [event.seq for event in events if isinstance(event, ItemReached)]
     assert reached == sorted(reached) and {0, 1, 2, 3, 4, 6} <= set(reached)
-    assert executor.landed is LandedState.ON_GROUND
+    assert executor.flight.landed is LandedState.ON_GROUND
     assert np.hypot(*executor.motion.position_m[:2]) < 120.0
 
 
@@ -189,10 +191,10 @@ def test_a_fixed_wing_glides_when_its_battery_is_empty(autopilot):
     executor.advance(40.0)
     executor.goto(200.0, 100.0, 30.0)
     executor.advance(50.0)
-    executor.drain_battery(0.0)
+    executor.flight.drain_battery(0.0)
     events = executor.advance(120.0)
     assert any(isinstance(event, BatteryDepleted) for event in events)
-    assert executor.landed is LandedState.ON_GROUND
+    assert executor.flight.landed is LandedState.ON_GROUND
 
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])

@@ -62,7 +62,7 @@ def predict(*items, spec=QUAD, wind=None):
 
 def start(*items, spec=QUAD, wind=None):
     executor = MissionExecutor(spec, FRAME, wind=wind)
-    executor.load(items)
+    executor.mission.load(items)
     executor.arm()
     executor.start()
     return executor
@@ -157,7 +157,7 @@ class Push(EstimateErrors):
 
 def path(errors, *items):
     executor = MissionExecutor(QUAD, FRAME, estimate_errors=errors)
-    executor.load([TAKEOFF, speed(8.0), *items])
+    executor.mission.load([TAKEOFF, speed(8.0), *items])
     executor.arm()
     executor.start()
     places, done = [], False
@@ -207,11 +207,11 @@ class ToldClimb(EstimateErrors):
 def landed_s(errors, spec=QUAD):
     """Return when the vehicle touches the ground and when it disarms."""
     executor = MissionExecutor(spec, FRAME, estimate_errors=errors)
-    executor.load([TAKEOFF, waypoint(20, 0), RETURN])
+    executor.mission.load([TAKEOFF, waypoint(20, 0), RETURN])
     executor.arm()
     executor.start()
     up = []
-    while executor.armed:
+    while executor.flight.armed:
         executor.advance(executor.time_s + 0.1)
         up.append(executor.state().position_m[2])
     return 0.1 * (np.flatnonzero(np.array(up) > 0.0)[-1] + 2), executor.time_s
@@ -239,11 +239,11 @@ class Offset(EstimateErrors):
 def test_a_landing_slows_down_by_the_height_over_the_ground():
     def sinks_s(errors):
         executor = MissionExecutor(QUAD, FRAME, estimate_errors=errors)
-        executor.load([TAKEOFF, waypoint(20, 0), RETURN])
+        executor.mission.load([TAKEOFF, waypoint(20, 0), RETURN])
         executor.arm()
         executor.start()
         up = []
-        while executor.armed:
+        while executor.flight.armed:
             executor.advance(executor.time_s + 0.1)
             up.append(executor.state().position_m[2])
         heights = np.array(up)[np.argmax(up) :]
@@ -255,7 +255,7 @@ def test_a_landing_slows_down_by_the_height_over_the_ground():
 def test_the_same_errors_make_the_same_flight_however_it_is_cut():
     def course(cuts, seed):
         executor = MissionExecutor(QUAD, FRAME, estimate_errors=EstimateErrors(seed))
-        executor.load([TAKEOFF, speed(8.0), waypoint(60, 0), waypoint(60, 40), waypoint(0, 40)])
+        executor.mission.load([TAKEOFF, speed(8.0), waypoint(60, 0), waypoint(60, 40), waypoint(0, 40)])
         executor.arm()
         executor.start()
         for until_s in cuts:
@@ -293,7 +293,7 @@ def test_telemetry_tells_the_believed_height_and_velocity_and_the_camera_the_tru
 def test_the_speed_of_a_long_leg_comes_up_slowly():
     executor = start(TAKEOFF, speed(8.0), waypoint(400, 0), waypoint(410, 0))
     speeds = {}
-    while executor.current_seq < 3:
+    while executor.mission.current_seq < 3:
         executor.advance(executor.time_s + 0.1)
         state = executor.state()
         speeds[round(state.position_m[0] / 20.0)] = state.velocity_m_s[0]
@@ -312,7 +312,7 @@ def test_dense_waypoints_are_crept_along():
 def test_the_overshoot_of_a_corner_is_there():
     executor = start(TAKEOFF, speed(8.0), waypoint(90, 0), waypoint(90, 90), waypoint(0, 90))
     xs = []
-    while executor.current_seq < 4:
+    while executor.mission.current_seq < 4:
         executor.advance(executor.time_s + 0.1)
         xs.append(executor.state().position_m[0])
     assert 90.8 < max(xs) < 91.8
@@ -377,7 +377,7 @@ def test_prediction_and_flight_are_one():
     flight = predict(*items)
     executor = start(*items)
     end_s = None
-    while executor.armed:
+    while executor.flight.armed:
         for event in executor.advance(executor.time_s + 0.37):
             if isinstance(event, MissionComplete):
                 end_s = event.time_s
@@ -503,7 +503,7 @@ def test_a_return_begins_where_the_vehicle_is():
     events = executor.advance(200.0)
     assert any(isinstance(event, Landed) for event in events)
     assert math.hypot(*executor.state().position_m[:2]) < 1.0
-    assert not executor.armed
+    assert not executor.flight.armed
 
 
 @settings(max_examples=25, deadline=None)
@@ -511,14 +511,14 @@ def test_a_return_begins_where_the_vehicle_is():
 def test_orders_on_the_way(when_s, order):
     executor = start(TAKEOFF, speed(8.0), waypoint(100, 0), waypoint(100, 60, 20.0), waypoint(0, 60), RETURN)
     executor.advance(when_s)
-    if executor.landed is LandedState.ON_GROUND:
+    if executor.flight.landed is LandedState.ON_GROUND:
         return
     if order == "hold":
-        executor.hold()
+        executor.flight.hold()
         executor.advance(when_s + 30.0)
         state = executor.state()
         assert math.hypot(*state.velocity_m_s) < 0.2
-        assert executor.phase is FlightPhase.HOLD
+        assert executor.flight.phase is FlightPhase.HOLD
         executor.start()
     elif order == "goto":
         executor.goto(-20.0, 5.0, 15.0)
@@ -537,13 +537,13 @@ def test_orders_on_the_way(when_s, order):
         executor.advance(when_s + 8.0)
         executor.start()
     else:
-        executor.hold()
+        executor.flight.hold()
         executor.advance(when_s + 0.3)
         executor.start()
     events = executor.advance(when_s + 500.0)
     assert not any(isinstance(event, CannotFly) for event in events)
     assert any(isinstance(event, Landed) for event in events)
-    assert not executor.armed
+    assert not executor.flight.armed
     if order != "land":
         assert math.hypot(*executor.state().position_m[:2]) < 1.0
 
@@ -552,11 +552,11 @@ def test_a_second_flight_is_like_the_first():
     executor = MissionExecutor(QUAD, FRAME)
     ends = []
     for _ in range(2):
-        executor.load((TAKEOFF, waypoint(20, 0), RETURN))
+        executor.mission.load((TAKEOFF, waypoint(20, 0), RETURN))
         executor.arm()
         begin_s = executor.time_s
         executor.start()
-        while executor.armed:
+        while executor.flight.armed:
             executor.advance(executor.time_s + 1.0)
         ends.append(executor.time_s - begin_s)
         executor.advance(executor.time_s + 5.0)
@@ -566,14 +566,14 @@ def test_a_second_flight_is_like_the_first():
 def test_a_fall_and_an_empty_battery_come_down():
     executor = start(TAKEOFF, waypoint(60, 0), RETURN)
     executor.advance(16.0)
-    executor.fall()
+    executor.flight.fall()
     executor.advance(40.0)
-    assert executor.landed is LandedState.ON_GROUND
+    assert executor.flight.landed is LandedState.ON_GROUND
     executor = start(TAKEOFF, waypoint(600, 0), RETURN, spec=with_autopilot(get_vehicle("quad"), "px4"))
     executor.advance(30.0)
-    executor.drain_battery(0.0)
+    executor.flight.drain_battery(0.0)
     executor.advance(90.0)
-    assert executor.phase is FlightPhase.DEPLETED or executor.landed is LandedState.ON_GROUND
+    assert executor.flight.phase is FlightPhase.DEPLETED or executor.flight.landed is LandedState.ON_GROUND
 
 
 @pytest.mark.parametrize("radius", [3.0, 10.0, -30.0])

@@ -151,14 +151,14 @@ def test_a_mission_with_hold_speed_and_return(autopilot):
         RETURN,
     )
     executor = MissionExecutor(spec, HOME)
-    executor.load(items)
+    executor.mission.load(items)
     executor.arm()
     executor.start()
-    assert executor.landed is LandedState.IN_AIR
+    assert executor.flight.landed is LandedState.IN_AIR
     events, fastest = [], 0.0
-    while executor.armed and executor.time_s < 1000.0:
+    while executor.flight.armed and executor.time_s < 1000.0:
         events += executor.advance(executor.time_s + 0.1)
-        if executor.current_seq == 2:
+        if executor.mission.current_seq == 2:
             fastest = max(fastest, executor.state().airspeed_m_s if executor.time_s > 60.0 else 0.0)
     times = {event.seq: event.time_s for event in events if isinstance(event, ItemReached)}
     assert times[0] > 10.0 + 30.0 / 1.5
@@ -167,7 +167,7 @@ def test_a_mission_with_hold_speed_and_return(autopilot):
     assert any(isinstance(event, MissionComplete) for event in events)
     # Rover stays armed when it is home.
     assert isinstance(events[-1], MissionComplete if autopilot == "ardupilot" else Disarmed)
-    assert executor.landed is LandedState.ON_GROUND
+    assert executor.flight.landed is LandedState.ON_GROUND
     assert math.hypot(*executor.motion.position_m[:2]) < 1.0
 
 
@@ -180,7 +180,7 @@ def test_orders(autopilot):
         executor.takeoff(5.0)
     executor.goto(20.0, 0.0, 0.0)
     executor.advance(10.0)
-    executor.hold()
+    executor.flight.hold()
     executor.advance(14.0)
     place = executor.motion.position_m
     executor.advance(30.0)
@@ -191,7 +191,7 @@ def test_orders(autopilot):
     assert (vx, vy) == pytest.approx((0.0, 1.0), abs=0.02)
     executor.return_home()
     executor.advance(120.0)
-    assert executor.armed == (autopilot == "ardupilot")
+    assert executor.flight.armed == (autopilot == "ardupilot")
     assert math.hypot(*executor.motion.position_m[:2]) < 1.0
 
 
@@ -199,7 +199,7 @@ def test_without_a_battery_it_stops_where_it_is():
     full = rover(endless=False)
     spec = replace(full, battery=replace(full.battery, capacity_wh=0.3))
     executor = MissionExecutor(spec, HOME)
-    executor.load((item(16, 0.0, 500.0),))
+    executor.mission.load((item(16, 0.0, 500.0),))
     executor.arm()
     executor.start()
     events = executor.advance(300.0)

@@ -616,12 +616,12 @@ def test_a_fence_and_rally_points_come_over_the_link():
         for seq, item in enumerate(items):
             rig.tell(wire.item_to_message(item, seq, MissionType(kind), (1, 1)))
     assert rig.pilot.failsafe.outside((80.0, 0.0, 10.0)) == "30.0 m outside the area"
-    (point,) = rig.pilot.executor.return_points.rally_m
+    (point,) = rig.pilot.executor.mission.return_points.rally_m
     assert point == pytest.approx((30.0, 0.0, 20.0), abs=0.02)
     rig.tell(m.MAVLink_mission_clear_all_message(1, 1, 1))
     rig.tell(m.MAVLink_mission_clear_all_message(1, 1, 2))
     assert rig.pilot.failsafe.outside((80.0, 0.0, 10.0)) is None
-    assert rig.pilot.executor.return_points.rally_m == ()
+    assert rig.pilot.executor.mission.return_points.rally_m == ()
 
 
 @BOTH
@@ -685,7 +685,7 @@ def test_a_low_battery_on_the_way_home_is_told_but_orders_nothing(autopilot):
     rig.pilot.set_mode(Mode.RTL)
     rig.run(2.0)
     assert rig.pilot.state.phase is FlightPhase.RETURN
-    plan = rig.pilot.executor.plan
+    plan = rig.pilot.executor.flight.plan
     rig.pilot.drain_battery(rig.pilot.parameters.low_fraction - 0.02)
     rig.run(1.0)
     told = [text for text in rig.texts if text.startswith("Battery low")]
@@ -693,7 +693,7 @@ def test_a_low_battery_on_the_way_home_is_told_but_orders_nothing(autopilot):
     assert told[0].endswith(" %)"), "it does not say that it returns: it is returning"
     assert not rig.pilot.failsafe.active
     assert rig.pilot.outcome is Outcome.RUNNING
-    assert rig.pilot.executor.plan is plan, "the way home goes on"
+    assert rig.pilot.executor.flight.plan is plan, "the way home goes on"
     on_order = Rig(autopilot, low_battery_action=returns, low_voltage_v=0.0, critical_voltage_v=0.0)
     on_order.aloft()
     on_order.pilot.drain_battery(on_order.pilot.parameters.low_fraction - 0.02)

@@ -43,7 +43,7 @@ def flown(spec, points, ending, wind, speed=SPEED_M_S, radius=RADIUS_M, takeoff=
         *ending,
     ]
     executor = MissionExecutor(spec, HOME, wind=wind, takes_off=climbs_by_itself(spec))
-    executor.load(items)
+    executor.mission.load(items)
     executor.arm()
     executor.start()
     states = []
@@ -51,8 +51,8 @@ def flown(spec, points, ending, wind, speed=SPEED_M_S, radius=RADIUS_M, takeoff=
         for event in executor.advance(executor.time_s + 1.0):
             if isinstance(event, MissionComplete):
                 return states, event.time_s, executor.motion.energy_j / WH_J
-        target = executor.current_seq - 2
-        if executor.phase is FlightPhase.MISSION and 0 <= target < len(points):
+        target = executor.mission.current_seq - 2
+        if executor.flight.phase is FlightPhase.MISSION and 0 <= target < len(points):
             used = executor.motion.energy_j / WH_J
             states.append((executor.time_s, used, executor.motion.snapshot(), target))
 
@@ -195,13 +195,15 @@ def test_a_path_that_is_changed_to_costs_what_the_autopilot_loses_by_it(autopilo
     items = [MissionItem(178, param1=1.0, param2=SPEED_M_S, param3=-1.0)]
     items += [MissionItem.waypoint(*FARM.to_wgs84(*one), HEIGHT_M) for one in path.tolist()]
     executor = MissionExecutor(spec, HOME, takes_off=climbs_by_itself(spec))
-    executor.load([MissionItem(22, 3, 10.0, 0, 0, None, *HOME.to_wgs84(0, 0), HEIGHT_M), *old_items(old)])
+    executor.mission.load(
+        [MissionItem(22, 3, 10.0, 0, 0, None, *HOME.to_wgs84(0, 0), HEIGHT_M), *old_items(old)]
+    )
     executor.arm()
     executor.start()
     while math.dist(executor.motion.position_m, motion.position_m) > 0.3:
         executor.advance(executor.time_s + 0.02)
     begin_s = executor.time_s
-    executor.change(items, 0)
+    executor.mission.change(items, 0)
     while not any(isinstance(event, MissionComplete) for event in executor.advance(executor.time_s + 0.1)):
         pass
     predictor = OnwardPredictor(spec, FARM, HOME_M, altitude_m=HEIGHT_M, speed_m_s=SPEED_M_S, ending=())

@@ -50,12 +50,12 @@ def lawnmower(width, rows, spacing):
 
 def flown(mission, spec, wind=None):
     vehicle = MissionExecutor(spec, HOME, wind=wind)
-    vehicle.load(mission.items)
+    vehicle.mission.load(mission.items)
     vehicle.arm()
     vehicle.start()
     complete = None
     step = 1.0 if spec.is_ideal else 0.1
-    while vehicle.armed:
+    while vehicle.flight.armed:
         for event in vehicle.advance(vehicle.time_s + step):
             if isinstance(event, MissionComplete):
                 complete = event.time_s, vehicle.motion.energy_j, vehicle.state().path_length_m
@@ -289,7 +289,7 @@ def test_jumps_of_px4s_height_give_an_expected_time_and_an_interval():
     inside = 0
     for seed in range(20):
         executor = MissionExecutor(spec, frame, estimate_errors=EstimateErrors(seed))
-        executor.load(mission.items)
+        executor.mission.load(mission.items)
         executor.arm()
         executor.start()
         done = [one for one in executor.fly_through(3600.0) if isinstance(one, MissionComplete)]

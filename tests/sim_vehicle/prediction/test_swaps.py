@@ -27,7 +27,7 @@ def rows(width, count, spacing, speed, aside=0.0):
 
 def begun(spec, wind, items):
     vehicle = MissionExecutor(spec, HOME, wind=wind)
-    vehicle.load(items)
+    vehicle.mission.load(items)
     vehicle.arm()
     vehicle.start()
     return vehicle
@@ -35,7 +35,7 @@ def begun(spec, wind, items):
 
 def landed(vehicle):
     """Fly on to the ground and return the energy that was used; the flight must not go wrong."""
-    while vehicle.armed:
+    while vehicle.flight.armed:
         events = vehicle.advance(vehicle.time_s + 1.0)
         assert not any(isinstance(event, CannotFly | BatteryDepleted) for event in events)
     return vehicle.motion.energy_j / WH_J
@@ -50,9 +50,9 @@ def flown_with_changes(mission, spec, wind, changes):
         before = math.inf
         while True:
             vehicle.advance(vehicle.time_s + 0.1)
-            assert vehicle.armed and vehicle.current_seq <= change.seq + first
+            assert vehicle.flight.armed and vehicle.mission.current_seq <= change.seq + first
             away = math.dist(vehicle.motion.position_m, change.place_m)
-            if vehicle.current_seq == change.seq + first and away < 3.0 and away > before:
+            if vehicle.mission.current_seq == change.seq + first and away < 3.0 and away > before:
                 break
             before = away
         vehicle.return_home()
@@ -63,7 +63,7 @@ def flown_with_changes(mission, spec, wind, changes):
         first = len(begin) + 1 - change.seq
     vehicle = begun(spec, wind, items)
     complete = False
-    while vehicle.armed and not complete:
+    while vehicle.flight.armed and not complete:
         complete = any(isinstance(event, MissionComplete) for event in vehicle.advance(vehicle.time_s + 1.0))
     assert complete
     used.append(landed(vehicle))

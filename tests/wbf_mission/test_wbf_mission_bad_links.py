@@ -102,7 +102,7 @@ def test_a_pilot_takes_over_from_another_process(autopilot, tmp_path):
     with (
         # Long enough that it is not on its way home when he comes.
         simulator(tmp_path, autopilot=autopilot, listen=links) as (mine, his),
-        flying(tmp_path, mine, "--budget", "5min") as ground,
+        flying(tmp_path, mine, "--budget", "10min") as ground,
     ):
         ground.wait_for(", item")
         assert run("command", his, "land", cwd=tmp_path).returncode == 0

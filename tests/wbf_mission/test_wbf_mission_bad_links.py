@@ -100,9 +100,9 @@ def test_whatever_goes_wrong_in_flight(autopilot, case, tmp_path):
 def test_a_pilot_takes_over_from_another_process(autopilot, tmp_path):
     links = ("tcpin:127.0.0.1:0", "udpin:127.0.0.1:0")
     with (
-        # Long enough that it is not on its way home when he comes.
-        simulator(tmp_path, autopilot=autopilot, listen=links) as (mine, his),
-        flying(tmp_path, mine, "--budget", "10min") as ground,
+        # Slowly enough that it is not on its way home when his process has started.
+        simulator(tmp_path, autopilot=autopilot, listen=links, speed=2) as (mine, his),
+        flying(tmp_path, mine, "--budget", "5min") as ground,
     ):
         ground.wait_for(", item")
         assert run("command", his, "land", cwd=tmp_path).returncode == 0

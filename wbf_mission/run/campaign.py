@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from mission.errors import PlanningError
 from mission.link.tlog import TlogWriter
 from sensors.environment import Environment
-from sensors.estimation import Evidence, RunEstimate, attribute_errors_to
-from sensors.estimators import advance_estimator, prepare_estimator
+from sensors.estimation import Evidence, RunEstimate, attribute_errors_to, prepare_days
+from sensors.estimators import advance_estimator
 from sensors.scoring.information import InformationModel
 from sensors.scoring.score import RunningScore
 from sim_vehicle.epoch import EPOCH_UNIX_S
@@ -88,7 +88,7 @@ class Campaign:
         run, first, estimator = self.run, self.run.first_day, self.run.estimator
         with attribute_errors_to(estimator):
             estimator.fit(run.farm.grid())
-            prepare_estimator(estimator, range(first, first + run.days), self._progress)
+            prepare_days(estimator, first, run.days, self._progress)
             advance_estimator(estimator, first)
         self.watch.lap("learning")
         self.truth = environment.values(first)

@@ -63,10 +63,12 @@ def _at_once() -> None:
 
 def _mark(run: Run, name: str) -> Path | None:
     """Return the file that is there once an estimator's functions are compiled; None: it needs no process."""
+    small = run.farm.width_cells * run.farm.height_cells <= get_farm(REHEARSED_ON).owner_cells
+    if small or name not in _IN_TILES or os.environ.get("NUMBA_DISABLE_JIT"):
+        return None
     from joblib import cpu_count
 
-    small = run.farm.width_cells * run.farm.height_cells <= get_farm(REHEARSED_ON).owner_cells
-    if small or name not in _IN_TILES or cpu_count() < 2 or os.environ.get("NUMBA_DISABLE_JIT"):
+    if cpu_count() < 2:
         return None
     made_of = [
         sources_digest(Path(spec.origin).resolve())

@@ -80,12 +80,15 @@ def test_where_little_is_compiled_no_process_is_started(tmp_path, farm, estimato
     assert calls_of(tmp_path) == []
 
 
-@pytest.mark.parametrize("missing", ["compiler", "core"])
-def test_without_a_second_core_or_a_compiler_nothing_runs_beside(tmp_path, monkeypatch, missing):
+@pytest.mark.parametrize("missing", ["compiler", "core", "cache"])
+def test_without_a_second_core_a_compiler_or_a_cache_nothing_runs_beside(tmp_path, monkeypatch, missing):
     if missing == "core":
         monkeypatch.setattr(joblib, "cpu_count", lambda: 1)
-    else:
+    elif missing == "compiler":
         monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
+    else:
+        (tmp_path / "file").write_text("no folder")
+        monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "file" / "compiled"))
     with rehearsed(run_on(), partial(note_call, tmp_path)) as ready:
         ready()
     assert calls_of(tmp_path) == []

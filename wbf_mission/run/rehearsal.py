@@ -68,7 +68,11 @@ def _mark(run: Run, name: str) -> Path | None:
         return None
     from joblib import cpu_count
 
-    if cpu_count() < 2:
+    folder = compiled_folder()
+    with suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True)
+    # What cannot be kept is compiled by every process for itself.
+    if cpu_count() < 2 or not (folder.is_dir() and os.access(folder, os.W_OK)):
         return None
     made_of = [
         sources_digest(Path(spec.origin).resolve())
@@ -76,10 +80,9 @@ def _mark(run: Run, name: str) -> Path | None:
         if spec is not None and spec.origin is not None
     ]
     key = hashlib.sha256("\n".join([*made_of, version("numba"), name]).encode()).hexdigest()
-    return compiled_folder() / f"estimate-{name}-{key[:16]}"
+    return folder / f"estimate-{name}-{key[:16]}"
 
 
 def _rehearse(rehearse: Callable[[str], None], name: str, mark: Path) -> None:
     rehearse(name)
-    mark.parent.mkdir(parents=True, exist_ok=True)
     mark.touch()

@@ -14,6 +14,12 @@ if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
 
 
+# The SI unit in those of parameters; of others it is the unit itself.
+_DEGREE = math.radians(1.0)
+_SI = {"%": 0.01, "%/s": 0.01, "cm": 0.01, "cm/s": 0.01, "cm/s/s": 0.01, "ds": 0.1}
+_SI |= {"deg": _DEGREE, "deg/s": _DEGREE, "deg/s^2": _DEGREE}
+
+
 @dataclass(frozen=True, slots=True)
 class ParameterSpec:
     """One parameter of an autopilot, under its real name."""
@@ -28,6 +34,12 @@ class ParameterSpec:
     """What it is, in a few words."""
     integer: bool = False
     """Whether it is INT32 on the wire."""
+    law: str = ""
+    """The number of the vehicle's law of motion that it is; empty where more decides that."""
+
+    def in_si(self, value: float) -> float:
+        """Return a value in SI units, angles in radians."""
+        return _SI.get(self.unit, 1.0) * value
 
 
 def parameter_value(spec: VehicleSpec, name: str, table: Mapping[str, ParameterSpec]) -> float:

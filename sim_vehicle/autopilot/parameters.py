@@ -1,8 +1,8 @@
 """Parameters of a firmware: as MAVLink has them, what they change in a vehicle, all of the real one.
 
 Lists are tables in ``lists/``: name, type, default, documented range, unit. Each begins with a note of where
-its facts are from. What moves a vehicle has a table of its own, with a few words on each. What an autopilot
-tells of its parameters besides is in tables that are read when somebody asks.
+its facts are from. What moves a vehicle has a table of its own, with a few words on each and the number of
+the law of motion that it is. What an autopilot tells besides is in tables that are read when somebody asks.
 """
 
 from __future__ import annotations
@@ -226,7 +226,7 @@ def motion_parameters(name: str) -> Mapping[str, ParameterSpec]:
     Examples
     --------
     >>> motion_parameters("arduplane-motion")["TKOFF_ALT"]
-    ParameterSpec(default=50.0, low=0.0, high=200.0, unit='m', text='take-off height', integer=False)
+    ParameterSpec(default=50.0, low=0.0, high=200.0, unit='m', text='take-off height', integer=False, law='')
     """
     return {
         row["name"]: ParameterSpec(
@@ -236,6 +236,7 @@ def motion_parameters(name: str) -> Mapping[str, ParameterSpec]:
             row["unit"],
             row["text"],
             integer=row["type"] != "float",
+            law=row["law"],
         )
         for row in _rows(name)
     }

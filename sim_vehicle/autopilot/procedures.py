@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import TYPE_CHECKING
 
 from sim_vehicle.airframe.parameters import parameter_value
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from sim_vehicle.airframe.parameters import ParameterSpec
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.motion.fixed_wing.limits import ArduPlaneControl, FixedWingLimits
+    from sim_vehicle.motion.fixed_wing.layout import FixedWingLimits
     from sim_vehicle.motion.legs import Heading, Position
     from sim_vehicle.motion.model import MotionModel
     from sim_vehicle.motion.rover.layout import RoverLimits
@@ -60,6 +60,16 @@ class FlightProcedures(ABC):
         """Values of all parameters for a vehicle, in their own units."""
         own = dict(spec.parameters)
         return {name: own.get(name, known.default) for name, known in self.parameters.items()}
+
+    def numbers(self, spec: VehicleSpec, law: type | None = None) -> dict[str, float]:
+        """Numbers of the law of motion that are a parameter each, in SI units; only fields of a dataclass."""
+        value = self.values(spec)
+        wanted = None if law is None else {one.name for one in fields(law)}
+        return {
+            known.law: known.in_si(value[name])
+            for name, known in self.parameters.items()
+            if known.law and (wanted is None or known.law in wanted)
+        }
 
     @abstractmethod
     def fit(self, spec: VehicleSpec) -> VehicleSpec:
@@ -186,9 +196,9 @@ class FixedWingProcedures(FlightProcedures):
     def limits(self, spec: VehicleSpec) -> FixedWingLimits:
         """Limits of a vehicle's flight."""
 
-    def control(self, spec: VehicleSpec) -> ArduPlaneControl | None:
-        """Gains of ArduPlane's control of energy; None for others."""
-        return None
+    def control(self, spec: VehicleSpec) -> Mapping[str, float]:
+        """Further numbers of the law, columns of `sim_vehicle.motion.fixed_wing.layout.Limits`."""
+        return {}
 
     @abstractmethod
     def lands_as_mission(self, spec: VehicleSpec) -> bool:
@@ -229,7 +239,7 @@ class FixedWingProcedures(FlightProcedures):
         """Motion of a vehicle that stands at home."""
         from sim_vehicle.motion.fixed_wing.model import FixedWing
 
-        return FixedWing(spec, self.limits, wind, yaw_rad, self.control)
+        return FixedWing(spec, self.limits, self.control, wind, yaw_rad)
 
     def takeoff_legs(
         self, spec: VehicleSpec, here: Position, target: Position, speed: float, heading: Heading

@@ -9,6 +9,7 @@ Below are the columns that all compiled vehicles share, events, and the grid of 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import IntEnum
 from typing import Any
 
@@ -29,6 +30,20 @@ def record_type(*columns: type[IntEnum] | list[str]) -> np.dtype[Any]:
     """
     names = [one if isinstance(one, str) else one.name.lower() for each in columns for one in each]
     return np.dtype((np.record, [(name, np.float64) for name in names]), align=True)
+
+
+def row_of(kind: np.dtype[Any], values: Mapping[str, float]) -> NDArray[np.float64]:
+    """Return a row of this type with these values by column, 0 in the others.
+
+    Examples
+    --------
+    >>> row_of(record_type(["left_m", "heading"]), {"heading": 2.0})
+    array([0., 2.])
+    """
+    row = np.zeros(1, kind)
+    for name, value in values.items():
+        row[name] = value
+    return row.view(np.float64)
 
 
 def record_of(row: NDArray[np.float64], kind: np.dtype[Any]) -> Record:

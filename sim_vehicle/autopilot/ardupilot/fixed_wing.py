@@ -12,8 +12,10 @@ from sim_vehicle.motion.fixed_wing.layout import STOPPED_M_S
 from sim_vehicle.motion.legs import Circle, Leg, LegKind
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.motion.fixed_wing.limits import ArduPlaneControl, FixedWingLimits
+    from sim_vehicle.motion.fixed_wing.layout import FixedWingLimits
     from sim_vehicle.motion.legs import Position
 
 __all__ = ["ARDUPLANE"]
@@ -41,7 +43,7 @@ class ArduPlane(FixedWingProcedures):
     def limits(self, spec: VehicleSpec) -> FixedWingLimits:
         """Limits of a vehicle's flight."""
         from sim_vehicle.motion.fixed_wing.guidance import L1
-        from sim_vehicle.motion.fixed_wing.limits import FixedWingLimits
+        from sim_vehicle.motion.fixed_wing.layout import FixedWingLimits
 
         value = self.values(spec)
         least, trim, most = airspeeds_in_order(
@@ -51,13 +53,13 @@ class ArduPlane(FixedWingProcedures):
         landing = value["TECS_LAND_ARSPD"]
         liftoff, acceleration = self.start_of_flight(spec, rotation, least)
         return FixedWingLimits(
+            **self.numbers(spec, FixedWingLimits),
             law=L1,
             airspeed_min=least,
             airspeed_trim=trim,
             airspeed_max=most,
             bank_limit=math.radians(min(max(value["ROLL_LIMIT_DEG"], 10.0), 75.0)),
-            roll_s=value["RLL2SRV_TCONST"],
-            roll_rate=math.radians(value["RLL2SRV_RMAX"] or _ROLL_RATE),
+            roll_rate_max=math.radians(value["RLL2SRV_RMAX"] or _ROLL_RATE),
             roll_slew=math.radians(1000.0),
             climb_max=value["TECS_CLMB_MAX"],
             climb_rate=value["TECS_CLMB_MAX"],
@@ -65,32 +67,20 @@ class ArduPlane(FixedWingProcedures):
             sink_max=max(value["TECS_SINK_MAX"], 0.1),
             height_s=value["TECS_TIME_CONST"],
             speed_s=value["TECS_TIME_CONST"],
-            vertical_acceleration=value["TECS_VERT_ACC"],
-            period=value["NAVL1_PERIOD"],
-            damping=value["NAVL1_DAMPING"],
-            integral=value["NAVL1_XTRACK_I"],
             switch_share=0.0,
-            acceptance=value["WP_RADIUS"],
             height_acceptance=math.inf,
             landing_height_acceptance=math.inf,
-            ground_min=value["MIN_GROUNDSPEED"],
             takeoff_airspeed=trim,
-            rotation_airspeed=liftoff,
-            launch_acceleration=acceleration,
-            level_height=value["TKOFF_LVL_ALT"],
+            rotation=liftoff,
+            launch=acceleration,
             level_bank=math.radians(max(value["LEVEL_ROLL_LIMIT"], 1.0)),
             landing_airspeed=landing if landing > 0.0 else 0.5 * (least + trim),
-            flare_height=value["LAND_FLARE_ALT"],
-            flare_s=value["LAND_FLARE_SEC"],
-            flare_sink=value["TECS_LAND_SINK"],
             landing_slope=math.tan(math.radians(5.0)),
             loiter_radius=value["WP_LOITER_RAD"] or 60.0,
         )
 
-    def control(self, spec: VehicleSpec) -> ArduPlaneControl:
+    def control(self, spec: VehicleSpec) -> Mapping[str, float]:
         """Gains of the control of energy, landing and take-off."""
-        from sim_vehicle.motion.fixed_wing.limits import ArduPlaneControl
-
         value = self.values(spec)
         pitch_max, pitch_min = value["PTCH_LIM_MAX_DEG"], value["PTCH_LIM_MIN_DEG"]
         if value["TECS_PITCH_MAX"] > 0.0:
@@ -99,47 +89,19 @@ class ArduPlane(FixedWingProcedures):
             pitch_min = max(pitch_min, value["TECS_PITCH_MIN"])
         least = 0.01 * value["THR_MIN"]
         most = max(0.01 * value["THR_MAX"], least + 0.01)
-        return ArduPlaneControl(
-            time_s=max(value["TECS_TIME_CONST"], 0.1),
-            integrator=value["TECS_INTEG_GAIN"],
-            pitch_damping=value["TECS_PTCH_DAMP"],
-            throttle_damping=value["TECS_THR_DAMP"],
-            roll_to_throttle=value["TECS_RLL2THR"],
-            speed_weight=value["TECS_SPDWEIGHT"],
-            demand_s=value["TECS_HDEM_TCONST"],
-            climb_max=value["TECS_CLMB_MAX"],
-            sink_min=value["TECS_SINK_MIN"],
-            sink_max=max(value["TECS_SINK_MAX"], 0.1),
-            trim_throttle=0.01 * value["TRIM_THROTTLE"],
-            throttle_min=max(least, 0.0),
-            throttle_max=most,
-            throttle_slew=0.01 * value["THR_SLEWRATE"],
-            pitch_min=math.radians(pitch_min),
-            pitch_max=math.radians(max(pitch_max, pitch_min)),
-            pitch_s=value["PTCH2SRV_TCONST"],
-            pitch_up_rate=math.radians(value["PTCH2SRV_RMAX_UP"] or _ANY_RATE),
-            pitch_down_rate=math.radians(value["PTCH2SRV_RMAX_DN"] or _ANY_RATE),
-            pitch_feed_forward=value["PTCH_RATE_FF"],
-            pitch_gain=value["PTCH_RATE_P"],
-            pitch_integrator=value["PTCH_RATE_I"],
-            scaling_speed=value["SCALING_SPEED"],
-            slope_min=value["ALT_SLOPE_MIN"] or math.inf,
-            land_s=value["TECS_LAND_TCONST"],
-            land_damping=value["TECS_LAND_DAMP"],
-            land_speed_weight=value["TECS_LAND_SPDWGT"],
-            land_pitch=math.radians(value["LAND_PITCH_DEG"]),
-            land_pitch_max=math.radians(value["TECS_LAND_PMAX"]),
-            hold_off_height=value["TECS_FLARE_HGT"],
-            flare_aim=0.01 * value["LAND_FLARE_AIM"],
-            preflare_height=value["LAND_PF_ALT"],
-            preflare_s=value["LAND_PF_SEC"],
-            preflare_airspeed=value["LAND_PF_ARSPD"],
-            head_wind_share=0.01 * value["LAND_WIND_COMP"],
-            level_off_s=value["TKOFF_PLIM_SEC"],
-            takeoff_throttle=0.01 * value["TKOFF_THR_MAX"] or most,
-            takeoff_delay_s=0.1 * value["TKOFF_THR_DELAY"],
-            throttle_ease=0.01 * value["TECS_THR_ERATE"],
-        )
+        return {
+            **self.numbers(spec),
+            "time_s": max(value["TECS_TIME_CONST"], 0.1),
+            "tecs_sink_max": max(value["TECS_SINK_MAX"], 0.1),
+            "throttle_min": max(least, 0.0),
+            "throttle_max": most,
+            "pitch_min": math.radians(pitch_min),
+            "pitch_max": math.radians(max(pitch_max, pitch_min)),
+            "pitch_up_rate": math.radians(value["PTCH2SRV_RMAX_UP"] or _ANY_RATE),
+            "pitch_down_rate": math.radians(value["PTCH2SRV_RMAX_DN"] or _ANY_RATE),
+            "slope_min": value["ALT_SLOPE_MIN"] or math.inf,
+            "takeoff_throttle": 0.01 * value["TKOFF_THR_MAX"] or most,
+        }
 
     def fit(self, spec: VehicleSpec) -> VehicleSpec:
         """Vehicle with the values that parameters decide."""

@@ -12,8 +12,10 @@ from sim_vehicle.autopilot.procedures import RoverProcedures
 from sim_vehicle.motion.legs import Leg, LegKind
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.motion.ardurover.kernel import DriveLaw
     from sim_vehicle.motion.legs import Position
     from sim_vehicle.motion.model import MotionModel
     from sim_vehicle.motion.rover.layout import RoverLimits
@@ -79,58 +81,51 @@ class ArduRover(RoverProcedures):
             passes=True,
         )
 
-    def law(self, spec: VehicleSpec) -> DriveLaw:
-        """What Rover makes of a vehicle's parameters."""
-        from sim_vehicle.motion.ardurover.kernel import DriveLaw
+    def law(self, spec: VehicleSpec) -> NDArray[np.float64]:
+        """Return the numbers of the compiled motion, `sim_vehicle.motion.ardurover.kernel.LAW`."""
+        from sim_vehicle.motion.ardurover.kernel import LAW
+        from sim_vehicle.motion.columns import row_of
 
-        value = self.values(spec)
+        value, number, dt = self.values(spec), self.numbers(spec), spec.step_s
         skid = value["SERVO1_FUNCTION"] == _SKID
         accel = value["ATC_ACCEL_MAX"] or _ANY_ACCELERATION
         decel = value["ATC_DECEL_MAX"] or accel
         path = min(accel, decel)
         if value["WP_ACCEL"] > 0.0:
             path = min(path, value["WP_ACCEL"])
+        jerk = value["WP_JERK"] or path
         lateral = value["ATC_TURN_MAX_G"] * GRAVITY_M_S2
         turn_radius = 0.0 if skid else value["TURN_RADIUS"]
         cruise, throttle = value["CRUISE_SPEED"], 0.01 * value["CRUISE_THROTTLE"]
-        return DriveLaw(
-            position_p=value["PSC_POS_P"],
-            velocity_p=value["PSC_VEL_P"],
-            velocity_filter_hz=value["PSC_VEL_FLTE"],
-            path_acceleration=path,
-            acceleration=accel,
-            deceleration=decel,
-            jerk=value["WP_JERK"] or path,
-            snap=_SNAP,
-            lateral=lateral,
-            turn_speed=math.sqrt(0.5 * lateral * turn_radius),
-            radius=max(value["WP_RADIUS"], turn_radius),
-            near=value["WP_RADIUS"],
-            steer_acceleration=math.radians(value["ATC_STR_ACC_MAX"] or 1e5),
-            steer_rate=math.radians(value["ATC_STR_RAT_MAX"] or 1e5),
-            steer_ff=value["ATC_STR_RAT_FF"],
-            steer_p=value["ATC_STR_RAT_P"],
-            steer_i=value["ATC_STR_RAT_I"],
-            steer_imax=value["ATC_STR_RAT_IMAX"],
-            steer_filter_hz=value["ATC_STR_RAT_FLTE"],
-            scale_base=value["MOT_SPD_SCA_BASE"],
-            tightest=0.0 if skid else max(turn_radius, 0.1),
-            track_lag_s=_TRACK_LAG_S,
-            angle_p=value["ATC_STR_ANG_P"],
-            pivot_angle=math.radians(value["WP_PIVOT_ANGLE"])
-            if skid and value["WP_PIVOT_ANGLE"] > 5.0
-            else 0.0,
-            pivot_rate=math.radians(value["WP_PIVOT_RATE"] or value["ATC_STR_RAT_MAX"] or 1e5),
-            pivot_delay_s=value["WP_PIVOT_DELAY"],
-            drive_base=throttle / cruise if cruise > 0.0 else 0.0,
-            drive_p=value["ATC_SPEED_P"],
-            drive_i=value["ATC_SPEED_I"],
-            drive_imax=value["ATC_SPEED_IMAX"],
-            drive_filter_hz=value["ATC_SPEED_FLTE"],
-            stop_speed=value["ATC_STOP_SPEED"],
-            top_speed=spec.speed_limit_m_s,
-            drive_lag_s=_DRIVE_LAG_S,
-        )
+        pivots = skid and value["WP_PIVOT_ANGLE"] > 5.0
+        number |= {
+            "dt": dt,
+            "accel": path,
+            "accel_z": path,
+            "jerk": jerk,
+            "snap": _SNAP,
+            "corner": lateral,
+            "wp_radius": max(value["WP_RADIUS"], turn_radius),
+            "pace_filter": min(1.0, dt * jerk / path),
+            "error_filter": _share(dt, value["PSC_VEL_FLTE"]),
+            "acceleration": accel,
+            "deceleration": decel,
+            "lateral": lateral,
+            "turn_speed": math.sqrt(0.5 * lateral * turn_radius),
+            "steer_acceleration": math.radians(value["ATC_STR_ACC_MAX"] or 1e5),
+            "steer_rate": math.radians(value["ATC_STR_RAT_MAX"] or 1e5),
+            "steer_filter": _share(dt, value["ATC_STR_RAT_FLTE"]),
+            "tightest": 0.0 if skid else max(turn_radius, 0.1),
+            "steer_lag": min(1.0, dt / _TRACK_LAG_S),
+            "pivot_angle": math.radians(value["WP_PIVOT_ANGLE"]) if pivots else 0.0,
+            "pivot_rate": math.radians(value["WP_PIVOT_RATE"] or value["ATC_STR_RAT_MAX"] or 1e5),
+            "pivot_delay": value["WP_PIVOT_DELAY"] / dt,
+            "drive_base": throttle / cruise if cruise > 0.0 else 0.0,
+            "drive_filter": _share(dt, value["ATC_SPEED_FLTE"]),
+            "top_speed": spec.speed_limit_m_s,
+            "drive_lag": min(1.0, dt / _DRIVE_LAG_S),
+        }
+        return row_of(LAW, number)
 
     def return_legs(
         self, spec: VehicleSpec, last: Position, speed: float, return_point: Position
@@ -144,6 +139,11 @@ class ArduRover(RoverProcedures):
         from sim_vehicle.motion.ardurover.model import ArduRover as Driven
 
         return Driven(spec, self.limits, self.law, wind, yaw_rad)
+
+
+def _share(dt: float, frequency_hz: float) -> float:
+    """Return the share that a low-pass filter takes over in a step; a frequency of 0 is no filter."""
+    return dt / (dt + 1.0 / (2.0 * math.pi * frequency_hz)) if frequency_hz > 0.0 else 1.0
 
 
 ARDUROVER = ArduRover()

@@ -7,20 +7,24 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from sim_vehicle.airframe.estimate_errors import carried_aside_m
-from sim_vehicle.airframe.parameters import ParameterSpec
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
+from sim_vehicle.autopilot.parameters import motion_parameters
 from sim_vehicle.autopilot.procedures import FlightProcedures, over_and_down, vertical_landing
 from sim_vehicle.motion.legs import KEEP, Leg, LegKind
-from sim_vehicle.motion.px4.parameters import PARAMETERS, drag_of, value_of
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    import numpy as np
+    from numpy.typing import NDArray
 
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Heading, Position
     from sim_vehicle.motion.model import MotionModel
     from sim_vehicle.weather.wind import Wind
 
+# The reference airframe, SIH quadrotor 10040: SIH_KDV over SIH_MASS, MPC_THR_MIN; MC_ROLL_P, MC_PITCH_P.
+_SIH_DRAG_1_S = 1.0
+_LOWEST_THRUST = 0.12
+_SIH_ATTITUDE_S = 1.0 / 6.5
 # For ever, as far as a flight is concerned.
 _FOREVER_S = 1e6
 _NEVER_DISARM_S = 3599.0
@@ -30,7 +34,7 @@ class Px4MultirotorProcedures(FlightProcedures):
     """See `sim_vehicle.autopilot.procedures.FlightProcedures`."""
 
     name = "px4"
-    parameters: Mapping[str, ParameterSpec] = PARAMETERS
+    parameters = motion_parameters("px4-multirotor-motion")
 
     def fit(self, spec: VehicleSpec) -> VehicleSpec:
         """Return the vehicle with the speeds, heights and limits that its parameters say."""
@@ -64,7 +68,28 @@ class Px4MultirotorProcedures(FlightProcedures):
         """Return the motion of a vehicle that stands at home."""
         from sim_vehicle.motion.px4.model import Px4Multirotor
 
-        return Px4Multirotor(spec, wind, yaw_rad)
+        return Px4Multirotor(spec, self.law, wind, yaw_rad)
+
+    def law(self, spec: VehicleSpec) -> NDArray[np.float64]:
+        """Return the numbers of the compiled motion, `sim_vehicle.motion.px4.kernel.LAW`."""
+        from sim_vehicle.motion.columns import row_of
+        from sim_vehicle.motion.px4.kernel import LAW, SIH_THRUST_M_S2
+
+        number = self.numbers(spec)
+        response = spec.attitude_response_s
+        number |= {
+            "dt": spec.step_s,
+            "takeoff_speed": min(number["takeoff_speed"], number["max_up"]),
+            "land_speed": min(number["land_speed"], number["max_down"]),
+            "land_alt1": max(number["land_alt1"], number["land_alt2"]),
+            # With a distance sensor each of the three stages of the land detector takes LNDMC_TRIG_TIME.
+            "land_time": 3.0 * number["land_time"],
+            "drag": drag_of(spec),
+            "attitude": 1.0 / (_SIH_ATTITUDE_S if response is None else response),
+            "thrust_low": _LOWEST_THRUST * SIH_THRUST_M_S2,
+            "thrust_high": SIH_THRUST_M_S2,
+        }
+        return row_of(LAW, number)
 
     def takeoff_legs(
         self, spec: VehicleSpec, here: Position, target: Position, speed: float, heading: Heading
@@ -105,6 +130,11 @@ class Px4MultirotorProcedures(FlightProcedures):
         return legs
 
 
+def drag_of(spec: VehicleSpec) -> float:
+    """Return the drag over mass and airspeed (1/s): the vehicle's, or that of the reference airframe."""
+    return _SIH_DRAG_1_S if spec.linear_drag_1_s is None else spec.linear_drag_1_s
+
+
 def return_height_m(spec: VehicleSpec, distance_m: float, height_m: float, least_m: float = 0.0) -> float:
     """Return the return altitude: lower within a cone about home, never lower than the vehicle is.
 
@@ -118,15 +148,16 @@ def return_height_m(spec: VehicleSpec, distance_m: float, height_m: float, least
     >>> [round(return_height_m(quad, d, 3.0), 1) for d in (1.0, 6.0, 9.0, 50.0)]
     [3.0, 6.0, 9.0, 30.0]
     """
-    most = max(value_of(spec, "RTL_RETURN_ALT"), least_m)
-    radius = value_of(spec, "NAV_ACC_RAD")
-    angle = value_of(spec, "RTL_CONE_ANG")
+    value = PX4_MULTIROTOR.value
+    most = max(value(spec, "RTL_RETURN_ALT"), least_m)
+    radius = value(spec, "NAV_ACC_RAD")
+    angle = value(spec, "RTL_CONE_ANG")
     height = most
     if angle > 0.0:
         if distance_m <= radius:
             height = 2.0 * distance_m
         else:
-            if distance_m <= value_of(spec, "RTL_MIN_DIST"):
+            if distance_m <= value(spec, "RTL_MIN_DIST"):
                 height = min(distance_m / math.tan(math.radians(min(max(angle, 1.0), 89.0))), most)
             height = max(height, 2.0 * radius)
     return max(min(height, most), height_m)
@@ -134,7 +165,7 @@ def return_height_m(spec: VehicleSpec, distance_m: float, height_m: float, least
 
 def strays_m(spec: VehicleSpec) -> float:
     """Return the standard deviation of how far the errors of its estimate carry it aside, along an axis."""
-    return carried_aside_m(value_of(spec, "MPC_XY_P"))
+    return carried_aside_m(PX4_MULTIROTOR.value(spec, "MPC_XY_P"))
 
 
 PX4_MULTIROTOR = Px4MultirotorProcedures()

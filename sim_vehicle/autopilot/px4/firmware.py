@@ -30,8 +30,8 @@ from sim_vehicle.autopilot.mavlink_profile import (
 )
 from sim_vehicle.autopilot.modes import Mode, ModeTable, px4_custom_mode
 from sim_vehicle.autopilot.parameters import MavParameter, Setting, parameter_details
+from sim_vehicle.autopilot.px4.copter import drag_of
 from sim_vehicle.autopilot.stick_rules import Axis, StickLoss, StickRules, TiltSticks, WingSticks, bits
-from sim_vehicle.motion.px4.parameters import drag_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -11,7 +11,7 @@ from sim_vehicle.motion.legs import KEEP, Circle, Leg, LegKind
 
 if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.motion.fixed_wing.limits import FixedWingLimits
+    from sim_vehicle.motion.fixed_wing.layout import FixedWingLimits
     from sim_vehicle.motion.legs import Position
 
 __all__ = ["PX4_FIXED_WING"]
@@ -33,7 +33,7 @@ class Px4FixedWing(FixedWingProcedures):
     def limits(self, spec: VehicleSpec) -> FixedWingLimits:
         """Limits of a vehicle's flight."""
         from sim_vehicle.motion.fixed_wing.guidance import NPFG
-        from sim_vehicle.motion.fixed_wing.limits import FixedWingLimits
+        from sim_vehicle.motion.fixed_wing.layout import FixedWingLimits
 
         value = self.values(spec)
         least, trim, most = airspeeds_in_order(
@@ -45,50 +45,27 @@ class Px4FixedWing(FixedWingProcedures):
         rotation = min(rotation, takeoff)
         liftoff, acceleration = self.start_of_flight(spec, rotation if runway else 0.0, takeoff)
         return FixedWingLimits(
+            **self.numbers(spec, FixedWingLimits),
             law=NPFG,
             airspeed_min=least,
             airspeed_trim=trim,
             airspeed_max=most,
-            bank_limit=math.radians(value["FW_R_LIM"]),
-            roll_s=value["FW_R_TC"],
-            roll_rate=math.radians(value["FW_R_RMAX"] or 1000.0),
+            roll_rate_max=math.radians(value["FW_R_RMAX"] or 1000.0),
             roll_slew=math.radians(value["FW_PN_R_SLEW_MAX"] or 1000.0),
-            climb_max=value["FW_T_CLMB_MAX"],
             climb_rate=min(value["FW_T_CLMB_R_SP"], value["FW_T_CLMB_MAX"]),
             sink_rate=min(value["FW_T_SINK_R_SP"], value["FW_T_SINK_MAX"]),
-            sink_max=value["FW_T_SINK_MAX"],
-            height_s=value["FW_T_ALT_TC"],
-            speed_s=value["FW_T_TAS_TC"],
-            vertical_acceleration=value["FW_T_VERT_ACC"],
-            period=value["NPFG_PERIOD"],
-            damping=value["NPFG_DAMPING"],
             integral=0.0,
-            switch_share=value["NPFG_SW_DST_MLT"],
-            acceptance=value["NAV_ACC_RAD"],
-            height_acceptance=value["NAV_FW_ALT_RAD"],
-            landing_height_acceptance=value["NAV_FW_ALTL_RAD"],
-            ground_min=value["FW_GND_SPD_MIN"],
             takeoff_airspeed=takeoff,
-            rotation_airspeed=liftoff,
-            launch_acceleration=acceleration,
+            rotation=liftoff,
+            launch=acceleration,
             level_height=0.0,
             level_bank=0.1,
             landing_airspeed=value["FW_LND_AIRSPD"] if value["FW_LND_AIRSPD"] > 0.0 else least,
-            flare_height=value["FW_LND_FLALT"],
-            flare_s=value["FW_LND_FL_TIME"],
-            flare_sink=value["FW_LND_FL_SINK"],
             landing_slope=math.tan(math.radians(value["FW_LND_ANG"])),
             loiter_radius=value["NAV_LOITER_RAD"] or 80.0,
             ramp_s=value["RWTO_RAMP_TIME"] if runway else 0.0,
             ramp_throttle=value["RWTO_MAX_THR"] if runway else 1.0,
             rotation_s=value["RWTO_ROT_TIME"] if runway else 0.0,
-            height_ahead=value["FW_T_HRATE_FF"],
-            level_throttle=value["FW_THR_TRIM"],
-            sink_min=value["FW_T_SINK_MIN"],
-            total_integrator=value["FW_T_THR_INTEG"],
-            total_damping=value["FW_T_THR_DAMPING"],
-            total_s=value["FW_T_STE_R_TC"],
-            total_for_load=value["FW_T_RLL2THR"],
         )
 
     def steepest_approach(self, spec: VehicleSpec) -> tuple[str, float] | None:

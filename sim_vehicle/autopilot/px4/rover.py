@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.motion.rover.layout import RoverLimits, SihRover
+    from sim_vehicle.motion.rover.layout import RoverLimits
 
 __all__ = ["PX4_ROVER"]
 
@@ -64,6 +64,7 @@ class Px4Rover(RoverProcedures):
         accel = value["RO_YAW_ACCEL_LIM"]
         cuts = not skid and value["RA_ACC_RAD_MAX"] > 0.0
         own = RoverLimits(
+            **self.numbers(spec, RoverLimits),
             speed_max=speed_max,
             acceleration=_own(value["RO_ACCEL_LIM"], spec.acceleration_m_s2),
             deceleration=_own(value["RO_DECEL_LIM"], spec.acceleration_m_s2),
@@ -71,57 +72,51 @@ class Px4Rover(RoverProcedures):
             turn_rate=turn_rate,
             lateral=_GRIP_M_S2,
             steering_s=0.2,
-            ahead_gain=value["PP_LOOKAHD_GAIN"],
-            ahead_min=value["PP_LOOKAHD_MIN"],
             ahead_max=max(value["PP_LOOKAHD_MAX"], value["PP_LOOKAHD_MIN"]),
             pivot_begin=value["RD_TRANS_DRV_TRN"] if skid else 0.0,
             pivot_end=min(value["RD_TRANS_TRN_DRV"], value["RD_TRANS_DRV_TRN"]),
             pivot_rate=math.radians(rate) if rate > 0.0 else spec.yaw_rate_rad_s,
-            acceptance=value["NAV_ACC_RAD"],
             # The radius that counts at corners is that of the front wheels (wheel base over the sine).
             corner_gain=value["RA_ACC_RAD_GAIN"] / math.cos(value["RA_MAX_STR_ANG"]) if cuts else 0.0,
             corner_max=max(value["RA_ACC_RAD_MAX"], value["NAV_ACC_RAD"]),
             passes=False,
-            yaw_p=value["RO_YAW_P"],
             yaw_acceleration=math.radians(accel) if accel > 0.0 else 1e5,
             jerk=max(value["RO_JERK_LIM"], 0.0),
             corner_slows=value["RO_SPEED_RED"] if value["RO_SPEED_RED"] > 0.0 else -1.0,
             corner_least=radius * turn_rate,
             corner_most=value["RO_MAX_THR_SPEED"] or speed_max,
+            simulated={},
         )
         if value["SIH_VEHICLE_TYPE"] != _SIH_ROVER:
             return own
         # Its tyres hold in every turn.
-        return replace(own, lateral=math.inf, simulated=_simulated(own, value))
+        simulated = self.numbers(spec) | _simulated(own, value, spec.step_s)
+        return replace(own, lateral=math.inf, simulated=simulated)
 
 
-def _simulated(law: RoverLimits, value: Mapping[str, float]) -> SihRover:
-    """Return the rover of PX4's simulator."""
-    from sim_vehicle.motion.rover.layout import SihRover
-
+def _simulated(law: RoverLimits, value: Mapping[str, float], step_s: float) -> dict[str, float]:
+    """Return what the rover of PX4's simulator is, besides what is a parameter."""
     latitude, longitude = math.radians(value["SIH_LOC_LAT0"]), math.radians(value["SIH_LOC_LON0"])
     sine, cosine = math.sin(latitude), math.cos(latitude)
-    steer_speed = value["RA_STR_RATE_LIM"]
-    return SihRover(
-        throttle_speed=law.corner_most,
-        speed_p=value["RO_SPEED_P"],
-        speed_i=value["RO_SPEED_I"],
-        wheel_base=_SIH_WHEEL_BASE_M,
-        steer_max=_SIH_STEERING_RAD,
-        steer_speed=math.radians(steer_speed) if steer_speed > 0.0 else 1e5,
-        rate_ff=value["RO_YAW_RATE_CORR"],
-        rate_p=value["RO_YAW_RATE_P"],
-        rate_i=value["RO_YAW_RATE_I"],
-        force=_SIH_FORCE_N / value["SIH_MASS"],
-        friction=_SIH_ROLLING * GRAVITY_M_S2,
-        grip=_SIH_STIFFNESS_N_RAD / value["SIH_MASS"],
-        turn_grip=_SIH_STIFFNESS_N_RAD / value["SIH_IZZ"],
-        turn_damping=value["SIH_KDW"] / value["SIH_IZZ"],
-        actuator_s=value["SIH_T_TAU"] * _SIH_STEPS,
-        drag=value["SIH_KDV"] / value["SIH_MASS"],
-        north=(-sine * math.cos(longitude), -sine * math.sin(longitude), cosine),
-        east=(-math.sin(longitude), math.cos(longitude), 0.0),
-    )
+    steer_speed = math.radians(value["RA_STR_RATE_LIM"]) if value["RA_STR_RATE_LIM"] > 0.0 else 1e5
+    return {
+        "throttle_speed": law.corner_most,
+        "wheel_base": _SIH_WHEEL_BASE_M,
+        "steer_max": _SIH_STEERING_RAD,
+        "steer_step": steer_speed / _SIH_STEERING_RAD * step_s,
+        "force": _SIH_FORCE_N / value["SIH_MASS"],
+        "friction": _SIH_ROLLING * GRAVITY_M_S2,
+        "grip": _SIH_STIFFNESS_N_RAD / value["SIH_MASS"],
+        "turn_grip": _SIH_STIFFNESS_N_RAD / value["SIH_IZZ"],
+        "turn_damping": value["SIH_KDW"] / value["SIH_IZZ"],
+        "actuator_share": -math.expm1(-step_s / (value["SIH_T_TAU"] * _SIH_STEPS)),
+        "drag": value["SIH_KDV"] / value["SIH_MASS"],
+        "north_1": -sine * math.cos(longitude),
+        "north_2": -sine * math.sin(longitude),
+        "north_3": cosine,
+        "east_1": -math.sin(longitude),
+        "east_2": math.cos(longitude),
+    }
 
 
 def _own(value: float, otherwise: float) -> float:

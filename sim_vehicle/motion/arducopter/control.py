@@ -74,6 +74,8 @@ Law = IntEnum(
 )
 LEG, GUIDE, LAW = record_type(Leg), record_type(Guide), record_type(Law)
 
+HOVER_THROTTLE = 0.39
+"""Of ArduPilot's simulator (MOT_THST_HOVER)."""
 LEAST_SPEED = 0.2
 """A lower horizontal speed is not taken (WPNAV_WP_SPEED_MIN)."""
 LEAST_WAY = 0.01

@@ -14,7 +14,6 @@ from sim_vehicle.motion.arducopter import control as at
 from sim_vehicle.motion.arducopter import kernel
 from sim_vehicle.motion.arducopter.along_curves import AlongCurves
 from sim_vehicle.motion.arducopter.control import Guide, Law, stopping_distance
-from sim_vehicle.motion.arducopter.parameters import drag_of, lookup
 from sim_vehicle.motion.columns import State
 from sim_vehicle.motion.compiled_motion import Dynamics
 from sim_vehicle.motion.legs import KEEP, LegKind
@@ -22,30 +21,35 @@ from sim_vehicle.motion.multirotor.kernel import LIMITS
 from sim_vehicle.motion.multirotor.model import GENERIC, Multirotor
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Heading, Position, Route
     from sim_vehicle.weather.wind import Wind
 
-_HOVER_THROTTLE = 0.39
-# What the attitude lags behind its target: rate loops and motors.
-_ATTITUDE_S = 0.05
 # ArduCopter leaves its motors stopped for so long after arming (ARMING_DELAY_SEC), then they spool up.
 _ARMING_DELAY_S = 2.0
-# On the ground the throttle runs down for a second before the land detector begins its own.
-_LAND_DETECTOR_S = 2.0
 
 
 class ArduCopter(AlongCurves, Multirotor):
     """A multirotor under ArduCopter; velocity set-points are flown as any `Multirotor` flies them.
 
+    Parameters
+    ----------
+    law_of : callable
+        What the autopilot makes of a vehicle's parameters, float64[LAW].
+    yaw_rad : float
+        Heading at the start.
+
     Examples
     --------
-    >>> from sim_vehicle.autopilot import with_autopilot
+    >>> from sim_vehicle.autopilot import flight_procedures, with_autopilot
     >>> from sim_vehicle.motion.legs import Leg, Route
     >>> from sim_vehicle.airframe.catalog import get_vehicle
-    >>> vehicle = ArduCopter(with_autopilot(get_vehicle("quad"), "ardupilot"))
+    >>> spec = with_autopilot(get_vehicle("quad"), "ardupilot")
+    >>> vehicle = flight_procedures(spec).motion(spec, None, 0.0)
     >>> vehicle.fly(Route.through([Leg((0.0, 0.0, 10.0), 5.0, heading=KEEP, kind=LegKind.TAKEOFF)]))
     >>> vehicle.advance(10_000)
     <MotionEvent.REACHED: 1>
@@ -63,10 +67,17 @@ class ArduCopter(AlongCurves, Multirotor):
     generic = GENERIC
     begins_anew = LegKind.CLIMB
 
-    def __init__(self, spec: VehicleSpec, wind: Wind | None = None, yaw_rad: float = 0.0) -> None:
+    def __init__(
+        self,
+        spec: VehicleSpec,
+        law_of: Callable[[VehicleSpec], NDArray[np.float64]],
+        wind: Wind | None = None,
+        yaw_rad: float = 0.0,
+    ) -> None:
         super().__init__(spec, wind, yaw_rad)
         self._remember(len(Guide))
-        self.law = _law(spec, self._idle_w + float(self._power[CONSTANT_POWER]))
+        self._law_of = law_of
+        self._take_law()
         self.guide[Guide.LEVEL] = spec.cruise_speed_m_s
         self._armed_steps = 0
 
@@ -139,12 +150,16 @@ class ArduCopter(AlongCurves, Multirotor):
         )
         stretch = math.sqrt(1.0 + (east * east + north * north) / GRAVITY_M_S2**2)
         thrust = (1.0 + float(self.guide[Guide.THRUST]) / GRAVITY_M_S2) * stretch
-        return roll, pitch, airspeed, min(max(_HOVER_THROTTLE * thrust, 0.0), 1.0)
+        return roll, pitch, airspeed, min(max(at.HOVER_THROTTLE * thrust, 0.0), 1.0)
 
     def update_spec(self, spec: VehicleSpec) -> None:
         """Take other defaults, limits and parameters; they hold from the next leg on."""
         super().update_spec(spec)
-        self.law = _law(spec, float(self.law[Law.STAND_BY]))
+        self._take_law()
+
+    def _take_law(self) -> None:
+        self.law = self._law_of(self.spec)
+        self.law[Law.STAND_BY] = self._idle_w + float(self._power[CONSTANT_POWER])
 
     def set_climb(self, climb_m_s: float | None, descent_m_s: float | None) -> None:
         """Climb and sink at this speed, from the next route on; None is the vehicle's own."""
@@ -160,64 +175,3 @@ class ArduCopter(AlongCurves, Multirotor):
         self._rows = None
         self.guide[:] = 0.0
         self.guide[Guide.LEVEL] = self.spec.cruise_speed_m_s
-
-
-def _law(spec: VehicleSpec, stand_by_w: float) -> NDArray[np.float64]:
-    """Return the constants of control and dynamics in the order of the kernel."""
-    get = lookup(spec)
-    dt = spec.step_s
-    law = np.zeros(len(Law))
-    gravity = GRAVITY_M_S2
-    turn_rate = math.radians(get("ATC_RATE_R_MAX")), math.radians(get("ATC_RATE_P_MAX"))
-    turn_accel = math.radians(0.01 * min(get("ATC_ACCEL_R_MAX"), get("ATC_ACCEL_P_MAX")))
-    accel = 0.01 * get("WPNAV_ACCEL")
-    limit = min((rate for rate in turn_rate if rate > 0.0), default=math.inf) * gravity
-    snap = turn_accel * gravity if turn_accel > 0.0 else math.inf
-    jerk = min(get("WPNAV_JERK"), limit)
-    accel_z = 0.01 * get("WPNAV_ACCEL_Z")
-    hover = gravity / _HOVER_THROTTLE
-    # Gains of the throttle are per cm/s^2 and for a throttle of 1000.
-    thrust_p = 0.1 * get("PSC_ACCZ_P") * hover
-    law[Law.DT] = dt
-    law[Law.DRAG : Law.DRAG_2 + 1] = drag_of(spec)
-    law[Law.ERROR_FILTER] = _share(dt, get("PSC_VELXY_FLTE"))
-    law[Law.RATE_FILTER] = _share(dt, get("PSC_VELXY_FLTD"))
-    law[Law.POS_P] = get("PSC_POSXY_P")
-    law[Law.VEL_P : Law.VEL_D + 1] = get("PSC_VELXY_P"), get("PSC_VELXY_I"), get("PSC_VELXY_D")
-    law[Law.VEL_IMAX] = 0.01 * get("PSC_VELXY_IMAX")
-    law[Law.POS_Z_P], law[Law.VEL_Z_P] = get("PSC_POSZ_P"), get("PSC_VELZ_P")
-    law[Law.ERROR_Z_FILTER] = _share(dt, get("PSC_VELZ_FLTE"))
-    law[Law.ACC_Z_P], law[Law.ACC_Z_I] = thrust_p, 0.1 * get("PSC_ACCZ_I") * hover
-    law[Law.ACC_Z_IMAX] = max(0.001 * get("PSC_ACCZ_IMAX"), _HOVER_THROTTLE) * hover
-    law[Law.ACCEL], law[Law.ACCEL_Z] = accel, accel_z
-    law[Law.CORNER] = 0.01 * get("WPNAV_ACCEL_C") or 2.0 * accel
-    law[Law.WP_RADIUS] = 0.01 * get("WPNAV_RADIUS")
-    law[Law.PACE_FILTER] = min(1.0, dt * get("WPNAV_JERK") / accel)
-    law[Law.JERK] = jerk
-    law[Law.SNAP] = 0.5 * min(snap, jerk * math.pi / (2.0 * max(get("ATC_INPUT_TC"), 0.1)))
-    law[Law.SHAPE_JERK] = min(get("PSC_JERK_XY"), limit, 0.5 * math.sqrt(accel * snap))
-    law[Law.SHAPE_JERK_Z] = get("PSC_JERK_Z")
-    for name in ("PSC_ACCZ_FLTT", "PSC_ACCZ_FLTE"):
-        if get(name) > 0.0:
-            most = min(gravity, accel_z) * 2.0 * math.pi * get(name) / 5.0
-            law[Law.SHAPE_JERK_Z] = min(law[Law.SHAPE_JERK_Z], most)
-    law[Law.MOST_LEAN] = gravity * math.tan(math.radians(get("PSC_ANGLE_MAX") or 0.01 * get("ANGLE_MAX")))
-    law[Law.TARGET_FILTER] = 1.0 - math.exp(-dt / max(get("ATC_INPUT_TC"), 1e-3))
-    lag = spec.attitude_response_s
-    law[Law.LEAN_FILTER] = 1.0 - math.exp(-dt / (_ATTITUDE_S if lag is None else lag))
-    law[Law.SPEED_UP], law[Law.SPEED_DOWN] = spec.climb_speed_m_s, spec.descent_speed_m_s
-    law[Law.LAND_FAST] = 0.01 * get("LAND_SPEED_HIGH")
-    law[Law.LAND_SLOW] = spec.landing_speed_m_s
-    law[Law.LAND_LOW] = max(0.01 * get("LAND_ALT_LOW"), 1.0)
-    law[Law.SPOOL_STEPS] = round((get("MOT_SPOOL_TIME") + _HOVER_THROTTLE * get("TKOFF_SLEW_TIME")) / dt)
-    law[Law.DETECT_STEPS] = round(_LAND_DETECTOR_S / dt)
-    law[Law.YAW_RATE] = spec.yaw_rate_rad_s
-    law[Law.YAW_ACCEL] = spec.yaw_acceleration_rad_s2
-    law[Law.LOOKS_AHEAD] = get("WP_YAW_BEHAVIOR") > 0.0
-    law[Law.STAND_BY] = stand_by_w
-    return law
-
-
-def _share(dt: float, frequency_hz: float) -> float:
-    """Return the share that a low-pass filter takes over in a step; a frequency of 0 is no filter."""
-    return 1.0 - math.exp(-2.0 * math.pi * frequency_hz * dt) if frequency_hz > 0.0 else 1.0

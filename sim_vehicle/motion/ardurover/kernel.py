@@ -8,7 +8,6 @@ docs/fixed-wing-and-rover.md.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
 from enum import IntEnum
 from math import atan2, cos, inf, pi, radians, sin, sqrt
 
@@ -61,86 +60,25 @@ Drive = IntEnum(
 )
 
 
-@dataclass(frozen=True, slots=True)
-class DriveLaw:
-    """What Rover's parameters and the vehicle decide; SI units, radians, throttle and steering from -1 to 1.
-
-    Parameters
-    ----------
-    position_p, velocity_p, velocity_filter_hz : float
-        Position control.
-    path_acceleration, jerk, snap : float
-        Along the S-curves.
-    acceleration, deceleration : float
-        Of the speed that is asked for.
-    lateral, turn_speed : float
-        Greatest lateral acceleration; speed that it keeps in turns unless it slows down.
-    radius, near : float
-        How near to a corner the next leg may begin; how near a stop counts as reached.
-    steer_acceleration, steer_rate : float
-        Limits of the rate of turning that is asked for.
-    steer_ff, steer_p, steer_i, steer_imax, steer_filter_hz : float
-        Steering over rate of turning.
-    scale_base : float
-        Speed above which the steering is scaled down.
-    tightest : float
-        Radius at full steering; 0 for a vehicle that steers by its tracks.
-    track_lag_s : float
-        Time constant of the turns of tracks.
-    angle_p, pivot_angle, pivot_rate, pivot_delay_s : float
-        Turns on the spot; an angle of 0 is never.
-    drive_base, drive_p, drive_i, drive_imax, drive_filter_hz : float
-        Throttle over speed.
-    stop_speed : float
-        Below it, told to stop, the throttle is zero.
-    top_speed, drive_lag_s : float
-        Speed at full throttle and time constant of the speed.
-    """
-
-    position_p: float
-    velocity_p: float
-    velocity_filter_hz: float
-    path_acceleration: float
-    jerk: float
-    snap: float
-    acceleration: float
-    deceleration: float
-    lateral: float
-    turn_speed: float
-    radius: float
-    near: float
-    steer_acceleration: float
-    steer_rate: float
-    steer_ff: float
-    steer_p: float
-    steer_i: float
-    steer_imax: float
-    steer_filter_hz: float
-    scale_base: float
-    tightest: float
-    track_lag_s: float
-    angle_p: float
-    pivot_angle: float
-    pivot_rate: float
-    pivot_delay_s: float
-    drive_base: float
-    drive_p: float
-    drive_i: float
-    drive_imax: float
-    drive_filter_hz: float
-    stop_speed: float
-    top_speed: float
-    drive_lag_s: float
-
-
-GUIDE = record_type(Guide, Drive)
-# Jerk and snap are among those that all have that are led along S-curves.
-LAW = record_type(
-    Law,
-    [each.name for each in fields(DriveLaw) if each.name not in ("jerk", "snap")],
-    ["steer_filter", "drive_filter", "steer_lag", "drive_lag"],  # Shares taken over in a step.
-    ["pivot_delay"],  # Steps.
+# What parameters and the vehicle decide, beyond what all have that are led along S-curves; SI units, radians,
+# throttle and steering from -1 to 1.
+DriveLaw = IntEnum(
+    "DriveLaw",
+    "ACCELERATION DECELERATION "  # Of the speed that is asked for.
+    "LATERAL TURN_SPEED "  # Greatest lateral acceleration; speed that it keeps in turns unless it slows down.
+    "NEAR "  # How near a stop counts as reached.
+    "STEER_ACCELERATION STEER_RATE "  # Limits of the rate of turning that is asked for.
+    "STEER_FF STEER_P STEER_I STEER_IMAX STEER_FILTER "  # Steering over rate of turning.
+    "SCALE_BASE "  # Speed above which the steering is scaled down.
+    "TIGHTEST "  # Radius at full steering; 0 for a vehicle that steers by its tracks.
+    "STEER_LAG "  # Of the turns of tracks.
+    "ANGLE_P PIVOT_ANGLE PIVOT_RATE PIVOT_DELAY "  # Turns on the spot (steps); an angle of 0 is never.
+    "DRIVE_BASE DRIVE_P DRIVE_I DRIVE_IMAX DRIVE_FILTER "  # Throttle over speed.
+    "STOP_SPEED "  # Below it, told to stop, the throttle is zero.
+    "TOP_SPEED DRIVE_LAG",  # At full throttle; of the speed behind it.
+    start=len(Law),
 )
+GUIDE, LAW = record_type(Guide, Drive), record_type(Law, DriveLaw)
 Floats = NDArray[np.float64]
 Position = tuple[float, float, float]
 Integers = NDArray[np.int64]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import fields
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,7 +11,6 @@ from sim_vehicle.motion.arducopter.along_curves import AlongCurves
 from sim_vehicle.motion.arducopter.control import Guide
 from sim_vehicle.motion.ardurover import kernel
 from sim_vehicle.motion.ardurover.kernel import Drive, DriveLaw
-from sim_vehicle.motion.columns import record_of
 from sim_vehicle.motion.compiled_motion import Dynamics
 from sim_vehicle.motion.legs import KEEP, LegKind
 from sim_vehicle.motion.rover import layout as wheels
@@ -40,7 +38,7 @@ class ArduRover(AlongCurves, Rover):
     Parameters
     ----------
     limits_of, law_of : callable
-        What the autopilot makes of a vehicle's parameters.
+        What the autopilot makes of a vehicle's parameters: limits, and float64[LAW].
     wind : Wind, optional
         Counts only in the power.
     yaw_rad : float
@@ -62,14 +60,14 @@ class ArduRover(AlongCurves, Rover):
         self,
         spec: VehicleSpec,
         limits_of: Callable[[VehicleSpec], RoverLimits],
-        law_of: Callable[[VehicleSpec], DriveLaw],
+        law_of: Callable[[VehicleSpec], NDArray[np.float64]],
         wind: Wind | None = None,
         yaw_rad: float = 0.0,
     ) -> None:
         super().__init__(spec, limits_of, wind, yaw_rad)
         self._law_of = law_of
         self._remember(len(Guide) + len(Drive))
-        self.numbers = _numbers(law_of(spec), self.step_s)
+        self.numbers = law_of(spec)
         self._rest()
 
     def _rest(self) -> None:
@@ -110,37 +108,14 @@ class ArduRover(AlongCurves, Rover):
     def lose_power(self) -> None:
         """Stop: without power it cannot go anywhere."""
         super().lose_power()
-        record_of(self.numbers, kernel.LAW).top_speed = 0.0
+        self.numbers[DriveLaw.TOP_SPEED] = 0.0
 
     def update_spec(self, spec: VehicleSpec) -> None:
         """Take other defaults and limits; they hold from the next route on."""
         super().update_spec(spec)
-        self.numbers = _numbers(self._law_of(spec), self.step_s)
+        self.numbers = self._law_of(spec)
 
     def touch_down(self) -> None:
         """Stand still."""
         super().touch_down()
         self._rest()
-
-
-def _numbers(law: DriveLaw, dt: float) -> NDArray[np.float64]:
-    """Return the law in the order of the kernel."""
-    row = np.zeros(1, kernel.LAW)
-    numbers = row[0]
-    for each in fields(DriveLaw):
-        numbers[each.name] = getattr(law, each.name)
-    numbers.dt, numbers.pos_p, numbers.vel_p = dt, law.position_p, law.velocity_p
-    numbers.error_filter = _share(dt, law.velocity_filter_hz)
-    numbers.accel = numbers.accel_z = law.path_acceleration
-    numbers.corner, numbers.wp_radius = law.lateral, law.radius
-    numbers.pace_filter = min(1.0, dt * law.jerk / law.path_acceleration)
-    numbers.steer_filter = _share(dt, law.steer_filter_hz)
-    numbers.drive_filter = _share(dt, law.drive_filter_hz)
-    numbers.steer_lag, numbers.drive_lag = min(1.0, dt / law.track_lag_s), min(1.0, dt / law.drive_lag_s)
-    numbers.pivot_delay = law.pivot_delay_s / dt
-    return row.view(np.float64)
-
-
-def _share(dt: float, frequency_hz: float) -> float:
-    """Return the share that a low-pass filter takes over in a step; a frequency of 0 is no filter."""
-    return dt / (dt + 1.0 / (2.0 * math.pi * frequency_hz)) if frequency_hz > 0.0 else 1.0

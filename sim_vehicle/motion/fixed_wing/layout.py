@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass, fields
 from enum import IntEnum
 
+from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.motion.columns import State, record_type
 
 # The state beyond the shared numbers.
@@ -85,22 +88,86 @@ Leg = IntEnum(
 )
 LINE, CIRCLE, TAKEOFF, LANDING, CIRCULAR_LANDING, FALL = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0
 
-# Limits: first those of the vehicle and of any autopilot, in the order of `FixedWingLimits`.
+
+@dataclass(frozen=True, slots=True)
+class FixedWingLimits:
+    """What an autopilot's parameters decide about the flight of a fixed wing; SI units, radians."""
+
+    law: float
+    """Guidance: `sim_vehicle.motion.fixed_wing.guidance.NPFG` or `L1`."""
+    airspeed_min: float
+    airspeed_trim: float
+    airspeed_max: float
+    bank_limit: float
+    # Time constant and greatest rate of the roll, greatest rate of its set-point.
+    roll_s: float
+    roll_rate_max: float
+    roll_slew: float
+    climb_max: float
+    """At full throttle and trim airspeed."""
+    # Rates at which heights are changed, and the greatest sink rate.
+    climb_rate: float
+    sink_rate: float
+    sink_max: float
+    # Time constants of height and airspeed.
+    height_s: float
+    speed_s: float
+    vertical_acceleration: float
+    # Of the guidance.
+    period: float
+    damping: float
+    integral: float
+    switch_share: float
+    """NPFG holds a line from before it, and counts a circle as reached, at this share of its track error
+    bound."""
+    # Of waypoints; an infinite tolerance of the height is none.
+    acceptance: float
+    height_acceptance: float
+    landing_height_acceptance: float
+    """Before a landing."""
+    ground_min: float
+    """The airspeed is raised to make this ground speed."""
+    takeoff_airspeed: float
+    """Of the climb-out."""
+    # Airspeed at which the ground is left, and acceleration up to there; 0 rolls by its own thrust.
+    rotation: float
+    launch: float
+    # Below this height the bank is limited to so much.
+    level_height: float
+    level_bank: float
+    landing_airspeed: float
+    # The flare begins at a height or a time above the ground; sink rate in it.
+    flare_height: float
+    flare_s: float
+    flare_sink: float
+    landing_slope: float
+    """Sink over path length on a circle down to the ground."""
+    loiter_radius: float
+    """Of circles without a radius; positive is clockwise."""
+    # How long the throttle of a take-off roll rises, up to what, and from lift-off to the full climb.
+    ramp_s: float = 0.0
+    ramp_throttle: float = 1.0
+    rotation_s: float = 0.0
+    height_ahead: float = 1.0
+    """Share of the rate of a demanded height that is followed without lag."""
+    # PX4's throttle: what it takes level flight to need, the integrator gives the rest; the sink rate without
+    # throttle; integral (1/s) and damping over what is missing of the energy rate, the time constant of the
+    # rate that is measured, and what one more load factor adds to it (m^2/s^3).
+    level_throttle: float = 0.0
+    sink_min: float = 0.0
+    total_integrator: float = 0.0
+    total_damping: float = 0.0
+    total_s: float = 0.0
+    total_for_load: float = 0.0
+
+    def tightest_m(self, airspeed_m_s: float) -> float:
+        """Return the radius of a level turn at the bank limit."""
+        return airspeed_m_s * airspeed_m_s / (GRAVITY_M_S2 * math.tan(self.bank_limit))
+
+
+# Limits beyond these.
 Limits = IntEnum(
     "Limits",
-    "LAW AIRSPEED_MIN AIRSPEED_TRIM AIRSPEED_MAX BANK_LIMIT ROLL_S ROLL_RATE_MAX ROLL_SLEW CLIMB_MAX "
-    "CLIMB_RATE SINK_RATE SINK_MAX HEIGHT_S SPEED_S VERTICAL_ACCELERATION PERIOD DAMPING INTEGRAL "
-    "SWITCH_SHARE ACCEPTANCE HEIGHT_TOLERANCE LANDING_HEIGHT_TOLERANCE GROUND_MIN TAKEOFF_AIRSPEED "
-    "ROTATION LAUNCH LEVEL_HEIGHT LEVEL_BANK LANDING_AIRSPEED FLARE_HEIGHT FLARE_S FLARE_SINK "
-    "LANDING_SLOPE LOITER_RADIUS "
-    "RAMP_S RAMP_THROTTLE "  # Of the throttle in a take-off roll.
-    "ROTATION_S "  # From lift-off to the full climb.
-    "HEIGHT_AHEAD "  # Share of the rate of a demanded height that is followed without lag.
-    # Throttle of PX4's TECS.
-    "LEVEL_THROTTLE "  # What it takes for level flight; the integrator gives the rest.
-    "SINK_MIN TOTAL_INTEGRATOR TOTAL_DAMPING "
-    "TOTAL_S "  # Time constant of the energy rate that is measured.
-    "TOTAL_FOR_LOAD "
     # Those of the airframe.
     "STEP_S WING_SPAN BRAKING GROUND_DRAG "
     "THRUST "  # At full throttle over the mass, m/s^2.
@@ -111,13 +178,16 @@ Limits = IntEnum(
     "TURN_SHARE "
     "TRIM_CHANGE "  # Elevator, as an angle, over a change of the lift coefficient as in LIFT_SLOPE.
     "ENERGY_LIMIT THROTTLE_LIMIT "
-    # Those of ArduPlane, in the order of `ArduPlaneControl`.
+    # Those of ArduPlane: control of energy, pitch, landing and take-off; SI units, radians, throttle 0 to 1.
     "TIME_S INTEGRATOR PITCH_DAMPING THROTTLE_DAMPING ROLL_TO_THROTTLE SPEED_WEIGHT DEMAND_S "
     "TECS_CLIMB TECS_SINK_MIN TECS_SINK_MAX TRIM_THROTTLE THROTTLE_MIN THROTTLE_MAX THROTTLE_SLEW "
     "PITCH_MIN PITCH_MAX PITCH_S PITCH_UP_RATE PITCH_DOWN_RATE PITCH_FEED_FORWARD PITCH_GAIN "
-    "PITCH_INTEGRATOR SCALING_SPEED SLOPE_MIN LAND_S LAND_DAMPING LAND_SPEED_WEIGHT LAND_PITCH "
-    "LAND_PITCH_MAX HOLD_OFF_HEIGHT FLARE_AIM PREFLARE_HEIGHT PREFLARE_S PREFLARE_AIRSPEED "
-    "HEAD_WIND_SHARE LEVEL_OFF_S TAKEOFF_THROTTLE TAKEOFF_DELAY THROTTLE_EASE",
-    start=0,
+    "PITCH_INTEGRATOR SCALING_SPEED "
+    "SLOPE_MIN "  # Smaller changes of height are made at once.
+    "LAND_S LAND_DAMPING LAND_SPEED_WEIGHT LAND_PITCH LAND_PITCH_MAX HOLD_OFF_HEIGHT FLARE_AIM "
+    "PREFLARE_HEIGHT PREFLARE_S PREFLARE_AIRSPEED HEAD_WIND_SHARE LEVEL_OFF_S TAKEOFF_THROTTLE "
+    "TAKEOFF_DELAY THROTTLE_EASE",
+    start=len(fields(FixedWingLimits)),
 )
-STATE, LEG, LIMITS = record_type(State, Wing), record_type(Leg), record_type(Limits)
+STATE, LEG = record_type(State, Wing), record_type(Leg)
+LIMITS = record_type([one.name for one in fields(FixedWingLimits)], Limits)

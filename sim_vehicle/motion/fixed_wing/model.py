@@ -3,38 +3,43 @@
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
+from sim_vehicle.airframe.power_spec import GRAVITY_M_S2, FixedWingAirframe, FixedWingPowerSpec
+from sim_vehicle.energy.battery import WH_J
+from sim_vehicle.energy.power import DRAG, INDUCED_DRAG, power_coefficients
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.motion import columns as col
-from sim_vehicle.motion.columns import State
+from sim_vehicle.motion.columns import State, record_of, row_of
 from sim_vehicle.motion.compiled_motion import CompiledMotion, Dynamics
 from sim_vehicle.motion.fixed_wing import layout as wing
+from sim_vehicle.motion.fixed_wing.air import drag
 from sim_vehicle.motion.fixed_wing.guidance import NPFG
 from sim_vehicle.motion.fixed_wing.kernel import advance
 from sim_vehicle.motion.fixed_wing.layout import Leg, Limits, Wing
-from sim_vehicle.motion.fixed_wing.limits import limits_row
 from sim_vehicle.motion.legs import KEEP, LegKind
 from sim_vehicle.weather.wind import Wind
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from numpy.typing import NDArray
 
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.motion.fixed_wing.limits import ArduPlaneControl, FixedWingLimits
+    from sim_vehicle.motion.fixed_wing.layout import FixedWingLimits
     from sim_vehicle.motion.legs import Heading, Position, Route
 
 # Least pitch of a climb-out where the mission tells none.
 _TAKEOFF_PITCH = math.radians(4.0)
-
-
-def _no_control(spec: VehicleSpec) -> None:
-    """Another autopilot than ArduPlane."""
+# Whose drag is flown when nothing is known of the power: a foam mapper of 1.8 m span.
+_TYPICAL = FixedWingPowerSpec(mass_kg=1.9, wing_area_m2=0.42, wing_span_m=1.8, parasitic_drag=0.035)
+# Deceleration on grass.
+_BRAKE_M_S2 = 3.0
+# ArduPlane counts the full throw of a control surface as 45 degrees.
+_ELEVATOR_RAD = 0.25 * math.pi
 
 
 class FixedWing(CompiledMotion):
@@ -46,8 +51,8 @@ class FixedWing(CompiledMotion):
         What the autopilot makes of a vehicle's parameters.
     yaw_rad : float
         Heading at the start.
-    control_of : callable, optional
-        The gains that ArduPlane has besides.
+    control_of : callable
+        Further columns of `Limits` that the autopilot has, by name.
     """
 
     dynamics = Dynamics(advance, wing.STATE, wing.LIMITS)
@@ -58,9 +63,9 @@ class FixedWing(CompiledMotion):
         self,
         spec: VehicleSpec,
         limits_of: Callable[[VehicleSpec], FixedWingLimits],
+        control_of: Callable[[VehicleSpec], Mapping[str, float]],
         wind: Wind | None = None,
         yaw_rad: float = 0.0,
-        control_of: Callable[[VehicleSpec], ArduPlaneControl | None] = _no_control,
     ) -> None:
         self._limits_of = limits_of
         self._control_of = control_of
@@ -227,8 +232,9 @@ class FixedWing(CompiledMotion):
     def set_climb(self, climb_m_s: float | None, descent_m_s: float | None) -> None:
         """Change heights no faster than this, from now on; None is the autopilot's own rate."""
         law = self.law
-        self._limits[Limits.CLIMB_RATE] = min(climb_m_s or law.climb_rate, law.climb_max)
-        self._limits[Limits.SINK_RATE] = min(descent_m_s or law.sink_rate, law.sink_max)
+        limits = record_of(self._limits, wing.LIMITS)
+        limits.climb_rate = min(climb_m_s or law.climb_rate, law.climb_max)
+        limits.sink_rate = min(descent_m_s or law.sink_rate, law.sink_max)
 
     def touch_down(self) -> None:
         """Stand still on the ground."""
@@ -240,4 +246,30 @@ class FixedWing(CompiledMotion):
 
     def _numbers(self, spec: VehicleSpec) -> NDArray[np.float64]:
         """Return the limits in the order of the kernel."""
-        return limits_row(spec, self.law, self._control_of(spec))
+        law = self.law
+        power = spec.power if isinstance(spec.power, FixedWingPowerSpec) else _TYPICAL
+        frame = FixedWingAirframe() if spec.airframe is None else spec.airframe
+        coefficients = power_coefficients(power)
+        mass = power.mass_kg
+        # rho S / (2 m): times a coefficient and V^2 it is an acceleration.
+        per_coefficient = coefficients[DRAG] / (mass * power.parasitic_drag)
+        values = {
+            **asdict(law),
+            "step_s": spec.step_s,
+            "wing_span": power.wing_span_m,
+            "ground_drag": frame.ground_drag_1_s or 0.0,
+            "braking": 0.0 if frame.ground_drag_1_s else _BRAKE_M_S2,
+            "parasitic": coefficients[DRAG] / mass,
+            "induced": coefficients[INDUCED_DRAG] / mass,
+            "lift_level": per_coefficient * frame.lift_level,
+            "lift_slope": per_coefficient * frame.lift_slope,
+            "turn_share": frame.turn_share,
+            "trim_change": _ELEVATOR_RAD * frame.elevator_per_lift / per_coefficient,
+            "energy_limit": math.inf if spec.battery is None else spec.battery.capacity_wh * WH_J,
+            "throttle_limit": 1.0,
+        }
+        row = row_of(wing.LIMITS, values | dict(self._control_of(spec)))
+        trim = law.airspeed_trim
+        climbing = drag(record_of(row, wing.LIMITS), trim, 1.0) + GRAVITY_M_S2 * law.climb_max / trim
+        row[Limits.THRUST] = climbing if frame.thrust_n is None else frame.thrust_n / mass
+        return row

@@ -76,7 +76,7 @@ Guide = IntEnum(
     "PUSH_X PUSH_Y",  # Acceleration that the estimate does not know, m/s^2.
     start=0,
 )
-# The parameters as `sim_vehicle.motion.px4.model.law_of` puts them, SI units.
+# What parameters and the vehicle decide, SI units.
 Law = IntEnum(
     "Law",
     "DT XY_VEL_MAX ACC_HOR JERK TRAJ_P ERR_MAX XY_P Z_P XY_VEL_P XY_VEL_I XY_VEL_D Z_VEL_P Z_VEL_I "
@@ -90,6 +90,8 @@ Own = tuple[Record, Record, Floats]
 # Once the vehicle is maybe landed, the land detector takes so many times more for a vertical movement.
 MAYBE_LANDED = 2.5
 
+# The reference airframe, SIH quadrotor 10040: four times SIH_T_MAX over SIH_MASS.
+SIH_THRUST_M_S2 = 20.0
 # SIH: time constant of the motors; the rates of the body follow theirs about as fast.
 MOTOR_S = 0.05
 # Cut-off of the filter before the derivative term of the velocity controller, MPC_VELD_LP.

@@ -18,7 +18,6 @@ from sim_vehicle.motion.multirotor.kernel import LIMITS
 from sim_vehicle.motion.multirotor.model import GENERIC, Multirotor
 from sim_vehicle.motion.px4 import kernel
 from sim_vehicle.motion.px4.kernel import Guide, Law, Leg
-from sim_vehicle.motion.px4.parameters import drag_of, value_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -30,11 +29,6 @@ if TYPE_CHECKING:
     from sim_vehicle.motion.legs import Heading, Position, Route
     from sim_vehicle.weather.wind import Wind
 
-# The reference airframe, SIH quadrotor 10040: four times SIH_T_MAX over SIH_MASS; MPC_THR_MIN.
-SIH_THRUST_M_S2 = 20.0
-LOWEST_THRUST = 0.12
-# MC_ROLL_P and MC_PITCH_P are 6.5 /s.
-SIH_ATTITUDE_S = 1.0 / 6.5
 # From the navigator's order to return to the mode that carries it out.
 MODE_SWITCH_S = 0.2
 # The share of the jerk-limited build-up of braking that PX4 counts on when it is told to hold.
@@ -44,67 +38,6 @@ _SAME_M = 1e-3
 _ERRORS = 1000
 
 
-def law_of(spec: VehicleSpec, value: Callable[[str], float]) -> NDArray[np.float64]:
-    """Return the numbers of the kernel for a vehicle.
-
-    Parameters
-    ----------
-    value : callable
-        The value of a parameter by its name, in its own unit.
-    """
-    names = {
-        Law.XY_VEL_MAX: "MPC_XY_VEL_MAX",
-        Law.ACC_HOR: "MPC_ACC_HOR",
-        Law.JERK: "MPC_JERK_AUTO",
-        Law.TRAJ_P: "MPC_XY_TRAJ_P",
-        Law.ERR_MAX: "MPC_XY_ERR_MAX",
-        Law.XY_P: "MPC_XY_P",
-        Law.Z_P: "MPC_Z_P",
-        Law.XY_VEL_P: "MPC_XY_VEL_P_ACC",
-        Law.XY_VEL_I: "MPC_XY_VEL_I_ACC",
-        Law.XY_VEL_D: "MPC_XY_VEL_D_ACC",
-        Law.Z_VEL_P: "MPC_Z_VEL_P_ACC",
-        Law.Z_VEL_I: "MPC_Z_VEL_I_ACC",
-        Law.Z_VEL_D: "MPC_Z_VEL_D_ACC",
-        Law.AUTO_UP: "MPC_Z_V_AUTO_UP",
-        Law.AUTO_DOWN: "MPC_Z_V_AUTO_DN",
-        Law.MAX_UP: "MPC_Z_VEL_MAX_UP",
-        Law.MAX_DOWN: "MPC_Z_VEL_MAX_DN",
-        Law.ACC_UP: "MPC_ACC_UP_MAX",
-        Law.ACC_DOWN: "MPC_ACC_DOWN_MAX",
-        Law.TAKEOFF_SPEED: "MPC_TKO_SPEED",
-        Law.TAKEOFF_RAMP: "MPC_TKO_RAMP_T",
-        Law.LAND_SPEED: "MPC_LAND_SPEED",
-        Law.LAND_ALT1: "MPC_LAND_ALT1",
-        Law.LAND_ALT2: "MPC_LAND_ALT2",
-        Law.LAND_ALT3: "MPC_LAND_ALT3",
-        Law.LAND_CRAWL: "MPC_LAND_CRWL",
-        Law.ALT_RAD: "NAV_MC_ALT_RAD",
-        Law.SPOOLUP: "COM_SPOOLUP_TIME",
-        Law.LAND_TIME: "LNDMC_TRIG_TIME",
-        Law.LAND_CLIMB: "LNDMC_Z_VEL_MAX",
-    }
-    law = np.zeros(len(Law))
-    for index, name in names.items():
-        law[index] = value(name)
-    law[Law.DT] = spec.step_s
-    law[Law.TILT] = math.radians(value("MPC_TILTMAX_AIR"))
-    law[Law.YAW_RATE] = math.radians(value("MPC_YAWRAUTO_MAX"))
-    law[Law.YAW_ACC] = math.radians(value("MPC_YAWRAUTO_ACC"))
-    law[Law.YAW_ERROR] = math.radians(value("MIS_YAW_ERR"))
-    law[Law.TAKEOFF_SPEED] = min(law[Law.TAKEOFF_SPEED], law[Law.MAX_UP])
-    law[Law.LAND_SPEED] = min(law[Law.LAND_SPEED], law[Law.MAX_DOWN])
-    law[Law.LAND_ALT1] = max(law[Law.LAND_ALT1], law[Law.LAND_ALT2])
-    # With a distance sensor each of the three stages of the land detector takes LNDMC_TRIG_TIME.
-    law[Law.LAND_TIME] *= 3.0
-    response = spec.attitude_response_s
-    law[Law.DRAG] = drag_of(spec)
-    law[Law.ATTITUDE] = 1.0 / (SIH_ATTITUDE_S if response is None else response)
-    law[Law.THRUST_LOW] = LOWEST_THRUST * SIH_THRUST_M_S2
-    law[Law.THRUST_HIGH] = SIH_THRUST_M_S2
-    return law
-
-
 class Px4Multirotor(Multirotor):
     """A multirotor under PX4 that flies routes.
 
@@ -112,15 +45,18 @@ class Px4Multirotor(Multirotor):
 
     Parameters
     ----------
+    law_of : callable
+        What the autopilot makes of a vehicle's parameters, float64[LAW].
     yaw_rad : float
         Heading at the start, and after a return.
 
     Examples
     --------
-    >>> from sim_vehicle.autopilot import with_autopilot
+    >>> from sim_vehicle.autopilot import flight_procedures, with_autopilot
     >>> from sim_vehicle.motion.legs import Leg, Route
     >>> from sim_vehicle.airframe.catalog import get_vehicle
-    >>> vehicle = Px4Multirotor(with_autopilot(get_vehicle("quad"), "px4"))
+    >>> spec = with_autopilot(get_vehicle("quad"), "px4")
+    >>> vehicle = flight_procedures(spec).motion(spec, None, 0.0)
     >>> vehicle.fly(Route.through([Leg((0.0, 0.0, 10.0), 5.0, heading=KEEP, kind=LegKind.TAKEOFF)]))
     >>> vehicle.advance(10_000)
     <MotionEvent.REACHED: 1>
@@ -135,9 +71,16 @@ class Px4Multirotor(Multirotor):
         (("guide", kernel.GUIDE), ("_law", kernel.LAW), ("_errors", None)),
     )
 
-    def __init__(self, spec: VehicleSpec, wind: Wind | None = None, yaw_rad: float = 0.0) -> None:
+    def __init__(
+        self,
+        spec: VehicleSpec,
+        law_of: Callable[[VehicleSpec], NDArray[np.float64]],
+        wind: Wind | None = None,
+        yaw_rad: float = 0.0,
+    ) -> None:
         super().__init__(spec, wind, yaw_rad)
-        self._law = _law(spec)
+        self._law_of = law_of
+        self._law = law_of(spec)
         self._radius_m = spec.acceptance_radius_m
         self._home_yaw_rad = yaw_rad
         self._guided = False
@@ -329,7 +272,7 @@ class Px4Multirotor(Multirotor):
             state[State.VELOCITY_X] - state[State.WIND_EAST],
             state[State.VELOCITY_Y] - state[State.WIND_NORTH],
         )
-        return roll, pitch, airspeed, min(guide[Guide.THRUST] / SIH_THRUST_M_S2, 1.0)
+        return roll, pitch, airspeed, min(guide[Guide.THRUST] / kernel.SIH_THRUST_M_S2, 1.0)
 
     def advance(self, max_steps: int, *, stop_each: bool = True) -> MotionEvent:
         """Fly up to ``max_steps`` steps, less when something happens (see `MotionEvent`)."""
@@ -349,13 +292,13 @@ class Px4Multirotor(Multirotor):
     def update_spec(self, spec: VehicleSpec) -> None:
         """Take other defaults and limits."""
         super().update_spec(spec)
-        self._law = _law(spec)
+        self._law = self._law_of(spec)
         self._radius_m = spec.acceptance_radius_m
 
     def set_climb(self, climb_m_s: float | None, descent_m_s: float | None) -> None:
         """Climb and sink no faster than this; None is the vehicle's own limit."""
         super().set_climb(climb_m_s, descent_m_s)
-        law = _law(self.spec)
+        law = self._law_of(self.spec)
         for index, speed in ((Law.AUTO_UP, climb_m_s), (Law.AUTO_DOWN, descent_m_s)):
             self._law[index] = min(speed or math.inf, law[index])
 
@@ -366,7 +309,3 @@ class Px4Multirotor(Multirotor):
         self.guide[Guide.HEADING] = self.state[State.HEADING]
         self.guide[Guide.CLOCK] = -1.0
         self._guided = False
-
-
-def _law(spec: VehicleSpec) -> NDArray[np.float64]:
-    return law_of(spec, lambda name: value_of(spec, name))

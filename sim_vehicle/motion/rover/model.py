@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sim_vehicle.energy.battery import WH_J
-from sim_vehicle.motion.columns import State, record_of
+from sim_vehicle.motion.columns import State, record_of, row_of
 from sim_vehicle.motion.compiled_motion import CompiledMotion, Dynamics
 from sim_vehicle.motion.legs import KEEP, LegKind
 from sim_vehicle.motion.rover import layout as wheels
@@ -166,18 +166,11 @@ class Rover(CompiledMotion):
 
     def _numbers(self, spec: VehicleSpec) -> NDArray[np.float64]:
         """Return the limits in the order of the kernel."""
-        law, row = self.law, np.zeros(1, wheels.LIMITS)
-        limits = row[0]
-        limits.step_s = spec.step_s
-        limits.energy_limit = math.inf if spec.battery is None else spec.battery.capacity_wh * WH_J
-        for name in wheels.OF_ROVER:
-            limits[name] = getattr(law, name)
-        if law.simulated is not None:
-            rover = law.simulated
-            for name in wheels.OF_SIMULATED:
-                limits[name] = getattr(rover, name)
-            limits.steer_step = rover.steer_speed / rover.steer_max * spec.step_s
-            limits.actuator_share = -math.expm1(-spec.step_s / rover.actuator_s)
-            limits.north_1, limits.north_2, limits.north_3 = rover.north
-            limits.east_1, limits.east_2, limits.east_3 = rover.east
-        return row.view(np.float64)
+        law = self.law
+        values = {
+            "step_s": spec.step_s,
+            "energy_limit": math.inf if spec.battery is None else spec.battery.capacity_wh * WH_J,
+            **{name: getattr(law, name) for name in wheels.OF_ROVER},
+            **law.simulated,
+        }
+        return row_of(wheels.LIMITS, values)

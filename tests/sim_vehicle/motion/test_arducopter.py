@@ -24,7 +24,6 @@ from sim_vehicle.execution.state import CannotFly, FlightEvent, ItemReached
 from sim_vehicle.motion.arducopter import scurve
 from sim_vehicle.motion.arducopter.control import Guide
 from sim_vehicle.motion.arducopter.model import ArduCopter
-from sim_vehicle.motion.arducopter.parameters import PARAMETERS
 from sim_vehicle.motion.legs import KEEP, Leg, LegKind, Route
 from sim_vehicle.motion.model import MotionEvent
 from sim_vehicle.weather.wind import Wind
@@ -317,8 +316,7 @@ def test_parameters_act(name: str, value: float) -> None:
 
 
 def test_settings_and_their_checks() -> None:
-    assert all(row.low <= row.default <= row.high for row in PARAMETERS.values())
-    assert ARDUCOPTER.parameters is PARAMETERS
+    assert all(row.low <= row.default <= row.high for row in ARDUCOPTER.parameters.values())
     spec = with_autopilot(get_vehicle("quad"), "ardupilot", {"WPNAV_SPEED": 600.0, "LAND_SPEED": 70.0})
     own = (spec.cruise_speed_m_s, spec.landing_speed_m_s, spec.acceptance_radius_m)
     assert own == pytest.approx((6.0, 0.7, 2.0))
@@ -361,7 +359,7 @@ def test_the_nose_leads_unless_it_is_kept() -> None:
 
 
 def test_attitude_and_throttle() -> None:
-    vehicle = ArduCopter(QUAD)
+    vehicle = ArduCopter(QUAD, ARDUCOPTER.law)
     assert vehicle.attitude() is None
     vehicle.state[2] = 10.0
     vehicle.fly(Route.through([Leg((0.0, 300.0, 10.0), 9.0, heading=KEEP)]))
@@ -489,7 +487,7 @@ def test_whatever_is_ordered_it_comes_home(
 
 
 def test_the_same_leg_goes_on_when_a_route_begins_with_it() -> None:
-    vehicle = ArduCopter(QUAD)
+    vehicle = ArduCopter(QUAD, ARDUCOPTER.law)
     vehicle.state[2] = 10.0
     row = Leg((0.0, 80.0, 10.0), 5.0)
     vehicle.fly(Route.through([row]))

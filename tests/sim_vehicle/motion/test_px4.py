@@ -14,7 +14,7 @@ from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.airframe.estimate_errors import COLUMNS, GRID_S, EstimateErrors
 from sim_vehicle.airframe.sensor_errors import SensorNoise
 from sim_vehicle.autopilot import flight_procedures, get_autopilot, with_autopilot
-from sim_vehicle.autopilot.px4.copter import return_height_m
+from sim_vehicle.autopilot.px4.copter import PX4_MULTIROTOR, return_height_m
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.execution.state import (
@@ -356,7 +356,7 @@ def test_cutting_the_flight_changes_nothing(places, cuts, wind):
     rows = [Leg((0.0, 0.0, 8.0), 5.0, heading=KEEP, kind=LegKind.TAKEOFF)]
     rows += [Leg((x, y, z), 7.0) for x, y, z, *_ in places]
     rows += [Leg((0.0, 0.0, 0.0), 5.0, heading=KEEP, kind=LegKind.LAND)]
-    whole, cut = (Px4Multirotor(QUAD, wind) for _ in range(2))
+    whole, cut = (Px4Multirotor(QUAD, PX4_MULTIROTOR.law, wind) for _ in range(2))
     for vehicle in (whole, cut):
         vehicle.fly(Route.through(rows))
     whole.advance(9000, stop_each=False)
@@ -625,7 +625,7 @@ def test_speeds_that_leave_room():
 
 
 def test_standing_still_it_reports_the_first_leg():
-    vehicle = Px4Multirotor(QUAD, yaw_rad=1.0)
+    vehicle = Px4Multirotor(QUAD, PX4_MULTIROTOR.law, yaw_rad=1.0)
     assert vehicle.advance(100) is MotionEvent.RAN
     vehicle.fly(Route.through([Leg((0.0, 0.0, 5.0), 5.0, heading=KEEP, kind=LegKind.TAKEOFF, near_m=4.0)]))
     events = []

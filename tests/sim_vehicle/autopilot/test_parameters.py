@@ -2,6 +2,10 @@
 
 import math
 
+import pytest
+
+from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.autopilot import flight_procedures, with_autopilot
 from sim_vehicle.autopilot.parameters import parameter_details, reference_parameters
 
 # Units as PX4's parameter sources spell them ("celcius" is theirs).
@@ -62,3 +66,15 @@ def test_all_of_px4s_parameters_have_a_group_and_their_values_fit():
         assert all(parameter.low <= number <= parameter.high for number in numbers), parameter.name
     assert sum(bool(known.values or known.bits) for known in details.values()) == 238
     assert sum(known.reboot for known in details.values()) == 67
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+@pytest.mark.parametrize("vehicle", ["quad", "wing", "rover"])
+def test_the_numbers_that_parameters_name_are_those_of_the_motion(autopilot, vehicle):
+    spec = with_autopilot(get_vehicle(vehicle), autopilot)
+    procedures = flight_procedures(spec)
+    dynamics = procedures.motion(spec, None, 0.0).dynamics
+    known = set(dynamics.limits.names).union(*(kind.names for _, kind in dynamics.own if kind is not None))
+    named = [one.law for one in procedures.parameters.values() if one.law]
+    assert len(named) == len(set(named)) > 0
+    assert set(named) <= known

@@ -50,7 +50,7 @@ BOTH = pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 
 def motion_of(spec, wind=None, yaw_rad=0.0):
     procedures = fixed_wing_procedures(spec)
-    return FixedWing(spec, procedures.limits, wind, yaw_rad, procedures.control)
+    return FixedWing(spec, procedures.limits, procedures.control, wind, yaw_rad)
 
 
 def airborne(spec, wind=None, height=60.0, *then):
@@ -363,7 +363,7 @@ def test_the_bank_follows_with_a_lag(autopilot):
     motion.fly(Route.through([Leg((500.0, -800.0, 60.0), spec.cruise_speed_m_s, radius_m=1.0)]))
     states = record(motion, 10.0, every=1)
     rates = np.abs(np.diff(states[:, Wing.BANK])) / motion.step_s
-    assert rates.max() <= motion.law.roll_rate + 1e-9
+    assert rates.max() <= motion.law.roll_rate_max + 1e-9
     assert rates.max() > 0.2
 
 

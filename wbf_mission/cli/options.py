@@ -11,10 +11,10 @@ import functools
 import inspect
 import types
 import typing
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias, TypeVar
 
 import typer
 
@@ -22,12 +22,16 @@ from geo.errors import WbfMissionError
 from geo.texts import parse_number, parse_whole
 from wbf_mission.cli.output import Output
 from wbf_mission.scenario import Scenario, ScenarioError, load_scenario, scenario_with
-from wbf_mission.scenario.option import CompoundFlag, Option, Part, default_of, options_of
+from wbf_mission.scenario.option import Option, Part, options_of
 from wbf_mission.scenario.parts import RUN
 from wbf_mission.scenario.scenario import all_options
 
 OUTPUT_PANEL = "Output"
 CHECK_PANEL = "What is checked"
+
+
+Number = TypeVar("Number", int, float)
+Reader: TypeAlias = Callable[[str], Number]
 
 
 def option(text: str, *names: str, panel: str | None = None, **more: Any) -> Any:
@@ -46,28 +50,15 @@ def complete(kind: str) -> Callable[[str], list[str]]:
     return names
 
 
-def whole_number(text: str) -> int:
-    """Return the whole number that an option's text is; typer's own reader takes ``1_0`` for 10."""
-    try:
-        return parse_whole(str(text))
-    except ValueError as error:
-        raise typer.BadParameter(str(error)) from None
+def _reader(parse: Callable[[str], Number], low: float | None = None, high: float = 0.0) -> Reader[Number]:
+    """Return what reads an option's number, in a range if there is one; typer's own takes ``1_0`` for 10."""
 
-
-def number(text: str) -> float:
-    """Return the number that an option's text is, as `whole_number`."""
-    try:
-        return parse_number(str(text))
-    except ValueError as error:
-        raise typer.BadParameter(str(error)) from None
-
-
-def whole_number_in(low: int, high: int) -> Callable[[str], int]:
-    """Return a reader of whole numbers from `low` to `high`."""
-
-    def read(text: str) -> int:
-        value = whole_number(text)
-        if not low <= value <= high:
+    def read(text: str) -> Number:
+        try:
+            value = parse(str(text))
+        except ValueError as error:
+            raise typer.BadParameter(str(error)) from None
+        if low is not None and not low <= value <= high:
             msg = f"{value} is out of range: give {low} to {high}"
             raise typer.BadParameter(msg)
         return value
@@ -75,8 +66,15 @@ def whole_number_in(low: int, high: int) -> Callable[[str], int]:
     return read
 
 
-_READERS: Mapping[Any, Callable[[str], Any]] = {int: whole_number, float: number}
+number = _reader(parse_number)
 
+
+def whole_number_in(low: int, high: int) -> Reader[int]:
+    """Return a reader of whole numbers from `low` to `high`."""
+    return _reader(parse_whole, low, high)
+
+
+_READERS: Mapping[Any, Reader[Any]] = {int: _reader(parse_whole), float: number}
 
 Jobs = Annotated[
     int, option("Processes at once; -1: one per core.", parser=whole_number_in(-1, 1024), min=-1, max=1024)
@@ -210,21 +208,17 @@ class Given:
 
     def _check_effects(self, values: Mapping[str, Any], *, is_fleet: bool) -> None:
         """Refuse what was given and has no effect, rather than fly something else than was meant."""
-        known = all_options()
-        for key in self.changes:
-            part, _, one = known[key]
-            compound = next((flag for flag in _compounds(part) if key in flag.keys), None)
-            needs, flag = (one.needs, one.flag) if compound is None else (compound.needs, compound.flag)
-            if needs and values[needs] == default_of(known[needs][0], known[needs][1]):
-                msg = f"{flag} has an effect only with {_flag_of(needs)}: give that, too"
+        for one in (_flag_of(key) for key in self.changes):
+            if one.needs and values[one.needs] == all_options()[one.needs][2].initial:
+                msg = f"{one.flag} has an effect only with {_flag_of(one.needs).flag}: give that, too"
                 raise ScenarioError(msg)
             if one.needs_fleet and not is_fleet:
-                msg = f"{flag} has an effect only with several vehicles: give --vehicles, or leave it out"
+                msg = f"{one.flag} has an effect only with several vehicles: give --vehicles, or leave it out"
                 raise ScenarioError(msg)
             for other in one.not_with:
                 if values[other] is not None:
-                    with_what = f"{_flag_of(other)} {values[other]}"
-                    msg = f"{flag} has no effect with {with_what}: leave one of the two out"
+                    with_what = f"{_flag_of(other).flag} {values[other]}"
+                    msg = f"{one.flag} has no effect with {with_what}: leave one of the two out"
                     raise ScenarioError(msg)
 
 
@@ -252,9 +246,8 @@ def gives(
     options = taken_by(make) if options is None else options
 
     def decorate(command: Command) -> Command:
-        own = inspect.signature(command, eval_str=True).parameters
-        clash = set(options) & set(own)
-        if clash:
+        own = taken_by(command)
+        if clash := options.keys() & own.keys():
             msg = f"{command.__name__}: options {', '.join(sorted(clash))} stand in a part and in the command"
             raise TypeError(msg)
 
@@ -263,19 +256,17 @@ def gives(
             made = make(**{name: values.pop(name) for name in options})
             return command(**{parameter: made}, **values)
 
-        expanded = [
-            inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
-            for name, (annotation, default) in options.items()
-        ]
-        every: list[inspect.Parameter] = []
-        for one in own.values():
-            if one.name != parameter:
-                every.append(one.replace(kind=inspect.Parameter.KEYWORD_ONLY))
-            elif not last:
-                every += expanded
-        every += expanded if last else []
-        run.__signature__ = inspect.Signature(every)  # type: ignore[attr-defined]
-        run.__annotations__ = {one.name: one.annotation for one in every}
+        every: dict[str, tuple[Any, Any]] = {}
+        for name, one in own.items():
+            every |= {name: one} if name != parameter else {} if last else options
+        every |= options
+        run.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
+            [
+                inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=kind)
+                for name, (kind, default) in every.items()
+            ]
+        )
+        run.__annotations__ = {name: kind for name, (kind, _) in every.items()}
         del run.__wrapped__
         return run
 
@@ -308,83 +299,62 @@ def scenario_options(
     the order of the parts; `more` are parts that are no part of a `Scenario`, `without` keys that have no
     meaning for the command, `defaults` those of this command that are not those of the options.
     """
-    known = [(part, flag) for part in (*parts, Scenario, *more) for flag in _flags(part, without)]
-
-    flags = {str(flag.flag) for _, flag in known}
-    made = {_parameter(flag): (_annotation(part, flag, flags, defaults), None) for part, flag in known}
+    known = {
+        str(one.flag).removeprefix("--").replace("-", "_"): (part, one)
+        for part in (*parts, Scenario, *more)
+        for one in _on_command_line(part)
+        if not set(_keys(one)) & set(without)
+    }
+    flags = {str(one.flag) for _, one in known.values()}
 
     def given(scenario: Path | None, **texts: Any) -> Given:
         changes: dict[str, Any] = {}
         others: dict[str, Any] = {}
-        for part, flag in known:
-            value = texts[_parameter(flag)]
+        for name, (part, one) in known.items():
+            value = texts[name]
             if value is not None and value != []:
-                (others if part in more else changes).update(_values(flag, value))
+                read = value if one.read is None else one.read(value)
+                (others if part in more else changes).update(read if one.sets else {one.key: read})
         return Given(scenario, changes, others, defaults)
 
+    made = {name: (_annotation(one, flags, defaults), None) for name, (_, one) in known.items()}
     return gives("given", given, {**made, "scenario": (ScenarioFile, None)})
 
 
-def _compounds(part: type[Any]) -> tuple[CompoundFlag, ...]:
-    return part.COMPOUND if issubclass(part, Part) else ()
+def _on_command_line(part: type[Any]) -> list[Option]:
+    own = [one for one in options_of(part).values() if one.flag is not None]
+    return [*own, *(part.COMPOUND if issubclass(part, Part) else ())]
 
 
-def _flags(part: type[Any], without: tuple[str, ...]) -> Iterator[Option | CompoundFlag]:
-    """Yield what of a part is on the command line."""
-    for one in options_of(part).values():
-        if one.flag is not None and one.key not in without:
-            yield one
-    yield from (flag for flag in _compounds(part) if not set(flag.keys) & set(without))
+def _keys(one: Option) -> tuple[str, ...]:
+    return one.sets or (one.key,)
 
 
-def _flag_of(key: str) -> str:
-    part, _, one = all_options()[key]
-    compound = next((flag.flag for flag in _compounds(part) if key in flag.keys), None)
-    return str(one.flag or compound)
+def _flag_of(key: str) -> Option:
+    """Return the option of the command line that sets an option of a run; the last where there are two."""
+    part = all_options()[key][0]
+    return next(one for one in reversed(_on_command_line(part)) if key in _keys(one))
 
 
-def _parameter(flag: Option | CompoundFlag) -> str:
-    return str(flag.flag).removeprefix("--").replace("-", "_")
-
-
-def _values(flag: Option | CompoundFlag, value: Any) -> dict[str, Any]:
-    if isinstance(flag, CompoundFlag):
-        return flag.read(value)
-    return {flag.key: value if flag.read is None else flag.read(value)}
-
-
-def _annotation(
-    part: type[Any], flag: Option | CompoundFlag, flags: set[str], defaults: Mapping[str, Any]
-) -> Any:
+def _annotation(one: Option, flags: set[str], defaults: Mapping[str, Any]) -> Any:
     """Return the annotation of a command's parameter; `flags` are all that the command has."""
-    if isinstance(flag, CompoundFlag):
-        made = typer.Option(
-            flag.flag,
-            help=flag.help,
-            metavar=flag.metavar,
-            rich_help_panel=flag.panel,
-            show_default=False,
-        )
-        return Annotated[str | None, made]
-    name = next(name for name, one in options_of(part).items() if one is flag)
-    wanted = _command_line_type(typing.get_type_hints(part)[name], flag)
-    names = [str(flag.flag)]
-    if wanted is bool:
-        names = [f"{flag.flag}/--no-{str(flag.flag).removeprefix('--')}"]
-    made = typer.Option(
-        *names,
-        help=_help(flag, defaults.get(flag.key, default_of(part, name)), flags),
-        metavar=flag.metavar,
+    wanted = _command_line_type(one)
+    name = str(one.flag)
+    made = option(
+        _help(one, defaults.get(one.key, one.initial), flags),
+        f"{name}/--no-{name.removeprefix('--')}" if wanted is bool else name,
+        panel=one.panel,
+        metavar=one.metavar,
         parser=_READERS.get(wanted),
-        rich_help_panel=flag.panel,
-        autocompletion=complete(flag.kind) if flag.kind else None,
+        autocompletion=complete(one.kind) if one.kind else None,
         show_default=False,
     )
     return Annotated[wanted | None, made]
 
 
-def _command_line_type(wanted: Any, one: Option) -> Any:
-    """Return as what the command line takes a type: a list where an option repeats, else a number or text."""
+def _command_line_type(one: Option) -> Any:
+    """Return as what the command line takes an option: a list where it repeats, else a number or text."""
+    wanted = one.wanted
     kinds = [kind for kind in typing.get_args(wanted) if kind is not type(None)]
     if isinstance(wanted, types.UnionType):
         wanted = kinds[0] if len(kinds) == 1 else str
@@ -398,8 +368,8 @@ def _help(one: Option, default: Any, flags: set[str]) -> str:
     scale = one.allowed if not (one.choices or one.read) else ""
     choices = f": {one.allowed}" if one.choices else ""
     depends = ""
-    for word, keys in (("only", (one.needs,) if one.needs else ()), ("not", one.not_with)):
-        there = [_flag_of(key) for key in keys if _flag_of(key) in flags]
+    for word, keys in (("only", (one.needs,) if one.needs and not one.sets else ()), ("not", one.not_with)):
+        there = [flag for flag in (str(_flag_of(key).flag) for key in keys) if flag in flags]
         if there:
             depends = f" ({word} with {' or '.join(there)})"
     if isinstance(default, bool):

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import typing
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
@@ -38,7 +38,7 @@ class Option:
     high: float | None = None
     choices: tuple[str, ...] = ()  # The words that it may be
     default: str = ""  # The default in words, where its value does not say it
-    flag: str | None = None  # Its name on the command line; None if only a `CompoundFlag` sets it
+    flag: str | None = None  # Its name on the command line; None if only another option sets it
     metavar: str | None = None  # What stands for its value in ``--help``
     example: str = ""  # A value that is easily given as a number, as the text that it has to be
     # Of what it is a name, for completion: farm, planner, policy, estimator, vehicle, autopilot or empty
@@ -50,6 +50,11 @@ class Option:
     needs_fleet: bool = False  # Whether it has an effect only where several vehicles fly
     # Whether several of the choices may be given, separated by commas: one for each vehicle
     each: bool = False
+    # Of an option of the command line alone, such as ``--wind 5,270``: the keys of those that it sets, of
+    # which `read` gives the values by key
+    sets: tuple[str, ...] = ()
+    wanted: Any = str  # The type of its field
+    initial: Any = None  # The default of its field
 
     @property
     def unit(self) -> str:
@@ -72,10 +77,9 @@ class Option:
         low, high = (f"{end:g}" if abs(end) < 1e6 else f"{end:.0f}" for end in (self.low, self.high))
         return f"{low} to {'2^64 - 1' if self.high == 2**64 - 1 else high} {self.unit}".rstrip()
 
-    def check(self, value: Any) -> None:
-        """Raise ScenarioError if a value, of the right type, is out of range or empty."""
-        if value is None:
-            return
+    def checked(self, value: Any) -> Any:
+        """Return a value as the option's type; ScenarioError if it is of another, out of range or empty."""
+        value = self._converted(value)
         if isinstance(value, str) and not value.strip():
             msg = f"{self.label} is empty: give {self.allowed or 'a value, or leave it out'}"
             raise ScenarioError(msg)
@@ -84,25 +88,26 @@ class Option:
         elif isinstance(value, (int, float)) and self.low is not None and self.high is not None:
             good = self.low <= value <= self.high and math.isfinite(value)
         else:
-            return
+            good = True
         if not good:
             shown = repr(value) if isinstance(value, str) else value
             msg = f"{self.label} {shown} is out of range: give {self.allowed}"
             raise ScenarioError(msg)
+        return value
 
-
-@dataclass(frozen=True, slots=True)
-class CompoundFlag:
-    """An option of the command line that sets several options at once, such as ``--wind 5,270``."""
-
-    # As of `Option`; `help` tells the defaults, too
-    flag: str
-    metavar: str
-    help: str
-    panel: str
-    keys: tuple[str, ...]  # The options that it sets
-    read: Callable[[str], dict[str, Any]]  # Text to values by key; raises ScenarioError
-    needs: str = ""
+    def _converted(self, value: Any) -> Any:
+        if type(value).__module__ == "numpy" and hasattr(value, "item") and not getattr(value, "ndim", 0):
+            value = value.item()
+        if self.wanted is Any:
+            return value
+        try:
+            return msgspec.convert(value, self.wanted)
+        except msgspec.ValidationError as error:
+            if isinstance(value, int | float) and str in (self.wanted, *typing.get_args(self.wanted)):
+                such = f', such as "{self.example}"' if self.example else ""
+                msg = f"{self.key}: {value!r} is a number; give a text{such}"
+                raise ScenarioError(msg) from None
+            raise ScenarioError(misfit(error, self.key)) from None
 
 
 def option(default: Any, text: str, panel: str, /, **more: Any) -> Any:
@@ -117,14 +122,11 @@ def option(default: Any, text: str, panel: str, /, **more: Any) -> Any:
 class Part:
     """The base of the parts: a frozen dataclass of options that checks itself."""
 
-    COMPOUND: ClassVar[tuple[CompoundFlag, ...]] = ()
+    COMPOUND: ClassVar[tuple[Option, ...]] = ()
 
     def __post_init__(self) -> None:
-        wanted = _types_of(type(self))
         for name, one in options_of(type(self)).items():
-            value = converted(getattr(self, name), wanted[name], one)
-            object.__setattr__(self, name, value)
-            one.check(value)
+            object.__setattr__(self, name, one.checked(getattr(self, name)))
         self.check()
 
     def check(self) -> None:
@@ -135,16 +137,6 @@ class Part:
         return {one.key: getattr(self, name) for name, one in options_of(type(self)).items()}
 
 
-_TYPES: dict[type[Any], Mapping[str, Any]] = {}
-
-
-def _types_of(part: type[Any]) -> Mapping[str, Any]:
-    """Return the types of a part's fields: finding them takes longer than all else of a scenario."""
-    if part not in _TYPES:
-        _TYPES[part] = typing.get_type_hints(part)
-    return _TYPES[part]
-
-
 _OPTIONS: dict[type[Any], Mapping[str, Option]] = {}
 
 
@@ -152,40 +144,19 @@ def options_of(part: type[Any]) -> Mapping[str, Option]:
     """Return the options of a part by the names of its fields."""
     if part in _OPTIONS:
         return _OPTIONS[part]
+    wanted = typing.get_type_hints(part)  # finding them takes longer than all else of a scenario
     found: dict[str, Option] = {}
     for one in dataclasses.fields(part):
         if _METADATA not in one.metadata:
             continue
-        more = dict(one.metadata[_METADATA])
-        key = more.pop("key", one.name)
-        made = Option(key=key, **more)
-        if "flag" not in more:
+        initial = one.default if one.default_factory is dataclasses.MISSING else one.default_factory()
+        given = {"key": one.name, **one.metadata[_METADATA]}
+        made = Option(wanted=wanted[one.name], initial=initial, **given)
+        if "flag" not in given:
             made = dataclasses.replace(made, flag="--" + made.label.replace(" ", "-"))
         found[one.name] = made
     _OPTIONS[part] = found
     return found
-
-
-def converted(value: Any, wanted: Any, one: Option) -> Any:
-    """Return a value as the option's type, or raise ScenarioError naming the option."""
-    if type(value).__module__ == "numpy" and hasattr(value, "item") and not getattr(value, "ndim", 0):
-        value = value.item()
-    if wanted is Any:
-        return value
-    try:
-        return msgspec.convert(value, wanted)
-    except msgspec.ValidationError as error:
-        if isinstance(value, int | float) and str in (wanted, *typing.get_args(wanted)):
-            such = f', such as "{one.example}"' if one.example else ""
-            msg = f"{one.key}: {value!r} is a number; give a text{such}"
-            raise ScenarioError(msg) from None
-        raise ScenarioError(misfit(error, one.key)) from None
-
-
-def default_of(part: type[Any], name: str) -> Any:
-    """Return the default of a part's field."""
-    one = next(each for each in dataclasses.fields(part) if each.name == name)
-    return one.default if one.default_factory is dataclasses.MISSING else one.default_factory()
 
 
 def names_in(text: str) -> tuple[str, ...]:
@@ -194,8 +165,4 @@ def names_in(text: str) -> tuple[str, ...]:
     >>> names_in("tylcv, soil")
     ('tylcv', 'soil')
     """
-    return tuple(_parts(text.split(",")))
-
-
-def _parts(words: Iterable[str]) -> list[str]:
-    return [word.strip() for word in words if word.strip()]
+    return tuple(word.strip() for word in text.split(",") if word.strip())

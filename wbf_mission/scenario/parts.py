@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Protocol, TypedDict
 
 from sim_vehicle.airframe.autopilot_names import DEFAULT_AUTOPILOT, autopilot_names
 from wbf_mission.scenario.choice import Choice, choose
-from wbf_mission.scenario.option import CompoundFlag, Part, ScenarioError, names_in, option
+from wbf_mission.scenario.option import Option, Part, ScenarioError, names_in, option
 from wbf_mission.scenario.values import (
     Separation,
     parameter_values,
@@ -309,24 +309,28 @@ class WeatherOptions(Part):
         high=40.0,
     )
 
-    COMPOUND: ClassVar[tuple[CompoundFlag, ...]] = (
-        CompoundFlag(
-            "--wind",
-            "SPEED,FROM[,GUST]",
-            "Wind: m/s, degrees, m/s; for example 5,270,1.5.  [default: calm]",
+    COMPOUND: ClassVar[tuple[Option, ...]] = (
+        Option(
+            "wind",
+            "Wind: m/s, degrees, m/s; for example 5,270,1.5",
             VEHICLE,
-            ("wind_speed_m_s", "wind_direction_deg", "wind_gust_m_s"),
-            wind_values,
+            flag="--wind",
+            metavar="SPEED,FROM[,GUST]",
+            default="calm",
+            sets=("wind_speed_m_s", "wind_direction_deg", "wind_gust_m_s"),
+            read=wind_values,
         ),
-        CompoundFlag(
-            "--wind-shear",
-            "LAW[,VALUE[,HEIGHT]]",
+        Option(
+            "wind_shear",
             "How the wind grows with the height: log[,ROUGHNESS[,HEIGHT]] or power[,EXPONENT[,HEIGHT]];"
             " HEIGHT, m, is that of --wind (only with --wind); sitl: as in ArduPilot's simulator, the root of"
-            " h/60 m, --wind at 60 m and above.  [default: not at all; log,0.1,10; power,0.143,10]",
+            " h/60 m, --wind at 60 m and above",
             VEHICLE,
-            ("wind_shear", "wind_roughness_m", "wind_exponent", "wind_height_m"),
-            shear_values,
+            flag="--wind-shear",
+            metavar="LAW[,VALUE[,HEIGHT]]",
+            default="not at all; log,0.1,10; power,0.143,10",
+            sets=("wind_shear", "wind_roughness_m", "wind_exponent", "wind_height_m"),
+            read=shear_values,
             needs="wind_speed_m_s",
         ),
     )

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any, Unpack
 
 from wbf_mission.scenario.choice import Choice
-from wbf_mission.scenario.option import Option, Part, ScenarioError, converted, option, options_of
+from wbf_mission.scenario.option import Option, Part, ScenarioError, option, options_of
 from wbf_mission.scenario.parts import (
     RUN,
     CameraOptions,
@@ -78,9 +78,7 @@ class Scenario:
             object.__setattr__(self, name, made)
         if whole:
             raise ScenarioError(unknown_key(next(iter(whole)), list(PARTS)))
-        one = options_of(Scenario)["seed"]
-        object.__setattr__(self, "seed", converted(seed, int, one))
-        one.check(self.seed)
+        object.__setattr__(self, "seed", options_of(Scenario)["seed"].checked(seed))
 
     def __getitem__(self, key: str) -> Any:
         """Return an option by the key under which it is given; ScenarioError if there is no such option.

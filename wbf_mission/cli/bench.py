@@ -132,7 +132,6 @@ class _Flying:
             "Fly on the workers of a Dask scheduler, such as tcp://10.0.0.1:8786, or of one made here:"
             " local (with --jobs).",
             metavar="ADDRESS",
-            show_default=False,
         ),
     ] = None
     retry: Annotated[bool, option("Fly again what failed.", "--retry")] = False
@@ -158,12 +157,11 @@ class _Flying:
 def run_command(
     output: Output,
     *,
-    out: Annotated[Path, option("Folder of the results.", show_default=False)],
+    out: Annotated[Path, option("Folder of the results.")],
     spec: Annotated[
         Path | None,
         typer.Argument(
-            help="What to run (TOML); the options below change it.  [default: the paper's experiment]",
-            show_default=False,
+            help="What to run (TOML); the options below change it.  [default: the paper's experiment]"
         ),
     ] = None,
     selected: dict[str, Any],
@@ -193,11 +191,9 @@ _OPTIONS = options.taken_by(_selection)
 def compare_command(
     output: Output,
     *,
-    mine: Annotated[str, typer.Argument(help="A planner or policy.", show_default=False)],
+    mine: Annotated[str, typer.Argument(help="A planner or policy.")],
     against: Annotated[str, option("Planners and policies, separated by commas.", panel=_RUN)] = "greedy",
-    out: Annotated[
-        Path | None, option("Folder of the results.  [default: they are not kept]", show_default=False)
-    ] = None,
+    out: Annotated[Path | None, option("Folder of the results.  [default: they are not kept]")] = None,
     selected: dict[str, Any],
     flying: _Flying,
 ) -> int:
@@ -248,13 +244,10 @@ def _exit_code(rows: Sequence[BenchRow], *, interrupted: bool) -> int:
 @options.speaks(quiet=False)
 def report_command(
     output: Output,
-    folder: Annotated[Path, typer.Argument(help="Folder of the results.", show_default=False)],
+    folder: Annotated[Path, typer.Argument(help="Folder of the results.")],
     out: Annotated[
         Path | None,
-        option(
-            "Write a report into this folder: report.md, report.html and a picture for each scenario.",
-            show_default=False,
-        ),
+        option("Write a report into this folder: report.md, report.html and a picture for each scenario."),
     ] = None,
 ) -> int:
     """Print what the results in a folder tell, also while they are made, or write it as a report."""
@@ -286,13 +279,12 @@ def report_command(
 def paper_command(
     output: Output,
     *,
-    out: Annotated[Path, option("Folder of the figures.", show_default=False)],
+    out: Annotated[Path, option("Folder of the figures.")],
     spec: Annotated[
         Path | None,
         typer.Argument(
             help="What is compared, in one scenario (TOML); the options below change it."
-            "  [default: the paper's experiment in five environments]",
-            show_default=False,
+            "  [default: the paper's experiment in five environments]"
         ),
     ] = None,
     only: Annotated[str, option("Which figures, separated by commas.")] = "geometry,dynamics,comparison,cost",

@@ -29,10 +29,7 @@ def check_command(
     output: Output,
     url: Annotated[
         str | None,
-        typer.Argument(
-            help=f"The link: {options.LINKS}",
-            show_default=False,
-        ),
+        typer.Argument(help=f"The link: {options.LINKS}"),
     ] = None,
     fly: Annotated[bool, option("Also run the checks that arm and fly.", "--fly")] = False,
     only: Annotated[list[str] | None, option("Only this check or group of checks; may be repeated.")] = None,
@@ -89,9 +86,7 @@ wbf-mission check-policy greedy:least_weight=0.35
 wbf-mission check-policy my_policy.py:MyPolicy
 wbf-mission check-estimator my_estimator.py:Mine
 """
-_Name = Annotated[
-    str, typer.Argument(help="A name with parameters, or FILE.py:NAME of yours.", show_default=False)
-]
+_Name = Annotated[str, typer.Argument(help="A name with parameters, or FILE.py:NAME of yours.")]
 
 
 @options.speaks(quiet=False)

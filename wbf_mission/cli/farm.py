@@ -134,7 +134,7 @@ def show_command(output: Output, farm: FarmArgument) -> None:
 def draw_command(
     output: Output,
     farm: FarmArgument,
-    out: Annotated[Path | None, option("PNG file.  [default: FARM.png]", show_default=False)] = None,
+    out: Annotated[Path | None, option("PNG file.  [default: FARM.png]")] = None,
 ) -> None:
     """Draw a farm's crops, the owner's border, obstacles and home as a PNG picture."""
     from geo import get_farm
@@ -189,16 +189,11 @@ def generate_command(
         option(
             "Days after the first one, 0 to 126.  [default: 15, or the last one of --keep]",
             parser=options.whole_number_in(0, 126),
-            show_default=False,
         ),
     ] = None,
-    keep: Annotated[
-        str | None, option("Days to keep, such as 6 or 1-15 or 0,6,15.  [default: all]", show_default=False)
-    ] = None,
+    keep: Annotated[str | None, option("Days to keep, such as 6 or 1-15 or 0,6,15.  [default: all]")] = None,
     jobs: options.Jobs = 1,
-    out: Annotated[
-        Path | None, option("Folder.  [default: environments/ and the farm's name]", show_default=False)
-    ] = None,
+    out: Annotated[Path | None, option("Folder.  [default: environments/ and the farm's name]")] = None,
 ) -> int:
     """Generate environments of a farm: diseases and soil on each day, as Zarr stores.
 

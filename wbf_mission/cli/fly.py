@@ -54,8 +54,7 @@ class _Links:
         list[str] | None,
         options.link(
             "Fly the vehicle behind this link in place of a simulated one; repeated, one for each vehicle,"
-            " or once for all",
-            required=False,
+            " or once for all"
         ),
     ] = None
     yes: Annotated[bool, option("Start without asking.", "--yes", panel=options.LINK_PANEL)] = False
@@ -66,7 +65,6 @@ class _Links:
             "  [default: the first ones heard]",
             panel=options.LINK_PANEL,
             parser=options.whole_number_in(1, 255),
-            show_default=False,
         ),
     ] = None
     wait: options.Wait = 10.0
@@ -177,7 +175,6 @@ def fly_command(
             " KIND[=VALUE][,vehicle=N][,from=S][,for=S][,at=EVENT][,...],"
             " may be repeated; 'wbf-mission sim --list-faults' lists the kinds.",
             panel="Faults",
-            show_default=False,
         ),
     ] = None,
     saving: _Saving,

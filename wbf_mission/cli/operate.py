@@ -59,7 +59,7 @@ def monitor_command(
     url: Annotated[str, typer.Argument(help=f"The link: {options.LINKS}")],
     duration: Annotated[
         float | None,
-        option("Seconds to watch.  [default: until Ctrl-C]", parser=options.number, show_default=False),
+        option("Seconds to watch.  [default: until Ctrl-C]", parser=options.number),
     ] = None,
     interval: Annotated[float, option("Seconds between two reports.", parser=options.number)] = 1.0,
 ) -> int:
@@ -171,7 +171,7 @@ def command_command(
             help="arm, disarm, takeoff HEIGHT, mission, hold, return, land, set-item NUMBER or mode NAME."
         ),
     ],
-    value: Annotated[str, typer.Argument(help="What the order takes.", show_default=False)] = "",
+    value: Annotated[str, typer.Argument(help="What the order takes.")] = "",
     arm: Annotated[
         bool, option("The order mission may start the motors of a PX4 and take off.", "--arm")
     ] = False,

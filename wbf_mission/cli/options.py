@@ -90,7 +90,7 @@ def require_processes(jobs: int) -> None:
 
 ScenarioFile = Annotated[
     Path | None,
-    option("A scenario file (TOML); other options change it.", "--scenario", panel=RUN, show_default=False),
+    option("A scenario file (TOML); other options change it.", "--scenario", panel=RUN),
 ]
 LINK_PANEL = "The vehicle's link"
 LINKS = "udpin:, udpout:, tcp: or tcpin:HOST:PORT, or serial:DEVICE:BAUD."
@@ -110,14 +110,13 @@ SystemId = Annotated[
         "The vehicle's system id, 1 to 255.  [default: the first one heard]",
         panel=LINK_PANEL,
         parser=whole_number_in(1, 255),
-        show_default=False,
     ),
 ]
 
 
-def link(what: str, *, required: bool) -> Any:
-    """Return the option ``--connect``; where the command does nothing without, its default is shown."""
-    return typer.Option(help=f"{what}: {LINKS}", rich_help_panel=LINK_PANEL, show_default=required)
+def link(what: str) -> Any:
+    """Return the option ``--connect``."""
+    return option(f"{what}: {LINKS}", panel=LINK_PANEL)
 
 
 MISSION_SUFFIXES = (".plan", ".waypoints", ".wpl", ".kml")
@@ -347,7 +346,6 @@ def _annotation(one: Option, flags: set[str], defaults: Mapping[str, Any]) -> An
         metavar=one.metavar,
         parser=_READERS.get(wanted),
         autocompletion=complete(one.kind) if one.kind else None,
-        show_default=False,
     )
     return Annotated[wanted | None, made]
 

@@ -56,7 +56,6 @@ def plan_command(
             "Mission file: .plan (QGroundControl), .waypoints (WPL 110), .json (ours), .kml, .geojson;"
             " of several vehicles NAME-1.plan, NAME-2.plan ...",
             panel="Output",
-            show_default=False,
         ),
     ] = None,
     overwrite: Overwrite = False,

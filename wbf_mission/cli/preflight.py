@@ -55,7 +55,6 @@ class Surroundings:
             "Farm whose obstacles count: a name or a GeoJSON file.  [default: none]",
             panel=options.CHECK_PANEL,
             autocompletion=options.complete("farm"),
-            show_default=False,
         ),
     ] = None
     camera_interval: Annotated[
@@ -64,7 +63,6 @@ class Surroundings:
             "The camera's shortest interval between images, s.  [default: 0.01, the leaf camera's]",
             panel=options.CHECK_PANEL,
             parser=options.number,
-            show_default=False,
         ),
     ] = None
 
@@ -106,9 +104,7 @@ def preflight_command(
     output: Output,
     file: Annotated[Path, typer.Argument(help="Mission file: .plan, .waypoints or .json.")],
     around: Surroundings,
-    connect: Annotated[
-        str | None, options.link("Ask the vehicle behind this link, too", required=False)
-    ] = None,
+    connect: Annotated[str | None, options.link("Ask the vehicle behind this link, too")] = None,
     system_id: options.SystemId = None,
     wait: options.Wait = 10.0,
 ) -> int:

@@ -51,7 +51,6 @@ def sim_command(
             " holds one.",
             panel=LINKS,
             envvar="WBF_MISSION_SIGNING_KEY",
-            show_default=False,
             show_envvar=True,
         ),
     ] = None,
@@ -69,7 +68,7 @@ def sim_command(
     ] = False,
     tlog: Annotated[
         Path | None,
-        option("Log every frame there; an existing .tlog is replaced.", panel="Output", show_default=False),
+        option("Log every frame there; an existing .tlog is replaced.", panel="Output"),
     ] = None,
     overwrite: Overwrite = False,
     ready_file: Annotated[
@@ -77,7 +76,6 @@ def sim_command(
         option(
             "Write the links there, one a line, as soon as they can be used; it is removed at the end.",
             panel="Output",
-            show_default=False,
         ),
     ] = None,
 ) -> int:

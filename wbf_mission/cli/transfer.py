@@ -19,7 +19,7 @@ from wbf_mission.cli.preflight import (
 )
 from wbf_mission.exit_codes import ExitCode
 
-Connect = Annotated[str, options.link("The vehicle", required=True)]
+Connect = Annotated[str, options.link("The vehicle")]
 UPLOAD_EXAMPLES = """
 Examples
 wbf-mission upload spiral.plan --connect udpin:127.0.0.1:14550

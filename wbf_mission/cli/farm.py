@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
+from operator import attrgetter
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -12,7 +13,11 @@ from wbf_mission.cli import options
 from wbf_mission.cli.help import HelpCommand, HelpGroup
 from wbf_mission.cli.options import Overwrite, option, refuse_overwrite
 from wbf_mission.cli.output import Output, distance, duration
+from wbf_mission.exit_codes import ExitCode
 from wbf_mission.scenario import FarmOptions, ScenarioError
+
+if TYPE_CHECKING:
+    from geo import Farm
 
 app = typer.Typer(
     cls=HelpGroup,
@@ -31,17 +36,6 @@ def list_command(output: Output) -> None:
     from geo import farm_names, get_farm
 
     farms = [get_farm(name) for name in farm_names()]
-    values = [
-        {
-            "name": farm.name,
-            "width_cells": farm.width_cells,
-            "height_cells": farm.height_cells,
-            "owner_cells": farm.owner_cells,
-            "latitude_deg": farm.frame.latitude_deg,
-            "longitude_deg": farm.frame.longitude_deg,
-        }
-        for farm in farms
-    ]
     rows = [
         [
             farm.name,
@@ -51,7 +45,17 @@ def list_command(output: Output) -> None:
         ]
         for farm in farms
     ]
+    values = [_values(farm, "name", *_CELLS, "owner_cells", *_PLACE) for farm in farms]
     output.table(values, ["farm", "cells", "metres", "owner's cells"], rows)
+
+
+_CELLS = ("width_cells", "height_cells")
+_PLACE = ("frame.latitude_deg", "frame.longitude_deg")
+
+
+def _values(farm: Farm, *names: str) -> dict[str, Any]:
+    """Return attributes by the last part of their names."""
+    return {name.rpartition(".")[2]: attrgetter(name)(farm) for name in names}
 
 
 @app.command("show", cls=HelpCommand, epilog="Example\n\nwbf-mission farm show waterberry")
@@ -73,28 +77,16 @@ def show_command(output: Output, farm: FarmArgument) -> None:
         for crop in Crop
     }
     area, home = shown.owner_area, shapely.Point(shown.home_m)
+    patches = [(one, one.crop.name.lower()) for one in shown.patches]
     values = {
-        "name": shown.name,
-        "width_cells": shown.width_cells,
-        "height_cells": shown.height_cells,
-        "cell_size_m": shown.cell_size_m,
-        "latitude_deg": shown.frame.latitude_deg,
-        "longitude_deg": shown.frame.longitude_deg,
-        "altitude_m": shown.frame.altitude_m,
-        "rotation_deg": shown.frame.rotation_deg,
-        "owner": shown.owner,
-        "owner_cells": shown.owner_cells,
+        **_values(shown, "name", *_CELLS, "cell_size_m", *_PLACE),
+        **_values(shown, "frame.altitude_m", "frame.rotation_deg", "owner", "owner_cells"),
         "owner_area_m2": float(area.area),
         "home_m": list(shown.home_m),
         "crops": counts,
         "patches": [
-            {
-                "name": patch.name,
-                "crop": patch.crop.name.lower(),
-                "owner": patch.owner,
-                "area_m2": patch.polygon.area,
-            }
-            for patch in shown.patches
+            {"name": one.name, "crop": crop, "owner": one.owner, "area_m2": one.polygon.area}
+            for one, crop in patches
         ],
         "obstacles": [
             {"bounds_m": list(one.bounds), "area_m2": one.area, "from_home_m": one.distance(home)}
@@ -113,10 +105,7 @@ def show_command(output: Output, farm: FarmArgument) -> None:
             for name, count in counts.items()
             if count["cells"]
         },
-        **{
-            f"patch {i}": f"{patch.name} ({patch.crop.name.lower()}, {patch.owner})"
-            for i, patch in enumerate(shown.patches, 1)
-        },
+        **{f"patch {i}": f"{one.name} ({crop}, {one.owner})" for i, (one, crop) in enumerate(patches, 1)},
         **{
             f"obstacle {i}": f"x {x0:.1f} to {x1:.1f} m, y {y0:.1f} to {y1:.1f} m; "
             f"{one.area:.1f} m2, {distance(one.distance(home))} from home"
@@ -230,28 +219,29 @@ def generate_command(
             )
     except KeyboardInterrupt:
         output.warn(f"stopped; what is finished in {folder} is kept, and the same command goes on with it")
-        return 130
+        return ExitCode.INTERRUPTED
     seconds = time.perf_counter() - begin
     size = sum(path.stat().st_size for path in ensemble.folder.rglob("*") if path.is_file())
+    made, found, days_kept = len(ensemble.made), len(ensemble.found), ensemble.header.days
     values = {
         "folder": str(folder),
         "farm": shown.name,
         "members": len(ensemble),
-        "generated": len(ensemble.made),
-        "found": len(ensemble.found),
-        "days": list(ensemble.header.days),
+        "generated": made,
+        "found": found,
+        "days": list(days_kept),
         "bytes": size,
         "wall_time_s": seconds,
     }
     rows = {
         "folder": str(folder),
-        "environments": f"{count}: {len(ensemble.made)} generated now, {len(ensemble.found)} were there",
-        "days": _ranges(ensemble.header.days),
+        "environments": f"{count}: {made} generated now, {found} were there",
+        "days": _ranges(days_kept),
         "size": f"{size / 1e6:.1f} MB",
         "wall time": duration(seconds),
     }
     output.result(values, rows, title=f"{shown.name}: environments")
-    return 0
+    return ExitCode.GOOD
 
 
 def _days(text: str) -> list[int]:
@@ -280,10 +270,9 @@ def _ranges(days: tuple[int, ...]) -> str:
     """
     parts: list[list[int]] = []
     for day in days:
-        if parts and day == parts[-1][-1] + 1:
-            parts[-1].append(day)
-        else:
-            parts.append([day])
+        if not parts or day != parts[-1][-1] + 1:
+            parts.append([])
+        parts[-1].append(day)
     return ", ".join(str(part[0]) if len(part) == 1 else f"{part[0]}-{part[-1]}" for part in parts)
 
 

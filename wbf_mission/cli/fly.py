@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from wbf_mission.cli import options, signals
 from wbf_mission.cli.options import Force, option
-from wbf_mission.cli.output import Output, distance, duration
+from wbf_mission.cli.output import Output, distance, duration, told
 from wbf_mission.cli.preflight import show_findings
 from wbf_mission.exit_codes import ExitCode, exit_code_of_flight
 from wbf_mission.progress import process_age_s
@@ -30,6 +30,7 @@ from wbf_mission.scenario import (
 )
 
 if TYPE_CHECKING:
+    from mission.outcome import Outcome
     from wbf_mission.live.link import LiveLink
     from wbf_mission.results.result import Result
     from wbf_mission.results.writing import ResultFolder
@@ -91,7 +92,11 @@ class _Links:
         if not self.yes and not sys.stdin.isatty():
             msg = "--connect asks before the motors start, but nobody is at the terminal: give --yes"
             raise ScenarioError(msg)
-        live = LiveLink(
+        via = via_named(self.via)
+        if simulates:
+            msg = "--speed and --fault are of simulated flights: leave them out with --connect"
+            raise ScenarioError(msg)
+        return LiveLink(
             self.connect,
             TerminalConsole(output),
             agreed=self.yes,
@@ -100,12 +105,8 @@ class _Links:
             note=output.note,
             force=force,
             tell=partial(show_findings, output),
-            via=via_named(self.via),
+            via=via,
         )
-        if simulates:
-            msg = "--speed and --fault are of simulated flights: leave them out with --connect"
-            raise ScenarioError(msg)
-        return live
 
 
 _OUT = options.OUTPUT_PANEL
@@ -119,12 +120,8 @@ class _Saving:
         Path | None,
         option("Folder for the results.  [default: runs/ and a name from the scenario]", panel=_OUT),
     ] = None
-    files: Annotated[
-        bool, option("Write the results, or only print them.", "--files/--no-files", panel=_OUT)
-    ] = True
-    plots: Annotated[bool, option("Draw pictures among the results.", "--plots/--no-plots", panel=_OUT)] = (
-        True
-    )
+    files: Annotated[bool, option("Write the results, or only print them.", panel=_OUT)] = True
+    plots: Annotated[bool, option("Draw pictures among the results.", panel=_OUT)] = True
     animate: Annotated[
         bool, option("Write the run as a moving picture (run.gif), too.", "--animate", panel=_OUT)
     ] = False
@@ -180,9 +177,7 @@ def fly_command(
     saving: _Saving,
     cache: Annotated[
         bool,
-        option(
-            "Keep a large farm's environment for the next run.", "--cache/--no-cache", panel="What to run"
-        ),
+        option("Keep a large farm's environment for the next run.", panel="What to run"),
     ] = True,
     force: Force = False,
 ) -> int:
@@ -260,9 +255,11 @@ def _show(
     title = f"{result.farm.name}: {result.plan.planner or 'mission file'}, {result.estimator}"
     title += f", {result.plan.vehicle.name}, seed {result.scenario.seed}"
     output.result(summary, _rows(result, summary, simulated=simulated), title=title)
-    if not output.as_json and len(result.days) > 1:
+    if output.as_json:
+        return
+    if len(result.days) > 1:
         _print_days(output, result)
-    if not output.as_json and summary["vehicles"] > 1:
+    if summary["vehicles"] > 1:
         _print_fleet(output, result)
 
 
@@ -272,23 +269,23 @@ def _rows(result: Result, summary: Mapping[str, Any], *, simulated: bool) -> dic
     losses = ", ".join(
         f"{name} {value:.4g}" for name, value in summary["losses"].items() if value is not None
     )
+    flown = f"{distance(summary['path_length_m'])} in {duration(summary['flight_time_s'])}"
+    if result.scenario.mission.policy is None:  # of a policy only the first path is known before
+        flown += f" (predicted {duration(summary['predicted_time_s'])})"
     rows = {
-        "outcome": result.outcome.value + (f" ({result.reason})" if result.reason else ""),
-        "score": "-"
-        if summary["score"] is None
-        else f"{summary['score']:.5f} over the run, {summary['final_score']:.5f} at the end (0 is perfect)",
+        "outcome": in_words(result.outcome, result.reason),
+        "score": told("{score:.5f} over the run, {final_score:.5f} at the end (0 is perfect)", summary),
         "loss a cell at the end": losses or "-",
         **(result.report.rows() if result.report is not None else {}),
-        "observations": f"{summary['observations']}, of {summary['cells_observed']} different cells",
-        "flown": f"{distance(summary['path_length_m'])} in {duration(summary['flight_time_s'])}"
-        + _prediction(result, summary["predicted_time_s"]),
+        "observations": told("{observations}, of {cells_observed} different cells", summary),
+        "flown": flown,
         **_decision_rows(result),
-        "battery used": "-" if summary["battery_used"] is None else f"{summary['battery_used']:.1%}",
+        "battery used": told("{battery_used:.1%}", summary),
         "mission transfer": f"{transfer['items']} items, {transfer['retries']} retries, "
         + ("verified" if transfer["verified"] else "not verified"),
         "wall time": f"{duration(summary['wall_time_s'])}: "
         + ", ".join(f"{name} {seconds:.2f} s" for name, seconds in summary["timings_s"].items()),
-        **({"flight speed": f"{summary['realtime_factor']:.0f} x real time"} if simulated else {}),
+        **({"flight speed": told("{realtime_factor:.0f} x real time", summary)} if simulated else {}),
         "files": summary["files"] or "not written",
     }
     if summary["least_distance_m"] is not None:
@@ -296,9 +293,9 @@ def _rows(result: Result, summary: Mapping[str, Any], *, simulated: bool) -> dic
     return rows
 
 
-def _prediction(result: Result, predicted_s: float) -> str:
-    """Return what was predicted of a flight by a planner; of a policy only the first path is known before."""
-    return "" if result.scenario.mission.policy is not None else f" (predicted {duration(predicted_s)})"
+def in_words(outcome: Outcome, reason: str) -> str:
+    """Return an outcome with its reason, if it has one."""
+    return f"{outcome.value} ({reason})" if reason else outcome.value
 
 
 def _decision_rows(result: Result) -> dict[str, str]:
@@ -307,25 +304,23 @@ def _decision_rows(result: Result) -> dict[str, str]:
         return {}
     from wbf_mission.replanning.record import PLANNED_PATH, SKIPPED
 
-    records = result.decisions
-    first_paths = (PLANNED_PATH, SKIPPED)
-    changes = [one for record in records for one in record.changes if one.outcome not in first_paths]
+    records, skipped = result.decisions, result.skipped_flights
+    changes = [
+        one for record in records for one in record.changes if one.outcome not in (PLANNED_PATH, SKIPPED)
+    ]
     flown = [one for one in changes if one.outcome == "flown"]
     delays = [
         one.effect_s - one.sent_s for one in flown if one.effect_s is not None and one.sent_s is not None
     ]
-    told = f"{len(records)} questions, {len(flown)} of {len(changes)} changed paths flown"
+    refused = [record.refused for record in records if record.refused]
+    text = f"{len(records)} questions, {len(flown)} of {len(changes)} changed paths flown"
     if delays:
-        told += f", {sum(delays) / len(delays):.2f} s from decision to turn"
-    if result.skipped_flights:
-        told += (
-            f"; {result.skipped_flights} flight{'s' if result.skipped_flights > 1 else ''} not worth making"
-        )
-    refused = sum(bool(record.refused) for record in records)
+        text += f", {sum(delays) / len(delays):.2f} s from decision to turn"
+    if skipped:
+        text += f"; {skipped} flight{'s' if skipped > 1 else ''} not worth making"
     if refused:
-        first = next(record.refused for record in records if record.refused)
-        told += f"; {refused} answers not flown, the first: {first}"
-    return {"decisions": told}
+        text += f"; {len(refused)} answers not flown, the first: {refused[0]}"
+    return {"decisions": text}
 
 
 def _print_days(output: Output, result: Result) -> None:
@@ -335,10 +330,9 @@ def _print_days(output: Output, result: Result) -> None:
     titles = [field.title for field in result.report.fields] if result.report is not None else []
     rows = []
     for values, one in zip(result.by_day(), result.days, strict=True):
-        told = [brief(field) for field in one.report.fields] if one.report is not None else []
-        score = ["-" if values[key] is None else f"{values[key]:.5f}" for key in ("score", "final_score")]
-        counts = [str(values[key]) for key in ("day", "flights", "observations")]
-        rows.append([*counts, *score, *(told or ["-"] * len(titles))])
+        fields = [brief(field) for field in one.report.fields] if one.report is not None else []
+        forms = ("{day}", "{flights}", "{observations}", "{score:.5f}", "{final_score:.5f}")
+        rows.append([*(told(form, values) for form in forms), *(fields or ["-"] * len(titles))])
     header = ["day", "flights", "observations", "score", "at its end", *titles]
     output.table(None, header, rows, title="Days")
 
@@ -354,7 +348,7 @@ def _print_fleet(output: Output, result: Result) -> None:
             [
                 str(number),
                 mine[0].plan.vehicle.name,
-                bad.outcome.value + (f" ({bad.reason})" if bad.reason else ""),
+                in_words(bad.outcome, bad.reason),
                 str(len(mine)),
                 distance(sum(one.track.length_m for one in mine)),
                 duration(sum(one.flight_time_s for one in mine)),

@@ -13,7 +13,7 @@ import typer
 from geo.texts import printable
 from wbf_mission.cli import options, signals
 from wbf_mission.cli.options import option
-from wbf_mission.cli.output import Output, to_stdout
+from wbf_mission.cli.output import Output, to_stdout, told
 from wbf_mission.exit_codes import ExitCode
 
 if TYPE_CHECKING:
@@ -33,19 +33,19 @@ wbf-mission command udpin:127.0.0.1:14550 mission --arm
 wbf-mission command tcp:127.0.0.1:5760 mode LOITER
 """
 _COLUMNS = {
-    "time": 8,
-    "vehicle": 7,
-    "autopilot": 9,
-    "mode": 9,
-    "armed": 5,
-    "item": 10,
-    "height": 8,
-    "speed": 8,
-    "battery": 7,
-    "GPS": 13,
-    "link": 14,
+    "time": (8, "{now_s:.1f} s"),
+    "vehicle": (7, "{system_id}"),
+    "autopilot": (9, "{autopilot}"),
+    "mode": (9, "{mode}"),
+    "armed": (5, "{yes_or_no}"),
+    "item": (10, "{item}{of_items}"),
+    "height": (8, "{height_m:.1f} m"),
+    "speed": (8, "{ground_speed_m_s:.1f} m/s"),
+    "battery": (7, "{battery:.0%}"),
+    "GPS": (13, "fix {gps_fix}, {of_satellites} sat"),
+    "link": (14, "{link}"),
 }
-"""Headings of the lines, and how wide their columns are."""
+"""Headings of the lines, how wide their columns are, and what they tell of a vehicle."""
 
 
 _JSON_LINES = Annotated[
@@ -116,7 +116,7 @@ class _Told:
             if not self._headed:
                 self._headed = True
                 _line(_aligned(_COLUMNS))
-            _line(_aligned([f"{now_s:.1f} s", *_row(one, silent=vehicle.is_silent(now_s))]))
+            _line(_aligned(_row(one, now_s, silent=vehicle.is_silent(now_s))))
 
 
 def _json_line(values: dict[str, Any]) -> None:
@@ -133,32 +133,25 @@ def _line(text: str) -> None:
 
 def _aligned(cells: Iterable[str]) -> str:
     """Return cells as a line, each under its heading."""
-    return "  ".join(cell.ljust(width) for cell, width in zip(cells, _COLUMNS.values(), strict=True)).rstrip()
+    widths = (width for width, _ in _COLUMNS.values())
+    return "  ".join(cell.ljust(width) for cell, width in zip(cells, widths, strict=True)).rstrip()
 
 
-def _row(one: dict[str, Any], *, silent: bool) -> list[str]:
-    """Return what a line tells of a vehicle, after the time."""
+def _row(one: dict[str, Any], now_s: float, *, silent: bool) -> list[str]:
+    """Return what a line tells of a vehicle."""
     from mission.ground.link_state import milliseconds
 
-    def text(value: Any, form: str) -> str:
-        return "-" if value is None else form.format(value)
-
-    item = text(one["item"], "{}") + ("" if one["item"] is None else text(one["items"], " of {}"))
-    link = text(one["link_quality"], "{:.0%}")
+    link = told("{link_quality:.0%}", one)
     if one["round_trip_s"] is not None:
         link += f", {milliseconds(one['round_trip_s'])}"
-    return [
-        str(one["system_id"]),
-        one["autopilot"],
-        one["mode"],
-        "yes" if one["armed"] else "no",
-        item,
-        text(one["height_m"], "{:.1f} m"),
-        text(one["ground_speed_m_s"], "{:.1f} m/s"),
-        text(one["battery"], "{:.0%}"),
-        "-" if one["gps_fix"] is None else f"fix {one['gps_fix']}, {one['satellites']} sat",
-        f"silent for {one['silent_s']:.0f} s" if silent else link,
-    ]
+    more = {
+        "now_s": now_s,
+        "yes_or_no": "yes" if one["armed"] else "no",
+        "of_items": "" if one["items"] is None else f" of {one['items']}",
+        "of_satellites": str(one["satellites"]),
+        "link": f"silent for {one['silent_s']:.0f} s" if silent else link,
+    }
+    return [told(form, one | more) for _, form in _COLUMNS.values()]
 
 
 @options.speaks()

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from datetime import timedelta
+from string import Formatter
 from typing import TYPE_CHECKING, Any
 
 from geo.texts import printable
@@ -265,6 +266,16 @@ def to_stdout() -> Iterator[None]:
         sys.stdout.flush()
     except OSError as error:
         raise StdoutError(error) from error
+
+
+def told(form: str, values: Mapping[str, Any]) -> str:
+    """Return values in words; a dash if one of them is not known.
+
+    >>> told("{mass_kg:g} kg", {"mass_kg": 2.5}), told("{mass_kg:g} kg", {"mass_kg": None})
+    ('2.5 kg', '-')
+    """
+    names = [name for _, name, _, _ in Formatter().parse(form) if name]
+    return "-" if any(values[name] is None for name in names) else form.format_map(values)
 
 
 def duration(seconds: float) -> str:

@@ -13,7 +13,6 @@ from wbf_mission.cli.preflight import show_findings
 from wbf_mission.scenario import CameraOptions, FarmOptions, MissionOptions, VehicleOptions, WeatherOptions
 
 if TYPE_CHECKING:
-    from sim_vehicle.prediction.flight import Prediction
     from wbf_mission.planning import PlanResult
 
 EXAMPLES = """
@@ -93,32 +92,32 @@ def plan_command(
     notes = [one for result in results for one in result.rendered.remarks if one.severity is Severity.NOTE]
     for note in dict.fromkeys(str(one) for one in notes):
         output.note(f"note: {note}")
+    values, tables = [], []
     for result, path in zip(results, files, strict=True):
         if path is not None:
             write_mission(result.mission, path, firmware=Firmware(result.mav_autopilot))
-    told = [
-        {**result.summary(), "file": str(path) if path else None}
-        for result, path in zip(results, files, strict=True)
-    ]
+        values.append({**result.summary(), "file": str(path) if path else None})
+        tables.append(_rows(result, path))
     if len(results) == 1:
-        output.result(told[0], _rows(results[0], files[0]), title="Plan")
+        output.result(values[0], tables[0], title="Plan")
         return
-    tables = [_rows(result, path) for result, path in zip(results, files, strict=True)]
-    shown = [
-        "vehicle",
-        "waypoints",
-        "row spacing",
-        "length",
-        "predicted time",
-        "coverage",
-        "battery use",
-        "file",
-    ]
-    rows = [[str(number), *(one[name] for name in shown)] for number, one in enumerate(tables, start=1)]
-    first = results[0]
-    title = f"{first.farm.name}: {first.planner}, {first.budget_text} each"
-    values = {"vehicles": len(results), "plans": told}
-    output.table(values, ["", *shown], rows, title=title, left=True)
+    rows = [[str(number), *(one[name] for name in _OF_EACH)] for number, one in enumerate(tables, start=1)]
+    title = f"{results[0].farm.name}: {results[0].planner}, {results[0].budget_text} each"
+    together = {"vehicles": len(results), "plans": values}
+    output.table(together, ["", *_OF_EACH], rows, title=title, left=True)
+
+
+_OF_EACH = (
+    "vehicle",
+    "waypoints",
+    "row spacing",
+    "length",
+    "predicted time",
+    "coverage",
+    "battery use",
+    "file",
+)
+"""What is told of each plan of a fleet."""
 
 
 def _files(out: Path | None, count: int) -> list[Path | None]:
@@ -128,18 +127,13 @@ def _files(out: Path | None, count: int) -> list[Path | None]:
     return [out.with_name(f"{out.stem}-{number}{out.suffix}") for number in range(1, count + 1)]
 
 
-def _time(prediction: Prediction) -> str:
-    """Return the predicted time, with where it is nine times in ten if chance has a part in it."""
-    text = duration(prediction.duration_s)
-    if prediction.duration_interval_s is None:
-        return text
-    low_s, high_s = prediction.duration_interval_s
-    return f"{text} (90 %: {duration(low_s)} to {duration(high_s)})"
-
-
 def _rows(result: PlanResult, path: Path | None) -> dict[str, str]:
     """Return what is told of a plan."""
-    battery = "none" if result.battery_used is None else f"{result.battery_used:.1%}"
+    prediction, battery = result.prediction, result.battery_used
+    time = duration(prediction.duration_s)
+    if prediction.duration_interval_s is not None:
+        low, high = map(duration, prediction.duration_interval_s)
+        time += f" (90 %: {low} to {high})"
     return {
         "farm": result.farm.name,
         "planner": result.planner or "none (mission file)",
@@ -148,9 +142,9 @@ def _rows(result: PlanResult, path: Path | None) -> dict[str, str]:
         "waypoints": str(len(result.path_m)),
         "row spacing": "-" if result.spacing_m is None else distance(result.spacing_m),
         "length": f"{distance(result.length_m)} over ground, as predicted",
-        "predicted time": _time(result.prediction),
+        "predicted time": time,
         "coverage": f"{result.coverage:.2%} of the owner's land, as predicted",
-        "battery use": battery,
+        "battery use": "none" if battery is None else f"{battery:.1%}",
         "batteries": "never enough" if result.batteries is None else str(result.batteries),
         "file": str(path) if path else "not written (give --out FILE)",
     }

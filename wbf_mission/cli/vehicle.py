@@ -8,7 +8,7 @@ import typer
 
 from wbf_mission.cli import options
 from wbf_mission.cli.help import HelpCommand, HelpGroup
-from wbf_mission.cli.output import Output
+from wbf_mission.cli.output import Output, told
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -31,20 +31,19 @@ def list_command(output: Output) -> None:
 
     vehicles = [get_vehicle(name) for name in vehicle_names()]
     values = [_summary(vehicle) for vehicle in vehicles]
-    rows = [
-        [
-            value["name"],
-            value["kind"],
-            _number(value["mass_kg"], "{:.3g} kg"),
-            _number(value["battery_wh"], "{:.4g} Wh"),
-            f"{value['cruise_speed_m_s']:g} m/s",
-            _number(value["cruise_endurance_min"], "{:.0f} min"),
-            value["description"],
-        ]
-        for value in values
-    ]
-    columns = ["vehicle", "kind", "mass", "battery", "cruise", "lasts", "what it is"]
-    output.table(values, columns, rows)
+    rows = [[told(form, one) for form in _COLUMNS.values()] for one in values]
+    output.table(values, list(_COLUMNS), rows)
+
+
+_COLUMNS = {
+    "vehicle": "{name}",
+    "kind": "{kind}",
+    "mass": "{mass_kg:.3g} kg",
+    "battery": "{battery_wh:.4g} Wh",
+    "cruise": "{cruise_speed_m_s:g} m/s",
+    "lasts": "{cruise_endurance_min:.0f} min",
+    "what it is": "{description}",
+}
 
 
 @app.command("show", cls=HelpCommand, epilog="Example\n\nwbf-mission vehicle show quad")
@@ -95,10 +94,12 @@ def _add_endurance(spec: VehicleSpec, values: dict[str, Any], rows: dict[str, st
     assert battery is not None
     assert power is not None
     best = best_speeds(spec, least_airspeed_m_s=_least_airspeed_m_s(spec))
-    values["best_endurance_min"] = best.endurance_s / 60.0
-    values["best_endurance_speed_m_s"] = best.endurance_speed_m_s
-    values["best_range_m"] = best.range_m
-    values["best_range_speed_m_s"] = best.range_speed_m_s
+    values |= {
+        "best_endurance_min": best.endurance_s / 60.0,
+        "best_endurance_speed_m_s": best.endurance_speed_m_s,
+        "best_range_m": best.range_m,
+        "best_range_speed_m_s": best.range_speed_m_s,
+    }
     rows["battery"] = (
         f"{battery.capacity_wh:g} Wh, {battery.cells} cells, {battery.capacity_mah:.0f} mAh; "
         f"low at {battery.reserve_fraction:.0%}, critical at {battery.critical_fraction:.0%}"
@@ -106,20 +107,22 @@ def _add_endurance(spec: VehicleSpec, values: dict[str, Any], rows: dict[str, st
     cruise_w = flight_power_w(power, spec.cruise_speed_m_s, battery=battery)
     rows["cruise"] = f"{cruise_w:.0f} W, {values['cruise_endurance_min']:.1f} min until empty"
     if spec.hovers:
-        hover_w = flight_power_w(power, battery=battery)
-        values["hover_power_w"] = hover_w
-        rows["hover"] = f"{hover_w:.0f} W, {endurance_s(spec, 0.0) / 60.0:.1f} min until empty"
+        values["hover_power_w"] = flight_power_w(power, battery=battery)
+        rows["hover"] = (
+            f"{values['hover_power_w']:.0f} W, {endurance_s(spec, 0.0) / 60.0:.1f} min until empty"
+        )
     rows["longest"] = f"{best.endurance_s / 60.0:.1f} min at {best.endurance_speed_m_s:.1f} m/s"
     rows["farthest"] = f"{best.range_m / 1000.0:.1f} km at {best.range_speed_m_s:.1f} m/s"
-    if spec.published is not None:
-        told = spec.published
-        model = endurance_s(spec, told.airspeed_m_s, used_fraction=told.used_fraction) / 60.0
-        values["published_endurance_min"] = told.endurance_min
-        values["published_condition"] = told.condition
-        values["published_source"] = told.source
-        values["model_endurance_min"] = model
-        rows["published"] = f"{told.endurance_min:g} min ({told.condition}; {told.source})"
-        rows["the model then"] = f"{model:.1f} min"
+    if (maker := spec.published) is not None:
+        model_s = endurance_s(spec, maker.airspeed_m_s, used_fraction=maker.used_fraction)
+        values |= {
+            "published_endurance_min": maker.endurance_min,
+            "published_condition": maker.condition,
+            "published_source": maker.source,
+            "model_endurance_min": model_s / 60.0,
+        }
+        rows["published"] = f"{maker.endurance_min:g} min ({maker.condition}; {maker.source})"
+        rows["the model then"] = f"{model_s / 60.0:.1f} min"
 
 
 def _least_airspeed_m_s(spec: VehicleSpec) -> float | None:
@@ -146,7 +149,3 @@ def _summary(spec: VehicleSpec) -> dict[str, Any]:
         "cruise_speed_m_s": spec.cruise_speed_m_s,
         "cruise_endurance_min": None if endless else endurance_s(spec, spec.cruise_speed_m_s) / 60.0,
     }
-
-
-def _number(value: float | None, form: str) -> str:
-    return "-" if value is None else form.format(value)

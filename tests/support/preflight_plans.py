@@ -7,7 +7,8 @@ import shapely
 from geo.farm import Crop, Farm, Patch
 from geo.frame import LocalFrame
 from mission.model import Command, GeoPoint, Mission, MissionItem
-from wbf_mission.preflight.run import Circumstances, check_mission
+from wbf_mission.preflight.run import check_mission
+from wbf_mission.preflight.subject import Circumstances
 from wbf_mission.scenario import VehicleOptions, WeatherOptions
 
 HOME = GeoPoint(28.05, -82.15, 20.0)

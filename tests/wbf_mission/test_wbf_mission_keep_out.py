@@ -23,7 +23,8 @@ from wbf_mission.flight import fly
 from wbf_mission.planning import MissionBuilder, plan
 from wbf_mission.planning.keep_out import KeepOut
 from wbf_mission.preflight.finding import PreflightError
-from wbf_mission.preflight.run import Circumstances, check_mission
+from wbf_mission.preflight.run import check_mission
+from wbf_mission.preflight.subject import Circumstances
 from wbf_mission.scenario import Scenario, ScenarioError
 
 PLANNERS = ("lawnmower", "spiral", "adaptive-lawnmower", "random-waypoint")

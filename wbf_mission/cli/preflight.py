@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from mission.model import Mission
     from wbf_mission.preflight.finding import Finding, PreflightError, Report
     from wbf_mission.preflight.inquiry import VehicleSnapshot
-    from wbf_mission.preflight.run import Circumstances, Preflight
+    from wbf_mission.preflight.run import Preflight
+    from wbf_mission.preflight.subject import Circumstances
 
 CHECKED = options.scenario_options(
     MissionOptions,
@@ -70,7 +71,7 @@ class Surroundings:
         """Return what a plan is checked for, by the command line."""
         from geo import get_farm
         from sim_vehicle.camera.component import MIN_INTERVAL_S
-        from wbf_mission.preflight.run import Circumstances
+        from wbf_mission.preflight.subject import Circumstances
 
         interval_s = self.camera_interval
         if interval_s is not None and not 0.0 < interval_s <= 3600.0:
@@ -202,7 +203,7 @@ def asked(output: Output, url: str, wait_s: float, system_id: int | None) -> Veh
 
 def _show(output: Output, file: Path, checked: Preflight) -> None:
     subject, report = checked.subject, checked.report
-    snapshot = subject.snapshot
+    snapshot = subject.given.snapshot
     prediction = None if subject.stopped is not None else subject.prediction
     values: dict[str, Any] = {
         "file": str(file),

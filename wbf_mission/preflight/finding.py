@@ -212,10 +212,11 @@ class Report:
 
 @dataclass(frozen=True, slots=True)
 class Hit:
-    """An item, counted from 0, at which a check struck, and what was measured there."""
+    """An item, counted from 0, at which a check struck, and how bad it is there."""
 
     item: int
     value: float
+    measured: tuple[float, float] | None = None  # What was measured and its limit, where that is not `value`
 
 
 def worst_of(hits: Iterable[Hit], *, largest: bool) -> tuple[Hit, int] | None:
@@ -224,7 +225,7 @@ def worst_of(hits: Iterable[Hit], *, largest: bool) -> tuple[Hit, int] | None:
     Examples
     --------
     >>> worst_of([Hit(1, 2.0), Hit(4, 3.0), Hit(4, 1.0)], largest=True)
-    (Hit(item=4, value=3.0), 2)
+    (Hit(item=4, value=3.0, measured=None), 2)
     """
     found: Sequence[Hit] = [one for one in hits if not math.isnan(one.value)]
     if not found:

@@ -115,29 +115,30 @@ def check_turns(subject: Subject) -> Iterator[Finding]:
         if legs[k].passed and legs[k + 1].item != legs[k].item:
             radius_m = limits.tightest_m(max(legs[k].speed_m_s, limits.airspeed_min))
             needs[k + 1] = radius_m * min(math.tan(0.5 * _turn_rad(legs[k], legs[k + 1])), _TURN_BACK)
-    tight = []
-    for k, leg in enumerate(legs):
-        needed_m = needs[k] + needs[k + 1]
-        if leg.passed and 0.0 < leg.length_m < needed_m:
-            tight.append((Hit(leg.item, leg.length_m / needed_m), leg, needed_m))
-    worst_hit = worst_of([hit for hit, _, _ in tight], largest=False)
+    tight = [
+        Hit(leg.item, leg.length_m / needed_m, (leg.length_m, needed_m))
+        for leg, needed_m in zip(legs, map(sum, pairwise(needs)), strict=True)
+        if leg.passed and 0.0 < leg.length_m < needed_m
+    ]
+    worst_hit = worst_of(tight, largest=False)
     share = share_flown(subject, [leg for leg in legs if leg.passed], _BESIDE_M)
     if worst_hit is None or (share is not None and share >= _MOST_OF_IT):
         return
-    first, count = worst_hit
-    leg, needed_m = next((leg, needed) for hit, leg, needed in tight if hit == first)
-    room_m = max(2.0 * limits.tightest_m(max(leg.speed_m_s, limits.airspeed_min)), 1.0)
-    measure = Measure.at_least("length of the leg", leg.length_m, needed_m, "m")
+    hit, count = worst_hit
+    speed_m_s = next(leg.speed_m_s for leg in legs if leg.item == hit.item)
+    room_m = max(2.0 * limits.tightest_m(max(speed_m_s, limits.airspeed_min)), 1.0)
+    assert hit.measured is not None
+    measure = Measure.at_least("length of the leg", *hit.measured, "m")
     if share is not None:
         name = f"part of the path flown within {_BESIDE_M:g} m"
         measure = Measure.at_least(name, 100.0 * share, 100.0 * _MOST_OF_IT, "%")
-    yield found(subject, "tight-turn", item=first.item, count=count, measure=measure, room_m=room_m)
+    yield found(subject, "tight-turn", item=hit.item, count=count, measure=measure, room_m=room_m)
 
 
 def check_climbs(subject: Subject) -> Iterator[Finding]:
     """Legs that climb or sink faster than the vehicle does at the speed of the leg."""
-    vehicle = subject.vehicle
-    if not (vehicle.hovers or vehicle.circles):
+    vehicle, wing = subject.vehicle, subject.vehicle.circles
+    if not (vehicle.hovers or wing):
         return
     steep = []
     for leg in legs_of(subject)[1:]:
@@ -147,20 +148,10 @@ def check_climbs(subject: Subject) -> Iterator[Finding]:
             continue
         rate = abs(leg.climb_m) * leg.speed_m_s / leg.length_m
         if rate > limit:
-            steep.append((Hit(leg.item, rate / limit), rate, limit))
-    if (worst_hit := worst_of([hit for hit, _, _ in steep], largest=True)) is not None:
-        first, count = worst_hit
-        measured = next((rate, limit) for hit, rate, limit in steep if hit == first)
-        wing = vehicle.circles
-        yield found(
-            subject,
-            "steep-leg",
-            item=first.item,
-            count=count,
-            measured=measured,
-            severity=Severity.WARNING if wing else Severity.NOTE,
-            outcome="the height is not reached at the waypoint" if wing else "the leg is flown slower",
-        )
+            steep.append(Hit(leg.item, rate / limit, (rate, limit)))
+    outcome = "the height is not reached at the waypoint" if wing else "the leg is flown slower"
+    severity = Severity.WARNING if wing else Severity.NOTE
+    yield from worst(subject, "steep-leg", steep, severity=severity, outcome=outcome)
 
 
 TOO_GUSTY = "too-gusty"
@@ -171,7 +162,7 @@ _SHORT_GUSTS_S = 1.0
 def check_wind(subject: Subject) -> Iterator[Finding]:
     """A mean wind in which the vehicle would be blown away; gusts that it cannot hold its path against."""
     vehicle, wind = subject.vehicle, subject.wind
-    if wind is None or vehicle.is_ideal:
+    if vehicle.is_ideal:
         return
     limit_m_s = vehicle.airspeed_limit_m_s
     top_m = max(0.0, max((leg.end_m[2] for leg in legs_of(subject)), default=vehicle.takeoff_altitude_m))
@@ -210,11 +201,9 @@ def check_battery(subject: Subject) -> Iterator[Finding]:
     takes = f"{minutes} min {seconds} s" if minutes else f"{seconds} s"
     until = "" if subject.stopped is None else "until it ends there, "
     wind = subject.wind
-    speed_m_s = 0.0 if wind is None else math.hypot(wind.east_m_s, wind.north_m_s)
-    gusty = wind is not None and wind.is_gusty
-    air = (
-        f"a wind of {speed_m_s:.3g} m/s{' and gusts' if gusty else ''}" if speed_m_s or gusty else "calm air"
-    )
+    speed_m_s = math.hypot(wind.east_m_s, wind.north_m_s)
+    gusts = " and gusts" * wind.is_gusty
+    air = f"a wind of {speed_m_s:.3g} m/s{gusts}" if speed_m_s or gusts else "calm air"
     over_ground = f"{prediction.ground_length_m:.1f} m over ground"
     text = f"{until}the flight is predicted to take {takes} in {air}: {over_ground}"
     if battery is None or subject.stopped is not None:
@@ -259,13 +248,13 @@ def check_fence(subject: Subject) -> Iterator[Finding]:
         Hit(int(item), float(margin))
         for track in _paths(subject)
         for item, margin in zip(track.items, fence.margins_m(*track.points_m[:, :2].T), strict=True)
-        if margin < subject.margin_m
+        if margin < subject.given.margin_m
     ]
     outside = [hit for hit in near if hit.value < 0.0]
     if outside:
         yield from worst(subject, "outside-fence", outside, 0.0)
     else:
-        yield from worst(subject, "near-fence", near, subject.margin_m)
+        yield from worst(subject, "near-fence", near, subject.given.margin_m)
 
 
 def _fence_of(subject: Subject) -> Fence:
@@ -278,18 +267,18 @@ def _fence_of(subject: Subject) -> Fence:
 
 def check_obstacles(subject: Subject) -> Iterator[Finding]:
     """Whether the path that is flown stays clear of the farm's obstacles, with the margin."""
-    if not subject.obstacles:
+    if not (about_home := subject.obstacles):
         return
-    obstacles = shapely.union_all(list(subject.obstacles))
+    obstacles = shapely.union_all(about_home)
     shapely.prepare(obstacles)
     hits = []
     for track in _paths(subject):
         legs = shapely.linestrings(np.stack((track.points_m[:-1, :2], track.points_m[1:, :2]), axis=1))
-        near = np.flatnonzero(shapely.dwithin(legs, obstacles, subject.margin_m))
+        near = np.flatnonzero(shapely.dwithin(legs, obstacles, subject.given.margin_m))
         away = shapely.distance(legs[near], obstacles)
         hits += [Hit(int(track.items[k + 1]), float(metres)) for k, metres in zip(near, away, strict=True)]
     code = "obstacle" if any(hit.value == 0.0 for hit in hits) else "near-obstacle"
-    yield from worst(subject, code, hits, subject.margin_m)
+    yield from worst(subject, code, hits, subject.given.margin_m)
 
 
 def _paths(subject: Subject) -> list[FlownTrack]:

@@ -7,8 +7,9 @@ import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import Any
 
-from mission.autopilots.profile import Profile, Question
+from mission.autopilots.profile import Meaning, Profile, Question, answer_to
 from mission.autopilots.registry import profile_for
 from mission.errors import MissionError
 from mission.ground.arming_gate import ArmingGate
@@ -88,6 +89,15 @@ class VehicleSnapshot:
     battery: float | None = None  # Fraction that is left
     reasons: tuple[str, ...] = ()  # Why it would not arm, in its own words
 
+    @property
+    def questions(self) -> tuple[Question, ...]:
+        """What of its parameters a plan depends on."""
+        return profile_for(self.autopilot).settings.asked_of(self.vehicle_type)
+
+    def told(self, meaning: Meaning) -> tuple[str, float] | None:
+        """Return the name and the value of a parameter, if the vehicle told it."""
+        return answer_to(meaning, self.questions, self.parameters)
+
 
 _UNKNOWN = 65535
 _UNKNOWN_SATELLITES = 255
@@ -104,41 +114,25 @@ ESTIMATES = (int(m.MAVLINK_MSG_ID_ESTIMATOR_STATUS), int(m.MAVLINK_MSG_ID_EKF_ST
 """What tells of the estimator: on most autopilots, and on ArduPilot."""
 
 
-class HeardState:
-    """Keeps what a vehicle told; everything is None until it did."""
-
-    def __init__(self) -> None:
-        self.monitor = VehicleMonitor()
-        self.ids: set[int] = set()
-        self.version: FirmwareVersion | None = None
-        self.status: m.MAVLink_sys_status_message | None = None
-        self.gps: Gps | None = None
-        self.estimator_flags: int | None = None
-        self.position: GeoPoint | None = None
-
-    def take(self, message: Message) -> None:
-        """Take a message of the vehicle."""
-        self.ids.add(type(message).id)
-        if isinstance(message, m.MAVLink_autopilot_version_message):
-            self.version = FirmwareVersion.of(message.flight_sw_version)
-        elif isinstance(message, m.MAVLink_sys_status_message):
-            self.status = message
-        elif isinstance(message, m.MAVLink_gps_raw_int_message):
-            seen, eph = message.satellites_visible, message.eph
-            self.gps = Gps(
-                message.fix_type,
-                None if seen == _UNKNOWN_SATELLITES else seen,
-                None if eph == _UNKNOWN else eph / 100.0,
-            )
-        elif isinstance(message, m.MAVLink_estimator_status_message | m.MAVLink_ekf_status_report_message):
-            self.estimator_flags = message.flags
-        elif isinstance(message, m.MAVLink_global_position_int_message):
-            self.position = _point(message)
-
-    @property
-    def says_ready(self) -> bool:
-        """Whether it did not say that it cannot arm."""
-        return self.status is None or bool(self.status.onboard_control_sensors_health & _PREARM)
+def _changes(message: Message) -> dict[str, Any]:
+    """Return what a message tells of a vehicle, by the names of `VehicleSnapshot`."""
+    if isinstance(message, m.MAVLink_autopilot_version_message):
+        return {"version": FirmwareVersion.of(message.flight_sw_version)}
+    if isinstance(message, m.MAVLink_sys_status_message):
+        return {
+            "sensors_present": message.onboard_control_sensors_present,
+            "sensors_enabled": message.onboard_control_sensors_enabled,
+            "sensors_health": message.onboard_control_sensors_health,
+        }
+    if isinstance(message, m.MAVLink_gps_raw_int_message):
+        seen, eph = message.satellites_visible, message.eph
+        satellites = None if seen == _UNKNOWN_SATELLITES else seen
+        return {"gps": Gps(message.fix_type, satellites, None if eph == _UNKNOWN else eph / 100.0)}
+    if isinstance(message, m.MAVLink_estimator_status_message | m.MAVLink_ekf_status_report_message):
+        return {"estimator_flags": message.flags}
+    if isinstance(message, m.MAVLink_global_position_int_message):
+        return {"position": _point(message)}
+    return {}
 
 
 def _point(message: m.MAVLink_global_position_int_message) -> GeoPoint | None:
@@ -182,7 +176,9 @@ class Inquiry:
     def __init__(self, *, system_id: int | None = None) -> None:
         self.done = False
         self.search = VehicleSearch(system_id)
-        self._heard = HeardState()
+        self._monitor = VehicleMonitor()
+        self._ids: set[int] = set()
+        self._told: dict[str, Any] = {}
         self._texts = TextLog()
         self._reasons: ArmingGate | None = None
         self._questions: tuple[Question, ...] = ()
@@ -208,7 +204,7 @@ class Inquiry:
         first = self.search.take(message) is not None
         if source != self.vehicle:
             return []
-        self._heard.monitor.receive(message, now_s)
+        self._monitor.receive(message, now_s)
         if isinstance(message, m.MAVLink_heartbeat_message):
             return self._begin(now_s) if first else []
         self._take(message, now_s)
@@ -238,37 +234,25 @@ class Inquiry:
     def snapshot(self) -> VehicleSnapshot:
         """Return what the vehicle told until now; it has to have been heard."""
         assert self.vehicle is not None
-        heard, status = self._heard, self._heard.status
-        monitor = heard.monitor
+        monitor = self._monitor
         return VehicleSnapshot(
             system_id=self.vehicle[0],
             autopilot=monitor.autopilot,
             vehicle_type=monitor.vehicle_type,
             armed=monitor.state.armed,
             parameters=MappingProxyType(dict(self._parameters)),
-            version=heard.version,
-            sensors_present=None if status is None else status.onboard_control_sensors_present,
-            sensors_enabled=None if status is None else status.onboard_control_sensors_enabled,
-            sensors_health=None if status is None else status.onboard_control_sensors_health,
-            gps=heard.gps,
-            estimator_flags=heard.estimator_flags,
-            position=heard.position,
             battery=monitor.battery.remaining,
             reasons=() if self._reasons is None else tuple(self._reasons.reasons),
+            **self._told,
         )
-
-    @property
-    def _estimator(self) -> int:
-        """The message that tells of the estimator."""
-        return self._profile.estimator_message
 
     def _begin(self, now_s: float) -> list[Message]:
         assert self.vehicle is not None
         self._begun_s = now_s
         self._reasons = ArmingGate(self.vehicle)
-        self._questions = self._profile.settings.asked_of(self._heard.monitor.vehicle_type)
+        self._questions = self._profile.settings.asked_of(self._monitor.vehicle_type)
         checks = self._command(int(m.MAV_CMD_RUN_PREARM_CHECKS), 0.0)
-        return [*self._ask(now_s), *([] if self._heard.monitor.state.armed else [checks])]
+        return [*self._ask(now_s), *([] if self._monitor.state.armed else [checks])]
 
     @property
     def _open(self) -> list[str | int]:
@@ -279,7 +263,7 @@ class Inquiry:
             if not any(name in self._parameters for name, _ in question.names)
             for name, _ in question.names
         ]
-        messages = [one for one in (*STATE_MESSAGES, self._estimator) if one not in self._heard.ids]
+        messages = [one for one in (*STATE_MESSAGES, self._profile.estimator_message) if one not in self._ids]
         every: list[str | int] = [*names, *messages]
         return [one for one in every if self._answer_s is None or self._tries.get(one, 0) <= _TRIES]
 
@@ -312,7 +296,8 @@ class Inquiry:
                 if self._reasons is not None:
                     self._reasons.on_text(text)
         else:
-            self._heard.take(message)
+            self._ids.add(type(message).id)
+            self._told |= _changes(message)
             if not self._questions:
                 # Otherwise parameters tell it: they come when asked only, these may have come by themselves.
                 self._measure_pace(now_s)
@@ -334,7 +319,7 @@ class Inquiry:
 
     @property
     def _profile(self) -> Profile:
-        return profile_for(self._heard.monitor.autopilot)
+        return profile_for(self._monitor.autopilot)
 
     def _settle(self, now_s: float) -> None:
         """Be done once everything is answered or given up, and the vehicle had time to say why not."""
@@ -342,8 +327,8 @@ class Inquiry:
             return
         longest_s = _LONGEST_SILENCE_S if self._answer_s is None else _LONGEST_S
         if self._settled_s is None and (not self._open or now_s >= self._begun_s + longest_s):
-            ready = self._heard.monitor.state.armed or self._heard.says_ready
-            self._settled_s = now_s + (0.0 if ready else _REASONS_S)
+            ready = self._told.get("sensors_health", _PREARM) & _PREARM
+            self._settled_s = now_s + (0.0 if ready or self._monitor.state.armed else _REASONS_S)
         if self._settled_s is not None and now_s >= self._settled_s:
             self.done = True
 

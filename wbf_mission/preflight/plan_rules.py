@@ -15,10 +15,11 @@ from sim_vehicle.execution.items import DO_COMMANDS, NAV_COMMANDS, Settings, do_
 from sim_vehicle.motion.legs import Position
 from wbf_mission.planning.builder import turns_camera
 from wbf_mission.preflight.finding import Concern, Finding, Hit, Severity, worst_of
-from wbf_mission.preflight.rules import found, worst
+from wbf_mission.preflight.rules import first, found, worst
 from wbf_mission.preflight.subject import (
     LANDINGS,
     LAST_NAV,
+    PLACED,
     TAKEOFFS,
     Subject,
     followers,
@@ -26,8 +27,6 @@ from wbf_mission.preflight.subject import (
     reachable,
 )
 
-PLACED = frozenset({16, 17, 18, 19, 22, 31, 82})
-"""Commands that are flown to at a height of their own."""
 _FLOWN_TO = PLACED | {int(Command.NAV_LAND)}
 _PASSED = frozenset({int(Command.NAV_WAYPOINT), int(Command.NAV_SPLINE_WAYPOINT)})
 _FAR_FROM_HOME = PLACED - {int(Command.NAV_TAKEOFF)}
@@ -162,14 +161,14 @@ def check_problems(subject: Subject) -> Iterator[Finding]:
     problems = [one for one in subject.problems if one.code != "jump-target"]
     for code in dict.fromkeys(one.code for one in problems):
         same = [one for one in problems if one.code == code]
-        first = same[0]
+        one = same[0]
         yield Finding(
             Severity.ERROR,
             code,
-            first.reason,
+            one.reason,
             _FIXES.get(code, "correct the item"),
-            item=None if first.item is None else first.item + 1,
-            command="" if first.item is None else command_name(first.command),
+            item=None if one.item is None else one.item + 1,
+            command="" if one.item is None else command_name(one.command),
             count=len(same),
         )
     if subject.stopped is not None:
@@ -188,17 +187,14 @@ def check_unknown(subject: Subject) -> Iterator[Finding]:
     items = list(enumerate(subject.items))
     unknown = [k for k, one in items if one.command not in NAV_COMMANDS and one.command not in DO_COMMANDS]
     terrain = [k for k, one in items if one.frame == Frame.GLOBAL_TERRAIN_ALT]
-    for code, where in (("not-predicted", unknown), ("terrain-heights", terrain)):
-        if where:
-            yield found(subject, code, item=where[0], count=len(where))
+    yield from first(subject, "not-predicted", unknown)
+    yield from first(subject, "terrain-heights", terrain)
 
 
 def check_flown(subject: Subject) -> Iterator[Finding]:
     """Items behind the end of the mission."""
     seen = reachable(subject.items)
-    never = [k for k in range(len(subject.items)) if k not in seen]
-    if never:
-        yield found(subject, "unreachable", item=never[0], count=len(never))
+    yield from first(subject, "unreachable", [k for k in range(len(subject.items)) if k not in seen])
 
 
 def check_ends(subject: Subject) -> Iterator[Finding]:
@@ -215,12 +211,11 @@ def check_frames(subject: Subject) -> Iterator[Finding]:
         for k, item in enumerate(subject.items)
         if item.command in PLACED and item.frame in _FRAMES and item.has_position
     ]
-    usual = Counter(frame for _, frame in frames).most_common()
-    if len(usual) > 1:
-        others = [(k, frame) for k, frame in frames if frame != usual[0][0]]
-        item, frame = others[0]
-        own, usual_level = _FRAMES[frame], _FRAMES[usual[0][0]]
-        yield found(subject, "mixed-frames", item=item, count=len(others), frame=own, usual=usual_level)
+    usual = Counter(frame for _, frame in frames).most_common(1)
+    others = [(k, frame) for k, frame in frames if frame != usual[0][0]]
+    if others:
+        own, level = _FRAMES[others[0][1]], _FRAMES[usual[0][0]]
+        yield from first(subject, "mixed-frames", [k for k, _ in others], frame=own, usual=level)
 
 
 def check_dialect(subject: Subject) -> Iterator[Finding]:
@@ -317,13 +312,13 @@ def check_camera(subject: Subject) -> Iterator[Finding]:
             on, order = (k, k) if starts else (None, order)
             distance_m = first if item.command == _DISTANCE else 0.0
             interval_s = {_INTERVAL: first / 1000.0, _START: item.param2 or 0.0}.get(item.command, 0.0)
-            if 0.0 < interval_s < subject.image_interval_s and starts:
+            if 0.0 < interval_s < subject.given.image_interval_s and starts:
                 hits.append(Hit(k, interval_s))
         elif distance_m > 0.0 and speeds.get(k, 0.0) > 0.0:
             interval_s = distance_m / speeds[k]
-            if interval_s < subject.image_interval_s:
+            if interval_s < subject.given.image_interval_s:
                 hits.append(Hit(order, interval_s))
-    yield from worst(subject, "camera-too-fast", hits, subject.image_interval_s)
+    yield from worst(subject, "camera-too-fast", hits, subject.given.image_interval_s)
     if on is not None:
         yield found(subject, "camera-left-on", item=on)
     if not any(item.command in (_DISTANCE, _INTERVAL, _START) for item in subject.items):

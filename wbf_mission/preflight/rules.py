@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -96,17 +96,9 @@ RULES: Mapping[Concern, Mapping[str, Rule]] = {
         ),
         "bad-fence": Rule(_ERROR, "{error}", "draw the fence again"),
         "home-outside-fence": Rule(
-            _ERROR,
-            "home is outside the fence: the vehicle would not arm",
-            "move the fence or home",
-            _INSIDE,
+            _ERROR, "home is outside the fence: the vehicle would not arm", "move the fence or home", _INSIDE
         ),
-        "rally-outside-fence": Rule(
-            _WARNING,
-            "a rally point outside the fence",
-            "move it inside",
-            _INSIDE,
-        ),
+        "rally-outside-fence": Rule(_WARNING, "a rally point outside the fence", "move it inside", _INSIDE),
         "outside-fence": Rule(
             _ERROR,
             "the path to it leaves the fence, or enters what it shuts out",
@@ -204,11 +196,7 @@ RULES: Mapping[Concern, Mapping[str, Rule]] = {
             _most("time in such gusts", "s"),
         ),
         "battery": Rule(
-            _ERROR,
-            "{flight}; {reason}",
-            "fly a shorter mission, or in parts",
-            _LEFT,
-            by_vehicle=True,
+            _ERROR, "{flight}; {reason}", "fly a shorter mission, or in parts", _LEFT, by_vehicle=True
         ),
         "battery-close": Rule(
             _NOTE,
@@ -353,7 +341,7 @@ def found(
         measure = Measure(name.format(**words), *measured, unit, against)
     severity = rule.severity if severity is None else severity
     return Finding(
-        _WARNING if rule.by_vehicle and subject.assumed else severity,
+        _WARNING if rule.by_vehicle and subject.given.assumed else severity,
         code,
         rule.text.format(**words),
         rule.fix.format(**words),
@@ -372,6 +360,12 @@ def _command(subject: Subject, plan: str, item: int | None) -> str:
     return "NAV_RALLY_POINT" if plan == "rally" else command_name(subject.items[item].command)
 
 
+def first(subject: Subject, code: str, items: Sequence[int], **words: Any) -> Iterator[Finding]:
+    """Yield what a rule says of the first of several items, if there is one."""
+    if items:
+        yield found(subject, code, item=items[0], count=len(items), **words)
+
+
 def worst(
     subject: Subject, code: str, hits: Iterable[Hit], limit: float = math.nan, **words: Any
 ) -> Iterator[Finding]:
@@ -380,4 +374,5 @@ def worst(
     largest = rule.measured is None or rule.measured[0] is Against.MOST
     if (one := worst_of(hits, largest=largest)) is not None:
         hit, count = one
-        yield found(subject, code, item=hit.item, count=count, measured=(hit.value, limit), **words)
+        measured = hit.measured or (hit.value, limit)
+        yield found(subject, code, item=hit.item, count=count, measured=measured, **words)

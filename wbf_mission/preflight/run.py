@@ -3,22 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
-from geo import Farm
-from mission.autopilots.profile import Profile
-from mission.autopilots.registry import profile_for
-from mission.model import Frame, Mission
-from sim_vehicle.camera.component import MIN_INTERVAL_S
-from wbf_mission.planning.builder import PlanResult, flown_vehicle
-from wbf_mission.planning.conditions import flight_level, wind_of
+from mission.model import Mission
+from wbf_mission.planning.builder import PlanResult
 from wbf_mission.preflight import flight_rules, plan_rules, vehicle_rules
 from wbf_mission.preflight.finding import Concern, Finding, PreflightError, Report, Severity
 from wbf_mission.preflight.flight_rules import TOO_GUSTY
-from wbf_mission.preflight.plan_rules import PLACED
-from wbf_mission.preflight.subject import Subject, subject_of
-from wbf_mission.scenario import MissionOptions, VehicleOptions, WeatherOptions
+from wbf_mission.preflight.subject import Circumstances, Subject, subject_of
 from wbf_mission.scenario.parts import VehicleParts
 
 if TYPE_CHECKING:
@@ -67,34 +60,12 @@ VEHICLE_CHECKS: tuple[Callable[[Subject, VehicleSnapshot], Iterable[Finding]], .
 """These also take what the vehicle answered."""
 
 
-def inspect(subject: Subject) -> Report:
-    """Return the findings of all checks."""
-    findings = [finding for check in PLAN_CHECKS for finding in check(subject)]
-    if (snapshot := subject.snapshot) is not None:
-        findings += [finding for check in VEHICLE_CHECKS for finding in check(subject, snapshot)]
-    return Report(tuple(findings))
-
-
 ShowFindings: TypeAlias = Callable[[Report, PreflightError | None, str], None]
 """Takes what is found, the error with which a plan is refused, if it is, and what each line begins with."""
 
 
 def show_nobody(_report: Report, _refused: PreflightError | None, _who: str) -> None:
     """Show nobody what was found."""
-
-
-@dataclass(frozen=True, slots=True)
-class Circumstances:
-    """Who flies a plan, where and in what air."""
-
-    vehicle: VehicleOptions = field(default_factory=VehicleOptions)  # Of one vehicle
-    weather: WeatherOptions = field(default_factory=WeatherOptions)
-    farm: Farm | None = None  # Whose obstacles count
-    # How far the flown path has to stay away from fence and obstacles
-    margin_m: float = MissionOptions().margin_m
-    image_interval_s: float = MIN_INTERVAL_S  # The camera's shortest interval
-    assumed: bool = False  # Nobody said what vehicle it is
-    snapshot: VehicleSnapshot | None = None  # What the vehicle told of itself
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,34 +91,11 @@ def check_mission(mission: Mission, circumstances: Circumstances | None = None) 
     >>> [str(one) for one in checked.report.findings if one.code == "no-landing"][0][:49]
     'mission item 2 (NAV_WAYPOINT): the mission ends i'
     """
-    given = circumstances or Circumstances()
-    options = given.vehicle
-    if len(options.fleet) > 1:
-        msg = f"vehicle {options.name}: a plan is one vehicle's; name one"
-        raise PreflightError(msg)
-    if not _tells_where(mission) and given.farm is None and _stands_at(given.snapshot) is None:
-        msg = "the mission has no home and no position: where does it begin? Give the plan a home"
-        raise PreflightError(msg)
-    level = flight_level(MissionOptions(), options)
-    heights = [
-        item.z
-        for item in mission.items
-        if item.command in PLACED and item.frame == Frame.GLOBAL_RELATIVE_ALT and item.z > 0.0
-    ]
-    level = replace(level, altitude_m=max(heights, default=level.altitude_m))
-    subject = subject_of(
-        mission,
-        flown_vehicle(options),
-        profile=_heard_profile(given.snapshot),
-        wind=wind_of(given.weather, level),
-        farm=given.farm,
-        margin_m=given.margin_m,
-        image_interval_s=given.image_interval_s,
-        assumed=given.assumed,
-        snapshot=given.snapshot,
-        estimate_errors=options.estimate_errors,
-    )
-    return Preflight(subject, inspect(subject))
+    subject = subject_of(mission, circumstances or Circumstances())
+    findings = [finding for check in PLAN_CHECKS for finding in check(subject)]
+    if (snapshot := subject.given.snapshot) is not None:
+        findings += [finding for check in VEHICLE_CHECKS for finding in check(subject, snapshot)]
+    return Preflight(subject, Report(tuple(findings)))
 
 
 def check_plans(
@@ -163,36 +111,17 @@ def check_plans(
     PreflightError tells the first error, and as `consequence` what is not done: ``nothing was flown``. With
     `force` errors and gusts are only shown.
     """
-    found = Report(
-        tuple(
-            finding
-            for plan, one in plans
-            if not plan.vehicle.is_ideal
-            for finding in check_mission(plan.mission, _circumstances(plan, one))
-            .report.about(Concern.PLAN)
-            .findings
-            if finding.severity is Severity.ERROR or finding.code == TOO_GUSTY
-        )
-    )
-    refused = None if force else found.refusal(consequence)
-    if found.findings:
-        show(found, refused, "")
+    found: list[Finding] = []
+    for plan, one in plans:
+        if not plan.vehicle.is_ideal:
+            given = Circumstances(one.vehicle, one.weather, plan.farm, one.mission.margin_m)
+            report = check_mission(plan.mission, given).report.about(Concern.PLAN)
+            found += [
+                each for each in report.findings if each.severity is Severity.ERROR or each.code == TOO_GUSTY
+            ]
+    together = Report(tuple(found))
+    refused = None if force else together.refusal(consequence)
+    if found:
+        show(together, refused, "")
     if refused is not None:
         raise refused
-
-
-def _circumstances(plan: PlanResult, one: VehicleParts) -> Circumstances:
-    return Circumstances(one.vehicle, one.weather, plan.farm, one.mission.margin_m)
-
-
-def _tells_where(mission: Mission) -> bool:
-    places = (item for item in mission.items if item.has_position and (item.x, item.y) != (0.0, 0.0))
-    return mission.home is not None or next(places, None) is not None
-
-
-def _stands_at(snapshot: VehicleSnapshot | None) -> object:
-    return None if snapshot is None else snapshot.position
-
-
-def _heard_profile(snapshot: VehicleSnapshot | None) -> Profile | None:
-    return None if snapshot is None else profile_for(snapshot.autopilot)

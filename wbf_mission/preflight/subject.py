@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +14,7 @@ from geo import Farm
 from geo.frame import LocalFrame
 from mission.autopilots import GENERIC
 from mission.autopilots.profile import Profile
+from mission.autopilots.registry import profile_for
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Frame, Mission, MissionItem
 from sim_vehicle.airframe.spec import VehicleSpec
@@ -26,7 +27,10 @@ from sim_vehicle.motion.legs import Position
 from sim_vehicle.prediction.flight import PredictedFlight, Prediction, climbs_by_itself, fly_all, home_frame
 from sim_vehicle.prediction.predict import plan_prediction, rehearsals
 from sim_vehicle.weather.wind import Wind
-from wbf_mission.scenario import MissionOptions
+from wbf_mission.planning.builder import flown_vehicle, home_of
+from wbf_mission.planning.conditions import FlightLevel, flight_level, wind_of
+from wbf_mission.preflight.finding import PreflightError
+from wbf_mission.scenario import MissionOptions, VehicleOptions, WeatherOptions
 
 if TYPE_CHECKING:
     from wbf_mission.preflight.inquiry import VehicleSnapshot
@@ -34,6 +38,8 @@ if TYPE_CHECKING:
 _ENDINGS = frozenset({int(Command.NAV_RETURN_TO_LAUNCH), int(Command.NAV_LOITER_UNLIM)})
 TAKEOFFS = frozenset({int(Command.NAV_TAKEOFF), 84})
 LANDINGS = frozenset({int(Command.NAV_LAND), 85})
+PLACED = frozenset({16, 17, 18, 19, 22, 31, 82})
+"""Commands that are flown to at a height of their own."""
 LAST_NAV = 95
 """Commands up to it are NAV commands (MAV_CMD)."""
 
@@ -113,27 +119,37 @@ class FlownTrack:
 
 
 @dataclass(frozen=True, slots=True)
+class Circumstances:
+    """Who flies a plan, where and in what air."""
+
+    vehicle: VehicleOptions = field(default_factory=VehicleOptions)  # Of one vehicle
+    weather: WeatherOptions = field(default_factory=WeatherOptions)
+    farm: Farm | None = None  # Whose obstacles count
+    # How far the flown path has to stay away from fence and obstacles
+    margin_m: float = MissionOptions().margin_m
+    image_interval_s: float = MIN_INTERVAL_S  # The camera's shortest interval
+    assumed: bool = False  # Nobody said what vehicle it is: what depends on that is no error
+    snapshot: VehicleSnapshot | None = None  # What the vehicle told of itself
+
+
+@dataclass(frozen=True, slots=True)
 class Subject:
     """A plan with everything that its checks need."""
 
     mission: Mission  # With home, if that is known from anywhere
+    given: Circumstances
     vehicle: VehicleSpec  # As its autopilot flies it
     profile: Profile  # How that autopilot speaks the mission protocol
+    wind: Wind
     frame: LocalFrame  # East and north about home
     positions: tuple[Position, ...]  # Of the items: east, north, up about home; NaN where they have none
     problems: tuple[ItemProblem, ...]  # Why the vehicle cannot fly it
     # Flights by an exact estimate, one for each rehearsal of the wind's gusts; empty if it cannot be flown
-    tracks: tuple[FlownTrack, ...]
+    tracks: tuple[FlownTrack, ...] = ()
     # What planning predicts of it, too (`sim_vehicle.prediction.predict.plan_prediction`)
-    prediction: Prediction | None
+    prediction: Prediction | None = None
     # The item, from 0, at which a predicted flight ended before its end, and why
-    stopped: tuple[int, str] | None
-    wind: Wind | None = None
-    obstacles: tuple[shapely.Geometry, ...] = ()  # Where no flight may pass, metres about home
-    margin_m: float = MissionOptions().margin_m  # How far the path has to stay away from fence and obstacles
-    image_interval_s: float = MIN_INTERVAL_S  # The camera's shortest interval
-    assumed: bool = False  # Nobody said what vehicle it is: what depends on that is no error
-    snapshot: VehicleSnapshot | None = None  # What the vehicle told of itself
+    stopped: tuple[int, str] | None = None
 
     @property
     def items(self) -> tuple[MissionItem, ...]:
@@ -143,79 +159,78 @@ class Subject:
     @property
     def vehicle_type(self) -> int:
         """MAV_TYPE: as heard, else of the firmware that flies such a vehicle."""
-        if self.snapshot is not None:
-            return self.snapshot.vehicle_type
+        if self.given.snapshot is not None:
+            return self.given.snapshot.vehicle_type
         firmware = firmware_of(self.vehicle)
         return int(m.MAV_TYPE_QUADROTOR) if firmware is None else firmware.mavlink.identity.mav_type
 
     @property
     def parameters(self) -> Mapping[str, float]:
         """What is known of the vehicle's parameters: those that it told."""
-        return {} if self.snapshot is None else self.snapshot.parameters
+        return {} if self.given.snapshot is None else self.given.snapshot.parameters
+
+    @property
+    def obstacles(self) -> list[shapely.Geometry]:
+        """Where no flight may pass: the farm's obstacles in metres about home."""
+        farm, frame = self.given.farm, self.frame
+
+        def moved(points: NDArray[np.float64]) -> NDArray[np.float64]:
+            assert farm is not None
+            return np.column_stack(frame.from_wgs84(*farm.frame.to_wgs84(points[:, 0], points[:, 1])))
+
+        return [] if farm is None else [shapely.transform(one, moved) for one in farm.obstacles]
 
 
-def subject_of(
-    mission: Mission,
-    vehicle: VehicleSpec,
-    *,
-    profile: Profile | None = None,
-    wind: Wind | None = None,
-    farm: Farm | None = None,
-    margin_m: float = MissionOptions().margin_m,
-    image_interval_s: float = MIN_INTERVAL_S,
-    assumed: bool = False,
-    snapshot: VehicleSnapshot | None = None,
-    estimate_errors: bool = False,
-) -> Subject:
-    """Fly a plan in prediction, and gather what its checks need.
+def subject_of(mission: Mission, given: Circumstances) -> Subject:
+    """Fly a plan in prediction, and gather what its checks need; errors as of `check_mission`.
 
-    The profile is by default that of the vehicle's autopilot. A mission without a home has the farm's;
-    without both it is a VehicleError. With ``estimate_errors`` an autopilot whose estimate errs is predicted
-    so.
+    A mission without a home has the farm's, or is where the vehicle stands.
     """
-    placed = _with_home(mission, farm, snapshot)
+    if len(given.vehicle.fleet) > 1:
+        msg = f"vehicle {given.vehicle.name}: a plan is one vehicle's; name one"
+        raise PreflightError(msg)
+    placed, vehicle = _with_home(mission, given), flown_vehicle(given.vehicle)
     frame = home_frame(placed)
     flown = replace(placed, items=tuple(_predictable(item) for item in placed.items))
     positions = tuple(item_positions(flown.items, frame))
     problems = mission_problems(flown.items, positions, vehicle, needs_takeoff=not climbs_by_itself(vehicle))
-    tracks: tuple[FlownTrack, ...] = ()
-    prediction: Prediction | None = None
-    stopped: tuple[int, str] | None = None
-    if not problems:
-        tracks, stopped = _fly(flown, vehicle, wind, frame)
-        prediction = plan_prediction(
-            flown, vehicle, wind=wind, frame=frame, estimate_errors=estimate_errors and estimate_errs(vehicle)
-        )
     firmware = firmware_of(vehicle)
-    return Subject(
+    profile = GENERIC if firmware is None else firmware.profile
+    subject = Subject(
         mission=placed,
+        given=given,
         vehicle=vehicle,
-        profile=profile or (GENERIC if firmware is None else firmware.profile),
+        profile=profile if given.snapshot is None else profile_for(given.snapshot.autopilot),
+        wind=wind_of(given.weather, _level(mission, given.vehicle)),
         frame=frame,
         positions=positions,
         problems=tuple(problems),
-        tracks=tracks,
-        prediction=prediction,
-        stopped=stopped,
-        wind=wind,
-        obstacles=() if farm is None else _about_home(farm, frame),
-        margin_m=margin_m,
-        image_interval_s=image_interval_s,
-        assumed=assumed,
-        snapshot=snapshot,
     )
+    return subject if problems else _predicted(subject, flown)
 
 
-def _with_home(mission: Mission, farm: Farm | None, snapshot: VehicleSnapshot | None) -> Mission:
+def _level(mission: Mission, options: VehicleOptions) -> FlightLevel:
+    """Return how high and fast the plan is flown: its wind depends on that."""
+    level = flight_level(MissionOptions(), options)
+    heights = [
+        item.z
+        for item in mission.items
+        if item.command in PLACED and item.frame == Frame.GLOBAL_RELATIVE_ALT and item.z > 0.0
+    ]
+    return replace(level, altitude_m=max(heights, default=level.altitude_m))
+
+
+def _with_home(mission: Mission, given: Circumstances) -> Mission:
     """Return the mission with the home of its file, else the farm's, else where the vehicle stands."""
     if mission.home is not None:
         return mission
-    if farm is not None:
-        from wbf_mission.planning import home_of
-
-        return replace(mission, home=home_of(mission, farm))
-    if snapshot is not None and snapshot.position is not None:
-        return replace(mission, home=snapshot.position)
+    if given.farm is not None:
+        return replace(mission, home=home_of(mission, given.farm))
+    if given.snapshot is not None and given.snapshot.position is not None:
+        return replace(mission, home=given.snapshot.position)
+    if not any(item.has_position and (item.x, item.y) != (0.0, 0.0) for item in mission.items):
+        msg = "the mission has no home and no position: where does it begin? Give the plan a home"
+        raise PreflightError(msg)
     return mission
 
 
@@ -227,26 +242,31 @@ def _predictable(item: MissionItem) -> MissionItem:
     return item if known else MissionItem(_NO_OPERATION)
 
 
-def _fly(
-    mission: Mission, vehicle: VehicleSpec, wind: Wind | None, frame: LocalFrame
-) -> tuple[tuple[FlownTrack, ...], tuple[int, str] | None]:
-    flights = _flights(mission, vehicle, wind, frame, _TRACK_STEP_S)
-    longest_s = max(one.prediction().duration_s for one in flights)
+def _predicted(subject: Subject, mission: Mission) -> Subject:
+    """Return the subject with its flights."""
+    vehicle, wind, frame = subject.vehicle, subject.wind, subject.frame
+    airs, endless = [(air, None) for air in rehearsals(wind)], not never_ends(mission.items)
+
+    def flights(step_s: float) -> list[PredictedFlight]:
+        (found,) = fly_all(
+            [mission], vehicle, airs, frame, step_s, endless=endless, track_points=_TRACK_POINTS
+        )
+        return found
+
+    flown = flights(_TRACK_STEP_S)
+    longest_s = max(one.prediction().duration_s for one in flown)
     if longest_s > _TRACK_STEP_S * _TRACK_POINTS:
-        flights = _flights(mission, vehicle, wind, frame, longest_s / _TRACK_POINTS + _TRACK_STEP_S)
-    tracks = tuple(_track_of(flight) for flight in flights)  # a flight is flown when its track is asked for
-    stops = [stop for flight in flights if (stop := _stop_of(flight)) is not None]
-    return tracks, stops[-1] if stops else None
-
-
-def _flights(
-    mission: Mission, vehicle: VehicleSpec, wind: Wind | None, frame: LocalFrame, step_s: float
-) -> list[PredictedFlight]:
-    """Fly the mission in each rehearsal of the wind, with a position every ``step_s``."""
-    airs = [(air, None) for air in rehearsals(wind)]
-    endless = not never_ends(mission.items)
-    (flights,) = fly_all([mission], vehicle, airs, frame, step_s, endless=endless, track_points=_TRACK_POINTS)
-    return flights
+        flown = flights(longest_s / _TRACK_POINTS + _TRACK_STEP_S)
+    # A flight is flown when its track is asked for.
+    ended = [one.prediction() for one in flown]
+    stops = [stop for one in flown if (stop := _stop_of(one)) is not None]
+    errs = subject.given.vehicle.estimate_errors and estimate_errs(vehicle)
+    return replace(
+        subject,
+        tracks=tuple(FlownTrack(one.track_m, one.items) for one in ended),
+        prediction=plan_prediction(mission, vehicle, wind=wind, frame=frame, estimate_errors=errs),
+        stopped=stops[-1] if stops else None,
+    )
 
 
 def _stop_of(flight: PredictedFlight) -> tuple[int, str] | None:
@@ -260,17 +280,3 @@ def _stop_of(flight: PredictedFlight) -> tuple[int, str] | None:
     if flight.completed or executor is None:
         return None
     return max(executor.mission.current_seq, 0), "this item never ends"
-
-
-def _track_of(flight: PredictedFlight) -> FlownTrack:
-    one = flight.prediction()
-    return FlownTrack(one.track_m, one.items)
-
-
-def _about_home(farm: Farm, frame: LocalFrame) -> tuple[shapely.Geometry, ...]:
-    """Return the obstacles of a farm in metres about home."""
-
-    def moved(points: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.column_stack(frame.from_wgs84(*farm.frame.to_wgs84(points[:, 0], points[:, 1])))
-
-    return tuple(shapely.transform(one, moved) for one in farm.obstacles)

@@ -7,20 +7,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from geo.frame import LocalFrame
-from mission.autopilots.profile import Meaning, Question, answer_to
-from mission.autopilots.registry import profile_for
+from mission.autopilots.profile import Meaning
 from mission.ground.arming_gate import FARTHEST_M
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Frame
 from sim_vehicle.airframe.parameters import parameter_value
 from sim_vehicle.autopilot import firmware_of
 from wbf_mission.preflight.finding import Finding, Severity
-from wbf_mission.preflight.plan_rules import PLACED, legs_of
+from wbf_mission.preflight.plan_rules import legs_of
 from wbf_mission.preflight.rules import found
-from wbf_mission.preflight.subject import LANDINGS, TAKEOFFS, Subject
+from wbf_mission.preflight.subject import LANDINGS, PLACED, TAKEOFFS, Subject
 
 if TYPE_CHECKING:
     from wbf_mission.preflight.inquiry import VehicleSnapshot
@@ -33,85 +32,84 @@ _CEILING_BIT, _RADIUS_BIT = 1, 2  # FENCE_TYPE of ArduPilot
 _CONTINUES_BIT = 2  # FS_OPTIONS of ArduCopter: a mission goes on without a ground station
 
 
-def _value(snapshot: VehicleSnapshot, meaning: Meaning) -> tuple[str, float] | None:
-    """Return the name and the value of a parameter, if the vehicle told it."""
-    return answer_to(meaning, _questions(snapshot), snapshot.parameters)
-
-
-def _questions(snapshot: VehicleSnapshot) -> tuple[Question, ...]:
-    return profile_for(snapshot.autopilot).settings.asked_of(snapshot.vehicle_type)
-
-
 def check_unread(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
     """Parameters that the vehicle does not have, or did not tell."""
     missing = [
         " or ".join(name for name, _ in one.names)
-        for one in _questions(snapshot)
+        for one in snapshot.questions
         if not any(name in snapshot.parameters for name, _ in one.names)
     ]
     if missing:
         yield found(subject, "parameter-unread", names=", ".join(missing))
 
 
-def _assumed(subject: Subject, snapshot: VehicleSnapshot, name: str, otherwise: float) -> float:
-    """Return what the prediction flies with: the parameter of that name, else what it decides."""
+# What the prediction flies with unless a parameter decides it, and by which part and by how much more the
+# vehicle's may differ
+_ASSUMED = {
+    "other-speed": (Meaning.CRUISE_SPEED, "cruise_speed_m_s", _NOTICEABLE, 0.0),
+    "other-radius": (Meaning.ACCEPTANCE_RADIUS, "acceptance_radius_m", 0.0, _NOTICEABLE_RADIUS_M),
+    "other-return": (Meaning.RETURN_HEIGHT, "return_altitude_m", 0.0, _NOTICEABLE_HEIGHT_M),
+}
+
+
+def _other(subject: Subject, snapshot: VehicleSnapshot, code: str) -> Iterator[Finding]:
+    """Yield that a parameter is another than the one that the prediction flies with."""
+    meaning, attribute, part, more = _ASSUMED[code]
+    if (told := snapshot.told(meaning)) is None:
+        return
+    name, value = told
+    assumed: float = getattr(subject.vehicle, attribute)
     firmware = firmware_of(subject.vehicle)
-    if firmware is None or name not in firmware.procedures.parameters:
-        return otherwise
-    units = (unit for question in _questions(snapshot) for one, unit in question.names if one == name)
-    return next(units, 1.0) * parameter_value(subject.vehicle, name, firmware.procedures.parameters)
+    if firmware is not None and name in firmware.procedures.parameters:
+        units = (unit for question in snapshot.questions for one, unit in question.names if one == name)
+        assumed = next(units, 1.0) * parameter_value(subject.vehicle, name, firmware.procedures.parameters)
+    if abs(value - assumed) > part * assumed + more:
+        yield found(subject, code, measured=(value, assumed), name=name)
 
 
 def check_motion_settings(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
     """Speeds and acceptance radius other than those that the prediction flies with."""
-    vehicle, legs = subject.vehicle, legs_of(subject)
-    cruise = _value(snapshot, Meaning.CRUISE_SPEED)
-    first_order = next(
-        (k for k, one in enumerate(subject.items) if one.command == Command.DO_CHANGE_SPEED), math.inf
-    )
-    uses_cruise = any(leg.item < first_order and leg.length_m > 1.0 for leg in legs)
-    if cruise is not None and uses_cruise:
-        name, value = cruise
-        assumed = _assumed(subject, snapshot, name, vehicle.cruise_speed_m_s)
-        if abs(value - assumed) > _NOTICEABLE * assumed:
-            yield found(subject, "other-speed", measured=(value, assumed), name=name)
-    fastest = _value(snapshot, Meaning.FASTEST)
+    items, legs = subject.items, legs_of(subject)
+    first_order = next((k for k, one in enumerate(items) if one.command == Command.DO_CHANGE_SPEED), math.inf)
+    if any(leg.item < first_order and leg.length_m > 1.0 for leg in legs):
+        yield from _other(subject, snapshot, "other-speed")
+    fastest = snapshot.told(Meaning.FASTEST)
     wanted = max((leg.speed_m_s for leg in legs), default=0.0)
     if fastest is not None and wanted > fastest[1] * (1.0 + _NOTICEABLE):
         yield found(subject, "speed-limit", measured=(wanted, fastest[1]), name=fastest[0])
-    radius = _value(snapshot, Meaning.ACCEPTANCE_RADIUS)
     lossy = "param2" in subject.profile.lossy.get(int(Command.NAV_WAYPOINT), frozenset())
-    own = any(item.command == Command.NAV_WAYPOINT and (lossy or not item.param2) for item in subject.items)
-    if radius is not None and own:
-        name, value = radius
-        assumed = _assumed(subject, snapshot, name, vehicle.acceptance_radius_m)
-        if abs(value - assumed) > _NOTICEABLE_RADIUS_M:
-            yield found(subject, "other-radius", measured=(value, assumed), name=name)
+    if any(item.command == Command.NAV_WAYPOINT and (lossy or not item.param2) for item in items):
+        yield from _other(subject, snapshot, "other-radius")
 
 
 def check_return_height(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
     """A return that climbs too high, or to another height than predicted."""
-    told = _value(snapshot, Meaning.RETURN_HEIGHT)
+    told = snapshot.told(Meaning.RETURN_HEIGHT)
     if told is None or subject.vehicle.drives:
         return
-    name, value = told
-    assumed = _assumed(subject, snapshot, name, subject.vehicle.return_altitude_m)
-    if value > _HIGHEST_M:
-        yield found(subject, "high-return", measured=(value, _HIGHEST_M), name=name)
-    elif abs(value - assumed) > _NOTICEABLE_HEIGHT_M:
-        yield found(subject, "other-return", measured=(value, assumed), name=name)
+    if told[1] > _HIGHEST_M:
+        yield found(subject, "high-return", measured=(told[1], _HIGHEST_M), name=told[0])
+    else:
+        yield from _other(subject, snapshot, "other-return")
+
+
+def _zero(
+    subject: Subject, snapshot: VehicleSnapshot, meaning: Meaning, code: str, **words: Any
+) -> Iterator[Finding]:
+    """Yield that a parameter is 0."""
+    told = snapshot.told(meaning)
+    if told is not None and told[1] == 0.0:
+        yield found(subject, code, name=told[0], **words)
 
 
 def check_failsafes(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
     """What a low battery and a lost link do to the mission."""
-    battery = _value(snapshot, Meaning.LOW_BATTERY)
-    if battery is not None and battery[1] == 0.0:
-        yield found(subject, "no-battery-failsafe", name=battery[0])
-    link = _value(snapshot, Meaning.LINK_LOST)
+    yield from _zero(subject, snapshot, Meaning.LOW_BATTERY, "no-battery-failsafe")
+    link = snapshot.told(Meaning.LINK_LOST)
     if link is None:
         return
     name, value = link
-    options = _value(snapshot, Meaning.LINK_LOST_OPTIONS)
+    options = snapshot.told(Meaning.LINK_LOST_OPTIONS)
     goes_on = options is not None and bool(int(options[1]) & _CONTINUES_BIT)
     goes_on = goes_on or value in subject.profile.settings.link_goes_on
     yield found(subject, "link-lost-flies-on" if goes_on else "link-lost-ends", name=name, value=value)
@@ -121,7 +119,7 @@ def check_landing_rules(subject: Subject, snapshot: VehicleSnapshot) -> Iterator
     """Missions that the autopilot would not arm with: without the landing that it wants, or with one."""
     commands = {item.command for item in subject.items}
     takes_off, lands = bool(commands & TAKEOFFS), bool(commands & LANDINGS)
-    rule = _value(snapshot, Meaning.TAKEOFF_AND_LANDING)
+    rule = snapshot.told(Meaning.TAKEOFF_AND_LANDING)
     if rule is not None and not _told_by_dialect(subject, *rule):
         name, value = rule
         missing = _missing(value, takes_off=takes_off, lands=lands)
@@ -130,9 +128,8 @@ def check_landing_rules(subject: Subject, snapshot: VehicleSnapshot) -> Iterator
             mend = f"end with NAV_LAND, or set {name} to 0" if lands_not else "add NAV_TAKEOFF"
             without = " and ".join(missing)
             yield found(subject, "landing-rule", name=name, value=value, missing=without, mend=mend)
-    autoland = _value(snapshot, Meaning.LANDS_AS_MISSION)
-    if autoland is not None and autoland[1] == 0.0 and Command.NAV_RETURN_TO_LAUNCH in commands:
-        yield found(subject, "circles-at-home", name=autoland[0])
+    if Command.NAV_RETURN_TO_LAUNCH in commands:
+        yield from _zero(subject, snapshot, Meaning.LANDS_AS_MISSION, "circles-at-home")
 
 
 def _told_by_dialect(subject: Subject, name: str, value: float) -> bool:
@@ -153,7 +150,7 @@ def _missing(rule: float, *, takes_off: bool, lands: bool) -> list[str]:
 
 def check_fence_settings(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
     """A fence that does nothing, and a ceiling or a radius that the plan breaks."""
-    on, action = _value(snapshot, Meaning.FENCE_ON), _value(snapshot, Meaning.FENCE_ACTION)
+    on, action = snapshot.told(Meaning.FENCE_ON), snapshot.told(Meaning.FENCE_ACTION)
     settings = subject.profile.settings
     off = on if on is not None and on[1] == 0.0 else None
     if off is None and action is not None and action[1] in settings.fence_off:
@@ -165,13 +162,13 @@ def check_fence_settings(subject: Subject, snapshot: VehicleSnapshot) -> Iterato
             yield found(subject, "fence-tells-only", name=action[0], value=action[1])
     if off is not None:
         return
-    types = _value(snapshot, Meaning.FENCE_TYPES)
+    types = snapshot.told(Meaning.FENCE_TYPES)
     bits = _CEILING_BIT | _RADIUS_BIT if types is None else int(types[1])
     for meaning, bit, reached, code in (
         (Meaning.FENCE_CEILING, _CEILING_BIT, _highest_m(subject), "above-ceiling"),
         (Meaning.FENCE_RADIUS, _RADIUS_BIT, _farthest_m(subject), "beyond-fence-radius"),
     ):
-        bound = _value(snapshot, meaning)
+        bound = snapshot.told(meaning)
         if bound is not None and bits & bit and 0.0 < bound[1] < reached:
             yield found(subject, code, measured=(reached, bound[1]), name=bound[0])
 
@@ -185,8 +182,7 @@ def _highest_m(subject: Subject) -> float:
 
 
 def _farthest_m(subject: Subject) -> float:
-    planned = [math.hypot(*leg.end_m[:2]) for leg in legs_of(subject)]
-    return max(planned, default=0.0)
+    return max((math.hypot(*leg.end_m[:2]) for leg in legs_of(subject)), default=0.0)
 
 
 _CALIBRATED = {
@@ -199,10 +195,9 @@ _CALIBRATED = {
 def check_calibration(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
     """Sensors that were never calibrated."""
     for meaning, (severity, mend) in _CALIBRATED.items():
-        told = _value(snapshot, meaning)
-        if told is not None and told[1] == 0.0:
-            sensor = meaning.value.removeprefix("the ").removesuffix("'s calibration")
-            yield found(subject, "not-calibrated", severity=severity, name=told[0], sensor=sensor, mend=mend)
+        sensor = meaning.value.removeprefix("the ").removesuffix("'s calibration")
+        words: dict[str, Any] = {"severity": severity, "sensor": sensor, "mend": mend}
+        yield from _zero(subject, snapshot, meaning, "not-calibrated", **words)
 
 
 _FAR_M = 30.0

@@ -23,8 +23,10 @@ from preflight_plans import (
 )
 
 from mission.model import Command, Frame, Mission, MissionItem
+from sim_vehicle.weather.wind import Wind
 from wbf_mission.preflight.finding import Severity
 from wbf_mission.preflight.flight_rules import check_battery
+from wbf_mission.preflight.subject import Circumstances
 
 JUMP = Command.DO_JUMP
 PATTERN = (
@@ -373,6 +375,10 @@ def test_a_tenth_of_the_battery_above_the_reserve_is_enough(above, code):
     )
     battery = SimpleNamespace(capacity_wh=100.0, reserve_fraction=0.2)
     subject = SimpleNamespace(
-        prediction=takes, vehicle=SimpleNamespace(battery=battery), stopped=None, wind=None, assumed=False
+        prediction=takes,
+        vehicle=SimpleNamespace(battery=battery),
+        stopped=None,
+        wind=Wind(),
+        given=Circumstances(),
     )
     assert [one.code for one in check_battery(subject)] == [code]

@@ -101,19 +101,9 @@ def advance(going: NDArray[np.int64], actions: NDArray[np.int64], rules: Rules, 
             first = number
             if radius != rules.radii[number]:
                 first = 0
-                _clear(rules.sensed, rules.defaults, runs.value[run], runs.uncertainty[run], runs.dirty[run])
+                _clear(rules, runs, run)
             for one in range(first, number + 1):
-                _paint(
-                    runs.seen[run, one, 0],
-                    runs.seen[run, one, 1],
-                    radius,
-                    rules.half_widths,
-                    rules.sensed,
-                    runs.readings[run, one],
-                    runs.value[run],
-                    runs.uncertainty[run],
-                    runs.dirty[run],
-                )
+                _paint(rules, runs, run, one, radius)
             if (number + 1) % rules.every == 0 or number + 1 == most:
                 resume_errors(
                     rules.masks,
@@ -127,41 +117,28 @@ def advance(going: NDArray[np.int64], actions: NDArray[np.int64], rules: Rules, 
 
 
 @compiled(nogil=True, allocates=False)
-def _clear(
-    sensed: NDArray[np.bool_],
-    defaults: NDArray[np.float32],
-    value: NDArray[np.float32],
-    uncertainty: NDArray[np.float32],
-    dirty: NDArray[np.int64],
-) -> None:
-    """Forget all disks."""
-    for k in range(len(sensed)):
-        if sensed[k]:
-            value[k] = defaults[k]
-            uncertainty[k] = np.float32(1.0)
-    dirty[:] = 0
+def _clear(rules: Rules, runs: Runs, run: int) -> None:
+    """Forget all disks of a run."""
+    for k in range(len(rules.sensed)):
+        if rules.sensed[k]:
+            runs.value[run, k] = rules.defaults[k]
+            runs.uncertainty[run, k] = np.float32(1.0)
+    runs.dirty[run] = 0
 
 
 @compiled(nogil=True, allocates=False)
-def _paint(
-    x: int,
-    y: int,
-    radius: int,
-    half_widths: NDArray[np.int64],
-    sensed: NDArray[np.bool_],
-    reading: NDArray[np.float32],
-    value: NDArray[np.float32],
-    uncertainty: NDArray[np.float32],
-    dirty: NDArray[np.int64],
-) -> None:
-    """Paint one disk over what is there."""
+def _paint(rules: Rules, runs: Runs, run: int, number: int, radius: int) -> None:
+    """Paint the disk of one reading of a run over what is there."""
+    value, uncertainty, dirty = runs.value[run], runs.uncertainty[run], runs.dirty[run]
+    x, y = runs.seen[run, number, 0], runs.seen[run, number, 1]
+    reading = runs.readings[run, number]
     width, height = value.shape[1], value.shape[2]
     for column in range(max(x - radius, 0), min(x + radius + 1, width)):
-        half = half_widths[radius, abs(column - x)]
+        half = rules.half_widths[radius, abs(column - x)]
         low, high = max(y - half, 0), min(y + half + 1, height)
         tile, within = column // TILE_CELLS, column % TILE_CELLS
-        for k in range(len(sensed)):
-            if not sensed[k]:
+        for k in range(len(rules.sensed)):
+            if not rules.sensed[k]:
                 continue
             for row in range(low, high):
                 uncertainty[k, column, row] = np.float32(0.0)

@@ -13,6 +13,9 @@ settings.load_profile("ci" if os.environ.get("CI") else "default")
 # What a user's cache holds must not decide what a test sees.
 os.environ["WBF_MISSION_ENVIRONMENT_CACHE_MB"] = "0"
 
+# Tests run in one process per core, and threads of linear algebra in each would only wait for one another.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 # Where Python is told to write no bytecode, as in many images of containers, every worker would rewrite all
 # tests anew, and every process that tests start would compile the product.
 sys.dont_write_bytecode = False

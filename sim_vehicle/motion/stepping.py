@@ -13,7 +13,7 @@ from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.columns import Record
 from sim_vehicle.weather.gust_kernel import wind_at
 
-__all__ = ["complete_leg", "distance2", "kernel_of", "mark_track", "stop", "wind_row"]
+__all__ = ["complete_leg", "distance2", "kernel_of", "mark_track", "stop", "take_velocity", "wind_row"]
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -72,6 +72,15 @@ def stop(state: Record) -> None:
     """Have neither velocity nor acceleration."""
     state.velocity_x = state.velocity_y = state.velocity_z = 0.0
     state.acceleration_x = state.acceleration_y = state.acceleration_z = 0.0
+
+
+@compiled(inline="always")
+def take_velocity(state: Record, east: float, north: float, up: float, dt: float) -> None:
+    """Have a velocity after a step in which it was come to evenly."""
+    state.acceleration_x = (east - state.velocity_x) / dt
+    state.acceleration_y = (north - state.velocity_y) / dt
+    state.acceleration_z = (up - state.velocity_z) / dt
+    state.velocity_x, state.velocity_y, state.velocity_z = east, north, up
 
 
 def kernel_of(

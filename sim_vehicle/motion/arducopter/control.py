@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from geo.compiled import compiled
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.motion.columns import Record, record_type
-from sim_vehicle.motion.multirotor.kernel import ROI_NEAR
+from sim_vehicle.motion.multirotor.kernel import ROI_NEAR, turn_at, turn_to
 from sim_vehicle.motion.stepping import stop
 
 Floats = NDArray[np.float64]
@@ -236,15 +236,11 @@ def turn(state: Record, guide: Record, law: Record, heading: float, turning: flo
     yaw, rate, change = state.heading, state.heading_rate, law.yaw_accel * law.dt
     wanted = np.nan
     if not isnan(state.look_east):
-        east, north = (
-            state.look_east - state.position_x,
-            state.look_north - state.position_y,
-        )
+        east, north = state.look_east - state.position_x, state.look_north - state.position_y
         if east * east + north * north > ROI_NEAR * ROI_NEAR:
             wanted = atan2(east, north)
     elif not isnan(turning):
-        rate += min(max(min(max(turning, -law.yaw_rate), law.yaw_rate) - rate, -change), change)
-        state.heading, state.heading_rate = (yaw + rate * law.dt) % (2.0 * pi), rate
+        state.heading, state.heading_rate = turn_at(yaw, rate, turning, law.yaw_rate, change, law.dt)
         return
     elif not isnan(heading):
         wanted = np.nan if isinf(heading) else heading
@@ -254,18 +250,10 @@ def turn(state: Record, guide: Record, law: Record, heading: float, turning: flo
             wanted = atan2(vx, vy)
     if isnan(wanted):
         if rate != 0.0:
-            rate -= min(max(rate, -change), change)
-            state.heading, state.heading_rate = (yaw + rate * law.dt) % (2.0 * pi), rate
+            state.heading, state.heading_rate = turn_at(yaw, rate, 0.0, law.yaw_rate, change, law.dt)
         return
-    error = (wanted - yaw + pi) % (2.0 * pi) - pi
-    size = abs(error)
-    if size < 1e-6 and abs(rate) < 1e-4:
-        state.heading, state.heading_rate = wanted % (2.0 * pi), 0.0
-        return
-    aim = min(law.yaw_rate, 2.0 * size, 0.8 * sqrt(2.0 * law.yaw_accel * size))
-    aim = aim if error > 0.0 else -aim
-    rate += min(max(aim - rate, -change), change)
-    state.heading, state.heading_rate = (yaw + rate * law.dt) % (2.0 * pi), rate
+    yaw, state.heading_rate = turn_to(yaw, rate, wanted, law.yaw_rate, law.yaw_accel, law.dt)
+    state.heading = yaw % (2.0 * pi)
 
 
 @compiled(inline="always")

@@ -116,9 +116,8 @@ def end_of(guide: Record) -> Position:
 
 
 @compiled(allocates=False)
-def _make(
-    i: int, a: Position, b: Position, guide: Record, law: Record, heads: Floats, curves: Floats
-) -> None:
+def make(i: int, a: Position, b: Position, guide: Record, law: Record, heads: Floats, curves: Floats) -> None:
+    """Make the profile of one of the three legs at the speeds in use."""
     make_leg(
         heads[i],
         curves[i],
@@ -131,15 +130,33 @@ def _make(
 
 
 @compiled(allocates=False)
-def _apart(guide: Record) -> None:
-    """Keep the begin of a leg from its end: an estimated position is never exactly the wanted one."""
-    gap = (
-        (guide.end_x - guide.begin_x) ** 2
-        + (guide.end_y - guide.begin_y) ** 2
-        + (guide.end_z - guide.begin_z) ** 2
-    )
-    if gap < LEAST_WAY * LEAST_WAY:
-        guide.begin_x = guide.end_x - LEAST_WAY
+def take_next(
+    guide: Record, law: Record, heads: Floats, curves: Floats, row: Record, before: float, least: float
+) -> None:
+    """Go on to the leg after the one that was led along, or from where the target stands.
+
+    From there it is at least so long: an estimated position is never exactly the wanted one.
+    """
+    if before == LEGS:
+        copy_leg(heads, curves, 0, 1)
+    else:
+        clear_leg(heads[0])
+        guide.fast = 0.0
+    guide.begin_x, guide.begin_y, guide.begin_z = guide.end_x, guide.end_y, guide.end_z
+    guide.end_x, guide.end_y, guide.end_z = row.x, row.y, row.z
+    if before != LEGS:
+        gap = (
+            (guide.end_x - guide.begin_x) ** 2
+            + (guide.end_y - guide.begin_y) ** 2
+            + (guide.end_z - guide.begin_z) ** 2
+        )
+        if gap < least * least:
+            guide.begin_x = guide.end_x - least
+    if guide.fast != 0.0 and heads[2, TIME] < end_time(heads[2], curves[2]):
+        copy_leg(heads, curves, 1, 2)
+    else:
+        make(1, begin_of(guide), end_of(guide), guide, law, heads, curves)
+    clear_leg(heads[2])
 
 
 @compiled(allocates=False)
@@ -205,20 +222,7 @@ def begin(
         for i in range(1, 3):
             change_speed(heads[i], curves[i], guide.level, guide.up, guide.down)
     if how != SAME:
-        if before == LEGS:
-            copy_leg(heads, curves, 0, 1)
-        else:
-            clear_leg(heads[0])
-            guide.fast = 0.0
-        guide.begin_x, guide.begin_y, guide.begin_z = guide.end_x, guide.end_y, guide.end_z
-        guide.end_x, guide.end_y, guide.end_z = row.x, row.y, row.z
-        if before != LEGS:
-            _apart(guide)
-        if guide.fast != 0.0 and heads[2, TIME] < end_time(heads[2], curves[2]):
-            copy_leg(heads, curves, 1, 2)
-        else:
-            _make(1, begin_of(guide), end_of(guide), guide, law, heads, curves)
-        clear_leg(heads[2])
+        take_next(guide, law, heads, curves, row, before, LEAST_WAY)
     elif guide.fast != 0.0 and heads[2, TIME] > 0.0:
         # The corner is being flown already.
         return
@@ -227,7 +231,7 @@ def begin(
         after = route[leg + 1]
         if after.kind <= HOME and after.kind != TAKEOFF:
             guide.fast = 1.0
-            _make(2, end_of(guide), (after.x, after.y, after.z), guide, law, heads, curves)
+            make(2, end_of(guide), (after.x, after.y, after.z), guide, law, heads, curves)
 
 
 @compiled(inline="always")
@@ -290,11 +294,8 @@ def lead_legs(guide: Record, law: Record, heads: Floats, curves: Floats) -> bool
 def _lead_chord(guide: Record, law: Record, route: Record, leg: int) -> bool:
     """Move the target along a curve of chords with half of the acceleration; tell the end of this one."""
     dt = law.dt
-    left, way = 0.0, 0.0
-    left += (guide.end_x - guide.px) ** 2
-    left += (guide.end_y - guide.py) ** 2
-    left += (guide.end_z - guide.pz) ** 2
-    left = sqrt(left)
+    gx, gy, gz = guide.end_x - guide.px, guide.end_y - guide.py, guide.end_z - guide.pz
+    left = sqrt(gx**2 + gy**2 + gz**2)
     # What lies ahead within the braking distance.
     accel = 0.5 * law.accel
     speed = guide.pace_arc
@@ -319,27 +320,44 @@ def _lead_chord(guide: Record, law: Record, route: Record, leg: int) -> bool:
     move = max(speed, 0.05) * dt
     done = bool(move >= left)
     share = 1.0 if done else move / left
-    gap = guide.end_x - guide.px
-    guide.vx = gap * speed / left if left > 0.0 else 0.0
-    guide.px += gap * share
-    guide.ax = 0.0
-    gap = guide.end_y - guide.py
-    guide.vy = gap * speed / left if left > 0.0 else 0.0
-    guide.py += gap * share
-    guide.ay = 0.0
-    gap = guide.end_z - guide.pz
-    guide.vz = gap * speed / left if left > 0.0 else 0.0
-    guide.pz += gap * share
-    guide.az = 0.0
+    halt(guide)
+    if left > 0.0:
+        guide.vx, guide.vy, guide.vz = gx * speed / left, gy * speed / left, gz * speed / left
+    guide.px += gx * share
+    guide.py += gy * share
+    guide.pz += gz * share
     return done
+
+
+@compiled(inline="always")
+def _move_level(guide: Record, dt: float) -> None:
+    guide.px += dt * (guide.vx + 0.5 * dt * guide.ax)
+    guide.vx += dt * guide.ax
+    guide.py += dt * (guide.vy + 0.5 * dt * guide.ay)
+    guide.vy += dt * guide.ay
+
+
+@compiled(inline="always")
+def _move_up(guide: Record, dt: float) -> None:
+    guide.pz += dt * (guide.vz + 0.5 * dt * guide.az)
+    guide.vz += dt * guide.az
+
+
+@compiled(inline="always")
+def _accelerate(guide: Record, ax: float, ay: float, most: float) -> None:
+    """Change the horizontal acceleration towards another one, by so much at most."""
+    cx, cy = ax - guide.ax, ay - guide.ay
+    change = sqrt(cx * cx + cy * cy)
+    share = min(1.0, most / change) if change > 0.0 else 0.0
+    guide.ax += cx * share
+    guide.ay += cy * share
 
 
 @compiled(allocates=False)
 def _lead_up(guide: Record, law: Record) -> bool:
     """Climb to the height of the take-off; tell when that is reached and the climb slow."""
     dt, limit, jerk = law.dt, law.accel_z, law.shape_jerk_z
-    guide.pz += dt * (guide.vz + 0.5 * dt * guide.az)
-    guide.vz += dt * guide.az
+    _move_up(guide, dt)
     gain = jerk / limit
     error = guide.end_z - guide.pz
     rate = rooted(error, gain, limit)
@@ -363,12 +381,8 @@ def _lead_to(guide: Record, law: Record) -> bool:
     other brakes and turns at once.
     """
     dt, limit, jerk = law.dt, law.accel, law.shape_jerk
-    guide.px += dt * (guide.vx + 0.5 * dt * guide.ax)
-    guide.vx += dt * guide.ax
-    guide.py += dt * (guide.vy + 0.5 * dt * guide.ay)
-    guide.vy += dt * guide.ay
-    guide.pz += dt * (guide.vz + 0.5 * dt * guide.az)
-    guide.vz += dt * guide.az
+    _move_level(guide, dt)
+    _move_up(guide, dt)
     dx, dy, dz = guide.end_x - guide.px, guide.end_y - guide.py, guide.end_z - guide.pz
     flat = sqrt(dx * dx + dy * dy)
     way = sqrt(flat * flat + dz * dz)
@@ -393,11 +407,7 @@ def _lead_to(guide: Record, law: Record) -> bool:
             cx, cy = along * ex - across * ey, along * ey + across * ex
         elif size > limit:
             cx, cy = cx * limit / size, cy * limit / size
-    cx, cy = cx - guide.ax, cy - guide.ay
-    change = sqrt(cx * cx + cy * cy)
-    share = min(1.0, jerk * dt / change) if change > 0.0 else 0.0
-    guide.ax += cx * share
-    guide.ay += cy * share
+    _accelerate(guide, cx, cy, jerk * dt)
     limit, jerk = law.accel_z, law.shape_jerk_z
     if dz != 0.0:
         top = min(most * abs(dz) / way, abs(dz) / dt)
@@ -410,8 +420,7 @@ def _lead_to(guide: Record, law: Record) -> bool:
 def _lead_down(guide: Record, law: Record, height: float) -> None:
     """Sink, slowly near the ground."""
     dt = law.dt
-    guide.pz += dt * (guide.vz + 0.5 * dt * guide.az)
-    guide.vz += dt * guide.az
+    _move_up(guide, dt)
     rate = rooted(law.land_low - height, law.pos_z_p, law.accel_z)
     fast = law.land_fast if law.land_fast > 0.0 else guide.down
     rate = min(max(rate, -max(fast, law.land_slow)), -law.land_slow)
@@ -424,20 +433,13 @@ def _lead_level(guide: Record, law: Record) -> None:
     if guide.vx == 0.0 and guide.vy == 0.0 and guide.ax == 0.0 and guide.ay == 0.0:
         return
     dt, limit, jerk = law.dt, law.accel, law.shape_jerk
-    guide.px += dt * (guide.vx + 0.5 * dt * guide.ax)
-    guide.vx += dt * guide.ax
-    guide.py += dt * (guide.vy + 0.5 * dt * guide.ay)
-    guide.vy += dt * guide.ay
+    _move_level(guide, dt)
     speed = sqrt(guide.vx**2 + guide.vy**2)
     if speed < 1e-3:
         guide.vx = guide.vy = guide.ax = guide.ay = 0.0
         return
     size = min(rooted(speed, jerk / limit, jerk), speed / dt, limit) / speed
-    cx, cy = -guide.vx * size - guide.ax, -guide.vy * size - guide.ay
-    change = sqrt(cx * cx + cy * cy)
-    share = min(1.0, jerk * dt / change) if change > 0.0 else 0.0
-    guide.ax += cx * share
-    guide.ay += cy * share
+    _accelerate(guide, -guide.vx * size, -guide.vy * size, jerk * dt)
 
 
 @compiled(inline="late", allocates=False)
@@ -487,11 +489,7 @@ def lead(
     elif mode == HOLDING:
         if leg + 1 < len(route):
             return True
-        gap = (
-            (guide.px - state.position_x) ** 2
-            + (guide.py - state.position_y) ** 2
-            + (guide.pz - state.position_z) ** 2
-        )
+        gap = distance2(state, guide.px, guide.py, guide.pz)
         done = gap < 0.04 and state.velocity_x**2 + state.velocity_y**2 + state.velocity_z**2 < 0.01
     else:
         done = mode == LANDED and step >= guide.until

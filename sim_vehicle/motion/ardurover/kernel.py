@@ -33,21 +33,17 @@ from sim_vehicle.motion.arducopter.control import (
     halt,
     rooted,
 )
-from sim_vehicle.motion.arducopter.guidance import begin_of, end_of, lead_legs
+from sim_vehicle.motion.arducopter.guidance import end_of, lead_legs, make, take_next
 from sim_vehicle.motion.arducopter.kernel import Own, chain
 from sim_vehicle.motion.arducopter.scurve import (
     TIME,
     change_speed,
-    clear_leg,
-    copy_leg,
-    end_time,
-    make_leg,
 )
 from sim_vehicle.motion.columns import Record, record_type
 from sim_vehicle.motion.multirotor.kernel import Vector
 from sim_vehicle.motion.rover.kernel import PATIENCE_S, SLOW_SHARE
 from sim_vehicle.motion.rover.layout import STOPPED
-from sim_vehicle.motion.stepping import kernel_of
+from sim_vehicle.motion.stepping import kernel_of, take_velocity
 
 Drive = IntEnum(
     "Drive",
@@ -226,9 +222,7 @@ def drive(state: Record, guide: Record, law: Record) -> None:
     state.position_y += way * cos(middle)
     state.path_length += abs(way)
     ve, vn = speed * sin(state.heading), speed * cos(state.heading)
-    state.acceleration_x = (ve - state.velocity_x) / dt
-    state.acceleration_y = (vn - state.velocity_y) / dt
-    state.velocity_x, state.velocity_y = ve, vn
+    take_velocity(state, ve, vn, state.velocity_z, dt)
     state.speed, state.throttle = speed, throttle
 
 
@@ -242,21 +236,6 @@ def look_along(state: Record, guide: Record) -> None:
         ex, ey = guide.px - state.position_x, guide.py - state.position_y
         guide.lag = (ex * wx + ey * wy) / wanted
         guide.along = (state.velocity_x * wx + state.velocity_y * wy) / wanted
-
-
-@compiled(allocates=False)
-def _make(
-    i: int, a: Position, b: Position, guide: Record, law: Record, heads: Floats, curves: Floats
-) -> None:
-    make_leg(
-        heads[i],
-        curves[i],
-        (b[0] - a[0], b[1] - a[1], 0.0),
-        (guide.level, guide.level, guide.level),
-        (law.accel, law.accel_z),
-        law.snap,
-        law.jerk,
-    )
 
 
 @compiled(allocates=False)
@@ -307,29 +286,12 @@ def begin(
     pivots = law.pivot_angle > 0.0
     if how != SAME:
         passed = before == LEGS and guide.fast != 0.0
-        if before == LEGS:
-            copy_leg(heads, curves, 0, 1)
-        else:
-            clear_leg(heads[0])
-            guide.fast = 0.0
-        guide.begin_x, guide.begin_y, guide.begin_z = guide.end_x, guide.end_y, guide.end_z
-        guide.end_x, guide.end_y, guide.end_z = row.x, row.y, row.z
+        take_next(guide, law, heads, curves, row, before, 0.0)
         if not passed:
             guide.pivots = 0.0
-            turn = _turns_by(
-                guide.end_x,
-                guide.end_y,
-                state.position_x,
-                state.position_y,
-                state.heading,
-            )
+            turn = _turns_by(row.x, row.y, state.position_x, state.position_y, state.heading)
             if pivots and (turn > law.pivot_angle or guide.pivots_next != 0.0):
                 guide.pivots = 1.0
-        if guide.fast != 0.0 and heads[2, TIME] < end_time(heads[2], curves[2]):
-            copy_leg(heads, curves, 1, 2)
-        else:
-            _make(1, begin_of(guide), end_of(guide), guide, law, heads, curves)
-        clear_leg(heads[2])
     elif guide.fast != 0.0 and heads[2, TIME] > 0.0:
         # The corner is being driven already.
         return
@@ -343,7 +305,7 @@ def begin(
                 guide.pivots_next = 1.0
                 return
             guide.fast = 1.0
-            _make(2, end_of(guide), (after.x, after.y, after.z), guide, law, heads, curves)
+            make(2, end_of(guide), (after.x, after.y, after.z), guide, law, heads, curves)
 
 
 @compiled(allocates=False)

@@ -18,6 +18,7 @@ from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.motion.columns import Record
 from sim_vehicle.motion.fixed_wing.guidance import NPFG
 from sim_vehicle.motion.fixed_wing.layout import FLARE, FLYING, SHORT
+from sim_vehicle.motion.stepping import take_velocity
 
 __all__ = [
     "blow",
@@ -173,12 +174,7 @@ def fly(
     state.position_y += north
     state.position_z += up
     state.path_length += sqrt(east * east + north * north + up * up)
-    state.acceleration_x, state.acceleration_y, state.acceleration_z = (
-        (ve - state.velocity_x) / dt,
-        (vn - state.velocity_y) / dt,
-        (vz - state.velocity_z) / dt,
-    )
-    state.velocity_x, state.velocity_y, state.velocity_z = ve, vn, vz
+    take_velocity(state, ve, vn, vz, dt)
     state.heading, state.heading_rate = yaw, turn
     state.airspeed, state.climb = v, w
     load = 1.0 / cos(bank)
@@ -199,12 +195,7 @@ def drop(state: Record, limits: Record, wx: float, wy: float) -> None:
     state.position_y += vn * dt
     state.position_z = max(state.position_z + vz * dt, 0.0)
     state.path_length += sqrt(ve * ve + vn * vn + vz * vz) * dt
-    state.acceleration_x, state.acceleration_y, state.acceleration_z = (
-        (ve - state.velocity_x) / dt,
-        (vn - state.velocity_y) / dt,
-        (vz - state.velocity_z) / dt,
-    )
-    state.velocity_x, state.velocity_y, state.velocity_z = ve, vn, vz
+    take_velocity(state, ve, vn, vz, dt)
     state.heading_rate = 2.0
     state.heading = (state.heading + 2.0 * dt) % (2.0 * pi)
     state.airspeed = sqrt((ve - wx) ** 2 + (vn - wy) ** 2 + vz * vz)

@@ -45,18 +45,28 @@ AHEAD_OF_LANDING_M = 200.0
 _NEAR_CIRCLE = 3.0
 
 
+@compiled(inline="always")
+def _ground_speed(state: Record) -> float:
+    return sqrt(state.velocity_x * state.velocity_x + state.velocity_y * state.velocity_y)
+
+
+@compiled(inline="always")
+def _error_bound(ground: float, limits: Record) -> float:
+    """Return the distance to a path within which NPFG turns along it."""
+    constant = limits.period * limits.damping
+    return float(ground * constant if ground > 1.0 else 0.5 * constant * (ground * ground + 1.0))
+
+
 @compiled(allocates=False)
-def switch_distance(ground: float, period: float, damping: float, share: float) -> float:
+def _switch_distance(state: Record, limits: Record) -> float:
     """Return the distance to a waypoint at which NPFG turns to the next leg."""
-    constant = period * damping
-    bound = ground * constant if ground > 1.0 else 0.5 * constant * (ground * ground + 1.0)
-    return float(min(share * bound, 500.0))
+    return float(min(limits.switch_share * _error_bound(_ground_speed(state), limits), 500.0))
 
 
 @compiled(allocates=False)
-def l1_distance(ground: float, period: float, damping: float) -> float:
+def _l1_distance(ground: float, limits: Record) -> float:
     """Return the distance to the point on the path that L1 steers to."""
-    return float(max(damping * period * ground / pi, 0.1))
+    return float(max(limits.damping * limits.period * ground / pi, 0.1))
 
 
 @compiled(allocates=False)
@@ -68,39 +78,18 @@ def _feasible(across: float, along: float, airspeed: float, wind: float) -> floa
 
 
 @compiled(allocates=False)
-def npfg(
-    error: float,
-    te: float,
-    tn: float,
-    curvature: float,
-    ve: float,
-    vn: float,
-    we: float,
-    wn: float,
-    period: float,
-    damping: float,
+def _npfg(
+    state: Record, limits: Record, error: float, te: float, tn: float, curvature: float, we: float, wn: float
 ) -> tuple[float, float, float]:
     """Return the lateral acceleration, and the bearing that is steered (east, north).
 
-    Parameters
-    ----------
-    error : float
-        Distance to the right of the path.
-    te, tn : float
-        Unit tangent of the path.
-    curvature : float
-        Positive to the right.
-    ve, vn, we, wn : float
-        Velocity over ground, wind.
-    period, damping : float
-        Of the guidance.
+    The vehicle is an ``error`` to the right of a path with a unit tangent and a curvature to the right.
     """
-    ground = sqrt(ve * ve + vn * vn)
+    ve, vn = state.velocity_x, state.velocity_y
+    bound = _error_bound(_ground_speed(state), limits)
     ae, an = ve - we, vn - wn
     airspeed = max(sqrt(ae * ae + an * an), 1.0)
     wind = sqrt(we * we + wn * wn)
-    constant = period * damping
-    bound = ground * constant if ground > 1.0 else 0.5 * constant * (ground * ground + 1.0)
     near = min(abs(error) / bound, 1.0) - 1.0
     ahead = 0.5 * pi * near * near
     toward, along = cos(ahead), sin(ahead)
@@ -133,7 +122,7 @@ def npfg(
     turn = an * he - ae * hn
     if ae * he + an * hn < 0.0:
         turn = airspeed if turn >= 0.0 else -airspeed
-    return acceleration + 4.0 * pi * damping / period * turn, be, bn
+    return acceleration + 4.0 * pi * limits.damping / limits.period * turn, be, bn
 
 
 @compiled(allocates=False)
@@ -147,38 +136,17 @@ def _decide(nu: float, state: Record) -> float:
 
 
 @compiled(allocates=False)
-def l1_line(
-    rx: float,
-    ry: float,
-    te: float,
-    tn: float,
-    length: float,
-    ve: float,
-    vn: float,
-    period: float,
-    damping: float,
-    gain: float,
-    dt: float,
-    state: Record,
+def _l1_line(
+    state: Record, limits: Record, rx: float, ry: float, te: float, tn: float, length: float
 ) -> tuple[float, float, float]:
     """Return L1's lateral acceleration along a leg, and its bearing (east, north).
 
-    Parameters
-    ----------
-    rx, ry : float
-        Position, from the beginning of the leg.
-    te, tn, length : float
-        Direction and length of the leg.
-    ve, vn : float
-        Velocity over ground.
-    period, damping, gain : float
-        Of the loop; gain of the integral of the cross-track angle.
-    state : STATE
-        Holds the last angle and the integral.
+    The vehicle is at ``rx, ry`` from the beginning of a leg with a unit direction and a length.
     """
-    ground = max(sqrt(ve * ve + vn * vn), 0.1)
-    distance = l1_distance(ground, period, damping)
-    k = 4.0 * damping * damping
+    ve, vn = state.velocity_x, state.velocity_y
+    ground = max(_ground_speed(state), 0.1)
+    distance = _l1_distance(ground, limits)
+    k, gain = 4.0 * limits.damping * limits.damping, limits.integral
     away = sqrt(rx * rx + ry * ry)
     along = rx * te + ry * tn
     be, bn = te, tn
@@ -198,7 +166,7 @@ def l1_line(
         share = min(max(error / distance, -_CAPTURE), _CAPTURE)
         capture = -asin(share)
         if gain > 0.0 and abs(capture) < 0.0873:
-            integral = state.guidance_integral + capture * gain * dt
+            integral = state.guidance_integral + capture * gain * PERIOD_S
             state.guidance_integral = min(max(integral, -0.1), 0.1)
         capture += state.guidance_integral
         angle += capture
@@ -209,31 +177,15 @@ def l1_line(
 
 
 @compiled(allocates=False)
-def l1_circle(
-    rx: float,
-    ry: float,
-    radius: float,
-    sense: float,
-    ve: float,
-    vn: float,
-    period: float,
-    damping: float,
-    state: Record,
-) -> float:
-    """Return L1's lateral acceleration to reach and follow a circle.
+def _l1_circle(state: Record, limits: Record, rx: float, ry: float, radius: float, sense: float) -> float:
+    """Return L1's lateral acceleration to reach and follow a circle from a position about its centre.
 
-    Parameters
-    ----------
-    rx, ry : float
-        Position, from the centre.
-    radius, sense : float
-        Positive radius; 1 is clockwise.
-    ve, vn : float
-        Velocity over ground.
+    A ``sense`` of 1 is clockwise, -1 the other way.
     """
-    ground = max(sqrt(ve * ve + vn * vn), 1.0)
-    omega = 2.0 * pi / period
-    distance = l1_distance(ground, period, damping)
+    ve, vn, damping = state.velocity_x, state.velocity_y, limits.damping
+    ground = max(_ground_speed(state), 1.0)
+    omega = 2.0 * pi / limits.period
+    distance = _l1_distance(ground, limits)
     away = sqrt(rx * rx + ry * ry)
     if away > 0.1:
         oe, on = rx / away, ry / away
@@ -260,8 +212,6 @@ def _steer_line(
     state: Record, row: Record, limits: Record, wx: float, wy: float
 ) -> tuple[float, float, float]:
     """Return the lateral acceleration along a leg, and its bearing."""
-    ve, vn = state.velocity_x, state.velocity_y
-    period, damping = limits.period, limits.damping
     dx, dy = row.x - state.begin_x, row.y - state.begin_y
     length = sqrt(dx * dx + dy * dy)
     rx, ry = state.position_x - state.begin_x, state.position_y - state.begin_y
@@ -271,21 +221,14 @@ def _steer_line(
             dx, dy, length, rx, ry = goal_x, goal_y, sqrt(goal_x * goal_x + goal_y * goal_y), 0.0, 0.0
             if length < 1e-6:
                 dx, dy, length = sin(state.heading), cos(state.heading), 1.0
+        te, tn = dx / length, dy / length
         if row.kind == LANDING:
             # Past the landing point it keeps the line.
-            te, tn = dx / length, dy / length
-            far = length + sqrt(rx * rx + ry * ry) + AHEAD_OF_LANDING_M
-            return l1_line(
-                rx, ry, te, tn, far, ve, vn, period, damping, limits.integral, PERIOD_S, state,
-            )  # fmt: skip
-        return l1_line(
-            rx, ry, dx / length, dy / length, length, ve, vn, period, damping, limits.integral,
-            PERIOD_S, state,
-        )  # fmt: skip
-    ground = sqrt(ve * ve + vn * vn)
+            length = length + sqrt(rx * rx + ry * ry) + AHEAD_OF_LANDING_M
+        return _l1_line(state, limits, rx, ry, te, tn, length)
     if length >= SHORT and row.kind != TAKEOFF:
         behind = dx * rx + dy * ry < 0.0
-        near = switch_distance(ground, period, damping, limits.switch_share)
+        near = _switch_distance(state, limits)
         if behind and rx * rx + ry * ry > near * near:
             dx, dy, length = -rx, -ry, sqrt(rx * rx + ry * ry)
             rx = ry = 0.0
@@ -296,7 +239,7 @@ def _steer_line(
         if length < 1e-6:
             dx, dy, length = sin(state.heading), cos(state.heading), 1.0
     te, tn = dx / length, dy / length
-    return npfg(rx * tn - ry * te, te, tn, 0.0, ve, vn, wx, wy, period, damping)
+    return _npfg(state, limits, rx * tn - ry * te, te, tn, 0.0, wx, wy)
 
 
 @compiled(allocates=False)
@@ -304,24 +247,21 @@ def _steer_circle(
     state: Record, x: float, y: float, radius: float, limits: Record, wx: float, wy: float
 ) -> float:
     """Return the lateral acceleration to follow a circle."""
-    ve, vn = state.velocity_x, state.velocity_y
     rx, ry = state.position_x - x, state.position_y - y
     sense = 1.0 if radius > 0.0 else -1.0
     radius = abs(radius)
-    period, damping = limits.period, limits.damping
     if limits.law != NPFG:
-        return l1_circle(rx, ry, radius, sense, ve, vn, period, damping, state)
+        return _l1_circle(state, limits, rx, ry, radius, sense)
     away = sqrt(rx * rx + ry * ry)
     if away > 0.1:
         oe, on = rx / away, ry / away
     else:
-        ground = max(sqrt(ve * ve + vn * vn), 1e-3)
-        oe, on = ve / ground, vn / ground
+        ground = max(_ground_speed(state), 1e-3)
+        oe, on = state.velocity_x / ground, state.velocity_y / ground
     # Clockwise is the outward direction turned to the right.
     te, tn = sense * on, -sense * oe
     error = sense * (radius - away)
-    lateral, _, _ = npfg(error, te, tn, sense / radius, ve, vn, wx, wy, period, damping)
-    return lateral
+    return _npfg(state, limits, error, te, tn, sense / radius, wx, wy)[0]
 
 
 @compiled(allocates=False)
@@ -364,10 +304,7 @@ def steer(
     ce, cn = sin(state.course), cos(state.course)
     if limits.law == NPFG:
         rx, ry = state.position_x - state.begin_x, state.position_y - state.begin_y
-        return npfg(
-            rx * cn - ry * ce, ce, cn, 0.0, state.velocity_x, state.velocity_y, wx, wy,
-            limits.period, limits.damping,
-        )  # fmt: skip
+        return _npfg(state, limits, rx * cn - ry * ce, ce, cn, 0.0, wx, wy)
     rate = sqrt(2.0) * pi / limits.period
     error = (state.course - state.heading + pi) % (2.0 * pi) - pi
     error = min(max(error, -0.5 * pi), 0.5 * pi)
@@ -396,12 +333,11 @@ def leg_airspeed(
 @compiled(allocates=False)
 def _acceptance(state: Record, row: Record, limits: Record) -> float:
     """Return the distance at which a waypoint counts as reached."""
-    ground = sqrt(state.velocity_x * state.velocity_x + state.velocity_y * state.velocity_y)
     if limits.law == NPFG:
         return float(limits.acceptance)
     if row.radius > 0.0:
         return float(row.radius)
-    near = min(limits.acceptance, l1_distance(ground, limits.period, limits.damping))
+    near = min(limits.acceptance, _l1_distance(_ground_speed(state), limits))
     return float(near * min(row.turn_angle / (0.5 * pi), 1.0))
 
 
@@ -430,11 +366,10 @@ def circled(state: Record, row: Record, limits: Record, step: int) -> bool:
     radius = abs(row.circle_radius)
     sense = 1.0 if row.circle_radius > 0.0 else -1.0
     if isnan(state.bearing):
-        ground = sqrt(state.velocity_x * state.velocity_x + state.velocity_y * state.velocity_y)
+        ground = _ground_speed(state)
         room = radius + min(limits.acceptance, 0.5 * radius)
         if limits.law == NPFG:
-            near = switch_distance(ground, limits.period, limits.damping, limits.switch_share)
-            room = radius + max(limits.acceptance, near)
+            room = radius + max(limits.acceptance, _switch_distance(state, limits))
         # An airspeed that is too high for the circle leads round it outside.
         tight = ground * ground / (GRAVITY_M_S2 * tan(limits.bank_limit))
         room = max(room, 2.2 * tight)
@@ -456,7 +391,5 @@ def circled(state: Record, row: Record, limits: Record, step: int) -> bool:
     if isnan(row.exit_x) or state.turned > 2.0 * pi * (row.turns + 2.0):
         return True
     ex, ey = row.exit_x - state.position_x, row.exit_y - state.position_y
-    size = sqrt(ex * ex + ey * ey) * sqrt(
-        state.velocity_x * state.velocity_x + state.velocity_y * state.velocity_y
-    )
+    size = sqrt(ex * ex + ey * ey) * _ground_speed(state)
     return size < 1.0 or ex * state.velocity_x + ey * state.velocity_y > ALIGNED * size

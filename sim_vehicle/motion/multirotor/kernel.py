@@ -27,6 +27,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Vector = tuple[float, float, float]
 Axis = tuple[float, float, float, float, float]
+Turn = tuple[float, float]
 
 # One leg: its target, the directions along, across and normal to it, and the limits on these axes.
 Leg = IntEnum(
@@ -255,6 +256,25 @@ def _detour(row: Record, velocity: Vector, acceleration: Vector) -> float:
 
 
 @compiled(allocates=False)
+def turn_at(yaw: float, rate: float, wanted: float, most: float, change: float, dt: float) -> Turn:
+    """Return heading and rate after a step of turning at a wanted rate; it changes by so much at most."""
+    wanted = min(max(wanted, -most), most)
+    rate += min(max(wanted - rate, -change), change)
+    return (yaw + rate * dt) % (2.0 * pi), rate
+
+
+@compiled(allocates=False)
+def turn_to(yaw: float, rate: float, heading: float, most: float, acceleration: float, dt: float) -> Turn:
+    """Return heading and rate after a step of turning to a heading, slow enough to stop there."""
+    error = (heading - yaw + pi) % (2.0 * pi) - pi
+    size = abs(error)
+    if size < 1e-6 and abs(rate) < 1e-4:
+        return heading, 0.0
+    aim = min(most, 2.0 * size, 0.8 * sqrt(2.0 * acceleration * size))
+    return turn_at(yaw, rate, aim if error > 0.0 else -aim, most, acceleration * dt, dt)
+
+
+@compiled(allocates=False)
 def advance(
     states: Record,
     counters: Integers,
@@ -455,26 +475,13 @@ def advance(
             east, north = state.look_east - px, state.look_north - py
             if east * east + north * north > ROI_NEAR * ROI_NEAR:
                 heading = atan2(east, north) % (2.0 * pi)
+        most, change = limits.turn_rate, limits.turn_acceleration * dt
         if not isnan(row.turn_rate):
-            change = limits.turn_acceleration * dt
-            rate = min(max(row.turn_rate, -limits.turn_rate), limits.turn_rate)
-            yaw_rate += min(max(rate - yaw_rate, -change), change)
-            yaw = (yaw + yaw_rate * dt) % (2.0 * pi)
+            yaw, yaw_rate = turn_at(yaw, yaw_rate, row.turn_rate, most, change, dt)
         elif not isnan(heading) and (heading != yaw or yaw_rate != 0.0):
-            error = (heading - yaw + pi) % (2.0 * pi) - pi
-            size = abs(error)
-            if size < 1e-6 and abs(yaw_rate) < 1e-4:
-                yaw, yaw_rate = heading, 0.0
-            else:
-                rate = min(limits.turn_rate, 2.0 * size, 0.8 * sqrt(2.0 * limits.turn_acceleration * size))
-                rate = rate if error > 0.0 else -rate
-                change = limits.turn_acceleration * dt
-                yaw_rate += min(max(rate - yaw_rate, -change), change)
-                yaw = (yaw + yaw_rate * dt) % (2.0 * pi)
+            yaw, yaw_rate = turn_to(yaw, yaw_rate, heading, most, limits.turn_acceleration, dt)
         elif yaw_rate != 0.0:
-            change = limits.turn_acceleration * dt
-            yaw_rate -= min(max(yaw_rate, -change), change)
-            yaw = (yaw + yaw_rate * dt) % (2.0 * pi)
+            yaw, yaw_rate = turn_at(yaw, yaw_rate, 0.0, most, change, dt)
         if counters[col.ARRIVED] == 0:
             rx, ry, rz = tx - px, ty - py, tz - pz
             left2 = rx * rx + ry * ry + rz * rz

@@ -24,7 +24,7 @@ from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.energy.power_kernels import multirotor_power
 from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.columns import Record, record_type
-from sim_vehicle.motion.multirotor.kernel import ROI_NEAR, STALL_S, Floats, Integers
+from sim_vehicle.motion.multirotor.kernel import ROI_NEAR, STALL_S, Floats, Integers, turn_at
 from sim_vehicle.motion.px4.smoothing import (
     Vector,
     clamped,
@@ -115,11 +115,7 @@ PROGRESS = 0.98
 @compiled(allocates=False)
 def _choose_waypoints(g: Record, row: Record, px: float, py: float, pz: float, radius: float) -> None:
     """Follow the leg, or fly back to it when the vehicle is off it, before it or past its end."""
-    dx, dy, dz = (
-        row.x - row.before_x,
-        row.y - row.before_y,
-        row.z - row.before_z,
-    )
+    dx, dy, dz = row.x - row.before_x, row.y - row.before_y, row.z - row.before_z
     size = sqrt(dx * dx + dy * dy + dz * dz)
     state = 0.0
     nearx, neary, nearz = row.before_x, row.before_y, row.before_z
@@ -299,10 +295,8 @@ def _turn(g: Record, row: Record, law: Record, state: Record) -> None:
     """Turn the heading: to the target, as the leg says, or to the position that the nose points at."""
     yaw, rate, dt = state.heading, state.heading_rate, law.dt
     if not isnan(row.turn_rate) and isnan(state.look_east):
-        wanted = min(max(row.turn_rate, -law.yaw_rate), law.yaw_rate)
-        change = law.yaw_acc * dt
-        rate += min(max(wanted - rate, -change), change)
-        state.heading, state.heading_rate = (yaw + rate * dt) % (2.0 * pi), rate
+        yaw, rate = turn_at(yaw, rate, row.turn_rate, law.yaw_rate, law.yaw_acc * dt, dt)
+        state.heading, state.heading_rate = yaw, rate
         g.heading = state.heading
         return
     if not isnan(state.look_east):

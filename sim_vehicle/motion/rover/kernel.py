@@ -21,7 +21,7 @@ from sim_vehicle.motion.rover.layout import (
     THROUGH,
     VELOCITY,
 )
-from sim_vehicle.motion.stepping import kernel_of
+from sim_vehicle.motion.stepping import kernel_of, take_velocity
 
 CREEP = 0.3
 PATIENCE_S = 60.0
@@ -278,11 +278,7 @@ def _move(state: Record, counters: Integers, route: Record, limits: Record, own:
     state.path_length += sqrt(way * way + drift * drift)
     aside, yaw = state.sideways, state.heading
     ve, vn = speed * sin(yaw) + aside * cos(yaw), speed * cos(yaw) - aside * sin(yaw)
-    state.acceleration_x, state.acceleration_y = (
-        (ve - state.velocity_x) / dt,
-        (vn - state.velocity_y) / dt,
-    )
-    state.velocity_x, state.velocity_y = ve, vn
+    take_velocity(state, ve, vn, state.velocity_z, dt)
     state.speed = speed
     if arrived or kind == VELOCITY:
         return False

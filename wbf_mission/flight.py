@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -109,18 +110,24 @@ def fly(
     run = resolve(scenario, faults=faults, fitted=fitted, weights=weights, progress=progress)
     if connect is not None:
         run = replace(run, vehicles=connect.numbered(run.vehicles))
-    with rehearsed(run, rehearse) as ready:
-        campaign = Campaign(run, progress=progress, watch=watch)
-        if not run.decider.steers:
-            # A planner needs no estimate: what it cannot plan is told before anything takes long.
+    with (
+        rehearsed(run, rehearse) as ready,
+        closing(Campaign(run, progress=progress, watch=watch)) as campaign,
+    ):
+
+        def plan() -> None:
             plans = campaign.plan(run.first_day)
             progress("planning", 1, 1)
             watch.lap("plan")
-            for one in plans:
-                # The autopilot of a vehicle behind a link is known better when it is asked.
-                if connect is None:
+            # The autopilot of a vehicle behind a link is known better when it is asked.
+            if connect is None and not run.decider.steers:
+                for one in plans:
                     refuse_errors(one.rendered)
             _check(campaign, connect, force=force, tell=tell_errors)
+
+        if not run.decider.steers:
+            # A planner needs no estimate: what it cannot plan is told before anything takes long.
+            plan()
         require_run_memory(run.farm, run.estimator, round(campaign.expected_readings))
         environments = None if memory is None else memory.environments
         environment, cached = run.environment(progress, use_cache=use_cache, memory=environments)
@@ -128,26 +135,20 @@ def fly(
         # One BLAS thread: sums do not depend on the number of cores then, and small matrices are faster.
         with threadpool_limits(1, user_api="blas"):
             campaign.learn_from(environment, ready)
-            assert campaign.evidence.estimate is not None
+            if run.decider.steers:
+                run.decider.policy.start()
+                plan()
             try:
-                if run.decider.steers:
-                    run.decider.policy.start()
-                    campaign.plan(run.first_day)
-                    progress("planning", 1, 1)
-                    watch.lap("plan")
-                    _check(campaign, connect, force=force, tell=tell_errors)
-                try:
-                    if connect is None:
-                        hosting = VirtualHosting(pace, tlog, impairment, run.faults)
-                        campaign.fly(environment, hosting, memory=memory)
-                    else:
-                        campaign.fly(environment, connect.hosting(tlog), connect.console)
-                except KeyboardInterrupt:
-                    if not campaign.flights:
-                        raise
-                result = _result(campaign)
-            finally:
-                campaign.evidence.estimate.close()
+                if connect is None:
+                    campaign.fly(
+                        environment, VirtualHosting(pace, tlog, impairment, run.faults), memory=memory
+                    )
+                else:
+                    campaign.fly(environment, connect.hosting(tlog), connect.console)
+            except KeyboardInterrupt:
+                if not campaign.flights:
+                    raise
+            result = _result(campaign)
         result.environment_cached = cached
         return result
 

@@ -20,7 +20,7 @@ from sensors.scoring.information import InformationModel
 from sensors.scoring.score import RunningScore
 from wbf_mission.flight import fly
 from wbf_mission.results.result import Result, load_result
-from wbf_mission.run.hosting import JointFlight
+from wbf_mission.run.joint_flight import JointFlight
 from wbf_mission.run.resolve import make_environment
 from wbf_mission.scenario import Scenario
 

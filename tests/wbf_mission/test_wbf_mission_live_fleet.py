@@ -23,7 +23,7 @@ from wbf_mission.live.hosting import links_of
 from wbf_mission.live.link import LiveLink, via_named
 from wbf_mission.replanning.loop import DecisionLoop
 from wbf_mission.run import hosting, sortie
-from wbf_mission.run.hosting import JointFlight
+from wbf_mission.run.joint_flight import JointFlight
 from wbf_mission.run.resolve import resolve
 
 A, B = "tcp:127.0.0.1:1", "tcp:127.0.0.1:2"

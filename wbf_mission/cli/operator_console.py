@@ -20,7 +20,7 @@ from wbf_mission.cli import signals
 from wbf_mission.cli.output import Output, distance
 
 if TYPE_CHECKING:
-    from wbf_mission.run.hosting import JointFlight
+    from wbf_mission.run.joint_flight import JointFlight
     from wbf_mission.run.sortie import Sortie
 
 _STATUS_S = 5.0

@@ -18,7 +18,8 @@ from wbf_mission.preflight.finding import Concern, Finding, PreflightError, Repo
 from wbf_mission.preflight.inquiry import VehicleSnapshot, ask_vehicle
 from wbf_mission.preflight.run import ShowFindings, check_mission, show_nobody
 from wbf_mission.preflight.subject import Circumstances
-from wbf_mission.run.hosting import Hosting, OperatorConsole
+from wbf_mission.run.hosting import Hosting
+from wbf_mission.run.joint_flight import OperatorConsole
 from wbf_mission.scenario import Scenario
 from wbf_mission.scenario.values import LAYERS
 

@@ -23,7 +23,8 @@ from wbf_mission.planning.fleet import Vehicle
 from wbf_mission.progress import Progress, Stopwatch
 from wbf_mission.replanning.record import DecisionRecord
 from wbf_mission.run.flight import FlightInterrupted, PlannedFlight, fly_once, leaf_camera, plan_flight
-from wbf_mission.run.hosting import Hosting, OperatorConsole
+from wbf_mission.run.hosting import Hosting
+from wbf_mission.run.joint_flight import OperatorConsole
 from wbf_mission.run.record import DayRecord, Flight, FlightRecord, keeps_days
 from wbf_mission.run.resolve import Run
 from wbf_mission.run.reuse import FlightAlone, FlightMemory, FlightsAhead, can_fly_ahead
@@ -137,6 +138,11 @@ class Campaign:
                 ahead.close()
             if self._log is not None:
                 self._log.close()
+
+    def close(self) -> None:
+        """Let go of what the estimate holds."""
+        if self.evidence.estimate is not None:
+            self.evidence.estimate.close()
 
     def end_day(self) -> None:
         """Sum up the day that is estimated, unless that was done."""

@@ -23,7 +23,8 @@ from wbf_mission.progress import Progress, Stopwatch, silent
 from wbf_mission.replanning.loop import DecisionLoop, Knowledge
 from wbf_mission.replanning.record import DecisionRecord
 from wbf_mission.replanning.spacing import MARGIN_M, KeptDistance, Positions, least_apart_m
-from wbf_mission.run.hosting import Hosting, JointFlight, OperatorConsole
+from wbf_mission.run.hosting import Hosting
+from wbf_mission.run.joint_flight import JointFlight, OperatorConsole
 from wbf_mission.run.record import Flight
 from wbf_mission.run.resolve import Run
 from wbf_mission.run.sortie import Sortie

@@ -1,28 +1,20 @@
-"""Where the flights of a run take place, and how vehicles fly together there, with decisions on the way."""
+"""Where the flights of a run take place: a simulation of vehicles, cameras and ground stations, or links."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Collection, Iterable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Protocol
 
 from numpy.random import SeedSequence
 
-from geo.interrupts import interrupts_noted
-from mission.ground.arming_gate import ArmingGate, Stage
-from mission.ground.modes import Maneuver
-from mission.ground.status_text import NotStartedError, doing, not_started
+from mission.ground.arming_gate import ArmingGate
 from mission.link.codec.dialect import Message
 from mission.link.tlog import FrameSink
 from mission.model import GeoPoint
-from mission.outcome import Outcome, Phase
-from mission.policies.observation import Event
 from mission.transfer import OWN_TRANSFERS, TransferMaker
-from sensors.estimation import Evidence
 from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.component import NEVER, Component
@@ -32,9 +24,6 @@ from sim_vehicle.host.router import RadioRange
 from sim_vehicle.host.simulation import Impairment, Simulation, StopReason
 from sim_vehicle.mavlink import SimVehicle
 from wbf_mission.planning import home_of
-from wbf_mission.progress import Progress, Stopwatch
-from wbf_mission.replanning.loop import DecisionLoop
-from wbf_mission.run.record import Flight
 from wbf_mission.run.sortie import Sortie
 
 
@@ -193,236 +182,3 @@ def tap_of(
         write(frame, time_of(now_s))
 
     return tap
-
-
-SLICE_S = 1.0
-FLIGHT_LIMIT_FACTOR = 3.0
-FLIGHT_LIMIT_EXTRA_S = 600.0
-SILENT_FACTOR = 1.5
-SILENT_FOR_GOOD_S = 60.0
-"""A real vehicle that is silent for so long, and should have landed long ago, is not waited for."""
-
-
-class OperatorConsole(Protocol):
-    """Where somebody stands by while real vehicles fly."""
-
-    def tend(self, flight: JointFlight) -> None:
-        """Look after the flight; called every second or so. KeyboardInterrupt leaves the vehicles flying."""
-
-
-class JointFlight:
-    """Flies sorties together, from the first heartbeat to the last landing.
-
-    Parameters
-    ----------
-    decisions : DecisionLoop
-        Already asked for the first paths.
-    offset_s : float
-        When the flight begins, in seconds since the beginning of the run.
-    pace : float or None
-        Simulated seconds per wall second.
-    console : OperatorConsole or None
-        Who stands by; without, a flight that takes far too long is given up.
-    """
-
-    def __init__(
-        self,
-        sorties: Sequence[Sortie],
-        decisions: DecisionLoop,
-        evidence: Evidence,
-        host: FlightHost,
-        *,
-        expected_s: float,
-        offset_s: float = 0.0,
-        pace: float | None = None,
-        console: OperatorConsole | None = None,
-        progress: Progress,
-        watch: Stopwatch,
-    ) -> None:
-        self.sorties = tuple(sorties)
-        self._decisions = decisions
-        self._evidence = evidence
-        self._offset_s = offset_s
-        self._pace = pace
-        self._console = console
-        self._progress, self._watch = progress, watch
-        self._host = host
-        for sortie in self.sorties:
-            sortie.send = partial(host.send, sortie.ground)
-        self._gates = [
-            (one, one.ground.arming_gate) for one in self.sorties if one.ground.arming_gate is not None
-        ]
-        if len(self.sorties) > 1:
-            for _, gate in self._gates:
-                gate.hold()
-        self._begun_s: float | None = None
-        self._expected_s = expected_s
-        self._event: Event | None = None
-
-    @property
-    def now_s(self) -> float:
-        """Simulated seconds since the flight's first heartbeat."""
-        return self._host.now_s
-
-    @property
-    def frames(self) -> int:
-        """How many MAVLink frames were sent."""
-        return self._host.frames
-
-    def given(self) -> Flight:
-        """Return what the flight gave, as it stands; its observations went on as they arrived."""
-        return Flight([sortie.record() for sortie in self.sorties], self.now_s, self.frames)
-
-    def maneuver(self, kind: Maneuver, only: Sortie | None = None) -> None:
-        """Take every vehicle that is not down out of its mission, or one of them."""
-        for sortie in self.sorties if only is None else (only,):
-            if not sortie.done:
-                sortie.send(sortie.ground.maneuver(kind, self.now_s))
-
-    def _let_start(self) -> None:
-        """Let real vehicles start together once all that are left can, each by its delay after the first."""
-        left = [(sortie, gate) for sortie, gate in self._gates if not sortie.done]
-        if self._begun_s is None:
-            if not left or not all(
-                sortie.ground.phase is Phase.READY and gate.stage is Stage.WAITING for sortie, gate in left
-            ):
-                return
-            self._begun_s = self.now_s
-        for sortie, gate in left:
-            if self.now_s >= self._begun_s + sortie.start_delay_s:
-                gate.release()
-
-    def fly(self) -> None:
-        """Fly until every vehicle is down; a KeyboardInterrupt comes between slices: `interrupt` follows."""
-        if self._console is not None:
-            # Who stands by asks for signals, and what they are to mean.
-            self._fly(lambda: None)
-            return
-        with interrupts_noted() as answer_interrupt:
-            self._fly(answer_interrupt)
-
-    def _fly(self, answer_interrupt: Callable[[], None]) -> None:
-        limit_s = FLIGHT_LIMIT_FACTOR * self._expected_s + FLIGHT_LIMIT_EXTRA_S
-        begin = time.perf_counter()
-        while not self._is_over():
-            answer_interrupt()
-            stop = self._host.run(until=self._stops, limit_s=SLICE_S)
-            self._watch.lap("flight")
-            if self._pace is not None:
-                self._keep_pace(begin, self._pace)
-            if self._console is not None:
-                self._console.tend(self)
-                self._let_start()
-                self._give_up_silent()
-            elif self.now_s > limit_s or stop in (StopReason.IDLE, StopReason.STALLED):
-                self._give_up()
-            self.learn()
-            for sortie in self.sorties:
-                sortie.note_changes()
-                sortie.give_up_lost(self.now_s)
-            self._decide()
-            if self._is_flying():
-                longest_s = max(sortie.ground.flight_time_s for sortie in self.sorties)
-                self._progress("flying", longest_s, self._expected_s)
-
-    def interrupt(self) -> None:
-        """Stop where we are; what was seen so far is kept."""
-        left = {one.system_id: not_started(one.ground) for one in self.sorties}
-        if self._console is not None and all(one.ground.started_s is None for one in self.sorties):
-            told = {number: text for number, text in left.items() if text is not None}
-            several = len(self.sorties) > 1 and len(set(told.values())) > 1
-            if told:
-                texts = [f"vehicle {number}: {text}" for number, text in told.items()]
-                msg = "interrupted: " + ("; ".join(texts) if several else next(iter(told.values())))
-                raise NotStartedError(msg)
-        for sortie in self.sorties:
-            why = f"stopped after {self.now_s:.0f} simulated seconds"
-            if self._console is not None:
-                seconds = sortie.ground.flight_time_s
-                flew = f"left as it flew after {seconds:.0f} s: {doing(sortie.ground, self.now_s)}"
-                why = left[sortie.system_id] or flew
-            sortie.ground.interrupt(Outcome.INTERRUPTED, why, self.now_s)
-        self.learn()
-
-    def learn(self) -> None:
-        """Hand on what was seen since the last call."""
-        for sortie in self.sorties:
-            self._evidence.add(sortie.take(), offset_s=self._offset_s)
-        self._watch.lap("estimate and score")
-
-    @property
-    def _mission_s(self) -> float:
-        """Seconds since the first vehicle's mission began; 0 before."""
-        started = [one.ground.started_s for one in self.sorties if one.ground.started_s is not None]
-        return self.now_s - min(started) if started else 0.0
-
-    def _stops(self, _now_s: float) -> bool:
-        """Return whether there is something to do before the slice is over."""
-        # Before and after the flight nobody is asked: to stop for that again and again would stop the time.
-        if not self._decisions.asks_on_the_way or not self._is_flying():
-            return self._is_over()
-        mission_s = self._mission_s
-        if not self._decisions.is_early(mission_s):
-            waiting = sum(sortie.assembler.waiting for sortie in self.sorties)
-            self._event = self._decisions.due(self.sorties, mission_s, len(self._evidence) + waiting)
-        # A vehicle whose clock runs faster than ours reaches the end of its path within a slice.
-        if self._event is None and self._console is not None and self._is_ending():
-            self._event = Event.ENDING
-        return self._event is not None or self._is_over()
-
-    def _decide(self) -> None:
-        event, self._event = self._event, None
-        if event is None and self._is_ending():
-            event = Event.ENDING
-        if self._decisions.lost(self.sorties, self.now_s):
-            event = Event.LOST
-        if event is not None and self._is_flying():
-            self._decisions.decide(event, self.sorties, self._mission_s, self.now_s)
-            self._watch.lap("decide")
-
-    def _is_ending(self) -> bool:
-        """Return whether a path is about to end; True once for each."""
-        return self._decisions.ending(self.sorties, self.now_s)
-
-    def _is_flying(self) -> bool:
-        for sortie in self.sorties:  # noqa: SIM110
-            if sortie.ground.phase is Phase.FLIGHT:
-                return True
-        return False
-
-    def _is_over(self) -> bool:
-        # Loops here and above: they are asked at each step of the vehicles, and `all` would make a generator.
-        for sortie in self.sorties:  # noqa: SIM110
-            if not sortie.done:
-                return False
-        return True
-
-    def _give_up(self) -> None:
-        for sortie in self.sorties:
-            phase = sortie.ground.phase
-            why = f"not over after {self.now_s:.0f} simulated seconds ({phase.value})"
-            sortie.ground.interrupt(Outcome.TIME_LIMIT, why, self.now_s)
-
-    def _give_up_silent(self) -> None:
-        """End the flight of a real vehicle that nobody has heard of for longer than it can fly."""
-        for sortie in self.sorties:
-            ground = sortie.ground
-            if ground.phase is not Phase.FLIGHT or ground.started_s is None:
-                continue
-            silent_s = self.now_s - ground.link.heard_s
-            flown_s = self.now_s - ground.started_s
-            if (
-                silent_s > SILENT_FOR_GOOD_S
-                and flown_s > SILENT_FACTOR * self._expected_s + SILENT_FOR_GOOD_S
-            ):
-                why = (
-                    f"nothing was heard of the vehicle for {silent_s:.0f} s; "
-                    f"its flight was to take {self._expected_s:.0f} s"
-                )
-                ground.interrupt(Outcome.NO_ANSWER, why, self.now_s)
-
-    def _keep_pace(self, begin: float, pace: float) -> None:
-        ahead_s = self.now_s / pace - (time.perf_counter() - begin)
-        if ahead_s > 0.0:
-            time.sleep(ahead_s)
-        self._watch.lap("waiting")

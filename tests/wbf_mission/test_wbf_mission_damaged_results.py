@@ -108,6 +108,14 @@ def test_any_value_of_the_record_may_be_another(saved: Path, tmp_path: Path, dat
         assert "\n" not in str(error)
 
 
+def test_a_number_of_more_than_64_bits_is_refused(saved: Path, tmp_path: Path) -> None:
+    shutil.copytree(saved, tmp_path / "run")
+    record = json.loads((saved / "result.json").read_bytes())
+    record["flights"][0]["prediction"]["items"] = [2**63]
+    (tmp_path / "run" / "result.json").write_text(json.dumps(record))
+    assert "the result is damaged" in refusal(tmp_path / "run")
+
+
 @pytest.mark.filterwarnings("ignore:overflow")
 @settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 @given(

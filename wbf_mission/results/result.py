@@ -136,7 +136,7 @@ def load_result(path: str | Path) -> Result:
     try:
         settle_result(Path(path))
         return read_result(Path(path), Result)
-    except (WbfMissionError, OSError, TypeError, KeyError, ValueError) as error:
+    except (WbfMissionError, OSError, TypeError, KeyError, ValueError, OverflowError) as error:
         if isinstance(error, ResultError):
             raise
         msg = f"{path}: the result is damaged ({' '.join(str(error).split())})"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import zipfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -14,6 +15,7 @@ from geo import Farm
 from geo.atomic import atomic_path, atomic_write
 from geo.errors import WbfMissionError
 from sensors.fields import FieldSet
+from sensors.observations import MAX_FILE_ROWS
 from wbf_mission.maps.blocks import MapGrid
 from wbf_mission.maps.field_maps import FieldMap
 
@@ -33,40 +35,45 @@ def write_table(path: Path, table: Any, *, group_rows: int | None = None) -> Non
 
 
 def read_table(path: Path, columns: tuple[str, ...]) -> Any:
-    """Read a Parquet file as a pyarrow table."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    try:
-        table = pq.read_table(path)
-    except (pa.ArrowException, OSError) as error:
-        raise _unreadable(path, error) from None
-    _require(path, table.column_names, columns)
-    return table
+    """Read columns of a Parquet file as a pyarrow table."""
+    with _opened(path, columns) as file:
+        table = file.read(columns=list(columns))
+        table.validate(full=True)
+        return table
 
 
 def read_batches(path: Path, columns: tuple[str, ...]) -> Iterator[Any]:
-    """Read a Parquet file in parts, as pyarrow record batches of a few hundred rows."""
+    """Read all columns of a Parquet file in parts: pyarrow record batches of a few hundred rows."""
+    with _opened(path, columns) as file:
+        for batch in file.iter_batches(batch_size=_BATCH_ROWS):
+            batch.validate(full=True)
+            yield batch
+
+
+@contextlib.contextmanager
+def _opened(path: Path, columns: tuple[str, ...]) -> Iterator[Any]:
+    """Open a Parquet file; whatever is wrong with it, also while it is read, is a ResultError.
+
+    Who reads validates: else a text that is none comes up only where it is used.
+    """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     try:
         with pq.ParquetFile(path) as file:
-            _require(path, file.schema_arrow.names, columns)
-            yield from file.iter_batches(batch_size=_BATCH_ROWS)
-    except (pa.ArrowException, OSError) as error:
-        raise _unreadable(path, error) from None
-
-
-def _unreadable(path: Path, error: Exception) -> ResultError:
-    return ResultError(f"{path}: is not a Parquet file that can be read ({str(error).splitlines()[0]})")
-
-
-def _require(path: Path, names: list[str], columns: tuple[str, ...]) -> None:
-    missing = [name for name in columns if name not in names]
-    if missing:
-        msg = f"{path}: no column {missing[0]}"
-        raise ResultError(msg)
+            missing = [name for name in columns if name not in file.schema_arrow.names]
+            if missing:
+                raise ResultError(f"{path}: no column {missing[0]}")
+            rows = file.metadata.num_rows
+            if rows > MAX_FILE_ROWS:
+                raise ResultError(f"{path}: claims {rows} rows, more than the limit of {MAX_FILE_ROWS}")
+            yield file
+    except ResultError:
+        raise
+    # A name that is no UTF-8 is a ValueError.
+    except (pa.ArrowException, OSError, ValueError) as error:
+        msg = f"{path}: is not a Parquet file that can be read ({str(error).splitlines()[0]})"
+        raise ResultError(msg) from None
 
 
 SUFFIX = ".zarr.zip"

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wbf_mission.bench.rows import TABLE, BenchRow, BenchStore, read_rows
+from wbf_mission.results import storage
 from wbf_mission.results.storage import ResultError
 
 NAMES = st.text(st.characters(exclude_categories=("Cs",)), max_size=10)
@@ -104,6 +105,28 @@ def test_a_table_of_something_else_is_named_and_left(tmp_path):
     with pytest.raises(ResultError, match="no column key"):
         BenchStore(tmp_path)
     assert (tmp_path / TABLE).read_bytes() == before
+
+
+@pytest.mark.parametrize("text", [b"no such thing", b"cells_observed"], ids=["value", "name"])
+def test_a_table_with_a_text_that_is_none_is_named(tmp_path, text):
+    with BenchStore(tmp_path) as store:
+        store.add(row(1, error="no such thing"))
+    table = tmp_path / TABLE
+    pq.write_table(pq.read_table(table), table, compression="none", store_schema=False)
+    whole = table.read_bytes()
+    assert text in whole
+    table.write_bytes(whole.replace(text, b"\xff" + text[1:]))
+    with pytest.raises(ResultError, match=r"rows\.parquet: is not a Parquet file that can be read"):
+        read_rows(tmp_path)
+
+
+def test_a_table_of_too_many_rows_is_not_read(tmp_path, monkeypatch):
+    with BenchStore(tmp_path) as store:
+        store.add(row(1))
+        store.add(row(2))
+    monkeypatch.setattr(storage, "MAX_FILE_ROWS", 1)
+    with pytest.raises(ResultError, match=r"rows\.parquet: claims 2 rows, more than the limit of 1"):
+        read_rows(tmp_path)
 
 
 def test_the_table_is_plain_columns(tmp_path):

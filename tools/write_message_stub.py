@@ -25,47 +25,13 @@ _PACKAGES = ("geo", "sensors", "mission", "sim_vehicle", "wbf_mission")
 _USED = re.compile(r"\b(?:m|mavlink)\.([A-Z]\w+)")
 _ID = "MAVLINK_MSG_ID_"
 
-_HEAD = """# Written by tools/write_message_stub.py; do not edit.
-# The part of the MAVLink dialect that the code uses, for type checkers.
+_MARK = "# What follows is written by tools/write_message_stub.py; do not edit it.\n"
 
-from collections.abc import Sequence
-from struct import Struct
-from typing import Any, ClassVar, Final, dataclass_transform
 
-class MAVError(Exception): ...
-
-class EnumEntry:
-    name: str
-    description: str
-
-enums: Final[dict[str, dict[int, EnumEntry]]]
-
-@dataclass_transform()
-class MAVLink_message:
-    id: int
-    msgname: ClassVar[str]
-    crc_extra: ClassVar[int]
-    fieldnames: ClassVar[list[str]]
-    ordered_fieldnames: ClassVar[list[str]]
-    unpacker: ClassVar[Struct]
-    def get_type(self) -> str: ...
-    def get_msgId(self) -> int: ...
-    def get_srcSystem(self) -> int: ...
-    def get_srcComponent(self) -> int: ...
-    def get_seq(self) -> int: ...
-    def get_msgbuf(self) -> bytes: ...
-    def to_dict(self) -> dict[str, Any]: ...
-    def pack(self, mav: MAVLink, force_mavlink1: bool = ...) -> bytes: ...
-
-class MAVLink:
-    seq: int
-    srcSystem: int
-    srcComponent: int
-    def __init__(self, file: None, srcSystem: int = ..., srcComponent: int = ...) -> None: ...
-    def decode(self, msgbuf: bytearray) -> MAVLink_message: ...
-
-mavlink_map: Final[dict[int, type[MAVLink_message]]]
-"""
+def head() -> str:
+    """Return the part of the stub that is written by hand, with the line that ends it."""
+    written, mark, _ = STUB.read_text(encoding="utf-8").partition(_MARK)
+    return written + mark
 
 
 def used_names() -> list[str]:
@@ -78,7 +44,7 @@ def used_names() -> list[str]:
         for path in (ROOT / package).rglob("*.py"):
             names.update(_USED.findall(path.read_text(encoding="utf-8")))
     names |= {f"MAVLink_{name.removeprefix(_ID).lower()}_message" for name in names if name.startswith(_ID)}
-    described = set(re.findall(r"^class (\w+)", _HEAD, re.MULTILINE))
+    described = set(re.findall(r"^class (\w+)", head(), re.MULTILINE))
     return sorted(name for name in names - described if hasattr(mavlink, name))
 
 
@@ -140,7 +106,7 @@ def stub() -> str:
     names = used_names()
     numbers = "\n".join(_number(name) for name in names if not _is_message(name))
     messages = "\n\n".join(_message(name) for name in names if _is_message(name))
-    text = f"{_HEAD}\n{numbers}\n\n{messages}\n"
+    text = f"{head()}\n{numbers}\n\n{messages}\n"
     ruff = [sys.executable, "-m", "ruff", "format", "--stdin-filename", str(STUB), "-"]
     return subprocess.run(ruff, input=text, capture_output=True, text=True, check=True, cwd=ROOT).stdout
 

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,7 +18,6 @@ from mission.transfer.client_table import (
     COMPLETE,
     FAILED,
     READY,
-    ClientAction,
     ClientInput,
     ClientState,
 )
@@ -242,24 +240,17 @@ class ClientTransfer(ABC):
         return _I.ACK_TROUBLE if message.type in _TROUBLE else _I.ACK_REFUSED
 
     def _step(self, found: ClientInput, message: Message | None, now_s: float) -> Output:
+        """Do what a row of the table says: the method of its name; the kinds of transfer add their own.
+
+        Each input belongs to messages of one kind or to a timer (None); ``message`` fits the action.
+        """
         action, following = CLIENT_TABLE[self._state, found]
-        output = self._act(action, message, now_s)
+        output: Output = getattr(self, "_" + action.replace(" ", "_"))(message, now_s)
         self._state = following
         self._messages_sent += len(output.messages)
         if self.done and self._ended_s is None:
             self._ended_s = now_s
         return output
-
-    def _act(self, action: ClientAction, message: Any, now_s: float) -> Output:
-        """Do what a row of the table says: the method of its name; the kinds of transfer add their own.
-
-        Each input belongs to messages of one kind or to a timer (None); ``message`` fits the action.
-        """
-        act: Callable[[Any, float], Output] | None = getattr(self, f"_{action.name.lower()}", None)
-        if act is None:
-            msg = f"{self._what()}: {action.value!r} belongs to another kind of transfer"
-            raise AssertionError(msg)
-        return act(message, now_s)
 
     def _ignore(self, message: Message, now_s: float) -> Output:
         return NOTHING

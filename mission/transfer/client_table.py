@@ -1,9 +1,9 @@
 """The ground station's side of the mission protocol as one table.
 
-Each row reads: in this state, on this input, do this and go there. An input is a message already judged
-against the state, or a timer, or a call of the owner. After https://mavlink.io/en/services/mission.html;
-where real autopilots answer errors and carry on (ArduPilot: out of order; PX4: busy), such an ACK is only
-trouble, which ends the transfer if nothing better follows.
+Each row reads: in this state, on this input, do this (the method of that name) and go there. An input is a
+message already judged against the state, or a timer, or a call of the owner. After
+https://mavlink.io/en/services/mission.html; where real autopilots answer errors and carry on (ArduPilot: out
+of order; PX4: busy), such an ACK is only trouble, which ends the transfer if nothing better follows.
 """
 
 from __future__ import annotations
@@ -50,97 +50,74 @@ class ClientInput(Enum):
     CANCEL = "the owner cancels"
 
 
-class ClientAction(Enum):
-    """What it does about it."""
-
-    SEND_OPENING = "send opening"
-    IGNORE = "ignore"
-    FAIL_UNSTARTED = "fail unstarted"
-    SEND_ITEM = "send item"
-    NOTE_TROUBLE = "note trouble"
-    FAIL_REFUSED = "fail refused"
-    REPEAT_OPENING = "repeat opening"
-    FAIL_SILENT = "fail silent"
-    FAIL_CANCELLED = "fail cancelled"
-    NOTE_REQUEST = "note request"
-    REPEAT_ITEM = "repeat item"
-    COMPLETE = "complete"
-    ASK_FIRST = "ask first"
-    TAKE_ITEM = "take item"
-    FAIL_BROKEN = "fail broken"
-    ASK_AGAIN = "ask again"
-    RESTART = "restart"
-
-
 _I = ClientInput
-_A = ClientAction
 READY, COUNTING, UPLOADING, CONFIRMING, LISTING, DOWNLOADING, CLEARING, COMPLETE, FAILED = ClientState
 
-CLIENT_TABLE: Final[dict[tuple[ClientState, ClientInput], tuple[ClientAction, ClientState]]] = {
+CLIENT_TABLE: Final[dict[tuple[ClientState, ClientInput], tuple[str, ClientState]]] = {
     # not started
-    (READY, _I.START_UPLOAD): (_A.SEND_OPENING, COUNTING),
-    (READY, _I.START_DOWNLOAD): (_A.SEND_OPENING, LISTING),
-    (READY, _I.START_CLEAR): (_A.SEND_OPENING, CLEARING),
-    (READY, _I.STRAY): (_A.IGNORE, READY),
-    (READY, _I.CANCEL): (_A.FAIL_UNSTARTED, FAILED),
+    (READY, _I.START_UPLOAD): ("send opening", COUNTING),
+    (READY, _I.START_DOWNLOAD): ("send opening", LISTING),
+    (READY, _I.START_CLEAR): ("send opening", CLEARING),
+    (READY, _I.STRAY): ("ignore", READY),
+    (READY, _I.CANCEL): ("fail unstarted", FAILED),
     # upload: COUNT sent
-    (COUNTING, _I.REQUEST): (_A.SEND_ITEM, UPLOADING),
-    (COUNTING, _I.REQUEST_LAST): (_A.SEND_ITEM, CONFIRMING),
-    (COUNTING, _I.ACK_TROUBLE): (_A.NOTE_TROUBLE, COUNTING),
-    (COUNTING, _I.ACK_REFUSED): (_A.FAIL_REFUSED, FAILED),
-    (COUNTING, _I.STRAY): (_A.IGNORE, COUNTING),
-    (COUNTING, _I.RETRY): (_A.REPEAT_OPENING, COUNTING),
-    (COUNTING, _I.GIVE_UP): (_A.FAIL_SILENT, FAILED),
-    (COUNTING, _I.CANCEL): (_A.FAIL_CANCELLED, FAILED),
+    (COUNTING, _I.REQUEST): ("send item", UPLOADING),
+    (COUNTING, _I.REQUEST_LAST): ("send item", CONFIRMING),
+    (COUNTING, _I.ACK_TROUBLE): ("note trouble", COUNTING),
+    (COUNTING, _I.ACK_REFUSED): ("fail refused", FAILED),
+    (COUNTING, _I.STRAY): ("ignore", COUNTING),
+    (COUNTING, _I.RETRY): ("repeat opening", COUNTING),
+    (COUNTING, _I.GIVE_UP): ("fail silent", FAILED),
+    (COUNTING, _I.CANCEL): ("fail cancelled", FAILED),
     # upload: answering requests
-    (UPLOADING, _I.REQUEST): (_A.SEND_ITEM, UPLOADING),
-    (UPLOADING, _I.REQUEST_LAST): (_A.SEND_ITEM, CONFIRMING),
-    (UPLOADING, _I.REQUEST_REPEATED): (_A.NOTE_REQUEST, UPLOADING),
-    (UPLOADING, _I.ACK_TROUBLE): (_A.NOTE_TROUBLE, UPLOADING),
-    (UPLOADING, _I.ACK_REFUSED): (_A.FAIL_REFUSED, FAILED),
-    (UPLOADING, _I.STRAY): (_A.IGNORE, UPLOADING),
-    (UPLOADING, _I.RETRY): (_A.REPEAT_ITEM, UPLOADING),
-    (UPLOADING, _I.GIVE_UP): (_A.FAIL_SILENT, FAILED),
-    (UPLOADING, _I.CANCEL): (_A.FAIL_CANCELLED, FAILED),
+    (UPLOADING, _I.REQUEST): ("send item", UPLOADING),
+    (UPLOADING, _I.REQUEST_LAST): ("send item", CONFIRMING),
+    (UPLOADING, _I.REQUEST_REPEATED): ("note request", UPLOADING),
+    (UPLOADING, _I.ACK_TROUBLE): ("note trouble", UPLOADING),
+    (UPLOADING, _I.ACK_REFUSED): ("fail refused", FAILED),
+    (UPLOADING, _I.STRAY): ("ignore", UPLOADING),
+    (UPLOADING, _I.RETRY): ("repeat item", UPLOADING),
+    (UPLOADING, _I.GIVE_UP): ("fail silent", FAILED),
+    (UPLOADING, _I.CANCEL): ("fail cancelled", FAILED),
     # upload: every item sent
-    (CONFIRMING, _I.REQUEST): (_A.SEND_ITEM, CONFIRMING),
-    (CONFIRMING, _I.REQUEST_REPEATED): (_A.NOTE_REQUEST, CONFIRMING),
-    (CONFIRMING, _I.ACK_ACCEPTED): (_A.COMPLETE, COMPLETE),
-    (CONFIRMING, _I.ACK_TROUBLE): (_A.NOTE_TROUBLE, CONFIRMING),
-    (CONFIRMING, _I.ACK_REFUSED): (_A.FAIL_REFUSED, FAILED),
-    (CONFIRMING, _I.STRAY): (_A.IGNORE, CONFIRMING),
-    (CONFIRMING, _I.RETRY): (_A.REPEAT_ITEM, CONFIRMING),
-    (CONFIRMING, _I.GIVE_UP): (_A.FAIL_SILENT, FAILED),
-    (CONFIRMING, _I.CANCEL): (_A.FAIL_CANCELLED, FAILED),
+    (CONFIRMING, _I.REQUEST): ("send item", CONFIRMING),
+    (CONFIRMING, _I.REQUEST_REPEATED): ("note request", CONFIRMING),
+    (CONFIRMING, _I.ACK_ACCEPTED): ("complete", COMPLETE),
+    (CONFIRMING, _I.ACK_TROUBLE): ("note trouble", CONFIRMING),
+    (CONFIRMING, _I.ACK_REFUSED): ("fail refused", FAILED),
+    (CONFIRMING, _I.STRAY): ("ignore", CONFIRMING),
+    (CONFIRMING, _I.RETRY): ("repeat item", CONFIRMING),
+    (CONFIRMING, _I.GIVE_UP): ("fail silent", FAILED),
+    (CONFIRMING, _I.CANCEL): ("fail cancelled", FAILED),
     # download: LIST sent
-    (LISTING, _I.COUNT): (_A.ASK_FIRST, DOWNLOADING),
-    (LISTING, _I.COUNT_EMPTY): (_A.COMPLETE, COMPLETE),
-    (LISTING, _I.ACK_TROUBLE): (_A.NOTE_TROUBLE, LISTING),
-    (LISTING, _I.ACK_REFUSED): (_A.FAIL_REFUSED, FAILED),
-    (LISTING, _I.STRAY): (_A.IGNORE, LISTING),
-    (LISTING, _I.RETRY): (_A.REPEAT_OPENING, LISTING),
-    (LISTING, _I.GIVE_UP): (_A.FAIL_SILENT, FAILED),
-    (LISTING, _I.CANCEL): (_A.FAIL_CANCELLED, FAILED),
+    (LISTING, _I.COUNT): ("ask first", DOWNLOADING),
+    (LISTING, _I.COUNT_EMPTY): ("complete", COMPLETE),
+    (LISTING, _I.ACK_TROUBLE): ("note trouble", LISTING),
+    (LISTING, _I.ACK_REFUSED): ("fail refused", FAILED),
+    (LISTING, _I.STRAY): ("ignore", LISTING),
+    (LISTING, _I.RETRY): ("repeat opening", LISTING),
+    (LISTING, _I.GIVE_UP): ("fail silent", FAILED),
+    (LISTING, _I.CANCEL): ("fail cancelled", FAILED),
     # download: asking for items
-    (DOWNLOADING, _I.ITEM): (_A.TAKE_ITEM, DOWNLOADING),
-    (DOWNLOADING, _I.ITEM_LAST): (_A.COMPLETE, COMPLETE),
-    (DOWNLOADING, _I.ITEM_BROKEN): (_A.FAIL_BROKEN, FAILED),
-    (DOWNLOADING, _I.ACK_TROUBLE): (_A.NOTE_TROUBLE, DOWNLOADING),
-    (DOWNLOADING, _I.ACK_REFUSED): (_A.FAIL_REFUSED, FAILED),
-    (DOWNLOADING, _I.STRAY): (_A.IGNORE, DOWNLOADING),
-    (DOWNLOADING, _I.RETRY): (_A.ASK_AGAIN, DOWNLOADING),
-    (DOWNLOADING, _I.RESTART): (_A.RESTART, LISTING),
-    (DOWNLOADING, _I.GIVE_UP): (_A.FAIL_SILENT, FAILED),
-    (DOWNLOADING, _I.CANCEL): (_A.FAIL_CANCELLED, FAILED),
+    (DOWNLOADING, _I.ITEM): ("take item", DOWNLOADING),
+    (DOWNLOADING, _I.ITEM_LAST): ("complete", COMPLETE),
+    (DOWNLOADING, _I.ITEM_BROKEN): ("fail broken", FAILED),
+    (DOWNLOADING, _I.ACK_TROUBLE): ("note trouble", DOWNLOADING),
+    (DOWNLOADING, _I.ACK_REFUSED): ("fail refused", FAILED),
+    (DOWNLOADING, _I.STRAY): ("ignore", DOWNLOADING),
+    (DOWNLOADING, _I.RETRY): ("ask again", DOWNLOADING),
+    (DOWNLOADING, _I.RESTART): ("restart", LISTING),
+    (DOWNLOADING, _I.GIVE_UP): ("fail silent", FAILED),
+    (DOWNLOADING, _I.CANCEL): ("fail cancelled", FAILED),
     # clear
-    (CLEARING, _I.ACK_ACCEPTED): (_A.COMPLETE, COMPLETE),
-    (CLEARING, _I.ACK_TROUBLE): (_A.NOTE_TROUBLE, CLEARING),
-    (CLEARING, _I.ACK_REFUSED): (_A.FAIL_REFUSED, FAILED),
-    (CLEARING, _I.STRAY): (_A.IGNORE, CLEARING),
-    (CLEARING, _I.RETRY): (_A.REPEAT_OPENING, CLEARING),
-    (CLEARING, _I.GIVE_UP): (_A.FAIL_SILENT, FAILED),
-    (CLEARING, _I.CANCEL): (_A.FAIL_CANCELLED, FAILED),
+    (CLEARING, _I.ACK_ACCEPTED): ("complete", COMPLETE),
+    (CLEARING, _I.ACK_TROUBLE): ("note trouble", CLEARING),
+    (CLEARING, _I.ACK_REFUSED): ("fail refused", FAILED),
+    (CLEARING, _I.STRAY): ("ignore", CLEARING),
+    (CLEARING, _I.RETRY): ("repeat opening", CLEARING),
+    (CLEARING, _I.GIVE_UP): ("fail silent", FAILED),
+    (CLEARING, _I.CANCEL): ("fail cancelled", FAILED),
     # over
-    (COMPLETE, _I.STRAY): (_A.IGNORE, COMPLETE),
-    (FAILED, _I.STRAY): (_A.IGNORE, FAILED),
+    (COMPLETE, _I.STRAY): ("ignore", COMPLETE),
+    (FAILED, _I.STRAY): ("ignore", FAILED),
 }

@@ -32,7 +32,6 @@ from mission.transfer.server_table import (
     RECEIVING,
     SENDING,
     SERVER_TABLE,
-    ServerAction,
     ServerInput,
     ServerState,
 )
@@ -40,7 +39,6 @@ from mission.transfer.storage import as_read_back, frame_on_wire
 from mission.transfer.wire import from_wire_order, to_wire_order
 
 _I = ServerInput
-_A = ServerAction
 _COMPONENTS = frozenset({0, mavlink.MAV_COMP_ID_MISSIONPLANNER})
 _CRITICAL = mavlink.MAV_SEVERITY_CRITICAL
 _WARNING = mavlink.MAV_SEVERITY_WARNING
@@ -71,20 +69,20 @@ def _where_denied(result: int) -> Callable[[Profile], int | None]:
 
 _IGNORED = "IGN. CMD: Busy"
 _REFUSALS = {
-    _A.REFUSE_BUSY: _Refusal(lambda profile: profile.busy_result, "REJ. CMD: Busy"),
-    _A.REFUSE_TYPE: _Refusal(lambda profile: profile.type_result),
-    _A.REFUSE_PARTIAL: _Refusal(lambda profile: profile.partial_result),
-    _A.REFUSE_UNEXPECTED_ITEM: _Refusal(_always(wire.ERROR), "REJ. item: no transfer is running"),
-    _A.REFUSE_ITEM_TYPE: _Refusal(_always(wire.ERROR)),
-    _A.REFUSE_FOREIGN_ITEM: _Refusal(_where_denied(wire.DENIED), silent_text=_IGNORED),
-    _A.ANSWER_ORDER: _Refusal(lambda profile: profile.order_result),
-    _A.REFUSE_LIST: _Refusal(_where_denied(wire.DENIED), silent_text=_IGNORED),
-    _A.REFUSE_REQUEST: _Refusal(_always(wire.ERROR), "REJ. request: no LIST before it"),
-    _A.REFUSE_REQUEST_NOW: _Refusal(lambda profile: wire.DENIED if profile.stateless_download else None),
-    _A.REFUSE_CHANGED: _Refusal(_always(wire.ERROR), "REJ. MISSION_REQUEST after _INT"),
-    _A.REFUSE_CLEAR: _Refusal(_always(wire.UNSUPPORTED)),
-    _A.REFUSE_CLEAR_NOW: _Refusal(_where_denied(wire.ERROR), silent_text=_IGNORED),
-    _A.SAY_BUSY: _Refusal(lambda _: None, silent_text=_IGNORED),
+    "refuse busy": _Refusal(lambda profile: profile.busy_result, "REJ. CMD: Busy"),
+    "refuse type": _Refusal(lambda profile: profile.type_result),
+    "refuse partial": _Refusal(lambda profile: profile.partial_result),
+    "refuse unexpected item": _Refusal(_always(wire.ERROR), "REJ. item: no transfer is running"),
+    "refuse item type": _Refusal(_always(wire.ERROR)),
+    "refuse foreign item": _Refusal(_where_denied(wire.DENIED), silent_text=_IGNORED),
+    "answer order": _Refusal(lambda profile: profile.order_result),
+    "refuse list": _Refusal(_where_denied(wire.DENIED), silent_text=_IGNORED),
+    "refuse request": _Refusal(_always(wire.ERROR), "REJ. request: no LIST before it"),
+    "refuse request now": _Refusal(lambda profile: wire.DENIED if profile.stateless_download else None),
+    "refuse changed": _Refusal(_always(wire.ERROR), "REJ. MISSION_REQUEST after _INT"),
+    "refuse clear": _Refusal(_always(wire.UNSUPPORTED)),
+    "refuse clear now": _Refusal(_where_denied(wire.ERROR), silent_text=_IGNORED),
+    "say busy": _Refusal(lambda _: None, silent_text=_IGNORED),
 }
 
 
@@ -256,7 +254,7 @@ class MissionServer(ServerInputs):
             assert message is not None
             output = self._refuse(refusal, message, sender)
         else:
-            output = getattr(self, f"_{action.name.lower()}")(message, sender, now_s)
+            output = getattr(self, "_" + action.replace(" ", "_"))(message, sender, now_s)
         self._session.state = following
         return output
 

@@ -1,7 +1,7 @@
 """The vehicle's side of the mission protocol as one table.
 
-Each row reads: in this state, on this input, do this and go there. An input is a message already judged
-against the state (whose it is, whether it fits), or a timer. After
+Each row reads: in this state, on this input, do this (a refusal, or the method of that name) and go there. An
+input is a message already judged against the state (whose it is, whether it fits), or a timer. After
 https://mavlink.io/en/services/mission.html and PX4's ``mavlink_mission.cpp``; where ArduPilot does
 otherwise, the profile decides which input a message becomes.
 """
@@ -64,108 +64,68 @@ class ServerInput(Enum):
     ABORT = "abort timer"
 
 
-class ServerAction(Enum):
-    """What it does about it."""
-
-    ASK_FIRST = "ask first"
-    CLEAR_BY_COUNT = "clear by count"
-    REFUSE_SPACE = "refuse space"
-    REFUSE_BUSY = "refuse busy"
-    REFUSE_TYPE = "refuse type"
-    REPEAT_ACK = "repeat ack"
-    IGNORE = "ignore"
-    REFUSE_UNEXPECTED_ITEM = "refuse unexpected item"
-    SEND_COUNT = "send count"
-    SEND_ITEM = "send item"
-    ANSWER_BEYOND = "answer beyond"
-    REFUSE_REQUEST = "refuse request"
-    CLEAR = "clear"
-    REFUSE_CLEAR = "refuse clear"
-    REFUSE_CLEAR_NOW = "refuse clear now"
-    REFUSE_PARTIAL = "refuse partial"
-    ASK_PART = "ask part"
-    TAKE_ITEM = "take item"
-    TAKE_LAST_ITEM = "take last item"
-    REFUSE_ITEM = "refuse item"
-    ANSWER_ORDER = "answer order"
-    REFUSE_ITEM_TYPE = "refuse item type"
-    REFUSE_FOREIGN_ITEM = "refuse foreign item"
-    REFUSE_LIST = "refuse list"
-    REFUSE_REQUEST_NOW = "refuse request now"
-    END_CANCELLED = "end cancelled"
-    ASK_AGAIN = "ask again"
-    ABORT_UPLOAD = "abort upload"
-    SAY_BUSY = "say busy"
-    REFUSE_CHANGED = "refuse changed"
-    REFUSE_JUMP = "refuse jump"
-    END_SENT = "end sent"
-    END_REFUSED = "end refused"
-    ABORT_DOWNLOAD = "abort download"
-
-
 _I = ServerInput
-_A = ServerAction
 IDLE, RECEIVING, SENDING = ServerState
 
-SERVER_TABLE: Final[dict[tuple[ServerState, ServerInput], tuple[ServerAction, ServerState]]] = {
+SERVER_TABLE: Final[dict[tuple[ServerState, ServerInput], tuple[str, ServerState]]] = {
     # idle
-    (IDLE, _I.COUNT): (_A.ASK_FIRST, RECEIVING),
-    (IDLE, _I.COUNT_EMPTY): (_A.CLEAR_BY_COUNT, IDLE),
-    (IDLE, _I.COUNT_TOO_LARGE): (_A.REFUSE_SPACE, IDLE),
-    (IDLE, _I.COUNT_BUSY): (_A.REFUSE_BUSY, IDLE),
-    (IDLE, _I.BAD_TYPE): (_A.REFUSE_TYPE, IDLE),
-    (IDLE, _I.ITEM_REPEATED): (_A.REPEAT_ACK, IDLE),
-    (IDLE, _I.ITEM_STALE): (_A.IGNORE, IDLE),
-    (IDLE, _I.ITEM_UNEXPECTED): (_A.REFUSE_UNEXPECTED_ITEM, IDLE),
-    (IDLE, _I.LIST): (_A.SEND_COUNT, SENDING),
-    (IDLE, _I.LIST_STATELESS): (_A.SEND_COUNT, IDLE),
-    (IDLE, _I.REQUEST_STATELESS): (_A.SEND_ITEM, IDLE),
-    (IDLE, _I.REQUEST_BEYOND): (_A.ANSWER_BEYOND, IDLE),
-    (IDLE, _I.REQUEST_UNEXPECTED): (_A.REFUSE_REQUEST, IDLE),
-    (IDLE, _I.ACK_OTHER): (_A.IGNORE, IDLE),
-    (IDLE, _I.CLEAR): (_A.CLEAR, IDLE),
-    (IDLE, _I.CLEAR_UNSUPPORTED): (_A.REFUSE_CLEAR, IDLE),
-    (IDLE, _I.CLEAR_LOCKED): (_A.REFUSE_CLEAR_NOW, IDLE),
-    (IDLE, _I.PARTIAL): (_A.REFUSE_PARTIAL, IDLE),
-    (IDLE, _I.WRITE): (_A.ASK_PART, RECEIVING),
+    (IDLE, _I.COUNT): ("ask first", RECEIVING),
+    (IDLE, _I.COUNT_EMPTY): ("clear by count", IDLE),
+    (IDLE, _I.COUNT_TOO_LARGE): ("refuse space", IDLE),
+    (IDLE, _I.COUNT_BUSY): ("refuse busy", IDLE),
+    (IDLE, _I.BAD_TYPE): ("refuse type", IDLE),
+    (IDLE, _I.ITEM_REPEATED): ("repeat ack", IDLE),
+    (IDLE, _I.ITEM_STALE): ("ignore", IDLE),
+    (IDLE, _I.ITEM_UNEXPECTED): ("refuse unexpected item", IDLE),
+    (IDLE, _I.LIST): ("send count", SENDING),
+    (IDLE, _I.LIST_STATELESS): ("send count", IDLE),
+    (IDLE, _I.REQUEST_STATELESS): ("send item", IDLE),
+    (IDLE, _I.REQUEST_BEYOND): ("answer beyond", IDLE),
+    (IDLE, _I.REQUEST_UNEXPECTED): ("refuse request", IDLE),
+    (IDLE, _I.ACK_OTHER): ("ignore", IDLE),
+    (IDLE, _I.CLEAR): ("clear", IDLE),
+    (IDLE, _I.CLEAR_UNSUPPORTED): ("refuse clear", IDLE),
+    (IDLE, _I.CLEAR_LOCKED): ("refuse clear now", IDLE),
+    (IDLE, _I.PARTIAL): ("refuse partial", IDLE),
+    (IDLE, _I.WRITE): ("ask part", RECEIVING),
     # receiving
-    (RECEIVING, _I.COUNT_REPEATED): (_A.ASK_FIRST, RECEIVING),
-    (RECEIVING, _I.COUNT_BUSY): (_A.REFUSE_BUSY, RECEIVING),
-    (RECEIVING, _I.BAD_TYPE): (_A.REFUSE_TYPE, RECEIVING),
-    (RECEIVING, _I.ITEM_NEXT): (_A.TAKE_ITEM, RECEIVING),
-    (RECEIVING, _I.ITEM_LAST): (_A.TAKE_LAST_ITEM, IDLE),
-    (RECEIVING, _I.ITEM_REFUSED): (_A.REFUSE_ITEM, IDLE),
-    (RECEIVING, _I.ITEM_OUT_OF_ORDER): (_A.ANSWER_ORDER, RECEIVING),
-    (RECEIVING, _I.ITEM_WRONG_TYPE): (_A.REFUSE_ITEM_TYPE, RECEIVING),
-    (RECEIVING, _I.ITEM_FOREIGN): (_A.REFUSE_FOREIGN_ITEM, RECEIVING),
-    (RECEIVING, _I.LIST_BUSY): (_A.REFUSE_LIST, RECEIVING),
-    (RECEIVING, _I.REQUEST_FOREIGN): (_A.REFUSE_REQUEST_NOW, RECEIVING),
-    (RECEIVING, _I.ACK_CANCEL): (_A.END_CANCELLED, IDLE),
-    (RECEIVING, _I.ACK_OTHER): (_A.IGNORE, RECEIVING),
-    (RECEIVING, _I.CLEAR_BUSY): (_A.REFUSE_CLEAR_NOW, RECEIVING),
-    (RECEIVING, _I.PARTIAL): (_A.IGNORE, RECEIVING),
-    (RECEIVING, _I.WRITE): (_A.IGNORE, RECEIVING),
-    (RECEIVING, _I.ABANDONED): (_A.END_CANCELLED, IDLE),
-    (RECEIVING, _I.RETRY): (_A.ASK_AGAIN, RECEIVING),
-    (RECEIVING, _I.ABORT): (_A.ABORT_UPLOAD, IDLE),
+    (RECEIVING, _I.COUNT_REPEATED): ("ask first", RECEIVING),
+    (RECEIVING, _I.COUNT_BUSY): ("refuse busy", RECEIVING),
+    (RECEIVING, _I.BAD_TYPE): ("refuse type", RECEIVING),
+    (RECEIVING, _I.ITEM_NEXT): ("take item", RECEIVING),
+    (RECEIVING, _I.ITEM_LAST): ("take last item", IDLE),
+    (RECEIVING, _I.ITEM_REFUSED): ("refuse item", IDLE),
+    (RECEIVING, _I.ITEM_OUT_OF_ORDER): ("answer order", RECEIVING),
+    (RECEIVING, _I.ITEM_WRONG_TYPE): ("refuse item type", RECEIVING),
+    (RECEIVING, _I.ITEM_FOREIGN): ("refuse foreign item", RECEIVING),
+    (RECEIVING, _I.LIST_BUSY): ("refuse list", RECEIVING),
+    (RECEIVING, _I.REQUEST_FOREIGN): ("refuse request now", RECEIVING),
+    (RECEIVING, _I.ACK_CANCEL): ("end cancelled", IDLE),
+    (RECEIVING, _I.ACK_OTHER): ("ignore", RECEIVING),
+    (RECEIVING, _I.CLEAR_BUSY): ("refuse clear now", RECEIVING),
+    (RECEIVING, _I.PARTIAL): ("ignore", RECEIVING),
+    (RECEIVING, _I.WRITE): ("ignore", RECEIVING),
+    (RECEIVING, _I.ABANDONED): ("end cancelled", IDLE),
+    (RECEIVING, _I.RETRY): ("ask again", RECEIVING),
+    (RECEIVING, _I.ABORT): ("abort upload", IDLE),
     # sending
-    (SENDING, _I.COUNT_BUSY): (_A.REFUSE_BUSY, SENDING),
-    (SENDING, _I.BAD_TYPE): (_A.REFUSE_TYPE, SENDING),
-    (SENDING, _I.ITEM_STALE): (_A.IGNORE, SENDING),
-    (SENDING, _I.ITEM_FOREIGN): (_A.SAY_BUSY, SENDING),
-    (SENDING, _I.LIST): (_A.SEND_COUNT, SENDING),
-    (SENDING, _I.LIST_BUSY): (_A.REFUSE_LIST, SENDING),
-    (SENDING, _I.REQUEST): (_A.SEND_ITEM, SENDING),
-    (SENDING, _I.REQUEST_CHANGED): (_A.REFUSE_CHANGED, SENDING),
-    (SENDING, _I.REQUEST_JUMP): (_A.REFUSE_JUMP, IDLE),
-    (SENDING, _I.REQUEST_BEYOND): (_A.ANSWER_BEYOND, SENDING),
-    (SENDING, _I.REQUEST_FOREIGN): (_A.IGNORE, SENDING),
-    (SENDING, _I.ACK_DONE): (_A.END_SENT, IDLE),
-    (SENDING, _I.ACK_CANCEL): (_A.END_CANCELLED, IDLE),
-    (SENDING, _I.ACK_ERROR): (_A.END_REFUSED, IDLE),
-    (SENDING, _I.ACK_OTHER): (_A.IGNORE, SENDING),
-    (SENDING, _I.CLEAR_BUSY): (_A.SAY_BUSY, SENDING),
-    (SENDING, _I.PARTIAL): (_A.IGNORE, SENDING),
-    (SENDING, _I.IMPLIED_END): (_A.END_SENT, IDLE),
-    (SENDING, _I.ABORT): (_A.ABORT_DOWNLOAD, IDLE),
+    (SENDING, _I.COUNT_BUSY): ("refuse busy", SENDING),
+    (SENDING, _I.BAD_TYPE): ("refuse type", SENDING),
+    (SENDING, _I.ITEM_STALE): ("ignore", SENDING),
+    (SENDING, _I.ITEM_FOREIGN): ("say busy", SENDING),
+    (SENDING, _I.LIST): ("send count", SENDING),
+    (SENDING, _I.LIST_BUSY): ("refuse list", SENDING),
+    (SENDING, _I.REQUEST): ("send item", SENDING),
+    (SENDING, _I.REQUEST_CHANGED): ("refuse changed", SENDING),
+    (SENDING, _I.REQUEST_JUMP): ("refuse jump", IDLE),
+    (SENDING, _I.REQUEST_BEYOND): ("answer beyond", SENDING),
+    (SENDING, _I.REQUEST_FOREIGN): ("ignore", SENDING),
+    (SENDING, _I.ACK_DONE): ("end sent", IDLE),
+    (SENDING, _I.ACK_CANCEL): ("end cancelled", IDLE),
+    (SENDING, _I.ACK_ERROR): ("end refused", IDLE),
+    (SENDING, _I.ACK_OTHER): ("ignore", SENDING),
+    (SENDING, _I.CLEAR_BUSY): ("say busy", SENDING),
+    (SENDING, _I.PARTIAL): ("ignore", SENDING),
+    (SENDING, _I.IMPLIED_END): ("end sent", IDLE),
+    (SENDING, _I.ABORT): ("abort download", IDLE),
 }

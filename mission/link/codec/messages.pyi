@@ -1,4 +1,3 @@
-# Written by tools/write_message_stub.py; do not edit.
 # The part of the MAVLink dialect that the code uses, for type checkers.
 
 from collections.abc import Sequence
@@ -38,6 +37,8 @@ class MAVLink:
     def decode(self, msgbuf: bytearray) -> MAVLink_message: ...
 
 mavlink_map: Final[dict[int, type[MAVLink_message]]]
+
+# What follows is written by tools/write_message_stub.py; do not edit it.
 
 CAMERA_CAP_FLAGS_CAPTURE_IMAGE: Final[int]
 CAMERA_CAP_FLAGS_HAS_IMAGE_SURVEY_MODE: Final[int]

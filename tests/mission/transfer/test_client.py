@@ -30,7 +30,7 @@ from mission.transfer import (
     result_text,
     wire,
 )
-from mission.transfer.client_table import CLIENT_TABLE, ClientAction, ClientInput, ClientState
+from mission.transfer.client_table import CLIENT_TABLE, ClientInput, ClientState
 
 MISSION, FENCE, RALLY = MissionType
 GROUND = (255, 190)
@@ -347,20 +347,12 @@ def test_adaptive_waiting():
     assert trip.wait(0.25, 0.1, 1.5) == pytest.approx(4.4, rel=1e-3), "never before an answer can have come"
 
 
-def test_the_table_uses_every_action_input_and_state():
-    assert {action for action, _ in CLIENT_TABLE.values()} == set(ClientAction)
+def test_the_table_uses_every_input_and_state_and_each_action_is_done_by_a_transfer():
+    kinds = (MissionClear, MissionUpload, MissionDownload)
+    for action, _ in CLIENT_TABLE.values():
+        assert any(hasattr(kind, "_" + action.replace(" ", "_")) for kind in kinds), action
     assert {found for _, found in CLIENT_TABLE} == set(ClientInput)
     assert {state for state, _ in CLIENT_TABLE} == set(ClientState)
-
-
-def test_an_action_of_another_kind_of_transfer_is_a_defect():
-    for transfer, action in (
-        (MissionClear(MISSION), ClientAction.SEND_ITEM),
-        (MissionUpload([]), ClientAction.TAKE_ITEM),
-        (MissionDownload(), ClientAction.REPEAT_ITEM),
-    ):
-        with pytest.raises(AssertionError, match=f"'{action.value}' belongs to another kind of transfer"):
-            transfer._act(action, None, 0.0)
 
 
 whole = st.integers(0, 4)

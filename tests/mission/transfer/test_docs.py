@@ -17,5 +17,5 @@ def test_the_page_prints_the_table(table):
     rows = []
     for (state, found), (action, then) in table.items():
         following = "-" if then is state else then.value
-        rows.append(f"| {state.value} | {found.value} | {action.value} | {following} |")
+        rows.append(f"| {state.value} | {found.value} | {action} | {following} |")
     assert "\n".join(rows) in PAGE.read_text(encoding="utf-8")

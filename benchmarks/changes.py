@@ -26,7 +26,7 @@ import numpy as np
 from recordings import ChangedFlight, fly_changed
 
 from geo.frame import LocalFrame
-from mission.ground.change import revised_mission
+from mission.ground.items import revised_mission
 from mission.ground.station import GroundStation
 from mission.ground.vehicle_state import VehicleState
 from mission.model import Command, GeoPoint, Mission, MissionItem

@@ -88,17 +88,17 @@ class CardRoom:
 
 @dataclass(frozen=True, slots=True)
 class FlightModes:
-    """An autopilot's flight modes by their names, and what they are for."""
+    """An autopilot's flight modes by their names, and what they are for; by default none is known."""
 
-    numbers: Callable[[int], Mapping[str, tuple[float, float, float]]]
+    numbers: Callable[[int], Mapping[str, tuple[float, float, float]]] = lambda _vehicle_type: {}
     """Given a MAV_TYPE, the parameters 1 to 3 of DO_SET_MODE by the names of the modes."""
-    mission: frozenset[str]
+    mission: frozenset[str] = frozenset()
     """In which it flies its mission by itself."""
-    hold: Mapping[int | None, str]
+    hold: Mapping[int | None, str] = field(default_factory=lambda: {None: ""})
     """In which it stays where it is, by MAV_TYPE; None for any other."""
-    arming: Mapping[int | None, str | None]
+    arming: Mapping[int | None, str | None] = field(default_factory=lambda: {None: None})
     """In which it arms without a stick; None where it may arm in any."""
-    ends: Callable[[int, int], frozenset[str]]
+    ends: Callable[[int, int], frozenset[str]] = lambda _vehicle_type, _last_command: frozenset()
     """Given a MAV_TYPE and the last command of a mission, the modes that the mission leads to when it is
     over, besides its own."""
     aliases: Mapping[str, str] = field(default_factory=dict)
@@ -293,8 +293,8 @@ class Profile:
     is gone comes home."""
     dialect: Dialect = field(default_factory=Dialect)
     """In which form it takes items, for `mission.transfer.rendering`."""
-    modes: FlightModes | None = None
-    """Its flight modes; None where they are not known."""
+    modes: FlightModes = field(default_factory=lambda: FlightModes(in_pymavlink=True))
+    """Its flight modes."""
     settings: VehicleSettings = field(default_factory=VehicleSettings)
     """Its parameters that a plan depends on."""
     bytewise: bool = False

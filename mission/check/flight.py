@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from mission.check.peer import FailedError, Peer
 from mission.check.registry import Checks
-from mission.ground.modes import arming_mode
+from mission.ground.modes import VehicleModes
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import is_a
@@ -22,9 +22,9 @@ _ALTITUDE_M = 8.0
 
 def _ready_mode(peer: Peer) -> None:
     """Take a mode in which it arms and takes commands: GUIDED of ArduCopter, hold of PX4."""
-    mode = arming_mode(peer.vehicle.autopilot, peer.vehicle.vehicle_type)
-    if mode is not None:
-        peer.must(m.MAV_CMD_DO_SET_MODE, mode.base, mode.main, mode.sub)
+    modes = VehicleModes(peer.vehicle.autopilot, peer.vehicle.vehicle_type)
+    if modes.arming is not None:
+        peer.must(m.MAV_CMD_DO_SET_MODE, *modes.numbers(modes.arming))
 
 
 def _arm(peer: Peer) -> None:

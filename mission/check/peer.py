@@ -36,7 +36,6 @@ class SkippedError(WbfMissionError):
 M = TypeVar("M", bound=Message)
 T = TypeVar("T")
 Ack: TypeAlias = m.MAVLink_command_ack_message
-GROUND = (255, int(m.MAV_COMP_ID_MISSIONPLANNER))
 _LONGEST_WAIT_S = 0.1
 _ANSWER_S = 1.5
 _TRIES = 3
@@ -65,7 +64,7 @@ class Peer:
         clock: Callable[[], float] = time.monotonic,
         wait: Callable[[Link, float], None] = wait_readable,
     ) -> None:
-        self.endpoint = MavlinkEndpoint(link, *GROUND)
+        self.endpoint = MavlinkEndpoint(link, *wire.GROUND_STATION)
         self.driver = TransferDriver(self.endpoint, clock=clock, wait=wait)
         self.endpoint.wanted = None
         self.texts: deque[str] = deque(maxlen=200)
@@ -130,7 +129,7 @@ class Peer:
                 return
             if self.now() >= self._beat_s + 1.0:
                 self._beat_s = self.now()
-                self.send(m.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+                self.send(wire.ground_heartbeat())
             self._wait(self.endpoint.link, min(left_s, _LONGEST_WAIT_S))
             self._receive()
 
@@ -256,7 +255,7 @@ class Peer:
             kind,
             home=home or self.home,
             target=self.address,
-            source=GROUND,
+            source=wire.GROUND_STATION,
             profile=self.profile,
             round_trip=self._round_trip,
         )

@@ -8,7 +8,6 @@ from dataclasses import replace
 from mission.check.peer import (
     ACK,
     ANSWERS,
-    GROUND,
     MISSION,
     RE_REQUEST_S,
     REQUESTS,
@@ -35,7 +34,7 @@ _ITEMS: tuple[type[wire.ItemMessage], ...] = (
 )
 _GIVE_UP_S = 12.0
 _COUNT = m.MAVLink_mission_count_message
-_OTHER_GROUND = GROUND[0] - 1
+_OTHER_GROUND = wire.GROUND_STATION[0] - 1
 
 
 def _listing(peer: Peer) -> Message:

@@ -9,10 +9,8 @@ from __future__ import annotations
 import math
 from enum import Enum
 
-from mission.ground.change import (
-    ChangeOutcome,
-    ChangeRequest,
-    ChangeSession,
+from mission.ground.change import ChangeOutcome, ChangeRequest, ChangeSession
+from mission.ground.items import (
     apart_m,
     is_return,
     item_to_mark,
@@ -78,8 +76,8 @@ class AsideChange(ChangeSession):
 
     def __init__(self, request: ChangeRequest) -> None:
         super().__init__(request)
-        modes = request.profile.change_modes or {}
-        self._guided, self._auto = modes[request.monitor.vehicle_type]
+        modes = self._contact.profile.change_modes or {}
+        self._guided, self._auto = modes[self._monitor.vehicle_type]
         self._back = self._auto
         self._step = _Step.WAITING
         self._plan: Mission = request.new
@@ -116,7 +114,7 @@ class AsideChange(ChangeSession):
             return self._guard(message, now_s)
         if self._step is _Step.PAUSING and isinstance(message, m.MAVLink_heartbeat_message):
             # Meanwhile it may have returned home.
-            aside = self.request.monitor.custom_mode in (self._guided, self._auto)
+            aside = self._monitor.custom_mode in (self._guided, self._auto)
             return self._fly_to(now_s) + self._send(now_s) if aside else self._on_mode(now_s)
         if isinstance(message, m.MAVLink_command_ack_message):
             return self._on_ack(message, now_s)
@@ -177,7 +175,7 @@ class AsideChange(ChangeSession):
 
     def _begin(self, now_s: float) -> list[Message]:
         request = self.request
-        state = request.monitor.state
+        state = self._monitor.state
         if now_s - self._waits_s > _PATIENCE_S:
             return self._finish(ChangeOutcome.GIVEN_UP, "no good moment came", now_s)
         self._wake_s = now_s + 0.5 * _FRESH_S
@@ -185,7 +183,7 @@ class AsideChange(ChangeSession):
         if item >= len(request.old.items) or is_return(request.old.items[item]):
             return self._finish(ChangeOutcome.GIVEN_UP, "it is on its way home", now_s)
         climbs = request.old.items[item].command == Command.NAV_TAKEOFF
-        if now_s - state.heard_s > _FRESH_S or climbs or request.monitor.custom_mode != self._auto:
+        if now_s - state.heard_s > _FRESH_S or climbs or self._monitor.custom_mode != self._auto:
             return []
         window_s = 1.5 * request.seconds_an_item * len(request.new.items) + _SPARE_S
         if item != self._near and self._near >= 0:
@@ -214,7 +212,7 @@ class AsideChange(ChangeSession):
 
         What was passed until then may have switched the camera off.
         """
-        item = self.request.monitor.state.item
+        item = self._monitor.state.item
         if self._step in (_Step.TURNING, _Step.SENDING) and self._plan is self.request.new:
             self._item = max(self._item, min(item or 0, len(self.request.old.items) - 1))
 
@@ -241,10 +239,7 @@ class AsideChange(ChangeSession):
         position: tuple[float, float, float] | None = None,
         tries: int | None = None,
     ) -> list[Message]:
-        request = self.request
-        order = Order(
-            request.vehicle, command, *params, position=position, tries=tries, round_trip=request.round_trip
-        )
+        order = self._contact.order(command, *params, position=position, tries=tries)
         self._orders[command] = order
         return order.send(now_s)
 
@@ -357,9 +352,9 @@ class AsideChange(ChangeSession):
     def _choose(self, now_s: float) -> list[Message]:
         """Name the item that the mission goes on with."""
         self._step = _Step.CHOOSING
-        home = 1 if self.request.profile.home_at_zero else 0
+        home = 1 if self._contact.profile.home_at_zero else 0
         self._flown_next = self._leg
-        left_m, speed = self._distance() - self._leave_m(), self.request.monitor.state.ground_speed_m_s
+        left_m, speed = self._distance() - self._leave_m(), self._monitor.state.ground_speed_m_s
         # Far from the target the way to it is not worth the time aside from the mission.
         self._is_far |= not self._has_target() or left_m > _LONGEST_S * max(speed, 0.5)
         # A vehicle that does not come nearer to its target comes to rest there and then in the guided mode,
@@ -393,7 +388,7 @@ class AsideChange(ChangeSession):
             return self._begin(now_s)
         if self._step not in (_Step.SENDING, _Step.NEARING):
             return []
-        distance, speed = self._distance(), self.request.monitor.state.ground_speed_m_s
+        distance, speed = self._distance(), self._monitor.state.ground_speed_m_s
         if self._step is _Step.NEARING:
             near = distance <= self._leave_m() + speed * (self._round_trip.seconds or 0.0)
             return self._resume(now_s) if near or self._is_far else []
@@ -411,7 +406,7 @@ class AsideChange(ChangeSession):
 
     def _distance(self) -> float:
         """Return how far the target is, over ground."""
-        state = self.request.monitor.state
+        state = self._monitor.state
         latitude, longitude, _ = self._target()
         if not math.isfinite(state.latitude_deg):
             return math.inf
@@ -419,7 +414,7 @@ class AsideChange(ChangeSession):
 
     def _nearing_m_s(self) -> float:
         """Return how fast it comes nearer to the target, over ground."""
-        state = self.request.monitor.state
+        state = self._monitor.state
         latitude, longitude, _ = self._target()
         north = latitude - state.latitude_deg
         east = (longitude - state.longitude_deg) * math.cos(math.radians(latitude))
@@ -428,7 +423,7 @@ class AsideChange(ChangeSession):
 
     def _target(self) -> tuple[float, float, float]:
         """Return where to fly in the guided mode: to the item, over home when that is the return."""
-        item, state, home = self._plan.items[self._leg], self.request.monitor.state, self.request.old.home
+        item, state, home = self._plan.items[self._leg], self._monitor.state, self.request.old.home
         if item.has_position and not is_return(item):
             return item.x, item.y, item.z
         if home is not None:
@@ -437,7 +432,7 @@ class AsideChange(ChangeSession):
 
     def _leave_m(self) -> float:
         """Return from how far before the target the mission is gone on with: where it would stop there."""
-        return min(_stopping_m(self.request.monitor.state.ground_speed_m_s) + _LEAVE_SPARE_M, _MOST_LEAVE_M)
+        return min(_stopping_m(self._monitor.state.ground_speed_m_s) + _LEAVE_SPARE_M, _MOST_LEAVE_M)
 
     # Back to the mission.
 
@@ -472,7 +467,7 @@ class AsideChange(ChangeSession):
 
     def _on_mode(self, now_s: float) -> list[Message]:
         """Take the mode of a heartbeat."""
-        mode = self.request.monitor.custom_mode
+        mode = self._monitor.custom_mode
         if self._step is _Step.RESUMING and mode == self._auto and now_s > self._resumed_s:
             order = self._orders.pop(int(m.MAV_CMD_DO_SET_MODE), None)
             self._retries += 0 if order is None else order.repeats

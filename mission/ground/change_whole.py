@@ -4,19 +4,11 @@ from __future__ import annotations
 
 import math
 
-from mission.ground.change import (
-    FLOWN_TO,
-    ChangeOutcome,
-    ChangeRequest,
-    ChangeSession,
-    apart_m,
-    item_to_mark,
-    next_flown_to,
-    same_position,
-)
-from mission.ground.modes import end_modes
+from mission.ground.change import ChangeOutcome, ChangeRequest, ChangeSession
+from mission.ground.items import apart_m, item_to_mark, leads_on, next_flown_to, same_position
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
+from mission.model import MissionType
 from mission.transfer import (
     CLIENT_MESSAGES,
     DownloadComplete,
@@ -60,7 +52,7 @@ class WholeListChange(ChangeSession):
     def _next_then(self) -> int:
         """Return the item to fly to when the upload ends: what is passed until then is not flown back to."""
         request = self.request
-        old, new, state = request.old.items, request.new.items, request.monitor.state
+        old, new, state = request.old.items, request.new.items, self._monitor.state
         item, target = request.item, request.resume_at
         if not same_position(old[item], new[target]) or not math.isfinite(state.latitude_deg):
             return target
@@ -97,7 +89,7 @@ class WholeListChange(ChangeSession):
 
     def _note_passed(self) -> None:
         """Note how far the old mission is flown: what is passed may switch the camera off."""
-        item = self.request.monitor.state.item
+        item = self._monitor.state.item
         if self._acknowledged_s is None and item is not None:
             self._passed = max(self._passed, min(item, len(self.request.old.items) - 1))
 
@@ -153,32 +145,32 @@ class WholeListChange(ChangeSession):
     def _read(self, now_s: float) -> list[Message]:
         """Find out which mission the vehicle holds."""
         self._due_s = math.inf
-        self._transfer = self._download()
+        self._transfer = self._contact.download(MissionType.MISSION, round_trip=self._round_trip)
         return self._take(self._transfer.start(now_s), now_s)
 
     def _compare(self, read: DownloadComplete, now_s: float) -> None:
         request = self.request
-        if not compare_plans(request.new.items, read.items, request.profile):
+        if not compare_plans(request.new.items, read.items, self._contact.profile):
             if self._acknowledged_s is None:
                 self._acknowledged_s = now_s
             self._verified, self._id = True, read.opaque_id
             self._due_s = now_s + _SHOWN_S
             self._look(now_s)
-        elif not compare_plans(request.old.items, read.items, request.profile):
+        elif not compare_plans(request.old.items, read.items, self._contact.profile):
             self._end(ChangeOutcome.GIVEN_UP, self._why, now_s)
         else:
             self._end(ChangeOutcome.GIVEN_UP, f"{self._why}; the vehicle holds another mission", now_s)
 
     def _look(self, now_s: float) -> None:
         """See whether the new mission is flown, and end when it is proved."""
-        state = self.request.monitor.state
+        state = self._monitor.state
         sent = self._upload_sent
         known_id = self._id if sent is None or self._transfer is not sent else sent.opaque_id
         confirmed_s = self._acknowledged_s
         if self._in_effect_s is None and confirmed_s is not None:
-            heard = self.request.monitor.item_heard_s >= confirmed_s
+            heard = self._monitor.item_heard_s >= confirmed_s
             same = known_id in (0, state.mission_id)
-            flies = not self.request.monitor.left_mission or self._returns_as_wanted()
+            flies = not self._monitor.left_mission or self._returns_as_wanted()
             # An item that the new mission does not have is one of the old: it has come too late for that.
             known = state.item is not None and self._mark <= state.item < len(self.request.new.items)
             if heard and same and flies and known:
@@ -188,16 +180,14 @@ class WholeListChange(ChangeSession):
 
     def _returns_as_wanted(self) -> bool:
         """Whether nothing but the return is left, which PX4 flies in its own mode."""
-        request = self.request
-        if any(one.command in FLOWN_TO for one in request.new.items[self._target :]):
+        items = self.request.new.items
+        if leads_on(items, self._target):
             return False
-        last = int(request.new.items[-1].command)
-        monitor = request.monitor
-        return monitor.mode in end_modes(request.profile.autopilot, monitor.vehicle_type, last)
+        return self._monitor.mode in self._monitor.modes.ends(int(items[-1].command))
 
     def _insist(self, now_s: float) -> list[Message]:
         """The vehicle holds the mission, but shows another item: name the one to go on with."""
-        monitor = self.request.monitor
+        monitor = self._monitor
         self._due_s = now_s + _SHOWN_S
         state = monitor.state
         told = monitor.item_heard_s > now_s - _SHOWN_S and self._id in (0, state.mission_id)
@@ -217,5 +207,5 @@ class WholeListChange(ChangeSession):
             return []
         request = self.request
         self._mark = item_to_mark(request.old, self._passed, request.new, self._target)
-        home = 1 if request.profile.home_at_zero else 0
-        return [m.MAVLink_mission_set_current_message(*request.vehicle, self._mark + home)]
+        home = 1 if self._contact.profile.home_at_zero else 0
+        return [m.MAVLink_mission_set_current_message(*self._contact.vehicle, self._mark + home)]

@@ -7,10 +7,10 @@ from collections import Counter
 from collections.abc import Sequence
 
 from mission.autopilots.profile import NeededParameter
+from mission.ground.contact import Contact
 from mission.ground.orders import retry_s_over, tries_over
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
-from mission.transfer import RoundTrip
 
 __all__ = ["FailsafeGuard"]
 
@@ -22,23 +22,17 @@ class FailsafeGuard:
     must then find the others as they have to be.
     """
 
-    def __init__(
-        self,
-        needed: Sequence[NeededParameter],
-        vehicle: tuple[int, int],
-        round_trip: RoundTrip | None = None,
-    ) -> None:
+    def __init__(self, needed: Sequence[NeededParameter], contact: Contact) -> None:
         self.refused = ""  # Why it cannot be; empty while it may
         self.due_s = math.inf
         self.was_set: list[str] = []  # Which parameters were set, from what and to what
         self._before: dict[str, int] = {}
-        self._vehicle = vehicle
+        self._vehicle, self._round_trip = contact.vehicle, contact.round_trip
         self._open = {one.name: one for one in needed}
         self._set: dict[str, tuple[int, int]] = {}
         self._sent: set[str] = set()
         self._asked: Counter[str] = Counter()
         self._tries = 0
-        self._round_trip = round_trip
 
     @property
     def ready(self) -> bool:

@@ -7,13 +7,13 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from mission.autopilots.registry import profile_for
-from mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID
 from mission.ground.texts import TextLog
 from mission.link import MavlinkEndpoint, open_link
 from mission.model import Mission, MissionType
 from mission.transfer import Event, Progress, RemoteTransferError, TransferStatistics
 from mission.transfer.driver import OnEvent, OnText, TransferDriver
 from mission.transfer.vehicles import Vehicle
+from mission.transfer.wire import GROUND_STATION
 
 ProgressCallback = Callable[[str, float, float], None]
 Note = Callable[[str], None]
@@ -78,7 +78,7 @@ def _silent(*_: object) -> None:
 
 def own_driver(url: str, on_event: OnEvent, on_text: OnText | None = None) -> TransferDriver:
     """Open a link by ourselves and return what transfers plans over it."""
-    endpoint = MavlinkEndpoint(open_link(url), GROUND_SYSTEM_ID, GROUND_COMPONENT_ID)
+    endpoint = MavlinkEndpoint(open_link(url), *GROUND_STATION)
     return TransferDriver(endpoint, on_event=on_event, on_text=on_text)
 
 

@@ -10,7 +10,7 @@ from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.transfer import RoundTrip
 
-__all__ = ["SILENCE_S", "ContactWatch", "LinkReport", "LinkState", "milliseconds"]
+__all__ = ["SILENCE_S", "LinkReport", "LinkState", "SilenceWatch", "milliseconds"]
 
 _WINDOW = 200
 _SEQUENCES = 256
@@ -126,7 +126,7 @@ SILENCE_S = 2.0
 """A vehicle that tells nothing for so long is out of reach: it sends several times a second."""
 
 
-class ContactWatch:
+class SilenceWatch:
     """Notes when messages of a vehicle arrive, and how long its silences were: together, and the longest."""
 
     def __init__(self) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection
 
-from mission.ground.modes import Maneuver, is_in_mission, maneuver_modes, mode_name
+from mission.ground.modes import Maneuver, VehicleModes, is_in_mission, mode_name
 from mission.link.codec.dialect import mavlink as m
 
 __all__ = ["PilotWatch"]
@@ -156,9 +156,8 @@ class PilotWatch:
         ends_in: Collection[str],
     ) -> None:
         """Follow the mode."""
-        kind = _kind(message)
-        before, self.mode = self.mode, mode_name(*kind)
-        self._shows_mission = is_in_mission(*kind)
+        before, self.mode = self.mode, mode_name(message)
+        self._shows_mission = is_in_mission(message)
         if self._shows_mission:
             if not message.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED:
                 # PX4 goes back to it when it is disarmed, also if it was taken out before.
@@ -171,7 +170,9 @@ class PilotWatch:
             self._in_mission, self._doubt = True, None
             return
         if self.ordered is not None:
-            self._look_for_obedience(self.ordered, kind)
+            modes = VehicleModes(message.autopilot, message.type).shows(self.ordered)
+            if not modes or self.mode in modes:
+                self.obeyed = f"{_SHOWS[self.ordered]} (mode {self.mode})"
             # On its way home it may be out of its mission without that.
             self._in_mission = bool(self._in_mission) and expects_change and not self.obeyed
             return
@@ -192,14 +193,3 @@ class PilotWatch:
             self._in_mission, self._doubt = False, None
         elif before != self.mode:
             self._held.append((now_s, f"mode {self.mode}"))
-
-    def _look_for_obedience(self, ordered: Maneuver, kind: tuple[int, int, int, int]) -> None:
-        """See in the mode whether the vehicle does what was ordered."""
-        modes = maneuver_modes(ordered, *kind[:2])
-        if not modes or self.mode in modes:
-            self.obeyed = f"{_SHOWS[ordered]} (mode {self.mode})"
-
-
-def _kind(message: m.MAVLink_heartbeat_message) -> tuple[int, int, int, int]:
-    """Return what tells the flight mode."""
-    return message.autopilot, message.type, message.base_mode, message.custom_mode

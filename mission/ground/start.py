@@ -6,15 +6,12 @@ import math
 
 from geo.frame import LocalFrame
 from mission.ground.arming_gate import FARTHEST_M, ArmingGate, Stage
-from mission.ground.modes import arming_mode, arming_mode_name
+from mission.ground.contact import Contact
 from mission.ground.orders import Answer, Order, result_name
-from mission.ground.texts import TextLog
-from mission.ground.vehicle_state import VehicleMonitor
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint
 from mission.outcome import Outcome, Phase
-from mission.transfer import RoundTrip
 
 __all__ = ["STARTING", "MissionStart"]
 
@@ -35,20 +32,11 @@ class MissionStart:
     in which it arms, and asked again while it gives reasons against it that may pass.
     """
 
-    def __init__(
-        self,
-        vehicle: tuple[int, int],
-        monitor: VehicleMonitor,
-        texts: TextLog,
-        *,
-        gate: ArmingGate | None,
-        round_trip: RoundTrip | None,
-        delay_s: float,
-    ) -> None:
+    def __init__(self, contact: Contact, gate: ArmingGate | None, delay_s: float) -> None:
         self.phase = Phase.WAIT  # How far it is; FLIGHT once the vehicle has accepted the order to start
         self.failure: tuple[Outcome, str] | None = None  # Why it came to nothing
-        self._vehicle, self._monitor, self._texts = vehicle, monitor, texts
-        self._gate, self._round_trip, self._delay_s = gate, round_trip, delay_s
+        self._contact, self._monitor, self._texts = contact, contact.monitor, contact.texts
+        self._gate, self._delay_s = gate, delay_s
         self._home: GeoPoint | None = None
         self._order: Order | None = None
         self._refusal: tuple[str, float] | None = None
@@ -110,7 +98,7 @@ class MissionStart:
             if self.phase is not Phase.START or self._gate is None:
                 return []
             # Its motors run, and it does not fly.
-            return Order(self._vehicle, int(m.MAV_CMD_COMPONENT_ARM_DISARM), 0.0).send(now_s)
+            return self._contact.order(m.MAV_CMD_COMPONENT_ARM_DISARM, 0.0).send(now_s)
         if self.phase is Phase.MODE:
             self.phase, self._mode_s = Phase.READY, now_s
         elif self.phase is Phase.ARM:
@@ -144,15 +132,15 @@ class MissionStart:
 
     def _choose_mode(self, now_s: float) -> list[Message]:
         """Choose the mode in which the vehicle arms, if it has one, and wait until it can."""
-        mode = arming_mode(self._monitor.autopilot, self._monitor.vehicle_type)
-        if mode is None or not self._is_in_other_mode(now_s):
+        modes = self._monitor.modes
+        if modes.arming is None or not self._is_in_other_mode(now_s):
             self.phase = Phase.READY
             return []
-        return self._give(Phase.MODE, m.MAV_CMD_DO_SET_MODE, now_s, mode.base, mode.main, mode.sub)
+        return self._give(Phase.MODE, m.MAV_CMD_DO_SET_MODE, now_s, *modes.numbers(modes.arming))
 
     def _is_in_other_mode(self, now_s: float) -> bool:
         """Return whether the vehicle shows another mode than that in which it arms."""
-        name = arming_mode_name(self._monitor.autopilot, self._monitor.vehicle_type)
+        name = self._monitor.modes.arming
         shown = now_s >= self._mode_s + _MODE_SHOWN_S
         return name is not None and shown and self._monitor.mode != name
 
@@ -170,7 +158,7 @@ class MissionStart:
 
     def _give(self, phase: Phase, command: int, now_s: float, *params: float) -> list[Message]:
         self.phase = phase
-        self._order = Order(self._vehicle, command, *params, round_trip=self._round_trip)
+        self._order = self._contact.order(command, *params)
         return self._order.send(now_s)
 
     def _give_up(self, now_s: float) -> list[Message]:

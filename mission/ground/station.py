@@ -3,67 +3,38 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 from geo.errors import WbfMissionError
 from geo.frame import LocalFrame
-from mission.autopilots.profile import Profile
-from mission.autopilots.registry import profile_for
 from mission.ground.arming_gate import ArmingGate
-from mission.ground.change import (
-    FLOWN_TO,
-    ChangeRecord,
-    ChangeRequest,
-    ChangeSession,
-    check_change,
-    leads_home,
-)
-from mission.ground.change_aside import AsideChange
-from mission.ground.change_whole import WholeListChange
-from mission.ground.failures import FailureWatch
-from mission.ground.guard import FailsafeGuard
+from mission.ground.change import ChangeRecord
+from mission.ground.changes import MissionChanges
+from mission.ground.contact import Contact, Heartbeat
 from mission.ground.images import ImageFetch
-from mission.ground.link_state import ContactWatch, LinkReport, LinkState
-from mission.ground.modes import Maneuver, end_modes, maneuver_command
+from mission.ground.link_state import LinkReport, SilenceWatch
+from mission.ground.mission_end import MissionEnd
+from mission.ground.modes import Maneuver
 from mission.ground.orders import Answer, Order, result_name
-from mission.ground.pilot_watch import PilotWatch
 from mission.ground.start import STARTING, MissionStart
-from mission.ground.texts import TextLog
 from mission.ground.tracks import FlownLength, Track, TrackRecorder, TrueState
 from mission.ground.uploads import PlanUploads
-from mission.ground.vehicle_state import Battery, VehicleMonitor, VehicleState
+from mission.ground.vehicle_state import Battery, VehicleState
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import handler
-from mission.model import Command, Mission
+from mission.model import Mission
 from mission.outcome import Outcome, Phase
-from mission.transfer import (
-    CLIENT_MESSAGES,
-    OWN_TRANSFERS,
-    RoundTrip,
-    TransferMaker,
-    TransferStatistics,
-    refuse_errors,
-    render,
-)
-from mission.transfer.wire import command_long, ground_heartbeat
+from mission.transfer import CLIENT_MESSAGES, OWN_TRANSFERS, TransferMaker, TransferStatistics
+from mission.transfer.wire import GROUND_STATION, command_long
 from sensors.camera.wire import ObservationAssembler
 
-GROUND_SYSTEM_ID = 255
-GROUND_COMPONENT_ID = int(m.MAV_COMP_ID_MISSIONPLANNER)
-_HEARTBEAT_S = 1.0
 _CONTACT_S = 30.0
 _STATE_S, _STATE_BEHIND_LINK_S = 2.5, 5.0
 """The state of the mission is told so long after the disarming."""
 _CLOCK_S = 5.0
 """After a silence the vehicle tells its clock within this time and some round trips."""
-_COMPLETE = 5  # MISSION_STATE_COMPLETE
-_REPEATS_S = 12.0
-"""PX4 reports an item ten times more, once a second; after a change that may be one of the old list."""
-_FINISHED = re.compile(r"Mission (?:finished|complete)", re.IGNORECASE)
 _STREAM_HZ = 4
 _FAST = (int(m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT), int(m.MAVLINK_MSG_ID_ATTITUDE))
 _FAST_US = 100_000
@@ -75,7 +46,6 @@ _ESTIMATES = (
     int(m.MAVLINK_MSG_ID_ESTIMATOR_STATUS),
 )
 """What only `VehicleMonitor` looks at."""
-_WAYS = {False: WholeListChange, True: AsideChange}
 
 
 class NotFlyingError(WbfMissionError, RuntimeError):
@@ -121,70 +91,47 @@ class GroundStation:
         assembler: ObservationAssembler | None = None,
         *,
         vehicle_system_id: int = 1,
-        system_id: int = GROUND_SYSTEM_ID,
-        component_id: int = GROUND_COMPONENT_ID,
+        system_id: int = GROUND_STATION[0],
+        component_id: int = GROUND_STATION[1],
         on_progress: Callable[[int, int], None] | None = None,
         start_delay_s: float = 0.0,
         arming_gate: ArmingGate | None = None,
         maker: TransferMaker = OWN_TRANSFERS,
         force: bool = False,
     ) -> None:
-        self.mission = mission
         self.system_id, self.component_id = system_id, component_id
         self.vehicle_system_id = vehicle_system_id
+        self.arming_gate = arming_gate
         self.phase = Phase.CONTACT
         self.outcome = Outcome.RUNNING
         self.reason = ""
-        self.changes: list[ChangeRecord] = []
         self.started_s: float | None = None
         self.ended_s: float | None = None
+        self.battery_before = Battery()
+        contact = self._contact = Contact(
+            (vehicle_system_id, int(m.MAV_COMP_ID_AUTOPILOT1)),
+            (system_id, component_id),
+            maker=maker,
+            is_real=arming_gate is not None,
+        )
+        self.link, self._monitor, self._texts = contact.link, contact.monitor, contact.texts
+        self._uploads = PlanUploads(mission, contact, on_progress=on_progress, force=force)
+        self._start = MissionStart(contact, arming_gate, start_delay_s)
+        self._changes = MissionChanges(contact, mission)
+        self._end_of_mission = MissionEnd(contact, self._changes)
+        self.pilot, self._failures = self._end_of_mission.pilot, self._end_of_mission.failures
+        self._heartbeat, self._silences, self._tracks = Heartbeat(), SilenceWatch(), TrackRecorder()
         self._assembler = assembler
-        self._vehicle = (vehicle_system_id, int(m.MAV_COMP_ID_AUTOPILOT1))
-        self._autopilot = 0
-        self._silent = True
-        self._armed = False
-        self._flew = False
-        self._mission_state = 0
-        self._progress = ""
-        self._failures = FailureWatch()
+        self._fetch: ImageFetch | None = None
+        self._order: Order | None = None
+        self._no_position = True  # No position was heard since the last HEARTBEAT
+        self._armed = self._flew = False
         self._texts_before = 0
         self._first_s: float | None = None
         self._disarmed_s: float | None = None
-        self._heartbeat_s = -math.inf
-        self._order: Order | None = None
-        self.link, self.arming_gate = LinkState(), arming_gate
-        self._uploads = PlanUploads(
-            mission,
-            vehicle=self._vehicle,
-            ground=(system_id, self.component_id),
-            on_progress=on_progress,
-            maker=maker,
-            round_trip=self._round_trip,
-            force=force,
-        )
-        self._maker = maker
-        self.pilot = PilotWatch()
         self._started_boot_s = 0.0
         self._restarts = 0
-        self._monitor = VehicleMonitor()
-        self._contact = ContactWatch()
         self._back_s, self._unsure_s = math.inf, -math.inf
-        self._changed_s = -math.inf
-        self._says_finished = False
-        self._change: ChangeSession | None = None
-        self._guard: FailsafeGuard | None = None
-        self.battery_before = Battery()
-        self._tracks = TrackRecorder()
-        self._texts = TextLog()
-        self._start = MissionStart(
-            self._vehicle,
-            self._monitor,
-            self._texts,
-            gate=arming_gate,
-            round_trip=self._round_trip,
-            delay_s=start_delay_s,
-        )
-        self._fetch: ImageFetch | None = None
         self._handlers: dict[int, Callable[[Any, float], list[Message] | None]] = {
             **dict(
                 (
@@ -211,7 +158,7 @@ class GroundStation:
             **dict.fromkeys(CLIENT_MESSAGES, self._on_transfer),
         }
         if assembler is not None:
-            fetch = self._fetch = ImageFetch(assembler, vehicle_system_id, self._round_trip)
+            fetch = self._fetch = ImageFetch(assembler, vehicle_system_id, contact.round_trip)
             self._handlers |= dict.fromkeys(_IMAGES, lambda message, _now_s: assembler.add(message))
             self._handlers[m.MAVLINK_MSG_ID_CAMERA_CAPTURE_STATUS] = lambda message, _now_s: (
                 fetch.on_capture_status(message)
@@ -227,6 +174,16 @@ class GroundStation:
     def done(self) -> bool:
         """Whether nothing more is to come."""
         return self.phase is Phase.DONE
+
+    @property
+    def mission(self) -> Mission:
+        """What the vehicle holds, or is to hold."""
+        return self._changes.held
+
+    @property
+    def changes(self) -> list[ChangeRecord]:
+        """What came of each change of the mission in flight."""
+        return self._changes.records
 
     @property
     def transfers(self) -> list[TransferStatistics]:
@@ -265,13 +222,12 @@ class GroundStation:
     @property
     def changing(self) -> bool:
         """Whether the mission is being changed."""
-        return self._change is not None and not self._change.done
+        return self._changes.running
 
     @property
     def changes_aside(self) -> bool:
         """Whether the vehicle leaves its mission while that is changed."""
-        modes = profile_for(self._autopilot).change_modes
-        return modes is not None and self._monitor.vehicle_type in modes
+        return self._changes.aside
 
     def change(self, mission: Mission, resume_at: int, now_s: float) -> list[Message]:
         """Begin to change the mission that is being flown, by the safest way of the autopilot.
@@ -291,7 +247,7 @@ class GroundStation:
         NotFlyingError
             Before or after the flight, or while it is being changed.
         MissionError, LocalTransferError
-            If the mission must not be sent to a vehicle in flight (`mission.ground.change.check_change`).
+            If the mission must not be sent to a vehicle in flight (`mission.ground.changes.check_change`).
         """
         if self.phase is not Phase.FLIGHT or self._disarmed_s is not None:
             msg = f"the mission cannot be changed now: the ground station is at {self.phase.value!r}"
@@ -299,47 +255,10 @@ class GroundStation:
         if self.changing:
             msg = "the mission is being changed; wait until that is over"
             raise NotFlyingError(msg)
-        profile = profile_for(self._autopilot)
-        rendered = render(mission, profile, self._monitor.vehicle_type)
-        refuse_errors(rendered)
-        mission, resume_at = rendered.mission, rendered.index_of(resume_at)
-        check_change(mission, resume_at, self.mission)
-        item = self._monitor.state.item
-        request = ChangeRequest(
-            old=self.mission,
-            new=replace(mission, home=self.mission.home, fence=self.mission.fence, rally=self.mission.rally),
-            item=0 if item is None else min(item, len(self.mission.items) - 1),
-            resume_at=resume_at,
-            vehicle=self._vehicle,
-            ground=(self.system_id, self.component_id),
-            profile=profile,
-            monitor=self._monitor,
-            texts=self._texts,
-            seconds_an_item=self._uploads.seconds_an_item,
-            guard=self._guard_of(profile),
-            maker=self._maker,
-            round_trip=self._round_trip,
-        )
-        self._change, self._changed_s = _WAYS[self.changes_aside](request), now_s
-        if not self._says_finished:
+        out = self._changes.begin(mission, resume_at, self._uploads.seconds_an_item, now_s)
+        if not self._end_of_mission.says_finished:
             self.pilot.on_new_mission()
-        return self._after_change(self._change.start(now_s))
-
-    @property
-    def _state_s(self) -> float:
-        return _STATE_S if self.arming_gate is None else _STATE_BEHIND_LINK_S
-
-    def _guard_of(self, profile: Profile) -> FailsafeGuard | None:
-        """Return what has to be set before the vehicle leaves its mission; the same one for a flight."""
-        needed = profile.change_failsafe.get(self._monitor.vehicle_type, ())
-        if self._guard is None and needed:
-            self._guard = FailsafeGuard(needed, self._vehicle, self._round_trip)
-        return self._guard
-
-    @property
-    def _round_trip(self) -> RoundTrip | None:
-        """Of the link to a real vehicle, where it is measured."""
-        return None if self.arming_gate is None else self.link.round_trip
+        return out
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
         """Take one message and return the answers."""
@@ -347,7 +266,7 @@ class GroundStation:
         if self.arming_gate is not None and is_autopilot:
             self.link.receive(message, now_s)
         handle = self._handlers.get(number)
-        if handle is None or message.get_srcSystem() != self._vehicle[0]:
+        if handle is None or message.get_srcSystem() != self.vehicle_system_id:
             return []
         # Beside a real vehicle rides a camera of ours, which is always heard.
         if self.phase is Phase.FLIGHT and (is_autopilot or self.arming_gate is None):
@@ -356,24 +275,18 @@ class GroundStation:
             return handle(message, now_s) or [] if number in _OF_CAMERA else []
         self._monitor.receive(message, now_s)
         out = handle(message, now_s) or []
-        if self._change is not None and self.phase is Phase.FLIGHT:
-            out = out + self._after_change(self._change.receive(message, now_s))
-        return out
+        return out + self._changes.receive(message, now_s) if self.phase is Phase.FLIGHT else out
 
     def poll(self, now_s: float) -> list[Message]:
         """Send what is due: heartbeat, repeated commands, transfer timers, requests for lost images."""
-        out: list[Message] = []
+        out = self._heartbeat.poll(now_s)
         if self._first_s is None:
             self._first_s = now_s
-        if now_s >= self._heartbeat_s:
-            self._heartbeat_s = now_s + _HEARTBEAT_S
-            out.append(ground_heartbeat())
-        if self.arming_gate is not None and not self.done:
+        if not self.done:
             out += self.link.poll(now_s)
         if self.phase is Phase.CONTACT and now_s - self._first_s > _CONTACT_S:
-            self._end(
-                Outcome.NO_CONTACT, f"no heartbeat of system {self._vehicle[0]} in {_CONTACT_S:.0f} s", now_s
-            )
+            why = f"no heartbeat of system {self.vehicle_system_id} in {_CONTACT_S:.0f} s"
+            self._end(Outcome.NO_CONTACT, why, now_s)
         if self.phase is Phase.UPLOAD:
             out += self._after_upload(self._uploads.poll(now_s), now_s)
         if self.phase in STARTING:
@@ -383,16 +296,13 @@ class GroundStation:
                 self._order_refused("no answer", now_s)
             else:
                 out += self._order.send(now_s)
-        if self._change is not None and self.phase is Phase.FLIGHT and now_s >= self._change.next_deadline():
-            out += self._after_change(self._change.poll(now_s))
+        if self.phase is Phase.FLIGHT:
+            out += self._changes.poll(now_s)
         self.pilot.poll(now_s, unsure=now_s < self._unsure_s)
-        if (
-            self.phase is Phase.FLIGHT
-            and self._disarmed_s is not None
-            and not self.pilot.in_doubt
-            and now_s >= max(self._disarmed_s + self._state_s, self._unsure_s)
-        ):
-            self._land(*self._why_aborted(), now_s)
+        if self.phase is Phase.FLIGHT and self._disarmed_s is not None and not self.pilot.in_doubt:
+            state_s = _STATE_S if self.arming_gate is None else _STATE_BEHIND_LINK_S
+            if now_s >= max(self._disarmed_s + state_s, self._unsure_s):
+                self._land(*self._end_of_mission.cause(self._texts_before), now_s)
         if self._fetch is not None and self._fetches and now_s >= self._fetch.due_s:
             asked = self._fetch.ask(now_s)
             out += asked
@@ -404,16 +314,15 @@ class GroundStation:
         """When `poll` has something to do."""
         if self.done:
             return math.inf
-        phase = self.phase
-        due_s = [self._heartbeat_s, self.pilot.next_deadline()]
-        if self.arming_gate is not None:
-            due_s.append(self.link.next_deadline())
-        if phase in STARTING:
-            due_s.append(self._start.next_deadline())
-        if phase is Phase.UPLOAD:
-            due_s.append(self._uploads.next_deadline())
-        if phase is Phase.FLIGHT and self._change is not None:
-            due_s.append(self._change.next_deadline())
+        due_s = [
+            self._heartbeat.due_s,
+            self.link.next_deadline(),
+            self._uploads.next_deadline(),
+            self._start.next_deadline(),
+            self.pilot.next_deadline(),
+        ]
+        if self.phase is Phase.FLIGHT:
+            due_s.append(self._changes.next_deadline())
         if self._order is not None:
             due_s.append(self._order.due_s)
         if self._fetch is not None and self._fetches:
@@ -425,20 +334,20 @@ class GroundStation:
         """How good the link to a real vehicle was; None where the link is none."""
         if self.arming_gate is None:
             return None
-        link, contact = self.link, self._contact
+        link, silences = self.link, self._silences
         return LinkReport(
-            link.frames, link.lost_frames, link.round_trip.seconds, contact.worst_s, contact.silent_s
+            link.frames, link.lost_frames, link.round_trip.seconds, silences.worst_s, silences.silent_s
         )
 
     @property
     def parameters_set(self) -> list[str]:
         """Which of the vehicle's parameters were set, from what and to what."""
-        return [] if self._guard is None else self._guard.was_set
+        return self._changes.parameters_set
 
     @property
     def silent_s(self) -> float:
         """How long the silences of the flight were, in which nothing was heard of the vehicle."""
-        return self._contact.silent_s
+        return self._silences.silent_s
 
     @property
     def _fetches(self) -> bool:
@@ -464,19 +373,11 @@ class GroundStation:
         """Where the vehicle truly was; None if its simulator did not tell."""
         return self._tracks.true_track(frame)
 
-    def _after_change(self, out: list[Message]) -> list[Message]:
-        """Take what a change came to."""
-        change = self._change
-        if change is not None and change.record is not None and change.record not in self.changes[-1:]:
-            self.changes.append(change.record)
-            self.mission, self._changed_s = change.held, change.record.ended_s
-        return out
-
     # What arrives.
 
     def _on_contact(self, now_s: float) -> None:
         """Note that something is heard; after a silence, ask for what was missed."""
-        if self._contact.on_message(now_s):
+        if self._silences.on_message(now_s):
             # It was armed when its mission was started, whatever was heard of that.
             self._flew = True
             self._back_s = now_s
@@ -496,86 +397,53 @@ class GroundStation:
                     now_s,
                     expects_change=self.changing or self.flies_home,
                     unsure=now_s < self._unsure_s,
-                    ends_in=end_modes(message.autopilot, message.type, last),
+                    ends_in=self._monitor.modes.ends(last),
                 )
         if self.phase is Phase.CONTACT:
-            self._autopilot = message.autopilot
             self.phase = Phase.UPLOAD
             self._texts_before = len(self.texts)
-            begun = self._uploads.start(profile_for(self._autopilot), message.type, now_s)
-            self.mission = self._uploads.mission
+            begun = self._uploads.start(now_s)
+            self._changes.held = self._uploads.mission
             return self._ask_for_streams() + self._after_upload(begun, now_s)
         if self.phase is Phase.FLIGHT and self._flew and not self._armed and self._disarmed_s is None:
             # The mission's state may be told a moment after the disarming.
             self._disarmed_s = now_s
-            if self._mission_state == _COMPLETE:
-                self._complete(now_s)
+            if self._end_of_mission.is_complete:
+                self._land(*self._end_of_mission.completed(self._texts_before), now_s)
         return self._ask_for_streams()
 
     def _ask_for_streams(self) -> list[Message]:
         """Ask for telemetry until it comes, where the autopilot sends it to nobody who does not ask."""
-        silent, self._silent = self._silent, True
-        if not silent or not profile_for(self._autopilot).streams_on_request:
+        silent, self._no_position = self._no_position, True
+        if not silent or not self._contact.profile.streams_on_request:
             return []
-        asked: list[Message] = [
-            m.MAVLink_request_data_stream_message(*self._vehicle, m.MAV_DATA_STREAM_ALL, _STREAM_HZ, 1)
+        vehicle = self._contact.vehicle
+        return [
+            m.MAVLink_request_data_stream_message(*vehicle, m.MAV_DATA_STREAM_ALL, _STREAM_HZ, 1),
+            *(command_long(vehicle, m.MAV_CMD_SET_MESSAGE_INTERVAL, one, _FAST_US) for one in _FAST),
         ]
-        asked += [
-            command_long(self._vehicle, m.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, _FAST_US)
-            for message_id in _FAST
-        ]
-        return asked
-
-    def _on_mission_current(self, message: m.MAVLink_mission_current_message, now_s: float) -> None:
-        self._mission_state = message.mission_state
-        state = self._monitor.state
-        if state.item is not None:
-            self._progress = f" at item {state.item + 1} of {state.total or len(self.mission.items)}"
-            if self._flies_mission and self._leads_on(state.item):
-                self.pilot.on_mission_goes_on(now_s)
-                self._says_finished &= self.pilot.mission_over
-        self._look_for_end(now_s)
-        if self.phase is Phase.FLIGHT and self._mission_state == _COMPLETE and self._ends_when_complete():
-            self._complete(now_s)
 
     @property
     def _flies_mission(self) -> bool:
         """Whether what the vehicle tells now is of the mission as it is."""
         return self.phase is Phase.FLIGHT and self._armed and not self.changing
 
-    def _leads_on(self, item: int) -> bool:
-        """Return whether something is left to fly to from an item on, before the way home."""
-        return any(one.command in FLOWN_TO for one in self.mission.items[item:])
-
-    def _look_for_end(self, now_s: float) -> None:
-        """See in MISSION_CURRENT that the mission is over; after a landing ArduPilot always says so."""
-        item = self._monitor.state.item
-        if self._flies_mission and (
-            self._mission_state == _COMPLETE or (item is not None and not self._leads_on(item))
+    def _on_mission_current(self, message: m.MAVLink_mission_current_message, now_s: float) -> None:
+        end = self._end_of_mission
+        end.on_mission_current(message, now_s, flies_mission=self._flies_mission)
+        if (
+            self.phase is Phase.FLIGHT
+            and end.is_complete
+            and (self._disarmed_s is not None or end.ends_flight)
         ):
-            self.pilot.on_mission_end(now_s)
+            self._land(*end.completed(self._texts_before), now_s)
 
     def _on_reached(self, message: m.MAVLink_mission_item_reached_message, now_s: float) -> None:
-        """Note that the last item that is flown to was reached; PX4 says so before it names the next one."""
-        if self._flies_mission and now_s > self._changed_s + _REPEATS_S:
-            item = message.seq - (1 if profile_for(self._autopilot).home_at_zero else 0)
-            if 0 <= item < len(self.mission.items) and not self._leads_on(item + 1):
-                self.pilot.on_mission_end(now_s)
-
-    def _ends_when_complete(self) -> bool:
-        """Return whether a complete mission ends the flight; otherwise the vehicle is on its way home."""
-        items = self.mission.items
-        if self._disarmed_s is not None or not leads_home(items, 0):
-            return True
-        kind = self._monitor.vehicle_type
-        if kind in profile_for(self._autopilot).stays_armed:
-            # It stands at home and stays armed.
-            return True
-        # A wing whose mission ends with a return may circle over home for ever.
-        return kind == m.MAV_TYPE_FIXED_WING and not any(item.command == Command.NAV_LAND for item in items)
+        if self._flies_mission:
+            self._end_of_mission.on_reached(message, now_s)
 
     def _on_position(self, message: m.MAVLink_global_position_int_message, now_s: float) -> None:
-        self._silent = False
+        self._no_position = False
         self._on_clock(now_s)
         if self.phase is Phase.FLIGHT:
             monitor = self._monitor
@@ -613,10 +481,8 @@ class GroundStation:
         self._texts.on_text(message, now_s)
         if self.arming_gate is not None:
             self.arming_gate.on_text(message.text)
-        # It is said when the vehicle leaves its mission, whatever list is on its way to it.
-        if self.phase is Phase.FLIGHT and self._armed and _FINISHED.match(message.text):
-            self.pilot.on_mission_end(now_s)
-            self._says_finished = True
+        if self.phase is Phase.FLIGHT and self._armed:
+            self._end_of_mission.on_text(message, now_s)
 
     def _on_transfer(self, message: Message, now_s: float) -> list[Message]:
         if self.phase is not Phase.UPLOAD:
@@ -658,15 +524,14 @@ class GroundStation:
                 # A real vehicle's clock began long before ours.
                 self._started_boot_s = self._monitor.boot_s
             self.battery_before = self._monitor.battery
-            self._contact.on_message(now_s)
+            self._silences.on_message(now_s)
             self._texts_before = len(self.texts)
         return out
 
     @property
     def flies_home(self) -> bool:
         """Whether no waypoint is left of the mission."""
-        item = self._monitor.state.item
-        return self.pilot.mission_over or item is None or not self._leads_on(item)
+        return self._end_of_mission.flies_home
 
     def maneuver(self, kind: Maneuver, now_s: float) -> list[Message]:
         """Take the vehicle out of its mission: the operator wants it to hold, to return or to land.
@@ -685,10 +550,10 @@ class GroundStation:
                 " else shows within 5 s; nothing is ordered until then"
             )
             raise NotFlyingError(msg)
-        self._change = None
+        self._changes.drop()
         self.pilot.order(kind)
-        command, params = maneuver_command(kind, self._autopilot, self._monitor.vehicle_type)
-        self._order = Order(self._vehicle, command, *params, round_trip=self._round_trip)
+        command, params = self._monitor.modes.maneuver(kind)
+        self._order = self._contact.order(command, *params)
         return self._order.send(now_s)
 
     def _order_refused(self, why: str, now_s: float) -> None:
@@ -696,24 +561,6 @@ class GroundStation:
         self._order = None
         self.pilot.order(None)
         self._texts.note(f"{why}: the vehicle did not take the order", now_s)
-
-    def _why_aborted(self) -> tuple[Outcome, str]:
-        """Outcome and reason of a flight that ended before its mission was complete."""
-        if self.pilot.ended_by_restart:
-            return Outcome.AUTOPILOT_RESTARTED, self.pilot.ended_by_restart
-        if self.pilot.ordered is not None and self.pilot.obeyed:
-            return Outcome.INTERRUPTED, f"the operator ordered it to {self.pilot.ordered.value}"
-        cause = self._failures.cause(self.texts[self._texts_before :])
-        if cause is None and self.pilot.somebody_else_flies:
-            return Outcome.PILOT_TOOK_OVER, self.pilot.reason
-        if cause is None and self._says_finished and self.pilot.mission_over and not self.pilot.ended_mission:
-            # The state that it tells is that of a mission which came when this one had ended.
-            return Outcome.COMPLETED, ""
-        return cause or (Outcome.FLIGHT_ABORTED, self._texts.last_warning(f"disarmed{self._progress}"))
-
-    def _complete(self, now_s: float) -> None:
-        """The vehicle tells that its mission is over; ArduPilot does so after every landing."""
-        self._land(*(self._why_aborted() if self.pilot.ended_mission else (Outcome.COMPLETED, "")), now_s)
 
     def _land(self, outcome: Outcome, reason: str, now_s: float) -> None:
         """The flight is over: ask for images that were lost on the way, if any."""
@@ -727,7 +574,7 @@ class GroundStation:
             self.ended_s = now_s
 
     def _is_autopilot(self, message: Message) -> bool:
-        return (message.get_srcSystem(), message.get_srcComponent()) == self._vehicle
+        return (message.get_srcSystem(), message.get_srcComponent()) == self._contact.vehicle
 
 
 def _take_note(_message: Message, _now_s: float) -> None:

@@ -6,21 +6,17 @@ import math
 from collections import deque
 from collections.abc import Callable
 
-from mission.autopilots import GENERIC
-from mission.autopilots.profile import Profile
+from mission.ground.contact import Contact
 from mission.link.codec.dialect import Message
 from mission.model import Mission, MissionType
 from mission.transfer import (
-    OWN_TRANSFERS,
     FailureReason,
     LocalTransferError,
     Output,
     Progress,
     Rendered,
-    RoundTrip,
     Transfer,
     TransferFailed,
-    TransferMaker,
     TransferStatistics,
     UploadVerified,
     refuse_errors,
@@ -36,23 +32,16 @@ _LAST_WORDS_S = 0.5
 class PlanUploads:
     """Sends the plans of a mission to a vehicle on the ground and reads each back.
 
-    Parameters
-    ----------
-    mission : Mission
-        Its fence and rally points are sent if it has any, then its items.
-    round_trip : RoundTrip, optional
-        Of the link; each plan measures its own without.
+    Fence and rally points are sent if the mission has any, then its items. Without a measured link each plan
+    measures its own round trip.
     """
 
     def __init__(
         self,
         mission: Mission,
+        contact: Contact,
         *,
-        vehicle: tuple[int, int],
-        ground: tuple[int, int],
         on_progress: Callable[[int, int], None] | None = None,
-        maker: TransferMaker = OWN_TRANSFERS,
-        round_trip: RoundTrip | None = None,
         force: bool = False,
     ) -> None:
         self.statistics: list[TransferStatistics] = []  # Of each plan that was sent
@@ -61,17 +50,14 @@ class PlanUploads:
         self._force = force
         self._ending: tuple[str, float] | None = None
         self.fell_silent = False  # The vehicle did not answer, in place of refusing it
-        self._vehicle, self._ground = vehicle, ground
+        self._contact = contact
         self._on_progress = on_progress
-        self._maker = maker
-        self._round_trip = round_trip
         self._kinds = deque(
             kind
             for kind in (MissionType.FENCE, MissionType.RALLY, MissionType.MISSION)
             if mission.plan(kind) or kind is MissionType.MISSION
         )
         self._transfer: Transfer | None = None
-        self._profile = GENERIC
 
     @property
     def mission(self) -> Mission:
@@ -93,13 +79,13 @@ class PlanUploads:
         ]
         return times[-1] if times else _AN_ITEM_S
 
-    def start(self, profile: Profile, vehicle_type: int, now_s: float) -> list[Message]:
+    def start(self, now_s: float) -> list[Message]:
         """Begin with the first plan, in the way of an autopilot, and return what is to be sent.
 
         Nothing is sent, and `failure` tells why, if the autopilot would not take a plan.
         """
-        self._profile = profile
-        self._rendered = render(self._rendered.mission, profile, vehicle_type)
+        contact = self._contact
+        self._rendered = render(self._rendered.mission, contact.profile, contact.monitor.vehicle_type)
         try:
             if not self._force:
                 # What its parameters forbid is told by whoever knows them: planning, or the preflight check.
@@ -133,15 +119,12 @@ class PlanUploads:
 
     def _next(self, now_s: float) -> list[Message]:
         kind = self._kinds.popleft()
-        self._transfer = self._maker.upload(
+        self._transfer = self._contact.upload(
             self.mission.plan(kind),
             kind,
             home=self.mission.home,
             origins=self._rendered.origins_of(kind),
-            target=self._vehicle,
-            source=self._ground,
-            profile=self._profile,
-            round_trip=self._round_trip,
+            round_trip=self._contact.round_trip,
         )
         return self._take(self._transfer.start(now_s), now_s)
 

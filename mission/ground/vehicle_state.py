@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from geo.frame import LocalFrame
+from mission.autopilots.profile import Profile
 from mission.autopilots.registry import profile_for
-from mission.ground.modes import is_in_mission, mode_name
+from mission.ground.modes import VehicleModes, is_in_mission, mode_name
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import handler
@@ -137,10 +138,11 @@ class VehicleMonitor:
         # mode_heard_s, item_heard_s, position_heard_s: when mode, item and position were heard; -inf for
         # never
         self.mode_heard_s = self.item_heard_s = self.position_heard_s = -math.inf
-        self._heartbeat: m.MAVLink_heartbeat_message | None = None
+        self.heartbeat: m.MAVLink_heartbeat_message | None = None  # The last one
         self._position: m.MAVLink_global_position_int_message | None = None
         self._current: m.MAVLink_mission_current_message | None = None
-        self._fix: int | None = None
+        self.gps_fix: int | None = None
+        self.satellites: int | None = None
         self._estimate: int | None = None
         self.battery = Battery()
         self._has_battery = False
@@ -170,14 +172,14 @@ class VehicleMonitor:
 
     def _on_heartbeat(self, message: m.MAVLink_heartbeat_message, now_s: float) -> None:
         self.vehicle_type, self.autopilot = message.type, message.autopilot
-        self._heartbeat, self.mode_heard_s = message, now_s
+        self.heartbeat, self.mode_heard_s = message, now_s
 
     def _on_position(self, message: m.MAVLink_global_position_int_message, now_s: float) -> None:
         self._position, self.position_heard_s = message, now_s
         self._boot_ms = self.clock.take(message.time_boot_ms, now_s)
 
     def _on_fix(self, message: m.MAVLink_gps_raw_int_message, _now_s: float) -> None:
-        self._fix = message.fix_type
+        self.gps_fix, self.satellites = message.fix_type, message.satellites_visible
 
     def _on_estimate(
         self, message: m.MAVLink_ekf_status_report_message | m.MAVLink_estimator_status_message, _now_s: float
@@ -219,7 +221,7 @@ class VehicleMonitor:
         if self._estimate is not None:
             held = self._estimate & (_POSITION_HELD | _POSITION_AIDED) == _POSITION_HELD
             return bool(self._estimate & _POSITION_KNOWN) and not held
-        return self._fix is None or self._fix >= m.GPS_FIX_TYPE_3D_FIX
+        return self.gps_fix is None or self.gps_fix >= m.GPS_FIX_TYPE_3D_FIX
 
     @property
     def boot_s(self) -> float:
@@ -227,28 +229,29 @@ class VehicleMonitor:
         return self._boot_ms / 1e3
 
     @property
-    def heartbeat(self) -> m.MAVLink_heartbeat_message | None:
-        """The last HEARTBEAT; None before any."""
-        return self._heartbeat
-
-    @property
     def custom_mode(self) -> int:
         """The flight mode, in the autopilot's own number; 0 before any heartbeat."""
-        return 0 if self._heartbeat is None else int(self._heartbeat.custom_mode)
+        return 0 if self.heartbeat is None else int(self.heartbeat.custom_mode)
 
     @property
     def mode(self) -> str:
         """Name of the flight mode; empty before any heartbeat."""
-        beat = self._heartbeat
-        if beat is None:
-            return ""
-        return mode_name(beat.autopilot, beat.type, beat.base_mode, beat.custom_mode)
+        return "" if self.heartbeat is None else mode_name(self.heartbeat)
+
+    @property
+    def profile(self) -> Profile:
+        """What is known of its autopilot."""
+        return profile_for(self.autopilot)
+
+    @property
+    def modes(self) -> VehicleModes:
+        """The flight modes of such a vehicle."""
+        return VehicleModes(self.autopilot, self.vehicle_type)
 
     @property
     def in_mission(self) -> bool:
         """Whether the vehicle flies its mission by itself."""
-        beat = self._heartbeat
-        return beat is not None and is_in_mission(beat.autopilot, beat.type, beat.base_mode, beat.custom_mode)
+        return self.heartbeat is not None and is_in_mission(self.heartbeat)
 
     @property
     def left_mission(self) -> bool:
@@ -275,7 +278,7 @@ class VehicleMonitor:
             "battery": self.battery.remaining,
             "consumed_wh": self.battery.consumed_wh,
         }
-        heartbeat, position, current = self._heartbeat, self._position, self._current
+        heartbeat, position, current = self.heartbeat, self._position, self._current
         if heartbeat is not None:
             values["armed"] = bool(heartbeat.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED)
             values["custom_mode"] = heartbeat.custom_mode
@@ -290,7 +293,7 @@ class VehicleMonitor:
             if position.hdg != _NO_HEADING:
                 values["heading_rad"] = math.radians(position.hdg / 100.0)
         if current is not None:
-            home = 1 if profile_for(self.autopilot).home_at_zero else 0
+            home = 1 if self.profile.home_at_zero else 0
             known = current.seq != UNKNOWN_ITEM and current.seq >= home
             values["item"] = current.seq - home if known else None
             values["total"] = _total(current)

@@ -34,7 +34,6 @@ from mission.transfer.round_trip import RoundTrip
 
 _I = ClientInput
 _TROUBLE = frozenset({wire.ERROR, wire.INVALID_SEQUENCE, wire.DENIED})
-GROUND_STATION = (255, 190)
 _MORE_OPENINGS = 3
 """So many times as often is the opening message repeated where frames are lost."""
 
@@ -91,7 +90,7 @@ class ClientTransfer(ABC):
         mission_type: MissionType,
         *,
         target: tuple[int, int] = (1, 1),
-        source: tuple[int, int] = GROUND_STATION,
+        source: tuple[int, int] = wire.GROUND_STATION,
         profile: Profile = GENERIC,
         timers: ClientTimers | None = None,
         round_trip: RoundTrip | None = None,

@@ -63,6 +63,8 @@ MissionMessage: TypeAlias = (
     | mavlink.MAVLink_mission_clear_all_message
 )
 
+GROUND_STATION = (255, int(mavlink.MAV_COMP_ID_MISSIONPLANNER))
+"""System and component id of a ground station."""
 ALL_TYPES = 255
 INT32_MAX = 2147483647.0
 MAX_ITEMS = 65535

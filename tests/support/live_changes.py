@@ -7,7 +7,7 @@ import numpy as np
 from geo.farms import get_farm
 from geo.frame import LocalFrame
 from mission.ground.arming_gate import ArmingGate
-from mission.ground.change import revised_mission
+from mission.ground.items import revised_mission
 from mission.ground.station import GroundStation
 from mission.model import GeoPoint, Mission, MissionItem
 from mission.outcome import Phase

@@ -16,7 +16,7 @@ from stand_in import LONG_S, scenario, stand_in
 
 from geo.errors import WbfMissionError
 from geo.farms import get_farm
-from mission.ground.modes import Maneuver, mode_named
+from mission.ground.modes import Maneuver, VehicleModes
 from mission.link import MavlinkEndpoint, open_link
 from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint
@@ -187,12 +187,11 @@ def test_the_operator_ends_the_mission(kind):
 
 @pytest.mark.parametrize("autopilot", AUTOPILOTS)
 def test_a_pilot_who_takes_over_is_noticed_and_not_fought(autopilot):
-    land = mode_named(AUTOPILOTS[autopilot], m.MAV_TYPE_QUADROTOR, "LAND")
+    land = VehicleModes(AUTOPILOTS[autopilot], m.MAV_TYPE_QUADROTOR).numbers("LAND")
     endpoints = []
 
     def take_over(_flight):
-        numbers = (land.base, land.main, land.sub)
-        endpoints.append(order(url, 1, m.MAV_CMD_DO_SET_MODE, *numbers))
+        endpoints.append(order(url, 1, m.MAV_CMD_DO_SET_MODE, *land))
 
     watcher = Watcher(act=take_over)
     with stand_in(autopilot, speed=2.0) as (url, made):

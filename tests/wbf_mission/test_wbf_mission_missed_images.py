@@ -2,8 +2,9 @@
 
 import pytest
 
+from mission.ground.items import Shots
 from mission.model import Command, Mission, MissionItem
-from wbf_mission.live.riding_camera import Shots, Silence, images_in
+from wbf_mission.live.riding_camera import Silence, images_in
 
 METRE = 1.0 / 111_195.0  # degrees of latitude
 DISTANCE, INTERVAL = Command.DO_SET_CAM_TRIGG_DIST, Command.DO_SET_CAM_TRIGG_INTERVAL

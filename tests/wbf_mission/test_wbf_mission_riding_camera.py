@@ -6,11 +6,12 @@ from hypothesis import strategies as st
 from live_changes import HOME, SameEverywhere
 
 from geo.farms import get_farm
+from mission.ground.items import shots_before
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Mission, MissionItem
 from sensors.camera.leaf_camera import LeafCamera
 from sim_vehicle.camera.component import LeafCameraComponent
-from wbf_mission.live.riding_camera import RidingCamera, shots_before
+from wbf_mission.live.riding_camera import RidingCamera
 
 DISTANCE, INTERVAL = int(Command.DO_SET_CAM_TRIGG_DIST), int(Command.DO_SET_CAM_TRIGG_INTERVAL)
 AUTO, GUIDED = 3, 4
@@ -242,7 +243,7 @@ def test_whatever_is_lost_the_camera_does_in_the_end_what_the_mission_orders(fir
         on_the_way = [(left - 1, value, k) for left, value, k in on_the_way if left > 0]
     ride.changing = False
     ride.seconds(round(PATIENCE_S), last)
-    ordered = shots_before(ride.mission, last)
+    ordered = shots_before(ride.mission.items, last)
     if ordered is not None:
         assert ride.does[0] == ordered.distance_m
 

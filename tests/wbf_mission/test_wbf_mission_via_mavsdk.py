@@ -17,7 +17,7 @@ from stand_in import LONG_S, scenario, stand_in
 
 from mission.errors import LinkError
 from mission.ground.link import download, find_vehicles, upload
-from mission.ground.modes import Maneuver, arming_mode, maneuver_command, mode_name
+from mission.ground.modes import Maneuver, VehicleModes, mode_name
 from mission.link.address import parse_link_url
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Frame, Mission, MissionItem
@@ -277,8 +277,8 @@ def test_orders_and_their_answers(autopilot):
         url, made = stack.enter_context(stand_in(autopilot, speed=1.0))
         orders, pilot = Orders(stack, url), made.vehicle.pilot
         kind = orders.kind
-        mode = arming_mode(*kind)
-        assert orders.give(m.MAV_CMD_DO_SET_MODE, mode.base, mode.main, mode.sub) == m.MAV_RESULT_ACCEPTED
+        modes = VehicleModes(*kind)
+        assert orders.give(m.MAV_CMD_DO_SET_MODE, *modes.numbers(modes.arming)) == m.MAV_RESULT_ACCEPTED
         pilot.arming.block = "compass not calibrated"
         refused = orders.give(m.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
         assert refused in (m.MAV_RESULT_DENIED, m.MAV_RESULT_FAILED)
@@ -291,9 +291,10 @@ def test_orders_and_their_answers(autopilot):
             (Maneuver.RETURN, "RTL"),
             (Maneuver.LAND, "LAND"),
         ):
-            command, params = maneuver_command(order, *kind)
+            command, params = modes.maneuver(order)
             assert orders.give(command, *params) == m.MAV_RESULT_ACCEPTED
-            assert mode_name(*kind, BASE_MODE[autopilot], made.vehicle.state.custom_mode) == name
+            told = (kind[1], kind[0], BASE_MODE[autopilot], made.vehicle.state.custom_mode, 4, 3)
+            assert mode_name(m.MAVLink_heartbeat_message(*told)) == name
         assert orders.give(60_000) == m.MAV_RESULT_UNSUPPORTED
 
 

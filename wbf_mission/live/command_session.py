@@ -7,24 +7,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from geo.errors import WbfMissionError
-from mission.autopilots.registry import profile_for
-from mission.ground.link_state import LinkState
-from mission.ground.modes import (
-    Maneuver,
-    arming_mode_name,
-    maneuver_command,
-    maneuver_modes,
-    mode_named,
-    told_name,
-)
+from mission.ground.contact import Contact, Heartbeat
+from mission.ground.modes import Maneuver
 from mission.ground.orders import Answer, Order, result_name
-from mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID
-from mission.ground.texts import TextLog
 from mission.ground.vehicle_state import VehicleMonitor
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.transfer.vehicles import VehicleSearch
-from mission.transfer.wire import command_long, ground_heartbeat
+from mission.transfer.wire import GROUND_STATION, command_long
 from wbf_mission.live.command import (
     MotorsStandError,
     OperatorCommand,
@@ -64,14 +54,13 @@ def step_of(wanted: OperatorCommand, vehicle: tuple[int, int], heard: VehicleMon
     VehicleRefusedError if it could not carry it out as it is now, MotorsStandError if it would start its
     motors and the order does not say so, ModeError if it has no mode of that name.
     """
-    kind = (heard.autopilot, heard.vehicle_type)
     if wanted.order in ("arm", "disarm"):
         arms = wanted.order == "arm"
         return Step(lambda one: one.state.armed == arms, int(m.MAV_CMD_COMPONENT_ARM_DISARM), (float(arms),))
     if wanted.order == "takeoff":
         return _takeoff(wanted, vehicle[0], heard)
     if wanted.order == "mission":
-        profile = profile_for(heard.autopilot)
+        profile = heard.profile
         if profile.start_arms and not heard.state.armed and not wanted.arms:
             msg = (
                 f"system {vehicle[0]}: {wanted}: the motors stand still; {profile.name} starts them and takes"
@@ -82,14 +71,12 @@ def step_of(wanted: OperatorCommand, vehicle: tuple[int, int], heard: VehicleMon
     if wanted.order == "set-item":
         return _set_item(wanted, vehicle, heard)
     if wanted.order == "mode":
-        numbers, name = mode_named(*kind, wanted.value), told_name(kind[0], wanted.value)
-        params = (numbers.base, numbers.main, numbers.sub)
-        return Step(lambda one: one.mode == name, int(m.MAV_CMD_DO_SET_MODE), params)
+        numbers, name = heard.modes.numbers(wanted.value), heard.modes.told_name(wanted.value)
+        return Step(lambda one: one.mode == name, int(m.MAV_CMD_DO_SET_MODE), numbers)
     maneuver = Maneuver(wanted.order)
-    modes = maneuver_modes(maneuver, *kind)
-    return Step(
-        lambda one: one.mode in modes if modes else not one.in_mission, *maneuver_command(maneuver, *kind)
-    )
+    shows = heard.modes.shows(maneuver)
+    shown = (lambda one: one.mode in shows) if shows else (lambda one: not one.in_mission)
+    return Step(shown, *heard.modes.maneuver(maneuver))
 
 
 def _takeoff(wanted: OperatorCommand, system_id: int, heard: VehicleMonitor) -> Step:
@@ -103,7 +90,7 @@ def _takeoff(wanted: OperatorCommand, system_id: int, heard: VehicleMonitor) -> 
             f" {heard.mode}; give the orders hold, return, land, mission or mode"
         )
         raise VehicleRefusedError(msg)
-    profile = profile_for(heard.autopilot)
+    profile = heard.profile
     altitude_m = wanted.height_m + (heard.home_altitude_m if profile.takeoff_above_sea else 0.0)
     default = math.nan if profile.nan_parameters is None else 0.0
     params = (0.0, 0.0, 0.0, default, default, default, altitude_m)
@@ -117,14 +104,13 @@ def _set_item(wanted: OperatorCommand, vehicle: tuple[int, int], heard: VehicleM
         there = f"its mission has {count} items; give 1 to {count}"
         msg = f"system {vehicle[0]}: {wanted}: {there if count else 'it holds no mission; upload one'}"
         raise VehicleRefusedError(msg)
-    profile = profile_for(heard.autopilot)
+    profile = heard.profile
     seq = item + (1 if profile.home_at_zero else 0)
     by_message = m.MAVLink_mission_set_current_message(*vehicle, seq)
     command = int(m.MAV_CMD_DO_SET_MISSION_CURRENT) if profile.item_command else None
     return Step(lambda one: one.state.item == item, command, (float(seq),), by_message)
 
 
-_HEARTBEAT_S = 1.0
 _PATIENCE_S = 15.0
 _ROUND_TRIPS = 12.0
 _ASK_AGAIN_S = 3.0
@@ -143,8 +129,7 @@ _STREAMED = (
 class CommandSession:
     """A component that gives one order to one vehicle, to the first that is heard where none is named."""
 
-    system_id = GROUND_SYSTEM_ID
-    component_id = GROUND_COMPONENT_ID
+    system_id, component_id = GROUND_STATION
     wanted: frozenset[int] | None = None
 
     def __init__(self, wanted: OperatorCommand, *, system_id: int | None = None) -> None:
@@ -152,16 +137,14 @@ class CommandSession:
         self.error: Exception | None = None
         self.search = VehicleSearch(system_id)
         self._wanted = wanted
-        self._heard = VehicleMonitor()
-        self._link = LinkState()
-        self._texts = TextLog()
+        self._contact, self._heartbeat = Contact(), Heartbeat()
         self._texts_before = 0
         self._step: Step | None = None
         self._order: Order | None = None
         self._accepted = False
         self._refusal: tuple[str, float] | None = None
         self._begun_s = self._message_s = math.inf
-        self._heartbeat_s = self._streams_s = -math.inf
+        self._streams_s = -math.inf
 
     @property
     def vehicle(self) -> tuple[int, int] | None:
@@ -172,34 +155,31 @@ class CommandSession:
     @property
     def mode(self) -> str:
         """Name of the vehicle's flight mode."""
-        return self._heard.mode
+        return self._contact.monitor.mode
 
     @property
     def texts(self) -> list[str]:
         """What the vehicle said meanwhile, each text once; what is part of `error` is left out."""
-        said = dict.fromkeys(text for _, _, text in self._texts.texts)
+        said = dict.fromkeys(text for _, _, text in self._contact.texts.texts)
         return [text for text in said if self.error is None or text not in str(self.error)]
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
         """Take one message."""
         if self.done:
             return []
-        if self.search.take(message) is not None:
-            self._begun_s = now_s
+        found = self.search.take(message)
+        if found is not None:
+            self._begun_s, self._contact.vehicle = now_s, (found.system_id, found.component_id)
         if (message.get_srcSystem(), message.get_srcComponent()) != self.vehicle:
             return []
-        self._link.receive(message, now_s)
+        self._contact.receive(message, now_s)
         return self._note(message, now_s)
 
     def poll(self, now_s: float) -> list[Message]:
         """Send what is due."""
         if self.done:
             return []
-        out: list[Message] = []
-        if now_s >= self._heartbeat_s:
-            self._heartbeat_s = now_s + _HEARTBEAT_S
-            out.append(ground_heartbeat())
-        out += self._link.poll(now_s)
+        out = self._heartbeat.poll(now_s) + self._contact.link.poll(now_s)
         if self.vehicle is not None and now_s >= self._streams_s:
             self._streams_s = now_s + _ASK_AGAIN_S
             out += self._ask_for_streams(self.vehicle)
@@ -224,7 +204,7 @@ class CommandSession:
         """When `poll` has something to do."""
         if self.done:
             return math.inf
-        due_s = [self._heartbeat_s, self._end_s, self._message_s, self._link.next_deadline()]
+        due_s = [self._heartbeat.due_s, self._end_s, self._message_s, self._contact.link.next_deadline()]
         if self.vehicle is not None:
             due_s.append(self._streams_s)
             if self._step is None:
@@ -248,19 +228,19 @@ class CommandSession:
     @property
     def _said(self) -> str:
         """What the vehicle warned of last since it was given the order; empty for nothing."""
-        return self._texts.last_warning("", self._texts_before)
+        return self._contact.texts.last_warning("", self._texts_before)
 
     @property
     def _advice(self) -> str:
         """What to do where it refused to arm in a mode in which it does not; empty for nothing."""
-        name = arming_mode_name(self._heard.autopilot, self._heard.vehicle_type)
-        if self._wanted.order != "arm" or not self._heard.in_mission or name is None:
+        name = self._contact.monitor.modes.arming
+        if self._wanted.order != "arm" or not self._contact.monitor.in_mission or name is None:
             return ""
         return f"; it arms in {name}: give the order mode {name} first"
 
     @property
     def _trip_s(self) -> float:
-        return self._link.round_trip.known_s or 0.0
+        return self._contact.link.round_trip.known_s or 0.0
 
     @property
     def _name(self) -> str:
@@ -271,9 +251,7 @@ class CommandSession:
         return [command_long(vehicle, m.MAV_CMD_SET_MESSAGE_INTERVAL, kind, _FAST_US) for kind in _STREAMED]
 
     def _note(self, message: Message, now_s: float) -> list[Message]:
-        self._heard.receive(message, now_s)
         if isinstance(message, m.MAVLink_statustext_message):
-            self._texts.on_text(message, now_s)
             if self._refusal is not None:
                 result, until_s = self._refusal
                 self._refusal = result, min(until_s, now_s + _REST_S)
@@ -281,24 +259,24 @@ class CommandSession:
             return self._on_ack(message, now_s)
         if self._step is None:
             return self._begin(now_s)
-        if self._accepted and self._step.shown(self._heard):
+        if self._accepted and self._step.shown(self._contact.monitor):
             self.done = True
         return []
 
     def _begin(self, now_s: float) -> list[Message]:
         """Give the order, once all is known that it takes, or the vehicle does not tell it."""
         vehicle = self.vehicle
-        if vehicle is None or not (is_ready(self._wanted, self._heard) or now_s >= self._ready_s):
+        if vehicle is None or not (is_ready(self._wanted, self._contact.monitor) or now_s >= self._ready_s):
             return []
         try:
-            step = self._step = step_of(self._wanted, vehicle, self._heard)
+            step = self._step = step_of(self._wanted, vehicle, self._contact.monitor)
         except WbfMissionError as error:
             self._fail(error)
             return []
-        self._texts_before = len(self._texts.texts)
+        self._texts_before = len(self._contact.texts.texts)
         if step.command is None:
             return self._say(step, now_s)
-        self._order = Order(vehicle, step.command, *step.params, round_trip=self._link.round_trip)
+        self._order = self._contact.order(step.command, *step.params)
         return self._order.send(now_s)
 
     def _say(self, step: Step, now_s: float) -> list[Message]:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from mission.autopilots.registry import profile_for
-from mission.ground.change import apart_m, is_return
-from mission.ground.modes import end_modes, is_in_mission, mode_name
+from mission.ground.items import Shots, apart_m, is_return, shots_before
+from mission.ground.modes import VehicleModes, is_in_mission, mode_name
 from mission.ground.vehicle_state import BootClock
 from mission.link.codec.dialect import Message, mavlink
 from mission.link.codec.typed import CommandMessage, is_a, is_command
@@ -18,51 +18,10 @@ from mission.transfer.wire import command_long
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.camera.trigger import MAX_GAP_MS
 
-__all__ = ["MissionShots", "RidingCamera", "Shots", "Silence", "images_in", "shots_before"]
+__all__ = ["MissionShots", "RidingCamera", "Silence", "images_in"]
 
 
 _PATIENCE_S = 2.0
-_SAME = 1e-5  # parameters cross the link as 32-bit floats
-
-
-@dataclass(frozen=True, slots=True)
-class Shots:
-    """What a camera does by itself, by distance or by time between images; neither is nothing."""
-
-    distance_m: float = 0.0
-    interval_ms: float = 0.0
-
-    @property
-    def is_off(self) -> bool:
-        """Whether no images are taken."""
-        return self.distance_m <= 0.0 and self.interval_ms <= 0.0
-
-    def is_same(self, other: Shots) -> bool:
-        """Whether a camera that does the other does this."""
-        return math.isclose(self.distance_m, other.distance_m, rel_tol=_SAME) and math.isclose(
-            self.interval_ms, other.interval_ms, rel_tol=_SAME
-        )
-
-
-def shots_before(mission: Mission, item: int) -> Shots | None:
-    """Return what a mission has ordered of the camera while an item is flown; None while nothing was.
-
-    Examples
-    --------
-    >>> from mission.model import MissionItem
-    >>> orders = [MissionItem(Command.DO_SET_CAM_TRIGG_DIST, param1=metres) for metres in (5.0, 0.0)]
-    >>> leg = MissionItem(Command.NAV_WAYPOINT, x=27.0, y=-82.0, z=10.0)
-    >>> mission = Mission((leg, orders[0], leg, orders[1], leg))
-    >>> [None if (one := shots_before(mission, item)) is None else one.distance_m for item in range(5)]
-    [None, None, 5.0, 5.0, 0.0]
-    """
-    for one in reversed(mission.items[: max(item, 0)]):
-        value = max(one.param1 or 0.0, 0.0)
-        if one.command == Command.DO_SET_CAM_TRIGG_DIST:
-            return Shots(distance_m=value)
-        if one.command == Command.DO_SET_CAM_TRIGG_INTERVAL:
-            return Shots(interval_ms=value)
-    return None
 
 
 class MissionShots:
@@ -143,11 +102,11 @@ def images_in(silence: Silence, mission: Mission, item: int) -> int:
         length_m = (
             apart_m(here, there) if k < last else min(apart_m(here, silence.after), apart_m(here, there))
         )
-        legs.append((length_m, shots_before(mission, k) or silence.shots))
+        legs.append((length_m, shots_before(mission.items, k) or silence.shots))
         here = there
     if not legs:
         # It hovers, or another mission has taken the place of the one before.
-        legs = [(apart_m(silence.before, silence.after), shots_before(mission, last) or silence.shots)]
+        legs = [(apart_m(silence.before, silence.after), shots_before(mission.items, last) or silence.shots)]
     return _images(legs, silence.seconds)
 
 
@@ -237,12 +196,11 @@ class RidingCamera:
         if isinstance(message, mavlink.MAVLink_heartbeat_message) and self._is_autopilot(message):
             self._heard_s = min(self._heard_s, now_s)
             self._home = 1 if profile_for(message.autopilot).home_at_zero else 0
-            kind = (message.autopilot, message.type, message.base_mode, message.custom_mode)
             armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
-            self._in_mission = armed and is_in_mission(*kind)
+            self._in_mission = armed and is_in_mission(message)
             # Only a mode that nothing but a mission's last return leads to tells that the mission is over.
-            ends = end_modes(message.autopilot, message.type, Command.NAV_RETURN_TO_LAUNCH)
-            self._returns = armed and ends == {mode_name(*kind)}
+            ends = VehicleModes(message.autopilot, message.type).ends(Command.NAV_RETURN_TO_LAUNCH)
+            self._returns = armed and ends == {mode_name(message)}
         if isinstance(message, mavlink.MAVLink_global_position_int_message) and self._is_autopilot(message):
             self._on_position(message, now_s)
         if isinstance(message, mavlink.MAVLink_mission_current_message):
@@ -314,7 +272,7 @@ class RidingCamera:
             self.missed += images_in(silence, mission, item)
         told = sequence - self._home
         self._item = told if self._in_mission else -1
-        ordered = Shots() if self._returns else shots_before(self._mission(), told)
+        ordered = Shots() if self._returns else shots_before(self._mission().items, told)
         if not self._in_mission and (ordered is None or not ordered.is_off):
             return []
         if not self._shots.due(ordered, self._does, now_s, may_stop=not self._changing()):

@@ -5,43 +5,21 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from mission.autopilots.registry import profile_for
-from mission.ground.link_state import LinkState
-from mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID
-from mission.ground.texts import TextLog
-from mission.ground.vehicle_state import VehicleMonitor
+from mission.ground.contact import Contact, Heartbeat
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
-from mission.transfer.wire import ground_heartbeat
+from mission.transfer.wire import GROUND_STATION
 
 __all__ = ["FleetWatch", "WatchedVehicle"]
 
-_HEARTBEAT_S = 1.0
 _STREAM_HZ = 2
 _ASK_AGAIN_S = 5.0
 _SILENT_S = 3.0
 _MOST_VEHICLES = 250
 
 
-class WatchedVehicle:
+class WatchedVehicle(Contact):
     """One vehicle: what it told, and how well it is heard."""
-
-    def __init__(self, system_id: int) -> None:
-        self.system_id = system_id
-        self.monitor = VehicleMonitor()
-        self.texts = TextLog()
-        self.link = LinkState()
-        self.gps_fix: int | None = None
-        self.satellites: int | None = None
-
-    def receive(self, message: Message, now_s: float) -> None:
-        """Take a message of its autopilot."""
-        self.link.receive(message, now_s)
-        self.monitor.receive(message, now_s)
-        if isinstance(message, m.MAVLink_statustext_message):
-            self.texts.on_text(message, now_s)
-        elif isinstance(message, m.MAVLink_gps_raw_int_message):
-            self.gps_fix, self.satellites = message.fix_type, message.satellites_visible
 
     def summary(self, now_s: float) -> dict[str, Any]:
         """Return plain values for JSON; what is not known is None.
@@ -51,8 +29,8 @@ class WatchedVehicle:
         state = self.monitor.state
         located = state.heard_s > -math.inf
         return {
-            "system_id": self.system_id,
-            "autopilot": profile_for(self.monitor.autopilot).name,
+            "system_id": self.vehicle[0],
+            "autopilot": self.profile.name,
             "mode": self.monitor.mode,
             "armed": state.armed,
             "latitude_deg": state.latitude_deg if located else None,
@@ -63,8 +41,8 @@ class WatchedVehicle:
             "seq": self.monitor.seq,
             "items": state.total,
             "battery": state.battery,
-            "gps_fix": self.gps_fix,
-            "satellites": self.satellites,
+            "gps_fix": self.monitor.gps_fix,
+            "satellites": self.monitor.satellites,
             "link_quality": self.link.quality,
             "lost_frames": self.link.lost_frames,
             "round_trip_s": self.link.round_trip.seconds,
@@ -82,13 +60,12 @@ class FleetWatch:
     It sends a heartbeat, and asks autopilots that stream nothing unasked for their telemetry.
     """
 
-    system_id = GROUND_SYSTEM_ID
-    component_id = GROUND_COMPONENT_ID
+    system_id, component_id = GROUND_STATION
     wanted: frozenset[int] | None = None
 
     def __init__(self) -> None:
         self.vehicles: dict[int, WatchedVehicle] = {}  # By system id, as they were heard
-        self._heartbeat_s = -math.inf
+        self._heartbeat = Heartbeat()
         self._asked_s: dict[int, float] = {}
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
@@ -101,23 +78,22 @@ class FleetWatch:
             is_beat = isinstance(message, m.MAVLink_heartbeat_message)
             if not is_beat or len(self.vehicles) >= _MOST_VEHICLES:
                 return []
-            vehicle = self.vehicles[system_id] = WatchedVehicle(system_id)
+            vehicle = self.vehicles[system_id] = WatchedVehicle((system_id, int(m.MAV_COMP_ID_AUTOPILOT1)))
         vehicle.receive(message, now_s)
         return []
 
     def poll(self, now_s: float) -> list[Message]:
         """Send the heartbeat, and requests for telemetry that does not come."""
-        if now_s < self._heartbeat_s:
+        out = self._heartbeat.poll(now_s)
+        if not out:
             return []
-        self._heartbeat_s = now_s + _HEARTBEAT_S
-        out: list[Message] = [ground_heartbeat()]
         for system_id, vehicle in self.vehicles.items():
             out += vehicle.link.poll(now_s)
-            if not profile_for(vehicle.monitor.autopilot).streams_on_request:
+            if not vehicle.profile.streams_on_request:
                 continue
             quiet = now_s - vehicle.monitor.position_heard_s > _ASK_AGAIN_S
             # Another ground station may have asked for positions alone.
-            if (quiet or vehicle.gps_fix is None) and now_s - self._asked_s.get(
+            if (quiet or vehicle.monitor.gps_fix is None) and now_s - self._asked_s.get(
                 system_id, -math.inf
             ) >= _ASK_AGAIN_S:
                 self._asked_s[system_id] = now_s
@@ -130,4 +106,4 @@ class FleetWatch:
 
     def next_deadline(self) -> float:
         """When `poll` has something to do."""
-        return self._heartbeat_s
+        return self._heartbeat.due_s

@@ -13,14 +13,13 @@ from mission.autopilots.profile import Meaning, Profile, Question, answer_to
 from mission.autopilots.registry import profile_for
 from mission.errors import MissionError
 from mission.ground.arming_gate import ArmingGate
-from mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID
 from mission.ground.texts import TextLog
 from mission.ground.vehicle_state import VehicleMonitor
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.model import DEGREES_E7, GeoPoint
 from mission.transfer.vehicles import VehicleSearch
-from mission.transfer.wire import ground_heartbeat
+from mission.transfer.wire import GROUND_STATION, ground_heartbeat
 from sim_vehicle.host.server import Server
 from sim_vehicle.host.simulation import StopReason
 
@@ -161,8 +160,7 @@ class Inquiry:
     parameter that a vehicle does not have is never answered; it is given up after some tries.
     """
 
-    system_id = GROUND_SYSTEM_ID
-    component_id = GROUND_COMPONENT_ID
+    system_id, component_id = GROUND_STATION
     wanted: frozenset[int] | None = frozenset(
         {
             *STATE_MESSAGES,

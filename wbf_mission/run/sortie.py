@@ -11,9 +11,10 @@ import numpy as np
 
 from geo.errors import WbfMissionError
 from mission.ground.arming_gate import ArmingGate
-from mission.ground.change import ChangeOutcome, leads_home, revised_mission
+from mission.ground.change import ChangeOutcome
+from mission.ground.items import leads_home, revised_mission
 from mission.ground.link_state import SILENCE_S
-from mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID, GroundStation
+from mission.ground.station import GroundStation
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Mission, MissionItem
@@ -22,6 +23,7 @@ from mission.planners.cornering import Waypoints
 from mission.planners.path import Points, path_length
 from mission.policies.observation import Status, VehicleReport
 from mission.transfer import OWN_TRANSFERS, TransferMaker
+from mission.transfer.wire import GROUND_STATION
 from sensors.camera.leaf_camera import Camera
 from sensors.camera.wire import ObservationAssembler
 from sensors.observations import Observations
@@ -108,7 +110,7 @@ for so long after it should have been back."""
 ENDING_S = 3.0
 """A policy is asked so long before a path ends."""
 SLOWEST_M_S = 0.3
-_REAL_GROUNDS = (GROUND_COMPONENT_ID, *range(m.MAV_COMP_ID_USER1, m.MAV_COMP_ID_USER1 + MOST_VEHICLES))
+_REAL_GROUNDS = (GROUND_STATION[1], *range(m.MAV_COMP_ID_USER1, m.MAV_COMP_ID_USER1 + MOST_VEHICLES))
 """Real vehicles expect their ground station to be system 255 (ArduPilot: MAV_GCS_SYSID); where several fly,
 each has a component of it."""
 _NO_REST: tuple[tuple[MissionItem, ...], int, Points] = ((), -1, np.empty((0, 2)))
@@ -152,10 +154,8 @@ class Sortie:
             plan.mission,
             self.assembler,
             vehicle_system_id=number.system_id,
-            system_id=GROUND_SYSTEM_ID
-            if arming_gate is not None
-            else GROUND_SYSTEM_ID + 1 - number.system_id,
-            component_id=_REAL_GROUNDS[place] if arming_gate is not None else GROUND_COMPONENT_ID,
+            system_id=GROUND_STATION[0] - (number.system_id - 1 if arming_gate is None else 0),
+            component_id=GROUND_STATION[1] if arming_gate is None else _REAL_GROUNDS[place],
             on_progress=on_transfer,
             start_delay_s=start_delay_s,
             arming_gate=arming_gate,
@@ -317,7 +317,7 @@ class Sortie:
     def _end_m(self) -> Points:
         """Return where the vehicle flies after its path: home, or nowhere."""
         home = self.task.request.start_xy_m
-        return np.array([home]) if leads_home(self.ground.mission.items, 0) else np.empty((0, 2))
+        return np.array([home]) if leads_home(self.ground.mission.items) else np.empty((0, 2))
 
     def give_up_lost(self, now_s: float) -> None:
         """End the flight of a vehicle that stays out of the radio's range at the end of its path."""

@@ -14,8 +14,10 @@ from geo.frame import LocalFrame
 from mission import outcome
 from mission.autopilots.profile import NeededParameter
 from mission.errors import MissionError
-from mission.ground.change import ChangeOutcome, revised_mission
+from mission.ground.change import ChangeOutcome
+from mission.ground.contact import Contact
 from mission.ground.guard import FailsafeGuard
+from mission.ground.items import revised_mission
 from mission.ground.station import GroundStation, NotFlyingError
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, GeoPoint, Mission, MissionItem
@@ -393,10 +395,10 @@ def test_a_failsafe_that_is_not_told_of_or_stays_as_it_is_is_missing():
     def told(name, value):
         return m.MAVLink_param_value_message(name.encode(), value, 2, 70, 3)
 
-    silent = FailsafeGuard(needed, (1, 1))
+    silent = FailsafeGuard(needed, Contact((1, 1), is_real=False))
     asked = [len(silent.poll(float(now_s))) for now_s in range(6)]
     assert asked == [2, 2, 2, 2, 0, 0] and "could not be read" in silent.refused and not silent.ready
-    stubborn = FailsafeGuard(needed, (1, 1))
+    stubborn = FailsafeGuard(needed, Contact((1, 1), is_real=False))
     stubborn.begin(0.0)
     assert stubborn.receive(told("FS_OPTIONS", 18.0)) == []
     [setting] = stubborn.receive(told("FS_GCS_ENABLE", 0.0))

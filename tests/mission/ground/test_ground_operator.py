@@ -3,7 +3,7 @@
 import pytest
 
 from mission.ground.arming_gate import ArmingGate, Stage
-from mission.ground.modes import Maneuver, ModeError, mode_named
+from mission.ground.modes import Maneuver, ModeError, VehicleModes
 from mission.ground.pilot_watch import PilotWatch
 from mission.link.codec.dialect import mavlink as m
 
@@ -48,7 +48,7 @@ def test_an_autopilot_without_the_bit_is_ready_once_it_tells_where_it_is():
 
 def test_an_unknown_mode_is_named_with_those_that_there_are():
     with pytest.raises(ModeError, match=r"mode 'hover' is unknown to this vehicle; it has .*GUIDED"):
-        mode_named(m.MAV_AUTOPILOT_ARDUPILOTMEGA, m.MAV_TYPE_QUADROTOR, "hover")
+        VehicleModes(m.MAV_AUTOPILOT_ARDUPILOTMEGA, m.MAV_TYPE_QUADROTOR).numbers("hover")
 
 
 def beat(custom_mode, *, armed=True):

@@ -14,7 +14,7 @@ from geo.frame import LocalFrame
 from mission.autopilots import registry
 from mission.autopilots.profile import Meaning, answer_to
 from mission.autopilots.registry import profile_for
-from mission.ground.modes import Maneuver, ModeError, is_in_mission, maneuver_command, mode_name, mode_named
+from mission.ground.modes import Maneuver, ModeError, VehicleModes, is_in_mission, mode_name
 from mission.ground.station import GroundStation
 from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint, Mission, MissionItem
@@ -137,11 +137,13 @@ def test_its_parameters_and_failsafe_rules_act(nimbus):
 
 def test_a_ground_station_knows_its_modes_and_parameters(nimbus):
     reflex = m.MAV_AUTOPILOT_REFLEX
-    assert mode_name(reflex, 2, 129, 75) == "SURVEY" and is_in_mission(reflex, 2, 129, 75)
-    assert mode_name(reflex, 2, 129, 99) == "Mode(99)" and not is_in_mission(reflex, 2, 129, 72)
-    assert maneuver_command(Maneuver.HOLD, reflex, 2) == (m.MAV_CMD_DO_SET_MODE, (1.0, 72.0, 0.0))
+    beats = [m.MAVLink_heartbeat_message(2, reflex, 129, mode, 4, 3) for mode in (75, 99, 72)]
+    assert [mode_name(one) for one in beats] == ["SURVEY", "Mode(99)", "STAY"]
+    assert [is_in_mission(one) for one in beats] == [True, False, False]
+    modes = VehicleModes(reflex, 2)
+    assert modes.maneuver(Maneuver.HOLD) == (m.MAV_CMD_DO_SET_MODE, (1.0, 72.0, 0.0))
     with pytest.raises(ModeError, match="mode 'auto' is unknown to this vehicle; it has STAY, SURVEY"):
-        mode_named(reflex, 2, "auto")
+        modes.numbers("auto")
     asked = profile_for(reflex).settings.asked_of(2)
     assert answer_to(Meaning.LINK_LOST, asked, {"NIM_LINK_ACT": 1.0}) == ("NIM_LINK_ACT", 1.0)
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
-from mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID, GroundStation
+from mission.ground.station import GroundStation
 from mission.link import MavlinkEndpoint
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
@@ -14,6 +14,7 @@ from mission.link.codec.typed import is_a
 from mission.transfer import TransferMaker
 from mission.transfer.driver import OnEvent, OnText, TransferDriver
 from mission.transfer.vehicles import Vehicle
+from mission.transfer.wire import GROUND_STATION
 from sim_vehicle.host.server import Server
 from wbf_mission.live.discovery import LiveFlightError
 from wbf_mission.live.hosting import LinkHost, LinkHosting, Tap, Via
@@ -106,7 +107,7 @@ class MavsdkVia(Via):
     def driver(self, url: str, on_event: OnEvent, on_text: OnText | None = None) -> TransferDriver:
         """Let MAVSDK open a link; LinkError if the address is wrong, or MAVSDK cannot open it."""
         link = MavsdkLink(url)
-        endpoint = MavlinkEndpoint(link, GROUND_SYSTEM_ID, GROUND_COMPONENT_ID, wanted=())
+        endpoint = MavlinkEndpoint(link, *GROUND_STATION, wanted=())
         transfers = mavsdk_transfers(lambda: link)
         return TransferDriver(endpoint, on_event=on_event, on_text=on_text, maker=transfers, heartbeat=False)
 

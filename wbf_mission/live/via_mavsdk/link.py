@@ -14,9 +14,9 @@ from mavsdk import Configuration, ConnectionResult, ForwardingOption, Mavsdk, Sy
 from mavsdk.logging import LogLevel, log_subscribe, log_unsubscribe
 
 from mission.errors import LinkError
-from mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID
 from mission.link.address import SERIAL, LinkAddress, parse_link_url
 from mission.transfer.errors import NoVehicleError
+from mission.transfer.wire import GROUND_STATION
 
 __all__ = ["Call", "MavsdkLink", "mavsdk_url"]
 
@@ -60,7 +60,7 @@ class MavsdkLink:
         self._woken.setblocking(False)
         self._closed = False
         log_subscribe(self._on_log)
-        self._mavsdk = Mavsdk(Configuration.create_manual(GROUND_SYSTEM_ID, GROUND_COMPONENT_ID, True))
+        self._mavsdk = Mavsdk(Configuration.create_manual(*GROUND_STATION, True))
         try:
             self._mavsdk.subscribe_raw_bytes_to_be_sent(self._on_bytes)
             for one in (_WIRELESS, mavsdk_url(address)):

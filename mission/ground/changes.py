@@ -1,0 +1,151 @@
+"""The mission that a vehicle in flight holds, and its changes, each by the safest way of the autopilot."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from mission.errors import MissionError
+from mission.ground.change import ChangeRecord, ChangeRequest, ChangeSession
+from mission.ground.change_aside import AsideChange
+from mission.ground.change_whole import WholeListChange
+from mission.ground.contact import Contact
+from mission.ground.guard import FailsafeGuard
+from mission.ground.items import FLOWN_TO, is_return, leads_home
+from mission.link.codec.dialect import Message
+from mission.model import Mission, MissionType
+from mission.transfer import check_plan, refuse_errors, render
+
+__all__ = ["MissionChanges", "check_change"]
+
+_FARTHEST_DEG = 1.0
+_HIGHEST_M = 10_000.0
+_WAYS = {False: WholeListChange, True: AsideChange}
+
+
+class MissionChanges:
+    """Changes the mission of a vehicle in flight, sans-IO; one change after the other.
+
+    `held` is the mission that the vehicle holds, as far as is known; `records` tells what changes came to.
+    """
+
+    def __init__(self, contact: Contact, held: Mission) -> None:
+        self.held = held
+        self.records: list[ChangeRecord] = []
+        self.changed_s = -math.inf  # When the last change began, or ended
+        self._contact = contact
+        self._session: ChangeSession | None = None
+        self._guard: FailsafeGuard | None = None
+
+    @property
+    def running(self) -> bool:
+        """Whether the mission is being changed."""
+        return self._session is not None and not self._session.done
+
+    @property
+    def aside(self) -> bool:
+        """Whether the vehicle leaves its mission while that is changed."""
+        return self._contact.monitor.vehicle_type in (self._contact.profile.change_modes or {})
+
+    @property
+    def parameters_set(self) -> list[str]:
+        """Which of the vehicle's parameters were set, from what and to what."""
+        return [] if self._guard is None else self._guard.was_set
+
+    def begin(self, mission: Mission, resume_at: int, seconds_an_item: float, now_s: float) -> list[Message]:
+        """Begin a change, to go on with an item of the new mission; errors as of `GroundStation.change`."""
+        contact, held = self._contact, self.held
+        rendered = render(mission, contact.profile, contact.monitor.vehicle_type)
+        refuse_errors(rendered)
+        mission, resume_at = rendered.mission, rendered.index_of(resume_at)
+        check_change(mission, resume_at, held)
+        item = contact.monitor.state.item
+        request = ChangeRequest(
+            old=held,
+            new=replace(mission, home=held.home, fence=held.fence, rally=held.rally),
+            item=0 if item is None else min(item, len(held.items) - 1),
+            resume_at=resume_at,
+            contact=contact,
+            seconds_an_item=seconds_an_item,
+            guard=self._guard_of_flight(),
+        )
+        self._session, self.changed_s = _WAYS[self.aside](request), now_s
+        return self._noted(self._session.start(now_s))
+
+    def _guard_of_flight(self) -> FailsafeGuard | None:
+        """Return what has to be set before the vehicle leaves its mission; the same one for a flight."""
+        needed = self._contact.profile.change_failsafe.get(self._contact.monitor.vehicle_type, ())
+        if self._guard is None and needed:
+            self._guard = FailsafeGuard(needed, self._contact)
+        return self._guard
+
+    def receive(self, message: Message, now_s: float) -> list[Message]:
+        """Take a message of the vehicle, after its monitor did; also after a change its session looks on."""
+        return [] if self._session is None else self._noted(self._session.receive(message, now_s))
+
+    def poll(self, now_s: float) -> list[Message]:
+        """Do what is due."""
+        if self._session is None or now_s < self._session.next_deadline():
+            return []
+        return self._noted(self._session.poll(now_s))
+
+    def next_deadline(self) -> float:
+        """When `poll` has something to do; infinity for never."""
+        return math.inf if self._session is None else self._session.next_deadline()
+
+    def drop(self) -> None:
+        """Let a change go: the vehicle leaves its mission."""
+        self._session = None
+
+    def _noted(self, out: list[Message]) -> list[Message]:
+        """Note what a change came to."""
+        session = self._session
+        if session is not None and session.record is not None and session.record not in self.records[-1:]:
+            self.records.append(session.record)
+            self.held, self.changed_s = session.held, session.record.ended_s
+        return out
+
+
+def check_change(new: Mission, resume_at: int, old: Mission) -> None:
+    """Refuse a mission that must not be sent to a vehicle in flight; PX4 itself checks no ranges.
+
+    What the autopilot would not take is told by `mission.transfer.rendering`.
+
+    MissionError if the item to go on with is no position to fly to, the mission does not lead home although
+    the old one did, or a position is far from home or too high; LocalTransferError if it cannot be sent.
+
+    Examples
+    --------
+    >>> there = Mission((MissionItem.waypoint(28.05, -82.15, 10.0),))
+    >>> check_change(there, 1, there)
+    Traceback (most recent call last):
+        ...
+    mission.errors.MissionError: mission: item 2 to go on with does not exist; there are 1 items
+    """
+    items = new.items
+    check_plan(items, MissionType.MISSION)
+    if not 0 <= resume_at < len(items):
+        msg = f"mission: item {resume_at + 1} to go on with does not exist; there are {len(items)} items"
+        raise MissionError(msg)
+    target = items[resume_at]
+    if not (is_return(target) or (target.command in FLOWN_TO and target.has_position)):
+        msg = f"mission: item {resume_at + 1} to go on with (command {target.command}) is no position"
+        raise MissionError(msg)
+    if leads_home(old.items) and not leads_home(items, resume_at):
+        end = "end with NAV_RETURN_TO_LAUNCH or NAV_LAND"
+        msg = f"mission: nothing after item {resume_at + 1} leads home; {end}"
+        raise MissionError(msg)
+    home = old.home
+    for k, item in enumerate(items):
+        if not item.has_position or item.x == item.y == 0.0:
+            continue
+        if abs(item.z) > _HIGHEST_M:
+            limit = f"more than {_HIGHEST_M:g} m is not sent in flight"
+            msg = f"mission: item {k + 1} is {item.z:g} m high; {limit}"
+            raise MissionError(msg)
+        if (
+            home is not None
+            and max(abs(item.x - home.latitude_deg), abs(item.y - home.longitude_deg)) > _FARTHEST_DEG
+        ):
+            msg = f"mission: item {k + 1} is more than {_FARTHEST_DEG:g} degree from home; is it in degrees?"
+            raise MissionError(msg)

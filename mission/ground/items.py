@@ -1,0 +1,184 @@
+"""What the items of a mission mean to whoever follows or changes it in flight."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from mission.model import Command, Mission, MissionItem
+
+__all__ = [
+    "FLOWN_TO",
+    "Shots",
+    "apart_m",
+    "is_return",
+    "item_to_mark",
+    "leads_home",
+    "leads_on",
+    "next_flown_to",
+    "revised_mission",
+    "same_position",
+    "shots_before",
+    "speed_before",
+]
+
+_RETURNS = frozenset({int(Command.NAV_RETURN_TO_LAUNCH), int(Command.NAV_LAND)})
+_CAMERA = frozenset({int(Command.DO_SET_CAM_TRIGG_DIST), int(Command.DO_SET_CAM_TRIGG_INTERVAL)})
+_SPEED = frozenset({int(Command.DO_CHANGE_SPEED)})
+# DO items between positions.
+_DO = frozenset({178, 195, 197, 201, 203, 205, 206, 214, 530, 2000, 2001})
+FLOWN_TO = frozenset({16, 17, 18, 19, 31, 82})
+"""MAV_CMDs of the items that lie on the path."""
+_SAME_M = 2.0
+_EARTH_M = 6_371_008.8
+_SAME_SHOTS = 1e-5  # parameters cross the link as 32-bit floats
+
+
+def is_return(item: MissionItem) -> bool:
+    """Tell whether an item is the return or the landing."""
+    return item.command in _RETURNS
+
+
+def leads_home(items: Sequence[MissionItem], begin: int = 0) -> bool:
+    """Tell whether a return or a landing comes from an item on."""
+    return any(map(is_return, items[begin:]))
+
+
+def leads_on(items: Sequence[MissionItem], begin: int) -> bool:
+    """Tell whether something is left to fly to from an item on, before the way home."""
+    return any(item.command in FLOWN_TO for item in items[begin:])
+
+
+def next_flown_to(items: Sequence[MissionItem], index: int) -> int:
+    """Return the next item that is flown to after DO items; the item itself when there is none."""
+    following = index + 1
+    while following < len(items) and items[following].command in _DO:
+        following += 1
+    known = following < len(items) and items[following].command in FLOWN_TO | _RETURNS
+    return following if known else index
+
+
+def same_position(a: MissionItem, b: MissionItem) -> bool:
+    """Tell whether two items lead to the same position."""
+    return a.has_position and b.has_position and apart_m((a.x, a.y), (b.x, b.y)) < _SAME_M
+
+
+def apart_m(a: tuple[float, float], b: tuple[float, float]) -> float:
+    """Return the distance of two positions (latitude, longitude) that are near each other, on a sphere."""
+    north, east = b[0] - a[0], (b[1] - a[1]) * math.cos(math.radians(a[0]))
+    return _EARTH_M * math.radians(math.hypot(north, east))
+
+
+def speed_before(items: Sequence[MissionItem], index: int) -> float | None:
+    """Return the ground speed that was set before an item, None for the vehicle's own."""
+    for item in reversed(items[:index]):
+        if item.command == Command.DO_CHANGE_SPEED and (item.param1 or 0.0) <= 1.0:
+            speed = item.param2
+            return speed if speed is not None and speed > 0.0 else None
+    return None
+
+
+@dataclass(frozen=True, slots=True)
+class Shots:
+    """What a camera does by itself, by distance or by time between images; neither is nothing."""
+
+    distance_m: float = 0.0
+    interval_ms: float = 0.0
+
+    @property
+    def is_off(self) -> bool:
+        """Whether no images are taken."""
+        return self.distance_m <= 0.0 and self.interval_ms <= 0.0
+
+    def is_same(self, other: Shots) -> bool:
+        """Whether a camera that does the other does this."""
+        return math.isclose(self.distance_m, other.distance_m, rel_tol=_SAME_SHOTS) and math.isclose(
+            self.interval_ms, other.interval_ms, rel_tol=_SAME_SHOTS
+        )
+
+
+def shots_before(items: Sequence[MissionItem], index: int) -> Shots | None:
+    """Return what a mission has ordered of the camera while an item is flown; None while nothing was.
+
+    Examples
+    --------
+    >>> orders = [MissionItem(Command.DO_SET_CAM_TRIGG_DIST, param1=metres) for metres in (5.0, 0.0)]
+    >>> leg = MissionItem(Command.NAV_WAYPOINT, x=27.0, y=-82.0, z=10.0)
+    >>> items = (leg, orders[0], leg, orders[1], leg)
+    >>> [None if (one := shots_before(items, item)) is None else one.distance_m for item in range(5)]
+    [None, None, 5.0, 5.0, 0.0]
+    """
+    for one in reversed(items[: max(index, 0)]):
+        value = max(one.param1 or 0.0, 0.0)
+        if one.command == Command.DO_SET_CAM_TRIGG_DIST:
+            return Shots(distance_m=value)
+        if one.command == Command.DO_SET_CAM_TRIGG_INTERVAL:
+            return Shots(interval_ms=value)
+    return None
+
+
+def item_to_mark(old: Mission, item: int, new: Mission, resume_at: int) -> int:
+    """Return the item that goes on without a gap: the target, or the first DO item before it that is needed.
+
+    DO items that would set what holds already are left out: a camera that is told its distance again may
+    take an image at once.
+    """
+    first = resume_at
+    while first > 0 and new.items[first - 1].command in _DO:
+        first -= 1
+    speed, shots = speed_before(old.items, item), shots_before(old.items, item) or Shots()
+    for k in range(first, resume_at):
+        command = new.items[k].command
+        if command == Command.DO_CHANGE_SPEED:
+            if speed_before(new.items, k + 1) != speed:
+                return k
+        elif command not in _CAMERA or (shots_before(new.items, k + 1) or Shots()) != shots:
+            return k
+    return resume_at
+
+
+def revised_mission(
+    held: Mission,
+    item: int,
+    path_deg: Sequence[tuple[float, float]],
+    *,
+    altitude_m: float,
+    acceptance_radius_m: float,
+) -> tuple[Mission, int]:
+    """Return the mission that goes on through other waypoints, and its item to go on with.
+
+    It keeps take-off, speed and camera of the held mission, of which `item` is flown now, and ends as that
+    does. A camera that takes images already goes on without one of its own at the change; otherwise it
+    begins at the change. The waypoints are latitudes and longitudes; none is the way home at once.
+
+    Examples
+    --------
+    >>> items = (MissionItem.waypoint(28.05, -82.15, 10.0), MissionItem(Command.NAV_RETURN_TO_LAUNCH))
+    >>> new, resume_at = revised_mission(
+    ...     Mission(items), 0, [(28.06, -82.15)], altitude_m=10.0, acceptance_radius_m=1.0
+    ... )
+    >>> [one.command for one in new.items], resume_at
+    ([16, 20], 0)
+    """
+    items = held.items
+    ends = (k for k, one in enumerate(items) if is_return(one) or one.command == Command.DO_LAND_START)
+    end = next(ends, len(items))
+    flown = min(item, end)
+
+    def orders(commands: frozenset[int], until: int) -> list[MissionItem]:
+        return [one for one in items[:until] if one.command in commands]
+
+    begin = orders(frozenset({int(Command.NAV_TAKEOFF)}), end)[:1]
+    begin += orders(_SPEED, flown)[-1:] or orders(_SPEED, end)[:1]
+    starts = [one for one in orders(_CAMERA, end) if (one.param1 or 0.0) > 0.0]
+    takes = [one for one in orders(_CAMERA, flown)[-1:] if (one.param1 or 0.0) > 0.0]
+    stop = [MissionItem(starts[0].command)] if starts else []
+    waypoints = [
+        MissionItem.waypoint(latitude, longitude, altitude_m, acceptance_radius_m=acceptance_radius_m)
+        for latitude, longitude in path_deg
+    ]
+    if not waypoints:
+        return replace(held, items=(*begin, *stop, *items[end:])), len(begin) + len(stop)
+    begin += [replace(one, param3=0.0) for one in takes] or starts[:1]
+    return replace(held, items=(*begin, *waypoints, *stop, *items[end:])), len(begin)

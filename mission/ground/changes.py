@@ -32,6 +32,7 @@ class MissionChanges:
     def __init__(self, contact: Contact, held: Mission) -> None:
         self.held = held
         self.records: list[ChangeRecord] = []
+        self.parameters_set: list[str] = []  # Which of the vehicle's were set, from what and to what
         self.changed_s = -math.inf  # When the last change began, or ended
         self._contact = contact
         self._session: ChangeSession | None = None
@@ -46,11 +47,6 @@ class MissionChanges:
     def aside(self) -> bool:
         """Whether the vehicle leaves its mission while that is changed."""
         return self._contact.monitor.vehicle_type in (self._contact.profile.change_modes or {})
-
-    @property
-    def parameters_set(self) -> list[str]:
-        """Which of the vehicle's parameters were set, from what and to what."""
-        return [] if self._guard is None else self._guard.was_set
 
     def begin(self, mission: Mission, resume_at: int, seconds_an_item: float, now_s: float) -> list[Message]:
         """Begin a change, to go on with an item of the new mission; errors as of `GroundStation.change`."""
@@ -76,7 +72,7 @@ class MissionChanges:
         """Return what has to be set before the vehicle leaves its mission; the same one for a flight."""
         needed = self._contact.profile.change_failsafe.get(self._contact.monitor.vehicle_type, ())
         if self._guard is None and needed:
-            self._guard = FailsafeGuard(needed, self._contact)
+            self._guard = FailsafeGuard(needed, self._contact, self.parameters_set)
         return self._guard
 
     def receive(self, message: Message, now_s: float) -> list[Message]:

@@ -22,10 +22,10 @@ class FailsafeGuard:
     must then find the others as they have to be.
     """
 
-    def __init__(self, needed: Sequence[NeededParameter], contact: Contact) -> None:
+    def __init__(self, needed: Sequence[NeededParameter], contact: Contact, was_set: list[str]) -> None:
         self.refused = ""  # Why it cannot be; empty while it may
         self.due_s = math.inf
-        self.was_set: list[str] = []  # Which parameters were set, from what and to what
+        self._was_set = was_set  # Takes which parameters were set, from what and to what
         self._before: dict[str, int] = {}
         self._vehicle, self._round_trip = contact.vehicle, contact.round_trip
         self._open = {one.name: one for one in needed}
@@ -67,7 +67,7 @@ class FailsafeGuard:
         wanted = needed.wanted(value)
         if wanted == value:
             if name in self._before:
-                self.was_set.append(f"{name} was {self._before[name]}, is set to {value} and stays so")
+                self._was_set.append(f"{name} was {self._before[name]}, is set to {value} and stays so")
             del self._open[name]
             self._tries = 0
             self.due_s = math.inf if self.ready else self.due_s

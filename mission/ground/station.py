@@ -7,9 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from geo.errors import WbfMissionError
-from geo.frame import LocalFrame
 from mission.ground.arming_gate import ArmingGate
-from mission.ground.change import ChangeRecord
 from mission.ground.changes import MissionChanges
 from mission.ground.contact import Contact, Heartbeat
 from mission.ground.images import ImageFetch
@@ -18,7 +16,7 @@ from mission.ground.mission_end import MissionEnd
 from mission.ground.modes import Maneuver
 from mission.ground.orders import Answer, Order, result_name
 from mission.ground.start import STARTING, MissionStart
-from mission.ground.tracks import FlownLength, Track, TrackRecorder, TrueState
+from mission.ground.tracks import TrackRecorder, TrueState
 from mission.ground.uploads import PlanUploads
 from mission.ground.vehicle_state import Battery, VehicleState
 from mission.link.codec.dialect import Message
@@ -26,7 +24,7 @@ from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import handler
 from mission.model import Mission
 from mission.outcome import Outcome, Phase
-from mission.transfer import CLIENT_MESSAGES, OWN_TRANSFERS, TransferMaker, TransferStatistics
+from mission.transfer import CLIENT_MESSAGES, OWN_TRANSFERS, TransferMaker
 from mission.transfer.wire import GROUND_STATION, command_long
 from sensors.camera.wire import ObservationAssembler
 
@@ -79,8 +77,16 @@ class GroundStation:
         Who else flies the vehicle.
     link : LinkState
         How well a real vehicle is heard.
+    texts : list of tuple
+        The vehicle's STATUSTEXTs: time in seconds, severity, text.
+    transfers : list of TransferStatistics
+        Of each plan that was uploaded before the flight.
     changes : list of ChangeRecord
         What came of each change of the mission in flight.
+    parameters_set : list of str
+        Which of the vehicle's parameters were set, from what and to what.
+    tracks : TrackRecorder
+        Where the vehicle was since the start.
     started_s, ended_s : float or None
         When the mission began, and when the run was over.
     """
@@ -120,7 +126,9 @@ class GroundStation:
         self._changes = MissionChanges(contact, mission)
         self._end_of_mission = MissionEnd(contact, self._changes)
         self.pilot, self._failures = self._end_of_mission.pilot, self._end_of_mission.failures
-        self._heartbeat, self._silences, self._tracks = Heartbeat(), SilenceWatch(), TrackRecorder()
+        self.tracks, self._heartbeat, self._silences = TrackRecorder(), Heartbeat(), SilenceWatch()
+        self.texts, self.transfers = contact.texts.texts, self._uploads.statistics
+        self.changes, self.parameters_set = self._changes.records, self._changes.parameters_set
         self._assembler = assembler
         self._fetch: ImageFetch | None = None
         self._order: Order | None = None
@@ -147,7 +155,7 @@ class GroundStation:
                     handler(m.MAVLink_mission_current_message, self._on_mission_current),
                     handler(
                         m.MAVLink_extended_sys_state_message,
-                        lambda message, _now_s: self._tracks.on_landed_state(message),
+                        lambda message, _now_s: self.tracks.on_landed_state(message),
                     ),
                     handler(m.MAVLink_hil_state_quaternion_message, self._on_truth),
                     handler(m.MAVLink_sim_state_message, self._on_truth),
@@ -181,31 +189,16 @@ class GroundStation:
         return self._changes.held
 
     @property
-    def changes(self) -> list[ChangeRecord]:
-        """What came of each change of the mission in flight."""
-        return self._changes.records
-
-    @property
-    def transfers(self) -> list[TransferStatistics]:
-        """Of each plan that was uploaded before the flight."""
-        return self._uploads.statistics
-
-    @property
     def battery(self) -> Battery:
         """As the vehicle told last."""
         return self._monitor.battery
-
-    @property
-    def texts(self) -> list[tuple[float, int, str]]:
-        """The vehicle's STATUSTEXTs: time in seconds, severity, text."""
-        return self._texts.texts
 
     @property
     def flight_time_s(self) -> float:
         """From the start of the mission until the vehicle tells that it has landed."""
         if self.started_s is None:
             return 0.0
-        return max(0.0, self._tracks.aloft_ms / 1e3 - self._started_boot_s)
+        return max(0.0, self.tracks.aloft_ms / 1e3 - self._started_boot_s)
 
     @property
     def clock_offset_s(self) -> float:
@@ -340,11 +333,6 @@ class GroundStation:
         )
 
     @property
-    def parameters_set(self) -> list[str]:
-        """Which of the vehicle's parameters were set, from what and to what."""
-        return self._changes.parameters_set
-
-    @property
     def silent_s(self) -> float:
         """How long the silences of the flight were, in which nothing was heard of the vehicle."""
         return self._silences.silent_s
@@ -360,18 +348,6 @@ class GroundStation:
             self.phase = Phase.DONE
         if not self.done:
             self._end(outcome, reason, now_s)
-
-    def track(self, frame: LocalFrame) -> Track:
-        """What was flown since the start, in WGS84 and in `frame`."""
-        return self._tracks.track(frame)
-
-    def flown_length(self, frame: LocalFrame) -> FlownLength:
-        """Return what measures how far the vehicle has flown since the start."""
-        return FlownLength(self._tracks, frame)
-
-    def true_track(self, frame: LocalFrame) -> Track | None:
-        """Where the vehicle truly was; None if its simulator did not tell."""
-        return self._tracks.true_track(frame)
 
     # What arrives.
 
@@ -448,7 +424,7 @@ class GroundStation:
         if self.phase is Phase.FLIGHT:
             monitor = self._monitor
             is_rover = monitor.vehicle_type == m.MAV_TYPE_GROUND_ROVER
-            self._tracks.on_position(message, round(1e3 * monitor.boot_s), is_rover=is_rover)
+            self.tracks.on_position(message, round(1e3 * monitor.boot_s), is_rover=is_rover)
 
     def _on_system_time(self, message: m.MAVLink_system_time_message, now_s: float) -> None:
         """Take the clock, which an autopilot that has just started tells before it knows where it is."""
@@ -470,7 +446,7 @@ class GroundStation:
             self.pilot.settle()
 
     def _on_truth(self, message: TrueState, now_s: float) -> None:
-        self._tracks.on_truth(message, now_s, flying=self.phase is Phase.FLIGHT)
+        self.tracks.on_truth(message, now_s, flying=self.phase is Phase.FLIGHT)
 
     def _on_sys_status(self, message: m.MAVLink_sys_status_message, now_s: float) -> None:
         if self.phase is Phase.FLIGHT:

@@ -107,9 +107,9 @@ def test_an_autopilot_that_starts_again_in_flight(autopilot):
     assert station.outcome is Outcome.COMPLETED
     assert [text for _, text in station.pilot.events] == ["its autopilot has started again"]
     assert abs(station.flight_time_s - undisturbed.station.flight_time_s) < 5.0
-    track = station.track(FRAME)
+    track = station.tracks.track(FRAME)
     assert (track.time_s[1:] >= track.time_s[:-1]).all()
-    assert abs(track.length_m - undisturbed.station.track(FRAME).length_m) < 5.0
+    assert abs(track.length_m - undisturbed.station.tracks.track(FRAME).length_m) < 5.0
     assert flight.assembler.statistics.images >= undisturbed.assembler.statistics.images - 6
     seen = flight.assembler.take()
     assert (seen.time_s[1:] >= seen.time_s[:-1]).all()

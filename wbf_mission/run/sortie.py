@@ -15,6 +15,7 @@ from mission.ground.change import ChangeOutcome
 from mission.ground.items import leads_home, revised_mission
 from mission.ground.link_state import SILENCE_S
 from mission.ground.station import GroundStation
+from mission.ground.tracks import FlownLength
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Mission, MissionItem
@@ -162,7 +163,7 @@ class Sortie:
             maker=maker,
             force=force,
         )
-        self._flown = self.ground.flown_length(farm.frame)
+        self._flown = FlownLength(self.ground.tracks, farm.frame)
         self._travel_cost = task.travel_cost_in_flight(plan.path_m)
         self._last_item = 0
         self._passed = 0
@@ -414,7 +415,7 @@ class Sortie:
         if battery is not None:
             used = ground.battery.used_since(ground.battery_before, battery.capacity_wh)
         frame = self.plan.farm.frame
-        track = ground.track(frame)
+        track = ground.tracks.track(frame)
         return FlightRecord(
             day=self.number.day,
             flight=self.number.flight,
@@ -423,7 +424,7 @@ class Sortie:
             outcome=ground.outcome,
             reason=ground.reason,
             track=replace(track, time_s=track.time_s + ground.clock_offset_s),
-            true_track=ground.true_track(frame),
+            true_track=ground.tracks.true_track(frame),
             camera=self.assembler.statistics,
             transfers=ground.transfers,
             battery_used=used,

@@ -395,10 +395,10 @@ def test_a_failsafe_that_is_not_told_of_or_stays_as_it_is_is_missing():
     def told(name, value):
         return m.MAVLink_param_value_message(name.encode(), value, 2, 70, 3)
 
-    silent = FailsafeGuard(needed, Contact((1, 1), is_real=False))
+    silent = FailsafeGuard(needed, Contact((1, 1), is_real=False), [])
     asked = [len(silent.poll(float(now_s))) for now_s in range(6)]
     assert asked == [2, 2, 2, 2, 0, 0] and "could not be read" in silent.refused and not silent.ready
-    stubborn = FailsafeGuard(needed, Contact((1, 1), is_real=False))
+    stubborn = FailsafeGuard(needed, Contact((1, 1), is_real=False), [])
     stubborn.begin(0.0)
     assert stubborn.receive(told("FS_OPTIONS", 18.0)) == []
     [setting] = stubborn.receive(told("FS_GCS_ENABLE", 0.0))

@@ -303,7 +303,7 @@ def test_our_ground_station_flies_either(autopilot):
     reason = Simulation([vehicle, ground]).run(lambda _now_s: ground.done, limit_s=300.0)
     assert reason is StopReason.FINISHED
     assert ground.outcome is Outcome.COMPLETED, ground.reason
-    fixes = len(ground.track(vehicle.pilot.frame).time_s)
+    fixes = len(ground.tracks.track(vehicle.pilot.frame).time_s)
     assert fixes == pytest.approx(10.0 * ground.flight_time_s, rel=0.1)
 
 

@@ -11,7 +11,7 @@ from mavsdk.plugins.action import Action
 from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectResult, MavlinkMessage
 from mavsdk.plugins.mission_raw import MissionRaw
 
-from mission.ground.modes import Maneuver, maneuver_command
+from mission.ground.modes import Maneuver, VehicleModes
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.frames import FrameReader, FrameWriter
@@ -72,7 +72,7 @@ class MavsdkOrders:
     ) -> None:
         self._link, self._system_id, self._note = link, system_id, note
         self._is_px4 = autopilot == m.MAV_AUTOPILOT_PX4
-        self._hold = maneuver_command(Maneuver.HOLD, autopilot, vehicle_type)
+        self._hold = VehicleModes(autopilot, vehicle_type).maneuver(Maneuver.HOLD)
         self._orders: list[_Order] = []
         self._writer = FrameWriter(system_id, _AUTOPILOT)
 

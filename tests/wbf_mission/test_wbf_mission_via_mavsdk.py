@@ -245,8 +245,8 @@ class Orders:
     """MAVSDK's orders to a vehicle, asked until they are answered."""
 
     def __init__(self, stack, url):
+        from wbf_mission.live.via_mavsdk.adapter import MavsdkOrders
         from wbf_mission.live.via_mavsdk.link import MavsdkLink
-        from wbf_mission.live.via_mavsdk.orders import MavsdkOrders
 
         (heard,) = find_vehicles(url, (None,))
         self.notes = []

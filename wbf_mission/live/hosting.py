@@ -11,6 +11,7 @@ from typing import Self
 
 from mission.ground.arming_gate import ArmingGate
 from mission.ground.link import own_driver
+from mission.ground.station import GroundStation
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.tlog import FrameSink
@@ -26,21 +27,25 @@ from wbf_mission.run.hosting import tap_of
 from wbf_mission.run.sortie import Sortie
 from wbf_mission.scenario import Scenario
 
-__all__ = ["LinkHost", "LinkHosting", "Via", "links_of"]
+__all__ = ["Heard", "LinkHost", "LinkHosting", "Note", "Tap", "Via", "links_of"]
 
 Tap = Callable[[bytes, float], None]
+Note = Callable[[str], None]
+Heard = tuple[str, Vehicle]
+"""A vehicle with its link."""
 _AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
 
 
-@dataclass
+@dataclass(frozen=True, slots=True)
 class LinkHosting:
     """Vehicles behind links: ours are the ground stations, and the leaf cameras that ride along."""
 
-    heard: Sequence[tuple[str, Vehicle]]  # The vehicles, each with its link
+    heard: Sequence[Heard]
     tlog: Path | None  # Where every MAVLink frame is written that is heard and sent here
     agreed: bool  # The operator agrees to the start beforehand
     force: bool  # Send also what the autopilot would refuse or not fly
-    note: Callable[[str], None]  # Takes lines for the operator
+    note: Note  # Takes lines for the operator
+    via: Via
 
     @property
     def pace(self) -> None:
@@ -50,7 +55,7 @@ class LinkHosting:
     @property
     def transfers(self) -> TransferMaker:
         """Who carries the plans up to the vehicles."""
-        return OWN_TRANSFERS
+        return self.via.transfers
 
     def arming_gate(self, system_id: int) -> ArmingGate:
         """Return what has to hold before the motors start: the vehicle's own checks, and the operator."""
@@ -64,16 +69,11 @@ class LinkHosting:
     ) -> LinkHost:
         """Open the links; LinkError if an address is wrong, in use or not reachable."""
         cameras = [riding_camera(one) for one in sorties]
-        return self._serve(sorties, cameras, tap_of(writer, lambda _now_s: time.time()))
-
-    def _serve(self, sorties: Sequence[Sortie], cameras: Sequence[RidingCamera], tap: Tap | None) -> LinkHost:
-        """Open the links of the ground stations, and of the cameras beside them."""
-        pairs = zip(cameras, sorties, strict=True)
-        components: list[Component] = [part for camera, one in pairs for part in (camera, one.ground)]
-        return LinkHost(Server(components, links_of(self.heard), tap=tap))
+        tap = tap_of(writer, lambda _now_s: time.time())
+        return self.via.serve(self.heard, cameras, [one.ground for one in sorties], tap, self.note)
 
 
-def links_of(heard: Iterable[tuple[str, Vehicle]]) -> tuple[ServerUrl, ...]:
+def links_of(heard: Iterable[Heard]) -> tuple[ServerUrl, ...]:
     """Return the links of vehicles that were heard; of several each carries its own vehicles only."""
     systems: dict[str, set[int]] = {}
     for url, vehicle in heard:
@@ -133,8 +133,23 @@ class LinkHost:
 class Via:
     """A way to a vehicle: our own transfers and orders; another way says where it differs."""
 
-    hosting: type[LinkHosting] = LinkHosting
-    """Where the flight of the vehicles takes place, each behind its link."""
+    @property
+    def transfers(self) -> TransferMaker:
+        """Who carries the plans up to the vehicles."""
+        return OWN_TRANSFERS
+
+    def serve(
+        self,
+        heard: Sequence[Heard],
+        cameras: Sequence[Component],
+        grounds: Sequence[GroundStation],
+        tap: Tap | None,
+        note: Note,  # noqa: ARG002
+    ) -> LinkHost:
+        """Open the links of ground stations, and of the cameras beside them; LinkError if one cannot be."""
+        pairs = zip(cameras, grounds, strict=True)
+        components: list[Component] = [part for pair in pairs for part in pair]
+        return LinkHost(Server(components, links_of(heard), tap=tap))
 
     def driver(self, url: str, on_event: OnEvent, on_text: OnText | None = None) -> TransferDriver:
         """Open a link; return what transfers plans over it. LinkError if the link cannot be opened."""

@@ -11,7 +11,7 @@ from mission.ground.arming_gate import FARTHEST_M
 from mission.ground.link import find_vehicles
 from mission.transfer.vehicles import Vehicle as HeardVehicle
 from wbf_mission.live.discovery import LiveFlightError, fitted_to, require_single_flight, wanted_vehicles
-from wbf_mission.live.hosting import Via
+from wbf_mission.live.hosting import LinkHosting, Via
 from wbf_mission.planning import PlanResult
 from wbf_mission.planning.fleet import Vehicle
 from wbf_mission.preflight.finding import Concern, Finding, PreflightError, Report, Severity
@@ -165,8 +165,13 @@ class LiveLink:
 
     def hosting(self, tlog: Path | None) -> Hosting:
         """Return where the flight takes place."""
-        return self.via.hosting(
-            tuple(self._heard.values()), tlog, agreed=self.agreed, force=self.force, note=self.note
+        return LinkHosting(
+            tuple(self._heard.values()),
+            tlog,
+            agreed=self.agreed,
+            force=self.force,
+            note=self.note,
+            via=self.via,
         )
 
 

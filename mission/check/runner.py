@@ -22,7 +22,7 @@ from mission.transfer import RemoteTransferError
 from mission.transfer.driver import wait_readable
 from mission.transfer.vehicles import Vehicle
 
-__all__ = ["CheckReport", "all_checks", "check_link", "check_vehicle", "chosen_checks"]
+__all__ = ["CheckReport", "all_checks", "check_vehicle", "chosen_checks"]
 
 _MODULES = (identity, commands, parameters, missions, transfers, flight)
 _GROUPS = ("identity", "command", "telemetry", "param", "mission", "transfer", "fly")
@@ -96,13 +96,15 @@ class CheckReport:
 
 
 def check_vehicle(
-    url: str,
+    link: str | Link,
     *,
     fly: bool = False,
     only: Iterable[str] = (),
     system_id: int | None = None,
     wait_s: float = 10.0,
     on_result: OnResult | None = None,
+    clock: Callable[[], float] = time.monotonic,
+    wait: Callable[[Link, float], None] = wait_readable,
 ) -> CheckReport:
     """Check the vehicle behind a link.
 
@@ -111,8 +113,8 @@ def check_vehicle(
 
     Parameters
     ----------
-    url : str
-        See `mission.link.parse_link_url`.
+    link : str or Link
+        An address, see `mission.link.parse_link_url`, or an open link, which stays open.
     fly : bool
         Also run the checks that arm and fly.
     only : iterable of str
@@ -123,6 +125,8 @@ def check_vehicle(
         How long to wait for its heartbeat.
     on_result : callable, optional
         Called with each result as it is found.
+    clock, wait : callable
+        See `mission.check.peer.Peer`.
 
     Raises
     ------
@@ -132,27 +136,6 @@ def check_vehicle(
         If the link cannot be opened or breaks.
     TransferError
         If no vehicle is heard.
-    """
-    chosen_checks(tuple(only), fly=fly)
-    link = open_link(url)
-    try:
-        return check_link(link, fly=fly, only=only, system_id=system_id, wait_s=wait_s, on_result=on_result)
-    finally:
-        link.close()
-
-
-def check_link(
-    link: Link,
-    *,
-    fly: bool = False,
-    only: Iterable[str] = (),
-    system_id: int | None = None,
-    wait_s: float = 10.0,
-    on_result: OnResult | None = None,
-    clock: Callable[[], float] = time.monotonic,
-    wait: Callable[[Link, float], None] = wait_readable,
-) -> CheckReport:
-    """Check the vehicle behind an open link, by a clock of one's own; see `check_vehicle`.
 
     Examples
     --------
@@ -164,21 +147,23 @@ def check_link(
     >>> from sim_vehicle.mavlink import SimVehicle
     >>> simulation = Simulation([SimVehicle(get_vehicle("quad"), GeoPoint(28.05, -82.15))])
     >>> link = simulation.open_link()
-    >>> check_link(link, only=["identity.heartbeat"], clock=link.clock, wait=link.wait).passed
+    >>> check_vehicle(link, only=["identity.heartbeat"], clock=link.clock, wait=link.wait).passed
     True
     """
     checks = chosen_checks(tuple(only), fly=fly)
-    peer = Peer(link, clock=clock, wait=wait)
-    vehicle = peer.find(wait_s, system_id)
-    peer.sleep(1.5)
-    if peer.armed:
-        msg = f"{link.name}: the vehicle is armed; land and disarm it before it is checked"
-        raise CheckError(msg)
-    _find_home(peer)
     results: list[CheckResult] = []
     warnings: list[str] = []
-    tell = on_result or _silent
     with ExitStack() as stack:
+        if isinstance(link, str):
+            link = open_link(link)
+            stack.callback(link.close)
+        peer = Peer(link, clock=clock, wait=wait)
+        vehicle = peer.find(wait_s, system_id)
+        peer.sleep(1.5)
+        if peer.armed:
+            msg = f"{link.name}: the vehicle is armed; land and disarm it before it is checked"
+            raise CheckError(msg)
+        _find_home(peer)
         kept = False
         for one in checks:
             if one.group in _MISSION_GROUPS and not kept:
@@ -186,7 +171,8 @@ def check_link(
                 _keep_plans(peer, stack, warnings)
             result = _run(one, peer)
             results.append(result)
-            tell(result)
+            if on_result is not None:
+                on_result(result)
     return CheckReport(link.name, vehicle, tuple(results), tuple(warnings))
 
 
@@ -248,7 +234,3 @@ def _run(one: Check, peer: Peer) -> CheckResult:
     except WbfMissionError as error:
         verdict, detail = Verdict.FAILED, str(error)
     return CheckResult(one, one.requirement(peer.profile), verdict, detail, peer.now() - began_s)
-
-
-def _silent(_result: CheckResult) -> None:
-    return None

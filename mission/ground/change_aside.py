@@ -139,7 +139,11 @@ class AsideChange(ChangeSession):
                 return self._finish(ChangeOutcome.REFUSED, guard.refused, now_s)
         for command, order in tuple(self._orders.items()):
             if now_s >= order.due_s:
-                out += self._give_up(command, now_s) if order.is_given_up else order.send(now_s)
+                if order.is_given_up:
+                    self._retries += order.repeats
+                    out += self._answered(command, Answer.NONE, "no answer", now_s)
+                else:
+                    out += order.send(now_s)
         out += self._poll_transfer(now_s)
         if now_s >= self._wake_s:
             self._wake_s = math.inf
@@ -250,51 +254,37 @@ class AsideChange(ChangeSession):
         answer = order.answer(message, now_s)
         if answer is Answer.NONE:
             return []
-        del self._orders[message.command]
         self._retries += order.repeats
-        if answer is Answer.REFUSED:
-            return self._on_refused(message, order, now_s)
-        return self._on_accepted(message.command, now_s)
-
-    def _on_accepted(self, command: int, now_s: float) -> list[Message]:
-        if command == m.MAV_CMD_DO_REPOSITION:
-            out = self._set_speed(now_s, self._leg)
-            if self._step is _Step.TURNING:
-                if self._turned_s is None:
-                    self._turned_s = now_s
-                out += self._send(now_s)
-            return out
-        if command == m.MAV_CMD_DO_SET_MISSION_CURRENT and self._step is _Step.CHOOSING:
-            self._step = _Step.NEARING
-            self._wake_s = now_s + _LONGEST_S
-            return self._on_position(now_s)
-        if command == m.MAV_CMD_DO_SET_MODE and self._step is _Step.RESUMING:
-            return self._on_back(now_s)
-        return []
-
-    def _on_refused(
-        self, message: m.MAVLink_command_ack_message, order: Order, now_s: float
-    ) -> list[Message]:
         text = self._said(result_name(message.result))
-        if message.command == m.MAV_CMD_DO_REPOSITION and self._step is _Step.TURNING:
-            self._why, self._refused = text, True
-            return self._back_to_old(now_s)
-        if message.command == m.MAV_CMD_DO_SET_MISSION_CURRENT and self._step is _Step.CHOOSING:
-            return self._on_failure(text, now_s, refused=True)
-        if message.command in (m.MAV_CMD_DO_SET_MODE, Command.NAV_RETURN_TO_LAUNCH):
-            # It must not stay where it is: a mode that is refused now is asked for again.
-            order.due_s = now_s + _FRESH_S
-            self._orders[message.command] = order
-        return []
+        return self._answered(message.command, answer, text, now_s)
 
-    def _give_up(self, command: int, now_s: float) -> list[Message]:
-        """An order was sent as often as it is worth, without an answer."""
-        self._retries += self._orders.pop(command).repeats
-        if command == m.MAV_CMD_DO_REPOSITION and self._step is _Step.TURNING:
-            self._why = "no answer"
-            return self._back_to_old(now_s)
-        if command == m.MAV_CMD_DO_SET_MISSION_CURRENT and self._step is _Step.CHOOSING:
-            return self._choose(now_s)
+    def _answered(self, command: int, answer: Answer, text: str, now_s: float) -> list[Message]:
+        """Go on after the answer to an order; NONE where it was given up without one."""
+        order = self._orders.pop(command)
+        refused = answer is Answer.REFUSED
+        match (command, self._step, answer):
+            case (m.MAV_CMD_DO_REPOSITION, step, Answer.ACCEPTED):
+                out = self._set_speed(now_s, self._leg)
+                if step is _Step.TURNING:
+                    self._turned_s = now_s if self._turned_s is None else self._turned_s
+                    out += self._send(now_s)
+                return out
+            case (m.MAV_CMD_DO_REPOSITION, _Step.TURNING, _):
+                self._why, self._refused = text, refused
+                return self._back_to_old(now_s)
+            case (m.MAV_CMD_DO_SET_MISSION_CURRENT, _Step.CHOOSING, Answer.ACCEPTED):
+                self._step, self._wake_s = _Step.NEARING, now_s + _LONGEST_S
+                return self._on_position(now_s)
+            case (m.MAV_CMD_DO_SET_MISSION_CURRENT, _Step.CHOOSING, Answer.REFUSED):
+                return self._on_failure(text, now_s, refused=True)
+            case (m.MAV_CMD_DO_SET_MISSION_CURRENT, _Step.CHOOSING, Answer.NONE):
+                return self._choose(now_s)
+            case (m.MAV_CMD_DO_SET_MODE, _Step.RESUMING, Answer.ACCEPTED):
+                return self._on_back(now_s)
+            case (m.MAV_CMD_DO_SET_MODE | Command.NAV_RETURN_TO_LAUNCH, _, Answer.REFUSED):
+                # It must not stay where it is: a mode that is refused now is asked for again.
+                order.due_s = now_s + _FRESH_S
+                self._orders[command] = order
         return []
 
     # The list.

@@ -14,27 +14,22 @@ from typing import Generic, TypeVar
 from mission.errors import LinkError
 from mission.link.address import SERIAL, Link, LinkAddress, parse_link_url
 from mission.link.serial import SerialLink
-from mission.link.sockets import TcpLink, TcpServerLink, UdpInLink, UdpOutLink
+from mission.link.sockets import TcpLink, TcpListener, UdpInLink, UdpOutLink
 
 _RETRY_S = 1.0
 _GIVE_UP_S = 5.0
 _PENDING = frozenset({0, errno.EINPROGRESS, errno.EWOULDBLOCK, errno.EALREADY})
 
 
-_Link = TypeVar("_Link", TcpLink, SerialLink)
+_Link = TypeVar("_Link", bound=TcpLink | SerialLink)
 
 
 class _Returning(ABC, Generic[_Link]):
-    """A link that is opened again when it was lost; what is sent meanwhile is dropped. It counts openings."""
+    """A link whose other side may go away and come back; what is sent meanwhile is dropped."""
 
-    def __init__(self, address: LinkAddress, link: _Link, clock: Callable[[], float]) -> None:
-        self.name = str(address)
-        self.connections = 1
-        self._address = address
-        self._clock = clock
+    def __init__(self, name: str, link: _Link | None = None) -> None:
+        self.name = name
         self._link: _Link | None = link
-        self._next_s = 0.0
-        self._closed = False
 
     def send(self, data: bytes) -> None:
         """Send, or drop it while nobody is there."""
@@ -58,11 +53,8 @@ class _Returning(ABC, Generic[_Link]):
             return []
 
     def close(self) -> None:
-        """Close it and stop trying."""
-        self._closed = True
-        if self._link is not None:
-            self._link.close()
-            self._link = None
+        """Close it."""
+        self._lose()
 
     def fileno(self) -> int | None:
         """Return the descriptor, None while there is none."""
@@ -71,19 +63,64 @@ class _Returning(ABC, Generic[_Link]):
     def _lose(self) -> None:
         if self._link is not None:
             self._link.close()
-        self._link = None
-        self._next_s = self._clock() + _RETRY_S
+            self._link = None
 
     @abstractmethod
     def _try(self) -> _Link | None:
         """Open it again when it is time; None while that has not succeeded."""
 
 
-class TcpClientLink(_Returning[TcpLink]):
-    """A TCP link to a host that may go away and come back.
+class TcpServerLink(_Returning[TcpLink]):
+    """A TCP link that listens and serves one client at a time; a new client replaces the old one."""
 
-    While the host is away, what is sent is dropped and a new connection is tried each second, without ever
-    blocking.
+    def __init__(self, address: LinkAddress) -> None:
+        self._listener = TcpListener(address)
+        super().__init__(self._listener.name)
+
+    def _try(self) -> TcpLink | None:
+        for client in self._listener.accept():
+            self._lose()
+            self._link = client
+        return self._link
+
+    def receive(self) -> list[bytes]:
+        """Return the pieces that have arrived; a client that goes away is no error."""
+        self._try()
+        return super().receive()
+
+    def close(self) -> None:
+        """Close the client's connection and stop listening."""
+        super().close()
+        self._listener.close()
+
+    def fileno(self) -> int | None:
+        """Return the client's descriptor, or the listener's while nobody is connected; None once closed."""
+        return self._listener.fileno() if self._link is None else self._link.fileno()
+
+
+class _Reopening(_Returning[_Link]):
+    """A link that we open again when it was lost: each second, without ever blocking. It counts openings."""
+
+    def __init__(self, address: LinkAddress, link: _Link, clock: Callable[[], float]) -> None:
+        super().__init__(str(address), link)
+        self.connections = 1
+        self._address = address
+        self._clock = clock
+        self._next_s = 0.0
+        self._closed = False
+
+    def close(self) -> None:
+        """Close it and stop trying."""
+        self._closed = True
+        super().close()
+
+    def _lose(self) -> None:
+        super()._lose()
+        self._next_s = self._clock() + _RETRY_S
+
+
+class TcpClientLink(_Reopening[TcpLink]):
+    """A TCP link to a host that may go away and come back.
 
     LinkError if the first connection cannot be made in ``timeout_s``.
     """
@@ -146,10 +183,8 @@ class TcpClientLink(_Returning[TcpLink]):
                 trying.close()
 
 
-class SerialClientLink(_Returning[SerialLink]):
+class SerialClientLink(_Reopening[SerialLink]):
     """A serial line whose device may disappear and come back, as that of a radio on USB does.
-
-    While it is away, what is sent is dropped and it is tried again each second.
 
     LinkError if it cannot be opened the first time.
     """

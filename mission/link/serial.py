@@ -10,6 +10,7 @@ from typing import Any
 from geo.texts import one_line
 from mission.errors import LinkError, LinkLostError
 from mission.link.address import LinkAddress
+from mission.link.sockets import Stream
 
 _WHY = {
     errno.ENOENT: "there is none of that name; check the name, and that it is plugged in",
@@ -22,19 +23,14 @@ _BACKLOG_BYTES = 1 << 16
 _READ_BYTES = 65536
 
 
-class SerialLink:
-    """A serial line, never blocking.
-
-    What the line does not take at once is kept (up to 64 KiB; then whole frames are dropped and counted in
-    ``dropped``) and goes out with the next `send` or `receive`.
+class SerialLink(Stream):
+    """A serial line, never blocking; it keeps up to 64 KiB.
 
     LinkError if pyserial is not installed or the device cannot be opened.
     """
 
     def __init__(self, address: LinkAddress) -> None:
-        self.name = str(address)
-        self.dropped = 0
-        self._backlog = bytearray()
+        super().__init__(str(address), _BACKLOG_BYTES)
         try:
             import serial
         except ImportError as error:
@@ -50,33 +46,16 @@ class SerialLink:
             msg = f"{self.name}: the device cannot be opened: {_reason(error)}"
             raise LinkError(msg) from error
 
-    def send(self, data: bytes) -> None:
-        """Send one frame; LinkError once the device has gone."""
-        if self._backlog:
-            self._flush()
-        if self._backlog and len(self._backlog) + len(data) > _BACKLOG_BYTES:
-            self.dropped += 1
-            return
-        self._backlog += data
-        self._flush()
-
-    def _flush(self) -> None:
+    def _write(self, data: bytearray) -> int:
         # pyserial's own write waits for a line that takes nothing, whatever its time-out.
-        try:
-            written = os.write(self._port.fileno(), self._backlog)
-        except BlockingIOError:
-            return
-        except OSError as error:
-            raise self._gone() from error
-        del self._backlog[:written]
+        return os.write(self._port.fileno(), data)
 
     def _gone(self) -> LinkLostError:
         return LinkLostError(f"{self.name}: the device has gone; plug it in and start again")
 
     def receive(self) -> list[bytes]:
         """Return the bytes that have arrived; LinkError once the device has gone."""
-        if self._backlog:
-            self._flush()
+        self._flush()
         try:
             data = self._port.read(_READ_BYTES)
         except (OSError, TypeError) as error:

@@ -6,6 +6,7 @@ import contextlib
 import errno
 import os
 import socket
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -185,22 +186,57 @@ class UdpOutLink(_OnSocket):
         return self._arrived(self._socket.recv, self._address)
 
 
-class TcpLink(_OnSocket):
-    """A connected TCP stream.
+class Stream(ABC):
+    """What keeps the bytes that a line does not take at once.
 
-    Bytes that the network does not take at once are kept (up to 1 MiB; then whole frames are dropped and
-    counted in ``dropped``) and go out with the next `send` or `receive`.
+    Beyond ``most_bytes`` whole frames are dropped and counted in ``dropped``; what is kept goes out with the
+    next `send` or `receive`.
     """
+
+    def __init__(self, name: str, most_bytes: int) -> None:
+        self.name = name
+        self.dropped = 0
+        self._backlog = bytearray()
+        self._most_bytes = most_bytes
+
+    def send(self, data: bytes) -> None:
+        """Send one frame; LinkError once the other side has gone."""
+        self._flush()
+        if self._backlog and len(self._backlog) + len(data) > self._most_bytes:
+            self.dropped += 1
+            return
+        self._backlog += data
+        self._flush()
+
+    def _flush(self) -> None:
+        if not self._backlog:
+            return
+        try:
+            del self._backlog[: self._write(self._backlog)]
+        except BlockingIOError:
+            pass
+        except OSError as error:
+            raise self._gone() from error
+
+    @abstractmethod
+    def _write(self, data: bytearray) -> int:
+        """Give the line what it takes, and return how many bytes."""
+
+    @abstractmethod
+    def _gone(self) -> LinkLostError:
+        """Return the error of a line whose other side has gone."""
+
+
+class TcpLink(Stream, _OnSocket):
+    """A connected TCP stream."""
 
     def __init__(self, connection: socket.socket, name: str) -> None:
         connection.setblocking(False)
         with contextlib.suppress(OSError):
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        super().__init__(connection)
-        self._backlog = bytearray()
+        Stream.__init__(self, name, _BACKLOG_BYTES)
+        _OnSocket.__init__(self, connection)
         self._ended = False
-        self.name = name
-        self.dropped = 0
 
     @classmethod
     def connect(cls, address: LinkAddress, *, timeout_s: float = 5.0) -> TcpLink:
@@ -212,28 +248,8 @@ class TcpLink(_OnSocket):
             raise _why(address, error) from error
         return cls(connection, str(address))
 
-    def send(self, data: bytes) -> None:
-        """Send one frame; LinkError once the peer has gone."""
-        if self._backlog:
-            self._flush()
-        if not self._backlog:
-            data = data[self._write(data) :]
-            self._backlog += data
-        elif len(self._backlog) + len(data) <= _BACKLOG_BYTES:
-            self._backlog += data
-        else:
-            self.dropped += 1
-
-    def _write(self, data: bytes | bytearray) -> int:
-        try:
-            return self._socket.send(data)
-        except BlockingIOError:
-            return 0
-        except OSError as error:
-            raise self._gone() from error
-
-    def _flush(self) -> None:
-        del self._backlog[: self._write(self._backlog)]
+    def _write(self, data: bytearray) -> int:
+        return self._socket.send(data)
 
     def _gone(self) -> LinkLostError:
         return LinkLostError(f"{self.name}: the other side closed the connection; connect again")
@@ -242,8 +258,7 @@ class TcpLink(_OnSocket):
         """Return the pieces that have arrived; LinkError once the peer has gone and everything was read."""
         if self._ended:
             raise self._gone()
-        if self._backlog:
-            self._flush()
+        self._flush()
         arrived: list[bytes] = []
         for _ in range(_BATCH):
             try:
@@ -262,7 +277,7 @@ class TcpLink(_OnSocket):
 
     def close(self) -> None:
         """Send what is left if the network takes it, and close."""
-        if self._backlog and self._socket.fileno() >= 0:
+        if self._socket.fileno() >= 0:
             with contextlib.suppress(LinkError):
                 self._flush()
         self._ended = True
@@ -290,52 +305,3 @@ class TcpListener(_OnSocket):
                 break
             accepted.append(TcpLink(connection, f"{self.name} from {peer[0]}:{peer[1]}"))
         return accepted
-
-
-class TcpServerLink:
-    """A TCP link that listens and serves one client at a time; a new client replaces the old one."""
-
-    def __init__(self, address: LinkAddress) -> None:
-        self._listener = TcpListener(address)
-        self._client: TcpLink | None = None
-        self.name = self._listener.name
-
-    def _take_client(self) -> None:
-        for client in self._listener.accept():
-            self._drop_client()
-            self._client = client
-
-    def _drop_client(self) -> None:
-        if self._client is not None:
-            self._client.close()
-            self._client = None
-
-    def send(self, data: bytes) -> None:
-        """Send to the client; nobody is connected: drop."""
-        if self._client is None:
-            self._take_client()
-        if self._client is not None:
-            try:
-                self._client.send(data)
-            except LinkError:
-                self._drop_client()
-
-    def receive(self) -> list[bytes]:
-        """Return the pieces that have arrived; a client that goes away is no error."""
-        self._take_client()
-        if self._client is None:
-            return []
-        try:
-            return self._client.receive()
-        except LinkError:
-            self._drop_client()
-            return []
-
-    def close(self) -> None:
-        """Close the client's connection and stop listening."""
-        self._drop_client()
-        self._listener.close()
-
-    def fileno(self) -> int | None:
-        """Return the client's descriptor, or the listener's while nobody is connected; None once closed."""
-        return self._client.fileno() if self._client is not None else self._listener.fileno()

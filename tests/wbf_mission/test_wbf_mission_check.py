@@ -8,7 +8,6 @@ import pytest
 
 from mission.check import Verdict, all_checks, check_vehicle
 from mission.check.peer import CheckError
-from mission.check.runner import check_link
 from mission.errors import LinkError
 from mission.link import MavlinkEndpoint
 from mission.link.codec.dialect import mavlink as m
@@ -29,7 +28,7 @@ def run(*faults, autopilot="px4", vehicle=None, **options):
     """Check a vehicle on the virtual clock."""
     vehicle = vehicle or SimVehicle(get_vehicle("quad"), HOME, autopilot=get_autopilot(autopilot))
     link = Simulation([vehicle], faults=faults).open_link()
-    return check_link(link, clock=link.clock, wait=link.wait, **options)
+    return check_vehicle(link, clock=link.clock, wait=link.wait, **options)
 
 
 def failed(report, *, required=True):
@@ -66,7 +65,7 @@ def test_nothing_is_armed_and_the_plans_come_back(autopilot):
     items = tuple(MissionItem.waypoint(28.05 + 1e-5 * k, -82.15, 9.0) for k in range(6))
     driver = TransferDriver(MavlinkEndpoint(link, 255, 190), clock=link.clock, wait=link.wait)
     driver.upload(Mission(items, home=HOME))
-    report = check_link(link, clock=link.clock, wait=link.wait)
+    report = check_vehicle(link, clock=link.clock, wait=link.wait)
     assert report.passed
     assert not any(result.check.flies for result in report.results)
     assert not vehicle.pilot.armed

@@ -2,8 +2,7 @@
 
 import pytest
 
-from mission.check import Verdict
-from mission.check.runner import check_link
+from mission.check import Verdict, check_vehicle
 from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint
 from sim_vehicle.airframe.catalog import get_vehicle
@@ -44,7 +43,7 @@ class Vehicle(SimVehicle):
 
 def result(vehicle, name):
     link = Simulation([vehicle]).open_link()
-    report = check_link(link, clock=link.clock, wait=link.wait, only=(name,), fly=name.startswith("fly"))
+    report = check_vehicle(link, clock=link.clock, wait=link.wait, only=(name,), fly=name.startswith("fly"))
     return report.result(name)
 
 

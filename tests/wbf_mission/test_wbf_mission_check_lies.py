@@ -2,7 +2,7 @@
 
 import pytest
 
-from mission.check.runner import check_link
+from mission.check import check_vehicle
 from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint
 from sim_vehicle.airframe.catalog import get_vehicle
@@ -72,7 +72,7 @@ class Liar(SimVehicle):
 )
 def test_a_vehicle_that_tells_something_else_fails_there(name, changes, expected):
     link = Simulation([Liar(name, changes)]).open_link()
-    report = check_link(link, clock=link.clock, wait=link.wait, only=GROUPS)
+    report = check_vehicle(link, clock=link.clock, wait=link.wait, only=GROUPS)
     failed = {result.check.id for result in report.results if result.verdict.value == "failed"}
     assert expected <= failed
     assert "identity.heartbeat" not in failed
@@ -92,6 +92,6 @@ class Pretender(SimVehicle):
 
 def test_a_vehicle_that_says_yes_and_does_nothing_is_found_out():
     link = Simulation([Pretender(get_vehicle("quad"), HOME)]).open_link()
-    report = check_link(link, clock=link.clock, wait=link.wait, only=GROUPS)
+    report = check_vehicle(link, clock=link.clock, wait=link.wait, only=GROUPS)
     failed = {result.check.id for result in report.results if result.verdict.value == "failed"}
     assert {"mission.clear", "telemetry.interval", "telemetry.interval-off"} <= failed

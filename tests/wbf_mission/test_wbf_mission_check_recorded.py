@@ -9,7 +9,6 @@ from recorded_ardupilot import ArduCopter
 from recorded_px4 import Px4
 
 from mission.check import Verdict, all_checks, check_vehicle
-from mission.check.runner import check_link
 from wbf_mission.cli.app import main
 
 REAL = {"ArduPilot": ArduCopter, "PX4": Px4}
@@ -19,7 +18,7 @@ ADVICE = {"ArduPilot": {"transfer.old-plan-kept"}, "PX4": {"transfer.bad-latitud
 
 def run(autopilot, delay_s=0.0, **options):
     bench = Bench(autopilot, delay_s)
-    return check_link(bench.link, clock=bench.clock, wait=bench.wait, **options)
+    return check_vehicle(bench.link, clock=bench.clock, wait=bench.wait, **options)
 
 
 def failed(report, *, required=True):

@@ -13,13 +13,14 @@ from mission.autopilots.profile import Meaning, Profile, Question, answer_to
 from mission.autopilots.registry import profile_for
 from mission.errors import MissionError
 from mission.ground.arming_gate import ArmingGate
+from mission.ground.contact import Heartbeat
 from mission.ground.texts import TextLog
 from mission.ground.vehicle_state import VehicleMonitor
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.model import DEGREES_E7, GeoPoint
 from mission.transfer.vehicles import VehicleSearch
-from mission.transfer.wire import GROUND_STATION, ground_heartbeat
+from mission.transfer.wire import GROUND_STATION
 from sim_vehicle.host.server import Server
 from sim_vehicle.host.simulation import StopReason
 
@@ -144,7 +145,6 @@ def _point(message: m.MAVLink_global_position_int_message) -> GeoPoint | None:
         return None
 
 
-_HEARTBEAT_S = 1.0
 _FIRST_RETRY_S = 0.5
 _TRIES = 4
 _LONGEST_S = 30.0
@@ -186,7 +186,7 @@ class Inquiry:
         self._answer_s: float | None = None
         self._due_s = math.inf
         self._settled_s: float | None = None
-        self._heartbeat_s = -math.inf
+        self._heartbeat = Heartbeat()
 
     @property
     def vehicle(self) -> tuple[int, int] | None:
@@ -213,10 +213,7 @@ class Inquiry:
         """Send the heartbeat, and ask again what was not answered."""
         if self.done:
             return []
-        out: list[Message] = []
-        if now_s >= self._heartbeat_s:
-            self._heartbeat_s = now_s + _HEARTBEAT_S
-            out.append(ground_heartbeat())
+        out = self._heartbeat.poll(now_s)
         if self._settled_s is None and now_s >= self._due_s:
             out += self._ask(now_s)
         self._settle(now_s)
@@ -227,7 +224,7 @@ class Inquiry:
         if self.done:
             return math.inf
         waits_s = self._due_s if self._settled_s is None else self._settled_s
-        return min(self._heartbeat_s, waits_s)
+        return min(self._heartbeat.due_s, waits_s)
 
     def snapshot(self) -> VehicleSnapshot:
         """Return what the vehicle told until now; it has to have been heard."""

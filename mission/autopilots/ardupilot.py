@@ -31,8 +31,8 @@ from mission.autopilots.profile import (
     Meaning,
     NeededParameter,
     Profile,
+    Questions,
     VehicleSettings,
-    question,
 )
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, MissionItem, has_position
@@ -165,38 +165,38 @@ _DIALECT = Dialect(
         ),
     ),
 )
-_ANY = (
-    question(Meaning.LOW_BATTERY, "BATT_FS_LOW_ACT"),
-    question(Meaning.FENCE_ON, "FENCE_ENABLE"),
-    question(Meaning.FENCE_ACTION, "FENCE_ACTION"),
-    question(Meaning.FENCE_TYPES, "FENCE_TYPE"),
-    question(Meaning.FENCE_CEILING, "FENCE_ALT_MAX"),
-    question(Meaning.FENCE_RADIUS, "FENCE_RADIUS"),
-    question(Meaning.MISSION_CARD, "BRD_SD_MISSION"),
-)
-_COPTER = (
-    question(Meaning.CRUISE_SPEED, "WP_SPD", ("WPNAV_SPEED", 0.01)),
-    question(Meaning.ACCEPTANCE_RADIUS, "WP_RADIUS_M", ("WPNAV_RADIUS", 0.01)),
-    question(Meaning.RETURN_HEIGHT, "RTL_ALT_M", ("RTL_ALT", 0.01)),
-    question(Meaning.LINK_LOST, "FS_GCS_ENABLE"),
-    question(Meaning.LINK_LOST_OPTIONS, "FS_OPTIONS"),
-    *_ANY,
-)
-_PLANE = (
-    question(Meaning.CRUISE_SPEED, "AIRSPEED_CRUISE", ("TRIM_ARSPD_CM", 0.01)),
-    question(Meaning.FASTEST, "AIRSPEED_MAX", "ARSPD_FBW_MAX"),
-    question(Meaning.ACCEPTANCE_RADIUS, "WP_RADIUS"),
-    question(Meaning.RETURN_HEIGHT, "RTL_ALTITUDE", ("ALT_HOLD_RTL", 0.01)),
-    question(Meaning.LANDS_AS_MISSION, "RTL_AUTOLAND"),
-    question(Meaning.LINK_LOST, "FS_GCS_ENABL", "FS_GCS_ENABLE"),
-    *_ANY,
-)
-_ROVER = (
-    question(Meaning.CRUISE_SPEED, "WP_SPEED"),
-    question(Meaning.ACCEPTANCE_RADIUS, "WP_RADIUS"),
-    question(Meaning.LINK_LOST, "FS_GCS_ENABLE"),
-    *_ANY,
-)
+_ANY: Questions = {
+    Meaning.LOW_BATTERY: {"BATT_FS_LOW_ACT": 1.0},
+    Meaning.FENCE_ON: {"FENCE_ENABLE": 1.0},
+    Meaning.FENCE_ACTION: {"FENCE_ACTION": 1.0},
+    Meaning.FENCE_TYPES: {"FENCE_TYPE": 1.0},
+    Meaning.FENCE_CEILING: {"FENCE_ALT_MAX": 1.0},
+    Meaning.FENCE_RADIUS: {"FENCE_RADIUS": 1.0},
+    Meaning.MISSION_CARD: {"BRD_SD_MISSION": 1.0},
+}
+_COPTER: Questions = {
+    Meaning.CRUISE_SPEED: {"WP_SPD": 1.0, "WPNAV_SPEED": 0.01},
+    Meaning.ACCEPTANCE_RADIUS: {"WP_RADIUS_M": 1.0, "WPNAV_RADIUS": 0.01},
+    Meaning.RETURN_HEIGHT: {"RTL_ALT_M": 1.0, "RTL_ALT": 0.01},
+    Meaning.LINK_LOST: {"FS_GCS_ENABLE": 1.0},
+    Meaning.LINK_LOST_OPTIONS: {"FS_OPTIONS": 1.0},
+    **_ANY,
+}
+_PLANE: Questions = {
+    Meaning.CRUISE_SPEED: {"AIRSPEED_CRUISE": 1.0, "TRIM_ARSPD_CM": 0.01},
+    Meaning.FASTEST: {"AIRSPEED_MAX": 1.0, "ARSPD_FBW_MAX": 1.0},
+    Meaning.ACCEPTANCE_RADIUS: {"WP_RADIUS": 1.0},
+    Meaning.RETURN_HEIGHT: {"RTL_ALTITUDE": 1.0, "ALT_HOLD_RTL": 0.01},
+    Meaning.LANDS_AS_MISSION: {"RTL_AUTOLAND": 1.0},
+    Meaning.LINK_LOST: {"FS_GCS_ENABL": 1.0, "FS_GCS_ENABLE": 1.0},
+    **_ANY,
+}
+_ROVER: Questions = {
+    Meaning.CRUISE_SPEED: {"WP_SPEED": 1.0},
+    Meaning.ACCEPTANCE_RADIUS: {"WP_RADIUS": 1.0},
+    Meaning.LINK_LOST: {"FS_GCS_ENABLE": 1.0},
+    **_ANY,
+}
 # A copter in LOITER without a stick in the middle sinks.
 _HOLD: Mapping[int | None, str] = {FIXED_WING: "LOITER", ROVER: "HOLD", None: "BRAKE"}
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import TypeAlias
 
 from mission.autopilots.dialect import Dialect, ReadBack
 from mission.link.codec.dialect import mavlink as m
@@ -16,10 +17,9 @@ __all__ = [
     "Meaning",
     "NeededParameter",
     "Profile",
-    "Question",
+    "Questions",
     "VehicleSettings",
     "answer_to",
-    "question",
 ]
 
 
@@ -139,25 +139,16 @@ class Meaning(Enum):
     COMPASS = "the compass's calibration"
 
 
-@dataclass(frozen=True, slots=True)
-class Question:
-    """A parameter that is asked for."""
-
-    meaning: Meaning
-    names: tuple[tuple[str, float], ...]
-    """Its names, that of the newest version first, and SI units in a unit of each."""
-
-
-def question(meaning: Meaning, *names: str | tuple[str, float]) -> Question:
-    """Return what is asked for a meaning; a name alone is in SI units."""
-    return Question(meaning, tuple((one, 1.0) if isinstance(one, str) else one for one in names))
+Questions: TypeAlias = Mapping[Meaning, Mapping[str, float]]
+"""Parameters that are asked for, by what they decide: their names, that of the newest version first, and how
+many SI units are in a unit of each."""
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleSettings:
     """The parameters of an autopilot that a plan depends on, and what some of their values mean."""
 
-    questions: Mapping[int | None, tuple[Question, ...]] = field(default_factory=dict)
+    questions: Mapping[int | None, Questions] = field(default_factory=dict)
     """What is asked, by MAV_TYPE; None for any other."""
     link_goes_on: frozenset[float] = frozenset({0.0})
     """Values of `Meaning.LINK_LOST` with which a mission is flown on."""
@@ -166,28 +157,24 @@ class VehicleSettings:
     fence_tells: frozenset[float] = frozenset({0.0})
     """Those with which a broken fence is only told."""
 
-    def asked_of(self, vehicle_type: int) -> tuple[Question, ...]:
+    def asked_of(self, vehicle_type: int) -> Questions:
         """Return what is asked of a vehicle (MAV_TYPE)."""
-        return self.questions.get(vehicle_type, self.questions.get(None, ()))
+        return self.questions.get(vehicle_type, self.questions.get(None, {}))
 
 
 def answer_to(
-    meaning: Meaning, questions: Sequence[Question], parameters: Mapping[str, float]
+    meaning: Meaning, questions: Questions, parameters: Mapping[str, float]
 ) -> tuple[str, float] | None:
     """Return the name of a parameter and its value in SI units; None if it was not read.
 
     Examples
     --------
-    >>> height = question(Meaning.RETURN_HEIGHT, "RTL_ALT_M", ("RTL_ALT", 0.01))
-    >>> answer_to(Meaning.RETURN_HEIGHT, [height], {"RTL_ALT": 1500.0})
+    >>> height = {Meaning.RETURN_HEIGHT: {"RTL_ALT_M": 1.0, "RTL_ALT": 0.01}}
+    >>> answer_to(Meaning.RETURN_HEIGHT, height, {"RTL_ALT": 1500.0})
     ('RTL_ALT', 15.0)
     """
-    for question in questions:
-        if question.meaning is meaning:
-            for name, unit in question.names:
-                if name in parameters:
-                    return name, parameters[name] * unit
-    return None
+    names = questions.get(meaning, {})
+    return next(((name, parameters[name] * unit) for name, unit in names.items() if name in parameters), None)
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,7 +21,7 @@ from mission.autopilots.dialect import (
     ReadBack,
     Severity,
 )
-from mission.autopilots.profile import FlightModes, Meaning, Profile, VehicleSettings, question
+from mission.autopilots.profile import FlightModes, Meaning, Profile, Questions, VehicleSettings
 from mission.link.codec.dialect import mavlink as m
 from mission.model import MAX_ITEMS, Command, MissionType
 
@@ -103,29 +103,29 @@ _DIALECT = Dialect(
         ),
     ),
 )
-_ANY = (
-    question(Meaning.ACCEPTANCE_RADIUS, "NAV_ACC_RAD"),
-    question(Meaning.RETURN_HEIGHT, "RTL_RETURN_ALT"),
-    question(Meaning.LOW_BATTERY, "COM_LOW_BAT_ACT"),
-    question(Meaning.LINK_LOST, "NAV_DLL_ACT"),
-    question(Meaning.TAKEOFF_AND_LANDING, "MIS_TKO_LAND_REQ"),
-    question(Meaning.FENCE_ACTION, "GF_ACTION"),
-    question(Meaning.FENCE_CEILING, "GF_MAX_VER_DIST"),
-    question(Meaning.FENCE_RADIUS, "GF_MAX_HOR_DIST"),
-    question(Meaning.ACCELEROMETER, "CAL_ACC0_ID"),
-    question(Meaning.GYROSCOPE, "CAL_GYRO0_ID"),
-    question(Meaning.COMPASS, "CAL_MAG0_ID"),
-)
-_COPTER = (
-    question(Meaning.CRUISE_SPEED, "MPC_XY_CRUISE"),
-    question(Meaning.FASTEST, "MPC_XY_VEL_MAX"),
-    *_ANY,
-)
-_WING = (
-    question(Meaning.CRUISE_SPEED, "FW_AIRSPD_TRIM"),
-    question(Meaning.FASTEST, "FW_AIRSPD_MAX"),
-    *_ANY,
-)
+_ANY: Questions = {
+    Meaning.ACCEPTANCE_RADIUS: {"NAV_ACC_RAD": 1.0},
+    Meaning.RETURN_HEIGHT: {"RTL_RETURN_ALT": 1.0},
+    Meaning.LOW_BATTERY: {"COM_LOW_BAT_ACT": 1.0},
+    Meaning.LINK_LOST: {"NAV_DLL_ACT": 1.0},
+    Meaning.TAKEOFF_AND_LANDING: {"MIS_TKO_LAND_REQ": 1.0},
+    Meaning.FENCE_ACTION: {"GF_ACTION": 1.0},
+    Meaning.FENCE_CEILING: {"GF_MAX_VER_DIST": 1.0},
+    Meaning.FENCE_RADIUS: {"GF_MAX_HOR_DIST": 1.0},
+    Meaning.ACCELEROMETER: {"CAL_ACC0_ID": 1.0},
+    Meaning.GYROSCOPE: {"CAL_GYRO0_ID": 1.0},
+    Meaning.COMPASS: {"CAL_MAG0_ID": 1.0},
+}
+_COPTER: Questions = {
+    Meaning.CRUISE_SPEED: {"MPC_XY_CRUISE": 1.0},
+    Meaning.FASTEST: {"MPC_XY_VEL_MAX": 1.0},
+    **_ANY,
+}
+_WING: Questions = {
+    Meaning.CRUISE_SPEED: {"FW_AIRSPD_TRIM": 1.0},
+    Meaning.FASTEST: {"FW_AIRSPD_MAX": 1.0},
+    **_ANY,
+}
 _HOLD = "LOITER"
 
 

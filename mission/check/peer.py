@@ -305,8 +305,7 @@ def result_name(result: int) -> str:
     >>> result_name(3)
     'UNSUPPORTED'
     """
-    entry = m.enums["MAV_RESULT"].get(result)
-    return f"result {result}" if entry is None else str(entry.name).removeprefix("MAV_RESULT_")
+    return wire.enum_name("MAV_RESULT", result, f"result {result}").removeprefix("MAV_RESULT_")
 
 
 ACK = m.MAVLink_mission_ack_message

@@ -9,6 +9,7 @@ from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.model import DEGREES_E7, Frame
 from mission.transfer import RoundTrip
+from mission.transfer.wire import enum_name
 
 __all__ = ["Answer", "Order", "result_name", "retry_s_over", "tries_over"]
 
@@ -142,5 +143,5 @@ def result_name(result: int) -> str:
     >>> result_name(2)
     'denied'
     """
-    entry = m.enums["MAV_RESULT"].get(result)
-    return entry.name.removeprefix("MAV_RESULT_").lower().replace("_", " ") if entry else f"result {result}"
+    name = enum_name("MAV_RESULT", result, f"result {result}")
+    return name.removeprefix("MAV_RESULT_").lower().replace("_", " ")

@@ -9,11 +9,11 @@ import struct
 from array import array
 from collections.abc import Iterator
 from pathlib import Path
-from types import TracebackType
-from typing import Protocol, Self
+from typing import Protocol
 
 import numpy as np
 
+from geo.closing import Closing
 from geo.reading import UnreadableError, read_file
 from mission.errors import LinkError
 from mission.link.codec.dialect import Message
@@ -32,7 +32,7 @@ class FrameSink(Protocol):
         """Take one frame and its time in seconds."""
 
 
-class TlogWriter:
+class TlogWriter(Closing):
     """Writes frames to a log, in place of an existing one; LinkError if the file cannot be written."""
 
     def __init__(self, path: Path | str) -> None:
@@ -71,14 +71,6 @@ class TlogWriter:
         except OSError as error:
             error.filename = str(self.path)
             raise
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
 
 class FrameLog:

@@ -6,9 +6,9 @@ import math
 import select
 import time
 from collections.abc import Callable, Collection, Iterable, Mapping
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
+from geo.closing import Closing
 from mission.link.address import Link
 from mission.link.codec.dialect import Message, mavlink
 from mission.link.codec.typed import is_a
@@ -53,7 +53,7 @@ def wait_readable(link: Link, seconds: float) -> None:
         select.select([number], [], [], seconds)
 
 
-class TransferDriver:
+class TransferDriver(Closing):
     """Transfers plans with one vehicle over an endpoint, blocking.
 
     It sends a ground station's heartbeat each second while it waits, as vehicles expect (and as a
@@ -103,12 +103,8 @@ class TransferDriver:
         wanted = _WANTED if on_text is None else _WANTED | {_STATUSTEXT}
         endpoint.wanted = wanted if endpoint.wanted is None else endpoint.wanted | wanted
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def close(self) -> None:
+        """Close what it stands on."""
         self.endpoint.close()
 
     def wait_for_vehicle(

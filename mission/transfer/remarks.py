@@ -8,9 +8,8 @@ from typing import Any
 
 from mission.autopilots.dialect import Severity
 from mission.autopilots.profile import Profile
-from mission.link.codec.dialect import mavlink
 from mission.model import GLOBAL_FRAMES, Mission, MissionItem, MissionType
-from mission.transfer.wire import command_name
+from mission.transfer.wire import command_name, enum_name
 
 __all__ = [
     "Remark",
@@ -187,8 +186,8 @@ def frame_name(frame: int) -> str:
     >>> frame_name(10)
     '10 (GLOBAL_TERRAIN_ALT)'
     """
-    entry = mavlink.enums["MAV_FRAME"].get(frame)
-    return str(frame) if entry is None else f"{frame} ({str(entry.name).removeprefix('MAV_FRAME_')})"
+    name = enum_name("MAV_FRAME", frame, "").removeprefix("MAV_FRAME_")
+    return f"{frame} ({name})" if name else str(frame)
 
 
 def count_warning(profile: Profile, mission_type: MissionType, number: int) -> str | None:

@@ -139,6 +139,12 @@ def is_partial(message: Message) -> TypeIs[PartialMessage]:
     return type(message).id in (PARTIAL_LIST, WRITE_PARTIAL)
 
 
+def enum_name(enum: str, value: int, otherwise: str) -> str:
+    """Return MAVLink's name of a value of an enumeration, ``otherwise`` where it has none."""
+    entry = mavlink.enums[enum].get(value)
+    return otherwise if entry is None else entry.name
+
+
 def result_text(result: int) -> str:
     """Say in words what a MAV_MISSION_RESULT means.
 
@@ -147,8 +153,7 @@ def result_text(result: int) -> str:
     >>> result_text(13)
     'an item came out of order (MAV_MISSION_INVALID_SEQUENCE)'
     """
-    entry = mavlink.enums["MAV_MISSION_RESULT"].get(result)
-    name = f"result {result}" if entry is None else entry.name
+    name = enum_name("MAV_MISSION_RESULT", result, f"result {result}")
     return f"{_MEANINGS.get(result, 'it answers with an unknown result')} ({name})"
 
 
@@ -160,8 +165,7 @@ def command_name(command: int) -> str:
     >>> command_name(16), command_name(4)
     ('NAV_WAYPOINT', 'command 4')
     """
-    entry = mavlink.enums["MAV_CMD"].get(command)
-    return f"command {command}" if entry is None else str(entry.name).removeprefix("MAV_CMD_")
+    return enum_name("MAV_CMD", command, f"command {command}").removeprefix("MAV_CMD_")
 
 
 def ack(target: tuple[int, int], result: int, mission_type: int, opaque_id: int = 0) -> AckMessage:

@@ -5,11 +5,10 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
-from types import TracebackType
-from typing import Self
 
 from numpy.random import SeedSequence
 
+from geo.closing import Closing
 from geo.interrupts import interrupts_noted
 from mission.link.address import Link
 from mission.link.codec.dialect import Message
@@ -51,7 +50,7 @@ _Port = _Local | Client
 _Route = tuple[tuple[_Local, ...], tuple[Client, ...]]
 
 
-class Server:
+class Server(Closing):
     """Runs components over real sockets, at a speed.
 
     Clients hear each other as behind mavlink-router. A client that sends garbage, stops reading or vanishes
@@ -148,14 +147,6 @@ class Server:
     def clients(self) -> tuple[str, ...]:
         """Names of the clients that are there now."""
         return tuple(client.name for client in self._clients)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def run(self, until: Callable[[float], bool] | None = None, limit_s: float = NEVER) -> StopReason:
         """Serve until a condition holds, `limit_s` seconds (of the components) passed, `stop` or Ctrl-C."""

@@ -11,13 +11,13 @@ import fcntl
 from array import array
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from types import TracebackType
-from typing import IO, TYPE_CHECKING, Any, Self, TypeAlias
+from typing import IO, TYPE_CHECKING, Any, TypeAlias
 
 import msgspec
 import numpy as np
 
 from geo.atomic import disk_errors_named
+from geo.closing import Closing
 from geo.reading import misfit
 from wbf_mission.results.storage import ResultError, read_batches, write_table
 
@@ -113,7 +113,7 @@ _decoder = msgspec.json.Decoder(BenchRow, dec_hook=as_floats)
 _encoder = msgspec.json.Encoder(enc_hook=list)
 
 
-class BenchStore:
+class BenchStore(Closing):
     """The folder of a benchmark, made if need be, opened by the one who writes it.
 
     Attributes
@@ -148,14 +148,6 @@ class BenchStore:
         except BaseException:
             self._lock.close()
             raise
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def add(self, row: BenchRow) -> None:
         """Keep a row; it is there when this returns, whatever happens to the process."""

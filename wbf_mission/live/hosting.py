@@ -6,9 +6,8 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
+from geo.closing import Closing
 from mission.ground.arming_gate import ArmingGate
 from mission.ground.link import own_driver
 from mission.ground.station import GroundStation
@@ -88,7 +87,7 @@ def _as_it_is(messages: Iterable[Message], _now_s: float) -> Iterable[Message]:
     return messages
 
 
-class LinkHost:
+class LinkHost(Closing):
     """A server whose Ctrl-C is the caller's.
 
     ``through`` takes what a component sends by itself, and the time; it returns what is sent as it is.
@@ -121,12 +120,8 @@ class LinkHost:
         """Send messages of a component now."""
         self._server.send(component, self._through(messages, self._server.now_s))
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def close(self) -> None:
+        """Close what it stands on."""
         self._server.close()
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
-from mission.autopilots.profile import Meaning, Profile, Question, answer_to
+from mission.autopilots.profile import Meaning, Profile, Questions, answer_to
 from mission.autopilots.registry import profile_for
 from mission.errors import MissionError
 from mission.ground.arming_gate import ArmingGate
@@ -90,7 +90,7 @@ class VehicleSnapshot:
     reasons: tuple[str, ...] = ()  # Why it would not arm, in its own words
 
     @property
-    def questions(self) -> tuple[Question, ...]:
+    def questions(self) -> Questions:
         """What of its parameters a plan depends on."""
         return profile_for(self.autopilot).settings.asked_of(self.vehicle_type)
 
@@ -179,7 +179,7 @@ class Inquiry:
         self._told: dict[str, Any] = {}
         self._texts = TextLog()
         self._reasons: ArmingGate | None = None
-        self._questions: tuple[Question, ...] = ()
+        self._questions: Questions = {}
         self._parameters: dict[str, float] = {}
         self._tries: dict[str | int, int] = {}
         self._begun_s = math.inf
@@ -254,9 +254,9 @@ class Inquiry:
         """Names of parameters and ids of messages that are not answered and not given up."""
         names = [
             name
-            for question in self._questions
-            if not any(name in self._parameters for name, _ in question.names)
-            for name, _ in question.names
+            for names in self._questions.values()
+            if self._parameters.keys().isdisjoint(names)
+            for name in names
         ]
         messages = [one for one in (*STATE_MESSAGES, self._profile.estimator_message) if one not in self._ids]
         every: list[str | int] = [*names, *messages]
@@ -299,7 +299,7 @@ class Inquiry:
 
     def _on_parameter(self, message: m.MAVLink_param_value_message, now_s: float) -> None:
         name = str(message.param_id)
-        if not any(name == one for question in self._questions for one, _ in question.names):
+        if not any(name in names for names in self._questions.values()):
             return
         value = decoded(message.param_value, message.param_type, bytewise=self._profile.bytewise)
         if value is not None:

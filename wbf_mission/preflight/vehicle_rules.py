@@ -35,9 +35,9 @@ _CONTINUES_BIT = 2  # FS_OPTIONS of ArduCopter: a mission goes on without a grou
 def check_unread(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
     """Parameters that the vehicle does not have, or did not tell."""
     missing = [
-        " or ".join(name for name, _ in one.names)
-        for one in snapshot.questions
-        if not any(name in snapshot.parameters for name, _ in one.names)
+        " or ".join(names)
+        for names in snapshot.questions.values()
+        if snapshot.parameters.keys().isdisjoint(names)
     ]
     if missing:
         yield found(subject, "parameter-unread", names=", ".join(missing))
@@ -61,8 +61,8 @@ def _other(subject: Subject, snapshot: VehicleSnapshot, code: str) -> Iterator[F
     assumed: float = getattr(subject.vehicle, attribute)
     firmware = firmware_of(subject.vehicle)
     if firmware is not None and name in firmware.procedures.parameters:
-        units = (unit for question in snapshot.questions for one, unit in question.names if one == name)
-        assumed = next(units, 1.0) * parameter_value(subject.vehicle, name, firmware.procedures.parameters)
+        unit = snapshot.questions[meaning][name]
+        assumed = unit * parameter_value(subject.vehicle, name, firmware.procedures.parameters)
     if abs(value - assumed) > part * assumed + more:
         yield found(subject, code, measured=(value, assumed), name=name)
 

@@ -29,9 +29,7 @@ class Answering:
 
     def __init__(self, autopilot=PX4, parameters=None, *, ready=True):
         self.autopilot = autopilot
-        names = [
-            one for question in profile_for(autopilot).settings.asked_of(2) for one, _ in question.names[-1:]
-        ]
+        names = [list(one)[-1] for one in profile_for(autopilot).settings.asked_of(2).values()]
         self.parameters = dict.fromkeys(names, 7.0) if parameters is None else parameters
         self.asked = []
         self.ready = ready
@@ -108,7 +106,7 @@ def test_everything_is_asked_and_noted(autopilot):
 
 
 def test_a_parameter_that_it_does_not_have_is_given_up():
-    names = {one: 1.0 for question in profile_for(PX4).settings.asked_of(2) for one, _ in question.names}
+    names = {name: 1.0 for names in profile_for(PX4).settings.asked_of(2).values() for name in names}
     del names["MIS_TKO_LAND_REQ"]
     vehicle = Answering(PX4, names)
     answers, took_s = converse(vehicle)

@@ -3,7 +3,7 @@
 from dataclasses import replace
 from types import MappingProxyType
 
-from mission.autopilots.profile import FlightModes, Meaning, Profile, VehicleSettings, question
+from mission.autopilots.profile import FlightModes, Meaning, Profile, VehicleSettings
 from mission.link.codec.dialect import mavlink as m
 from sim_vehicle.airframe.parameters import ParameterSpec
 from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
@@ -45,7 +45,7 @@ PROFILE = Profile(
         arming={None: None},
         ends=lambda _kind, _last: frozenset(),
     ),
-    settings=VehicleSettings({None: (question(Meaning.LINK_LOST, "NIM_LINK_ACT"),)}),
+    settings=VehicleSettings({None: {Meaning.LINK_LOST: {"NIM_LINK_ACT": 1.0}}}),
 )
 RULES = FailsafeRules(
     fence_actions=actions_by_value(NONE="0", RETURN="1"),

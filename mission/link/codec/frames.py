@@ -22,14 +22,12 @@ from typing import Any
 from fastcrc import crc16
 
 from mission.link.codec.dialect import Message, mavlink
-from mission.link.codec.signing import Signing
+from mission.link.codec.signing import SIGNATURE_BYTES, SIGNED, Signing
 
 _crc: Callable[..., int] = crc16.mcrf4xx
 _MARKER = re.compile(rb"[\xfd\xfe]")
 _V2 = 0xFD
 _V1 = 0xFE
-_SIGNED = 0x01
-_SIGNATURE_BYTES = 13
 _V2_OVERHEAD = 12
 _V1_OVERHEAD = 8
 _HEADER = Struct("<BBBBBBB3s")
@@ -356,9 +354,9 @@ def _frame_end(data: bytes, at: int) -> int:
     if at + 2 >= end:
         return end + 1
     flags = data[at + 2]
-    if flags & ~_SIGNED:
+    if flags & ~SIGNED:
         return 0
-    return at + _V2_OVERHEAD + data[at + 1] + (_SIGNATURE_BYTES if flags else 0)
+    return at + _V2_OVERHEAD + data[at + 1] + (SIGNATURE_BYTES if flags else 0)
 
 
 def valid_frame_end(data: bytes, at: int = 0) -> int:
@@ -380,5 +378,5 @@ def _message_id(data: bytes, at: int) -> int:
 
 def _checksum_holds(data: bytes, at: int, after: int, kind: _Kind) -> bool:
     if data[at] == _V2 and data[at + 2]:
-        after -= _SIGNATURE_BYTES
+        after -= SIGNATURE_BYTES
     return _crc(data[at + 1 : after - 2] + kind.crc_extra) == data[after - 2] | data[after - 1] << 8

@@ -66,7 +66,7 @@ class Peer:
     ) -> None:
         self.endpoint = MavlinkEndpoint(link, *wire.GROUND_STATION)
         self.driver = TransferDriver(self.endpoint, clock=clock, wait=wait)
-        self.endpoint.wanted = None
+        self.endpoint.reader.wanted = None
         self.texts: deque[str] = deque(maxlen=200)
         self.armed = False
         self.home = _SOMEWHERE

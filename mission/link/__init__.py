@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from mission.link.codec.frames import SourceStatistics as SourceStatistics
     from mission.link.codec.signing import Signing as Signing
     from mission.link.codec.signing import key_from_text as key_from_text
-    from mission.link.endpoint import LinkStatistics as LinkStatistics
     from mission.link.endpoint import MavlinkEndpoint as MavlinkEndpoint
     from mission.link.memory import MemoryLink as MemoryLink
     from mission.link.memory import memory_pair as memory_pair

@@ -63,7 +63,7 @@ class TransferDriver(Closing):
     Parameters
     ----------
     endpoint : MavlinkEndpoint
-        Our mouth and ear; its ``wanted`` is set to what transfers need.
+        Our mouth and ear; its reader hands on what transfers need, too.
     clock : callable
         Monotonic seconds.
     wait : callable
@@ -101,7 +101,8 @@ class TransferDriver(Closing):
         self._maker = maker
         self._heartbeat_s = -1e9 if heartbeat else math.inf
         wanted = _WANTED if on_text is None else _WANTED | {_STATUSTEXT}
-        endpoint.wanted = wanted if endpoint.wanted is None else endpoint.wanted | wanted
+        reader = endpoint.reader
+        reader.wanted = wanted if reader.wanted is None else reader.wanted | wanted
 
     def close(self) -> None:
         """Close what it stands on."""
@@ -169,7 +170,9 @@ class TransferDriver(Closing):
         """Take what part of the vehicle's frames is missing."""
         vehicle = self.vehicle
         heard = (
-            None if vehicle is None else self.endpoint.sources.get((vehicle.system_id, vehicle.component_id))
+            None
+            if vehicle is None
+            else self.endpoint.reader.sources.get((vehicle.system_id, vehicle.component_id))
         )
         if heard is not None and heard.received >= _FEWEST_FRAMES:
             self._round_trip.loss = heard.lost / (heard.lost + heard.received)

@@ -145,4 +145,4 @@ def test_endpoints_with_a_key_talk_to_each_other_only():
     assert [message.seq for message in vehicle.receive()] == [3]
     MavlinkEndpoint(one, 254, 190).send(START)
     assert vehicle.receive() == []
-    assert vehicle.statistics.bad_frames == 1
+    assert vehicle.reader.bad_frames == 1

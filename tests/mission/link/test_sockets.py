@@ -106,7 +106,7 @@ def exchange(server, client):
     assert [message.seq for message in got] == list(range(1, 301))
     vehicle.send(mavlink.MAVLink_mission_current_message(7))
     assert until(ground.receive)[-1].seq == 7
-    assert vehicle.statistics.lost == 0
+    assert [source.lost for source in vehicle.reader.sources.values()] == [0]
     for end in (ground, vehicle, ground):
         end.close()
     assert server.fileno() is None

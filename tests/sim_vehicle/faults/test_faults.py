@@ -295,7 +295,7 @@ def heard(endpoint, link, seconds):
 
 def test_a_restarted_autopilot_begins_anew_and_flies_on():
     vehicle, link, driver = simulate("reboot,at=airborne,from=5")
-    driver.endpoint.wanted = None
+    driver.endpoint.reader.wanted = None
     driver.upload(Mission(ITEMS, home=HOME))
     for command, first in ((m.MAV_CMD_COMPONENT_ARM_DISARM, 1.0), (m.MAV_CMD_MISSION_START, 0.0)):
         driver.endpoint.send(m.MAVLink_command_long_message(1, 1, command, 0, first, *[0.0] * 6))
@@ -314,7 +314,7 @@ def test_a_restarted_autopilot_has_forgotten_the_transfer():
     link.sleep(2.0)
     driver.endpoint.send(m.MAVLink_mission_count_message(1, 1, 3))
     assert heard(driver.endpoint, link, 0.9)
-    driver.endpoint.wanted = None
+    driver.endpoint.reader.wanted = None
     heard(driver.endpoint, link, 0.2)
     told = {one.get_type() for one in heard(driver.endpoint, link, 4.0)}
     assert "HEARTBEAT" in told
@@ -331,7 +331,7 @@ def test_a_low_battery_has_so_much_left():
 
 def test_commands_are_refused_while_the_fault_holds():
     _, link, driver = simulate("refuse=400,for=5")
-    driver.endpoint.wanted = None
+    driver.endpoint.reader.wanted = None
 
     def result():
         driver.endpoint.receive()
@@ -347,7 +347,7 @@ def test_commands_are_refused_while_the_fault_holds():
 def test_gps_loss_comes_and_goes():
     vehicle, link, driver = simulate("gps-loss,from=3,for=4")
     seen = []
-    driver.endpoint.wanted = None
+    driver.endpoint.reader.wanted = None
     for _ in range(10):
         link.sleep(1.0)
         fixes = [x.fix_type for x in driver.endpoint.receive() if x.get_type() == "GPS_RAW_INT"]

@@ -169,11 +169,8 @@ class TransferDriver(Closing):
     def _measure_loss(self) -> None:
         """Take what part of the vehicle's frames is missing."""
         vehicle = self.vehicle
-        heard = (
-            None
-            if vehicle is None
-            else self.endpoint.reader.sources.get((vehicle.system_id, vehicle.component_id))
-        )
+        sources = self.endpoint.reader.sources
+        heard = None if vehicle is None else sources.get((vehicle.system_id, vehicle.component_id))
         if heard is not None and heard.received >= _FEWEST_FRAMES:
             self._round_trip.loss = heard.lost / (heard.lost + heard.received)
 

@@ -189,11 +189,6 @@ class GroundStation:
         return self._changes.held
 
     @property
-    def battery(self) -> Battery:
-        """As the vehicle told last."""
-        return self._monitor.battery
-
-    @property
     def flight_time_s(self) -> float:
         """From the start of the mission until the vehicle tells that it has landed."""
         if self.started_s is None:

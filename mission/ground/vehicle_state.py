@@ -94,8 +94,7 @@ class VehicleState:
     height_m: float = 0.0
     velocity_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)  # Over ground: east, north, up
     heading_rad: float | None = None  # Compass heading
-    battery: float | None = None  # Fraction that is left
-    consumed_wh: float | None = None  # Used since the start
+    battery: Battery = Battery()
     armed: bool = False
     custom_mode: int = 0  # The flight mode, in the autopilot's own number
     # The item that is flown or comes next, counted as `Mission.items` is; None when it is not told
@@ -274,10 +273,7 @@ class VehicleMonitor:
     @property
     def state(self) -> VehicleState:
         """All of it."""
-        values: dict[str, Any] = {
-            "battery": self.battery.remaining,
-            "consumed_wh": self.battery.consumed_wh,
-        }
+        values: dict[str, Any] = {"battery": self.battery}
         heartbeat, position, current = self.heartbeat, self._position, self._current
         if heartbeat is not None:
             values["armed"] = bool(heartbeat.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED)

@@ -267,10 +267,11 @@ def _planned(sortie: Sortie) -> str:
 def status_line(sortie: Sortie, now_s: float) -> str:
     """Return what is known of a vehicle in flight, in a line; how old it is when nothing is heard."""
     ground, state = sortie.ground, sortie.ground.vehicle_state
+    left = state.battery.remaining
     parts = [
         doing(ground, now_s),
         f"{state.ground_speed_m_s:.1f} m/s",
-        "battery -" if state.battery is None else f"battery {state.battery:.0%}",
+        "battery -" if left is None else f"battery {left:.0%}",
         f"{sortie.assembler.statistics.images} images",
         ground.link.brief(),
     ]

@@ -40,7 +40,7 @@ class WatchedVehicle(Contact):
             "item": None if state.item is None else state.item + 1,
             "seq": self.monitor.seq,
             "items": state.total,
-            "battery": state.battery,
+            "battery": state.battery.remaining,
             "gps_fix": self.monitor.gps_fix,
             "satellites": self.monitor.satellites,
             "link_quality": self.link.quality,

@@ -281,7 +281,7 @@ class Sortie:
             spent=self._spent(now_s),
             rest_m=rest_m,
             travel_cost=self._travel_cost(in_flight, rest_m, self.ground.changes_aside),
-            battery=state.battery,
+            battery=state.battery.remaining,
             delay_s=self._delay_s,
         )
 
@@ -341,7 +341,7 @@ class Sortie:
         if budget.unit == "steps":
             return math.floor(flown_s / vehicle.step_s + 1e-6)
         if budget.unit == "Wh":
-            return ground.vehicle_state.consumed_wh or 0.0
+            return ground.vehicle_state.battery.consumed_wh or 0.0
         return flown_s
 
     @property
@@ -413,7 +413,7 @@ class Sortie:
         ground, battery = self.ground, self.plan.vehicle.battery
         used = None
         if battery is not None:
-            used = ground.battery.used_since(ground.battery_before, battery.capacity_wh)
+            used = ground.vehicle_state.battery.used_since(ground.battery_before, battery.capacity_wh)
         frame = self.plan.farm.frame
         track = ground.tracks.track(frame)
         return FlightRecord(

@@ -199,7 +199,7 @@ def test_an_ardupilot_is_asked_for_telemetry_until_it_comes() -> None:
 def test_another_vehicle_on_the_link_changes_nothing():
     ground = GroundStation(MISSION)
     uploaded(ground)
-    before = (ground.phase, ground.battery.remaining, ground.texts)
+    before = (ground.phase, ground.vehicle_state.battery.remaining, ground.texts)
     for message in (
         m.MAVLink_heartbeat_message(2, m.MAV_AUTOPILOT_PX4, 128, 0, 4, 3),
         m.MAVLink_mission_current_message(3, 3, 5, 1),
@@ -213,7 +213,7 @@ def test_another_vehicle_on_the_link_changes_nothing():
     ):
         message.pack(m.MAVLink(None, 9, 1))
         assert ground.receive(message, 2.0) == []
-    assert (ground.phase, ground.battery.remaining, ground.texts) == before
+    assert (ground.phase, ground.vehicle_state.battery.remaining, ground.texts) == before
 
 
 def test_px4s_last_word_on_arming_is_no_reason():

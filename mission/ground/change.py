@@ -19,6 +19,8 @@ __all__ = ["ChangeOutcome", "ChangeRecord", "ChangeRequest", "ChangeSession"]
 class ChangeOutcome(Enum):
     """How a change ended."""
 
+    OPEN = "open"
+    """It has not ended."""
     DONE = "done"
     """The new mission is flown."""
     REFUSED = "refused"
@@ -29,7 +31,7 @@ class ChangeOutcome(Enum):
     """The new mission had come in part; the old one was put back and is flown."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class ChangeRecord:
     """One change of a mission in flight. Times are seconds of the run, None for what did not happen.
 
@@ -46,17 +48,17 @@ class ChangeRecord:
         Length of the new mission, and the item to go on with.
     """
 
-    asked_s: float
-    sent_s: float | None
-    turned_s: float | None
-    acknowledged_s: float | None
-    in_effect_s: float | None
-    ended_s: float
-    outcome: ChangeOutcome
-    text: str
     items: int
     resume_at: int
-    retries: int
+    asked_s: float = 0.0
+    sent_s: float | None = None
+    turned_s: float | None = None
+    acknowledged_s: float | None = None
+    in_effect_s: float | None = None
+    ended_s: float = math.inf
+    outcome: ChangeOutcome = ChangeOutcome.OPEN
+    text: str = ""
+    retries: int = 0
 
     @property
     def delay_s(self) -> float | None:
@@ -84,31 +86,25 @@ class ChangeSession(ABC):
     """Brings a vehicle in flight from one mission to another, sans-IO.
 
     Feed it with `start`, `receive` (after the monitor took the message) and `poll` (at `next_deadline`);
-    send what comes out. `record` is there when it is over.
+    send what comes out. `record` tells what came of it.
 
     `held` is the mission that the vehicle holds, as far as is known.
     """
 
     def __init__(self, request: ChangeRequest) -> None:
         self.request = request
-        self.record: ChangeRecord | None = None
+        self.record = ChangeRecord(len(request.new.items), request.resume_at)
         self.held = request.old
         self._contact, self._monitor = request.contact, request.contact.monitor
         # Without a measured link the change measures its own.
         self._round_trip = request.contact.round_trip or RoundTrip()
-        self._asked_s = 0.0
-        self._sent_s: float | None = None
-        self._turned_s: float | None = None
-        self._acknowledged_s: float | None = None
-        self._in_effect_s: float | None = None
-        self._retries = 0
         self._transfer: Transfer | None = None
         self._texts_before = len(request.contact.texts.texts)
 
     @property
     def done(self) -> bool:
         """Whether it is over."""
-        return self.record is not None
+        return self.record.outcome is not ChangeOutcome.OPEN
 
     @abstractmethod
     def start(self, now_s: float) -> list[Message]:
@@ -143,22 +139,9 @@ class ChangeSession(ABC):
 
     def _end(self, outcome: ChangeOutcome, text: str, now_s: float) -> None:
         """Note how it ended."""
-        request = self.request
         if outcome is ChangeOutcome.DONE:
-            self.held = request.new
-        self.record = ChangeRecord(
-            self._asked_s,
-            self._sent_s,
-            self._turned_s,
-            self._acknowledged_s,
-            self._in_effect_s,
-            now_s,
-            outcome,
-            text,
-            len(request.new.items),
-            request.resume_at,
-            self._retries,
-        )
+            self.held = self.request.new
+        self.record.outcome, self.record.text, self.record.ended_s = outcome, text, now_s
 
     def _upload(self, items: tuple[MissionItem, ...], start_sequence: int | None) -> VerifiedUpload:
         """Return an upload of a mission."""

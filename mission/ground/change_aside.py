@@ -100,7 +100,7 @@ class AsideChange(ChangeSession):
 
     def start(self, now_s: float) -> list[Message]:
         """Begin, at once or when the target is near enough for a short window."""
-        self._asked_s = self._waits_s = self._heard_s = now_s
+        self.record.asked_s = self._waits_s = self._heard_s = now_s
         guard = self.request.guard
         if guard is not None and not guard.ready:
             self._step = _Step.GUARDING
@@ -140,7 +140,6 @@ class AsideChange(ChangeSession):
         for command, order in tuple(self._orders.items()):
             if now_s >= order.due_s:
                 if order.is_given_up:
-                    self._retries += order.repeats
                     out += self._answered(command, Answer.NONE, "no answer", now_s)
                 else:
                     out += order.send(now_s)
@@ -207,7 +206,7 @@ class AsideChange(ChangeSession):
                 return []
         self._wake_s = math.inf
         self._step = _Step.TURNING
-        self._sent_s = now_s
+        self.record.sent_s = now_s
         self._item = item
         return self._fly_to(now_s)
 
@@ -254,23 +253,22 @@ class AsideChange(ChangeSession):
         answer = order.answer(message, now_s)
         if answer is Answer.NONE:
             return []
-        self._retries += order.repeats
-        text = self._said(result_name(message.result))
-        return self._answered(message.command, answer, text, now_s)
+        return self._answered(message.command, answer, self._said(result_name(message.result)), now_s)
 
     def _answered(self, command: int, answer: Answer, text: str, now_s: float) -> list[Message]:
         """Go on after the answer to an order; NONE where it was given up without one."""
         order = self._orders.pop(command)
-        refused = answer is Answer.REFUSED
+        if not self.done:
+            self.record.retries += order.repeats
         match (command, self._step, answer):
             case (m.MAV_CMD_DO_REPOSITION, step, Answer.ACCEPTED):
                 out = self._set_speed(now_s, self._leg)
                 if step is _Step.TURNING:
-                    self._turned_s = now_s if self._turned_s is None else self._turned_s
+                    self.record.turned_s = now_s if self.record.turned_s is None else self.record.turned_s
                     out += self._send(now_s)
                 return out
             case (m.MAV_CMD_DO_REPOSITION, _Step.TURNING, _):
-                self._why, self._refused = text, refused
+                self._why, self._refused = text, answer is Answer.REFUSED
                 return self._back_to_old(now_s)
             case (m.MAV_CMD_DO_SET_MISSION_CURRENT, _Step.CHOOSING, Answer.ACCEPTED):
                 self._step, self._wake_s = _Step.NEARING, now_s + _LONGEST_S
@@ -301,11 +299,11 @@ class AsideChange(ChangeSession):
             if not isinstance(event, UploadVerified | TransferFailed):
                 continue
             assert isinstance(self._transfer, VerifiedUpload)
-            self._retries += self._transfer.statistics(now_s).retries
+            self.record.retries += self._transfer.statistics(now_s).retries
             confirmed_s, self._transfer = self._transfer.confirmed_s, None
             if isinstance(event, UploadVerified):
                 if self._plan is self.request.new:
-                    self._acknowledged_s = confirmed_s
+                    self.record.acknowledged_s = confirmed_s
                 self._verified_s = now_s
                 self.held = self._plan
                 out += self._choose(now_s)
@@ -447,8 +445,8 @@ class AsideChange(ChangeSession):
         request = self.request
         # The mission's speed is lost with the guided mode, unless DO items have just set it.
         out = self._set_speed(now_s, self._flown_next)
-        if self._plan is request.new and self._acknowledged_s is not None:
-            self._in_effect_s = now_s
+        if self._plan is request.new and self.record.acknowledged_s is not None:
+            self.record.in_effect_s = now_s
             return out + self._finish(ChangeOutcome.DONE, "", now_s)
         if self._plan is request.old and self._verified_s < math.inf:
             return out + self._finish(ChangeOutcome.ROLLED_BACK, self._why, now_s)
@@ -460,11 +458,11 @@ class AsideChange(ChangeSession):
         mode = self._monitor.custom_mode
         if self._step is _Step.RESUMING and mode == self._auto and now_s > self._resumed_s:
             order = self._orders.pop(int(m.MAV_CMD_DO_SET_MODE), None)
-            self._retries += 0 if order is None else order.repeats
+            self.record.retries += 0 if order is None else order.repeats
             return self._on_back(now_s)
         if self._step is _Step.OVER:
             # A command that came late, or twice, may have called it out of its mission again.
-            if mode == self._guided and self._sent_s is not None and not self._orders:
+            if mode == self._guided and self.record.sent_s is not None and not self._orders:
                 return self._order(int(m.MAV_CMD_DO_SET_MODE), now_s, *self._mode_parameters())
             return []
         if self._step in (_Step.GUARDING, _Step.WAITING):
@@ -475,7 +473,7 @@ class AsideChange(ChangeSession):
             self._transfer = None
             why = self._why if self._step is _Step.LEAVING else self._said("it has left the guided mode")
             return self._finish(ChangeOutcome.GIVEN_UP, why, now_s)
-        back = mode == self._auto and now_s - (self._turned_s or now_s) > _SILENT_S
+        back = mode == self._auto and now_s - (self.record.turned_s or now_s) > _SILENT_S
         if back and self._step in (_Step.SENDING, _Step.CHOOSING, _Step.NEARING):
             # It must not fly from a list of which only a part has come.
             return self._fly_to(now_s)
@@ -486,7 +484,7 @@ class AsideChange(ChangeSession):
         self._wake_s = math.inf
         speed = self._orders.get(int(Command.DO_CHANGE_SPEED))
         self._orders = {} if speed is None else {int(Command.DO_CHANGE_SPEED): speed}
-        if self.record is None:
+        if not self.done:
             self._end(outcome, text, now_s)
         return []
 

@@ -71,7 +71,7 @@ class WholeListChange(ChangeSession):
 
     def start(self, now_s: float) -> list[Message]:
         """Begin the upload."""
-        self._asked_s = self._sent_s = now_s
+        self.record.asked_s = self.record.sent_s = now_s
         self._transfer = self._upload_sent = self._upload(self.request.new.items, self._mark)
         return self._take(self._transfer.start(now_s), now_s)
 
@@ -90,7 +90,7 @@ class WholeListChange(ChangeSession):
     def _note_passed(self) -> None:
         """Note how far the old mission is flown: what is passed may switch the camera off."""
         item = self._monitor.state.item
-        if self._acknowledged_s is None and item is not None:
+        if self.record.acknowledged_s is None and item is not None:
             self._passed = max(self._passed, min(item, len(self.request.old.items) - 1))
 
     def poll(self, now_s: float) -> list[Message]:
@@ -109,8 +109,8 @@ class WholeListChange(ChangeSession):
     def _take(self, output: Output, now_s: float) -> list[Message]:
         out = list(output.messages)
         sent = self._upload_sent
-        if sent is not None and self._acknowledged_s is None:
-            self._acknowledged_s = sent.confirmed_s
+        if sent is not None and self.record.acknowledged_s is None:
+            self.record.acknowledged_s = sent.confirmed_s
         for event in output.events:
             if isinstance(event, UploadVerified):
                 self._finish_transfer(now_s)
@@ -130,7 +130,7 @@ class WholeListChange(ChangeSession):
 
     def _finish_transfer(self, now_s: float) -> None:
         if self._transfer is not None:
-            self._retries += self._transfer.statistics(now_s).retries
+            self.record.retries += self._transfer.statistics(now_s).retries
             if self._upload_sent is not None and self._transfer is self._upload_sent:
                 self._id = self._upload_sent.opaque_id
             self._transfer = None
@@ -151,8 +151,8 @@ class WholeListChange(ChangeSession):
     def _compare(self, read: DownloadComplete, now_s: float) -> None:
         request = self.request
         if not compare_plans(request.new.items, read.items, self._contact.profile):
-            if self._acknowledged_s is None:
-                self._acknowledged_s = now_s
+            if self.record.acknowledged_s is None:
+                self.record.acknowledged_s = now_s
             self._verified, self._id = True, read.opaque_id
             self._due_s = now_s + _SHOWN_S
             self._look(now_s)
@@ -166,16 +166,16 @@ class WholeListChange(ChangeSession):
         state = self._monitor.state
         sent = self._upload_sent
         known_id = self._id if sent is None or self._transfer is not sent else sent.opaque_id
-        confirmed_s = self._acknowledged_s
-        if self._in_effect_s is None and confirmed_s is not None:
+        confirmed_s = self.record.acknowledged_s
+        if self.record.in_effect_s is None and confirmed_s is not None:
             heard = self._monitor.item_heard_s >= confirmed_s
             same = known_id in (0, state.mission_id)
             flies = not self._monitor.left_mission or self._returns_as_wanted()
             # An item that the new mission does not have is one of the old: it has come too late for that.
             known = state.item is not None and self._mark <= state.item < len(self.request.new.items)
             if heard and same and flies and known:
-                self._in_effect_s, self._turned_s = now_s, confirmed_s
-        if self._verified and self._in_effect_s is not None:
+                self.record.in_effect_s, self.record.turned_s = now_s, confirmed_s
+        if self._verified and self.record.in_effect_s is not None:
             self._end(ChangeOutcome.DONE, "", now_s)
 
     def _returns_as_wanted(self) -> bool:

@@ -96,7 +96,7 @@ class MissionChanges:
     def _noted(self, out: list[Message]) -> list[Message]:
         """Note what a change came to."""
         session = self._session
-        if session is not None and session.record is not None and session.record not in self.records[-1:]:
+        if session is not None and session.done and not any(one is session.record for one in self.records):
             self.records.append(session.record)
             self.held, self.changed_s = session.held, session.record.ended_s
         return out

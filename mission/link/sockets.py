@@ -139,33 +139,24 @@ class UdpSocket(_OnSocket):
         return self._arrived(self._socket.recvfrom, self.address)
 
 
-class UdpInLink:
+class UdpInLink(UdpSocket):
     """A UDP link that waits for a caller and answers whoever called last."""
 
     def __init__(self, address: LinkAddress) -> None:
-        self._socket = UdpSocket(address)
+        super().__init__(address)
         self._peer: _Peer | None = None
-        self.name = self._socket.name
 
     def send(self, data: bytes) -> None:
         """Send to the last caller; nobody has called: drop."""
         if self._peer is not None:
-            self._socket.send_to(data, self._peer)
+            self.send_to(data, self._peer)
 
     def receive(self) -> list[bytes]:
         """Return the datagrams that have arrived."""
-        arrived = self._socket.receive_from()
+        arrived = self.receive_from()
         if arrived:
             self._peer = arrived[-1][1]
         return [data for data, _ in arrived]
-
-    def close(self) -> None:
-        """Close the socket."""
-        self._socket.close()
-
-    def fileno(self) -> int | None:
-        """Return the descriptor, None once closed."""
-        return self._socket.fileno()
 
 
 class UdpOutLink(_OnSocket):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
@@ -66,7 +67,7 @@ def mavsdk_transfers(link: Callable[[], MavsdkLink]) -> TransferMaker:
     return TransferMaker(partial(MavsdkUpload, link=link), partial(MavsdkDownload, link=link))
 
 
-class _Transfer:
+class _Transfer(ABC):
     """What MAVSDK's uploads and downloads have in common: a call under way, and what the vehicle says.
 
     MAVSDK does not tell how many messages it sent: the statistics have 0 for that.
@@ -108,17 +109,19 @@ class _Transfer:
         self._due_s = now_s + _POLL_S
         self._call = Call(begin, *arguments)
 
-    def _answer(self, now_s: float) -> tuple[Any, ...] | None:
-        """Return MAVSDK's answer; None while there is none."""
+    def poll(self, now_s: float) -> Output:
+        """See whether MAVSDK has answered."""
         if self._call is None or now_s < self._due_s:
-            return None
+            return NOTHING
         self._due_s = now_s + _POLL_S
         answer = self._call.answer()
         if answer is None and now_s > self._began_s + _LONGEST_S:
             answer = (MissionRawResult.TIMEOUT, [])
-        if answer is not None:
-            self._call = None
-        return answer
+        return NOTHING if answer is None else self._finish(now_s, *self._ends(*answer))
+
+    @abstractmethod
+    def _ends(self, result: MissionRawResult, raw: Sequence[RawItem] = ()) -> tuple[Event, ...]:
+        """Return the events of an answer."""
 
     def _finish(self, now_s: float, *events: Event) -> Output:
         self.done, self._call, self._ended_s = True, None, now_s
@@ -161,23 +164,17 @@ class MavsdkDownload(_Transfer):
         self._begin(now_s, getattr(self._raw, _DOWNLOADS[self.mission_type]))
         return NOTHING
 
-    def poll(self, now_s: float) -> Output:
-        """See whether MAVSDK has answered."""
-        answer = self._answer(now_s)
-        if answer is None:
-            return NOTHING
-        result, raw = answer
+    def _ends(self, result: MissionRawResult, raw: Sequence[RawItem] = ()) -> tuple[Event, ...]:
         if result not in (MissionRawResult.SUCCESS, MissionRawResult.NO_MISSION_AVAILABLE):
-            return self._finish(now_s, self._failure(result, PlanState.OLD))
+            return (self._failure(result, PlanState.OLD),)
         try:
             came = tuple(_item_of(one) for one in raw)
         except MissionError as error:
-            broken = TransferFailed(self.mission_type, FailureReason.BROKEN, f"{self._what}: {error}")
-            return self._finish(now_s, broken)
+            return (TransferFailed(self.mission_type, FailureReason.BROKEN, f"{self._what}: {error}"),)
         items, home = from_wire_order(came, self.mission_type, self._profile)
         self._count = len(items)
         progress = Progress(self.mission_type, len(came), len(came))
-        return self._finish(now_s, progress, DownloadComplete(self.mission_type, items, 0, home))
+        return progress, DownloadComplete(self.mission_type, items, 0, home)
 
 
 class _Sending(_Transfer):
@@ -211,19 +208,14 @@ class _Sending(_Transfer):
             self._begin(now_s, self._raw.clear_mission_async)
         return NOTHING
 
-    def poll(self, now_s: float) -> Output:
-        """See whether MAVSDK has answered."""
-        answer = self._answer(now_s)
-        if answer is None:
-            return NOTHING
-        result = answer[0]
+    def _ends(self, result: MissionRawResult, raw: Sequence[RawItem] = ()) -> tuple[Event, ...]:  # noqa: ARG002
         if result is MissionRawResult.SUCCESS:
-            return self._finish(now_s, UploadComplete(self.mission_type, self._count))
+            return (UploadComplete(self.mission_type, self._count),)
         # What a vehicle that overwrites in place holds after a refusal is to be told. After a timeout it may
         # hold the plan all the same: reading it tells.
         timeout = _REASONS.get(result) is FailureReason.TIMEOUT
         state = PlanState.OLD if self._profile.atomic and not timeout else PlanState.UNKNOWN
-        return self._finish(now_s, self._failure(result, state))
+        return (self._failure(result, state),)
 
 
 class MavsdkUpload(VerifiedUpload):

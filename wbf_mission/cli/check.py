@@ -105,15 +105,10 @@ def check_planner_command(
     ] = None,
 ) -> int:
     """Check that a planner keeps its contract: budget, area, the same path again."""
+    from mission.planners.conformance import LANDS, check_planner
 
-    def check(choice: Choice) -> dict[str, Any]:
-        from mission.planners.conformance import LANDS, check_planner
-
-        lands = LANDS if land is None else tuple(one.strip() for one in land.split(","))
-        check_planner(choice.chosen, lands, **choice.params)
-        return {}
-
-    return _run(output, name, "planner", check)
+    lands = LANDS if land is None else tuple(one.strip() for one in land.split(","))
+    return _run(output, name, "planner", lambda choice: check_planner(choice.chosen, lands, **choice.params))
 
 
 @options.speaks(quiet=False)
@@ -123,38 +118,31 @@ def check_policy_command(output: Output, name: _Name) -> int:
     Budget, area, the same answers again, no truth, sensible answers when nothing or all was seen and when a
     vehicle is lost; and how much of its computing time it takes.
     """
+    from mission.policies.conformance import check_policy
 
-    def check(choice: Choice) -> dict[str, Any]:
-        from mission.policies.conformance import check_policy
-
-        found = check_policy(choice.chosen, **choice.params)
-        return {"decisions": found.decisions, "time_share": found.time_share}
-
-    return _run(output, name, "policy", check)
+    return _run(output, name, "policy", lambda choice: check_policy(choice.chosen, **choice.params))
 
 
 @options.speaks(quiet=False)
 def check_estimator_command(output: Output, name: _Name) -> int:
     """Check that an estimator keeps its contract: scikit-learn's habits, shapes, ranges, equal maps."""
+    from sensors.estimators import check_estimator
+    from sensors.fields import PAPER_FIELDS
+    from wbf_mission.run.estimation import estimator_of
 
-    def check(choice: Choice) -> dict[str, Any]:
-        from sensors.estimators import check_estimator
-        from sensors.fields import PAPER_FIELDS
-        from wbf_mission.run.estimation import estimator_of
-
-        check_estimator(estimator_of(choice, 0, PAPER_FIELDS))
-        return {}
-
-    return _run(output, name, "estimator", check)
+    return _run(
+        output, name, "estimator", lambda choice: check_estimator(estimator_of(choice, 0, PAPER_FIELDS))
+    )
 
 
-def _run(output: Output, name: str, what: str, check: Callable[[Choice], dict[str, Any]]) -> int:
+def _run(output: Output, name: str, what: str, check: Callable[[Choice], Any]) -> int:
+    """Check what is named; what a check measured, if anything, is told, too."""
     from geo.errors import told_error, users_line
     from wbf_mission.own_code import own_choice
     from wbf_mission.scenario.choice import choose
 
     choice = own_choice(name, what) or choose(name, what)
-    broken, measured = None, {}
+    broken, measured = None, None
     try:
         measured = check(choice)
     except AssertionError as error:
@@ -164,10 +152,11 @@ def _run(output: Output, name: str, what: str, check: Callable[[Choice], dict[st
         if users_line(error) is None or isinstance(error, MemoryError):
             raise
         broken = told_error(error)
-    values = {what: str(choice), "keeps": broken is None, "broken": broken, **measured}
+    values = {what: str(choice), "keeps": broken is None, "broken": broken}
     rows = {what: str(choice), "contract": "kept" if broken is None else f"broken: {broken}"}
-    if "time_share" in measured:
-        rows["computing time"] = f"{measured['time_share']:.1%} of what it has"
-        rows["decisions"] = str(measured["decisions"])
+    if measured is not None:
+        values |= {"decisions": measured.decisions, "time_share": measured.time_share}
+        rows["computing time"] = f"{measured.time_share:.1%} of what it has"
+        rows["decisions"] = str(measured.decisions)
     output.result(values, rows)
     return ExitCode.GOOD if broken is None else ExitCode.NOT_GOOD

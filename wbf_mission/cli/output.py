@@ -79,11 +79,7 @@ class Output:
         if self.as_json:
             self.raw_json(values)
             return
-        from rich.table import Table
-
-        table = Table(
-            title=printable(title) or None, show_header=False, title_justify="left", title_style="bold"
-        )
+        table = _new_table(title, show_header=False)
         table.add_column(style="cyan", no_wrap=True)
         table.add_column(overflow="fold")
         for name, text in (rows or {key: str(value) for key, value in values.items()}).items():
@@ -107,11 +103,7 @@ class Output:
         if self.as_json:
             self.raw_json(values)
             return
-        from rich.table import Table
-
-        table = Table(
-            title=printable(title) or None, title_justify="left", title_style="bold", show_lines=lines
-        )
+        table = _new_table(title, show_lines=lines)
         # Words and numbers are not broken: what is too wide is the name's, or is told in more lines.
         least = [_longest_word([name, *(row[k] for row in rows)]) for k, name in enumerate(header)]
         room = _stdout_console().width - sum(least[1:]) - _BESIDE_A_CELL * len(header) - 1
@@ -239,6 +231,12 @@ def _encodable(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {_encodable(key): _encodable(entry) for key, entry in value.items()}
     return [_encodable(entry) for entry in value] if isinstance(value, list | tuple) else value
+
+
+def _new_table(title: str, **how: Any) -> Table:
+    from rich.table import Table
+
+    return Table(title=printable(title) or None, title_justify="left", title_style="bold", **how)
 
 
 def _print_table(table: Table) -> None:

@@ -15,7 +15,6 @@ from wbf_mission.exit_codes import ExitCode
 from wbf_mission.scenario import MissionOptions, ScenarioError, VehicleOptions, WeatherOptions
 
 if TYPE_CHECKING:
-    from mission.model import Mission
     from wbf_mission.preflight.finding import Finding, PreflightError, Report
     from wbf_mission.preflight.inquiry import VehicleSnapshot
     from wbf_mission.preflight.run import Preflight
@@ -115,6 +114,7 @@ def preflight_command(
     warnings and notes are none.
     """
     from mission.files import read_mission
+    from wbf_mission.preflight.inquiry import ask_vehicle
     from wbf_mission.preflight.run import check_mission
 
     if system_id is not None and connect is None:
@@ -123,7 +123,7 @@ def preflight_command(
     mission = read_mission(file)
     circumstances = around.circumstances(given)
     if connect is not None:
-        snapshot = asked(output, connect, wait, system_id)
+        snapshot = ask_vehicle(connect, wait_s=wait, system_id=system_id, note=output.note)
         circumstances = fitted_circumstances(circumstances, given, snapshot)
     with output.progress() as progress:
         progress("predicting", 0, 1)
@@ -156,25 +156,6 @@ def fitted_circumstances(
     return replace(circumstances, vehicle=fitted.vehicle, assumed=assumed, snapshot=snapshot)
 
 
-def check_before_upload(
-    output: Output, mission: Mission, circumstances: Circumstances, *, force: bool
-) -> Report:
-    """Check what is to go up to a vehicle that was asked; raise PreflightError if that has errors.
-
-    How it stands there matters for a start only. With `force` errors are shown, too, and hinder nothing.
-    """
-    from wbf_mission.preflight.finding import Concern
-    from wbf_mission.preflight.run import check_mission
-
-    checked = check_mission(mission, circumstances)
-    report = checked.report.about(Concern.PLAN, Concern.PARAMETERS)
-    refused = None if force else report.refusal("nothing was sent")
-    show_findings(output, report, refused)
-    if refused is not None:
-        raise refused
-    return report
-
-
 def show_findings(
     output: Output, report: Report, refused: PreflightError | None = None, who: str = ""
 ) -> None:
@@ -192,13 +173,6 @@ def show_findings(
         else:
             label = "preflight error" if finding.severity is Severity.ERROR else "preflight"
             output.warn(f"{who}{label}: {finding}")
-
-
-def asked(output: Output, url: str, wait_s: float, system_id: int | None) -> VehicleSnapshot:
-    """Ask the vehicle behind a link what a plan assumes of it."""
-    from wbf_mission.preflight.inquiry import ask_vehicle
-
-    return ask_vehicle(url, wait_s=wait_s, system_id=system_id, note=output.note)
 
 
 def _show(output: Output, file: Path, checked: Preflight) -> None:

@@ -222,15 +222,11 @@ def _write_ready(path: Path, urls: tuple[str, ...]) -> None:
 
 
 def _greeting(simulated: Simulated, vehicle: str, urls: tuple[str, ...]) -> str:
-    point = simulated.vehicle.home
-    number = len(simulated.vehicles)
-    who = (
-        f"{vehicle} as {simulated.autopilot}"
-        if number == 1
-        else f"{number} x {vehicle} as {simulated.autopilot}"
-    )
+    point, number = simulated.vehicle.home, len(simulated.vehicles)
+    several = f"{number} x " if number > 1 else ""
     where = f"{point.latitude_deg:.6f}, {point.longitude_deg:.6f}"
-    return f"{who} at {where} on {', '.join(_some(urls))}; Ctrl-C ends it"
+    who = f"{several}{vehicle} as {simulated.autopilot} at {where}"
+    return f"{who} on {', '.join(_some(urls))}; Ctrl-C ends it"
 
 
 def _list_faults(output: Output) -> None:

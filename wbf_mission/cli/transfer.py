@@ -10,13 +10,7 @@ import typer
 from wbf_mission.cli import options
 from wbf_mission.cli.options import MISSION_SUFFIXES, Force, Overwrite, option, refuse_overwrite
 from wbf_mission.cli.output import Output, duration
-from wbf_mission.cli.preflight import (
-    CHECKED,
-    Surroundings,
-    asked,
-    check_before_upload,
-    fitted_circumstances,
-)
+from wbf_mission.cli.preflight import CHECKED, Surroundings, fitted_circumstances, show_findings
 from wbf_mission.exit_codes import ExitCode
 
 Connect = Annotated[str, options.link("The vehicle")]
@@ -55,12 +49,20 @@ def upload_command(
     from mission.files import read_mission
     from mission.ground.link import upload
     from wbf_mission.live.link import via_named
+    from wbf_mission.preflight.finding import Concern
+    from wbf_mission.preflight.inquiry import ask_vehicle
+    from wbf_mission.preflight.run import check_mission
 
     mission = read_mission(file)
     circumstances = around.circumstances(given)
-    snapshot = asked(output, connect, wait, system_id)
-    circumstances = fitted_circumstances(circumstances, given, snapshot)
-    checked = check_before_upload(output, mission, circumstances, force=force)
+    snapshot = ask_vehicle(connect, wait_s=wait, system_id=system_id, note=output.note)
+    checked = check_mission(mission, fitted_circumstances(circumstances, given, snapshot)).report
+    # How it stands there matters for a start only.
+    checked = checked.about(Concern.PLAN, Concern.PARAMETERS)
+    refused = None if force else checked.refusal("nothing was sent")
+    show_findings(output, checked, refused)
+    if refused is not None:
+        raise refused
     with output.progress() as progress:
         report = upload(
             mission,

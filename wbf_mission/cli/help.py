@@ -17,42 +17,32 @@ from wbf_mission.exit_codes import ExitCode
 _ARGUMENTS, _OPTIONS = "Arguments", "Options"
 
 
-def _write_options(command: Any, context: Any, formatter: Any) -> None:
-    """Write arguments first, then the options of each panel in the order in which the panels are met."""
-    sections: dict[str, list[tuple[str, str]]] = {_ARGUMENTS: []}
-    for parameter in command.get_params(context):
-        record = parameter.get_help_record(context)
-        if record is not None:
-            is_argument = parameter.param_type_name == "argument"
-            panel = _ARGUMENTS if is_argument else getattr(parameter, "rich_help_panel", None) or _OPTIONS
-            name, text = record
-            sections.setdefault(panel, []).append((name.replace(" range>", ">"), text))
-    last = sections.pop(_OPTIONS, None)  # --help and what belongs nowhere else
-    for title, rows in [*sections.items(), *([(_OPTIONS, last)] if last else [])]:
-        if rows:
-            with formatter.section(title):
-                formatter.write_dl(rows)
-
-
-def _write_epilog(command: Any, formatter: Any) -> None:
-    """Write the first line as a heading and the others as they are, so that they can be copied."""
-    if command.epilog:
-        title, *lines = (line for line in command.epilog.splitlines() if line.strip())
-        with formatter.section(title):
-            for line in lines:
-                formatter.write(f"  {line}\n")
-
-
 class _Help:
     """What the help of commands and of groups has in common."""
 
-    def format_options(self, ctx: Any, formatter: Any) -> None:
-        """Write arguments and options."""
-        _write_options(self, ctx, formatter)
+    def format_options(self: Any, ctx: Any, formatter: Any) -> None:
+        """Write arguments first, then the options of each panel in the order in which the panels are met."""
+        sections: dict[str, list[tuple[str, str]]] = {_ARGUMENTS: []}
+        for parameter in self.get_params(ctx):
+            record = parameter.get_help_record(ctx)
+            if record is not None:
+                is_argument = parameter.param_type_name == "argument"
+                panel = _ARGUMENTS if is_argument else getattr(parameter, "rich_help_panel", None) or _OPTIONS
+                name, text = record
+                sections.setdefault(panel, []).append((name.replace(" range>", ">"), text))
+        sections[_OPTIONS] = sections.pop(_OPTIONS, [])  # last: --help and what belongs nowhere else
+        for title, rows in sections.items():
+            if rows:
+                with formatter.section(title):
+                    formatter.write_dl(rows)
 
-    def format_epilog(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002
-        """Write the examples, or what else follows."""
-        _write_epilog(self, formatter)
+    def format_epilog(self: Any, ctx: Any, formatter: Any) -> None:  # noqa: ARG002
+        """Write the first line as a heading and the others as they are, so that they can be copied."""
+        if self.epilog:
+            title, *lines = (line for line in self.epilog.splitlines() if line.strip())
+            with formatter.section(title):
+                for line in lines:
+                    formatter.write(f"  {line}\n")
 
 
 class HelpCommand(_Help, TyperCommand):

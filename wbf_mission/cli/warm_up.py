@@ -41,16 +41,22 @@ def warm_up_command(output: Output) -> None:
     """
     from sim_vehicle.prediction.compile_ahead import compile_all
 
-    steps = _Steps(output)
-    compile_all(lambda what, _done, _total: steps.begin(what))
-    fly_all(steps.begin)
+    begun: list[tuple[str, float]] = []
+
+    def begin(what: str) -> None:
+        output.note(f"compiling: {what}")
+        begun.append((what, time.perf_counter()))
+
+    compile_all(lambda what, _done, _total: begin(what))
+    fly_all(begin)
     if importlib.util.find_spec("gymnasium") is not None:
-        steps.begin("training environments")
+        begin("training environments")
         _step_batched()
-    steps.end()
-    wall_time_s = sum(steps.seconds.values())
-    rows = {what: duration(seconds) for what, seconds in steps.seconds.items()}
-    values = {"seconds": steps.seconds, "wall_time_s": wall_time_s}
+    ends = [*(since_s for _, since_s in begun[1:]), time.perf_counter()]
+    seconds = {what: end_s - since_s for (what, since_s), end_s in zip(begun, ends, strict=True)}
+    wall_time_s = sum(seconds.values())
+    rows = {what: duration(one_s) for what, one_s in seconds.items()}
+    values = {"seconds": seconds, "wall_time_s": wall_time_s}
     output.result(values, {**rows, "together": duration(wall_time_s)}, title="Ready")
 
 
@@ -76,25 +82,3 @@ def _step_batched() -> None:
     envs.reset(seed=0)
     envs.step(np.zeros(2, np.int64))
     envs.close()
-
-
-class _Steps:
-    """Says what is done, and how long it took."""
-
-    def __init__(self, output: Output) -> None:
-        self.seconds: dict[str, float] = {}
-        self._output = output
-        self._what = ""
-        self._since_s = 0.0
-
-    def begin(self, what: str) -> None:
-        """End the step before and begin one."""
-        self.end()
-        self._output.note(f"compiling: {what}")
-        self._what, self._since_s = what, time.perf_counter()
-
-    def end(self) -> None:
-        """End the step, if there is one."""
-        if self._what:
-            self.seconds[self._what] = time.perf_counter() - self._since_s
-            self._what = ""

@@ -19,7 +19,8 @@ from sim_vehicle.faults.fault import Fault
 from sim_vehicle.host.simulation import Impairment
 from wbf_mission.live.link import LiveLink
 from wbf_mission.maps.field_maps import FieldMap, true_map
-from wbf_mission.preflight.run import ShowFindings, check_plans, show_nobody
+from wbf_mission.preflight.finding import ShowFindings, show_nobody
+from wbf_mission.preflight.run import check_plans
 from wbf_mission.progress import Progress, Stopwatch, silent
 from wbf_mission.results.result import Result
 from wbf_mission.run.campaign import Campaign

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -59,10 +60,7 @@ def upload_command(
     checked = check_mission(mission, fitted_circumstances(circumstances, given, snapshot)).report
     # How it stands there matters for a start only.
     checked = checked.about(Concern.PLAN, Concern.PARAMETERS)
-    refused = None if force else checked.refusal("nothing was sent")
-    show_findings(output, checked, refused)
-    if refused is not None:
-        raise refused
+    checked.require_no_errors("nothing was sent", force=force, show=partial(show_findings, output))
     with output.progress() as progress:
         report = upload(
             mission,

@@ -14,9 +14,17 @@ from wbf_mission.live.discovery import LiveFlightError, fitted_to, require_singl
 from wbf_mission.live.hosting import LinkHosting, Via
 from wbf_mission.planning import PlanResult
 from wbf_mission.planning.fleet import Vehicle
-from wbf_mission.preflight.finding import Concern, Finding, PreflightError, Report, Severity
+from wbf_mission.preflight.finding import (
+    Concern,
+    Finding,
+    PreflightError,
+    Report,
+    Severity,
+    ShowFindings,
+    show_nobody,
+)
 from wbf_mission.preflight.inquiry import VehicleSnapshot, ask_vehicle
-from wbf_mission.preflight.run import ShowFindings, check_mission, show_nobody
+from wbf_mission.preflight.run import check_mission
 from wbf_mission.preflight.subject import Circumstances
 from wbf_mission.run.hosting import Hosting
 from wbf_mission.run.joint_flight import OperatorConsole
@@ -149,10 +157,7 @@ class LiveLink:
             number = vehicle.task.system_id
             who = f"vehicle {number}: " if len(self._heard) > 1 else ""
             snapshot = self._asked(number)
-            circumstances = Circumstances(
-                vehicle.vehicle, vehicle.weather, plan.farm, vehicle.mission.margin_m, snapshot=snapshot
-            )
-            report = check_mission(plan.mission, circumstances).report
+            report = check_mission(plan.mission, Circumstances.of(vehicle, plan.farm, snapshot)).report
             if who and vehicle.vehicle.keeps.kind == LAYERS:
                 report = Report(tuple(map(_in_a_layer, report.findings)))
             counted = report.about(Concern.PLAN, Concern.PARAMETERS, Concern.STATE)

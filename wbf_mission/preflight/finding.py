@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum, StrEnum
-from typing import Any
+from typing import Any, TypeAlias
 
 from geo.errors import WbfMissionError
 from mission.transfer.remarks import Severity as Severity
@@ -162,6 +162,14 @@ class Finding:
         }
 
 
+ShowFindings: TypeAlias = "Callable[[Report, PreflightError | None, str], None]"
+"""Takes what is found, the error with which a plan is refused, if it is, and what each line begins with."""
+
+
+def show_nobody(_report: Report, _refused: PreflightError | None, _who: str) -> None:
+    """Show nobody what was found."""
+
+
 _ORDER = {severity: rank for rank, severity in enumerate(Severity)}
 
 
@@ -203,9 +211,12 @@ class Report:
         msg = f"{errors[0]}{more}; preflight check: {consequence}, --force does it nevertheless"
         return PreflightError(msg, errors[0])
 
-    def require_no_errors(self, consequence: str) -> None:
-        """Raise the `refusal`, if there is one."""
-        refused = self.refusal(consequence)
+    def require_no_errors(
+        self, consequence: str, *, force: bool = False, show: ShowFindings = show_nobody
+    ) -> None:
+        """Show the findings, and raise the `refusal`, if there is one and it is not overruled."""
+        refused = None if force else self.refusal(consequence)
+        show(self, refused, "")
         if refused is not None:
             raise refused
 

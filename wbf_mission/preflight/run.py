@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 from mission.model import Mission
 from wbf_mission.planning.builder import PlanResult
 from wbf_mission.preflight import flight_rules, plan_rules, vehicle_rules
-from wbf_mission.preflight.finding import Concern, Finding, PreflightError, Report, Severity
+from wbf_mission.preflight.finding import Concern, Finding, Report, Severity, ShowFindings, show_nobody
 from wbf_mission.preflight.flight_rules import TOO_GUSTY
 from wbf_mission.preflight.subject import Circumstances, Subject, subject_of
 from wbf_mission.scenario.parts import VehicleParts
@@ -60,14 +60,6 @@ VEHICLE_CHECKS: tuple[Callable[[Subject, VehicleSnapshot], Iterable[Finding]], .
 """These also take what the vehicle answered."""
 
 
-ShowFindings: TypeAlias = Callable[[Report, PreflightError | None, str], None]
-"""Takes what is found, the error with which a plan is refused, if it is, and what each line begins with."""
-
-
-def show_nobody(_report: Report, _refused: PreflightError | None, _who: str) -> None:
-    """Show nobody what was found."""
-
-
 @dataclass(frozen=True, slots=True)
 class Preflight:
     """A checked plan: with its predicted flight, and what was found."""
@@ -114,14 +106,9 @@ def check_plans(
     found: list[Finding] = []
     for plan, one in plans:
         if not plan.vehicle.is_ideal:
-            given = Circumstances(one.vehicle, one.weather, plan.farm, one.mission.margin_m)
-            report = check_mission(plan.mission, given).report.about(Concern.PLAN)
+            report = check_mission(plan.mission, Circumstances.of(one, plan.farm)).report.about(Concern.PLAN)
             found += [
                 each for each in report.findings if each.severity is Severity.ERROR or each.code == TOO_GUSTY
             ]
-    together = Report(tuple(found))
-    refused = None if force else together.refusal(consequence)
     if found:
-        show(together, refused, "")
-    if refused is not None:
-        raise refused
+        Report(tuple(found)).require_no_errors(consequence, force=force, show=show)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 import shapely
@@ -31,6 +31,7 @@ from wbf_mission.planning.builder import flown_vehicle, home_of
 from wbf_mission.planning.conditions import FlightLevel, flight_level, wind_of
 from wbf_mission.preflight.finding import PreflightError
 from wbf_mission.scenario import MissionOptions, VehicleOptions, WeatherOptions
+from wbf_mission.scenario.parts import VehicleParts
 
 if TYPE_CHECKING:
     from wbf_mission.preflight.inquiry import VehicleSnapshot
@@ -130,6 +131,11 @@ class Circumstances:
     image_interval_s: float = MIN_INTERVAL_S  # The camera's shortest interval
     assumed: bool = False  # Nobody said what vehicle it is: what depends on that is no error
     snapshot: VehicleSnapshot | None = None  # What the vehicle told of itself
+
+    @classmethod
+    def of(cls, one: VehicleParts, farm: Farm, snapshot: VehicleSnapshot | None = None) -> Self:
+        """Return those of one vehicle of a run."""
+        return cls(one.vehicle, one.weather, farm, one.mission.margin_m, snapshot=snapshot)
 
 
 @dataclass(frozen=True, slots=True)

@@ -109,11 +109,13 @@ def test_an_item_that_cannot_be_flown_is_an_outcome(tmp_path: Path) -> None:
 
 
 def test_a_battery_that_does_not_last_is_an_outcome(tmp_path: Path) -> None:
-    back_and_forth = {"farm": "miniberry-100", "planner": "random-waypoint", "budget": "12km"}
+    small = tmp_path / "small.toml"
+    small.write_text('kind = "multirotor"\nbase = "quad"\n[battery]\ncapacity_wh = 9.0\n')
+    back_and_forth = {"vehicle": str(small), "planner": "random-waypoint", "budget": "1500m"}
     long = plan(scenario_with(QUAD, back_and_forth))
     path = tmp_path / "long.plan"
     write_mission(long.mission, path)
-    scenario = scenario_with(QUAD, {"farm": "miniberry-100", "mission": str(path), "score_points": 1})
+    scenario = scenario_with(QUAD, {"vehicle": str(small), "mission": str(path), "score_points": 1})
     told: list[tuple[Report, PreflightError | None]] = []
     result = fly(scenario, force=True, tell_errors=lambda report, refused, _: told.append((report, refused)))
     assert [(one.code, refused) for report, refused in told for one in report.findings] == [("battery", None)]

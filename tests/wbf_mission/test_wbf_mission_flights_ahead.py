@@ -110,7 +110,7 @@ def test_ctrl_c_keeps_the_flights_that_are_over(
 @pytest.mark.usefixtures("worth")
 def test_a_fleet_that_loses_a_vehicle_is_flown_one_after_the_other(monkeypatch: pytest.MonkeyPatch) -> None:
     faults = ["motor-failure,vehicle=2,at=airborne,from=10"]
-    fleet = Scenario(**{**SHORT.to_dict(), "vehicles": 2})
+    fleet = Scenario(**{**SHORT.to_dict(), "days": 1, "vehicles": 2})
     taken = counted(monkeypatch)
     ahead = fly(fleet, faults=faults)
     assert len(taken) == 1, "what is lost in the first flight is missing in all others"

@@ -401,8 +401,10 @@ def test_a_vehicle_whose_turns_cost_time_uses_its_budget(policy: str, autopilot:
     assert len(run.observations) > 200
 
 
-def test_a_battery_is_flown_down_to_its_reserve_and_no_further() -> None:
-    run = fly(Scenario(farm="miniberry-100", policy="greedy", estimator="point"))
+def test_a_battery_is_flown_down_to_its_reserve_and_no_further(tmp_path: Path) -> None:
+    small = tmp_path / "small.toml"
+    small.write_text('kind = "multirotor"\nbase = "quad"\n[battery]\ncapacity_wh = 15.0\n')
+    run = fly(Scenario(farm="miniberry-30", vehicle=str(small), policy="greedy", estimator="point"))
     assert run.outcome is Outcome.COMPLETED
     assert run.battery_used is not None
     assert 0.7 < run.battery_used < 0.8

@@ -31,9 +31,8 @@ def test_our_estimators_conform(name):
     check_estimator(make_estimator(name, random_state=np.random.SeedSequence(1)))
 
 
-@pytest.mark.parametrize("params", [{"method": "local"}, {"prior_mean": (0, 0, 0), "clip": False}])
-def test_the_variants_of_gp_conform(params):
-    check_estimator(make_estimator("gp", **params), n_observations=40)
+def test_gp_conforms_with_another_mean_and_without_limits():
+    check_estimator(make_estimator("gp", prior_mean=(0, 0, 0), clip=False), n_observations=40)
 
 
 def test_scikit_learn_variant_conforms():

@@ -12,6 +12,7 @@ from geo.farms import get_farm
 from geo.grid import FarmGrid
 from sensors.errors import EstimatorError
 from sensors.estimators import check_estimator, make_estimator
+from sensors.estimators.gp import prior
 from sensors.estimators.gp.cell_posterior import LEAST_NOISE as WINDOWED_NOISE
 from sensors.estimators.gp.cell_posterior import ExactPosterior, WindowedPosterior
 from sensors.estimators.gp.estimator import GaussianProcessEstimator
@@ -206,7 +207,11 @@ def test_errors_in_parallel_parts_come_out():
 
 
 @pytest.mark.parametrize("learn_from", ["model", "observations"])
-def test_the_kit_accepts_it(learn_from, tmp_path):
+def test_the_kit_accepts_it(learn_from, tmp_path, monkeypatch):
+    # What is promised holds for whatever kernel, so few simulations are enough.
+    monkeypatch.setattr(prior, "_MOST_SIMULATIONS", 20)
+    monkeypatch.setattr(prior, "_SOIL_SIMULATIONS", 16)
+    monkeypatch.setattr(prior, "_in_memory", {})
     check_estimator(
         make_estimator("gp", method="local", learn_from=learn_from, cache=tmp_path), n_observations=40
     )
@@ -294,9 +299,9 @@ def test_a_local_model_tells_field_by_field_what_changed_and_the_score_follows()
 @pytest.mark.parametrize("length", [1.5, 4.0])
 def test_tiles_stay_near_the_exact_posterior_with_hardly_any_noise(share, bound, length):
     rng = np.random.default_rng(5)
-    shape = (90, 70)
-    x, y = way(shape, 1200)
-    values = np.where(rng.random(1200) < 0.1, rng.choice([0.0, 0.5], 1200), 1.0)
+    shape = (64, 48)
+    x, y = way(shape, 1000)
+    values = np.where(rng.random(1000) < 0.1, rng.choice([0.0, 0.5], 1000), 1.0)
     given = RbfKernel(length, length, share * 0.05, 0.05)
     local = GaussianProcessEstimator((1, 1, 1), given, optimise=False, clip=False, method="local")
     model = local.fit(grid_of(*shape), observe(x, y, values)).predict()

@@ -14,6 +14,7 @@ from wbf_mission.run.flight import departure_delays
 from wbf_mission.scenario import ScenarioError
 
 QUADS = {"farm": "miniberry-30", "vehicle": "quad", "estimator": "point", "separation": "distance:3m"}
+SHORT = {**QUADS, "budget": "100m"}
 
 
 def test_those_who_never_fly_at_the_same_time_are_never_near():
@@ -25,12 +26,12 @@ def test_those_who_never_fly_at_the_same_time_are_never_near():
 
 @pytest.mark.parametrize(("vehicles", "planner"), [(2, "lawnmower"), (3, "spiral")])
 def test_a_fleet_at_one_height_keeps_its_distance(vehicles, planner):
-    scenario = Scenario(**QUADS, vehicles=vehicles, planner=planner)
+    scenario = Scenario(**SHORT, vehicles=vehicles, planner=planner)
     delays = departure_delays(plan_fleet(scenario), 3.0)
     assert delays[0] == 0 and max(delays) > 0
     for seed in (1, 2):
         windy = {"wind_speed_m_s": 3.0, "wind_gust_m_s": 1.0}
-        result = fly(Scenario(**QUADS, vehicles=vehicles, planner=planner, seed=seed, **windy))
+        result = fly(Scenario(**SHORT, vehicles=vehicles, planner=planner, seed=seed, **windy))
         assert result.outcome is Outcome.COMPLETED
         assert {one.plan.mission.items[0].z for one in result.flights} == {10.0}
         assert result.least_distance_m is None or result.least_distance_m >= 3.0

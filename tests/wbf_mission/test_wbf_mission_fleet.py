@@ -95,6 +95,7 @@ def test_vehicles_stand_in_a_row_behind_home():
 def test_layers_keep_vehicles_apart_from_take_off_to_landing(autopilot, seed, errs):
     scenario = Scenario(
         **QUADS,
+        budget="80m",
         vehicles=4,
         autopilot=autopilot,
         seed=seed,
@@ -109,7 +110,7 @@ def test_layers_keep_vehicles_apart_from_take_off_to_landing(autopilot, seed, er
 
 
 def test_without_separation_they_come_nearer():
-    result = fly(Scenario(**QUADS, vehicles=3, separation="none", partition="none"))
+    result = fly(Scenario(**QUADS, budget="80m", vehicles=3, separation="none", partition="none"))
     assert result.least_distance_m < 1.0
 
 
@@ -174,16 +175,17 @@ def test_who_has_crashed_does_not_fly_again_and_the_others_share_the_farm():
 
 
 def test_plans_of_a_fleet_are_those_that_it_flies(tmp_path, capsys):
-    scenario = Scenario(**QUADS, vehicles=2)
+    short = {**QUADS, "budget": "80m"}
+    scenario = Scenario(**short, vehicles=2)
     plans = plan_fleet(scenario)
     assert [one.mission for one in plans] == [one.plan.mission for one in fly(scenario).flights]
-    assert plan_fleet(Scenario(**QUADS))[0].mission == plan(Scenario(**QUADS)).mission
+    assert plan_fleet(Scenario(**short))[0].mission == plan(Scenario(**short)).mission
     with pytest.raises(ScenarioError, match="2 vehicles: a mission is one vehicle's"):
         plan(scenario)
     with pytest.raises(ScenarioError, match=r"mission x\.plan is one vehicle's, but 2 fly"):
         plan_fleet(Scenario(vehicles=2, mission="x.plan"))
     out = tmp_path / "part.json"
-    arguments = ["plan", "--farm", "miniberry-30", "--vehicles", "2", "--out", str(out), "--json"]
+    arguments = ["plan", "--farm", "miniberry-30", "--budget", "80m", "--vehicles", "2", "--out", str(out), "--json"]
     assert run(*arguments) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["vehicles"] == 2 and [one["vehicle"] for one in told["plans"]] == ["quad", "quad"]
@@ -191,7 +193,7 @@ def test_plans_of_a_fleet_are_those_that_it_flies(tmp_path, capsys):
         assert read_mission(one["file"]) == plan_of_one.mission
     assert sorted(path.name for path in tmp_path.iterdir()) == ["part-1.json", "part-2.json"]
     assert run(*arguments) == 2  # the files are there already
-    assert run(*arguments[:3], "--partition", "voronoi") == 2
+    assert run(*arguments[:5], "--partition", "voronoi") == 2
     assert "--partition has an effect only with several vehicles" in capsys.readouterr().err
 
 

@@ -20,6 +20,7 @@ from wbf_mission.exit_codes import exit_code_of_flight
 from wbf_mission.flight import fly
 from wbf_mission.planning import plan
 from wbf_mission.preflight.finding import PreflightError, Report
+from wbf_mission.results.result import Result
 from wbf_mission.run.resolve import make_environment
 from wbf_mission.scenario import Scenario, ScenarioError, scenario_with
 
@@ -49,8 +50,13 @@ def test_every_planner_with_every_estimator(planner: str, estimator: str) -> Non
     assert result.history.entries[-1].loss <= result.history.entries[0].loss
 
 
-def test_the_quad_flies_what_was_planned_and_looks_all_the_way() -> None:
-    result = fly(QUAD)
+@pytest.fixture(scope="module")
+def quad_flight() -> Result:
+    return fly(QUAD)
+
+
+def test_the_quad_flies_what_was_planned_and_looks_all_the_way(quad_flight: Result) -> None:
+    result = quad_flight
     assert result.outcome is Outcome.COMPLETED, result.reason
     assert result.transfers[0].verified
     assert result.flight_time_s == pytest.approx(result.plan.prediction.duration_s, rel=0.05)
@@ -65,7 +71,8 @@ def test_the_quad_flies_what_was_planned_and_looks_all_the_way() -> None:
 
 
 def test_equal_scenarios_give_equal_bytes(tmp_path: Path) -> None:
-    windy = replace(QUAD, wind_speed_m_s=4.0, wind_gust_m_s=1.0, camera_noise=0.1, false_negative_rate=0.1)
+    rough = {"wind_speed_m_s": 4.0, "wind_gust_m_s": 1.0, "camera_noise": 0.1, "false_negative_rate": 0.1}
+    windy = scenario_with(QUAD, {"budget": "80m", **rough})
     first = fly(windy, tlog=tmp_path / "first.tlog")
     second = fly(windy, tlog=tmp_path / "second.tlog")
     other = fly(replace(windy, seed=4), tlog=tmp_path / "other.tlog")
@@ -76,14 +83,13 @@ def test_equal_scenarios_give_equal_bytes(tmp_path: Path) -> None:
     assert not np.array_equal(first.truth, other.truth)
 
 
-def test_a_bad_radio_costs_time_but_no_picture() -> None:
+def test_a_bad_radio_costs_time_but_no_picture(quad_flight: Result) -> None:
     radio = Impairment(loss=0.1, duplication=0.05, delay_s=0.05, jitter_s=0.1, seed=2)
     result = fly(QUAD, impairment=radio)
     assert result.outcome is Outcome.COMPLETED, result.reason
     assert result.transfers[0].verified
     assert result.transfers[0].retries > 0
-    clean = fly(QUAD)
-    assert len(result.observations) == pytest.approx(len(clean.observations), abs=20)
+    assert len(result.observations) == pytest.approx(len(quad_flight.observations), abs=20)
 
 
 def test_no_contact_is_an_outcome() -> None:
@@ -110,8 +116,8 @@ def test_an_item_that_cannot_be_flown_is_an_outcome(tmp_path: Path) -> None:
 
 def test_a_battery_that_does_not_last_is_an_outcome(tmp_path: Path) -> None:
     small = tmp_path / "small.toml"
-    small.write_text('kind = "multirotor"\nbase = "quad"\n[battery]\ncapacity_wh = 9.0\n')
-    back_and_forth = {"vehicle": str(small), "planner": "random-waypoint", "budget": "1500m"}
+    small.write_text('kind = "multirotor"\nbase = "quad"\n[battery]\ncapacity_wh = 6.0\n')
+    back_and_forth = {"vehicle": str(small), "planner": "random-waypoint", "budget": "1km"}
     long = plan(scenario_with(QUAD, back_and_forth))
     path = tmp_path / "long.plan"
     write_mission(long.mission, path)
@@ -151,9 +157,9 @@ def test_partial_sensors_leave_the_other_fields_alone() -> None:
     assert (result.model.value[:2] == 1.0).all()
 
 
-def test_a_wide_footprint_sees_more_cells() -> None:
-    narrow, wide = fly(QUAD), fly(replace(QUAD, camera_footprint=3))
-    assert wide.summary()["cells_observed"] > 1.3 * narrow.summary()["cells_observed"]
+def test_a_wide_footprint_sees_more_cells(quad_flight: Result) -> None:
+    wide = fly(replace(QUAD, camera_footprint=3))
+    assert wide.summary()["cells_observed"] > 1.3 * quad_flight.summary()["cells_observed"]
 
 
 def test_the_environment_is_the_seeds_alone() -> None:

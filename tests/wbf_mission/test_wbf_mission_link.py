@@ -1,4 +1,4 @@
-"""The simulator, upload and download, each its own process over real sockets."""
+"""Upload and download over real sockets, with the simulator in a process of its own."""
 
 import json
 import os
@@ -13,6 +13,7 @@ import pytest
 
 from mission.files import read_mission, write_mission
 from mission.model import Command, GeoPoint, Mission, MissionItem
+from wbf_mission.cli.app import main
 
 LONG_S = 150.0  # a limit against hanging, not a measure
 
@@ -52,6 +53,14 @@ def simulator(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[str]:
     assert "Simulator stopped" in out
 
 
+@pytest.fixture
+def in_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Work in a folder of one's own, at a wide terminal."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+    return tmp_path
+
+
 def fenced_mission() -> Mission:
     places = [(28.05 + 0.0003 * i, -82.15 + 0.0002 * i) for i in range(40)]
     corners = [(28.04, -82.16), (28.04, -82.14), (28.07, -82.14), (28.07, -82.16)]
@@ -70,19 +79,18 @@ def fenced_mission() -> Mission:
     )
 
 
-def test_upload_and_download_through_files(simulator: str, tmp_path: Path) -> None:
+def test_upload_and_download_through_files(
+    simulator: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     mission = fenced_mission()
-    write_mission(mission, tmp_path / "up.plan")
-    up = spawn("upload", "up.plan", "--connect", simulator, "--json", cwd=tmp_path)
-    out, err = up.communicate(timeout=LONG_S)
-    assert up.returncode == 0, err
-    report = json.loads(out)
+    up, down = tmp_path / "up.plan", tmp_path / "down.plan"
+    write_mission(mission, up)
+    assert main(["upload", str(up), "--connect", simulator, "--json"]) == 0
+    report = json.loads(capfd.readouterr().out)
     assert report["verified"]
     assert report["items"] == {"fence": 4, "rally": 1, "mission": 42}
-    down = spawn("download", "--connect", simulator, "--out", "down.plan", cwd=tmp_path)
-    out, err = down.communicate(timeout=LONG_S)
-    assert down.returncode == 0, err
-    onboard = read_mission(tmp_path / "down.plan")
+    assert main(["download", "--connect", simulator, "--out", str(down)]) == 0
+    onboard = read_mission(down)
     assert [item.command for item in onboard.items] == [item.command for item in mission.items]
     assert [(item.x, item.y) for item in onboard.fence] == [(item.x, item.y) for item in mission.fence]
     assert len(onboard.rally) == 1
@@ -97,28 +105,28 @@ def test_upload_and_download_through_files(simulator: str, tmp_path: Path) -> No
         ("udp:127.0.0.1:99999", "99999", 2),
     ],
 )
-def test_unreachable_vehicles_are_one_line(tmp_path: Path, connect: str, says: str, code: int) -> None:
-    write_mission(fenced_mission(), tmp_path / "up.plan")
+def test_unreachable_vehicles_are_one_line(
+    in_folder: Path, capfd: pytest.CaptureFixture[str], connect: str, says: str, code: int
+) -> None:
+    write_mission(fenced_mission(), in_folder / "up.plan")
     for command in (["upload", "up.plan"], ["download", "--out", "down.plan"]):
-        process = spawn(*command, "--connect", connect, "--wait", "0.5", "--quiet", cwd=tmp_path)
-        out, err = process.communicate(timeout=LONG_S)
-        assert process.returncode == code
+        assert main([*command, "--connect", connect, "--wait", "0.5", "--quiet"]) == code
+        out, err = capfd.readouterr()
         assert out == ""
         assert err.startswith("error: ")
         assert says in err
         assert err.count("\n") == 1
-    assert not (tmp_path / "down.plan").exists()
+    assert not (in_folder / "down.plan").exists()
 
 
-def test_a_port_that_is_taken_is_one_line(tmp_path: Path) -> None:
+@pytest.mark.usefixtures("in_folder")
+def test_a_port_that_is_taken_is_one_line(capfd: pytest.CaptureFixture[str]) -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        process = spawn(
-            "sim", "--listen", f"tcpin:127.0.0.1:{port}", "--no-camera", "--duration", "1", cwd=tmp_path
-        )
-        _, err = process.communicate(timeout=LONG_S)
-    assert process.returncode == 2
+        code = main(["sim", "--listen", f"tcpin:127.0.0.1:{port}", "--no-camera", "--duration", "1"])
+    err = capfd.readouterr().err
+    assert code == 2
     assert str(port) in err
     assert err.count("\n") == 1

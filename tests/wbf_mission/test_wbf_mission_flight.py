@@ -172,7 +172,7 @@ def test_the_environment_is_the_seeds_alone() -> None:
 def test_the_ideal_robot_flies_a_mission_that_comes_home(tmp_path: Path) -> None:
     path = tmp_path / "rows.plan"
     write_mission(plan(QUAD).mission, path)
-    result = fly(scenario_with(IDEAL, {"farm": "miniberry-30", "mission": str(path)}))
+    result = fly(scenario_with(IDEAL, {"farm": "miniberry-30", "mission": str(path), "estimator": "point"}))
     assert result.outcome is Outcome.COMPLETED, result.reason
 
 

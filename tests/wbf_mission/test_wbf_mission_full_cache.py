@@ -33,6 +33,8 @@ def test_learned_priors_are_used_where_they_cannot_be_kept(
     folder = tmp_path / "kept" if is_full else blocked(tmp_path)
     if is_full:
         monkeypatch.setattr(prior, "atomic_write", full)
+    monkeypatch.setattr(prior, "_MOST_SIMULATIONS", 20)
+    monkeypatch.setattr(prior, "_SOIL_SIMULATIONS", 16)
     grid = get_farm("miniberry-10").grid()
     with pytest.warns(CacheWarning, match="cannot keep anything in this cache") as told:
         for seed in (9001, 9002) if is_full else (9003, 9004):

@@ -176,9 +176,9 @@ def test_without_the_operators_word_nothing_starts():
 @pytest.mark.parametrize("kind", [Maneuver.RETURN, Maneuver.LAND])
 def test_the_operator_ends_the_mission(kind):
     watcher = Watcher(act=lambda flight: flight.maneuver(kind))
-    # Slow enough that it is not on its way home when the order arrives.
-    with stand_in(speed=2.0) as (url, _):
-        result = fly(scenario(), connect=LiveLink(url, watcher))
+    # Far enough that it is not on its way home when the order arrives.
+    with stand_in() as (url, _):
+        result = fly(scenario(budget="150s"), connect=LiveLink(url, watcher))
     assert watcher.acted
     assert result.outcome is Outcome.INTERRUPTED
     assert result.reason == f"the operator ordered it to {kind.value}"
@@ -194,8 +194,8 @@ def test_a_pilot_who_takes_over_is_noticed_and_not_fought(autopilot):
         endpoints.append(order(url, 1, m.MAV_CMD_DO_SET_MODE, *land))
 
     watcher = Watcher(act=take_over)
-    with stand_in(autopilot, speed=2.0) as (url, made):
-        result = fly(scenario(policy="greedy"), connect=LiveLink(url, watcher))
+    with stand_in(autopilot) as (url, made):
+        result = fly(scenario(policy="greedy", budget="150s"), connect=LiveLink(url, watcher))
         heard = [one for endpoint in endpoints for one in endpoint.receive()]
         assert not made.vehicle.pilot.armed
     assert any(one.get_type() == "COMMAND_ACK" for one in heard)
@@ -305,8 +305,8 @@ def test_ctrl_c_asks_and_the_vehicle_returns(tmp_path):
         (b"MISSION, item", lambda process: os.killpg(process.pid, 2)),
         (b"[h]old, [r]eturn", b"r\n"),
     ]
-    with stand_in(speed=2.0) as (url, made):
-        _, summary, shown = talk(url, answers, tmp_path)
+    with stand_in(speed=4.0) as (url, made):
+        _, summary, shown = talk(url, answers, tmp_path, more=("--budget", "150s"))
         assert not made.vehicle.pilot.armed
     assert summary["outcome"] == "interrupted"
     assert "the vehicle returns (mode RTL)" in shown

@@ -21,6 +21,7 @@ from sim_vehicle.execution.state import (
     VehicleState,
 )
 from sim_vehicle.motion.legs import KEEP, Circle, Heading, Leg, LegKind, Route
+from sim_vehicle.motion.model import attitude_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -273,12 +274,8 @@ class LegFollower:
         """Roll and pitch whose thrust gives the acceleration and holds against the drag of the air."""
         drag = drag_1_s(self.spec, airspeed)
         ax, ay, az = now.acceleration_m_s2
-        sin, cos = math.sin(now.heading_rad), math.cos(now.heading_rad)
         east, north = ax + drag * air[0], ay + drag * air[1]
-        lift = GRAVITY_M_S2 + az
-        pitch = -math.atan2(east * sin + north * cos, lift)
-        roll = math.atan2((east * cos - north * sin) * math.cos(pitch), lift)
-        return roll, pitch
+        return attitude_of(east, north, GRAVITY_M_S2 + az, now.heading_rad)
 
     def drop_plan(self, phase: FlightPhase) -> None:
         """Fly no plan any more, and forget what waits for its conditions."""

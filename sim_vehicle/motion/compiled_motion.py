@@ -127,6 +127,13 @@ class CompiledMotion(MotionModel, ABC):
         return float(self.state[State.ENERGY_USED])
 
     @property
+    def _airspeed(self) -> float:
+        """Horizontal speed through the air."""
+        vx, vy = self.state[State.VELOCITY_X : State.VELOCITY_Z].tolist()
+        east, north = self.state[col.LEVEL_WIND].tolist()
+        return math.hypot(vx - east, vy - north)
+
+    @property
     def draws_errors(self) -> bool:
         """Whether its estimate is wrong."""
         return False

@@ -52,13 +52,6 @@ class HeadingMode(Enum):
 class Heading:
     """Where the nose points on a leg: `KEEP`, `ALONG`, `Heading.fixed` or `Heading.turning`.
 
-    Parameters
-    ----------
-    angle_rad : float
-        Compass heading of a fixed one.
-    rate_rad_s : float
-        Rate of turning, clockwise.
-
     Examples
     --------
     >>> Heading.fixed(1.5).mode
@@ -67,7 +60,9 @@ class Heading:
 
     mode: HeadingMode
     angle_rad: float = 0.0
+    """Compass heading of a fixed one."""
     rate_rad_s: float = 0.0
+    """Rate of turning, clockwise."""
 
     @classmethod
     def fixed(cls, angle_rad: float) -> Heading:
@@ -97,57 +92,37 @@ ALONG = Heading(HeadingMode.ALONG)
 
 @dataclass(frozen=True, slots=True)
 class Circle:
-    """The circle of a leg, for vehicles that stay by circling.
-
-    Parameters
-    ----------
-    radius_m : float or None
-        Clockwise when positive; None is the autopilot's own.
-    turns : float
-        To fly before the leg is complete.
-    leave_to_m : tuple of 2 floats or None
-        Position (east, north) towards which the circle is left, None for anywhere.
-    """
+    """The circle of a leg, for vehicles that stay by circling."""
 
     radius_m: float | None = None
+    """Clockwise when positive; None is the autopilot's own."""
     turns: float = 0.0
+    """To fly before the leg is complete."""
     leave_to_m: tuple[float, float] | None = None
+    """Position (east, north) towards which the circle is left, None for anywhere."""
 
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """One leg of a route.
-
-    Parameters
-    ----------
-    end_m : tuple of 3 floats
-        East, north, up about home.
-    speed_m_s : float or None
-        Horizontal ground speed (airspeed of a fixed wing); None leaves it to the vehicle.
-    radius_m : float
-        Acceptance radius; 0 is a stop.
-    vertical_speed_m_s : float or None
-        Speed of a vertical leg, up or down; None is the vehicle's own.
-    near_m : float
-        Distance to the end at which NEAR is told, 0 for never.
-    pause_s : float
-        Time to stay at the end of the leg, which is a stop then.
-    circle : Circle or None
-        A fixed wing that lands without one approaches straight.
-    pitch_rad : float
-        Least pitch of a fixed wing on a take-off leg; 0 is the autopilot's own.
-    """
+    """One leg of a route."""
 
     end_m: Position
     speed_m_s: float | None = None
+    """Horizontal ground speed (airspeed of a fixed wing); None leaves it to the vehicle."""
     radius_m: float = 0.0
+    """Acceptance radius; 0 is a stop."""
     heading: Heading = ALONG
     kind: LegKind = LegKind.WAYPOINT
     vertical_speed_m_s: float | None = None
+    """Speed of a vertical leg, up or down; None is the vehicle's own."""
     near_m: float = 0.0
+    """Distance to the end at which NEAR is told, 0 for never."""
     pause_s: float = 0.0
+    """Time to stay at the end of the leg, which is a stop then."""
     circle: Circle | None = None
+    """A fixed wing that lands without one approaches straight."""
     pitch_rad: float = 0.0
+    """Least pitch of a fixed wing on a take-off leg; 0 is the autopilot's own."""
 
     @property
     def descends(self) -> bool:
@@ -157,45 +132,25 @@ class Leg:
 
 @dataclass(frozen=True, slots=True)
 class Route:
-    """Legs that are flown without a pause between them, as arrays; the last leg always ends with a stop.
+    """Legs that are flown without a pause between them, as arrays with an element for each leg.
 
-    Parameters
-    ----------
-    points_m : float64[n, 3]
-        Ends of the legs: east, north, up about home.
-    radius_m : float64[n]
-        Acceptance radius; 0 is a stop.
-    speed_m_s : float64[n]
-        Horizontal ground speed, NaN for the vehicle's own.
-    vertical_m_s : float64[n]
-        Speed of a vertical leg, NaN for the vehicle's own.
-    heading_rad : float64[n]
-        Compass heading on the leg; NaN looks along the leg, infinity keeps the heading.
-    turn_rad_s : float64[n]
-        Rate of turning instead of the heading; NaN for none.
-    near_m : float64[n]
-        Distance to the end at which NEAR is told, 0 for never.
-    kind : int64[n]
-        `LegKind` of each leg.
-    pause_s : float64[n]
-        Time to stay at the end of the leg.
-    circle : float64[n, 4]
-        Radius (NaN: no circle, 0: the autopilot's own), turns, and where the circle is left to (east, north;
-        NaN for anywhere).
-    pitch_rad : float64[n]
-        Least pitch of a fixed wing on a take-off leg; 0 is the autopilot's own.
+    The last leg always ends with a stop. What is NaN is left to the vehicle.
     """
 
     points_m: NDArray[np.float64]
+    """[n, 3]: ends of the legs."""
     radius_m: NDArray[np.float64]
     speed_m_s: NDArray[np.float64]
     vertical_m_s: NDArray[np.float64]
+    # As `Heading.numbers`.
     heading_rad: NDArray[np.float64]
     turn_rad_s: NDArray[np.float64]
     near_m: NDArray[np.float64]
     kind: NDArray[np.int64]
     pause_s: NDArray[np.float64]
     circle: NDArray[np.float64]
+    """[n, 4]: radius (NaN: no circle, 0: the autopilot's own), turns, and where the circle is left to (east,
+    north; NaN for anywhere)."""
     pitch_rad: NDArray[np.float64]
 
     @classmethod

@@ -28,33 +28,29 @@ class MotionEvent(IntEnum):
 
 
 class MotionState(NamedTuple):
-    """How a vehicle moves at one time.
+    """How a vehicle moves at one time."""
 
-    Parameters
-    ----------
-    position_m, velocity_m_s, acceleration_m_s2 : tuple of 3 floats
-        East, north, up about home.
-    heading_rad, yaw_rate_rad_s : float
-        Compass heading, and its rate (clockwise).
-    energy_j : float
-        Used since the start.
-    path_length_m : float
-        Flown since the start.
-    power_w : float
-        Electric power now.
-    wind_m_s : tuple of 2 floats
-        East, north: where the air moves to.
-    """
-
+    # East, north, up about home.
     position_m: Position
     velocity_m_s: tuple[float, float, float]
     acceleration_m_s2: tuple[float, float, float]
+    # Compass heading, and its rate (clockwise).
     heading_rad: float
     yaw_rate_rad_s: float
+    # Used and flown since the start.
     energy_j: float
     path_length_m: float
     power_w: float
+    """Electric power now."""
     wind_m_s: tuple[float, float]
+    """East, north: where the air moves to."""
+
+
+def attitude_of(east: float, north: float, up: float, heading_rad: float) -> tuple[float, float]:
+    """Return roll and pitch of a vehicle whose thrust points there."""
+    sine, cosine = math.sin(heading_rad), math.cos(heading_rad)
+    pitch = -math.atan2(east * sine + north * cosine, up)
+    return math.atan2((east * cosine - north * sine) * math.cos(pitch), up), pitch
 
 
 class MotionModel(Protocol):
@@ -114,15 +110,7 @@ class MotionModel(Protocol):
         return None
 
     def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
-        """Be in steady flight at time 0, with nothing used yet, as if it had flown there.
-
-        Parameters
-        ----------
-        position_m, velocity_m_s : tuple of 3 floats
-            East, north, up about home.
-        heading_rad : float
-            Compass heading.
-        """
+        """Be in steady flight at time 0, with nothing used yet, as if it had flown there."""
 
     def fly(self, route: Route) -> None:
         """Begin a route."""

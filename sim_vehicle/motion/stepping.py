@@ -21,16 +21,9 @@ Integers = NDArray[np.int64]
 
 @compiled(allocates=False)
 def wind_row(step: int, first: int, rows: int) -> int:
-    """Return the row of the wind's block for a step on its grid; -1: the block is used up.
-
-    Parameters
-    ----------
-    first : int
-        Grid index of the first row.
-    rows : int
-        One row is a steady wind.
-    """
+    """Return the row of the wind's block, from a grid index on, for a step; -1: the block is used up."""
     if rows == 1:
+        # A steady wind.
         return 0
     index = step // col.GRID - first
     return index if index < rows else -1

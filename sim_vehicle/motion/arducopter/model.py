@@ -17,6 +17,7 @@ from sim_vehicle.motion.arducopter.control import Guide, Law, stopping_distance
 from sim_vehicle.motion.columns import State
 from sim_vehicle.motion.compiled_motion import Dynamics
 from sim_vehicle.motion.legs import KEEP, LegKind
+from sim_vehicle.motion.model import attitude_of
 from sim_vehicle.motion.multirotor.kernel import LIMITS
 from sim_vehicle.motion.multirotor.model import GENERIC, Multirotor
 
@@ -140,17 +141,11 @@ class ArduCopter(AlongCurves, Multirotor):
         """Return roll, pitch, airspeed and throttle; None where they follow from the acceleration."""
         if self._rows is None or self.state[State.POSITION_Z] <= 0.0:
             return None
-        state, (east, north) = self.state, self.guide[Guide.LEAN_X : Guide.LEAN_X + 2].tolist()
-        sine, cosine = math.sin(state[State.HEADING]), math.cos(state[State.HEADING])
-        pitch = -math.atan2(east * sine + north * cosine, GRAVITY_M_S2)
-        roll = math.atan2((east * cosine - north * sine) * math.cos(pitch), GRAVITY_M_S2)
-        airspeed = math.hypot(
-            state[State.VELOCITY_X] - state[State.WIND_EAST],
-            state[State.VELOCITY_Y] - state[State.WIND_NORTH],
-        )
+        east, north = self.guide[Guide.LEAN_X : Guide.LEAN_X + 2].tolist()
+        roll, pitch = attitude_of(east, north, GRAVITY_M_S2, self.state.item(State.HEADING))
         stretch = math.sqrt(1.0 + (east * east + north * north) / GRAVITY_M_S2**2)
         thrust = (1.0 + float(self.guide[Guide.THRUST]) / GRAVITY_M_S2) * stretch
-        return roll, pitch, airspeed, min(max(at.HOVER_THROTTLE * thrust, 0.0), 1.0)
+        return roll, pitch, self._airspeed, min(max(at.HOVER_THROTTLE * thrust, 0.0), 1.0)
 
     def update_spec(self, spec: VehicleSpec) -> None:
         """Take other defaults, limits and parameters; they hold from the next leg on."""

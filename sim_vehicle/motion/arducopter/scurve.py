@@ -236,16 +236,9 @@ def make_leg(
     snap: float,
     jerk: float,
 ) -> None:
-    """Make the profile of a leg from standing to standing.
+    """Make the profile of a leg by ``delta`` from standing to standing.
 
-    Parameters
-    ----------
-    head : float64[HEAD]
-    curve : float64[SEGMENTS, COLUMNS]
-    delta : tuple of 3 floats
-        From the begin to the end of the leg.
-    speeds, accels : tuple of floats
-        Horizontal, up and down; horizontal and vertical.
+    Speeds are horizontal, up and down, accelerations horizontal and vertical.
     """
     dx, dy, dz = delta
     flat = sqrt(dx * dx + dy * dy)

@@ -38,14 +38,7 @@ _SLOW = 3.0
 
 @compiled(allocates=False)
 def drag(limits: Record, airspeed: float, load: float) -> float:
-    """Return the drag over the mass, m/s^2.
-
-    Parameters
-    ----------
-    limits : float64[LIMITS]
-    load : float
-        Lift over weight.
-    """
+    """Return the drag over the mass, m/s^2, with a lift of ``load`` times the weight."""
     v2 = max(airspeed, _SLOW) ** 2
     return float(limits.parasitic * v2 + limits.induced * load * load / v2)
 
@@ -138,14 +131,8 @@ def fly(
 ) -> float:
     """Move a step through the air and return the load factor.
 
-    Parameters
-    ----------
-    bank, climb : float
-        What is commanded; ArduPlane's is the climb rate that there is.
-    rate : float
-        Gain of energy over the weight, m/s.
-    wx, wy, rising : float
-        Wind.
+    Bank and climb are commanded (ArduPlane's is the climb rate that there is), ``rate`` is the gain of energy
+    over the weight, m/s.
     """
     dt = limits.step_s
     _roll(state, limits, bank)

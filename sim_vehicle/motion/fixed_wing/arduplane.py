@@ -159,18 +159,7 @@ def command_energy(
     wx: float,
     wy: float,
 ) -> None:
-    """Set the demanded pitch and throttle for a leg.
-
-    Parameters
-    ----------
-    state, row, limits : float64[STATE], float64[LEG], float64[LIMITS]
-    arrived, circling : bool
-        Whether the route has ended, and whether a circle is flown.
-    airspeed : float
-        That of the leg, or what the least ground speed needs.
-    wx, wy : float
-        Wind.
-    """
+    """Set the demanded pitch and throttle for a leg; the airspeed is its, or what the ground speed needs."""
     kind = row.kind
     climb = state.velocity_z
     sinking = limits.throttle_limit == 0.0

@@ -161,22 +161,11 @@ def control_energy(
     least_pitch: float,
     sinking: bool,
 ) -> None:
-    """Set the demanded pitch and throttle; to be called every `PERIOD_S`.
+    """Set the demanded pitch and throttle for a height and an airspeed; to be called every `PERIOD_S`.
 
-    Parameters
-    ----------
-    state, limits : float64[STATE], float64[LIMITS]
-    stage : {CRUISE, CLIMB_OUT, LAND, FLARING}
-    target, airspeed : float
-        Height and airspeed to reach.
-    climb : float
-        Climb rate over ground.
-    portion : float
-        Of the leg that was flown; the weight of the speed fades with it in a landing.
-    least_pitch : float
-        Of a take-off.
-    sinking : bool
-        Whether the motor is dead: pitch then holds the airspeed alone.
+    The stage is CRUISE, CLIMB_OUT, LAND or FLARING, ``climb`` the rate over ground, ``portion`` that of the
+    leg that was flown (the weight of the speed fades with it in a landing), ``least_pitch`` that of a
+    take-off; ``sinking``, the motor is dead and pitch holds the airspeed alone.
     """
     if state.running == 0.0:
         _begin(state, limits)

@@ -13,7 +13,7 @@ from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.columns import State
 from sim_vehicle.motion.compiled_motion import Dynamics
 from sim_vehicle.motion.legs import KEEP, LegKind
-from sim_vehicle.motion.model import MotionEvent
+from sim_vehicle.motion.model import MotionEvent, attitude_of
 from sim_vehicle.motion.multirotor.kernel import LIMITS
 from sim_vehicle.motion.multirotor.model import GENERIC, Multirotor
 from sim_vehicle.motion.px4 import kernel
@@ -262,17 +262,10 @@ class Px4Multirotor(Multirotor):
         if not self._guided or self.state[State.POSITION_Z] <= 0.0:
             return None
         # Python's numbers: arithmetic with those of an array takes three times as long.
-        state, guide = self.state.tolist(), self.guide.tolist()
-        east, north = guide[Guide.THRUST_X : Guide.THRUST_RATE_X]
-        sine, cosine = math.sin(state[State.HEADING]), math.cos(state[State.HEADING])
+        east, north, _, _, thrust = self.guide[Guide.THRUST_X : Guide.THRUST + 1].tolist()
         up = math.sqrt(1.0 - east * east - north * north)
-        pitch = -math.atan2(east * sine + north * cosine, up)
-        roll = math.atan2((east * cosine - north * sine) * math.cos(pitch), up)
-        airspeed = math.hypot(
-            state[State.VELOCITY_X] - state[State.WIND_EAST],
-            state[State.VELOCITY_Y] - state[State.WIND_NORTH],
-        )
-        return roll, pitch, airspeed, min(guide[Guide.THRUST] / kernel.SIH_THRUST_M_S2, 1.0)
+        roll, pitch = attitude_of(east, north, up, self.state.item(State.HEADING))
+        return roll, pitch, self._airspeed, min(thrust / kernel.SIH_THRUST_M_S2, 1.0)
 
     def advance(self, max_steps: int, *, stop_each: bool = True) -> MotionEvent:
         """Fly up to ``max_steps`` steps, less when something happens (see `MotionEvent`)."""

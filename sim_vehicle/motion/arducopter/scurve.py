@@ -127,11 +127,7 @@ def _within(
 ) -> tuple[float, float, float]:
     """Return acceleration, speed and position a time after the begin of a segment that lasts ``whole``."""
     if shape == 0.0 or whole <= 0.0:
-        return (
-            a + jerk * t,
-            v + t * (a + 0.5 * jerk * t),
-            p + t * (v + t * (0.5 * a + jerk * t / 6.0)),
-        )
+        return (a + jerk * t, v + t * (a + 0.5 * jerk * t), p + t * (v + t * (0.5 * a + jerk * t / 6.0)))
     half = 0.5 * jerk
     beta = pi / whole
     angle = beta * t

@@ -35,10 +35,7 @@ from sim_vehicle.motion.arducopter.control import (
 )
 from sim_vehicle.motion.arducopter.guidance import end_of, lead_legs, make, take_next
 from sim_vehicle.motion.arducopter.kernel import Own, chain
-from sim_vehicle.motion.arducopter.scurve import (
-    TIME,
-    change_speed,
-)
+from sim_vehicle.motion.arducopter.scurve import TIME, change_speed
 from sim_vehicle.motion.columns import Record, record_type
 from sim_vehicle.motion.multirotor.kernel import Vector
 from sim_vehicle.motion.rover.kernel import PATIENCE_S, SLOW_SHARE

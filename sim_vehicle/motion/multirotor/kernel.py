@@ -320,12 +320,7 @@ def advance(
     px, py, pz = state.position_x, state.position_y, state.position_z
     vx, vy, vz = state.velocity_x, state.velocity_y, state.velocity_z
     ax, ay, az = state.acceleration_x, state.acceleration_y, state.acceleration_z
-    yaw, yaw_rate, energy, length = (
-        state.heading,
-        state.heading_rate,
-        state.energy_used,
-        state.path_length,
-    )
+    yaw, yaw_rate, energy, length = state.heading, state.heading_rate, state.energy_used, state.path_length
     step, leg = counters[col.STEP], counters[col.LEG_INDEX]
     event = col.RAN
     fresh = True
@@ -416,28 +411,14 @@ def advance(
             n1 = velocity_acceleration(vn, accn, 0.0, row.acceleration_across, row.jerk_across, dt)
         elif abs(dn) + abs(vn) + abs(accn) > 1e-9:
             n1 = axis_acceleration(
-                dn,
-                vn,
-                accn,
-                0.0,
-                row.speed_across,
-                row.acceleration_across,
-                row.jerk_across,
-                dt,
+                dn, vn, accn, 0.0, row.speed_across, row.acceleration_across, row.jerk_across, dt
             )
         w1 = accw
         if radius < 0.0:
             w1 = _climb_acceleration(row, pz, vz, az, limits)
         elif abs(dw) + abs(vw) + abs(accw) > 1e-9:
             w1 = axis_acceleration(
-                dw,
-                vw,
-                accw,
-                0.0,
-                row.speed_normal,
-                row.acceleration_normal,
-                row.jerk_normal,
-                dt,
+                dw, vw, accw, 0.0, row.speed_normal, row.acceleration_normal, row.jerk_normal, dt
             )
         bx = s1 * ux + n1 * nx + w1 * wx
         by = s1 * uy + n1 * ny + w1 * wy
@@ -509,11 +490,6 @@ def advance(
     state.position_x, state.position_y, state.position_z = px, py, pz
     state.velocity_x, state.velocity_y, state.velocity_z = vx, vy, vz
     state.acceleration_x, state.acceleration_y, state.acceleration_z = ax, ay, az
-    state.heading, state.heading_rate, state.energy_used, state.path_length = (
-        yaw,
-        yaw_rate,
-        energy,
-        length,
-    )
+    state.heading, state.heading_rate, state.energy_used, state.path_length = yaw, yaw_rate, energy, length
     counters[col.STEP] = step
     return event

@@ -100,11 +100,7 @@ def prepare_route(
             row.along_x, row.along_y, row.along_z = 1.0, 0.0, 0.0
             flat = 1.0
         if flat < 1e-6:
-            row.along_x, row.along_y, row.along_z = (
-                0.0,
-                0.0,
-                1.0 if row.along_z > 0.0 else -1.0,
-            )
+            row.along_x, row.along_y, row.along_z = 0.0, 0.0, 1.0 if row.along_z > 0.0 else -1.0
             flat = 0.0
         rise = abs(row.along_z)
         row.horizontal = flat

@@ -99,10 +99,7 @@ class Multirotor(CompiledMotion):
         ux, uy, uz = vx / speed, vy / speed, vz / speed
         probe = np.array([[x + ux, y + uy, z + uz]])
         one = np.ones(1)
-        here, limits = (
-            self.state[col.POSITION].copy(),
-            self._records("_limits", kernel.LIMITS),
-        )
+        here, limits = self.state[col.POSITION].copy(), self._records("_limits", kernel.LIMITS)
         leg = np.zeros(1, kernel.LEG)
         prepare_route(leg, here, probe, one, one, one, one, one, one, limits)
         along = ax * ux + ay * uy + az * uz

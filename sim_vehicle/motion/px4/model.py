@@ -65,10 +65,7 @@ class Px4Multirotor(Multirotor):
     """
 
     dynamics = Dynamics(
-        kernel.advance,
-        col.STATE,
-        LIMITS,
-        (("guide", kernel.GUIDE), ("_law", kernel.LAW), ("_errors", None)),
+        kernel.advance, col.STATE, LIMITS, (("guide", kernel.GUIDE), ("_law", kernel.LAW), ("_errors", None))
     )
 
     def __init__(

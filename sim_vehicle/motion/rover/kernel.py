@@ -14,13 +14,7 @@ from sim_vehicle.energy.power_kernels import rover_power
 from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.columns import Record
 from sim_vehicle.motion.multirotor.kernel import Floats, Integers, Vector
-from sim_vehicle.motion.rover.layout import (
-    AT_ONCE,
-    BRAKE,
-    STOPPED,
-    THROUGH,
-    VELOCITY,
-)
+from sim_vehicle.motion.rover.layout import AT_ONCE, BRAKE, STOPPED, THROUGH, VELOCITY
 from sim_vehicle.motion.stepping import kernel_of, take_velocity
 
 CREEP = 0.3
@@ -99,11 +93,7 @@ def move(state: Record, limits: Record) -> None:
     north = ahead * cos(yaw) - right * sin(yaw)
     east = ahead * sin(yaw) + right * cos(yaw)
     drag_north = drag_east = 0.0
-    axes = (
-        (limits.north_1, limits.east_1),
-        (limits.north_2, limits.east_2),
-        (limits.north_3, limits.east_3),
-    )
+    axes = ((limits.north_1, limits.east_1), (limits.north_2, limits.east_2), (limits.north_3, limits.east_3))
     for axis in range(3):
         to_north, to_east = axes[axis]
         along = north * to_north + east * to_east

@@ -2,28 +2,47 @@
 
 from __future__ import annotations
 
+import math
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.parameters import Setting
 from sim_vehicle.execution.state import FlightPhase, LandedState
+from sim_vehicle.motion.legs import Heading
 from sim_vehicle.pilot.controls import RefusedError
 
 if TYPE_CHECKING:
     from mission.model import MissionItem
     from sim_vehicle.pilot.controls import Controls
-    from sim_vehicle.pilot.guided import SetpointFollower
+    from sim_vehicle.pilot.guided import AttitudePilot, SetpointFollower
     from sim_vehicle.pilot.mission_status import MissionStatus
+    from sim_vehicle.pilot.sticks import StickPilot
 
 __all__ = ["ModeControl"]
 
 # PX4's ``mode_requirements.cpp`` (prevent_arming) and ``UserModeIntention.cpp``: not gone back to.
 _LEADS_DOWN_OR_UP = frozenset({Mode.RTL, Mode.LAND, Mode.TAKEOFF})
+_WITHOUT_POSITION = (Mode.MANUAL, Mode.ATTITUDE, Mode.FLIP)
+_BY_HAND = (Mode.MANUAL, Mode.ALTITUDE)
+# 40 of 45 degrees: a pilot who leans that far does not flip.
+_LEANS = 40.0 / 45.0
+_CIRCLE_RADIUS = Setting("CIRCLE_RADIUS", 1000.0, 0.01)
+_CIRCLE_RATE = Setting("CIRCLE_RATE", 20.0, math.radians(1.0))
+_CIRCLE_OPTIONS, _LOOKS_ALONG, _BEGINS_AT_CENTER = Setting("CIRCLE_OPTIONS", 1.0), 2, 4
 
 
 class ModeControl:
     """Takes modes and gives the vehicle the orders that they stand for."""
 
-    def __init__(self, controls: Controls, mission: MissionStatus, setpoints: SetpointFollower) -> None:
+    def __init__(
+        self,
+        controls: Controls,
+        mission: MissionStatus,
+        setpoints: SetpointFollower,
+        attitude: AttitudePilot,
+        sticks: StickPilot | None,
+    ) -> None:
         # The last one that was ordered, or followed from an order, and in which a vehicle arms.
         self.intended = controls.mode
         # Whether the vehicle took it by its own decision.
@@ -33,7 +52,48 @@ class ModeControl:
         self._controls = controls
         self._mission = mission
         self._setpoints = setpoints
+        self._attitude = attitude
+        self._sticks = sticks
+        self._flipped_in, self._circles = controls.mode, False
         self._left: tuple[tuple[MissionItem, ...], int] | None = None
+
+    def check(self, mode: Mode) -> None:
+        """Raise RefusedError for a mode that is not possible now."""
+        controls, sticks = self._controls, self._sticks
+        if controls.state.phase.is_lost:
+            why = "battery empty" if controls.state.phase is FlightPhase.DEPLETED else "falling"
+            raise RefusedError(f"Mode {mode.value} refused: {why}")
+        if controls.rules.any_mode_disarmed and not controls.armed:
+            return
+        if mode is Mode.MISSION and self._mission.why_not is not None:
+            raise RefusedError(f"Mission mode refused: {self._mission.why_not}")
+        if mode is Mode.FLIP and not self._may_flip:
+            raise RefusedError("Mode flip refused: not flying by hand")
+        if mode not in _WITHOUT_POSITION and not controls.position_ok:
+            raise RefusedError(f"Mode {mode.value} refused: no position")
+        if sticks is not None and sticks.lacks(mode):
+            raise RefusedError(f"Mode {mode.value} refused: no sticks")
+        if mode is Mode.GUIDED and controls.rules.needs_stream and not self._setpoints.is_fresh:
+            raise RefusedError("Mode guided refused: no setpoints")
+
+    def why_not_arm(self) -> str | None:
+        """Why the vehicle does not arm in its mode for want of sticks or setpoints; None when it does."""
+        controls = self._controls
+        if controls.mode is Mode.GUIDED and controls.rules.needs_stream and not self._setpoints.is_fresh:
+            return "No offboard signal"
+        return None if self._sticks is None else self._sticks.why_not_arm(controls.mode)
+
+    @property
+    def _may_flip(self) -> bool:
+        """Whether ArduCopter would begin a flip (``ModeFlip::init``)."""
+        controls, sticks = self._controls, self._sticks
+        if not controls.armed or controls.landed is LandedState.ON_GROUND or controls.mode not in _BY_HAND:
+            return False
+        if sticks is None:
+            return True
+        if controls.mode is Mode.MANUAL and sticks.throttle_down:
+            return False
+        return sticks.shown is None or abs(sticks.shown.right) < _LEANS
 
     def change(self, mode: Mode) -> bool:
         """Take a mode and, armed, do what it means; the mode is as it was when that cannot be done.
@@ -41,14 +101,17 @@ class ModeControl:
         Tells whether the vehicle is to be disarmed: it is told to land or return, and on the ground already.
         """
         before, intended = self._controls.mode, self.intended
+        self._attitude.stop()
         self.override(mode)
         if not self._controls.armed:
             return False
         try:
-            return self._fly(mode)
+            is_down = self._fly(mode)
         except RefusedError:
             self._controls.mode, self.intended = before, intended
             raise
+        self._begin(mode, before)
+        return is_down
 
     def override(self, mode: Mode) -> None:
         """Take a mode in which something else is flown than the mode's own."""
@@ -105,3 +168,55 @@ class ModeControl:
             executor.mission.set_current(0)
         mission.begin()
         self._controls.order(executor.start)
+
+    def _begin(self, mode: Mode, before: Mode) -> None:
+        """Begin what is flown in a mode in a way of its own."""
+        controls = self._controls
+        if mode is Mode.ATTITUDE:
+            self._attitude.take()
+        elif mode is Mode.FLIP:
+            sticks = None if self._sticks is None else self._sticks.shown
+            self._flipped_in = before
+            self._attitude.flip(-1.0 if sticks is not None and sticks.right < 0.0 else 1.0)
+        elif mode is Mode.CIRCLE and controls.landed is not LandedState.ON_GROUND:
+            self._circle()
+
+    def fly_on(self) -> None:
+        """Fly the attitude that is asked for, or the flip, on; leave the circle behind with its mode."""
+        controls = self._controls
+        if self._circles and controls.mode is not Mode.CIRCLE:
+            self._circles = False
+            controls.executor.flight.look_at(None)
+        if not self._attitude.active:
+            return
+        if controls.mode not in (Mode.GUIDED, Mode.ATTITUDE, Mode.FLIP):
+            self._attitude.stop()
+            return
+        with suppress(RefusedError):  # it may have come down meanwhile
+            if self._attitude.check() and controls.mode is Mode.FLIP:
+                self.change(self._flipped_in)
+
+    def _circle(self) -> None:
+        """Fly circles as ArduCopter's CIRCLE does: about a point ahead, the nose towards it.
+
+        ``AC_Circle::init`` and ``calc_velocities``.
+        """
+        controls = self._controls
+        get, spec, executor = controls.parameters, controls.spec, controls.executor
+        radius, rate = _CIRCLE_RADIUS.of(get), _CIRCLE_RATE.of(get)
+        options = int(_CIRCLE_OPTIONS.of(get))
+        x, y, z = executor.motion.stopping_point()
+        yaw = controls.state.yaw_rad
+        if radius <= 0.0:
+            controls.order(lambda: executor.goto(x, y, z, heading=Heading.turning(rate)))
+            return
+        if rate == 0.0:
+            return
+        if not options & _BEGINS_AT_CENTER:
+            x, y = x + radius * math.sin(yaw), y + radius * math.cos(yaw)
+        most = min(spec.cruise_speed_m_s, math.sqrt(0.5 * spec.acceleration_m_s2 * radius))
+        speed = min(abs(rate) * radius, most)
+        controls.order(lambda: executor.orbit(x, y, z, math.copysign(radius, rate), speed))
+        if not options & _LOOKS_ALONG:
+            self._circles = True
+            executor.flight.look_at((x, y))

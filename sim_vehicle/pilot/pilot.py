@@ -12,7 +12,6 @@ from mission.outcome import Outcome
 from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.autopilot.behaviour import Action
 from sim_vehicle.autopilot.modes import Mode
-from sim_vehicle.autopilot.parameters import Setting
 from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
@@ -22,7 +21,6 @@ from sim_vehicle.execution.state import (
     CannotFly,
     Disarmed,
     FlightEvent,
-    FlightPhase,
     Landed,
     LandedState,
     LandingRestarted,
@@ -50,13 +48,6 @@ __all__ = ["Pilot"]
 
 # Modes that end on the ground by themselves, where the autopilot disarms without waiting.
 _LANDS = (Mode.MISSION, Mode.RTL, Mode.LAND)
-_WITHOUT_POSITION = (Mode.MANUAL, Mode.ATTITUDE, Mode.FLIP)
-_BY_HAND = (Mode.MANUAL, Mode.ALTITUDE)
-# 40 of 45 degrees: a pilot who leans that far does not flip.
-_LEANS = 40.0 / 45.0
-_CIRCLE_RADIUS = Setting("CIRCLE_RADIUS", 1000.0, 0.01)
-_CIRCLE_RATE = Setting("CIRCLE_RATE", 20.0, math.radians(1.0))
-_CIRCLE_OPTIONS, _LOOKS_ALONG, _BEGINS_AT_CENTER = Setting("CIRCLE_OPTIONS", 1.0), 2, 4
 _MODES = {Action.HOLD: Mode.HOLD, Action.RETURN: Mode.RTL, Action.LAND: Mode.LAND}
 
 
@@ -111,12 +102,11 @@ class Pilot(Controls):
         self.mission = MissionStatus(self, self.failsafe)
         self.arming = ArmingChecks(self, self.failsafe)
         self.setpoints = SetpointFollower(self, self.failsafe)
-        self.modes = ModeControl(self, self.mission, self.setpoints)
         self.auto_yaw = AutoYaw(self)
         self.attitude = AttitudePilot(self)
-        self._flipped_in, self._circles = self.mode, False
         self._returns_s = math.inf
         self._sticks = flown = None if firmware.sticks is None else StickPilot(self, firmware.sticks)
+        self.modes = ModeControl(self, self.mission, self.setpoints, self.attitude, flown)
         self._idle = None
         if self.rules.idle is not None:
             self._idle = IdleWatch(self, self.rules.idle, lambda: flown is None or flown.throttle_down)
@@ -247,7 +237,7 @@ class Pilot(Controls):
         problem = self.mission.why_not
         if problem is not None and not self.mission.items:
             problem = self.behaviour.empty_mission_text or problem
-        reason = None if force else self.arming.why_not(self.mode, problem) or self._mode_problem()
+        reason = None if force else self.arming.why_not(self.mode, problem) or self.modes.why_not_arm()
         if reason is None:
             try:
                 self.executor.arm()
@@ -271,12 +261,6 @@ class Pilot(Controls):
         elif self.mode in (Mode.MISSION, Mode.TAKEOFF):
             self._turn_to(self.mode)
 
-    def _mode_problem(self) -> str | None:
-        """Why the vehicle does not arm in its mode for want of sticks or setpoints; None when it does."""
-        if self.mode is Mode.GUIDED and self.rules.needs_stream and not self.setpoints.is_fresh:
-            return "No offboard signal"
-        return None if self._sticks is None else self._sticks.why_not_arm(self.mode)
-
     def disarm(self, *, force: bool = False) -> None:
         """Stop the motors; in the air only by force."""
         if not self.armed:
@@ -294,38 +278,10 @@ class Pilot(Controls):
         if text and mode is Mode.MISSION and not self.mission.items and not self.armed:
             self.note(Severity.CRITICAL, f"{self.rules.preflight}: {text}")
         else:
-            self._check_mode(mode)
+            self.modes.check(mode)
         if self.behaviour.stays_after_last and mode is self.mode is Mode.MISSION and self.mission.waits:
             return
         self._change_mode(mode)
-
-    def _check_mode(self, mode: Mode) -> None:
-        """Raise RefusedError for a mode that is not possible now."""
-        if self.state.phase.is_lost:
-            why = "battery empty" if self.state.phase is FlightPhase.DEPLETED else "falling"
-            raise RefusedError(f"Mode {mode.value} refused: {why}")
-        if self.rules.any_mode_disarmed and not self.armed:
-            return
-        if mode is Mode.MISSION and self.mission.why_not is not None:
-            raise RefusedError(f"Mission mode refused: {self.mission.why_not}")
-        if mode is Mode.FLIP and not self._may_flip:
-            raise RefusedError("Mode flip refused: not flying by hand")
-        if mode not in _WITHOUT_POSITION and not self.position_ok:
-            raise RefusedError(f"Mode {mode.value} refused: no position")
-        if self._sticks is not None and self._sticks.lacks(mode):
-            raise RefusedError(f"Mode {mode.value} refused: no sticks")
-        if mode is Mode.GUIDED and self.rules.needs_stream and not self.setpoints.is_fresh:
-            raise RefusedError("Mode guided refused: no setpoints")
-
-    @property
-    def _may_flip(self) -> bool:
-        """Whether ArduCopter would begin a flip (``ModeFlip::init``)."""
-        sticks = self.sticks
-        if not self.armed or self.landed is LandedState.ON_GROUND or self.mode not in _BY_HAND:
-            return False
-        if self._sticks is not None and self.mode is Mode.MANUAL and self._sticks.throttle_down:
-            return False
-        return sticks is None or abs(sticks.right) < _LEANS
 
     def takeoff(self, altitude_m: float) -> None:
         """Climb to an altitude above home; disarmed, as soon as it is armed."""
@@ -363,7 +319,7 @@ class Pilot(Controls):
         self.auto_yaw.forget()
         self.attitude.stop()
         if guided:
-            self._check_mode(Mode.HOLD)
+            self.modes.check(Mode.HOLD)
             self.modes.override(mode)
         else:
             self._hold_in(mode)
@@ -421,7 +377,7 @@ class Pilot(Controls):
 
         A PX4 that stands with motors off arms, too.
         """
-        self._check_mode(Mode.MISSION)
+        self.modes.check(Mode.MISSION)
         if first is not None:
             self.set_current(first)
         self._change_mode(Mode.MISSION)
@@ -551,7 +507,7 @@ class Pilot(Controls):
             if mode is not None:
                 self._turn_to(mode)
             self.auto_yaw.check()
-            self._fly_attitude()
+            self.modes.fly_on()
         elif self.attitude.active:
             self.attitude.stop()
         return events
@@ -574,20 +530,6 @@ class Pilot(Controls):
             self.refresh()
             self.modes.override(Mode.RTL)
             self.modes.by_itself, self.modes.intended = True, intended
-
-    def _fly_attitude(self) -> None:
-        """Fly the attitude that is asked for, or the flip, on; leave the circle behind with its mode."""
-        if self._circles and self.mode is not Mode.CIRCLE:
-            self._circles = False
-            self.executor.flight.look_at(None)
-        if not self.attitude.active:
-            return
-        if self.mode not in (Mode.GUIDED, Mode.ATTITUDE, Mode.FLIP):
-            self.attitude.stop()
-            return
-        with suppress(RefusedError):  # it may have come down meanwhile
-            if self.attitude.check() and self.mode is Mode.FLIP:
-                self._change_mode(self._flipped_in)
 
     def _on_event(self, event: FlightEvent) -> None:
         if isinstance(event, TargetReached):
@@ -679,42 +621,8 @@ class Pilot(Controls):
             self.modes.by_itself, self.modes.intended = True, intended
 
     def _change_mode(self, mode: Mode) -> None:
-        before = self.mode
-        self.attitude.stop()
         if self.modes.change(mode):
             self.disarm()
-        if mode is Mode.ATTITUDE and self.armed:
-            self.attitude.take()
-        elif mode is Mode.FLIP:
-            sticks = self.sticks
-            self._flipped_in = before
-            self.attitude.flip(-1.0 if sticks is not None and sticks.right < 0.0 else 1.0)
-        elif mode is Mode.CIRCLE and self.armed and self.landed is not LandedState.ON_GROUND:
-            self._circle()
-
-    def _circle(self) -> None:
-        """Fly circles as ArduCopter's CIRCLE does: about a point ahead, the nose towards it.
-
-        ``AC_Circle::init`` and ``calc_velocities``.
-        """
-        get, spec = self.parameters, self.spec
-        radius, rate = _CIRCLE_RADIUS.of(get), _CIRCLE_RATE.of(get)
-        options = int(_CIRCLE_OPTIONS.of(get))
-        x, y, z = self.executor.motion.stopping_point()
-        yaw = self.state.yaw_rad
-        if radius <= 0.0:
-            self.order(lambda: self.executor.goto(x, y, z, heading=Heading.turning(rate)))
-            return
-        if rate == 0.0:
-            return
-        if not options & _BEGINS_AT_CENTER:
-            x, y = x + radius * math.sin(yaw), y + radius * math.cos(yaw)
-        most = min(spec.cruise_speed_m_s, math.sqrt(0.5 * spec.acceleration_m_s2 * radius))
-        speed = min(abs(rate) * radius, most)
-        self.order(lambda: self.executor.orbit(x, y, z, math.copysign(radius, rate), speed))
-        if not options & _LOOKS_ALONG:
-            self._circles = True
-            self.executor.flight.look_at((x, y))
 
     def _end(self, outcome: Outcome, reason: str) -> None:
         """Note how the run ended."""

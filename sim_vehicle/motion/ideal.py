@@ -139,7 +139,7 @@ class IdealRobot(MotionModel):
 
     def fly(self, route: Route) -> None:
         """Begin a route."""
-        self._legs = np.column_stack([route.points_m, route.heading_rad]).tolist()
+        self._legs = np.column_stack([route.points_m, route.legs["heading"]]).tolist()
         self.arrivals = np.full(len(self._legs), -1, dtype=np.int64)
         self.leg = 0
         self._enter()

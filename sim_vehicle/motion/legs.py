@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sim_vehicle.motion.columns import Record, record_type, records_of
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -130,28 +132,23 @@ class Leg:
         return self.kind is LegKind.LAND or self.vertical_speed_m_s is not None
 
 
+# Columns of the legs of a route: as `Leg`, with NaN for what it leaves to the vehicle.
+ROUTE = record_type(
+    ["x", "y", "z", "radius", "speed", "vertical"],
+    ["heading", "turn"],  # As `Heading.numbers`.
+    ["near", "kind", "pause"],
+    ["circle", "turns"],  # Radius: NaN for no circle, 0 for the autopilot's own.
+    ["exit_x", "exit_y"],  # Where the circle is left to; NaN for anywhere.
+    ["pitch"],
+)
+
+
 @dataclass(frozen=True, slots=True)
 class Route:
-    """Legs that are flown without a pause between them, as arrays with an element for each leg.
+    """Legs that are flown without a pause between them; the last one always ends with a stop."""
 
-    The last leg always ends with a stop. What is NaN is left to the vehicle.
-    """
-
-    points_m: NDArray[np.float64]
-    """[n, 3]: ends of the legs."""
-    radius_m: NDArray[np.float64]
-    speed_m_s: NDArray[np.float64]
-    vertical_m_s: NDArray[np.float64]
-    # As `Heading.numbers`.
-    heading_rad: NDArray[np.float64]
-    turn_rad_s: NDArray[np.float64]
-    near_m: NDArray[np.float64]
-    kind: NDArray[np.int64]
-    pause_s: NDArray[np.float64]
-    circle: NDArray[np.float64]
-    """[n, 4]: radius (NaN: no circle, 0: the autopilot's own), turns, and where the circle is left to (east,
-    north; NaN for anywhere)."""
-    pitch_rad: NDArray[np.float64]
+    legs: Record
+    """ROUTE[n]"""
 
     @classmethod
     def through(cls, legs: Sequence[Leg]) -> Route:
@@ -162,12 +159,20 @@ class Route:
         >>> Route.through([Leg((0.0, 0.0, 10.0), 5.0)]).points_m.tolist()
         [[0.0, 0.0, 10.0]]
         """
-        table = np.array([_numbers(leg) for leg in legs])
-        radius, speed, vertical, heading, turn, near, kind, pause = np.ascontiguousarray(table.T[3:11])
-        points, circle = np.ascontiguousarray(table[:, :3]), np.ascontiguousarray(table[:, 11:15])
-        pitch = np.ascontiguousarray(table[:, 15])
-        kinds = kind.astype(np.int64)
-        return cls(points, radius, speed, vertical, heading, turn, near, kinds, pause, circle, pitch)
+        return cls(records_of(np.array([_numbers(leg) for leg in legs]), ROUTE))
+
+    @classmethod
+    def over(cls, points_m: NDArray[np.float64], leg: Leg) -> Route:
+        """Return the route through positions, float64[n, 3], to each of which leads a leg such as this."""
+        table = np.tile(_numbers(leg), (len(points_m), 1))
+        table[:, :3] = points_m
+        return cls(records_of(table, ROUTE))
+
+    @property
+    def points_m(self) -> NDArray[np.float64]:
+        """Ends of the legs, float64[n, 3]."""
+        table: NDArray[np.float64] = self.legs.view(np.float64).reshape(len(self.legs), -1)
+        return table[:, :3]
 
 
 _NO_CIRCLE = (math.nan, 0.0, math.nan, math.nan)
@@ -175,7 +180,7 @@ _ANYWHERE = (math.nan, math.nan)
 
 
 def _numbers(leg: Leg) -> tuple[float, ...]:
-    """Return a leg as one row of numbers, in the order of the columns of `Route`."""
+    """Return a leg as one row of numbers, in the order of `ROUTE`."""
     circle = _NO_CIRCLE
     if leg.circle is not None:
         circle = (leg.circle.radius_m or 0.0, leg.circle.turns, *(leg.circle.leave_to_m or _ANYWHERE))

@@ -17,7 +17,7 @@ from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.item_legs import plan_item_legs
 from sim_vehicle.execution.items import Settings, do_items, item_positions
 from sim_vehicle.execution.leg_follower import AfterLastLeg
-from sim_vehicle.motion.legs import LegKind, Route
+from sim_vehicle.motion.legs import Leg, Route
 from sim_vehicle.motion.model import MotionEvent
 
 if TYPE_CHECKING:
@@ -192,20 +192,7 @@ class OnwardPredictor:
             positions = [(x, y, z) for x, y, z in places.tolist()] + self._ending_m
             plan = plan_item_legs(items, positions, 0, Settings(self._speed_m_s), self.spec, here)
             return Route.through(plan.legs)
-        full = np.full
-        return Route(
-            points_m=places,
-            radius_m=full(count, radius_m),
-            speed_m_s=full(count, self._speed_m_s),
-            vertical_m_s=full(count, math.nan),
-            heading_rad=full(count, math.nan),
-            turn_rad_s=full(count, math.nan),
-            near_m=np.zeros(count),
-            kind=full(count, int(LegKind.WAYPOINT)),
-            pause_s=np.zeros(count),
-            circle=np.tile((math.nan, 0.0, math.nan, math.nan), (count, 1)),
-            pitch_rad=np.zeros(count),
-        )
+        return Route.over(places, Leg(here, self._speed_m_s, radius_m))
 
     def _fly_home(self, flights: list[_Flight]) -> None:
         """Add the ending; multirotors fly each way home once, from the nearest of a lattice of states."""

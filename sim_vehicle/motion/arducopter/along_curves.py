@@ -71,9 +71,10 @@ class AlongCurves(CompiledMotion):
         ----------
         law : float64[LAW]
         """
-        speed = np.where(np.isnan(route.speed_m_s), 0.0, np.minimum(route.speed_m_s, fastest))
-        rest = (route.heading_rad, route.near_m, kind, route.pause_s, route.turn_rad_s)
-        rows = np.column_stack((points_m, route.radius_m, speed, *rest))
+        legs = route.legs
+        speed = np.where(np.isnan(legs["speed"]), 0.0, np.minimum(legs["speed"], fastest))
+        rest = (legs["heading"], legs["near"], kind, legs["pause"], legs["turn"])
+        rows = np.column_stack((points_m, legs["radius"], speed, *rest))
         under_way, self._under_way = self._goes_on, False
         self.guide[Guide.BEGINS] = self._join(rows[0], law) if under_way else self._follows(rows[0])
         self._rows = self._route = np.ascontiguousarray(rows).view(at.LEG)[:, 0]

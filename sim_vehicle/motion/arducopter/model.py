@@ -104,7 +104,7 @@ class ArduCopter(AlongCurves, Multirotor):
         """Begin a route, from where the vehicle is and as it moves now."""
         fastest = self.spec.top_speed_m_s
         self.guide[Guide.ARMING_STEPS] = max(round(_ARMING_DELAY_S / self.step_s) - self._armed_steps, 0)
-        self._set_out(route, self.law, route.points_m, route.kind, fastest)
+        self._set_out(route, self.law, route.points_m, route.legs["kind"], fastest)
 
     def rest(self, steps: int, *, armed: bool) -> None:
         """Stand on the ground for a number of steps; the time that it is armed counts for the motors."""

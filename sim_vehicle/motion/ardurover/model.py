@@ -90,14 +90,15 @@ class ArduRover(AlongCurves, Rover):
 
     def fly(self, route: Route) -> None:
         """Begin a route, from where the vehicle is and as it moves now."""
-        if np.isin(route.kind, _PURSUED).any():
+        kind = route.legs["kind"]
+        if np.isin(kind, _PURSUED).any():
             self._rest()
             super().fly(route)
             return
         if self._rows is None and not self._goes_on:
             self._rest()
-        ends = np.column_stack((route.points_m[:, :2], np.zeros(len(route.kind))))
-        kind = np.where(np.isin(route.kind, NOT_DRIVEN), kernel.AT_ONCE, route.kind)
+        ends = np.column_stack((route.points_m[:, :2], np.zeros(len(kind))))
+        kind = np.where(np.isin(kind, NOT_DRIVEN), kernel.AT_ONCE, kind)
         self._set_out(route, self.numbers, ends, kind, self.law.speed_max)
 
     def steer(self, velocity_m_s: Position, *, height_m: float = math.nan, heading: Heading = KEEP) -> None:

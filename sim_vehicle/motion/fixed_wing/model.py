@@ -125,26 +125,25 @@ class FixedWing(CompiledMotion):
 
     def _rows(self, route: Route) -> NDArray[np.float64]:
         law = self.law
-        n = len(route.points_m)
+        legs, n = route.legs, len(route.legs)
         rows = np.zeros((n, len(Leg)))
         rows[:, : Leg.KIND] = route.points_m
         # What is the vehicle's default is left to the autopilot; ArduPlane keeps radii in one byte.
-        radius = np.where(route.radius_m == self.spec.acceptance_radius_m, 0.0, route.radius_m)
+        radius = np.where(legs["radius"] == self.spec.acceptance_radius_m, 0.0, legs["radius"])
         rows[:, Leg.RADIUS] = np.floor(np.minimum(radius, 255.0))
-        speed = np.where(np.isnan(route.speed_m_s), law.airspeed_trim, route.speed_m_s)
+        speed = np.where(np.isnan(legs["speed"]), law.airspeed_trim, legs["speed"])
         rows[:, Leg.AIRSPEED] = np.clip(speed, law.airspeed_min, law.airspeed_max)
-        rows[:, Leg.NEAR] = route.near_m
-        circle = route.circle
-        rows[:, Leg.TURNS] = circle[:, 1]
-        rows[:, Leg.EXIT_X : Leg.PAUSE] = circle[:, 2:]
-        rows[:, Leg.PAUSE] = route.pause_s
+        rows[:, Leg.NEAR] = legs["near"]
+        rows[:, Leg.TURNS] = legs["turns"]
+        rows[:, Leg.EXIT_X], rows[:, Leg.EXIT_Y] = legs["exit_x"], legs["exit_y"]
+        rows[:, Leg.PAUSE] = legs["pause"]
         rows[:, Leg.HEIGHT_TOLERANCE] = law.height_acceptance
         rows[:, Leg.TURN_ANGLE] = 0.5 * math.pi
-        rows[:, Leg.PITCH] = np.where(route.pitch_rad > 0.0, route.pitch_rad, _TAKEOFF_PITCH)
+        rows[:, Leg.PITCH] = np.where(legs["pitch"] > 0.0, legs["pitch"], _TAKEOFF_PITCH)
         for i in range(n):
-            stops = not route.radius_m[i] > 0.0
-            rows[i, Leg.KIND] = kind = self._kind(int(route.kind[i]), stops, float(circle[i, 0]))
-            wanted = float(circle[i, 0])
+            stops = not legs["radius"][i] > 0.0
+            wanted = float(legs["circle"][i])
+            rows[i, Leg.KIND] = kind = self._kind(int(legs["kind"][i]), stops, wanted)
             if not abs(wanted) > 0.0:
                 wanted = law.loiter_radius
             least = 1.05 * law.tightest_m(float(rows[i, Leg.AIRSPEED]))
@@ -153,9 +152,9 @@ class FixedWing(CompiledMotion):
                 rows[i, Leg.HEIGHT_TOLERANCE] = min(law.height_acceptance, 10.0)
             elif kind == wing.CIRCULAR_LANDING:
                 rows[i, Leg.SLOPE] = law.landing_slope
-            rows[i, Leg.AT_ONCE] = route.kind[i] == LegKind.HOME
-            rows[i, Leg.ON_CIRCLE] = law.law == NPFG and route.kind[i] == LegKind.LOITER_TO_HEIGHT
-            if i + 1 < n and route.kind[i + 1] == LegKind.LAND:
+            rows[i, Leg.AT_ONCE] = legs["kind"][i] == LegKind.HOME
+            rows[i, Leg.ON_CIRCLE] = law.law == NPFG and legs["kind"][i] == LegKind.LOITER_TO_HEIGHT
+            if i + 1 < n and legs["kind"][i + 1] == LegKind.LAND:
                 tolerance = min(float(rows[i, Leg.HEIGHT_TOLERANCE]), law.landing_height_acceptance)
                 rows[i, Leg.HEIGHT_TOLERANCE] = tolerance
         self._corners(rows)

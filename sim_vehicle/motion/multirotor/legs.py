@@ -9,7 +9,7 @@ import numpy as np
 
 from geo.compiled import compiled
 from sim_vehicle.motion.columns import Record
-from sim_vehicle.motion.multirotor.kernel import AT_HEIGHT, LEG, VELOCITY, Floats
+from sim_vehicle.motion.multirotor.kernel import AT_HEIGHT, LEG, VELOCITY
 
 if TYPE_CHECKING:
     from sim_vehicle.motion.legs import Position
@@ -42,46 +42,23 @@ def _shared(level: float, vertical: float, flat: float, rise: float) -> tuple[fl
 
 
 @compiled
-def prepare_route(
-    route: Record,
-    start: Floats,
-    points: Floats,
-    radius: Floats,
-    speed: Floats,
-    climbing: Floats,
-    heading: Floats,
-    turning: Floats,
-    near: Floats,
-    limits_of: Record,
-) -> None:
+def prepare_route(route: Record, states: Record, legs: Record, limits_of: Record) -> None:
     """Fill in the legs of a route: directions, limits in the frame of each, and the speeds at the corners.
 
     Parameters
     ----------
     route : LEG[n]
         Zeros.
-    start : float64[3]
-        Where the first leg begins.
-    points : float64[n, 3]
-    radius : float64[n]
-        Acceptance radius; 0 stops there. The last point is always a stop.
-    speed : float64[n]
-        Horizontal ground speed of the leg, NaN for the greatest.
-    climbing : float64[n]
-        Speed of a vertical leg, NaN for the greatest.
-    heading : float64[n]
-        Heading on the leg; NaN is the direction of the leg, infinity keeps the heading.
-    turning : float64[n]
-        Rate of turning, NaN turns to the headings.
-    near : float64[n]
-        Distance to the point at which to return NEAR, 0 for never.
+    states, limits_of : STATE[1], LIMITS[1]
+        The first leg begins where the vehicle is.
+    legs : ROUTE[n]
     """
-    limits, n = limits_of[0], points.shape[0]
+    state, limits, n = states[0], limits_of[0], len(legs)
     lengths = np.empty(n)
-    bx, by, bz = start[0], start[1], start[2]
+    bx, by, bz = state.position_x, state.position_y, state.position_z
     for i in range(n):
-        row = route[i]
-        row.x, row.y, row.z = points[i, 0], points[i, 1], points[i, 2]
+        row, leg = route[i], legs[i]
+        row.x, row.y, row.z = leg.x, leg.y, leg.z
         dx, dy, dz = row.x - bx, row.y - by, row.z - bz
         flat = sqrt(dx * dx + dy * dy)
         length = sqrt(flat * flat + dz * dz)
@@ -124,22 +101,21 @@ def prepare_route(
         row.speed_normal = NORMAL * min(
             limits.speed_max / rise if rise > 0.0 else inf, lesser / flat if flat > 0.0 else inf
         )
-        wanted = inf if isnan(speed[i]) else speed[i]
-        if not isnan(climbing[i]) and flat == 0.0:
-            up = min(up, climbing[i])
+        wanted = inf if isnan(leg.speed) else leg.speed
+        if not isnan(leg.vertical) and flat == 0.0:
+            up = min(up, leg.vertical)
         row.speed = min(
             min(wanted, 0.95 * limits.speed_max - rise * row.speed_normal) / flat if flat > 0.0 else inf,
             (up - flat * row.speed_normal) / rise if rise > 0.0 else inf,
         )
-        row.radius = radius[i] if i < n - 1 else 0.0
-        if heading[i] == inf or (isnan(heading[i]) and flat * length < 0.05):
+        row.radius = leg.radius if i < n - 1 else 0.0
+        if leg.heading == inf or (isnan(leg.heading) and flat * length < 0.05):
             row.heading = np.nan
-        elif isnan(heading[i]):
+        elif isnan(leg.heading):
             row.heading = np.arctan2(row.along_x, row.along_y) % (2.0 * pi)
         else:
-            row.heading = heading[i] % (2.0 * pi)
-        row.near = near[i]
-        row.turn_rate = turning[i]
+            row.heading = leg.heading % (2.0 * pi)
+        row.near, row.turn_rate = leg.near, leg.turn
         bx, by, bz = row.x, row.y, row.z
     # Backwards: the speed at each corner, and the next position that the vehicle has to brake for. A corner
     # that is slower than what braking for that position allows becomes such a position itself.

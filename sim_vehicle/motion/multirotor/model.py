@@ -11,7 +11,7 @@ from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.columns import State
 from sim_vehicle.motion.compiled_motion import CompiledMotion, Dynamics
-from sim_vehicle.motion.legs import KEEP
+from sim_vehicle.motion.legs import KEEP, ROUTE
 from sim_vehicle.motion.multirotor import kernel
 from sim_vehicle.motion.multirotor.legs import prepare_route, prepare_velocity
 from sim_vehicle.weather.wind import Wind
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sim_vehicle.airframe.spec import VehicleSpec
+    from sim_vehicle.motion.columns import Record
     from sim_vehicle.motion.legs import Heading, Position, Route
 
 GENERIC = Dynamics(kernel.advance, col.STATE, kernel.LIMITS)
@@ -59,20 +60,13 @@ class Multirotor(CompiledMotion):
 
     def fly(self, route: Route) -> None:
         """Begin a route, from where the vehicle is and as it moves now."""
-        self._route = np.zeros(len(route.points_m), kernel.LEG)
-        prepare_route(
-            self._route,
-            self.state[col.POSITION].copy(),
-            route.points_m,
-            route.radius_m,
-            route.speed_m_s,
-            route.vertical_m_s,
-            route.heading_rad,
-            route.turn_rad_s,
-            route.near_m,
-            self._records("_limits", kernel.LIMITS),
-        )
+        self._route = self._prepared(route.legs)
         self._begin()
+
+    def _prepared(self, legs: Record) -> Record:
+        route = np.zeros(len(legs), kernel.LEG)
+        prepare_route(route, self._records("state", col.STATE), legs, self._records("_limits", kernel.LIMITS))
+        return route
 
     def steer(self, velocity_m_s: Position, *, height_m: float = math.nan, heading: Heading = KEEP) -> None:
         """Keep a velocity, or its horizontal part at a height; downward it goes on to the ground."""
@@ -97,13 +91,11 @@ class Multirotor(CompiledMotion):
         if speed < 1e-3:
             return x, y, z
         ux, uy, uz = vx / speed, vy / speed, vz / speed
-        probe = np.array([[x + ux, y + uy, z + uz]])
-        one = np.ones(1)
-        here, limits = self.state[col.POSITION].copy(), self._records("_limits", kernel.LIMITS)
-        leg = np.zeros(1, kernel.LEG)
-        prepare_route(leg, here, probe, one, one, one, one, one, one, limits)
+        probe = np.ones(1, ROUTE)
+        probe["x"], probe["y"], probe["z"] = x + ux, y + uy, z + uz
+        leg = self._prepared(probe)[0]
         along = ax * ux + ay * uy + az * uz
-        limit, jerk = leg["acceleration_along"][0], leg["jerk_along"][0]
+        limit, jerk = leg.acceleration_along, leg.jerk_along
         distance = kernel.stopping_distance(speed, along, 0.0, limit, jerk)
         return x + ux * distance, y + uy * distance, max(z + uz * distance, 0.0)
 

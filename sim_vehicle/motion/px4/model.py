@@ -125,25 +125,26 @@ class Px4Multirotor(Multirotor):
 
     def fly(self, route: Route) -> None:
         """Begin a route, from where the vehicle is and as it moves now."""
-        table = np.zeros((len(route.points_m), len(Leg)))
+        legs, points = route.legs, route.points_m
+        table = np.zeros((len(legs), len(Leg)))
         # PX4 knows no curves: their chords are flown as any legs.
-        kind = np.where(route.kind == LegKind.ARC, int(LegKind.WAYPOINT), route.kind)
-        table[:, Leg.X : Leg.BEFORE_X] = route.points_m
-        table[1:, Leg.BEFORE_X : Leg.AFTER_X] = route.points_m[:-1]
-        stops = route.pause_s > 0.0
+        kind = np.where(legs["kind"] == LegKind.ARC, int(LegKind.WAYPOINT), legs["kind"])
+        table[:, Leg.X : Leg.BEFORE_X] = points
+        table[1:, Leg.BEFORE_X : Leg.AFTER_X] = points[:-1]
+        stops = legs["pause"] > 0.0
         stops[-1] = True
-        ahead = np.vstack([route.points_m[1:], route.points_m[-1:]])
+        ahead = np.vstack([points[1:], points[-1:]])
         table[:, Leg.AFTER_X : Leg.RADIUS] = np.where(
-            stops[:, np.newaxis] | (kind >= LegKind.CLIMB)[:, np.newaxis], route.points_m, ahead
+            stops[:, np.newaxis] | (kind >= LegKind.CLIMB)[:, np.newaxis], points, ahead
         )
-        table[:, Leg.RADIUS] = np.where(route.radius_m > 0.0, route.radius_m, self._radius_m)
-        table[:, Leg.SPEED] = np.where(route.speed_m_s > 0.0, route.speed_m_s, self.spec.cruise_speed_m_s)
+        table[:, Leg.RADIUS] = np.where(legs["radius"] > 0.0, legs["radius"], self._radius_m)
+        table[:, Leg.SPEED] = np.where(legs["speed"] > 0.0, legs["speed"], self.spec.cruise_speed_m_s)
         table[:, Leg.SPEED] = np.minimum(table[:, Leg.SPEED], self._law[Law.XY_VEL_MAX])
-        table[:, Leg.HEADING] = route.heading_rad
-        table[:, Leg.NEAR] = route.near_m
+        table[:, Leg.HEADING] = legs["heading"]
+        table[:, Leg.NEAR] = legs["near"]
         table[:, Leg.KIND] = kind
-        table[:, Leg.PAUSE] = route.pause_s
-        table[:, Leg.TURN_RATE] = route.turn_rad_s
+        table[:, Leg.PAUSE] = legs["pause"]
+        table[:, Leg.TURN_RATE] = legs["turn"]
         self._settle(table)
         before = self._place_before(table[0, Leg.X : Leg.BEFORE_X])
         self._route = table.view(kernel.LEG)[:, 0]

@@ -74,21 +74,21 @@ class Rover(CompiledMotion):
     def fly(self, route: Route) -> None:
         """Begin a route, from where the vehicle is and as it moves now."""
         law = self.law
-        n = len(route.points_m)
+        legs, n = route.legs, len(route.legs)
         rows = np.zeros((n, len(Leg)))
         rows[:, : Leg.KIND] = route.points_m[:, :2]
-        speed = np.where(np.isnan(route.speed_m_s), self.spec.cruise_speed_m_s, route.speed_m_s)
+        speed = np.where(np.isnan(legs["speed"]), self.spec.cruise_speed_m_s, legs["speed"])
         rows[:, Leg.SPEED] = np.clip(speed, 0.1, law.speed_max)
-        rows[:, Leg.NEAR] = route.near_m
-        rows[:, Leg.PAUSE] = route.pause_s
+        rows[:, Leg.NEAR] = legs["near"]
+        rows[:, Leg.PAUSE] = legs["pause"]
         x, y = self.state[State.POSITION_X : State.POSITION_Z].tolist()
         for i in range(n):
-            radius = float(route.radius_m[i])
-            stops = i == n - 1 or radius <= 0.0 or route.pause_s[i] > 0.0
+            radius = float(legs["radius"][i])
+            stops = i == n - 1 or radius <= 0.0 or legs["pause"][i] > 0.0
             rows[i, Leg.KIND] = wheels.STOP if stops else wheels.THROUGH
             # Neither autopilot takes the radius of an item on wheels.
             rows[i, Leg.RADIUS] = law.acceptance
-            if int(route.kind[i]) in NOT_DRIVEN:
+            if int(legs["kind"][i]) in NOT_DRIVEN:
                 rows[i, Leg.KIND] = wheels.AT_ONCE
                 rows[i, : Leg.KIND] = x, y
             x, y = rows[i, : Leg.KIND].tolist()

@@ -18,6 +18,8 @@ HOME = GeoPoint(28.05, -82.15, 20.0)
 FRAME = LocalFrame(HOME.latitude_deg, HOME.longitude_deg, HOME.altitude_m)
 HEIGHT_M = 20.0
 SPEED_M_S = 7.0
+STEP_S = 0.05
+"""How often time is told to the vehicle, and its speed looked at."""
 
 
 def wp(x, y, z=HEIGHT_M):
@@ -88,7 +90,7 @@ class Flight:
         """Let time pass; the time when a condition came true."""
         end_s = self.now_s + seconds
         while self.now_s < end_s - 1e-9 and not (until is not None and until()):
-            self.now_s = round(self.now_s + 0.02, 6)
+            self.now_s = round(self.now_s + STEP_S, 6)
             self._note(self.vehicle.poll(self.now_s))
             self.speeds.append((self.now_s, self.speed))
         return self.now_s
@@ -140,7 +142,7 @@ class Flight:
 
     def dip(self, since_s):
         """How much slower it became than it was then."""
-        return max(v for t, v in self.speeds if t <= since_s and t > since_s - 0.05) - self.slowest(since_s)
+        return max(v for t, v in self.speeds if t <= since_s and t > since_s - 1.5 * STEP_S) - self.slowest(since_s)
 
     def asked(self, message_id):
         before = len(self.heard)

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import os
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink import mavutil
 
 from mission.errors import LinkError
-from mission.link import FrameWriter, TlogWriter, read_tlog
+from mission.link import FrameWriter, TlogWriter, read_tlog, tlog
 from mission.link.codec.dialect import mavlink
-from mission.link.tlog import MAX_LOG_BYTES
 
 START_S = 1_800_000_000.25
 
@@ -70,9 +71,13 @@ def test_errors(tmp_path):
     assert list(read_tlog(empty)) == []
 
 
-def test_a_log_beyond_the_limit_is_refused_before_it_fills_the_memory(tmp_path):
+def test_a_log_beyond_the_limit_is_refused_before_it_fills_the_memory(tmp_path, monkeypatch):
+    assert tlog.MAX_LOG_BYTES == 2**30
+    monkeypatch.setattr(tlog, "MAX_LOG_BYTES", 2**20)
     path = tmp_path / "huge.tlog"
-    with path.open("wb") as file:
-        file.truncate(MAX_LOG_BYTES + 1)
-    with pytest.raises(LinkError, match=r"huge\.tlog: the log cannot be read: it is larger than 1024 MiB"):
+    write(path)
+    os.truncate(path, 2**20)
+    assert len(list(read_tlog(path))) == 40
+    os.truncate(path, 2**20 + 1)
+    with pytest.raises(LinkError, match=r"huge\.tlog: the log cannot be read: it is larger than 1 MiB"):
         list(read_tlog(path))

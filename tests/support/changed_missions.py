@@ -142,7 +142,9 @@ class Flight:
 
     def dip(self, since_s):
         """How much slower it became than it was then."""
-        return max(v for t, v in self.speeds if t <= since_s and t > since_s - 1.5 * STEP_S) - self.slowest(since_s)
+        return max(v for t, v in self.speeds if t <= since_s and t > since_s - 1.5 * STEP_S) - self.slowest(
+            since_s
+        )
 
     def asked(self, message_id):
         before = len(self.heard)

@@ -1,14 +1,11 @@
 """A kind of vehicle in a package of its own: it is listed, flies, uses energy, with no change elsewhere."""
 
-import json
-import os
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from packages import importable, install
+from packages import command_lines, install
 
 from mission.transfer.vehicles import Vehicle
 from sim_vehicle.airframe.catalog import forget_vehicles, get_vehicle, vehicle_names
@@ -140,33 +137,20 @@ def test_a_broken_package_is_told_in_one_line(boat, tmp_path, monkeypatch, value
     assert "\n" not in str(told.value)
 
 
-def run(site, *arguments):
-    """Run the command line with the package installed."""
-    return subprocess.run(
-        [sys.executable, "-m", "wbf_mission", *arguments],
-        capture_output=True,
-        text=True,
-        env={**os.environ, "PYTHONPATH": importable(site)},
-        check=False,
+def test_the_command_line_lists_and_flies_it(site):
+    file = site / "mine.toml"
+    fly = f"fly --vehicle {file} --farm miniberry-10 --planner lawnmower --budget 40s --estimator point"
+    codes, (listed, *flights), printed, errors = command_lines(
+        site,
+        "vehicle list --json",
+        f"vehicle show {file}",
+        *(f"{fly} --autopilot {name} --no-files --no-plots --json" for name in ("px4", "tide")),
     )
-
-
-def test_the_command_line_lists_it(site):
-    listed = json.loads(run(site, "vehicle", "list", "--json").stdout)
+    assert codes == [0] * 4, errors
     assert [one["kind"] for one in listed if one["name"] == "skiff"] == ["boat"]
-    shown = run(site, "vehicle", "show", str(site / "mine.toml"))
-    assert shown.returncode == 0, shown.stderr
-    assert "boat" in shown.stdout and "25 kg" in shown.stdout
-
-
-@pytest.mark.parametrize("autopilot", ["px4", "tide"])
-def test_the_command_line_flies_it(site, autopilot):
-    done = run(
-        site, "fly", "--vehicle", str(site / "mine.toml"), "--autopilot", autopilot, "--farm", "miniberry-10",
-        "--planner", "lawnmower", "--budget", "40s", "--no-files", "--no-plots", "--json",
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    told = json.loads(done.stdout)
-    assert told["outcome"] == "completed"
-    assert told["observations"] > 10
-    assert 0.001 < told["battery_used"] == pytest.approx(told["predicted_battery_used"], rel=0.1)
+    assert "boat" in printed and "25 kg" in printed
+    for told in flights:
+        assert told["outcome"] == "completed"
+        assert told["observations"] > 10
+        assert 0.001 < told["battery_used"] == pytest.approx(told["predicted_battery_used"], rel=0.1)
+    assert flights[0] != flights[1]

@@ -1,6 +1,5 @@
 """A third autopilot in a package of its own: it flies, and is listed, without any change elsewhere."""
 
-import json
 import os
 import shutil
 import subprocess
@@ -8,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from packages import importable, install
+from packages import command_lines, importable, install
 
 from geo.frame import LocalFrame
 from mission.autopilots import registry
@@ -193,31 +192,26 @@ def test_a_broken_package_is_told_in_one_line(site, tmp_path, monkeypatch, value
         forget()
 
 
-def run(site, *arguments, **environment):
-    """Run the command line with the third autopilot installed."""
-    return subprocess.run(
-        [sys.executable, "-m", "wbf_mission", *arguments],
+def test_the_command_line_lists_and_flies_it(site):
+    fly = (
+        "fly --autopilot nimbus --param NIM_SPEED=6 --farm miniberry-10 --planner lawnmower --estimator point"
+    )
+    codes, (told,), printed, errors = command_lines(
+        site, "fly --help", "fly --autopilot cumulus", f"{fly} --no-files --no-plots --json"
+    )
+    assert codes == [0, 2, 0], errors
+    assert "px4 or ardupilot or nimbus" in " ".join(printed.split())
+    assert "px4 or ardupilot or nimbus" in errors
+    assert told["outcome"] == "completed"
+
+
+def test_a_shell_completes_it(site):
+    words = {"COMP_WORDS": "wbf-mission fly --autopilot n", "COMP_CWORD": "3"}
+    completed = subprocess.run(
+        [sys.executable, "-m", "wbf_mission"],
         capture_output=True,
         text=True,
-        env={**os.environ, "PYTHONPATH": importable(site), **environment},
+        env={**os.environ, "PYTHONPATH": importable(site), "_WBF_MISSION_COMPLETE": "complete_bash", **words},
         check=False,
     )
-
-
-def test_the_command_line_lists_it(site):
-    assert "px4 or ardupilot or nimbus" in " ".join(run(site, "fly", "--help").stdout.split())
-    refused = run(site, "fly", "--autopilot", "cumulus")
-    assert refused.returncode == 2
-    assert "px4 or ardupilot or nimbus" in refused.stderr
-    words = "wbf-mission fly --autopilot n"
-    completed = run(site, _WBF_MISSION_COMPLETE="complete_bash", COMP_WORDS=words, COMP_CWORD="3")
     assert completed.stdout.split() == ["nimbus"]
-
-
-def test_the_command_line_flies_it(site):
-    done = run(
-        site, "fly", "--autopilot", "nimbus", "--param", "NIM_SPEED=6", "--farm", "miniberry-10",
-        "--planner", "lawnmower", "--no-files", "--no-plots", "--json",
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["outcome"] == "completed"

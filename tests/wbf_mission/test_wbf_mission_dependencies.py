@@ -1,6 +1,7 @@
 """What is imported is declared, and what is declared is used."""
 
 import ast
+import functools
 import re
 import sys
 import tomllib
@@ -30,7 +31,8 @@ def executed(tree):
         yield from executed(node)
 
 
-def imported(folders):
+@functools.cache
+def imported(*folders):
     """Top-level modules that the files import when they run, at any place in them."""
     found = {}
     for folder in folders:
@@ -59,7 +61,7 @@ def test_every_import_of_the_product_is_declared():
     of = distributions()
     missing = {
         f"{module} ({path})"
-        for module, path in imported(PACKAGES).items()
+        for module, path in imported(*PACKAGES).items()
         if module not in PACKAGES and not of.get(module, {module}) & declared
     }
     assert not missing, "declare these in pyproject.toml"
@@ -67,7 +69,7 @@ def test_every_import_of_the_product_is_declared():
 
 def test_every_dependency_is_imported_by_the_product():
     of = distributions()
-    used = {name for module in imported(PACKAGES) for name in of.get(module, {module})}
+    used = {name for module in imported(*PACKAGES) for name in of.get(module, {module})}
     assert names(PROJECT["dependencies"]) <= used
 
 
@@ -78,7 +80,7 @@ def test_what_tests_and_benchmarks_import_is_declared(folder):
     own = {path.stem for path in (ROOT / folder).rglob("*.py")} | set(PACKAGES) | {folder}
     missing = {
         f"{module} ({path})"
-        for module, path in imported([folder]).items()
+        for module, path in imported(folder).items()
         if module not in own and module in of and not of[module] & declared
     }
     assert not missing, "declare these in pyproject.toml"

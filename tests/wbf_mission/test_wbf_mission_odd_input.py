@@ -155,7 +155,7 @@ def test_plan_with_a_closed_output_still_writes_its_file(tmp_path):
     [
         ["farm", "save", "waterberry", "--out", "big.geojson"],
         ["farm", "draw", "waterberry", "--out", "big.png"],
-        ["plan", "--farm", "miniberry-30", "--planner", "lawnmower", "--budget", "300m", "--out", "big.plan"],
+        ["plan", "--farm", "miniberry-10", "--planner", "lawnmower", "--budget", "60m", "--out", "big.plan"],
     ],
     ids=lambda arguments: arguments[-1],
 )

@@ -394,11 +394,11 @@ def test_a_policy_is_scored_as_often_as_a_planner() -> None:
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_a_vehicle_whose_turns_cost_time_uses_its_budget(policy: str, autopilot: str) -> None:
     # Of point observations there is always more to learn.
-    options = {"policy": policy, "autopilot": autopilot, "budget": "3min", "estimator": "point"}
+    options = {"policy": policy, "autopilot": autopilot, "budget": "2min", "estimator": "point"}
     run = fly(scenario_with(QUAD, {**options, "estimate_errors": False}))
     assert run.outcome is Outcome.COMPLETED
-    assert 0.8 * 180.0 < run.flights[0].flight_time_s <= 181.0
-    assert len(run.observations) > 200
+    assert 0.8 * 120.0 < run.flights[0].flight_time_s <= 121.0
+    assert len(run.observations) > 130
 
 
 def test_a_battery_is_flown_down_to_its_reserve_and_no_further(tmp_path: Path) -> None:

@@ -119,17 +119,8 @@ def test_a_mission_for_which_there_is_no_room_is_refused_before_it_is_sent(tmp_p
 def test_an_own_flight_has_the_card_that_its_mission_needs(tmp_path, capsys):
     path = tmp_path / "long.json"
     write_mission(long_mission(700), path)
-    given = [
-        "fly",
-        "--farm",
-        "miniberry-10",
-        "--mission",
-        str(path),
-        "--autopilot",
-        "ardupilot",
-        "--no-files",
-    ]
-    assert main([*given, "--json"]) == 0
+    words = "--farm miniberry-10 --autopilot ardupilot --estimator point --no-files --json"
+    assert main(["fly", "--mission", str(path), *words.split()]) == 0
     out, err = capsys.readouterr()
     assert json.loads(out)["outcome"] == "completed"
     assert "many ArduPilot boards hold only 649 without an SD card; set BRD_SD_MISSION to 11" in err

@@ -189,34 +189,36 @@ class RidingCamera:
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
         """Follow the vehicle."""
-        if message.get_srcSystem() == self.system_id and message.get_srcComponent() == self.component_id:
-            self._other = True
+        source = (message.get_srcSystem(), message.get_srcComponent())
+        self._other |= source == (self.system_id, self.component_id)
         if self._other:
             return []
-        if isinstance(message, mavlink.MAVLink_heartbeat_message) and self._is_autopilot(message):
-            self._heard_s = min(self._heard_s, now_s)
-            self._home = 1 if profile_for(message.autopilot).home_at_zero else 0
-            armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
-            self._in_mission = armed and is_in_mission(message)
-            # Only a mode that nothing but a mission's last return leads to tells that the mission is over.
-            ends = VehicleModes(message.autopilot, message.type).ends(Command.NAV_RETURN_TO_LAUNCH)
-            self._returns = armed and ends == {mode_name(message)}
-        if isinstance(message, mavlink.MAVLink_global_position_int_message) and self._is_autopilot(message):
-            self._on_position(message, now_s)
+        is_autopilot = source == (self.system_id, mavlink.MAV_COMP_ID_AUTOPILOT1)
         if isinstance(message, mavlink.MAVLink_mission_current_message):
-            return self._on_item(message.seq, now_s) if self._is_autopilot(message) else []
+            return self._on_item(message.seq, now_s) if is_autopilot else []
         if is_command(message):
             self._on_command(message)
-        elif isinstance(message, mavlink.MAVLink_camera_trigger_message) and self._is_autopilot(message):
+        elif is_autopilot and isinstance(message, mavlink.MAVLink_heartbeat_message):
+            self._on_heartbeat(message, now_s)
+        elif is_autopilot and isinstance(message, mavlink.MAVLink_global_position_int_message):
+            self._on_position(message, now_s)
+        elif is_autopilot and isinstance(message, mavlink.MAVLink_camera_trigger_message):
             self._on_single()
         return self._camera.receive(message, now_s)
 
+    def _on_heartbeat(self, message: mavlink.MAVLink_heartbeat_message, now_s: float) -> None:
+        self._heard_s = min(self._heard_s, now_s)
+        self._home = int(profile_for(message.autopilot).home_at_zero)
+        armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+        self._in_mission = armed and is_in_mission(message)
+        # Only a mode that nothing but a mission's last return leads to tells that the mission is over.
+        ends = VehicleModes(message.autopilot, message.type).ends(Command.NAV_RETURN_TO_LAUNCH)
+        self._returns = armed and ends == {mode_name(message)}
+
     def _on_command(self, message: CommandMessage) -> None:
         """Note who commands the camera."""
-        mine = message.target_system in (0, self.system_id) and message.target_component in (
-            0,
-            self.component_id,
-        )
+        system, component = message.target_system, message.target_component
+        mine = system in (0, self.system_id) and component in (0, self.component_id)
         if not mine or message.command not in _TRIGGERS:
             return
         if message.get_srcSystem() != self.system_id:
@@ -253,12 +255,6 @@ class RidingCamera:
         """What the camera does by itself."""
         trigger = self._camera.trigger
         return Shots(trigger.distance_m, trigger.interval_us / 1000.0)
-
-    def _is_autopilot(self, message: Message) -> bool:
-        return (
-            message.get_srcSystem() == self.system_id
-            and message.get_srcComponent() == mavlink.MAV_COMP_ID_AUTOPILOT1
-        )
 
     def _on_item(self, sequence: int, now_s: float) -> list[Message]:
         """Do what the mission orders before the item that is flown, if nobody else sees to that."""

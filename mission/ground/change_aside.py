@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 from enum import Enum
 
+from mission.ground.aside_leg import Leg
 from mission.ground.change import ChangeOutcome, ChangeRequest, ChangeSession
 from mission.ground.items import (
-    apart_m,
     is_return,
     item_to_mark,
     next_flown_to,
@@ -21,7 +21,7 @@ from mission.ground.items import (
 from mission.ground.orders import Answer, Order, result_name
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
-from mission.model import Command, Mission
+from mission.model import Command
 from mission.transfer import (
     CLIENT_MESSAGES,
     FailureReason,
@@ -42,10 +42,6 @@ _CHAIN_M = 10.0
 _CHAIN_S = 1.5
 _LATE_M = 3.0
 _LONGEST_S = 5.0
-# PSC_POSXY_P and WPNAV_ACCEL, from which ArduCopter works out where it would stop.
-_STOP_P_PER_S, _STOP_M_S2 = 1.0, 2.5
-# What is told of the position is a little old, and at exactly that distance it would creep to the target.
-_LEAVE_SPARE_M, _MOST_LEAVE_M = 0.5, 12.0
 _FOREVER = 1_000_000
 _SILENT_S = 2.0
 # Below it, the direction of what is told of the velocity says nothing.
@@ -80,8 +76,7 @@ class AsideChange(ChangeSession):
         self._guided, self._auto = modes[self._monitor.vehicle_type]
         self._back = self._auto
         self._step = _Step.WAITING
-        self._plan: Mission = request.new
-        self._leg = request.resume_at
+        self._leg = Leg(request.new, request.resume_at, self._monitor, request.old.home)
         self._orders: dict[int, Order] = {}
         self._flown_next = request.resume_at
         self._is_far = False
@@ -191,16 +186,16 @@ class AsideChange(ChangeSession):
         window_s = 1.5 * request.seconds_an_item * len(request.new.items) + _SPARE_S
         if item != self._near and self._near >= 0:
             # The target that was too near is behind it.
-            self._near, self._leg = -1, next_flown_to(request.new.items, self._leg)
-        if same_position(request.old.items[item], request.new.items[self._leg]):
+            self._near, self._leg.index = -1, next_flown_to(request.new.items, self._leg.index)
+        if same_position(request.old.items[item], request.new.items[self._leg.index]):
             trip_s = self._round_trip.seconds or 0.5 * request.seconds_an_item
             near_m = state.ground_speed_m_s * (trip_s + _SPARE_S)
             goes_on = not is_return(request.old.items[next_flown_to(request.old.items, item)])
-            follows = next_flown_to(request.new.items, self._leg) != self._leg
-            if self._distance() < near_m and follows and goes_on:
+            follows = next_flown_to(request.new.items, self._leg.index) != self._leg.index
+            if self._leg.distance_m < near_m and follows and goes_on:
                 self._near = item
                 return []
-            left_s = (self._distance() - self._leave_m()) / max(state.ground_speed_m_s, 0.5)
+            left_s = (self._leg.distance_m - self._leg.leave_m) / max(state.ground_speed_m_s, 0.5)
             if left_s > window_s:
                 self._wake_s = min(self._wake_s, now_s + left_s - window_s)
                 return []
@@ -216,18 +211,18 @@ class AsideChange(ChangeSession):
         What was passed until then may have switched the camera off.
         """
         item = self._monitor.state.item
-        if self._step in (_Step.TURNING, _Step.SENDING) and self._plan is self.request.new:
+        if self._step in (_Step.TURNING, _Step.SENDING) and self._leg.plan is self.request.new:
             self._item = max(self._item, min(item or 0, len(self.request.old.items) - 1))
 
     def _fly_to(self, now_s: float) -> list[Message]:
         """Fly to the target in the guided mode."""
         return self._order(
-            int(m.MAV_CMD_DO_REPOSITION), now_s, -1.0, _GUIDED_FLAG, 0.0, math.nan, position=self._target()
+            int(m.MAV_CMD_DO_REPOSITION), now_s, -1.0, _GUIDED_FLAG, 0.0, math.nan, position=self._leg.target
         )
 
     def _set_speed(self, now_s: float, index: int) -> list[Message]:
         """Set the speed of the mission's item; the guided mode forgets it with every target."""
-        speed = speed_before(self._plan.items, index)
+        speed = speed_before(self._leg.plan.items, index)
         if speed is None:
             return []
         return self._order(int(Command.DO_CHANGE_SPEED), now_s, 1.0, speed, -1.0)
@@ -262,7 +257,7 @@ class AsideChange(ChangeSession):
             self.record.retries += order.repeats
         match (command, self._step, answer):
             case (m.MAV_CMD_DO_REPOSITION, step, Answer.ACCEPTED):
-                out = self._set_speed(now_s, self._leg)
+                out = self._set_speed(now_s, self._leg.index)
                 if step is _Step.TURNING:
                     self.record.turned_s = now_s if self.record.turned_s is None else self.record.turned_s
                     out += self._send(now_s)
@@ -289,8 +284,8 @@ class AsideChange(ChangeSession):
 
     def _send(self, now_s: float) -> list[Message]:
         self._step = _Step.SENDING
-        self._whole_s = now_s + self.request.seconds_an_item * (len(self._plan.items) + 1)
-        self._transfer = self._upload(self._plan.items, None)
+        self._whole_s = now_s + self.request.seconds_an_item * (len(self._leg.plan.items) + 1)
+        self._transfer = self._upload(self._leg.plan.items, None)
         return self._take(self._transfer.start(now_s), now_s)
 
     def _take(self, output: Output, now_s: float) -> list[Message]:
@@ -302,10 +297,10 @@ class AsideChange(ChangeSession):
             self.record.retries += self._transfer.statistics(now_s).retries
             confirmed_s, self._transfer = self._transfer.confirmed_s, None
             if isinstance(event, UploadVerified):
-                if self._plan is self.request.new:
+                if self._leg.plan is self.request.new:
                     self.record.acknowledged_s = confirmed_s
                 self._verified_s = now_s
-                self.held = self._plan
+                self.held = self._leg.plan
                 out += self._choose(now_s)
             else:
                 refused = event.reason is FailureReason.REFUSED
@@ -314,7 +309,7 @@ class AsideChange(ChangeSession):
 
     def _on_failure(self, text: str, now_s: float, *, refused: bool) -> list[Message]:
         """Try again; then put the old mission back; then go home."""
-        if self._plan is self.request.new:
+        if self._leg.plan is self.request.new:
             self._why, self._refused = text, refused
         if now_s - self._heard_s > _SILENT_S:
             # A dead link is no failure of the list.
@@ -323,8 +318,8 @@ class AsideChange(ChangeSession):
         self._failures += 1
         if not refused and self._failures < _TRIES:
             return self._send(now_s)
-        if self._plan is self.request.new:
-            self._plan, self._leg, self._failures = self.request.old, self._item, 0
+        if self._leg.plan is self.request.new:
+            self._leg.plan, self._leg.index, self._failures = self.request.old, self._item, 0
             return self._fly_to(now_s) + self._send(now_s)
         if self._failures < 2 * _TRIES:
             return self._send(now_s)
@@ -332,22 +327,17 @@ class AsideChange(ChangeSession):
         self._why += "; the old mission could not be put back: it returns home"
         return self._order(int(Command.NAV_RETURN_TO_LAUNCH), now_s, tries=_FOREVER)
 
-    def _has_target(self) -> bool:
-        """Whether the leg ends at a waypoint, to be flown through."""
-        item = self._plan.items[self._leg]
-        return item.has_position and not is_return(item)
-
     def _choose(self, now_s: float) -> list[Message]:
         """Name the item that the mission goes on with."""
         self._step = _Step.CHOOSING
         home = 1 if self._contact.profile.home_at_zero else 0
-        self._flown_next = self._leg
-        left_m, speed = self._distance() - self._leave_m(), self._monitor.state.ground_speed_m_s
+        self._flown_next = self._leg.index
+        left_m, speed = self._leg.distance_m - self._leg.leave_m, self._monitor.state.ground_speed_m_s
         # Far from the target the way to it is not worth the time aside from the mission.
-        self._is_far |= not self._has_target() or left_m > _LONGEST_S * max(speed, 0.5)
+        self._is_far |= not self._leg.is_waypoint or left_m > _LONGEST_S * max(speed, 0.5)
         # A vehicle that does not come nearer to its target comes to rest there and then in the guided mode,
         # and again when it goes back to its mission: it goes back now, and comes to rest once.
-        self._is_far |= speed > _SLOW_M_S and self._nearing_m_s() <= 0.0
+        self._is_far |= speed > _SLOW_M_S and self._leg.nearing_m_s <= 0.0
         seq = home + self._item_to_choose()
         return self._order(int(m.MAV_CMD_DO_SET_MISSION_CURRENT), now_s, float(seq), 0.0)
 
@@ -358,10 +348,10 @@ class AsideChange(ChangeSession):
         the target, and a leg to the target itself would be a stop. That is put up with where the target is
         one, or where DO items before it are needed that no command of their own replaces.
         """
-        request, items, leg = self.request, self._plan.items, self._leg
+        request, items, leg = self.request, self._leg.plan.items, self._leg.index
         target = items[leg]
         passed = target.command == Command.NAV_WAYPOINT and not (target.param1 or 0.0) > 0.0
-        marked = item_to_mark(request.old, self._item, self._plan, leg)
+        marked = item_to_mark(request.old, self._item, self._leg.plan, leg)
         needed = any(item.command != Command.DO_CHANGE_SPEED for item in items[marked:leg])
         following = next_flown_to(items, leg)
         if self._is_far or needed or not passed or following == leg:
@@ -376,58 +366,28 @@ class AsideChange(ChangeSession):
             return self._begin(now_s)
         if self._step not in (_Step.SENDING, _Step.NEARING):
             return []
-        distance, speed = self._distance(), self._monitor.state.ground_speed_m_s
+        distance, speed = self._leg.distance_m, self._monitor.state.ground_speed_m_s
         if self._step is _Step.NEARING:
-            near = distance <= self._leave_m() + speed * (self._round_trip.seconds or 0.0)
+            near = distance <= self._leg.leave_m + speed * (self._round_trip.seconds or 0.0)
             return self._resume(now_s) if near or self._is_far else []
         # A list that will be whole before the target is there needs no further waypoint.
         in_time = self._whole_s - now_s < distance / max(speed, 0.5) and distance > _LATE_M
         # The order is a round trip late: what is told is old, and it takes as long to arrive.
         ahead = max(_CHAIN_M, _CHAIN_S * speed) + speed * (self._round_trip.seconds or 0.0)
-        if not self._has_target() or in_time or distance >= ahead:
+        if not self._leg.is_waypoint or in_time or distance >= ahead:
             return []
-        items, following = self._plan.items, next_flown_to(self._plan.items, self._leg)
-        if following == self._leg or items[following].command != Command.NAV_WAYPOINT:
+        items, following = self._leg.plan.items, next_flown_to(self._leg.plan.items, self._leg.index)
+        if following == self._leg.index or items[following].command != Command.NAV_WAYPOINT:
             return []
-        self._leg = following
+        self._leg.index = following
         return self._fly_to(now_s)
-
-    def _distance(self) -> float:
-        """Return how far the target is, over ground."""
-        state = self._monitor.state
-        latitude, longitude, _ = self._target()
-        if not math.isfinite(state.latitude_deg):
-            return math.inf
-        return apart_m((state.latitude_deg, state.longitude_deg), (latitude, longitude))
-
-    def _nearing_m_s(self) -> float:
-        """Return how fast it comes nearer to the target, over ground."""
-        state = self._monitor.state
-        latitude, longitude, _ = self._target()
-        north = latitude - state.latitude_deg
-        east = (longitude - state.longitude_deg) * math.cos(math.radians(latitude))
-        away = math.hypot(east, north)
-        return (state.velocity_m_s[0] * east + state.velocity_m_s[1] * north) / away if away > 0.0 else 0.0
-
-    def _target(self) -> tuple[float, float, float]:
-        """Return where to fly in the guided mode: to the item, over home when that is the return."""
-        item, state, home = self._plan.items[self._leg], self._monitor.state, self.request.old.home
-        if item.has_position and not is_return(item):
-            return item.x, item.y, item.z
-        if home is not None:
-            return home.latitude_deg, home.longitude_deg, state.height_m
-        return state.latitude_deg, state.longitude_deg, state.height_m
-
-    def _leave_m(self) -> float:
-        """Return from how far before the target the mission is gone on with: where it would stop there."""
-        return min(_stopping_m(self._monitor.state.ground_speed_m_s) + _LEAVE_SPARE_M, _MOST_LEAVE_M)
 
     # Back to the mission.
 
     def _back_to_old(self, now_s: float) -> list[Message]:
         """Go back to the old mission, of which nothing was changed."""
-        self._plan = self.request.old
-        self._leg = self._flown_next = self._item
+        self._leg.plan = self.request.old
+        self._leg.index = self._flown_next = self._item
         return self._resume(now_s)
 
     def _resume(self, now_s: float) -> list[Message]:
@@ -445,10 +405,10 @@ class AsideChange(ChangeSession):
         request = self.request
         # The mission's speed is lost with the guided mode, unless DO items have just set it.
         out = self._set_speed(now_s, self._flown_next)
-        if self._plan is request.new and self.record.acknowledged_s is not None:
+        if self._leg.plan is request.new and self.record.acknowledged_s is not None:
             self.record.in_effect_s = now_s
             return out + self._finish(ChangeOutcome.DONE, "", now_s)
-        if self._plan is request.old and self._verified_s < math.inf:
+        if self._leg.plan is request.old and self._verified_s < math.inf:
             return out + self._finish(ChangeOutcome.ROLLED_BACK, self._why, now_s)
         outcome = ChangeOutcome.REFUSED if self._refused else ChangeOutcome.GIVEN_UP
         return out + self._finish(outcome, self._why, now_s)
@@ -487,15 +447,3 @@ class AsideChange(ChangeSession):
         if not self.done:
             self._end(outcome, text, now_s)
         return []
-
-
-def _stopping_m(speed_m_s: float) -> float:
-    """Return ArduCopter's stopping distance: proportional to the speed, from 2.5 m/s on with its square.
-
-    `AC_PosControl`'s square-root controller: its deceleration is held where the proportional one would ask
-    for more.
-    """
-    linear_m_s = _STOP_M_S2 / _STOP_P_PER_S
-    if speed_m_s < linear_m_s:
-        return speed_m_s / _STOP_P_PER_S
-    return 0.5 * (linear_m_s / _STOP_P_PER_S + speed_m_s**2 / _STOP_M_S2)

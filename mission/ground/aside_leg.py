@@ -1,0 +1,81 @@
+"""What a vehicle is flown to while its mission is changed aside, and how near that is."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from mission.ground.items import apart_m, is_return
+from mission.ground.vehicle_state import VehicleMonitor
+from mission.model import GeoPoint, Mission, MissionItem
+
+__all__ = ["Leg"]
+
+# PSC_POSXY_P and WPNAV_ACCEL, from which ArduCopter works out where it would stop.
+_STOP_P_PER_S, _STOP_M_S2 = 1.0, 2.5
+# What is told of the position is a little old, and at exactly that distance it would creep to the target.
+_LEAVE_SPARE_M, _MOST_LEAVE_M = 0.5, 12.0
+
+
+@dataclass(slots=True)
+class Leg:
+    """The way to an item of a plan in the guided mode; over home when that is the return."""
+
+    plan: Mission
+    index: int
+    monitor: VehicleMonitor
+    home: GeoPoint | None
+
+    @property
+    def item(self) -> MissionItem:
+        """The item that is flown to."""
+        return self.plan.items[self.index]
+
+    @property
+    def is_waypoint(self) -> bool:
+        """Whether it ends at a waypoint, to be flown through."""
+        return self.item.has_position and not is_return(self.item)
+
+    @property
+    def target(self) -> tuple[float, float, float]:
+        """Latitude and longitude in degrees, height above home in metres."""
+        item, state, home = self.item, self.monitor.state, self.home
+        if self.is_waypoint:
+            return item.x, item.y, item.z
+        if home is not None:
+            return home.latitude_deg, home.longitude_deg, state.height_m
+        return state.latitude_deg, state.longitude_deg, state.height_m
+
+    @property
+    def distance_m(self) -> float:
+        """How far the target is, over ground."""
+        state, (latitude, longitude, _) = self.monitor.state, self.target
+        if not math.isfinite(state.latitude_deg):
+            return math.inf
+        return apart_m((state.latitude_deg, state.longitude_deg), (latitude, longitude))
+
+    @property
+    def nearing_m_s(self) -> float:
+        """How fast the vehicle comes nearer to the target, over ground."""
+        state, (latitude, longitude, _) = self.monitor.state, self.target
+        north = latitude - state.latitude_deg
+        east = (longitude - state.longitude_deg) * math.cos(math.radians(latitude))
+        away = math.hypot(east, north)
+        return (state.velocity_m_s[0] * east + state.velocity_m_s[1] * north) / away if away > 0.0 else 0.0
+
+    @property
+    def leave_m(self) -> float:
+        """From how far before the target the mission is gone on with: where the vehicle would stop there."""
+        return min(_stopping_m(self.monitor.state.ground_speed_m_s) + _LEAVE_SPARE_M, _MOST_LEAVE_M)
+
+
+def _stopping_m(speed_m_s: float) -> float:
+    """Return ArduCopter's stopping distance: proportional to the speed, from 2.5 m/s on with its square.
+
+    `AC_PosControl`'s square-root controller: its deceleration is held where the proportional one would ask
+    for more.
+    """
+    linear_m_s = _STOP_M_S2 / _STOP_P_PER_S
+    if speed_m_s < linear_m_s:
+        return speed_m_s / _STOP_P_PER_S
+    return 0.5 * (linear_m_s / _STOP_P_PER_S + speed_m_s**2 / _STOP_M_S2)

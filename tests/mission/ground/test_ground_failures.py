@@ -3,7 +3,7 @@
 import pytest
 
 from geo.frame import LocalFrame
-from mission.ground.failures import FailureWatch
+from mission.ground.mission_end import FailureWatch
 from mission.ground.orders import Answer, Order
 from mission.ground.station import GroundStation
 from mission.link.codec.dialect import mavlink as m

@@ -112,6 +112,7 @@ def check_change(new: Mission, resume_at: int, old: Mission) -> None:
 
     Examples
     --------
+    >>> from mission.model import MissionItem
     >>> there = Mission((MissionItem.waypoint(28.05, -82.15, 10.0),))
     >>> check_change(there, 1, there)
     Traceback (most recent call last):

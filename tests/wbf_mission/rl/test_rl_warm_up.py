@@ -10,6 +10,7 @@ from wbf_mission import flight
 from wbf_mission.cli import warm_up
 from wbf_mission.cli.app import main
 
+
 @pytest.mark.parametrize("installed", [True, False])
 def test_it_is_warmed_up_where_it_is_installed(installed, monkeypatch, capsys):
     stepped = []

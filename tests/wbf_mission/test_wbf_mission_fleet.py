@@ -185,19 +185,8 @@ def test_plans_of_a_fleet_are_those_that_it_flies(tmp_path, capsys):
     with pytest.raises(ScenarioError, match=r"mission x\.plan is one vehicle's, but 2 fly"):
         plan_fleet(Scenario(vehicles=2, mission="x.plan"))
     out = tmp_path / "part.json"
-    arguments = [
-        "plan",
-        "--farm",
-        "miniberry-30",
-        "--budget",
-        "80m",
-        "--vehicles",
-        "2",
-        "--out",
-        str(out),
-        "--json",
-    ]
-    assert run(*arguments) == 0
+    arguments = ["plan", "--farm", "miniberry-30", "--budget", "80m", "--vehicles", "2", "--json", "--out"]
+    assert run(*arguments, str(out)) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["vehicles"] == 2 and [one["vehicle"] for one in told["plans"]] == ["quad", "quad"]
     for one, plan_of_one in zip(told["plans"], plans, strict=True):

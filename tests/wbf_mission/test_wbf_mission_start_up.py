@@ -30,7 +30,7 @@ main()
 """
 
 
-# One process for the help of all commands; what one of them loads stays loaded, and is told with those after it.
+# One process for the help of all commands; what one of them loads is told with those after it, too.
 HELP = f"""
 import contextlib, io, json, sys
 from wbf_mission.__main__ import main

@@ -1,4 +1,4 @@
-"""After ``wbf-mission warm-up`` neither flights nor steps of the training environment wait for the compiler."""
+"""After ``wbf-mission warm-up`` neither flights nor steps of training wait for the compiler."""
 
 import os
 

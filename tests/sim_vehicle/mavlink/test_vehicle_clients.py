@@ -244,5 +244,5 @@ def test_pymavlink_requests_and_refusals(pymavlink_client):
     connection.param_fetch_all()
     first = connection.recv_match(type="PARAM_VALUE", blocking=True, timeout=3)
     assert first.param_count > 5
-    wait_until(lambda: connection.recv_match(type="PARAM_VALUE", blocking=True, timeout=3).param_index
-               == first.param_count - 1)  # fmt: skip
+    last = f"PARAM_VALUE.param_index=={first.param_count - 1}"
+    assert connection.recv_match(type="PARAM_VALUE", condition=last, blocking=True, timeout=60)

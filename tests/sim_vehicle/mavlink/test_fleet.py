@@ -28,6 +28,10 @@ def quads(count, **options):
     return Fleet(get_vehicle("quad"), HOME, count, **options)
 
 
+# Every vehicle tells of itself ten times a second.
+SPEED = 10.0
+
+
 def free_ports(number):
     """Ports that nobody uses now."""
     sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(number)]
@@ -39,7 +43,7 @@ def free_ports(number):
     return ports
 
 
-def hear(endpoint, seconds=1.6, systems=frozenset()):
+def hear(endpoint, seconds=0.4, systems=frozenset()):
     """What an endpoint hears, saying hello now and then; longer if these systems are not yet among it."""
     heard, began = [], time.monotonic()
     while (waited := time.monotonic() - began) < seconds or (
@@ -109,11 +113,11 @@ def test_a_home_for_each():
 def test_each_vehicle_at_its_own_door_and_all_at_the_router():
     fleet = quads(3, autopilot=ARDUPILOT)
     doors = [ServerUrl("tcpin:127.0.0.1:0", frozenset((system,))) for system in (1, 2, 3)]
-    with running(Server(fleet.vehicles, [*doors, "tcpin:127.0.0.1:0"])) as server:
+    with running(Server(fleet.vehicles, [*doors, "tcpin:127.0.0.1:0"], speed=SPEED)) as server:
         found = []
         for url, expected in zip(server.urls, [{1}, {2}, {3}, {1, 2, 3}], strict=True):
             endpoint = MavlinkEndpoint(open_link(url.replace("tcpin", "tcp")), 255, 190)
-            systems = {x.get_srcSystem() for x in hear(endpoint, 1.3, expected)}
+            systems = {x.get_srcSystem() for x in hear(endpoint, systems=expected)}
             found.append(systems - {255})
             endpoint.close()
         assert found == [{1}, {2}, {3}, {1, 2, 3}]
@@ -139,10 +143,12 @@ def test_commands_reach_the_vehicle_that_is_meant_and_two_grounds_hear_each_othe
 
 def test_a_command_at_another_vehicles_door_does_not_cross():
     fleet = quads(2)
-    with running(Server(fleet.vehicles, [ServerUrl("tcpin:127.0.0.1:0", frozenset((1,)))])) as server:
+    with running(
+        Server(fleet.vehicles, [ServerUrl("tcpin:127.0.0.1:0", frozenset((1,)))], speed=SPEED)
+    ) as server:
         endpoint = MavlinkEndpoint(open_link(server.urls[0].replace("tcpin", "tcp")), 255, 190)
         endpoint.send(m.MAVLink_command_long_message(2, 1, 31999, 0, *[0.0] * 7))
-        assert not any(x.get_type() == "COMMAND_ACK" for x in hear(endpoint, 0.6))
+        assert not any(x.get_type() == "COMMAND_ACK" for x in hear(endpoint))
         endpoint.close()
 
 
@@ -196,7 +202,7 @@ def test_udp_ports_of_px4_with_a_common_ground_station():
     ]
     common = MavlinkEndpoint(open_link(f"udpin:127.0.0.1:{ground}"), 255, 190)
     own = MavlinkEndpoint(open_link(f"udpin:127.0.0.1:{api_2}"), 245, 190)
-    with running(Server(fleet.vehicles, urls)):
+    with running(Server(fleet.vehicles, urls, speed=SPEED)):
         heard = hear(common, systems={1, 2})
         assert {x.get_srcSystem() for x in heard} >= {1, 2}
         assert {x.get_srcSystem() for x in hear(own, systems={2})} - {255} == {2}
@@ -205,7 +211,7 @@ def test_udp_ports_of_px4_with_a_common_ground_station():
 
 def test_transfers_with_two_vehicles_by_system_id():
     fleet = quads(2)
-    with running(Server(fleet.vehicles, ["tcpin:127.0.0.1:0"])) as server:
+    with running(Server(fleet.vehicles, ["tcpin:127.0.0.1:0"], speed=SPEED)) as server:
         for system in (1, 2):
             link = open_link(server.urls[0].replace("tcpin", "tcp"))
             with TransferDriver(MavlinkEndpoint(link, 255, 190)) as driver:

@@ -223,7 +223,8 @@ def test_what_cannot_be_flown_has_a_reason():
     endless = replace(mission, items=(*mission.items[:-1], forever))
     assert "never ends" in predict_flight(endless, QUAD).reason
     looping = replace(mission, items=(*mission.items[:-1], MissionItem(177, 2, 2, -1)))
-    assert "battery is empty" in predict_flight(looping, QUAD).reason
+    small = replace(QUAD, battery=replace(QUAD.battery, capacity_wh=9.0))
+    assert "battery is empty" in predict_flight(looping, small).reason
 
 
 def test_home():

@@ -12,33 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.compiled import compiled
-from sim_vehicle.motion.arducopter.control import (
-    ANEW,
-    ARC,
-    CHORDS,
-    CLIMBING,
-    GUIDED,
-    HOLDING,
-    HOME,
-    LAND,
-    LANDED,
-    LANDING,
-    LEAST_SPEED,
-    LEAST_WAY,
-    LEGS,
-    NO_MODE,
-    NOTHING,
-    SAME,
-    SETPOINT,
-    SHAKE,
-    SIDE,
-    STAY,
-    TAKEOFF,
-    halt,
-    rooted,
-    stand,
-    stopping_distance,
-)
+from sim_vehicle.motion.arducopter import control as at
+from sim_vehicle.motion.arducopter.control import halt, rooted, stand, stopping_distance
 from sim_vehicle.motion.arducopter.scurve import (
     LENGTH,
     MADE,
@@ -137,14 +112,14 @@ def take_next(
 
     From there it is at least so long: an estimated position is never exactly the wanted one.
     """
-    if before == LEGS:
+    if before == at.LEGS:
         copy_leg(heads, curves, 0, 1)
     else:
         clear_leg(heads[0])
         guide.fast = 0.0
     guide.begin_x, guide.begin_y, guide.begin_z = guide.end_x, guide.end_y, guide.end_z
     guide.end_x, guide.end_y, guide.end_z = row.x, row.y, row.z
-    if before != LEGS:
+    if before != at.LEGS:
         gap = (
             (guide.end_x - guide.begin_x) ** 2
             + (guide.end_y - guide.begin_y) ** 2
@@ -172,64 +147,64 @@ def begin(
 ) -> None:
     """Begin a leg; guide.begins tells how it follows from what was before."""
     how = guide.begins
-    guide.begins = NOTHING
+    guide.begins = at.NOTHING
     guide.until, guide.done = inf, 0.0
     row = route[leg]
     kind = int(row.kind)
     before = guide.mode
     speed = row.speed
-    if kind == ARC:
+    if kind == at.ARC:
         # The bends of a curve may be slower than what the mission set.
         speed = max(speed, guide.level)
-    elif speed < LEAST_SPEED:
+    elif speed < at.LEAST_SPEED:
         speed = guide.level
     faster = law.speed_up != guide.up or law.speed_down != guide.down or speed != guide.level
     guide.level = speed
     guide.up, guide.down = law.speed_up, law.speed_down
-    if kind in (TAKEOFF, LAND):
-        if how == ANEW or before == CHORDS:
+    if kind in (at.TAKEOFF, at.LAND):
+        if how == at.ANEW or before == at.CHORDS:
             _take_velocity(state, guide)
-        if kind == TAKEOFF:
-            guide.mode = CLIMBING
+        if kind == at.TAKEOFF:
+            guide.mode = at.CLIMBING
             guide.end_x, guide.end_y, guide.end_z = row.x, row.y, row.z
             if state.position_z <= 0.0:
                 guide.until = step + guide.arming_steps + law.spool_steps
         else:
-            guide.mode = LANDING
+            guide.mode = at.LANDING
         return
-    if kind == STAY:
+    if kind == at.STAY:
         _stop_here(state, guide, law)
-        guide.mode = HOLDING
+        guide.mode = at.HOLDING
         return
-    if kind == SETPOINT:
-        if before != GUIDED:
+    if kind == at.SETPOINT:
+        if before != at.GUIDED:
             _take_velocity(state, guide)
-        guide.mode = GUIDED
+        guide.mode = at.GUIDED
         guide.end_x, guide.end_y, guide.end_z = row.x, row.y, row.z
         return
-    if how == ANEW or before not in (LEGS, CLIMBING, CHORDS):
+    if how == at.ANEW or before not in (at.LEGS, at.CLIMBING, at.CHORDS):
         _stop_here(state, guide, law)
-        before = NO_MODE
-    if kind == ARC:
-        guide.mode = CHORDS
-        if before != CHORDS:
+        before = at.NO_MODE
+    if kind == at.ARC:
+        guide.mode = at.CHORDS
+        if before != at.CHORDS:
             guide.pace_arc = 0.0
         guide.begin_x, guide.begin_y, guide.begin_z = guide.end_x, guide.end_y, guide.end_z
         guide.end_x, guide.end_y, guide.end_z = row.x, row.y, row.z
         return
-    guide.mode = LEGS
-    if before == LEGS and faster:
+    guide.mode = at.LEGS
+    if before == at.LEGS and faster:
         for i in range(1, 3):
             change_speed(heads[i], curves[i], guide.level, guide.up, guide.down)
-    if how != SAME:
-        take_next(guide, law, heads, curves, row, before, LEAST_WAY)
+    if how != at.SAME:
+        take_next(guide, law, heads, curves, row, before, at.LEAST_WAY)
     elif guide.fast != 0.0 and heads[2, TIME] > 0.0:
         # The corner is being flown already.
         return
     guide.fast = 0.0
     if leg + 1 < len(route) and row.radius > 0.0 and row.pause <= 0.0:
         after = route[leg + 1]
-        if after.kind <= HOME and after.kind != TAKEOFF:
+        if after.kind <= at.HOME and after.kind != at.TAKEOFF:
             guide.fast = 1.0
             make(2, end_of(guide), (after.x, after.y, after.z), guide, law, heads, curves)
 
@@ -254,7 +229,7 @@ def lead_legs(guide: Record, law: Record, heads: Floats, curves: Floats) -> bool
     wanted = sqrt(guide.vx**2 + guide.vy**2 + guide.vz**2)
     pace = 1.0
     if wanted > 1e-6:
-        pace = _blurred_share(0.05 + (guide.along - law.pos_p * guide.lag) / wanted, SHAKE / wanted)
+        pace = _blurred_share(0.05 + (guide.along - law.pos_p * guide.lag) / wanted, at.SHAKE / wanted)
     guide.pace += law.pace_filter * (pace - guide.pace)
     dt = law.dt * guide.pace
     ends = end_time(heads[1], curves[1])
@@ -303,7 +278,7 @@ def _lead_chord(guide: Record, law: Record, route: Record, leg: int) -> bool:
     way, i = left, leg
     need = 0.5 * speed * speed / accel + 2.0 * dt * speed
     while way <= need:
-        if i + 1 >= len(route) or route[i + 1].kind != ARC or route[i].pause > 0.0:
+        if i + 1 >= len(route) or route[i + 1].kind != at.ARC or route[i].pause > 0.0:
             top = min(top, sqrt(2.0 * accel * way))
             break
         slow = route[i + 1].speed
@@ -401,7 +376,7 @@ def _lead_to(guide: Record, law: Record) -> bool:
         cx, cy = cx * size / change, cy * size / change
         along, across = cx * ex + cy * ey, cy * ex - cx * ey
         if along * along > across * across:
-            across = min(max(across, -SIDE * limit), SIDE * limit)
+            across = min(max(across, -at.SIDE * limit), at.SIDE * limit)
             room = sqrt(limit * limit - across * across)
             along = min(max(along, -room), room)
             cx, cy = along * ex - across * ey, along * ey + across * ex
@@ -455,42 +430,42 @@ def lead(
 ) -> bool:
     """Move the target for the next step; tell whether the leg is done."""
     mode = guide.mode
-    if mode == LEGS:
+    if mode == at.LEGS:
         done = lead_legs(guide, law, heads, curves)
         if done and guide.fast == 0.0:
             gap = distance2(state, guide.end_x, guide.end_y, guide.end_z)
             done = gap <= law.wp_radius**2
-    elif mode == CHORDS:
+    elif mode == at.CHORDS:
         done = guide.done != 0.0 or _lead_chord(guide, law, route, leg)
         if done:
             guide.done = 1.0
-            if leg + 1 >= len(route) or route[leg + 1].kind != ARC:
+            if leg + 1 >= len(route) or route[leg + 1].kind != at.ARC:
                 halt(guide)
                 guide.pace_arc = 0.0
                 gap = distance2(state, guide.end_x, guide.end_y, guide.end_z)
                 done = gap <= law.wp_radius**2
-    elif mode == CLIMBING:
+    elif mode == at.CLIMBING:
         _lead_level(guide, law)
         done = _lead_up(guide, law)
         if done:
             guide.pz = guide.end_z
             halt(guide)
             guide.end_x, guide.end_y = guide.px, guide.py
-    elif mode == LANDING:
+    elif mode == at.LANDING:
         _lead_level(guide, law)
         _lead_down(guide, law, state.position_z)
         done = False
         if state.position_z <= 0.0:
-            guide.mode = LANDED
+            guide.mode = at.LANDED
             guide.until = step + law.detect_steps
             stand(state, guide)
-    elif mode == GUIDED:
+    elif mode == at.GUIDED:
         done = _lead_to(guide, law)
-    elif mode == HOLDING:
+    elif mode == at.HOLDING:
         if leg + 1 < len(route):
             return True
         gap = distance2(state, guide.px, guide.py, guide.pz)
         done = gap < 0.04 and state.velocity_x**2 + state.velocity_y**2 + state.velocity_z**2 < 0.01
     else:
-        done = mode == LANDED and step >= guide.until
+        done = mode == at.LANDED and step >= guide.until
     return done

@@ -16,17 +16,8 @@ from numpy.typing import NDArray
 from geo.compiled import compiled
 from sim_vehicle.energy.power_kernels import multirotor_power
 from sim_vehicle.motion import columns as col
-from sim_vehicle.motion.arducopter.control import (
-    CHAINED,
-    CLIMBING,
-    LANDED,
-    LANDING,
-    NOTHING,
-    command,
-    move,
-    stand,
-    turn,
-)
+from sim_vehicle.motion.arducopter import control as at
+from sim_vehicle.motion.arducopter.control import command, move, stand, turn
 from sim_vehicle.motion.arducopter.guidance import begin, lead
 from sim_vehicle.motion.columns import Record
 from sim_vehicle.motion.multirotor.kernel import SLOWEST, STALL_S, Vector
@@ -40,7 +31,7 @@ Own = tuple[Record, Record, Floats, Floats]
 @compiled(inline="always")
 def _enter(state: Record, counters: Integers, route: Record, limits: Record, own: Own) -> None:
     guide = own[0][0]
-    if guide.begins != NOTHING:
+    if guide.begins != at.NOTHING:
         begin(state, guide, own[1][0], own[2], own[3], route, counters[col.LEG_INDEX], counters[col.STEP])
         state.give_up_step = inf
 
@@ -51,7 +42,7 @@ def _feel(
 ) -> bool:
     guide, law, step = own[0][0], own[1][0], counters[col.STEP]
     state.wind_east, state.wind_north, guide.rising = air
-    grounded = guide.mode == LANDED or (guide.mode == CLIMBING and step < guide.until < inf)
+    grounded = guide.mode == at.LANDED or (guide.mode == at.CLIMBING and step < guide.until < inf)
     if grounded:
         state.power = law.stand_by
     else:
@@ -60,7 +51,7 @@ def _feel(
         state.power = multirotor_power(
             power, ux, uy, climb, state.acceleration_x, state.acceleration_y, state.acceleration_z
         )
-    if counters[col.ARRIVED] != 0 or guide.done != 0.0 or grounded or guide.mode == LANDING:
+    if counters[col.ARRIVED] != 0 or guide.done != 0.0 or grounded or guide.mode == at.LANDING:
         return False
     if state.give_up_step == inf:
         left = distance2(state, row.x, row.y, row.z)
@@ -78,8 +69,8 @@ def _move(state: Record, counters: Integers, route: Record, limits: Record, own:
     guide, law, heads, curves = own[0][0], own[1][0], own[2], own[3]
     step, leg = counters[col.STEP], counters[col.LEG_INDEX]
     row = route[leg]
-    waits = guide.mode == CLIMBING and step < guide.until < inf
-    if waits or guide.mode == LANDED:
+    waits = guide.mode == at.CLIMBING and step < guide.until < inf
+    if waits or guide.mode == at.LANDED:
         stand(state, guide)
     else:
         command(state, guide, law)
@@ -102,7 +93,7 @@ def _move(state: Record, counters: Integers, route: Record, limits: Record, own:
 def chain(state: Record, counters: Integers, row: Record, route: Record, limits: Record, own: Own) -> None:
     """Have the next leg begin as it follows from the one that was done."""
     if counters[col.ARRIVED] == 0:
-        own[0][0].begins = CHAINED
+        own[0][0].begins = at.CHAINED
 
 
 advance = kernel_of(__name__, _enter, _feel, _move, chain)

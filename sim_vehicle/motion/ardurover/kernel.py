@@ -17,22 +17,8 @@ from numpy.typing import NDArray
 from geo.compiled import compiled
 from sim_vehicle.energy.power_kernels import rover_power
 from sim_vehicle.motion import columns as col
-from sim_vehicle.motion.arducopter.control import (
-    ANEW,
-    HOLDING,
-    HOME,
-    LEAST_SPEED,
-    LEAST_WAY,
-    LEGS,
-    NO_MODE,
-    NOTHING,
-    SAME,
-    STAY,
-    Guide,
-    Law,
-    halt,
-    rooted,
-)
+from sim_vehicle.motion.arducopter import control as at
+from sim_vehicle.motion.arducopter.control import Guide, Law, halt, rooted
 from sim_vehicle.motion.arducopter.guidance import end_of, lead_legs, make, take_next
 from sim_vehicle.motion.arducopter.kernel import Own, chain
 from sim_vehicle.motion.arducopter.scurve import TIME, change_speed
@@ -252,7 +238,7 @@ def _stop_here(state: Record, guide: Record, law: Record) -> None:
 def _turns_by(x: float, y: float, from_x: float, from_y: float, bearing: float) -> float:
     """Return the angle between a bearing and that of a way; 0 for a way without length."""
     dx, dy = x - from_x, y - from_y
-    if dx * dx + dy * dy < LEAST_WAY * LEAST_WAY:
+    if dx * dx + dy * dy < at.LEAST_WAY * at.LEAST_WAY:
         return 0.0
     return abs((atan2(dx, dy) - bearing + pi) % (2.0 * pi) - pi)
 
@@ -263,26 +249,26 @@ def begin(
 ) -> None:
     """Begin a leg; guide.begins tells how it follows from what was before."""
     how = guide.begins
-    guide.begins = NOTHING
+    guide.begins = at.NOTHING
     guide.until, guide.done = inf, 0.0
     row = route[leg]
     before = guide.mode
-    if int(row.kind) in (AT_ONCE, STAY):
-        guide.mode = HOLDING
+    if int(row.kind) in (AT_ONCE, at.STAY):
+        guide.mode = at.HOLDING
         return
-    speed = row.speed if row.speed >= LEAST_SPEED else guide.level
+    speed = row.speed if row.speed >= at.LEAST_SPEED else guide.level
     faster = speed != guide.level
     guide.level = speed
-    if how == ANEW or before != LEGS:
+    if how == at.ANEW or before != at.LEGS:
         _stop_here(state, guide, law)
-        before = NO_MODE
-    guide.mode = LEGS
-    if before == LEGS and faster:
+        before = at.NO_MODE
+    guide.mode = at.LEGS
+    if before == at.LEGS and faster:
         for i in range(1, 3):
             change_speed(heads[i], curves[i], speed, speed, speed)
     pivots = law.pivot_angle > 0.0
-    if how != SAME:
-        passed = before == LEGS and guide.fast != 0.0
+    if how != at.SAME:
+        passed = before == at.LEGS and guide.fast != 0.0
         take_next(guide, law, heads, curves, row, before, 0.0)
         if not passed:
             guide.pivots = 0.0
@@ -295,7 +281,7 @@ def begin(
     guide.fast = guide.pivots_next = 0.0
     if leg + 1 < len(route) and row.radius > 0.0 and row.pause <= 0.0:
         after = route[leg + 1]
-        if 0.0 <= after.kind <= HOME:
+        if 0.0 <= after.kind <= at.HOME:
             course = atan2(guide.end_x - guide.begin_x, guide.end_y - guide.begin_y)
             corner = _turns_by(after.x, after.y, guide.end_x, guide.end_y, course)
             if pivots and corner > law.pivot_angle:
@@ -323,13 +309,13 @@ def _lead(state: Record, guide: Record, law: Record, heads: Floats, curves: Floa
 @compiled(inline="always")
 def _enter(state: Record, counters: Integers, route: Record, limits: Record, own: Own) -> None:
     guide, law, leg = own[0][0], own[1][0], counters[col.LEG_INDEX]
-    if guide.begins != NOTHING:
+    if guide.begins != at.NOTHING:
         begin(state, guide, law, own[2], own[3], route, leg)
         state.give_up_step = inf
     if state.give_up_step == inf:
         row = route[leg]
         left = sqrt((row.x - state.position_x) ** 2 + (row.y - state.position_y) ** 2)
-        slowest = SLOW_SHARE * max(guide.level, LEAST_SPEED)
+        slowest = SLOW_SHARE * max(guide.level, at.LEAST_SPEED)
         state.give_up_step = counters[col.STEP] + (PATIENCE_S + row.pause + left / slowest) / law.dt
 
 
@@ -352,7 +338,7 @@ def _move(state: Record, counters: Integers, route: Record, limits: Record, own:
     guide, law = own[0][0], own[1][0]
     step, leg = counters[col.STEP], counters[col.LEG_INDEX]
     row = route[leg]
-    stops = guide.mode == HOLDING or counters[col.ARRIVED] != 0
+    stops = guide.mode == at.HOLDING or counters[col.ARRIVED] != 0
     if stops:
         centre(state, guide, law)
     else:

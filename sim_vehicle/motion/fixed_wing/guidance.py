@@ -20,15 +20,7 @@ from numpy.typing import NDArray
 from geo.compiled import compiled
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.motion.columns import Record
-from sim_vehicle.motion.fixed_wing.layout import (
-    CIRCLE,
-    CIRCULAR_LANDING,
-    FLARE,
-    LANDING,
-    LINE,
-    SHORT,
-    TAKEOFF,
-)
+from sim_vehicle.motion.fixed_wing import layout as at
 from sim_vehicle.motion.fixed_wing.tecs import PERIOD_S
 
 Floats = NDArray[np.float64]
@@ -217,24 +209,24 @@ def _steer_line(
     rx, ry = state.position_x - state.begin_x, state.position_y - state.begin_y
     goal_x, goal_y = row.x - state.position_x, row.y - state.position_y
     if limits.law != NPFG:
-        if length < SHORT or state.direct > 0.0:
+        if length < at.SHORT or state.direct > 0.0:
             dx, dy, length, rx, ry = goal_x, goal_y, sqrt(goal_x * goal_x + goal_y * goal_y), 0.0, 0.0
             if length < 1e-6:
                 dx, dy, length = sin(state.heading), cos(state.heading), 1.0
         te, tn = dx / length, dy / length
-        if row.kind == LANDING:
+        if row.kind == at.LANDING:
             # Past the landing point it keeps the line.
             length = length + sqrt(rx * rx + ry * ry) + AHEAD_OF_LANDING_M
         return _l1_line(state, limits, rx, ry, te, tn, length)
-    if length >= SHORT and row.kind != TAKEOFF:
+    if length >= at.SHORT and row.kind != at.TAKEOFF:
         behind = dx * rx + dy * ry < 0.0
         near = _switch_distance(state, limits)
         if behind and rx * rx + ry * ry > near * near:
             dx, dy, length = -rx, -ry, sqrt(rx * rx + ry * ry)
             rx = ry = 0.0
-        elif row.kind == LINE and (state.position_x - row.x) * dx + (state.position_y - row.y) * dy > 0.0:
+        elif row.kind == at.LINE and (state.position_x - row.x) * dx + (state.position_y - row.y) * dy > 0.0:
             length = 0.0
-    if length < SHORT:
+    if length < at.SHORT:
         dx, dy, length, rx, ry = goal_x, goal_y, sqrt(goal_x * goal_x + goal_y * goal_y), 0.0, 0.0
         if length < 1e-6:
             dx, dy, length = sin(state.heading), cos(state.heading), 1.0
@@ -267,9 +259,9 @@ def _steer_circle(
 @compiled(allocates=False)
 def circles(state: Record, row: Record, arrived: bool) -> bool:
     """Tell whether a circle is flown now."""
-    if arrived or row.kind == LINE:
-        return row.kind != LANDING and (arrived or not isnan(state.bearing))
-    return row.kind in (CIRCLE, CIRCULAR_LANDING)
+    if arrived or row.kind == at.LINE:
+        return row.kind != at.LANDING and (arrived or not isnan(state.bearing))
+    return row.kind in (at.CIRCLE, at.CIRCULAR_LANDING)
 
 
 @compiled(allocates=False)
@@ -278,7 +270,7 @@ def _comes_along_line(state: Record, row: Record, limits: Record) -> bool:
 
     It does until it is near the circle (``Plane::update_loiter``); a return comes to the circle at once.
     """
-    of_mission = row.kind == CIRCLE and row.at_once == 0.0
+    of_mission = row.kind == at.CIRCLE and row.at_once == 0.0
     return bool(limits.law != NPFG and of_mission and isnan(state.bearing) and state.direct == 0.0)
 
 
@@ -288,18 +280,18 @@ def steer(
 ) -> tuple[float, float, float]:
     """Return the lateral acceleration that the guidance asks for, and the bearing of a line."""
     kind = row.kind
-    if state.doing == FLARE and (limits.law == NPFG or kind != LANDING):
+    if state.doing == at.FLARE and (limits.law == NPFG or kind != at.LANDING):
         return 0.0, 0.0, 0.0
     if circles(state, row, arrived):
         x, y, radius = row.x, row.y, row.circle_radius
-        if arrived and kind != CIRCULAR_LANDING:
+        if arrived and kind != at.CIRCULAR_LANDING:
             x, y, radius = state.centre_x, state.centre_y, state.centre_radius
         elif _comes_along_line(state, row, limits):
             east, north = state.position_x - x, state.position_y - y
             if east * east + north * north > _NEAR_CIRCLE * _NEAR_CIRCLE * radius * radius:
                 return _steer_line(state, row, limits, wx, wy)
         return _steer_circle(state, x, y, radius, limits, wx, wy), 0.0, 0.0
-    if kind != TAKEOFF:
+    if kind != at.TAKEOFF:
         return _steer_line(state, row, limits, wx, wy)
     ce, cn = sin(state.course), cos(state.course)
     if limits.law == NPFG:
@@ -318,9 +310,9 @@ def leg_airspeed(
     """Return the airspeed of a leg, raised for the least ground speed along a bearing."""
     kind = row.kind
     airspeed = row.airspeed
-    if kind == TAKEOFF:
+    if kind == at.TAKEOFF:
         airspeed = limits.airspeed_trim if arrived else limits.takeoff_airspeed
-    elif kind in (LANDING, CIRCULAR_LANDING):
+    elif kind in (at.LANDING, at.CIRCULAR_LANDING):
         airspeed = limits.landing_airspeed
     ground = limits.ground_min
     if ground > 0.0 and (be != 0.0 or bn != 0.0):

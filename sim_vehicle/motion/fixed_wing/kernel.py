@@ -15,6 +15,7 @@ from sim_vehicle.energy.power_kernels import fixed_wing_power
 from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.columns import Record
 from sim_vehicle.motion.fixed_wing import arduplane
+from sim_vehicle.motion.fixed_wing import layout as at
 from sim_vehicle.motion.fixed_wing.air import (
     blow,
     brake_rate,
@@ -26,19 +27,6 @@ from sim_vehicle.motion.fixed_wing.air import (
     take_off,
 )
 from sim_vehicle.motion.fixed_wing.guidance import NPFG, Floats, circled, circles, leg_airspeed, passed, steer
-from sim_vehicle.motion.fixed_wing.layout import (
-    CIRCLE,
-    CIRCULAR_LANDING,
-    FALL,
-    FLARE,
-    FLYING,
-    LANDING,
-    LINE,
-    ON_GROUND,
-    ROLLING,
-    STOPPED_M_S,
-    TAKEOFF,
-)
 from sim_vehicle.motion.fixed_wing.px4 import px4_control
 from sim_vehicle.motion.multirotor.kernel import Integers, Vector
 from sim_vehicle.motion.stepping import kernel_of
@@ -71,9 +59,9 @@ def _enter(state: Record, counters: Integers, route: Record, limits: Record, own
     state.give_up_step = step + _patience_steps(state, row, limits)
     state.turned, state.bearing, state.pause_end = 0.0, float("nan"), inf
     state.guidance = 0.0
-    before = route[leg - 1].kind if leg > 0 else FALL
+    before = route[leg - 1].kind if leg > 0 else at.FALL
     # ArduPlane keeps the line from the centre of a circle; after a take-off it keeps none.
-    if before == LINE or (before == CIRCLE and limits.law != NPFG):
+    if before == at.LINE or (before == at.CIRCLE and limits.law != NPFG):
         state.begin_x, state.begin_y, state.begin_z = route[leg - 1].x, route[leg - 1].y, route[leg - 1].z
         state.direct = 0.0
     elif leg > 0 or isnan(state.begin_x):
@@ -83,22 +71,22 @@ def _enter(state: Record, counters: Integers, route: Record, limits: Record, own
         state.direct = 0.0
     if limits.law == NPFG:
         # After a take-off PX4 climbs at once (``calculateFirstOrderHoldAltitude``).
-        state.slope = 0.0 if state.last_kind == TAKEOFF else row.z - state.begin_z
+        state.slope = 0.0 if state.last_kind == at.TAKEOFF else row.z - state.begin_z
         state.target = state.position_z
     else:
         arduplane.begin_slope(state, row, limits)
     state.last_kind = row.kind
-    landing = row.kind in (LANDING, CIRCULAR_LANDING)
-    if state.doing == FLARE or (state.doing == ROLLING and not landing):
-        state.doing = FLYING if state.doing == FLARE else ON_GROUND
-    if state.doing == ON_GROUND:
+    landing = row.kind in (at.LANDING, at.CIRCULAR_LANDING)
+    if state.doing == at.FLARE or (state.doing == at.ROLLING and not landing):
+        state.doing = at.FLYING if state.doing == at.FLARE else at.ON_GROUND
+    if state.doing == at.ON_GROUND:
         state.running = 0.0
         east, north = row.x - state.position_x, row.y - state.position_y
-        if row.kind == TAKEOFF and east * east + north * north > 25.0:
+        if row.kind == at.TAKEOFF and east * east + north * north > 25.0:
             state.heading = atan2(east, north) % (2.0 * pi)
         state.course = state.heading
         state.since = state.throttle = 0.0
-    elif row.kind == TAKEOFF:
+    elif row.kind == at.TAKEOFF:
         state.course = atan2(state.velocity_x, state.velocity_y)
 
 
@@ -108,8 +96,8 @@ def _arduplane_control(
 ) -> None:
     """Set what ArduPlane demands: bank, pitch and throttle."""
     lateral, be, bn = steer(state, row, arrived, limits, wx, wy)
-    takeoff = row.kind == TAKEOFF and not arrived
-    arduplane.command_bank(state, limits, lateral, takeoff, state.doing == FLARE)
+    takeoff = row.kind == at.TAKEOFF and not arrived
+    arduplane.command_bank(state, limits, lateral, takeoff, state.doing == at.FLARE)
     airspeed = leg_airspeed(row, arrived, limits, be, bn, wx, wy)
     arduplane.command_energy(state, row, limits, arrived, circles(state, row, arrived), airspeed, wx, wy)
 
@@ -122,17 +110,17 @@ def _move(state: Record, counters: Integers, route: Record, limits: Record, own:
     wx, wy, rising = state.wind_east, state.wind_north, state.wind_up
     kind = row.kind
     doing = state.doing
-    if kind == FALL:
+    if kind == at.FALL:
         drop(state, limits, wx, wy)
         return bool(state.position_z <= 0.0)
-    if doing == ROLLING:
+    if doing == at.ROLLING:
         state.throttle = 0.0
         roll_on_ground(state, limits, -brake_rate(state, limits), wx, wy)
         return bool(
             state.velocity_x * state.velocity_x + state.velocity_y * state.velocity_y
-            < STOPPED_M_S * STOPPED_M_S
+            < at.STOPPED_M_S * at.STOPPED_M_S
         )
-    if doing == ON_GROUND:
+    if doing == at.ON_GROUND:
         take_off(state, limits, wx, wy)
         return False
     # ArduPlane's guidance and control of energy have their own, slower clock.
@@ -146,11 +134,11 @@ def _move(state: Record, counters: Integers, route: Record, limits: Record, own:
         rate = energy_rate(limits, state.throttle, state.airspeed, 1.0 / cos(state.bank))
         climb = pitch_up(state, limits, state.pitch_demand)
     fly(state, limits, bank, climb, rate, wx, wy, rising)
-    landing = kind in (LANDING, CIRCULAR_LANDING)
+    landing = kind in (at.LANDING, at.CIRCULAR_LANDING)
     if state.position_z <= 0.0:
         state.position_z = 0.0
         if landing:
-            state.doing = ROLLING
+            state.doing = at.ROLLING
             state.course = atan2(state.velocity_x, state.velocity_y)
             state.velocity_z = state.climb = 0.0
             return False
@@ -158,9 +146,9 @@ def _move(state: Record, counters: Integers, route: Record, limits: Record, own:
         state.climb = max(state.climb, 0.0)
     if landing or arrived or (limits.law != NPFG and step % col.GRID != 0):
         return False
-    if kind == TAKEOFF:
+    if kind == at.TAKEOFF:
         return bool(state.position_z >= row.z)
-    if kind == CIRCLE:
+    if kind == at.CIRCLE:
         return circled(state, row, limits, step)
     return passed(state, row, limits)
 
@@ -173,12 +161,12 @@ def _feel(
     if wx != state.wind_east or wy != state.wind_north or up != state.wind_up:
         blow(state, wx, wy, up)
         state.wind_east, state.wind_north, state.wind_up = wx, wy, up
-    if state.doing == FLYING or state.doing == FLARE:
+    if state.doing == at.FLYING or state.doing == at.FLARE:
         load = 1.0 / cos(state.bank)
         v = state.airspeed
         rate = energy_rate(limits, state.throttle, v, load)
         state.power = fixed_wing_power(power, v if state.throttle > 1e-3 else 0.0, rate, load)
-    elif state.doing == ON_GROUND:
+    elif state.doing == at.ON_GROUND:
         state.power = fixed_wing_power(power, limits.airspeed_trim, limits.climb_max, 1.0)
     else:
         state.power = fixed_wing_power(power, 0.0, 0.0, 1.0)
@@ -197,8 +185,8 @@ def _leave(
         state.give_up_step = inf
         return
     state.centre_x, state.centre_y, state.centre_z = row.x, row.y, row.z
-    state.centre_radius = row.circle_radius if row.kind == CIRCLE else limits.loiter_radius
-    if row.kind == TAKEOFF:
+    state.centre_radius = row.circle_radius if row.kind == at.CIRCLE else limits.loiter_radius
+    if row.kind == at.TAKEOFF:
         state.centre_x, state.centre_y = state.position_x, state.position_y
 
 

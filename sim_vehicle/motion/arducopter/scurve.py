@@ -122,10 +122,9 @@ def _peak_acceleration(jerk: float, ramp: float, v0: float, length: float) -> fl
 
 
 @compiled(inline="always")
-def _within(
-    shape: float, jerk: float, whole: float, t: float, a: float, v: float, p: float
-) -> tuple[float, float, float]:
+def _after(before: Floats, shape: float, jerk: float, whole: float, t: float) -> tuple[float, float, float]:
     """Return acceleration, speed and position a time after the begin of a segment that lasts ``whole``."""
+    a, v, p = before[SEGMENT_ACCELERATION], before[SEGMENT_SPEED], before[SEGMENT_POSITION]
     if shape == 0.0 or whole <= 0.0:
         return (a + jerk * t, v + t * (a + 0.5 * jerk * t), p + t * (v + t * (0.5 * a + jerk * t / 6.0)))
     half = 0.5 * jerk
@@ -146,23 +145,10 @@ def _put(curve: Floats, i: int, shape: float, lasts: float, jerk: float) -> None
     before, row = curve[i - 1], curve[i]
     if lasts < _TINY:
         shape, lasts = 0.0, 0.0
-    a, v, p = _within(
-        shape,
-        jerk,
-        lasts,
-        lasts,
-        before[SEGMENT_ACCELERATION],
-        before[SEGMENT_SPEED],
-        before[SEGMENT_POSITION],
+    row[SEGMENT_TIME], row[SEGMENT_SHAPE], row[SEGMENT_JERK] = before[SEGMENT_TIME] + lasts, shape, jerk
+    row[SEGMENT_ACCELERATION], row[SEGMENT_SPEED], row[SEGMENT_POSITION] = _after(
+        before, shape, jerk, lasts, lasts
     )
-    (
-        row[SEGMENT_TIME],
-        row[SEGMENT_SHAPE],
-        row[SEGMENT_JERK],
-        row[SEGMENT_ACCELERATION],
-        row[SEGMENT_SPEED],
-        row[SEGMENT_POSITION],
-    ) = before[SEGMENT_TIME] + lasts, shape, jerk, a, v, p
 
 
 @compiled(allocates=False)
@@ -182,17 +168,12 @@ def _put_change(curve: Floats, i: int, jerk: float, ramp: float, full: float, mi
 @compiled(allocates=False)
 def _put_nothing(curve: Floats, first: int, last: int, source: int) -> None:
     """Make the segments ``first`` to ``last`` empty ones after the segment ``source``."""
+    before = curve[source]
     for i in range(first, last + 1):
-        (
-            curve[i, SEGMENT_TIME],
-            curve[i, SEGMENT_SHAPE],
-            curve[i, SEGMENT_JERK],
-            curve[i, SEGMENT_ACCELERATION],
-        ) = curve[source, SEGMENT_TIME], 0.0, 0.0, 0.0
-        curve[i, SEGMENT_SPEED], curve[i, SEGMENT_POSITION] = (
-            curve[source, SEGMENT_SPEED],
-            curve[source, SEGMENT_POSITION],
-        )
+        row = curve[i]
+        row[SEGMENT_SHAPE] = row[SEGMENT_JERK] = row[SEGMENT_ACCELERATION] = 0.0
+        row[SEGMENT_TIME], row[SEGMENT_SPEED] = before[SEGMENT_TIME], before[SEGMENT_SPEED]
+        row[SEGMENT_POSITION] = before[SEGMENT_POSITION]
 
 
 @compiled(allocates=False)
@@ -342,15 +323,8 @@ def state_at(head: Floats, curve: Floats, time: float) -> tuple[float, float, fl
     if i == 0:
         return curve[0, SEGMENT_POSITION], curve[0, SEGMENT_SPEED], curve[0, SEGMENT_ACCELERATION]
     before, row = curve[i - 1], curve[i]
-    a, v, p = _within(
-        row[SEGMENT_SHAPE],
-        row[SEGMENT_JERK],
-        row[SEGMENT_TIME] - before[SEGMENT_TIME],
-        time - before[SEGMENT_TIME],
-        before[SEGMENT_ACCELERATION],
-        before[SEGMENT_SPEED],
-        before[SEGMENT_POSITION],
-    )
+    whole, since = row[SEGMENT_TIME] - before[SEGMENT_TIME], time - before[SEGMENT_TIME]
+    a, v, p = _after(before, row[SEGMENT_SHAPE], row[SEGMENT_JERK], whole, since)
     return max(p, 0.0), v, a
 
 

@@ -134,7 +134,7 @@ def test_it_flies_a_mission_with_a_pause_and_a_jump_ahead(autopilot, ready, tool
 def test_it_takes_off_goes_returns_and_lands(autopilot, ready, tools):
     from mavsdk.plugins.telemetry import FlightMode, LandedState
 
-    flying, _, telemetry, action, _ = ready(autopilot)
+    flying, _, telemetry, action, _ = ready(autopilot, speed=20.0)
     wait = tools.wait_until
     states = set()
     telemetry.subscribe_landed_state(lambda state, _: states.add(state))
@@ -170,6 +170,8 @@ def test_it_takes_off_goes_returns_and_lands(autopilot, ready, tools):
     wait(lambda: telemetry.flight_mode() == FlightMode.LAND, what="land mode")
     wait(lambda: telemetry.landed_state() == LandedState.ON_GROUND, what="touch-down")
     wait(lambda: not telemetry.armed(), what="disarming")
+    if not flying.is_ardupilot:
+        wait(lambda: telemetry.flight_mode() == FlightMode.HOLD, what="the mode before")
 
 
 def test_it_hears_refusals_and_why(autopilot, ready, tools):
@@ -188,7 +190,9 @@ def test_it_hears_refusals_and_why(autopilot, ready, tools):
     flying.vehicle.pilot.arming.block = "compass not calibrated"
     tools.wait_until(lambda: not telemetry.health().is_armable, what="not armable")
     assert refused(action.arm) in no
-    tools.wait_until(lambda: any("compass not calibrated" in t for t in texts), what="the reason")
+    reason = f"{'Arm' if flying.is_ardupilot else 'Preflight Fail'}: compass not calibrated"
+    tools.wait_until(lambda: reason in texts, what="the reason")
+    assert flying.vehicle.outcome is Outcome.ARMING_REFUSED
     flying.vehicle.pilot.arming.block = None
     tools.wait_until(lambda: telemetry.health().is_armable, what="armable")
     assert refused(action.goto_location, *flying.place(5, 5), 40.0, 0.0) in no
@@ -210,16 +214,20 @@ def test_parameters_are_read_set_and_listed(autopilot, connected, tools):
     ardupilot = flying.is_ardupilot
     speed, scale = ("WPNAV_SPEED", 100.0) if ardupilot else ("MPC_XY_CRUISE", 1.0)
     system_id, delay = ("MAV_SYSID", "DISARM_DELAY") if ardupilot else ("MAV_SYS_ID", "COM_LOW_BAT_ACT")
+    assert param.get_param_float(speed) == pytest.approx(flying.vehicle.pilot.spec.cruise_speed_m_s * scale)
     param.set_param_float(speed, 6.5 * scale)
     assert param.get_param_float(speed) == 6.5 * scale
     assert flying.vehicle.pilot.spec.cruise_speed_m_s == 6.5
     assert param.get_param_int(system_id) == 1
     param.set_param_int(delay, 0)
     assert param.get_param_int(delay) == 0
+    if not ardupilot:
+        assert flying.vehicle.pilot.parameters.low_battery_action == 0
     everything = param.get_all_params()
     floats = {p.name: p.value for p in everything.float_params}
     integers = {p.name: p.value for p in everything.int_params}
     assert floats[speed] == 6.5 * scale
+    assert ("RTL_RETURN_ALT" in floats) is not ardupilot
     assert (integers[system_id], integers[delay]) == (1, 0)
     with pytest.raises(ParamError):
         param.get_param_int(speed)  # the wrong type

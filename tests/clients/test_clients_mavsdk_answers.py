@@ -116,3 +116,14 @@ def test_a_vehicle_that_is_armed_and_does_not_take_off_is_disarmed(px4, tools):
     action.arm()
     tools.wait_until(lambda: "Disarmed by auto preflight disarming" in texts, what="the text")
     tools.wait_until(lambda: not telemetry.armed(), what="the heartbeat")
+
+
+def test_a_server_at_a_udp_port_is_called(fly, mavsdk_system, tools):
+    from mavsdk.plugins.mission_raw import MissionRaw
+
+    flying = fly("px4", ("udpin:127.0.0.1:0",))
+    mission = MissionRaw(mavsdk_system(f"udpout://127.0.0.1:{tools.port_of(flying.urls[0])}"))
+    sent = tools.raw_items(flying.mission)
+    mission.upload_mission(sent)
+    back = mission.download_mission()
+    assert [(i.command, i.x, i.y) for i in back] == [(i.command, i.x, i.y) for i in sent]

@@ -233,6 +233,15 @@ def test_requests_streams_and_refusals(autopilot, master):
     version = receive(connection, "AUTOPILOT_VERSION")
     major, minor, patch = flying.vehicle.firmware.mavlink.identity.version
     assert version.flight_sw_version >> 8 == major << 16 | minor << 8 | patch
+    assert version.capabilities & mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_INT
+    assert ordered(connection, 512, 12345) == (4 if flying.is_ardupilot else 2)
+    assert ordered(connection, 511, 31, 50_000) == 0
+    receive(connection, "ATTITUDE_QUATERNION")
+    assert ordered(connection, 510, 31) == 0
+    assert receive(connection, "MESSAGE_INTERVAL").interval_us == 50_000
+    assert ordered(connection, 511, 31, -1) == 0
+    connection.mav.timesync_send(0, 42)
+    assert receive(connection, "TIMESYNC", "TIMESYNC.ts1==42").tc1 > 0
     assert ordered(connection, 511, 30, 20_000) == 0
     before = receive(connection, "ATTITUDE").time_boot_ms
     assert receive(connection, "ATTITUDE").time_boot_ms - before <= 100
@@ -243,6 +252,6 @@ def test_requests_streams_and_refusals(autopilot, master):
     for kind in ("GLOBAL_POSITION_INT", "VFR_HUD", "SYS_STATUS", "GPS_RAW_INT", "BATTERY_STATUS"):
         receive(connection, kind)
     assert ordered(connection, 4242) == 3
-    assert ordered(connection, 300) != 0, "there is no mission"
+    assert ordered(connection, 300) == (4 if flying.is_ardupilot else 1), "there is no mission"
     text = receive(connection, "STATUSTEXT").text
     assert text.startswith(("Switching to Mission", "Mode change to AUTO failed"))

@@ -129,9 +129,9 @@ def test_a_simulator_that_cannot_start_leaves_the_ready_file_of_another(tmp_path
 
 
 def test_a_flight_says_what_it_still_does_and_ends_at_the_second_ctrl_c(tmp_path):
-    arguments = ["--farm", "miniberry-100", "--speed", "2", "--out", "run", "--json", "--estimator", "point"]
-    process = start("fly", *arguments, cwd=tmp_path)
-    wait_for(lambda: any(path.stat().st_size > 20_000 for path in tmp_path.rglob("*.tlog")), process)
+    arguments = "--farm miniberry-30 --budget 5min --speed 8 --out run --json --estimator point"
+    process = start("fly", *arguments.split(), cwd=tmp_path)
+    wait_for(lambda: any(path.stat().st_size > 60_000 for path in tmp_path.rglob("*.tlog")), process)
     process.send_signal(signal.SIGINT)
     line = process.stderr.readline()
     assert "saved in run" in line

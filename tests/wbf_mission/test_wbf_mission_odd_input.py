@@ -168,7 +168,7 @@ def test_a_full_disk_names_the_file_and_leaves_the_old_one(tmp_path, arguments):
     code = f"{start}; from wbf_mission.__main__ import main; main()"
     # Coverage, where it is measured, would write its own file into the limit.
     env = {name: value for name, value in os.environ.items() if not name.startswith("COVERAGE_")}
-    # Without -B the bytecode that it writes would be cut short as well, and all later processes would read it.
+    # Without -B the bytecode that it writes would be cut short as well, and later processes would read it.
     done = subprocess.run(
         [sys.executable, "-B", "-c", code, *arguments],
         capture_output=True,

@@ -36,6 +36,11 @@ HEIGHT_M, SPEED_M_S, IMAGES_M = 12.0, 5.0, 4.0
 OLD = [(0.0, 20.0), (60.0, 20.0), (60.0, 35.0), (0.0, 35.0), (0.0, 50.0), (60.0, 50.0)]
 NEW = [(40.0, 70.0), (-20.0, 70.0), (-20.0, 30.0)]
 AUTOPILOTS = ["px4", "ardupilot"]
+# What comes after the mission takes as long as half of it, and is not looked at here.
+LANDS_SOON = {
+    "px4": {"RTL_RETURN_ALT": 14.0, "RTL_DESCEND_ALT": 5.0, "MPC_LAND_ALT1": 5.0, "MPC_LAND_SPEED": 1.5},
+    "ardupilot": {"RTL_LOIT_TIME": 0.0, "LAND_ALT_LOW": 500.0, "LAND_SPEED": 100.0},
+}
 # Guided and dead for good, a real ArduCopter hovers: so long may the ground take at most on a good link.
 LONGEST_ASIDE_S = 12.0
 
@@ -118,7 +123,7 @@ class Flight:
     def __init__(
         self, autopilot, change=None, when=None, impairment=None, dead=None, forever=False, old=None
     ):
-        spec = with_autopilot(get_vehicle("quad"), autopilot)
+        spec = with_autopilot(get_vehicle("quad"), autopilot, LANDS_SOON[autopilot])
         self.vehicle = SimVehicle(spec, HOME, autopilot=get_autopilot(autopilot))
         self.station = GroundStation(old or planned())
         self.far = Far(self.station)

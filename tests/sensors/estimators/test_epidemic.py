@@ -373,7 +373,7 @@ def test_a_second_look_judges_better(cache):
         last = FieldClassifier(network, look.codes, x, y, 3, look.day).probabilities()
         for k, found in enumerate((first, last)):
             losses[k] -= np.log(found[rows, look.classes] + 1e-6).sum()
-    assert losses[1] < losses[0]
+    assert losses[1] < 0.98 * losses[0]
 
 
 def test_without_a_folder_to_write_to_it_still_learns(tmp_path, monkeypatch):
@@ -616,13 +616,13 @@ def test_whole_and_large_farms_agree_away_from_what_only_small_ones_use(cache, m
 def test_windows_of_a_large_farm_stand_for_it(monkeypatch):
     monkeypatch.setattr(training, "WHOLE_FARM_CELLS", 1000)
     monkeypatch.setattr(training, "_WINDOW", 48)
-    hosts = np.ones((160, 130), bool)
-    hosts[:, 100:] = False
-    task = TrainingTask(TYLCV, 6, outbreaks=200)
+    hosts = np.ones((240, 200), bool)
+    hosts[:, 150:] = False
+    task = TrainingTask(TYLCV, 6, outbreaks=400)
     _, classes, weights = training.samples_of(training.draw_looks(task, hosts, np.random.default_rng(3)))
     rng = np.random.default_rng(1)
     expected = np.mean([(simulate_outbreak(hosts, TYLCV, 6, rng)[hosts] >= 0).mean() for _ in range(20)])
-    assert float(weights @ (classes > 0) / weights.sum()) == pytest.approx(expected, rel=0.5)
+    assert float(weights @ (classes > 0) / weights.sum()) == pytest.approx(expected, rel=0.4)
     assert weights.mean() == pytest.approx(1.0, rel=1e-4)
 
 

@@ -184,7 +184,10 @@ def test_functions_made_over_different_ones_are_kept_apart_and_found_again(packa
     assert run(package, arguments=["rate"])[:2] == (8.0, True)
 
 
-def test_what_becomes_part_of_its_caller_as_machine_code_and_counts_no_references():
+def test_what_becomes_part_of_its_caller_as_machine_code_and_counts_no_references(tmp_path, monkeypatch):
+    # Of what was kept numba shows no code.
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+
     @compiled(inline="late", allocates=False)
     def total(rows):
         found = 0.0

@@ -551,7 +551,7 @@ def test_noise_on_the_readings_is_noticed(cache):
             model = EpidemicEstimator(**FAIR, cache=cache).fit(grid, observe(seen.x, seen.y, noisy)).predict()
             loss += paper_loss(truth, model.value, PAPER_FIELDS.masks(grid))
         losses.append(loss)
-    assert losses[0] <= losses[1] <= losses[2] < 3 * losses[0]
+    assert losses[0] <= losses[1] <= losses[2] < 1.4 * losses[0]
 
 
 def test_many_looks_outvote_a_misreading(cache):

@@ -26,7 +26,7 @@ from wbf_mission.exit_codes import ExitCode, exit_code_of_flight
 from wbf_mission.flight import fly
 from wbf_mission.live.discovery import LiveFlightError
 from wbf_mission.live.link import LiveLink
-from wbf_mission.run import hosting
+from wbf_mission.run import joint_flight
 from wbf_mission.scenario import Scenario
 
 AUTOPILOTS = {"px4": m.MAV_AUTOPILOT_PX4, "ardupilot": m.MAV_AUTOPILOT_ARDUPILOTMEGA}
@@ -355,8 +355,8 @@ def test_ctrl_c_leaves_the_vehicle_flying(again, tmp_path):
 
 @pytest.mark.slow
 def test_a_vehicle_that_is_never_heard_again_is_not_waited_for_for_ever(monkeypatch):
-    monkeypatch.setattr(hosting, "SILENT_FOR_GOOD_S", 4.0)
-    monkeypatch.setattr(hosting, "SILENT_FACTOR", 0.1)
+    monkeypatch.setattr(joint_flight, "SILENT_FOR_GOOD_S", 4.0)
+    monkeypatch.setattr(joint_flight, "SILENT_FACTOR", 0.1)
     faults = ["link-loss,at=airborne,from=25"]
     with stand_in(system_faults=faults) as (url, made):
         result = fly(scenario(), connect=LiveLink(url, Watcher(agrees=True)))

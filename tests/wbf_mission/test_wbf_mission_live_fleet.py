@@ -22,7 +22,7 @@ from wbf_mission.live.discovery import LiveFlightError, fitted_to, wanted_vehicl
 from wbf_mission.live.hosting import links_of
 from wbf_mission.live.link import LiveLink, via_named
 from wbf_mission.replanning.loop import DecisionLoop
-from wbf_mission.run import hosting, sortie
+from wbf_mission.run import joint_flight, sortie
 from wbf_mission.run.joint_flight import JointFlight
 from wbf_mission.run.resolve import resolve
 
@@ -132,8 +132,8 @@ def test_three_vehicles_share_one_link(tmp_path):
 @pytest.mark.slow
 def test_a_vehicle_that_is_killed_gives_its_part_to_the_other(tmp_path, monkeypatch):
     monkeypatch.setattr(sortie, "SILENT_S", 4.0)
-    monkeypatch.setattr(hosting, "SILENT_FOR_GOOD_S", 5.0)
-    monkeypatch.setattr(hosting, "SILENT_FACTOR", 0.02)
+    monkeypatch.setattr(joint_flight, "SILENT_FOR_GOOD_S", 5.0)
+    monkeypatch.setattr(joint_flight, "SILENT_FACTOR", 0.02)
     chosen = scenario(farm="miniberry-30", budget="4min")
     with pair(tmp_path, *WIDE) as (one, two):
         operator = Agreeing(vehicle=2, images=15, act=lambda _flight: two.process.kill())

@@ -11,8 +11,13 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import subprocess
 import sys
+import tempfile
 from pathlib import Path
+
+from geo.atomic import atomic_write
+from geo.compiled import compiled_folder
 
 TABLE = Path(__file__).parents[1] / "tests" / "data" / "benchmark_guard.json"
 _KERNELS = {"OPENBLAS_CORETYPE": "Haswell"}
@@ -42,11 +47,12 @@ def table() -> dict[str, list[float | None]]:
 
 
 def main() -> None:
-    """Write the table, in a process that OpenBLAS begins with those kernels."""
+    """Write the table, in a process that begins with those kernels and finds nothing trained."""
     if os.environ.get("OPENBLAS_CORETYPE") != _KERNELS["OPENBLAS_CORETYPE"]:
-        os.execve(sys.executable, [sys.executable, *sys.argv], {**os.environ, **_KERNELS})
-    from geo.atomic import atomic_write
-
+        with tempfile.TemporaryDirectory() as folder:
+            # What is compiled does not depend on those kernels.
+            caches = {"XDG_CACHE_HOME": folder, "NUMBA_CACHE_DIR": str(compiled_folder())}
+            sys.exit(subprocess.call([sys.executable, *sys.argv], env={**os.environ, **_KERNELS, **caches}))
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--out", type=Path, default=TABLE)
     with atomic_write(options.parse_args().out) as file:

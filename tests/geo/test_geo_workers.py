@@ -8,7 +8,7 @@ import time
 from concurrent.futures.process import BrokenProcessPool
 
 import pytest
-from processes import unmeasured
+from processes import environment
 
 from geo.workers import CallsAhead
 
@@ -81,7 +81,7 @@ def started(folder, script):
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
-        env=unmeasured(PYTHONPATH=os.pathsep.join(sys.path)),
+        env=environment(PYTHONPATH=os.pathsep.join(sys.path)),
     )
 
 

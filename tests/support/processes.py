@@ -15,14 +15,9 @@ JOB = ("--budget", "60s", "--estimator", "point")
 ENVIRONMENT = {**os.environ, "COLUMNS": "200", "TERM": "dumb"}
 
 
-def unmeasured(**more):
-    """Return the environment of a process that is to be broken off anywhere by a signal, without coverage.
-
-    An exception that a signal handler raises amid the bookkeeping of coverage leaves its lock held,
-    and the process waits for it for ever.
-    """
-    kept = {name: value for name, value in os.environ.items() if not name.startswith("COVERAGE_")}
-    return {**kept, "COLUMNS": "200", **more}
+def environment(**more):
+    """Return the environment of a process with a terminal of 200 columns and what else is given."""
+    return {**os.environ, "COLUMNS": "200", **more}
 
 
 def command(*words):

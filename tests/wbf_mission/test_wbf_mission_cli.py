@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
-from processes import unmeasured
+from processes import environment
 
 from mission.files import read_mission
 from wbf_mission.cli.app import main
@@ -27,7 +27,7 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, 
 def spawn(*arguments: str, cwd: Path) -> subprocess.Popen[str]:
     command = [sys.executable, "-m", "wbf_mission", *arguments]
     pipe = subprocess.PIPE
-    return subprocess.Popen(command, cwd=cwd, stdout=pipe, stderr=pipe, text=True, env=unmeasured())
+    return subprocess.Popen(command, cwd=cwd, stdout=pipe, stderr=pipe, text=True, env=environment())
 
 
 @pytest.mark.parametrize(

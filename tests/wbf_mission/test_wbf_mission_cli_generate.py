@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from processes import unmeasured
+from processes import environment
 
 from geo.memory import AvailableMemory
 from sensors.environment import cache, load_environment
@@ -118,7 +118,7 @@ def test_ctrl_c_keeps_what_is_finished(capsys: pytest.CaptureFixture[str], tmp_p
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
-        env=unmeasured(),
+        env=environment(),
     )
     # With two jobs a later member may be finished before an earlier one.
     while process.poll() is None and len(list((tmp_path / "e").glob("member-*"))) < 2:

@@ -11,7 +11,7 @@ import sys
 import time
 
 import pytest
-from processes import unmeasured
+from processes import environment
 from stand_in import LONG_S, scenario, stand_in
 
 from geo.errors import WbfMissionError
@@ -236,7 +236,7 @@ def talk(url, answers, cwd, term="dumb", more=()):
         stderr=end,
         text=True,
         start_new_session=True,
-        env=unmeasured(TERM=term),
+        env=environment(TERM=term),
     )
     os.close(end)
     shown = b""

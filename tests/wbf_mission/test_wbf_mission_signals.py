@@ -10,7 +10,7 @@ import time
 
 import numpy as np
 import pytest
-from processes import unmeasured
+from processes import environment
 
 from mission.link.codec.dialect import mavlink as m
 from mission.link.tlog import read_tlog
@@ -31,7 +31,7 @@ def start(*arguments, cwd, before=(), **options):
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
-        env=unmeasured(),
+        env=environment(),
         **options,
     )
 

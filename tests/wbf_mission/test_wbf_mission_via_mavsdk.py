@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
-from processes import unmeasured
+from processes import environment
 from stand_in import LONG_S, scenario, stand_in
 
 from mission.errors import LinkError
@@ -232,7 +232,7 @@ def test_ctrl_c_ends_it_at_once_and_without_a_traceback(tmp_path):
     command = [sys.executable, "-m", "wbf_mission", "download", "--out", str(tmp_path / "held.plan")]
     command += ["--via", "mavsdk", "--connect", f"udpin:127.0.0.1:{free_udp_port()}", "--wait", "60"]
     pipe = subprocess.PIPE
-    with subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, env=unmeasured()) as process:
+    with subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, env=environment()) as process:
         assert "waiting for a vehicle" in process.stderr.readline()
         process.send_signal(2)
         out, error = process.communicate(timeout=LONG_S)

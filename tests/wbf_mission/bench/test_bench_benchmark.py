@@ -10,7 +10,7 @@ import time
 
 import msgspec
 import pytest
-from processes import unmeasured
+from processes import environment
 
 from mission.planners import planner_names
 from sensors.estimators.point import PointEstimator
@@ -199,7 +199,7 @@ def started(folder, *more):
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
-        env=unmeasured(),
+        env=environment(),
     )
     while process.poll() is None and not (
         (folder / "journal.jsonl").exists() and (folder / "journal.jsonl").read_bytes().count(b"\n") >= 2

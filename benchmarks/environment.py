@@ -35,7 +35,7 @@ from scipy.signal import convolve2d
 from scratch import scratch_folder
 
 from geo.farms import get_farm
-from geo.grid import STRAWBERRY, TOMATO, FarmGrid
+from geo.grid import Crop, FarmGrid
 from geo.units import FOOT_M
 from sensors.dynamics.epidemic import InfectionRule, draw_seeds, step
 from sensors.dynamics.soil import Shower, SoilCourse, draw_weather
@@ -128,8 +128,9 @@ def make_grid(size: str) -> FarmGrid:
         return get_farm(size).grid()
     width, _, height = size.partition("x")
     shape = (int(width), int(height or width))
-    crop = np.full(shape, STRAWBERRY, np.int8)
-    crop[:, shape[1] // 2 :] = TOMATO
+    names = tuple(Crop)
+    crop = np.full(shape, names.index(Crop.STRAWBERRY), np.int8)
+    crop[:, shape[1] // 2 :] = names.index(Crop.TOMATO)
     return FarmGrid(shape, FOOT_M, crop, np.ones(shape, np.bool_))
 
 
@@ -183,8 +184,8 @@ def measure(size: str, days: int, reference_days: int, repeats: int, directory: 
     repeat()
     measured = min(days, reference_days)
     diseases = sum(
-        reference_disease(grid.crop == crop, parameters, days, measured)
-        for crop, parameters in ((TOMATO, TYLCV), (STRAWBERRY, CCR))
+        reference_disease(grid.of_crops([crop]), parameters, days, measured)
+        for crop, parameters in ((Crop.TOMATO, TYLCV), (Crop.STRAWBERRY, CCR))
     )
     soil, difference = reference_soil(grid.shape, days, measured)
     repeat()

@@ -37,8 +37,9 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from geo.atomic import atomic_write
-from geo.farm import Crop, Farm
+from geo.farm import Farm
 from geo.farms import get_farm
+from geo.grid import Crop
 from geo.seeds import child_seed, sealed_seed
 from mission.errors import PlanningError
 from mission.planners import CropArea, PlanningRequest, StepBudget

@@ -24,8 +24,9 @@ from numpy.typing import NDArray
 from policies import WEIGHTS, Losses, Robot, diseases_alone, ratio, request_of
 from threadpoolctl import threadpool_limits
 
-from geo.farm import Crop, Farm
+from geo.farm import Farm
 from geo.farms import get_farm
+from geo.grid import Crop
 from geo.seeds import child_seed
 from mission.policies.observation import Event, PolicyObservation
 from mission.policies.policy import Policy, make_policy

@@ -17,8 +17,9 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from geo.farm import Crop, Farm, Patch
+from geo.farm import Farm, Patch
 from geo.farms import get_farm
+from geo.grid import Crop
 from geo.seeds import child_seed
 from sensors.environment import generate_environment
 from sensors.estimators import make_estimator
@@ -35,8 +36,7 @@ def square_farm(side: int) -> Farm:
     size_m = side * like.cell_size_m
     halves = (Crop.TOMATO, 0.0, 0.5 * size_m), (Crop.STRAWBERRY, 0.5 * size_m, size_m)
     patches = tuple(
-        Patch(crop.name.lower(), crop, like.owner, shapely.box(west, 0.0, east, size_m))
-        for crop, west, east in halves
+        Patch(crop, crop, like.owner, shapely.box(west, 0.0, east, size_m)) for crop, west, east in halves
     )
     return Farm(f"square-{side}", like.frame, side, side, patches, like.owner, (0.0, 0.0), like.cell_size_m)
 

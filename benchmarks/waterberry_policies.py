@@ -25,8 +25,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from geo.farm import Crop, Farm
+from geo.farm import Farm
 from geo.farms import get_farm
+from geo.grid import Crop
 from geo.seeds import child_seed, sealed_seed
 from mission.planners import CropArea, PlanningRequest, StepBudget
 from mission.policies.observation import Event, PolicyObservation

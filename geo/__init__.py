@@ -8,13 +8,14 @@ if TYPE_CHECKING:
     from geo.built_in import farm_names as farm_names
     from geo.errors import FarmError as FarmError
     from geo.errors import WbfMissionError as WbfMissionError
-    from geo.farm import Crop as Crop
     from geo.farm import Farm as Farm
+    from geo.farm import Obstacle as Obstacle
     from geo.farm import Patch as Patch
     from geo.farms import get_farm as get_farm
     from geo.frame import LocalFrame as LocalFrame
     from geo.geojson import load_farm as load_farm
     from geo.geojson import save_farm as save_farm
+    from geo.grid import Crop as Crop
     from geo.grid import FarmGrid as FarmGrid
     from geo.units import FOOT_M as FOOT_M
 else:

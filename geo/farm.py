@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
-from enum import IntEnum
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, overload
 
@@ -12,7 +12,7 @@ import numpy as np
 import shapely
 
 from geo.errors import FarmError
-from geo.grid import FarmGrid, rasterise
+from geo.grid import MAX_CROPS, NOT_GROWN, Crop, FarmGrid, rasterise
 from geo.units import FOOT_M
 
 if TYPE_CHECKING:
@@ -26,24 +26,59 @@ _SNAP_M = 1e-6
 _EDGE_CELLS = 1e-9
 
 
-class Crop(IntEnum):
-    """What a cell is; `NONE` is unpainted land."""
+@dataclass(frozen=True, slots=True)
+class Patch:
+    """A piece of land with one crop and one owner; the polygon is in metres of the farm's frame.
 
-    NONE = 0
-    STRAWBERRY = 1
-    TOMATO = 2
-    POND = 3
-    WETLAND = 4
+    A crop is one of `geo.grid.Crop` or any other name in lower case.
+    """
+
+    name: str
+    crop: str
+    owner: str
+    polygon: shapely.Polygon
 
 
 @dataclass(frozen=True, slots=True)
-class Patch:
-    """A piece of land with one crop and one owner; the polygon is in metres of the farm's frame."""
+class Obstacle:
+    """What flights keep away from; the polygon is in metres of the farm's frame.
 
-    name: str
-    crop: Crop
-    owner: str
+    Parameters
+    ----------
+    polygon : shapely.Polygon
+        Its outline.
+    height_m : float or None
+        Its height above the ground: flights that are higher by the margin pass over it. None: a no-fly zone,
+        or what is too high to be flown over.
+    margin_m : float or None
+        How far flights stay away from it; None: as far as from all others.
+    name : str
+        For messages.
+    """
+
     polygon: shapely.Polygon
+    height_m: float | None = None
+    margin_m: float | None = None
+    name: str = ""
+
+    def margin(self, default_m: float) -> float:
+        """Return its own margin, or that of the others."""
+        return default_m if self.margin_m is None else self.margin_m
+
+    def widened(self, margin_m: float, more_m: float = 0.0) -> shapely.Polygon:
+        """Return its outline wider by its margin, and by more."""
+        return shapely.buffer(self.polygon, self.margin(margin_m) + more_m)
+
+    def bars(self, altitude_m: float, margin_m: float) -> bool:
+        """Return whether a flight at so many metres above the ground has to go round it.
+
+        Examples
+        --------
+        >>> shed = Obstacle(shapely.box(0, 0, 10, 10), height_m=6.0)
+        >>> shed.bars(7.0, 2.0), shed.bars(8.0, 2.0)
+        (True, False)
+        """
+        return self.height_m is None or altitude_m < self.height_m + self.margin(margin_m)
 
 
 @dataclass(frozen=True)
@@ -66,8 +101,10 @@ class Farm:
         Where flights start, metres of the frame.
     cell_size_m : float
         Side of a cell, metres; one foot in the benchmark.
-    obstacles : tuple of shapely.Polygon
-        Where no flight may pass, metres of the frame.
+    obstacles : tuple of Obstacle
+        What flights keep away from, no-fly zones among them.
+    rally_m : tuple of tuple of float
+        Places where a vehicle may land when it cannot come home, metres of the frame.
 
     Raises
     ------
@@ -83,7 +120,8 @@ class Farm:
     owner: str
     home_m: tuple[float, float]
     cell_size_m: float = FOOT_M
-    obstacles: tuple[shapely.Polygon, ...] = ()
+    obstacles: tuple[Obstacle, ...] = ()
+    rally_m: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.cell_size_m) and self.cell_size_m > 0):
@@ -96,19 +134,35 @@ class Farm:
                 f"farm {self.name!r}: a grid of {self.width_cells} x {self.height_cells} cells is larger "
                 f"than {MAX_CELLS} cells; choose larger cells than {self.cell_size_m:g} m"
             )
+        if len(self.crops) > MAX_CROPS:
+            raise FarmError(f"farm {self.name!r}: {len(self.crops)} crops, at most {MAX_CROPS} are possible")
         if not any(patch.owner == self.owner for patch in self.patches):
             raise FarmError(f"farm {self.name!r}: no patch belongs to the owner {self.owner!r}")
 
     @cached_property
     def owner_area(self) -> shapely.Polygon | shapely.MultiPolygon:
         """The owner's land, ponds and wetlands included, metres."""
-        return self._land(frozenset(Crop))
+        return self._land(frozenset(self.crops))
 
-    def crop_area(self, crop: Crop) -> shapely.Polygon | shapely.MultiPolygon:
-        """Return the owner's land of one crop, metres; an empty polygon where there is none."""
-        return self._land(frozenset({crop}))
+    @cached_property
+    def crops(self) -> tuple[str, ...]:
+        """The names of crops, by whose numbers `grid` tells them: the benchmark's, then further ones."""
+        return tuple(dict.fromkeys((*map(str, Crop), *(str(patch.crop) for patch in self.patches))))
 
-    def _land(self, crops: frozenset[Crop]) -> shapely.Polygon | shapely.MultiPolygon:
+    def grown_crops(self, crops: Iterable[str] = ()) -> tuple[str, ...]:
+        """Return those of some crops that the owner grows; if they are none, all that the owner grows.
+
+        Ponds, wetlands and unpainted land are never among them.
+        """
+        own = dict.fromkeys(str(one.crop) for one in self.patches if one.owner == self.owner)
+        grown = tuple(crop for crop in own if crop not in NOT_GROWN)
+        return tuple(crop for crop in grown if crop in set(crops)) or grown
+
+    def crop_area(self, *crops: str) -> shapely.Polygon | shapely.MultiPolygon:
+        """Return the owner's land of some crops, metres; an empty polygon where there is none."""
+        return self._land(frozenset(crops))
+
+    def _land(self, crops: frozenset[str]) -> shapely.Polygon | shapely.MultiPolygon:
         shapes = np.array([patch.polygon for patch in self.patches])
         wanted = np.array([patch.owner == self.owner and patch.crop in crops for patch in self.patches])
         # Each patch less what is painted over it, then all at once: one after the other takes time that
@@ -140,9 +194,13 @@ class Farm:
     @cached_property
     def _grid(self) -> FarmGrid:
         return rasterise(
-            ((patch.polygon, int(patch.crop), patch.owner == self.owner) for patch in self.patches),
+            (
+                (patch.polygon, self.crops.index(patch.crop), patch.owner == self.owner)
+                for patch in self.patches
+            ),
             (self.width_cells, self.height_cells),
             self.cell_size_m,
+            self.crops,
         )
 
     @overload

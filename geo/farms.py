@@ -26,9 +26,10 @@ import shapely
 
 from geo.built_in import farm_names
 from geo.errors import FarmError
-from geo.farm import Crop, Farm, Patch
+from geo.farm import Farm, Patch
 from geo.frame import LocalFrame
 from geo.geojson import load_farm
+from geo.grid import Crop
 from geo.units import FOOT_M
 
 GROUND_ALTITUDE_M = 30.0

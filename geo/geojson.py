@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 import os
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
@@ -16,15 +16,16 @@ from shapely.geometry.polygon import orient
 
 from geo.atomic import atomic_write
 from geo.errors import FarmError
-from geo.farm import MAX_CELLS, Crop, Farm, Patch
+from geo.farm import MAX_CELLS, Farm, Obstacle, Patch
 from geo.frame import LocalFrame
+from geo.grid import CROP_NAMES, Crop, is_crop_name
 from geo.reading import UnreadableError, not_json, read_text
 from geo.units import FOOT_M
 
 MAX_FILE_BYTES = 32 * 2**20
 MAX_VERTICES = 100_000
 MAX_LATITUDE_DEG = 75.0
-_NAMES = {crop.name.lower(): crop for crop in Crop}
+MAX_RALLY = 100
 _WGS84 = re.compile(
     r"(urn:ogc:def:crs:|https?://www\.opengis\.net/def/crs/)?"
     r"(OGC[:/]+(1\.3[:/])?CRS84|EPSG[:/]+(0[:/])?4326|WGS ?84)",
@@ -38,9 +39,11 @@ class Feature:
 
     where: str
     name: str
-    crop: Crop
+    crop: str
     owner: str
     obstacle: bool
+    height_m: float | None
+    margin_m: float | None
     rings: tuple[np.ndarray[Any, np.dtype[np.float64]], ...]
 
 
@@ -89,15 +92,23 @@ def read_feature(entry: object, index: int) -> Feature:
     obstacle = properties.get("obstacle", False)
     if not isinstance(obstacle, bool):
         raise FarmError(f'{where}: property "obstacle" is not true or false')
-    crop, owner = Crop.NONE, ""
+    no_fly = properties.get("no_fly", False)
+    if not isinstance(no_fly, bool):
+        raise FarmError(f'{where}: property "no_fly" is not true or false')
+    height_m = number_member(properties, "height_m", None, 0.0, 1000.0, f"{where}: property")
+    margin_m = number_member(properties, "margin_m", None, 0.0, 1000.0, f"{where}: property")
+    if no_fly and height_m is not None:
+        raise FarmError(f'{where}: is a no-fly zone, of any height; leave "height_m" out, or "no_fly"')
+    obstacle = obstacle or no_fly
+    crop, owner = str(Crop.NONE), ""
     if not obstacle:
         for key in ("crop", "owner"):
             if properties.get(key) is None:
                 raise FarmError(f'{where}: property "{key}" is missing')
-        label = text_member(properties, "crop", "", where).lower()
-        if label not in _NAMES:
-            raise FarmError(f"{where}: unknown crop {label!r}; crops are {', '.join(_NAMES)}")
-        crop, owner = _NAMES[label], text_member(properties, "owner", "", where)
+        crop = text_member(properties, "crop", "", where).lower()
+        if not is_crop_name(crop):
+            raise FarmError(f"{where}: {crop!r} is no name of a crop; {CROP_NAMES}")
+        owner = text_member(properties, "owner", "", where)
     geometry = entry.get("geometry")
     kind = geometry.get("type") if isinstance(geometry, dict) else None
     if not isinstance(geometry, dict) or kind != "Polygon":
@@ -108,7 +119,8 @@ def read_feature(entry: object, index: int) -> Feature:
     rings = geometry.get("coordinates")
     if not isinstance(rings, list) or not rings or not rings[0]:
         raise FarmError(f"{where}: the polygon is empty")
-    return Feature(where, name, crop, owner, obstacle, tuple(_ring(ring, where) for ring in rings))
+    shape = tuple(_ring(ring, where) for ring in rings)
+    return Feature(where, name, crop, owner, obstacle, height_m, margin_m, shape)
 
 
 def _ring(ring: object, where: str) -> np.ndarray[Any, np.dtype[np.float64]]:
@@ -156,13 +168,18 @@ def text_member(members: dict[str, Any], key: str, default: str, where: str) -> 
     return value.strip()
 
 
-def number_member(document: dict[str, Any], key: str, default: float, low: float, high: float) -> float:
+T = TypeVar("T", float, None)
+
+
+def number_member(
+    members: dict[str, Any], key: str, default: T, low: float, high: float, what: str = "member"
+) -> float | T:
     """Return a member that is a number in low..high, its default if it is missing, or raise FarmError."""
-    value = document.get(key)
+    value = members.get(key)
     if value is None:
         return default
     if type(value) not in (int, float) or not low <= value <= high:
-        raise FarmError(f'member "{key}": {shortened(value)} is not a number in {low:g}..{high:g}')
+        raise FarmError(f'{what} "{key}": {shortened(value)} is not a number in {low:g}..{high:g}')
     return float(value)
 
 
@@ -206,12 +223,19 @@ def save_farm(farm: Farm, path: str | os.PathLike[str]) -> None:
     """
     frame = farm.frame
     patches = [
-        _feature(farm, patch.polygon, name=patch.name, crop=patch.crop.name.lower(), owner=patch.owner)
+        _feature(farm, patch.polygon, name=patch.name, crop=str(patch.crop), owner=patch.owner)
         for patch in farm.patches
     ]
     obstacles = [
-        _feature(farm, polygon, name=f"obstacle {number}", obstacle=True)
-        for number, polygon in enumerate(farm.obstacles, 1)
+        _feature(
+            farm,
+            one.polygon,
+            name=one.name or f"obstacle {number}",
+            obstacle=True,
+            **({} if one.height_m is None else {"height_m": one.height_m}),
+            **({} if one.margin_m is None else {"margin_m": one.margin_m}),
+        )
+        for number, one in enumerate(farm.obstacles, 1)
     ]
     document = {
         "type": "FeatureCollection",
@@ -222,7 +246,8 @@ def save_farm(farm: Farm, path: str | os.PathLike[str]) -> None:
         "ground_altitude_m": frame.altitude_m,
         "rotation_deg": frame.rotation_deg,
         "size_cells": [farm.width_cells, farm.height_cells],
-        "home": list(reversed(frame.to_wgs84(*farm.home_m))),
+        "home": _position(frame, farm.home_m),
+        **({"rally": [_position(frame, place) for place in farm.rally_m]} if farm.rally_m else {}),
         "features": patches + obstacles,
     }
     try:
@@ -231,6 +256,11 @@ def save_farm(farm: Farm, path: str | os.PathLike[str]) -> None:
     except (OSError, ValueError) as error:
         msg = f"farm file {os.fspath(path)}: cannot be written ({getattr(error, 'strerror', None) or error})"
         raise FarmError(msg) from None
+
+
+def _position(frame: LocalFrame, place_m: tuple[float, float]) -> list[float]:
+    latitude_deg, longitude_deg = frame.to_wgs84(*place_m)
+    return [longitude_deg, latitude_deg]
 
 
 def _feature(farm: Farm, polygon: shapely.Polygon, **properties: object) -> dict[str, object]:
@@ -290,15 +320,33 @@ def _farm_of(document: dict[str, Any], default_name: str) -> Farm:
         owners = ", ".join(sorted({repr(patch.owner) for patch in kept})[:8])
         raise FarmError(f"no feature belongs to the owner {owner!r}; the owners are {owners}")
     obstacles = tuple(
-        polygon for feature, polygon in zip(features, polygons, strict=True) if feature.obstacle
+        Obstacle(polygon, feature.height_m, feature.margin_m, feature.name)
+        for feature, polygon in zip(features, polygons, strict=True)
+        if feature.obstacle
     )
-    farm = Farm(name, frame, width, height, kept, owner, (0.0, 0.0), cell_size_m, obstacles)
+    rally_m = _rally(document, frame)
+    farm = Farm(name, frame, width, height, kept, owner, (0.0, 0.0), cell_size_m, obstacles, rally_m)
     if home is not None:
         home_m = frame.from_wgs84(home[1], home[0])
     else:
         nearest = shapely.shortest_line(farm.owner_area, shapely.Point(0.0, 0.0))
         home_m = (float(nearest.coords[0][0]), float(nearest.coords[0][1])) if nearest else (0.0, 0.0)
-    return Farm(name, frame, width, height, kept, owner, home_m, cell_size_m, obstacles)
+    return replace(farm, home_m=home_m)
+
+
+def _rally(document: dict[str, Any], frame: LocalFrame) -> tuple[tuple[float, float], ...]:
+    """Return the rally points, in metres of the farm's frame."""
+    given = document.get("rally", [])
+    if not isinstance(given, list) or len(given) > MAX_RALLY:
+        msg = f'member "rally": {shortened(given)} is no list of at most {MAX_RALLY} positions'
+        raise FarmError(msg)
+    places = [position_of(one, f'member "rally", entry {k}') for k, one in enumerate(given, 1)]
+    rally_m = tuple(frame.from_wgs84(latitude, longitude) for longitude, latitude in places)
+    for number, place_m in enumerate(rally_m, 1):
+        if not math.hypot(*place_m) <= 2 * MAX_SPAN_M:
+            msg = f'member "rally", entry {number}: lies more than {2 * MAX_SPAN_M / 1000:g} km from the farm'
+            raise FarmError(msg)
+    return rally_m
 
 
 def _check_span(features: list[Feature], home: tuple[float, float] | None) -> None:

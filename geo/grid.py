@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from enum import StrEnum
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -16,8 +18,31 @@ if TYPE_CHECKING:
     import shapely
     from numpy.typing import NDArray
 
-STRAWBERRY = 1
-TOMATO = 2
+
+class Crop(StrEnum):
+    """The crops of the benchmark; a farm may have others, by their names. `NONE` is unpainted land."""
+
+    NONE = "none"
+    STRAWBERRY = "strawberry"
+    TOMATO = "tomato"
+    POND = "pond"
+    WETLAND = "wetland"
+
+
+NOT_GROWN = frozenset({Crop.NONE, Crop.POND, Crop.WETLAND})
+"""What is no crop: nobody looks at it."""
+MAX_CROPS = 100
+CROP_NAMES = "names of crops are up to 40 lower-case letters, digits, spaces, hyphens and underscores"
+_CROP_NAME = re.compile(r"[^\W\d_][\w -]{0,39}")
+
+
+def is_crop_name(name: str) -> bool:
+    """Return whether a text is the name of a crop, of the benchmark or not.
+
+    >>> is_crop_name("sweet potato"), is_crop_name("Potato"), is_crop_name("")
+    (True, False, False)
+    """
+    return bool(_CROP_NAME.fullmatch(name)) and name == name.lower()
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,9 +56,11 @@ class FarmGrid:
     cell_size_m : float
         Side of a cell, metres.
     crop : int8[W, H]
-        `geo.farm.Crop` of each cell.
+        The number of each cell's crop in `crops`.
     owned : bool[W, H]
         Whether the cell is the owner's.
+    crops : tuple of str
+        The names of crops: those of the benchmark first, then those that only this farm has.
 
     The arrays and the masks are shared and not writable.
     """
@@ -42,6 +69,7 @@ class FarmGrid:
     cell_size_m: float
     crop: NDArray[np.int8]
     owned: NDArray[np.bool_]
+    crops: tuple[str, ...] = tuple(Crop)
 
     def __post_init__(self) -> None:
         if self.crop.shape != self.shape or self.owned.shape != self.shape:
@@ -55,36 +83,54 @@ class FarmGrid:
     @cached_property
     def tomato(self) -> NDArray[np.bool_]:
         """The owner's tomatoes, bool[W, H]."""
-        return self._owned_crop(TOMATO)
+        return self._owned_crop(Crop.TOMATO)
 
     @cached_property
     def strawberry(self) -> NDArray[np.bool_]:
         """The owner's strawberries, bool[W, H]."""
-        return self._owned_crop(STRAWBERRY)
+        return self._owned_crop(Crop.STRAWBERRY)
 
     @cached_property
     def planted(self) -> NDArray[np.bool_]:
         """The owner's planted land, bool[W, H]."""
-        mask = self.tomato | self.strawberry
+        mask = self.of_crops([crop for crop in self.crops if crop not in NOT_GROWN])
+        mask &= self.owned
         mask.flags.writeable = False
         return mask
 
-    def _owned_crop(self, crop: int) -> NDArray[np.bool_]:
-        mask: NDArray[np.bool_] = self.crop == crop
+    @property
+    def further_crops(self) -> str:
+        """Its crops that are not the benchmark's, whose numbers are always the same, for digests."""
+        return "".join(f"{name};" for name in self.crops[len(Crop) :])
+
+    def of_crops(self, names: Iterable[str]) -> NDArray[np.bool_]:
+        """Mark the cells with one of some crops, whoever owns them: bool[W, H], a new array."""
+        # np.isin would make a copy of eight bytes a cell.
+        mask = np.zeros(self.shape, np.bool_)
+        for name in names:
+            if name in self.crops:
+                mask |= self.crop == self.crops.index(name)
+        return mask
+
+    def _owned_crop(self, crop: Crop) -> NDArray[np.bool_]:
+        mask = self.of_crops([crop])
         mask &= self.owned
         mask.flags.writeable = False
         return mask
 
 
 def rasterise(
-    patches: Iterable[tuple[shapely.Polygon, int, bool]], shape: tuple[int, int], cell_size_m: float
+    patches: Iterable[tuple[shapely.Polygon, int, bool]],
+    shape: tuple[int, int],
+    cell_size_m: float,
+    crops: tuple[str, ...] = tuple(Crop),
 ) -> FarmGrid:
     """Paint patches in order onto a grid of cells.
 
     A cell belongs to the last patch that covers its centre. The test is made in cells with vertices rounded
     to a millionth of a cell, so that borders through centres fall the same way on every machine.
 
-    Patches are (polygon, crop, owned), polygons in metres from the grid's corner, holes allowed.
+    Patches are (polygon, number in `crops`, owned), polygons in metres from the grid's corner, holes allowed.
     """
     crop_map = np.zeros(shape, np.int8)
     owned_map = np.zeros(shape, np.bool_)
@@ -93,7 +139,7 @@ def rasterise(
             for x, first, stop in zip(*(array.tolist() for array in runs), strict=True):
                 crop_map[x, first:stop] = crop
                 owned_map[x, first:stop] = owned
-    return FarmGrid(shape, cell_size_m, crop_map, owned_map)
+    return FarmGrid(shape, cell_size_m, crop_map, owned_map, crops)
 
 
 TIE_CELLS = 1e-9

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from geo.farm import Crop
+from geo.grid import CROP_NAMES, is_crop_name
 from sensors.dynamics.continuous import ContinuousDynamics
 from sensors.dynamics.epidemic import CCR, TYLCV, EpidemicParameters
 from sensors.dynamics.soil import SoilParameters
@@ -37,8 +37,6 @@ Dynamics = EpidemicParameters | ContinuousDynamics
 
 MAX_FIELDS = 16
 """So many readings of a cell fit into one MAVLink message with room to spare."""
-CROPS = {crop.name.lower(): int(crop) for crop in Crop}
-"""Names of crops, and their numbers in crop maps."""
 HEALTH_COLOURS = ("#5a0f14", "#f08a24", "#4f9d5d")
 """Lost, infected, healthy."""
 WATER_COLOURS = (
@@ -65,8 +63,9 @@ class Field:
     dynamics : EpidemicParameters or ContinuousDynamics
         How it develops, `SoilParameters` among others; that also says which kind of field it is.
     crops : tuple of str
-        The crops that it concerns (`CROPS`). A disease infects them on everybody's land; errors are counted
-        on the owner's cells with these crops.
+        The crops that it concerns: those of the benchmark (`geo.Crop`) or others, by the names that farms
+        give them. A disease infects them on everybody's land; errors are counted on the owner's cells with
+        these crops.
     default : float
         Value assumed where nothing is known, 0..1.
     weight : float
@@ -106,10 +105,11 @@ class Field:
         if not isinstance(self.dynamics, EpidemicParameters | ContinuousDynamics):
             found = type(self.dynamics).__name__
             raise self._error(f"dynamics is {found}, expected EpidemicParameters, SoilParameters or others")
-        unknown = [crop for crop in self.crops if crop not in CROPS]
-        if unknown or not self.crops or len(set(self.crops)) < len(self.crops):
-            found = f"unknown crop {unknown[0]!r}" if unknown else f"crops {', '.join(self.crops) or 'empty'}"
-            raise self._error(f"{found}; give each once, from {', '.join(CROPS)}")
+        strange = [crop for crop in self.crops if not is_crop_name(crop)]
+        if strange:
+            raise self._error(f"crop {strange[0]!r:.60} is no name of a crop; {CROP_NAMES}")
+        if not self.crops or len(set(self.crops)) < len(self.crops):
+            raise self._error(f"crops {', '.join(self.crops) or 'empty'}; give at least one, and each once")
         if not 0.0 <= self.default <= 1.0:
             raise self._error(f"default {self.default} is not in 0..1")
         for name in ("weight", "cost_above", "cost_below"):
@@ -151,11 +151,7 @@ class Field:
 
     def hosts(self, grid: FarmGrid) -> NDArray[np.bool_]:
         """Mark the cells with its crops, whoever owns them: bool[W, H], a new array."""
-        crop = np.asarray(grid.crop)
-        cells: NDArray[np.bool_] = crop == CROPS[self.crops[0]]
-        for name in self.crops[1:]:
-            cells |= crop == CROPS[name]
-        return cells
+        return grid.of_crops(self.crops)
 
     def mask(self, grid: FarmGrid) -> NDArray[np.bool_]:
         """Mark the owner's cells with its crops, those whose error costs something: bool[W, H]."""

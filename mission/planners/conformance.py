@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 from shapely.geometry import LineString, MultiPolygon, Point, Polygon
 
-from geo.farm import Crop
+from geo.grid import Crop
 from mission.errors import AnswerError, PlanningError
 from mission.planners.budget import Budget, LengthBudget, StepBudget
 from mission.planners.path import Area, PlannedPath

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import shapely
 
-from geo.farm import Crop
+from geo.grid import Crop
 from mission.errors import PlanningError
 from mission.planners.path import Area, PlannedPath, Points, drop_coincident
 from mission.planners.request import PlanningRequest

@@ -10,7 +10,6 @@ from typing import Protocol, TypeAlias
 import numpy as np
 import shapely
 
-from geo.farm import Crop
 from geo.units import FOOT_M
 from mission.errors import PlanningError
 from mission.planners.budget import BatchBudget, Budget, ExplainedBudget
@@ -23,17 +22,17 @@ class CropArea:
 
     Parameters
     ----------
-    crop : geo.farm.Crop
-        What grows there.
+    crop : str
+        What grows there: `geo.Crop` or another name.
     area : shapely Polygon or MultiPolygon
         In metres of the farm frame.
     """
 
-    crop: Crop
+    crop: str
     area: Area
 
     def __post_init__(self) -> None:
-        check_area(self.area, f"area of the {self.crop.name.lower()} crop")
+        check_area(self.area, f"area of the {self.crop} crop")
 
 
 SearchProgress: TypeAlias = Callable[[int, int], None]

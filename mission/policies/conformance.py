@@ -12,8 +12,9 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from geo.farm import Crop, Farm
+from geo.farm import Farm
 from geo.farms import get_farm
+from geo.grid import Crop
 from mission.errors import AnswerError, PlanningError
 from mission.planners.budget import LengthBudget, StepBudget
 from mission.planners.path import Area, Points

@@ -303,7 +303,7 @@ def _part(name: str, cells: slice, size: int) -> slice:
 
 
 def grid_digest(grid: FarmGrid) -> str:
-    """Digest of a crop map: SHA-256, hexadecimal, of its shape and its bytes."""
-    digest = hashlib.sha256(f"{grid.shape[0]}x{grid.shape[1]};".encode())
+    """Digest of a crop map: SHA-256, hexadecimal, of its shape, further crops and its bytes."""
+    digest = hashlib.sha256(f"{grid.shape[0]}x{grid.shape[1]};{grid.further_crops}".encode())
     digest.update(np.ascontiguousarray(grid.crop, np.int8).data)
     return digest.hexdigest()

@@ -35,8 +35,8 @@ def test_miniberry(size: int) -> None:
     mini = get_farm(f"miniberry-{size}")
     grid = mini.grid()
     assert grid.shape == (size, size)
-    assert (grid.crop[:, : size // 2] == Crop.STRAWBERRY).all()
-    assert (grid.crop[:, size // 2 :] == Crop.TOMATO).all()
+    assert grid.strawberry[:, : size // 2].all()
+    assert grid.tomato[:, size // 2 :].all()
     assert mini.owner_cells == size * size
     assert mini.cell_of(*mini.home_m) == (0, 0)
     assert mini.owner_area.equals(shapely.box(0, 0, size * FOOT_M, size * FOOT_M))
@@ -48,21 +48,21 @@ def test_waterberry() -> None:
     assert grid.shape == (6000, 5000)
     assert grid.owned[1000:5000, 1000:4000].all()
     assert waterberry.owner_cells == 12_000_000
-    assert (grid.crop != Crop.NONE).all()
+    assert grid.of_crops(set(Crop) - {Crop.NONE}).all()
     assert waterberry.cell_of(*waterberry.home_m) == (1000, 1000)
     # Slanted border x = 4000 - (y - 1000) / 3, in sixths of a cell; tomatoes are painted later.
     for iy in (1000, 1001, 1002, 2000, 2500, 3300):
         border_sixths = 24000 - (2 * iy + 1 - 2000)
         first_tomato = -((3 - border_sixths) // 6)
-        row = grid.crop[:, iy]
+        row = [grid.crops[number] for number in grid.crop[:, iy]]
         assert row[first_tomato] == Crop.TOMATO, iy
         assert row[first_tomato - 1] == Crop.STRAWBERRY, iy
-    pond = int((grid.crop == Crop.POND).sum())
+    pond = int(grid.of_crops([Crop.POND]).sum())
     assert pond == pytest.approx(0.5 * 24 * 200**2 * np.sin(np.pi / 12), rel=2e-3)
-    assert grid.crop[4000, 3999] == Crop.WETLAND
-    assert grid.crop[4000, 4000] == Crop.TOMATO
-    assert grid.crop[3000, 500] == Crop.STRAWBERRY
-    assert grid.planted.sum() == 12_000_000 - pond - (grid.crop == Crop.WETLAND).sum()
+    assert grid.crops[grid.crop[4000, 3999]] == Crop.WETLAND
+    assert grid.crops[grid.crop[4000, 4000]] == Crop.TOMATO
+    assert grid.crops[grid.crop[3000, 500]] == Crop.STRAWBERRY
+    assert grid.planted.sum() == 12_000_000 - pond - grid.of_crops([Crop.WETLAND]).sum()
 
 
 def test_waterberry_against_shapely_on_random_cells() -> None:
@@ -73,7 +73,7 @@ def test_waterberry_against_shapely_on_random_cells() -> None:
     expected = np.zeros(3000, int)
     for patch in waterberry.patches:
         polygon = shapely.transform(patch.polygon, lambda xy: np.round(xy / FOOT_M, 6))
-        expected[shapely.intersects_xy(polygon, ix + 0.5, iy + 0.5)] = patch.crop
+        expected[shapely.intersects_xy(polygon, ix + 0.5, iy + 0.5)] = waterberry.crops.index(patch.crop)
     np.testing.assert_array_equal(grid.crop[ix, iy], expected)
 
 

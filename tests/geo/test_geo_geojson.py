@@ -14,7 +14,7 @@ import shapely
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from geo import Crop, Farm, FarmError, LocalFrame, Patch, get_farm, load_farm, save_farm
+from geo import Crop, Farm, FarmError, LocalFrame, Obstacle, Patch, get_farm, load_farm, save_farm
 
 LON, LAT = -82.15, 28.05
 
@@ -60,7 +60,10 @@ def same(a: Farm, b: Farm) -> None:
     np.testing.assert_array_equal(a.grid().owned, b.grid().owned)
     assert len(a.obstacles) == len(b.obstacles)
     for mine, other in zip(a.obstacles, b.obstacles, strict=True):
-        assert mine.symmetric_difference(other).area < 1e-5
+        assert mine.polygon.symmetric_difference(other.polygon).area < 1e-5
+        assert (mine.height_m, mine.margin_m) == (other.height_m, other.margin_m)
+        assert mine.name == other.name or not other.name
+    assert np.allclose(a.rally_m, b.rally_m, atol=1e-6) and len(a.rally_m) == len(b.rally_m)
 
 
 @pytest.mark.parametrize("name", ["miniberry-10", "miniberry-30", "waterberry"])
@@ -83,12 +86,16 @@ def test_rotated_farms_round_trip(rotation: float, latitude: float, longitude: f
         25,
         (
             Patch("a", Crop.TOMATO, "me", holed),
-            Patch("b", Crop.STRAWBERRY, "you", shapely.box(20, 0, 30, 10)),
+            Patch("b", "sweet potato", "you", shapely.box(20, 0, 30, 10)),
         ),
         "me",
         (3.25, 1.5),
         1.0,
-        (shapely.box(1, 1, 2, 2),),
+        (
+            Obstacle(shapely.box(1, 1, 2, 2)),
+            Obstacle(shapely.box(4, 1, 5, 2), height_m=6.5, margin_m=0.0, name="shed"),
+        ),
+        ((-4.0, 2.0), (31.0, 0.5)),
     )
     save_farm(farm, tmp_path / "t.json")
     same(load_farm(tmp_path / "t.json"), farm)
@@ -177,7 +184,11 @@ SWAPPED = [[[lat, lon] for lon, lat in ring()]]
         (feature([[[LON]] * 4]), "is not a position"),
         (feature([[7, 7, 7, 7]]), "is not a position"),
         (feature("ring"), "the polygon is empty"),
-        (feature(crop="mango"), "unknown crop 'mango'; crops are none, strawberry, tomato, pond, wetland"),
+        (feature(crop="mango!"), "'mango!' is no name of a crop; names of crops are up to 40 lower-case"),
+        (feature(obstacle=True, height_m=-1), 'property "height_m": -1 is not a number in 0..1000'),
+        (feature(obstacle=True, margin_m="2"), 'property "margin_m": 2 is not a number in 0..1000'),
+        (feature(no_fly=1), 'property "no_fly" is not true or false'),
+        (feature(no_fly=True, height_m=3), "is a no-fly zone, of any height"),
         (feature(crop=None), 'property "crop" is missing'),
         (feature(owner=None), 'property "owner" is missing'),
         (feature(owner=""), '"owner" is , not a short line'),

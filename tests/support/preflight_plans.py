@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import shapely
 
-from geo.farm import Crop, Farm, Patch
+from geo.farm import Farm, Obstacle, Patch
 from geo.frame import LocalFrame
+from geo.grid import Crop
 from mission.model import Command, GeoPoint, Mission, MissionItem
 from wbf_mission.preflight.run import check_mission
 from wbf_mission.preflight.subject import Circumstances
@@ -57,11 +58,11 @@ def fenced(mission, *zones):
     return replace(mission, fence=tuple(item for zone in zones for item in zone))
 
 
-def farm_with_obstacle(west, south, east, north):
-    """A farm about home with a box that must not be flown over."""
+def farm_with_obstacle(west, south, east, north, *, height_m=None, margin_m=None):
+    """A farm about home with a box that must not be flown over, or so high."""
     frame = LocalFrame(*FRAME.to_wgs84(-200.0, -200.0))
     land = Patch("field", Crop.TOMATO, "me", shapely.box(0, 0, 400, 400))
-    obstacle = shapely.box(200 + west, 200 + south, 200 + east, 200 + north)
+    obstacle = Obstacle(shapely.box(200 + west, 200 + south, 200 + east, 200 + north), height_m, margin_m)
     return Farm("walled", frame, 400, 400, (land,), "me", (200.0, 200.0), 1.0, obstacles=(obstacle,))
 
 

@@ -10,8 +10,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from geo import get_farm, save_farm
-from geo.farm import Crop, Farm, Patch
+from geo.farm import Farm, Obstacle, Patch
 from geo.frame import LocalFrame
+from geo.grid import Crop
 from mission.errors import PlanningError
 from mission.files import read_mission, write_mission
 from mission.outcome import Outcome
@@ -57,10 +58,11 @@ def builder_of(scenario):
 
 
 def yard(*obstacles):
-    """A farm of 70 x 70 m."""
-    patches = tuple(Patch(crop.name, crop, "me", land) for crop, land in CROPS.items())
+    """A farm of 70 x 70 m; obstacles are polygons or `Obstacle`."""
+    obstacles = [one if isinstance(one, Obstacle) else Obstacle(one) for one in obstacles]
+    patches = tuple(Patch(crop, crop, "me", land) for crop, land in CROPS.items())
     frame = LocalFrame(28.05, -82.15, 20.0)
-    return Farm("yard", frame, int(SIDE), int(SIDE), patches, "me", HOME, 1.0, obstacles=obstacles)
+    return Farm("yard", frame, int(SIDE), int(SIDE), patches, "me", HOME, 1.0, obstacles=tuple(obstacles))
 
 
 @pytest.fixture(scope="module")
@@ -199,7 +201,7 @@ def polygons():
 )
 def test_legs_of_every_planner_keep_away_from_random_obstacles(obstacles, planner, stray_m):
     farm = yard(*obstacles)
-    keep_out = KeepOut.of(farm, 2.0, stray_m)
+    keep_out = KeepOut.of(farm.obstacles, 2.0, stray_m)
     free = shapely.difference(farm.owner_area, keep_out.area)
     parts = [part for part in parts_of(free) if not shapely.buffer(part, -1.0).is_empty]
     crops = [
@@ -229,7 +231,7 @@ def test_legs_of_every_planner_keep_away_from_random_obstacles(obstacles, planne
 
 
 def test_a_home_near_an_obstacle_is_left_on_the_shortest_way():
-    keep_out = KeepOut.of(yard(shapely.box(5, -5, 9, 10)), 2.0, 1.0)
+    keep_out = KeepOut.of(yard(shapely.box(5, -5, 9, 10)).obstacles, 2.0, 1.0)
     points, _ = keep_out.around(np.array([HOME, (40.0, 3.0)]))
     assert points[1] == pytest.approx((2.0, 3.0), abs=0.3), "away from it first"
     assert nearest_m(points[1:], [shapely.box(5, -5, 9, 10)]) >= 2.99
@@ -290,10 +292,40 @@ def test_gusts_that_no_margin_covers_are_told_with_a_plan_and_before_a_flight(fa
     assert "gusts" not in run(capsys, *words[:-1], "5,270,1", code=0).err
 
 
+def test_what_is_low_is_flown_over_and_counts_as_an_obstacle_below_its_margin():
+    shed, mast = (
+        Obstacle(shapely.box(20, 20, 40, 40), height_m=6.0),
+        Obstacle(shapely.Point(60, 60).buffer(2.0)),
+    )
+    path = np.array([(10.0, 30.0), (50.0, 30.0), (50.0, 62.0)])
+    for altitude_m, over in ((9.9, False), (10.1, True)):  # the quad's barometer is exact here
+        scenario = Scenario(altitude_m=altitude_m, margin_m=4.0, estimate_errors=False, autopilot="ardupilot")
+        builder = MissionBuilder.of(scenario, yard(shed, mast))
+        assert builder.keep_out is not None
+        flown = shapely.LineString(builder.flown_way(path))
+        assert flown.intersects(shed.polygon) == over
+        assert flown.distance(mast.polygon) >= 4.0
+        circumstances = Circumstances(scenario.vehicle, scenario.weather, yard(shed), 4.0)
+        straight = MissionBuilder.of(scenario, yard()).mission(PlannedPath(path, None, "straight"))
+        codes = {one.code for one in check_mission(straight, circumstances).report.findings}
+        assert ("near-obstacle" in codes) == (not over) and "obstacle" not in codes
+    assert MissionBuilder.of(scenario, yard(shed)).keep_out is None
+
+
+def test_an_obstacle_may_have_a_margin_of_its_own():
+    pole, shed = Obstacle(shapely.box(30, 30, 31, 31), margin_m=9.0), Obstacle(shapely.box(60, 0, 61, 1))
+    near = KeepOut.of((pole, shed), 2.0, 0.5).near
+    assert near.bounds == pytest.approx((21.0, -2.0, 63.0, 40.0))
+    assert sum(part.area for part in near.geoms if part.bounds[0] < 50.0) == pytest.approx(289.0, rel=0.02)
+
+
 def test_farm_show_lists_obstacles(farm, capsys):
     told = json.loads(run(capsys, "farm", "show", farm, "--json", code=0).out)
     assert len(told["obstacles"]) == 4
     assert told["obstacles"][2] == {
+        "name": "obstacle 3",
+        "height_m": None,
+        "margin_m": None,
         "bounds_m": pytest.approx([13, 2, 15, 5], abs=1e-3),
         "area_m2": pytest.approx(6.0, abs=1e-2),
         "from_home_m": pytest.approx(10.0, abs=1e-3),

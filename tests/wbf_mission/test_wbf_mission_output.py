@@ -10,7 +10,7 @@ from dataclasses import replace
 import shapely
 from rich.console import Console
 
-from geo import get_farm
+from geo import Obstacle, get_farm
 from sensors.estimators.base import LEARNING
 from wbf_mission.cli.output import FILE_WIDTH, Output
 from wbf_mission.pictures.plots import plot_farm
@@ -77,7 +77,7 @@ def test_lines_are_told_only_so_often(capsys):
 
 
 def test_obstacles_are_in_the_picture_of_a_farm(tmp_path):
-    farm = replace(get_farm("miniberry-10"), obstacles=(shapely.box(1.0, 1.0, 1.6, 1.6),))
+    farm = replace(get_farm("miniberry-10"), obstacles=(Obstacle(shapely.box(1.0, 1.0, 1.6, 1.6)),))
     bare = plot_farm(get_farm("miniberry-10"), tmp_path / "bare.png").read_bytes()
     drawn = plot_farm(farm, tmp_path / "farm.png").read_bytes()
     assert drawn.startswith(b"\x89PNG")

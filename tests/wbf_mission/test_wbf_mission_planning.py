@@ -10,8 +10,9 @@ import pytest
 import shapely
 
 from geo import get_farm, save_farm
-from geo.farm import Crop, Farm, Patch
+from geo.farm import Farm, Patch
 from geo.frame import LocalFrame
+from geo.grid import Crop
 from mission.errors import PlanningError
 from mission.files import write_mission
 from mission.model import Command, GeoPoint

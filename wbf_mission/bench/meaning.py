@@ -21,7 +21,7 @@ import msgspec
 import numpy as np
 import shapely
 
-from geo import Farm
+from geo import Crop, Farm, Obstacle, Patch
 from geo.errors import PACKAGES, is_users_file
 from geo.farms import get_farm
 from sensors.field_files import field_to_table, load_field_set
@@ -242,8 +242,23 @@ def _farm(farm: Farm) -> dict[str, Any]:
         ],
         "home": list(farm.home_m),
         "patches": [
-            [shapely.to_wkt(one.polygon, rounding_precision=6), int(one.crop), one.owner == farm.owner]
+            [
+                shapely.to_wkt(one.polygon, rounding_precision=6),
+                _crop(farm, one),
+                one.owner == farm.owner,
+            ]
             for one in farm.patches
         ],
-        "obstacles": [shapely.to_wkt(one, rounding_precision=6) for one in farm.obstacles],
+        "obstacles": [_obstacle(one) for one in farm.obstacles],
     }
+
+
+def _crop(farm: Farm, patch: Patch) -> int | str:
+    """Return the number of one of the benchmark's crops, the name of another."""
+    number = farm.crops.index(patch.crop)
+    return number if number < len(Crop) else patch.crop
+
+
+def _obstacle(one: Obstacle) -> Any:
+    outline = shapely.to_wkt(one.polygon, rounding_precision=6)
+    return outline if one.height_m is one.margin_m is None else [outline, one.height_m, one.margin_m]

@@ -17,7 +17,7 @@ from wbf_mission.exit_codes import ExitCode
 from wbf_mission.scenario import FarmOptions, ScenarioError
 
 if TYPE_CHECKING:
-    from geo import Farm
+    pass
 
 app = typer.Typer(
     cls=HelpGroup,
@@ -53,7 +53,7 @@ _CELLS = ("width_cells", "height_cells")
 _PLACE = ("frame.latitude_deg", "frame.longitude_deg")
 
 
-def _values(farm: Farm, *names: str) -> dict[str, Any]:
+def _values(farm: Any, *names: str) -> dict[str, Any]:
     """Return attributes by the last part of their names."""
     return {name.rpartition(".")[2]: attrgetter(name)(farm) for name in names}
 
@@ -65,19 +65,18 @@ def show_command(output: Output, farm: FarmArgument) -> None:
     import numpy as np
     import shapely
 
-    from geo import Crop, get_farm
+    from geo import get_farm
 
     shown = get_farm(farm)
     grid = shown.grid()
     counts = {
-        crop.name.lower(): {
-            "cells": int(np.count_nonzero(grid.crop == crop)),
-            "owner_cells": int(np.count_nonzero((grid.crop == crop) & grid.owned)),
+        crop: {
+            "cells": int(np.count_nonzero(grid.crop == number)),
+            "owner_cells": int(np.count_nonzero((grid.crop == number) & grid.owned)),
         }
-        for crop in Crop
+        for number, crop in enumerate(grid.crops)
     }
     area, home = shown.owner_area, shapely.Point(shown.home_m)
-    patches = [(one, one.crop.name.lower()) for one in shown.patches]
     values = {
         **_values(shown, "name", *_CELLS, "cell_size_m", *_PLACE),
         **_values(shown, "frame.altitude_m", "frame.rotation_deg", "owner", "owner_cells"),
@@ -85,13 +84,19 @@ def show_command(output: Output, farm: FarmArgument) -> None:
         "home_m": list(shown.home_m),
         "crops": counts,
         "patches": [
-            {"name": one.name, "crop": crop, "owner": one.owner, "area_m2": one.polygon.area}
-            for one, crop in patches
+            {"name": one.name, "crop": str(one.crop), "owner": one.owner, "area_m2": one.polygon.area}
+            for one in shown.patches
         ],
         "obstacles": [
-            {"bounds_m": list(one.bounds), "area_m2": one.area, "from_home_m": one.distance(home)}
+            {
+                **_values(one, "name", "height_m", "margin_m"),
+                "bounds_m": list(one.polygon.bounds),
+                "area_m2": one.polygon.area,
+                "from_home_m": one.polygon.distance(home),
+            }
             for one in shown.obstacles
         ],
+        "rally_m": [list(place) for place in shown.rally_m],
     }
     rows = {
         "size": f"{shown.width_cells} x {shown.height_cells} cells of {shown.cell_size_m:g} m",
@@ -105,12 +110,18 @@ def show_command(output: Output, farm: FarmArgument) -> None:
             for name, count in counts.items()
             if count["cells"]
         },
-        **{f"patch {i}": f"{one.name} ({crop}, {one.owner})" for i, (one, crop) in enumerate(patches, 1)},
+        **{f"patch {i}": f"{one.name} ({one.crop}, {one.owner})" for i, one in enumerate(shown.patches, 1)},
         **{
-            f"obstacle {i}": f"x {x0:.1f} to {x1:.1f} m, y {y0:.1f} to {y1:.1f} m; "
-            f"{one.area:.1f} m2, {distance(one.distance(home))} from home"
+            f"obstacle {i}": f"{one.name + ': ' if one.name else ''}x {x0:.1f} to {x1:.1f} m, "
+            f"y {y0:.1f} to {y1:.1f} m; {one.polygon.area:.1f} m2, "
+            f"{'not to be flown over' if one.height_m is None else f'{one.height_m:g} m high'}, "
+            f"{distance(one.polygon.distance(home))} from home"
             for i, one in enumerate(shown.obstacles, 1)
-            for x0, y0, x1, y1 in [one.bounds]
+            for x0, y0, x1, y1 in [one.polygon.bounds]
+        },
+        **{
+            f"rally point {i}": f"{distance(x)} east, {distance(y)} north of the origin"
+            for i, (x, y) in enumerate(shown.rally_m, 1)
         },
     }
     output.result(values, rows, title=shown.name)

@@ -7,6 +7,7 @@ light to dark (or dark to light), so that they can be told apart without red and
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,13 +28,14 @@ if TYPE_CHECKING:
     from sensors.estimation import ScoreHistory
     from wbf_mission.maps.field_maps import FieldMap
 
-CROP_COLOURS = {
+CROP_COLOURS: dict[str, str] = {
     Crop.NONE: "#f4f1ea",
     Crop.STRAWBERRY: "#e8a7a1",
     Crop.TOMATO: "#b7d39b",
     Crop.POND: "#8fbcd4",
     Crop.WETLAND: "#9ccfb8",
 }
+_FURTHER_CROPS = ("#d9c58b", "#c9b3d6", "#a8cfd0", "#e3b78c", "#c2c2b0", "#d8a8c2")
 LINE_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#8c6d31")
 """Of curves: Okabe and Ito's, which can be told apart without red and green, and one more."""
 LAND = "#e9e6df"
@@ -102,6 +104,12 @@ def _extent(grid: FarmGrid) -> tuple[float, float, float, float]:
     return 0.0, width * grid.cell_size_m, 0.0, height * grid.cell_size_m
 
 
+def crop_colours(crops: Sequence[str]) -> dict[str, str]:
+    """Return the colour of each crop; those that are not the benchmark's take turns."""
+    further = itertools.cycle(_FURTHER_CROPS)
+    return {crop: CROP_COLOURS.get(crop) or next(further) for crop in crops}
+
+
 def draw_farm(axes: Axes, farm: Farm, *, legend: bool = True) -> None:
     """Draw crops, the owner's land and obstacles into ``axes`` (metres along the farm's axes).
 
@@ -113,9 +121,9 @@ def draw_farm(axes: Axes, farm: Farm, *, legend: bool = True) -> None:
     grid = farm.grid()
     stride = shown_every(grid.shape)
     crops = grid.crop[::stride, ::stride]
-    levels = sorted(CROP_COLOURS)
-    colours = ListedColormap([CROP_COLOURS[Crop(level)] for level in levels])
-    norm = BoundaryNorm([level - 0.5 for level in levels] + [levels[-1] + 0.5], len(levels))
+    colour_of = crop_colours(grid.crops)
+    colours = ListedColormap(list(colour_of.values()))
+    norm = BoundaryNorm([number - 0.5 for number in range(len(colour_of) + 1)], len(colour_of))
     axes.imshow(
         crops.T,
         origin="lower",
@@ -128,9 +136,10 @@ def draw_farm(axes: Axes, farm: Farm, *, legend: bool = True) -> None:
     )
     shown = _outline(axes, farm)
     if legend:
-        for crop in reversed(np.unique(crops).tolist()):
-            if crop:
-                shown = {Crop(crop).name.lower(): LegendPatch(color=CROP_COLOURS[Crop(crop)]), **shown}
+        for number in reversed(np.unique(crops).tolist()):
+            if number:
+                crop = grid.crops[number]
+                shown = {crop: LegendPatch(color=colour_of[crop]), **shown}
         (shown["home"],) = axes.plot(*farm.home_m, linestyle="none", zorder=5, clip_on=False, **_HOME)
         # Named here and not on the axes, whose own legend is for what is drawn over the farm.
         axes.legend(
@@ -156,7 +165,7 @@ def _outline(axes: Axes, farm: Farm) -> dict[str, Artist]:
                 *ring.xy, color="#5b4636", linewidth=1.2, linestyle="--", zorder=2
             )
     for obstacle in farm.obstacles:
-        (shown["obstacle"],) = axes.fill(*obstacle.exterior.xy, **_OBSTACLE)
+        (shown["obstacle"],) = axes.fill(*obstacle.polygon.exterior.xy, **_OBSTACLE)
     return shown
 
 

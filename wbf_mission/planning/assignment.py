@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.random import SeedSequence
 
-from geo import Crop
 from geo.seeds import sealed_seed
 from mission.planners import CropArea, PlannedPath, PlanningRequest
 from mission.planners.path import Points, drop_coincident
@@ -82,7 +81,7 @@ class VehicleAssignment:
             footprint_m=footprint * farm.cell_size_m,
             crop_areas=tuple(
                 CropArea(crop, land)
-                for crop in (Crop.TOMATO, Crop.STRAWBERRY)
+                for crop in farm.grown_crops()
                 if not (land := farm.crop_area(crop)).is_empty
             ),
             seed=_planner_seed(seed, number),

@@ -31,7 +31,13 @@ from sim_vehicle.autopilot import (
 from sim_vehicle.prediction.battery_swaps import batteries_needed
 from sim_vehicle.prediction.flight import Prediction, home_frame
 from sim_vehicle.prediction.predict import expected_flights, plan_prediction, rehearsed_tracks
-from wbf_mission.planning.conditions import FlightLevel, flight_level, separation_margin_m, wind_of
+from wbf_mission.planning.conditions import (
+    FlightLevel,
+    flight_level,
+    height_error_m,
+    separation_margin_m,
+    wind_of,
+)
 from wbf_mission.planning.keep_out import KeepOut, free_area, probe_path, stray_m
 from wbf_mission.scenario import MissionOptions, ScenarioError, VehicleOptions, WeatherOptions
 from wbf_mission.scenario.parts import VehicleParts
@@ -177,8 +183,8 @@ class MissionBuilder:
     home_m: tuple[float, float]  # Where the vehicle takes off and lands, in metres of the farm frame
     # Whether the vehicle flies by an estimate that errs: known by its statistics
     estimate_errors: bool = False
-    # What its paths lead round; None on a farm without obstacles, and for the paper's robot, which has no
-    # size
+    # What its paths lead round; None where no obstacle is in the way at the height of its flight, and for the
+    # paper's robot, which has no size
     keep_out: KeepOut | None = None
 
     @classmethod
@@ -199,11 +205,13 @@ class MissionBuilder:
             options.estimate_errors and estimate_errs(vehicle),
         )
         check_wind(made)
-        if not farm.obstacles or vehicle.is_ideal:
+        lowest_m = made.level.altitude_m - separation_margin_m(height_error_m(options, vehicle), 0.0)
+        barred = [one for one in farm.obstacles if one.bars(lowest_m, mission.margin_m)]
+        if not barred or vehicle.is_ideal:
             return made
         # The satellites' error is that of where it believes to be, which it follows.
         stray = made.stray_m() + separation_margin_m(options.gps_noise_m, 0.0)
-        return replace(made, keep_out=KeepOut.of(farm, mission.margin_m, stray))
+        return replace(made, keep_out=KeepOut.of(barred, mission.margin_m, stray))
 
     @property
     def priced_vehicle(self) -> VehicleSpec:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from geo import Farm
+from geo import Farm, Obstacle
 from mission.planners.path import Area, Points
 from mission.planners.terrain import Terrain, parts_of
 from wbf_mission.scenario import ScenarioError
@@ -27,21 +27,24 @@ _TURNS_DEG = (90, 90, 90, 45, 120, 120, 120, 30, -90, -90, -90, -45, -120, -120,
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KeepOut:
-    """The ground round a farm's obstacles over which no path is planned."""
+    """The ground round obstacles over which no path is planned."""
 
     # The obstacles, wider by `distance_m` (or a little more), without what they enclose; metres of the farm
     # frame
     area: Area
     distance_m: float  # How far planned legs stay away from the obstacles
-    near: Area  # The obstacles, wider by the margin of the flown path
+    near: Area  # The obstacles, wider by the margins of the flown path
     outside: Terrain  # The plane round it, in which ways are found
     _crossed: Area
 
     @classmethod
-    def of(cls, farm: Farm, margin_m: float, stray: float) -> KeepOut:
-        """Return what a path keeps out of whose flight strays by so much and keeps a margin, metres."""
+    def of(cls, obstacles: Sequence[Obstacle], margin_m: float, stray: float) -> KeepOut:
+        """Return what a path keeps out of whose flight strays by so much and keeps a margin, metres.
+
+        The margin is that of obstacles that have none of their own.
+        """
         distance_m = margin_m + stray
-        wide = shapely.buffer(list(farm.obstacles), distance_m + _SMOOTH_M)
+        wide = [one.widened(margin_m, stray + _SMOOTH_M) for one in obstacles]
         # What is simplified moves by no more than it is too wide.
         parts = parts_of(shapely.union_all(shapely.simplify(wide, _SMOOTH_M)))
         area = shapely.union_all([shapely.Polygon(part.exterior) for part in parts])
@@ -49,7 +52,7 @@ class KeepOut:
         plane = shapely.box(x0 - _WIDE_M, y0 - _WIDE_M, x1 + _WIDE_M, y1 + _WIDE_M)
         crossed = shapely.buffer(area, -_GRAZES_M)
         shapely.prepare(crossed)
-        near = shapely.union_all(shapely.buffer(list(farm.obstacles), margin_m))
+        near = shapely.union_all([one.widened(margin_m) for one in obstacles])
         return cls(area, distance_m, near, Terrain(shapely.difference(plane, area), 0.0), crossed)
 
     def around(self, path_m: Points) -> tuple[Points, NDArray[np.int64]]:
@@ -111,10 +114,18 @@ def stray_m(planned_m: Points, flown: Iterable[Points], *, gusty: bool) -> float
 
 def free_area(farm: Farm) -> Area:
     """Return the owner's land without what must not be flown over."""
-    area = farm.owner_area
-    if farm.obstacles:
-        area = shapely.difference(area, shapely.union_all(list(farm.obstacles)))
-    return area
+    return _without(farm.owner_area, farm.obstacles)
+
+
+def scouted_area(farm: Farm, crops: Iterable[str] = ()) -> Area:
+    """Return the owner's land that somebody wants to see: of some crops, or all, without obstacles."""
+    return _without(farm.crop_area(*farm.grown_crops(crops)), farm.obstacles)
+
+
+def _without(area: Area, obstacles: Sequence[Obstacle]) -> Area:
+    if not obstacles:
+        return area
+    return shapely.difference(area, shapely.union_all([one.polygon for one in obstacles]))
 
 
 def flyable_area(farm: Farm, keep_out: KeepOut | None) -> Area:

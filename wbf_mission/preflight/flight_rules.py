@@ -266,19 +266,27 @@ def _fence_of(subject: Subject) -> Fence:
 
 
 def check_obstacles(subject: Subject) -> Iterator[Finding]:
-    """Whether the path that is flown stays clear of the farm's obstacles, with the margin."""
-    if not (about_home := subject.obstacles):
+    """Whether the path that is flown stays clear of the farm's obstacles, beside or above them."""
+    touched: list[Hit] = []
+    too_near: dict[float, list[Hit]] = {}
+    for obstacle in subject.obstacles:
+        margin_m = obstacle.margin(subject.given.margin_m)
+        top_m = math.inf if obstacle.height_m is None else obstacle.height_m
+        shapely.prepare(obstacle.polygon)
+        for track in _paths(subject):
+            legs = shapely.linestrings(np.stack((track.points_m[:-1, :2], track.points_m[1:, :2]), axis=1))
+            above = np.maximum(np.minimum(track.points_m[:-1, 2], track.points_m[1:, 2]) - top_m, 0.0)
+            near = np.flatnonzero(shapely.dwithin(legs, obstacle.polygon, margin_m) & (above <= margin_m))
+            # Beside it, over it, or both: the nearest corner of its top is as far as that.
+            away = np.hypot(shapely.distance(legs[near], obstacle.polygon), above[near])
+            for k, metres in zip(near, away, strict=True):
+                hits = touched if metres == 0.0 else too_near.setdefault(margin_m, [])
+                hits.append(Hit(int(track.items[k + 1]), float(metres)))
+    if touched:
+        yield from worst(subject, "obstacle", touched, subject.given.margin_m)
         return
-    obstacles = shapely.union_all(about_home)
-    shapely.prepare(obstacles)
-    hits = []
-    for track in _paths(subject):
-        legs = shapely.linestrings(np.stack((track.points_m[:-1, :2], track.points_m[1:, :2]), axis=1))
-        near = np.flatnonzero(shapely.dwithin(legs, obstacles, subject.given.margin_m))
-        away = shapely.distance(legs[near], obstacles)
-        hits += [Hit(int(track.items[k + 1]), float(metres)) for k, metres in zip(near, away, strict=True)]
-    code = "obstacle" if any(hit.value == 0.0 for hit in hits) else "near-obstacle"
-    yield from worst(subject, code, hits, subject.given.margin_m)
+    for margin_m, hits in too_near.items():
+        yield from worst(subject, "near-obstacle", hits, margin_m)
 
 
 def _paths(subject: Subject) -> list[FlownTrack]:

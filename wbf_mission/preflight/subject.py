@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from geo import Farm
+from geo import Farm, Obstacle
 from geo.frame import LocalFrame
 from mission.autopilots import GENERIC
 from mission.autopilots.profile import Profile
@@ -176,15 +176,16 @@ class Subject:
         return {} if self.given.snapshot is None else self.given.snapshot.parameters
 
     @property
-    def obstacles(self) -> list[shapely.Geometry]:
-        """Where no flight may pass: the farm's obstacles in metres about home."""
+    def obstacles(self) -> list[Obstacle]:
+        """What no flight may touch: the farm's obstacles in metres about home."""
         farm, frame = self.given.farm, self.frame
 
         def moved(points: NDArray[np.float64]) -> NDArray[np.float64]:
             assert farm is not None
             return np.column_stack(frame.from_wgs84(*farm.frame.to_wgs84(points[:, 0], points[:, 1])))
 
-        return [] if farm is None else [shapely.transform(one, moved) for one in farm.obstacles]
+        obstacles = () if farm is None else farm.obstacles
+        return [replace(one, polygon=shapely.transform(one.polygon, moved)) for one in obstacles]
 
 
 def subject_of(mission: Mission, given: Circumstances) -> Subject:

@@ -176,8 +176,8 @@ class RefiningLawnmower:
             )
             for crop in {crop for one in fields.diseases for crop in one.crops}
         }
-        grown = [one for one in vehicle.request.crop_areas if weight_of.get(one.crop.name.lower(), 0.0) > 0.0]
-        grown.sort(key=lambda one: -weight_of[one.crop.name.lower()])
+        grown = [one for one in vehicle.request.crop_areas if weight_of.get(one.crop, 0.0) > 0.0]
+        grown.sort(key=lambda one: -weight_of[one.crop])
         lands = []
         for one in grown:
             polygons = polygons_of(shapely.intersection(one.area, part))

@@ -73,6 +73,7 @@ def learn_priors(
         "seed": seed,
     }
     digest = hashlib.sha256(json.dumps(told, sort_keys=True, default=str).encode())
+    digest.update(grid.further_crops.encode())
     digest.update(np.ascontiguousarray(grid.crop).data)
     key = digest.hexdigest()[:32]
     if key not in _in_memory:

@@ -10,8 +10,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from shapely.geometry import LineString, MultiPolygon, Point, Polygon
 
-from geo.farm import Crop
 from geo.farms import get_farm
+from geo.grid import Crop
 from mission.errors import PlanningError
 from mission.planners import (
     CropArea,

@@ -353,6 +353,22 @@ def test_without_home_the_first_position_stands_for_it():
     assert findings(mission, farm=farm_with_obstacle(10, 35, 20, 45))["obstacle"].item == 6
 
 
+@pytest.mark.parametrize(
+    ("height_m", "margin_m", "code"),
+    [
+        (12.0, None, "obstacle"),
+        (9.0, None, "near-obstacle"),
+        (7.9, None, ""),
+        (9.0, 0.5, ""),
+        (7.9, 3.0, "near-obstacle"),
+    ],
+)
+def test_obstacles_are_flown_over_with_their_margin(height_m, margin_m, code):
+    shed = farm_with_obstacle(10, 35, 20, 45, height_m=height_m, margin_m=margin_m)
+    found = [one for one in findings(good(), farm=shed) if "obstacle" in one]
+    assert found == ([code] if code else [])
+
+
 def test_heights_above_the_sea_count_from_home():
     rows = tuple(replace(one, frame=int(Frame.GLOBAL), z=30.0) for one in LAST)
     start = (replace(takeoff(), frame=int(Frame.GLOBAL), z=30.0),)

@@ -43,7 +43,7 @@ def plot_geometry(paths: Sequence[Path]) -> None:
     figure = new_sheet(8.0, 5.2)
     panels = figure.add_gridspec(3, 2, width_ratios=(3.6, 1.0))
     farms = [get_farm(name) for name in _DRAWN]
-    shown: set[Crop] = set()
+    shown: set[str] = set()
     for number, farm in enumerate(farms):
         axes = figure.add_subplot(panels[:, 0] if number == 0 else panels[number - 1, 1])
         draw_farm(axes, farm, legend=False)
@@ -55,8 +55,8 @@ def plot_geometry(paths: Sequence[Path]) -> None:
             axes.set_ylabel("")
             if number < len(farms) - 1:
                 axes.set_xlabel("")
-    crops = sorted(shown - {Crop.NONE})
-    handles: list[Any] = [Patch(color=CROP_COLOURS[crop], label=crop.name.lower()) for crop in crops]
+    crops = [crop for crop in Crop if crop in shown and crop != Crop.NONE]
+    handles: list[Any] = [Patch(color=CROP_COLOURS[crop], label=str(crop)) for crop in crops]
     handles.append(Line2D([], [], color="#5b4636", linewidth=1.2, linestyle="--", label="the owner's land"))
     figure.legend(handles=handles, loc="outside lower center", ncols=5, fontsize=8, frameon=False)
     save_sheet(figure, paths)

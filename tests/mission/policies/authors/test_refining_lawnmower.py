@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from policy_observations import observation, report
 
-from geo.farm import Crop
 from geo.farms import get_farm
+from geo.grid import Crop
 from mission.errors import PlanningError
 from mission.planners.request import CropArea
 from mission.policies.authors.refining_lawnmower import RefiningLawnmower, detour

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, overload
 
@@ -103,6 +103,8 @@ class Farm:
         Side of a cell, metres; one foot in the benchmark.
     obstacles : tuple of Obstacle
         What flights keep away from, no-fly zones among them.
+    scouted : tuple of str
+        The crops that somebody wants to see; empty: all that the owner grows.
     rally_m : tuple of tuple of float
         Places where a vehicle may land when it cannot come home, metres of the frame.
 
@@ -122,6 +124,7 @@ class Farm:
     cell_size_m: float = FOOT_M
     obstacles: tuple[Obstacle, ...] = ()
     rally_m: tuple[tuple[float, float], ...] = ()
+    scouted: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.cell_size_m) and self.cell_size_m > 0):
@@ -149,14 +152,46 @@ class Farm:
         """The names of crops, by whose numbers `grid` tells them: the benchmark's, then further ones."""
         return tuple(dict.fromkeys((*map(str, Crop), *(str(patch.crop) for patch in self.patches))))
 
-    def grown_crops(self, crops: Iterable[str] = ()) -> tuple[str, ...]:
-        """Return those of some crops that the owner grows; if they are none, all that the owner grows.
-
-        Ponds, wetlands and unpainted land are never among them.
-        """
+    @cached_property
+    def grown(self) -> tuple[str, ...]:
+        """The crops that the owner grows: neither ponds nor wetlands nor unpainted land."""
         own = dict.fromkeys(str(one.crop) for one in self.patches if one.owner == self.owner)
-        grown = tuple(crop for crop in own if crop not in NOT_GROWN)
-        return tuple(crop for crop in grown if crop in set(crops)) or grown
+        return tuple(crop for crop in own if crop not in NOT_GROWN)
+
+    def scouting(self, crops: Iterable[str]) -> Farm:
+        """Return the same farm, of which some crops are to be seen: all if it grows none of them."""
+        wanted = set(crops)
+        scouted = tuple(crop for crop in self.grown if crop in wanted)
+        if len(scouted) in (0, len(self.grown)):
+            scouted = ()
+        return self if scouted == self.scouted else replace(self, scouted=scouted)
+
+    @cached_property
+    def scouted_area(self) -> shapely.Polygon | shapely.MultiPolygon:
+        """The owner's land that is to be seen, clear of obstacles, metres."""
+        area = self.crop_area(*(self.scouted or self.grown))
+        if self.obstacles:
+            area = shapely.difference(area, shapely.union_all([one.polygon for one in self.obstacles]))
+        return area
+
+    @cached_property
+    def scouted_cells(self) -> NDArray[np.bool_]:
+        """The cells that are to be seen, bool[W, H], not writable."""
+        grid = self.grid()
+        if not (self.scouted or self.obstacles):
+            return grid.planted
+        cells = grid.of_crops(self.scouted or self.grown)
+        cells &= grid.owned
+        if self.obstacles:
+            under = ((one.polygon, 0, True) for one in self.obstacles)
+            cells &= ~rasterise(under, grid.shape, self.cell_size_m).owned
+        cells.flags.writeable = False
+        return cells
+
+    @cached_property
+    def scouted_count(self) -> int:
+        """The number of cells that are to be seen."""
+        return int(np.count_nonzero(self.scouted_cells))
 
     def crop_area(self, *crops: str) -> shapely.Polygon | shapely.MultiPolygon:
         """Return the owner's land of some crops, metres; an empty polygon where there is none."""

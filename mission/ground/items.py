@@ -20,6 +20,7 @@ __all__ = [
     "revised_mission",
     "same_position",
     "shots_before",
+    "shots_ordered",
     "speed_before",
 ]
 
@@ -98,6 +99,24 @@ class Shots:
         )
 
 
+def shots_ordered(item: MissionItem) -> Shots | None:
+    """Return what an item orders of the camera; None if it orders nothing of it.
+
+    A single image (IMAGE_START_CAPTURE without an interval) is one after an infinite time.
+    """
+    value = max(item.param1 or 0.0, 0.0)
+    match item.command:
+        case Command.DO_SET_CAM_TRIGG_DIST:
+            return Shots(distance_m=value)
+        case Command.DO_SET_CAM_TRIGG_INTERVAL:
+            return Shots(interval_ms=value)
+        case Command.IMAGE_START_CAPTURE:
+            return Shots(interval_ms=1000.0 * (item.param2 or math.inf))
+        case Command.IMAGE_STOP_CAPTURE:
+            return Shots()
+    return None
+
+
 def shots_before(items: Sequence[MissionItem], index: int) -> Shots | None:
     """Return what a mission has ordered of the camera while an item is flown; None while nothing was.
 
@@ -110,11 +129,8 @@ def shots_before(items: Sequence[MissionItem], index: int) -> Shots | None:
     [None, None, 5.0, 5.0, 0.0]
     """
     for one in reversed(items[: max(index, 0)]):
-        value = max(one.param1 or 0.0, 0.0)
-        if one.command == Command.DO_SET_CAM_TRIGG_DIST:
-            return Shots(distance_m=value)
-        if one.command == Command.DO_SET_CAM_TRIGG_INTERVAL:
-            return Shots(interval_ms=value)
+        if one.command in _CAMERA:
+            return shots_ordered(one)
     return None
 
 

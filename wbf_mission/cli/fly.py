@@ -270,14 +270,17 @@ def _rows(result: Result, summary: Mapping[str, Any], *, simulated: bool) -> dic
         f"{name} {value:.4g}" for name, value in summary["losses"].items() if value is not None
     )
     flown = f"{distance(summary['path_length_m'])} in {duration(summary['flight_time_s'])}"
+    predicted = ""
     if result.scenario.mission.policy is None:  # of a policy only the first path is known before
         flown += f" (predicted {duration(summary['predicted_time_s'])})"
+        predicted = told(" (predicted {predicted_coverage:.2%})", summary)
     rows = {
         "outcome": in_words(result.outcome, result.reason),
         "score": told("{score:.5f} over the run, {final_score:.5f} at the end (0 is perfect)", summary),
         "loss a cell at the end": losses or "-",
         **(result.report.rows() if result.report is not None else {}),
         "observations": told("{observations}, of {cells_observed} different cells", summary),
+        "coverage": told("{coverage:.2%} of the land to be seen", summary) + predicted,
         "flown": flown,
         **_decision_rows(result),
         "battery used": told("{battery_used:.1%}", summary),

@@ -143,7 +143,7 @@ def _rows(result: PlanResult, path: Path | None) -> dict[str, str]:
         "row spacing": "-" if result.spacing_m is None else distance(result.spacing_m),
         "length": f"{distance(result.length_m)} over ground, as predicted",
         "predicted time": time,
-        "coverage": f"{result.coverage:.2%} of the owner's land, as predicted",
+        "coverage": f"{result.coverage:.2%} of the land to be seen, as predicted",
         "battery use": "none" if battery is None else f"{battery:.1%}",
         "batteries": "never enough" if result.batteries is None else str(result.batteries),
         "file": str(path) if path else "not written (give --out FILE)",

@@ -12,7 +12,7 @@ from wbf_mission.cli import options
 from wbf_mission.cli.options import option
 from wbf_mission.cli.output import Output
 from wbf_mission.exit_codes import ExitCode
-from wbf_mission.scenario import MissionOptions, ScenarioError, VehicleOptions, WeatherOptions
+from wbf_mission.scenario import CameraOptions, MissionOptions, ScenarioError, VehicleOptions, WeatherOptions
 
 if TYPE_CHECKING:
     from wbf_mission.preflight.finding import Finding, PreflightError, Report
@@ -24,6 +24,7 @@ CHECKED = options.scenario_options(
     MissionOptions,
     VehicleOptions,
     WeatherOptions,
+    CameraOptions,
     without=(
         "planner",
         "policy",
@@ -39,10 +40,15 @@ CHECKED = options.scenario_options(
         "gps_noise_m",
         "baro_noise_m",
         "estimate_errors",
+        "camera_spacing_m",
+        "camera_noise",
+        "false_positive_rate",
+        "false_negative_rate",
+        "camera_fields",
         "seed",
     ),
 )
-"""Gives a command the margin, and the options of the vehicle and the air that a plan is checked for."""
+"""Gives a command the margin and the footprint, and the vehicle and the air that a plan is checked for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +58,7 @@ class Surroundings:
     farm: Annotated[
         str | None,
         option(
-            "Farm whose obstacles count: a name or a GeoJSON file.  [default: none]",
+            "Farm whose obstacles count and whose land is to be seen: a name or a file.  [default: none]",
             panel=options.CHECK_PANEL,
             autocompletion=options.complete("farm"),
         ),
@@ -83,6 +89,7 @@ class Surroundings:
             None if self.farm is None else get_farm(self.farm),
             chosen.mission.margin_m,
             MIN_INTERVAL_S if interval_s is None else interval_s,
+            footprint=chosen.camera.footprint,
         )
 
 
@@ -188,6 +195,7 @@ def _show(output: Output, file: Path, checked: Preflight) -> None:
         "predicted_time_s": None if prediction is None else prediction.duration_s,
         "length_m": None if prediction is None else prediction.ground_length_m,
         "predicted_energy_wh": None if prediction is None else prediction.energy_wh,
+        "coverage": None if prediction is None else subject.coverage,
         "findings": [finding.summary() for finding in report.findings],
     }
     title = f"{file.name}: {subject.vehicle.name}, {subject.profile.name}; " + ", ".join(

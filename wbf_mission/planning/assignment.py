@@ -62,6 +62,7 @@ class VehicleAssignment:
     request: PlanningRequest  # What its planner is asked
     budget_text: str  # The budget in words
     seed: int  # The run's, for the record
+    footprint: int  # Cells on a side of what the camera sees
 
     @classmethod
     def of(
@@ -80,15 +81,13 @@ class VehicleAssignment:
         request = PlanningRequest(
             footprint_m=footprint * farm.cell_size_m,
             crop_areas=tuple(
-                CropArea(crop, land)
-                for crop in farm.grown_crops()
-                if not (land := farm.crop_area(crop)).is_empty
+                CropArea(crop, land) for crop in farm.grown if not (land := farm.crop_area(crop)).is_empty
             ),
             seed=_planner_seed(seed, number),
             progress=lambda done, total: progress("planning", done, total),
             **means,
         )
-        return cls(number.system_id, builder, request, text, seed)
+        return cls(number.system_id, builder, request, text, seed, footprint)
 
     def moved(self, mission: MissionOptions, builder: MissionBuilder) -> VehicleAssignment:
         """Return the same task from where another builder has its home; errors as of `of`."""
@@ -147,7 +146,7 @@ class VehicleAssignment:
             planner=decided_by,
             seed=self.seed,
             budget_text=self.budget_text,
-            footprint_m=self.request.footprint_m,
+            footprint=self.footprint,
             spacing_m=spacing_m,
         )
 

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from geo import Farm
 from mission.autopilots import GENERIC, PX4
-from mission.model import Command, GeoPoint, Mission, MissionItem
-from mission.planners import PlannedPath, WingPattern, build_mission, coverage
+from mission.ground.items import shots_ordered
+from mission.model import GeoPoint, Mission
+from mission.planners import PlannedPath, WingPattern, build_mission
 from mission.planners.cornering import Cornering, Waypoints
 from mission.planners.path import Area, Points
 from mission.transfer import Rendered, Severity, render
@@ -29,7 +30,7 @@ from sim_vehicle.autopilot import (
     with_return_margin,
 )
 from sim_vehicle.prediction.battery_swaps import batteries_needed
-from sim_vehicle.prediction.flight import Prediction, home_frame
+from sim_vehicle.prediction.flight import Prediction
 from sim_vehicle.prediction.predict import expected_flights, plan_prediction, rehearsed_tracks
 from wbf_mission.planning.conditions import (
     FlightLevel,
@@ -38,18 +39,10 @@ from wbf_mission.planning.conditions import (
     separation_margin_m,
     wind_of,
 )
-from wbf_mission.planning.keep_out import KeepOut, free_area, probe_path, stray_m
+from wbf_mission.planning.coverage import predicted_coverage
+from wbf_mission.planning.keep_out import KeepOut, probe_path, stray_m
 from wbf_mission.scenario import MissionOptions, ScenarioError, VehicleOptions, WeatherOptions
 from wbf_mission.scenario.parts import VehicleParts
-
-_TRIGGERS = (Command.DO_SET_CAM_TRIGG_DIST, Command.DO_SET_CAM_TRIGG_INTERVAL)
-
-
-def turns_camera(item: MissionItem) -> bool | None:
-    """Return whether an item has the camera take images from then on, or none any more; None: neither."""
-    if item.command in _TRIGGERS:
-        return bool(item.param1 and item.param1 > 0.0)
-    return {int(Command.IMAGE_START_CAPTURE): True, int(Command.IMAGE_STOP_CAPTURE): False}.get(item.command)
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +64,8 @@ class PlanResult:
     length_m : float
         Length over ground of the predicted flight, from take-off to landing.
     coverage : float
-        Fraction of the owner's land that the camera's footprint passes over in that flight, while it is on.
+        Share of the land that is to be seen which the images of that flight show
+        (`wbf_mission.planning.coverage`).
     prediction : Prediction
         Time, energy and feasibility from the vehicle's own model.
     batteries : int or None
@@ -119,7 +113,7 @@ class PlanResult:
         found = []
         if not self.prediction.feasible:
             found.append(f"the vehicle cannot fly this mission: {self.prediction.reason}")
-        if not any(turns_camera(item) for item in self.mission.items):
+        if all((shots := shots_ordered(item)) is None or shots.is_off for item in self.mission.items):
             found.append("the mission never starts the camera: there will be no observations")
         if self.misses_farm:
             found.append(f"no waypoint lies on the farm {self.farm.name}: is this the right --farm?")
@@ -244,7 +238,7 @@ class MissionBuilder:
         planner: str | None,
         seed: int,
         budget_text: str,
-        footprint_m: float,
+        footprint: int,
         spacing_m: float | None = None,
     ) -> PlanResult:
         """Return what a mission that flies ``path_m`` will take; one without a home starts at the farm's."""
@@ -261,7 +255,7 @@ class MissionBuilder:
             spacing_m=spacing_m,
             budget_text=budget_text,
             length_m=prediction.ground_length_m,
-            coverage=predicted_coverage(farm, placed, prediction, footprint_m),
+            coverage=predicted_coverage(farm, placed, prediction, footprint),
             prediction=prediction,
             batteries=self.batteries(placed, prediction),
         )
@@ -397,29 +391,3 @@ def home_of(mission: Mission, farm: Farm) -> GeoPoint:
     """Return where a flight of ``mission`` begins: at its own home, without one at the farm's."""
     latitude_deg, longitude_deg = farm.frame.to_wgs84(*farm.home_m)
     return mission.home or GeoPoint(latitude_deg, longitude_deg, farm.frame.altitude_m)
-
-
-# A track is simplified by so much of what the camera sees at once.
-_SIMPLER = 0.02
-
-
-def predicted_coverage(farm: Farm, mission: Mission, prediction: Prediction, footprint_m: float) -> float:
-    """Return the fraction of the owner's land that is seen in a predicted flight, while the camera is on.
-
-    That needs no more than the mission, so one that is read from a file has the coverage that it was planned
-    with, whatever its autopilot is told to do at corners.
-    """
-    about_home = home_frame(mission)
-    track_m = np.column_stack(farm.frame.from_wgs84(*about_home.to_wgs84(*prediction.track_m[:, :2].T)))
-    camera_on = [False]
-    for item in mission.items:
-        camera_on.append(camera_on[-1] if (on := turns_camera(item)) is None else on)
-    seen = np.array(camera_on)[np.minimum(prediction.items, len(mission.items))]
-    paths = [np.empty((0, 2))]
-    for first, end in np.flatnonzero(np.diff(seen, prepend=False, append=False)).reshape(-1, 2):
-        # Straight legs without the many points of the track.
-        stretch = shapely.linestrings(track_m[max(first - 1, 0) : end + (first == 0)])
-        legs = shapely.get_coordinates(shapely.simplify(stretch, _SIMPLER * footprint_m))
-        paths += [legs, np.full((1, 2), np.nan)]
-    path = np.vstack(paths)
-    return coverage(path, free_area(farm), footprint_m) if len(path) else 0.0

@@ -114,18 +114,10 @@ def stray_m(planned_m: Points, flown: Iterable[Points], *, gusty: bool) -> float
 
 def free_area(farm: Farm) -> Area:
     """Return the owner's land without what must not be flown over."""
-    return _without(farm.owner_area, farm.obstacles)
-
-
-def scouted_area(farm: Farm, crops: Iterable[str] = ()) -> Area:
-    """Return the owner's land that somebody wants to see: of some crops, or all, without obstacles."""
-    return _without(farm.crop_area(*farm.grown_crops(crops)), farm.obstacles)
-
-
-def _without(area: Area, obstacles: Sequence[Obstacle]) -> Area:
-    if not obstacles:
-        return area
-    return shapely.difference(area, shapely.union_all([one.polygon for one in obstacles]))
+    area = farm.owner_area
+    if farm.obstacles:
+        area = shapely.difference(area, shapely.union_all([one.polygon for one in farm.obstacles]))
+    return area
 
 
 def flyable_area(farm: Farm, keep_out: KeepOut | None) -> Area:

@@ -6,11 +6,12 @@ from functools import partial
 
 import numpy as np
 
-from geo import get_farm
+from geo import Farm, get_farm
 from mission.files import read_mission
 from mission.planners import Planner, make_planner
 from mission.policies.policy import FixedPlan
 from sensors.field_files import load_field_set
+from sensors.fields import FieldSet
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from sensors.scoring.score import ScoreWeights
@@ -18,7 +19,7 @@ from wbf_mission.planning.builder import MissionBuilder, PlanResult
 from wbf_mission.planning.fleet import vehicles_of
 from wbf_mission.progress import Progress, silent
 from wbf_mission.replanning.loop import DecisionLoop, Knowledge
-from wbf_mission.scenario import Choice, Scenario, ScenarioError
+from wbf_mission.scenario import Choice, FarmOptions, Scenario, ScenarioError
 from wbf_mission.scenario.scenario import require_scenario
 
 
@@ -46,14 +47,13 @@ def plan(scenario: Scenario, *, progress: Progress = silent) -> PlanResult:
 
 def plan_fleet(scenario: Scenario, *, progress: Progress = silent) -> tuple[PlanResult, ...]:
     """Plan for all vehicles of a scenario, in the order of their system ids; errors as of `plan`."""
-    farm, day = get_farm(scenario.farm.name), scenario.farm.day
+    (farm, fields), day = farm_of(scenario.farm), scenario.farm.day
     if scenario.mission.file is not None:
         require_one_vehicle(scenario.mission.file, len(scenario.vehicle.fleet))
         builder = MissionBuilder.of(scenario, farm)
         return (read_plan(scenario.mission.file, builder, scenario.camera.footprint, scenario.seed),)
     vehicles = vehicles_of(scenario, farm, seed=scenario.seed, first_day=day, progress=progress)
     tasks, choice = [one.task for one in vehicles], scenario.mission.planner
-    fields = load_field_set(scenario.farm.fields)
     knowledge = Knowledge(
         farm,
         day,
@@ -66,6 +66,12 @@ def plan_fleet(scenario: Scenario, *, progress: Progress = silent) -> tuple[Plan
     loop = DecisionLoop(policy, f"planner {choice}", knowledge, records=[])
     decision = loop.start([task.report() for task in tasks]).decision
     return tuple(task.plan_of(decision, str(choice)) for task in tasks)
+
+
+def farm_of(options: FarmOptions) -> tuple[Farm, FieldSet]:
+    """Return the farm, of which the crops of the fields are to be seen, and the fields."""
+    fields = load_field_set(options.fields)
+    return get_farm(options.name).scouting(crop for field in fields for crop in field.crops), fields
 
 
 def require_one_vehicle(file: str, count: int) -> None:
@@ -94,5 +100,5 @@ def read_plan(file: str, builder: MissionBuilder, footprint: int, seed: int) -> 
         planner=None,
         seed=seed,
         budget_text="none (mission file)",
-        footprint_m=footprint * farm.cell_size_m,
+        footprint=footprint,
     )

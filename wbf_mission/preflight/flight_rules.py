@@ -206,6 +206,8 @@ def check_battery(subject: Subject) -> Iterator[Finding]:
     air = f"a wind of {speed_m_s:.3g} m/s{gusts}" if speed_m_s or gusts else "calm air"
     over_ground = f"{prediction.ground_length_m:.1f} m over ground"
     text = f"{until}the flight is predicted to take {takes} in {air}: {over_ground}"
+    if (coverage := subject.coverage) is not None:
+        text += f", its images show {coverage:.1%} of the land to be seen"
     if battery is None or subject.stopped is not None:
         yield found(subject, "flight", flight=text)
         return

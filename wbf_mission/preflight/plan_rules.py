@@ -7,13 +7,13 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from mission.ground.items import Shots, shots_ordered
 from mission.model import Command, Frame
 from mission.transfer.remarks import Remark
 from mission.transfer.rendering import render
 from mission.transfer.wire import command_name
 from sim_vehicle.execution.items import DO_COMMANDS, NAV_COMMANDS, Settings, do_items
 from sim_vehicle.motion.legs import Position
-from wbf_mission.planning.builder import turns_camera
 from wbf_mission.preflight.finding import Concern, Finding, Hit, Severity, worst_of
 from wbf_mission.preflight.rules import first, found, worst
 from wbf_mission.preflight.subject import (
@@ -294,11 +294,6 @@ def _is_last(subject: Subject, item: int) -> bool:
     return True
 
 
-_DISTANCE = int(Command.DO_SET_CAM_TRIGG_DIST)
-_INTERVAL = int(Command.DO_SET_CAM_TRIGG_INTERVAL)
-_START, _STOP = int(Command.IMAGE_START_CAPTURE), int(Command.IMAGE_STOP_CAPTURE)
-
-
 def check_camera(subject: Subject) -> Iterator[Finding]:
     """Images that would have to follow each other faster than the camera takes them; one that is left on."""
     speeds = {leg.item: leg.speed_m_s for leg in legs_of(subject)}
@@ -306,13 +301,11 @@ def check_camera(subject: Subject) -> Iterator[Finding]:
     on: int | None = None
     order, distance_m = 0, 0.0
     for k, item in enumerate(subject.items):
-        first = item.param1 or 0.0
-        if item.command in (_DISTANCE, _INTERVAL, _START, _STOP):
-            starts = turns_camera(item) is True
+        if (ordered := shots_ordered(item)) is not None:
+            starts = not ordered.is_off
             on, order = (k, k) if starts else (None, order)
-            distance_m = first if item.command == _DISTANCE else 0.0
-            interval_s = {_INTERVAL: first / 1000.0, _START: item.param2 or 0.0}.get(item.command, 0.0)
-            if 0.0 < interval_s < subject.given.image_interval_s and starts:
+            distance_m, interval_s = ordered.distance_m, ordered.interval_ms / 1000.0
+            if 0.0 < interval_s < subject.given.image_interval_s:
                 hits.append(Hit(k, interval_s))
         elif distance_m > 0.0 and speeds.get(k, 0.0) > 0.0:
             interval_s = distance_m / speeds[k]
@@ -321,7 +314,7 @@ def check_camera(subject: Subject) -> Iterator[Finding]:
     yield from worst(subject, "camera-too-fast", hits, subject.given.image_interval_s)
     if on is not None:
         yield found(subject, "camera-left-on", item=on)
-    if not any(item.command in (_DISTANCE, _INTERVAL, _START) for item in subject.items):
+    if on is None and all(shots_ordered(item) in (None, Shots()) for item in subject.items):
         yield found(subject, "no-camera")
 
 

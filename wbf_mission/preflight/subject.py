@@ -29,6 +29,7 @@ from sim_vehicle.prediction.predict import plan_prediction, rehearsals
 from sim_vehicle.weather.wind import Wind
 from wbf_mission.planning.builder import flown_vehicle, home_of
 from wbf_mission.planning.conditions import FlightLevel, flight_level, wind_of
+from wbf_mission.planning.coverage import predicted_coverage
 from wbf_mission.preflight.finding import PreflightError
 from wbf_mission.scenario import MissionOptions, VehicleOptions, WeatherOptions
 from wbf_mission.scenario.parts import VehicleParts
@@ -131,11 +132,19 @@ class Circumstances:
     image_interval_s: float = MIN_INTERVAL_S  # The camera's shortest interval
     assumed: bool = False  # Nobody said what vehicle it is: what depends on that is no error
     snapshot: VehicleSnapshot | None = None  # What the vehicle told of itself
+    footprint: int = 1  # Cells of the farm on a side of what an image shows
 
     @classmethod
     def of(cls, one: VehicleParts, farm: Farm, snapshot: VehicleSnapshot | None = None) -> Self:
         """Return those of one vehicle of a run."""
-        return cls(one.vehicle, one.weather, farm, one.mission.margin_m, snapshot=snapshot)
+        return cls(
+            one.vehicle,
+            one.weather,
+            farm,
+            one.mission.margin_m,
+            snapshot=snapshot,
+            footprint=one.camera.footprint,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,6 +183,13 @@ class Subject:
     def parameters(self) -> Mapping[str, float]:
         """What is known of the vehicle's parameters: those that it told."""
         return {} if self.given.snapshot is None else self.given.snapshot.parameters
+
+    @property
+    def coverage(self) -> float | None:
+        """The coverage of the predicted flight; None without a farm or a prediction."""
+        if self.given.farm is None or self.prediction is None:
+            return None
+        return predicted_coverage(self.given.farm, self.mission, self.prediction, self.given.footprint)
 
     @property
     def obstacles(self) -> list[Obstacle]:

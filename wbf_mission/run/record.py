@@ -23,6 +23,7 @@ from sensors.scoring.information import InformationModel
 from wbf_mission.maps.field_maps import FieldMap
 from wbf_mission.maps.report import FarmReport, report_of_maps
 from wbf_mission.planning import PlanResult
+from wbf_mission.planning.coverage import seen_share
 from wbf_mission.replanning.record import SKIPPED, DecisionRecord
 from wbf_mission.scenario import Scenario
 
@@ -460,7 +461,8 @@ class RunRecord:
             "predicted_time_s": self.predicted_time_s,
             "battery_used": self.battery_used,
             "predicted_battery_used": self.plan.battery_used,
-            "coverage": self.plan.coverage,
+            "coverage": seen_share(self.farm, seen.x, seen.y),
+            "predicted_coverage": self.plan.coverage,
             "spacing_m": self.plan.spacing_m,
             "budget": self.plan.budget_text,
             "least_distance_m": self.least_distance_m,

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from geo import Farm, get_farm
+from geo import Farm
 from geo.errors import WbfMissionError
 from geo.seeds import child_seed
 from mission.planners import make_planner
@@ -22,10 +22,10 @@ from sim_vehicle.faults.fault import Fault, parse_fault
 from sim_vehicle.faults.session import check_vehicles
 from wbf_mission.planning import PlanResult
 from wbf_mission.planning.fleet import Vehicle, vehicles_of
-from wbf_mission.planning.plan import read_plan, require_one_vehicle
+from wbf_mission.planning.plan import farm_of, read_plan, require_one_vehicle
 from wbf_mission.progress import Progress, silent
 from wbf_mission.run.estimation import estimator_of, naming_estimator, readings_a_score
-from wbf_mission.scenario import CameraOptions, MissionOptions, Scenario
+from wbf_mission.scenario import CameraOptions, MissionOptions, Scenario, ScenarioError
 from wbf_mission.scenario.values import Separation
 
 
@@ -134,7 +134,8 @@ def resolve(
     """
     breaking = tuple(parse_fault(one) if isinstance(one, str) else one for one in faults)
     check_vehicles(breaking, range(1, len(scenario.vehicle.fleet) + 1))
-    farm, fields = get_farm(scenario.farm.name), load_field_set(scenario.farm.fields)
+    farm, fields = farm_of(scenario.farm)
+    _require_hosts(farm, fields)
     scenario = naming_estimator(scenario, farm, fields)
     camera = camera_options(scenario.camera, fields)
     estimator = estimator_of(scenario.estimate.estimator, scenario.seed, fields)
@@ -165,6 +166,17 @@ def resolve(
         keeps=scenario.vehicle.keeps,
         faults=breaking,
     )
+
+
+def _require_hosts(farm: Farm, fields: FieldSet) -> None:
+    """Refuse fields of which none has land of the farm's owner: there would be nothing to score."""
+    wanted = list(dict.fromkeys(crop for field in fields for crop in field.crops))
+    if set(farm.grown).isdisjoint(wanted):
+        msg = (
+            f"farm {farm.name}: grows {', '.join(farm.grown) or 'nothing'}, but the fields"
+            f" {', '.join(fields.names)} are of {', '.join(wanted)}: name fields of its crops (--fields)"
+        )
+        raise ScenarioError(msg)
 
 
 def decider_of(options: MissionOptions, vehicles: int) -> Decider:

@@ -394,6 +394,7 @@ def test_a_tenth_of_the_battery_above_the_reserve_is_enough(above, code):
         prediction=takes,
         vehicle=SimpleNamespace(battery=battery),
         stopped=None,
+        coverage=None,
         wind=Wind(),
         given=Circumstances(),
     )

@@ -141,7 +141,7 @@ class VehicleAssignment:
         path = PlannedPath(decision.paths[self.system_id], spacing_m, decided_by)
         flown = replace(path, points_m=drop_coincident(path.points_m)) if steered else path
         return self.builder.plan_of(
-            self.builder.mission(flown, camera_on_approach=steered),
+            self.builder.with_zones(self.builder.mission(flown, camera_on_approach=steered), path.points_m),
             path.points_m,
             planner=decided_by,
             seed=self.seed,

@@ -12,10 +12,10 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from geo import Farm
+from geo import Farm, Obstacle
 from mission.autopilots import GENERIC, PX4
 from mission.ground.items import shots_ordered
-from mission.model import GeoPoint, Mission
+from mission.model import GeoPoint, Mission, MissionItem
 from mission.planners import PlannedPath, WingPattern, build_mission
 from mission.planners.cornering import Cornering, Waypoints
 from mission.planners.path import Area, Points
@@ -40,6 +40,7 @@ from wbf_mission.planning.conditions import (
     wind_of,
 )
 from wbf_mission.planning.coverage import predicted_coverage
+from wbf_mission.planning.fence import border_fence, rally_items
 from wbf_mission.planning.keep_out import KeepOut, probe_path, stray_m
 from wbf_mission.scenario import MissionOptions, ScenarioError, VehicleOptions, WeatherOptions
 from wbf_mission.scenario.parts import VehicleParts
@@ -180,6 +181,8 @@ class MissionBuilder:
     # What its paths lead round; None where no obstacle is in the way at the height of its flight, and for the
     # paper's robot, which has no size
     keep_out: KeepOut | None = None
+    barred: tuple[Obstacle, ...] = ()  # The obstacles that are too high to be flown over
+    fence_m: float | None = None  # How far outside of the land's border its plans have a fence; None: none
 
     @classmethod
     def of(cls, one: VehicleParts, farm: Farm, home_m: tuple[float, float] | None = None) -> MissionBuilder:
@@ -197,6 +200,7 @@ class MissionBuilder:
             cornering_of(vehicle, mission.acceptance_radius_m),
             farm.home_m if home_m is None else home_m,
             options.estimate_errors and estimate_errs(vehicle),
+            fence_m=None if vehicle.is_ideal else mission.fence_m,
         )
         check_wind(made)
         lowest_m = made.level.altitude_m - separation_margin_m(height_error_m(options, vehicle), 0.0)
@@ -205,7 +209,7 @@ class MissionBuilder:
             return made
         # The satellites' error is that of where it believes to be, which it follows.
         stray = made.stray_m() + separation_margin_m(options.gps_noise_m, 0.0)
-        return replace(made, keep_out=KeepOut.of(barred, mission.margin_m, stray))
+        return replace(made, keep_out=KeepOut.of(barred, mission.margin_m, stray), barred=tuple(barred))
 
     @property
     def priced_vehicle(self) -> VehicleSpec:
@@ -229,6 +233,15 @@ class MissionBuilder:
             return_home=not vehicle.is_ideal,
             pattern=self._pattern(),
         )
+
+    def with_zones(self, mission: Mission, path_m: Points) -> Mission:
+        """Return a mission that flies a path with the fence asked for and the farm's rally points."""
+        fence: tuple[MissionItem, ...] = ()
+        if self.fence_m is not None:
+            way = np.vstack((self.home_m, self.flown_way(path_m), self.home_m))
+            fence = border_fence(self.farm, way, self.fence_m, self.barred)
+        rally = () if self.vehicle.is_ideal else rally_items(self.farm, self.level.altitude_m)
+        return replace(mission, fence=fence, rally=rally)
 
     def plan_of(
         self,

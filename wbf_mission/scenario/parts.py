@@ -150,6 +150,15 @@ class MissionOptions(Part):
         low=0.0,
         high=1000.0,
     )
+    fence_m: float | None = option(
+        None,
+        "Fence about the owner's land: so far outside of its border, and about obstacles that bar the way",
+        RUN,
+        low=1.0,
+        high=1000.0,
+        default="none",
+        not_with=("mission",),
+    )
 
     def check(self) -> None:
         """Take planner and policy as `Choice`."""
@@ -463,6 +472,7 @@ class ScenarioKeywords(TypedDict, total=False):
     cruise_speed_m_s: float | None
     acceptance_radius_m: float | None
     margin_m: float
+    fence_m: float | None
     vehicle: str | VehicleOptions
     vehicles: int | None
     autopilot: str

@@ -1,4 +1,4 @@
-"""The leaf camera as a MAVLink camera component that rides beside an autopilot."""
+"""MAVLink camera components that ride beside an autopilot: what all have in common, and the leaf camera."""
 
 from __future__ import annotations
 
@@ -13,6 +13,9 @@ from sim_vehicle.camera.image_memory import STORAGE_MIB, ImageMemory
 from sim_vehicle.camera.trigger import CameraTrigger, Exposure, Fix
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from geo.farm import Farm
     from sensors.camera.leaf_camera import Camera
 
@@ -36,30 +39,24 @@ Parameters: TypeAlias = tuple[float, float, float, float]
 _Obeyed: TypeAlias = int | list[Message]
 
 
-class LeafCameraComponent:
-    """A MAVLink camera that fires as the mission commands and sends what it reads.
+class CameraComponent:
+    """A MAVLink camera that fires as the mission commands and sends what its images show.
 
     It knows where the vehicle is from telemetry only: GLOBAL_POSITION_INT of its own system's autopilot
     (10 Hz is best, 1 Hz is enough); when none comes (an ArduPilot sends what was asked for) it asks for
     it. It fires by DO_SET_CAM_TRIGG_DIST, DO_SET_CAM_TRIGG_INTERVAL, IMAGE_START_CAPTURE and an
     autopilot's CAMERA_TRIGGER, stops when the vehicle disarms or its autopilot restarts, and reports each
-    image by CAMERA_IMAGE_CAPTURED and DEBUG_FLOAT_ARRAY (see `sensors.camera.wire`). The cell that it
-    reads is the one under the vehicle's true position, not under the position that the vehicle reports.
+    image by CAMERA_IMAGE_CAPTURED and DEBUG_FLOAT_ARRAY (see `sensors.camera.wire`). What an image is, a
+    subclass tells by `_take`.
 
     Parameters
     ----------
-    camera : Camera
-        Optics and the world in front of them.
-    farm : Farm
-        Turns positions into cells.
+    fields : tuple of str
+        The names of what it reads.
+    footprint_cells : int
+        Side of the square of cells that one image shows.
     system_id, component_id : int
         Address; the system is that of the vehicle.
-    position_error : callable, optional
-        ``position_error(time_us)``, how far east and north (m) of the truth the vehicle believed to be, at a
-        time since its boot; exact without.
-    looks : callable, optional
-        ``looks(time_us)``: roll, pitch and compass heading (rad) of the gimbal that carries it, at a time
-        since boot; straight down where that is None, and without.
     """
 
     wanted: frozenset[int] | None = frozenset(
@@ -75,22 +72,17 @@ class LeafCameraComponent:
 
     def __init__(
         self,
-        camera: Camera,
-        farm: Farm,
+        fields: tuple[str, ...],
+        footprint_cells: int,
         *,
         system_id: int = 1,
         component_id: int = CAMERA_COMPONENT_ID,
-        position_error: Callable[[float], tuple[float, float]] | None = None,
-        looks: Callable[[float], tuple[float, float, float] | None] | None = None,
     ) -> None:
-        self._position_error = position_error
-        self._looks = looks
         self.system_id = system_id
         self.component_id = component_id
         self.trigger = CameraTrigger()
-        self._camera = camera
-        self._memory = ImageMemory(camera.options.fields.names, camera.options.footprint_cells)
-        self._farm = farm
+        self._footprint_cells = footprint_cells
+        self._memory = ImageMemory(fields, footprint_cells)
         self._autopilot = (system_id, int(mavlink.MAV_COMP_ID_AUTOPILOT1))
         self._heartbeat_s: float | None = None
         self._position_s: float | None = None
@@ -205,32 +197,12 @@ class LeafCameraComponent:
         self.trigger.at(time_us)
 
     def _take(self, exposures: Sequence[Exposure]) -> list[Message]:
-        """Read the cells that the exposures show and return the messages."""
-        if self._looks is not None:
-            exposures = [_turned(exposure, self._looks(exposure.time_us)) for exposure in exposures]
-        cells = [self._cell_under(exposure) for exposure in exposures]
-        values = self._camera.capture([x for x, _ in cells], [y for _, y in cells])
-        messages: list[Message] = []
-        for exposure, seen in zip(exposures, values, strict=True):
-            image = self._memory.add(exposure, seen)
-            messages += self._memory.report(image, self._utc_offset_us)
-        return messages
+        """Take images where the camera fired and return the messages that are ready."""
+        raise NotImplementedError
 
-    def _cell_under(self, exposure: Exposure) -> tuple[int, int]:
-        """Return the cell that the camera looks at, the ground being flat; one off any farm for the sky."""
-        farm = self._farm
-        x_m, y_m = farm.frame.from_wgs84(exposure.latitude_e7 / _E7, exposure.longitude_e7 / _E7)
-        if self._position_error is not None:
-            off_x_m, off_y_m = farm.frame.from_east_north(*self._position_error(exposure.time_us))
-            x_m -= off_x_m
-            y_m -= off_y_m
-        if exposure.pitch_cdeg != _STRAIGHT_DOWN:
-            attitude = self._memory.attitude(exposure)
-            offset_m = ground_offset(attitude, exposure.relative_altitude_mm / 1000.0)
-            ahead_x_m, ahead_y_m = farm.frame.from_east_north(*offset_m)
-            x_m += ahead_x_m
-            y_m += ahead_y_m
-        return farm.cell_of(x_m, y_m)
+    def _report(self, exposure: Exposure, values: NDArray[np.float32]) -> list[Message]:
+        """Keep an image with its readings, float32[cells, fields], and return its messages."""
+        return self._memory.report(self._memory.add(exposure, values), self._utc_offset_us)
 
     # Commands
 
@@ -359,7 +331,7 @@ class LeafCameraComponent:
         return mavlink.MAVLink_camera_settings_message(time_ms, self._mode)
 
     def _information(self, time_ms: int) -> Message:
-        side = self._camera.options.footprint_cells
+        side = self._footprint_cells
         return mavlink.MAVLink_camera_information_message(
             time_ms,
             list(b"wbf-mission".ljust(32, b"\0")),
@@ -394,6 +366,75 @@ class LeafCameraComponent:
         )
 
 
+class LeafCameraComponent(CameraComponent):
+    """The leaf camera of the benchmark, which reads a farm's fields where the vehicle is.
+
+    The cell that it reads is the one under the vehicle's true position, not under the position that the
+    vehicle reports.
+
+    Parameters
+    ----------
+    camera : Camera
+        Optics and the world in front of them.
+    farm : Farm
+        Turns positions into cells.
+    system_id, component_id : int
+        Address; the system is that of the vehicle.
+    position_error : callable, optional
+        ``position_error(time_us)``, how far east and north (m) of the truth the vehicle believed to be, at a
+        time since its boot; exact without.
+    looks : callable, optional
+        ``looks(time_us)``: roll, pitch and compass heading (rad) of the gimbal that carries it, at a time
+        since boot; straight down where that is None, and without.
+    """
+
+    def __init__(
+        self,
+        camera: Camera,
+        farm: Farm,
+        *,
+        system_id: int = 1,
+        component_id: int = CAMERA_COMPONENT_ID,
+        position_error: Callable[[float], tuple[float, float]] | None = None,
+        looks: Callable[[float], tuple[float, float, float] | None] | None = None,
+    ) -> None:
+        options = camera.options
+        super().__init__(
+            options.fields.names, options.footprint_cells, system_id=system_id, component_id=component_id
+        )
+        self._position_error = position_error
+        self._looks = looks
+        self._camera = camera
+        self._farm = farm
+
+    def _take(self, exposures: Sequence[Exposure]) -> list[Message]:
+        """Read the cells that the exposures show and return the messages."""
+        if self._looks is not None:
+            exposures = [_turned(exposure, self._looks(exposure.time_us)) for exposure in exposures]
+        cells = [self._cell_under(exposure) for exposure in exposures]
+        values = self._camera.capture([x for x, _ in cells], [y for _, y in cells])
+        messages: list[Message] = []
+        for exposure, seen in zip(exposures, values, strict=True):
+            messages += self._report(exposure, seen)
+        return messages
+
+    def _cell_under(self, exposure: Exposure) -> tuple[int, int]:
+        """Return the cell that the camera looks at, the ground being flat; one off any farm for the sky."""
+        farm = self._farm
+        x_m, y_m = farm.frame.from_wgs84(exposure.latitude_e7 / _E7, exposure.longitude_e7 / _E7)
+        if self._position_error is not None:
+            off_x_m, off_y_m = farm.frame.from_east_north(*self._position_error(exposure.time_us))
+            x_m -= off_x_m
+            y_m -= off_y_m
+        if exposure.pitch_cdeg != _STRAIGHT_DOWN:
+            attitude = self._memory.attitude(exposure)
+            offset_m = ground_offset(attitude, exposure.relative_altitude_mm / 1000.0)
+            ahead_x_m, ahead_y_m = farm.frame.from_east_north(*offset_m)
+            x_m += ahead_x_m
+            y_m += ahead_y_m
+        return farm.cell_of(x_m, y_m)
+
+
 def _turned(exposure: Exposure, attitude: tuple[float, float, float] | None) -> Exposure:
     """Return an exposure with the camera turned to roll, pitch and heading in rad; None is straight down."""
     if attitude is None:
@@ -419,22 +460,22 @@ def _heartbeat(state: int) -> Message:
 
 
 _TRIGGERS = (mavlink.MAV_CMD_DO_SET_CAM_TRIGG_DIST, mavlink.MAV_CMD_DO_SET_CAM_TRIGG_INTERVAL)
-_Handler: TypeAlias = Callable[[LeafCameraComponent, CommandMessage, Parameters], _Obeyed]
+_Handler: TypeAlias = Callable[[CameraComponent, CommandMessage, Parameters], _Obeyed]
 _HANDLERS: dict[int, _Handler] = {
     mavlink.MAV_CMD_REQUEST_MESSAGE: lambda camera, _, p: camera._request(p[0], p[1]),
-    mavlink.MAV_CMD_DO_SET_CAM_TRIGG_DIST: LeafCameraComponent._shoot_by_distance,
-    mavlink.MAV_CMD_DO_SET_CAM_TRIGG_INTERVAL: LeafCameraComponent._shoot_by_time,
-    mavlink.MAV_CMD_IMAGE_START_CAPTURE: LeafCameraComponent._start_capture,
-    mavlink.MAV_CMD_IMAGE_STOP_CAPTURE: LeafCameraComponent._stop_capture,
-    mavlink.MAV_CMD_SET_CAMERA_MODE: LeafCameraComponent._set_mode,
-    mavlink.MAV_CMD_STORAGE_FORMAT: LeafCameraComponent._format_storage,
-    mavlink.MAV_CMD_RESET_CAMERA_SETTINGS: LeafCameraComponent._reset_settings,
+    mavlink.MAV_CMD_DO_SET_CAM_TRIGG_DIST: CameraComponent._shoot_by_distance,
+    mavlink.MAV_CMD_DO_SET_CAM_TRIGG_INTERVAL: CameraComponent._shoot_by_time,
+    mavlink.MAV_CMD_IMAGE_START_CAPTURE: CameraComponent._start_capture,
+    mavlink.MAV_CMD_IMAGE_STOP_CAPTURE: CameraComponent._stop_capture,
+    mavlink.MAV_CMD_SET_CAMERA_MODE: CameraComponent._set_mode,
+    mavlink.MAV_CMD_STORAGE_FORMAT: CameraComponent._format_storage,
+    mavlink.MAV_CMD_RESET_CAMERA_SETTINGS: CameraComponent._reset_settings,
 }
-_TOLD: dict[float, Callable[[LeafCameraComponent, int], Message]] = {
-    mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION: LeafCameraComponent._information,
-    mavlink.MAVLINK_MSG_ID_CAMERA_SETTINGS: LeafCameraComponent._settings,
-    mavlink.MAVLINK_MSG_ID_STORAGE_INFORMATION: LeafCameraComponent._storage,
-    mavlink.MAVLINK_MSG_ID_CAMERA_CAPTURE_STATUS: LeafCameraComponent._status,
+_TOLD: dict[float, Callable[[CameraComponent, int], Message]] = {
+    mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION: CameraComponent._information,
+    mavlink.MAVLINK_MSG_ID_CAMERA_SETTINGS: CameraComponent._settings,
+    mavlink.MAVLINK_MSG_ID_STORAGE_INFORMATION: CameraComponent._storage,
+    mavlink.MAVLINK_MSG_ID_CAMERA_CAPTURE_STATUS: CameraComponent._status,
 }
 _OLD_REQUESTS = {
     mavlink.MAV_CMD_REQUEST_CAMERA_INFORMATION: mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION,

@@ -1,0 +1,143 @@
+"""A real camera beside an autopilot: takes pictures where it is told to, and sends what they show."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import TYPE_CHECKING, Generic, TypeVar
+
+import numpy as np
+
+from geo.errors import told_error
+from mission.link.codec.dialect import Message
+from sensors.fields import PAPER_FIELDS
+from sim_vehicle.camera.component import CAMERA_COMPONENT_ID, CameraComponent
+from sim_vehicle.camera.trigger import Exposure
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+__all__ = ["PictureCamera"]
+
+P = TypeVar("P")
+_LOOK_S = 0.05
+
+
+class PictureCamera(CameraComponent, Generic[P]):
+    """A camera of pictures, of which a function tells what they show: the program of a companion computer.
+
+    It fires as `CameraComponent` tells. A picture is taken at once; what it shows is told by a thread beside,
+    one picture after the other, so that a slow classifier delays neither the next picture nor the link. A
+    picture that cannot be taken or told is an image without readings, and said.
+
+    Parameters
+    ----------
+    take : callable
+        ``take(exposure)`` takes a picture, in any form that `classify` understands. An `Exposure` has the
+        time since boot (us), the position (1e-7 degree, mm) and the heading.
+    classify : callable
+        ``classify(picture)`` returns the values of fields by their names, in 0..1 as in `sensors.fields`:
+        one number each, or one for each cell of the footprint, column by column. A field that is left out,
+        or NaN, was not seen.
+    fields : tuple of str
+        The names of all fields, in the order in which the ground knows them.
+    footprint_cells : int
+        Side of the square of the farm's cells that a picture shows.
+    system_id, component_id : int
+        Address; the system is that of the vehicle.
+    note : callable, optional
+        Takes a line on each picture that failed.
+
+    Examples
+    --------
+    >>> camera = PictureCamera(lambda exposure: "a leaf", lambda picture: {"tylcv": 0.5})
+    >>> camera.image_count, camera.next_deadline()
+    (0, -inf)
+    """
+
+    def __init__(
+        self,
+        take: Callable[[Exposure], P],
+        classify: Callable[[P], Mapping[str, float | Sequence[float]]],
+        *,
+        fields: tuple[str, ...] = PAPER_FIELDS.names,
+        footprint_cells: int = 1,
+        system_id: int = 1,
+        component_id: int = CAMERA_COMPONENT_ID,
+        note: Callable[[str], None] | None = None,
+    ) -> None:
+        super().__init__(fields, footprint_cells, system_id=system_id, component_id=component_id)
+        self._picture, self._classify, self._note = take, classify, note
+        self._names = fields
+        self._pool = ThreadPoolExecutor(1, thread_name_prefix="classify")
+        self._waiting: deque[tuple[Exposure, Future[NDArray[np.float32]]]] = deque()
+        self._looked_s = -math.inf
+
+    @property
+    def waiting(self) -> int:
+        """How many pictures were taken of which nothing was told yet."""
+        return len(self._waiting)
+
+    def next_deadline(self) -> float:
+        """Return when the next heartbeat is due, or when it is worth while to look for what was told."""
+        due_s = super().next_deadline()
+        return min(due_s, self._looked_s + _LOOK_S) if self._waiting else due_s
+
+    def poll(self, now_s: float) -> list[Message]:
+        """Send the heartbeat when it is due, and what pictures show."""
+        self._looked_s = now_s
+        return [*super().poll(now_s), *self._told()]
+
+    def goodbye(self) -> list[Message]:
+        """Tell what the last pictures show, then that the camera is powered off."""
+        self._pool.shutdown(wait=True)
+        return [*self._told(), *super().goodbye()]
+
+    def _take(self, exposures: Sequence[Exposure]) -> list[Message]:
+        for exposure in exposures:
+            try:
+                picture = self._picture(exposure)
+            except Exception as error:  # of the user's camera
+                self._say(f"picture {self.image_count + self.waiting + 1} was not taken: {told_error(error)}")
+                future: Future[NDArray[np.float32]] = Future()
+                future.set_result(self._nothing())
+            else:
+                future = self._pool.submit(self._values, picture)
+            self._waiting.append((exposure, future))
+        return self._told()
+
+    def _told(self) -> list[Message]:
+        """Return the messages of the pictures of which is known what they show, in their order."""
+        messages: list[Message] = []
+        while self._waiting and self._waiting[0][1].done():
+            exposure, future = self._waiting.popleft()
+            messages += self._report(exposure, future.result())
+        return messages
+
+    def _values(self, picture: P) -> NDArray[np.float32]:
+        """Return the readings of a picture, float32[cells, fields]; NaN for what it does not show."""
+        values = self._nothing()
+        try:
+            for name, given in self._classify(picture).items():
+                one = np.asarray(given, np.float32)
+                seen = one[np.isfinite(one)]
+                if name not in self._names:
+                    raise ValueError(f"field {name!r:.60} is none of {', '.join(self._names)}")
+                if ((seen < 0.0) | (seen > 1.0)).any():
+                    raise ValueError(
+                        f"{name} is {float(seen[(seen < 0.0) | (seen > 1.0)][0]):g}, not in 0..1"
+                    )
+                values[:, self._names.index(name)] = one
+        except Exception as error:  # of the user's classifier
+            self._say(f"a picture was not understood: {told_error(error)}")
+            return self._nothing()
+        return values
+
+    def _nothing(self) -> NDArray[np.float32]:
+        return np.full((self._footprint_cells**2, len(self._names)), np.nan, np.float32)
+
+    def _say(self, text: str) -> None:
+        if self._note is not None:
+            self._note(text)

@@ -1,0 +1,100 @@
+"""The companion computer's camera of the examples: the whole loop, with pictures made for the test."""
+
+import importlib.util
+import io
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from stand_in import LONG_S, scenario, stand_in
+
+from geo import get_farm
+from mission.outcome import Outcome
+from sim_vehicle.camera.pictures import PictureCamera
+from sim_vehicle.host.server import Server
+from wbf_mission.flight import fly
+from wbf_mission.live.link import LiveLink
+from wbf_mission.run.resolve import make_environment
+
+FILE = Path(__file__).parents[2] / "docs" / "examples" / "companion_camera.py"
+LEAVES = {1.0: (60, 150, 50), 0.5: (200, 190, 40), 0.0: (95, 60, 30)}  # healthy, sick, lost
+SOIL = (120, 115, 110)
+
+
+class Onlooker:
+    """An operator who only looks on."""
+
+    def tend(self, flight):
+        """Do nothing."""
+
+
+@pytest.fixture(scope="module")
+def example():
+    spec = importlib.util.spec_from_file_location("companion_camera", FILE)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def picture_of(health, rng, share=0.6):
+    """A leaf of one colour, with noise, on grey soil: a JPEG file."""
+    pixels = np.empty((48, 64, 3))
+    pixels[:] = SOIL
+    pixels[:, : round(64 * share)] = LEAVES[health]
+    noisy = np.clip(pixels + rng.normal(0.0, 8.0, pixels.shape), 0, 255).astype(np.uint8)
+    file = io.BytesIO()
+    Image.fromarray(noisy).save(file, "JPEG", quality=85)
+    return file.getvalue()
+
+
+@pytest.mark.parametrize("share", [0.15, 0.6, 1.0])
+@pytest.mark.parametrize("health", LEAVES)
+def test_colours_tell_the_health_of_a_leaf(example, health, share):
+    assert example.classify(picture_of(health, np.random.default_rng(3), share)) == {"tylcv": health}
+
+
+def test_a_picture_without_a_leaf_tells_nothing(example):
+    assert example.classify(picture_of(1.0, np.random.default_rng(3), 0.02)) == {}
+
+
+def test_a_command_takes_the_picture_and_may_know_the_place(example):
+    class Here:
+        latitude_e7, longitude_e7 = 280500000, -821500000
+
+    words = f'{sys.executable} -c \'print("{{latitude}} {{longitude}}", end="")\''
+    assert example.shoot(words, Here) == b"28.05 -82.15"
+
+
+@pytest.mark.parametrize("autopilot", ["px4", pytest.param("ardupilot", marks=pytest.mark.slow)])
+def test_the_whole_loop_with_pictures(example, autopilot):
+    """Pictures of what grows where the camera fires come out as the environment's own values."""
+    chosen = scenario(autopilot=autopilot)
+    farm = get_farm(chosen.farm.name)
+    truth, rng = make_environment(chosen, farm), np.random.default_rng(7)
+
+    def take(exposure):
+        x, y = farm.cell_of(*farm.frame.from_wgs84(exposure.latitude_e7 / 1e7, exposure.longitude_e7 / 1e7))
+        inside = 0 <= x < farm.width_cells and 0 <= y < farm.height_cells
+        health = float(truth.sample(chosen.farm.day, np.array([x]), np.array([y]))[0, 0]) if inside else 1.0
+        return picture_of(health, rng)
+
+    notes = []
+    with stand_in(autopilot=autopilot) as (url, _):
+        camera = PictureCamera(take, example.classify, note=notes.append)
+        with Server([camera], [url]) as server:
+            thread = threading.Thread(target=server.run, daemon=True)
+            thread.start()
+            try:
+                result = fly(chosen, connect=LiveLink(url, Onlooker(), agreed=True))
+            finally:
+                server.stop()
+                thread.join(LONG_S)
+    seen = result.observations
+    assert result.outcome is Outcome.COMPLETED and not notes
+    assert camera.image_count > 20 and len(seen) >= 0.9 * camera.image_count
+    tylcv = truth.sample(chosen.farm.day, seen.x.astype(np.int64), seen.y.astype(np.int64))[:, 0]
+    assert np.array_equal(seen.values[:, 0], tylcv) and len(np.unique(tylcv)) > 1
+    assert np.isnan(seen.values[:, 1:]).all()

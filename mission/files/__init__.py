@@ -1,6 +1,6 @@
-"""Mission files: QGroundControl plans, WPL 110 waypoint lists and our own JSON.
+"""Mission files: QGroundControl plans, WPL 110, our own JSON, KML, KMZ, GeoJSON, GPX, CSV, and DJI's WPML.
 
-`read_mission` and `write_mission` choose the format by the suffix of the file's name.
+`read_mission` and `write_mission` choose the format by the ending of the file's name.
 """
 
 from typing import TYPE_CHECKING
@@ -10,7 +10,11 @@ from geo.imports import attach
 if TYPE_CHECKING:
     from mission.files.common import Firmware as Firmware
     from mission.files.formats import MissionFormat as MissionFormat
+    from mission.files.formats import ending as ending
+    from mission.files.formats import fitted as fitted
+    from mission.files.formats import losses as losses
     from mission.files.formats import mission_formats as mission_formats
+    from mission.files.formats import open_mission as open_mission
     from mission.files.formats import read_mission as read_mission
     from mission.files.formats import reader_for as reader_for
     from mission.files.formats import register_format as register_format

@@ -20,8 +20,23 @@ MAX_BYTES = 64 * 2**20
 PLAN_KIND = "a QGroundControl plan"
 WAYPOINTS_KIND = "a QGC WPL waypoint list"
 NATIVE_KIND = "a wbf-mission file"
-_SUFFIX_OF_KIND = {PLAN_KIND: ".plan", WAYPOINTS_KIND: ".waypoints", NATIVE_KIND: ".json"}
+KML_KIND = "a KML file"
+KMZ_KIND = "a ZIP archive (KMZ, perhaps)"
+GPX_KIND = "a GPX file"
+GEOJSON_KIND = "a GeoJSON file"
+TEXT_KIND = "a text file of another kind"
+UTF_16_KIND = "UTF-16 text (save it as UTF-8)"
+_SUFFIX_OF_KIND = {
+    PLAN_KIND: ".plan",
+    WAYPOINTS_KIND: ".waypoints",
+    NATIVE_KIND: ".json",
+    KML_KIND: ".kml",
+    KMZ_KIND: ".kmz",
+    GPX_KIND: ".gpx",
+    GEOJSON_KIND: ".geojson",
+}
 _BOM = b"\xef\xbb\xbf"
+_UTF_16_BOMS = (b"\xff\xfe", b"\xfe\xff")
 
 T = TypeVar("T")
 Parameters: TypeAlias = tuple[float | None, float | None, float | None, float | None]
@@ -34,6 +49,15 @@ class Firmware(IntEnum):
     GENERIC = 0
     ARDUPILOT = 3
     PX4 = 12
+
+
+_GEOJSON_TYPES = frozenset(
+    b'"%s"' % name
+    for name in (
+        *(b"FeatureCollection", b"Feature", b"GeometryCollection", b"Point", b"MultiPoint"),
+        *(b"LineString", b"MultiLineString", b"Polygon", b"MultiPolygon"),
+    )
+)
 
 
 class _Header(msgspec.Struct):
@@ -54,21 +78,33 @@ def is_json(data: bytes) -> bool:
 
 def kind_of(data: bytes) -> str:
     """Say in words what kind of file the content is, as far as its first characters and keys tell."""
-    start = data[:1000].removeprefix(_BOM).lstrip().lower()
+    start = data[:2000].removeprefix(_BOM).lstrip().lower()
+    is_utf_16 = data.startswith(_UTF_16_BOMS)
+    if is_utf_16:
+        start = data[:4000].decode("utf-16", "ignore").encode().lstrip().lower()
     if not start:
         return "an empty file"
+    if start.startswith(b"<"):
+        names = {b"<kml": KML_KIND, b"<gpx": GPX_KIND, b"<html": "an HTML page"}
+        return next((name for tag, name in names.items() if tag in start), "an XML file")
+    if is_utf_16:
+        return UTF_16_KIND
     if re.match(rb"qgc\s+wpl\b", start):
         return WAYPOINTS_KIND
-    if start.startswith(b"<"):
-        names = {b"<kml": "a KML file", b"<gpx": "a GPX file", b"<html": "an HTML page"}
-        return next((name for tag, name in names.items() if tag in start), "an XML file")
     if start.startswith(b"pk\x03\x04"):
-        return "a ZIP archive (KMZ, perhaps)"
-    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
-        return "UTF-16 text (save it as UTF-8)"
+        return KMZ_KIND
     if start.startswith((b"{", b"[")):
         return _kind_of_json(data)
-    return "a binary file" if b"\0" in start else "a text file of another kind"
+    return "a binary file" if b"\0" in start else TEXT_KIND
+
+
+def decode_text(data: bytes) -> str:
+    """Return the text of a UTF-8 file, or of a UTF-16 file with a byte order mark."""
+    try:
+        return data.decode("utf-16" if data.startswith(_UTF_16_BOMS) else "utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise MissionFileError(f"line {line}: this is no UTF-8 text; save the file as UTF-8") from None
 
 
 def _kind_of_json(data: bytes) -> str:
@@ -82,15 +118,14 @@ def _kind_of_json(data: bytes) -> str:
         return f"a file with fileType {one_line(bytes(header.file_type)[:80].decode(errors='replace'))}"
     if bytes(header.format) == b'"wbf-mission"':
         return NATIVE_KIND
-    geojson = (b'"FeatureCollection"', b'"Feature"', b'"Polygon"', b'"LineString"', b'"GeometryCollection"')
-    return "a GeoJSON file" if bytes(header.type) in geojson else "a JSON file of another kind"
+    return GEOJSON_KIND if bytes(header.type) in _GEOJSON_TYPES else "a JSON file of another kind"
 
 
 def wrong_kind(data: bytes, expected: str) -> MissionFileError:
     """Make the error for content that is not of the expected kind."""
     found = kind_of(data)
     suffix = _SUFFIX_OF_KIND.get(found)
-    advice = f"rename it to end in {suffix}" if suffix else "give a .plan, .waypoints or .json mission"
+    advice = f"rename it to end in {suffix}" if suffix else "give a mission, such as a .plan or .waypoints"
     return MissionFileError(f"this is {found}, not {expected}; {advice}")
 
 
@@ -127,8 +162,9 @@ def make_item(
     place: Place,
     *,
     autocontinue: bool,
+    keep_frame: bool = False,
 ) -> MissionItem:
-    """Build an item in its standard frame, or say where in the file its values are impossible.
+    """Build an item in its standard frame, or its own, or say where in the file its values are impossible.
 
     ``None`` in `place` is a number that the file leaves out: nothing (0) for a command without a place, an
     error for one with a position.
@@ -142,7 +178,7 @@ def make_item(
         missing = ("latitude", "longitude", "altitude")[place.index(None)]
         msg = f"{where}: {missing} of command {command} is missing (null or NaN); give a number"
         raise MissionFileError(msg)
-    return item.in_standard_frame()
+    return item if keep_frame else item.in_standard_frame()
 
 
 def make_mission(items: Iterable[MissionItem], home: GeoPoint | None, **more: Any) -> Mission:
@@ -203,16 +239,21 @@ def home_for_file(mission: Mission) -> GeoPoint:
     return GeoPoint(0.0, 0.0) if first is None else GeoPoint(first.x, first.y)
 
 
-def home_from_file(
-    where: str, latitude_deg: float, longitude_deg: float, altitude_m: float
-) -> GeoPoint | None:
-    """Make the home position that a file gives; 0, 0, 0 is none."""
-    if latitude_deg == longitude_deg == altitude_m == 0.0:
-        return None
+def home_of(where: str, latitude_deg: float, longitude_deg: float, altitude_m: float) -> GeoPoint:
+    """Make the home position that a file gives."""
     try:
         return GeoPoint(latitude_deg, longitude_deg, altitude_m)
     except MissionError as error:
-        raise MissionFileError(f"{where}: home {error}; correct the value") from None
+        raise MissionFileError(f"{where}: {error}; correct the value") from None
+
+
+def home_from_file(
+    where: str, latitude_deg: float, longitude_deg: float, altitude_m: float
+) -> GeoPoint | None:
+    """Make the home position that a file gives that has to give one; 0, 0, 0 is none."""
+    if latitude_deg == longitude_deg == altitude_m == 0.0:
+        return None
+    return home_of(f"{where}: home", latitude_deg, longitude_deg, altitude_m)
 
 
 def file_parameters(item: MissionItem, firmware: Firmware) -> Parameters:

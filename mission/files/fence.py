@@ -15,6 +15,7 @@ _POLYGONS = {
     True: Command.NAV_FENCE_POLYGON_VERTEX_INCLUSION,
     False: Command.NAV_FENCE_POLYGON_VERTEX_EXCLUSION,
 }
+POLYGON_COMMANDS = frozenset(_POLYGONS.values())
 _CIRCLES = {True: Command.NAV_FENCE_CIRCLE_INCLUSION, False: Command.NAV_FENCE_CIRCLE_EXCLUSION}
 
 
@@ -97,7 +98,7 @@ def geo_fence(items: Sequence[MissionItem]) -> dict[str, Any]:
     index = 0
     while index < len(items):
         item = items[index]
-        if item.command in _POLYGONS.values():
+        if item.command in POLYGON_COMMANDS:
             vertices = polygon_at(items, index)
             fence["polygons"].append(
                 {

@@ -1,19 +1,25 @@
-"""Reading and writing mission files; the suffix of the name chooses the format."""
+"""Reading and writing mission files; the ending of the name chooses the format."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeAlias
 
 from geo.atomic import atomic_write
 from geo.reading import UnreadableError, read_file
 from geo.texts import one_line
 from mission.errors import MissionFileError
-from mission.files import native, plan, views, waypoints
+from mission.files import dji, geojson, gpx, kml, native, plan, table, waypoints
 from mission.files.common import MAX_BYTES, Firmware
+from mission.files.comparison import Loss, differences
+from mission.files.drawn import Drawing
 from mission.model import Mission
+
+Loads: TypeAlias = Callable[[bytes], Mission | Drawing]
+Dumps: TypeAlias = Callable[[Mission, Firmware], str | bytes]
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,15 +33,21 @@ class MissionFormat:
     suffixes : tuple of str
         In lower case, with the dot; the first is the usual one.
     loads : callable or None
-        Makes a mission from the content of a file; None if the format is only written.
+        Makes a mission, or the drawing of one, from the content of a file; None if it is only written.
     dumps : callable or None
-        Makes the text of a file from a mission and a firmware; None if the format is only read.
+        Makes the content of a file from a mission and a firmware; None if the format is only read.
+    hold : callable or None
+        Makes of a mission the part that one file can hold; None if that is all of it.
+    losses : callable or None
+        Tells what is not kept of a mission, where a file cannot be read back to see.
     """
 
     name: str
     suffixes: tuple[str, ...]
-    loads: Callable[[bytes], Mission] | None = None
-    dumps: Callable[[Mission, Firmware], str] | None = None
+    loads: Loads | None = None
+    dumps: Dumps | None = None
+    hold: Callable[[Mission], Mission] | None = None
+    losses: Callable[[Mission], Sequence[Loss]] | None = None
 
 
 _FORMATS: dict[str, MissionFormat] = {}
@@ -51,18 +63,25 @@ def mission_formats() -> tuple[MissionFormat, ...]:
     """Return the known formats.
 
     >>> [mission_format.suffixes[0] for mission_format in mission_formats()]
-    ['.plan', '.waypoints', '.json', '.kml', '.geojson']
+    ['.plan', '.waypoints', '.json', '.kml', '.kmz', '.geojson', '.gpx', '.csv', '.wpml.kmz']
     """
     return tuple(dict.fromkeys(_FORMATS.values()))
 
 
-register_format(MissionFormat("QGroundControl plan", (".plan",), plan.loads, plan.dumps))
-register_format(
-    MissionFormat("QGC WPL 110", (".waypoints", ".wpl", ".txt"), waypoints.loads, waypoints.dumps)
-)
-register_format(MissionFormat("wbf-mission JSON", (".json",), native.loads, native.dumps))
-register_format(MissionFormat("KML", (".kml",), None, views.kml_dumps))
-register_format(MissionFormat("GeoJSON", (".geojson",), None, views.geojson_dumps))
+for _format in (
+    MissionFormat("QGroundControl plan", (".plan",), plan.loads, plan.dumps),
+    MissionFormat(
+        "QGC WPL 110", (".waypoints", ".wpl", ".txt"), waypoints.loads, waypoints.dumps, waypoints.one_plan
+    ),
+    MissionFormat("wbf-mission JSON", (".json",), native.loads, native.dumps),
+    MissionFormat("KML", (".kml",), kml.loads, kml.dumps),
+    MissionFormat("KMZ", (".kmz",), kml.kmz_loads, kml.kmz_dumps),
+    MissionFormat("GeoJSON", (".geojson",), geojson.loads, geojson.dumps),
+    MissionFormat("GPX", (".gpx",), gpx.loads, gpx.dumps),
+    MissionFormat("CSV", (".csv",), table.loads, table.dumps),
+    MissionFormat("DJI WPML", (".wpml.kmz",), None, dji.dumps, losses=dji.losses),
+):
+    register_format(_format)
 
 
 def _suffixes(*, writing: bool) -> str:
@@ -70,43 +89,61 @@ def _suffixes(*, writing: bool) -> str:
     return ", ".join(names[:-1]) + " or " + names[-1]
 
 
+def ending(path: str | os.PathLike[str]) -> str:
+    """Return the ending of a name that tells its format, in lower case.
+
+    >>> ending("field.PLAN"), ending("my.field.wpml.kmz"), ending("field.doc")
+    ('.plan', '.wpml.kmz', '.doc')
+    """
+    name = Path(path).name.lower()
+    known = [suffix for suffix in _FORMATS if name.endswith(suffix) and name != suffix]
+    return max(known, key=len, default=Path(name).suffix)
+
+
 def _found(path: str | os.PathLike[str], *, writing: bool) -> MissionFormat:
     """Return the format of a file's name, or raise MissionFileError where it is not read or not written."""
-    suffix = Path(path).suffix.lower()
-    found = _FORMATS.get(suffix)
+    found = _FORMATS.get(ending(path))
     if found is None or (found.dumps if writing else found.loads) is None:
         does, ways = ("writer", "written to") if writing else ("reader", "read from")
-        problem = f"no {does} for {found.name} files" if found else f"unknown suffix {suffix!r}"
+        problem = f"no {does} for {found.name} files" if found else f"unknown suffix {ending(path)!r}"
         msg = f"{path}: {problem}; missions are {ways} {_suffixes(writing=writing)}"
         raise MissionFileError(one_line(msg))
     return found
 
 
-def reader_for(path: str | os.PathLike[str]) -> Callable[[bytes], Mission]:
+def reader_for(path: str | os.PathLike[str]) -> Loads:
     """Return the function that reads files of this name, or raise MissionFileError."""
     loads = _found(path, writing=False).loads
     assert loads is not None
     return loads
 
 
-def writer_for(path: str | os.PathLike[str]) -> Callable[[Mission, Firmware], str]:
+def writer_for(path: str | os.PathLike[str]) -> Dumps:
     """Return the function that writes files of this name, or raise MissionFileError."""
     dumps = _found(path, writing=True).dumps
     assert dumps is not None
     return dumps
 
 
-def read_mission(path: str | os.PathLike[str]) -> Mission:
-    """Read a mission file.
+def read_mission(
+    path: str | os.PathLike[str], *, altitude_m: float | None = None, drawn_path: str | None = None
+) -> Mission:
+    """Read a mission file, or make a mission of a path that somebody has drawn or recorded.
 
     Parameters
     ----------
     path : path-like
-        ``.plan`` (QGroundControl), ``.waypoints``, ``.wpl``, ``.txt`` (QGC WPL 110) or ``.json`` (ours).
+        ``.plan`` (QGroundControl), ``.waypoints``, ``.wpl``, ``.txt`` (QGC WPL 110), ``.json`` (ours),
+        ``.kml``, ``.kmz``, ``.geojson``, ``.gpx`` or ``.csv``.
+    altitude_m : float or None
+        Metres above home of the waypoints of a drawn path, in place of what the file says.
+    drawn_path : str or None
+        The name of a drawn path, where the file holds several.
 
     Returns
     -------
     Mission
+        Of a drawn path waypoints only: no take-off, no landing, no home.
 
     Raises
     ------
@@ -114,13 +151,60 @@ def read_mission(path: str | os.PathLike[str]) -> Mission:
         If the file cannot be read, is larger than 64 MiB, is no mission of that kind, or holds impossible
         values. The message is one line with the file, the line or item, what is wrong, and what to do.
     """
+    return open_mission(path, altitude_m=altitude_m, drawn_path=drawn_path)[0]
+
+
+def open_mission(
+    path: str | os.PathLike[str], *, altitude_m: float | None = None, drawn_path: str | None = None
+) -> tuple[Mission, list[str]]:
+    """Read a mission file as `read_mission` does, and tell what was made of a drawn path."""
     loads = reader_for(path)
     try:
-        return loads(read_file(Path(path), MAX_BYTES))
+        found = loads(read_file(Path(path), MAX_BYTES))
+        if isinstance(found, Drawing):
+            return found.mission(altitude_m, drawn_path)
     except UnreadableError as error:
         raise MissionFileError(one_line(f"{path}: cannot be read as a mission: {error}")) from error
     except MissionFileError as error:
         raise MissionFileError(one_line(f"{path}: {error}")) from None
+    if altitude_m is not None or drawn_path is not None:
+        msg = f"{path}: this is a mission, which has altitudes and one path; leave --altitude and --path out"
+        raise MissionFileError(one_line(msg))
+    return found, []
+
+
+def losses(
+    mission: Mission, path: str | os.PathLike[str], *, firmware: Firmware = Firmware.PX4
+) -> list[Loss]:
+    """Tell what a file of this name does not keep of a mission.
+
+    Where the format is read, too, this is what is missing when the file is read back; the plans that it has
+    no room for (`fitted`) are among it.
+
+    Raises
+    ------
+    MissionFileError
+        If the format cannot hold the mission at all.
+
+    Examples
+    --------
+    >>> [loss.text for loss in losses(Mission((), cruise_speed_m_s=9.0), "field.waypoints")]
+    ['the speeds for estimates of time are not kept']
+    """
+    chosen = _found(path, writing=True)
+    if chosen.losses is not None:
+        return list(chosen.losses(mission))
+    if chosen.loads is None or chosen.dumps is None:
+        return []
+    content = chosen.dumps(fitted(mission, path), firmware)
+    back = chosen.loads(content.encode() if isinstance(content, str) else content)
+    return differences(mission, back) if isinstance(back, Mission) else []
+
+
+def fitted(mission: Mission, path: str | os.PathLike[str]) -> Mission:
+    """Return the part of a mission that one file of this name can hold."""
+    hold = _found(path, writing=True).hold
+    return mission if hold is None else hold(mission)
 
 
 def write_mission(
@@ -133,7 +217,8 @@ def write_mission(
     mission : Mission
         What to write.
     path : path-like
-        ``.plan``, ``.waypoints``, ``.wpl``, ``.txt``, ``.json``, or for viewing ``.kml``, ``.geojson``.
+        ``.plan``, ``.waypoints``, ``.wpl``, ``.txt``, ``.json``, ``.kml``, ``.kmz``, ``.geojson``, ``.gpx``,
+        ``.csv``, or ``.wpml.kmz`` (DJI).
     firmware : Firmware
         The autopilot that a ``.plan`` or waypoint list is meant for.
 
@@ -154,9 +239,9 @@ def write_mission(
     """
     dumps = writer_for(path)
     try:
-        text = dumps(mission, firmware)
-        with atomic_write(path, newline="\n") as file:
-            file.write(text)
+        content = dumps(mission, firmware)
+        with atomic_write(path, "wb") as file:
+            file.write(content.encode() if isinstance(content, str) else content)
     except (OSError, ValueError) as error:
         reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
         raise MissionFileError(one_line(f"{path}: cannot be written: {reason}")) from error

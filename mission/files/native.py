@@ -32,9 +32,10 @@ from mission.files.common import (
     check_json,
     decode_json,
     file_parameters,
+    home_of,
     make_mission,
 )
-from mission.model import MAX_ITEMS, GeoPoint, Mission, MissionItem
+from mission.model import MAX_ITEMS, Mission, MissionItem
 
 VERSION = 1
 
@@ -87,19 +88,12 @@ def loads(data: bytes) -> Mission:
     file = decode_json(data, _FILE)
     return make_mission(
         _items(file.items, "item"),
-        None if file.home is None else _home(file.home),
+        None if file.home is None else home_of("home", *msgspec.structs.astuple(file.home)),
         fence=_items(file.fence, "fence item"),
         rally=_items(file.rally, "rally point"),
         cruise_speed_m_s=file.cruise_speed_m_s,
         hover_speed_m_s=file.hover_speed_m_s,
     )
-
-
-def _home(home: _Home) -> GeoPoint:
-    try:
-        return GeoPoint(home.latitude_deg, home.longitude_deg, home.altitude_m)
-    except MissionError as error:
-        raise MissionFileError(f"home: {error}; correct the value") from None
 
 
 def _items(items: list[_Item], name: str) -> tuple[MissionItem, ...]:

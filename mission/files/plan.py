@@ -1,8 +1,9 @@
 """QGroundControl plans (``.plan``): JSON with the mission, the fence and the rally points.
 
-Written are simple items only, with every key that QGroundControl's loaders ask for; read are simple items and
-those complex items that carry the commands they stand for (surveys, corridor scans). Sources: the loaders of
-QGroundControl (MissionController, SimpleMissionItem, TransectStyleComplexItem, GeoFenceController,
+Written are simple items only, with every key that QGroundControl's loaders ask for; read are simple items,
+complex items that carry the commands they stand for (surveys, corridor scans), and landing patterns and
+structure scans, whose commands are made as QGroundControl makes them (`mission.files.patterns`). Sources: the
+loaders of QGroundControl (MissionController, SimpleMissionItem, TransectStyleComplexItem, GeoFenceController,
 RallyPointController) and docs.qgroundcontrol.com, "Plan file format".
 """
 
@@ -31,6 +32,7 @@ from mission.files.common import (
     resolve_jumps,
 )
 from mission.files.fence import GeoFence, fence_items, geo_fence
+from mission.files.patterns import KINDS, Pattern, commands_of
 from mission.model import MAX_ITEMS, Command, Frame, GeoPoint, Mission, MissionItem
 
 _Number = float | None
@@ -42,7 +44,9 @@ _MIXED = 0
 class _Simple(msgspec.Struct, tag_field="type", tag="SimpleItem"):
     command: Annotated[int, Meta(ge=0, le=65535)]
     frame: Annotated[int, Meta(ge=0, le=255)]
-    params: tuple[_Number, _Number, _Number, _Number, _Number, _Number, _Number]
+    params: Annotated[list[_Number], Meta(min_length=4, max_length=7)]
+    # Until QGroundControl 3.3 the place stood here, and params were four.
+    coordinate: tuple[_Number, _Number, _Number] | None = None
     autocontinue: bool = msgspec.field(default=True, name="autoContinue")
     jump_id: int | None = msgspec.field(default=None, name="doJumpId")
     altitude: _Number = msgspec.field(default=None, name="Altitude")
@@ -56,6 +60,14 @@ class _Complex(msgspec.Struct, tag_field="type", tag="ComplexItem"):
     kind: str = msgspec.field(default="unnamed", name="complexItemType")
     transect: _Transect | None = msgspec.field(default=None, name="TransectStyleComplexItem")
     items: list[_Simple] | None = msgspec.field(default=None, name="Items")
+
+
+class _PatternsOfMission(msgspec.Struct):
+    items: list[Pattern]
+
+
+class _PatternsOfPlan(msgspec.Struct):
+    mission: _PatternsOfMission
 
 
 class _Mission(msgspec.Struct):
@@ -80,6 +92,7 @@ class _Plan(msgspec.Struct):
 
 
 _PLAN = msgspec.json.Decoder(_Plan)
+_PATTERNS = msgspec.json.Decoder(_PatternsOfPlan)
 _FENCE = msgspec.json.Decoder(GeoFence | None)
 _RALLY = msgspec.json.Decoder(_Rally | None)
 # Vertices are so short that a hostile file could hold millions; autopilots store some hundreds.
@@ -90,10 +103,11 @@ def loads(data: bytes) -> Mission:
     """Read a mission from the content of a plan file.
 
     It is UTF-8 JSON with fileType "Plan", version 1, and a mission of version 2. Items are in their standard
-    frames; a survey is the list of commands it was saved with; jump targets are indices of the items.
+    frames; a survey is the list of commands it was saved with, a landing pattern or structure scan that of
+    those QGroundControl makes of it; jump targets are indices of the items.
 
     MissionFileError names the item and the field of what is something else, damaged, of another version, a
-    complex item without its commands, or impossible.
+    complex item whose commands are not known, or impossible.
     """
     check_json(data, PLAN_KIND)
     plan = decode_json(data, _PLAN)
@@ -106,7 +120,7 @@ def loads(data: bytes) -> Mission:
     fence = _part(plan.fence, _FENCE, "geoFence")
     rally = _part(plan.rally, _RALLY, "rallyPoints")
     return make_mission(
-        _items(plan.mission.items),
+        _items(plan.mission.items, data),
         _home(plan.mission.home),
         fence=() if fence is None else fence_items(fence),
         rally=() if rally is None else _rally_items(rally),
@@ -122,8 +136,9 @@ def _part(raw: msgspec.Raw, decoder: msgspec.json.Decoder[T], name: str) -> T:
     return decode_json(data, decoder, name)
 
 
-def _flat(items: list[_Simple | _Complex]) -> Iterator[tuple[str, _Simple]]:
+def _flat(items: list[_Simple | _Complex], data: bytes) -> Iterator[tuple[str, _Simple]]:
     """Yield every simple item with its place in the file."""
+    patterns: list[Pattern] | None = None
     for index, item in enumerate(items):
         where = f"mission, item {index + 1}"
         if isinstance(item, _Simple):
@@ -133,19 +148,24 @@ def _flat(items: list[_Simple | _Complex]) -> Iterator[tuple[str, _Simple]]:
         inner, path = item.items, where
         if inner is None and transect is not None:
             inner, path = transect.items, f"{where}, TransectStyleComplexItem"
-        if inner is None:
+        if inner is not None:
+            for position, simple in enumerate(inner):
+                yield f"{path}, Item {position + 1}", simple
+        elif item.kind in KINDS:
+            patterns = patterns or decode_json(data, _PATTERNS).mission.items
+            for command, frame, values in commands_of(where, item.kind, patterns[index]):
+                yield where, _Simple(command, frame, list(values))
+        else:
             msg = (
                 f"{where}: the complex item {item.kind[:60]!r} holds no commands; "
                 "replace it by simple items in QGroundControl"
             )
             raise MissionFileError(msg)
-        for position, simple in enumerate(inner):
-            yield f"{path}, Item {position + 1}", simple
 
 
-def _items(items: list[_Simple | _Complex]) -> tuple[MissionItem, ...]:
+def _items(items: list[_Simple | _Complex], data: bytes) -> tuple[MissionItem, ...]:
     flat: list[tuple[str, _Simple]] = []
-    for where, simple in _flat(items):
+    for where, simple in _flat(items, data):
         if len(flat) == MAX_ITEMS:
             msg = f"{where}: more than {MAX_ITEMS} items, which MAVLink cannot number; fly it in parts"
             raise MissionFileError(msg)
@@ -157,7 +177,12 @@ def _items(items: list[_Simple | _Complex]) -> tuple[MissionItem, ...]:
 
 
 def _item(where: str, simple: _Simple) -> MissionItem:
-    first, second, third, fourth, x, y, z = simple.params
+    values = simple.params
+    if len(values) == 4 and simple.coordinate is not None:
+        values = [*values, *simple.coordinate]
+    if len(values) != 7:
+        raise MissionFileError(f"{where}, params: {len(values)} entries; give a list with 7")
+    first, second, third, fourth, x, y, z = values
     return make_item(
         where,
         simple.command,

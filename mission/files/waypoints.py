@@ -27,6 +27,7 @@ from mission.files.common import (
     Parameters,
     Place,
     check_jumps,
+    decode_text,
     file_parameters,
     home_for_file,
     home_from_file,
@@ -89,12 +90,7 @@ def loads(data: bytes) -> Mission:
         raise MissionFileError(
             f"more than {_MOST_LINES} lines; no mission of {MAX_ITEMS} items needs so many"
         )
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        raise MissionFileError(f"line {line}: this is no UTF-8 text; save the file as UTF-8") from None
-    rows = _rows(text)
+    rows = _rows(decode_text(data))
     home = None
     if rows and _is_home(rows[0]):
         home = _home(rows.pop(0))
@@ -219,6 +215,13 @@ def dumps(mission: Mission, firmware: Firmware = Firmware.PX4) -> str:
             standard = replace(standard, param1=jump_target(item, f"item {seq}") + 1.0)
         lines.append(_line(seq, standard, firmware))
     return "\n".join(lines) + "\n"
+
+
+def one_plan(mission: Mission) -> Mission:
+    """Return what one file holds of a mission: its items, if it has none the fence, or the rally points."""
+    if mission.items:
+        return replace(mission, fence=(), rally=())
+    return replace(mission, rally=()) if mission.fence else mission
 
 
 def _home_item(home: GeoPoint) -> MissionItem:

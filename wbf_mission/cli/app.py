@@ -17,6 +17,7 @@ from geo.texts import printable
 from wbf_mission.cli import (
     bench,
     check,
+    convert,
     farm,
     fly,
     operate,
@@ -53,6 +54,7 @@ _COMMANDS = (
     ("fly", fly.fly_command, fly.EXAMPLES),
     ("sim", sim.sim_command, sim.EXAMPLES),
     ("check", check.check_command, check.EXAMPLES),
+    ("convert", convert.convert_command, convert.EXAMPLES),
     ("preflight", preflight.preflight_command, preflight.EXAMPLES),
     ("upload", transfer.upload_command, transfer.UPLOAD_EXAMPLES),
     ("download", transfer.download_command, transfer.DOWNLOAD_EXAMPLES),

@@ -119,8 +119,8 @@ def link(what: str) -> Any:
     return option(f"{what}: {LINKS}", panel=LINK_PANEL)
 
 
-MISSION_SUFFIXES = (".plan", ".waypoints", ".wpl", ".kml")
-"""Of files that hold nothing but missions; a .json, .txt or .geojson may hold anything."""
+MISSION_SUFFIXES = (".plan", ".waypoints", ".wpl")
+"""Of files that hold nothing but missions; a .json, .txt, .kml or .gpx may hold anything."""
 
 Overwrite = Annotated[
     bool, option("Replace an existing file of any kind, not only of ours.", "--overwrite", panel=OUTPUT_PANEL)

@@ -52,8 +52,8 @@ def plan_command(
     out: Annotated[
         Path | None,
         option(
-            "Mission file: .plan (QGroundControl), .waypoints (WPL 110), .json (ours), .kml, .geojson;"
-            " of several vehicles NAME-1.plan, NAME-2.plan ...",
+            "Mission file: .plan (QGroundControl), .waypoints (WPL 110), .json (ours), .kml, .kmz, .geojson,"
+            " .gpx, .csv, .wpml.kmz (DJI); of several vehicles NAME-1.plan, NAME-2.plan ...",
             panel="Output",
         ),
     ] = None,
@@ -61,7 +61,7 @@ def plan_command(
     force: Force = False,
 ) -> None:
     """Plan a mission within a budget and say what it takes: length, time, coverage, battery."""
-    from mission.files import Firmware, write_mission, writer_for
+    from mission.files import Firmware, losses, write_mission, writer_for
     from mission.transfer import Severity
     from wbf_mission.flight import check_flight
     from wbf_mission.planning.fleet import single_vehicles
@@ -95,7 +95,10 @@ def plan_command(
     values, tables = [], []
     for result, path in zip(results, files, strict=True):
         if path is not None:
-            write_mission(result.mission, path, firmware=Firmware(result.mav_autopilot))
+            firmware = Firmware(result.mav_autopilot)
+            for loss in losses(result.mission, path, firmware=firmware):
+                output.note(f"note: {path.name}: {loss.text}")
+            write_mission(result.mission, path, firmware=firmware)
         values.append({**result.summary(), "file": str(path) if path else None})
         tables.append(_rows(result, path))
     if len(results) == 1:
@@ -124,7 +127,10 @@ def _files(out: Path | None, count: int) -> list[Path | None]:
     """Return the mission file of each vehicle; those of several are numbered."""
     if out is None or count == 1:
         return [out] * count
-    return [out.with_name(f"{out.stem}-{number}{out.suffix}") for number in range(1, count + 1)]
+    from mission.files import ending
+
+    stem = out.name[: len(out.name) - len(ending(out))]
+    return [out.with_name(f"{stem}-{number}{out.name[len(stem) :]}") for number in range(1, count + 1)]
 
 
 def _rows(result: PlanResult, path: Path | None) -> dict[str, str]:

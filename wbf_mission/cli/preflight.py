@@ -109,7 +109,7 @@ _HEADER = ["", "item", "finding"]
 def preflight_command(
     given: options.Given,
     output: Output,
-    file: Annotated[Path, typer.Argument(help="Mission file: .plan, .waypoints or .json.")],
+    file: Annotated[Path, typer.Argument(help="Mission file: .plan, .waypoints, .json, .kml ...")],
     around: Surroundings,
     connect: Annotated[str | None, options.link("Ask the vehicle behind this link, too")] = None,
     system_id: options.SystemId = None,

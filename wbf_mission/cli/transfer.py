@@ -33,7 +33,7 @@ wbf-mission download --connect udpin:127.0.0.1:14550 --out onboard.plan
 def upload_command(
     given: options.Given,
     output: Output,
-    file: Annotated[Path, typer.Argument(help="Mission file: .plan, .waypoints or .json.")],
+    file: Annotated[Path, typer.Argument(help="Mission file: .plan, .waypoints, .json, .kml ...")],
     around: Surroundings,
     force: Force = False,
     connect: Connect = "udpin:127.0.0.1:14550",
@@ -99,7 +99,7 @@ def upload_command(
 @options.speaks()
 def download_command(
     output: Output,
-    out: Annotated[Path, option("Mission file to write: .plan, .waypoints or .json.")],
+    out: Annotated[Path, option("Mission file to write: .plan, .waypoints, .json, .kml ...")],
     connect: Connect = "udpin:127.0.0.1:14550",
     system_id: options.SystemId = None,
     wait: options.Wait = 10.0,

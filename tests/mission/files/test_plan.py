@@ -244,7 +244,7 @@ ITEM = ("mission", "items", 0)
         (("mission", "version"), 1, "mission, version is 1, only 2"),
         (("mission", "items"), KeyError, "items"),
         (("mission", "items"), {}, "mission, items: it is a table of names and values; give a list"),
-        (("mission", "plannedHomePosition"), [91, 0, 0], "plannedHomePosition: home point: latitude 91"),
+        (("mission", "plannedHomePosition"), [91, 0, 0], "plannedHomePosition: home: point: latitude 91"),
         (("mission", "hoverSpeed"), -1, "hover_speed_m_s is -1"),
         (("mission", "hoverSpeed"), "fast", "mission, hoverSpeed: it is a text; give a number"),
         ((*ITEM, "type"), "Sample", "'Sample'"),

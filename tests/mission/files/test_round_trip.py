@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from mission.errors import MissionFileError
 from mission.files import Firmware, native, plan, read_mission, waypoints
-from mission.files.views import geojson_dumps, kml_dumps
+from mission.files import geojson, kml
 from mission.link.codec.dialect import mavlink
 from mission.model import Command, Frame, GeoPoint, Mission, MissionItem, has_position
 

@@ -179,7 +179,7 @@ def test_other_versions_are_refused(header):
 
 
 def test_bad_home():
-    with pytest.raises(MissionFileError, match="line 2: home point: latitude nan"):
+    with pytest.raises(MissionFileError, match="line 2: home: point: latitude nan"):
         read(HOME.replace("28.05", "nan"))
 
 

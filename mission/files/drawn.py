@@ -1,0 +1,104 @@
+"""Paths that somebody has drawn or recorded, made missions of: waypoints, nothing that is not in the file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import islice
+
+from geo.texts import one_line
+from mission.errors import MissionFileError
+from mission.files.common import make_item, make_mission
+from mission.model import MAX_ITEMS, Command, Frame, Mission, MissionItem
+
+_MOST_NAMES = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """A position in degrees, its altitude in metres, and the frame of that; None where the file has none."""
+
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float | None = None
+    frame: Frame | None = None
+    where: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class DrawnPath:
+    """A path: what it is called in the file, and its points in their order."""
+
+    name: str
+    points: Sequence[Point]
+
+
+@dataclass(frozen=True, slots=True)
+class Drawing:
+    """The paths of a file that is no mission.
+
+    Parameters
+    ----------
+    paths : sequence of DrawnPath
+    areas : int
+        How many polygons there are besides.
+    no_altitudes : str
+        Why its points may have no altitude, for the error.
+    """
+
+    paths: Sequence[DrawnPath]
+    areas: int = 0
+    no_altitudes: str = "the file gives none"
+
+    def mission(self, altitude_m: float | None = None, name: str | None = None) -> tuple[Mission, list[str]]:
+        """Make a mission of the only path or of the one of a name; return it and what was not in the file.
+
+        MissionFileError if there is no such path, or an altitude is missing and none is given.
+        """
+        path = self._chosen(name)
+        if len(path.points) > MAX_ITEMS:
+            msg = (
+                f"{path.name}: {len(path.points)} points, but MAVLink numbers {MAX_ITEMS} items; thin it out"
+            )
+            raise MissionFileError(msg)
+        made = make_mission((self._waypoint(point, path, altitude_m) for point in path.points), None)
+        notes = [
+            f"the {len(path.points)} points of {path.name} are waypoints;"
+            " no take-off, landing, speed or home is added"
+        ]
+        if self.areas:
+            notes.append(f"{self.areas} polygons are left out")
+        return made, notes
+
+    def _waypoint(self, point: Point, path: DrawnPath, altitude_m: float | None) -> MissionItem:
+        frame: Frame | None = Frame.GLOBAL_RELATIVE_ALT
+        if altitude_m is None:
+            altitude_m, frame = point.altitude_m, point.frame
+        where = f"{path.name}, {point.where}"
+        if altitude_m is None or frame is None:
+            msg = (
+                f"{where}: no altitude to fly at ({self.no_altitudes}); give one above home"
+                " (convert --altitude METRES)"
+            )
+            raise MissionFileError(msg)
+        place = (point.latitude_deg, point.longitude_deg, altitude_m)
+        return make_item(where, Command.NAV_WAYPOINT, frame, (0.0, 0.0, 0.0, None), place, autocontinue=True)
+
+    def _chosen(self, name: str | None) -> DrawnPath:
+        paths = [path for path in self.paths if path.points and name in (None, path.name)]
+        if len(paths) == 1:
+            return paths[0]
+        known = ", ".join(repr(path.name) for path in islice(self.paths, _MOST_NAMES))
+        known += f" and {len(self.paths) - _MOST_NAMES} more" if len(self.paths) > _MOST_NAMES else ""
+        if name is not None and self.paths:
+            problem = "is there more than once" if paths else "is not there"
+            raise MissionFileError(one_line(f"the path {name!r} {problem}; the paths are {known}"))
+        if paths:
+            raise MissionFileError(one_line(f"{len(paths)} paths: {known}; choose one (convert --path NAME)"))
+        if self.areas:
+            msg = (
+                f"{self.areas} areas (polygons) and no path; to plan a flight over a field make a farm file"
+                " of it (wbf-mission plan --farm FILE)"
+            )
+            raise MissionFileError(msg)
+        raise MissionFileError("there is no path in it; draw a line, or give a mission")

@@ -1,0 +1,134 @@
+"""GPX both ways, for GNSS receivers and map programs. Source: the GPX 1.1 schema, topografix.com/GPX/1/1.
+
+A mission of ours is a route of the places that are flown to, and waypoints for home, fence, rally points and
+the other places. Everything else of an item stands in ``extensions``, as an element of our own namespace;
+commands without a place stand in those of the route.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+from xml.etree import ElementTree
+
+from geo.texts import parse_number
+from mission.errors import MissionFileError
+from mission.files.common import GPX_KIND, Firmware
+from mission.files.drawn import Drawing, DrawnPath, Point
+from mission.files.records import Record, are_ours, is_flown, mission_of, records_of, text_of
+from mission.files.xml import Node, add, decimal, document, parse
+from mission.model import Frame, Mission
+
+_SPACE = "urn:wbf-mission:gpx:1"
+_NO_ALTITUDES = "it has no ele"
+
+
+def loads(data: bytes) -> Mission | Drawing:
+    """Read a mission of ours, or routes and the segments of tracks; waypoints are a path if there is neither.
+
+    Their elevations are above mean sea level.
+    """
+    root = parse(data, "gpx", GPX_KIND)
+    records = []
+    for node in (root, *root.iter("metadata", "rte", "wpt", "rtept")):
+        for record in _records(node):
+            is_place = node.tag in ("wpt", "rtept")
+            places = [(one.latitude_deg, one.longitude_deg) for one in (_point(node),)] if is_place else ()
+            records.append(Record(record.attributes, places, f"line {record.line}, {record.tag}"))
+    if are_ours(records):
+        return mission_of(records)
+    paths = []
+    for node in root.children:
+        name = node.child_text("name") or f"the {node.tag} of line {node.line}"
+        if node.tag == "rte":
+            paths.append(_path(name, node, "rtept"))
+        elif node.tag == "trk":
+            parts = [part for part in node.children if part.tag == "trkseg"]
+            titles = [name if len(parts) == 1 else f"{name}, segment {k}" for k in range(1, len(parts) + 1)]
+            paths += [_path(title, part, "trkpt") for title, part in zip(titles, parts, strict=True)]
+    paths = [path for path in paths if path.points]
+    if not paths and root.child("wpt"):
+        paths = [_path("the waypoints", root, "wpt")]
+    return Drawing(paths, 0, _NO_ALTITUDES)
+
+
+def _records(node: Node) -> list[Node]:
+    extensions = node.child("extensions")
+    found = [] if extensions is None else extensions.children
+    return [child for child in found if child.tag == "record"]
+
+
+def _path(name: str, node: Node, tag: str) -> DrawnPath:
+    return DrawnPath(name, [_point(child) for child in node.children if child.tag == tag])
+
+
+def _point(node: Node) -> Point:
+    where = f"line {node.line}, {node.tag}"
+    latitude_deg, longitude_deg = (
+        _number(node.attributes.get(name, ""), name, where) for name in ("lat", "lon")
+    )
+    text = node.child_text("ele")
+    altitude_m = _number(text, "ele", where) if text else None
+    return Point(latitude_deg, longitude_deg, altitude_m, Frame.GLOBAL, where)
+
+
+def _number(text: str, name: str, where: str) -> float:
+    try:
+        return parse_number(text)
+    except ValueError:
+        raise MissionFileError(f"{where}: {name} is {text[:40]!r}; give a number") from None
+
+
+def dumps(mission: Mission, firmware: Firmware = Firmware.GENERIC) -> str:  # noqa: ARG001  one signature
+    """Write a mission as GPX; ``ele`` is above mean sea level, and left out where that is not known."""
+    header, *records = records_of(mission, polygons=False)
+    gpx = ElementTree.Element(
+        "gpx",
+        {
+            "version": "1.1",
+            "creator": "wbf-mission",
+            "xmlns": "http://www.topografix.com/GPX/1/1",
+            "xmlns:wbf": _SPACE,
+        },
+    )
+    _extend(add(gpx, "metadata"), header.fields)
+    route = ElementTree.Element("rte")
+    add(route, "name", "Mission")
+    for record in records:
+        if not record.places:
+            _extend(route, record.fields)  # first, as the schema wants it
+    for record in records:
+        for latitude_deg, longitude_deg in record.places:
+            fields = dict(record.fields)
+            flown = fields["role"] == "item" and is_flown(mission.items[fields["index"]])
+            place = {"lat": decimal(latitude_deg), "lon": decimal(longitude_deg)}
+            point = add(route if flown else gpx, "rtept" if flown else "wpt", **place)
+            altitude_m = _above_sea(fields, mission)
+            if altitude_m is not None:
+                add(point, "ele", decimal(altitude_m))
+            add(
+                point,
+                "name",
+                "Home" if fields["role"] == "home" else f"{fields['index']} {fields.pop('name')}",
+            )
+            _extend(point, fields)
+    if len(route) > 1:
+        gpx.append(route)
+    return document(gpx)
+
+
+def _extend(node: ElementTree.Element, fields: Mapping[str, Any]) -> None:
+    extensions = node.find("extensions")
+    if extensions is None:
+        extensions = add(node, "extensions")
+    shown = {name: text_of(value, empty="NaN") for name, value in fields.items()}
+    add(extensions, "wbf:record", **shown)
+
+
+def _above_sea(fields: Mapping[str, Any], mission: Mission) -> float | None:
+    frame = fields.get("frame", Frame.GLOBAL)
+    if frame == Frame.GLOBAL:
+        return float(fields["altitude_m"])
+    if frame == Frame.GLOBAL_RELATIVE_ALT and mission.home is not None:
+        return float(fields["altitude_m"] + mission.home.altitude_m)
+    return None

@@ -1,0 +1,227 @@
+"""KML both ways, and KMZ, which is KML in a ZIP archive: missions of ours, and paths drawn in Google Earth.
+
+Sources: OGC KML 2.3 (12-007r2); developers.google.com/kml/documentation/kmlreference (gx:Track, KMZ).
+"""
+
+from __future__ import annotations
+
+import io
+import re
+import zipfile
+import zlib
+from collections.abc import Iterator, Mapping
+from typing import Any
+from xml.etree import ElementTree
+
+from geo.texts import parse_number
+from mission.errors import MissionFileError
+from mission.files.common import KML_KIND, KMZ_KIND, MAX_BYTES, Firmware, kind_of, wrong_kind
+from mission.files.drawn import Drawing, DrawnPath, Point
+from mission.files.records import PATH, LatLon, Record, are_ours, is_flown, mission_of, records_of, text_of
+from mission.files.xml import Node, add, decimal, document, parse
+from mission.model import Frame, Mission
+
+_MOST_MEMBERS = 1000
+_LINES = ("LineString", "LinearRing", "Track")
+_FRAMES = {"absolute": Frame.GLOBAL, "relativeToGround": Frame.GLOBAL_RELATIVE_ALT}
+_NO_ALTITUDES = "it lies on the ground: altitudeMode is clampToGround"
+
+
+def loads(data: bytes) -> Mission | Drawing:
+    """Read a mission of ours, or paths: lines and tracks, or if there are none the placemarks with points."""
+    root = parse(data, "kml", KML_KIND)
+    header = [node for node in root.children if node.tag == "Document"]
+    records = [Record(fields, (), f"line {node.line}") for node in header if (fields := _fields(node))]
+    marks = list(root.iter("Placemark"))
+    for node in marks:
+        fields = _fields(node)
+        record = Record(fields, (), _where(node))
+        records.append(_placed(record, node) if record.role not in ("", PATH) else record)
+    if are_ours(records):
+        return mission_of(records)
+    paths = [path for node in marks for path in _paths(node)]
+    pins = [point for node in marks for shape in node.iter("Point") for point in _points(shape, _where(node))]
+    if not paths and pins:
+        paths = [DrawnPath("the placemarks", pins)]
+    areas = sum(1 for node in marks for _ in node.iter("Polygon"))
+    return Drawing(paths, areas, _NO_ALTITUDES)
+
+
+def _where(node: Node) -> str:
+    name = node.child_text("name")
+    return f"line {node.line}, placemark {name[:60]!r}" if name else f"line {node.line}, placemark"
+
+
+def _fields(node: Node) -> dict[str, str]:
+    """Return the named data of a feature, in the form of ours and in that of GDAL (SchemaData)."""
+    extended = node.child("ExtendedData")
+    if extended is None:
+        return {}
+    return {
+        data.attributes.get("name", ""): data.child_text("value") if data.tag == "Data" else data.text
+        for data in extended.iter("Data", "SimpleData")
+    }
+
+
+def _placed(record: Record, node: Node) -> Record:
+    """Add the place of a placemark to its fields."""
+    shapes = list(node.iter("Point", "Polygon"))
+    if not shapes:
+        return record
+    if len(shapes) > 1:
+        raise MissionFileError(f"{record.where}: {len(shapes)} shapes; give one")
+    shape = next(shapes[0].iter("LinearRing"), shapes[0])
+    points = _points(shape, record.where)
+    places: list[LatLon] = [(point.latitude_deg, point.longitude_deg) for point in points]
+    if shapes[0].tag == "Point":
+        altitude_m = points[0].altitude_m if points else None
+        return Record(dict(record.fields) | {"altitude_m": altitude_m}, places, record.where)
+    return Record(record.fields, places[:-1] if places[0] == places[-1] else places, record.where)
+
+
+def _paths(node: Node) -> list[DrawnPath]:
+    boundaries = {id(ring) for polygon in node.iter("Polygon") for ring in polygon.iter("LinearRing")}
+    lines = [shape for shape in node.iter(*_LINES) if id(shape) not in boundaries]
+    name = node.child_text("name") or f"the placemark of line {node.line}"
+    if len(lines) == 1:
+        return [DrawnPath(name, _points(lines[0], ""))]
+    return [DrawnPath(f"{name}, part {k}", _points(shape, "")) for k, shape in enumerate(lines, 1)]
+
+
+def _points(shape: Node, where: str) -> list[Point]:
+    frame = _FRAMES.get(shape.child_text("altitudeMode"))
+    made = []
+    for number, text in enumerate(_tuples(shape), 1):
+        place = f"{where or f'line {shape.line}'}, point {number}"
+        longitude_deg, latitude_deg, *more = _numbers(text, place)
+        if abs(latitude_deg) > 90.0 >= abs(longitude_deg):
+            msg = f"{place}: latitude {latitude_deg:g} is outside -90..90; the longitude comes first in KML"
+            raise MissionFileError(msg)
+        made.append(Point(latitude_deg, longitude_deg, more[0] if more else None, frame, place))
+    if not made:
+        raise MissionFileError(
+            f"{where or f'line {shape.line}'}: the {shape.tag} has no coordinates; remove it"
+        )
+    return made
+
+
+def _tuples(shape: Node) -> Iterator[str]:
+    if shape.tag == "Track":
+        return (",".join(child.text.split()) for child in shape.children if child.tag == "coord")
+    return iter(re.sub(r"\s*,\s*", ",", shape.child_text("coordinates")).split())
+
+
+def _numbers(text: str, where: str) -> list[float]:
+    try:
+        numbers = [parse_number(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if not 2 <= len(numbers) <= 3:
+        msg = f"{where}: {text[:40]!r} is not longitude,latitude,altitude in degrees and metres"
+        raise MissionFileError(msg)
+    return numbers
+
+
+def dumps(mission: Mission, firmware: Firmware = Firmware.GENERIC) -> str:  # noqa: ARG001  one signature
+    """Write a mission as KML: placemarks with every field of an item in their data, and the path as a line.
+
+    A path with different kinds of altitude is drawn on the ground.
+    """
+    kml = ElementTree.Element("kml", xmlns="http://www.opengis.net/kml/2.2")
+    top = add(kml, "Document")
+    add(top, "name", "Mission")
+    header, *records = records_of(mission, polygons=True)
+    _add_data(top, header.fields)
+    path = [item for item in mission.items if is_flown(item)]
+    if len(path) > 1:
+        frames = {item.frame for item in path}
+        mark = add(top, "Placemark")
+        add(mark, "name", "Path")
+        _add_data(mark, {"role": PATH})
+        line = add(mark, "LineString")
+        add(line, "altitudeMode", _mode(frames.pop()) if len(frames) == 1 else "clampToGround")
+        add(line, "coordinates", " ".join(_place((item.x, item.y), item.z) for item in path))
+    for record in records:
+        fields = dict(record.fields)
+        mark = add(top, "Placemark")
+        add(mark, "name", _title(fields))
+        altitude_m = (
+            fields.get("altitude_m", 0.0) if len(record.places) > 1 else fields.pop("altitude_m", 0.0)
+        )
+        _add_data(mark, fields)
+        if not record.places:
+            continue
+        if len(record.places) == 1:
+            shape = add(mark, "Point")
+            add(shape, "altitudeMode", _mode(fields.get("frame", Frame.GLOBAL)))
+        else:
+            polygon = add(mark, "Polygon")
+            add(polygon, "altitudeMode", "clampToGround")
+            shape = add(add(polygon, "outerBoundaryIs"), "LinearRing")
+        ring = [*record.places, record.places[0]] if len(record.places) > 1 else record.places
+        add(shape, "coordinates", " ".join(_place(place, altitude_m) for place in ring))
+    return document(kml)
+
+
+def _mode(frame: int) -> str:
+    return "absolute" if frame == Frame.GLOBAL else "relativeToGround"
+
+
+def _place(place: LatLon, altitude_m: float) -> str:
+    return f"{decimal(place[1])},{decimal(place[0])},{decimal(altitude_m)}"
+
+
+def _title(fields: dict[str, Any]) -> str:
+    if fields["role"] == "home":
+        return "Home"
+    title = f"{fields['index']} {fields.pop('name')}"
+    return title if fields["role"] == "item" else f"{fields['role']} {title}".capitalize()
+
+
+def _add_data(parent: ElementTree.Element, fields: Mapping[str, Any]) -> None:
+    extended = add(parent, "ExtendedData")
+    for name, value in fields.items():
+        add(add(extended, "Data", name=name), "value", text_of(value, empty="NaN"))
+
+
+def kmz_loads(data: bytes) -> Mission | Drawing:
+    """Read the KML of a KMZ archive: its first .kml file."""
+    if kind_of(data) != KMZ_KIND:
+        raise wrong_kind(data, "a KMZ archive")
+    if data.count(b"PK\x01\x02") > _MOST_MEMBERS:
+        raise MissionFileError(
+            f"the archive holds more than {_MOST_MEMBERS} files; give one with a mission only"
+        )
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            names = archive.namelist()
+            if any(name.lower().endswith(".wpml") for name in names):
+                msg = "this is a DJI wayline file (WPML), which is written, not read; give another format"
+                raise MissionFileError(msg)
+            found = next((name for name in names if name.lower().endswith(".kml")), None)
+            if found is None:
+                raise MissionFileError("the archive holds no .kml file; give a KMZ of Google Earth")
+            with archive.open(found) as member:
+                content = member.read(MAX_BYTES + 1)
+    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, OSError) as error:
+        raise MissionFileError(f"the archive cannot be unpacked ({error}); save it again") from None
+    if len(content) > MAX_BYTES:
+        raise MissionFileError(f"{found}: larger than {MAX_BYTES // 2**20} MiB when unpacked")
+    try:
+        return loads(content)
+    except MissionFileError as error:
+        raise MissionFileError(f"{found}: {error}") from None
+
+
+def kmz_dumps(mission: Mission, firmware: Firmware = Firmware.GENERIC) -> bytes:
+    """Write a mission as KMZ: doc.kml in an archive."""
+    return archive_of({"doc.kml": dumps(mission, firmware)})
+
+
+def archive_of(members: dict[str, str]) -> bytes:
+    """Return a ZIP archive of texts; the same texts give the same bytes."""
+    made = io.BytesIO()
+    with zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, text in members.items():
+            archive.writestr(zipfile.ZipInfo(name), text.encode(), zipfile.ZIP_DEFLATED)
+    return made.getvalue()

@@ -1,0 +1,271 @@
+"""A mission as records, named fields with places: what GeoJSON, KML, GPX and CSV files of ours hold.
+
+===========  ======================================================================================
+role         the other fields
+===========  ======================================================================================
+mission      version (1), cruise_speed_m_s, hover_speed_m_s
+home         altitude_m above mean sea level; its place
+item         index (from 0; what a DO_JUMP names), command, name, frame, param1 to param4, autocontinue
+fence        as an item; a polygon may be one record with the places of its vertices
+rally        as an item
+===========  ======================================================================================
+
+A record with a place has altitude_m, one without has param5 to param7. A parameter that is there and empty is
+the vehicle's default; one that is not there is 0. Names are for people, and records of role ``path`` are for
+the eye: neither is read.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any, TypeAlias
+
+from geo.texts import parse_number
+from mission.errors import MissionFileError
+from mission.files.common import Parameters, check_jumps, home_of, make_item, make_mission, resolve_jumps
+from mission.files.fence import POLYGON_COMMANDS, polygon_at
+from mission.model import Command, GeoPoint, Mission, MissionItem
+
+VERSION = 1
+PATH = "path"
+ROLES = frozenset({"mission", "home", "item", "fence", "rally", PATH})
+# Places in the list of items that the vehicle does not fly to.
+_NOT_FLOWN = frozenset({Command.DO_SET_HOME, Command.DO_SET_ROI_LOCATION, Command.DO_SET_ROI, 80, 252, 611})
+
+LatLon: TypeAlias = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """A record.
+
+    Parameters
+    ----------
+    fields : mapping
+        By the names above; a value is a number, a truth value, a text that is one, or None.
+    places : sequence of (latitude, longitude)
+        In degrees: none, one, or the vertices of a polygon (not closed).
+    where : str
+        Where it stands in the file, for errors.
+    """
+
+    fields: Mapping[str, Any]
+    places: Sequence[LatLon] = ()
+    where: str = ""
+
+    @property
+    def role(self) -> str:
+        """The role; a record that has only a command is an item."""
+        role = self.fields.get("role")
+        return str(role) if role else "item" if self.fields.get("command") is not None else ""
+
+    def number(self, name: str, default: float | None = None) -> float | None:
+        """Return a number; None if the field is empty or NaN, the default if it is not there."""
+        value = self.fields.get(name, default)
+        if isinstance(value, str):
+            try:
+                value = parse_number(value) if value.strip() else None
+            except ValueError:
+                raise MissionFileError(f"{self.where}: {name} is {value[:40]!r}; give a number") from None
+        if value is None:
+            return None
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise MissionFileError(f"{self.where}: {name} is {str(value)[:40]!r}; give a number")
+        return None if math.isnan(value) else float(value)
+
+    def whole(self, name: str) -> int:
+        """Return a whole number, which has to be there."""
+        value = self.number(name)
+        if value is None or not value.is_integer() or abs(value) > 1e9:
+            shown = "missing" if value is None else f"{value:g}"
+            raise MissionFileError(f"{self.where}: {name} is {shown}; give a whole number")
+        return int(value)
+
+    def flag(self, name: str, *, default: bool) -> bool:
+        """Return a truth value."""
+        value = self.fields.get(name)
+        if value is None or value == "":
+            return default
+        text = str(value).strip().lower()
+        if text not in ("true", "false", "1", "0"):
+            raise MissionFileError(f"{self.where}: {name} is {text[:40]!r}; give true or false")
+        return text in ("true", "1")
+
+
+def text_of(value: Any, *, empty: str = "") -> str:
+    """Return the value of a field as text.
+
+    >>> text_of(True), text_of(16), text_of(1.5), text_of(None, empty="NaN")
+    ('true', '16', '1.5', 'NaN')
+    """
+    if value is None:
+        return empty
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def is_flown(item: MissionItem) -> bool:
+    """Tell whether an item is a place that the vehicle flies to."""
+    return is_placed(item) and item.command not in _NOT_FLOWN
+
+
+def is_placed(item: MissionItem) -> bool:
+    """Tell whether an item has a place on the map; some autopilots take 0, 0 as "here"."""
+    return item.has_position and (item.x, item.y) != (0.0, 0.0)
+
+
+def command_name(command: int) -> str:
+    """Return what a command is called.
+
+    >>> command_name(16), command_name(1)
+    ('NAV_WAYPOINT', 'command 1')
+    """
+    return Command(command).name if command in {*Command} else f"command {command}"
+
+
+def records_of(mission: Mission, *, polygons: bool) -> list[Record]:
+    """Make the records of a mission; with `polygons` those of the fence are one record each.
+
+    MissionFileError if there is a jump to nowhere.
+    """
+    check_jumps(mission)
+    speeds = {name: float(getattr(mission, name)) for name in ("cruise_speed_m_s", "hover_speed_m_s")}
+    records = [Record({"role": "mission", "version": VERSION, **speeds})]
+    if (home := mission.home) is not None:
+        place = (float(home.latitude_deg), float(home.longitude_deg))
+        records.append(Record({"role": "home", "altitude_m": float(home.altitude_m)}, (place,)))
+    records += [_record("item", index, (item,)) for index, item in enumerate(mission.items)]
+    index = 0
+    while index < len(mission.fence):
+        vertices = _uniform_polygon(mission.fence, index) if polygons else mission.fence[index : index + 1]
+        records.append(_record("fence", index, vertices))
+        index += len(vertices)
+    return records + [_record("rally", index, (item,)) for index, item in enumerate(mission.rally)]
+
+
+def _uniform_polygon(items: Sequence[MissionItem], start: int) -> Sequence[MissionItem]:
+    """Return the vertices of a polygon that differ in their places only; otherwise the item alone."""
+    alone = items[start : start + 1]
+    if items[start].command not in POLYGON_COMMANDS:
+        return alone
+    try:
+        vertices = polygon_at(items, start)
+    except MissionFileError:
+        return alone
+    like_it = {replace(vertex, x=0.0, y=0.0) for vertex in vertices}
+    return vertices if len(like_it) == 1 and all(vertex.has_position for vertex in vertices) else alone
+
+
+def _record(role: str, index: int, items: Sequence[MissionItem]) -> Record:
+    item, places = items[0], [(float(one.x), float(one.y)) for one in items]
+    fields: dict[str, Any] = {
+        "role": role,
+        "index": index,
+        "command": item.command,
+        "name": command_name(item.command),
+        "frame": item.frame,
+    }
+    for name in ("param1", "param2", "param3", "param4"):
+        value = getattr(item, name)
+        fields[name] = None if value is None else float(value)
+    fields["autocontinue"] = bool(item.autocontinue)
+    if len(items) == 1 and not is_placed(item):
+        return Record(fields | {"param5": float(item.x), "param6": float(item.y), "param7": float(item.z)})
+    fields["altitude_m"] = float(item.z)
+    if len(items) > 1 and _is_clockwise(places):
+        # Polygons of GeoJSON (RFC 7946) and KML are counterclockwise.
+        fields["clockwise"] = True
+        places = [places[0], *places[:0:-1]]
+    return Record(fields, places)
+
+
+def _is_clockwise(places: Sequence[LatLon]) -> bool:
+    ring = [*places, places[0]]
+    return sum(x0 * y1 - x1 * y0 for (y0, x0), (y1, x1) in pairwise(ring)) < 0.0
+
+
+def are_ours(records: Iterable[Record]) -> bool:
+    """Tell whether a file holds a mission, not drawn paths."""
+    return any(record.role in ROLES for record in records)
+
+
+def mission_of(records: Sequence[Record]) -> Mission:
+    """Make the mission that records tell; MissionFileError names the place of what is wrong.
+
+    Items are in the order of their index, those without one behind what stands before them.
+    """
+    home: GeoPoint | None = None
+    speeds: dict[str, float] = {}
+    plans: dict[str, list[tuple[float, Record]]] = {"item": [], "fence": [], "rally": []}
+    for record in records:
+        role = record.role
+        if role in plans:
+            before = plans[role][-1][0] if plans[role] else -1.0
+            index = record.number("index")
+            plans[role].append((before if index is None else index, record))
+        elif role == "home":
+            home = _home(record)
+        elif role == "mission":
+            speeds = _speeds(record)
+        elif role != PATH:
+            known = ", ".join(sorted(ROLES))
+            msg = f"{record.where}: role {role[:40]!r} is none of {known}; give one, or remove it"
+            raise MissionFileError(msg)
+    ordered = {role: sorted(plan, key=lambda one: one[0]) for role, plan in plans.items()}
+    items = [(index, record, item) for index, record in ordered["item"] for item in _items(record)]
+    return make_mission(
+        resolve_jumps(
+            [int(index) for index, _, _ in items],
+            ((record.where, item) for _, record, item in items),
+            "index",
+        ),
+        home,
+        fence=[item for _, record in ordered["fence"] for item in _items(record)],
+        rally=[item for _, record in ordered["rally"] for item in _items(record)],
+        **speeds,
+    )
+
+
+def _home(record: Record) -> GeoPoint:
+    if len(record.places) != 1:
+        raise MissionFileError(f"{record.where}: home has no place; give one point")
+    return home_of(f"{record.where}: home", *record.places[0], record.number("altitude_m") or 0.0)
+
+
+def _speeds(record: Record) -> dict[str, float]:
+    if (version := record.number("version") or VERSION) != VERSION:
+        msg = f"{record.where}: version {version:g} is not known, only {VERSION}; update wbf-mission"
+        raise MissionFileError(msg)
+    names = ("cruise_speed_m_s", "hover_speed_m_s")
+    return {name: value for name in names if (value := record.number(name)) is not None}
+
+
+def _items(record: Record) -> list[MissionItem]:
+    """Make the item of a record, or the vertices of its polygon."""
+    first, second, third, fourth = (record.number(f"param{k}", 0.0) for k in range(1, 5))
+    command, count = record.whole("command"), len(record.places)
+    if count != 1 and command in POLYGON_COMMANDS:
+        if count < 3:
+            raise MissionFileError(f"{record.where}: {count} vertices; a polygon has at least 3")
+        first = float(count)
+    elif count > 1:
+        raise MissionFileError(f"{record.where}: {count} places for command {command}; give one point")
+    parameters: Parameters = (first, second, third, fourth)
+    places: Sequence[tuple[float | None, float | None]] = record.places
+    if record.flag("clockwise", default=False) and count:
+        places = [places[0], *places[:0:-1]]
+    altitude_m = record.number("altitude_m" if places else "param7")
+    return [
+        make_item(
+            record.where,
+            command,
+            record.whole("frame"),
+            parameters,
+            (latitude_deg, longitude_deg, altitude_m),
+            autocontinue=record.flag("autocontinue", default=True),
+            keep_frame=True,
+        )
+        for latitude_deg, longitude_deg in places or [(record.number("param5"), record.number("param6"))]
+    ]

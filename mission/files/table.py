@@ -1,0 +1,150 @@
+"""CSV both ways, for spreadsheets: missions of ours, and tables of places with a header of any order."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from typing import Any
+
+from mission.errors import MissionFileError
+from mission.files.common import TEXT_KIND, UTF_16_KIND, Firmware, decode_text, kind_of, wrong_kind
+from mission.files.drawn import Drawing, DrawnPath, Point
+from mission.files.records import Record, mission_of, records_of, text_of
+from mission.model import Frame, Mission
+
+_COLUMNS = (
+    *("role", "index", "command", "name", "frame", "latitude", "longitude", "altitude_m"),
+    *("param1", "param2", "param3", "param4", "param5", "param6", "param7", "autocontinue"),
+    *("version", "cruise_speed_m_s", "hover_speed_m_s"),
+)
+_LATITUDES = ("latitude", "lat", "latitude_deg", "y")
+_LONGITUDES = ("longitude", "lon", "lng", "long", "longitude_deg", "x")
+_ALTITUDES = {
+    Frame.GLOBAL_RELATIVE_ALT: (
+        "altitude_m",
+        "altitude",
+        "alt",
+        "height",
+        "rel_alt",
+        "relative_altitude",
+        "agl",
+        "z",
+    ),
+    Frame.GLOBAL: ("amsl", "msl", "alt_msl", "alt_amsl", "altitude_amsl", "altitude_msl", "elevation", "ele"),
+}
+_METRES = ("", "m", "metre", "metres", "meter", "meters", "deg", "degrees", "°")
+_LONGEST_LINE = 10_000
+_MOST_LINES = 2_000_000
+
+
+def loads(data: bytes) -> Mission | Drawing:
+    """Read a mission of ours, or a table with columns of latitude, longitude and altitude.
+
+    Columns are parted by commas, semicolons (then numbers may have a decimal comma) or tabs. Altitudes are
+    above home, or above sea level in a column that is called so (``amsl``, ``elevation``).
+    """
+    kind = kind_of(data)
+    if kind not in (TEXT_KIND, UTF_16_KIND):
+        raise wrong_kind(data, "a CSV table")
+    rows = _rows(decode_text(data))
+    header, comma = rows[0][1], rows[0][2] == ";"
+    latitude, longitude = _column(header, _LATITUDES), _column(header, _LONGITUDES)
+    if latitude is None or longitude is None:
+        msg = f"line {rows[0][0]}: no columns of latitude and longitude; the first line names the columns"
+        raise MissionFileError(msg)
+    records = []
+    for line, words, _ in rows[1:]:
+        if len(words) > len(header):
+            raise MissionFileError(f"line {line}: {len(words)} columns, but the header names {len(header)}")
+        texts = dict(zip(header, (word.strip() for word in words), strict=False))
+        if comma:
+            texts = {name: re.sub(r"^(-?\d*),(\d+)$", r"\1.\2", text) for name, text in texts.items()}
+        records.append(Record({name: text for name, text in texts.items() if name}, (), f"line {line}"))
+    if "command" in header:
+        return mission_of([_placed(record, latitude, longitude) for record in records])
+    columns = {frame: _column(header, names) for frame, names in _ALTITUDES.items()}
+    frame = next((frame for frame, name in columns.items() if name is not None), None)
+    altitude = None if frame is None else columns[frame]
+    points = [
+        Point(
+            _degrees(record, latitude),
+            _degrees(record, longitude),
+            None if altitude is None else record.number(altitude),
+            frame,
+            record.where,
+        )
+        for record in records
+    ]
+    return Drawing([DrawnPath("the table", points)] if points else [], 0, "there is no column of altitudes")
+
+
+def _rows(text: str) -> list[tuple[int, list[str], str]]:
+    """Return the rows that are not empty, with their lines and what parts their columns; names made plain."""
+    if text.count("\n") + text.count("\r") > _MOST_LINES:
+        raise MissionFileError(f"more than {_MOST_LINES} lines; thin the path out")
+    first = next((line for line in text.splitlines()[:100] if line.strip()), "")
+    delimiter = max(",;\t", key=first.count)
+    rows: list[tuple[int, list[str], str]] = []
+    reader = csv.reader(io.StringIO(text, newline=None), delimiter=delimiter, skipinitialspace=True)
+    try:
+        for words in reader:
+            if sum(map(len, words)) > _LONGEST_LINE:
+                raise MissionFileError(f"line {reader.line_num}: longer than {_LONGEST_LINE} characters")
+            if any(word.strip() for word in words) and not words[0].lstrip().startswith("#"):
+                rows.append((reader.line_num, words, delimiter))
+    except csv.Error as error:
+        raise MissionFileError(f"line {reader.line_num}: {error}; the table is damaged") from None
+    line, names, _ = rows[0]
+    rows[0] = (line, [_plain(name, line) for name in names], delimiter)
+    return rows
+
+
+def _plain(name: str, line: int) -> str:
+    """Return a column's name in lower case without its unit; metres and degrees only.
+
+    >>> _plain("Altitude (m)", 1), _plain("Rel Alt", 1)
+    ('altitude', 'rel_alt')
+    """
+    found = re.fullmatch(r"([^(\[]*)[(\[]?([^)\]]*)[)\]]?", name.strip().lower())
+    plain, unit = (found[1], found[2].strip()) if found else (name.strip().lower(), "")
+    plain = re.sub(r"[\s-]+", "_", plain.strip())
+    known = {*_LATITUDES, *_LONGITUDES, *(one for names in _ALTITUDES.values() for one in names)}
+    if plain in known and unit not in _METRES:
+        raise MissionFileError(
+            f"line {line}: column {name.strip()[:40]!r} is not in metres or degrees; convert it"
+        )
+    return plain
+
+
+def _column(header: list[str], names: tuple[str, ...]) -> str | None:
+    return next((name for name in names if name in header), None)
+
+
+def _degrees(record: Record, name: str) -> float:
+    value = record.number(name)
+    if value is None:
+        raise MissionFileError(f"{record.where}: {name} is missing; give degrees")
+    return value
+
+
+def _placed(record: Record, latitude: str, longitude: str) -> Record:
+    """Move the place of a record out of its fields."""
+    texts: dict[str, Any] = dict(record.fields)
+    place = (texts.pop(latitude, ""), texts.pop(longitude, ""))
+    if not any(place):
+        return Record(texts, (), record.where)
+    return Record(texts, ((_degrees(record, latitude), _degrees(record, longitude)),), record.where)
+
+
+def dumps(mission: Mission, firmware: Firmware = Firmware.GENERIC) -> str:  # noqa: ARG001  one signature
+    """Write a mission as CSV, a row for every record."""
+    made = io.StringIO()
+    table = csv.writer(made, lineterminator="\n")
+    table.writerow(_COLUMNS)
+    for record in records_of(mission, polygons=False):
+        fields = dict(record.fields)
+        for latitude_deg, longitude_deg in record.places:
+            fields |= {"latitude": latitude_deg, "longitude": longitude_deg}
+        table.writerow([text_of(fields.get(name)) for name in _COLUMNS])
+    return made.getvalue()

@@ -175,7 +175,7 @@ def _title(fields: dict[str, Any]) -> str:
     if fields["role"] == "home":
         return "Home"
     title = f"{fields['index']} {fields.pop('name')}"
-    return title if fields["role"] == "item" else f"{fields['role']} {title}".capitalize()
+    return title if fields["role"] == "item" else f"{str(fields['role']).capitalize()} {title}"
 
 
 def _add_data(parent: ElementTree.Element, fields: Mapping[str, Any]) -> None:
@@ -203,7 +203,9 @@ def kmz_loads(data: bytes) -> Mission | Drawing:
                 raise MissionFileError("the archive holds no .kml file; give a KMZ of Google Earth")
             with archive.open(found) as member:
                 content = member.read(MAX_BYTES + 1)
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, OSError) as error:
+    except MissionFileError:
+        raise
+    except (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, OSError, ValueError) as error:
         raise MissionFileError(f"the archive cannot be unpacked ({error}); save it again") from None
     if len(content) > MAX_BYTES:
         raise MissionFileError(f"{found}: larger than {MAX_BYTES // 2**20} MiB when unpacked")

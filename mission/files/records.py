@@ -246,7 +246,7 @@ def _items(record: Record) -> list[MissionItem]:
     """Make the item of a record, or the vertices of its polygon."""
     first, second, third, fourth = (record.number(f"param{k}", 0.0) for k in range(1, 5))
     command, count = record.whole("command"), len(record.places)
-    if count != 1 and command in POLYGON_COMMANDS:
+    if count > 1 and command in POLYGON_COMMANDS:
         if count < 3:
             raise MissionFileError(f"{record.where}: {count} vertices; a polygon has at least 3")
         first = float(count)

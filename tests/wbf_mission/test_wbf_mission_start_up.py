@@ -66,6 +66,7 @@ COMMANDS = (
         (name,)
         for name in ("plan", "fly", "sim", "check", "preflight", "upload", "download", "monitor", "command")
     ),
+    ("convert",),
     ("warm-up",),
     *((f"check-{one}",) for one in ("planner", "policy", "estimator")),
     ("bench",),

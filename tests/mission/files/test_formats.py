@@ -70,13 +70,13 @@ def test_firmware(tmp_path):
 def test_unknown_suffixes_list_the_known_ones(tmp_path):
     for name in ("mission.xyz", "mission", "plan"):
         with pytest.raises(
-            MissionFileError, match=r"unknown suffix .*\.plan, \.waypoints, \.wpl, \.txt or \.json$"
+            MissionFileError, match=r"unknown suffix .*\.plan, \.waypoints, .*\.gpx or \.csv$"
         ):
             read_mission(tmp_path / name)
-        with pytest.raises(MissionFileError, match=r"written to \.plan.* or \.geojson$"):
+        with pytest.raises(MissionFileError, match=r"written to \.plan.* or \.wpml\.kmz$"):
             write_mission(MISSION, tmp_path / name)
-    with pytest.raises(MissionFileError, match="no reader for KML files"):
-        reader_for("field.kml")
+    with pytest.raises(MissionFileError, match="no reader for DJI WPML files"):
+        reader_for("field.wpml.kmz")
     assert names(tmp_path) == []
 
 
@@ -126,12 +126,15 @@ def test_foreign_files_are_recognised(tmp_path, content, found, suffix):
     text = str(caught.value)
     assert text.startswith(f"{path}: this is ")
     assert found in text
-    assert "give a .plan, .waypoints or .json mission" in text
+    assert "give a mission" in text or "rename it to end in" in text
     assert text.isprintable()
 
 
-@pytest.mark.parametrize("written", [".plan", ".waypoints", ".json"])
-@pytest.mark.parametrize("named", [".plan", ".waypoints", ".json"])
+TWO_WAY = [".plan", ".waypoints", ".json", ".kml", ".kmz", ".geojson", ".gpx"]
+
+
+@pytest.mark.parametrize("written", TWO_WAY)
+@pytest.mark.parametrize("named", [*TWO_WAY, ".csv"])
 def test_wrong_suffix_says_the_right_one(tmp_path, written, named):
     write_mission(MISSION, tmp_path / f"a{written}")
     (tmp_path / f"a{written}").rename(tmp_path / f"b{named}")
@@ -191,9 +194,11 @@ def test_geojson(tmp_path):
     made = json.loads(path.read_text())
     assert made["type"] == "FeatureCollection"
     of_role = {feature["properties"]["role"]: feature for feature in made["features"]}
+    assert of_role["mission"]["properties"]["hover_speed_m_s"] == 5.0
     assert of_role["path"]["geometry"]["coordinates"] == [[-82.15, 28.05], [-82.151, 28.051]]
     assert of_role["home"]["geometry"]["coordinates"] == [-82.15, 28.05]
-    assert of_role["item"]["properties"]["altitude"] == "above home"
+    assert of_role["item"]["properties"]["command"] == 20
+    assert of_role["item"]["geometry"] is None
     ring = of_role["fence"]["geometry"]["coordinates"][0]
     assert ring[0] == ring[-1]
     area = sum(x0 * y1 - x1 * y0 for (x0, y0), (x1, y1) in pairwise(ring))
@@ -213,5 +218,7 @@ def test_kml(tmp_path):
     }
     assert places["Path"] == "-82.15,28.05,10.0 -82.151,28.051,10.0"
     assert places["Home"] == "-82.15,28.05,30.0"
-    assert len(places["Fence (inclusion)"].split()) == 5
-    assert {e.text for e in root.iter(f"{space}altitudeMode")} == {"relativeToGround", "clampToGround"}
+    assert places["2 NAV_RETURN_TO_LAUNCH"] == ""
+    assert len(places["Fence 0 NAV_FENCE_POLYGON_VERTEX_INCLUSION"].split()) == 5
+    modes = {e.text for e in root.iter(f"{space}altitudeMode")}
+    assert modes == {"relativeToGround", "clampToGround", "absolute"}

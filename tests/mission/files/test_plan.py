@@ -155,10 +155,17 @@ def test_corridor_and_unknown_complex_items_with_commands_are_flattened():
     assert len(read(with_items({"type": "ComplexItem", "Items": [simple()]})).items) == 1
 
 
-@pytest.mark.parametrize("kind", ["StructureScan", "fwLandingPattern", "vtolLandingPattern"])
-def test_complex_items_without_commands_are_refused_by_name(kind):
-    with pytest.raises(MissionFileError, match=rf"mission, item 2.*'{kind}'.*simple items"):
-        read(with_items(simple(), {"type": "ComplexItem", "complexItemType": kind, "version": 2}))
+def test_complex_items_that_are_not_known_are_refused_by_name():
+    with pytest.raises(MissionFileError, match=r"mission, item 2.*'SpiralScan'.*simple items"):
+        read(with_items(simple(), {"type": "ComplexItem", "complexItemType": "SpiralScan", "version": 2}))
+
+
+def test_items_of_older_versions_have_their_place_apart():
+    older = simple(params=(0, 0, 0, 0)) | {"coordinate": [28.0, -82.0, 12.0]}
+    item = read(with_items(older)).items[0]
+    assert (item.x, item.y, item.z, item.param4) == (28.0, -82.0, 12.0, 0.0)
+    with pytest.raises(MissionFileError, match=r"mission, item 1, params: 4 entries; give a list with 7"):
+        read(with_items(simple(params=(0, 0, 0, 0))))
 
 
 def test_fence_and_rally():

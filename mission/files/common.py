@@ -35,6 +35,8 @@ _SUFFIX_OF_KIND = {
     GPX_KIND: ".gpx",
     GEOJSON_KIND: ".geojson",
 }
+_XML_KINDS = {b"kml": KML_KIND, b"gpx": GPX_KIND, b"html": "an HTML page"}
+_XML_PROLOGUE = 100_000
 _BOM = b"\xef\xbb\xbf"
 _UTF_16_BOMS = (b"\xff\xfe", b"\xfe\xff")
 
@@ -85,8 +87,8 @@ def kind_of(data: bytes) -> str:
     if not start:
         return "an empty file"
     if start.startswith(b"<"):
-        names = {b"<kml": KML_KIND, b"<gpx": GPX_KIND, b"<html": "an HTML page"}
-        return next((name for tag, name in names.items() if tag in start), "an XML file")
+        root = re.search(rb"<(?:[\w.-]+:)?([\w.-]+)", start if is_utf_16 else data[:_XML_PROLOGUE])
+        return _XML_KINDS.get(root[1].lower() if root else b"", "an XML file")
     if is_utf_16:
         return UTF_16_KIND
     if re.match(rb"qgc\s+wpl\b", start):

@@ -15,7 +15,7 @@ from geo.texts import parse_number
 from mission.errors import MissionFileError
 from mission.files.common import GPX_KIND, Firmware
 from mission.files.drawn import Drawing, DrawnPath, Point
-from mission.files.records import Record, are_ours, is_flown, mission_of, records_of, text_of
+from mission.files.records import Record, are_ours, is_flown, mission_of, records_of, text_of, trimmed
 from mission.files.xml import Node, add, decimal, document, parse
 from mission.model import Frame, Mission
 
@@ -121,7 +121,7 @@ def _extend(node: ElementTree.Element, fields: Mapping[str, Any]) -> None:
     extensions = node.find("extensions")
     if extensions is None:
         extensions = add(node, "extensions")
-    shown = {name: text_of(value, empty="NaN") for name, value in fields.items()}
+    shown = {name: text_of(value, empty="NaN") for name, value in trimmed(fields).items()}
     add(extensions, "wbf:record", **shown)
 
 

@@ -17,7 +17,17 @@ from geo.texts import parse_number
 from mission.errors import MissionFileError
 from mission.files.common import KML_KIND, KMZ_KIND, MAX_BYTES, Firmware, kind_of, wrong_kind
 from mission.files.drawn import Drawing, DrawnPath, Point
-from mission.files.records import PATH, LatLon, Record, are_ours, is_flown, mission_of, records_of, text_of
+from mission.files.records import (
+    PATH,
+    LatLon,
+    Record,
+    are_ours,
+    is_flown,
+    mission_of,
+    records_of,
+    text_of,
+    trimmed,
+)
 from mission.files.xml import Node, add, decimal, document, parse
 from mission.model import Frame, Mission
 
@@ -180,7 +190,7 @@ def _title(fields: dict[str, Any]) -> str:
 
 def _add_data(parent: ElementTree.Element, fields: Mapping[str, Any]) -> None:
     extended = add(parent, "ExtendedData")
-    for name, value in fields.items():
+    for name, value in trimmed(fields).items():
         add(add(extended, "Data", name=name), "value", text_of(value, empty="NaN"))
 
 

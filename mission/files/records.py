@@ -35,6 +35,13 @@ ROLES = frozenset({"mission", "home", "item", "fence", "rally", PATH})
 # Places in the list of items that the vehicle does not fly to.
 _NOT_FLOWN = frozenset({Command.DO_SET_HOME, Command.DO_SET_ROI_LOCATION, Command.DO_SET_ROI, 80, 252, 611})
 
+_USUAL: Mapping[str, Any] = {
+    **dict.fromkeys(("param1", "param2", "param3", "param4"), 0.0),
+    "autocontinue": True,
+}
+# Also as GDAL writes them.
+_FLAGS = {"true": True, "1": True, "1.0": True, "false": False, "0": False, "0.0": False}
+
 LatLon: TypeAlias = tuple[float, float]
 
 
@@ -90,9 +97,9 @@ class Record:
         if value is None or value == "":
             return default
         text = str(value).strip().lower()
-        if text not in ("true", "false", "1", "0"):
+        if text not in _FLAGS:
             raise MissionFileError(f"{self.where}: {name} is {text[:40]!r}; give true or false")
-        return text in ("true", "1")
+        return _FLAGS[text]
 
 
 def text_of(value: Any, *, empty: str = "") -> str:
@@ -104,6 +111,11 @@ def text_of(value: Any, *, empty: str = "") -> str:
     if value is None:
         return empty
     return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def trimmed(fields: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the fields without those that are read as they are when they are not there."""
+    return {name: value for name, value in fields.items() if name not in _USUAL or value != _USUAL[name]}
 
 
 def is_flown(item: MissionItem) -> bool:

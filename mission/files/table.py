@@ -83,10 +83,13 @@ def _rows(text: str) -> list[tuple[int, list[str], str]]:
     """Return the rows that are not empty, with their lines and what parts their columns; names made plain."""
     if text.count("\n") + text.count("\r") > _MOST_LINES:
         raise MissionFileError(f"more than {_MOST_LINES} lines; thin the path out")
-    first = next((line for line in text.splitlines()[:100] if line.strip()), "")
+    lines = (line.strip() for line in io.StringIO(text, newline=None))
+    first = next((line for line in lines if line and not line.startswith("#")), "")
     delimiter = max(",;\t", key=first.count)
     rows: list[tuple[int, list[str], str]] = []
-    reader = csv.reader(io.StringIO(text, newline=None), delimiter=delimiter, skipinitialspace=True)
+    reader = csv.reader(
+        io.StringIO(text, newline=None), delimiter=delimiter, skipinitialspace=True, strict=True
+    )
     try:
         for words in reader:
             if sum(map(len, words)) > _LONGEST_LINE:

@@ -8,7 +8,7 @@ r"""XML of strangers, read without entities, outside files, or more nesting and 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 from xml.etree import ElementTree
 from xml.parsers import expat
@@ -29,8 +29,9 @@ class Node:
     tag: str
     line: int
     attributes: dict[str, str]
-    children: list[Node] = field(default_factory=list)
-    chunks: list[str] = field(default_factory=list)
+    # Empty until something is in it: a track has very many elements.
+    children: list[Node] | tuple[Node, ...] = ()
+    chunks: list[str] | tuple[str, ...] = ()
 
     @property
     def text(self) -> str:
@@ -39,10 +40,12 @@ class Node:
 
     def iter(self, *tags: str) -> Iterator[Node]:
         """Yield the elements below of these names, in the order of the document."""
-        for child in self.children:
-            if child.tag in tags:
-                yield child
-            yield from child.iter(*tags)
+        left = list(reversed(self.children))
+        while left:
+            node = left.pop()
+            if node.tag in tags:
+                yield node
+            left.extend(reversed(node.children))
 
     def child(self, tag: str) -> Node | None:
         """Return the first child of a name."""
@@ -77,14 +80,20 @@ class _Builder:
             raise MissionFileError(f"line {line}: more than {_MOST_ELEMENTS} elements; give a shorter path")
         plain = {_local(name): value for name, value in attributes.items()}
         node = Node(_local(tag), line, plain)
-        self._open[-1].children.append(node)
+        parent = self._open[-1]
+        if isinstance(parent.children, tuple):
+            parent.children = []
+        parent.children.append(node)
         self._open.append(node)
 
     def _end(self, _tag: str) -> None:
         self._open.pop()
 
     def _characters(self, text: str) -> None:
-        self._open[-1].chunks.append(text)
+        node = self._open[-1]
+        if isinstance(node.chunks, tuple):
+            node.chunks = []
+        node.chunks.append(text)
 
     def _entity(self, name: str, *_: Any) -> None:
         line = self.parser.CurrentLineNumber
@@ -98,23 +107,21 @@ def _local(name: str) -> str:
 def parse(data: bytes, root: str, kind: str) -> Node:
     """Return the root element of a document; MissionFileError if it is broken, or of another kind."""
     if kind_of(data) != kind:
-        _refuse_kind(data, kind)
+        raise wrong_kind(data, kind)
     builder = _Builder()
     try:
         builder.parser.Parse(data, True)
     except expat.ExpatError as error:
         what = expat.errors.messages.get(error.code, "it is broken")
         raise MissionFileError(f"line {error.lineno}: this is no XML ({what}); save the file again") from None
+    except MissionFileError:
+        raise
     except (ValueError, LookupError) as error:  # an encoding that is none
         raise MissionFileError(f"line 1: {error}; save the file as UTF-8") from None
     found = builder.root.children[0]
     if found.tag != root:
-        _refuse_kind(data, kind)
+        raise MissionFileError(f"line {found.line}: the document is {found.tag[:40]!r}, not {kind}")
     return found
-
-
-def _refuse_kind(data: bytes, kind: str) -> None:
-    raise wrong_kind(data, kind)
 
 
 def decimal(value: float) -> str:
@@ -128,7 +135,7 @@ def decimal(value: float) -> str:
 
 def document(root: ElementTree.Element) -> str:
     """Return the text of a document, one element a line."""
-    ElementTree.indent(root)
+    ElementTree.indent(root, " ")
     return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
 
 

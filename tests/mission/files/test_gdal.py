@@ -1,0 +1,147 @@
+"""GDAL reads what we write, with the same places, and what it writes of that is still the same mission."""
+
+from dataclasses import replace
+
+import numpy as np
+import pyogrio
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pyogrio.raw import read, write
+
+from mission.files import read_mission, write_mission
+from mission.files.records import is_flown
+from mission.model import GeoPoint, Mission, MissionItem
+
+SQUARE = [(28.0, -82.0), (28.001, -82.0), (28.001, -81.999), (28.0, -81.999)]
+MISSION = Mission(
+    (
+        MissionItem(22, 3, param4=None, x=28.05, y=-82.15, z=10.0),
+        MissionItem(206, 2, 5.0),
+        MissionItem.waypoint(28.051, -82.1512345, 10.0, hold_s=2.0),
+        MissionItem.waypoint(28.052, -82.151, 12.5, yaw_deg=90.0),
+        MissionItem(201, 3, x=28.1, y=-82.1, z=0.0),
+        MissionItem(177, 2, 2.0, 3.0),
+        MissionItem(20),
+    ),
+    home=GeoPoint(28.05, -82.15, 30.0),
+    fence=(
+        *(MissionItem(5001, 0, 4.0, x=x, y=y, autocontinue=False) for x, y in SQUARE),
+        *(MissionItem(5002, 0, 4.0, x=x, y=y, autocontinue=False) for x, y in reversed(SQUARE)),
+        MissionItem(5003, 0, 50.0, x=28.0, y=-82.0, autocontinue=False),
+    ),
+    rally=(MissionItem(5100, 3, x=28.0, y=-82.0, z=20.0, autocontinue=False),),
+)
+PATH = [(item.y, item.x) for item in MISSION.items if is_flown(item)]
+DRIVERS = {".kml": "LIBKML", ".kmz": "LIBKML", ".geojson": "GeoJSON", ".gpx": "GPX", ".csv": "CSV"}
+CSV = {"X_POSSIBLE_NAMES": "longitude", "Y_POSSIBLE_NAMES": "latitude", "Z_POSSIBLE_NAMES": "altitude_m"}
+
+
+def layer(path, name=None):
+    """Return the geometries and the named fields of a layer, as GDAL reads them."""
+    options = {"KEEP_GEOM_COLUMNS": "YES", **CSV} if path.suffix == ".csv" else {}
+    meta, _, shapes, fields = read(path, layer=name, **options)
+    found = [None if shape is None else shapely.from_wkb(shape) for shape in shapes]
+    return found, dict(zip(meta["fields"], fields, strict=True)), meta
+
+
+def test_the_drivers_that_are_compared_with_are_there():
+    assert set(DRIVERS.values()) <= set(pyogrio.list_drivers())
+
+
+@pytest.mark.parametrize("suffix", [".kml", ".kmz", ".geojson", ".csv"])
+def test_gdal_finds_the_places_and_fields(tmp_path, suffix):
+    path = tmp_path / f"mine{suffix}"
+    write_mission(MISSION, path)
+    shapes, fields, meta = layer(path)
+    roles = list(fields["role"])
+    items = [
+        (int(fields["index"][k]), int(fields["command"][k]), shapes[k])
+        for k, role in enumerate(roles)
+        if role == "item"
+    ]
+    assert [(index, command) for index, command, _ in items] == [
+        (index, item.command) for index, item in enumerate(MISSION.items)
+    ]
+    for (_, _, shape), item in zip(items, MISSION.items, strict=True):
+        assert (shape is None) == (not item.has_position)
+        if shape is not None:
+            assert (shape.x, shape.y) == (item.y, item.x)
+            if suffix != ".geojson":
+                assert shape.z == item.z
+    if suffix == ".csv":
+        assert roles.count("fence") == 9
+        return
+    assert meta["crs"] == "EPSG:4326"
+    (line,) = (shape for shape, role in zip(shapes, roles, strict=True) if role == "path")
+    assert list(shapely.force_2d(line).coords) == PATH
+    areas = [shape for shape in shapes if shape is not None and shape.geom_type == "Polygon"]
+    for area in areas:
+        assert area.exterior.is_ccw
+        assert {(y, x) for x, y in shapely.force_2d(area).exterior.coords} == set(SQUARE)
+    assert len(areas) == 2
+
+
+def test_gdal_finds_the_route_and_the_waypoints_of_gpx(tmp_path):
+    path = tmp_path / "mine.gpx"
+    write_mission(MISSION, path)
+    (route,), names, _ = layer(path, "routes")
+    assert list(route.coords) == PATH
+    assert list(names["name"]) == ["Mission"]
+    points, fields, _ = layer(path, "route_points")
+    assert [(point.x, point.y) for point in points] == PATH
+    assert list(fields["ele"]) == [40.0, 40.0, 42.5]
+    pins, fields, _ = layer(path, "waypoints")
+    assert [(pin.x, pin.y) for pin in pins[:2]] == [(-82.15, 28.05), (-82.1, 28.1)]
+    assert fields["ele"][0] == 30.0
+    assert len(pins) == 1 + 1 + 9 + 1
+
+
+@pytest.mark.parametrize(("suffix", "kept"), [(".kml", False), (".geojson", True)])
+def test_what_gdal_writes_anew_is_the_same_mission(tmp_path, suffix, kept):
+    mine, theirs = tmp_path / f"mine{suffix}", tmp_path / f"theirs{suffix}"
+    mission = replace(MISSION, cruise_speed_m_s=9.0)
+    write_mission(mission, mine)
+    meta, _, shapes, fields = read(mine)
+    write(
+        theirs, shapes, fields, meta["fields"],
+        driver=DRIVERS[suffix], crs="EPSG:4326", geometry_type="Unknown",
+    )  # fmt: skip
+    assert theirs.read_bytes() != mine.read_bytes()
+    # GDAL does not keep the data of a KML document, where the speeds are.
+    assert read_mission(theirs) == (mission if kept else MISSION)
+
+
+def test_lines_that_gdal_writes_are_drawn_paths(tmp_path):
+    shape = np.array([shapely.to_wkb(shapely.LineString([(-82.15, 28.05, 12.0), (-82.151, 28.051, 13.0)]))])
+    names = np.array(["north side"], dtype=object)
+    for suffix, how in ((".geojson", {}), (".kml", {}), (".gpx", {"layer": "tracks"})):
+        path = tmp_path / f"theirs{suffix}"
+        kind = "LineString Z"
+        write(
+            path, shape, [names], ["name"],
+            driver=DRIVERS[suffix], crs="EPSG:4326", geometry_type=kind, **how,
+        )  # fmt: skip
+        mission = read_mission(path, altitude_m=20.0)
+        assert [(item.y, item.x, item.z) for item in mission.items] == [
+            (-82.15, 28.05, 20.0),
+            (-82.151, 28.051, 20.0),
+        ]
+    assert [item.z for item in read_mission(tmp_path / "theirs.gpx").items] == [12.0, 13.0]
+
+
+degrees = st.integers(-899_999_999, 899_999_999).filter(bool).map(lambda n: n / 1e7)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.lists(st.tuples(degrees, degrees, st.floats(-500, 9000, width=32)), min_size=2, max_size=5))
+def test_gdal_finds_any_place_to_the_last_digit(tmp_path_factory, places):
+    mission = Mission(tuple(MissionItem.waypoint(*place) for place in places))
+    for suffix, name in ((".kml", None), (".geojson", None), (".gpx", "route_points")):
+        path = tmp_path_factory.getbasetemp() / f"any{suffix}"
+        write_mission(mission, path)
+        shapes, fields, _ = layer(path, name)
+        if name is None:
+            shapes = [one for one, role in zip(shapes, fields["role"], strict=True) if role == "item"]
+        assert [(shape.x, shape.y) for shape in shapes] == [(item.y, item.x) for item in mission.items]

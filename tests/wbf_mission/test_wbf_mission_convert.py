@@ -1,0 +1,161 @@
+"""``wbf-mission convert``: any mission file to any other, and what is said of it."""
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from geo import get_farm, save_farm
+from mission.files import read_mission, write_mission
+from mission.model import GeoPoint, Mission, MissionItem
+from wbf_mission.cli.app import main
+
+MISSION = Mission(
+    (
+        MissionItem(22, 3, param4=None, x=28.05, y=-82.15, z=10.0),
+        MissionItem.waypoint(28.051, -82.151, 10.0),
+        MissionItem(177, 2, 1.0, 2.0),
+        MissionItem(20),
+    ),
+    home=GeoPoint(28.05, -82.15, 30.0),
+    fence=(MissionItem(5003, 0, 50.0, x=28.05, y=-82.15, autocontinue=False),),
+    rally=(MissionItem(5100, 3, x=28.05, y=-82.15, z=10.0, autocontinue=False),),
+)
+LINE = "<LineString><coordinates>-82.15,28.05 -82.151,28.051</coordinates></LineString>"
+DRAWN = f"""<kml><Document>
+<Placemark><name>north</name>{LINE}</Placemark>
+<Placemark><name>south</name>{LINE}</Placemark>
+</Document></kml>"""
+EXACT = (".plan", ".json", ".kml", ".kmz", ".geojson", ".gpx", ".csv")
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_mission(MISSION, "field.plan")
+    Path("earth.kml").write_text(DRAWN)
+
+
+def convert(capsys, *arguments, code=0):
+    assert main(["convert", *arguments]) == code
+    return capsys.readouterr()
+
+
+def test_a_mission_goes_through_every_format_and_comes_back(capsys):
+    name = "field.plan"
+    for suffix in (*EXACT[1:], ".plan"):
+        out = json.loads(convert(capsys, name, f"again{suffix}", "--json", "--overwrite").out)
+        assert out["losses"] == []
+        assert (out["items"], out["waypoints"], out["fence"], out["rally"]) == (4, 1, 1, 1)
+        assert out["home"] == [28.05, -82.15, 30.0]
+        name = out["file"]
+        assert read_mission(name) == MISSION
+    assert Path("again.plan").read_bytes() == Path("field.plan").read_bytes()
+
+
+def test_other_programs_read_what_was_converted(capsys):
+    from pymavlink import mavwp
+
+    write_mission(replace(MISSION, fence=(), rally=()), "field.gpx")
+    convert(capsys, "field.gpx", "field.waypoints")
+    for autopilot, yaw in (("px4", math.nan), ("ardupilot", 0.0)):
+        out = convert(capsys, "field.gpx", "field.waypoints", "--autopilot", autopilot, "--json").out
+        loader = mavwp.MAVWPLoader()
+        assert loader.load("field.waypoints") == 5
+        assert [loader.wp(k).command for k in range(5)] == [16, 22, 16, 177, 20]
+        assert (loader.wp(1).param4, loader.wp(3).param1) == (pytest.approx(yaw, nan_ok=True), 2.0)
+        texts = [loss["text"] for loss in json.loads(out)["losses"]]
+        assert texts == (["an unset param4 is written as 0 (mission items 1, 2)"] if yaw == 0.0 else [])
+
+
+def test_the_plan_says_for_whom_it_is(capsys):
+    for autopilot, number in (("px4", 12), ("ardupilot", 3)):
+        convert(capsys, "field.plan", "new.plan", "--autopilot", autopilot)
+        assert json.loads(Path("new.plan").read_text())["mission"]["firmwareType"] == number
+
+
+def test_what_is_lost_is_said_and_what_the_vehicle_would_miss_is_a_warning(capsys):
+    told = convert(capsys, "field.plan", "field.waypoints")
+    assert told.err.splitlines() == [
+        "warning: field.waypoints: fence items are not kept (1 of 1)",
+        "warning: field.waypoints: rally points are not kept (1 of 1)",
+    ]
+    assert "2, told on stderr" in told.out
+    assert read_mission("field.waypoints") == replace(MISSION, fence=(), rally=())
+    told = convert(capsys, "field.plan", "field.wpml.kmz", "--quiet")
+    assert told.err.splitlines() == [
+        "warning: field.wpml.kmz: DO_JUMP is not kept (mission item 3)",
+        "warning: field.wpml.kmz: fence items are not kept (1 of 1)",
+        "warning: field.wpml.kmz: rally points are not kept (1 of 1)",
+    ]
+    assert "none" in convert(capsys, "field.plan", "field.json").out
+
+
+def test_a_drawn_path_is_chosen_and_lifted(capsys):
+    assert "2 paths: 'north', 'south'" in convert(capsys, "earth.kml", "new.plan", code=2).err
+    assert "--altitude METRES" in convert(capsys, "earth.kml", "new.plan", "--path", "south", code=2).err
+    assert not Path("new.plan").exists()
+    told = convert(capsys, "earth.kml", "new.plan", "--path", "south", "--altitude", "25")
+    assert "the 2 points of south are waypoints; no take-off, landing, speed or home is added" in told.err
+    assert "home, which is unknown, is written as 28.0500000, -82.1500000, 0 m" in told.err
+    assert [item.z for item in read_mission("new.plan").items] == [25.0, 25.0]
+    assert (
+        "leave --altitude and --path out"
+        in convert(capsys, "field.plan", "b.plan", "--altitude", "2", code=2).err
+    )
+
+
+def test_a_farm_is_sent_to_the_planner(capsys):
+    save_farm(get_farm("miniberry-10"), "farm.geojson")
+    error = convert(capsys, "farm.geojson", "new.plan", code=2).err
+    assert "this is a farm file, no mission; plan a flight over it" in error
+    assert error.count("\n") == 1
+
+
+def test_nothing_of_others_is_written_over(capsys):
+    mine = Path("earth.kml").read_bytes()
+    assert "the file that is read" in convert(capsys, "earth.kml", "earth.kml", code=2).err
+    for out in ("earth.kml", "notes.gpx"):
+        Path(out).write_bytes(mine)
+        assert "--overwrite" in convert(capsys, "field.plan", out, code=2).err
+        assert Path(out).read_bytes() == mine
+        convert(capsys, "field.plan", out, "--overwrite")
+        assert read_mission(out) == MISSION
+    for arguments, part in (
+        (("field.plan", "new.doc"), "unknown suffix '.doc'; missions are written to"),
+        (("gone.plan", "new.plan"), "no such file"),
+        (("field.plan", "gone/new.plan"), "there is no folder"),
+        (("field.plan", "new.plan", "--altitude", "1_0"), "is not a number"),
+    ):
+        error = convert(capsys, *arguments, code=2).err
+        assert part in error
+        assert error.count("\n") == 1
+    assert sorted(path.name for path in Path().iterdir()) == ["earth.kml", "field.plan", "notes.gpx"]
+
+
+def test_a_mission_that_cannot_be_written_leaves_what_was_there(capsys):
+    write_mission(Mission((MissionItem(20),)), "home.json")
+    convert(capsys, "field.plan", "field.wpml.kmz")
+    before = Path("field.wpml.kmz").read_bytes()
+    told = convert(capsys, "home.json", "field.wpml.kmz", "--overwrite", code=2)
+    assert "no waypoint" in told.err
+    assert Path("field.wpml.kmz").read_bytes() == before
+
+
+def test_a_plan_for_several_vehicles_keeps_the_ending_of_dji(capsys):
+    words = [
+        "plan",
+        "--farm",
+        "miniberry-30",
+        "--vehicles",
+        "2",
+        "--budget",
+        "100m",
+        "--out",
+        "part.wpml.kmz",
+    ]
+    assert main(words) == 0
+    assert sorted(path.name for path in Path().glob("part*")) == ["part-1.wpml.kmz", "part-2.wpml.kmz"]
+    assert "note: part-1.wpml.kmz: the drone it names is a Mavic 3M" in capsys.readouterr().err

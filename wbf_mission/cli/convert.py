@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from wbf_mission.cli import options
 from wbf_mission.cli.options import MISSION_SUFFIXES, Overwrite, option, refuse_overwrite
 from wbf_mission.cli.output import Output
+
+if TYPE_CHECKING:
+    from mission.files import Firmware
+    from mission.files.comparison import Loss
+    from mission.model import Mission
 
 EXAMPLES = """
 Examples
@@ -18,6 +23,26 @@ wbf-mission convert field.plan field.wpml.kmz
 wbf-mission convert "Google Earth.kml" field.plan --path "north side" --altitude 30
 wbf-mission convert track.gpx track.plan --altitude 25 --json
 """
+
+
+def write_and_tell(
+    output: Output, mission: Mission, path: Path, firmware: Firmware
+) -> tuple[Mission, list[Loss]]:
+    """Write what one file can hold of a mission, and say what is not kept; return both.
+
+    What the vehicle would fly otherwise without is a warning, the rest are notes.
+    """
+    from mission.files import fitted, losses, write_mission
+
+    lost = losses(mission, path, firmware=firmware)
+    kept = fitted(mission, path)
+    write_mission(kept, path, firmware=firmware)
+    for loss in lost:
+        if loss.changes_flight:
+            output.warn(f"{path.name}: {loss.text}")
+        else:
+            output.note(f"note: {path.name}: {loss.text}")
+    return kept, lost
 
 
 _READ = ".plan, .waypoints, .json, .kml, .kmz, .geojson, .gpx or .csv"
@@ -41,23 +66,16 @@ def convert_command(
     """Read a mission or a drawn path from one file and write it as another, and say what is not kept."""
     from dataclasses import asdict, astuple
 
-    from mission.files import Firmware, fitted, losses, open_mission, write_mission, writer_for
+    from mission.files import Firmware, open_mission, writer_for
     from mission.model import Command
 
     refuse_overwrite(target, [source], suffixes=MISSION_SUFFIXES, overwrite=overwrite)
     writer_for(target)
     mission, notes = open_mission(source, altitude_m=altitude, drawn_path=path)
     firmware = Firmware[autopilot.upper()]
-    lost = losses(mission, target, firmware=firmware)
-    kept = fitted(mission, target)
-    write_mission(kept, target, firmware=firmware)
+    kept, lost = write_and_tell(output, mission, target, firmware)
     for note in notes:
         output.note(f"note: {note}")
-    for loss in lost:
-        if loss.changes_flight:
-            output.warn(f"{target.name}: {loss.text}")
-        else:
-            output.note(f"note: {target.name}: {loss.text}")
     waypoints = sum(item.command == Command.NAV_WAYPOINT for item in kept.items)
     home = None if kept.home is None else astuple(kept.home)
     values = {

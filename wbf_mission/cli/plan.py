@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from wbf_mission.cli import options
+from wbf_mission.cli.convert import write_and_tell
 from wbf_mission.cli.options import MISSION_SUFFIXES, Force, Overwrite, option, refuse_overwrite
 from wbf_mission.cli.output import Output, distance, duration
 from wbf_mission.cli.preflight import show_findings
@@ -61,7 +62,7 @@ def plan_command(
     force: Force = False,
 ) -> None:
     """Plan a mission within a budget and say what it takes: length, time, coverage, battery."""
-    from mission.files import Firmware, losses, write_mission, writer_for
+    from mission.files import Firmware, writer_for
     from mission.transfer import Severity
     from wbf_mission.flight import check_flight
     from wbf_mission.planning.fleet import single_vehicles
@@ -95,10 +96,7 @@ def plan_command(
     values, tables = [], []
     for result, path in zip(results, files, strict=True):
         if path is not None:
-            firmware = Firmware(result.mav_autopilot)
-            for loss in losses(result.mission, path, firmware=firmware):
-                output.note(f"note: {path.name}: {loss.text}")
-            write_mission(result.mission, path, firmware=firmware)
+            write_and_tell(output, result.mission, path, Firmware(result.mav_autopilot))
         values.append({**result.summary(), "file": str(path) if path else None})
         tables.append(_rows(result, path))
     if len(results) == 1:

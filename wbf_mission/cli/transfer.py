@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from wbf_mission.cli import options
+from wbf_mission.cli.convert import write_and_tell
 from wbf_mission.cli.options import MISSION_SUFFIXES, Force, Overwrite, option, refuse_overwrite
 from wbf_mission.cli.output import Output, duration
 from wbf_mission.cli.preflight import CHECKED, Surroundings, fitted_circumstances, show_findings
@@ -107,7 +108,7 @@ def download_command(
     overwrite: Overwrite = False,
 ) -> None:
     """Download the mission, the fence and the rally points of a vehicle into a file."""
-    from mission.files import Firmware, write_mission, writer_for
+    from mission.files import Firmware, writer_for
     from mission.ground.link import download
     from wbf_mission.live.link import via_named
 
@@ -123,7 +124,7 @@ def download_command(
             open_driver=via_named(via).driver,
         )
     firmware = Firmware(report.autopilot) if report.autopilot in set(Firmware) else Firmware.GENERIC
-    write_mission(mission, out, firmware=firmware)
+    write_and_tell(output, mission, out, firmware)
     rows = {
         "vehicle": report.vehicle,
         **{name: f"{count} items" for name, count in report.items.items()},

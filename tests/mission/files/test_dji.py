@@ -72,8 +72,8 @@ REQUIRED = {
             "payloadParam",
         },
         "Placemark": {
-            "Point", "index", "useGlobalHeight", "useGlobalSpeed", "useGlobalHeadingParam",
-            "useGlobalTurnParam",
+            "Point", "index", "useGlobalHeight", "ellipsoidHeight", "height", "useGlobalSpeed",
+            "waypointSpeed", "useGlobalHeadingParam", "waypointHeadingParam", "useGlobalTurnParam",
         },
     },
     "waylines": {
@@ -198,7 +198,7 @@ def test_speeds_are_those_of_the_legs():
         trees(waypoint(1), waypoint(2), speed, waypoint(3), hover_speed_m_s=4.0)[0]
     ).values()
     template = document["Folder"][0]["Placemark"]
-    assert [mark["useGlobalSpeed"][0] for mark in template] == ["1", "0", "0"]
+    assert [mark["waypointSpeed"][0] for mark in template] == ["4.0", "9.0", "9.0"]
 
 
 def test_a_landing_is_where_it_was_planned():

@@ -63,7 +63,7 @@ class Drawing:
             raise MissionFileError(msg)
         made = make_mission((self._waypoint(point, path, altitude_m) for point in path.points), None)
         notes = [
-            f"the {len(path.points)} points of {path.name} are waypoints;"
+            f"the {len(path.points)} points of {path.name} are waypoints, altitudes {_above(made)};"
             " no take-off, landing, speed or home is added"
         ]
         if self.areas:
@@ -102,3 +102,9 @@ class Drawing:
             )
             raise MissionFileError(msg)
         raise MissionFileError("there is no path in it; draw a line, or give a mission")
+
+
+def _above(mission: Mission) -> str:
+    names = {Frame.GLOBAL_RELATIVE_ALT: "above home", Frame.GLOBAL: "above sea level"}
+    frames = {item.frame for item in mission.items}
+    return " and ".join(name for frame, name in names.items() if frame in frames)

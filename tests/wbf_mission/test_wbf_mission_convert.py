@@ -98,7 +98,7 @@ def test_a_drawn_path_is_chosen_and_lifted(capsys):
     assert "--altitude METRES" in convert(capsys, "earth.kml", "new.plan", "--path", "south", code=2).err
     assert not Path("new.plan").exists()
     told = convert(capsys, "earth.kml", "new.plan", "--path", "south", "--altitude", "25")
-    assert "the 2 points of south are waypoints; no take-off, landing, speed or home is added" in told.err
+    assert "the 2 points of south are waypoints, altitudes above home; no take-off, landing" in told.err
     assert "home, which is unknown, is written as 28.0500000, -82.1500000, 0 m" in told.err
     assert [item.z for item in read_mission("new.plan").items] == [25.0, 25.0]
     assert (

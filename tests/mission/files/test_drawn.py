@@ -114,7 +114,8 @@ def test_paths_of_others_are_waypoints(made, suffix, content, frame, altitudes_m
     mission, (note, *_) = made(suffix, content)
     assert as_text(mission) == waypoints(frame, *altitudes_m)
     assert note.startswith("the 2 points of ")
-    assert note.endswith("are waypoints; no take-off, landing, speed or home is added")
+    above = "above home" if frame == Frame.GLOBAL_RELATIVE_ALT else "above sea level"
+    assert note.endswith(f" are waypoints, altitudes {above}; no take-off, landing, speed or home is added")
     assert (mission.home, mission.fence, mission.rally) == (None, (), ())
 
 

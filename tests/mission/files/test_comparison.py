@@ -1,0 +1,80 @@
+"""What is said of two missions that are not the same."""
+
+from dataclasses import replace
+
+import pytest
+
+from mission.files import losses
+from mission.files.comparison import differences
+from mission.model import GeoPoint, Mission, MissionItem
+
+POINT = MissionItem.waypoint(28.05, -82.15, 10.0)
+MISSION = Mission(
+    (POINT, MissionItem(178, 3, 1.0, 5.0), POINT),
+    home=GeoPoint(28.05, -82.15, 30.0),
+    fence=(MissionItem(5003, 0, 50.0, x=28.0, y=-82.0),),
+    rally=(MissionItem(5100, 3, x=28.0, y=-82.0, z=5.0),),
+)
+
+
+def said(**changes):
+    return [(loss.text, loss.changes_flight) for loss in differences(MISSION, replace(MISSION, **changes))]
+
+
+def items(index, **changes):
+    made = list(MISSION.items)
+    made[index] = replace(made[index], **changes)
+    return tuple(made)
+
+
+@pytest.mark.parametrize(
+    ("changes", "texts"),
+    [
+        ({}, []),
+        ({"cruise_speed_m_s": 1.0}, [("the speeds for estimates of time are not kept", False)]),
+        ({"home": None}, [("home, which is 28.0500000, -82.1500000, 30 m, is written as unknown", False)]),
+        ({"home": GeoPoint(28.05 + 9e-8, -82.15, 30.0)}, []),
+        (
+            {"home": GeoPoint(28.05, -82.1500002, 30.0)},
+            [
+                (
+                    "home, which is 28.0500000, -82.1500000, 30 m, is written as 28.0500000, -82.1500002, 30 m",
+                    False,
+                )
+            ],
+        ),
+        ({"fence": ()}, [("fence items are not kept (1 of 1)", True)]),
+        ({"rally": ()}, [("rally points are not kept (1 of 1)", True)]),
+        ({"items": MISSION.items[:2]}, [("mission items are not kept (1 of 3)", True)]),
+        ({"items": items(0, param4=0.0)}, [("an unset param4 is written as 0 (mission item 1)", False)]),
+        ({"items": items(0, z=9.0)}, [("altitude or parameter 7 is not kept (mission item 1)", True)]),
+        ({"items": items(0, frame=0)}, [("frame is not kept (mission item 1)", True)]),
+        ({"items": items(1, param2=4.0)}, [("param2 is not kept (mission item 2)", True)]),
+        ({"items": items(1, autocontinue=False)}, [("autocontinue is not kept (mission item 2)", True)]),
+        (
+            {"items": items(1, frame=2)},
+            [
+                (
+                    "commands without a position are written in frame 2, which changes nothing (mission item 2)",
+                    False,
+                )
+            ],
+        ),
+        ({"fence": (replace(MISSION.fence[0], autocontinue=False),)}, []),
+        ({"fence": (replace(MISSION.fence[0], param1=9.0),)}, [("param1 is not kept (fence item 1)", True)]),
+    ],
+)
+def test_a_difference_is_told_with_its_weight(changes, texts):
+    assert said(**changes) == texts
+
+
+def test_the_numbers_of_many_items_are_few():
+    mission = Mission((POINT,) * 9)
+    loss = differences(mission, Mission((replace(POINT, param4=0.0),) * 9))[0]
+    assert loss.text == "an unset param4 is written as 0 (mission items 1, 2, 3, 4, 5 and 4 more)"
+
+
+def test_a_plan_loses_nothing_of_a_fence_that_it_draws(tmp_path):
+    assert [loss.text for loss in losses(MISSION, tmp_path / "a.plan")] == [
+        "commands without a position are written in frame 2, which changes nothing (mission item 2)"
+    ]

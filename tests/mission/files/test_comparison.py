@@ -27,21 +27,20 @@ def items(index, **changes):
     return tuple(made)
 
 
+HOME = "home, which is 28.0500000, -82.1500000, 30 m, is written as"
+FRAME = "commands without a position are written in frame 2, which changes nothing (mission item 2)"
+
+
 @pytest.mark.parametrize(
     ("changes", "texts"),
     [
         ({}, []),
         ({"cruise_speed_m_s": 1.0}, [("the speeds for estimates of time are not kept", False)]),
-        ({"home": None}, [("home, which is 28.0500000, -82.1500000, 30 m, is written as unknown", False)]),
+        ({"home": None}, [(f"{HOME} unknown", False)]),
         ({"home": GeoPoint(28.05 + 9e-8, -82.15, 30.0)}, []),
         (
             {"home": GeoPoint(28.05, -82.1500002, 30.0)},
-            [
-                (
-                    "home, which is 28.0500000, -82.1500000, 30 m, is written as 28.0500000, -82.1500002, 30 m",
-                    False,
-                )
-            ],
+            [(f"{HOME} 28.0500000, -82.1500002, 30 m", False)],
         ),
         ({"fence": ()}, [("fence items are not kept (1 of 1)", True)]),
         ({"rally": ()}, [("rally points are not kept (1 of 1)", True)]),
@@ -53,12 +52,7 @@ def items(index, **changes):
         ({"items": items(1, autocontinue=False)}, [("autocontinue is not kept (mission item 2)", True)]),
         (
             {"items": items(1, frame=2)},
-            [
-                (
-                    "commands without a position are written in frame 2, which changes nothing (mission item 2)",
-                    False,
-                )
-            ],
+            [(FRAME, False)],
         ),
         ({"fence": (replace(MISSION.fence[0], autocontinue=False),)}, []),
         ({"fence": (replace(MISSION.fence[0], param1=9.0),)}, [("param1 is not kept (fence item 1)", True)]),
@@ -75,6 +69,4 @@ def test_the_numbers_of_many_items_are_few():
 
 
 def test_a_plan_loses_nothing_of_a_fence_that_it_draws(tmp_path):
-    assert [loss.text for loss in losses(MISSION, tmp_path / "a.plan")] == [
-        "commands without a position are written in frame 2, which changes nothing (mission item 2)"
-    ]
+    assert [loss.text for loss in losses(MISSION, tmp_path / "a.plan")] == [FRAME]

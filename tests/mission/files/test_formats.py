@@ -206,6 +206,32 @@ def test_geojson(tmp_path):
     assert of_role["rally"]["properties"]["altitude_m"] == 20.0
 
 
+ORDER_OF_GPX = {
+    "gpx": ("metadata", "wpt", "rte"),
+    "metadata": ("extensions",),
+    "wpt": ("ele", "name", "extensions"),
+    "rte": ("name", "extensions", "rtept"),
+    "rtept": ("ele", "name", "extensions"),
+    "extensions": ("record",),
+    "ele": (),
+    "name": (),
+    "record": (),
+}
+
+
+def test_gpx_elements_stand_in_the_order_of_the_schema(tmp_path):
+    path = tmp_path / "mission.gpx"
+    write_mission(GUARDED, path)
+    root = ElementTree.fromstring(path.read_text())
+    spaces = {"record": "urn:wbf-mission:gpx:1"}
+    for node in root.iter():
+        space, _, tag = node.tag[1:].partition("}")
+        assert space == spaces.get(tag, "http://www.topografix.com/GPX/1/1")
+        ranks = [ORDER_OF_GPX[tag].index(child.tag.partition("}")[2]) for child in node]
+        assert ranks == sorted(ranks)
+    assert (root.get("version"), root.get("creator")) == ("1.1", "wbf-mission")
+
+
 def test_kml(tmp_path):
     path = tmp_path / "mission.kml"
     write_mission(GUARDED, path)

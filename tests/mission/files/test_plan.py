@@ -149,6 +149,15 @@ def test_survey_is_flattened():
     assert mission.items[5].param1 == 3.0
 
 
+@pytest.mark.parametrize("version", [2, 3, 4, 5, 6])
+def test_the_commands_of_a_survey_are_those_of_any_version(version):
+    older = {key: value for key, value in SURVEY.items() if key != "splitConcavePolygons"}
+    calc = {"CameraName": "Sony", "DistanceToSurfaceRelative": True, "version": 1, "ImageDensity": 1.5}
+    transect = SURVEY["TransectStyleComplexItem"] | {"version": 1, "FollowTerrain": False, "CameraCalc": calc}
+    older |= {"version": version, "TransectStyleComplexItem": transect}
+    assert read(with_items(older)).items == read(with_items(SURVEY)).items
+
+
 def test_corridor_and_unknown_complex_items_with_commands_are_flattened():
     corridor = SURVEY | {"complexItemType": "CorridorScan"}
     assert len(read(with_items(corridor)).items) == 4

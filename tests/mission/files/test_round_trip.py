@@ -188,7 +188,7 @@ local = st.builds(MissionItem, st.just(16), st.just(1), x=st.floats(-9e3, 9e3), 
 
 
 @pytest.mark.parametrize("name", RECORDS)
-@patient()
+@patient(max_examples=50)
 @given(missions(), st.lists(here | local, max_size=2))
 def test_round_trip_through_records_is_exact(name, mission, odd):
     mission = replace(mission, items=(*mission.items, *odd))
@@ -229,7 +229,7 @@ def test_a_fence_that_is_no_polygon_goes_through_records(name, fence):
 
 
 @pytest.mark.parametrize("suffix", [".plan", ".waypoints", ".json", ".kml", ".gpx"])
-@patient(max_examples=30)
+@patient(max_examples=20)
 @given(missions(), st.sampled_from([Firmware.PX4, Firmware.ARDUPILOT]))
 def test_what_a_format_does_not_keep_is_said(tmp_path_factory, suffix, mission, firmware):
     path = tmp_path_factory.getbasetemp() / f"lossy{suffix}"

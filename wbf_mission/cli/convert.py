@@ -90,7 +90,7 @@ def convert_command(
         "losses": [asdict(loss) for loss in lost],
     }
     rows = {
-        "items": f"{len(kept.items)}, of them {waypoints} waypoints",
+        "items": f"{len(kept.items)} (waypoints: {waypoints})",
         "home": "unknown" if home is None else f"{home[0]:.7f}, {home[1]:.7f}, {home[2]:g} m above sea level",
         "fence items": str(len(kept.fence)),
         "rally points": str(len(kept.rally)),

@@ -24,6 +24,7 @@
     +-- mission.errors.LinkError                         a link that cannot be opened
     |   +-- mission.errors.NoPeerError                   nobody answers at the other end
     |   +-- mission.errors.LinkLostError                 a link that broke
+    +-- mission.logs.track.LogError                      a log of a flight, or a folder of pictures
     +-- mission.ground.station.NotFlyingError            a mission that cannot be changed now
     +-- mission.ground.status_text.NotStartedError       Ctrl-C before a vehicle was started
     +-- mission.ground.modes.ModeError                   a flight mode that the vehicle does not have
@@ -41,6 +42,7 @@
     +-- wbf_mission.live.command.VehicleSilentError      a vehicle that does not answer any more
     +-- wbf_mission.preflight.finding.PreflightError     a plan that cannot be checked, or must not go up
     +-- wbf_mission.run.resolve.FlightError              a flight that cannot go on
+    +-- wbf_mission.maps.gis.MapError                    a treatment map, its costs or its files
     +-- wbf_mission.pictures.animation.AnimationError    a moving picture of a run
     +-- wbf_mission.results.storage.ArrayFileError       arrays of a result
     +-- wbf_mission.bench.engine.ClusterError            a Dask cluster

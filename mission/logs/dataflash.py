@@ -1,0 +1,70 @@
+"""ArduPilot's logs (.bin), by pymavlink's reader."""
+
+from __future__ import annotations
+
+import math
+import struct
+from pathlib import Path
+from typing import Any
+
+from mission.logs.track import LEAST_UTC_S, LogError, LogImages, LogTrack, parsing
+
+_NAMES = ("POS", "GPS", "CAM", "TRIG")
+_HEAD_BYTES = 3
+_GPS_3D = 3
+_NOWHERE = math.nan
+
+
+class _Formats(dict[int, Any]):
+    """Formats of messages by their numbers, none with a length on which the reader would stand still."""
+
+    def __setitem__(self, number: int, one: Any) -> None:
+        if one.len < _HEAD_BYTES or one.len < _HEAD_BYTES + struct.calcsize(one.msg_struct):
+            raise LogError(f"message {one.name} is shorter in it than its own format")
+        super().__setitem__(number, one)
+
+
+def read_dataflash(path: Path) -> LogTrack:
+    """Read an ArduPilot .bin: POS (else GPS) for the track, CAM (else TRIG) for the images.
+
+    The time since boot is TimeUS; UTC is that of the log's GPS week and time, as pymavlink has it.
+    """
+    rows: dict[str, list[tuple[float, ...]]] = {name: [] for name in _NAMES}
+    with parsing(path, "ArduPilot log"):
+        for message in _messages(path):
+            boot_s = getattr(message, "TimeUS", _NOWHERE) / 1e6
+            utc_s = message._timestamp if message._timestamp >= LEAST_UTC_S else _NOWHERE
+            kind = message.get_type()
+            if kind == "GPS" and message.Status < _GPS_3D:
+                continue
+            place = boot_s, utc_s, message.Lat, message.Lng
+            if kind in ("CAM", "TRIG"):
+                number = getattr(message, "Img", len(rows[kind]))
+                rows[kind].append((number, *place))
+            elif getattr(message, "I", 0) == 0:  # the first receiver
+                rows[kind].append(place)
+    images = LogImages.of(rows["CAM"] or rows["TRIG"])
+    notes = () if rows["POS"] else ("the log has no POS: the positions are the receiver's own (GPS)",)
+    return LogTrack.of("ArduPilot log", rows["POS"] or rows["GPS"], images, notes)
+
+
+def _messages(path: Path) -> Any:
+    from pymavlink import DFReader
+
+    class Reader(DFReader.DFReader_binary):  # type: ignore[misc]
+        """The library's reader, which checks the formats that a log declares."""
+
+        @property
+        def formats(self) -> _Formats:
+            return self._formats
+
+        @formats.setter
+        def formats(self, given: dict[int, Any]) -> None:
+            self._formats = _Formats()
+            for number, one in given.items():
+                self._formats[number] = one
+
+    with Reader(str(path)) as reader:
+        while (message := reader.recv_match(type=set(_NAMES), strict=True)) is not None:
+            if message.get_type() in _NAMES:
+                yield message

@@ -1,0 +1,95 @@
+"""Folders of geotagged pictures: position and time of their EXIF data, by Pillow."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from geo.texts import one_line
+from mission.logs.track import LogError, LogImages, LogTrack
+
+_SUFFIXES = (".jpg", ".jpeg", ".tif", ".tiff")
+_MOST_PICTURES = 50_000
+_GPS_IFD, _EXIF_IFD = 0x8825, 0x8769
+_LATITUDE_REF, _LATITUDE, _LONGITUDE_REF, _LONGITUDE = 1, 2, 3, 4
+_GPS_TIME, _GPS_DATE = 7, 29
+_TAKEN, _ZONE = 0x9003, 0x9011
+_NOWHERE = float("nan")
+
+
+def read_pictures(path: Path) -> LogTrack:
+    """Read a folder of JPEG or TIFF pictures, sorted by name; the images are numbered from 0 in this order.
+
+    The time is GPSDateStamp with GPSTimeStamp, which are UTC, else DateTimeOriginal with its
+    OffsetTimeOriginal; without an offset the time is not known. The pixels are not read.
+    """
+    files = sorted(one for one in path.iterdir() if one.suffix.lower() in _SUFFIXES and one.is_file())
+    if not files:
+        raise LogError(f"{path}: holds no pictures ({', '.join(_SUFFIXES)}) and no result of a flight")
+    if len(files) > _MOST_PICTURES:
+        raise LogError(f"{path}: holds {len(files)} pictures, more than {_MOST_PICTURES}; give them in parts")
+    rows: list[tuple[float, ...]] = []
+    names, notes, unread, placeless = [], [], [], 0
+    for one in files:
+        try:
+            latitude, longitude, utc_s = _exif(one)
+        except Exception as error:  # whatever Pillow's parsers find
+            unread.append(f"{one.name}: {one_line(str(error), 120)}")
+            continue
+        placeless += latitude != latitude
+        rows.append((len(rows), _NOWHERE, utc_s, latitude, longitude))
+        names.append(one.name)
+    if unread:
+        notes.append(f"{len(unread)} of {len(files)} pictures cannot be read, the first {unread[0]}")
+    if placeless:
+        notes.append(f"{placeless} of {len(files)} pictures have no position")
+    if len(unread) + placeless == len(files):
+        raise LogError(f"{path}: {'; '.join(notes)}; give pictures with GPS positions (EXIF)")
+    images = LogImages.of(rows, tuple(names))
+    by_time = sorted(row[2:] for row in rows if row[2] == row[2])
+    track = [(_NOWHERE, *row) for row in by_time]
+    return LogTrack.of("folder of pictures", track, images, tuple(notes))
+
+
+def _exif(path: Path) -> tuple[float, float, float]:
+    """Return latitude, longitude (degrees) and UTC seconds of a picture; NaN where it does not tell them."""
+    from PIL import Image
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        with Image.open(path, formats=("JPEG", "TIFF", "MPO")) as picture:
+            exif = picture.getexif()
+            gps, taken = exif.get_ifd(_GPS_IFD), exif.get_ifd(_EXIF_IFD)
+    latitude = _degrees(gps.get(_LATITUDE), gps.get(_LATITUDE_REF), "S")
+    longitude = _degrees(gps.get(_LONGITUDE), gps.get(_LONGITUDE_REF), "W")
+    if not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0):
+        latitude = longitude = _NOWHERE
+    return latitude, longitude, _utc_s(gps, taken)
+
+
+def _degrees(parts: Any, reference: Any, negative: str) -> float:
+    try:
+        degrees, minutes, seconds = (float(one) for one in parts)
+    except (TypeError, ValueError, ZeroDivisionError):
+        return _NOWHERE
+    value = degrees + minutes / 60.0 + seconds / 3600.0
+    return -value if str(reference).strip("\0 ").upper() == negative else value
+
+
+def _utc_s(gps: Any, taken: Any) -> float:
+    date, time = gps.get(_GPS_DATE), gps.get(_GPS_TIME)
+    try:
+        year, month, day = map(int, re.split(r"[:\-]", str(date).strip("\0 ")))
+        hours, minutes, seconds = (float(one) for one in time)
+        midnight = datetime(year, month, day, tzinfo=UTC).timestamp()
+        return midnight + 3600.0 * hours + 60.0 * minutes + seconds
+    except (TypeError, ValueError, ZeroDivisionError, OverflowError):
+        pass
+    try:
+        text = f"{str(taken[_TAKEN]).strip()}{str(taken[_ZONE]).strip()}"
+        return datetime.strptime(text, "%Y:%m:%d %H:%M:%S%z").timestamp()
+    except (KeyError, ValueError, OverflowError):
+        return _NOWHERE

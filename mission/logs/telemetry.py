@@ -1,0 +1,101 @@
+"""Telemetry logs (.tlog), and the observations that the leaf camera of `sensors.camera.wire` sent in them."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from pathlib import Path
+
+from geo import Farm
+from mission.errors import LinkError
+from mission.link.codec.dialect import Message
+from mission.link.codec.dialect import mavlink as m
+from mission.link.codec.typed import is_a
+from mission.link.tlog import read_tlog
+from mission.logs.track import LogError, LogImages, LogTrack
+from sensors.camera.wire import ObservationAssembler
+from sensors.observations import Observations
+
+_E7 = 1e7
+_NOWHERE = float("nan")
+
+
+def read_telemetry(path: Path) -> LogTrack:
+    """Read a .tlog: GLOBAL_POSITION_INT of one vehicle, and the images that cameras told of.
+
+    The vehicle is the one that told most positions; images are those of its system.
+    """
+    fixes: dict[int, list[tuple[float, ...]]] = {}
+    images: dict[int, dict[int, tuple[float, ...]]] = {}
+    messages = 0
+    try:
+        for time_s, message in read_tlog(path):
+            messages += 1
+            system = message.get_srcSystem()
+            if is_a(message, m.MAVLink_global_position_int_message):
+                place = message.lat / _E7, message.lon / _E7
+                fixes.setdefault(system, []).append((message.time_boot_ms / 1e3, time_s, *place))
+            elif (image := _image(message, time_s)) is not None:
+                known = images.setdefault(system, {})
+                if math.isnan(known.get(int(image[0]), image)[-1]) or int(image[0]) not in known:
+                    known[int(image[0])] = image
+    except LinkError as error:
+        raise LogError(str(error)) from None
+    if not messages:
+        raise LogError(f"{path}: holds no MAVLink message; is it a telemetry log (.tlog)?")
+    counts = Counter({system: len(rows) for system, rows in fixes.items()})
+    system = counts.most_common(1)[0][0] if counts else next(iter(images), 0)
+    others = sorted((fixes.keys() | images.keys()) - {system})
+    notes = []
+    if others:
+        named = ", ".join(map(str, others))
+        notes.append(f"positions and images in the log are those of vehicle {system}, not of {named}")
+    rows = list(images.get(system, {}).values())
+    return LogTrack.of("telemetry log", fixes.get(system, []), LogImages.of(rows), tuple(notes))
+
+
+def _image(message: Message, time_s: float) -> tuple[float, ...] | None:
+    """Return index, both times and position of an image; None if the message is of none.
+
+    A camera's feedback after the picture was taken counts as the picture; so does a bare trigger.
+    """
+    if is_a(message, m.MAVLink_camera_image_captured_message):
+        if message.capture_result != 1:
+            return None
+        place = message.lat / _E7, message.lon / _E7
+        return message.image_index, message.time_boot_ms / 1e3, time_s, *place
+    if is_a(message, m.MAVLink_camera_feedback_message):
+        return message.img_idx, _NOWHERE, message.time_usec / 1e6, message.lat / _E7, message.lng / _E7
+    if is_a(message, m.MAVLink_camera_trigger_message):
+        return message.seq, _NOWHERE, time_s, _NOWHERE, _NOWHERE
+    return None
+
+
+def observations_in(
+    path: Path, farm: Farm, day: int, fields: tuple[str, ...]
+) -> tuple[Observations, tuple[str, ...]]:
+    """Return the observations that leaf cameras sent in a .tlog, and what to know of them.
+
+    Raises
+    ------
+    LogError
+        If the log cannot be read, or the camera senses other fields.
+    """
+    cameras: dict[int, ObservationAssembler] = {}
+    try:
+        for _, message in read_tlog(path):
+            system = message.get_srcSystem()
+            if system not in cameras:
+                cameras[system] = ObservationAssembler(farm, day=day, system_id=system, fields=fields)
+            cameras[system].add(message)
+    except LinkError as error:
+        raise LogError(str(error)) from None
+    mismatch = next(filter(None, (one.mismatch() for one in cameras.values())), None)
+    if mismatch is not None:
+        raise LogError(f"{path}: {mismatch} (--fields)")
+    parts = [one.take() for _, one in sorted(cameras.items())]
+    lost = sum(one.statistics.lost + one.statistics.unpaired for one in cameras.values())
+    off = sum(one.statistics.off_farm for one in cameras.values())
+    told = [f"{lost} images are not whole in the log"] * bool(lost)
+    told += [f"{off} cells of images lie outside the farm"] * bool(off)
+    return Observations.concatenate(parts, fields), tuple(told)

@@ -1,0 +1,180 @@
+"""What is taken from a log: where the vehicle was when, and which images its camera took."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from geo.errors import WbfMissionError
+from geo.texts import one_line
+
+Floats: TypeAlias = NDArray[np.float64]
+
+MAX_LOG_BYTES = 2**30
+_STDERR = 2
+LONGEST_GAP_S = 5.0
+"""Between two fixes farther apart than this the log does not tell where the vehicle was."""
+LEAST_UTC_S = 1e9
+"""Seconds from here on (2001) count from 1970, smaller ones from the start of the vehicle."""
+
+
+class LogError(WbfMissionError, ValueError):
+    """A log or a folder of pictures that cannot be read, or that does not tell what is asked of it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LogImages:
+    """The images that a camera took, in the order of the log.
+
+    Parameters
+    ----------
+    index : int64[n]
+        The camera's own count.
+    boot_s, utc_s : float64[n]
+        When, as of `LogTrack`.
+    latitude_deg, longitude_deg : float64[n]
+        Where; NaN where only the time is known.
+    names : tuple of str
+        Of the files, where there are files; else empty.
+    """
+
+    index: NDArray[np.int64]
+    boot_s: Floats
+    utc_s: Floats
+    latitude_deg: Floats
+    longitude_deg: Floats
+    names: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, rows: ArrayLike, names: tuple[str, ...] = ()) -> LogImages:
+        """Make them of rows: index, boot_s, utc_s, latitude_deg, longitude_deg."""
+        index, boot_s, utc_s, latitude, longitude = np.asarray(rows, np.float64).reshape(-1, 5).T
+        return cls(index.astype(np.int64), boot_s, utc_s, latitude, longitude, names)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LogTrack:
+    """Where a vehicle was.
+
+    Parameters
+    ----------
+    kind : str
+        Of the log, in words.
+    boot_s : float64[n]
+        Seconds since the vehicle was started; NaN where that is not known.
+    utc_s : float64[n]
+        Seconds since 1970; NaN where that is not known.
+    latitude_deg, longitude_deg : float64[n]
+        WGS84.
+    images : LogImages
+        What the camera took.
+    notes : tuple of str
+        What whoever reads the log should know of it, each in one line.
+    """
+
+    kind: str
+    boot_s: Floats
+    utc_s: Floats
+    latitude_deg: Floats
+    longitude_deg: Floats
+    images: LogImages
+    notes: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, kind: str, rows: ArrayLike, images: LogImages, notes: tuple[str, ...] = ()) -> LogTrack:
+        """Make one of rows: boot_s, utc_s, latitude_deg, longitude_deg; what is no position is left out."""
+        table = np.asarray(rows, np.float64).reshape(-1, 4)
+        fixed = is_position(table[:, 2], table[:, 3])
+        boot_s, utc_s, latitude, longitude = table[fixed].T
+        return cls(kind, boot_s, utc_s, latitude, longitude, images, notes)
+
+    def at(self, time_s: Floats) -> tuple[Floats, Floats]:
+        """Return latitude and longitude at times (`LEAST_UTC_S` says on which clock), straight between fixes.
+
+        They are NaN before the first fix, after the last one, and in gaps of more than `LONGEST_GAP_S`.
+
+        Raises
+        ------
+        LogError
+            If the log does not know the clock, or the vehicle was started again in it.
+        """
+        found = np.full((2, len(time_s)), np.nan)
+        is_utc = time_s >= LEAST_UTC_S
+        for wanted, clock_s, clock in ((is_utc, self.utc_s, "UTC"), (~is_utc, self.boot_s, "since boot")):
+            if not wanted.any():
+                continue
+            known = np.flatnonzero(np.isfinite(clock_s))
+            if not len(known):
+                other = "since the vehicle's start" if clock == "UTC" else "in UTC"
+                raise LogError(f"the {self.kind} has no positions by time {clock}; give times {other}")
+            fix_s = clock_s[known]
+            if (np.diff(fix_s) < 0.0).any():
+                raise LogError(f"the time {clock} goes back in the {self.kind}; give times on another clock")
+            asked = time_s[wanted]
+            after = np.searchsorted(fix_s, asked, side="left").clip(1, max(len(fix_s) - 1, 1))
+            before = after - 1
+            after = np.minimum(after, len(fix_s) - 1)
+            inside = (asked >= fix_s[0]) & (asked <= fix_s[-1])
+            inside &= (fix_s[after] - fix_s[before] <= LONGEST_GAP_S) | (fix_s[after] == asked)
+            for row, positions in zip(found, (self.latitude_deg, self.longitude_deg), strict=True):
+                row[wanted] = np.where(inside, np.interp(asked, fix_s, positions[known]), np.nan)
+        return found[0], found[1]
+
+    def of_images(self) -> tuple[Floats, Floats]:
+        """Return latitude and longitude of the images; NaN where neither camera nor track tells them."""
+        images = self.images
+        latitude, longitude = images.latitude_deg.copy(), images.longitude_deg.copy()
+        lacks = ~is_position(latitude, longitude)
+        for times in (images.boot_s, images.utc_s):
+            wanted = lacks & np.isfinite(times)
+            if wanted.any() and len(self.latitude_deg):
+                with contextlib.suppress(LogError):
+                    latitude[wanted], longitude[wanted] = self.at(times[wanted])
+                    lacks &= ~np.isfinite(latitude)
+        latitude[lacks] = longitude[lacks] = np.nan
+        return latitude, longitude
+
+
+def is_position(latitude_deg: Floats, longitude_deg: Floats) -> NDArray[np.bool_]:
+    """Tell which are positions on the globe; (0, 0) is what receivers tell that have none yet."""
+    inside = (np.abs(latitude_deg) <= 90.0) & (np.abs(longitude_deg) <= 180.0)
+    fixed: NDArray[np.bool_] = inside & ~((latitude_deg == 0.0) & (longitude_deg == 0.0))
+    return fixed
+
+
+@contextlib.contextmanager
+def _silence() -> Iterator[None]:
+    """Let what a library prints go nowhere, also what its compiled parts write to stderr themselves."""
+    with Path(os.devnull).open("w", encoding="utf-8") as nowhere, contextlib.ExitStack() as stack:
+        stack.enter_context(contextlib.redirect_stdout(nowhere))
+        stack.enter_context(contextlib.redirect_stderr(nowhere))
+        with contextlib.suppress(OSError):  # a process without a stderr
+            kept = os.dup(_STDERR)
+            stack.callback(os.close, kept)
+            stack.callback(os.dup2, kept, _STDERR)
+            os.dup2(nowhere.fileno(), _STDERR)
+        yield
+
+
+@contextlib.contextmanager
+def parsing(path: Path, kind: str) -> Iterator[None]:
+    """Silence a library that reads a log, and tell whatever it raises as one line."""
+    try:
+        with _silence():
+            yield
+    except MemoryError:
+        raise
+    except LogError as error:
+        raise LogError(f"{path}: {error}") from None
+    except OSError as error:
+        raise LogError(f"{path}: cannot be read: {(error.strerror or str(error)).lower()}") from None
+    except Exception as error:
+        what = one_line(f"{type(error).__name__}: {error}", 200)
+        raise LogError(f"{path}: is no {kind} that can be read ({what})") from error

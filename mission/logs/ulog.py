@@ -1,0 +1,86 @@
+"""PX4's logs (.ulg), by pyulog."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mission.logs.track import Floats, LogError, LogImages, LogTrack, parsing
+
+_POSITION, _CAPTURE, _TRIGGER = "vehicle_global_position", "camera_capture", "camera_trigger"
+_GPS = ("vehicle_gps_position", "sensor_gps")
+_TOPICS = (_POSITION, _CAPTURE, _TRIGGER, *_GPS)
+_MOST_FIELDS = 4096
+_DEEPEST = 8
+_LEAST_UTC_US = 1e15
+
+
+def read_ulog(path: Path) -> LogTrack:
+    """Read a PX4 .ulg: `vehicle_global_position`, and `camera_capture` or `camera_trigger` for the images.
+
+    UTC is that of the satellite receiver (`time_utc_usec`), carried to all times of the log's own clock.
+    """
+    try:
+        from pyulog.core import ULog
+    except ImportError:
+        text = 'logs of PX4 need pyulog; install it with: pip install "wbf-mission[gis]"'
+        raise LogError(f"{path}: {text}") from None
+    with parsing(path, "PX4 log"):
+        declared = ULog(str(path), parse_header_only=True).message_formats
+        for topic in declared:
+            _count_fields(topic, declared, _DEEPEST)
+        log = ULog(str(path), list(_TOPICS))
+        topics = {one.name: one.data for one in log.data_list if one.multi_id == 0}
+        offset_s = _utc_offset_s(topics)
+        rows = np.empty((0, 4))
+        if _POSITION in topics:
+            data = topics[_POSITION]
+            time_s = data["timestamp"] / 1e6
+            rows = np.column_stack((time_s, time_s + offset_s, data["lat"], data["lon"]))
+        images = LogImages.of(_images(topics, offset_s))
+    notes = ("the log is damaged or breaks off: it is read as far as it makes sense",) * log.file_corruption
+    return LogTrack.of("PX4 log", rows, images, notes)
+
+
+def _images(topics: dict[str, Any], offset_s: float) -> Any:
+    if _CAPTURE in topics:
+        data = topics[_CAPTURE]
+        taken = data["result"] == 1 if "result" in data else np.ones(len(data["timestamp"]), np.bool_)
+        places = data["lat"], data["lon"]
+    elif _TRIGGER in topics:
+        data = topics[_TRIGGER]
+        taken = np.ones(len(data["timestamp"]), np.bool_)
+        places = (np.full(len(taken), np.nan),) * 2
+    else:
+        return np.empty((0, 5))
+    time_s = data["timestamp"] / 1e6
+    return np.column_stack((data["seq"], time_s, time_s + offset_s, *places))[taken]
+
+
+def _utc_offset_s(topics: dict[str, Any]) -> float:
+    """Return what is added to seconds since boot for seconds since 1970; NaN if no receiver told the time."""
+    for name in _GPS:
+        if name in topics and "time_utc_usec" in topics[name]:
+            utc_us: Floats = topics[name]["time_utc_usec"].astype(np.float64)
+            told = utc_us > _LEAST_UTC_US
+            if told.any():
+                return float(np.median(utc_us[told] - topics[name]["timestamp"][told])) / 1e6
+    return float("nan")
+
+
+def _count_fields(topic: str, declared: dict[str, Any], depth: int) -> int:
+    """Return how many numbers a message of a topic has; LogError if types hold each other without end.
+
+    The library would write them all out, however many there are.
+    """
+    if depth == 0:
+        raise LogError(f"message {topic[:40]!r} is nested too deeply in it")
+    count = 0
+    for kind, size, _ in declared[topic].fields:
+        each = _count_fields(kind, declared, depth - 1) if kind in declared else 1
+        count += each * max(size, 1)
+        if count > _MOST_FIELDS:
+            raise LogError(f"message {topic[:40]!r} has more than {_MOST_FIELDS} numbers in it")
+    return count

@@ -1,0 +1,193 @@
+"""Logs of autopilots and folders of pictures: where the camera was."""
+
+import math
+
+import numpy as np
+import pytest
+from flight_logs import UTC_S, write_dataflash, write_picture, write_telemetry, write_ulog
+
+from mission.logs import LogError, read_track
+from mission.logs.track import LONGEST_GAP_S
+
+NAN = math.nan
+FIXES = [(10.0 + k, -28.05 + 1e-5 * k, 151.5 + 2e-5 * k) for k in range(21)]
+IMAGES = [(7, 12.5, -28.0500001, 151.5000002), (8, 14.0, -28.0499, 151.5002)]
+TRIGGERS = [(7, 12.5, NAN, NAN), (8, 14.0, NAN, NAN)]
+WRITERS = {"bin": write_dataflash, "ulg": write_ulog, "tlog": write_telemetry}
+
+
+@pytest.fixture(params=WRITERS)
+def write(request, tmp_path):
+    # Told by content: the name says nothing.
+    return lambda *args, **how: WRITERS[request.param](tmp_path / "flight.log", *args, **how)
+
+
+def test_every_log_tells_positions_on_both_clocks(write):
+    track = read_track(write(FIXES))
+    assert np.allclose(track.boot_s, [row[0] for row in FIXES])
+    assert np.allclose(track.utc_s, [UTC_S + row[0] for row in FIXES], atol=2e-3)
+    assert np.allclose(track.latitude_deg, [row[1] for row in FIXES], atol=1e-7)
+    assert np.allclose(track.longitude_deg, [row[2] for row in FIXES], atol=1e-7)
+    for time_s in (12.5, UTC_S + 12.5):
+        latitude, longitude = track.at(np.array([time_s]))
+        assert np.allclose([latitude[0], longitude[0]], [-28.05 + 2.5e-5, 151.5 + 5e-5], atol=5e-8)
+
+
+def test_images_have_their_own_positions(write):
+    track = read_track(write(FIXES, IMAGES))
+    assert track.images.index.tolist() == [7, 8]
+    latitude, longitude = track.of_images()
+    assert np.allclose(latitude, [row[2] for row in IMAGES], atol=1e-7)
+    assert np.allclose(longitude, [row[3] for row in IMAGES], atol=1e-7)
+
+
+@pytest.mark.parametrize("kind", ["ulg", "tlog"])
+def test_a_bare_trigger_is_placed_by_its_time(kind, tmp_path):
+    latitude, longitude = read_track(WRITERS[kind](tmp_path / "x", FIXES, TRIGGERS)).of_images()
+    assert np.allclose(latitude, [-28.05 + 2.5e-5, -28.05 + 4e-5], atol=2e-7)
+    assert np.allclose(longitude, [151.5 + 5e-5, 151.5 + 8e-5], atol=2e-7)
+
+
+def test_feedback_of_a_camera_replaces_its_trigger(tmp_path):
+    path = write_telemetry(tmp_path / "x.tlog", FIXES, [(7, 12.4, NAN, NAN), IMAGES[0], (7, 12.6, NAN, NAN)])
+    assert read_track(path).images.latitude_deg.tolist() == [pytest.approx(-28.0500001)]
+
+
+def test_images_that_failed_are_none(tmp_path):
+    path = write_ulog(tmp_path / "x.ulg", FIXES, [*IMAGES, (9, 15.0, -28.0, 151.5, -1)])
+    assert read_track(path).images.index.tolist() == [7, 8]
+
+
+def test_a_receiver_without_a_3d_fix_is_not_believed(tmp_path):
+    bad = (9.5, -27.0, 150.0, 2)
+    track = read_track(write_dataflash(tmp_path / "x.bin", [bad, *FIXES], with_pos=False))
+    assert len(track.boot_s) == len(FIXES)
+
+
+def test_outside_the_log_and_in_gaps_nothing_is_told(write):
+    late = FIXES[-1][0] + LONGEST_GAP_S + 1.0
+    track = read_track(write([*FIXES, (late, -28.0, 151.0)]))
+    asked = np.array([9.9, FIXES[0][0], FIXES[-1][0], FIXES[-1][0] + 1.0, late, late + 0.1])
+    assert np.isfinite(track.at(asked)[0]).tolist() == [False, True, True, False, True, False]
+
+
+def test_a_clock_that_goes_back_or_is_missing_is_an_error(tmp_path):
+    again = [*FIXES, *((one[0] - 9.0, *one[1:]) for one in FIXES)]
+    first = write_telemetry(tmp_path / "a.tlog", FIXES).read_bytes()
+    second = write_telemetry(tmp_path / "b.tlog", [(one[0] - 9, *one[1:]) for one in FIXES]).read_bytes()
+    (tmp_path / "c.tlog").write_bytes(first + second)
+    track = read_track(tmp_path / "c.tlog")
+    assert len(track.boot_s) == len(again)
+    with pytest.raises(LogError, match="since boot goes back in the telemetry log; give times on another"):
+        track.at(np.array([12.0]))
+    write_picture(tmp_path / "a.jpg", 1.0, 2.0, utc=((1, 2, 3), "2026:05:01"))
+    with pytest.raises(
+        LogError, match="folder of pictures has no positions by time since boot; give times in UTC"
+    ):
+        read_track(tmp_path).at(np.array([12.0]))
+
+
+def test_positions_of_a_receiver_without_a_fix_are_left_out(write):
+    assert len(read_track(write([(9.0, 0.0, 0.0), *FIXES])).boot_s) == len(FIXES)
+
+
+def test_the_track_is_one_vehicles(tmp_path):
+    one = write_telemetry(tmp_path / "1", FIXES, IMAGES).read_bytes()
+    two = write_telemetry(tmp_path / "2", [(1.0, 5.0, 5.0)], [(9, 1.0, 5.0, 5.0)], system=2).read_bytes()
+    (tmp_path / "both.tlog").write_bytes(one + two)
+    track = read_track(tmp_path / "both.tlog")
+    assert len(track.boot_s) == len(FIXES)
+    assert track.images.index.tolist() == [7, 8]
+    assert track.notes == ("positions and images in the log are those of vehicle 1, not of 2",)
+
+
+def test_without_pos_the_receiver_is_taken(tmp_path):
+    track = read_track(write_dataflash(tmp_path / "x", FIXES, with_pos=False))
+    assert len(track.boot_s) == len(FIXES)
+    assert "receiver's own" in track.notes[0]
+
+
+def test_a_log_that_breaks_off_is_read_up_to_the_break(write, tmp_path):
+    path = write(FIXES, IMAGES)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(0.8 * len(whole))])
+    track = read_track(path)
+    assert 3 < len(track.boot_s) <= len(FIXES)
+    assert np.allclose(track.boot_s, [row[0] for row in FIXES[: len(track.boot_s)]])
+
+
+def test_pictures_tell_places_and_utc(tmp_path):
+    write_picture(tmp_path / "B.JPG", -28.05, 151.5, utc=((2, 0, 30.5), "2026:05:01"))
+    write_picture(tmp_path / "a.tif", 28.05, -82.15, taken=("2026:05:01 04:00:00", "+02:00"), kind="TIFF")
+    write_picture(tmp_path / "c.jpeg")
+    (tmp_path / "d.jpg").write_bytes(b"\xff\xd8 no picture")
+    (tmp_path / "notes.txt").write_text("not a picture")
+    track = read_track(tmp_path)
+    assert track.images.names == ("B.JPG", "a.tif", "c.jpeg")
+    assert np.allclose(track.images.latitude_deg[:2], [-28.05, 28.05], atol=1e-8)
+    assert np.allclose(track.images.longitude_deg[:2], [151.5, -82.15], atol=1e-8)
+    assert track.images.utc_s[:2].tolist() == [UTC_S + 30.5, UTC_S]
+    assert np.isnan(track.of_images()[0]).tolist() == [False, False, True]
+    assert track.notes[0].startswith("1 of 4 pictures cannot be read, the first d.jpg: ")
+    assert track.notes[1:] == ("1 of 4 pictures have no position",)
+
+
+@pytest.mark.parametrize(
+    ("make", "told"),
+    [
+        (lambda p: p.write_bytes(b"hello, this is text"), "is no log that is known; give a .tlog"),
+        (lambda p: p.write_bytes(b""), "is no log that is known"),
+        (lambda p: None, "cannot be read: no such file"),
+        (lambda p: p.mkdir(), "holds no pictures"),
+        (lambda p: p.write_bytes(b"ULog\x01\x12\x35\x01"), "is no PX4 log that can be read"),
+        (lambda p: p.write_bytes(b"ULog\x01\x12\x35\x01" + bytes(90)), "the PX4 log tells no position"),
+        (lambda p: write_telemetry(p, []), "is no log that is known"),
+        (lambda p: write_dataflash(p, []), "the ArduPilot log tells no position"),
+        (lambda p: p.write_bytes(bytes(8) + b"\xfd" + bytes(50)), "holds no MAVLink message"),
+    ],
+)
+def test_what_is_no_log_is_told_in_a_line(make, told, tmp_path, capfd):
+    path = tmp_path / "flight"
+    make(path)
+    with pytest.raises(LogError, match=told) as caught:
+        read_track(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("length", [0, 2, 3, 9])
+@pytest.mark.parametrize("fast", ["0", "1"])
+def test_a_format_without_a_length_does_not_stop_the_reader(length, fast, tmp_path, monkeypatch, capfd):
+    monkeypatch.setenv("PYMAVLINK_FAST_INDEX", fast)
+    path = write_dataflash(tmp_path / "x.bin", FIXES)
+    data = bytearray(path.read_bytes())
+    pos = data.index(b"\xa3\x95\x80\x02")
+    data[pos + 4] = length
+    path.write_bytes(bytes(data) + b"\xa3\x95\x02" * 50)
+    with pytest.raises(LogError, match=r"x\.bin"):
+        read_track(path)
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("formats", "told"),
+    [
+        ([b"a:b[60000] x;", b"b:float[60000] y;"], "more than 4096 numbers"),
+        ([b"a:b x;", b"b:a y;"], "nested too deeply"),
+    ],
+)
+def test_types_of_px4_that_hold_each_other_without_end_are_refused(formats, told, tmp_path):
+    with pytest.raises(LogError, match=told):
+        read_track(write_ulog(tmp_path / "x.ulg", FIXES, formats=formats))
+
+
+def test_pictures_are_not_decoded(tmp_path):
+    # A header that claims two billion pixels; nothing of them is there.
+    write_picture(tmp_path / "a.jpg", 1.0, 2.0)
+    data = bytearray((tmp_path / "a.jpg").read_bytes())
+    frame = data.index(b"\xff\xc0")
+    data[frame + 5 : frame + 9] = b"\xb0\x00\xb0\x00"
+    (tmp_path / "a.jpg").write_bytes(bytes(data))
+    with pytest.raises(LogError, match=r"1 of 1 pictures cannot be read, the first a\.jpg: .*pixels"):
+        read_track(tmp_path)

@@ -57,7 +57,8 @@ def distributions():
 
 def test_every_import_of_the_product_is_declared():
     extras = PROJECT["optional-dependencies"]
-    declared = names(PROJECT["dependencies"]).union(*(names(extras[one]) for one in ("serial", "dask", "rl")))
+    used = ("serial", "dask", "gis", "rl")
+    declared = names(PROJECT["dependencies"]).union(*(names(extras[one]) for one in used))
     of = distributions()
     missing = {
         f"{module} ({path})"

@@ -29,6 +29,7 @@ from wbf_mission.cli import (
     vehicle,
     warm_up,
 )
+from wbf_mission.cli import map as treatment_map
 from wbf_mission.cli.help import HelpCommand, HelpGroup
 from wbf_mission.cli.output import StdoutError, to_stdout
 from wbf_mission.exit_codes import ExitCode, exit_code_of
@@ -52,6 +53,7 @@ app = typer.Typer(
 _COMMANDS = (
     ("plan", plan.plan_command, plan.EXAMPLES),
     ("fly", fly.fly_command, fly.EXAMPLES),
+    ("map", treatment_map.map_command, treatment_map.EXAMPLES),
     ("sim", sim.sim_command, sim.EXAMPLES),
     ("check", check.check_command, check.EXAMPLES),
     ("convert", convert.convert_command, convert.EXAMPLES),

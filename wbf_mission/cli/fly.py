@@ -32,6 +32,7 @@ from wbf_mission.scenario import (
 if TYPE_CHECKING:
     from mission.outcome import Outcome
     from wbf_mission.live.link import LiveLink
+    from wbf_mission.maps.treatment import TreatmentMap
     from wbf_mission.results.result import Result
     from wbf_mission.results.writing import ResultFolder
 
@@ -125,6 +126,14 @@ class _Saving:
     animate: Annotated[
         bool, option("Write the run as a moving picture (run.gif), too.", "--animate", panel=_OUT)
     ] = False
+    treatment_map: Annotated[
+        bool,
+        option(
+            "Write a treatment map among the results, too, as 'wbf-mission map' does (needs the extra gis).",
+            "--treatment-map",
+            panel=_OUT,
+        ),
+    ] = False
     overwrite: Annotated[
         bool,
         option(
@@ -133,6 +142,25 @@ class _Saving:
             panel=_OUT,
         ),
     ] = False
+
+    def check_treatment_map(self, farm: str) -> None:
+        """Refuse a treatment map that could not be written, before anything flies."""
+        from geo import get_farm
+        from wbf_mission.maps.gis import UtmCells, require_gis
+
+        if not self.files:
+            msg = "--treatment-map writes files, --no-files none: leave one of them out"
+            raise ScenarioError(msg)
+        require_gis()
+        UtmCells.of(get_farm(farm))
+
+    def treatment_of(self, result: Result) -> TreatmentMap | None:
+        """Return the treatment map of a run; None if it is not wanted, or the run saw nothing."""
+        if not self.treatment_map or not len(result.observations):
+            return None
+        from wbf_mission.treatment import treatment_of_result
+
+        return treatment_of_result(result, source="this flight")
 
     def folder(self, given: options.Given, chosen: Scenario) -> ResultFolder | None:
         """Return the folder of the run, which holds nothing that it reads."""
@@ -198,6 +226,8 @@ def fly_command(
         (Scenario(**given.defaults), ()) if given.file is None else load_broken_scenario(given.file)
     )
     chosen = links.counted(given).change(base)
+    if saving.treatment_map:
+        saving.check_treatment_map(chosen.farm.name)
     simulates = speed is not None or bool(fault or in_file)
     live = links.live(output, force=force, simulates=simulates)
     with contextlib.ExitStack() as stack:
@@ -224,8 +254,14 @@ def fly_command(
         flown_s, interrupted = process_age_s(), False
         try:
             if folder is not None:
-                pictures = {"plots": saving.plots, "animation": saving.animate}
-                folder.write(result, **pictures, release=True, progress=progress)
+                folder.write(
+                    result,
+                    plots=saving.plots,
+                    animation=saving.animate,
+                    treatment=saving.treatment_of(result),
+                    release=True,
+                    progress=progress,
+                )
         except KeyboardInterrupt:
             interrupted = True
     summary = result.summary()

@@ -82,14 +82,15 @@ def field_maps(
     fields: FieldSet = PAPER_FIELDS,
     states_deviation: bool = True,
     day: int | None = None,
+    grid: MapGrid | None = None,
 ) -> tuple[FieldMap, ...]:
     """Sum an estimate, float32[n, W, H] in the order of `fields`, by pixels.
 
     One whose values are not means needs its class probabilities. `states_deviation` tells whether its
     uncertainty is a standard deviation. The last reading of a cell on the day of the estimate counts; by
-    default that is the latest day that was observed.
+    default that is the latest day that was observed. The pixels are those of `grid`, else of the pictures.
     """
-    grid, cells = MapGrid.of(farm), farm.grid()
+    grid, cells = grid or MapGrid.of(farm), farm.grid()
     if day is None:
         day = int(observations.day.max()) if len(observations) else _DAY_BEFORE
     x, y, readings = _last_readings(observations[observations.day == day], farm.height_cells)

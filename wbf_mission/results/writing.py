@@ -19,7 +19,7 @@ from geo.interrupts import interrupts_noted
 from mission.ground.tracks import joined
 from mission.outcome import Outcome
 from wbf_mission.progress import Progress, silent
-from wbf_mission.results.files import DECISIONS, PROBABILITIES, RECORD, write_arrays, write_result
+from wbf_mission.results.files import DECISIONS, PROBABILITIES, RECORD, write_arrays, write_json, write_result
 from wbf_mission.results.storage import SUFFIX, ResultError
 from wbf_mission.run.estimation import resolved
 from wbf_mission.run.record import RunRecord
@@ -27,8 +27,11 @@ from wbf_mission.scenario import Scenario
 
 if TYPE_CHECKING:
     from wbf_mission.maps.field_maps import FieldMap
+    from wbf_mission.maps.treatment import TreatmentMap
 
 ANIMATION = "run.gif"
+TREATMENT = "treatment"
+"""The folder of the treatment map among the results."""
 
 
 class ResultFolder:
@@ -86,10 +89,13 @@ class ResultFolder:
         *,
         plots: bool = True,
         animation: bool = False,
+        treatment: TreatmentMap | None = None,
         release: bool = False,
         progress: Progress | None = None,
     ) -> list[Path]:
         """Write everything that the run has, put the folder in its place, and return the files.
+
+        A treatment map goes into the folder `TREATMENT` beside the others.
 
         With ``release`` truth and estimate leave the result once they are written: on a large farm the moving
         picture, whose estimator takes as much, finds room there. The first Ctrl-C leaves out the pictures
@@ -101,6 +107,8 @@ class ResultFolder:
         progress = progress or silent
         filled = self._folder.filled
         jobs = _plot_jobs(result) if plots else []
+        if treatment is not None:
+            jobs.append((TREATMENT, lambda path: write_whole_map(treatment, path, progress)))
         interrupted = None
         with interrupts_noted() as answer:
             if animation and any(len(one.track.time_s) for one in result.flights):
@@ -272,9 +280,24 @@ _NAMES = frozenset(
         "vehicle.toml",
         "path.png",
         "score.png",
+        TREATMENT,
         ANIMATION,
     }
 )
+
+
+def write_whole_map(treatment: TreatmentMap, folder: Path, progress: Progress) -> list[Path]:
+    """Write a treatment map and its summary into a folder; MapError as of `write_treatment_map`."""
+    from wbf_mission.maps.gis import gdal_errors
+    from wbf_mission.maps.treatment import SUMMARY, write_treatment_map
+
+    folder.mkdir(exist_ok=True)
+    with gdal_errors(folder):
+        files = write_treatment_map(treatment, folder, progress)
+    files += [folder / "observations.parquet", folder / SUMMARY]
+    treatment.observations.save(files[-2])
+    write_json(files[-1], treatment.summary())
+    return files
 
 
 def _plot_jobs(result: RunRecord) -> list[tuple[str, Any]]:

@@ -1,0 +1,344 @@
+"""The files of a treatment map, opened by GDAL and by a browser."""
+
+import json
+import re
+import shutil
+import subprocess
+import zipfile
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pyogrio
+import pytest
+import rasterio
+import shapely
+from browser import CHROMIUM
+from pyproj import Transformer
+
+from geo import Crop, Farm, LocalFrame, Patch
+from sensors.fields import PAPER_FIELDS
+from sensors.observations import Observations
+from sensors.scoring.information import InformationModel
+from wbf_mission.maps.geotiff import NODATA
+from wbf_mission.maps.gis import MapError, UtmCells
+from wbf_mission.maps.treatment import TreatmentMap
+from wbf_mission.maps.zone_shapes import zones_of
+from wbf_mission.maps.zones import HEALTHY, LOOK, TREAT, costs_of
+from wbf_mission.progress import silent
+from wbf_mission.results.writing import write_whole_map
+
+WIDTH, HEIGHT, CELL_M = 700, 540, 0.5
+
+
+def farm_at(
+    latitude, longitude, rotation_deg, *, name="Nia's <farm> & co", cells=(WIDTH, HEIGHT), cell_m=CELL_M
+):
+    """Tomatoes on a slanted piece of land, with strawberries beside it that are another's."""
+    w, h = cells[0] * cell_m, cells[1] * cell_m
+    land = shapely.Polygon([(0.0, 0.0), (0.8 * w, 0.1 * h), (0.9 * w, h), (0.1 * w, 0.9 * h)])
+    frame = LocalFrame(latitude, longitude, 200.0, rotation_deg)
+    patches = (
+        Patch("neighbour", Crop.STRAWBERRY, "other", shapely.box(0.0, 0.0, w, h)),
+        Patch("mine", Crop.TOMATO, "owner", land),
+    )
+    return Farm(name, frame, *cells, patches, "owner", (0.0, 0.0), cell_m)
+
+
+def estimate(shape):
+    """Sick about two places, and less sure of the right side."""
+    x, y = np.meshgrid(*(np.linspace(0.0, 1.0, n, dtype=np.float32) for n in shape), indexing="ij")
+    ill = np.exp(-((x - 0.3) ** 2 + (y - 0.4) ** 2) / 0.004) + np.exp(
+        -((x - 0.6) ** 2 + (y - 0.7) ** 2) / 0.01
+    )
+    value = np.stack([1.0 - 0.5 * ill.clip(0.0, 1.0), np.ones(shape), 0.2 + 0.4 * x + 0.001 * y])
+    doubt = np.stack([0.01 + 0.2 * (x > 0.65), np.ones(shape), 0.02 + 0.0 * x])
+    return InformationModel(value.astype(np.float32), doubt.astype(np.float32))
+
+
+def treatment_of(farm, **how):
+    seen = Observations([100, 300], [100, 300], [0.0, 1.0], [6, 6], [[1, np.nan, 0.4], [0.5, np.nan, 0.5]])
+    made = TreatmentMap(
+        farm, PAPER_FIELDS, estimate(farm.grid().shape), seen, 6, "gp", True, costs_of(PAPER_FIELDS, {}), 5.0
+    )
+    return replace(made, source="flight.tlog", notes=("3 of 9 readings lie <outside>",), **how)
+
+
+FARMS = {
+    "south, turned": (farm_at(-33.5, 150.31, 25.0), 32756),
+    "north": (farm_at(28.05, -82.15, 0.0), 32617),
+    "near the date line, upside down": (farm_at(52.0, 179.98, -160.0), 32660),
+}
+
+
+@pytest.fixture(scope="module", params=FARMS)
+def written(request, tmp_path_factory):
+    farm, epsg = FARMS[request.param]
+    of, folder = treatment_of(farm), tmp_path_factory.mktemp("map")
+    files = write_whole_map(of, folder, silent)
+    assert sorted(folder.iterdir()) == sorted(files)
+    return of, folder, epsg
+
+
+def test_gdal_opens_cloud_optimised_rasters(written):
+    of, folder, epsg = written
+    assert sorted(path.name for path in folder.glob("*.tif")) == ["map_soil.tif", "map_tylcv.tif"]
+    with rasterio.open(folder / "map_tylcv.tif") as file:
+        assert file.crs.to_epsg() == epsg
+        assert file.tags(ns="IMAGE_STRUCTURE")["LAYOUT"] == "COG"
+        assert file.overviews(1) == file.overviews(2) == [2]
+        assert file.block_shapes == [(512, 512)] * 2
+        assert file.dtypes == ("float32", "float32")
+        assert file.nodatavals == (NODATA, NODATA)
+        assert file.descriptions == (
+            "TYLCV (tomato): value",
+            "TYLCV (tomato): uncertainty (standard deviation)",
+        )
+        assert file.units == ("health", "health")
+        assert (file.tags()["farm"], file.tags()["day"]) == (of.farm.name, "6")
+        assert not file.tags().get("TIFFTAG_DATETIME")
+
+
+def test_the_value_at_a_place_is_the_estimates(written):
+    of, folder, epsg = written
+    rng = np.random.default_rng(1)
+    x, y = rng.integers(0, WIDTH, 400), rng.integers(0, HEIGHT, 400)
+    # Anywhere in the cell but at its very edge.
+    inside = rng.uniform(0.05, 0.95, (2, 400))
+    latitude, longitude = of.farm.frame.to_wgs84((x + inside[0]) * CELL_M, (y + inside[1]) * CELL_M)
+    east, north = Transformer.from_crs(4326, epsg, always_xy=True).transform(longitude, latitude)
+    for k, name in ((0, "tylcv"), (2, "soil")):
+        with rasterio.open(folder / f"map_{name}.tif") as file:
+            found = np.array(list(file.sample(np.column_stack((east, north)))))
+        mine = PAPER_FIELDS[name].mask(of.farm.grid())[x, y]
+        assert 100 < mine.sum() < 400
+        for band, array in enumerate((of.model.value[k], of.model.uncertainty[k])):
+            assert found[:, band].tolist() == np.where(mine, array[x, y], np.float32(NODATA)).tolist()
+
+
+def test_where_the_frame_is_not_turned_north_is_up(written):
+    of, folder, _ = written
+    with rasterio.open(folder / "map_soil.tif") as file:
+        a, b, _, d, e, _ = file.transform[:6]
+    turned = np.degrees(np.arctan2(d, a))
+    # The meridian's convergence is a degree or two.
+    assert abs((turned - of.farm.frame.rotation_deg + 180.0) % 360.0 - 180.0) < 2.5
+    assert np.hypot(a, d) == pytest.approx(CELL_M, rel=1e-3)
+    assert np.linalg.det([[a, b], [d, e]]) == pytest.approx(-(CELL_M**2), rel=1e-3)
+
+
+def read(path, **how):
+    meta, _, geometry, columns = pyogrio.raw.read(path, **how)
+    return meta, shapely.from_wkb(geometry), dict(zip(meta["fields"], columns, strict=True))
+
+
+@pytest.mark.parametrize("name", ["zones.geojson", "zones.gpkg"])
+def test_gdal_opens_zones_that_are_where_they_were_decided(name, written):
+    of, folder, _ = written
+    meta, shapes, columns = read(folder / name)
+    assert meta["crs"] == "EPSG:4326"
+    assert set(meta["fields"]) == {"field", "zone", "area_ha", "need", "gain", "rate", "rate_unit"}
+    assert shapely.is_valid(shapes).all()
+    for one in of.zone_maps:
+        mine = columns["field"] == one.field.name
+        x, y = np.nonzero(one.zone)
+        middles = (x + 0.5) * one.block_m, (y + 0.5) * one.block_m
+        points = shapely.points(*middles)
+        kept = shapely.contains(shapely.buffer(of.farm.owner_area, -0.1), points)
+        latitude, longitude = of.farm.frame.to_wgs84(*(m[kept] for m in middles))
+        tree = shapely.STRtree(shapes[mine])
+        point, polygon = tree.query(shapely.points(longitude, latitude), predicate="within")
+        assert np.bincount(point).tolist() == [1] * int(kept.sum())  # in one zone each
+        words = columns["zone"][mine][polygon]
+        assert words.tolist() == [one.word(zone) for zone in one.zone[x, y][kept][point].tolist()]
+        assert set(one.zone.ravel().tolist()) >= {HEALTHY, LOOK, TREAT}
+
+
+def test_zones_cover_the_owners_land_once_and_have_no_slivers(written):
+    of, folder, _ = written
+    _, shapes, columns = read(folder / "zones.gpkg")
+    for one in of.zone_maps:
+        mine = columns["field"] == one.field.name
+        area = columns["area_ha"][mine]
+        # Blocks without a cell of the crop, at the border, and slivers are missing.
+        assert area.sum() == pytest.approx(of.farm.owner_area.area / 1e4, rel=0.02)
+        assert area.min() >= 0.25 * one.block_m**2 / 1e4 - 1e-9
+        treat = columns["zone"][mine] == one.word(TREAT)
+        assert (columns["rate"][mine] > 0).tolist() == treat.tolist()
+        assert area[treat].sum() == pytest.approx(one.area_ha(TREAT), rel=0.1)
+    latitude, longitude = of.farm.frame.to_wgs84(*np.array(of.farm.owner_area.centroid.coords[0]))
+    hull = shapely.box(*shapely.total_bounds(shapes))
+    assert shapely.contains(hull, shapely.Point(longitude, latitude))
+
+
+def test_a_sliver_at_the_border_is_no_zone():
+    of = treatment_of(FARMS["north"][0])
+    one = of.zone_maps[0]
+    x, y = np.nonzero(one.zone)
+    corners = (x * one.block_m, y * one.block_m, (x + 1) * one.block_m, (y + 1) * one.block_m)
+    part = shapely.area(shapely.intersection(shapely.box(*corners), of.farm.owner_area)) / one.block_m**2
+    for wanted, count in ((part < 0.25, 0), ((part > 0.25) & (part < 0.9), 1)):
+        k = int(np.flatnonzero(wanted)[0])
+        zone = np.where(one.zone > 0, HEALTHY, 0).astype(np.uint8)
+        zone[x[k], y[k]] = TREAT
+        found = [z for z in zones_of(of.farm, replace(one, zone=zone)) if z.zone == TREAT]
+        assert len(found) == count
+        assert all(z.area_ha == pytest.approx(part[k] * one.block_m**2 / 1e4) for z in found)
+
+
+def test_zones_across_the_date_line_are_whole(tmp_path):
+    write_whole_map(treatment_of(farm_at(-16.5, 179.9985, 0.0)), tmp_path, silent)
+    for name in ("zones.gpkg", f"/vsizip/{tmp_path}/prescription_tylcv.zip"):
+        _, shapes, _ = read(tmp_path / name if "vsizip" not in name else name)
+        west, _, east, _ = shapely.total_bounds(shapes)
+        assert shapely.is_valid(shapes).all()
+        assert 179.9985 < west < 180.0 < east < 180.01
+
+
+def test_geojson_is_of_the_standard_and_no_other_crs(written):
+    _, folder, _ = written
+    told = json.loads((folder / "zones.geojson").read_text(encoding="utf-8"))
+    assert "crs" not in told
+    assert {one["geometry"]["type"] for one in told["features"]} <= {"Polygon", "MultiPolygon"}
+
+
+def test_a_prescription_is_a_zipped_shapefile_with_rates(written):
+    of, folder, _ = written
+    path = folder / "prescription_tylcv.zip"
+    with zipfile.ZipFile(path) as archive:
+        assert archive.testzip() is None
+        suffixes = ("cpg", "dbf", "prj", "shp", "shx")
+        assert archive.namelist() == [f"prescription_tylcv.{suffix}" for suffix in suffixes]
+        assert archive.read("prescription_tylcv.cpg") == b"UTF-8"
+        assert b"GCS_WGS_1984" in archive.read("prescription_tylcv.prj")
+    meta, shapes, columns = read(f"/vsizip/{path}")
+    assert meta["crs"] == "EPSG:4326"
+    assert list(columns) == ["RATE", "UNIT", "ZONE", "AREA_HA"]
+    assert set(zip(columns["ZONE"], columns["RATE"], columns["UNIT"], strict=True)) == {
+        ("treat", 200.0, "L/ha"),
+        ("look again", 0.0, "L/ha"),
+        ("healthy", 0.0, "L/ha"),
+    }
+    told = of.summary()["fields"]["tylcv"]
+    assert columns["AREA_HA"][columns["RATE"] > 0].sum() == pytest.approx(told["prescribed_ha"], abs=1e-5)
+    assert shapely.is_valid(shapes).all()
+
+
+class _Page(HTMLParser):
+    def __init__(self):
+        super().__init__()
+        self.tags, self.links, self.text = [], [], []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.links += [value for name, value in attrs if name in ("href", "src")]
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+
+def test_the_page_needs_nothing_else_and_shows_names_as_they_are(written):
+    of, folder, _ = written
+    text = (folder / "report.html").read_text(encoding="utf-8")
+    page = _Page()
+    page.feed(text)
+    assert page.links
+    assert all(link.startswith("data:image/png;base64,") for link in page.links)
+    assert not {"script", "link", "iframe", "farm"} & set(page.tags)
+    assert not re.search(r"url\((?!#)|@import", text)
+    words = " ".join(page.text)
+    assert "Nia's <farm> & co: what to treat" in words
+    assert "3 of 9 readings lie <outside>." in words
+    told = of.summary()["fields"]["tylcv"]
+    assert f"Treat {told['prescribed_ha']:.2f} ha: {200 * told['prescribed_ha']:,.0f} L at 200 L/ha." in words
+    for zone in (one for one in of.zones if one.zone == TREAT and one.field == "tylcv"):
+        assert f"{zone.latitude_deg:.5f}, {zone.longitude_deg:.5f}" in words
+    assert page.tags.count("svg") == page.tags.count("section") == 2
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(CHROMIUM is None, reason="no browser is installed")
+def test_the_page_prints_on_one_sheet(written, tmp_path):
+    _, folder, _ = written
+    printed = tmp_path / "page.pdf"
+    flags = ["--headless", "--no-sandbox", "--disable-gpu", "--no-pdf-header-footer"]
+    subprocess.run(
+        [
+            CHROMIUM,
+            *flags,
+            f"--user-data-dir={tmp_path}",
+            f"--print-to-pdf={printed}",
+            folder / "report.html",
+        ],
+        check=True,
+        timeout=120,
+        capture_output=True,
+    )
+    assert len(re.findall(rb"/Type\s*/Page\b(?!s)", printed.read_bytes())) == 1
+
+
+def test_an_estimator_without_a_deviation_is_told(tmp_path):
+    of = treatment_of(FARMS["north"][0], states_deviation=False)
+    write_whole_map(of, tmp_path / "map", silent)
+    with rasterio.open(tmp_path / "map" / "map_tylcv.tif") as file:
+        assert file.descriptions[1] == "TYLCV (tomato): uncertainty (doubt on the estimator's own scale)"
+        assert file.units[1] in ("", None)
+    assert "does not tell how sure it is" in (tmp_path / "map" / "report.html").read_text()
+    assert all(one.zone != LOOK for one in of.zones)
+
+
+def test_the_same_map_gives_the_same_files(tmp_path):
+    small = farm_at(10.0, 20.0, 5.0, cells=(90, 70))
+    for name in ("one", "two"):
+        write_whole_map(treatment_of(small, observations=Observations.empty()), tmp_path / name, silent)
+    names = sorted(path.name for path in (tmp_path / "one").iterdir())
+    differ = [
+        name
+        for name in names
+        if (tmp_path / "one" / name).read_bytes() != (tmp_path / "two" / name).read_bytes()
+    ]
+    assert differ in ([], ["zones.gpkg"])  # which has the time of its making
+
+
+def test_the_affine_map_is_off_by_less_than_said():
+    farm = farm_at(45.0, 8.9, 33.0, cells=(6000, 5000), cell_m=0.3)
+    cells = UtmCells.of(farm)
+    rng = np.random.default_rng(3)
+    column, row = rng.uniform(0, 6000, 1000), rng.uniform(0, 5000, 1000)
+    latitude, longitude = farm.frame.to_wgs84(column * 0.3, (5000 - row) * 0.3)
+    east, north = Transformer.from_crs(4326, cells.epsg, always_xy=True).transform(longitude, latitude)
+    a, b, c, d, e, f = cells.affine
+    off_m = np.hypot(a * column + b * row + c - east, d * column + e * row + f - north)
+    assert 1e-5 < off_m.max() <= 1.05 * cells.error_m < 0.005
+
+
+@pytest.mark.parametrize(
+    ("farm", "told"),
+    [
+        (farm_at(85.0, 10.0, 0.0), "latitude 85.0 lies beyond UTM"),
+        (
+            farm_at(45.0, 8.9, 0.0, cells=(14_000, 14_000), cell_m=10.0),
+            "in UTM its cells would be .* m off; choose",
+        ),
+    ],
+)
+def test_farms_that_do_not_fit_are_refused(farm, told):
+    with pytest.raises(MapError, match=told):
+        UtmCells.of(farm)
+
+
+@pytest.mark.slow
+def test_a_whole_waterberry_takes_seconds(tmp_path):
+    import time
+
+    from geo import get_farm
+
+    farm = get_farm("waterberry")
+    of = replace(treatment_of(farm), block_m=None)
+    begin = time.perf_counter()
+    write_whole_map(of, tmp_path / "map", silent)
+    assert time.perf_counter() - begin < 60.0
+    with rasterio.open(tmp_path / "map" / "map_tylcv.tif") as file:
+        assert file.shape == (5000, 6000)
+        assert file.overviews(1)[-1] >= 8
+    shutil.rmtree(tmp_path / "map")

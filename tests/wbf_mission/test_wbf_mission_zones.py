@@ -1,0 +1,191 @@
+"""Zones: the action of least expected cost, block by block."""
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.integrate import quad
+from scipy.stats import beta, norm
+
+from geo import get_farm
+from sensors.fields import PAPER_FIELDS
+from wbf_mission.maps.blocks import MapGrid
+from wbf_mission.maps.field_maps import FieldMap
+from wbf_mission.maps.gis import MapError
+from wbf_mission.maps.zones import (
+    HEALTHY,
+    LOOK,
+    NOTHING,
+    TREAT,
+    FieldCosts,
+    block_grid,
+    costs_of,
+    zone_map,
+)
+
+COSTS = FieldCosts(treat=300.0, loss=4000.0, look=20.0)
+CELLS = 100.0
+
+
+def field_map(mean, deviation, *, field="tylcv", cells=CELLS):
+    """Blocks in a row with these means and deviations of their shares."""
+    mean = np.asarray(mean, np.float64)[:, None]
+    grid = MapGrid((10 * len(mean), 10), 1.0, 10, 1)
+    count = np.full(mean.shape, cells)
+    variance = None
+    if deviation is not None:
+        variance = (np.asarray(deviation, np.float64)[:, None] * count) ** 2
+    nothing = np.zeros(mean.shape)
+    finds = np.empty((0, 2), np.int32)
+    return FieldMap(
+        PAPER_FIELDS[field], grid, count, mean * count, mean, variance, nothing, nothing, finds, 1.0
+    )
+
+
+def expected_least(mean, deviation, limit):
+    """E[min(limit, s)] by integration."""
+    size = mean * (1.0 - mean) / deviation**2 - 1.0
+    shares = beta(mean * size, (1.0 - mean) * size)
+    # min(t, s) = s - (s - t)+, whose mean is the integral of the survival function.
+    return mean - quad(shares.sf, limit, 1.0, limit=200)[0]
+
+
+@given(st.floats(0.01, 0.9), st.floats(0.05, 0.9), st.floats(10.0, 3900.0))
+def test_a_look_is_worth_the_expected_value_of_perfect_information(mean, part, treat):
+    deviation = part * np.sqrt(mean * (1.0 - mean))
+    costs = replace(COSTS, treat=treat)
+    found = zone_map(field_map([mean], [deviation]), costs)
+    best = min(treat, 4000.0 * mean)
+    known = 4000.0 * expected_least(mean, deviation, treat / 4000.0)
+    assert found.gain[0, 0] == pytest.approx(best - known, abs=0.05)
+    actions = {HEALTHY: 4000.0 * mean, TREAT: treat, LOOK: costs.look + best - found.gain[0, 0]}
+    assert actions[int(found.zone[0, 0])] == pytest.approx(min(actions.values()), abs=1e-6)
+
+
+def test_what_is_sure_is_treated_or_left_and_what_is_not_is_looked_at():
+    found = zone_map(field_map([0.01, 0.5, 0.08, 0.0, 1.0], [0.0, 1e-4, 0.1, 0.0, 0.0]), COSTS)
+    assert found.zone[:, 0].tolist() == [HEALTHY, TREAT, LOOK, HEALTHY, TREAT]
+    # All or nothing: a block is sick as a whole with probability 0.05, or not at all.
+    whole = zone_map(field_map([0.05], [np.sqrt(0.05 * 0.95)]), COSTS)
+    assert whole.gain[0, 0] == pytest.approx(4000.0 * 0.05 - 300.0 * 0.05)
+
+
+def test_treating_begins_where_the_loss_exceeds_the_cost():
+    share = 300.0 / 4000.0
+    found = zone_map(field_map([share - 1e-6, share + 1e-6], None), COSTS)
+    assert found.zone[:, 0].tolist() == [HEALTHY, TREAT]
+
+
+def test_without_a_deviation_nothing_is_to_be_looked_at():
+    found = zone_map(field_map(np.linspace(0.0, 1.0, 50), None), replace(COSTS, look=0.0))
+    assert set(found.zone.ravel().tolist()) == {HEALTHY, TREAT}
+    assert not found.gain.any()
+
+
+def test_treating_that_costs_more_than_the_loss_is_never_worth_it():
+    found = zone_map(field_map([0.5, 1.0], [0.3, 0.0]), replace(COSTS, treat=5000.0))
+    assert found.zone[:, 0].tolist() == [HEALTHY, HEALTHY]
+
+
+def test_a_continuous_field_is_treated_by_the_chance_that_it_is_too_low():
+    means, deviation = [0.2, 0.39, 0.6], 0.05
+    found = zone_map(field_map(means, [deviation] * 3, field="soil"), replace(COSTS, treat=2000.0))
+    assert found.need[:, 0] == pytest.approx(norm.cdf((0.4 - np.array(means)) / deviation))
+    assert found.zone[:, 0].tolist() == [TREAT, LOOK, HEALTHY]
+    assert [found.word(one) for one in (TREAT, LOOK, HEALTHY)] == ["dry", "look again", "enough"]
+
+
+def test_blocks_without_the_crop_are_nothing():
+    of = field_map([0.5, 0.5], [0.1, 0.1])
+    found = zone_map(replace(of, cells=np.array([[0.0], [4.0]]), total=np.array([[0.0], [2.0]])), COSTS)
+    assert found.zone[0, 0] == NOTHING
+    assert np.isnan(found.need[0, 0])
+    assert found.hectares[:, 0].tolist() == [0.0, 4e-4]
+
+
+def test_expected_costs_are_those_of_the_actions():
+    found = zone_map(field_map([0.01, 0.5, 0.08], [0.0, 0.0, 0.1]), COSTS)
+    area = CELLS / 1e4
+    costs = found.expected_costs
+    assert costs["leave"] == pytest.approx(4000.0 * 0.59 * area)
+    assert costs["treat"] == pytest.approx(900.0 * area)
+    looked = 20.0 + 300.0 - found.gain[2, 0]
+    assert costs["zones"] == pytest.approx((40.0 + 300.0 + looked) * area)
+    assert costs["known"] == pytest.approx((40.0 + 300.0 + looked - 20.0) * area)
+
+
+@given(st.floats(0.005, 0.5), st.floats(0.05, 0.99))
+def test_more_looks_save_more_and_all_of_them_what_knowing_would(mean, part):
+    found = zone_map(field_map([mean], [part * np.sqrt(mean * (1.0 - mean))]), COSTS)
+    gains = [found.gain_of_looks(np.array([[n]], np.float64)) for n in (0, 1, 5, 30, 100, 1e12)]
+    whole = float(found.gain[0, 0]) * CELLS / 1e4
+    assert gains[0] == 0.0
+    assert all(one <= two + 1e-9 for one, two in itertools.pairwise(gains))
+    assert gains[-1] == pytest.approx(whole, abs=1e-6)
+
+
+def test_a_look_is_worth_what_betabinomial_outcomes_save():
+    # One look at an all-or-nothing block tells all; at a block of independent plants nearly nothing.
+    whole = zone_map(field_map([0.05], [np.sqrt(0.05 * 0.95)]), COSTS)
+    assert whole.gain_of_looks(np.ones((1, 1))) == pytest.approx(float(whole.gain[0, 0]) / 100.0)
+    one = zone_map(field_map([0.05], [0.02]), COSTS)
+    assert one.gain_of_looks(np.ones((1, 1))) < 0.01 * float(one.gain[0, 0]) / 100.0
+
+
+def test_costs_are_those_given_and_otherwise_the_scores():
+    costs = costs_of(PAPER_FIELDS, {})
+    assert costs["tylcv"] == FieldCosts(1.0, 11.0, 0.1)
+    assert costs["soil"] == FieldCosts(0.1, 0.2, pytest.approx(0.01), rate=10.0, rate_unit="mm")
+    given_costs = {
+        "look": ["ccr=0"],
+        "treat": ["100", "ccr=2e2"],
+        "below": ["soil=0.55"],
+        "rate": ["80 kg/ha"],
+    }
+    costs = costs_of(PAPER_FIELDS, given_costs)
+    assert [one.treat for one in costs.values()] == [100.0, 200.0, 100.0]
+    assert [one.look for one in costs.values()] == [10.0, 0.0, 10.0]
+    assert [one.loss for one in costs.values()] == [1100.0, 2200.0, 200.0]
+    assert costs["soil"].below == 0.55
+    assert {(one.rate, one.rate_unit) for one in costs.values()} == {(80.0, "kg/ha")}
+
+
+def test_what_is_not_given_keeps_its_proportion():
+    costs = costs_of(PAPER_FIELDS, {"loss": ["tylcv=2200"], "treat": ["ccr=300"]})
+    assert (costs["tylcv"].treat, costs["tylcv"].loss, costs["tylcv"].look) == (200.0, 2200.0, 20.0)
+    assert (costs["ccr"].treat, costs["ccr"].loss) == (300.0, pytest.approx(3300.0))
+    both = costs_of(PAPER_FIELDS, {"loss": ["4000"], "treat": ["300"]})["tylcv"]
+    assert (both.treat, both.loss, both.look) == (300.0, 4000.0, 30.0)
+
+
+@pytest.mark.parametrize(
+    ("key", "text", "told"),
+    [
+        ("treat", "many", "--treat-cost many: 'many' is not a number; give"),
+        ("treat", "mildew=3", "--treat-cost mildew=3: no field 'mildew'; the fields are tylcv, ccr, soil"),
+        ("loss", "0", "--loss 0: out of range; give a number above 0"),
+        ("loss", "1e400", "--loss 1e400: out of range"),
+        ("look", "-1", "--look-cost -1: out of range; give a number 0 or more"),
+        ("below", "1.5", "--dry-below 1.5: out of range; give a number above 0 and up to 1"),
+        ("rate", "L/ha", "--rate L/ha: 'L/ha' is not a number"),
+        ("treat", "3 EUR", "--treat-cost 3 EUR: '3 EUR' is not a number"),
+    ],
+)
+def test_costs_that_make_no_sense_are_refused(key, text, told):
+    with pytest.raises(MapError) as caught:
+        costs_of(PAPER_FIELDS, {key: [text]})
+    assert str(caught.value).startswith(told)
+
+
+def test_blocks_are_what_a_sprayer_can_act_on():
+    sides = {name: block_grid(get_farm(name)) for name in ("miniberry-10", "miniberry-100", "waterberry")}
+    assert {name: grid.pixel for name, grid in sides.items()} == {
+        "miniberry-10": 1,
+        "miniberry-100": 3,
+        "waterberry": 13,
+    }
+    assert block_grid(get_farm("waterberry"), 10.0).pixel == 33
+    assert block_grid(get_farm("miniberry-10"), 500.0).pixels == (1, 1)

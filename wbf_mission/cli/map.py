@@ -1,0 +1,294 @@
+"""``wbf-mission map``."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from wbf_mission.cli import options
+from wbf_mission.cli.options import MISSION_SUFFIXES, Force, TargetError, option, refuse_overwrite
+from wbf_mission.cli.output import Output, duration
+from wbf_mission.cli.preflight import show_findings
+from wbf_mission.scenario import (
+    CameraOptions,
+    EstimateOptions,
+    FarmOptions,
+    MissionOptions,
+    Scenario,
+    ScenarioError,
+    VehicleOptions,
+    WeatherOptions,
+)
+
+if TYPE_CHECKING:
+    from wbf_mission.maps.treatment import TreatmentMap
+    from wbf_mission.treatment import NextFlight
+
+EXAMPLES = """
+Examples
+wbf-mission map --log flight.tlog --farm my-farm.geojson --out map
+wbf-mission map --log 00000012.BIN --observations leaves.csv --farm my-farm.geojson --estimator gp --out map
+wbf-mission map --log pictures/ --observations leaves.csv --fields tylcv --treat-cost 300 --out map
+wbf-mission map --log runs/mine --out map --next again.plan --budget 10min --policy orienteering
+"""
+
+_COSTS = "What it costs"
+_NEXT = "The next flight"
+_HOW = "[FIELD=]NUMBER, may be repeated"
+_OF_NEXT = (
+    *("policy", "budget", "altitude_m", "cruise_speed_m_s", "acceptance_radius_m", "margin_m"),
+    "fence_m",
+    *("vehicle", "autopilot", "parameters", "wind_speed_m_s", "wind_direction_deg", "wind_gust_m_s"),
+)
+"""Options that have an effect only on the next flight."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Costs:
+    """What actions cost, and what a treated hectare gets."""
+
+    treat_cost: Annotated[
+        list[str] | None,
+        option(
+            f"Of treating a hectare, in any currency: {_HOW}.  [default: relative to --loss, as the field's"
+            " costs of errors]",
+            panel=_COSTS,
+            metavar="COST",
+        ),
+    ] = None
+    loss: Annotated[
+        list[str] | None,
+        option(
+            f"Of a hectare that needs treatment and gets none: {_HOW}.  [default: relative to --treat-cost]",
+            panel=_COSTS,
+            metavar="COST",
+        ),
+    ] = None
+    look_cost: Annotated[
+        list[str] | None,
+        option(
+            f"Of looking at a hectare again: {_HOW}.  [default: a tenth of --treat-cost, an assumption]",
+            panel=_COSTS,
+            metavar="COST",
+        ),
+    ] = None
+    dry_below: Annotated[
+        list[str] | None,
+        option(
+            f"A continuous field needs treatment below this value: {_HOW}.  [default: 0.4, an assumption]",
+            panel=_COSTS,
+            metavar="VALUE",
+        ),
+    ] = None
+    rate: Annotated[
+        list[str] | None,
+        option(
+            "What a treated hectare gets: [FIELD=]NUMBER[UNIT], may be repeated.  [default: 200L/ha; of soil"
+            " humidity 10mm]",
+            panel=_COSTS,
+            metavar="RATE",
+        ),
+    ] = None
+    block: Annotated[
+        float | None,
+        option(
+            "Side of a block that a sprayer can act on, metres.  [default: 4, less on small farms]",
+            panel=_COSTS,
+            parser=options.number,
+        ),
+    ] = None
+
+    def given(self) -> dict[str, list[str]]:
+        """Return what was given, as `wbf_mission.maps.zones.costs_of` takes it."""
+        keys = {
+            "treat": self.treat_cost,
+            "loss": self.loss,
+            "look": self.look_cost,
+            "below": self.dry_below,
+            "rate": self.rate,
+        }
+        if self.block is not None and not 0.01 <= self.block <= 1000.0:
+            raise ScenarioError(f"--block {self.block:g} is out of range: give 0.01 to 1000 metres")
+        return {key: texts for key, texts in keys.items() if texts}
+
+
+@options.scenario_options(
+    FarmOptions,
+    EstimateOptions,
+    MissionOptions,
+    VehicleOptions,
+    WeatherOptions,
+    CameraOptions,
+    without=(
+        *("days", "flights_per_day", "planner", "mission", "partition", "vehicles", "separation"),
+        *("turbulence", "gps_noise_m", "baro_noise_m", "estimate_errors", "radio_range_m", "camera_noise"),
+        *("false_positive_rate", "false_negative_rate", "camera_fields", "camera_spacing_m"),
+        *("wind_shear", "wind_roughness_m", "wind_exponent", "wind_height_m"),
+    ),
+)
+@options.speaks()
+@options.gives("costs", _Costs)
+def map_command(
+    given: options.Given,
+    output: Output,
+    *,
+    out: Annotated[Path, option("Folder for the map.", panel=options.OUTPUT_PANEL)],
+    log: Annotated[
+        Path | None,
+        option(
+            "Where the camera was: a .tlog, an ArduPilot .bin, a PX4 .ulg, a folder of geotagged pictures, or"
+            " the results of a 'fly'.",
+            panel="What was flown",
+        ),
+    ] = None,
+    observations: Annotated[
+        Path | None,
+        option(
+            "What it saw: CSV with a column for each field, and time, name, image, or latitude and longitude;"
+            " or observations of a 'fly'.  [default: those in the .tlog or the results]",
+            panel="What was flown",
+        ),
+    ] = None,
+    costs: _Costs,
+    next_plan: Annotated[
+        Path | None,
+        option(
+            "Plan another flight that looks where that is worth most, and write it there.",
+            "--next",
+            panel=_NEXT,
+        ),
+    ] = None,
+    overwrite: Annotated[
+        bool,
+        option("Replace a map, or write among other files.", "--overwrite", panel=options.OUTPUT_PANEL),
+    ] = False,
+    force: Force = False,
+) -> None:
+    """Make the treatment map of a flight: GeoTIFF, zones, prescriptions, a page for the farmer."""
+    from mission.files import Firmware, write_mission
+    from wbf_mission.maps.gis import require_gis
+    from wbf_mission.maps.treatment import SUMMARY
+    from wbf_mission.results.files import write_json
+    from wbf_mission.results.writing import write_whole_map
+
+    require_gis()
+    inputs = [given.file, log, observations]
+    _check_next(given, next_plan, inputs, overwrite=overwrite)
+    with _folder(out, inputs, overwrite=overwrite) as folder, output.progress() as progress:
+        of, scenario = _treatment(given, log, observations, costs, progress)
+        for note in of.notes:
+            output.warn(note)
+        flight = None
+        if next_plan is not None:
+            from wbf_mission.treatment import plan_next
+
+            flight = plan_next(of, scenario, progress=progress)
+            _check_plan(output, flight, force=force)
+        files = write_whole_map(of, folder.filled, progress)
+        summary = {**of.summary(), "next": None if flight is None else flight.summary()}
+        write_json(folder.filled / SUMMARY, summary)
+        folder.commit()
+    if flight is not None and next_plan is not None:
+        write_mission(flight.plan.mission, next_plan, firmware=Firmware(flight.plan.mav_autopilot))
+    summary["files"] = [str(out / one.name) for one in files]
+    output.result(summary, _rows(of, flight, out, next_plan), title=f"{of.farm.name}: treatment map")
+
+
+def _treatment(
+    given: options.Given, log: Path | None, observations: Path | None, costs: _Costs, progress: Any
+) -> tuple[TreatmentMap, Scenario]:
+    """Return the map, and the scenario that it and the next flight are of."""
+    from wbf_mission.results.files import RECORD
+    from wbf_mission.treatment import treatment_of_log, treatment_of_result
+
+    wanted: dict[str, Any] = {"costs": costs.given(), "block_m": costs.block}
+    if log is None or not (log / RECORD).is_file():
+        scenario = given.scenario()
+        return (
+            treatment_of_log(scenario, log=log, observations=observations, progress=progress, **wanted),
+            scenario,
+        )
+    from wbf_mission.results.result import load_result
+
+    fixed = sorted(set(given.changes) - {*_OF_NEXT, "camera_footprint", "seed"})
+    if observations is not None or given.file is not None or fixed:
+        what = "--observations" if observations else "--scenario" if given.file else f"--{fixed[0]}"
+        raise ScenarioError(
+            f"{what} has no effect on the results of a run, which have their own: leave it out"
+        )
+    progress("reading", 0, 1)
+    result = load_result(log)
+    progress("reading", 1, 1)
+    return treatment_of_result(result, source=f"the run {log.name}", **wanted), given.change(result.scenario)
+
+
+def _check_next(
+    given: options.Given, plan: Path | None, inputs: list[Path | None], *, overwrite: bool
+) -> None:
+    if plan is None:
+        idle = [key for key in _OF_NEXT if key in given.changes]
+        if idle:
+            flag = idle[0].removesuffix("_m_s").removesuffix("_m").replace("_", "-")
+            raise ScenarioError(f"--{flag} has an effect only with --next: give that, too, or leave it out")
+        return
+    from mission.files import writer_for
+
+    refuse_overwrite(plan, inputs, suffixes=MISSION_SUFFIXES, overwrite=overwrite)
+    writer_for(plan)
+
+
+@contextlib.contextmanager
+def _folder(out: Path, inputs: list[Path | None], *, overwrite: bool) -> Iterator[Any]:
+    """Open the folder of the map, which holds no input, and nothing else unless it may be replaced."""
+    from geo.atomic import AtomicFolder, FolderError
+    from wbf_mission.maps.treatment import SUMMARY, is_part
+
+    if out.exists() and not out.is_dir():
+        raise TargetError(f"{out}: is a file, not a folder for the map; give another name")
+    for one in inputs:
+        if one is not None and one.exists() and out.resolve() in (one.resolve(), one.resolve().parent):
+            raise TargetError(f"{out}: holds {one}, which is read; give another folder")
+    try:
+        folder = AtomicFolder(out, SUMMARY, is_part)
+        if not overwrite and out.is_dir() and {one.name for one in out.iterdir()} - folder.hidden_names:
+            what = "a map" if (out / SUMMARY).is_file() else "other files"
+            raise TargetError(f"{out}: holds {what} already; give another folder, or --overwrite")
+        with folder:
+            yield folder
+    except FolderError as error:
+        raise TargetError(f"{out}: {error}") from error
+
+
+def _check_plan(output: Output, flight: NextFlight, *, force: bool) -> None:
+    from wbf_mission.preflight.run import check_plans
+
+    show = partial(show_findings, output)
+    check_plans([(flight.plan, flight.vehicle)], "nothing was written", force=force, show=show)
+    for warning in flight.plan.warnings:
+        output.warn(warning)
+
+
+def _rows(of: TreatmentMap, flight: NextFlight | None, out: Path, plan: Path | None) -> dict[str, str]:
+    from wbf_mission.maps.farmer_page import area_in_words
+    from wbf_mission.maps.zones import HEALTHY, LOOK, TREAT
+
+    rows = {
+        "made from": f"{len(of.observations)} readings, day {of.day}, {of.estimator}",
+        **of.report.rows(),
+    }
+    for one in of.zone_maps:
+        parts = [f"{one.word(zone)} {area_in_words(one.area_ha(zone))}" for zone in (TREAT, LOOK, HEALTHY)]
+        rows[f"zones, {one.field.title}"] = ", ".join(parts)
+    if flight is not None:
+        prediction = flight.plan.prediction
+        rows["next flight"] = (
+            f"{plan}: {flight.policy}, {flight.plan.budget_text}, {duration(prediction.duration_s)}; looks at"
+            f" {area_in_words(flight.looked_at_ha)} of crops and is expected to save {flight.gain:.3g} of the"
+            f" {flight.gain_of_all:.3g} that knowing everything would (in the unit of the costs)"
+        )
+    rows["files"] = str(out)
+    return rows

@@ -1,0 +1,79 @@
+"""Estimates as cloud-optimised GeoTIFF."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+from geo import Farm
+from sensors.fields import Field
+from sensors.scoring.information import InformationModel
+from wbf_mission.maps.gis import UtmCells, gis, raster
+
+NODATA = -9999.0
+_STRIP = 512
+
+
+def write_geotiff(
+    path: Path, farm: Farm, field: Field, model: InformationModel, *, deviation: bool, day: int
+) -> UtmCells:
+    """Write one field: band 1 the value, band 2 the uncertainty of each cell, float32; and return where.
+
+    Cells that are not the owner's, or have none of the field's crops, are `NODATA`. The uncertainty is a
+    standard deviation if `deviation`, else on the estimator's own scale.
+
+    Raises
+    ------
+    MapError
+        As `UtmCells.of`, or without rasterio.
+    """
+    rasterio, copying = gis("rasterio"), gis("rasterio.shutil")
+    cells = UtmCells.of(farm)
+    k = model.fields.index(field.name)
+    mask = field.mask(farm.grid())
+    profile = {
+        "driver": "GTiff",
+        "width": farm.width_cells,
+        "height": farm.height_cells,
+        "count": 2,
+        "dtype": "float32",
+        "nodata": NODATA,
+        "crs": f"EPSG:{cells.epsg}",
+        "transform": rasterio.Affine(*cells.affine),
+        "tiled": True,
+        "blockxsize": _STRIP,
+        "blockysize": _STRIP,
+        "BIGTIFF": "IF_SAFER",
+    }
+    # The driver of such files copies a raster that is there: one beside it, on the disk, not in memory.
+    plain = path.with_name(f".{path.name}.plain.tif")
+    scale = "standard deviation" if deviation else "doubt on the estimator's own scale"
+    with warnings.catch_warnings():
+        # A farm of a few cells needs no tiles.
+        warnings.simplefilter("ignore", rasterio.errors.RasterioDeprecationWarning)
+        try:
+            with rasterio.open(plain, "w", **profile) as file:
+                for top in range(0, farm.height_cells, _STRIP):
+                    rows = slice(top, min(top + _STRIP, farm.height_cells))
+                    for band, array in ((1, model.value[k]), (2, model.uncertainty[k])):
+                        part = np.where(raster(mask)[rows], raster(array)[rows], np.float32(NODATA))
+                        window = rasterio.windows.Window(0, top, farm.width_cells, len(part))
+                        file.write(part, band, window=window)
+                file.descriptions = (f"{field.title}: value", f"{field.title}: uncertainty ({scale})")
+                file.units = (field.unit, field.unit if deviation else "")
+                file.update_tags(farm=farm.name, field=field.name, day=day, software="wbf-mission")
+            copying.copy(
+                plain,
+                path,
+                driver="COG",
+                COMPRESS="DEFLATE",
+                LEVEL="1",
+                PREDICTOR="YES",
+                NUM_THREADS="ALL_CPUS",
+                OVERVIEW_RESAMPLING="AVERAGE",
+            )
+        finally:
+            plain.unlink(missing_ok=True)
+    return cells

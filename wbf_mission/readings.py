@@ -1,0 +1,246 @@
+"""Readings of a table (CSV) joined to where the camera was when it took them."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path, PurePosixPath
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geo import Farm
+from geo.reading import UnreadableError, read_text
+from geo.texts import parse_number, parse_whole
+from mission.logs import LogTrack
+from sensors.camera.leaf_camera import footprint_offsets
+from sensors.errors import ObservationError
+from sensors.observations import COLUMNS, Observations
+
+Floats: TypeAlias = NDArray[np.float64]
+
+KEYS = (("latitude", "longitude"), ("name",), ("image",), ("time",))
+"""How a row tells where it belongs, the surest first."""
+_MOST_BYTES = 2**28
+_MOST_ROWS = 5_000_000
+_FIRST_DAY_S = 1e9
+
+
+@dataclass(slots=True)
+class Readings:
+    """The rows of a table.
+
+    Parameters
+    ----------
+    key : tuple of str
+        One of `KEYS`.
+    keys : list
+        Of each row: (latitude, longitude), name, image or seconds (`mission.logs.track.LEAST_UTC_S`).
+    values : list of list of float
+        Of each row, by field; NaN where it was not sensed.
+    """
+
+    key: tuple[str, ...]
+    keys: list[object] = field(default_factory=list)
+    values: list[list[float]] = field(default_factory=list)
+
+
+def is_cells(path: Path) -> bool:
+    """Tell whether a file holds observations by farm cell, as `fly` writes them."""
+    if path.suffix.lower() == ".parquet":
+        return True
+    return set(COLUMNS) <= set(_header(path)[0])
+
+
+def read_readings(path: Path, fields: Sequence[str]) -> Readings:
+    """Read a table: columns named as fields with values in 0..1, empty where not sensed, and a key.
+
+    Other columns are passed over, and so are keys less sure than the first one of `KEYS` that is there.
+
+    Raises
+    ------
+    ObservationError
+        If it cannot be read, has no key or none of the fields, or a line holds anything else.
+    """
+    header, lines = _header(path)
+    key = next((one for one in KEYS if set(one) <= set(header)), None)
+    if key is None:
+        wanted = "latitude and longitude, name, image, or time"
+        raise ObservationError(f"{path}: no column tells where a reading belongs; give {wanted}")
+    columns = [header.index(name) if name in header else None for name in fields]
+    if not any(column is not None for column in columns):
+        raise ObservationError(f"{path}: no column is a field; give one or more of {', '.join(fields)}")
+    places = [header.index(name) for name in key]
+    found = Readings(key)
+    try:
+        for row in lines:
+            if not row:
+                continue
+            where = f"{path}: line {lines.line_num}"
+            if len(found.keys) >= _MOST_ROWS:
+                raise ObservationError(f"{where}: more than {_MOST_ROWS} readings; give them in parts")
+            texts = [row[place].strip() if place < len(row) else "" for place in places]
+            found.keys.append(_key(where, key, texts))
+            found.values.append(
+                [
+                    _value(where, name, row[column] if column is not None and column < len(row) else "")
+                    for name, column in zip(fields, columns, strict=True)
+                ]
+            )
+    except csv.Error as error:
+        raise ObservationError(f"{path}: line {lines.line_num}: is no line of a CSV file ({error})") from None
+    if not found.keys:
+        raise ObservationError(f"{path}: holds no readings below its header")
+    return found
+
+
+def _header(path: Path) -> tuple[list[str], Any]:
+    """Return the names in the first line in lower case, and the reader of the others."""
+    try:
+        lines = csv.reader(io.StringIO(read_text(path, _MOST_BYTES), newline=""), strict=True)
+        return [name.strip().lower() for name in next(lines, [])], lines
+    except UnreadableError as error:
+        raise ObservationError(f"{path}: cannot be read: {error}") from None
+    except csv.Error as error:
+        raise ObservationError(f"{path}: is no CSV file ({error})") from None
+
+
+def _value(where: str, name: str, text: str) -> float:
+    text = text.strip()
+    if not text or text.lower() == "nan":
+        return math.nan
+    try:
+        value = parse_number(text)
+    except ValueError as error:
+        raise ObservationError(f"{where}: {name}: {error}; leave it empty where nothing was read") from None
+    if not 0.0 <= value <= 1.0:
+        raise ObservationError(f"{where}: {name} is {value:g}; values lie in 0..1")
+    return value
+
+
+def _key(where: str, key: tuple[str, ...], texts: list[str]) -> object:
+    try:
+        return _KEY_READERS[key](texts)
+    except ValueError as error:
+        raise ObservationError(f"{where}: {' and '.join(key)}: {error}") from None
+
+
+def _position(texts: list[str]) -> tuple[float, float]:
+    latitude, longitude = map(parse_number, texts)
+    if not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0):
+        raise ValueError(f"{', '.join(texts)} is no position in degrees")
+    return latitude, longitude
+
+
+def _name(texts: list[str]) -> str:
+    if not texts[0]:
+        raise ValueError("is empty; give the file's name")
+    return PurePosixPath(texts[0].replace("\\", "/")).name.lower()
+
+
+def _time(texts: list[str]) -> float:
+    """Return seconds: of the log's own clock, or since 1970; a time without a zone is UTC."""
+    try:
+        value = parse_number(texts[0])
+    except ValueError:
+        try:
+            told = datetime.fromisoformat(texts[0])
+        except ValueError:
+            text = f"{texts[0][:40]!r} is no time; give seconds, or such as 2026-05-01T09:30:00Z"
+            raise ValueError(text) from None
+        return (told if told.tzinfo else told.replace(tzinfo=UTC)).timestamp()
+    if not math.isfinite(value):
+        raise ValueError(f"{texts[0]} is not finite")
+    return value
+
+
+_KEY_READERS: dict[tuple[str, ...], Callable[[list[str]], object]] = {
+    ("latitude", "longitude"): _position,
+    ("name",): _name,
+    ("image",): lambda texts: parse_whole(texts[0]),
+    ("time",): _time,
+}
+
+
+def join(
+    readings: Readings, track: LogTrack | None, farm: Farm, fields: tuple[str, ...], footprint: int, day: int
+) -> tuple[Observations, tuple[str, ...]]:
+    """Return what was read of the farm's cells, and what was left out, in words.
+
+    A reading counts for all cells of the camera's footprint, a square of so many cells a side about the one
+    below the camera. Its order is that of time where the log tells it, else that of the table.
+
+    Raises
+    ------
+    ObservationError
+        If the key needs a log, or nothing is left.
+    LogError
+        If the log does not know the clock of the times.
+    """
+    latitude, longitude, time_s = _places(readings, track)
+    found = np.isfinite(latitude)
+    x_m, y_m = farm.frame.from_wgs84(np.where(found, latitude, 0.0), np.where(found, longitude, 0.0))
+    ix, iy = farm.cell_of(np.asarray(x_m, np.float64), np.asarray(y_m, np.float64))
+    dx, dy = footprint_offsets(footprint)
+    x, y = ix[:, None] + dx, iy[:, None] + dy
+    inside = (x >= 0) & (x < farm.width_cells) & (y >= 0) & (y < farm.height_cells) & found[:, None]
+    values = np.asarray(readings.values, np.float32)
+    empty = np.asarray(np.isnan(values).all(axis=1))
+    inside &= ~empty[:, None]
+    counts = {
+        "are not in the log": int(np.count_nonzero(~found)),
+        "are empty": int(np.count_nonzero(found & empty)),
+        f"lie outside the farm {farm.name}": int(np.count_nonzero(found & ~empty & ~inside.any(axis=1))),
+    }
+    notes = tuple(f"{n} of {len(found)} readings {why}" for why, n in counts.items() if n)
+    if not inside.any():
+        raise ObservationError(f"no reading is left: {'; '.join(notes)}")
+    order = np.argsort(time_s, kind="stable")
+    row, cell = np.nonzero(inside[order])
+    row = order[row]
+    made = Observations(
+        x[row, cell].astype(np.int32),
+        y[row, cell].astype(np.int32),
+        time_s[row] - time_s[row].min(),
+        np.full(len(row), day, np.int32),
+        values[row],
+        fields,
+    )
+    return made, notes
+
+
+def _places(readings: Readings, track: LogTrack | None) -> tuple[Floats, Floats, Floats]:
+    """Return latitude, longitude (NaN where the log does not tell) and a time of each row."""
+    count = len(readings.keys)
+    if readings.key == ("latitude", "longitude"):
+        latitude, longitude = np.array(readings.keys, np.float64).reshape(-1, 2).T
+        return latitude, longitude, np.arange(count, dtype=np.float64)
+    if track is None:
+        key = readings.key[0]
+        raise ObservationError(f"the readings are by {key}: give the log, too (--log), or give positions")
+    if readings.key == ("time",):
+        time_s = np.array(readings.keys, np.float64)
+        return *track.at(time_s), time_s
+    images, by_name = track.images, readings.key == ("name",)
+    if by_name and not images.names:
+        raise ObservationError(f"the {track.kind} knows no names of pictures; give image or time")
+    told = [name.lower() for name in images.names] if by_name else images.index.tolist()
+    number = {one: k for k, one in enumerate(told)}
+    rows = np.array([number.get(one, -1) for one in readings.keys])
+    places = np.column_stack((*track.of_images(), *_clocks(track)))
+    found = np.full((count, 3), np.nan)
+    found[rows >= 0] = places[rows[rows >= 0]]
+    latitude, longitude, time_s = found.T
+    # A picture without a time stays where the table has it: in the order of the others.
+    return latitude, longitude, time_s if np.isfinite(time_s).all() else np.arange(count, dtype=np.float64)
+
+
+def _clocks(track: LogTrack) -> tuple[Floats]:
+    """Return the times of the images on the first clock that all of them have."""
+    images = track.images
+    return (images.boot_s if np.isfinite(images.boot_s).all() else images.utc_s,)

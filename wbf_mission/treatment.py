@@ -39,6 +39,7 @@ from wbf_mission.replanning.loop import DecisionLoop, Knowledge
 from wbf_mission.results.result import Result
 from wbf_mission.run.estimation import estimator_of, naming_estimator, require_run_memory
 from wbf_mission.scenario import Choice, Scenario
+from wbf_mission.scenario.parts import LAST_DAY
 
 Costs = Mapping[str, Sequence[str]]
 """What was given for the costs, as `wbf_mission.maps.zones.costs_of` takes it."""
@@ -150,6 +151,9 @@ def _observed(
         seen.check_inside(farm.grid().shape)
         if not len(seen):
             raise ObservationError(f"{table}: holds no observations")
+        if not 0 <= seen.day.min() <= seen.day.max() <= LAST_DAY:
+            days = f"{seen.day.min()} to {seen.day.max()}"
+            raise ObservationError(f"{table}: the days {days} are not within 0 to {LAST_DAY}")
         return seen, ()
     try:
         seen, left_out = join(read_readings(table, names), track, farm, names, footprint, day)

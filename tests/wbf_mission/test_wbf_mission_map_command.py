@@ -222,6 +222,8 @@ def test_nothing_in_doubt_is_not_worth_a_flight(run, mapped, tmp_path):
         ),
         ("--observations HERE/late.csv", "late.csv: the readings are by time: give the log, too (--log)"),
         ("--observations RUN/observations.parquet --farm miniberry-10", "lies outside the farm of 10 x 10"),
+        ("--observations HERE/old.csv", "old.csv: the days -3 to 6 are not within 0 to 126"),
+        ("--observations HERE/no.csv", "no.csv: holds no observations"),
         ("--log RUN --estimator gp", "--estimator has no effect on the results of a run"),
         ("--log RUN --observations HERE/late.csv", "--observations has no effect on the results of a run"),
         ("--log RUN --budget 1min", "--budget has an effect only with --next"),
@@ -238,6 +240,8 @@ def test_nothing_in_doubt_is_not_worth_a_flight(run, mapped, tmp_path):
 )
 def test_what_cannot_be_mapped_is_told_in_a_line(line, told, run, tmp_path, capsys):
     (tmp_path / "late.csv").write_text("time,soil\n9e5,1\n")
+    (tmp_path / "no.csv").write_text("x,y,time_s,day,tylcv,ccr,soil\n")
+    (tmp_path / "old.csv").write_text("x,y,time_s,day,tylcv,ccr,soil\n1,1,0,-3,1,1,1\n1,1,0,6,1,1,1\n")
     before = sorted(tmp_path.iterdir()), sorted(run.iterdir())
     line = line if "--out" in line else f"{line} --out HERE/map"
     words = line.replace("RUN", str(run)).replace("HERE", str(tmp_path)).split()

@@ -14,10 +14,12 @@ import pytest
 import rasterio
 import shapely
 from browser import CHROMIUM
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from pyproj import Transformer
 
 from geo import Crop, Farm, LocalFrame, Patch
-from sensors.fields import PAPER_FIELDS
+from sensors.fields import PAPER_FIELDS, FieldSet
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from wbf_mission.maps.geotiff import NODATA
@@ -184,6 +186,32 @@ def test_a_sliver_at_the_border_is_no_zone():
         found = [z for z in zones_of(of.farm, replace(one, zone=zone)) if z.zone == TREAT]
         assert len(found) == count
         assert all(z.area_ha == pytest.approx(part[k] * one.block_m**2 / 1e4) for z in found)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.floats(0.2, 0.8))
+def test_any_pattern_of_blocks_becomes_valid_polygons(seed, share):
+    farm = farm_at(0.0, 20.0, 7.0, cells=(60, 44))
+    of = treatment_of(farm, observations=Observations.empty(), block_m=1.0)
+    one, rng = of.zone_maps[0], np.random.default_rng(seed)
+    drawn = rng.choice([HEALTHY, LOOK, TREAT], one.zone.shape, p=[share, (1 - share) / 2, (1 - share) / 2])
+    found = zones_of(farm, replace(one, zone=np.where(one.zone > 0, drawn, 0).astype(np.uint8)))
+    polygons = np.array([zone.polygon for zone in found])
+    assert shapely.is_valid(polygons).all()
+    # No two of them share land.
+    assert shapely.area(shapely.union_all(polygons)) == pytest.approx(shapely.area(polygons).sum())
+    assert {zone.polygon.geom_type for zone in found} == {"Polygon"}
+    assert all(0.0 <= zone.need <= 1.0 and zone.gain >= 0.0 for zone in found)
+
+
+def test_an_owner_who_grows_nothing_of_it_gets_no_map():
+    of = treatment_of(FARMS["north"][0])
+    fields = FieldSet((PAPER_FIELDS["ccr"],))
+    values = np.ones((1, WIDTH, HEIGHT), np.float32)
+    none = replace(of, fields=fields, model=InformationModel(values, values, fields=("ccr",)),
+                   observations=Observations.empty(("ccr",)))  # fmt: skip
+    with pytest.raises(MapError, match="its owner grows nothing of strawberry; give other --fields"):
+        none.summary()
 
 
 def test_zones_across_the_date_line_are_whole(tmp_path):

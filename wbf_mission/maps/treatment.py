@@ -15,6 +15,7 @@ from sensors.scoring.information import InformationModel
 from wbf_mission.maps.farmer_page import Page, write_page
 from wbf_mission.maps.field_maps import field_maps
 from wbf_mission.maps.geotiff import write_geotiff
+from wbf_mission.maps.gis import MapError
 from wbf_mission.maps.report import FarmReport, report_of_maps
 from wbf_mission.maps.vector_files import write_prescription, write_zones
 from wbf_mission.maps.zone_shapes import Zone, zones_of
@@ -63,9 +64,15 @@ class TreatmentMap:
 
     @cached_property
     def zone_maps(self) -> tuple[ZoneMap, ...]:
-        """The zones by blocks, of the fields whose crops the owner grows."""
+        """The zones by blocks, of the fields whose crops the owner grows; MapError if there are none."""
         maps = self._maps(grid=block_grid(self.farm, self.block_m))
-        return tuple(zone_map(one, self.costs[one.field.name]) for one in maps if one.cells.any())
+        found = tuple(zone_map(one, self.costs[one.field.name]) for one in maps if one.cells.any())
+        if not found:
+            crops = ", ".join(sorted({crop for field in self.fields for crop in field.crops}))
+            raise MapError(
+                f"farm {self.farm.name!r}: its owner grows nothing of {crops}; give other --fields"
+            )
+        return found
 
     @cached_property
     def zones(self) -> tuple[Zone, ...]:

@@ -113,9 +113,13 @@ def write_telemetry(path, fixes, images=(), *, system=1):
             round(boot_s * 1e3), *place, 50_000, 20_000, 0, 0, 0, 0
         )
         frames.append((boot_s, message))
-    for index, boot_s, latitude, longitude in images:
-        if latitude == latitude:
-            place = round(latitude * 1e7), round(longitude * 1e7)
+    for index, boot_s, latitude, longitude, *result in images:
+        place = [round(one * 1e7) if one == one else 0 for one in (latitude, longitude)]
+        if result:
+            message = m.MAVLink_camera_image_captured_message(
+                round(boot_s * 1e3), 0, 1, *place, 50_000, 20_000, [1.0, 0.0, 0.0, 0.0], index, *result, b""
+            )
+        elif latitude == latitude:
             message = m.MAVLink_camera_feedback_message(
                 round((UTC_S + boot_s) * 1e6), 1, 0, index, *place, 50.0, 20.0, 0.0, 0.0, 0.0, 0.0, 0
             )

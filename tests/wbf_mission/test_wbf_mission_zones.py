@@ -135,6 +135,13 @@ def test_a_look_is_worth_what_betabinomial_outcomes_save():
     assert one.gain_of_looks(np.ones((1, 1))) < 0.01 * float(one.gain[0, 0]) / 100.0
 
 
+def test_a_look_at_a_continuous_field_tells_its_block_and_no_other():
+    found = zone_map(field_map([0.39, 0.41], [0.05, 0.05], field="soil"), COSTS)
+    looked = np.array([[3.0], [0.0]])
+    assert found.gain_of_looks(looked) == pytest.approx(float(found.gain[0, 0]) * CELLS / 1e4)
+    assert found.gain_of_looks(looked[::-1]) == pytest.approx(float(found.gain[1, 0]) * CELLS / 1e4)
+
+
 def test_costs_are_those_given_and_otherwise_the_scores():
     costs = costs_of(PAPER_FIELDS, {})
     assert costs["tylcv"] == FieldCosts(1.0, 11.0, 0.1)

@@ -215,7 +215,7 @@ class ZoneMap:
             told = np.sqrt(variance * count / np.maximum(count + size - 1.0, _CERTAIN))
             limit = self.costs.treat / self.costs.loss
             gain = self.costs.loss * (np.minimum(limit, need) - _expected_least(need, told, limit))
-            gain = np.minimum(np.maximum(gain, 0.0), self.gain[there])
+            gain = np.maximum(gain, 0.0)
         else:
             gain = np.where(count > 0, self.gain[there], 0.0)
         return float((gain * area).sum())

@@ -53,9 +53,12 @@ def test_feedback_of_a_camera_replaces_its_trigger(tmp_path):
     assert read_track(path).images.latitude_deg.tolist() == [pytest.approx(-28.0500001)]
 
 
-def test_images_that_failed_are_none(tmp_path):
-    path = write_ulog(tmp_path / "x.ulg", FIXES, [*IMAGES, (9, 15.0, -28.0, 151.5, -1)])
-    assert read_track(path).images.index.tolist() == [7, 8]
+@pytest.mark.parametrize("kind", ["ulg", "tlog"])
+def test_images_that_failed_are_none(kind, tmp_path):
+    images = [*((*one, 1) for one in IMAGES), (9, 15.0, -28.0, 151.5, 0)]
+    track = read_track(WRITERS[kind](tmp_path / "x", FIXES, images))
+    assert track.images.index.tolist() == [7, 8]
+    assert np.allclose(track.images.latitude_deg, [row[2] for row in IMAGES], atol=1e-7)
 
 
 def test_a_receiver_without_a_3d_fix_is_not_believed(tmp_path):

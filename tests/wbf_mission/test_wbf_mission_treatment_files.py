@@ -282,6 +282,13 @@ def test_the_page_needs_nothing_else_and_shows_names_as_they_are(written):
     for zone in (one for one in of.zones if one.zone == TREAT and one.field == "tylcv"):
         assert f"{zone.latitude_deg:.5f}, {zone.longitude_deg:.5f}" in words
     assert page.tags.count("svg") == page.tags.count("section") == 2
+    # North is where the frame's x axis, to the right, is so far anticlockwise from east.
+    assert text.count(f'rotate({of.farm.frame.rotation_deg:.2f})"') == 2
+    treat = [one for one in of.zones if one.zone == TREAT and one.field == "tylcv"]
+    worst_first = sorted(treat, key=lambda one: -one.need * one.area_ha)
+    places = [words.index(f"{one.latitude_deg:.5f}, {one.longitude_deg:.5f}") for one in worst_first]
+    assert len(places) == 2
+    assert places == sorted(places)
 
 
 @pytest.mark.slow

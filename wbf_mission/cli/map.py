@@ -223,7 +223,9 @@ def _treatment(
     progress("reading", 0, 1)
     result = load_result(log)
     progress("reading", 1, 1)
-    return treatment_of_result(result, source=f"the run {log.name}", **wanted), given.change(result.scenario)
+    return treatment_of_result(result, source=f"the results in {log.name}", **wanted), given.change(
+        result.scenario
+    )
 
 
 def _check_next(

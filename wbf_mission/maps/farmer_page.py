@@ -29,6 +29,7 @@ _PAGE_MM = 250.0
 _MAP_MM = 88.0
 _MAP_WIDTH, _WIDE_MM, _NARROW_MM, _NARROW_FROM = "MAP", 84, 68, 3
 _PER_HECTARE = "/ha"
+_M3_PER_MM_HA = 10.0
 _DECIMALS = 5
 _LEAST_TOLD = 1e-3
 
@@ -133,6 +134,8 @@ def _main(of: ZoneMap, zones: Sequence[Zone]) -> str:
     at = f"at {rate:g} {escape(unit)}"
     if unit.endswith(_PER_HECTARE):
         at = f"{_number(rate * sprayed)} {escape(unit.removesuffix(_PER_HECTARE))} {at}"
+    elif unit == "mm":
+        at = f"{_number(rate * sprayed * _M3_PER_MM_HA)} m³ {at}"
     return f"{verb} {area_in_words(sprayed)}: {at}."
 
 

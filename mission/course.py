@@ -1,0 +1,311 @@
+"""The way of a mission, leg by leg, and places on it."""
+
+from __future__ import annotations
+
+import bisect
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from geo.frame import LocalFrame
+from mission.errors import MissionError
+from mission.model import MAX_ITEMS, Command, Mission, MissionItem
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["Course", "Leg", "Place", "takes_image", "turns_camera", "unrolled"]
+
+_TRIGGERS = frozenset({int(Command.DO_SET_CAM_TRIGG_DIST), int(Command.DO_SET_CAM_TRIGG_INTERVAL)})
+_DIGICAM = 203
+_FLOWN_TO = frozenset({16, 17, 18, 19, 31, 82})
+_HERE = frozenset({17, 18, 19, 31})
+_CONDITIONS = frozenset({int(Command.CONDITION_DELAY), int(Command.CONDITION_DISTANCE)})
+_LANDINGS = frozenset(
+    {int(Command.NAV_RETURN_TO_LAUNCH), int(Command.NAV_LAND), int(Command.DO_LAND_START), 85}
+)
+_TAKEOFFS = frozenset({int(Command.NAV_TAKEOFF), 84})
+
+
+def turns_camera(item: MissionItem) -> bool | None:
+    """Return whether an item has the camera take images from then on, or none any more; None: neither."""
+    if item.command in _TRIGGERS:
+        return bool(item.param1 and item.param1 > 0.0)
+    return {int(Command.IMAGE_START_CAPTURE): True, int(Command.IMAGE_STOP_CAPTURE): False}.get(item.command)
+
+
+def takes_image(item: MissionItem) -> bool:
+    """Return whether an item takes a single image where it stands."""
+    return item.command == _DIGICAM or (item.command == Command.IMAGE_START_CAPTURE and item.param3 == 1.0)
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Place:
+    """A place on the way of a mission: so much of the leg to an item lies behind.
+
+    At 0 everything that the mission orders before the leg is done, what stands after the leg's beginning
+    included; ``fraction`` is less than 1: the end of a leg is the beginning of the next.
+    """
+
+    item: int
+    """The item that is flown to, counted from 0."""
+    fraction: float = 0.0
+
+    def __str__(self) -> str:
+        return f"item {self.item + 1}" + (f", {self.fraction:.0%} of its leg" if self.fraction else "")
+
+
+@dataclass(frozen=True, slots=True)
+class Leg:
+    """The way to an item."""
+
+    item: int
+    begin: tuple[float, float, float]
+    """Latitude, longitude, degrees, and the altitude as the items give it."""
+    end: tuple[float, float, float]
+    straight: bool
+    """Whether it can be begun or ended in its midst: no spline, no loiter, no condition to be waited for."""
+    works: bool
+    """Whether images are taken on it or at its end."""
+
+
+class Course:
+    """The legs of a mission, between its take-off and its landing.
+
+    Parameters
+    ----------
+    mission : Mission
+    frame : LocalFrame, optional
+        About where it begins; by default about its home, otherwise about its first position.
+
+    Raises
+    ------
+    MissionError
+        If the mission has jumps (`unrolled` takes them out), lands on its way, or leads nowhere.
+
+    Examples
+    --------
+    >>> rows = [MissionItem.waypoint(28.05 + 0.001 * k, -82.15, 10.0) for k in range(3)]
+    >>> course = Course(Mission((*rows, MissionItem(20)), None))
+    >>> course.lengths_m.round().tolist(), str(course.place(166.25))
+    ([0.0, 111.0, 111.0], 'item 3, 50% of its leg')
+    """
+
+    def __init__(self, mission: Mission, frame: LocalFrame | None = None) -> None:
+        items = mission.items
+        if any(item.command == Command.DO_JUMP for item in items):
+            msg = "the mission has DO_JUMP items: a place on it has no number of its own; write out the jumps"
+            raise MissionError(msg)
+        self.mission = mission
+        flown = [k for k, item in enumerate(items) if item.command in _FLOWN_TO]
+        takeoffs = [k for k, item in enumerate(items) if item.command in _TAKEOFFS]
+        first = flown[0] if flown else len(items)
+        self.begin: int = max((k + 1 for k in takeoffs if k < first), default=0)
+        """The first item after the take-off."""
+        landings = [k for k, item in enumerate(items) if k >= self.begin and item.command in _LANDINGS]
+        self.end: int = landings[0] if landings else len(items)
+        """The first item of the return or the landing; the number of items without one."""
+        lands = items[self.end].command if landings else None
+        if any(k > first for k in takeoffs) or (
+            lands not in (None, Command.DO_LAND_START) and any(k > self.end for k in flown)
+        ):
+            msg = f"item {self.end + 1}: the mission lands on its way; make a mission of each of its flights"
+            raise MissionError(msg)
+        flown = [k for k in flown if k < self.end]
+        if not flown:
+            msg = (
+                "the mission has no waypoint between take-off and landing: there is nothing to cut or resume"
+            )
+            raise MissionError(msg)
+        self.frame = frame if frame is not None else self._home_frame()
+        self.legs: tuple[Leg, ...] = tuple(self._legs_to(flown))
+
+    def _home_frame(self) -> LocalFrame:
+        home = self.mission.home
+        if home is not None:
+            return LocalFrame(home.latitude_deg, home.longitude_deg, home.altitude_m)
+        placed = next((item for item in self.mission.items if item.has_position and (item.x or item.y)), None)
+        if placed is None:
+            msg = "the mission has no position: where does it begin?"
+            raise MissionError(msg)
+        return LocalFrame(placed.x, placed.y)
+
+    def _legs_to(self, flown: list[int]) -> list[Leg]:
+        items, home = self.mission.items, self.mission.home
+        begun = items[self.begin - 1] if self.begin else None
+        at: tuple[float, float, float] | None = None
+        if begun and begun.has_position and (begun.x or begun.y):
+            at = (begun.x, begun.y, begun.z)
+        elif home is not None:
+            at = (home.latitude_deg, home.longitude_deg, begun.z if begun else 0.0)
+        shots = any(map(turns_camera, items)) or any(map(takes_image, items))
+        on, before, frame = False, self.begin, begun.frame if begun else None
+        legs: list[Leg] = []
+        for number, k in enumerate(flown):
+            item = items[k]
+            between = items[before:k]
+            for one in between:
+                turned = None if takes_image(one) else turns_camera(one)
+                on = on if turned is None else turned
+            stays = not item.has_position or (item.command in _HERE and not (item.x or item.y))
+            begin = at or (item.x, item.y, item.z)
+            if frame != item.frame:
+                begin = (*begin[:2], item.z)
+            end = begin if stays else (item.x, item.y, item.z)
+            ends = flown[number + 1] if number + 1 < len(flown) else self.end
+            straight = item.command == Command.NAV_WAYPOINT and not any(
+                one.command in _CONDITIONS for one in between
+            )
+            # A spline bends the leg before it, too.
+            straight = straight and not (
+                number + 1 < len(flown) and items[ends].command == Command.NAV_SPLINE_WAYPOINT
+            )
+            works = on or not shots or any(map(takes_image, items[k + 1 : ends]))
+            legs.append(Leg(k, begin, end, straight, works))
+            at, before, frame = end, k + 1, item.frame
+        return legs
+
+    @cached_property
+    def _ends(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Where each leg begins and ends in the frame, float64[n, 2]."""
+        begin, end = (
+            np.column_stack(self.frame.from_wgs84(*np.array([one[:2] for one in places]).T))
+            for places in ([leg.begin for leg in self.legs], [leg.end for leg in self.legs])
+        )
+        return begin, end
+
+    @cached_property
+    def lengths_m(self) -> NDArray[np.float64]:
+        """Length of each leg over ground, float64[n]."""
+        begin, end = self._ends
+        lengths: NDArray[np.float64] = np.hypot(*(end - begin).T)
+        return lengths
+
+    @cached_property
+    def ends_m(self) -> NDArray[np.float64]:
+        """Metres from the beginning to the end of each leg, float64[n]."""
+        return np.cumsum(self.lengths_m)
+
+    @property
+    def length_m(self) -> float:
+        """Length of all legs over ground."""
+        return float(self.ends_m[-1])
+
+    @property
+    def start(self) -> Place:
+        """Where it begins."""
+        return Place(self.legs[0].item)
+
+    @cached_property
+    def _flown_items(self) -> list[int]:
+        return [leg.item for leg in self.legs]
+
+    def leg_of(self, place: Place) -> int:
+        """Return the number of the leg on which a place lies, the number of legs for one beyond the last."""
+        return bisect.bisect_left(self._flown_items, place.item)
+
+    def metres(self, place: Place) -> float:
+        """Return how many metres of the way lie before a place."""
+        number = self.leg_of(place)
+        if number == len(self.legs):
+            return self.length_m
+        behind = place.fraction if place.item == self.legs[number].item else 0.0
+        return float(self.ends_m[number] - (1.0 - behind) * self.lengths_m[number])
+
+    def place(self, metres: float) -> Place | None:
+        """Return the place after so many metres of the way; None at its end."""
+        number = int(np.searchsorted(self.ends_m, metres, side="right"))
+        if number >= len(self.legs):
+            return None
+        part = 1.0 - float((self.ends_m[number] - metres) / self.lengths_m[number])
+        return Place(self.legs[number].item, min(max(part, 0.0), math.nextafter(1.0, 0.0)))
+
+    def position(self, place: Place) -> tuple[float, float, float]:
+        """Return latitude, longitude and altitude of a place, as the items of its leg give them."""
+        number = self.leg_of(place)
+        if number == len(self.legs):
+            return self.legs[-1].end
+        leg, part = self.legs[number], place.fraction
+        x, y, z = (a + part * (b - a) for a, b in zip(leg.begin, leg.end, strict=True))
+        return x, y, z
+
+    def after(self, place: Place) -> Place | None:
+        """Return where work goes on from a place: there, or where the next leg with images begins."""
+        number = self.leg_of(place)
+        if number < len(self.legs) and self.legs[number].works:
+            return place
+        following = next((leg for leg in self.legs[number:] if leg.works), None)
+        return None if following is None else Place(following.item)
+
+    def back(self, place: Place, overlap_m: float) -> Place:
+        """Return a place so many metres of the way before another, on legs on which images are taken."""
+        number, left = self.leg_of(place), overlap_m
+        part = place.fraction
+        while True:
+            leg, length_m = self.legs[number], float(self.lengths_m[number])
+            room = part * length_m
+            if leg.straight and room >= left and length_m > 0.0:
+                return Place(leg.item, max(part - left / length_m, 0.0))
+            if number == 0 or not self.legs[number - 1].works:
+                return Place(leg.item)
+            left = max(left - room, 0.0)
+            if left == 0.0:
+                return Place(leg.item)
+            number, part = number - 1, 1.0
+
+    def along(self, items: ArrayLike, east_m: ArrayLike, north_m: ArrayLike) -> NDArray[np.float64]:
+        """Return how many metres of the way lie before positions about the frame's origin, float64[n].
+
+        Each is projected onto the leg that leads to the item that is flown.
+        """
+        numbers = np.searchsorted(self._flown_items, np.asarray(items))
+        ended = numbers >= len(self.legs)
+        numbers = np.minimum(numbers, len(self.legs) - 1)
+        begin, end = self._ends
+        step = (end - begin)[numbers]
+        from_begin = np.column_stack((np.asarray(east_m), np.asarray(north_m))) - begin[numbers]
+        length = self.lengths_m[numbers]
+        part = np.clip((from_begin * step).sum(axis=1) / np.maximum(length, 1e-9) ** 2, 0.0, 1.0)
+        metres: NDArray[np.float64] = self.ends_m[numbers] - (1.0 - part) * length
+        return np.where(ended, self.length_m, metres)
+
+
+def unrolled(mission: Mission) -> Mission:
+    """Return a mission with its jumps written out.
+
+    Raises
+    ------
+    MissionError
+        If a jump is repeated without end, leads nowhere, or the mission gets longer than MAVLink can number.
+    """
+    items = mission.items
+    if not any(item.command == Command.DO_JUMP for item in items):
+        return mission
+    taken: dict[int, int] = {}
+    written: list[MissionItem] = []
+    k = steps = 0
+    while k < len(items):
+        item, steps = items[k], steps + 1
+        if steps > 2 * MAX_ITEMS or len(written) > MAX_ITEMS:
+            msg = f"the mission with its DO_JUMP items written out has more than {MAX_ITEMS} items"
+            raise MissionError(msg)
+        if item.command != Command.DO_JUMP:
+            written.append(item)
+            k += 1
+            continue
+        target, repeat = item.param1, item.param2 or 0.0
+        if repeat < 0.0:
+            msg = f"item {k + 1} (DO_JUMP): it is repeated without end; give it a number of times"
+            raise MissionError(msg)
+        if target is None or not 0 <= target < len(items):
+            msg = f"item {k + 1} (DO_JUMP): there is no item {target if target is None else int(target) + 1}"
+            raise MissionError(msg)
+        if taken.get(k, 0) < repeat:
+            taken[k] = taken.get(k, 0) + 1
+            k = int(target)
+        else:
+            k += 1
+    return replace(mission, items=tuple(written))

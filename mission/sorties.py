@@ -1,0 +1,259 @@
+"""A part of a mission as a mission of its own: take-off, the way there, the part as it was, the way home."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from typing import TypeAlias
+
+from geo.frame import LocalFrame
+from mission.course import Course, Place, takes_image, turns_camera
+from mission.errors import MissionError
+from mission.model import Command, Frame, GeoPoint, Mission, MissionItem
+
+__all__ = ["Way", "image_spacing_m", "part_of", "resumed_at"]
+
+Way: TypeAlias = Callable[[tuple[float, float], tuple[float, float]], Sequence[tuple[float, float]]]
+"""Takes two positions (latitude, longitude) and returns those between them that lead round obstacles."""
+
+_VIDEO_START, _VIDEO_STOP = 2500, 2501
+# What an item sets until another one of the same name: all that holds on when a part begins.
+_SETTINGS: dict[int, str] = {
+    183: "servo",
+    181: "relay",
+    216: "sprayer",
+    int(Command.DO_SET_ROI_LOCATION): "region of interest",
+    int(Command.DO_SET_ROI_NONE): "region of interest",
+    int(Command.DO_SET_ROI): "region of interest",
+    205: "mount",
+    1000: "gimbal",
+    530: "camera mode",
+    int(Command.CONDITION_YAW): "yaw",
+    int(Command.DO_SET_CAM_TRIGG_DIST): "images",
+    int(Command.DO_SET_CAM_TRIGG_INTERVAL): "images",
+    int(Command.IMAGE_START_CAPTURE): "images",
+    int(Command.IMAGE_STOP_CAPTURE): "images",
+    _VIDEO_START: "video",
+    _VIDEO_STOP: "video",
+}
+# Of several outlets or speeds each is set by itself.
+_BY_NUMBER = frozenset({183, 181})
+# Set again where the part begins, not before: the camera would look at the way there.
+_AT_THE_PLACE = frozenset({"images", "video", "yaw"})
+_STOPS = {
+    int(Command.DO_SET_CAM_TRIGG_DIST): int(Command.DO_SET_CAM_TRIGG_DIST),
+    int(Command.DO_SET_CAM_TRIGG_INTERVAL): int(Command.DO_SET_CAM_TRIGG_INTERVAL),
+    int(Command.IMAGE_START_CAPTURE): int(Command.IMAGE_STOP_CAPTURE),
+    _VIDEO_START: _VIDEO_STOP,
+}
+_WAYPOINT = int(Command.NAV_WAYPOINT)
+
+
+def part_of(
+    course: Course,
+    begin: Place,
+    end: Place | None = None,
+    *,
+    overlap_m: float = 0.0,
+    home: GeoPoint | None = None,
+    way: Way | None = None,
+) -> Mission:
+    """Return the part of a mission between two places, as a mission that takes off, flies it and lands.
+
+    What holds at its beginning is set again: speeds, region of interest, gimbal, and from its first position
+    on the camera and the heading. At its end the camera is stopped. Fence, rally points, altitude frames and
+    take-off and landing are the whole mission's. Ways on which no images are taken are left out at its
+    beginning.
+
+    Parameters
+    ----------
+    course : Course
+        Of the whole mission.
+    begin : Place
+    end : Place, optional
+        By default the mission's end.
+    overlap_m : float
+        So much of the way before its beginning is flown again, where images were taken on it.
+    home : GeoPoint, optional
+        Where it takes off and lands, if that is not the mission's home: take-off and landing are moved there.
+    way : callable, optional
+        See `Way`.
+
+    Raises
+    ------
+    MissionError
+        If nothing is left to fly between the places.
+
+    Examples
+    --------
+    >>> takeoff = MissionItem(22, 3, x=28.05, y=-82.15, z=10.0)
+    >>> rows = [MissionItem.waypoint(28.05, -82.15 + 0.001 * k, 10.0) for k in range(1, 4)]
+    >>> on, off = (MissionItem(206, param1=metres) for metres in (2.0, 0.0))
+    >>> whole = Mission((takeoff, rows[0], on, *rows[1:], off, MissionItem(20)), GeoPoint(28.05, -82.15))
+    >>> part = part_of(Course(whole), Place(3, 0.5), Place(4, 0.5))
+    >>> [item.command for item in part.items]
+    [22, 16, 206, 16, 16, 206, 20]
+    >>> round(part.items[1].y, 5), round(part.items[4].y, 5)
+    (-82.1485, -82.1475)
+    """
+    whole, items = course.mission, course.mission.items
+    first = resumed_at(course, begin, overlap_m)
+    if first is None or (end is not None and end <= first):
+        msg = f"nothing is left to fly from {begin}" + (f" to {end}" if end is not None else "")
+        raise MissionError(msg)
+    here = home if home is not None else whole.home
+    head = [_moved(item, whole.home, home) for item in items[: course.begin]]
+    if begin > course.start and first > course.start:
+        head += _approach(course, first, here, way)
+        body = list(items[first.item : course.end])
+        rest = first.item
+    else:
+        body, rest = list(items[course.begin : course.end]), course.begin
+    tail = [_moved(item, whole.home, home) for item in items[course.end :]]
+    end = _reachable(course, first, end)
+    if end is not None:
+        cut = course.legs[course.leg_of(end)]
+        if end.fraction > 0.0:
+            body = body[: cut.item - rest]
+            body.append(_waypoint(items[cut.item], course.position(end)))
+        else:
+            before = course.legs[course.leg_of(end) - 1].item
+            begun = items[before + 1 : cut.item]
+            body = [*body[: before + 1 - rest], *(one for one in begun if not _is_for_next(one))]
+        last = _settings([*head, *body])
+        body += [MissionItem(_STOPS[one.command]) for one in last.values() if _is_on(one)]
+        if way is not None and here is not None:
+            body += _led(
+                way, course.position(end)[:2], (here.latitude_deg, here.longitude_deg), items[cut.item]
+            )
+        tail = tail or [MissionItem(Command.NAV_RETURN_TO_LAUNCH)]
+    return replace(whole, items=(*head, *body, *tail), home=here)
+
+
+def resumed_at(course: Course, begin: Place, overlap_m: float) -> Place | None:
+    """Return where a part that begins at a place is flown from; None when no work is left.
+
+    That is a little before it, or where the next leg begins on which images are taken.
+    """
+    following = course.after(begin)
+    if following is None or following != begin:
+        return following
+    return course.back(begin, overlap_m)
+
+
+def image_spacing_m(mission: Mission, speed_m_s: float) -> float | None:
+    """Return about how many metres lie between two images of a mission; None if it takes none by itself.
+
+    >>> image_spacing_m(Mission((MissionItem(206, param1=3.0),)), 5.0)
+    3.0
+    """
+    for item in mission.items:
+        if turns_camera(item):
+            if item.command == Command.DO_SET_CAM_TRIGG_DIST:
+                return item.param1
+            if item.command == Command.DO_SET_CAM_TRIGG_INTERVAL:
+                return (item.param1 or 0.0) * 1e-3 * speed_m_s
+            return (item.param2 or 0.0) * speed_m_s
+    return None
+
+
+def _approach(course: Course, first: Place, home: GeoPoint | None, way: Way | None) -> list[MissionItem]:
+    """Return what leads from the take-off to a place and sets what holds there."""
+    items = course.mission.items
+    leg = course.leg_of(first)
+    since = course.legs[leg - 1].item if leg else course.begin - 1
+    held = _settings(items[course.begin : first.item])
+    yaw = held.get("yaw")
+    if yaw is not None and yaw not in items[since + 1 : first.item]:
+        del held["yaw"]
+    template = items[first.item]
+    if first.fraction == 0.0 and leg and items[since].command == _WAYPOINT:
+        template = items[since]
+    place = course.position(first)
+    if template is items[since]:
+        place = (*place[:2], template.z)
+    resume = _waypoint(template, place)
+    made = [one for name, one in held.items() if name not in _AT_THE_PLACE]
+    if way is not None and home is not None:
+        made += _led(way, (home.latitude_deg, home.longitude_deg), place[:2], resume)
+    made.append(resume)
+    made += [one for name, one in held.items() if name == "yaw" or (name in _AT_THE_PLACE and _is_on(one))]
+    return made
+
+
+def _settings(items: Iterable[MissionItem]) -> dict[str, MissionItem]:
+    """Return what holds after some items, by what it is, in the order in which it was set."""
+    held: dict[str, MissionItem] = {}
+    for item in items:
+        name = _SETTINGS.get(item.command)
+        if item.command == Command.DO_CHANGE_SPEED:
+            name = f"speed {max(int(item.param1 or 0.0), 1)}"
+        if name is None or takes_image(item):
+            continue
+        if item.command in _BY_NUMBER:
+            name += f" {item.param1}"
+        held.pop(name, None)
+        held[name] = item
+    return held
+
+
+def _is_on(item: MissionItem) -> bool:
+    """Return whether a setting has the camera run."""
+    return item.command == _VIDEO_START or turns_camera(item) is True
+
+
+def _is_for_next(item: MissionItem) -> bool:
+    """Return whether an item between two legs is only of the second."""
+    return (_is_on(item) and not takes_image(item)) or item.command in (
+        Command.CONDITION_DELAY,
+        Command.CONDITION_DISTANCE,
+        Command.CONDITION_YAW,
+    )
+
+
+def _reachable(course: Course, first: Place, end: Place | None) -> Place | None:
+    """Return where a part ends that is to end at a place: None for the mission's end.
+
+    A leg that is not straight is flown as a whole, one without images at its end is left out.
+    """
+    if end is None or (number := course.leg_of(end)) >= len(course.legs):
+        return None
+    if end.fraction > 0.0 and not course.legs[number].works:
+        end = Place(course.legs[number].item)
+    elif end.fraction > 0.0 and not course.legs[number].straight:
+        number += 1
+        if number == len(course.legs):
+            return None
+        end = Place(course.legs[number].item)
+    while end.fraction == 0.0 and not course.legs[number - 1].works:
+        number -= 1
+        if (before := Place(course.legs[number].item)) <= first:
+            break
+        end = before
+    return end
+
+
+def _waypoint(like: MissionItem, place: tuple[float, float, float]) -> MissionItem:
+    """Return a waypoint at a place, reached and flown to as another item, without its stay."""
+    radius_m = like.param2 if like.command == _WAYPOINT else 0.0
+    yaw = like.param4 if like.command == _WAYPOINT else None
+    frame = like.frame if like.has_position else Frame.GLOBAL_RELATIVE_ALT
+    latitude, longitude, altitude = place
+    return MissionItem(_WAYPOINT, frame, 0.0, radius_m, 0.0, yaw, latitude, longitude, altitude)
+
+
+def _led(
+    way: Way, begin: tuple[float, float], end: tuple[float, float], like: MissionItem
+) -> list[MissionItem]:
+    """Return the waypoints that lead round obstacles, at the height of another item."""
+    return [_waypoint(like, (latitude, longitude, like.z)) for latitude, longitude in way(begin, end)]
+
+
+def _moved(item: MissionItem, old: GeoPoint | None, new: GeoPoint | None) -> MissionItem:
+    """Return an item of the take-off or the landing where it lies about another home."""
+    if old is None or new is None or not item.has_position or not (item.x or item.y):
+        return item
+    about_old = LocalFrame(old.latitude_deg, old.longitude_deg)
+    about_new = LocalFrame(new.latitude_deg, new.longitude_deg)
+    latitude, longitude = about_new.to_wgs84(*about_old.from_wgs84(item.x, item.y))
+    return replace(item, x=float(latitude), y=float(longitude))

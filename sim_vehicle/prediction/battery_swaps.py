@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from sim_vehicle.prediction.flight import Prediction
     from sim_vehicle.weather.wind import Wind
 
-__all__ = ["BatteryChange", "batteries_needed", "battery_changes"]
+__all__ = ["BatteryChange", "Transit", "TrialFlight", "TrialFlights", "batteries_needed", "battery_changes"]
 
 _LOOK_S = 1.0
 _LONGEST_S = 86_400.0
@@ -104,7 +104,7 @@ def battery_changes(
     positions = item_positions(mission.items, home)
     if any(mission_problems(mission.items, positions, spec, needs_takeoff=not climbs_by_itself(spec))):
         return None
-    ground = _Ground(mission, without_end(spec), home, rehearsals(wind)[0])
+    ground = TrialFlights(mission, spec, home, wind)
     whole = ground.fly(mission.items)
     if whole is None:
         return None
@@ -127,7 +127,7 @@ def battery_changes(
             transits = ground.there_and_back(track[at], int(whole.seq[at]))
             if transits is None:
                 return None
-            next_out, back = transits
+            next_out, back = transits.out_wh, transits.back_wh
             more = back - float(rough[at])
             if usable - _CLOSE * battery.capacity_wh <= spent[at] + back <= usable:
                 break
@@ -137,7 +137,7 @@ def battery_changes(
             transits = ground.there_and_back(track[max(last, begin)], int(whole.seq[max(last, begin)]))
             if transits is None:
                 return None
-            next_out, back = transits
+            next_out, back = transits.out_wh, transits.back_wh
         if last <= begin:
             return None
         x, y, z = track[last].tolist()
@@ -156,23 +156,42 @@ def time_home_s(positions_m: NDArray[np.float64], spec: VehicleSpec) -> NDArray[
 
 
 @dataclass(frozen=True, slots=True)
-class _Record:
-    """A flight, sampled at short intervals; ``reached`` are times at which items were complete."""
+class TrialFlight:
+    """A flight, sampled at short intervals, n times in all."""
 
     time_s: NDArray[np.float64]
+    """float64[n]."""
     place_m: NDArray[np.float64]
+    """float64[n, 3]: east, north, up about home."""
     energy_wh: NDArray[np.float64]
+    """float64[n]: what the battery has given."""
     seq: NDArray[np.int64]
+    """int64[n]: the item that is flown."""
     reached_s: dict[int, float]
+    """When items were complete."""
 
 
-class _Ground:
-    """Flies the mission and the transits to and from a position of it."""
+@dataclass(frozen=True, slots=True)
+class Transit:
+    """What the ways to a position and home from there take."""
+
+    out_s: float
+    out_wh: float
+    back_s: float
+    back_wh: float
+
+
+class TrialFlights:
+    """Flies a mission, and the ways to and from its positions, by a vehicle whose battery has no end.
+
+    Of gusts one sample is flown.
+    """
 
     def __init__(self, mission: Mission, spec: VehicleSpec, home: LocalFrame, wind: Wind | None) -> None:
         self._items = mission.items
+        endless, air = without_end(spec), rehearsals(wind)[0]
         self._new: Callable[[], MissionExecutor] = lambda: MissionExecutor(
-            spec, home, wind=wind, takes_off=climbs_by_itself(spec)
+            endless, home, wind=air, takes_off=climbs_by_itself(spec)
         )
         self._home = home
         takeoff = [k for k, item in enumerate(mission.items) if item.command == Command.NAV_TAKEOFF]
@@ -180,8 +199,11 @@ class _Ground:
         landing = [k for k, item in enumerate(mission.items) if item.command == Command.DO_LAND_START]
         self._end = mission.items[landing[0] :] if landing else (MissionItem(20, 2),)
 
-    def there_and_back(self, place_m: NDArray[np.float64], seq: int) -> tuple[float, float] | None:
-        """Return the energy of the transits to a position and home from there; None if it cannot be flown."""
+    def there_and_back(self, place_m: NDArray[np.float64], seq: int) -> Transit | None:
+        """Return what the transits to a position of an item take; None if it cannot be flown.
+
+        The position is east, north, up about home.
+        """
         x, y, z = place_m.tolist()
         speeds = [item for item in self._items[:seq] if item.command == Command.DO_CHANGE_SPEED][-1:]
         latitude, longitude = self._home.to_wgs84(x, y)
@@ -191,9 +213,10 @@ class _Ground:
             return None
         arrived_s = record.reached_s[len(self._begin) + len(speeds)]
         out = float(np.interp(arrived_s, record.time_s, record.energy_wh))
-        return out, float(record.energy_wh[-1]) - out
+        back_s = float(record.time_s[-1]) - arrived_s
+        return Transit(arrived_s, out, back_s, float(record.energy_wh[-1]) - out)
 
-    def fly(self, items: tuple[MissionItem, ...]) -> _Record | None:
+    def fly(self, items: tuple[MissionItem, ...]) -> TrialFlight | None:
         """Fly items to their end and return what happened; None if it never ends or cannot be flown."""
         executor = self._new()
         motion = executor.motion
@@ -225,4 +248,4 @@ class _Ground:
         if end_s == math.inf:
             return None
         table = np.array(samples)
-        return _Record(table[:, 0], table[:, 1:4], table[:, 4], table[:, 5].astype(np.int64), reached)
+        return TrialFlight(table[:, 0], table[:, 1:4], table[:, 4], table[:, 5].astype(np.int64), reached)

@@ -1,0 +1,287 @@
+"""A mission that is longer than a battery, cut into sorties where that costs least."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mission.course import Course, Place
+from mission.model import GeoPoint, Mission
+from mission.planners.path import Points
+from mission.sorties import Way, image_spacing_m, part_of
+from sim_vehicle.autopilot import fixed_wing_procedures
+from sim_vehicle.prediction.flight import Prediction
+from wbf_mission.planning.builder import MissionBuilder, PlanResult, home_of
+from wbf_mission.planning.sortie_costs import Choice, SortieCosts
+
+__all__ = ["CHANGE_S", "PlannedSortie", "SortiePlan", "cut_plan", "overlap_of", "placed_path", "way_of"]
+
+CHANGE_S = 180.0
+"""What changing a battery takes, by default."""
+_IMAGES = 2
+"""So many distances between images are flown again where a sortie goes on."""
+_TRIES = 8
+_SPARE = 1.004
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedSortie:
+    """One flight of a mission that is flown in several."""
+
+    begin: Place
+    """Where it goes on, on the whole mission; what is flown again before that is not counted."""
+    end: Place | None
+    """Where it breaks off; None at the mission's end."""
+    plan: PlanResult
+
+    def summary(self, course: Course) -> dict[str, Any]:
+        """Return plain values for JSON."""
+        ends = {"begin": self.begin, "end": self.end}
+        home = self.plan.mission.home
+        return {
+            **{
+                name: None
+                if place is None
+                else {"item": place.item, "fraction": place.fraction, "at_m": course.metres(place)}
+                for name, place in ends.items()
+            },
+            "home": None if home is None else [home.latitude_deg, home.longitude_deg],
+            "items": len(self.plan.mission.items),
+            "length_m": self.plan.length_m,
+            "predicted_time_s": self.plan.prediction.duration_s,
+            "predicted_energy_wh": self.plan.prediction.energy_wh,
+            "energy_bound_wh": self.plan.prediction.most_wh,
+            "battery_used": self.plan.battery_used,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class SortiePlan:
+    """A mission in sorties, each within a battery less its reserve."""
+
+    whole: PlanResult
+    course: Course
+    sorties: tuple[PlannedSortie, ...]
+    change_s: float
+
+    @property
+    def plans(self) -> tuple[PlanResult, ...]:
+        """The plan of each sortie."""
+        return tuple(one.plan for one in self.sorties)
+
+    @property
+    def flight_s(self) -> float:
+        """Seconds in the air, of all sorties."""
+        return sum(one.prediction.duration_s for one in self.plans)
+
+    @property
+    def total_s(self) -> float:
+        """The same with the changes of batteries."""
+        return self.flight_s + self.change_s * (len(self.sorties) - 1)
+
+    def summary(self) -> dict[str, Any]:
+        """Return plain values for JSON: those of a plan, with what is flown in sorties."""
+        predictions = [one.prediction for one in self.plans]
+        whole = self.whole.summary()
+        told = {"reason": "", "feasible": True, "batteries": len(self.sorties)}
+        warnings = dict.fromkeys(text for one in self.plans for text in one.warnings)
+        return {
+            **whole,
+            **told,
+            "warnings": list(warnings),
+            "length_m": sum(one.length_m for one in self.plans),
+            "predicted_time_s": self.flight_s,
+            "predicted_time_interval_s": None,
+            "predicted_energy_wh": sum(one.energy_wh for one in predictions),
+            "predicted_energy_interval_wh": None,
+            "battery_used": max(one.battery_used or 0.0 for one in self.plans),
+            "time_with_changes_s": self.total_s,
+            "sorties": [one.summary(self.course) for one in self.sorties],
+        }
+
+
+def cut_plan(
+    whole: PlanResult,
+    builder: MissionBuilder,
+    *,
+    footprint_m: float,
+    begin: Place | None = None,
+    homes: Sequence[GeoPoint] = (),
+    overlap_m: float | None = None,
+    change_s: float = CHANGE_S,
+) -> SortiePlan | None:
+    """Cut a mission into as few sorties as batteries allow, and then so that they take the least time.
+
+    A quick model (the whole mission flown once, the ways to it and home from a few of its positions) tells
+    what each part would take; of all cuts at ends of legs and on them the best is found by dynamic
+    programming. Each sortie is then predicted in full, as any plan is; where one takes more than a battery
+    less its reserve, at the most that its gusts and errors make it take, all are charged more and cut anew.
+
+    Parameters
+    ----------
+    whole : PlanResult
+        Its mission may be longer than a battery lasts, but has no jumps.
+    builder : MissionBuilder
+        Of the vehicle that flies.
+    footprint_m : float
+        Width of what the camera sees.
+    begin : Place, optional
+        What lies before it is flown already.
+    homes : sequence of GeoPoint, optional
+        Where the vehicle can take off and land; a sortie lands where it took off. By default its home.
+    overlap_m : float, optional
+        See `mission.sorties.part_of`; by default that of `overlap_of`.
+    change_s : float
+        What changing a battery takes.
+
+    Returns
+    -------
+    SortiePlan or None
+        None if no number of batteries is enough: a position is too far away, or cannot be flown to at all.
+
+    Raises
+    ------
+    MissionError
+        If the mission cannot be cut, or nothing of it is left to fly.
+    """
+    course = Course(whole.mission)
+    overlap = overlap_of(builder, whole) if overlap_m is None else overlap_m
+    home = home_of(whole.mission, builder.farm)
+    cutter = _Cutter(whole, builder, course, begin or course.start, homes or [home], overlap, footprint_m)
+    sorties = cutter.cut()
+    return None if sorties is None else SortiePlan(whole, course, sorties, change_s)
+
+
+def overlap_of(builder: MissionBuilder, whole: PlanResult) -> float:
+    """Return how many metres a sortie flies again: two images, and what it takes to come onto the row."""
+    spacing = image_spacing_m(whole.mission, builder.level.speed_m_s)
+    # Both the end before and the beginning are passed within the radius.
+    line_up_m = 2.0 * builder.cornering.radius_m
+    if builder.vehicle.circles:
+        law = fixed_wing_procedures(builder.vehicle).limits(builder.vehicle)
+        line_up_m = max(2.0 * abs(law.loiter_radius), line_up_m)
+    return _IMAGES * (builder.image_spacing_m if spacing is None else spacing) + line_up_m
+
+
+def way_of(builder: MissionBuilder) -> Way | None:
+    """Return what leads round the farm's obstacles, None if there are none."""
+    keep_out, frame = builder.keep_out, builder.farm.frame
+    if keep_out is None:
+        return None
+
+    def way(begin: tuple[float, float], end: tuple[float, float]) -> list[tuple[float, float]]:
+        ends = np.array([begin, end])
+        points = np.column_stack(frame.from_wgs84(ends[:, 0], ends[:, 1]))
+        between = keep_out.around(points)[0][1:-1]
+        latitude, longitude = frame.to_wgs84(between[:, 0], between[:, 1])
+        return list(zip(latitude.tolist(), longitude.tolist(), strict=True))
+
+    return way
+
+
+def placed_path(course: Course, builder: MissionBuilder) -> Points:
+    """Return the ends of a course's legs in metres of the farm frame, float64[n, 2]."""
+    ends = np.array([leg.end[:2] for leg in course.legs])
+    return np.column_stack(builder.farm.frame.from_wgs84(ends[:, 0], ends[:, 1]))
+
+
+Flown: TypeAlias = "tuple[Place, Place | None, int]"
+"""Where a sortie begins and ends, and the number of its home."""
+
+
+@dataclass(slots=True)
+class _Cutter:
+    """Cuts one mission."""
+
+    whole: PlanResult
+    builder: MissionBuilder
+    course: Course
+    begin: Place
+    homes: Sequence[GeoPoint]
+    overlap_m: float
+    footprint_m: float
+    _predicted: dict[Flown, tuple[Mission, Prediction]] = field(default_factory=dict)
+
+    def cut(self) -> tuple[PlannedSortie, ...] | None:
+        """Return the sorties; None if there are none."""
+        battery = self.builder.vehicle.battery
+        costs = None
+        if battery is not None:
+            costs = SortieCosts.of(
+                self.course, self.builder, begin=self.begin, homes=self.homes, overlap_m=self.overlap_m
+            )
+        if battery is None or costs is None:
+            return None
+        usable_wh = battery.capacity_wh * (1.0 - battery.reserve_fraction)
+        best: list[Flown] | None = None
+        charge = np.ones(len(costs.places))
+        for number in range(_TRIES):
+            choice = costs.cheapest(usable_wh, charge)
+            if choice is None:
+                break
+            flown = [
+                (costs.places[first] or self.begin, costs.places[last], home)
+                for (first, last), home in zip(pairwise(choice.ends), choice.homes, strict=True)
+            ]
+            takes_wh = self._priced(flown) if number == 0 else [self._full(one).most_wh for one in flown]
+            if number > 0 and all(
+                self._full(one).feasible and most <= usable_wh
+                for one, most in zip(flown, takes_wh, strict=True)
+            ):
+                best = flown
+                break
+            charge = _charge(costs, choice, takes_wh) * _SPARE**number
+        return None if best is None else tuple(map(self._planned, best))
+
+    def _priced(self, flown: Sequence[Flown]) -> list[float]:
+        """Return about what each sortie takes at most: priced, times what is predicted of one of them."""
+        prices = [one.energy_wh for one in self.builder.price([self._mission(one) for one in flown])]
+        dearest = max(range(len(prices)), key=prices.__getitem__)
+        more = self._full(flown[dearest]).most_wh / prices[dearest]
+        return [price * more for price in prices]
+
+    def _mission(self, flown: Flown) -> Mission:
+        begin, end, home = flown
+        return part_of(
+            self.course,
+            begin,
+            end,
+            overlap_m=self.overlap_m,
+            home=self.homes[home],
+            way=way_of(self.builder),
+        )
+
+    def _full(self, flown: Flown) -> Prediction:
+        """Return the prediction of a sortie, as any plan is predicted."""
+        if flown not in self._predicted:
+            mission = self._mission(flown)
+            self._predicted[flown] = mission, self.builder.predict(mission)
+        return self._predicted[flown][1]
+
+    def _planned(self, flown: Flown) -> PlannedSortie:
+        whole, (mission, prediction) = self.whole, self._predicted[flown]
+        plan = self.builder.plan_of(
+            mission,
+            placed_path(Course(mission), self.builder),
+            planner=whole.planner,
+            seed=whole.seed,
+            budget_text=whole.budget_text,
+            footprint_m=self.footprint_m,
+            spacing_m=whole.spacing_m,
+            prediction=prediction,
+        )
+        return PlannedSortie(flown[0], flown[1], plan)
+
+
+def _charge(costs: SortieCosts, choice: Choice, takes_wh: Sequence[float]) -> NDArray[np.float64]:
+    """Return what is charged at each place, from what sorties take and were thought to."""
+    flown = zip(pairwise(choice.ends), choice.homes, takes_wh, strict=True)
+    ratios = [takes / costs.watt_hours[home, first, last] for (first, last), home, takes in flown]
+    middles = [0.5 * (first + last) for first, last in pairwise(choice.ends)]
+    charge: NDArray[np.float64] = np.interp(np.arange(len(costs.places)), middles, ratios)
+    return charge

@@ -12,6 +12,7 @@ import numpy as np
 
 from geo.frame import LocalFrame
 from mission.errors import MissionError
+from mission.ground.items import FLOWN_TO, shots_ordered
 from mission.model import MAX_ITEMS, Command, Mission, MissionItem
 
 if TYPE_CHECKING:
@@ -19,9 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Course", "Leg", "Place", "takes_image", "turns_camera", "unrolled"]
 
-_TRIGGERS = frozenset({int(Command.DO_SET_CAM_TRIGG_DIST), int(Command.DO_SET_CAM_TRIGG_INTERVAL)})
 _DIGICAM = 203
-_FLOWN_TO = frozenset({16, 17, 18, 19, 31, 82})
 _HERE = frozenset({17, 18, 19, 31})
 _CONDITIONS = frozenset({int(Command.CONDITION_DELAY), int(Command.CONDITION_DISTANCE)})
 _LANDINGS = frozenset(
@@ -30,16 +29,16 @@ _LANDINGS = frozenset(
 _TAKEOFFS = frozenset({int(Command.NAV_TAKEOFF), 84})
 
 
-def turns_camera(item: MissionItem) -> bool | None:
-    """Return whether an item has the camera take images from then on, or none any more; None: neither."""
-    if item.command in _TRIGGERS:
-        return bool(item.param1 and item.param1 > 0.0)
-    return {int(Command.IMAGE_START_CAPTURE): True, int(Command.IMAGE_STOP_CAPTURE): False}.get(item.command)
-
-
 def takes_image(item: MissionItem) -> bool:
     """Return whether an item takes a single image where it stands."""
-    return item.command == _DIGICAM or (item.command == Command.IMAGE_START_CAPTURE and item.param3 == 1.0)
+    shots = shots_ordered(item)
+    return item.command == _DIGICAM or (shots is not None and math.isinf(shots.interval_ms))
+
+
+def turns_camera(item: MissionItem) -> bool | None:
+    """Return whether an item has the camera take images from then on, or none any more; None: neither."""
+    shots = shots_ordered(item)
+    return None if shots is None or takes_image(item) else not shots.is_off
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -100,7 +99,7 @@ class Course:
             msg = "the mission has DO_JUMP items: a place on it has no number of its own; write out the jumps"
             raise MissionError(msg)
         self.mission = mission
-        flown = [k for k, item in enumerate(items) if item.command in _FLOWN_TO]
+        flown = [k for k, item in enumerate(items) if item.command in FLOWN_TO]
         takeoffs = [k for k, item in enumerate(items) if item.command in _TAKEOFFS]
         first = flown[0] if flown else len(items)
         self.begin: int = max((k + 1 for k in takeoffs if k < first), default=0)
@@ -148,7 +147,7 @@ class Course:
             item = items[k]
             between = items[before:k]
             for one in between:
-                turned = None if takes_image(one) else turns_camera(one)
+                turned = turns_camera(one)
                 on = on if turned is None else turned
             stays = not item.has_position or (item.command in _HERE and not (item.x or item.y))
             begin = at or (item.x, item.y, item.z)

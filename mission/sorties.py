@@ -9,6 +9,7 @@ from typing import TypeAlias
 from geo.frame import LocalFrame
 from mission.course import Course, Place, takes_image, turns_camera
 from mission.errors import MissionError
+from mission.ground.items import shots_ordered
 from mission.model import Command, Frame, GeoPoint, Mission, MissionItem
 
 __all__ = ["Way", "image_spacing_m", "part_of", "resumed_at"]
@@ -148,12 +149,9 @@ def image_spacing_m(mission: Mission, speed_m_s: float) -> float | None:
     3.0
     """
     for item in mission.items:
-        if turns_camera(item):
-            if item.command == Command.DO_SET_CAM_TRIGG_DIST:
-                return item.param1
-            if item.command == Command.DO_SET_CAM_TRIGG_INTERVAL:
-                return (item.param1 or 0.0) * 1e-3 * speed_m_s
-            return (item.param2 or 0.0) * speed_m_s
+        shots = shots_ordered(item)
+        if shots is not None and turns_camera(item):
+            return shots.distance_m or 1e-3 * shots.interval_ms * speed_m_s
     return None
 
 
@@ -204,7 +202,7 @@ def _is_on(item: MissionItem) -> bool:
 
 def _is_for_next(item: MissionItem) -> bool:
     """Return whether an item between two legs is only of the second."""
-    return (_is_on(item) and not takes_image(item)) or item.command in (
+    return _is_on(item) or item.command in (
         Command.CONDITION_DELAY,
         Command.CONDITION_DISTANCE,
         Command.CONDITION_YAW,

@@ -71,7 +71,7 @@ def flown(mission):
             state["camera"] = (item.command, item.param1) if item.param1 else None
         elif item.command in (195, 197):
             state["roi"] = (item.x, item.y) if item.command == 195 else None
-        elif item.command == 2000 and item.param3 == 1.0:
+        elif item.command == 2000 and not item.param2:
             shots.append(here)
         elif item.command in (2000, 2001):
             state["camera"] = (2000, item.param2) if item.command == 2000 else None

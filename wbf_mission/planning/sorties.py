@@ -109,7 +109,7 @@ def cut_plan(
     whole: PlanResult,
     builder: MissionBuilder,
     *,
-    footprint_m: float,
+    footprint: int,
     begin: Place | None = None,
     homes: Sequence[GeoPoint] = (),
     overlap_m: float | None = None,
@@ -128,8 +128,8 @@ def cut_plan(
         Its mission may be longer than a battery lasts, but has no jumps.
     builder : MissionBuilder
         Of the vehicle that flies.
-    footprint_m : float
-        Width of what the camera sees.
+    footprint : int
+        How many cells a side an image shows.
     begin : Place, optional
         What lies before it is flown already.
     homes : sequence of GeoPoint, optional
@@ -152,7 +152,7 @@ def cut_plan(
     course = Course(whole.mission)
     overlap = overlap_of(builder, whole) if overlap_m is None else overlap_m
     home = home_of(whole.mission, builder.farm)
-    cutter = _Cutter(whole, builder, course, begin or course.start, homes or [home], overlap, footprint_m)
+    cutter = _Cutter(whole, builder, course, begin or course.start, homes or [home], overlap, footprint)
     sorties = cutter.cut()
     return None if sorties is None else SortiePlan(whole, course, sorties, change_s)
 
@@ -204,7 +204,7 @@ class _Cutter:
     begin: Place
     homes: Sequence[GeoPoint]
     overlap_m: float
-    footprint_m: float
+    footprint: int
     _predicted: dict[Flown, tuple[Mission, Prediction]] = field(default_factory=dict)
 
     def cut(self) -> tuple[PlannedSortie, ...] | None:
@@ -271,7 +271,7 @@ class _Cutter:
             planner=whole.planner,
             seed=whole.seed,
             budget_text=whole.budget_text,
-            footprint_m=self.footprint_m,
+            footprint=self.footprint,
             spacing_m=whole.spacing_m,
             prediction=prediction,
         )

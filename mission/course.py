@@ -260,16 +260,31 @@ class Course:
 
         Each is projected onto the leg that leads to the item that is flown.
         """
+        numbers, part, _ = self._projected(items, east_m, north_m)
+        metres: NDArray[np.float64] = self.ends_m[numbers] - (1.0 - part) * self.lengths_m[numbers]
+        return metres
+
+    def aside_m(self, items: ArrayLike, east_m: ArrayLike, north_m: ArrayLike) -> NDArray[np.float64]:
+        """Return how far positions are from the leg that leads to the item that is flown, float64[n].
+
+        Beyond the last leg nothing is told: 0.
+        """
+        return self._projected(items, east_m, north_m)[2]
+
+    def _projected(
+        self, items: ArrayLike, east_m: ArrayLike, north_m: ArrayLike
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+        """Return the leg of each position, how much of it lies behind, and how far it is away."""
         numbers = np.searchsorted(self._flown_items, np.asarray(items))
         ended = numbers >= len(self.legs)
         numbers = np.minimum(numbers, len(self.legs) - 1)
         begin, end = self._ends
         step = (end - begin)[numbers]
         from_begin = np.column_stack((np.asarray(east_m), np.asarray(north_m))) - begin[numbers]
-        length = self.lengths_m[numbers]
-        part = np.clip((from_begin * step).sum(axis=1) / np.maximum(length, 1e-9) ** 2, 0.0, 1.0)
-        metres: NDArray[np.float64] = self.ends_m[numbers] - (1.0 - part) * length
-        return np.where(ended, self.length_m, metres)
+        part = (from_begin * step).sum(axis=1) / np.maximum(self.lengths_m[numbers], 1e-9) ** 2
+        part = np.where(ended, 1.0, np.clip(part, 0.0, 1.0))
+        aside = np.where(ended, 0.0, np.hypot(*(from_begin - part[:, None] * step).T))
+        return numbers, part, aside
 
 
 def unrolled(mission: Mission) -> Mission:

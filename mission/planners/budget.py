@@ -1,4 +1,4 @@
-"""Budgets: what flights may cost, in metres, seconds, watt hours, batteries or steps of the paper's robot."""
+"""Budgets: what a flight may cost, in metres, seconds, watt hours or the steps of the paper's robot."""
 
 from __future__ import annotations
 
@@ -26,8 +26,6 @@ _UNITS = {
     "steps": ("steps", 1.0),
     "wh": ("Wh", 1.0),
     "kwh": ("Wh", 1000.0),
-    "battery": ("batteries", 1.0),
-    "batteries": ("batteries", 1.0),
 }
 Way: TypeAlias = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 _BUDGET = re.compile(r"\s*(\d+(?:\.\d*)?|\.\d+)(e[+-]?\d+)?\s*([a-z]+)\s*", re.IGNORECASE | re.ASCII)
@@ -191,13 +189,12 @@ def parse_budget(text: str) -> tuple[float, str]:
     Parameters
     ----------
     text : str
-        A number and its unit: ``8000m``, ``2.5km``, ``25min``, ``1500s``, ``1h``, ``360steps``, ``120Wh``,
-        ``3batteries``.
+        A number and its unit: ``8000m``, ``2.5km``, ``25min``, ``1500s``, ``1h``, ``360steps``, ``120Wh``.
 
     Returns
     -------
     tuple of float and str
-        The value in the base unit, and the base unit: ``m``, ``s``, ``steps``, ``Wh`` or ``batteries``.
+        The value in the base unit, and the base unit: ``m``, ``s``, ``steps`` or ``Wh``.
 
     Raises
     ------
@@ -217,7 +214,7 @@ def parse_budget(text: str) -> tuple[float, str]:
         shown = text if len(text) <= 40 else text[:37] + "..."
         msg = (
             f"budget {shown!r} is not understood: write a positive number and a unit, for example "
-            "8000m, 2.5km, 25min, 1500s, 1h, 360steps, 120Wh or 3batteries"
+            "8000m, 2.5km, 25min, 1500s, 1h, 360steps or 120Wh"
         )
         raise PlanningError(msg)
     unit, factor = known

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,10 +13,18 @@ from wbf_mission.cli.convert import write_and_tell
 from wbf_mission.cli.options import MISSION_SUFFIXES, Force, Overwrite, option, refuse_overwrite
 from wbf_mission.cli.output import Output, distance, duration
 from wbf_mission.cli.preflight import show_findings
+from wbf_mission.cli.sorties import (
+    SORTIE_HEADER,
+    SortieOptions,
+    sortie_files,
+    sortie_rows,
+    sortie_summary,
+)
 from wbf_mission.scenario import CameraOptions, FarmOptions, MissionOptions, VehicleOptions, WeatherOptions
 
 if TYPE_CHECKING:
     from wbf_mission.planning import PlanResult
+    from wbf_mission.planning.sorties import SortiePlan
 
 EXAMPLES = """
 Examples
@@ -22,6 +32,8 @@ wbf-mission plan --farm miniberry-100 --planner spiral --budget 25min --out spir
 wbf-mission plan --farm waterberry --planner lawnmower --budget 8000m --out rows.waypoints
 wbf-mission plan --farm my-farm.geojson --planner adaptive-lawnmower --json
 wbf-mission plan --farm waterberry --vehicles 3 --partition voronoi --budget 10km --out part.plan
+wbf-mission plan --farm waterberry --planner lawnmower --budget 40km --out rows.plan
+wbf-mission plan --farm waterberry --mission rows.plan --resume flight.tlog --out rest.plan
 """
 
 
@@ -35,7 +47,6 @@ wbf-mission plan --farm waterberry --vehicles 3 --partition voronoi --budget 10k
         "day",
         "days",
         "flights_per_day",
-        "mission",
         "turbulence",
         "gps_noise_m",
         "baro_noise_m",
@@ -47,21 +58,28 @@ wbf-mission plan --farm waterberry --vehicles 3 --partition voronoi --budget 10k
     ),
 )
 @options.speaks()
+@options.gives("sorties", SortieOptions)
 def plan_command(
     given: options.Given,
     output: Output,
+    *,
     out: Annotated[
         Path | None,
         option(
             "Mission file: .plan (QGroundControl), .waypoints (WPL 110), .json (ours), .kml, .kmz, .geojson,"
-            " .gpx, .csv, .wpml.kmz (DJI); of several vehicles NAME-1.plan, NAME-2.plan ...",
+            " .gpx, .csv, .wpml.kmz (DJI); of several vehicles NAME-1.plan, NAME-2.plan ...,"
+            " of several sorties NAME-sortie-1.plan ...",
             panel="Output",
         ),
     ] = None,
+    sorties: SortieOptions,
     overwrite: Overwrite = False,
     force: Force = False,
 ) -> None:
-    """Plan a mission within a budget and say what it takes: length, time, coverage, battery."""
+    """Plan a mission within a budget and say what it takes: length, time, coverage, battery.
+
+    One that is longer than a battery is cut into sorties where that costs least.
+    """
     from mission.files import Firmware, writer_for
     from mission.transfer import Severity
     from wbf_mission.flight import check_flight
@@ -70,42 +88,62 @@ def plan_command(
     from wbf_mission.preflight.run import check_plans
 
     chosen = given.scenario()
+    sorties.check(mission=chosen.mission.file)
     if given.file is not None or chosen.farm.fields:
         check_flight(chosen)
     inputs = [given.file, chosen.farm.name, *chosen.farm.fields, chosen.mission.file, *chosen.vehicle.names]
-    files = _files(out, len(chosen.vehicle.fleet))
-    for path in files:
-        refuse_overwrite(path, inputs, suffixes=MISSION_SUFFIXES, overwrite=overwrite)
-        if path is not None:
-            writer_for(path)
+    inputs.append(sorties.resume)
+    outs = _files(out, len(chosen.vehicle.fleet))
+
+    def refuse(paths: Sequence[Path | None]) -> None:
+        for path in paths:
+            refuse_overwrite(path, inputs, suffixes=MISSION_SUFFIXES, overwrite=overwrite)
+            if path is not None:
+                writer_for(path)
+
+    refuse(outs)
     with output.progress() as progress:
         progress("planning", 0, 1)
-        results = plan_fleet(chosen, progress=progress)
+        results, vehicles = plan_fleet(chosen, progress=progress), single_vehicles(chosen)
+        cuts = [sorties.cut(result, one) for result, one in zip(results, vehicles, strict=True)]
         progress("planning", 1, 1)
+    flown = [(result,) if cut is None else cut.plans for result, cut in zip(results, cuts, strict=True)]
+    files = [sortie_files(path, len(plans)) for path, plans in zip(outs, flown, strict=True)]
+    for paths in files:
+        refuse(paths)
     check_plans(
-        zip(results, single_vehicles(chosen), strict=True),
+        [(plan, one) for plans, one in zip(flown, vehicles, strict=True) for plan in plans],
         "nothing was written",
         force=force,
         show=partial(show_findings, output),
     )
-    for warning in dict.fromkeys(warning for result in results for warning in result.warnings):
+    every = [plan for plans in flown for plan in plans]
+    for warning in dict.fromkeys(warning for plan in every for warning in plan.warnings):
         output.warn(warning)
-    notes = [one for result in results for one in result.rendered.remarks if one.severity is Severity.NOTE]
+    notes = [one for plan in every for one in plan.rendered.remarks if one.severity is Severity.NOTE]
     for note in dict.fromkeys(str(one) for one in notes):
         output.note(f"note: {note}")
-    values, tables = [], []
-    for result, path in zip(results, files, strict=True):
+    for plan, path in zip(every, chain.from_iterable(files), strict=True):
         if path is not None:
-            write_and_tell(output, result.mission, path, Firmware(result.mav_autopilot))
-        values.append({**result.summary(), "file": str(path) if path else None})
-        tables.append(_rows(result, path))
+            write_and_tell(output, plan.mission, path, Firmware(plan.mav_autopilot))
+    values, tables = [], []
+    for result, cut, paths in zip(results, cuts, files, strict=True):
+        file = {"file": str(paths[0]) if paths[0] else None}
+        values.append({**result.summary(), **file} if cut is None else sortie_summary(cut, paths))
+        tables.append(_rows(result, paths[0]) if cut is None else _rows_of_sorties(cut, paths))
     if len(results) == 1:
         output.result(values[0], tables[0], title="Plan")
-        return
-    rows = [[str(number), *(one[name] for name in _OF_EACH)] for number, one in enumerate(tables, start=1)]
-    title = f"{results[0].farm.name}: {results[0].planner}, {results[0].budget_text} each"
-    together = {"vehicles": len(results), "plans": values}
-    output.table(together, ["", *_OF_EACH], rows, title=title, left=True)
+    else:
+        rows = [
+            [str(number), *(one[name] for name in _OF_EACH)] for number, one in enumerate(tables, start=1)
+        ]
+        title = f"{results[0].farm.name}: {results[0].planner}, {results[0].budget_text} each"
+        together = {"vehicles": len(results), "plans": values}
+        output.table(together, ["", *_OF_EACH], rows, title=title, left=True)
+    for number, (cut, paths) in enumerate(zip(cuts, files, strict=True), start=1):
+        if cut is not None and not output.as_json:
+            whose = f" of vehicle {number}" if len(cuts) > 1 else ""
+            output.table(None, SORTIE_HEADER, sortie_rows(cut, paths), title=f"Sorties{whose}", left=True)
 
 
 _OF_EACH = (
@@ -129,6 +167,23 @@ def _files(out: Path | None, count: int) -> list[Path | None]:
 
     stem = out.name[: len(out.name) - len(ending(out))]
     return [out.with_name(f"{stem}-{number}{out.name[len(stem) :]}") for number in range(1, count + 1)]
+
+
+def _rows_of_sorties(cut: SortiePlan, paths: Sequence[Path | None]) -> dict[str, str]:
+    """Return what is told of a plan in sorties."""
+    rows, count = _rows(cut.whole, None), len(cut.sorties)
+    used = [one.battery_used for one in cut.plans if one.battery_used is not None]
+    lengths_m = sum(one.length_m for one in cut.plans)
+    told = {
+        "length": f"{distance(lengths_m)} over ground, as predicted",
+        "predicted time": f"{duration(cut.flight_s)} in the air, {duration(cut.total_s)} with the changes"
+        if count > 1
+        else duration(cut.flight_s),
+        "battery use": f"at most {max(used):.1%} in a sortie" if used else "none",
+        "batteries": str(count),
+        "file": ", ".join(map(str, paths)) if paths[0] is not None else rows["file"],
+    }
+    return {**rows, **told}
 
 
 def _rows(result: PlanResult, path: Path | None) -> dict[str, str]:

@@ -94,17 +94,9 @@ class FlightBudget:
 
 
 def flight_budget(
-    limit: float,
-    unit: str,
-    builder: MissionBuilder,
-    reserve: ReserveCharge | None = None,
-    *,
-    ways: Callable[[NDArray[np.float64]], float] | None = None,
+    limit: float, unit: str, builder: MissionBuilder, reserve: ReserveCharge | None = None
 ) -> FlightBudget:
-    """Return a budget in "s" or "Wh" that is charged by predicted flights, and what the reserve asks for.
-
-    With `ways` a path may be longer than a battery lasts: they are what coming home to change it takes.
-    """
+    """Return a budget in "s" or "Wh" that is charged by predicted flights, and what the reserve asks for."""
 
     def mission_of(path_xy_m: NDArray[np.float64]) -> Mission:
         points = np.asarray(path_xy_m, dtype=np.float64).reshape(-1, 2)
@@ -118,12 +110,9 @@ def flight_budget(
         new = {key: path for key, path in zip(keys, paths_xy_m, strict=True) if key not in known}
         costs = {key: known[key] for key in keys if key in known}
         missions = [mission_of(path) for path in new.values()]
-        flown = builder.price(missions, endless=ways is not None) if new else []
-        prices = [price_of(one) for one in flown]
+        prices = [price_of(one) for one in builder.price(missions)] if new else []
         if reserve is not None:
             prices = charged(reserve, missions, prices)
-        if ways is not None:
-            prices = [price + ways(path) for price, path in zip(prices, new.values(), strict=True)]
         costs |= zip(new, prices, strict=True)
         if len(known) + len(new) > _MOST_KNOWN:
             known.clear()
@@ -180,12 +169,11 @@ def make_budget(text: str | None, builder: MissionBuilder, *, steered: bool = Fa
         if steered:
             usable *= 1.0 - _SPARED
             less += f" and {_SPARED:.0%} of the rest"
-        reserve, often = _disturbed(builder)
+        disturbed = builder.estimate_errors or wind_of(builder.weather, builder.level).is_gusty
+        often = f"; enough for {BOUND_PROBABILITY:.1%} of such flights" if disturbed else ""
         words = f"{usable:.1f} Wh (the battery less {less}{often})"
-        return flight_budget(usable, "Wh", builder, reserve), words
+        return flight_budget(usable, "Wh", builder, ReserveCharge(builder) if disturbed else None), words
     value, unit = parse_budget(text)
-    if unit == "batteries":
-        return _batteries_budget(text, value, builder, steered=steered)
     if unit == "m":
         return LengthBudget(value, home, builder.flown_way), f"{value:g} m"
     if unit == "steps":
@@ -194,43 +182,6 @@ def make_budget(text: str | None, builder: MissionBuilder, *, steered: bool = Fa
         msg = f"budget {text}: vehicle {vehicle.name} uses no energy; give metres, minutes or steps"
         raise ScenarioError(msg)
     return flight_budget(value, unit, builder), f"{value:g} {unit}"
-
-
-def _disturbed(builder: MissionBuilder) -> tuple[ReserveCharge | None, str]:
-    """Return what the reserve asks for where gusts or errors disturb flights, and how to say it."""
-    if not (builder.estimate_errors or wind_of(builder.weather, builder.level).is_gusty):
-        return None, ""
-    return ReserveCharge(builder), f"; enough for {BOUND_PROBABILITY:.1%} of such flights"
-
-
-def _batteries_budget(
-    text: str, count: float, builder: MissionBuilder, *, steered: bool
-) -> tuple[Budget, str]:
-    """Return a budget of several batteries, which are changed at home, and how to say it."""
-    vehicle, battery = builder.vehicle, builder.vehicle.battery
-    if battery is None:
-        msg = f"budget {text}: vehicle {vehicle.name} has no battery; give metres, minutes or steps"
-        raise ScenarioError(msg)
-    if count != int(count):
-        msg = f"budget {text}: give a whole number of batteries"
-        raise ScenarioError(msg)
-    if steered and count > 1.0:
-        msg = f"budget {text}: a policy decides within one battery; leave --budget out, or give --planner"
-        raise ScenarioError(msg)
-    usable_wh = battery.capacity_wh * (1.0 - battery.reserve_fraction)
-    a_second = _watt_hours_a_second(vehicle, builder.level.speed_m_s)
-    home_m = np.array([builder.home_m])
-
-    def ways(path_xy_m: NDArray[np.float64]) -> float:
-        """Return what the ways to change batteries take, if the mission breaks off anywhere on the path."""
-        fares = leg_fares(builder, a_second)
-        there = fares.legs(home_m, path_xy_m).mean() + fares.legs(path_xy_m, home_m).mean()
-        return float(there) * (count - 1.0)
-
-    reserve, often = _disturbed(builder)
-    less = f"each {usable_wh:.1f} Wh, the battery less {battery.reserve_fraction:.0%} reserve{often}"
-    words = f"{count:.0f} {'batteries' if count > 1.0 else 'battery'} ({less})"
-    return flight_budget(count * usable_wh, "Wh", builder, reserve, ways=ways), words
 
 
 # Of the time to brake from cruise speed to rest: what a turn costs on average, braking and speeding up again.
@@ -370,11 +321,10 @@ def leg_travel_cost(request: PlanningRequest, builder: MissionBuilder) -> LegFar
 
 def leg_fares(builder: MissionBuilder, a_second: float = 1.0) -> LegFares:
     """Return roughly what straight legs cost a vehicle, whose flight costs so much a second."""
-    vehicle = builder.vehicle
     wind = wind_of(builder.weather, builder.level, gusts=False).mean_at(builder.level.altitude_m)
     return LegFares(
-        min(builder.level.speed_m_s, vehicle.top_speed_m_s),
-        vehicle.acceleration_m_s2,
+        min(builder.level.speed_m_s, builder.vehicle.top_speed_m_s),
+        builder.vehicle.acceleration_m_s2,
         builder.farm.frame.from_east_north(wind[0], wind[1]),
         a_second,
     )

@@ -8,7 +8,9 @@ import numpy as np
 
 from geo import Farm, get_farm
 from mission.files import read_mission
+from mission.model import Mission
 from mission.planners import Planner, make_planner
+from mission.planners.path import Points
 from mission.policies.policy import FixedPlan
 from sensors.field_files import load_field_set
 from sensors.fields import FieldSet
@@ -89,16 +91,22 @@ def planner_of(choice: Choice) -> Planner:
 def read_plan(file: str, builder: MissionBuilder, footprint: int, seed: int) -> PlanResult:
     """Take a run's mission from a file; the farm only says where its waypoints lie."""
     farm, mission = builder.farm, read_mission(file)
-    positioned = [item for item in mission.items if item.has_position and (item.x or item.y)]
-    if not positioned:
+    path_m = positions_of(mission, farm)
+    if not len(path_m):
         msg = f"{file}: no item of the mission has a position; give a mission with waypoints"
         raise ScenarioError(msg)
-    x, y = np.array([(item.x, item.y) for item in positioned]).T
     return builder.plan_of(
         mission,
-        np.column_stack(farm.frame.from_wgs84(x, y)),
+        path_m,
         planner=None,
         seed=seed,
         budget_text="none (mission file)",
         footprint=footprint,
     )
+
+
+def positions_of(mission: Mission, farm: Farm) -> Points:
+    """Return where the items of a mission lie, float64[n, 2], in metres of the farm frame."""
+    placed = [(item.x, item.y) for item in mission.items if item.has_position and (item.x or item.y)]
+    latitude, longitude = np.array(placed).reshape(-1, 2).T
+    return np.column_stack(farm.frame.from_wgs84(latitude, longitude))

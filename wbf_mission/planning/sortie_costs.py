@@ -20,13 +20,12 @@ from wbf_mission.planning.conditions import wind_of
 
 __all__ = ["Choice", "SortieCosts"]
 
-_PROBES = 9
+_PROBES = 25
 _PLACES = 300
 _CLOSEST_M = 5.0
 # A cut in the midst of a leg has to save so much: the images of a row are better of one flight.
 _MIDST_S = 1.0
 _MOST_SORTIES = 200
-Line = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,8 +67,8 @@ class SortieCosts:
     ) -> SortieCosts | None:
         """Return the costs of the parts of a course from a place on; None if it cannot be flown.
 
-        The whole is flown once, and the ways to and home from a few of its positions; those from others are
-        taken to grow with how long they take straight on in the mean wind.
+        The whole is flown once, and the ways to and home from some of its positions; what those of others
+        take is interpolated by how long they take straight on in the mean wind.
         """
         wind = wind_of(builder.weather, builder.level)
         trials = TrialFlights(course.mission, builder.priced_vehicle, course.frame, wind)
@@ -89,42 +88,48 @@ class SortieCosts:
         stands = np.array([(home.latitude_deg, home.longitude_deg) for home in homes])
         homes_m = np.column_stack(frame.from_wgs84(*stands.T))
         from_m = np.column_stack(frame.from_wgs84(course.frame.latitude_deg, course.frame.longitude_deg))
-        probes, there = [], np.linspace(_first_m(course), course.length_m, _PROBES)
-        for k in np.minimum(np.searchsorted(way_m, there), count - 1).tolist():
-            transit = trials.there_and_back(flown.place_m[k], int(flown.seq[k]))
-            if transit is None:
-                return None
-            probes.append((transit.out_s, transit.out_wh, transit.back_s, transit.back_wh))
-        found = np.array(probes)
-        lines = [
-            _line(straight_s(*ways).ravel(), found[:, k])
-            for k, ways in enumerate(((from_m, at(there)),) * 2 + ((at(there), from_m),) * 2)
-        ]
         places = _places(course, begin, overlap_m)
         begins = [resumed_at(course, place, overlap_m) if place is not None else None for place in places]
         begin_m = np.array([course.length_m if one is None else course.metres(one) for one in begins])
         end_m = np.array([_end_m(course, place) for place in places])
+        probed_m = _spread(straight_s(from_m, at(end_m)).ravel(), end_m)
+        transits = []
+        for k in np.minimum(np.searchsorted(way_m, probed_m), count - 1).tolist():
+            transit = trials.there_and_back(flown.place_m[k], int(flown.seq[k]))
+            if transit is None:
+                return None
+            transits.append(transit)
+        outward, homeward = straight_s(from_m, at(probed_m)).ravel(), straight_s(at(probed_m), from_m).ravel()
         out, back = straight_s(homes_m, at(begin_m)), straight_s(at(end_m), homes_m).T
-        seconds, watt_hours = (
-            (there_line[0] + there_line[1] * out)[:, :, None]
-            + (np.interp(end_m, way_m, spent)[None, :] - np.interp(begin_m, way_m, spent)[:, None])[None]
-            + (home_line[0] + home_line[1] * back)[:, None, :]
-            for spent, there_line, home_line in (
-                (flown.time_s[:count], lines[0], lines[2]),
-                (flown.energy_wh[:count], lines[1], lines[3]),
-            )
+        a_second_wh = float(flown.energy_wh[count - 1] / flown.time_s[count - 1])
+
+        def parts(
+            spent: NDArray[np.float64], there: list[float], home: list[float], beyond: float
+        ) -> NDArray[np.float64]:
+            at_end, at_begin = (np.interp(metres, way_m, spent[:count]) for metres in (end_m, begin_m))
+            ways = _interpolated(out, outward, there, beyond)[:, :, None]
+            homes = _interpolated(back, homeward, home, beyond)[:, None, :]
+            part: NDArray[np.float64] = ways + (at_end[None, :] - at_begin[:, None])[None] + homes
+            return part
+
+        seconds = parts(flown.time_s, [t.out_s for t in transits], [t.back_s for t in transits], 1.0)
+        watt_hours = parts(
+            flown.energy_wh, [t.out_wh for t in transits], [t.back_wh for t in transits], a_second_wh
         )
         midst = np.array([one is not None and one.fraction > 0.0 for one in places])
         return cls(tuple(places), seconds, watt_hours, midst)
 
     def charged(self, charge: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the energy of all sorties, times what is charged at the places where they begin and end."""
-        return self.watt_hours * (0.5 * (charge[:, None] + charge[None, :]))
+        """Return the energy of all sorties, times what is charged from place to place on the way of each."""
+        before, number = np.concatenate(([0.0], np.cumsum(charge[:-1]))), np.arange(len(charge))
+        places = np.maximum(number[None, :] - number[:, None], 1)
+        charged: NDArray[np.float64] = self.watt_hours * ((before[None, :] - before[:, None]) / places)
+        return charged
 
     def cheapest(self, most_wh: float, charge: NDArray[np.float64]) -> Choice | None:
         """Return the fewest sorties of at most so much energy, and of these the fastest; None without any.
 
-        What they take is `charged`, float64[n].
+        What they take is `charged`, float64[n]: from each place to the next; the last one is not used.
         """
         seconds = np.where(self.charged(charge) <= most_wh, self.seconds + _MIDST_S * self.midst, np.inf)
         later = np.triu(np.ones(seconds.shape[1:], dtype=np.bool_), 1)
@@ -162,12 +167,6 @@ def _places(course: Course, begin: Place, overlap_m: float) -> list[Place | None
     return [*places, None]
 
 
-def _first_m(course: Course) -> float:
-    """Return where the work begins, in metres of the way."""
-    first = course.after(course.start)
-    return 0.0 if first is None else course.metres(first)
-
-
 def _end_m(course: Course, place: Place | None) -> float:
     """Return how much of the way is flown by a sortie that ends at a place."""
     if place is None:
@@ -179,8 +178,23 @@ def _end_m(course: Course, place: Place | None) -> float:
     return course.metres(place)
 
 
-def _line(straight_s: NDArray[np.float64], found: NDArray[np.float64]) -> Line:
-    """Return base and rate of what ways take, by how long they take straight on (least squares)."""
-    known = np.column_stack((np.ones_like(straight_s), straight_s))
-    base, rate = np.linalg.lstsq(known, found, rcond=None)[0]
-    return (float(base), float(rate)) if rate > 0.0 else (float(found.mean()), 0.0)
+def _spread(straight_s: NDArray[np.float64], metres: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return some of the places that are spread evenly over how far they are away."""
+    ranks = np.unique(np.linspace(0, len(metres) - 1, _PROBES).astype(np.int64))
+    chosen: NDArray[np.float64] = metres[np.argsort(straight_s, kind="stable")[ranks]]
+    return chosen
+
+
+def _interpolated(
+    straight_s: NDArray[np.float64], known_s: NDArray[np.float64], takes: list[float], beyond: float
+) -> NDArray[np.float64]:
+    """Return what ways take, by how long they take straight on: between those that are known, and beyond.
+
+    Autopilots return from near home at another height than from afar, so nothing smooth is fitted.
+    """
+    order = np.argsort(known_s, kind="stable")
+    farther = np.maximum(straight_s - known_s[order[-1]], 0.0)
+    found: NDArray[np.float64] = (
+        np.interp(straight_s, known_s[order], np.array(takes)[order]) + beyond * farther
+    )
+    return found

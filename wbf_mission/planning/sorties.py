@@ -3,30 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mission.course import Course, Place
+from mission.course import Course, Place, unrolled
 from mission.model import GeoPoint, Mission
-from mission.planners.path import Points
 from mission.sorties import Way, image_spacing_m, part_of
 from sim_vehicle.autopilot import fixed_wing_procedures
 from sim_vehicle.prediction.flight import Prediction
 from wbf_mission.planning.builder import MissionBuilder, PlanResult, home_of
+from wbf_mission.planning.plan import positions_of
 from wbf_mission.planning.sortie_costs import Choice, SortieCosts
+from wbf_mission.scenario.parts import VehicleParts
 
-__all__ = ["CHANGE_S", "PlannedSortie", "SortiePlan", "cut_plan", "overlap_of", "placed_path", "way_of"]
+__all__ = ["CHANGE_S", "PlannedSortie", "SortiePlan", "cut_plan", "overlap_of", "sorties_of"]
 
 CHANGE_S = 180.0
 """What changing a battery takes, by default."""
 _IMAGES = 2
 """So many distances between images are flown again where a sortie goes on."""
-_TRIES = 8
-_SPARE = 1.004
+_TRIES = 12
+_SPARE = 1.003
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,6 +158,13 @@ def cut_plan(
     return None if sorties is None else SortiePlan(whole, course, sorties, change_s)
 
 
+def sorties_of(whole: PlanResult, one: VehicleParts, **how: Any) -> SortiePlan | None:
+    """Cut the mission of one vehicle of a run, whose jumps are written out; `how` as of `cut_plan`."""
+    builder = MissionBuilder.of(one, whole.farm)
+    placed = replace(whole.mission, home=home_of(whole.mission, whole.farm))
+    return cut_plan(replace(whole, mission=unrolled(placed)), builder, footprint=one.camera.footprint, **how)
+
+
 def overlap_of(builder: MissionBuilder, whole: PlanResult) -> float:
     """Return how many metres a sortie flies again: two images, and what it takes to come onto the row."""
     spacing = image_spacing_m(whole.mission, builder.level.speed_m_s)
@@ -168,7 +176,7 @@ def overlap_of(builder: MissionBuilder, whole: PlanResult) -> float:
     return _IMAGES * (builder.image_spacing_m if spacing is None else spacing) + line_up_m
 
 
-def way_of(builder: MissionBuilder) -> Way | None:
+def _way_of(builder: MissionBuilder) -> Way | None:
     """Return what leads round the farm's obstacles, None if there are none."""
     keep_out, frame = builder.keep_out, builder.farm.frame
     if keep_out is None:
@@ -182,12 +190,6 @@ def way_of(builder: MissionBuilder) -> Way | None:
         return list(zip(latitude.tolist(), longitude.tolist(), strict=True))
 
     return way
-
-
-def placed_path(course: Course, builder: MissionBuilder) -> Points:
-    """Return the ends of a course's legs in metres of the farm frame, float64[n, 2]."""
-    ends = np.array([leg.end[:2] for leg in course.legs])
-    return np.column_stack(builder.farm.frame.from_wgs84(ends[:, 0], ends[:, 1]))
 
 
 Flown: TypeAlias = "tuple[Place, Place | None, int]"
@@ -253,7 +255,7 @@ class _Cutter:
             end,
             overlap_m=self.overlap_m,
             home=self.homes[home],
-            way=way_of(self.builder),
+            way=_way_of(self.builder),
         )
 
     def _full(self, flown: Flown) -> Prediction:
@@ -267,7 +269,7 @@ class _Cutter:
         whole, (mission, prediction) = self.whole, self._predicted[flown]
         plan = self.builder.plan_of(
             mission,
-            placed_path(Course(mission), self.builder),
+            positions_of(mission, whole.farm),
             planner=whole.planner,
             seed=whole.seed,
             budget_text=whole.budget_text,
@@ -280,8 +282,7 @@ class _Cutter:
 
 def _charge(costs: SortieCosts, choice: Choice, takes_wh: Sequence[float]) -> NDArray[np.float64]:
     """Return what is charged at each place, from what sorties take and were thought to."""
-    flown = zip(pairwise(choice.ends), choice.homes, takes_wh, strict=True)
-    ratios = [takes / costs.watt_hours[home, first, last] for (first, last), home, takes in flown]
-    middles = [0.5 * (first + last) for first, last in pairwise(choice.ends)]
-    charge: NDArray[np.float64] = np.interp(np.arange(len(costs.places)), middles, ratios)
+    charge = np.ones(len(costs.places))
+    for (first, last), home, takes in zip(pairwise(choice.ends), choice.homes, takes_wh, strict=True):
+        charge[first:last] = takes / costs.watt_hours[home, first, last]
     return charge

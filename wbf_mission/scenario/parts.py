@@ -101,7 +101,7 @@ class MissionOptions(Part):
     )
     budget: str | None = option(
         None,
-        "How much each vehicle may fly in each flight: 8000m, 2.5km, 25min, 50Wh, 3batteries or 360steps",
+        "How much each vehicle may fly in each flight: 8000m, 2.5km, 25min, 1500s, 50Wh or 360steps",
         RUN,
         default="the battery less its reserve; ideal: 0.4 x the owner's cells in steps",
         example="60s",

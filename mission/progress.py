@@ -1,0 +1,74 @@
+"""How far a vehicle has flown its mission, as its telemetry tells: live, or from a log."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mission.course import Course, Place
+from mission.errors import MissionError
+from mission.ground.vehicle_state import VehicleMonitor
+from mission.link.codec.dialect import Message
+from mission.link.codec.dialect import mavlink as m
+
+__all__ = ["MissionProgress"]
+
+# A vehicle that is farther from its leg comes from elsewhere, or flies another mission.
+_ON_LEG_M = 50.0
+
+
+class MissionProgress:
+    """Follows a vehicle along the course of the mission that it flies by itself.
+
+    A position counts once a later HEARTBEAT shows that the vehicle was still in its mission: on its way home
+    it is not. Feed it with the messages of the vehicle's autopilot.
+
+    Parameters
+    ----------
+    course : Course
+        Of the mission that the vehicle holds.
+    """
+
+    def __init__(self, course: Course) -> None:
+        self.course = course
+        self.monitor = VehicleMonitor()
+        self._pending: list[tuple[int, float, float]] = []
+        self._flown: list[tuple[int, float, float]] = []
+
+    def receive(self, message: Message, now_s: float) -> None:
+        """Take one message of the vehicle."""
+        self.monitor.receive(message, now_s)
+        if isinstance(message, m.MAVLink_heartbeat_message):
+            if self._flies:
+                self._flown += self._pending
+            self._pending.clear()
+        elif isinstance(message, m.MAVLink_global_position_int_message) and self._flies:
+            state = self.monitor.state
+            if state.item is not None and self.monitor.knows_position:
+                self._pending.append((state.item, state.latitude_deg, state.longitude_deg))
+
+    @property
+    def _flies(self) -> bool:
+        return self.monitor.in_mission and self.monitor.state.armed and not self.monitor.left_mission
+
+    def place(self) -> Place | None:
+        """Return how far the mission is flown; None if it is flown to its end.
+
+        MissionError if it was never flown.
+        """
+        if not self._flown:
+            msg = "the vehicle is never seen to fly its mission by itself"
+            raise MissionError(msg)
+        course = self.course
+        items, latitude, longitude = np.array(self._flown).T
+        if items.max() >= len(course.mission.items):
+            msg = (
+                f"the vehicle flies item {int(items.max()) + 1}, but the mission has"
+                f" {len(course.mission.items)} items: it is another mission"
+            )
+            raise MissionError(msg)
+        east, north = course.frame.from_wgs84(latitude, longitude)
+        on_leg = course.aside_m(items, east, north) <= _ON_LEG_M
+        if not on_leg.any():
+            msg = "the vehicle never is on the way that its mission leads: it is another mission"
+            raise MissionError(msg)
+        return course.place(float(course.along(items, east, north)[on_leg].max()))

@@ -1,0 +1,111 @@
+"""How far a mission is flown, as telemetry tells."""
+
+import pytest
+
+from geo.frame import LocalFrame
+from mission.course import Course
+from mission.errors import MissionError
+from mission.link.codec.dialect import mavlink as m
+from mission.model import GeoPoint, Mission, MissionItem
+from mission.progress import MissionProgress
+
+FRAME = LocalFrame(28.05, -82.15)
+PX4, ARDUPILOT = 12, 3
+MISSION_PX4, RETURN_PX4 = (4 << 24) | (4 << 16), (5 << 24) | (4 << 16)
+AUTO, RTL = 3, 6
+
+
+def at(x, y):
+    return MissionItem.waypoint(*FRAME.to_wgs84(x, y), 10.0)
+
+
+ITEMS = (
+    MissionItem(22, 3, x=28.05, y=-82.15, z=10.0),
+    at(0.0, 0.0),
+    MissionItem(206, param1=2.0),
+    at(100.0, 0.0),
+    at(100.0, 20.0),
+    at(0.0, 20.0),
+    MissionItem(206),
+    MissionItem(20),
+)
+COURSE = Course(Mission(ITEMS, GeoPoint(28.05, -82.15)))
+
+
+class Log:
+    """What a vehicle tells."""
+
+    def __init__(self, autopilot=PX4):
+        self.progress = MissionProgress(COURSE)
+        self.autopilot = autopilot
+        self.now_s = 0.0
+
+    def beat(self, mode=None, armed=True):
+        flies = MISSION_PX4 if self.autopilot == PX4 else AUTO
+        base = 1 | (128 if armed else 0) | (8 if self.autopilot == PX4 else 0)
+        self._tell(
+            m.MAVLink_heartbeat_message(2, self.autopilot, base, flies if mode is None else mode, 4, 3)
+        )
+
+    def be(self, item, x, y):
+        home = 1 if self.autopilot == ARDUPILOT else 0
+        self._tell(m.MAVLink_mission_current_message(item + home))
+        latitude, longitude = FRAME.to_wgs84(x, y)
+        place = (round(latitude * 1e7), round(longitude * 1e7))
+        self._tell(m.MAVLink_global_position_int_message(0, *place, 40000, 10000, 0, 0, 0, 0))
+
+    def _tell(self, message):
+        self.now_s += 0.2
+        self.progress.receive(message, self.now_s)
+
+
+@pytest.mark.parametrize(("autopilot", "home"), [(PX4, RETURN_PX4), (ARDUPILOT, RTL)])
+def test_the_way_home_does_not_count(autopilot, home):
+    log = Log(autopilot)
+    log.beat()
+    log.be(3, 60.0, 0.5)
+    log.beat()
+    log.be(3, 75.0, 0.5)  # told after the last heartbeat in the mission: it may be on the way home
+    log.beat(home)
+    log.be(3, 90.0, 0.0)
+    log.beat(home)
+    place = log.progress.place()
+    assert place.item == 3 and place.fraction == pytest.approx(0.6, abs=1e-3)
+
+
+def test_the_farthest_place_counts_and_the_leg_that_is_flown():
+    log = Log()
+    log.beat()
+    log.be(5, 40.0, 18.0)  # nearer to nothing else
+    log.beat()
+    log.be(3, 10.0, 0.0)  # a later flight begins anew
+    log.beat()
+    place = log.progress.place()
+    assert place.item == 5 and place.fraction == pytest.approx(0.6, abs=1e-3)
+
+
+def test_a_mission_that_is_over_is_told():
+    log = Log()
+    log.beat()
+    log.be(7, 10.0, 10.0)
+    log.beat()
+    assert log.progress.place() is None
+
+
+def test_what_tells_nothing_is_refused():
+    log = Log()
+    log.beat(armed=False)
+    log.be(3, 60.0, 0.0)
+    log.beat(armed=False)
+    with pytest.raises(MissionError, match="never seen to fly"):
+        log.progress.place()
+    for item, x, text in (
+        (20, 0.0, "flies item 21, but the mission has 8 items"),
+        (3, 900.0, "another mission"),
+    ):
+        log = Log()
+        log.beat()
+        log.be(item, x, 0.0)
+        log.beat()
+        with pytest.raises(MissionError, match=text):
+            log.progress.place()

@@ -1,0 +1,266 @@
+"""Missions longer than a battery: cut into sorties, each home with its reserve, and gone on with."""
+
+import itertools
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from geo import get_farm
+from mission.course import Course, Place
+from mission.files import read_mission, write_mission
+from mission.model import GeoPoint, MissionItem
+from sim_vehicle.prediction.predict import predict_flight
+from wbf_mission import Scenario
+from wbf_mission.cli.app import main
+from wbf_mission.planning import MissionBuilder, plan
+from wbf_mission.planning.coverage import image_places
+from wbf_mission.planning.sortie_costs import SortieCosts
+from wbf_mission.planning.sorties import cut_plan, overlap_of, sorties_of
+
+FARM = "miniberry-100"
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    """A vehicle whose battery lasts for four minutes."""
+    file = tmp_path_factory.mktemp("vehicles") / "small.toml"
+    file.write_text('base = "quad"\n[battery]\ncapacity_wh = 12.0\n')
+    return str(file)
+
+
+def scenario(small, **more):
+    return Scenario(**{"farm": FARM, "planner": "lawnmower", "budget": "1200m", "vehicle": small, **more})
+
+
+def cut(one, **how):
+    return sorties_of(plan(one), one, **how)
+
+
+def usable_wh(one):
+    battery = plan(one).vehicle.battery
+    return battery.capacity_wh * (1.0 - battery.reserve_fraction)
+
+
+@pytest.fixture(scope="module")
+def calm(small):
+    return cut(scenario(small))
+
+
+def test_each_sortie_is_within_a_battery_and_they_are_few(small, calm):
+    usable = 0.8 * 12.0
+    assert len(calm.sorties) >= 3
+    for one in calm.sorties:
+        assert one.plan.prediction.feasible and one.plan.prediction.most_wh <= usable
+        assert one.plan.batteries == 1
+    # One less would not do even if nothing were lost by cutting.
+    assert (len(calm.sorties) - 1) * usable < sum(one.plan.prediction.most_wh for one in calm.sorties)
+    ends = [one.end for one in calm.sorties]
+    assert ends[-1] is None and [one.begin for one in calm.sorties[1:]] == ends[:-1]
+    assert calm.total_s == pytest.approx(calm.flight_s + 180.0 * (len(calm.sorties) - 1))
+
+
+def farthest_from(places, others):
+    return max(float(np.min(np.hypot(*(others - place).T))) for place in places)
+
+
+def test_every_place_of_an_image_is_seen_by_a_sortie(calm):
+    whole = predict_flight(calm.whole.mission, calm.whole.vehicle, endless=True, track_step_s=0.1)
+    farm = calm.whole.farm
+    planned = image_places(farm, calm.whole.mission, whole)
+    seen = np.vstack(
+        [
+            image_places(farm, one.mission, predict_flight(one.mission, one.vehicle, track_step_s=0.1))
+            for one in calm.plans
+        ]
+    )
+    # Flights of the same row differ by what a PX4 swings after a corner.
+    assert farthest_from(planned, seen) < 1.0
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_gusts_and_a_wind_are_counted(small, autopilot):
+    windy = scenario(small, wind_speed_m_s=4.0, turbulence="light", autopilot=autopilot)
+    made = cut(windy)
+    assert all(one.plan.prediction.most_wh <= 0.8 * 12.0 for one in made.sorties)
+    assert any(one.plan.prediction.most_wh > one.plan.prediction.energy_wh for one in made.sorties)
+
+
+def brute_force(costs, most):
+    """Return the best of all cuts."""
+    count = len(costs.places)
+    seconds = np.where(costs.watt_hours <= most, costs.seconds + costs.midst, np.inf).min(axis=0)
+    for sorties in range(1, count):
+        best = min(
+            sum(seconds[a, b] for a, b in itertools.pairwise((0, *inner, count - 1)))
+            for inner in itertools.combinations(range(1, count - 1), sorties - 1)
+        )
+        if np.isfinite(best):
+            return sorties, best
+    return None
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_no_other_cuts_are_cheaper(seed):
+    draw = np.random.default_rng(seed)
+    count, homes = 8, 2
+    way = np.cumsum(draw.uniform(1.0, 3.0, count))
+    out, back = draw.uniform(0.5, 4.0, (2, homes, count))
+    seconds = out[:, :, None] + (way[None, :] - way[:, None])[None] + back[:, None, :]
+    places = (*(Place(k) for k in range(count - 1)), None)
+    costs = SortieCosts(places, 10.0 * seconds, seconds, draw.random(count) < 0.5)
+    most = draw.uniform(6.0, 14.0)
+    found, expected = costs.cheapest(most, np.ones(count)), brute_force(costs, most)
+    if expected is None:
+        assert found is None
+        return
+    assert len(found.homes) == expected[0]
+    taken = sum(
+        costs.seconds[home, a, b] + costs.midst[b]
+        for home, (a, b) in zip(found.homes, itertools.pairwise(found.ends), strict=True)
+    )
+    assert taken == pytest.approx(expected[1])
+    # What is charged more is flown in more sorties, or not at all.
+    dearer = costs.cheapest(most, np.full(count, 1.3))
+    assert dearer is None or len(dearer.homes) >= len(found.homes)
+
+
+def test_from_several_homes_each_sortie_is_flown_from_the_cheapest(small):
+    one = scenario(small, budget="2000m")
+    whole = plan(one)
+    farm = whole.farm
+    width, height = farm.width_cells * farm.cell_size_m, farm.height_cells * farm.cell_size_m
+    corners = [(0.0, 0.0), (width, height), (10.0 * width, 0.0)]
+    homes = [GeoPoint(*map(float, farm.frame.to_wgs84(*corner)), farm.frame.altitude_m) for corner in corners]
+    single, many = sorties_of(whole, one), sorties_of(whole, one, homes=homes)
+    used = [homes.index(part.mission.home) for part in many.plans]
+    assert set(used) == {0, 1}
+    assert many.flight_s < single.flight_s
+    assert all(part.prediction.most_wh <= 0.8 * 12.0 for part in many.plans)
+
+
+def test_nothing_is_cut_that_no_battery_is_enough_for(small):
+    one = scenario(small)
+    whole = plan(one)
+    far = replace(
+        whole.mission,
+        items=(
+            *whole.mission.items[:-2],
+            MissionItem.waypoint(28.2, -82.15, 10.0),
+            *whole.mission.items[-2:],
+        ),
+    )
+    assert sorties_of(replace(whole, mission=far), one) is None
+    assert (
+        sorties_of(plan(scenario("ideal", budget="300steps")), scenario("ideal", budget="300steps")) is None
+    )
+
+
+def test_obstacles_are_flown_round_on_the_ways(small):
+    one = scenario(small, farm="miniberry-100", budget="1200m")
+    builder = MissionBuilder.of(one, get_farm(FARM))
+    assert overlap_of(builder, plan(one)) > 2 * builder.image_spacing_m
+    made = cut_plan(plan(one), builder, footprint=one.camera.footprint, overlap_m=30.0, change_s=60.0)
+    assert made.change_s == 60.0 and made.total_s - made.flight_s == 60.0 * (len(made.sorties) - 1)
+
+
+def run(capsys, *arguments):
+    code = main(list(arguments))
+    said = capsys.readouterr()
+    return code, said.out, said.err
+
+
+PLAN = ("plan", "--farm", FARM, "--planner", "lawnmower", "--budget", "1200m", "--vehicle")
+
+
+def test_the_command_writes_a_file_for_each_sortie(small, tmp_path, capsys):
+    out = tmp_path / "rows.plan"
+    code, said, _ = run(capsys, *PLAN, small, "--out", str(out), "--json", "--change-time", "60")
+    values = json.loads(said)
+    files = sorted(tmp_path.glob("*.plan"))
+    assert code == 0 and not out.exists()
+    assert [one["file"] for one in values["sorties"]] == [str(file) for file in files]
+    assert values["batteries"] == len(files) and values["feasible"] and values["file"] is None
+    assert values["predicted_time_s"] == pytest.approx(
+        sum(one["predicted_time_s"] for one in values["sorties"])
+    )
+    assert values["time_with_changes_s"] == pytest.approx(
+        values["predicted_time_s"] + 60.0 * (len(files) - 1)
+    )
+    for file, one in zip(files, values["sorties"], strict=True):
+        mission = read_mission(file)
+        assert len(mission.items) == one["items"] and mission.items[0].command == 22
+        # Each is a mission within a battery, for the check before the flight, too.
+        checked, told, _ = run(capsys, "preflight", str(file), "--farm", FARM, "--vehicle", small, "--json")
+        assert checked == 0 and '"battery"' not in told
+    assert not any("no waypoint lies on the farm" in text for text in values["warnings"])
+
+
+def test_the_whole_is_written_when_that_is_wanted(small, tmp_path, capsys):
+    out = tmp_path / "rows.plan"
+    code, _, said = run(capsys, *PLAN, small, "--out", str(out), "--whole")
+    assert code == 2 and "batter" in said and not out.exists()
+    code, _, said = run(capsys, *PLAN, small, "--out", str(out), "--whole", "--force")
+    assert code == 0 and out.exists() and "the vehicle cannot fly this mission" in said
+
+
+def test_what_a_battery_is_enough_for_stays_as_it_is(tmp_path, capsys):
+    out = tmp_path / "rows.plan"
+    code, said, _ = run(capsys, *PLAN, "quad", "--out", str(out), "--json")
+    assert code == 0 and out.exists() and "sorties" not in json.loads(said)
+
+
+def test_it_is_gone_on_with_at_an_item(small, tmp_path, capsys):
+    whole = tmp_path / "whole.plan"
+    run(capsys, *PLAN, small, "--out", str(whole), "--whole", "--force")
+    mission = read_mission(whole)
+    course = Course(mission)
+    number = max(k for k in range(len(course.legs)) if course.lengths_m[k] > 10.0)
+    item = course.legs[number].item
+    rest = tmp_path / "rest.plan"
+    plan_file = ("plan", "--farm", FARM, "--mission", str(whole), "--vehicle", small)
+    where = f"{item + 1}+2m"
+    code, _, _ = run(capsys, *plan_file, "--resume", where, "--overlap", "1", "--out", str(rest))
+    left = read_mission(rest)
+    assert code == 0 and len(left.items) < 12 and len(list(tmp_path.glob("rest*"))) == 1
+    assert left.items[-3:] == mission.items[-3:]
+    place = Course(mission).frame.from_wgs84(left.items[2].x, left.items[2].y)
+    begin = Course(mission).frame.from_wgs84(*course.legs[number].begin[:2])
+    assert np.hypot(place[0] - begin[0], place[1] - begin[1]) == pytest.approx(1.0, abs=0.03)
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        (("--resume", "12"), "give its file with --mission"),
+        (("--whole", "--overlap", "3"), "leave --overlap out"),
+        (("--overlap", "-1"), "out of range"),
+        (("--change-time", "1e9"), "out of range"),
+        (("--home", "28.05"), "give latitude and longitude"),
+        (("--home", "100,200"), "give latitude and longitude"),
+    ],
+)
+def test_what_makes_no_sense_is_told_in_a_line(small, tmp_path, capsys, options, text):
+    code, _, said = run(capsys, *PLAN, small, *options, "--out", str(tmp_path / "rows.plan"))
+    assert code == 2 and text in said and said.count("\n") == 1 and not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("where", "text"),
+    [
+        ("99999", "give 1 to"),
+        ("0", "give 1 to"),
+        ("4+900m", "m long; give less"),
+        ("nothing.tlog", "there is no such file"),
+        (".", "has no flight.tlog"),
+    ],
+)
+def test_places_that_are_not_on_the_mission_are_refused(small, calm, tmp_path, capsys, where, text):
+    whole = tmp_path / "whole.plan"
+    write_mission(calm.whole.mission, whole)
+    where = str(tmp_path) if where == "." else where
+    code, _, said = run(
+        capsys, "plan", "--farm", FARM, "--mission", str(whole), "--vehicle", small, "--resume", where
+    )
+    assert code == 2 and text in said and said.count("\n") == 1

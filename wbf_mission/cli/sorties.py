@@ -1,0 +1,166 @@
+"""The options of sorties, and what a mission in sorties is told by."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from wbf_mission.cli import options
+from wbf_mission.cli.options import option
+from wbf_mission.cli.output import distance, duration
+from wbf_mission.scenario import ScenarioError
+
+if TYPE_CHECKING:
+    from mission.model import GeoPoint
+    from wbf_mission.planning import PlanResult
+    from wbf_mission.planning.fleet import SingleVehicle
+    from wbf_mission.planning.sorties import SortiePlan
+
+_PANEL = "Sorties"
+_DAY_S = 86_400.0
+
+
+@dataclass(frozen=True, slots=True)
+class SortieOptions:
+    """How a mission that is longer than a battery is flown."""
+
+    whole: Annotated[
+        bool,
+        option(
+            "Leave a mission whole that is longer than a battery, in place of cutting it.",
+            "--whole",
+            panel=_PANEL,
+        ),
+    ] = False
+    home: Annotated[
+        list[str] | None,
+        option(
+            "Latitude and longitude, degrees, of a place where the vehicle can take off and land; may be"
+            " repeated: each sortie is flown from the one that costs least.  [default: the mission's home]",
+            panel=_PANEL,
+            metavar="LAT,LON",
+        ),
+    ] = None
+    overlap: Annotated[
+        float | None,
+        option(
+            "Metres that are flown again where a sortie goes on.  [default: twice the distance between"
+            " images, and what it takes to come onto the row]",
+            panel=_PANEL,
+            parser=options.number,
+        ),
+    ] = None
+    change_time: Annotated[
+        float,
+        option("Seconds that changing a battery takes.", panel=_PANEL, parser=options.number),
+    ] = 180.0
+    resume: Annotated[
+        str | None,
+        option(
+            "Go on with the mission file where it was broken off: at an item (12), metres on the way to it"
+            " (12+35m), or as a telemetry log, a results folder or the vehicle's own link tells.",
+            panel=_PANEL,
+            metavar="FROM",
+        ),
+    ] = None
+
+    def check(self, *, mission: str | None) -> None:
+        """Refuse numbers out of range, and options that do not go together."""
+        for name, value, most in (("overlap", self.overlap, 1e4), ("change-time", self.change_time, _DAY_S)):
+            if value is not None and not 0.0 <= value <= most:
+                msg = f"--{name} {value:g} is out of range: give 0 to {most:g}"
+                raise ScenarioError(msg)
+        if self.resume is not None and mission is None:
+            msg = "--resume goes on with a mission that was flown: give its file with --mission, too"
+            raise ScenarioError(msg)
+        others = [name for name in ("home", "overlap", "resume") if getattr(self, name) is not None]
+        if self.whole and others:
+            msg = f"--whole leaves the mission as it is: leave --{others[0]} out, or --whole"
+            raise ScenarioError(msg)
+
+    def homes(self, altitude_m: float) -> list[GeoPoint]:
+        """Return where sorties may begin; ScenarioError if one is no position."""
+        from geo.texts import parse_number
+        from mission.errors import MissionError
+        from mission.model import GeoPoint
+
+        found = []
+        for text in self.home or ():
+            try:
+                latitude, longitude = map(parse_number, text.split(","))
+                found.append(GeoPoint(latitude, longitude, altitude_m))
+            except (ValueError, MissionError):
+                msg = f"--home {text}: give latitude and longitude in degrees, such as 28.05,-82.15"
+                raise ScenarioError(msg) from None
+        return found
+
+    def cut(self, whole: PlanResult, one: SingleVehicle) -> SortiePlan | None:
+        """Return a vehicle's mission in sorties; None for one that is left whole, because it can or must be.
+
+        WbfMissionError if it is to be resumed and cannot be.
+        """
+        from mission.course import Course
+        from wbf_mission.live.resume import resume_place
+        from wbf_mission.planning.sorties import sorties_of
+
+        needs_many = whole.batteries is not None and whole.batteries > 1
+        if self.whole or not (needs_many or self.home or self.resume):
+            return None
+        begin = None if self.resume is None else resume_place(self.resume, Course(whole.mission))
+        return sorties_of(
+            whole,
+            one,
+            begin=begin,
+            homes=self.homes(whole.farm.frame.altitude_m),
+            overlap_m=self.overlap,
+            change_s=self.change_time,
+        )
+
+
+def sortie_files(out: Path | None, count: int) -> list[Path | None]:
+    """Return the file of each sortie; those of several are numbered.
+
+    >>> [str(one) for one in sortie_files(Path("rows.plan"), 2)]
+    ['rows-sortie-1.plan', 'rows-sortie-2.plan']
+    """
+    if out is None or count == 1:
+        return [out] * count
+    return [out.with_name(f"{out.stem}-sortie-{number}{out.suffix}") for number in range(1, count + 1)]
+
+
+SORTIE_HEADER = ["", "items", "length", "time", "at most", "battery use", "from", "to", "file"]
+
+
+def sortie_rows(cut: SortiePlan, files: Sequence[Path | None]) -> list[list[str]]:
+    """Return a row for each sortie, and one for all."""
+    rows = []
+    for number, (one, path) in enumerate(zip(cut.sorties, files, strict=True), start=1):
+        plan, battery = one.plan, one.plan.battery_used
+        rows.append(
+            [
+                str(number),
+                str(len(plan.mission.items)),
+                distance(plan.length_m),
+                duration(plan.prediction.duration_s),
+                f"{plan.prediction.most_wh:.1f} Wh",
+                "-" if battery is None else f"{battery:.1%}",
+                str(one.begin),
+                "the end" if one.end is None else str(one.end),
+                "-" if path is None else str(path),
+            ]
+        )
+    lengths_m = sum(one.length_m for one in cut.plans)
+    most_wh = sum(one.prediction.most_wh for one in cut.plans)
+    total = [distance(lengths_m), duration(cut.flight_s), f"{most_wh:.1f} Wh"]
+    return [*rows, ["all", "", *total, "", "", "", ""]]
+
+
+def sortie_summary(cut: SortiePlan, files: Sequence[Path | None]) -> dict[str, Any]:
+    """Return plain values for JSON."""
+    values = cut.summary()
+    names = [None if path is None else str(path) for path in files]
+    for one, name in zip(values["sorties"], names, strict=True):
+        one["file"] = name
+    return {**values, "file": names[0] if len(names) == 1 else None}

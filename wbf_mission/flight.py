@@ -19,6 +19,7 @@ from sim_vehicle.faults.fault import Fault
 from sim_vehicle.host.simulation import Impairment
 from wbf_mission.live.link import LiveLink
 from wbf_mission.maps.field_maps import FieldMap, true_map
+from wbf_mission.planning.sorties import CHANGE_S
 from wbf_mission.preflight.finding import ShowFindings, show_nobody
 from wbf_mission.preflight.run import check_plans
 from wbf_mission.progress import Progress, Stopwatch, silent
@@ -61,6 +62,7 @@ def fly(
     memory: FlightMemory | None = None,
     force: bool = False,
     tell_errors: ShowFindings = show_nobody,
+    change_s: float = CHANGE_S,
 ) -> Result:
     """Do a scenario's whole job, offline or with vehicles behind links.
 
@@ -92,6 +94,9 @@ def fly(
         Fly plans in which the preflight check finds errors; of a vehicle behind a link its own says so.
     tell_errors : callable
         Takes these errors.
+    change_s : float
+        Seconds that changing a battery takes. A mission of one simulated vehicle that is longer than a
+        battery is flown in sorties (`wbf_mission.planning.sorties`), unless `force` says to fly it whole.
 
     Returns
     -------
@@ -111,18 +116,19 @@ def fly(
     run = resolve(scenario, faults=faults, fitted=fitted, weights=weights, progress=progress)
     if connect is not None:
         run = replace(run, vehicles=connect.numbered(run.vehicles))
+    changes_s = change_s if connect is None and not force else None
     with (
         rehearsed(run, rehearse) as ready,
-        closing(Campaign(run, progress=progress, watch=watch)) as campaign,
+        closing(Campaign(run, progress=progress, watch=watch, change_s=changes_s)) as campaign,
     ):
 
         def plan() -> None:
-            plans = campaign.plan(run.first_day)
+            campaign.plan(run.first_day)
             progress("planning", 1, 1)
             watch.lap("plan")
             # The autopilot of a vehicle behind a link is known better when it is asked.
             if connect is None and not run.decider.steers:
-                for one in plans:
+                for one in campaign.sorties:
                     refuse_errors(one.rendered)
             _check(campaign, connect, force=force, tell=tell_errors)
 
@@ -165,6 +171,8 @@ def _check(campaign: Campaign, connect: LiveLink | None, *, force: bool, tell: S
     """Refuse plans with errors before anything takes off; vehicles behind links are asked, too."""
     if connect is None:
         plans = [(plan, vehicle) for vehicle, plan in campaign.planned]
+        if campaign.cut is not None:
+            plans = [(plan, plans[0][1]) for plan in campaign.sorties]
         check_plans(plans, "nothing was flown", force=force, show=tell)
     else:
         connect.check(campaign.planned)

@@ -11,9 +11,11 @@ from geo import get_farm
 from mission.course import Course, Place
 from mission.files import read_mission, write_mission
 from mission.model import GeoPoint, MissionItem
+from mission.outcome import Outcome
 from sim_vehicle.prediction.predict import predict_flight
-from wbf_mission import Scenario
+from wbf_mission import Scenario, fly, load_result
 from wbf_mission.cli.app import main
+from wbf_mission.live.resume import resume_place
 from wbf_mission.planning import MissionBuilder, plan
 from wbf_mission.planning.coverage import image_places
 from wbf_mission.planning.sortie_costs import SortieCosts
@@ -65,18 +67,21 @@ def farthest_from(places, others):
     return max(float(np.min(np.hypot(*(others - place).T))) for place in places)
 
 
-def test_every_place_of_an_image_is_seen_by_a_sortie(calm):
-    whole = predict_flight(calm.whole.mission, calm.whole.vehicle, endless=True, track_step_s=0.1)
-    farm = calm.whole.farm
-    planned = image_places(farm, calm.whole.mission, whole)
-    seen = np.vstack(
-        [
-            image_places(farm, one.mission, predict_flight(one.mission, one.vehicle, track_step_s=0.1))
-            for one in calm.plans
-        ]
+def on_land(places, farm):
+    """Leave out where a vehicle swings beyond the border, as wide as it was fast before."""
+    size = farm.cell_size_m * np.array([farm.width_cells, farm.height_cells])
+    return places[((places > 0.0) & (places < size)).all(axis=1)]
+
+
+def test_every_place_of_an_image_is_seen_by_a_sortie(small):
+    made = cut(scenario(small, budget="600m"))
+    farm, assumed = made.whole.farm, {"endless": True, "track_step_s": 0.1}
+    planned, *parts = (
+        image_places(farm, one.mission, predict_flight(one.mission, one.vehicle, **assumed))
+        for one in (made.whole, *made.plans)
     )
-    # Flights of the same row differ by what a PX4 swings after a corner.
-    assert farthest_from(planned, seen) < 1.0
+    assert len(parts) > 1
+    assert farthest_from(on_land(planned, farm), np.vstack(parts)) < 0.4 * made.whole.spacing_m
 
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
@@ -126,8 +131,9 @@ def test_no_other_cuts_are_cheaper(seed):
     assert dearer is None or len(dearer.homes) >= len(found.homes)
 
 
+@pytest.mark.slow
 def test_from_several_homes_each_sortie_is_flown_from_the_cheapest(small):
-    one = scenario(small, budget="2000m")
+    one = scenario(small, budget="1000m")
     whole = plan(one)
     farm = whole.farm
     width, height = farm.width_cells * farm.cell_size_m, farm.height_cells * farm.cell_size_m
@@ -264,3 +270,67 @@ def test_places_that_are_not_on_the_mission_are_refused(small, calm, tmp_path, c
         capsys, "plan", "--farm", FARM, "--mission", str(whole), "--vehicle", small, "--resume", where
     )
     assert code == 2 and text in said and said.count("\n") == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_every_sortie_comes_home_with_its_reserve_in_gusts(small, seed):
+    windy = {"wind_speed_m_s": 3.0, "turbulence": "light", "seed": seed}
+    result = fly(scenario(small, **windy, estimator="adaptive-disk", gps_noise_m=0.3))
+    assert len(result.flights) >= 3 and result.outcome is Outcome.COMPLETED
+    assert all(0.3 < one.battery_used < 0.8 for one in result.flights)
+    # Each flight has gusts of its own.
+    assert len({round(one.flight_time_s / one.plan.prediction.duration_s, 4) for one in result.flights}) > 1
+
+
+@pytest.mark.slow
+def test_a_mission_in_sorties_is_flown_as_one_run(small, calm, tmp_path):
+    one = scenario(small, estimator="adaptive-disk")
+    result = fly(one, change_s=100.0, tlog=tmp_path / "flight.tlog")
+    sorties = len(calm.sorties)
+    assert [flight.flight for flight in result.flights] == list(range(1, sorties + 1))
+    missions = [one.mission for one in calm.plans]
+    assert [flight.plan.mission for flight in result.flights] == missions
+    assert len(result.days) == 1 and result.predicted_time_s == pytest.approx(calm.flight_s)
+    seen = result.summary()
+    assert seen["coverage"] == pytest.approx(seen["predicted_coverage"], abs=0.03)
+    # The change of batteries is time that passes.
+    without = fly(one, change_s=0.0)
+    assert result.simulated_s - without.simulated_s == pytest.approx(100.0 * (sorties - 1))
+    result.save(tmp_path / "run")
+    loaded = load_result(tmp_path / "run")
+    assert [flight.plan.mission for flight in loaded.flights] == missions
+
+
+def test_by_force_the_whole_is_flown_until_the_battery_sends_it_home(small):
+    result = fly(scenario(small, estimator="adaptive-disk"), force=True)
+    assert len(result.flights) == 1 and result.outcome is not Outcome.COMPLETED
+
+
+def test_a_flight_that_was_broken_off_is_gone_on_with_where_it_was(small, tmp_path, capsys):
+    """What was flown before the battery sent it home, and the rest, show every place of an image."""
+    one = scenario(small, estimator="adaptive-disk", budget="800m", estimate_errors=False)
+    whole, log = plan(one), tmp_path / "flight.tlog"
+    broken = fly(one, force=True, tlog=log)
+    course = Course(whole.mission)
+    place = resume_place(str(log), course)
+    assert place.fraction > 0.0 and 0.2 * course.length_m < course.metres(place) < 0.8 * course.length_m
+    assert resume_place(str(tmp_path), course) == place
+    file = tmp_path / "whole.plan"
+    write_mission(whole.mission, file)
+    arguments = ("--farm", FARM, "--mission", str(file), "--vehicle", small, "--resume", str(log))
+    code, said, _ = run(capsys, "plan", *arguments, "--out", str(tmp_path / "rest.plan"), "--json")
+    rest = json.loads(said)["sorties"]
+    assert code == 0 and rest[0]["begin"]["at_m"] == pytest.approx(course.metres(place))
+    farm = whole.farm
+    planned = predict_flight(whole.mission, whole.vehicle, endless=True, track_step_s=0.1)
+    seen = [broken.observations]
+    for part in rest:
+        given = {"mission": part["file"], "estimate_errors": False}
+        result = fly(Scenario(farm=FARM, vehicle=small, estimator="adaptive-disk", **given))
+        assert result.outcome is Outcome.COMPLETED
+        seen.append(result.observations)
+    cells = np.vstack([np.column_stack((one.x, one.y)) for one in seen])
+    centres = (np.unique(cells, axis=0) + 0.5) * farm.cell_size_m
+    places = image_places(farm, whole.mission, planned)
+    assert farthest_from(on_land(places, farm), centres) < 0.4 * whole.spacing_m

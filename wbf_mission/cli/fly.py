@@ -192,6 +192,14 @@ def fly_command(
             parser=options.number,
         ),
     ] = None,
+    change_time: Annotated[
+        float,
+        option(
+            "Seconds that changing a battery takes, where a simulated vehicle flies a mission in sorties.",
+            panel="What to run",
+            parser=options.number,
+        ),
+    ] = 180.0,
     links: _Links,
     fault: Annotated[
         list[str] | None,
@@ -211,6 +219,7 @@ def fly_command(
 ) -> int:
     """Do the whole job: plan, upload over MAVLink, fly, look, estimate, score; offline, or with --connect.
 
+    A simulated vehicle flies a mission that is longer than its battery in sorties.
     Writes the plan, a telemetry log, the observations, the information model with the truth, a summary
     and pictures.
     """
@@ -218,6 +227,9 @@ def fly_command(
 
     if speed is not None and not 0.01 <= speed <= 1e6:
         msg = f"--speed {speed} is out of range: give 0.01 to 1000000 simulated seconds per second"
+        raise ScenarioError(msg)
+    if not 0.0 <= change_time <= 86_400.0:
+        msg = f"--change-time {change_time:g} is out of range: give 0 to 86400"
         raise ScenarioError(msg)
     if saving.animate and not saving.files:
         msg = "--animate writes a file, --no-files none: leave one of them out"
@@ -250,6 +262,7 @@ def fly_command(
             connect=live,
             force=force,
             tell_errors=partial(show_findings, output),
+            change_s=change_time,
         )
         flown_s, interrupted = process_age_s(), False
         try:
@@ -318,6 +331,7 @@ def _rows(result: Result, summary: Mapping[str, Any], *, simulated: bool) -> dic
         "observations": told("{observations}, of {cells_observed} different cells", summary),
         "coverage": told("{coverage:.2%} of the land to be seen", summary) + predicted,
         "flown": flown,
+        **_sortie_rows(result),
         **_decision_rows(result),
         "battery used": told("{battery_used:.1%}", summary),
         "mission transfer": f"{transfer['items']} items, {transfer['retries']} retries, "
@@ -335,6 +349,13 @@ def _rows(result: Result, summary: Mapping[str, Any], *, simulated: bool) -> dic
 def in_words(outcome: Outcome, reason: str) -> str:
     """Return an outcome with its reason, if it has one."""
     return f"{outcome.value} ({reason})" if reason else outcome.value
+
+
+def _sortie_rows(result: Result) -> dict[str, str]:
+    """Return how many sorties a mission longer than a battery took; nothing of any other."""
+    farm, vehicles = result.scenario.farm, len({one.system_id for one in result.flights})
+    sorties = len(result.flights) // max(vehicles * farm.days * farm.flights_per_day, 1)
+    return {"sorties": f"{sorties}, with a full battery each"} if sorties > 1 else {}
 
 
 def _decision_rows(result: Result) -> dict[str, str]:

@@ -103,10 +103,9 @@ class SortieOptions:
         """
         from mission.course import Course
         from wbf_mission.live.resume import resume_place
-        from wbf_mission.planning.sorties import sorties_of
+        from wbf_mission.planning.sorties import is_too_long, sorties_of
 
-        needs_many = whole.batteries is not None and whole.batteries > 1
-        if self.whole or not (needs_many or self.home or self.resume):
+        if self.whole or not (is_too_long(whole) or self.home or self.resume):
             return None
         begin = None if self.resume is None else resume_place(self.resume, Course(whole.mission))
         return sorties_of(

@@ -20,7 +20,7 @@ from wbf_mission.planning.plan import positions_of
 from wbf_mission.planning.sortie_costs import Choice, SortieCosts
 from wbf_mission.scenario.parts import VehicleParts
 
-__all__ = ["CHANGE_S", "PlannedSortie", "SortiePlan", "cut_plan", "overlap_of", "sorties_of"]
+__all__ = ["CHANGE_S", "PlannedSortie", "SortiePlan", "cut_plan", "is_too_long", "overlap_of", "sorties_of"]
 
 CHANGE_S = 180.0
 """What changing a battery takes, by default."""
@@ -126,7 +126,7 @@ def cut_plan(
     Parameters
     ----------
     whole : PlanResult
-        Its mission may be longer than a battery lasts, but has no jumps.
+        Its mission may be longer than a battery lasts; its jumps are written out.
     builder : MissionBuilder
         Of the vehicle that flies.
     footprint : int
@@ -150,19 +150,25 @@ def cut_plan(
     MissionError
         If the mission cannot be cut, or nothing of it is left to fly.
     """
+    placed = replace(whole.mission, home=home_of(whole.mission, builder.farm))
+    whole = replace(whole, mission=unrolled(placed))
     course = Course(whole.mission)
     overlap = overlap_of(builder, whole) if overlap_m is None else overlap_m
-    home = home_of(whole.mission, builder.farm)
-    cutter = _Cutter(whole, builder, course, begin or course.start, homes or [home], overlap, footprint)
+    homes = homes or [home_of(placed, builder.farm)]
+    cutter = _Cutter(whole, builder, course, begin or course.start, homes, overlap, footprint)
     sorties = cutter.cut()
     return None if sorties is None else SortiePlan(whole, course, sorties, change_s)
 
 
+def is_too_long(whole: PlanResult) -> bool:
+    """Return whether a mission takes more than a battery less its reserve."""
+    battery, prediction = whole.vehicle.battery, whole.prediction
+    return battery is not None and prediction.battery_fraction < battery.reserve_fraction
+
+
 def sorties_of(whole: PlanResult, one: VehicleParts, **how: Any) -> SortiePlan | None:
-    """Cut the mission of one vehicle of a run, whose jumps are written out; `how` as of `cut_plan`."""
-    builder = MissionBuilder.of(one, whole.farm)
-    placed = replace(whole.mission, home=home_of(whole.mission, whole.farm))
-    return cut_plan(replace(whole, mission=unrolled(placed)), builder, footprint=one.camera.footprint, **how)
+    """Cut the mission of one vehicle of a run; `how` as of `cut_plan`."""
+    return cut_plan(whole, MissionBuilder.of(one, whole.farm), footprint=one.camera.footprint, **how)
 
 
 def overlap_of(builder: MissionBuilder, whole: PlanResult) -> float:

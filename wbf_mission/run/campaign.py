@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from mission.errors import PlanningError
 from mission.link.tlog import TlogWriter
+from mission.policies.policy import KeepPath
 from sensors.environment import Environment
 from sensors.estimation import Evidence, RunEstimate, attribute_errors_to, prepare_days
 from sensors.estimators import advance_estimator
@@ -20,6 +22,7 @@ from wbf_mission.maps.field_maps import FieldMap, field_maps
 from wbf_mission.maps.report import report_of_maps
 from wbf_mission.planning import PlanResult
 from wbf_mission.planning.fleet import Vehicle
+from wbf_mission.planning.sorties import SortiePlan, cut_plan, is_too_long
 from wbf_mission.progress import Progress, Stopwatch
 from wbf_mission.replanning.record import DecisionRecord
 from wbf_mission.run.flight import FlightInterrupted, PlannedFlight, fly_once, leaf_camera, plan_flight
@@ -40,8 +43,12 @@ class Campaign:
     what is believed holds for as long.
     """
 
-    def __init__(self, run: Run, *, progress: Progress, watch: Stopwatch) -> None:
+    def __init__(
+        self, run: Run, *, progress: Progress, watch: Stopwatch, change_s: float | None = None
+    ) -> None:
         self.run = run
+        self.cut: SortiePlan | None = None  # The mission in sorties, if it is longer than a battery
+        self._change_s = change_s
         self.decisions: list[DecisionRecord] = []
         self.flights: list[FlightRecord] = []
         self.days: list[DayRecord] = []
@@ -67,8 +74,34 @@ class Campaign:
         if not planned.sorties and not self.flights:
             msg = f"{self.run.decider.name} finds nothing worth a flight: no vehicle has a path"
             raise PlanningError(msg)
+        if self._change_s is not None and self.cut is None and not self.flights:
+            planned = self._in_sorties(planned, self._change_s)
         self._next = planned
         return planned.plans
+
+    def _in_sorties(self, planned: PlannedFlight, change_s: float) -> PlannedFlight:
+        """Return the first sortie of a mission that is longer than a battery; any other as it is."""
+        run = self.run
+        if run.decider.steers or len(planned.sorties) != 1:
+            return planned
+        ((_, vehicle, whole),) = planned.sorties
+        if not is_too_long(whole):
+            return planned
+        self.cut = cut_plan(whole, vehicle.task.builder, footprint=run.looks.footprint, change_s=change_s)
+        if self.cut is None:
+            return planned
+        # What all of them see together is compared with what the whole would see.
+        sorties = tuple(replace(one, coverage=whole.coverage) for one in self.cut.plans)
+        decider = replace(run.decider, policy=KeepPath(), sorties=sorties)
+        self.run = replace(run, decider=decider, flights_per_day=run.flights_per_day * len(sorties))
+        return plan_flight(self.run, planned.day, planned.flight, self.evidence, self.decisions, self._gone)
+
+    @property
+    def sorties(self) -> tuple[PlanResult, ...]:
+        """The plans that are flown, as far as they are known: of a mission in sorties each."""
+        if self.cut is not None:
+            return self.cut.plans
+        return () if self._next is None else self._next.plans
 
     @property
     def planned(self) -> tuple[tuple[Vehicle, PlanResult], ...]:
@@ -207,6 +240,12 @@ class Campaign:
             raise
         self._take(flown, hosting)
 
+    def _change_after(self, flown: Flight) -> float:
+        """Return how long the battery is changed after a flight, where the mission goes on with another."""
+        if self.cut is None or flown.records[0].flight % len(self.cut.sorties) == 0:
+            return 0.0
+        return self.cut.change_s
+
     def _skip(self) -> None:
         """Leave out a flight that is not worth making."""
         assert self.evidence.estimate is not None
@@ -254,7 +293,7 @@ class Campaign:
         self._seen_before, self._next = len(self.evidence), None
         self.flights += flown.records
         self._gone |= {one.system_id for one in flown.records if one.outcome.loses_vehicle}
-        self.simulated_s += flown.duration_s
+        self.simulated_s += flown.duration_s + self._change_after(flown)
         self.frames += flown.frames
         assert self.evidence.estimate is not None
         self.evidence.estimate.end_flight(self.simulated_s)

@@ -101,7 +101,9 @@ def plan_flight(
     ]
     faults_seed = child_seed(run.seed, "faults", f"day-{day}", f"flight-{flight}")
     times = (1.0,) * len(vehicles)
-    if decider.mission is not None:
+    if decider.sorties:
+        plans = (decider.sorties[(flight - 1) % len(decider.sorties)],) * len(vehicles)
+    elif decider.mission is not None:
         plans = (decider.mission,) * len(vehicles)
     else:
         answer = loop.start([one.task.report(steered=decider.steers) for one in vehicles])

@@ -41,6 +41,8 @@ class Decider:
     name: str  # What messages call it: ``planner spiral``, ``policy greedy``
     label: str  # Its name with its parameters
     mission: PlanResult | None = None  # A mission from a file, which is flown
+    # A mission in sorties, which are flown one after the other; empty for one that is flown at a stretch
+    sorties: tuple[PlanResult, ...] = ()
     named: bool = True  # Whether any process can make it by its name; an object may be bound to this one
 
     @property

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from statistics import median
 
@@ -171,7 +171,9 @@ class Sortie:
         self._led: list[tuple[tuple[MissionItem, ...], Points, Waypoints]] = []
         if self._leads and vehicle.mission.file is None:
             sent = task.builder.waypoints(plan.path_m, task.request.start_xy_m)
-            self._led = [(plan.mission.items, plan.path_m, sent)]
+            # A part of a longer mission has the waypoints that were led already.
+            if len(sent.points_m) == len(self._waypoints_of(plan.mission.items, 0)):
+                self._led = [(plan.mission.items, plan.path_m, sent)]
         self._rest_known = _NO_REST
         self._on_path = len(self._rest_points())
         self._ending_told: int | None = None
@@ -210,8 +212,11 @@ class Sortie:
     @property
     def _rest(self) -> list[int]:
         """The items of the waypoints that are still to be flown to."""
-        items = self.ground.mission.items
-        return [k for k in range(self._item, len(items)) if items[k].command == Command.NAV_WAYPOINT]
+        return self._waypoints_of(self.ground.mission.items, self._item)
+
+    @staticmethod
+    def _waypoints_of(items: Sequence[MissionItem], begin: int) -> list[int]:
+        return [k for k in range(begin, len(items)) if items[k].command == Command.NAV_WAYPOINT]
 
     @property
     def _item(self) -> int:

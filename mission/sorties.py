@@ -56,6 +56,7 @@ def part_of(
     end: Place | None = None,
     *,
     overlap_m: float = 0.0,
+    hold_s: float = 0.0,
     home: GeoPoint | None = None,
     way: Way | None = None,
 ) -> Mission:
@@ -75,6 +76,9 @@ def part_of(
         By default the mission's end.
     overlap_m : float
         So much of the way before its beginning is flown again, where images were taken on it.
+    hold_s : float
+        It stays so long at its first position before the camera starts, so that it comes onto the row from
+        rest: one that turns onto it swings wide. A fixed wing would circle there.
     home : GeoPoint, optional
         Where it takes off and lands, if that is not the mission's home: take-off and landing are moved there.
     way : callable, optional
@@ -105,7 +109,7 @@ def part_of(
     here = home if home is not None else whole.home
     head = [_moved(item, whole.home, home) for item in items[: course.begin]]
     if begin > course.start and first > course.start:
-        head += _approach(course, first, here, way)
+        head += _approach(course, first, hold_s, here, way)
         body = list(items[first.item : course.end])
         rest = first.item
     else:
@@ -155,7 +159,9 @@ def image_spacing_m(mission: Mission, speed_m_s: float) -> float | None:
     return None
 
 
-def _approach(course: Course, first: Place, home: GeoPoint | None, way: Way | None) -> list[MissionItem]:
+def _approach(
+    course: Course, first: Place, hold_s: float, home: GeoPoint | None, way: Way | None
+) -> list[MissionItem]:
     """Return what leads from the take-off to a place and sets what holds there."""
     items = course.mission.items
     leg = course.leg_of(first)
@@ -174,7 +180,7 @@ def _approach(course: Course, first: Place, home: GeoPoint | None, way: Way | No
     made = [one for name, one in held.items() if name not in _AT_THE_PLACE]
     if way is not None and home is not None:
         made += _led(way, (home.latitude_deg, home.longitude_deg), place[:2], resume)
-    made.append(resume)
+    made.append(replace(resume, param1=hold_s))
     made += [one for name, one in held.items() if name == "yaw" or (name in _AT_THE_PLACE and _is_on(one))]
     return made
 

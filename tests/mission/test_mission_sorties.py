@@ -189,6 +189,8 @@ def test_a_part_is_a_mission_of_its_own():
     part = part_of(course, Place(6, 0.5), Place(8, 0.25))
     assert [item.command for item in part.items] == [22, 178, 16, 206, 16, 16, 16, 206, 20]
     assert part.items[3] == ON and part.items[7] == OFF
+    stays = part_of(course, Place(6, 0.5), Place(8, 0.25), hold_s=2.0)
+    assert stays.items == (*part.items[:2], replace(part.items[2], param1=2.0), *part.items[3:])
     place = FRAME.from_wgs84(part.items[2].x, part.items[2].y)
     assert place == (pytest.approx(70.0, abs=0.02), pytest.approx(10.0, abs=0.02))
     last = FRAME.from_wgs84(part.items[6].x, part.items[6].y)

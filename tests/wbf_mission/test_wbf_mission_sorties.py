@@ -206,7 +206,7 @@ def test_the_command_writes_a_file_for_each_sortie(small, tmp_path, capsys):
 def test_the_whole_is_written_when_that_is_wanted(small, tmp_path, capsys):
     out = tmp_path / "rows.plan"
     code, _, said = run(capsys, *PLAN, small, "--out", str(out), "--whole")
-    assert code == 2 and "batter" in said and not out.exists()
+    assert code == 2 and "it needs 3 batteries" in said and "sorties" in said and not out.exists()
     code, _, said = run(capsys, *PLAN, small, "--out", str(out), "--whole", "--force")
     assert code == 0 and out.exists() and "the vehicle cannot fly this mission" in said
 
@@ -333,4 +333,4 @@ def test_a_flight_that_was_broken_off_is_gone_on_with_where_it_was(small, tmp_pa
     cells = np.vstack([np.column_stack((one.x, one.y)) for one in seen])
     centres = (np.unique(cells, axis=0) + 0.5) * farm.cell_size_m
     places = image_places(farm, whole.mission, planned)
-    assert farthest_from(on_land(places, farm), centres) < 0.4 * whole.spacing_m
+    assert farthest_from(on_land(places, farm), centres) < 0.5 * whole.spacing_m

@@ -26,6 +26,7 @@ CHANGE_S = 180.0
 """What changing a battery takes, by default."""
 _IMAGES = 2
 """So many distances between images are flown again where a sortie goes on."""
+_HOLD_S = 2.0
 _TRIES = 12
 _SPARE = 1.003
 
@@ -260,6 +261,7 @@ class _Cutter:
             begin,
             end,
             overlap_m=self.overlap_m,
+            hold_s=_HOLD_S if self.builder.vehicle.hovers else 0.0,
             home=self.homes[home],
             way=_way_of(self.builder),
         )

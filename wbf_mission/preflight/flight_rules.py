@@ -14,6 +14,8 @@ from mission.files.fence import geo_fence
 from mission.model import Command, MissionType
 from sim_vehicle.autopilot import fixed_wing_procedures
 from sim_vehicle.pilot.fence import Fence
+from sim_vehicle.prediction.battery_swaps import batteries_needed
+from sim_vehicle.prediction.flight import Prediction
 from wbf_mission.preflight.finding import Finding, Hit, Measure, Severity, worst_of
 from wbf_mission.preflight.plan_rules import Leg, legs_of, remarks_of
 from wbf_mission.preflight.rules import found, worst
@@ -218,8 +220,16 @@ def check_battery(subject: Subject) -> Iterator[Finding]:
         code,
         measured=(100.0 * left, 100.0 * reserve),
         flight=f"{text}, {prediction.energy_wh:.1f} of {battery.capacity_wh:g} Wh",
-        reason=prediction.reason,
+        reason=prediction.reason + (_batteries(subject, prediction) if code == "battery" else ""),
     )
+
+
+def _batteries(subject: Subject, prediction: Prediction) -> str:
+    """Say how many batteries a mission needs that is longer than one, where any number is enough."""
+    count = batteries_needed(
+        subject.mission, subject.vehicle, prediction, wind=subject.wind, frame=subject.frame
+    )
+    return f"; it needs {count} batteries, changed at home" if count is not None and count > 1 else ""
 
 
 _STEP_M, _MOST_STEPS = 1.0, 1000

@@ -196,7 +196,11 @@ RULES: Mapping[Concern, Mapping[str, Rule]] = {
             _most("time in such gusts", "s"),
         ),
         "battery": Rule(
-            _ERROR, "{flight}; {reason}", "fly a shorter mission, or in parts", _LEFT, by_vehicle=True
+            _ERROR,
+            "{flight}; {reason}",
+            "fly a shorter mission, or in the sorties that 'wbf-mission plan' cuts it into",
+            _LEFT,
+            by_vehicle=True,
         ),
         "battery-close": Rule(
             _NOTE,

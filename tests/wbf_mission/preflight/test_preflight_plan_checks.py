@@ -25,6 +25,7 @@ from preflight_plans import (
 from mission.model import Command, Frame, Mission, MissionItem
 from sim_vehicle.weather.wind import Wind
 from wbf_mission.preflight.finding import Severity
+from wbf_mission.preflight import flight_rules
 from wbf_mission.preflight.flight_rules import check_battery
 from wbf_mission.preflight.subject import Circumstances
 
@@ -385,7 +386,8 @@ def test_a_broken_polygon_is_told_once():
     ("above", "code"),
     [(0.11, "flight"), (0.09, "battery-close"), (0.03, "battery-close"), (-0.01, "battery")],
 )
-def test_a_tenth_of_the_battery_above_the_reserve_is_enough(above, code):
+def test_a_tenth_of_the_battery_above_the_reserve_is_enough(above, code, monkeypatch):
+    monkeypatch.setattr(flight_rules, "batteries_needed", lambda *_, **__: 2)
     takes = SimpleNamespace(
         duration_s=60.0, ground_length_m=100.0, energy_wh=80.0 - 100.0 * above, reason="low"
     )
@@ -397,5 +399,8 @@ def test_a_tenth_of_the_battery_above_the_reserve_is_enough(above, code):
         coverage=None,
         wind=Wind(),
         given=Circumstances(),
+        mission=None,
+        frame=None,
     )
-    assert [one.code for one in check_battery(subject)] == [code]
+    (told,) = check_battery(subject)
+    assert told.code == code and ("it needs 2 batteries" in told.text) == (code == "battery")

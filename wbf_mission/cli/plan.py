@@ -16,7 +16,7 @@ from wbf_mission.cli.preflight import show_findings
 from wbf_mission.cli.sorties import (
     SORTIE_HEADER,
     SortieOptions,
-    sortie_files,
+    numbered_files,
     sortie_rows,
     sortie_summary,
 )
@@ -93,7 +93,7 @@ def plan_command(
         check_flight(chosen)
     inputs = [given.file, chosen.farm.name, *chosen.farm.fields, chosen.mission.file, *chosen.vehicle.names]
     inputs.append(sorties.resume)
-    outs = _files(out, len(chosen.vehicle.fleet))
+    outs = numbered_files(out, len(chosen.vehicle.fleet))
 
     def refuse(paths: Sequence[Path | None]) -> None:
         for path in paths:
@@ -108,7 +108,7 @@ def plan_command(
         cuts = [sorties.cut(result, one) for result, one in zip(results, vehicles, strict=True)]
         progress("planning", 1, 1)
     flown = [(result,) if cut is None else cut.plans for result, cut in zip(results, cuts, strict=True)]
-    files = [sortie_files(path, len(plans)) for path, plans in zip(outs, flown, strict=True)]
+    files = [numbered_files(path, len(plans), "-sortie") for path, plans in zip(outs, flown, strict=True)]
     for paths in files:
         refuse(paths)
     check_plans(
@@ -157,16 +157,6 @@ _OF_EACH = (
     "file",
 )
 """What is told of each plan of a fleet."""
-
-
-def _files(out: Path | None, count: int) -> list[Path | None]:
-    """Return the mission file of each vehicle; those of several are numbered."""
-    if out is None or count == 1:
-        return [out] * count
-    from mission.files import ending
-
-    stem = out.name[: len(out.name) - len(ending(out))]
-    return [out.with_name(f"{stem}-{number}{out.name[len(stem) :]}") for number in range(1, count + 1)]
 
 
 def _rows_of_sorties(cut: SortiePlan, paths: Sequence[Path | None]) -> dict[str, str]:

@@ -118,15 +118,18 @@ class SortieOptions:
         )
 
 
-def sortie_files(out: Path | None, count: int) -> list[Path | None]:
-    """Return the file of each sortie; those of several are numbered.
+def numbered_files(out: Path | None, count: int, what: str = "") -> list[Path | None]:
+    """Return the file of each of several missions, with numbers; one alone keeps its name.
 
-    >>> [str(one) for one in sortie_files(Path("rows.plan"), 2)]
+    >>> [str(one) for one in numbered_files(Path("rows.plan"), 2, "-sortie")]
     ['rows-sortie-1.plan', 'rows-sortie-2.plan']
     """
     if out is None or count == 1:
         return [out] * count
-    return [out.with_name(f"{out.stem}-sortie-{number}{out.suffix}") for number in range(1, count + 1)]
+    from mission.files import ending
+
+    stem = out.name[: len(out.name) - len(ending(out))]
+    return [out.with_name(f"{stem}{what}-{number}{ending(out)}") for number in range(1, count + 1)]
 
 
 SORTIE_HEADER = ["", "items", "length", "time", "at most", "battery use", "from", "to", "file"]

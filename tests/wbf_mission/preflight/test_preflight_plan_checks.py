@@ -24,8 +24,8 @@ from preflight_plans import (
 
 from mission.model import Command, Frame, Mission, MissionItem
 from sim_vehicle.weather.wind import Wind
-from wbf_mission.preflight.finding import Severity
 from wbf_mission.preflight import flight_rules
+from wbf_mission.preflight.finding import Severity
 from wbf_mission.preflight.flight_rules import check_battery
 from wbf_mission.preflight.subject import Circumstances
 

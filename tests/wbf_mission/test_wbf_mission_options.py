@@ -40,7 +40,7 @@ def test_help_shows_defaults_and_dependence(capsys: pytest.CaptureFixture[str], 
     assert "[default: miniberry-30]" in text
     assert "[default: quad]" in text
     assert "0.05 to 1000 m" in text or command == "sim"
-    assert ("(not with --mission)" in text) == (command == "fly")
+    assert ("(not with --mission)" in text) == (command in ("fly", "plan"))
 
 
 def test_help_names_no_types_of_python(capsys: pytest.CaptureFixture[str]) -> None:

@@ -101,13 +101,16 @@ class SortieOptions:
 
         WbfMissionError if it is to be resumed and cannot be.
         """
-        from mission.course import Course
-        from wbf_mission.live.resume import resume_place
         from wbf_mission.planning.sorties import is_too_long, sorties_of
 
         if self.whole or not (is_too_long(whole) or self.home or self.resume):
             return None
-        begin = None if self.resume is None else resume_place(self.resume, Course(whole.mission))
+        begin = None
+        if self.resume is not None:
+            from mission.course import Course
+            from wbf_mission.live.resume import resume_place
+
+            begin = resume_place(self.resume, Course(whole.mission))
         return sorties_of(
             whole,
             one,

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import shapely
 
-from geo import get_farm
+from geo import Obstacle, get_farm, save_farm
 from mission.course import Course, Place
 from mission.files import read_mission, write_mission
 from mission.model import GeoPoint, MissionItem
@@ -20,6 +21,7 @@ from wbf_mission.planning import MissionBuilder, plan
 from wbf_mission.planning.coverage import image_places
 from wbf_mission.planning.sortie_costs import SortieCosts
 from wbf_mission.planning.sorties import cut_plan, overlap_of, sorties_of
+from wbf_mission.preflight.run import check_plans
 
 FARM = "miniberry-100"
 
@@ -163,8 +165,23 @@ def test_nothing_is_cut_that_no_battery_is_enough_for(small):
     )
 
 
-def test_obstacles_are_flown_round_on_the_ways(small):
-    one = scenario(small, farm="miniberry-100", budget="1200m")
+def test_obstacles_are_flown_round_on_the_ways(small, tmp_path):
+    farm = get_farm(FARM)
+    barn = Obstacle(shapely.box(8.0, 8.0, 14.0, 14.0))
+    file = tmp_path / "barn.geojson"
+    save_farm(replace(farm, name="barn", obstacles=(barn,)), file)
+    one = scenario(small, farm=str(file), budget="1200m")
+    made = cut(one)
+    assert len(made.sorties) > 1
+    check_plans([(part, one) for part in made.plans], "nothing")
+    # Straight from home some of the parts would have been flown to over it.
+    home_m = np.asarray(farm.home_m)
+    begins = [farm.frame.from_wgs84(*made.course.position(part.begin)[:2]) for part in made.sorties]
+    assert any(shapely.LineString([home_m, begin]).intersects(barn.polygon) for begin in begins)
+
+
+def test_the_overlap_and_the_time_of_a_change_are_as_wanted(small):
+    one = scenario(small)
     builder = MissionBuilder.of(one, get_farm(FARM))
     assert overlap_of(builder, plan(one)) > 2 * builder.image_spacing_m
     made = cut_plan(plan(one), builder, footprint=one.camera.footprint, overlap_m=30.0, change_s=60.0)

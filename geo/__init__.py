@@ -11,9 +11,9 @@ if TYPE_CHECKING:
     from geo.farm import Farm as Farm
     from geo.farm import Obstacle as Obstacle
     from geo.farm import Patch as Patch
+    from geo.farm_file import load_farm as load_farm
     from geo.farms import get_farm as get_farm
     from geo.frame import LocalFrame as LocalFrame
-    from geo.geojson import load_farm as load_farm
     from geo.geojson import save_farm as save_farm
     from geo.grid import Crop as Crop
     from geo.grid import FarmGrid as FarmGrid

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, overload
 
@@ -107,6 +107,8 @@ class Farm:
         The crops that somebody wants to see; empty: all that the owner grows.
     rally_m : tuple of tuple of float
         Places where a vehicle may land when it cannot come home, metres of the frame.
+    notes : tuple of str
+        What was decided or mended when the farm was read from a file; no part of what the farm is.
 
     Raises
     ------
@@ -125,6 +127,7 @@ class Farm:
     obstacles: tuple[Obstacle, ...] = ()
     rally_m: tuple[tuple[float, float], ...] = ()
     scouted: tuple[str, ...] = ()
+    notes: tuple[str, ...] = field(default=(), compare=False, repr=False)
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.cell_size_m) and self.cell_size_m > 0):

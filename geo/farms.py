@@ -27,8 +27,8 @@ import shapely
 from geo.built_in import farm_names
 from geo.errors import FarmError
 from geo.farm import Farm, Patch
+from geo.farm_file import FARM_SUFFIXES, load_farm, split_layer
 from geo.frame import LocalFrame
-from geo.geojson import load_farm
 from geo.grid import Crop
 from geo.units import FOOT_M
 
@@ -39,8 +39,12 @@ _LONGITUDE = -82.1500
 _WATERBERRY_LATITUDE = 28.0500
 
 
-def get_farm(name_or_path: str | Path) -> Farm:
-    """Return a built-in farm by name (in any case), or read a farm file by path (``.geojson``, ``.json``).
+def get_farm(
+    name_or_path: str | Path, *, crop: str | None = None, crs: str | None = None, repair: bool = False
+) -> Farm:
+    """Return a built-in farm by name (in any case), or read a farm file by path.
+
+    The other parameters are those of `geo.load_farm`; a built-in farm has no use for them.
 
     Raises
     ------
@@ -56,9 +60,10 @@ def get_farm(name_or_path: str | Path) -> Farm:
     text = str(name_or_path)
     if text.lower() in farm_names():
         return _built_in(text.lower())
-    if Path(text).suffix.lower() in {".geojson", ".json"}:
-        return load_farm(text)
-    msg = f"unknown farm {text!r}: choose one of {', '.join(farm_names())}, or give a .geojson file"
+    if split_layer(text)[0].suffix.lower() in FARM_SUFFIXES:
+        return load_farm(text, crop=crop, crs=crs, repair=repair)
+    kinds = ", ".join(FARM_SUFFIXES)
+    msg = f"unknown farm {text!r}: choose one of {', '.join(farm_names())}, or give a file ({kinds})"
     raise FarmError(msg)
 
 

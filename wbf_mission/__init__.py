@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from geo.errors import FarmError as FarmError
     from geo.errors import WbfMissionError as WbfMissionError
     from geo.farm import Farm as Farm
+    from geo.farm_file import load_farm as load_farm
     from geo.farms import get_farm as get_farm
-    from geo.geojson import load_farm as load_farm
     from mission.errors import LinkError as LinkError
     from mission.errors import MissionFileError as MissionFileError
     from mission.errors import PlanningError as PlanningError

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from geo import get_farm
 from geo.seeds import stream
 from geo.texts import parse_number
 from mission.model import GeoPoint
@@ -96,7 +95,7 @@ def make_components(
 
     WbfMissionError if a name is unknown or an option out of range.
     """
-    farm = get_farm(scenario.farm.name)
+    farm = scenario.farm.load()
     spec = flown_vehicle(scenario.vehicle)
     if not homes:
         latitude, longitude = farm.frame.to_wgs84(*farm.home_m)

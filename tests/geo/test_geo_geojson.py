@@ -173,7 +173,10 @@ SWAPPED = [[[lat, lon] for lon, lat in ring()]]
         (feature([[[LON, LAT]] * 4]), "the polygon"),
         (feature([ring(), ring(0.1, 0.1, 0.001)]), "not valid: Hole lies outside"),
         (feature([LON, LAT], "Point"), "geometry is 'Point', not a Polygon"),
-        (feature([[ring()]], "MultiPolygon"), "make each part a feature of its own"),
+        (feature([], "MultiPolygon"), "the polygon is empty"),
+        (feature([[ring()], []], "MultiPolygon"), "the polygon is empty"),
+        (feature([[ring()], [ring()[:4]]], "MultiPolygon"), "part 2: a ring is not closed"),
+        (feature([[LON, LAT]], "LineString"), "geometry is 'LineString', not a Polygon or MultiPolygon"),
         ({**feature(), "geometry": None}, "geometry is 'nothing'"),
         ({**feature(), "geometry": []}, "geometry is 'nothing'"),
         (feature([[[LON, 95.0], *ring()[1:4], [LON, 95.0]]]), "latitude 95 is outside"),
@@ -267,25 +270,82 @@ def test_the_ways_to_write_wgs84(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "crs",
+    ("crs", "text"),
     [
-        {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::32617"}},
-        {"type": "name", "properties": {"name": "EPSG:43260"}},
-        {"type": "link", "properties": {"href": "http://example.com/crs/42", "type": "proj4"}},
-        {"type": "name"},
-        "EPSG:4326 or so",
-        7,
+        ({"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::43260"}}, "cannot be used: "),
+        ({"type": "name", "properties": {"name": "+proj=utm +zone=17"}}, "is no code of a coordinate system"),
+        ({"type": "link", "properties": {"href": "http://example.com/crs/42"}}, "names no coordinate system"),
+        ({"type": "name"}, "names no coordinate system"),
+        ("EPSG:4326 or so", "names no coordinate system"),
+        (7, "names no coordinate system"),
     ],
 )
-def test_other_coordinates_are_refused(crs: Any, tmp_path: Path) -> None:
-    text = refused(tmp_path, document(feature(), crs=crs))
-    assert 'the file: member "crs" is' in text
-    assert "longitudes and latitudes of WGS 84: convert it (ogr2ogr -t_srs EPSG:4326)" in text
+def test_what_is_no_coordinate_system_is_refused(crs: Any, text: str, tmp_path: Path) -> None:
+    message = refused(tmp_path, document(feature(), crs=crs))
+    assert 'the file: member "crs"' in message
+    assert text in message
     one = {**feature(), "crs": crs}
     assert "feature 1 ('north field'): member \"crs\"" in refused(tmp_path, document(one))
     inside = feature()
     inside["geometry"]["crs"] = crs
     assert "feature 1 ('north field'): member \"crs\"" in refused(tmp_path, document(inside))
+
+
+def test_positions_beyond_a_coordinate_system(tmp_path: Path) -> None:
+    crs = {"type": "name", "properties": {"name": "EPSG:32617"}}
+    far = feature([[[1e9, 1e9], [1e9, 2e9], [2e9, 2e9], [1e9, 1e9]]])
+    assert "is no place in WGS 84 / UTM zone 17N" in refused(tmp_path, document(far, crs=crs))
+
+
+def test_parts_places_and_names_of_other_programs(tmp_path: Path) -> None:
+    both = feature([[ring()], [ring(0.002)]], "MultiPolygon", name="two")
+    collection = feature(name="one")
+    collection["geometry"] = {
+        "type": "GeometryCollection",
+        "geometries": [feature([ring(0.004)])["geometry"]],
+    }
+    foreign = feature([ring(0.006)])
+    foreign["properties"] = {"Crop_Name": "Maize (silage)", "GROWER": "me", "Label": "far", "type": "arable"}
+    home = feature([LON, LAT, 3.0], "Point", name="Home")
+    rally = feature([LON + 0.001, LAT], "Point", name="behind the barn", kind="rally point")
+    shed = feature([ring(0.0082, 0.0, 0.0001)], kind="Obstacle", height_m=4)
+    zone = feature([ring(0.0086, 0.0, 0.0001)], kind="no-fly")
+    farm = load_farm(write(tmp_path, document(both, collection, foreign, home, rally, shed, zone)))
+    assert [(one.name, one.crop) for one in farm.patches] == [
+        ("two 1", "tomato"),
+        ("two 2", "tomato"),
+        ("one", "tomato"),
+        ("far", "maize silage"),
+    ]
+    assert [one.height_m for one in farm.obstacles] == [4.0, None]
+    assert farm.home_m == pytest.approx(farm.frame.from_wgs84(LAT, LON))
+    assert farm.rally_m == (pytest.approx(farm.frame.from_wgs84(LAT, LON + 0.001)),)
+    text = refused(tmp_path, document(feature(), home, home=[LON, LAT]))
+    assert "feature 2 ('Home'): is a second home" in text
+
+
+def test_a_file_without_crops_or_owners(tmp_path: Path) -> None:
+    bare = [feature([ring(0.002 * k)], name=f"f{k}", crop=None, owner=None) for k in range(2)]
+    farm = load_farm(write(tmp_path, document(*bare)))
+    assert {(one.crop, one.owner) for one in farm.patches} == {("crop", "owner")}
+    assert farm.owner == "owner"
+    assert farm.notes == ("no patch tells its crop: it is called 'crop'; --crop names it",)
+    named = load_farm(tmp_path / "farm.geojson", crop="sugar beet")
+    assert ({one.crop for one in named.patches}, named.notes) == ({"sugar beet"}, ())
+    mixed = load_farm(write(tmp_path, document(bare[0], feature(owner=None))), crop="oats")
+    assert [one.crop for one in mixed.patches] == ["oats", "tomato"]
+    with pytest.raises(FarmError, match="'Oats' is no name of a crop"):
+        load_farm(tmp_path / "farm.geojson", crop="Oats")
+
+
+def test_large_farms_get_larger_cells_unless_the_file_says_otherwise(tmp_path: Path) -> None:
+    large = {"type": "FeatureCollection", "features": [feature([ring(size=0.008)])]}
+    farm = load_farm(write(tmp_path, large))
+    assert farm.cell_size_m == 0.5
+    assert farm.width_cells * farm.height_cells <= 4_000_000
+    assert farm.notes == ("cells are 0.5 m, as cells of one foot would be 7.5 million",)
+    said = load_farm(write(tmp_path, {**large, "cell_size_m": 0.3048}))
+    assert (said.cell_size_m, said.notes) == (0.3048, ())
 
 
 def test_absurd_sizes(tmp_path: Path) -> None:

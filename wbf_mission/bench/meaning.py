@@ -23,7 +23,6 @@ import shapely
 
 from geo import Crop, Farm, Obstacle, Patch
 from geo.errors import PACKAGES, is_users_file
-from geo.farms import get_farm
 from sensors.field_files import field_to_table, load_field_set
 from sim_vehicle.airframe.catalog import get_vehicle
 from wbf_mission.scenario import Scenario
@@ -31,7 +30,7 @@ from wbf_mission.scenario import Scenario
 _SOURCES = frozenset({".py", ".csv", ".npz"})
 
 _ROWS = ("planner", "policy", "estimator", "seed")
-_FILES = ("farm", "fields", "vehicle")
+_FILES = ("farm", "crop", "farm_crs", "repair", "fields", "vehicle")  # What they give counts, not how
 # What was added after the first ids, with the values that leave everything as it was: these do not count.
 _LATER_OPTIONS = {"estimate_errors": False, "margin_m": 2.0}
 _LATER_OF_VEHICLES = {"airframe": None, "return_margin_m": 0.0}
@@ -50,7 +49,7 @@ def meaning_of(scenario: Scenario) -> str:
     return digest(
         {
             "options": options,
-            "farm": _farm(get_farm(scenario.farm.name)),
+            "farm": _farm(scenario.farm.load()),
             "fields": [field_to_table(one) for one in fields],
             "vehicles": [_vehicle(name) for name in scenario.vehicle.fleet],
         }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -17,7 +18,7 @@ from wbf_mission.exit_codes import ExitCode
 from wbf_mission.scenario import FarmOptions, ScenarioError
 
 if TYPE_CHECKING:
-    pass
+    from geo.farm import Farm
 
 app = typer.Typer(
     cls=HelpGroup,
@@ -25,8 +26,34 @@ app = typer.Typer(
 )
 
 FarmArgument = Annotated[
-    str, typer.Argument(help="Name of a farm or a GeoJSON file.", autocompletion=options.complete("farm"))
+    str,
+    typer.Argument(
+        help="Name of a farm, or a file: GeoJSON, KML/KMZ, Shapefile, GeoPackage, GPX.",
+        autocompletion=options.complete("farm"),
+    ),
 ]
+
+
+@dataclass(frozen=True, slots=True)
+class FarmFile:
+    """How a farm file is read, as the options of a run of the same names say it."""
+
+    crop: Annotated[str | None, option("Crop of those patches that tell none.")] = None
+    farm_crs: Annotated[
+        str | None, option("Coordinate system of a file that does not tell its own, such as EPSG:32617.")
+    ] = None
+    repair: Annotated[bool, option("Mend broken polygons where that is safe, and say what.", "--repair")] = (
+        False
+    )
+
+    def load(self, name: str, output: Output) -> Farm:
+        """Return the farm, and say what its user should know of how it was read."""
+        from geo import get_farm
+
+        farm = get_farm(name, crop=self.crop, crs=self.farm_crs, repair=self.repair)
+        for note in farm.notes:
+            output.note(f"note: {note}")
+        return farm
 
 
 @app.command("list", cls=HelpCommand)
@@ -59,15 +86,14 @@ def _values(farm: Any, *names: str) -> dict[str, Any]:
 
 
 @app.command("show", cls=HelpCommand, epilog="Example\n\nwbf-mission farm show waterberry")
+@options.gives("file", FarmFile)
 @options.speaks()
-def show_command(output: Output, farm: FarmArgument) -> None:
+def show_command(output: Output, farm: FarmArgument, file: FarmFile) -> None:
     """Show a farm's size, position, patches, crops and obstacles."""
     import numpy as np
     import shapely
 
-    from geo import get_farm
-
-    shown = get_farm(farm)
+    shown = file.load(farm, output)
     grid = shown.grid()
     counts = {
         crop: {
@@ -97,6 +123,7 @@ def show_command(output: Output, farm: FarmArgument) -> None:
             for one in shown.obstacles
         ],
         "rally_m": [list(place) for place in shown.rally_m],
+        "notes": list(shown.notes),
     }
     rows = {
         "size": f"{shown.width_cells} x {shown.height_cells} cells of {shown.cell_size_m:g} m",
@@ -130,17 +157,18 @@ def show_command(output: Output, farm: FarmArgument) -> None:
 @app.command(
     "draw", cls=HelpCommand, epilog="Example\n\nwbf-mission farm draw waterberry --out waterberry.png"
 )
+@options.gives("file", FarmFile)
 @options.speaks()
 def draw_command(
     output: Output,
     farm: FarmArgument,
+    file: FarmFile,
     out: Annotated[Path | None, option("PNG file.  [default: FARM.png]")] = None,
 ) -> None:
     """Draw a farm's crops, the owner's border, obstacles and home as a PNG picture."""
-    from geo import get_farm
     from wbf_mission.pictures.plots import plot_farm
 
-    shown = get_farm(farm)
+    shown = file.load(farm, output)
     target = out or _file_name(shown.name)
     refuse_overwrite(target, [farm])
     _require_suffix(target, ".png")
@@ -151,19 +179,21 @@ def draw_command(
 @app.command(
     "save", cls=HelpCommand, epilog="Example\n\nwbf-mission farm save miniberry-30 --out my-farm.geojson"
 )
+@options.gives("file", FarmFile)
 @options.speaks()
 def save_command(
     output: Output,
     farm: FarmArgument,
+    file: FarmFile,
     out: Annotated[Path, option("GeoJSON file.")],
     overwrite: Overwrite = False,
 ) -> None:
-    """Save a farm as GeoJSON, a start for a farm file of your own."""
-    from geo import get_farm, save_farm
+    """Save a farm as GeoJSON: one from another program's file, mended, or a start for one of your own."""
+    from geo import save_farm
 
     refuse_overwrite(out, [farm], suffixes=(".geojson",), overwrite=overwrite)
     _require_suffix(out, ".geojson", ".json")
-    shown = get_farm(farm)
+    shown = file.load(farm, output)
     save_farm(shown, out)
     output.result({"file": str(out)}, title="Saved")
 
@@ -202,12 +232,11 @@ def generate_command(
     import os
     import time
 
-    from geo import get_farm
     from sensors.environment.ensemble import generate_ensemble
 
     options.require_processes(jobs)
     scenario = given.scenario()
-    shown = get_farm(scenario.farm.name)
+    shown = scenario.farm.load()
     kept = None if keep is None else _days(keep)
     if kept is not None and days is not None and max(kept) > days:
         msg = f"--keep {keep} is beyond --days {days}: leave --days out, or keep days up to {days}"

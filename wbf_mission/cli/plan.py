@@ -120,6 +120,8 @@ def plan_command(
     every = [plan for plans in flown for plan in plans]
     for warning in dict.fromkeys(warning for plan in every for warning in plan.warnings):
         output.warn(warning)
+    for told in results[0].farm.notes:
+        output.note(f"note: farm: {told}")
     notes = [one for plan in every for one in plan.rendered.remarks if one.severity is Severity.NOTE]
     for note in dict.fromkeys(str(one) for one in notes):
         output.note(f"note: {note}")

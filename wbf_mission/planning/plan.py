@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from geo import Farm, get_farm
+from geo import Farm
 from mission.files import read_mission
 from mission.model import Mission
 from mission.planners import Planner, make_planner
@@ -73,7 +73,7 @@ def plan_fleet(scenario: Scenario, *, progress: Progress = silent) -> tuple[Plan
 def farm_of(options: FarmOptions) -> tuple[Farm, FieldSet]:
     """Return the farm, of which the crops of the fields are to be seen, and the fields."""
     fields = load_field_set(options.fields)
-    return get_farm(options.name).scouting(crop for field in fields for crop in field.crops), fields
+    return options.load().scouting(crop for field in fields for crop in field.crops), fields
 
 
 def require_one_vehicle(file: str, count: int) -> None:

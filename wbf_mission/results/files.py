@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from geo import Farm, farm_names, get_farm, load_farm, save_farm
+from geo import Farm, farm_names, load_farm, save_farm
 from geo.atomic import atomic_write
 from mission.files import read_mission, write_mission
 from mission.ground.tracks import Track
@@ -382,7 +382,7 @@ def read_result(folder: Path, kind: type[R]) -> R:
     fields = FieldSet(tuple(field_from_table(one, str(folder / RECORD)) for one in record.fields))
     scenario = Scenario(**record.scenario)
     own_farm = folder / "farm.geojson"
-    farm = load_farm(own_farm) if own_farm.is_file() else get_farm(scenario.farm.name)
+    farm = load_farm(own_farm) if own_farm.is_file() else scenario.farm.load()
     farm = farm.scouting(crop for field in fields for crop in field.crops)
     flights = read_flights(record.flights, folder, farm, _vehicles(scenario, folder), scenario.seed)
     truth, value, uncertainty = (

@@ -10,7 +10,7 @@ import gymnasium
 import numpy as np
 import shapely
 
-from geo import Farm, get_farm
+from geo import Farm
 from mission.planners import parse_budget
 from sensors.camera.leaf_camera import LeafCameraOptions
 from sensors.environment import Environment
@@ -65,7 +65,7 @@ class SurveyTask:
                 ' take a scenario whose vehicle is "ideal"'
             )
         steps = _steps(name, given.mission.budget)
-        farm = get_farm(given.farm.name)
+        farm = given.farm.load()
         grid, fields = farm.grid(), load_field_set(given.farm.fields)
         camera = camera_options(given.camera, fields)
         of = given.farm

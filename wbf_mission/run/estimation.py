@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from geo import Farm, get_farm
+from geo import Farm
 from geo.memory import require_memory
 from geo.seeds import sealed_seed
 from sensors.estimators import Estimator, default_estimator, make_estimator
@@ -29,7 +29,7 @@ def resolved(scenario: Scenario) -> Scenario:
     """Return a scenario that names its estimator: its own, else the best one that its farm can afford."""
     if scenario.estimate.estimator is not None:
         return scenario
-    return naming_estimator(scenario, get_farm(scenario.farm.name), load_field_set(scenario.farm.fields))
+    return naming_estimator(scenario, scenario.farm.load(), load_field_set(scenario.farm.fields))
 
 
 def naming_estimator(scenario: Scenario, farm: Farm, fields: FieldSet) -> Scenario:

@@ -104,7 +104,8 @@ def scenario_from_table(table: dict[str, Any], path: Path) -> Scenario:
     table = dict(table)
     for key in _FILES:
         given = table.get(key)
-        if isinstance(given, str) and given and (path.parent / given).is_file():
+        # A layer may follow the name of a farm file.
+        if isinstance(given, str) and given and (path.parent / given.partition("|")[0]).is_file():
             table[key] = str(path.parent / given)
     if isinstance(table.get("fields"), list):
         table["fields"] = [_beside(path, one) for one in table["fields"]]

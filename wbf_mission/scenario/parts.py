@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol, TypedDict
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypedDict
 
 from sim_vehicle.airframe.autopilot_names import DEFAULT_AUTOPILOT, autopilot_names
 from wbf_mission.scenario.choice import Choice, choose
@@ -17,6 +17,9 @@ from wbf_mission.scenario.values import (
     turbulence_value,
     wind_values,
 )
+
+if TYPE_CHECKING:
+    from geo.farm import Farm
 
 RUN = "What to run"
 VEHICLE = "Vehicle and weather"
@@ -37,11 +40,23 @@ class FarmOptions(Part):
 
     name: str = option(
         "miniberry-30",
-        "Farm: a name (see 'wbf-mission farm list') or a GeoJSON file",
+        "Farm: a name (see 'wbf-mission farm list') or a file: GeoJSON, KML/KMZ, Shapefile, GeoPackage, GPX",
         RUN,
         key="farm",
         kind="farm",
     )
+    crop: str | None = option(
+        None, "Crop of those patches of a farm file that tell none", RUN, metavar="NAME", default="crop"
+    )
+    crs: str | None = option(
+        None,
+        "Coordinate system of a farm file that does not tell its own, such as EPSG:32617",
+        RUN,
+        key="farm_crs",
+        metavar="CODE",
+        default="WGS 84, if its coordinates are degrees",
+    )
+    repair: bool = option(False, "Mend a farm file's broken polygons where that is safe, and say what", RUN)
     day: int = option(
         6, "Day of the environment that is flown, or the first of them", RUN, low=0, high=LAST_DAY
     )
@@ -57,6 +72,12 @@ class FarmOptions(Part):
         default="tylcv,ccr,soil",
         read=names_in,
     )
+
+    def load(self) -> Farm:
+        """Return the farm; FarmError if there is none, or its file cannot be used."""
+        from geo.farms import get_farm
+
+        return get_farm(self.name, crop=self.crop, crs=self.crs, repair=self.repair)
 
     def check(self) -> None:
         """Refuse a farm on which nothing is sensed, and days beyond the last."""
@@ -459,6 +480,9 @@ class ScenarioKeywords(TypedDict, total=False):
     """What `Scenario` takes: each option by its key, and whole parts by the names of the parts."""
 
     farm: str | FarmOptions
+    crop: str | None
+    farm_crs: str | None
+    repair: bool
     day: int
     days: int
     flights_per_day: int

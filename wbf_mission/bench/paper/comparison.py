@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo import Farm, FarmGrid
-from geo.farms import get_farm
 from sensors.field_files import load_field_set
 from sensors.fields import FieldSet
 from wbf_mission.bench.page import Table
@@ -48,7 +47,7 @@ def plot_pairs(
     Both diseases are in one map, each on the plants that it can befall. `rows` are of the environment that is
     shown, `colours` of the planners; `shown` has planner and estimator as keys.
     """
-    farm = get_farm(scenario.farm.name)
+    farm = scenario.farm.load()
     fields = load_field_set(scenario.farm.fields)
     planners = [planner for planner in colours if (planner, estimator) in shown]
     own = [row for row in rows if row.estimator == estimator and row.scores]

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo import Farm
-from geo.farms import get_farm
 from sensors.fields import Field, FieldSet
 from wbf_mission.pictures.plots import LAND, new_sheet, save_sheet, shown_every
 from wbf_mission.progress import Progress, silent
@@ -47,7 +46,7 @@ class Dynamics:
 
         WbfMissionError if there is no such farm, or not enough memory for it.
         """
-        farm = get_farm(scenario.farm.name)
+        farm = scenario.farm.load()
         maps: dict[int, NDArray[np.float32]] = {}
         found = []
         for number, seed in enumerate(seeds):

@@ -1,0 +1,364 @@
+"""Farms from files of any format: one set of checks for all; see docs/farm-files.md."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+
+from geo.errors import FarmError
+from geo.farm import MAX_CELLS, Farm, Obstacle, Patch
+from geo.features import (
+    DEFAULT_CROP,
+    DEFAULT_OWNER,
+    MAX_VERTICES,
+    Document,
+    Feature,
+    Place,
+    number_member,
+    position_of,
+    read_entry,
+    shortened,
+    text_member,
+)
+from geo.frame import LocalFrame
+from geo.geojson import read_geojson
+from geo.grid import CROP_NAMES, is_crop_name
+from geo.repair import mended
+from geo.units import FOOT_M
+
+MAX_RALLY = 100
+MAX_RASTER_STEPS = 20_000_000
+MAX_SPAN_M = 20_000.0
+SENSIBLE_CELLS = 4_000_000
+"""A grid of more cells of one foot gets larger ones, where the file does not give their size."""
+_ROUND_CELLS_M = (FOOT_M, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
+_MIN_CELL_M = 0.01
+_MAX_CELL_M = 1000.0
+_COUNT_SLACK = 1e-6
+_THIN_M = 1e-3
+
+
+def load_farm(
+    path: str | os.PathLike[str],
+    *,
+    crop: str | None = None,
+    crs: str | None = None,
+    repair: bool = False,
+) -> Farm:
+    """Read a farm from a file: GeoJSON, or what `geo.vector_files` reads.
+
+    Parameters
+    ----------
+    path : path-like
+        The file; ``FILE|layername=LAYER`` takes one layer of several.
+    crop : str, optional
+        The crop of patches whose crop the file does not tell.
+    crs : str, optional
+        The coordinate system of a file that does not tell its own, such as ``EPSG:32617``.
+    repair : bool
+        Whether broken geometry is mended where that is safe (`geo.repair`); `Farm.notes` tell what was.
+
+    Raises
+    ------
+    FarmError
+        If the file cannot be read, is no farm file, or a feature cannot be used; the text names the feature.
+    """
+    text = os.fspath(path)
+    try:
+        if crop is not None and not is_crop_name(crop):
+            raise FarmError(f"{crop!r:.60} is no name of a crop; {CROP_NAMES}")
+        file, layer = split_layer(text)
+        if file.suffix.lower() in VECTOR_SUFFIXES:
+            from geo.vector_files import read_vector
+
+            document = read_vector(file, layer, crs)
+        elif layer is not None:
+            raise FarmError(f"GeoJSON has no layers; leave |{layer} out")
+        else:
+            document = read_geojson(file, crs)
+        return _farm_of(document, file.stem, crop, repair=repair)
+    except FarmError as error:
+        msg = f"farm file {text}: {error}"
+        raise FarmError(" ".join(msg.split())) from None
+
+
+VECTOR_SUFFIXES = (".kml", ".kmz", ".shp", ".zip", ".gpkg", ".gpx")
+"""Of the files that `geo.vector_files` reads."""
+FARM_SUFFIXES = (".geojson", ".json", *VECTOR_SUFFIXES)
+
+
+def split_layer(text: str) -> tuple[Path, str | None]:
+    """Return the file and, if one is named, the layer, as QGIS writes them.
+
+    >>> split_layer("farm.gpkg|layername=fields 2026"), split_layer("farm.gpkg")
+    ((PosixPath('farm.gpkg'), 'fields 2026'), (PosixPath('farm.gpkg'), None))
+    """
+    file, bar, layer = text.rpartition("|")
+    if not bar or "\0" in text or Path(text).exists():
+        return Path(text), None
+    return Path(file), layer.removeprefix("layername=")
+
+
+def _farm_of(document: Document, default_name: str, crop: str | None, *, repair: bool) -> Farm:
+    members, notes = document.members, document.notes
+    name = text_member(members, "name", default_name, "the farm")
+    features, places = _contents(document, repair=repair)
+    home = _home(document, places)
+    features = _near(features, home, notes, repair=repair)
+    if repair:
+        features = [part for feature in features for part in mended(feature, notes)]
+    systems = dict.fromkeys(entry.crs for entry in document.entries if entry.crs is not None)
+    notes.extend(filter(None, (crs.accuracy_note() for crs in systems)))
+    features = _completed(features, crop, notes)
+    patches = [feature for feature in features if not feature.obstacle]
+    if not patches:
+        raise FarmError("has obstacles only, no patch with a crop")
+    owner = text_member(members, "owner", str(patches[0].owner), "the farm")
+    frame, origin_given = _frame(document, patches)
+    polygons = [_polygon(feature, frame) for feature in features]
+    bounds = shapely.total_bounds(
+        [polygon for feature, polygon in zip(features, polygons, strict=True) if not feature.obstacle]
+    )
+    cell_size_m = _cell_size(members, bounds, notes)
+    if origin_given:
+        for feature, polygon in zip(features, polygons, strict=True):
+            if not feature.obstacle and min(polygon.bounds[:2]) < -_COUNT_SLACK * cell_size_m:
+                msg = f'{feature.where}: reaches beyond the farm\'s "origin" to the south or west of the grid'
+                raise FarmError(msg)
+    width, height = _size(members, bounds[2] / cell_size_m, bounds[3] / cell_size_m, cell_size_m)
+    _check_detail(polygons, cell_size_m)
+    kept = tuple(
+        Patch(feature.name, str(feature.crop), str(feature.owner), polygon)
+        for feature, polygon in zip(features, polygons, strict=True)
+        if not feature.obstacle
+    )
+    if all(patch.owner != owner for patch in kept):
+        owners = ", ".join(sorted({repr(patch.owner) for patch in kept})[:8])
+        raise FarmError(f"no feature belongs to the owner {owner!r}; the owners are {owners}")
+    obstacles = tuple(
+        Obstacle(polygon, feature.height_m, feature.margin_m, feature.name)
+        for feature, polygon in zip(features, polygons, strict=True)
+        if feature.obstacle
+    )
+    rally_m = _rally(document, places, frame)
+    farm = Farm(name, frame, width, height, kept, owner, (0.0, 0.0), cell_size_m, obstacles, rally_m)
+    if home is not None:
+        home_m = frame.from_wgs84(home[1], home[0])
+    else:
+        nearest = shapely.shortest_line(farm.owner_area, shapely.Point(0.0, 0.0))
+        home_m = (float(nearest.coords[0][0]), float(nearest.coords[0][1])) if nearest else (0.0, 0.0)
+    return replace(farm, home_m=home_m, notes=tuple(notes))
+
+
+def _contents(document: Document, *, repair: bool) -> tuple[list[Feature], list[Place]]:
+    features: list[Feature] = []
+    places: list[Place] = []
+    vertices = 0
+    for entry in document.entries:
+        found = read_entry(entry, document.notes, repair=repair)
+        if isinstance(found, Place):
+            places.append(found)
+            continue
+        features += found
+        vertices += sum(len(ring) for feature in found for ring in feature.rings)
+        if vertices > MAX_VERTICES:
+            msg = f"{features[-1].where}: more than {MAX_VERTICES} vertices up to here; simplify the polygons"
+            raise FarmError(msg)
+    if not features:
+        raise FarmError("has points only, no patch with a crop")
+    return features, places
+
+
+def _completed(features: list[Feature], crop: str | None, notes: list[str]) -> list[Feature]:
+    """Give a crop and an owner to the patches of a file that has none; FarmError if only some have one."""
+    patches = [feature for feature in features if not feature.obstacle]
+    given = {"crop": crop, "owner": None}
+    for key, default in (("crop", DEFAULT_CROP), ("owner", DEFAULT_OWNER)):
+        without = [feature for feature in patches if getattr(feature, key) is None]
+        if given[key] is None and 0 < len(without) < len(patches):
+            advice = ", or name the crop of those that have none with --crop" if key == "crop" else ""
+            raise FarmError(
+                f'{without[0].where}: property "{key}" is missing; give one to each patch{advice}'
+            )
+        if given[key] is None and without:
+            given[key] = default
+            if key == "crop":
+                notes.append(f"no patch tells its crop: it is called {default!r}; --crop names it")
+    return [
+        replace(
+            feature,
+            crop=given["crop"] if feature.crop is None else feature.crop,
+            owner=given["owner"] if feature.owner is None else feature.owner,
+        )
+        for feature in features
+    ]
+
+
+def _home(document: Document, places: list[Place]) -> tuple[float, float] | None:
+    given = document.members.get("home")
+    found = [place for place in places if place.kind == "home"]
+    if len(found) + (given is not None) > 1:
+        raise FarmError(f"{found[-1].where}: is a second home; give one")
+    if found:
+        return found[0].position
+    return None if given is None else position_of(given, 'member "home"', document.crs)
+
+
+def _cell_size(members: dict[str, Any], bounds: Any, notes: list[str]) -> float:
+    """Return the size of a cell: the file's, else a foot, or larger where that makes too many cells."""
+    if members.get("cell_size_m") is not None or members.get("size_cells") is not None:
+        return number_member(members, "cell_size_m", FOOT_M, _MIN_CELL_M, _MAX_CELL_M)
+    area_m2 = float(bounds[2] * bounds[3])
+    size_m = next((one for one in _ROUND_CELLS_M if area_m2 <= SENSIBLE_CELLS * one**2), _ROUND_CELLS_M[-1])
+    if size_m != FOOT_M:
+        notes.append(
+            f"cells are {size_m:g} m, as cells of one foot would be {area_m2 / FOOT_M**2 / 1e6:.1f} million"
+        )
+    return size_m
+
+
+def _rally(document: Document, places: list[Place], frame: LocalFrame) -> tuple[tuple[float, float], ...]:
+    """Return the rally points, in metres of the farm's frame."""
+    given = document.members.get("rally", [])
+    points = [place for place in places if place.kind == "rally"]
+    if not isinstance(given, list) or len(given) + len(points) > MAX_RALLY:
+        msg = f'member "rally": {shortened(given)} is no list of at most {MAX_RALLY} positions'
+        raise FarmError(msg)
+    named = [(f'member "rally", entry {k}', one) for k, one in enumerate(given, 1)]
+    positions = [(where, position_of(one, where, document.crs)) for where, one in named]
+    positions += [(place.where, place.position) for place in points]
+    rally_m = []
+    for where, (longitude_deg, latitude_deg) in positions:
+        rally_m.append(frame.from_wgs84(latitude_deg, longitude_deg))
+        if not math.hypot(*rally_m[-1]) <= 2 * MAX_SPAN_M:
+            raise FarmError(f"{where}: lies more than {2 * MAX_SPAN_M / 1000:g} km from the farm")
+    return tuple(rally_m)
+
+
+def _near(
+    features: list[Feature], home: tuple[float, float] | None, notes: list[str], *, repair: bool
+) -> list[Feature]:
+    """Return features that all lie near home, or else the first one; with `repair` those swapped are turned.
+
+    Without a home it is the middle of all features that tells which ones are swapped: most are right.
+    """
+    anchor, is_sure = ('the farm\'s "home"', True) if home is not None else ("the first feature", False)
+    longitude_deg, latitude_deg = features[0].rings[0][0] if home is None else home
+    if home is None and repair:
+        middle = np.median([feature.rings[0][0] for feature in features], axis=0)
+        longitude_deg, latitude_deg = min(
+            (feature.rings[0][0] for feature in features), key=lambda corner: np.hypot(*(corner - middle))
+        )
+        anchor = "most features"
+    reference = LocalFrame(float(latitude_deg), float(longitude_deg))
+    spans_m = [
+        max(_reach_m(reference, ring[:, 1], ring[:, 0]) for ring in feature.rings) for feature in features
+    ]
+    is_sure = is_sure or 2 * sum(span_m <= MAX_SPAN_M for span_m in spans_m) > len(features)
+    found = []
+    for feature, span_m in zip(features, spans_m, strict=True):
+        if span_m > MAX_SPAN_M:
+            swapped = all(_reach_m(reference, ring[:, 0], ring[:, 1]) <= MAX_SPAN_M for ring in feature.rings)
+            if not (repair and swapped and is_sure):
+                advice = (
+                    "its latitude and longitude are swapped, positions are [longitude, latitude]"
+                    if swapped
+                    else f"the limit is {MAX_SPAN_M / 1000:g} km"
+                )
+                raise FarmError(f"{feature.where}: lies {span_m / 1000:.0f} km from {anchor}; {advice}")
+            feature = replace(feature, rings=tuple(ring[:, ::-1].copy() for ring in feature.rings))
+            notes.append(f"{feature.where}: latitude and longitude were swapped")
+        found.append(feature)
+    return found
+
+
+def _reach_m(frame: LocalFrame, latitude_deg: Any, longitude_deg: Any) -> float:
+    if np.abs(latitude_deg).max() > 90.0:
+        return math.inf
+    x_m, y_m = frame.from_wgs84(latitude_deg.copy(), longitude_deg.copy())
+    return float(np.max(np.hypot(x_m, y_m)))
+
+
+def _frame(document: Document, patches: list[Feature]) -> tuple[LocalFrame, bool]:
+    """Return the frame, and whether the file gives its origin (otherwise it is the corner of the patches)."""
+    members = document.members
+    altitude_m = number_member(members, "ground_altitude_m", 0.0, -1000.0, 9000.0)
+    rotation_deg = number_member(members, "rotation_deg", 0.0, -360.0, 360.0)
+    if members.get("origin") is not None:
+        longitude_deg, latitude_deg = position_of(members["origin"], 'member "origin"', document.crs)
+        frame = LocalFrame(latitude_deg, longitude_deg, altitude_m, rotation_deg)
+        if _reach_m(frame, patches[0].rings[0][:, 1], patches[0].rings[0][:, 0]) > 2 * MAX_SPAN_M:
+            msg = f'{patches[0].where}: lies more than {2 * MAX_SPAN_M / 1000:g} km from the farm\'s "origin"'
+            raise FarmError(msg)
+        return frame, True
+    points = np.concatenate([patch.rings[0] for patch in patches])
+    frame = LocalFrame(float(points[0, 1]), float(points[0, 0]), altitude_m, rotation_deg)
+    # North turns with the origin (meridian convergence), so the corner is sought again from each better one.
+    for _ in range(4):
+        x_m, y_m = frame.from_wgs84(points[:, 1].copy(), points[:, 0].copy())
+        latitude_deg, longitude_deg = frame.to_wgs84(float(x_m.min()), float(y_m.min()))
+        frame = LocalFrame(latitude_deg, longitude_deg, altitude_m, rotation_deg)
+    return frame, False
+
+
+def _polygon(feature: Feature, frame: LocalFrame) -> shapely.Polygon:
+    rings = []
+    for ring in feature.rings:
+        x_m, y_m = frame.from_wgs84(ring[:, 1].copy(), ring[:, 0].copy())
+        rings.append(np.column_stack([x_m, y_m]))
+    polygon = shapely.Polygon(rings[0], rings[1:])
+    if not shapely.is_valid(polygon):
+        reason = re.sub(
+            r"\[\S+ \S+\]", lambda match: _at(match.group(), frame), shapely.is_valid_reason(polygon)
+        )
+        raise FarmError(f"{feature.where}: the polygon is not valid: {reason}")
+    if polygon.area <= _THIN_M * polygon.length:
+        raise FarmError(f"{feature.where}: the polygon has no area")
+    return polygon
+
+
+def _at(point: str, frame: LocalFrame) -> str:
+    x_m, y_m = (float(value) for value in point.strip("[]").split())
+    latitude_deg, longitude_deg = frame.to_wgs84(x_m, y_m)
+    return f" near [{longitude_deg:.7f}, {latitude_deg:.7f}]"
+
+
+def _size(members: dict[str, Any], right: float, top: float, cell_size_m: float) -> tuple[int, int]:
+    needed = (max(math.ceil(right - _COUNT_SLACK), 1), max(math.ceil(top - _COUNT_SLACK), 1))
+    size = members.get("size_cells")
+    if size is not None:
+        if not (
+            isinstance(size, list)
+            and len(size) == 2
+            and all(type(value) is int and 0 < value <= MAX_CELLS for value in size)
+        ):
+            raise FarmError(f'member "size_cells": {shortened(size)} is not a usable [width, height]')
+        wanted = f"{needed[0]} x {needed[1]}"
+        if size[0] < needed[0] or size[1] < needed[1]:
+            msg = f'member "size_cells": {size[0]} x {size[1]} is less than the patches need ({wanted})'
+            raise FarmError(msg)
+        needed = (size[0], size[1])
+    if needed[0] * needed[1] > MAX_CELLS:
+        raise FarmError(
+            f"a grid of {needed[0]} x {needed[1]} cells is larger than {MAX_CELLS}; "
+            f'set a "cell_size_m" above {cell_size_m:g}'
+        )
+    return needed
+
+
+def _check_detail(polygons: list[shapely.Polygon], cell_size_m: float) -> None:
+    """Refuse polygons whose scan conversion would take minutes: very many edges across very many columns."""
+    steps = 0.0
+    for polygon in polygons:
+        x = shapely.get_coordinates(polygon)[:, 0]
+        steps += float(np.abs(np.diff(x)).sum()) / cell_size_m
+    if steps > MAX_RASTER_STEPS:
+        msg = f"the polygons are too detailed: their edges cross {steps:.3g} columns of cells; simplify them"
+        raise FarmError(msg)

@@ -1,0 +1,238 @@
+"""Features of a farm file, checked one by one: patches, obstacles, home and rally points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+
+from geo.attributes import kind_of, meant
+from geo.coordinates import Coordinates
+from geo.errors import FarmError
+from geo.grid import CROP_NAMES, Crop, is_crop_name
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+MAX_VERTICES = 100_000
+MAX_LATITUDE_DEG = 75.0
+DEFAULT_CROP = "crop"
+DEFAULT_OWNER = "owner"
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A feature as the file has it, not checked: its geometry is one of GeoJSON."""
+
+    where: str
+    number: int  # In its layer, from 1
+    properties: dict[str, Any]
+    geometry: object
+    crs: Coordinates | None = None  # None: WGS 84
+
+
+@dataclass(slots=True)
+class Document:
+    """What is in a file."""
+
+    members: dict[str, Any]
+    entries: list[Entry]
+    crs: Coordinates | None = None
+    notes: list[str] = field(default_factory=list)  # What a user should know of how it was read
+
+
+@dataclass(frozen=True, slots=True)
+class Feature:
+    """A polygon: rings of float64[n, 2] longitude, latitude. Without a crop or an owner it waits for one."""
+
+    where: str
+    name: str
+    crop: str | None
+    owner: str | None
+    obstacle: bool
+    height_m: float | None
+    margin_m: float | None
+    rings: tuple[NDArray[np.float64], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A point: "home" or "rally"."""
+
+    where: str
+    kind: str
+    position: tuple[float, float]
+
+
+def read_entry(entry: Entry, notes: list[str], *, repair: bool) -> list[Feature] | Place:
+    """Return the polygons of a feature, or the place that it is; FarmError, naming it, if it is neither.
+
+    With `repair` rings may be open, and what has latitude and longitude swapped is turned.
+    """
+    properties = meant(entry.properties, literal=True)
+    name = text_member(properties, "name", f"patch {entry.number - 1}", entry.where)
+    where = f"{entry.where} ({name!r})"
+    kind = kind_of(properties.get("kind"))
+    geometry = entry.geometry if isinstance(entry.geometry, dict) else {}
+    if geometry.get("type") == "Point":
+        kind = kind or kind_of(name)
+        if kind not in ("home", "rally"):
+            raise FarmError(
+                f"{where}: geometry is 'Point', not a Polygon; a point is the home or a rally point: "
+                'give it "kind": "home" or "rally"'
+            )
+        return Place(where, kind, position_of(geometry.get("coordinates"), where, entry.crs))
+    obstacle, no_fly = (_flag(properties, key, kind, where) for key in ("obstacle", "no_fly"))
+    height_m = number_member(properties, "height_m", None, 0.0, 1000.0, f"{where}: property")
+    margin_m = number_member(properties, "margin_m", None, 0.0, 1000.0, f"{where}: property")
+    if no_fly and height_m is not None:
+        raise FarmError(f'{where}: is a no-fly zone, of any height; leave "height_m" out, or "no_fly"')
+    obstacle = obstacle or no_fly
+    crop: str | None = str(Crop.NONE) if obstacle else None
+    owner: str | None = "" if obstacle else None
+    if not obstacle and "crop" in properties:
+        crop = text_member(properties, "crop", "", where).lower()
+        if not is_crop_name(crop):
+            raise FarmError(f"{where}: {crop!r} is no name of a crop; {CROP_NAMES}")
+    if not obstacle and "owner" in properties:
+        owner = text_member(properties, "owner", "", where)
+    parts = _parts(geometry, where)
+    found = []
+    for number, part in enumerate(parts, 1):
+        at, called = (where, name) if len(parts) == 1 else (f"{where}, part {number}", f"{name} {number}")
+        rings = [_ring(ring, at, entry.crs, repair=repair) for ring in part]
+        if repair and entry.crs is None and _only_swapped(rings):
+            rings = [ring[:, ::-1].copy() for ring in rings]
+            notes.append(f"{at}: latitude and longitude were swapped")
+        for ring in rings:
+            for longitude_deg, latitude_deg in ring.tolist():
+                check_degrees(longitude_deg, latitude_deg, at)
+        found.append(Feature(at, called, crop, owner, obstacle, height_m, margin_m, tuple(rings)))
+    return found
+
+
+def _flag(properties: dict[str, Any], key: str, kind: str, where: str) -> bool:
+    value = properties.get(key, kind == key.replace("_", "-"))
+    if not isinstance(value, bool):
+        raise FarmError(f'{where}: property "{key}" is not true or false')
+    return value
+
+
+def _parts(geometry: dict[str, Any], where: str) -> list[list[Any]]:
+    """Return the coordinates of each polygon of a geometry."""
+    kind = geometry.get("type")
+    parts: list[Any]
+    if kind == "GeometryCollection" and isinstance(geometry.get("geometries"), list):
+        inner = [one if isinstance(one, dict) else {} for one in geometry["geometries"]]
+        if any(one.get("type") == "GeometryCollection" for one in inner):
+            raise FarmError(f"{where}: a collection of geometries holds another; make it one")
+        parts = [part for one in inner for part in _parts(one, where)]
+    elif kind == "MultiPolygon":
+        given = geometry.get("coordinates")
+        parts = given if isinstance(given, list) else []
+    elif kind == "Polygon":
+        parts = [geometry.get("coordinates")]
+    else:
+        told = kind if isinstance(kind, str) else "nothing"
+        raise FarmError(f"{where}: geometry is {shortened(told)!r}, not a Polygon or MultiPolygon")
+    if not parts or not all(isinstance(part, list) and part and part[0] for part in parts):
+        raise FarmError(f"{where}: the polygon is empty")
+    return parts
+
+
+def _ring(ring: object, where: str, crs: Coordinates | None, *, repair: bool) -> NDArray[np.float64]:
+    if not isinstance(ring, list) or len(ring) < (3 if repair else 4):
+        raise FarmError(f"{where}: a ring has fewer than four positions")
+    if len(ring) > MAX_VERTICES:
+        msg = f"{where}: a ring of {len(ring)} positions is longer than {MAX_VERTICES}; simplify it"
+        raise FarmError(msg)
+    positions = np.array([_numbers(position, where) for position in ring])
+    if crs is not None:
+        positions = _converted(positions, where, crs)
+    if not repair and not np.array_equal(positions[0], positions[-1]):
+        raise FarmError(f"{where}: a ring is not closed (its last position must repeat the first)")
+    return positions
+
+
+def _only_swapped(rings: list[NDArray[np.float64]]) -> bool:
+    """Return whether positions make sense only as latitude, longitude."""
+    every = np.concatenate(rings)
+    return bool(
+        (np.abs(every[:, 1]) > MAX_LATITUDE_DEG).any() and (np.abs(every[:, 0]) <= MAX_LATITUDE_DEG).all()
+    )
+
+
+def position_of(position: object, where: str, crs: Coordinates | None = None) -> tuple[float, float]:
+    """Return longitude and latitude of a position."""
+    place = np.array([_numbers(position, where)])
+    if crs is not None:
+        place = _converted(place, where, crs)
+    longitude_deg, latitude_deg = place[0].tolist()
+    check_degrees(longitude_deg, latitude_deg, where)
+    return longitude_deg, latitude_deg
+
+
+def _numbers(position: object, where: str) -> tuple[float, float]:
+    if (
+        not isinstance(position, list)
+        or not 2 <= len(position) <= 4
+        or not all(type(value) in (int, float) and abs(value) < 1e300 for value in position)
+    ):
+        msg = f"{where}: {shortened(position)} is not a position [longitude, latitude] of finite numbers"
+        raise FarmError(msg)
+    return float(position[0]), float(position[1])
+
+
+def _converted(xy: NDArray[np.float64], where: str, crs: Coordinates) -> NDArray[np.float64]:
+    positions = crs.to_wgs84(xy)
+    lost = ~np.isfinite(positions).all(axis=1)
+    if lost.any():
+        x, y = xy[lost][0].tolist()
+        raise FarmError(f"{where}: [{x:g}, {y:g}] is no place in {crs.name}; is that its coordinate system?")
+    return positions
+
+
+def check_degrees(longitude_deg: float, latitude_deg: float, where: str) -> None:
+    """Raise FarmError if nothing can grow there."""
+    if abs(latitude_deg) > 90.0:
+        msg = f"{where}: latitude {latitude_deg:g} is outside -90..90; positions are [longitude, latitude]"
+        raise FarmError(msg)
+    if abs(longitude_deg) > 180.0:
+        raise FarmError(f"{where}: longitude {longitude_deg:g} is outside -180..180")
+    if abs(latitude_deg) > MAX_LATITUDE_DEG:
+        raise FarmError(
+            f"{where}: nothing grows at latitude {latitude_deg:g}; "
+            "are latitude and longitude swapped? positions are [longitude, latitude]"
+        )
+
+
+def text_member(members: dict[str, Any], key: str, default: str, where: str) -> str:
+    """Return a member that is a short line of text, its default if it is missing, or raise FarmError."""
+    value = members.get(key)
+    if value is None:
+        return default
+    if not isinstance(value, str) or not value.strip() or len(value) > 200 or not value.isprintable():
+        raise FarmError(f'{where}: "{key}" is {shortened(value)}, not a short line of text')
+    return value.strip()
+
+
+T = TypeVar("T", float, None)
+
+
+def number_member(
+    members: dict[str, Any], key: str, default: T, low: float, high: float, what: str = "member"
+) -> float | T:
+    """Return a member that is a number in low..high, its default if it is missing, or raise FarmError."""
+    value = members.get(key)
+    if value is None:
+        return default
+    if type(value) not in (int, float) or not low <= value <= high:
+        raise FarmError(f'{what} "{key}": {shortened(value)} is not a number in {low:g}..{high:g}')
+    return float(value)
+
+
+def shortened(value: object) -> str:
+    """Return a value as an error shows it."""
+    text = value if isinstance(value, str) else repr(value)[:200]
+    return text if len(text) <= 60 else text[:57] + "..."

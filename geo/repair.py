@@ -1,0 +1,130 @@
+"""Broken polygons, mended where it is plain what they should be; what changes is told, a line a feature.
+
+A ring that is not closed gets the side that is missing, if that is no longer than its longest one. A ring
+that crosses or touches itself becomes the land within it (GEOS's "structure": nodes are set where sides
+cross, spikes without width vanish); holes are joined where they overlap, and end where the land ends. Parts
+below a thousandth of the land are left out. All that, added up, changes at most a hundredth of the land, or
+the polygon is refused: corners in a wrong order, say, are no slip that can be mended.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from itertools import chain
+from typing import TYPE_CHECKING
+
+import numpy as np
+import shapely
+
+from geo.errors import FarmError
+from geo.features import Feature
+from geo.frame import LocalFrame
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+MAX_CHANGE = 0.01
+"""The part of the land that mending may change."""
+_LEFT_OUT = 0.001
+_APART_M = 1e-3
+_ROUNDING_M = 1e-7
+
+
+def mended(feature: Feature, notes: list[str]) -> list[Feature]:
+    """Return a feature as it is if it is valid, else its parts, mended; FarmError if that is not safe.
+
+    The area does not change by more than `MAX_CHANGE`, beside what closing a ring adds.
+    """
+    longitude_deg, latitude_deg = feature.rings[0][0].tolist()
+    frame = LocalFrame(latitude_deg, longitude_deg)
+    told: list[str] = []
+    rings = [_closed(_metres(ring, frame), feature.where, told) for ring in feature.rings]
+    holes = [ring for ring in rings[1:] if len(np.unique(ring, axis=0)) >= 3]
+    if len(holes) < len(rings) - 1:
+        told.append("holes without area are left out")
+    if len(np.unique(rings[0], axis=0)) < 3:
+        raise FarmError(f"{feature.where}: the polygon has no area")
+    polygon = shapely.Polygon(rings[0], holes)
+    if shapely.is_valid(polygon):
+        parts = [polygon]
+    else:
+        reason = re.sub(r"\s*\[.*", "", shapely.is_valid_reason(polygon))
+        told.append(reason[:1].lower() + reason[1:])
+        parts = _parts(rings[0], holes, feature.where)
+    if not told:
+        return [feature]
+    before, after = polygon.area, sum(part.area for part in parts)
+    pieces = "" if len(parts) == 1 else f" in {len(parts)} parts"
+    notes.append(f"{feature.where}: mended ({', '.join(told)}): {before:.1f} -> {after:.1f} m2{pieces}")
+    return [
+        replace(
+            feature,
+            where=feature.where if len(parts) == 1 else f"{feature.where}, part {number}",
+            name=feature.name if len(parts) == 1 else f"{feature.name} {number}",
+            rings=tuple(_degrees(ring, frame) for ring in (part.exterior, *part.interiors)),
+        )
+        for number, part in enumerate(parts, 1)
+    ]
+
+
+def _metres(ring: NDArray[np.float64], frame: LocalFrame) -> NDArray[np.float64]:
+    return np.column_stack(frame.from_wgs84(ring[:, 1].copy(), ring[:, 0].copy()))
+
+
+def _degrees(ring: shapely.LinearRing, frame: LocalFrame) -> NDArray[np.float64]:
+    xy = shapely.get_coordinates(ring)
+    latitude_deg, longitude_deg = frame.to_wgs84(xy[:, 0].copy(), xy[:, 1].copy())
+    positions = np.column_stack([longitude_deg, latitude_deg])
+    positions[-1] = positions[0]
+    return positions
+
+
+def _closed(ring: NDArray[np.float64], where: str, told: list[str]) -> NDArray[np.float64]:
+    gap_m = float(np.hypot(*(ring[-1] - ring[0])))
+    if gap_m == 0.0:
+        return ring
+    longest_m = float(np.hypot(*np.diff(ring, axis=0).T).max())
+    if gap_m > longest_m * (1 + 1e-6):
+        raise FarmError(
+            f"{where}: a ring is open over {gap_m:.1f} m, more than its longest side ({longest_m:.1f} m): "
+            "part of it is missing; draw it anew"
+        )
+    told.append(f"a ring closed over {gap_m:.2f} m")
+    return np.vstack([ring, ring[:1]])
+
+
+def _parts(shell: NDArray[np.float64], holes: list[NDArray[np.float64]], where: str) -> list[shapely.Polygon]:
+    """Return the polygons that rings mean, the largest first."""
+    within = [_land(ring) for ring in (shell, *holes)]
+    drawn = [shapely.Polygon(ring).area for ring in (shell, *holes)]
+    changed = sum(abs(land.area - area) for land, area in zip(within, drawn, strict=True))
+    land = within[0].difference(shapely.union_all(within[1:])) if holes else within[0]
+    every = sorted(_polygons(land), key=lambda part: -part.area)
+    kept = [part for part in every if part.area > max(_LEFT_OUT * land.area, _APART_M * part.length)]
+    changed += land.area - sum(part.area for part in kept)
+    if not kept or changed > MAX_CHANGE * land.area:
+        raise FarmError(
+            f"{where}: cannot be mended safely: as drawn it has {drawn[0] - sum(drawn[1:]):.1f} m2, what its "
+            f"rings enclose {land.area:.1f} m2 (over {MAX_CHANGE:.0%} differs); are its corners in order?"
+        )
+    return list(chain.from_iterable(_lasting(part) for part in kept))
+
+
+def _land(ring: NDArray[np.float64]) -> shapely.Geometry:
+    return shapely.make_valid(shapely.Polygon(ring), method="structure", keep_collapsed=False)
+
+
+def _polygons(land: shapely.Geometry) -> list[shapely.Polygon]:
+    return [part for part in shapely.get_parts(land) if part.geom_type == "Polygon" and part.area > 0]
+
+
+def _lasting(polygon: shapely.Polygon) -> list[shapely.Polygon]:
+    """Return a polygon that stays valid when its corners are rounded: its rings do not touch."""
+
+    def rounded(xy: NDArray[np.float64]) -> NDArray[np.float64]:
+        return xy + _ROUNDING_M * np.sin(997.0 * xy + 1013.0 * xy[:, ::-1])
+
+    if shapely.is_valid(shapely.transform(polygon, rounded)):
+        return [polygon]
+    return _polygons(shapely.buffer(polygon, -_APART_M, join_style="mitre"))

@@ -1,0 +1,346 @@
+"""Files of other programs (KML, KMZ, Shapefile, GeoPackage, GPX), read by GDAL into what a farm file holds.
+
+No file is trusted. GDAL sees plain local files only, whose first bytes are those of their format: it would
+follow a list of web addresses that is called a GeoPackage. Archives are unpacked here, with a limit; XML with
+entities or links to elsewhere is refused.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import re
+import sqlite3
+import struct
+import tempfile
+import warnings
+import zipfile
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from xml.parsers import expat
+
+import msgspec
+import numpy as np
+import shapely
+
+from geo.attributes import KNOWN, kind_of, meant
+from geo.coordinates import EXAMPLE_CRS, Coordinates, coordinates_of
+from geo.errors import FarmError
+from geo.features import MAX_VERTICES, Document, Entry
+from geo.frame import LocalFrame
+from geo.reading import UnreadableError, read_file
+from geo.texts import one_line
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+MAX_BYTES = 128 * 2**20
+MAX_XML_BYTES = 32 * 2**20
+MAX_FEATURES = 10_000
+MAX_GAP_M = 5.0
+"""A track or a path whose ends are not farther apart is the border of a field."""
+_MAX_LAYERS = 100
+_MAX_MEMBERS = 1000
+_MAX_DEPTH = 100
+_SHAPEFILE = (".shp", ".shx", ".dbf", ".prj", ".cpg")
+_PROBLEMS = (ValueError, RuntimeError, OSError, EOFError, MemoryError, struct.error)
+_GPX_LAYERS = ("routes", "tracks", "waypoints")
+
+
+def read_vector(path: Path, layer: str | None = None, crs: str | None = None) -> Document:
+    """Return what a file of another program holds, the polygons of all layers or of one.
+
+    Parameters
+    ----------
+    path : Path
+        The file; a .zip holds a Shapefile.
+    layer : str, optional
+        The only layer that is read.
+    crs : str, optional
+        The coordinate system of a file that does not tell its own.
+
+    Raises
+    ------
+    FarmError
+        If GDAL is not there, or the file cannot be used.
+    """
+    try:
+        import pyogrio.raw
+    except ImportError:
+        kind = path.suffix.lower()
+        raise FarmError(f'{kind} files are read by GDAL: pip install "wbf-mission[gis]"') from None
+    logging.getLogger("pyogrio").addHandler(logging.NullHandler())
+    document = Document({}, [])
+    with _plain(path) as (plain, inside), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            names = _layers(plain, pyogrio.list_layers)
+            named = [inside] if plain.suffix == ".shp" else names
+            if layer is not None:
+                if layer not in named:
+                    known = ", ".join(repr(one) for one in named[:20])
+                    raise FarmError(f"there is no layer {layer!r:.60}; its layers are {known}")
+                names = [names[named.index(layer)]]
+            for name in names:
+                where = "" if len(names) == 1 else f"layer {name!r:.60}, "
+                _read_layer(pyogrio, plain, name, where, crs, document)
+        except FarmError:
+            raise
+        except (*_PROBLEMS, sqlite3.Error, shapely.GEOSException) as error:
+            told = one_line(str(error).replace(str(plain), path.name), 200)
+            raise FarmError(f"cannot be read: {told or type(error).__name__}") from None
+    if not document.entries:
+        raise FarmError(f"holds no polygons{': ' if document.notes else ''}{'; '.join(document.notes[:3])}")
+    return document
+
+
+@contextlib.contextmanager
+def _plain(path: Path) -> Iterator[tuple[Path, str]]:
+    """Give a file that GDAL may open, checked, and the name that it has for users."""
+    suffix = path.suffix.lower()
+    try:
+        if suffix in (".kml", ".gpx"):
+            _check_xml(read_file(path, MAX_XML_BYTES), suffix)
+        elif suffix in (".kmz", ".zip"):
+            with tempfile.TemporaryDirectory() as folder:
+                yield _unpacked(path, Path(folder))
+            return
+        elif suffix == ".shp":
+            _check_shapefile(path)
+        else:
+            _check_head(path, b"SQLite format 3\0", "GeoPackage")
+    except UnreadableError as error:
+        raise FarmError(f"cannot be read: {error}") from None
+    absolute = path.resolve()
+    if str(absolute).startswith("/vsi"):
+        raise FarmError("is no plain file")
+    yield absolute, path.stem
+
+
+def _check_head(path: Path, head: bytes, what: str) -> None:
+    """Refuse a file that is too large, or does not begin as its format does."""
+    try:
+        if path.exists() and not path.is_file():
+            raise FarmError("cannot be read: it is a folder, a pipe or a device, no file")
+        with path.open("rb") as file:
+            begin = file.read(len(head))
+    except FarmError:
+        raise
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or "it has an impossible name"
+        raise FarmError(f"cannot be read: {reason.lower()}") from None
+    if begin != head:
+        raise FarmError(f"is no {what}")
+    if path.stat().st_size > MAX_BYTES:
+        raise FarmError(f"is larger than {MAX_BYTES / 2**20:g} MiB")
+
+
+def _check_shapefile(path: Path) -> None:
+    _check_head(path, b"\0\0\x27\x0a", "Shapefile")
+    beside = [one for one in path.absolute().parent.iterdir() if one.stem == path.stem]
+    siblings = {one.suffix.lower(): one for one in beside if one.is_file()}
+    if ".shx" not in siblings:
+        raise FarmError("its .shx is missing: a Shapefile is several files; copy .shp, .shx, .dbf and .prj")
+    for suffix in set(_SHAPEFILE) & siblings.keys():
+        if siblings[suffix].stat().st_size > MAX_BYTES:
+            raise FarmError(f"its {suffix} is larger than {MAX_BYTES / 2**20:g} MiB")
+
+
+def _check_xml(data: bytes, suffix: str) -> None:
+    """Refuse what is no KML or GPX, has entities, is nested too deeply or links to elsewhere."""
+    parser = expat.ParserCreate(namespace_separator=" ")
+    open_elements: list[str] = []
+    names: set[str] = set()
+
+    def start(name: str, _: object) -> None:
+        open_elements.append(name.rpartition(" ")[2])
+        names.add(open_elements[-1])
+        if len(open_elements) == 1 and open_elements[0] != suffix[1:]:
+            raise FarmError(f"is no {suffix[1:].upper()}: it begins with <{open_elements[0]:.40}>")
+        if len(open_elements) > _MAX_DEPTH:
+            raise FarmError("is nested too deeply")
+
+    def doctype(*_: object) -> None:
+        raise FarmError("holds a document type with entities (<!DOCTYPE>), which is not read; leave it out")
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = lambda _: open_elements.pop()
+    parser.StartDoctypeDeclHandler = doctype
+    try:
+        parser.Parse(data, True)
+    except expat.ExpatError as error:
+        raise FarmError(f"is not XML (line {error.lineno}: {expat.errors.messages[error.code]})") from None
+    if "NetworkLink" in names:
+        raise FarmError("links to elsewhere (NetworkLink), which is not fetched; save the fields themselves")
+
+
+def _unpacked(path: Path, folder: Path) -> tuple[Path, str]:
+    """Unpack the KML of a .kmz, or the Shapefile of a .zip, with a limit."""
+    kmz = path.suffix.lower() == ".kmz"
+    wanted = (".kml",) if kmz else _SHAPEFILE
+    _check_head(path, b"PK", "archive")
+    try:
+        with zipfile.ZipFile(path) as archive:
+            members = archive.infolist()
+            if len(members) > _MAX_MEMBERS:
+                raise FarmError(f"holds {len(members)} files, more than {_MAX_MEMBERS}")
+            mains = [one for one in members if one.filename.lower().endswith(wanted[0])]
+            mains.sort(key=lambda one: Path(one.filename).name.lower() != "doc.kml")
+            if not mains or (len(mains) > 1 and not kmz):
+                raise FarmError(f"holds {len(mains)} files {wanted[0]}; one is wanted")
+            main = mains[0].filename[:-4]
+            room = MAX_XML_BYTES if kmz else MAX_BYTES
+            for member in members:
+                suffix = member.filename[-4:].lower()
+                if member.filename[:-4] != main or suffix not in wanted:
+                    continue
+                with archive.open(member) as file:
+                    data = file.read(room + 1)
+                room -= len(data)
+                if room < 0:
+                    raise FarmError("unpacks to more than is read; it is larger than a farm's file can be")
+                if kmz:
+                    _check_xml(data, ".kml")
+                (folder / f"unpacked{suffix}").write_bytes(data)
+    except FarmError:
+        raise
+    except (*_PROBLEMS, zipfile.BadZipFile, zlib.error) as error:
+        raise FarmError(f"cannot be unpacked: {one_line(str(error), 100)}") from None
+    plain = folder / f"unpacked{wanted[0]}"
+    if not kmz:
+        _check_shapefile(plain)
+    return plain, Path(main).name
+
+
+def _layers(plain: Path, list_layers: Any) -> list[str]:
+    """Return the names of the layers that may hold features."""
+    if plain.suffix == ".gpkg":
+        # Views may compute for ever, and need GDAL's own functions: tables only.
+        base = sqlite3.connect(f"{plain.as_uri()}?mode=ro&immutable=1", uri=True)
+        with contextlib.closing(base):
+            found = base.execute(
+                "SELECT table_name FROM gpkg_contents JOIN sqlite_master ON name = table_name "
+                "WHERE data_type = 'features' AND type = 'table'"
+            ).fetchmany(_MAX_LAYERS + 1)
+        names = [str(name) for (name,) in found]
+    else:
+        names = [str(name) for name, _ in list_layers(plain)]
+    if plain.suffix == ".gpx":
+        names = [name for name in _GPX_LAYERS if name in names]
+    if not names:
+        raise FarmError("holds no layer of features (views are not read)")
+    if len(names) > _MAX_LAYERS:
+        raise FarmError(f"has more than {_MAX_LAYERS} layers; name one: FILE|layername=LAYER")
+    return names
+
+
+def _read_layer(
+    pyogrio: Any, plain: Path, name: str, where: str, crs: str | None, document: Document
+) -> None:
+    """Add the features of a layer to a document."""
+    options = {"IMMUTABLE": "YES"} if plain.suffix == ".gpkg" else {}
+    fields = pyogrio.read_info(plain, layer=name, **options)["fields"]
+    meta, _, geometries, columns = pyogrio.raw.read(
+        plain,
+        layer=name,
+        columns=[field for field in fields if field.lower() in KNOWN],
+        force_2d=True,
+        max_features=MAX_FEATURES + 1,
+        **options,
+    )
+    if geometries is None or not len(geometries):
+        return
+    if len(document.entries) + len(geometries) > MAX_FEATURES:
+        raise FarmError(f"{where or 'it '}has more than {MAX_FEATURES} features; take those of one farm")
+    shapes = shapely.from_wkb(geometries, on_invalid="fix")
+    if int(shapely.get_num_coordinates(shapes).sum()) > MAX_VERTICES:
+        raise FarmError(f"{where}has more than {MAX_VERTICES} vertices; simplify the polygons")
+    own = _coordinates(meta["crs"], crs, shapes, name, document)
+    takes_lines = plain.suffix in (".kml", ".gpx")
+    kind = kind_of(name)
+    left_out: dict[str, list[str]] = {}
+    for row, shape in enumerate(shapes):
+        values = (_value(column[row]) for column in columns)
+        properties = meant(dict(zip(map(str, meta["fields"]), values, strict=True)), literal=False)
+        if kind:
+            properties.setdefault("kind", kind)
+        called = properties.get("name", "")
+        geometry, reason = _geometry(shape, kind_of(properties.get("kind")) or kind_of(called), takes_lines)
+        if shape is not None and shapely.from_wkb(geometries[row], on_invalid="ignore") is None:
+            geometry = _unclosed(geometries[row])
+        if geometry is None:
+            left_out.setdefault(reason, []).append(called or f"feature {row + 1}")
+        else:
+            entry = Entry(f"{where}feature {row + 1}", row + 1, properties, geometry, own)
+            document.entries.append(entry)
+            if reason:
+                document.notes.append(f"{entry.where}{f' ({called!r:.60})' if called else ''}: {reason}")
+    for reason, names in left_out.items():
+        some = ", ".join(one_line(one, 40) for one in names[:5]) + (", ..." if len(names) > 5 else "")
+        document.notes.append(f"{where}{len(names)} left out, {reason}: {some}")
+
+
+def _geometry(shape: Any, kind: str, takes_lines: bool) -> tuple[dict[str, Any] | None, str]:
+    """Return the geometry in GeoJSON's form and what is to be said of it, or None and why it is left out."""
+    what = "" if shape is None or shape.is_empty else shape.geom_type
+    if not what:
+        return None, "without geometry"
+    if what == "Point" and kind not in ("home", "rally"):
+        return None, "points that are neither home nor rally"
+    if what in ("LineString", "MultiLineString") and takes_lines:
+        xy = np.concatenate([shapely.get_coordinates(part) for part in shapely.get_parts(shape)])
+        east_m, north_m = LocalFrame(xy[0, 1], xy[0, 0]).from_wgs84(float(xy[-1, 1]), float(xy[-1, 0]))
+        gap_m = float(np.hypot(east_m, north_m))
+        if len(xy) < 4 or not gap_m <= MAX_GAP_M:
+            return None, f"lines that are open by more than {MAX_GAP_M:g} m"
+        said = f"a line, closed over {gap_m:.1f} m" if gap_m > 0.05 else ""
+        return {"type": "Polygon", "coordinates": [[*xy.tolist(), xy[0].tolist()]]}, said
+    if what == "GeometryCollection":
+        shape = shapely.MultiPolygon(
+            [part for part in shapely.get_parts(shape) if part.geom_type == "Polygon"]
+        )
+    if what not in ("Point", "Polygon", "MultiPolygon") and (what != "GeometryCollection" or shape.is_empty):
+        return None, f"{what} is no polygon"
+    made: dict[str, Any] = msgspec.json.decode(shapely.to_geojson(shape))
+    return made, ""
+
+
+def _unclosed(wkb: bytes) -> dict[str, Any]:
+    """Return a polygon with rings that are not closed as it is, for which shapely has no shape."""
+    order, kind, rings = struct.unpack_from("<BII", wkb)
+    if (order, kind) != (1, 3):
+        raise FarmError("a ring in one of several parts is not closed; make each part a feature of its own")
+    at, found = 9, []
+    for _ in range(rings):
+        (count,) = struct.unpack_from("<I", wkb, at)
+        found.append(np.frombuffer(wkb, "<f8", 2 * count, at + 4).reshape(-1, 2).tolist())
+        at += 4 + 16 * count
+    return {"type": "Polygon", "coordinates": found}
+
+
+def _value(value: Any) -> Any:
+    plain = value.item() if isinstance(value, np.generic) else value
+    return plain if isinstance(plain, (int, float, str, bool)) else None
+
+
+def _coordinates(
+    own: str | None, given: str | None, shapes: NDArray[Any], name: str, document: Document
+) -> Coordinates | None:
+    if own:
+        if given is not None:
+            raise FarmError(f"has a coordinate system of its own; leave out that it is {given!r:.60}")
+        found = None if re.fullmatch(r"EPSG:4326", own) else Coordinates(own)
+    elif given is not None:
+        found = coordinates_of(given)
+    else:
+        west, south, east, north = shapely.total_bounds(shapes)
+        if not (-180 <= west <= east <= 180 and -90 <= south <= north <= 90):
+            raise FarmError(
+                f"layer {name!r:.60} has no coordinate system (a Shapefile has it in its .prj), and its "
+                f"coordinates are no degrees: give it with --farm-crs, such as {EXAMPLE_CRS}"
+            )
+        document.notes.append("no coordinate system is given: taken for longitudes and latitudes of WGS 84")
+        found = None
+    return found

@@ -44,6 +44,7 @@ PATH = "#3b3b3b"
 WORST_COLOURS = ("#3d0a3a", "#f29e38", "#dfeaf2")  # lost, infected, healthy: dark, middle, light
 MAX_PIXELS = 600  # a crop map shows no more cells a side than this
 _HOME: dict[str, Any] = {"marker": "^", "color": "#d55e00", "markeredgecolor": "white", "markersize": 9}
+_RALLY: dict[str, Any] = {"marker": "P", "color": "#0072b2", "markeredgecolor": "white", "markersize": 9}
 _OBSTACLE: dict[str, Any] = {
     "facecolor": "none",
     "edgecolor": "#333333",
@@ -51,6 +52,7 @@ _OBSTACLE: dict[str, Any] = {
     "linewidth": 0.8,
     "zorder": 2,
 }
+_LOW_OBSTACLE: dict[str, Any] = {**_OBSTACLE, "hatch": "///"}
 _LARGEST_SHARE = 0.02  # at least so much is shown of a large farm's scale of sick plants
 _SHARE_RANGE = 50.0
 _MARGIN = 0.04
@@ -141,6 +143,10 @@ def draw_farm(axes: Axes, farm: Farm, *, legend: bool = True) -> None:
                 crop = grid.crops[number]
                 shown = {crop: LegendPatch(color=colour_of[crop]), **shown}
         (shown["home"],) = axes.plot(*farm.home_m, linestyle="none", zorder=5, clip_on=False, **_HOME)
+        if farm.rally_m:
+            (shown["rally point"],) = axes.plot(
+                *np.transpose(farm.rally_m), linestyle="none", zorder=5, clip_on=False, **_RALLY
+            )
         # Named here and not on the axes, whose own legend is for what is drawn over the farm.
         axes.legend(
             list(shown.values()),
@@ -151,6 +157,18 @@ def draw_farm(axes: Axes, farm: Farm, *, legend: bool = True) -> None:
             fontsize=7,
             frameon=False,
         )
+    for one in farm.obstacles:
+        if one.height_m is not None:
+            left, _, right, top = one.polygon.bounds
+            place = ((left + right) / 2, top)
+            axes.annotate(
+                f"{one.height_m:g} m",
+                *(place, (0, 2)),
+                textcoords="offset points",
+                fontsize=7,
+                ha="center",
+                zorder=4,
+            )
     axes.set_xlabel("x (m)")
     axes.set_ylabel("y (m)")
 
@@ -165,7 +183,10 @@ def _outline(axes: Axes, farm: Farm) -> dict[str, Artist]:
                 *ring.xy, color="#5b4636", linewidth=1.2, linestyle="--", zorder=2
             )
     for obstacle in farm.obstacles:
-        (shown["obstacle"],) = axes.fill(*obstacle.polygon.exterior.xy, **_OBSTACLE)
+        low = obstacle.height_m is not None
+        style = _LOW_OBSTACLE if low else _OBSTACLE
+        name = "obstacle with a height" if low else "obstacle or no-fly zone"
+        (shown[name],) = axes.fill(*obstacle.polygon.exterior.xy, **style)
     return shown
 
 

@@ -45,18 +45,6 @@ class FarmOptions(Part):
         key="farm",
         kind="farm",
     )
-    crop: str | None = option(
-        None, "Crop of those patches of a farm file that tell none", RUN, metavar="NAME", default="crop"
-    )
-    crs: str | None = option(
-        None,
-        "Coordinate system of a farm file that does not tell its own, such as EPSG:32617",
-        RUN,
-        key="farm_crs",
-        metavar="CODE",
-        default="WGS 84, if its coordinates are degrees",
-    )
-    repair: bool = option(False, "Mend a farm file's broken polygons where that is safe, and say what", RUN)
     day: int = option(
         6, "Day of the environment that is flown, or the first of them", RUN, low=0, high=LAST_DAY
     )
@@ -72,6 +60,18 @@ class FarmOptions(Part):
         default="tylcv,ccr,soil",
         read=names_in,
     )
+    crop: str | None = option(
+        None, "Crop of those patches of a farm file that tell none", RUN, metavar="NAME", default="crop"
+    )
+    crs: str | None = option(
+        None,
+        "Coordinate system of a farm file that does not tell its own, such as EPSG:32617",
+        RUN,
+        key="farm_crs",
+        metavar="CODE",
+        default="WGS 84, if its coordinates are degrees",
+    )
+    repair: bool = option(False, "Mend a farm file's broken polygons where that is safe, and say what", RUN)
 
     def load(self) -> Farm:
         """Return the farm; FarmError if there is none, or its file cannot be used."""

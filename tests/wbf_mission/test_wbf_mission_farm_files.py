@@ -1,0 +1,81 @@
+"""Farms of other programs' files on the command line, in scenario files and in results."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyogrio.raw
+import pytest
+import shapely
+
+from geo import load_farm
+from wbf_mission import Scenario
+from wbf_mission.cli.app import main
+from wbf_mission.scenario import load_scenario
+
+X, Y = 386_900.0, 3_103_300.0  # UTM 17N, near Plant City
+
+
+@pytest.fixture
+def fields(tmp_path: Path) -> Path:
+    """Return a GeoPackage of two layers, one of them with a spike."""
+    path = tmp_path / "fields.gpkg"
+    spiked = [(0, 0), (40, 0), (40, 20), (60, 20), (40, 20), (40, 30), (0, 30)]
+    for layer, corners in (("2025", [(0, 0), (30, 0), (30, 30), (0, 30)]), ("2026", spiked)):
+        shape = shapely.Polygon([(X + x, Y + y) for x, y in corners])
+        pyogrio.raw.write(
+            path,
+            np.array([shapely.to_wkb(shape)], object),
+            [np.array(["acker"], object)],
+            np.array(["name"]),
+            geometry_type="Polygon",
+            crs="EPSG:32617",
+            layer=layer,
+            append=path.exists(),
+        )
+    return path
+
+
+def run(capsys: Any, *words: str, code: int = 0) -> tuple[str, str]:
+    assert main(list(words)) == code
+    out, err = capsys.readouterr()
+    return out, err
+
+
+def test_show_and_save_say_what_was_mended(fields: Path, tmp_path: Path, capsys: Any) -> None:
+    saved = tmp_path / "farm.geojson"
+    _, err = run(capsys, "farm", "save", f"{fields}|2026", "--out", str(saved), code=2)
+    assert err.count("\n") == 1 and "feature 1 ('acker'): the polygon is not valid: Self-intersection" in err
+    assert not saved.exists()
+    words = ("--repair", "--crop", "maize")
+    _, err = run(capsys, "farm", "save", f"{fields}|layername=2026", "--out", str(saved), *words)
+    assert err == "note: feature 1 ('acker'): mended (self-intersection): 1200.6 -> 1200.6 m2\n"
+    farm = load_farm(saved)
+    assert [(one.name, one.crop) for one in farm.patches] == [("acker", "maize")]
+    document = json.loads(run(capsys, "farm", "show", f"{fields}|2025", "--json", "-q")[0])
+    assert document["notes"] == ["no patch tells its crop: it is called 'crop'; --crop names it"]
+    assert run(capsys, "farm", "draw", str(saved), "--out", str(tmp_path / "farm.png"), "-q")[1] == ""
+
+
+def test_a_plan_of_a_layer_beside_the_scenario_file(fields: Path, capsys: Any) -> None:
+    scenario = fields.parent / "mine.toml"
+    scenario.write_text(
+        'farm = "fields.gpkg|layername=2026"\nrepair = true\ncrop = "maize"\nbudget = "300m"\n'
+    )
+    assert load_scenario(scenario).farm.load().patches[0].crop == "maize"
+    out, err = run(capsys, "plan", "--scenario", str(scenario), "--planner", "lawnmower", "--json")
+    assert json.loads(out)["farm"] == "fields"
+    assert "note: farm: feature 1 ('acker'): mended (self-intersection)" in err
+
+
+def test_how_a_file_is_read_is_part_of_a_scenario() -> None:
+    farm = Scenario(farm="miniberry-10", crop="maize", farm_crs="EPSG:32617", repair=True).farm
+    assert (farm.crop, farm.crs, farm.repair, farm.load().name) == (
+        "maize",
+        "EPSG:32617",
+        True,
+        "miniberry-10",
+    )

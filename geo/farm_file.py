@@ -42,6 +42,7 @@ _ROUND_CELLS_M = (FOOT_M, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
 _MIN_CELL_M = 0.01
 _MAX_CELL_M = 1000.0
 _COUNT_SLACK = 1e-6
+_ORIGIN_SLACK_M = 1e-3  # PROJ takes what is nearer to the origin (1e-10 of the earth's radius) for the origin
 _THIN_M = 1e-3
 
 
@@ -129,7 +130,7 @@ def _farm_of(document: Document, default_name: str, crop: str | None, *, repair:
     cell_size_m = _cell_size(members, bounds, notes)
     if origin_given:
         for feature, polygon in zip(features, polygons, strict=True):
-            if not feature.obstacle and min(polygon.bounds[:2]) < -_COUNT_SLACK * cell_size_m:
+            if not feature.obstacle and min(polygon.bounds[:2]) < -_ORIGIN_SLACK_M:
                 msg = f'{feature.where}: reaches beyond the farm\'s "origin" to the south or west of the grid'
                 raise FarmError(msg)
     width, height = _size(members, bounds[2] / cell_size_m, bounds[3] / cell_size_m, cell_size_m)

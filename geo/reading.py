@@ -157,6 +157,7 @@ def _in_words(text: str) -> str:
         kinds = wanted.split(" | ")
         give = " or ".join(_TYPES.get(kind, kind) for kind in kinds)
         if length:
+            length = length.partition(", got ")[0]
             few = length.removeprefix("<= ")
             return f"give {give} with {'at most ' if few != length else ''}{few} entries"
         if limit:

@@ -3,7 +3,8 @@
 A field file is TOML with one or more tables ``[[field]]``; `field_from_table` says what is in one. Names are
 those of the benchmark's fields and of fields that packages register under the entry point group
 ``wbf_mission.fields`` (each entry a `sensors.fields.Field`). What a file calls ``kind`` is "disease",
-"continuous" or the `ContinuousDynamics.kind` of a class registered under ``wbf_mission.dynamics``.
+"continuous", "measured" (if there is none) or the `ContinuousDynamics.kind` of a class registered under
+``wbf_mission.dynamics``.
 
 >>> load_field_set(["soil", "tylcv"])
 FieldSet(soil, tylcv)
@@ -23,30 +24,35 @@ from geo.imports import entry_points, load_entry
 from geo.reading import UnreadableError, misfit, read_toml
 from sensors.dynamics.continuous import ContinuousDynamics
 from sensors.dynamics.epidemic import EpidemicParameters
+from sensors.dynamics.measured import Measured
 from sensors.dynamics.soil import SoilParameters
 from sensors.errors import FieldError
-from sensors.fields import PAPER_FIELDS, Dynamics, Field, FieldSet
+from sensors.fields import ALL_CROPS, PAPER_FIELDS, Dynamics, Field, FieldSet
 
 ENTRY_POINT_GROUP = "wbf_mission.fields"
 DYNAMICS_GROUP = "wbf_mission.dynamics"
 
-_DYNAMICS: dict[str, type[Dynamics]] = {one.kind: one for one in (EpidemicParameters, SoilParameters)}
+_DYNAMICS: dict[str, type[Dynamics]] = {
+    one.kind: one for one in (EpidemicParameters, SoilParameters, Measured)
+}
 _REQUIRED = ("name", "kind", "crops", "default")
+"""Of a field that is simulated; one that is only measured needs its name."""
 
 
 class _Table(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
     """A field in plain values."""
 
     name: str
-    kind: str
-    crops: tuple[str, ...]
-    default: float
+    kind: str = Measured.kind
+    crops: tuple[str, ...] = (ALL_CROPS,)
+    default: float | None = None
     weight: float = 1.0
     cost_above: float = 1.0
     cost_below: float = 1.0
     title: str = ""
     unit: str = ""
     colours: tuple[str, ...] = ()
+    range: tuple[float, float] = (0.0, 1.0)
     dynamics: dict[str, Any] = {}
 
 
@@ -106,10 +112,12 @@ def field_from_table(table: Mapping[str, Any], where: str) -> Field:
     ----------
     table : mapping
         ``name``, ``kind`` (of its dynamics), ``crops`` and ``default``; if wanted ``weight``,
-        ``cost_above``, ``cost_below``, ``title``, ``unit`` and ``colours`` as of `sensors.fields.Field`;
-        and a table ``dynamics`` with the parameters of `sensors.dynamics.epidemic.EpidemicParameters` (of
-        which a disease needs ``likelihood`` and ``duration_days``) or
-        `sensors.dynamics.soil.SoilParameters`.
+        ``cost_above``, ``cost_below``, ``title``, ``unit``, ``range`` and ``colours`` as of
+        `sensors.fields.Field`; and a table ``dynamics`` with the parameters of
+        `sensors.dynamics.epidemic.EpidemicParameters` (of which a disease needs ``likelihood`` and
+        ``duration_days``), `sensors.dynamics.soil.SoilParameters` or `sensors.dynamics.measured.Measured`,
+        which is what a field without a ``kind`` has; that needs its ``name`` only. The default is in the
+        field's unit, else the middle of its range.
     where : str
         File and position in it, which begin the text of an error.
 
@@ -126,18 +134,16 @@ def field_from_table(table: Mapping[str, Any], where: str) -> Field:
     """
     if not isinstance(table, Mapping):
         raise FieldError(f"{where}: is no table; a field is a table [[field]]")
-    missing = [key for key in _REQUIRED if key not in table]
+    needed = ("name",) if table.get("kind", Measured.kind) == Measured.kind else _REQUIRED
+    missing = [key for key in needed if key not in table]
     if missing:
-        raise FieldError(f"{where}: {missing[0]} is missing; a field needs {', '.join(_REQUIRED)}")
+        raise FieldError(f"{where}: {missing[0]} is missing; a field needs {', '.join(needed)}")
     try:
         plain = msgspec.convert(table, _Table)
         dynamics = _convert_dynamics(plain.kind, plain.dynamics)
-        return Field(
-            plain.name,
-            dynamics,
-            *(plain.crops, plain.default, plain.weight, plain.cost_above, plain.cost_below),
-            *(plain.title, plain.unit, plain.colours),
-        )
+        same = ("weight", "cost_above", "cost_below", "title", "unit", "colours", "range")
+        rest = {name: getattr(plain, name) for name in same}
+        return Field(plain.name, dynamics, plain.crops, _part(plain.default, plain.range), **rest)
     except msgspec.ValidationError as error:
         raise FieldError(f"{where}: {misfit(error)}") from None
     except WbfMissionError as error:
@@ -152,8 +158,24 @@ def field_to_table(field: Field) -> dict[str, Any]:
     table = {one.name: getattr(field, one.name) for one in fields(field)}
     table["kind"] = field.dynamics.kind
     table["crops"], table["colours"] = list(field.crops), list(field.colours)
+    # Digits that are noise of the conversion would make another field of the same file.
+    table["default"] = float(f"{field.to_unit(field.default):.12g}")
+    table["range"] = list(field.range)
+    if field.range == (0.0, 1.0):
+        table["default"] = field.default
+        del table["range"]
     table["dynamics"] = {key: value for key, value in asdict(field.dynamics).items() if value is not None}
     return table
+
+
+def _part(default: float | None, limits: tuple[float, float]) -> float:
+    """Return a default that is in the unit as a part of the range."""
+    low, high = limits
+    if default is None or not low < high:
+        return 0.5
+    if not low <= default <= high:
+        raise FieldError(f"default {default:g} is not in {low:g}..{high:g}")
+    return (default - low) / (high - low)
 
 
 def _convert_dynamics(kind: str, given: dict[str, Any]) -> Dynamics:

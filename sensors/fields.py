@@ -5,7 +5,8 @@ the camera, observations, their form on the wire and in files, estimators, the s
 benchmark's three fields are `PAPER_FIELDS`; `sensors.field_files` reads further ones from a file.
 
 All values lie in 0..1. A disease is 1 where plants are healthy, 0.5 where they are infected and 0 where they
-are lost; a continuous field is 0 where there is nothing of it and 1 where there is as much as can be.
+are lost; a continuous field is 0 where there is nothing of it and 1 where there is as much as can be. What is
+measured in a unit has a range in it, which these values are parts of (`Field.to_unit`, `Field.from_unit`).
 
 >>> PAPER_FIELDS.names, PAPER_FIELDS["ccr"].kind, PAPER_FIELDS["soil"].kind
 (('tylcv', 'ccr', 'soil'), 'disease', 'continuous')
@@ -17,13 +18,14 @@ import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from geo.grid import CROP_NAMES, is_crop_name
+from geo.grid import CROP_NAMES, NOT_GROWN, is_crop_name
 from sensors.dynamics.continuous import ContinuousDynamics
 from sensors.dynamics.epidemic import CCR, TYLCV, EpidemicParameters
+from sensors.dynamics.measured import Measured
 from sensors.dynamics.soil import SoilParameters
 from sensors.errors import FieldError
 
@@ -35,6 +37,8 @@ if TYPE_CHECKING:
 Kind = Literal["disease", "continuous"]
 Dynamics = EpidemicParameters | ContinuousDynamics
 
+ALL_CROPS = "all"
+"""In place of the names of crops: whatever grows on a farm."""
 MAX_FIELDS = 16
 """So many readings of a cell fit into one MAVLink message with room to spare."""
 HEALTH_COLOURS = ("#5a0f14", "#f08a24", "#4f9d5d")
@@ -61,11 +65,12 @@ class Field:
         Lower-case letters, digits and underscores, at most 24; the name of columns, arrays and streams of
         random numbers.
     dynamics : EpidemicParameters or ContinuousDynamics
-        How it develops, `SoilParameters` among others; that also says which kind of field it is.
+        How it develops, `SoilParameters` among others; that also says which kind of field it is. `Measured`
+        is for those that are not simulated.
     crops : tuple of str
         The crops that it concerns: those of the benchmark (`geo.Crop`) or others, by the names that farms
         give them. A disease infects them on everybody's land; errors are counted on the owner's cells with
-        these crops.
+        these crops. `ALL_CROPS` are all that are grown.
     default : float
         Value assumed where nothing is known, 0..1.
     weight : float
@@ -78,11 +83,19 @@ class Field:
         What its values are measured in, for pictures.
     colours : tuple of str
         Two or more colours ``#rrggbb`` from 0 to 1; colours of its kind if empty.
+    range : tuple of float
+        What 0 and 1 are in the unit, the lower first; a disease has none but (0, 1).
 
     Raises
     ------
     FieldError
         If a value cannot be used.
+
+    Examples
+    --------
+    >>> acidity = Field("ph", Measured(), (ALL_CROPS,), default=0.5, unit="pH", range=(4.0, 9.0))
+    >>> acidity.to_unit(acidity.default), acidity.from_unit(np.array([4.0, 5.0, 20.0])).tolist()
+    (6.5, [0.0, 0.2, 1.0])
     """
 
     name: str
@@ -95,6 +108,7 @@ class Field:
     title: str = ""
     unit: str = ""
     colours: tuple[str, ...] = ()
+    range: tuple[float, float] = (0.0, 1.0)
 
     def __post_init__(self) -> None:
         if not _NAME.fullmatch(self.name) or self.name in _RESERVED:
@@ -121,6 +135,11 @@ class Field:
                 raise self._error(f"{name} {text!r:.70} is not one line of up to {_MAX_TEXT} characters")
         if len(self.colours) == 1 or not all(_COLOUR.fullmatch(colour) for colour in self.colours):
             raise self._error(f"colours {self.colours!r:.70} are not two or more of the form #rrggbb")
+        low, high = self.range
+        if not (math.isfinite(low) and math.isfinite(high) and low < high):
+            raise self._error(f"range {low:g}, {high:g} is not two numbers, the lower first")
+        if self.kind == "disease" and self.range != (0.0, 1.0):
+            raise self._error("range: a disease has none, it is 1 where healthy, 0.5 infected, 0 lost")
         if not self.title:
             object.__setattr__(self, "title", self.name)
         if not self.colours:
@@ -149,9 +168,25 @@ class Field:
             raise self._error("is a disease, not a continuous field")
         return self.dynamics
 
+    @property
+    def is_simulated(self) -> bool:
+        """Whether it has dynamics, or is only measured."""
+        return not isinstance(self.dynamics, Measured)
+
+    def to_unit(self, values: Any) -> Any:
+        """Return values of 0..1 (scalar or array) in its unit."""
+        low, high = self.range
+        return low + values * (high - low)
+
+    def from_unit(self, values: Any) -> Any:
+        """Return values in its unit as parts of its range, cut to 0..1; NaN stays."""
+        low, high = self.range
+        return np.clip((np.asarray(values, np.float64) - low) / (high - low), 0.0, 1.0)
+
     def hosts(self, grid: FarmGrid) -> NDArray[np.bool_]:
         """Mark the cells with its crops, whoever owns them: bool[W, H], a new array."""
-        return grid.of_crops(self.crops)
+        every = ALL_CROPS in self.crops
+        return grid.of_crops([crop for crop in grid.crops if crop not in NOT_GROWN] if every else self.crops)
 
     def mask(self, grid: FarmGrid) -> NDArray[np.bool_]:
         """Mark the owner's cells with its crops, those whose error costs something: bool[W, H]."""
@@ -228,6 +263,15 @@ class FieldSet:
     def continuous(self) -> tuple[Field, ...]:
         """The fields that are none."""
         return tuple(field for field in self.fields if field.kind == "continuous")
+
+    def require_simulated(self) -> None:
+        """Raise FieldError if one is only measured, so that there is nothing to be seen of it offline."""
+        measured = ", ".join(field.name for field in self.fields if not field.is_simulated)
+        if measured:
+            raise FieldError(
+                f"fields: {measured} can only be measured: a simulated camera sees what dynamics make; "
+                'give such as kind = "continuous" and a table [field.dynamics] (docs/fields.md)'
+            )
 
     def masks(self, grid: FarmGrid) -> NDArray[np.bool_]:
         """Mark the cells whose error costs the farm's owner something, field by field.

@@ -27,6 +27,7 @@ from geo.grid import FarmGrid
 from geo.seeds import stream
 from sensors.dynamics.continuous import ContinuousDynamics
 from sensors.dynamics.epidemic import MAX_DAYS, EpidemicParameters, simulate_outbreak, value_table
+from sensors.dynamics.measured import Measured
 from sensors.fields import Field
 
 _LAND_CELLS = 64
@@ -94,6 +95,9 @@ def transition(field: Field, grid: FarmGrid, earlier: int, later: int, seed: int
     if field.kind == "disease":
         hosts = int(np.count_nonzero(field.hosts(grid)))
         return _of_classes(field.epidemic, grid.shape, hosts, earlier, later, seed, field.name)
+    if isinstance(field.dynamics, Measured):
+        ends = np.array([0.0, 1.0])
+        return Transition(ends, ends, np.zeros(2), field.dynamics.spread**2)
     return continuous_transition(field.continuous, grid.shape, earlier, later, seed, field.name)
 
 

@@ -15,7 +15,7 @@ import shapely
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from geo import Farm, FarmError, LocalFrame, load_farm
+from geo import Farm, FarmError, LocalFrame, load_farm, save_farm
 from geo.vector_files import MAX_FEATURES
 
 FLORIDA = LocalFrame(28.05, -82.15)
@@ -153,7 +153,10 @@ def rings(draw: st.DrawFn) -> shapely.Polygon:
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_any_shape_comes_back(polygon: shapely.Polygon, crs: str, kind: str, tmp_path: Path) -> None:
     path = written(tmp_path / f"one{kind}", placed([polygon], PLACES[crs], crs), crs)
-    same_land(load_farm(path), PLACES[crs], [polygon])
+    farm = load_farm(path)
+    same_land(farm, PLACES[crs], [polygon])
+    save_farm(farm, tmp_path / "saved.geojson")
+    same_land(load_farm(tmp_path / "saved.geojson"), PLACES[crs], [polygon])
 
 
 def test_layers_of_a_geopackage(tmp_path: Path) -> None:

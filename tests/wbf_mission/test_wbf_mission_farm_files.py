@@ -79,3 +79,36 @@ def test_how_a_file_is_read_is_part_of_a_scenario() -> None:
         True,
         "miniberry-10",
     )
+
+
+def test_a_field_without_a_model_is_planned_for_and_not_simulated(fields: Path, capsys: Any) -> None:
+    layer = fields.parent / "ph.toml"
+    layer.write_text(
+        '[[field]]\nname = "ph"\nunit = "pH"\nrange = [4, 9]\ndefault = 6.5\ncrops = ["maize"]\n'
+    )
+    farm = ("--farm", f"{fields}|2025", "--crop", "maize", "--fields", str(layer))
+    out, _ = run(capsys, "plan", *farm, "--planner", "lawnmower", "--budget", "300m", "--json", "-q")
+    assert json.loads(out)["waypoints"] > 2
+    started = fields.parent / "run"
+    _, err = run(
+        capsys, "fly", *farm, "--planner", "lawnmower", "--budget", "300m", "--out", str(started), code=2
+    )
+    assert err == (
+        "error: fields: ph can only be measured: a simulated camera sees what dynamics make; give such as "
+        'kind = "continuous" and a table [field.dynamics] (docs/fields.md)\n'
+    )
+    assert not started.exists()
+
+
+def test_a_field_of_any_crop_is_flown(fields: Path, capsys: Any) -> None:
+    layer = fields.parent / "water.toml"
+    layer.write_text(
+        '[[field]]\nname = "water"\nkind = "continuous"\ncrops = ["all"]\n'
+        'unit = "%"\nrange = [0, 40]\ndefault = 10\n'
+    )
+    farm = ("--farm", f"{fields}|2025", "--crop", "maize", "--fields", str(layer), "--vehicle", "ideal")
+    words = ("--planner", "lawnmower", "--budget", "300steps", "--no-files", "--no-plots", "--json", "-q")
+    out, _ = run(capsys, "fly", *farm, *words)
+    assert json.loads(out)["outcome"] == "completed"
+    _, err = run(capsys, "fly", *farm[:4], *farm[6:], *words, code=2)
+    assert "its owner grows nothing of strawberry, tomato; give --fields of its crops" in err

@@ -138,6 +138,7 @@ def resolve(
     check_vehicles(breaking, range(1, len(scenario.vehicle.fleet) + 1))
     farm, fields = farm_of(scenario.farm)
     _require_hosts(farm, fields)
+    fields.require_simulated()
     scenario = naming_estimator(scenario, farm, fields)
     camera = camera_options(scenario.camera, fields)
     estimator = estimator_of(scenario.estimate.estimator, scenario.seed, fields)

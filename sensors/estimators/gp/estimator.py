@@ -285,9 +285,10 @@ class GaussianProcessEstimator(BaseEstimator):
 
         folder = Path(self.cache) if self.cache else user_cache_folder("gp")
         priors = learn_priors(self.grid_, self.fields, day, self.training_seed, folder, step)
-        for process, prior in zip(self._fields, priors, strict=True):
+        for field, process, prior in zip(self.fields, self._fields, priors, strict=True):
             process.kernel = prior.kernel
-            if self.prior_mean is None:
+            # What is only measured has the mean of its readings.
+            if self.prior_mean is None and field.is_simulated:
                 process.mean = prior.mean
         self._learned_day = day
 

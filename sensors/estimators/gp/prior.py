@@ -23,6 +23,7 @@ from geo.seeds import stream
 from geo.user_cache import warn_of_cache
 from sensors.dynamics.continuous import ContinuousDynamics
 from sensors.dynamics.epidemic import MAX_DAYS, EpidemicParameters, simulate_outbreak, value_table
+from sensors.dynamics.measured import Measured
 from sensors.errors import EstimatorError
 from sensors.estimators.base import Step, no_step
 from sensors.estimators.gp.rbf import Floats, RbfKernel, kernel_gradient
@@ -71,6 +72,7 @@ def learn_priors(
         "shape": grid.shape,
         "day": day,
         "seed": seed,
+        **({} if all(field.is_simulated for field in fields) else {"cell_size_m": grid.cell_size_m}),
     }
     digest = hashlib.sha256(json.dumps(told, sort_keys=True, default=str).encode())
     digest.update(grid.further_crops.encode())
@@ -92,9 +94,21 @@ def learn_priors(
 
 
 def _learn(field: Field, grid: FarmGrid, day: int, seed: int) -> FieldPrior:
+    if isinstance(field.dynamics, Measured):
+        return measured_prior(field.dynamics, field.default, grid.cell_size_m)
     if field.kind == "disease":
         return disease_prior(field.epidemic, field.hosts(grid), day, seed, field.name)
     return continuous_prior(field.continuous, grid.shape, day, seed, field.name)
+
+
+def measured_prior(parameters: Measured, default: float, cell_size_m: float) -> FieldPrior:
+    """Return what is assumed of a field that nobody has a model of.
+
+    >>> measured_prior(Measured(correlation_length_m=10.0, spread=0.5, noise=0.1), 0.5, 2.0).kernel
+    RbfKernel(length_x=5.0, length_y=5.0, noise=0.010000000000000002, amplitude=0.25)
+    """
+    length = parameters.correlation_length_m / cell_size_m
+    return FieldPrior(default, RbfKernel(length, length, parameters.noise**2, parameters.spread**2))
 
 
 def disease_prior(

@@ -296,7 +296,8 @@ def _geometry(shape: Any, kind: str, takes_lines: bool) -> tuple[dict[str, Any] 
         if len(xy) < 4 or not gap_m <= MAX_GAP_M:
             return None, f"lines that are open by more than {MAX_GAP_M:g} m"
         said = f"a line, closed over {gap_m:.1f} m" if gap_m > 0.05 else ""
-        return {"type": "Polygon", "coordinates": [[*xy.tolist(), xy[0].tolist()]]}, said
+        ring = xy if gap_m == 0.0 else np.vstack([xy, xy[:1]])
+        return {"type": "Polygon", "coordinates": [ring.tolist()]}, said
     if what == "GeometryCollection":
         shape = shapely.MultiPolygon(
             [part for part in shapely.get_parts(shape) if part.geom_type == "Polygon"]
@@ -328,7 +329,8 @@ def _value(value: Any) -> Any:
 def _coordinates(
     own: str | None, given: str | None, shapes: NDArray[Any], name: str, document: Document
 ) -> Coordinates | None:
-    if own:
+    # A local system is one that nobody knows the place of: GeoPackages say so where none is given.
+    if own and not own.startswith(("LOCAL_CS", "ENGCRS")):
         if given is not None:
             raise FarmError(f"has a coordinate system of its own; leave out that it is {given!r:.60}")
         found = None if re.fullmatch(r"EPSG:4326", own) else Coordinates(own)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import sqlite3
 import zipfile
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -303,6 +305,13 @@ def test_shapefiles_of_other_encodings_and_without_prj(tmp_path: Path) -> None:
     same_land(load_farm(path, crs="EPSG:32617"), FLORIDA, shapes())
     with pytest.raises(FarmError, match="'utm 17' is no code of a coordinate system"):
         load_farm(path, crs="utm 17")
+    undefined = written(tmp_path / "u.gpkg", placed(shapes(), FLORIDA, "EPSG:32617"), None)
+    with closing(sqlite3.connect(undefined)) as base:
+        base.execute("UPDATE gpkg_geometry_columns SET srs_id = -1")
+        base.commit()
+    with pytest.raises(FarmError, match="has no coordinate system"):
+        load_farm(undefined)
+    same_land(load_farm(undefined, crs="EPSG:32617"), FLORIDA, shapes())
     degrees = written(
         tmp_path / "d.shp", placed(shapes(), FLORIDA, "EPSG:4326"), None,
         geometry_type="MultiPolygon", promote_to_multi=True,
@@ -397,9 +406,6 @@ def test_a_shapefile_that_breaks_off(tmp_path: Path) -> None:
 
 
 def test_views_and_too_many_features(tmp_path: Path) -> None:
-    import sqlite3
-    from contextlib import closing
-
     path = written(tmp_path / "f.gpkg", placed(shapes(), FLORIDA, "EPSG:32617"), "EPSG:32617")
     with closing(sqlite3.connect(path)) as base:
         base.execute("ALTER TABLE f RENAME TO g")

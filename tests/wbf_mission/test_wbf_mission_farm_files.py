@@ -71,6 +71,15 @@ def test_a_plan_of_a_layer_beside_the_scenario_file(fields: Path, capsys: Any) -
     assert "note: farm: feature 1 ('acker'): mended (self-intersection)" in err
 
 
+def test_a_farm_is_not_overwritten_by_a_mission(fields: Path, capsys: Any) -> None:
+    farm = fields.with_suffix(".kml")
+    farm.write_text("<kml/>")
+    for words in (("--farm", str(farm)), ("--farm", f"{farm}|Fields")):
+        _, err = run(capsys, "plan", *words, "--out", str(farm), code=2)
+        assert "this is the file that is read" in err
+    assert farm.read_text() == "<kml/>"
+
+
 def test_how_a_file_is_read_is_part_of_a_scenario() -> None:
     farm = Scenario(farm="miniberry-10", crop="maize", farm_crs="EPSG:32617", repair=True).farm
     assert (farm.crop, farm.crs, farm.repair, farm.load().name) == (

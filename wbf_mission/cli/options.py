@@ -160,8 +160,10 @@ def refuse_overwrite(
         raise TargetError(msg)
     if not out.exists():
         return
-    for given in inputs:
-        if given is not None and Path(given).exists() and out.samefile(given):
+    # The name of a layer may follow that of a farm file.
+    named = [Path(part) for one in inputs if one is not None for part in (one, str(one).partition("|")[0])]
+    for given in named:
+        if given.exists() and out.samefile(given):
             msg = f"{out}: this is the file that is read; give another name for the output"
             raise TargetError(msg)
     if not overwrite and suffixes and out.is_file() and out.suffix.lower() not in suffixes:

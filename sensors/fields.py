@@ -250,6 +250,12 @@ class FieldSet:
         return tuple(field.name for field in self.fields)
 
     @property
+    def crops(self) -> tuple[str, ...]:
+        """The crops that they concern, each once; empty if that is whatever grows."""
+        named = tuple(dict.fromkeys(crop for field in self.fields for crop in field.crops))
+        return () if ALL_CROPS in named else named
+
+    @property
     def defaults(self) -> tuple[float, ...]:
         """The value of each field where nothing is known."""
         return tuple(field.default for field in self.fields)

@@ -120,4 +120,4 @@ def test_a_field_of_any_crop_is_flown(fields: Path, capsys: Any) -> None:
     out, _ = run(capsys, "fly", *farm, *words)
     assert json.loads(out)["outcome"] == "completed"
     _, err = run(capsys, "fly", *farm[:4], *farm[6:], *words, code=2)
-    assert "its owner grows nothing of strawberry, tomato; give --fields of its crops" in err
+    assert "grows maize, but the fields tylcv, ccr, soil are of tomato, strawberry: name fields" in err

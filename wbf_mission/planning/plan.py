@@ -73,7 +73,7 @@ def plan_fleet(scenario: Scenario, *, progress: Progress = silent) -> tuple[Plan
 def farm_of(options: FarmOptions) -> tuple[Farm, FieldSet]:
     """Return the farm, of which the crops of the fields are to be seen, and the fields."""
     fields = load_field_set(options.fields)
-    return options.load().scouting(crop for field in fields for crop in field.crops), fields
+    return options.load().scouting(fields.crops), fields
 
 
 def require_one_vehicle(file: str, count: int) -> None:

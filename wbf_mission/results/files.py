@@ -383,7 +383,7 @@ def read_result(folder: Path, kind: type[R]) -> R:
     scenario = Scenario(**record.scenario)
     own_farm = folder / "farm.geojson"
     farm = load_farm(own_farm) if own_farm.is_file() else scenario.farm.load()
-    farm = farm.scouting(crop for field in fields for crop in field.crops)
+    farm = farm.scouting(fields.crops)
     flights = read_flights(record.flights, folder, farm, _vehicles(scenario, folder), scenario.seed)
     truth, value, uncertainty = (
         _read_array(folder / f"{name}{SUFFIX}", fields.names, farm)

@@ -173,8 +173,8 @@ def resolve(
 
 def _require_hosts(farm: Farm, fields: FieldSet) -> None:
     """Refuse fields of which none has land of the farm's owner: there would be nothing to score."""
-    wanted = list(dict.fromkeys(crop for field in fields for crop in field.crops))
-    if set(farm.grown).isdisjoint(wanted):
+    wanted = fields.crops
+    if wanted and set(farm.grown).isdisjoint(wanted):
         msg = (
             f"farm {farm.name}: grows {', '.join(farm.grown) or 'nothing'}, but the fields"
             f" {', '.join(fields.names)} are of {', '.join(wanted)}: name fields of its crops (--fields)"

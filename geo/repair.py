@@ -2,16 +2,16 @@
 
 A ring that is not closed gets the side that is missing, if that is no longer than its longest one. A ring
 that crosses or touches itself becomes the land within it (GEOS's "structure": nodes are set where sides
-cross, spikes without width vanish); holes are joined where they overlap, and end where the land ends. Parts
-below a thousandth of the land are left out. All that, added up, changes at most a hundredth of the land, or
-the polygon is refused: corners in a wrong order, say, are no slip that can be mended.
+cross, spikes without width vanish); holes are joined where they overlap, and end where the land ends. Corners
+are then on whole millimetres. Parts below a thousandth of the land are left out. All that, added up, changes
+at most a hundredth of the land, or the polygon is refused: corners in a wrong order, say, are no slip that
+can be mended.
 """
 
 from __future__ import annotations
 
 import re
 from dataclasses import replace
-from itertools import chain
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,8 +27,7 @@ if TYPE_CHECKING:
 MAX_CHANGE = 0.01
 """The part of the land that mending may change."""
 _LEFT_OUT = 0.001
-_APART_M = 1e-3
-_ROUNDING_M = 1e-7
+_GRID_M = 1e-3
 
 
 def mended(feature: Feature, notes: list[str]) -> list[Feature]:
@@ -100,15 +99,17 @@ def _parts(shell: NDArray[np.float64], holes: list[NDArray[np.float64]], where: 
     drawn = [shapely.Polygon(ring).area for ring in (shell, *holes)]
     changed = sum(abs(land.area - area) for land, area in zip(within, drawn, strict=True))
     land = within[0].difference(shapely.union_all(within[1:])) if holes else within[0]
+    # On a grid corners and sides are so far apart that rounded positions stay valid.
+    land = shapely.set_precision(land, _GRID_M)
     every = sorted(_polygons(land), key=lambda part: -part.area)
-    kept = [part for part in every if part.area > max(_LEFT_OUT * land.area, _APART_M * part.length)]
+    kept = [part for part in every if part.area > max(_LEFT_OUT * land.area, _GRID_M * part.length)]
     changed += land.area - sum(part.area for part in kept)
     if not kept or changed > MAX_CHANGE * land.area:
         raise FarmError(
             f"{where}: cannot be mended safely: as drawn it has {drawn[0] - sum(drawn[1:]):.1f} m2, what its "
             f"rings enclose {land.area:.1f} m2 (over {MAX_CHANGE:.0%} differs); are its corners in order?"
         )
-    return list(chain.from_iterable(_lasting(part) for part in kept))
+    return kept
 
 
 def _land(ring: NDArray[np.float64]) -> shapely.Geometry:
@@ -117,14 +118,3 @@ def _land(ring: NDArray[np.float64]) -> shapely.Geometry:
 
 def _polygons(land: shapely.Geometry) -> list[shapely.Polygon]:
     return [part for part in shapely.get_parts(land) if part.geom_type == "Polygon" and part.area > 0]
-
-
-def _lasting(polygon: shapely.Polygon) -> list[shapely.Polygon]:
-    """Return a polygon that stays valid when its corners are rounded: its rings do not touch."""
-
-    def rounded(xy: NDArray[np.float64]) -> NDArray[np.float64]:
-        return xy + _ROUNDING_M * np.sin(997.0 * xy + 1013.0 * xy[:, ::-1])
-
-    if shapely.is_valid(shapely.transform(polygon, rounded)):
-        return [polygon]
-    return _polygons(shapely.buffer(polygon, -_APART_M, join_style="mitre"))

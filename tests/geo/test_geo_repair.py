@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from geo import Farm, FarmError, LocalFrame, load_farm, save_farm
@@ -177,6 +177,9 @@ def scrambles(draw: st.DrawFn) -> list[list[tuple[float, float]]]:
     return [[*ring, ring[0]] for ring in (shell, *holes)]
 
 
+# Of these land is left that is thinner, where it ends, than positions are told apart.
+@example(rings=[[(52, 36), (17, 37), (55, 29), (52, 36)], [(0, 29), (0, 33), (36, 33), (0, 29)]])
+@example(rings=[[(52, 36), (17, 37), (55, 29), (52, 36)], [(0, 29), (0, 31), (36, 33), (0, 29)]])
 @given(rings=scrambles())
 @settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_what_comes_out_is_valid_and_stays_as_it_is(rings: Any, tmp_path: Path) -> None:

@@ -126,12 +126,13 @@ def test_the_process_has_the_length_of_the_file_and_the_mean_of_the_readings(tmp
         table = {**PH, "dynamics": {"correlation_length_m": length_m, "spread": 0.5, "noise": 0.001}}
         fields = FieldSet((field_from_table(table, "here"),))
         estimator = GaussianProcessEstimator(fields=fields, cache=tmp_path)
-        # Two far groups of readings about a mean of 0.5.
-        model = estimator.fit(farm(cell_size_m).grid(), seen([0.9, 0.1], [2, 39])).predict()
+        # Two far readings about a mean of 0.6, which is not the default.
+        model = estimator.fit(farm(cell_size_m).grid(), seen([0.9, 0.3], [2, 39])).predict()
         return float(model.of("ph")[x, 10])
 
-    assert value(3.0, 1.0, 20) == pytest.approx(0.5, abs=1e-3)
-    assert value(3.0, 1.0, 5) == pytest.approx(0.5 + 0.4 * np.exp(-0.5), abs=2e-3)
+    assert value(3.0, 1.0, 20) == pytest.approx(0.6, abs=1e-3)
+    assert value(3.0, 1.0, 5) == pytest.approx(0.6 + 0.3 * np.exp(-0.5), abs=2e-3)
+    assert value(6.0, 1.0, 5) == pytest.approx(0.6 + 0.3 * np.exp(-0.125), abs=2e-3)
     assert value(6.0, 2.0, 5) == pytest.approx(value(3.0, 1.0, 5), abs=1e-6)
 
 

@@ -77,7 +77,7 @@ def read_vector(path: Path, layer: str | None = None, crs: str | None = None) ->
         warnings.simplefilter("ignore")
         try:
             names = _layers(plain, pyogrio.list_layers)
-            named = [inside] if plain.suffix == ".shp" else names
+            named = [inside] if plain.suffix.lower() == ".shp" else names
             if layer is not None:
                 if layer not in named:
                     known = ", ".join(repr(one) for one in named[:20])
@@ -216,7 +216,7 @@ def _unpacked(path: Path, folder: Path) -> tuple[Path, str]:
 
 def _layers(plain: Path, list_layers: Any) -> list[str]:
     """Return the names of the layers that may hold features."""
-    if plain.suffix == ".gpkg":
+    if plain.suffix.lower() == ".gpkg":
         # Views may compute for ever, and need GDAL's own functions: tables only.
         base = sqlite3.connect(f"{plain.as_uri()}?mode=ro&immutable=1", uri=True)
         with contextlib.closing(base):
@@ -227,7 +227,7 @@ def _layers(plain: Path, list_layers: Any) -> list[str]:
         names = [str(name) for (name,) in found]
     else:
         names = [str(name) for name, _ in list_layers(plain)]
-    if plain.suffix == ".gpx":
+    if plain.suffix.lower() == ".gpx":
         names = [name for name in _GPX_LAYERS if name in names]
     if not names:
         raise FarmError("holds no layer of features (views are not read)")
@@ -240,7 +240,7 @@ def _read_layer(
     pyogrio: Any, plain: Path, name: str, where: str, crs: str | None, document: Document
 ) -> None:
     """Add the features of a layer to a document."""
-    options = {"IMMUTABLE": "YES"} if plain.suffix == ".gpkg" else {}
+    options = {"IMMUTABLE": "YES"} if plain.suffix.lower() == ".gpkg" else {}
     fields = pyogrio.read_info(plain, layer=name, **options)["fields"]
     meta, _, geometries, columns = pyogrio.raw.read(
         plain,
@@ -258,7 +258,7 @@ def _read_layer(
     if int(shapely.get_num_coordinates(shapes).sum()) > MAX_VERTICES:
         raise FarmError(f"{where}has more than {MAX_VERTICES} vertices; simplify the polygons")
     own = _coordinates(meta["crs"], crs, shapes, name, document)
-    takes_lines = plain.suffix in (".kml", ".gpx")
+    takes_lines = plain.suffix.lower() in (".kml", ".gpx")
     kind = kind_of(name)
     left_out: dict[str, list[str]] = {}
     for row, shape in enumerate(shapes):

@@ -161,6 +161,16 @@ def test_any_shape_comes_back(polygon: shapely.Polygon, crs: str, kind: str, tmp
     same_land(load_farm(tmp_path / "saved.geojson"), PLACES[crs], [polygon])
 
 
+@pytest.mark.parametrize("kind", [".shp", ".gpkg", ".kml"])
+def test_names_in_capitals(kind: str, tmp_path: Path) -> None:
+    options = {"driver": "LIBKML"} if kind == ".kml" else {}
+    crs = "EPSG:4326" if kind == ".kml" else "EPSG:32617"
+    written(tmp_path / f"farm{kind}", placed(shapes()[:1], FLORIDA, crs), crs, **options)
+    for one in list(tmp_path.iterdir()):
+        one.rename(tmp_path / one.name.upper())
+    same_land(load_farm(tmp_path / f"FARM{kind.upper()}"), FLORIDA, shapes()[:1])
+
+
 def test_layers_of_a_geopackage(tmp_path: Path) -> None:
     path = tmp_path / "farm.gpkg"
     field, parts, silo = placed(shapes(), FLORIDA, "EPSG:32617")

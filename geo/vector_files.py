@@ -45,7 +45,6 @@ _MAX_LAYERS = 100
 _MAX_MEMBERS = 1000
 _MAX_DEPTH = 100
 _SHAPEFILE = (".shp", ".shx", ".dbf", ".prj", ".cpg")
-_PROBLEMS = (ValueError, RuntimeError, OSError, EOFError, MemoryError, struct.error)
 _GPX_LAYERS = ("routes", "tracks", "waypoints")
 
 
@@ -88,9 +87,11 @@ def read_vector(path: Path, layer: str | None = None, crs: str | None = None) ->
                 _read_layer(pyogrio, plain, name, where, crs, document)
         except FarmError:
             raise
-        except (*_PROBLEMS, sqlite3.Error, shapely.GEOSException) as error:
-            told = one_line(str(error).replace(str(plain), path.name), 200)
-            raise FarmError(f"cannot be read: {told or type(error).__name__}") from None
+        except Exception as error:  # A broken file makes pyogrio raise anything, even NameError
+            bytes_told = isinstance(error, UnicodeError)
+            text = "it holds bytes that are no text" if bytes_told else str(error) or type(error).__name__
+            told = one_line(text.replace(str(plain), path.name), 200)
+            raise FarmError(f"cannot be read: {told}; save it anew in the program that wrote it") from error
     if not document.entries:
         raise FarmError(f"holds no polygons{': ' if document.notes else ''}{'; '.join(document.notes[:3])}")
     return document
@@ -172,6 +173,8 @@ def _check_xml(data: bytes, suffix: str) -> None:
         parser.Parse(data, True)
     except expat.ExpatError as error:
         raise FarmError(f"is not XML (line {error.lineno}: {expat.errors.messages[error.code]})") from None
+    except LookupError as error:
+        raise FarmError(f"is not XML ({one_line(str(error), 60)})") from None
     if "NetworkLink" in names:
         raise FarmError("links to elsewhere (NetworkLink), which is not fetched; save the fields themselves")
 
@@ -206,7 +209,7 @@ def _unpacked(path: Path, folder: Path) -> tuple[Path, str]:
                 (folder / f"unpacked{suffix}").write_bytes(data)
     except FarmError:
         raise
-    except (*_PROBLEMS, zipfile.BadZipFile, zlib.error) as error:
+    except (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, ValueError) as error:
         raise FarmError(f"cannot be unpacked: {one_line(str(error), 100)}") from None
     plain = folder / f"unpacked{wanted[0]}"
     if not kmz:

@@ -152,7 +152,7 @@ def rings(draw: st.DrawFn) -> shapely.Polygon:
 
 
 @given(polygon=rings(), crs=st.sampled_from(list(PLACES)), kind=st.sampled_from([".shp", ".gpkg"]))
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_any_shape_comes_back(polygon: shapely.Polygon, crs: str, kind: str, tmp_path: Path) -> None:
     path = written(tmp_path / f"one{kind}", placed([polygon], PLACES[crs], crs), crs)
     farm = load_farm(path)
@@ -298,6 +298,7 @@ def test_gpx_of_garmin_and_osmand(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.filterwarnings("ignore:'crs' was not provided")
 def test_shapefiles_of_other_encodings_and_without_prj(tmp_path: Path) -> None:
     path = written(
         tmp_path / "felder.shp", placed(shapes(), FLORIDA, "EPSG:32617"), "EPSG:32617",
@@ -368,6 +369,7 @@ def archive(path: Path, members: dict[str, bytes]) -> bytes:
     [
         ("a.kml", b"", "is not XML (line 1: no element found)"),
         ("a.kml", b"\0\1\2", "is not XML"),
+        ("a.kml", b'<?xml version="1.0" encoding="ZTF-8"?><kml/>', "is not XML (unknown encoding: ZTF-8)"),
         ("a.kml", b"<gpx/>", "is no KML: it begins with <gpx>"),
         ("a.kml", VRT.encode(), "is no KML: it begins with <OGRVRTDataSource>"),
         ("a.kml", BOMB.encode(), "document type with entities"),
@@ -403,6 +405,40 @@ def test_hostile_and_broken_files(name: str, content: Any, text: str, tmp_path: 
     assert message.startswith(f"farm file {path}: ")
     assert "\n" not in message and len(message) < 500
     assert not list(tmp_path.parent.glob("a.sh*"))
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with a farm in several formats."""
+    folder = tmp_path_factory.mktemp("whole")
+    for kind, crs, options in (
+        (".shp", "EPSG:32617", {"geometry_type": "MultiPolygon", "promote_to_multi": True}),
+        (".gpkg", "EPSG:32617", {}),
+        (".kml", "EPSG:4326", {"driver": "LIBKML"}),
+    ):
+        written(folder / f"f{kind}", placed(shapes(), FLORIDA, crs), crs, **options)
+    zipped(folder / "f.shp", folder / "f.zip")
+    return folder
+
+
+@given(data=st.data())
+@settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_damaged_files_load_or_are_refused_in_one_line(
+    data: st.DataObject, whole: Path, tmp_path: Path
+) -> None:
+    for one in whole.iterdir():
+        (tmp_path / one.name).write_bytes(one.read_bytes())
+    name = data.draw(st.sampled_from(sorted(one.name for one in whole.iterdir())))
+    content = bytearray((whole / name).read_bytes())
+    for _ in range(data.draw(st.integers(1, 9))):
+        content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
+    (tmp_path / name).write_bytes(content)
+    main = name if name[-4:] in ("gpkg", ".kml", ".zip") else "f.shp"
+    try:
+        load_farm(tmp_path / main, crop="maize", repair=data.draw(st.booleans()))
+    except FarmError as error:
+        assert "\n" not in str(error)
+    assert {one.name for one in tmp_path.iterdir()} == {one.name for one in whole.iterdir()}
 
 
 def test_a_shapefile_that_breaks_off(tmp_path: Path) -> None:

@@ -272,7 +272,7 @@ def _read_layer(
         called = properties.get("name", "")
         geometry, reason = _geometry(shape, kind_of(properties.get("kind")) or kind_of(called), takes_lines)
         if shape is not None and shapely.from_wkb(geometries[row], on_invalid="ignore") is None:
-            geometry = _unclosed(geometries[row])
+            geometry = _unclosed(geometries[row], f"{where}feature {row + 1}")
         if geometry is None:
             left_out.setdefault(reason, []).append(called or f"feature {row + 1}")
         else:
@@ -311,11 +311,11 @@ def _geometry(shape: Any, kind: str, takes_lines: bool) -> tuple[dict[str, Any] 
     return made, ""
 
 
-def _unclosed(wkb: bytes) -> dict[str, Any]:
+def _unclosed(wkb: bytes, where: str) -> dict[str, Any]:
     """Return a polygon with rings that are not closed as it is, for which shapely has no shape."""
     order, kind, rings = struct.unpack_from("<BII", wkb)
     if (order, kind) != (1, 3):
-        raise FarmError("a ring in one of several parts is not closed; make each part a feature of its own")
+        raise FarmError(f"{where}: a ring in one of several parts is not closed; make each part a feature")
     at, found = 9, []
     for _ in range(rings):
         (count,) = struct.unpack_from("<I", wkb, at)

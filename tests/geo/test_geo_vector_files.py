@@ -269,6 +269,19 @@ GPX = """<?xml version="1.0"?>
 """
 
 
+def test_an_open_ring_in_one_of_several_parts_is_named(tmp_path: Path) -> None:
+    polygon = POLYGON[len("<Placemark>") : -len("</Placemark>")]
+    opened = polygon.replace(" -82.15,28.05</coord", "</coord").replace(
+        "-82.149,28.051", "-82.149,28.051 -82.15,28.051"
+    )
+    text = f"<Placemark><name>x</name><MultiGeometry>{polygon}{opened}</MultiGeometry></Placemark>"
+    path = tmp_path / "farm.kml"
+    path.write_text(f'<kml xmlns="http://www.opengis.net/kml/2.2"><Document>{text}</Document></kml>')
+    for repair in (False, True):
+        with pytest.raises(FarmError, match="feature 1: a ring in one of several parts is not closed"):
+            load_farm(path, repair=repair)
+
+
 def test_gpx_of_garmin_and_osmand(tmp_path: Path) -> None:
     def points(kind: str, *places: tuple[float, float]) -> str:
         return "".join(

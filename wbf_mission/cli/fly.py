@@ -143,16 +143,15 @@ class _Saving:
         ),
     ] = False
 
-    def check_treatment_map(self, farm: str) -> None:
+    def check_treatment_map(self, farm: FarmOptions) -> None:
         """Refuse a treatment map that could not be written, before anything flies."""
-        from geo import get_farm
         from wbf_mission.maps.gis import UtmCells, require_gis
 
         if not self.files:
             msg = "--treatment-map writes files, --no-files none: leave one of them out"
             raise ScenarioError(msg)
         require_gis()
-        UtmCells.of(get_farm(farm))
+        UtmCells.of(farm.load())
 
     def treatment_of(self, result: Result) -> TreatmentMap | None:
         """Return the treatment map of a run; None if it is not wanted, or the run saw nothing."""
@@ -239,7 +238,7 @@ def fly_command(
     )
     chosen = links.counted(given).change(base)
     if saving.treatment_map:
-        saving.check_treatment_map(chosen.farm.name)
+        saving.check_treatment_map(chosen.farm)
     simulates = speed is not None or bool(fault or in_file)
     live = links.live(output, force=force, simulates=simulates)
     with contextlib.ExitStack() as stack:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path, PurePosixPath
@@ -20,6 +20,7 @@ from geo.texts import parse_number, parse_whole
 from mission.logs import LogTrack
 from sensors.camera.leaf_camera import footprint_offsets
 from sensors.errors import ObservationError
+from sensors.fields import Field, FieldSet
 from sensors.observations import COLUMNS, Observations
 
 Floats: TypeAlias = NDArray[np.float64]
@@ -57,8 +58,8 @@ def is_cells(path: Path) -> bool:
     return set(COLUMNS) <= set(_header(path)[0])
 
 
-def read_readings(path: Path, fields: Sequence[str]) -> Readings:
-    """Read a table: columns named as fields with values in 0..1, empty where not sensed, and a key.
+def read_readings(path: Path, fields: FieldSet) -> Readings:
+    """Read a table: columns named as fields with values in their range, empty where not sensed, and a key.
 
     Other columns are passed over, and so are keys less sure than the first one of `KEYS` that is there.
 
@@ -72,9 +73,9 @@ def read_readings(path: Path, fields: Sequence[str]) -> Readings:
     if key is None:
         wanted = "latitude and longitude, name, image, or time"
         raise ObservationError(f"{path}: no column tells where a reading belongs; give {wanted}")
-    columns = [header.index(name) if name in header else None for name in fields]
+    columns = [header.index(name) if name in header else None for name in fields.names]
     if not any(column is not None for column in columns):
-        raise ObservationError(f"{path}: no column is a field; give one or more of {', '.join(fields)}")
+        raise ObservationError(f"{path}: no column is a field; give one or more of {', '.join(fields.names)}")
     places = [header.index(name) for name in key]
     found = Readings(key)
     try:
@@ -88,8 +89,8 @@ def read_readings(path: Path, fields: Sequence[str]) -> Readings:
             found.keys.append(_key(where, key, texts))
             found.values.append(
                 [
-                    _value(where, name, row[column] if column is not None and column < len(row) else "")
-                    for name, column in zip(fields, columns, strict=True)
+                    _value(where, field, row[column] if column is not None and column < len(row) else "")
+                    for field, column in zip(fields, columns, strict=True)
                 ]
             )
     except csv.Error as error:
@@ -110,17 +111,20 @@ def _header(path: Path) -> tuple[list[str], Any]:
         raise ObservationError(f"{path}: is no CSV file ({error})") from None
 
 
-def _value(where: str, name: str, text: str) -> float:
+def _value(where: str, field: Field, text: str) -> float:
+    """Return a reading as a part of its field's range."""
     text = text.strip()
     if not text or text.lower() == "nan":
         return math.nan
     try:
         value = parse_number(text)
     except ValueError as error:
-        raise ObservationError(f"{where}: {name}: {error}; leave it empty where nothing was read") from None
-    if not 0.0 <= value <= 1.0:
-        raise ObservationError(f"{where}: {name} is {value:g}; values lie in 0..1")
-    return value
+        msg = f"{where}: {field.name}: {error}; leave it empty where nothing was read"
+        raise ObservationError(msg) from None
+    low, high = field.range
+    if not low <= value <= high:
+        raise ObservationError(f"{where}: {field.name} is {value:g}; values lie in {low:g}..{high:g}")
+    return float(field.from_unit(value))
 
 
 def _key(where: str, key: tuple[str, ...], texts: list[str]) -> object:

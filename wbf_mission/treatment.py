@@ -82,7 +82,7 @@ def treatment_of_log(
     scenario = naming_estimator(scenario, farm, fields)
     wanted = costs_of(fields, costs or {})
     progress("reading", 0, 1)
-    seen, notes = _observed(scenario, farm, fields.names, log, observations)
+    seen, notes = _observed(scenario, farm, fields, log, observations)
     progress("reading", 1, 1)
     day = int(seen.day.max())
     model, estimator = _estimate(scenario, farm, fields, seen, progress)
@@ -129,8 +129,9 @@ def treatment_of_result(
 
 
 def _observed(
-    scenario: Scenario, farm: Farm, names: tuple[str, ...], log: Path | None, table: Path | None
+    scenario: Scenario, farm: Farm, fields: FieldSet, log: Path | None, table: Path | None
 ) -> tuple[Observations, tuple[str, ...]]:
+    names = fields.names
     day, footprint = scenario.farm.day, scenario.camera.footprint
     track = None if log is None else read_track(log)
     notes = () if track is None else track.notes
@@ -156,7 +157,7 @@ def _observed(
             raise ObservationError(f"{table}: the days {days} are not within 0 to {LAST_DAY}")
         return seen, ()
     try:
-        seen, left_out = join(read_readings(table, names), track, farm, names, footprint, day)
+        seen, left_out = join(read_readings(table, fields), track, farm, names, footprint, day)
     except (LogError, ObservationError) as error:
         if str(error).startswith(str(table)):
             raise

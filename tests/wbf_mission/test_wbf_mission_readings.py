@@ -8,8 +8,9 @@ from flight_logs import UTC_S, write_dataflash, write_picture, write_telemetry
 
 from geo import get_farm
 from mission.logs import LogError, read_track
+from sensors.dynamics.measured import Measured
 from sensors.errors import ObservationError
-from sensors.fields import PAPER_FIELDS
+from sensors.fields import ALL_CROPS, PAPER_FIELDS, Field, FieldSet
 from wbf_mission.readings import is_cells, join, read_readings
 
 FARM = get_farm("miniberry-30")
@@ -56,7 +57,9 @@ def cells_of(observations):
 def test_each_key_finds_the_cells(keys, table, track):
     name, values = keys
     rows = "".join(f"{key},{value},x\n" for key, value in zip(values, (0.9, 0.1, 0.5), strict=True))
-    seen, notes = join(read_readings(table(f"{name},soil,remark\n{rows}"), NAMES), track, FARM, NAMES, 1, 6)
+    seen, notes = join(
+        read_readings(table(f"{name},soil,remark\n{rows}"), PAPER_FIELDS), track, FARM, NAMES, 1, 6
+    )
     assert notes == ()
     found = dict(zip(cells_of(seen), seen.values[:, 2].tolist(), strict=True))
     assert found == pytest.approx({CELLS[0]: 0.1, CELLS[1]: 0.5, CELLS[2]: 0.9})
@@ -73,7 +76,7 @@ def test_pictures_are_found_by_name(tmp_path, table):
     for number, (latitude, longitude) in enumerate(places()):
         write_picture(folder / f"P{number}.JPG", latitude, longitude)
     written = table("name,tylcv,ccr\nDCIM\\p2.jpg,1,\nsub/P0.JPG,0.5,1\nP7.JPG,1,1\n")
-    seen, notes = join(read_readings(written, NAMES), read_track(folder), FARM, NAMES, 1, 3)
+    seen, notes = join(read_readings(written, PAPER_FIELDS), read_track(folder), FARM, NAMES, 1, 3)
     assert dict(zip(cells_of(seen), seen.values[:, 0].tolist(), strict=True)) == {
         CELLS[0]: 0.5,
         CELLS[2]: 1.0,
@@ -83,7 +86,7 @@ def test_pictures_are_found_by_name(tmp_path, table):
 
 def test_a_footprint_covers_the_cells_about_the_one_below(table):
     latitude, longitude = places([(0, 7)])[0]
-    readings = read_readings(table(f"latitude,longitude,ccr\n{latitude},{longitude},0.5\n"), NAMES)
+    readings = read_readings(table(f"latitude,longitude,ccr\n{latitude},{longitude},0.5\n"), PAPER_FIELDS)
     seen, _ = join(readings, None, FARM, NAMES, 3, 6)
     assert sorted(cells_of(seen)) == [(x, y) for x in (0, 1) for y in (6, 7, 8)]
     assert set(seen.values[:, 1].tolist()) == {0.5}
@@ -93,14 +96,14 @@ def test_what_is_left_out_is_counted(table, track):
     (latitude, longitude), *_ = places()
     rows = ["12.5,1", "9,1", "13.5,1", "11.5,", "nonsense"]
     with pytest.raises(ObservationError, match=r"line 6: time: 'nonsense' is no time"):
-        read_readings(table("\n".join(["time,ccr", *rows])), NAMES)
+        read_readings(table("\n".join(["time,ccr", *rows])), PAPER_FIELDS)
     seen, notes = join(
-        read_readings(table("\n".join(["time,ccr", *rows[:4]])), NAMES), track, FARM, NAMES, 1, 6
+        read_readings(table("\n".join(["time,ccr", *rows[:4]])), PAPER_FIELDS), track, FARM, NAMES, 1, 6
     )
     assert cells_of(seen) == [CELLS[2]]
     assert notes == ("2 of 4 readings are not in the log", "1 of 4 readings are empty")
     text = f"latitude,longitude,ccr\n{latitude},{longitude},1\n{latitude + 1},{longitude},1\n"
-    _, notes = join(read_readings(table(text), NAMES), None, FARM, NAMES, 1, 6)
+    _, notes = join(read_readings(table(text), PAPER_FIELDS), None, FARM, NAMES, 1, 6)
     assert notes == ("1 of 2 readings lie outside the farm miniberry-30",)
 
 
@@ -128,7 +131,7 @@ def test_what_is_left_out_is_counted(table, track):
 def test_tables_that_make_no_sense_are_refused(text, told, table):
     path = table(text)
     with pytest.raises(ObservationError) as caught:
-        read_readings(path, NAMES)
+        read_readings(path, PAPER_FIELDS)
     assert str(caught.value).startswith(f"{path}: ")
     assert told in str(caught.value)
     assert "\n" not in str(caught.value)
@@ -139,16 +142,16 @@ def test_files_that_are_no_tables_are_refused(tmp_path):
         if content is not None:
             (tmp_path / name).write_bytes(content)
         with pytest.raises(ObservationError, match=r"cannot be read"):
-            read_readings(tmp_path / name, NAMES)
+            read_readings(tmp_path / name, PAPER_FIELDS)
 
 
 def test_a_key_needs_a_log_that_has_it(table, tmp_path, track):
-    by_time = read_readings(table("time,ccr\n1,1\n"), NAMES)
+    by_time = read_readings(table("time,ccr\n1,1\n"), PAPER_FIELDS)
     with pytest.raises(ObservationError, match=r"by time: give the log, too \(--log\)"):
         join(by_time, None, FARM, NAMES, 1, 6)
     with pytest.raises(ObservationError, match=r"no reading is left: 1 of 1 readings are not in the log"):
         join(by_time, track, FARM, NAMES, 1, 6)
-    named = read_readings(table("name,ccr\na.jpg,1\n"), NAMES)
+    named = read_readings(table("name,ccr\na.jpg,1\n"), PAPER_FIELDS)
     with pytest.raises(ObservationError, match="the telemetry log knows no names of pictures"):
         join(named, track, FARM, NAMES, 1, 6)
     write_picture(tmp_path / "a.jpg", 1.0, 2.0)
@@ -159,7 +162,9 @@ def test_a_key_needs_a_log_that_has_it(table, tmp_path, track):
 def test_an_image_of_a_bin_is_found_by_its_number(tmp_path, table):
     images = [(0, 0.5, *places()[1]), (1, 0.6, *places()[2])]
     log = write_dataflash(tmp_path / "x.bin", [(0.4, *places()[0]), (0.8, *places()[0])], images)
-    seen, _ = join(read_readings(table("image,soil\n1,0.25\n"), NAMES), read_track(log), FARM, NAMES, 1, 6)
+    seen, _ = join(
+        read_readings(table("image,soil\n1,0.25\n"), PAPER_FIELDS), read_track(log), FARM, NAMES, 1, 6
+    )
     assert cells_of(seen) == [CELLS[2]]
 
 
@@ -167,4 +172,15 @@ def test_files_of_fly_are_told_from_tables(table, tmp_path):
     assert is_cells(table("x,y,time_s,day,tylcv\n"))
     assert not is_cells(table("time,tylcv\n"))
     assert is_cells(tmp_path / "observations.parquet")
-    assert math.isnan(read_readings(table("time,tylcv,soil\n1,nan,1\n"), NAMES).values[0][0])
+    assert math.isnan(read_readings(table("time,tylcv,soil\n1,nan,1\n"), PAPER_FIELDS).values[0][0])
+
+
+def test_readings_are_in_the_unit_of_their_field(table):
+    ph = Field("ph", Measured(), (ALL_CROPS,), default=0.5, unit="pH", range=(4.0, 9.0))
+    fields = FieldSet((ph,))
+    (place,) = places()[:1]
+    head = f"latitude,longitude,ph\n{float(place[0])},{float(place[1])}"
+    seen, _ = join(read_readings(table(f"{head},6.5\n"), fields), None, FARM, fields.names, 1, 6)
+    assert seen.values[0, 0] == pytest.approx(0.5)
+    with pytest.raises(ObservationError, match=r"line 2: ph is 0.5; values lie in 4..9"):
+        read_readings(table(f"{head},0.5\n"), fields)

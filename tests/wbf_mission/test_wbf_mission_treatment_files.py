@@ -18,11 +18,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pyproj import Transformer
 
-from geo import Crop, Farm, LocalFrame, Patch
-from sensors.fields import PAPER_FIELDS, FieldSet
+from geo import Crop, Farm, LocalFrame, Patch, get_farm
+from sensors.dynamics.measured import Measured
+from sensors.fields import ALL_CROPS, PAPER_FIELDS, Field, FieldSet
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
-from wbf_mission.maps.geotiff import NODATA
+from wbf_mission.maps.geotiff import NODATA, write_geotiff
 from wbf_mission.maps.gis import MapError, UtmCells
 from wbf_mission.maps.treatment import TreatmentMap
 from wbf_mission.maps.zone_shapes import zones_of
@@ -377,3 +378,17 @@ def test_a_whole_waterberry_takes_seconds(tmp_path):
         assert file.shape == (5000, 6000)
         assert file.overviews(1)[-1] >= 8
     shutil.rmtree(tmp_path / "map")
+
+
+def test_a_raster_is_in_the_unit_of_its_field(tmp_path):
+    ph = Field("ph", Measured(), (ALL_CROPS,), default=0.5, unit="pH", range=(4.0, 9.0))
+    farm = get_farm("miniberry-10")
+    value, doubt = np.full((1, 10, 10), 0.5, np.float32), np.full((1, 10, 10), 0.02, np.float32)
+    value[0, 3, 7] = 0.1
+    model = InformationModel(value, doubt, fields=("ph",))
+    write_geotiff(tmp_path / "ph.tif", farm, ph, model, deviation=True, day=6)
+    with rasterio.open(tmp_path / "ph.tif") as file:
+        levels, doubts = file.read()
+        assert file.units == ("pH", "pH")
+    assert sorted(np.unique(levels)) == pytest.approx([4.5, 6.5]) and doubts == pytest.approx(0.1)
+    assert levels[::-1].T[3, 7] == pytest.approx(4.5)

@@ -11,10 +11,12 @@ from scipy.integrate import quad
 from scipy.stats import beta, norm
 
 from geo import get_farm
-from sensors.fields import PAPER_FIELDS
+from sensors.dynamics.measured import Measured
+from sensors.fields import ALL_CROPS, PAPER_FIELDS, Field, FieldSet
 from wbf_mission.maps.blocks import MapGrid
 from wbf_mission.maps.field_maps import FieldMap
 from wbf_mission.maps.gis import MapError
+from wbf_mission.maps.report import brief, report_of_maps
 from wbf_mission.maps.zones import (
     HEALTHY,
     LOOK,
@@ -30,6 +32,9 @@ COSTS = FieldCosts(treat=300.0, loss=4000.0, look=20.0)
 CELLS = 100.0
 
 
+PH = Field("ph", Measured(), (ALL_CROPS,), default=0.5, unit="pH", range=(4.0, 9.0))
+
+
 def field_map(mean, deviation, *, field="tylcv", cells=CELLS):
     """Blocks in a row with these means and deviations of their shares."""
     mean = np.asarray(mean, np.float64)[:, None]
@@ -41,7 +46,16 @@ def field_map(mean, deviation, *, field="tylcv", cells=CELLS):
     nothing = np.zeros(mean.shape)
     finds = np.empty((0, 2), np.int32)
     return FieldMap(
-        PAPER_FIELDS[field], grid, count, mean * count, mean, variance, nothing, nothing, finds, 1.0
+        field if isinstance(field, Field) else PAPER_FIELDS[field],
+        grid,
+        count,
+        mean * count,
+        mean,
+        variance,
+        nothing,
+        nothing,
+        finds,
+        1.0,
     )
 
 
@@ -176,7 +190,7 @@ def test_what_is_not_given_keeps_its_proportion():
         ("loss", "0", "--loss 0: out of range; give a number above 0"),
         ("loss", "1e400", "--loss 1e400: out of range"),
         ("look", "-1", "--look-cost -1: out of range; give a number 0 or more"),
-        ("below", "1.5", "--dry-below 1.5: out of range; give a number above 0 and up to 1"),
+        ("below", "1.5", "--dry-below 1.5: soil lies in 0..1; give a number of these"),
         ("rate", "L/ha", "--rate L/ha: 'L/ha' is not a number"),
         ("treat", "3 EUR", "--treat-cost 3 EUR: '3 EUR' is not a number"),
     ],
@@ -196,3 +210,17 @@ def test_blocks_are_what_a_sprayer_can_act_on():
     }
     assert block_grid(get_farm("waterberry"), 10.0).pixel == 33
     assert block_grid(get_farm("miniberry-10"), 500.0).pixels == (1, 1)
+
+
+def test_thresholds_and_reports_are_in_the_unit_of_their_field():
+    costs = costs_of(FieldSet((PH,)), {"below": ["5.5"]})["ph"]
+    assert costs_of(FieldSet((PH,)), {})["ph"].below == 6.0  # 0.4 of the way from 4 to 9
+    of = field_map([0.2, 0.4], [0.0, 0.0], field=PH)  # pH 5 and 6
+    assert zone_map(of, costs).zone[:, 0].tolist() == [TREAT, HEALTHY]
+    with pytest.raises(MapError, match=r"--dry-below 0.4: ph lies in 4..9; give a number of these"):
+        costs_of(FieldSet((PH,)), {"below": ["0.4"]})
+    with pytest.raises(MapError, match=r"--dry-below soil=-1: soil lies in 0..1; give a number of these"):
+        costs_of(PAPER_FIELDS, {"below": ["soil=-1"]})
+    (told,) = report_of_maps(get_farm("miniberry-10"), (field_map([0.5], [0.01], field=PH),)).fields
+    assert told.expected == 6.5 and 6.4 < told.low < 6.5 < told.high < 6.6
+    assert brief(told).startswith("6.5 pH (6.4")

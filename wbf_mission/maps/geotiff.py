@@ -19,7 +19,7 @@ _STRIP = 512
 def write_geotiff(
     path: Path, farm: Farm, field: Field, model: InformationModel, *, deviation: bool, day: int
 ) -> UtmCells:
-    """Write one field: band 1 the value, band 2 the uncertainty of each cell, float32; and return where.
+    """Write one field: band 1 the value in its unit, band 2 its uncertainty, float32; and return where.
 
     Cells that are not the owner's, or have none of the field's crops, are `NODATA`. The uncertainty is a
     standard deviation if `deviation`, else on the estimator's own scale.
@@ -33,6 +33,7 @@ def write_geotiff(
     cells = UtmCells.of(farm)
     k = model.fields.index(field.name)
     mask = field.mask(farm.grid())
+    width = field.range[1] - field.range[0]
     profile = {
         "driver": "GTiff",
         "width": farm.width_cells,
@@ -57,8 +58,10 @@ def write_geotiff(
             with rasterio.open(plain, "w", **profile) as file:
                 for top in range(0, farm.height_cells, _STRIP):
                     rows = slice(top, min(top + _STRIP, farm.height_cells))
-                    for band, array in ((1, model.value[k]), (2, model.uncertainty[k])):
-                        part = np.where(raster(mask)[rows], raster(array)[rows], np.float32(NODATA))
+                    value = field.to_unit(raster(model.value[k])[rows])
+                    doubt = raster(model.uncertainty[k])[rows] * np.float32(width if deviation else 1.0)
+                    for band, array in ((1, value), (2, doubt)):
+                        part = np.where(raster(mask)[rows], array, np.float32(NODATA)).astype(np.float32)
                         window = rasterio.windows.Window(0, top, farm.width_cells, len(part))
                         file.write(part, band, window=window)
                 file.descriptions = (f"{field.title}: value", f"{field.title}: uncertainty ({scale})")

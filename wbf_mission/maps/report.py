@@ -10,6 +10,7 @@ those of a gamma distribution with the mean and variance of the plants that were
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -61,6 +62,7 @@ class FieldReport:
     low: float | None
     high: float | None
     blocks: tuple[BlockReport, ...]  # The worst ones: most sick plants, or the least values
+    unit: str = ""  # Of the values of a continuous field that has a range of its own
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,22 +154,24 @@ def _report(farm: Farm, of: FieldMap) -> FieldReport:
         low,
         high,
         tuple(blocks),
+        "" if field.range == (0.0, 1.0) else field.unit,
     )
 
 
 def _interval(
     of: FieldMap, cells: float, total: float, variance: float | None, sick: float
 ) -> tuple[float, float | None, float | None]:
-    """Return the expected share or mean value, and its 90 % interval."""
+    """Return the expected share, or mean value in the field's unit, and its 90 % interval."""
+    told = of.field.to_unit
     if variance is None:
-        return total / cells, None, None
+        return told(total / cells), None, None
     spread = variance * min(of.together, cells)
     if of.field.kind == "disease":
         low, high = gamma_interval(max(total - sick, 0.0), spread)
         low, high = sick + low, sick + high
     else:
         low, high = (total + sign * _NORMAL_90 * math.sqrt(spread) for sign in (-1.0, 1.0))
-    return total / cells, max(low / cells, 0.0), min(high / cells, 1.0)
+    return told(total / cells), told(max(low / cells, 0.0)), told(min(high / cells, 1.0))
 
 
 def gamma_interval(mean: float, variance: float) -> tuple[float, float]:
@@ -189,10 +193,15 @@ def gamma_interval(mean: float, variance: float) -> tuple[float, float]:
 
 def brief(field: FieldReport) -> str:
     """Return how much of a field is sick, or its mean value, with the 90 % interval where it is known."""
-    write = _percent if field.kind == "disease" else "{:.2f}".format
+    write = _percent if field.kind == "disease" else _value_of(field)
     if field.low is None or field.high is None:
         return write(field.expected)
     return f"{write(field.expected)} ({write(field.low)} to {write(field.high)})"
+
+
+def _value_of(field: FieldReport) -> Callable[[float], str]:
+    """Return what writes a value of a continuous field."""
+    return (lambda value: f"{value:.3g} {field.unit}") if field.unit else "{:.2f}".format
 
 
 def _percent(share: float) -> str:
@@ -214,10 +223,11 @@ def _sentence(field: FieldReport) -> str:
         text += f"; {_number(field.seen_sick)} sick {plants} seen among {_number(field.seen)} looked at"
         worst = [f"{_where(block)} {_percent(block.expected)}" for block in field.blocks]
         return f"{text}; worst blocks {', '.join(worst)}" if worst else text
-    text = f"{field.expected:.2f} on average"
+    write = _value_of(field)
+    text = f"{write(field.expected)} on average"
     if field.low is not None and field.high is not None:
-        text += f" (90 %: {field.low:.2f} to {field.high:.2f})"
-    lowest = [f"{_where(block)} {block.expected:.2f}" for block in field.blocks]
+        text += f" (90 %: {write(field.low)} to {write(field.high)})"
+    lowest = [f"{_where(block)} {write(block.expected)}" for block in field.blocks]
     return f"{text}; lowest blocks {', '.join(lowest)}" if lowest else text
 
 

@@ -45,7 +45,7 @@ _WORDS = {
 LOOK_SHARE = 0.1
 """A look costs this part of treating unless told: an assumption, drones being cheaper than sprayers."""
 DRY_BELOW = 0.4
-"""A continuous field needs treatment below this value unless told: an assumption."""
+"""A continuous field needs treatment below this part of its range unless told: an assumption."""
 BLOCK_M = 4.0
 _LEAST_BLOCKS = 30
 _AMOUNT = re.compile(r"([-+.\de]+)\s*([^\s=,].{0,15})?", re.IGNORECASE)
@@ -61,7 +61,7 @@ class FieldCosts:
     treat, loss, look : float
         As in this module's text.
     below : float
-        A continuous field needs treatment below this value.
+        A continuous field needs treatment below this value, in its unit.
     rate : float
         Of the product that a treated hectare gets.
     rate_unit : str
@@ -83,7 +83,8 @@ class FieldCosts:
         treating costs ``cost_below``, and land that needs it and is left ``cost_above`` more than that.
         """
         weight, treat, regret = field.weight or 1.0, field.cost_below or 1.0, field.cost_above or 1.0
-        costs = cls(weight * treat, weight * (treat + regret), weight * treat * LOOK_SHARE)
+        below = field.to_unit(DRY_BELOW)
+        costs = cls(weight * treat, weight * (treat + regret), weight * treat * LOOK_SHARE, below)
         return replace(costs, rate=10.0, rate_unit="mm") if is_water(field) else costs
 
 
@@ -122,7 +123,12 @@ def costs_of(field_set: FieldSet, given: Mapping[str, Iterable[str]]) -> dict[st
                 raise MapError(f"{option}: no field {name!r}; the fields are {', '.join(field_set.names)}")
             values: dict[str, Any] = _read(option, amount, key)
             for one in (name,) if name else field_set.names:
+                if key == "below" and field_set[one].kind == "disease":
+                    continue
                 before, changed = found[one], replace(found[one], **values)
+                low, high = field_set[one].range
+                if not low <= changed.below <= high:
+                    raise MapError(f"{option}: {one} lies in {low:g}..{high:g}; give a number of these")
                 if key == "treat":
                     changed = replace(changed, loss=changed.treat * before.loss / before.treat)
                     priced.add(one)
@@ -151,9 +157,9 @@ def _read(option: str, text: str, key: str) -> dict[str, float | str]:
         value = parse_number(amount[1])
     except ValueError as error:
         raise MapError(f"{option}: {error}; give [FIELD=]NUMBER") from None
-    low = 0.0 if key == "look" else 1e-9
-    if not low <= value <= 1e9 or (key == "below" and value > 1.0):
-        allowed = "above 0 and up to 1" if key == "below" else "0 or more" if key == "look" else "above 0"
+    low = {"look": 0.0, "below": -1e9}.get(key, 1e-9)
+    if not low <= value <= 1e9:
+        allowed = "0 or more" if key == "look" else "above 0"
         raise MapError(f"{option}: out of range; give a number {allowed}")
     return {key: value, **({"rate_unit": amount[2].strip()} if amount[2] else {})}
 
@@ -250,7 +256,7 @@ def zone_map(of: FieldMap, costs: FieldCosts) -> ZoneMap:
         need = mean.clip(0.0, 1.0)
         best = _expected_least(need, spread, limit)
     else:
-        need = _below(mean, spread, costs.below)
+        need = _below(mean, spread, float(of.field.from_unit(costs.below)))
         best = need * min(limit, 1.0)
     gain = costs.loss * np.maximum(np.minimum(limit, need) - best, 0.0)
     if deviation is None:

@@ -143,7 +143,7 @@ def _check_one(planner: Planner, what: str, request: PlanningRequest) -> None:
     points = path.points_m
     line = LineString(points) if len(points) > 1 else Point(points[0])
     # Between parts that do not hang together the path may take the straight way.
-    room = request.area.convex_hull if isinstance(request.area, MultiPolygon) else request.area
+    room = request.room.convex_hull if isinstance(request.room, MultiPolygon) else request.room
     _require(bool(room.buffer(_INSIDE_M).covers(line)), what, "the path leaves the area")
 
 

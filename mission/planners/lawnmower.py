@@ -8,6 +8,7 @@ import shapely
 
 from geo.grid import Crop
 from mission.errors import PlanningError
+from mission.planners.gaps import swept_lands
 from mission.planners.path import Area, PlannedPath, Points, drop_coincident
 from mission.planners.request import PlanningRequest
 from mission.planners.search import Found, densest_feasible, is_number, spacing_limits
@@ -27,7 +28,8 @@ def lawnmower(
 
     Any number of rows from two upwards is possible (the paper's implementation knows only odd ones), until
     rows are a footprint apart; an area that is narrower than the footprint has one row. Over areas that
-    are not convex the rows are cut into boustrophedon cells, which are flown nearest first.
+    are not convex the rows are cut into boustrophedon cells, which are flown nearest first. Where more land
+    is passable than is to be seen, rows lead over what lies between, if they come to lie closer by that.
 
     Parameters
     ----------
@@ -52,8 +54,27 @@ def lawnmower(
     >>> path.spacing_m, path.length_m
     (3.0, 360.0)
     """
-    terrain = Terrain(request.area, request.footprint_m)
-    least, most = spacing_limits("lawnmower", request.footprint_m, min_spacing_m, max_spacing_m)
+    limits = spacing_limits("lawnmower", request.footprint_m, min_spacing_m, max_spacing_m)
+    lands = swept_lands(request)
+    if len(lands) == 1:
+        return _rows(request, request.area, limits, direction)
+    paths, refused = [], []
+    for land in lands:
+        try:
+            paths.append(_rows(request, land, limits, direction))
+        except PlanningError as error:
+            refused.append(error)
+    if not paths:
+        raise refused[0]
+    return min(paths, key=lambda path: (path.spacing_m, request.cost(path.points_m)))
+
+
+def _rows(
+    request: PlanningRequest, land: Area, limits: tuple[float, float], direction: str | float | None
+) -> PlannedPath:
+    """Return as many rows over the land as the budget allows."""
+    least, most = limits
+    terrain = Terrain(land, request.footprint_m, request.passable)
     sweep = Sweep(terrain.flyable, least, sweep_angle(terrain.flyable, direction), max_spacing_m=most)
 
     def build(rows: int) -> Points:
@@ -108,7 +129,7 @@ def adaptive_lawnmower(
     lands = [land for crop in (Crop.TOMATO, Crop.STRAWBERRY) if (land := _land(request, crop)) is not None]
     plan = _Plan(
         request,
-        Terrain(request.area, request.footprint_m),
+        Terrain(request.area, request.footprint_m, request.passable),
         [_sweep(land, request.footprint_m, least, direction) for land in lands or [request.area]],
     )
     if len(plan.sweeps) == 1:

@@ -71,7 +71,7 @@ class _Walk:
     """The endless walk, as far as it is known."""
 
     def __init__(self, request: PlanningRequest) -> None:
-        self._terrain = Terrain(request.area, request.footprint_m)
+        self._terrain = Terrain(request.area, request.footprint_m, request.passable)
         self._rng = np.random.default_rng(request.seed)
         self._drawn = np.empty((0, 2))
         start = Point(request.start_xy_m)
@@ -128,7 +128,7 @@ def _use_up(request: PlanningRequest, points: Points, leg: Points, spent: float)
         if cost <= limit:
             good, good_cost = middle, cost
             # A way between parts that do not hang together may lead over what is not to be flown over.
-            if shapely.dwithin(request.area, Point(cut), TOLERANCE_M):
+            if shapely.dwithin(request.room, Point(cut), TOLERANCE_M):
                 best = candidate
         else:
             bad, bad_cost = middle, cost

@@ -39,6 +39,9 @@ SearchProgress: TypeAlias = Callable[[int, int], None]
 """Takes how many rounds of a search are done, and how many there will be as far as can be told."""
 
 
+_ROUNDING_M = 1e-3
+
+
 def _untold(_done: int, _total: int) -> None:
     """Tell nobody."""
 
@@ -50,8 +53,8 @@ class PlanningRequest:
     Parameters
     ----------
     area : shapely Polygon or MultiPolygon
-        Where the path may go. Land that must not be flown over is left out by the caller (holes are
-        respected).
+        What is to be seen, and where the path may go, if `passable` says nothing else. Land that must not be
+        flown over is left out by the caller (holes are respected).
     start_xy_m : tuple of float
         Where the flight starts; it may lie outside the area.
     budget : Budget
@@ -65,6 +68,14 @@ class PlanningRequest:
         Seed of the planners that draw.
     progress : callable
         Told by planners that search for long, see `SearchProgress`.
+    passable : shapely Polygon or MultiPolygon, optional
+        Where the path may go, if that is more than the area: the land between what is to be seen. It holds
+        the area; None: the area. `room` is either.
+    row_spacing_m : float, optional
+        Distance between rows that the overlap of the images asks for, of planners that see the whole area.
+        None: a footprint.
+    footprint_along_m : float, optional
+        Length, in the direction of the flight, of what the camera sees at once. None: as its width.
 
     Raises
     ------
@@ -79,6 +90,9 @@ class PlanningRequest:
     crop_areas: tuple[CropArea, ...] = ()
     seed: int | np.random.SeedSequence = 0
     progress: SearchProgress = _untold
+    passable: Area | None = None
+    row_spacing_m: float | None = None
+    footprint_along_m: float | None = None
 
     def __post_init__(self) -> None:
         check_area(self.area, "area")
@@ -94,6 +108,29 @@ class PlanningRequest:
             limit = f"{self.budget.limit} {self.budget.unit}"
             msg = f"planning request: a budget must be a finite number above zero, not {limit}"
             raise PlanningError(msg)
+        self._check_room()
+        self._check_camera()
+
+    def _check_room(self) -> None:
+        if self.passable is None:
+            return
+        check_area(self.passable, "passable land")
+        outside = shapely.difference(self.area, self.passable)
+        if not shapely.buffer(outside, -_ROUNDING_M).is_empty:
+            msg = f"planning request: {outside.area:.3g} m2 of the area lie outside the passable land"
+            raise PlanningError(msg)
+
+    def _check_camera(self) -> None:
+        for name in ("row_spacing_m", "footprint_along_m"):
+            value = getattr(self, name)
+            if value is not None and not (math.isfinite(value) and value > 0):
+                msg = f"planning request: {name} {value} m must be a finite number above zero"
+                raise PlanningError(msg)
+
+    @property
+    def room(self) -> Area:
+        """Where the path may go."""
+        return self.area if self.passable is None else self.passable
 
     def cost(self, points_m: Points) -> float:
         """Return the cost of start, points and, if the budget counts it, the return."""

@@ -58,7 +58,7 @@ def spiral(
     >>> path.length_m <= 360.0, round(path.spacing_m, 2)
     (True, 2.67)
     """
-    terrain = Terrain(request.area, request.footprint_m)
+    terrain = Terrain(request.area, request.footprint_m, request.passable)
     widest = max(_half_width(part) for part in parts_of(terrain.flyable))
     least, most = spacing_limits("spiral", request.footprint_m, min_spacing_m, max_spacing_m)
     tightest = min(max(least, widest * _SMALLEST), widest)

@@ -260,17 +260,21 @@ class _Regions:
 
 
 class Terrain:
-    """Where a path may go: the area, and that inset by half a footprint, where it lies if it can."""
+    """Where a path may go: the area, and that inset by half a footprint, where it lies if it can.
 
-    def __init__(self, area: Area, footprint_m: float) -> None:
+    Ways between its pieces may lead over more land, if that is `passable`.
+    """
+
+    def __init__(self, area: Area, footprint_m: float, passable: Area | None = None) -> None:
         self.area = area
         self.flyable = inset(area, footprint_m / 2)
-        self._inner = _Regions(self.flyable)
+        self._room = area if passable is None else passable
+        self._inner = _Regions(self.flyable if passable is None else inset(passable, footprint_m / 2))
 
     @cached_property
     def _outer(self) -> _Regions:
-        # A path may pass a neck that is narrower than the footprint, along the area's very border.
-        return _Regions(self.area)
+        # A path may pass a neck that is narrower than the footprint, along the land's very border.
+        return _Regions(self._room)
 
     def join(self, pieces: Sequence[Points], start_m: ArrayLike) -> Points:
         """Return one path through the pieces, see `legs`."""
@@ -280,9 +284,9 @@ class Terrain:
         """Return one or more pieces, each of which lies in the inset area, with the way to each before it.
 
         Two pieces are joined by a straight leg if it stays inside, else by the shortest way inside the
-        inset area, else by the shortest way inside the area. Only between parts of the area that do not
-        hang together is the leg a straight transit. The way from the start, which lies anywhere, is found
-        likewise; the start itself is not in the result.
+        inset land, else by the shortest way inside the land: the area, or what is passable. Only between
+        parts of it that do not hang together is the leg a straight transit. The way from the start, which lies
+        anywhere, is found likewise; the start itself is not in the result.
         """
         start = np.asarray(start_m, dtype=np.float64)
         leaves = np.vstack((start, *(piece[-1] for piece in pieces[:-1])))

@@ -283,7 +283,7 @@ def _answer(policy: Policy, observation: PolicyObservation, what: str, times: li
 
 def _lies_inside(vehicle: VehicleReport, points: Points) -> bool:
     """Whether a path lies in the area; the ways from outside and between parts may leave it."""
-    area = vehicle.request.area
+    area = vehicle.request.room
     wide = shapely.buffer(area, _AREA_M)
     if not shapely.covers(wide, shapely.points(points)).all():
         return False

@@ -136,7 +136,7 @@ def _checked_cost(name: str, vehicle: VehicleReport, points: Points) -> float:
             over = f"the {vehicle.left:.6g} {budget.unit} that are left of {budget.limit:g}"
         msg = f"{who} returned a path that takes {cost:.6g} {budget.unit}, over {over}"
         raise AnswerError(msg, "over the budget")
-    area = vehicle.request.area
+    area = vehicle.request.room
     # Between parts that do not hang together the path may take the straight way.
     room = area.convex_hull if isinstance(area, shapely.MultiPolygon) else area
     if len(points):

@@ -78,7 +78,7 @@ class GridLimitedRandomness:
 
     def _path(self, vehicle: VehicleReport) -> Points:
         request = vehicle.request
-        terrain = Terrain(request.area, request.footprint_m)
+        terrain = Terrain(request.area, request.footprint_m, request.passable)
         draws = _Draws(self._grid(terrain), vehicle)
         start = np.asarray(request.start_xy_m)
         returns = pays_for_return(vehicle)

@@ -134,7 +134,9 @@ class RefiningLawnmower:
         parts = shared(vehicles, STRIPS)
         self._rows, self._away = {}, set()
         for one in vehicles:
-            self._terrains[one.system_id] = Terrain(one.request.area, one.request.footprint_m)
+            self._terrains[one.system_id] = Terrain(
+                one.request.area, one.request.footprint_m, one.request.passable
+            )
             points = affordable(one, self._plan(one, parts[one.system_id], observation))
             self._rows[one.system_id] = _Rows(points, np.asarray(one.position_m))
         return Decision({system_id: rows.rest for system_id, rows in self._rows.items()}, reason="rows")
@@ -212,7 +214,7 @@ class RefiningLawnmower:
 
         Rows may be left, and a path may be cut, on the way from one part of the area to another.
         """
-        area = shapely.buffer(vehicle.request.area, TOLERANCE_M)
+        area = shapely.buffer(vehicle.request.room, TOLERANCE_M)
         kept = [piece[shapely.covers(area, shapely.points(piece))] for piece in pieces if len(piece)]
         kept = [piece for piece in kept if len(piece)]
         if not kept:

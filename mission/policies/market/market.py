@@ -301,7 +301,7 @@ class Market:
     def _terrain(self, vehicle: VehicleReport) -> Terrain:
         if vehicle.system_id not in self._terrains:
             request = vehicle.request
-            self._terrains[vehicle.system_id] = Terrain(request.area, request.footprint_m)
+            self._terrains[vehicle.system_id] = Terrain(request.area, request.footprint_m, request.passable)
         return self._terrains[vehicle.system_id]
 
 

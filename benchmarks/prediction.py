@@ -36,6 +36,9 @@ WINDS: dict[str, dict[str, object]] = {
 }
 CALM = ("none", "steady", "sheared")
 
+# Of those that use up the same budget.
+PLANNERS = tuple(name for name in planner_names() if name != "survey")
+
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
@@ -101,7 +104,7 @@ def comparisons(seeds: int, *, quick: bool) -> list[Comparison]:
         for autopilot in autopilot_names() if vehicle != "ideal" else (DEFAULT_AUTOPILOT,):
             for wind in WINDS if vehicle != "ideal" else ("none",):
                 for farm in ("waterberry",) if circles else FARMS:
-                    for planner in ("lawnmower",) if quick or circles else planner_names():
+                    for planner in ("lawnmower",) if quick or circles else PLANNERS:
                         scenario = Scenario(
                             farm=farm,
                             planner=planner,

@@ -37,7 +37,7 @@ class Sweep:
         max_spacing_m: float = math.inf,
     ) -> None:
         self._min_spacing_m = min_spacing_m
-        self._turn = _rotation(angle_rad)
+        self._turn = rotation(angle_rad)
         self._parts = [_Part(part, self._turn) for part in parts_of(area)]
         self._height_m = max(part.height_m for part in self._parts)
         self.most_rows = self._most_rows(self._height_m)
@@ -102,7 +102,7 @@ class _Part:
         row, left, right = self._scan(np.clip(heights, low[1] + edge, high[1] - edge))
         y = np.clip(heights, low[1] + edge, high[1] - edge)[row]
         ends = np.stack((np.stack((left, y), axis=-1), np.stack((right, y), axis=-1)), axis=1)
-        return [ends[chain] for chain in _chains(row, left, right)]
+        return [ends[chain] for chain in row_chains(row, left, right)]
 
     def _scan(
         self, heights: NDArray[np.float64]
@@ -125,7 +125,9 @@ class _Part:
         return row[firsts], left[firsts], right[lasts]
 
 
-def _chains(row: NDArray[np.intp], left: NDArray[np.float64], right: NDArray[np.float64]) -> list[list[int]]:
+def row_chains(
+    row: NDArray[np.intp], left: NDArray[np.float64], right: NDArray[np.float64]
+) -> list[list[int]]:
     """Return the cells: pieces of successive rows that overlap each other and no other piece."""
     pieces: dict[int, list[int]] = {}
     for index, number in enumerate(row.tolist()):
@@ -227,7 +229,7 @@ def sweep_angle(area: Area, direction: str | float | None = None) -> float:
     return float(candidates[np.argmin(np.round(heights, 9))])
 
 
-def _rotation(angle_rad: float) -> NDArray[np.float64]:
+def rotation(angle_rad: float) -> NDArray[np.float64]:
     """Return the matrix into the frame whose x axis has the angle (``points @ matrix.T``)."""
     if angle_rad == 0.0:
         return np.eye(2)

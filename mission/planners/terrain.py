@@ -18,6 +18,7 @@ from mission.planners.path import Area, Points
 
 TOLERANCE_M = 5e-7
 MAX_VERTICES = 500
+_MOST_SEEN = 60_000
 _NO_POINTS: Points = np.empty((0, 2))
 
 
@@ -285,8 +286,8 @@ class Terrain:
 
         Two pieces are joined by a straight leg if it stays inside, else by the shortest way inside the
         inset land, else by the shortest way inside the land: the area, or what is passable. Only between
-        parts of it that do not hang together is the leg a straight transit. The way from the start, which lies
-        anywhere, is found likewise; the start itself is not in the result.
+        parts of it that do not hang together is the leg a straight transit. The way from the start, which
+        lies anywhere, is found likewise; the start itself is not in the result.
         """
         start = np.asarray(start_m, dtype=np.float64)
         leaves = np.vstack((start, *(piece[-1] for piece in pieces[:-1])))
@@ -297,12 +298,44 @@ class Terrain:
             for piece, straight, leave, enter in zip(pieces, direct, leaves, enters, strict=True)
         ]
 
+    def lengths(self, places_m: Points) -> NDArray[np.float64]:
+        """Return the lengths of the shortest ways between places, float64[n, n].
+
+        In a land whose visibility graph would be large, and between parts that do not hang together, they
+        are those of straight legs.
+        """
+        # Slow to import, and for this alone.
+        from scipy.sparse import csr_array
+        from scipy.sparse.csgraph import dijkstra
+
+        count = len(places_m)
+        straight = straight_lengths(places_m)
+        corners = np.vstack([reflex_corners(part) for part in parts_of(self._room)])
+        nodes = np.vstack((places_m, corners))
+        first, second = np.triu_indices(len(nodes), 1)
+        if not len(corners) or len(first) > _MOST_SEEN:
+            return straight
+        seen = _Regions(self._room).sees(nodes[first], nodes[second])
+        first, second = first[seen], second[seen]
+        steps = np.hypot(*(nodes[first] - nodes[second]).T)
+        graph = csr_array((steps, (first, second)), shape=(len(nodes), len(nodes)))
+        ways = dijkstra(graph, directed=False, indices=np.arange(count))[:, :count]
+        found: NDArray[np.float64] = np.where(np.isfinite(ways), np.maximum(ways, straight), straight)
+        return found
+
     def _detour(self, leave: Points, enter: Points) -> Points:
         for regions in (self._inner, self._outer):
             found = regions.route(leave, enter)
             if found is not None:
                 return found
         return _NO_POINTS
+
+
+def straight_lengths(places_m: Points) -> NDArray[np.float64]:
+    """Return the distances between places, float64[n, n]."""
+    steps = places_m[:, None] - places_m[None]
+    lengths: NDArray[np.float64] = np.hypot(steps[..., 0], steps[..., 1])
+    return lengths
 
 
 _ATTEMPTS = 1000

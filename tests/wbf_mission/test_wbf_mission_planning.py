@@ -310,3 +310,18 @@ def test_leaving_the_path_that_is_flown_has_its_price_where_the_autopilot_loses_
     # A path that is changed to, and would be gone on with otherwise, is held to the same.
     on = FlightTravelCost(state, predictor, rough, "s", float, ahead, True)
     assert travel_cost.rest([ahead])[0] - on.rest([ahead])[0] > 0.5
+
+
+def test_a_survey_beyond_a_battery_is_planned_with_an_unlimited_budget() -> None:
+    survey = {"farm": "waterberry", "planner": "survey:spacing_m=200,angle=0"}
+    whole = plan(Scenario(budget="unlimited", **survey))
+    assert whole.batteries is not None
+    assert whole.batteries >= 1
+    assert whole.spacing_m == 200.0
+    small = {"farm": "waterberry", "planner": "survey:spacing_m=40,angle=0"}
+    with pytest.raises(PlanningError, match="the budget unlimited plans it for several flights"):
+        plan(Scenario(**small))
+    with pytest.raises(ScenarioError, match="planner spiral uses up what it is given"):
+        Scenario(planner="spiral", budget="unlimited")
+    with pytest.raises(ScenarioError, match="policy greedy uses up what it is given"):
+        Scenario(policy="greedy", budget="Unlimited")

@@ -23,7 +23,9 @@ from sim_vehicle.prediction.predict import BOUND_PROBABILITY
 from wbf_mission.planning.builder import MissionBuilder
 from wbf_mission.planning.conditions import wind_of
 from wbf_mission.scenario import ScenarioError
+from wbf_mission.scenario.parts import UNLIMITED
 
+_UNLIMITED_S = 1e9
 PAPER_STEPS_PER_CELL = 0.4  # timesteps of a day for each of the owner's cells (Matloob et al., experiments)
 
 Paths = Sequence[NDArray[np.float64]]
@@ -148,6 +150,23 @@ def flight_budget(
     return FlightBudget(limit, unit, price, explain, onward)
 
 
+def unlimited_budget(builder: MissionBuilder) -> FlightBudget:
+    """Return a budget in which no battery ends a flight: it only tells which of two paths takes longer."""
+
+    def price(paths_xy_m: Paths) -> list[float]:
+        missions = [builder.mission(PlannedPath(path[1:], None, "candidate")) for path in paths_xy_m]
+        flown = builder.price(missions, endless=True)
+        return [one.duration_s if one.feasible else math.inf for one in flown]
+
+    def explain(path_xy_m: NDArray[np.float64]) -> str:
+        (prediction,) = builder.price(
+            [builder.mission(PlannedPath(path_xy_m[1:], None, "candidate"))], endless=True
+        )
+        return "" if prediction.feasible else str(prediction.reason)
+
+    return FlightBudget(_UNLIMITED_S, "s", price, explain, lambda _path: lambda rest: rest)
+
+
 def make_budget(text: str | None, builder: MissionBuilder, *, steered: bool = False) -> tuple[Budget, str]:
     """Return a budget and how to say it; PlanningError or ScenarioError if it does not suit the vehicle.
 
@@ -173,6 +192,8 @@ def make_budget(text: str | None, builder: MissionBuilder, *, steered: bool = Fa
         often = f"; enough for {BOUND_PROBABILITY:.1%} of such flights" if disturbed else ""
         words = f"{usable:.1f} Wh (the battery less {less}{often})"
         return flight_budget(usable, "Wh", builder, ReserveCharge(builder) if disturbed else None), words
+    if text.strip().lower() == UNLIMITED:
+        return unlimited_budget(builder), "unlimited"
     value, unit = parse_budget(text)
     if unit == "m":
         return LengthBudget(value, home, builder.flown_way), f"{value:g} m"

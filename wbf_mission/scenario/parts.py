@@ -25,6 +25,9 @@ RUN = "What to run"
 VEHICLE = "Vehicle and weather"
 CAMERA = "Leaf camera"
 _SPIRAL = Choice("spiral")
+UNLIMITED = "unlimited"
+"""The budget of a plan that several batteries, or several flights, are to fly."""
+_USE_UP = ("lawnmower", "adaptive-lawnmower", "spiral", "random-waypoint")
 LAST_DAY = 126
 """The last day of an environment."""
 MOST_VEHICLES = 10
@@ -102,8 +105,8 @@ class MissionOptions(Part):
 
     planner: Any = option(
         _SPIRAL,
-        "Planner, NAME[:KEY=VALUE,...]: lawnmower, adaptive-lawnmower, spiral, random-waypoint, or one of"
-        " yours",
+        "Planner, NAME[:KEY=VALUE,...]: lawnmower, adaptive-lawnmower, spiral, random-waypoint, survey,"
+        " or one of yours",
         RUN,
         kind="planner",
         not_with=("mission", "policy"),
@@ -122,7 +125,8 @@ class MissionOptions(Part):
     )
     budget: str | None = option(
         None,
-        "How much each vehicle may fly in each flight: 8000m, 2.5km, 25min, 1500s, 50Wh or 360steps",
+        "How much each vehicle may fly in each flight: 8000m, 2.5km, 25min, 1500s, 50Wh or 360steps;"
+        " unlimited: as much as a survey takes, whatever the battery holds",
         RUN,
         default="the battery less its reserve; ideal: 0.4 x the owner's cells in steps",
         example="60s",
@@ -186,6 +190,13 @@ class MissionOptions(Part):
         object.__setattr__(self, "planner", choose(self.planner, "planner"))
         if self.policy is not None:
             object.__setattr__(self, "policy", choose(self.policy, "policy"))
+        endless = self.budget is not None and self.budget.strip().lower() == UNLIMITED
+        if endless and (self.policy is not None or self.planner.chosen in _USE_UP):
+            who = f"planner {self.planner}" if self.policy is None else f"policy {self.policy}"
+            msg = (
+                f"budget unlimited: {who} uses up what it is given; give a length or a time, or plan a survey"
+            )
+            raise ScenarioError(msg)
 
 
 @dataclass(frozen=True, slots=True)

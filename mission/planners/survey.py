@@ -1,0 +1,279 @@
+"""The survey: rows that see an area wholly, in the direction that takes the least of the budget."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TypeAlias
+
+import numpy as np
+import shapely
+from shapely.geometry import Polygon
+
+from mission.errors import PlanningError
+from mission.planners.cuts import cut_parts, hull_angles
+from mission.planners.gaps import gaps_of, swept_lands, with_gaps
+from mission.planners.path import Area, PlannedPath, Points, drop_coincident, path_length
+from mission.planners.request import PlanningRequest
+from mission.planners.search import cannot_be_flown, is_number, too_small
+from mission.planners.spiral import ring_from
+from mission.planners.strips import Swath, ring_strips, rows_that_see
+from mission.planners.terrain import Terrain, parts_of
+from mission.planners.tour import fly_cells
+
+NAME = "survey"
+BEST = "best"
+MOST_PASSES = 20
+# Directions that are tried besides those of the hull's edges, and the steps of the refinement, degrees.
+_EVERY_DEG = 30
+_FINER_DEG = (12.0, 6.0, 3.0)
+_HULL_ANGLES = 6
+# Paths beyond this length are compared by their lengths and turns: to fly them all would take minutes.
+_PRICED_M = 400_000.0
+_TURN_M = 20.0
+_FINALISTS = 3
+_MOST_TOGGLED = 6
+
+
+def survey(
+    request: PlanningRequest,
+    /,
+    *,
+    angle: str | float = BEST,
+    spacing_m: float | None = None,
+    overshoot_m: float = 0.0,
+    headland_passes: int = 0,
+    headland: str = "first",
+) -> PlannedPath:
+    """Plan rows that see the whole area, at the distance that the overlap of the images asks for.
+
+    Where borders split the rows the area falls into cells; their order, and the corners at which they are
+    entered, make the ways between them short. Parts of the area, and of a concave one the parts into which
+    it is cut, may have rows in directions of their own, and rows may lead over passable land that is not to
+    be seen, where that costs less.
+
+    Parameters
+    ----------
+    angle : str or float
+        Direction of the rows, degrees anticlockwise from the x axis; ``"best"``: that with the least cost,
+        in which the budget counts the wind.
+    spacing_m : float, optional
+        Distance between rows; by default that of the request, which the side overlap gives.
+    overshoot_m : float
+        So far rows go on beyond what they see of the area, also over its border; below zero they end before.
+    headland_passes : int
+        So many passes are flown along the borders of the area and round its holes.
+    headland : str
+        ``"first"`` or ``"last"``: before the rows, or after them.
+
+    Raises
+    ------
+    PlanningError
+        If the whole area takes more than the budget; the text says how much. If a parameter is out of its
+        range.
+
+    Examples
+    --------
+    >>> from mission.planners.budget import LengthBudget
+    >>> request = PlanningRequest(shapely.box(0, 0, 40, 20), (0, 0), LengthBudget(1000.0), footprint_m=10.0)
+    >>> survey(request).points_m.tolist()
+    [[5.0, 5.0], [35.0, 5.0], [35.0, 15.0], [5.0, 15.0]]
+    """
+    swath = _swath(request, spacing_m, overshoot_m)
+    _check(angle, headland_passes, headland)
+    plans = _Plans(request, swath, headland_passes, last=headland == "last")
+    layouts = _Search(plans).best() if angle == BEST else [plans.common(request.area, _radians(angle))]
+    finals = [
+        plans.path(layout, exact=True, returns=returns) for layout in layouts for returns in (True, False)
+    ]
+    priced = sorted(zip(request.costs(finals), map(path_length, finals), range(len(finals)), strict=True))
+    cost, points = priced[0][0], finals[priced[0][2]]
+    what = f"survey of the whole area with rows {swath.spacing_m:.3g} m apart"
+    if not math.isfinite(cost):
+        raise cannot_be_flown(request, points, what)
+    if cost > request.budget.limit:
+        error = too_small(request, points, cost, what)
+        msg = f"{error}; the budget unlimited plans it for several flights"
+        raise PlanningError(msg)
+    return PlannedPath(points, swath.spacing_m, NAME)
+
+
+def _swath(request: PlanningRequest, spacing_m: float | None, overshoot_m: float) -> Swath:
+    if not is_number(overshoot_m):
+        msg = f"{NAME}: overshoot_m {overshoot_m!r} is no distance in metres"
+        raise PlanningError(msg)
+    if spacing_m is not None and not (is_number(spacing_m) and spacing_m > 0):
+        msg = f"{NAME}: spacing_m {spacing_m!r} is no distance in metres; give a number above zero"
+        raise PlanningError(msg)
+    if not request.footprint_m > 0:
+        msg = f"{NAME}: a survey needs a footprint above zero"
+        raise PlanningError(msg)
+    spacing = spacing_m or request.row_spacing_m or request.footprint_m
+    along = request.footprint_along_m or request.footprint_m
+    return Swath(request.footprint_m, along, spacing, overshoot_m)
+
+
+def _check(angle: str | float, headland_passes: int, headland: str) -> None:
+    if angle != BEST and not is_number(angle):
+        msg = f"{NAME}: angle {angle!r} is neither {BEST} nor degrees"
+        raise PlanningError(msg)
+    if type(headland_passes) is not int or not 0 <= headland_passes <= MOST_PASSES:
+        msg = (
+            f"{NAME}: headland_passes must be a whole number from 0 to {MOST_PASSES}, not {headland_passes!r}"
+        )
+        raise PlanningError(msg)
+    if headland not in ("first", "last"):
+        msg = f"{NAME}: headland {headland!r} is neither first nor last"
+        raise PlanningError(msg)
+
+
+def _radians(angle: str | float) -> float:
+    return math.radians(float(angle))
+
+
+Layout: TypeAlias = tuple[tuple[Polygon, float], ...]
+"""Parts of the area, each with the direction of its rows."""
+
+
+class _Plans:
+    """Paths of layouts; ``last``: the headland is flown after the rows."""
+
+    def __init__(self, request: PlanningRequest, swath: Swath, passes: int, *, last: bool) -> None:
+        self.request, self.swath = request, swath
+        self._passes, self._last = passes, last
+        self._room = _room(request.room, swath.overshoot_m)
+        self._terrain = Terrain(self._room, 0.0)
+        self._ring_lines = ring_strips(request.area, swath, passes)[0]
+
+    def common(self, land: Area, angle_rad: float) -> Layout:
+        """Return the layout of a land with rows in one direction."""
+        return tuple((part, angle_rad) for part in self.core(land))
+
+    def core(self, land: Area) -> list[Polygon]:
+        """Return the parts of a land that are left for rows."""
+        return ring_strips(land, self.swath, self._passes)[1]
+
+    def path(self, layout: Layout, *, exact: bool = False, returns: bool = True) -> Points:
+        """Return the path of a layout; ``exact`` and ``returns`` as of `fly_cells`."""
+        start = np.asarray(self.request.start_xy_m)
+        pieces = [] if self._last else self._rings(start)
+        cells = [
+            rows for part, angle in layout for rows in rows_that_see(part, self._room, self.swath, angle)
+        ]
+        if cells:
+            here = pieces[-1][-1] if pieces else start
+            pieces += fly_cells(cells, self._terrain, here, home_m=start if returns else None, exact=exact)
+        if self._last:
+            pieces += self._rings(pieces[-1][-1] if pieces else start)
+        if not pieces:
+            msg = f"{NAME}: no row of the area lies where the path may lead"
+            raise PlanningError(msg)
+        return drop_coincident(self._terrain.join(pieces, start), 1e-6)
+
+    def _rings(self, start_m: Points) -> list[Points]:
+        """Return the rings of the headland as turns, the nearest first."""
+        here, waiting, turns = start_m, list(self._ring_lines), []
+        while waiting:
+            lines = [shapely.linestrings(ring) for ring in waiting]
+            nearest = int(np.argmin(shapely.distance(shapely.points(here), lines)))
+            turns.append(ring_from(waiting.pop(nearest), here, 0.0))
+            here = turns[-1][-1]
+        return turns
+
+
+def _room(room: Area, overshoot_m: float) -> Area:
+    """Return where rows may lie that overshoot: also beyond the border, but not over holes."""
+    if overshoot_m <= 0.0:
+        return room
+    holes = [Polygon(ring) for part in parts_of(room) for ring in part.interiors]
+    wide = shapely.buffer(room, overshoot_m, join_style="mitre", mitre_limit=2.0)
+    return shapely.difference(wide, shapely.union_all(holes))
+
+
+class _Search:
+    """The search for the cheapest layout."""
+
+    def __init__(self, plans: _Plans) -> None:
+        self._plans, self._request = plans, plans.request
+        self._known: dict[Layout, float] = {}
+        self._rough = False
+
+    def best(self) -> list[Layout]:
+        """Return the cheapest layouts, of which the best order of cells is still to be found."""
+        lands = swept_lands(self._request)
+        self._price([self._plans.common(lands[0], angle) for angle in self._angles(lands[0])])
+        self._refine(lands[0])
+        angle = self._best()[0][1]
+        for land in lands[1:]:
+            self._price([self._plans.common(land, one) for one in {angle, *hull_angles(land)[:1]}])
+        if len(lands) > 1:
+            self._toggle_gaps(lands[0], angle)
+        self._turn_parts()
+        self._cut()
+        return sorted(self._known, key=lambda one: self._known[one])[:_FINALISTS]
+
+    def _best(self) -> Layout:
+        return min(self._known, key=lambda one: self._known[one])
+
+    def _price(self, layouts: Sequence[Layout]) -> None:
+        new = [one for one in dict.fromkeys(layouts) if one and one not in self._known]
+        paths = [self._plans.path(one) for one in new]
+        if not self._known:
+            self._rough = max(map(path_length, paths), default=0.0) > _PRICED_M
+        if self._rough:
+            costs = [path_length(one) + _TURN_M * len(one) for one in paths]
+        else:
+            costs = self._request.costs(paths)
+        self._known.update(zip(new, costs, strict=True))
+        done = len(self._known)
+        self._request.progress(done, done + len(new))
+
+    def _angles(self, land: Area) -> list[float]:
+        """Return the directions to begin with."""
+        even = [math.radians(one) for one in range(0, 180, _EVERY_DEG)]
+        return [*hull_angles(land)[:_HULL_ANGLES], *even]
+
+    def _refine(self, land: Area) -> None:
+        """Look for a better direction near the best one."""
+        for step in _FINER_DEG:
+            angle = self._best()[0][1]
+            beside = (angle - math.radians(step), angle + math.radians(step))
+            self._price([self._plans.common(land, one % math.pi) for one in beside])
+
+    def _toggle_gaps(self, land: Area, angle: float) -> None:
+        """Let rows lead over single gaps, or not."""
+        passable = self._request.room
+        gaps = gaps_of(land, passable)[:_MOST_TOGGLED]
+        alone = {k: self._plans.common(with_gaps(land, [gap]), angle) for k, gap in enumerate(gaps)}
+        self._price(list(alone.values()))
+        cut = self._known.get(self._plans.common(land, angle), math.inf)
+        better = [gaps[k] for k, one in alone.items() if self._known.get(one, math.inf) < cut]
+        if better:
+            self._price([self._plans.common(with_gaps(land, better), angle)])
+
+    def _turn_parts(self) -> None:
+        """Give parts that do not hang together directions of their own."""
+        for number in range(min(len(self._best()), _MOST_TOGGLED)):
+            layout = self._best()
+            if number < len(layout) > 1:
+                part = layout[number][0]
+                self._price(
+                    [
+                        (*layout[:number], (part, angle), *layout[number + 1 :])
+                        for angle in hull_angles(part)[:2]
+                    ]
+                )
+
+    def _cut(self) -> None:
+        """Cut concave parts into parts with directions of their own."""
+        layout = self._best()
+        angle = layout[0][1]
+        found: list[Layout] = []
+        for number, (part, _) in enumerate(layout[:_MOST_TOGGLED]):
+            for parts in cut_parts(part, self._plans.swath.spacing_m):
+                own = tuple((piece, hull_angles(piece)[0]) for piece in parts)
+                mixed = tuple((piece, angle) for piece in parts)
+                found += [(*layout[:number], *pieces, *layout[number + 1 :]) for pieces in (own, mixed)]
+        self._price(found)
+        if found:
+            self._turn_parts()

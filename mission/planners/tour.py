@@ -1,0 +1,169 @@
+"""The order in which the cells of rows are flown, and the corner at which each is entered."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mission.planners.path import Points
+from mission.planners.sweep import boustrophedon
+from mission.planners.terrain import Terrain, straight_lengths
+
+MOST_EXACT = 9
+"""Of so many cells the best order is found; of more a good one, by 2-opt and moves of single cells."""
+_ROUGHLY_EXACT = 5
+_TRIALS, _ROUGH_TRIALS = 3000, 200
+_GAIN_M = 1e-6
+
+
+def fly_cells(
+    cells: Sequence[NDArray[np.float64]],
+    terrain: Terrain,
+    start_m: ArrayLike,
+    *,
+    home_m: ArrayLike | None = None,
+    exact: bool = True,
+) -> list[Points]:
+    """Return the rows of the cells to and fro, cell by cell, with short ways between them.
+
+    Parameters
+    ----------
+    cells : sequence of float64[n, 2, 2]
+        The rows of each cell: row, end, (x, y).
+    terrain : Terrain
+        In which the ways between cells lead.
+    start_m : float64[2]
+        Where the flight begins.
+    home_m : float64[2], optional
+        Where it ends; None: with the last row.
+    exact : bool
+        Look at the real ways round corners and holes, not at straight legs.
+
+    Returns
+    -------
+    list of float64[2, 2]
+        The rows in the order and direction of the flight.
+    """
+    home = start_m if home_m is None else home_m
+    corners = np.array([[cell[0, 0], cell[0, 1], cell[-1, 0], cell[-1, 1]] for cell in cells])
+    places = np.vstack((corners.reshape(-1, 2), start_m, home))
+    ways = terrain.lengths(places) if exact else straight_lengths(places)
+    tour = _Tour(ways, [_exits(len(cell)) for cell in cells], returns=home_m is not None)
+    few = len(cells) <= (MOST_EXACT if exact else _ROUGHLY_EXACT)
+    order = tour.best() if few else tour.good(_TRIALS if exact else _ROUGH_TRIALS)
+    entries = tour.entries(order)
+    return [
+        row
+        for index, entry in zip(order, entries, strict=True)
+        for row in boustrophedon(cells[index], from_last=entry >= 2, from_right=bool(entry % 2)).reshape(
+            -1, 2, 2
+        )
+    ]
+
+
+def _exits(rows: int) -> list[int]:
+    """Return at which corner a cell is left that is entered at each: first row left, right, last row so."""
+    if rows == 1:
+        return [1, 0, 3, 2]
+    return [(2 if entry < 2 else 0) + (entry % 2 if rows % 2 == 0 else 1 - entry % 2) for entry in range(4)]
+
+
+class _Tour:
+    """Orders of cells, by the lengths of the ways between their corners."""
+
+    def __init__(self, ways: NDArray[np.float64], exits: list[list[int]], *, returns: bool) -> None:
+        count = len(exits)
+        at = 4 * np.arange(count)[:, None] + np.arange(4)
+        leave = 4 * np.arange(count)[:, None] + np.array(exits)
+        # From leaving a cell, by the corner at which it was entered, to entering another: [from, e, to, e].
+        self._step = ways[leave[:, :, None, None], at[None, None]]
+        self._first = ways[-2][at]
+        self._last = ways[-1][leave] if returns else np.zeros((count, 4))
+        self._count = count
+
+    def entries(self, order: Sequence[int]) -> list[int]:
+        """Return the best corner at which to enter each cell of an order."""
+        spent, came = self._first[order[0]], []
+        for here, there in itertools.pairwise(order):
+            both = spent[:, None] + self._step[here, :, there]
+            came.append(both.argmin(axis=0))
+            spent = both.min(axis=0)
+        entry = int((spent + self._last[order[-1]]).argmin())
+        chosen = [entry]
+        for back in reversed(came):
+            entry = int(back[entry])
+            chosen.append(entry)
+        return chosen[::-1]
+
+    def length(self, order: Sequence[int]) -> float:
+        """Return the length of the ways of an order."""
+        spent = self._first[order[0]]
+        for here, there in itertools.pairwise(order):
+            spent = (spent[:, None] + self._step[here, :, there]).min(axis=0)
+        return float((spent + self._last[order[-1]]).min())
+
+    def best(self) -> list[int]:
+        """Return the best order: dynamic programming over sets of cells (Held and Karp 1962)."""
+        count, whole = self._count, (1 << self._count) - 1
+        spent = np.full((whole + 1, count, 4), np.inf)
+        came = np.full((whole + 1, count, 4), -1)
+        for one in range(count):
+            spent[1 << one, one] = self._first[one]
+        for some in range(1, whole):
+            inside = [one for one in range(count) if some >> one & 1]
+            for other in (one for one in range(count) if not some >> one & 1):
+                total = (spent[some, inside][:, :, None] + self._step[inside, :, other]).reshape(-1, 4)
+                source = total.argmin(axis=0)
+                spent[some | 1 << other, other] = total[source, np.arange(4)]
+                came[some | 1 << other, other] = np.array(inside)[source // 4] * 4 + source % 4
+        one, entry = divmod(int((spent[whole] + self._last).argmin()), 4)
+        order, some = [one], whole
+        while (before := int(came[some, one, entry])) >= 0:
+            some ^= 1 << one
+            one, entry = divmod(before, 4)
+            order.append(one)
+        return order[::-1]
+
+    def good(self, most_trials: int) -> list[int]:
+        """Return a good order: nearest first, then pieces are turned and moved while that shortens it."""
+        order = self._nearest()
+        length, trials, improved = self.length(order), 0, True
+        while improved and trials < most_trials:
+            improved = False
+            for candidate in _neighbours(order):
+                trials += 1
+                if (shorter := self.length(candidate)) < length - _GAIN_M:
+                    order, length, improved = candidate, shorter, True
+                    break
+                if trials >= most_trials:
+                    break
+        return order
+
+    def _nearest(self) -> list[int]:
+        spent = self._first.min(axis=1)
+        order = [int(spent.argmin())]
+        entry = int(self._first[order[0]].argmin())
+        while len(order) < self._count:
+            step = self._step[order[-1], entry].copy()
+            step[order] = np.inf
+            there, entry = (int(one) for one in np.unravel_index(int(step.argmin()), step.shape))
+            order.append(there)
+        return order
+
+
+def _neighbours(order: list[int]) -> list[list[int]]:
+    """Return the orders with one piece turned round, and those with one cell elsewhere."""
+    count = len(order)
+    turned = [
+        order[:begin] + order[begin:end][::-1] + order[end:]
+        for begin in range(count - 1)
+        for end in range(begin + 2, count + 1)
+    ]
+    moved = []
+    for one in range(count):
+        rest = order[:one] + order[one + 1 :]
+        moved += [[*rest[:to], order[one], *rest[to:]] for to in range(count) if to not in (one - 1, one)]
+    return turned + moved

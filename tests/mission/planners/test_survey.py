@@ -1,0 +1,211 @@
+"""The survey sees its whole area, in a direction that nothing tried beats, and in a short order."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from shapely.geometry import MultiPolygon, Polygon
+
+from mission.errors import PlanningError
+from mission.planners import LengthBudget, PlanningRequest, check_planner, coverage
+from mission.planners.cuts import cut_parts, hull_angles, width
+from mission.planners.path import Area, path_length
+from mission.planners.strips import Swath, ring_strips, rows_that_see
+from mission.planners.survey import survey
+from mission.planners.terrain import Terrain
+from mission.planners.tour import fly_cells
+
+L = Polygon([(0, 0), (200, 0), (200, 50), (50, 50), (50, 200), (0, 200)])
+FIELD = shapely.box(0, 0, 200, 150)
+POND = Polygon([(60, 40), (60, 100), (130, 110), (140, 50)])
+APART = MultiPolygon([shapely.box(0, 0, 60, 150), Polygon([(90, 0), (250, 60), (240, 110), (85, 60)])])
+HOME = (-10.0, -10.0)
+
+
+class WindBudget:
+    """Seconds at 8 m/s through the air, in a wind along x, with 3 s a turn, and home."""
+
+    unit = "s"
+
+    def __init__(self, wind_m_s: float, limit: float = 1e6) -> None:
+        self.limit, self._wind = limit, wind_m_s
+
+    def cost(self, path_xy_m: np.ndarray) -> float:
+        steps = np.diff(np.vstack((path_xy_m, HOME)), axis=0)
+        length = np.maximum(np.hypot(*steps.T), 1e-9)
+        along, across = self._wind * steps[:, 0] / length, self._wind * steps[:, 1] / length
+        ground = np.minimum(np.sqrt(64.0 - across**2) + along, 8.0)
+        return float((length / ground).sum() + 3.0 * len(steps))
+
+
+def ask(area: Area, spacing_m: float = 9.0, wind_m_s: float = 0.0, **more: Any) -> PlanningRequest:
+    more = {"budget": WindBudget(wind_m_s), "footprint_along_m": 8.0, **more}
+    return PlanningRequest(area, HOME, footprint_m=12.0, row_spacing_m=spacing_m, **more)
+
+
+def inside(path: np.ndarray, room: Area) -> bool:
+    return bool(shapely.covers(shapely.buffer(room, 1e-6), shapely.LineString(path)))
+
+
+@pytest.mark.parametrize("area", [L, FIELD, FIELD - POND, APART], ids=["L", "field", "pond", "apart"])
+@pytest.mark.parametrize("wanted", [{}, {"headland_passes": 1}, {"headland_passes": 2, "headland": "last"}])
+def test_the_whole_area_is_seen_from_within(area: Area, wanted: dict[str, Any]) -> None:
+    path = survey(ask(area), **wanted)
+    assert coverage(path, area, 12.0) > 0.985
+    assert inside(path.points_m, area.convex_hull if area is APART else area)
+    assert path.spacing_m == 9.0
+
+
+@st.composite
+def stars(draw: st.DrawFn) -> Polygon:
+    count = draw(st.integers(3, 12))
+    radii = draw(st.lists(st.floats(25.0, 120.0), min_size=count, max_size=count))
+    angles = np.linspace(0.0, 2.0 * math.pi, count, endpoint=False) + draw(st.floats(0.0, 1.0))
+    return Polygon(np.column_stack((radii * np.cos(angles), radii * np.sin(angles))))
+
+
+@settings(max_examples=30, deadline=None)
+@given(stars(), st.floats(0.0, 180.0))
+def test_rows_with_overlap_see_any_star_wholly(area: Polygon, angle: float) -> None:
+    swath = Swath(12.0, 8.0, 5.0)
+    cells = rows_that_see(area, area, swath, math.radians(angle))
+    rows = [row for cell in cells for row in cell]
+    lines = shapely.buffer(shapely.linestrings(rows), 6.0, quad_segs=4)
+    assert area.difference(shapely.union_all(lines)).area < 0.01 * area.area
+    assert all(inside(row, area) for row in rows if not np.allclose(row[0], row[1]))
+
+
+@settings(max_examples=15, deadline=None)
+@given(stars())
+def test_paths_stay_inside_any_star(area: Polygon) -> None:
+    path = survey(ask(area, budget=LengthBudget(1e6)), angle=30.0)
+    assert inside(path.points_m, area)
+    assert coverage(path, area, 12.0) > 0.96
+
+
+@pytest.mark.parametrize("wind_m_s", [0.0, 6.5])
+def test_no_fixed_angle_is_cheaper_than_the_best(wind_m_s: float) -> None:
+    request = ask(shapely.box(0, 0, 160, 150), wind_m_s=wind_m_s)
+    best = request.cost(survey(request).points_m)
+    fixed = [request.cost(survey(request, angle=float(one)).points_m) for one in range(0, 180, 15)]
+    assert best <= min(fixed) + 1e-6
+
+
+def test_wind_turns_the_rows_that_the_fewest_turns_would_not() -> None:
+    """Rows with and against a strong wind along x cost more than a few turns more across it."""
+    field = FIELD
+    calm, windy = (survey(ask(field, wind_m_s=wind)).points_m for wind in (0.0, 7.0))
+    along = [np.abs(np.diff(path, axis=0)).sum(axis=0) for path in (calm, windy)]
+    assert along[0][0] > 4 * along[0][1]
+    assert along[1][1] > 4 * along[1][0]
+
+
+def test_parts_have_rows_of_their_own_direction() -> None:
+    """Both arms of the L have rows along them, which is cheaper than any common direction."""
+    request = ask(L)
+    both = request.cost(survey(request).points_m)
+    assert both < 0.95 * min(request.cost(survey(request, angle=one).points_m) for one in (0.0, 45.0, 90.0))
+    assert sum(map(width, cut_parts(L, 9.0)[0])) == pytest.approx(100.0)
+    assert cut_parts(FIELD, 9.0) == []
+
+
+def test_a_row_leads_over_a_pond_where_that_is_cheaper() -> None:
+    small = shapely.box(98, 60, 102, 80)
+    for pond, over in ((small, True), (shapely.box(6, 4, 194, 146), False)):
+        path = survey(ask(FIELD - pond, passable=FIELD))
+        over_it = shapely.LineString(path.points_m).intersection(pond).length / (pond.area / 9.0)
+        assert (over_it > 0.5) is over
+    cut = ask(FIELD - small)
+    assert not shapely.LineString(survey(cut).points_m).intersects(shapely.buffer(small, -0.01))
+
+
+def test_the_order_of_cells_is_the_best_of_all() -> None:
+    rng = np.random.default_rng(5)
+    corners = rng.uniform(0, 400, (5, 2))
+    cells = [
+        np.array([[[x, y + 5 * k], [x + 30, y + 5 * k]] for k in range(count)])
+        for (x, y), count in zip(corners, (1, 2, 3, 4, 5), strict=True)
+    ]
+    terrain = Terrain(shapely.box(-50, -50, 500, 500), 0.0)
+
+    def ways(order: tuple[int, ...], flips: tuple[int, ...]) -> float:
+        here, total = np.array(HOME), 0.0
+        for index, flip in zip(order, flips, strict=True):
+            rows = cells[index][:: -1 if flip >= 2 else 1].copy()
+            rows[int(not flip % 2) :: 2] = rows[int(not flip % 2) :: 2, ::-1]
+            total += math.dist(here, rows[0, 0])
+            here = rows[-1, 1]
+        return total + math.dist(here, HOME)
+
+    def own_ways(rows: list[np.ndarray]) -> float:
+        flown = path_length(np.vstack((HOME, np.vstack(rows), HOME)))
+        inner = sum(30.0 * len(cell) + 5.0 * (len(cell) - 1) for cell in cells)
+        return flown - inner
+
+    best = min(
+        ways(order, flips)
+        for order in itertools.permutations(range(5))
+        for flips in itertools.product(range(4), repeat=5)
+    )
+    found = own_ways(fly_cells(cells, terrain, HOME, home_m=HOME))
+    assert found == pytest.approx(best)
+
+
+def test_ways_round_a_wall_count_at_their_length() -> None:
+    wall = Polygon([(0, 0), (100, 0), (100, 100), (0, 100)], [[(49, 1), (51, 1), (51, 99), (49, 99)]])
+    lengths = Terrain(wall, 0.0).lengths(np.array([(40.0, 50.0), (60.0, 50.0), (40.0, 60.0)]))
+    assert lengths[0, 2] == pytest.approx(10.0)
+    assert lengths[1, 2] == pytest.approx(math.hypot(9, 49) + 2 + math.hypot(9, 39))
+
+
+def test_rings_and_rows_overlap_and_leave_nothing() -> None:
+    swath = Swath(12.0, 8.0, 9.0)
+    rings, left = ring_strips(FIELD, swath, 2)
+    assert [shapely.LinearRing(ring).bounds for ring in rings] == [(6, 6, 194, 144), (15, 15, 185, 135)]
+    # Two passes see 21 m from the border; the rows' land begins 3 m within that.
+    assert [part.bounds for part in left] == [(18, 18, 182, 132)]
+
+
+def test_overshoot_leads_beyond_the_border_but_not_over_holes() -> None:
+    path = survey(ask(FIELD - POND), angle=0.0, overshoot_m=20.0).points_m
+    assert path[:, 0].min() == pytest.approx(-16.0)
+    assert path[:, 0].max() == pytest.approx(216.0)
+    assert not shapely.LineString(path).intersects(shapely.buffer(POND, -0.01))
+    shorter = survey(ask(FIELD), angle=0.0, overshoot_m=-5.0).points_m
+    assert shorter[:, 0].min() == pytest.approx(9.0)
+
+
+def test_a_budget_below_the_whole_area_names_what_it_takes() -> None:
+    with pytest.raises(PlanningError, match="survey of the whole area with rows 9 m apart needs at least"):
+        survey(ask(FIELD, budget=LengthBudget(500.0)))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        ({"angle": "north"}, "neither best nor degrees"),
+        ({"spacing_m": 0.0}, "spacing_m 0.0"),
+        ({"overshoot_m": math.nan}, "overshoot_m nan"),
+        ({"headland_passes": -1}, "headland_passes"),
+        ({"headland": "middle"}, "neither first nor last"),
+    ],
+)
+def test_wrong_parameters_are_refused(wrong: dict[str, Any], told: str) -> None:
+    with pytest.raises(PlanningError, match=told):
+        survey(ask(FIELD), **wrong)
+
+
+def test_hull_angles_begin_with_the_narrowest() -> None:
+    tilted = shapely.affinity.rotate(shapely.box(0, 0, 100, 20), 30)
+    assert math.degrees(hull_angles(tilted)[0]) == pytest.approx(30.0, abs=1e-6)
+
+
+def test_survey_conforms() -> None:
+    check_planner(survey, spacing_m=8.0, angle=20.0)

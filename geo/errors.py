@@ -10,6 +10,7 @@
     +-- geo.reading.UnreadableError                      a file that a user names
     +-- geo.seeds.SeedError                              a seed
     +-- sensors.errors.FieldError                        a field of an environment
+    +-- sensors.errors.CameraError                       a camera by its sensor and lens
     +-- sensors.errors.EnvironmentDataError              an environment or its files
     +-- sensors.errors.ObservationError                  observations
     +-- sensors.errors.EstimatorError                    an estimator

@@ -7,6 +7,10 @@ class FieldError(WbfMissionError, ValueError):
     """A field, a set of fields or a field file that cannot be used."""
 
 
+class CameraError(WbfMissionError, ValueError):
+    """A camera that is unknown or cannot be, or a camera file."""
+
+
 class EnvironmentDataError(WbfMissionError, ValueError):
     """An environment that cannot be generated, stored or read."""
 

@@ -28,6 +28,7 @@ from wbf_mission.scenario import (
     WeatherOptions,
     load_broken_scenario,
 )
+from wbf_mission.scenario.parts import CAMERA_OF_PLANS
 
 if TYPE_CHECKING:
     from mission.outcome import Outcome
@@ -174,7 +175,14 @@ class _Saving:
 
 
 @options.scenario_options(
-    FarmOptions, MissionOptions, EstimateOptions, ScoreOptions, VehicleOptions, WeatherOptions, CameraOptions
+    FarmOptions,
+    MissionOptions,
+    EstimateOptions,
+    ScoreOptions,
+    VehicleOptions,
+    WeatherOptions,
+    CameraOptions,
+    without=CAMERA_OF_PLANS,
 )
 @options.speaks()
 @options.gives("links", _Links)

@@ -178,6 +178,25 @@ def _rows_of_sorties(cut: SortiePlan, paths: Sequence[Path | None]) -> dict[str,
     return {**rows, **told}
 
 
+def _camera_rows(result: PlanResult) -> dict[str, str]:
+    """Return what is told of a camera by its sensor and lens."""
+    one = result.camera
+    if one is None:
+        return {}
+    in_time = one["interval_speed_m_s"]
+    image = f"{one['footprint_across_m']:.1f} m across the flight, {one['footprint_along_m']:.1f} m along"
+    limits = f"sharp up to {one['blur_speed_m_s']:.1f} m/s"
+    if in_time is not None:
+        limits += f", in time up to {in_time:.1f} m/s"
+    return {
+        "camera": f"{one['name']}: {one['gsd_cm']:.2f} cm a pixel at {one['height_m']:.1f} m",
+        "image": image,
+        "overlap": f"{one['front_overlap']:.0%} front, {one['side_overlap']:.0%} side",
+        "images": f"{one['images']}, one each {one['image_distance_m']:.1f} m",
+        "speed": f"{one['speed_m_s']:.1f} m/s ({limits})",
+    }
+
+
 def _rows(result: PlanResult, path: Path | None) -> dict[str, str]:
     """Return what is told of a plan."""
     prediction, battery = result.prediction, result.battery_used
@@ -194,6 +213,7 @@ def _rows(result: PlanResult, path: Path | None) -> dict[str, str]:
         "row spacing": "-" if result.spacing_m is None else distance(result.spacing_m),
         "length": f"{distance(result.length_m)} over ground, as predicted",
         "predicted time": time,
+        **_camera_rows(result),
         "coverage": f"{result.coverage:.2%} of the land to be seen, as predicted",
         "battery use": "none" if battery is None else f"{battery:.1%}",
         "batteries": "never enough" if result.batteries is None else str(result.batteries),

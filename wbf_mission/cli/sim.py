@@ -15,6 +15,7 @@ from wbf_mission.cli.output import Output, duration
 from wbf_mission.exit_codes import ExitCode
 from wbf_mission.scenario import CameraOptions, FarmOptions, ScenarioError, VehicleOptions, WeatherOptions
 from wbf_mission.scenario.option import options_of
+from wbf_mission.scenario.parts import CAMERA_OF_PLANS
 from wbf_mission.scenario.sim_options import LINKS, SimOptions, load_sim, parse_speed
 
 if TYPE_CHECKING:
@@ -37,7 +38,15 @@ wbf-mission sim --fault loss=0.2 --fault gps-loss,at=airborne,from=20,for=10
     VehicleOptions,
     WeatherOptions,
     CameraOptions,
-    without=("days", "flights_per_day", "vehicles", "separation", "radio_range_m", "camera_spacing_m"),
+    without=(
+        "days",
+        "flights_per_day",
+        "vehicles",
+        "separation",
+        "radio_range_m",
+        "camera_spacing_m",
+        *CAMERA_OF_PLANS,
+    ),
     more=(SimOptions,),
 )
 @options.speaks()

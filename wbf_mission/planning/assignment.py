@@ -28,6 +28,8 @@ from wbf_mission.planning.keep_out import flyable_area
 from wbf_mission.progress import Progress, silent
 from wbf_mission.scenario import MissionOptions
 
+_LEAST_M = 1e-3
+
 
 @dataclass(frozen=True, slots=True)
 class SortieNumber:
@@ -78,8 +80,15 @@ class VehicleAssignment:
         """Return the task of a vehicle in a flight; the camera's footprint is so many cells wide."""
         farm = builder.farm
         means, text = _means(mission, builder)
+        camera: dict[str, Any] = {"footprint_m": footprint * farm.cell_size_m}
+        if (over := builder.imaging) is not None:
+            camera = {
+                "footprint_m": over.across_m,
+                "footprint_along_m": max(over.sure_along_m, _LEAST_M),
+                "row_spacing_m": over.row_spacing_m,
+            }
         request = PlanningRequest(
-            footprint_m=footprint * farm.cell_size_m,
+            **camera,
             crop_areas=tuple(
                 CropArea(crop, land) for crop in farm.grown if not (land := farm.crop_area(crop)).is_empty
             ),

@@ -20,6 +20,7 @@ from mission.planners import PlannedPath, WingPattern, build_mission
 from mission.planners.cornering import Cornering, Waypoints
 from mission.planners.path import Area, Points
 from mission.transfer import Rendered, Severity, render
+from sensors.camera.optics import Imaging
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.autopilot import (
@@ -39,8 +40,9 @@ from wbf_mission.planning.conditions import (
     separation_margin_m,
     wind_of,
 )
-from wbf_mission.planning.coverage import predicted_coverage
+from wbf_mission.planning.coverage import image_places, predicted_coverage
 from wbf_mission.planning.fence import border_fence, rally_items
+from wbf_mission.planning.imaging import imaging_of, imaging_summary, level_of
 from wbf_mission.planning.keep_out import KeepOut, probe_path, stray_m
 from wbf_mission.scenario import MissionOptions, ScenarioError, VehicleOptions, WeatherOptions
 from wbf_mission.scenario.parts import VehicleParts
@@ -85,6 +87,7 @@ class PlanResult:
     coverage: float
     prediction: Prediction
     batteries: int | None
+    imaging: Imaging | None = None  # A camera by its sensor and lens
 
     @property
     def misses_farm(self) -> bool:
@@ -107,6 +110,17 @@ class PlanResult:
         """MAV_AUTOPILOT for whom the mission is meant; PX4 for a vehicle of none, whose rules are its own."""
         firmware = firmware_of(self.vehicle)
         return PX4.autopilot if firmware is None else firmware.mavlink.identity.mav_autopilot
+
+    @property
+    def camera(self) -> dict[str, Any] | None:
+        """What a camera by its sensor and lens shows; None for the leaf camera."""
+        if self.imaging is None:
+            return None
+        placed = self.mission
+        if placed.home is None:
+            placed = replace(placed, home=home_of(placed, self.farm))
+        images = len(image_places(self.farm, placed, self.prediction))
+        return imaging_summary(self.imaging, images, placed.cruise_speed_m_s)
 
     @property
     def warnings(self) -> list[str]:
@@ -148,6 +162,7 @@ class PlanResult:
             "battery_used": self.battery_used,
             "batteries": self.batteries,
             "coverage": self.coverage,
+            **({} if self.camera is None else {"camera": self.camera}),
             "feasible": self.prediction.feasible,
             "reason": self.prediction.reason,
             "warnings": self.warnings,
@@ -183,6 +198,7 @@ class MissionBuilder:
     keep_out: KeepOut | None = None
     barred: tuple[Obstacle, ...] = ()  # The obstacles that are too high to be flown over
     fence_m: float | None = None  # How far outside of the land's border its plans have a fence; None: none
+    imaging: Imaging | None = None  # A camera by its sensor and lens; None: the leaf camera
 
     @classmethod
     def of(cls, one: VehicleParts, farm: Farm, home_m: tuple[float, float] | None = None) -> MissionBuilder:
@@ -190,17 +206,21 @@ class MissionBuilder:
         camera, mission, options = one.camera, one.mission, one.vehicle
         vehicle = flown_vehicle(options)
         check_speed(mission, vehicle)
+        # What the vehicle was built for, not what an autopilot does that is told nothing.
+        level = flight_level(mission, options)
+        imaging = imaging_of(camera, mission, level)
+        leaf_spacing_m = camera.spacing_m or farm.cell_size_m * camera.footprint
         made = cls(
             farm,
             vehicle,
-            # What the vehicle was built for, not what an autopilot does that is told nothing.
-            flight_level(mission, options),
+            level_of(imaging, level),
             one.weather,
-            camera.spacing_m or farm.cell_size_m * camera.footprint,
+            leaf_spacing_m if imaging is None else imaging.image_distance_m,
             cornering_of(vehicle, mission.acceptance_radius_m),
             farm.home_m if home_m is None else home_m,
             options.estimate_errors and estimate_errs(vehicle),
             fence_m=None if vehicle.is_ideal else mission.fence_m,
+            imaging=imaging,
         )
         check_wind(made)
         lowest_m = made.level.altitude_m - separation_margin_m(height_error_m(options, vehicle), 0.0)
@@ -272,9 +292,10 @@ class MissionBuilder:
             spacing_m=spacing_m,
             budget_text=budget_text,
             length_m=prediction.ground_length_m,
-            coverage=predicted_coverage(farm, placed, prediction, footprint),
+            coverage=predicted_coverage(farm, placed, prediction, footprint, self.imaging),
             prediction=prediction,
             batteries=self.batteries(placed, prediction),
+            imaging=self.imaging,
         )
 
     def waypoints(self, path_m: Points, from_m: tuple[float, float]) -> Waypoints:

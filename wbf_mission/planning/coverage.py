@@ -17,7 +17,9 @@ from mission.ground.items import Shots, shots_ordered
 from mission.model import Mission
 from mission.planners.path import Points
 from sensors.camera.leaf_camera import footprint_offsets
+from sensors.camera.optics import Imaging
 from sim_vehicle.prediction.flight import Prediction, home_frame
+from wbf_mission.planning.imaging import shown_share
 
 
 def seen_share(farm: Farm, x: NDArray[np.integer], y: NDArray[np.integer]) -> float:
@@ -29,11 +31,22 @@ def seen_share(farm: Farm, x: NDArray[np.integer], y: NDArray[np.integer]) -> fl
     return float(np.count_nonzero(wanted.reshape(-1)[cells])) / max(farm.scouted_count, 1)
 
 
-def predicted_coverage(farm: Farm, mission: Mission, prediction: Prediction, footprint: int) -> float:
-    """Return the coverage of a predicted flight by a camera whose images show so many cells a side."""
+def predicted_coverage(
+    farm: Farm,
+    mission: Mission,
+    prediction: Prediction,
+    footprint: int,
+    imaging: Imaging | None = None,
+) -> float:
+    """Return the coverage of a predicted flight.
+
+    Its images show so many cells a side, or what a camera by its sensor and lens shows.
+    """
     places = image_places(farm, mission, prediction)
     if not len(places):
         return 0.0
+    if imaging is not None:
+        return shown_share(farm, places, imaging)
     x, y = farm.cell_of(places[:, 0], places[:, 1])
     aside, along = footprint_offsets(footprint)
     return seen_share(farm, (x[:, None] + aside).ravel(), (y[:, None] + along).ravel())

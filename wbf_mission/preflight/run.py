@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from mission.model import Mission
@@ -106,7 +106,8 @@ def check_plans(
     found: list[Finding] = []
     for plan, one in plans:
         if not plan.vehicle.is_ideal:
-            report = check_mission(plan.mission, Circumstances.of(one, plan.farm)).report.about(Concern.PLAN)
+            given = replace(Circumstances.of(one, plan.farm), imaging=plan.imaging)
+            report = check_mission(plan.mission, given).report.about(Concern.PLAN)
             found += [
                 each for each in report.findings if each.severity is Severity.ERROR or each.code == TOO_GUSTY
             ]

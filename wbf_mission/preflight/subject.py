@@ -17,6 +17,7 @@ from mission.autopilots.profile import Profile
 from mission.autopilots.registry import profile_for
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Frame, Mission, MissionItem
+from sensors.camera.optics import Imaging
 from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.autopilot import estimate_errs, firmware_of
 from sim_vehicle.camera.component import MIN_INTERVAL_S
@@ -133,6 +134,7 @@ class Circumstances:
     assumed: bool = False  # Nobody said what vehicle it is: what depends on that is no error
     snapshot: VehicleSnapshot | None = None  # What the vehicle told of itself
     footprint: int = 1  # Cells of the farm on a side of what an image shows
+    imaging: Imaging | None = None  # What takes the images, if it is no leaf camera
 
     @classmethod
     def of(cls, one: VehicleParts, farm: Farm, snapshot: VehicleSnapshot | None = None) -> Self:
@@ -187,9 +189,10 @@ class Subject:
     @property
     def coverage(self) -> float | None:
         """The coverage of the predicted flight; None without a farm or a prediction."""
-        if self.given.farm is None or self.prediction is None:
+        given = self.given
+        if given.farm is None or self.prediction is None:
             return None
-        return predicted_coverage(self.given.farm, self.mission, self.prediction, self.given.footprint)
+        return predicted_coverage(given.farm, self.mission, self.prediction, given.footprint, given.imaging)
 
     @property
     def obstacles(self) -> list[Obstacle]:

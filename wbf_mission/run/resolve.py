@@ -134,6 +134,13 @@ def resolve(
     WbfMissionError
         If a name is unknown, a value out of range, or the parts do not suit each other.
     """
+    if scenario.camera.model is not None:
+        msg = (
+            f"camera {scenario.camera.model}: flights here have the leaf camera, which sees"
+            f" {scenario.camera.footprint} cells a side; plan with the camera, and fly the"
+            " plan's file with --mission"
+        )
+        raise ScenarioError(msg)
     breaking = tuple(parse_fault(one) if isinstance(one, str) else one for one in faults)
     check_vehicles(breaking, range(1, len(scenario.vehicle.fleet) + 1))
     farm, fields = farm_of(scenario.farm)

@@ -18,7 +18,7 @@ import msgspec
 from geo.errors import WbfMissionError
 from geo.reading import misfit
 
-_UNITS = {"_m_s": "m/s", "_m": "m", "_s": "s", "_deg": "degrees"}
+_UNITS = {"_cm": "cm", "_m_s": "m/s", "_m": "m", "_s": "s", "_deg": "degrees"}
 _METADATA = "option"
 
 

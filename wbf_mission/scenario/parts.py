@@ -33,6 +33,9 @@ LAST_DAY = 126
 MOST_VEHICLES = 10
 PARTITIONS = ("strips", "voronoi", "none")
 """How a fleet shares the farm, as `mission.policies.allocation.PARTITION_NAMES`."""
+ORIENTATIONS = ("landscape", "portrait")
+CAMERA_OF_PLANS = ("camera_model", "gsd_cm", "front_overlap", "side_overlap", "camera_orientation")
+"""The options of a camera by sensor and lens, which only plans have: flights have the leaf camera."""
 LEVELS = ("light", "moderate", "severe", "wind")
 """The words for turbulence; wind: as strong as the mean wind makes it."""
 
@@ -424,10 +427,59 @@ class CameraOptions(Part):
         read=names_in,
     )
 
+    model: str | None = option(
+        None,
+        "A camera by sensor and lens, such as dji-p1-35, or a .toml file: it decides how far apart rows and"
+        " images are, and how fast the flight may be",
+        CAMERA,
+        key="camera_model",
+        flag="--camera",
+        metavar="NAME",
+        default="the leaf camera",
+        not_with=("mission",),
+    )
+    gsd_cm: float | None = option(
+        None,
+        "What a pixel of the camera shows of the ground; it decides the height",
+        CAMERA,
+        low=0.01,
+        high=100.0,
+        default="that of the height",
+        needs="camera_model",
+        not_with=("mission",),
+    )
+    front_overlap: float = option(
+        0.75,
+        "Share of an image that the next one shows again",
+        CAMERA,
+        low=0.0,
+        high=0.95,
+        needs="camera_model",
+    )
+    side_overlap: float = option(
+        0.7,
+        "Share of an image that those of the next row show again",
+        CAMERA,
+        low=0.0,
+        high=0.95,
+        needs="camera_model",
+    )
+    orientation: str = option(
+        ORIENTATIONS[0],
+        "How the camera is mounted: the long side of the image across the flight, or along it",
+        CAMERA,
+        key="camera_orientation",
+        choices=ORIENTATIONS,
+        needs="camera_model",
+    )
+
     def check(self) -> None:
-        """Refuse a camera that measures nothing."""
+        """Refuse a camera that measures nothing, and one whose images are spaced in two ways."""
         if self.fields == ():
             msg = "camera fields are empty: give at least one, such as tylcv, or leave the option out"
+            raise ScenarioError(msg)
+        if self.model is not None and self.spacing_m is not None:
+            msg = f"camera {self.model}: its front overlap spaces the images; leave the camera spacing out"
             raise ScenarioError(msg)
 
 
@@ -531,6 +583,11 @@ class ScenarioKeywords(TypedDict, total=False):
     false_positive_rate: float
     false_negative_rate: float
     camera_fields: Sequence[str] | None
+    camera_model: str | None
+    gsd_cm: float | None
+    front_overlap: float
+    side_overlap: float
+    camera_orientation: str
     estimator: Any
     score_points: int | None
     seed: int

@@ -1,0 +1,246 @@
+"""A camera by its sensor and lens: what a pixel and an image show of the ground, and how fast it may fly."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+
+import msgspec
+
+from geo.reading import UnreadableError, misfit, read_toml
+from sensors.errors import CameraError
+
+_MM_PER_M = 1000.0
+MOST_OVERLAP = 0.95
+BLUR_PX = 1.0
+"""So far the ground moves over the sensor during an exposure, at most."""
+
+
+@dataclass(frozen=True, slots=True)
+class CameraModel:
+    """A frame camera that looks straight down.
+
+    Parameters
+    ----------
+    name : str
+        What it is called.
+    sensor_width_mm, sensor_height_mm : float
+        Of the part of the sensor that makes the image; the width is the longer side, as a rule.
+    focal_length_mm : float
+        Of the lens itself, not its 35 mm equivalent.
+    image_width_px, image_height_px : int
+        Of an image.
+    min_interval_s : float
+        Shortest time between two images; 0: it does not matter.
+    shutter_s : float
+        Exposure by which blur is reckoned.
+    source : str
+        Where the numbers are from.
+
+    Raises
+    ------
+    CameraError
+        If a number is not finite or not above zero.
+
+    Examples
+    --------
+    >>> camera = get_camera("sony-rx1r-ii")
+    >>> round(100 * camera.gsd_m(60.0), 2), [round(one, 1) for one in camera.footprint_m(60.0)]
+    (0.78, [61.5, 41.1])
+    """
+
+    name: str
+    sensor_width_mm: float
+    sensor_height_mm: float
+    focal_length_mm: float
+    image_width_px: int
+    image_height_px: int
+    min_interval_s: float = 0.0
+    shutter_s: float = 0.001
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        for name in ("sensor_width_mm", "sensor_height_mm", "focal_length_mm", "shutter_s"):
+            _check(self.name, name, getattr(self, name), above_zero=True)
+        for name in ("image_width_px", "image_height_px"):
+            _check(self.name, name, getattr(self, name), above_zero=True)
+        _check(self.name, "min_interval_s", self.min_interval_s, above_zero=False)
+
+    @property
+    def pitch_mm(self) -> float:
+        """Width of a pixel on the sensor: the larger of its sides."""
+        return max(self.sensor_width_mm / self.image_width_px, self.sensor_height_mm / self.image_height_px)
+
+    def gsd_m(self, height_m: float) -> float:
+        """Return the ground sampling distance: what a pixel shows of flat ground so far below."""
+        return self.pitch_mm * height_m / self.focal_length_mm
+
+    def height_m(self, gsd_m: float) -> float:
+        """Return the height at which a pixel shows so much."""
+        return gsd_m * self.focal_length_mm / self.pitch_mm
+
+    def footprint_m(self, height_m: float) -> tuple[float, float]:
+        """Return what an image shows of flat ground so far below: along the width and the height of it."""
+        scale = height_m / self.focal_length_mm
+        return self.sensor_width_mm * scale, self.sensor_height_mm * scale
+
+
+@dataclass(frozen=True, slots=True)
+class Imaging:
+    """A camera at a height, with the overlap of its images.
+
+    Parameters
+    ----------
+    camera : CameraModel
+        It looks straight down.
+    height_m : float
+        Above the ground.
+    front_overlap, side_overlap : float
+        Shares of an image that the next one of a row, and that of the next row, shows again; 0 to 0.95.
+    portrait : bool
+        The image's width lies along the flight; else across it.
+    blur_px : float
+        So many pixels the ground may move during an exposure.
+
+    Raises
+    ------
+    CameraError
+        If a number is out of its range.
+
+    Examples
+    --------
+    >>> over = Imaging(get_camera("dji-p1-35"), 80.0, 0.8, 0.7)
+    >>> round(over.across_m, 1), round(over.row_spacing_m, 1), round(over.image_distance_m, 1)
+    (82.1, 24.6, 11.0)
+    >>> round(over.top_speed_m_s, 1)
+    10.0
+    """
+
+    camera: CameraModel
+    height_m: float
+    front_overlap: float
+    side_overlap: float
+    portrait: bool = False
+    blur_px: float = BLUR_PX
+
+    def __post_init__(self) -> None:
+        _check(self.camera.name, "height_m", self.height_m, above_zero=True)
+        _check(self.camera.name, "blur_px", self.blur_px, above_zero=True)
+        for name in ("front_overlap", "side_overlap"):
+            value = getattr(self, name)
+            if not 0.0 <= value <= MOST_OVERLAP:
+                msg = (
+                    f"camera {self.camera.name}: {name} {value:g} is out of range: give 0 to {MOST_OVERLAP:g}"
+                )
+                raise CameraError(msg)
+
+    @property
+    def gsd_m(self) -> float:
+        """What a pixel shows of the ground."""
+        return self.camera.gsd_m(self.height_m)
+
+    @property
+    def across_m(self) -> float:
+        """Width of an image on the ground, across the flight."""
+        return self.camera.footprint_m(self.height_m)[1 if self.portrait else 0]
+
+    @property
+    def along_m(self) -> float:
+        """Length of an image on the ground, along the flight."""
+        return self.camera.footprint_m(self.height_m)[0 if self.portrait else 1]
+
+    @property
+    def row_spacing_m(self) -> float:
+        """How far apart rows lie."""
+        return self.across_m * (1.0 - self.side_overlap)
+
+    @property
+    def image_distance_m(self) -> float:
+        """How far apart the images of a row are taken."""
+        return self.along_m * (1.0 - self.front_overlap)
+
+    @property
+    def sure_along_m(self) -> float:
+        """What of a row's end is seen wherever within one distance the last image is taken, twice."""
+        return max(self.along_m - 2.0 * self.image_distance_m, 0.0)
+
+    @property
+    def interval_speed_m_s(self) -> float:
+        """The greatest speed over ground at which the camera is ready for the next image in time."""
+        interval = self.camera.min_interval_s
+        return self.image_distance_m / interval if interval > 0.0 else math.inf
+
+    @property
+    def blur_speed_m_s(self) -> float:
+        """The greatest speed over ground at which the images are sharp."""
+        return self.blur_px * self.gsd_m / self.camera.shutter_s
+
+    @property
+    def top_speed_m_s(self) -> float:
+        """The lesser of both."""
+        return min(self.interval_speed_m_s, self.blur_speed_m_s)
+
+
+def camera_names() -> tuple[str, ...]:
+    """Return the names of the cameras of the table, sorted.
+
+    >>> "sentera-6x" in camera_names()
+    True
+    """
+    return tuple(sorted(_table()))
+
+
+def get_camera(name: str) -> CameraModel:
+    """Return a camera of the table by its name, or that of a TOML file with the fields of `CameraModel`.
+
+    Raises
+    ------
+    CameraError
+        If there is no such camera, or the file is not one.
+    """
+    if name.lower().endswith(".toml"):
+        return read_camera(Path(name))
+    table = _table()
+    if name.lower() not in table:
+        msg = f"unknown camera {name!r}: choose {', '.join(camera_names())} or a .toml file"
+        raise CameraError(msg)
+    return table[name.lower()]
+
+
+def read_camera(path: Path) -> CameraModel:
+    """Read a camera from a TOML file; its name is the file's, if the file gives none."""
+    where = f"camera file {path}"
+    try:
+        return _camera(path.stem, read_toml(path))
+    except (UnreadableError, CameraError) as error:
+        msg = f"{where}: {error}"
+        raise CameraError(msg) from None
+    except msgspec.ValidationError as error:
+        msg = f"{where}: {misfit(error)}"
+        raise CameraError(msg) from None
+
+
+@cache
+def _table() -> dict[str, CameraModel]:
+    data = tomllib.loads(files("sensors.camera").joinpath("cameras.toml").read_text("utf-8"))
+    return {name: _camera(name, values) for name, values in data.items()}
+
+
+def _camera(name: str, values: dict[str, object]) -> CameraModel:
+    known = CameraModel.__dataclass_fields__
+    unknown = sorted(values.keys() - known.keys())
+    if unknown:
+        msg = f"unknown key {unknown[0]!r}: there are {', '.join(known)}"
+        raise CameraError(msg)
+    return msgspec.convert({"name": name, **values}, CameraModel)
+
+
+def _check(camera: str, name: str, value: float, *, above_zero: bool) -> None:
+    if not (math.isfinite(value) and (value > 0 if above_zero else value >= 0)):
+        least = "above zero" if above_zero else "not below zero"
+        msg = f"camera {camera}: {name} {value:g} must be a finite number {least}"
+        raise CameraError(msg)

@@ -1,0 +1,109 @@
+"""A camera by its sensor and lens in a plan: the height and speed of the flight, and what the images show."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import shapely
+
+from geo import Farm
+from mission.planners.path import Points
+from sensors.camera.optics import Imaging, get_camera
+from wbf_mission.planning.conditions import FlightLevel
+from wbf_mission.scenario import CameraOptions, MissionOptions, ScenarioError
+from wbf_mission.scenario.option import options_of
+
+_SAME_HEIGHT = 0.01
+_MOST_CELLS = 200_000
+
+
+def imaging_of(camera: CameraOptions, mission: MissionOptions, level: FlightLevel) -> Imaging | None:
+    """Return the camera of a plan at the height of its flight; None for the leaf camera.
+
+    Raises
+    ------
+    CameraError
+        If there is no such camera, or its file cannot be read.
+    ScenarioError
+        If the ground sampling distance and the height contradict each other, or the speed that is asked for
+        is too fast.
+    """
+    if camera.model is None:
+        return None
+    model, height = get_camera(camera.model), level.altitude_m
+    if camera.gsd_cm is not None:
+        height = model.height_m(0.01 * camera.gsd_cm)
+        asked, limits = mission.altitude_m, options_of(MissionOptions)["altitude_m"]
+        if asked is not None and abs(asked - height) > _SAME_HEIGHT * height:
+            msg = (
+                f"gsd {camera.gsd_cm:g} cm: camera {model.name} has that at {height:.1f} m, not at the"
+                f" altitude of {asked:g} m ({100.0 * model.gsd_m(asked):.3g} cm); give one of them"
+            )
+            raise ScenarioError(msg)
+        assert limits.low is not None
+        assert limits.high is not None
+        if not limits.low <= height <= limits.high:
+            msg = (
+                f"gsd {camera.gsd_cm:g} cm: camera {model.name} has that at {height:.1f} m, but flights are"
+                f" {limits.allowed} high; give another, or another camera"
+            )
+            raise ScenarioError(msg)
+    made = Imaging(model, height, camera.front_overlap, camera.side_overlap, camera.orientation == "portrait")
+    speed = mission.cruise_speed_m_s
+    if speed is not None and speed > made.top_speed_m_s:
+        msg = (
+            f"cruise speed {speed:g} m/s: at {height:.1f} m camera {model.name} takes images in time up to"
+            f" {made.interval_speed_m_s:.3g} m/s and sharp ones up to {made.blur_speed_m_s:.3g} m/s; fly"
+            " slower or higher, or with less front overlap"
+        )
+        raise ScenarioError(msg)
+    return made
+
+
+def level_of(imaging: Imaging | None, level: FlightLevel) -> FlightLevel:
+    """Return the height and speed of a flight with a camera."""
+    if imaging is None:
+        return level
+    return FlightLevel(imaging.height_m, min(level.speed_m_s, imaging.top_speed_m_s))
+
+
+def shown_share(farm: Farm, places: Points, imaging: Imaging) -> float:
+    """Return the share of the cells to be seen that images show, which lie along the course at their places.
+
+    Of many cells evenly spread ones are looked at.
+    """
+    x, y = np.nonzero(farm.scouted_cells)
+    if not len(x) or len(places) < 2:
+        return 0.0
+    some = slice(None, None, max(1, len(x) // _MOST_CELLS))
+    centres = (np.column_stack((x[some], y[some])) + 0.5) * farm.cell_size_m
+    steps = np.diff(places, axis=0, prepend=2.0 * places[:1] - places[1:2])
+    along = steps / np.maximum(np.hypot(*steps.T), 1e-9)[:, None]
+    across = np.column_stack((-along[:, 1], along[:, 0]))
+    ahead, aside = 0.5 * imaging.along_m * along, 0.5 * imaging.across_m * across
+    corners = np.stack((ahead + aside, ahead - aside, -ahead - aside, -ahead + aside), axis=1)
+    images = shapely.union_all(shapely.polygons(places[:, None] + corners))
+    shapely.prepare(images)
+    return float(np.count_nonzero(shapely.contains_xy(images, *centres.T))) / len(centres)
+
+
+def imaging_summary(imaging: Imaging, images: int, speed_m_s: float | None) -> dict[str, Any]:
+    """Return plain values of a plan's camera for JSON."""
+    in_time = imaging.interval_speed_m_s
+    return {
+        "name": imaging.camera.name,
+        "gsd_cm": 100.0 * imaging.gsd_m,
+        "height_m": imaging.height_m,
+        "footprint_across_m": imaging.across_m,
+        "footprint_along_m": imaging.along_m,
+        "front_overlap": imaging.front_overlap,
+        "side_overlap": imaging.side_overlap,
+        "row_spacing_m": imaging.row_spacing_m,
+        "image_distance_m": imaging.image_distance_m,
+        "interval_speed_m_s": in_time if math.isfinite(in_time) else None,
+        "blur_speed_m_s": imaging.blur_speed_m_s,
+        "speed_m_s": speed_m_s,
+        "images": images,
+    }

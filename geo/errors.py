@@ -4,6 +4,7 @@
 
     WbfMissionError                                      anything a user can mend; its text is one line
     +-- geo.errors.FarmError                             a farm or a farm file
+    +-- geo.errors.GroundError                           heights of the ground
     +-- geo.atomic.FolderError                           a folder that cannot be written now
     +-- geo.memory.NotEnoughMemoryError                  work that needs more memory than there is
     +-- geo.named.ParameterError                         parameters of a planner or an estimator
@@ -64,6 +65,10 @@ from geo.texts import one_line
 
 class WbfMissionError(Exception):
     """An error whose text tells a user in one line what was wrong, where, and what to do."""
+
+
+class GroundError(WbfMissionError, ValueError):
+    """A raster of the ground's heights that cannot be read or does not cover the flight."""
 
 
 class FarmError(WbfMissionError, ValueError):

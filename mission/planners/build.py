@@ -6,10 +6,14 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
+
 from mission.errors import PlanningError
 from mission.model import Command, Frame, GeoPoint, Mission, MissionItem
 from mission.planners.cornering import Cornering
-from mission.planners.path import Area, PlannedPath
+from mission.planners.heights import HeightProfile
+from mission.planners.path import Area, PlannedPath, Points
 
 if TYPE_CHECKING:
     from geo.frame import LocalFrame
@@ -59,6 +63,7 @@ def build_mission(
     camera_on_approach: bool = False,
     return_home: bool = True,
     pattern: WingPattern | None = None,
+    heights: HeightProfile | None = None,
 ) -> Mission:
     """Return the mission that flies the path once.
 
@@ -108,6 +113,9 @@ def build_mission(
         End with a return to launch.
     pattern : WingPattern, optional
         For a fixed wing.
+    heights : HeightProfile, optional
+        Follow the ground: further waypoints keep the height of the legs, also on the way from home and, but
+        for a fixed wing, back to above it. Without it all waypoints are at the altitude.
 
     Returns
     -------
@@ -123,11 +131,17 @@ def build_mission(
     _check_positive("speed", speed_m_s, "m/s")
     camera = _camera_command(camera_distance_m, camera_interval_s)
     route = (cornering or Cornering()).waypoints(path.points_m, home_xy_m, avoid=avoid)
-    points = route.points_m
-    ending = 3 if pattern is not None else 1
+    points, altitudes_m = route.points_m, np.full(len(route.points_m), altitude_m)
     holds_s = route.loiters * (camera_interval_s or 0.0)
+    before = after = 0  # How many waypoints lead from home to the path, and from it back
+    if heights is not None:
+        homewards = return_home and pattern is None
+        points, altitudes_m, holds_s, before, after = _followed(
+            heights, points, holds_s, home_xy_m, homewards=homewards
+        )
+    ending = 3 if pattern is not None else 1
     # The camera comes on at the first point, before the vehicle stays there: it is sent there once more.
-    twice = bool(holds_s[:1].any()) and not camera_on_approach
+    twice = bool(holds_s[before : before + 1].any()) and not camera_on_approach
     count = len(points) + twice + 2 + (2 if camera else 0) + (ending if return_home else 0)
     if count > MAX_ITEMS:
         msg = (
@@ -140,10 +154,14 @@ def build_mission(
     latitudes, longitudes = frame.to_wgs84(points[:, 0], points[:, 1])
     waypoints = [
         MissionItem.waypoint(
-            latitude, longitude, altitude_m, acceptance_radius_m=route.radius_m, hold_s=hold_s
+            latitude,
+            longitude,
+            z,
+            acceptance_radius_m=route.radius_m,
+            hold_s=hold_s,
         )
-        for latitude, longitude, hold_s in zip(
-            latitudes.tolist(), longitudes.tolist(), holds_s.tolist(), strict=True
+        for latitude, longitude, z, hold_s in zip(
+            latitudes.tolist(), longitudes.tolist(), altitudes_m.tolist(), holds_s.tolist(), strict=True
         )
     ]
     relative = Frame.GLOBAL_RELATIVE_ALT
@@ -158,18 +176,41 @@ def build_mission(
         takeoff, end = _pattern_items(pattern, frame, home_xy_m, altitude_m)
     if not return_home:
         end = ()
-    first = (*start, waypoints[0]) if camera_on_approach else (waypoints[0], *start)
+    approach, back = waypoints[:before], waypoints[len(waypoints) - after :]
+    waypoints = waypoints[before : len(waypoints) - after]
+    first = (*start, *approach, waypoints[0]) if camera_on_approach else (*approach, waypoints[0], *start)
     if twice:
         assert camera_interval_s is not None
         # That takes an interval, too.
-        again = replace(waypoints[0], param1=float(holds_s[0]) - camera_interval_s)
-        first = (replace(waypoints[0], param1=0.0), *start, again)
+        again = replace(waypoints[0], param1=float(holds_s[before]) - camera_interval_s)
+        first = (*approach, replace(waypoints[0], param1=0.0), *start, again)
     return Mission(
-        items=(takeoff, speed, *first, *waypoints[1:], *stop, *end),
+        items=(takeoff, speed, *first, *waypoints[1:], *stop, *back, *end),
         home=GeoPoint(home_latitude, home_longitude, frame.altitude_m),
         cruise_speed_m_s=speed_m_s,
         hover_speed_m_s=speed_m_s,
     )
+
+
+def _followed(
+    heights: HeightProfile,
+    points: Points,
+    holds_s: NDArray[np.floating],
+    home_xy_m: tuple[float, float],
+    *,
+    homewards: bool,
+) -> tuple[Points, NDArray[np.float64], NDArray[np.float64], int, int]:
+    """Return waypoints over uneven ground: points, altitudes, holds; how many come before and after."""
+    way = np.vstack((home_xy_m, points, *([home_xy_m] if homewards else [])))
+    places, altitudes, owner = heights.follow(way)
+    # Home itself is where it takes off.
+    places, altitudes, owner = places[1:], altitudes[1:], owner[1:]
+    # The point of the way itself is the last of those that lead to it.
+    is_point = np.append(np.diff(owner) > 0, True)
+    holds = np.where(is_point, np.append(holds_s, 0.0)[np.minimum(owner - 1, len(holds_s))], 0.0)
+    before = int(np.count_nonzero(owner == 1)) - 1
+    after = int(np.count_nonzero(owner == len(points) + 1))
+    return places, altitudes, holds, before, after
 
 
 def _pattern_items(

@@ -44,6 +44,7 @@ from wbf_mission.planning.coverage import image_places, predicted_coverage
 from wbf_mission.planning.fence import border_fence, rally_items
 from wbf_mission.planning.imaging import imaging_of, imaging_summary, level_of
 from wbf_mission.planning.keep_out import KeepOut, probe_path, stray_m
+from wbf_mission.planning.terrain import FarmGround, above_terrain
 from wbf_mission.scenario import MissionOptions, ScenarioError, VehicleOptions, WeatherOptions
 from wbf_mission.scenario.parts import VehicleParts
 
@@ -199,6 +200,8 @@ class MissionBuilder:
     barred: tuple[Obstacle, ...] = ()  # The obstacles that are too high to be flown over
     fence_m: float | None = None  # How far outside of the land's border its plans have a fence; None: none
     imaging: Imaging | None = None  # A camera by its sensor and lens; None: the leaf camera
+    ground: FarmGround | None = None  # Which the flight follows; None: flat, at the height of home
+    follows_terrain: bool = False  # Whether the autopilot does that by itself
 
     @classmethod
     def of(cls, one: VehicleParts, farm: Farm, home_m: tuple[float, float] | None = None) -> MissionBuilder:
@@ -209,6 +212,7 @@ class MissionBuilder:
         # What the vehicle was built for, not what an autopilot does that is told nothing.
         level = flight_level(mission, options)
         imaging = imaging_of(camera, mission, level)
+        home = farm.home_m if home_m is None else home_m
         leaf_spacing_m = camera.spacing_m or farm.cell_size_m * camera.footprint
         made = cls(
             farm,
@@ -217,14 +221,20 @@ class MissionBuilder:
             one.weather,
             leaf_spacing_m if imaging is None else imaging.image_distance_m,
             cornering_of(vehicle, mission.acceptance_radius_m),
-            farm.home_m if home_m is None else home_m,
+            home,
             options.estimate_errors and estimate_errs(vehicle),
             fence_m=None if vehicle.is_ideal else mission.fence_m,
             imaging=imaging,
+            ground=FarmGround.read(farm, home, mission.terrain) if mission.terrain else None,
+            follows_terrain=mission.terrain_frame,
         )
         check_wind(made)
         lowest_m = made.level.altitude_m - separation_margin_m(height_error_m(options, vehicle), 0.0)
-        barred = [one for one in farm.obstacles if one.bars(lowest_m, mission.margin_m)]
+        barred = [
+            one
+            for one in farm.obstacles
+            if one.bars(lowest_m - made.relief_m(one, mission.margin_m), mission.margin_m)
+        ]
         if not barred or vehicle.is_ideal:
             return made
         # The satellites' error is that of where it believes to be, which it follows.
@@ -252,7 +262,12 @@ class MissionBuilder:
             camera_on_approach=camera_on_approach,
             return_home=not vehicle.is_ideal,
             pattern=self._pattern(),
+            heights=None if self.ground is None else self.ground.profile(self.level, vehicle, self.home_m),
         )
+
+    def relief_m(self, obstacle: Obstacle, margin_m: float) -> float:
+        """Return how much nearer to an obstacle's top a flight may be for the ground that it follows."""
+        return 0.0 if self.ground is None else self.ground.relief_m(obstacle, margin_m)
 
     def with_zones(self, mission: Mission, path_m: Points) -> Mission:
         """Return a mission that flies a path with the fence asked for and the farm's rally points."""
@@ -287,7 +302,7 @@ class MissionBuilder:
             vehicle=self.vehicle,
             planner=planner,
             seed=seed,
-            mission=mission,
+            mission=above_terrain(mission) if self.follows_terrain else mission,
             path_m=path_m,
             spacing_m=spacing_m,
             budget_text=budget_text,

@@ -32,7 +32,8 @@ def flight_level(mission: MissionOptions, vehicle: VehicleOptions) -> FlightLeve
     """Return the height and speed of a mission's flight: as asked for, else what the vehicle is built for."""
     built = get_vehicle(vehicle.name)
     return FlightLevel(
-        mission.altitude_m or built.takeoff_altitude_m, mission.cruise_speed_m_s or built.cruise_speed_m_s
+        mission.height_above_ground_m or mission.altitude_m or built.takeoff_altitude_m,
+        mission.cruise_speed_m_s or built.cruise_speed_m_s,
     )
 
 

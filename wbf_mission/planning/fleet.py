@@ -83,6 +83,9 @@ def vehicles_of(
     The first one starts at the farm's home. The others stand behind it in a row that leads away from the
     farm. Ideal robots, which have no size, all start at home, as in the paper.
     """
+    if len(options.vehicle.fleet) > 1 and options.mission.height_above_ground_m is not None:
+        msg = "height above ground: vehicles keep apart by heights above home; plan for one vehicle"
+        raise ScenarioError(msg)
     vehicles = []
     for number, one in enumerate(single_vehicles(options), start=1):
         together = number == 1 or get_vehicle(one.vehicle.name).is_ideal

@@ -35,7 +35,8 @@ def imaging_of(camera: CameraOptions, mission: MissionOptions, level: FlightLeve
     model, height = get_camera(camera.model), level.altitude_m
     if camera.gsd_cm is not None:
         height = model.height_m(0.01 * camera.gsd_cm)
-        asked, limits = mission.altitude_m, options_of(MissionOptions)["altitude_m"]
+        asked = mission.height_above_ground_m or mission.altitude_m
+        limits = options_of(MissionOptions)["altitude_m"]
         if asked is not None and abs(asked - height) > _SAME_HEIGHT * height:
             msg = (
                 f"gsd {camera.gsd_cm:g} cm: camera {model.name} has that at {height:.1f} m, not at the"

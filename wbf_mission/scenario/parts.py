@@ -159,6 +159,32 @@ class MissionOptions(Part):
         default="the vehicle's",
         not_with=("mission",),
     )
+    height_above_ground_m: float | None = option(
+        None,
+        "Flight height above the ground, which --terrain tells, or the autopilot knows (--terrain-frame)",
+        VEHICLE,
+        low=0.5,
+        high=120.0,
+        default="as --altitude above home",
+        not_with=("mission", "altitude_m"),
+    )
+    terrain: tuple[str, ...] = option(
+        (),
+        "Rasters of the ground's heights, GeoTIFF or SRTM (.hgt): plans follow the ground within 1 m",
+        VEHICLE,
+        metavar="FILES",
+        default="flat ground",
+        read=names_in,
+        not_with=("mission", "policy"),
+        needs="height_above_ground_m",
+    )
+    terrain_frame: bool = option(
+        False,
+        "Write heights above the terrain (MAVLink frame 10) for an autopilot that follows it by itself",
+        VEHICLE,
+        not_with=("mission", "policy"),
+        needs="height_above_ground_m",
+    )
     cruise_speed_m_s: float | None = option(
         None, "Flight speed", VEHICLE, low=0.1, high=30.0, default="the vehicle's", not_with=("mission",)
     )
@@ -193,6 +219,12 @@ class MissionOptions(Part):
         object.__setattr__(self, "planner", choose(self.planner, "planner"))
         if self.policy is not None:
             object.__setattr__(self, "policy", choose(self.policy, "policy"))
+        if self.height_above_ground_m is not None and bool(self.terrain) == self.terrain_frame:
+            msg = (
+                f"height above ground {self.height_above_ground_m:g} m: give either --terrain with the"
+                " ground's heights, or --terrain-frame for an autopilot that knows them"
+            )
+            raise ScenarioError(msg)
         endless = self.budget is not None and self.budget.strip().lower() == UNLIMITED
         if endless and (self.policy is not None or self.planner.chosen in _USE_UP):
             who = f"planner {self.planner}" if self.policy is None else f"policy {self.policy}"
@@ -556,6 +588,9 @@ class ScenarioKeywords(TypedDict, total=False):
     mission: str | MissionOptions | None
     partition: str
     altitude_m: float | None
+    height_above_ground_m: float | None
+    terrain: Sequence[str]
+    terrain_frame: bool
     cruise_speed_m_s: float | None
     acceptance_radius_m: float | None
     margin_m: float

@@ -1,0 +1,198 @@
+"""Heights of the ground from rasters: GeoTIFF in any coordinate system, SRTM tiles (.hgt)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from pyproj import CRS, Transformer
+from pyproj.exceptions import CRSError
+
+from geo.errors import GroundError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+MOST_PIXELS = 50_000_000
+"""Of the part of a raster that is read."""
+_HIGHEST_M = 9000.0
+_MARGIN_PX = 2
+_FOOT = {"foot": 0.3048, "feet": 0.3048, "ft": 0.3048, "us survey foot": 1200.0 / 3937.0}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Tile:
+    """A part of a raster."""
+
+    heights_m: NDArray[np.float64]  # Row, column; NaN where there is none
+    to_pixel: tuple[float, ...]  # Affine from x, y of the raster to column and row
+    transformer: Transformer  # From longitude and latitude to x and y
+
+    def at(
+        self, latitude_deg: NDArray[np.float64], longitude_deg: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the heights, bilinear between the centres of pixels; NaN outside."""
+        x, y = self.transformer.transform(longitude_deg, latitude_deg)
+        a, b, c, d, e, f = self.to_pixel
+        with np.errstate(invalid="ignore"):
+            column, row = a * x + b * y + c - 0.5, d * x + e * y + f - 0.5
+        rows, columns = self.heights_m.shape
+        # Half a pixel beyond the outermost centres is still the raster's.
+        inside = (column >= -0.5) & (column <= columns - 0.5) & (row >= -0.5) & (row <= rows - 0.5)
+        column = np.clip(np.where(inside, column, 0.0), 0.0, columns - 1.0)
+        row = np.clip(np.where(inside, row, 0.0), 0.0, rows - 1.0)
+        left = np.minimum(column.astype(np.int64), max(columns - 2, 0))
+        top = np.minimum(row.astype(np.int64), max(rows - 2, 0))
+        right, below = np.minimum(left + 1, columns - 1), np.minimum(top + 1, rows - 1)
+        across, down = column - left, row - top
+        corners = np.stack(
+            [self.heights_m[i, j] for i, j in ((top, left), (top, right), (below, left), (below, right))]
+        )
+        shares = np.stack(
+            [(1 - across) * (1 - down), across * (1 - down), (1 - across) * down, across * down]
+        )
+        # Where pixels have no height the others count for them.
+        shares = np.where(np.isnan(corners), 0.0, shares)
+        total = shares.sum(axis=0)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            found = (shares * np.nan_to_num(corners)).sum(axis=0) / total
+        return np.where(inside & (total > 1e-9), found, np.nan)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ground:
+    """Heights of the ground above mean sea level, of one or more rasters; the first that has one counts."""
+
+    tiles: tuple[_Tile, ...]
+    step_m: float  # Width of the narrowest pixels, metres
+    names: str  # For messages
+
+    @classmethod
+    def read(cls, paths: Iterable[str], bounds_deg: tuple[float, float, float, float]) -> Ground:
+        """Read the part of some rasters that lies in bounds.
+
+        Parameters
+        ----------
+        paths : iterable of str
+            GeoTIFF or whatever GDAL reads with one band of heights, in metres or, as the band's unit says, in
+            feet; SRTM tiles have the name by which GDAL knows their place (N28W083.hgt).
+        bounds_deg : tuple of float
+            South, west, north, east: degrees of WGS84.
+
+        Raises
+        ------
+        GroundError
+            If rasterio is not installed, a file cannot be read, has no coordinate system or too many pixels,
+            or none of the files has a pixel in the bounds.
+        """
+        names = [str(path) for path in paths]
+        found = [_read(name, bounds_deg) for name in names]
+        tiles = [one for one in found if one is not None]
+        if not tiles:
+            south, west, north, east = bounds_deg
+            msg = (
+                f"terrain {', '.join(names)}: no pixel lies within {south:.5f}..{north:.5f} north,"
+                f" {west:.5f}..{east:.5f} east, where the flight is; give the raster of that land"
+            )
+            raise GroundError(msg)
+        return cls(tuple(one for one, _ in tiles), min(step for _, step in tiles), ", ".join(names))
+
+    def heights(
+        self, latitude_deg: NDArray[np.float64], longitude_deg: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the heights at places, metres above mean sea level; GroundError where there is none."""
+        found = np.full(np.shape(latitude_deg), np.nan)
+        for tile in self.tiles:
+            missing = np.isnan(found)
+            if not missing.any():
+                break
+            found[missing] = tile.at(latitude_deg[missing], longitude_deg[missing])
+        if np.isnan(found).any():
+            first = int(np.flatnonzero(np.isnan(found))[0])
+            msg = (
+                f"terrain {self.names}: there is no height at {latitude_deg[first]:.6f},"
+                f" {longitude_deg[first]:.6f}; give a raster that covers the flight"
+            )
+            raise GroundError(msg)
+        return found
+
+
+def _read(name: str, bounds_deg: tuple[float, float, float, float]) -> tuple[_Tile, float] | None:
+    """Return the part of a raster in the bounds, and its pixels' width in metres; None if it has none."""
+    try:
+        import rasterio
+        from rasterio.errors import RasterioError
+    except ImportError:
+        msg = 'heights of the ground need rasterio: pip install "wbf-mission[gis]"'
+        raise GroundError(msg) from None
+    where = f"terrain {name}"
+    try:
+        with rasterio.open(name) as raster:
+            return _part(where, raster, bounds_deg)
+    except (RasterioError, CRSError, OSError, ValueError, MemoryError) as error:
+        if isinstance(error, GroundError):
+            raise
+        msg = f"{where}: it cannot be read as a raster of heights ({' '.join(str(error).split())})"
+        raise GroundError(msg) from None
+
+
+def _part(
+    where: str, raster: Any, bounds_deg: tuple[float, float, float, float]
+) -> tuple[_Tile, float] | None:
+    from rasterio.windows import Window
+
+    if raster.crs is None:
+        msg = f"{where}: it has no coordinate system; give one that has, such as a GeoTIFF"
+        raise GroundError(msg)
+    transformer = Transformer.from_crs(CRS.from_epsg(4326), CRS.from_wkt(raster.crs.to_wkt()), always_xy=True)
+    south, west, north, east = bounds_deg
+    side = np.linspace(0.0, 1.0, 9)
+    border = [(west + (east - west) * u, south + (north - south) * v) for u in side for v in side]
+    x, y = transformer.transform(*np.array(border).T)
+    if not (np.isfinite(x).all() and np.isfinite(y).all()):
+        return None
+    a, b, c, d, e, f = tuple(~raster.transform)[:6]
+    columns, rows = a * x + b * y + c, d * x + e * y + f
+    first_column, last_column = (
+        max(0, math.floor(columns.min()) - _MARGIN_PX),
+        min(raster.width, math.ceil(columns.max()) + _MARGIN_PX),
+    )
+    first_row, last_row = (
+        max(0, math.floor(rows.min()) - _MARGIN_PX),
+        min(raster.height, math.ceil(rows.max()) + _MARGIN_PX),
+    )
+    width, height = last_column - first_column, last_row - first_row
+    if width <= 0 or height <= 0:
+        return None
+    if width * height > MOST_PIXELS:
+        msg = (
+            f"{where}: {width * height} of its pixels lie where the flight is, at most {MOST_PIXELS} are read"
+        )
+        raise GroundError(msg)
+    window = Window(first_column, first_row, width, height)
+    band = raster.read(1, window=window, masked=True).astype(np.float64)
+    unit = str((raster.units or ("",))[0] or "m").lower()
+    scale = _FOOT.get(unit, 1.0)
+    heights = (np.ma.filled(band, np.nan) * raster.scales[0] + raster.offsets[0]) * scale
+    heights[~(np.abs(heights) <= _HIGHEST_M)] = np.nan
+    tile = _Tile(heights, (a, b, c - first_column, d, e, f - first_row), transformer)
+    return tile, _pixel_m(raster, transformer, 0.5 * (south + north), 0.5 * (west + east))
+
+
+def _pixel_m(raster: Any, transformer: Transformer, latitude_deg: float, longitude_deg: float) -> float:
+    """Return about how wide the pixels are in metres, the narrower side."""
+    metres_deg = 111_320.0
+    small = 1e-4
+    x0, y0 = transformer.transform(longitude_deg, latitude_deg)
+    x1, y1 = transformer.transform(longitude_deg + small, latitude_deg)
+    x2, y2 = transformer.transform(longitude_deg, latitude_deg + small)
+    a, b, _, d, e, _ = tuple(~raster.transform)[:6]
+    px_east = math.hypot(a * (x1 - x0) + b * (y1 - y0), d * (x1 - x0) + e * (y1 - y0))
+    px_north = math.hypot(a * (x2 - x0) + b * (y2 - y0), d * (x2 - x0) + e * (y2 - y0))
+    east_m = metres_deg * math.cos(math.radians(latitude_deg)) * small
+    north_m = metres_deg * small
+    most = max(px_east / east_m, px_north / north_m)
+    return 1.0 / max(most, 1e-9)

@@ -45,6 +45,7 @@ WIND_M_S, FROM_DEG = 6.0, 240.0
 _AWAY_M = 20.0
 _TURN_RAD = math.radians(30.0)
 _THREADS = 2
+BASE = "survey, border=overlap"
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,14 +109,17 @@ def qgc_transects(field: Polygon, spacing_m: float, start_m: Points) -> Points:
     return np.vstack([row[:: -1 if k % 2 else 1] for k, row in enumerate(best)])
 
 
-def fields_to_cover(text: str) -> dict[str, Points]:
-    """Return the paths of the runner's lines: ``name|cell x y x y;...``, straight from swath to swath."""
-    found = {}
+def fields_to_cover(text: str) -> dict[str, list[Points]]:
+    """Return the paths of the runner's lines, straight from swath to swath.
+
+    A line is ``name~variant|cell x y x y;...``: the order of swaths begins at one of four corners.
+    """
+    found: dict[str, list[Points]] = {}
     for line in text.splitlines():
         name, _, swaths = line.partition("|")
         ends = [[float(one) for one in each.split()[1:]] for each in swaths.split(";") if each.strip()]
         if ends:
-            found[name] = np.array(ends).reshape(-1, 2)
+            found.setdefault(name.partition("~")[0], []).append(np.array(ends).reshape(-1, 2))
     return found
 
 
@@ -171,7 +175,7 @@ def fields(count: int) -> Iterator[tuple[str, Polygon]]:
         yield one["name"], Polygon(one["rings"][0], one["rings"][1:])
 
 
-def compare(name: str, field: Polygon, others: dict[str, dict[str, Points]]) -> dict[str, Measured]:
+def compare(name: str, field: Polygon, others: dict[str, dict[str, list[Points]]]) -> dict[str, Measured]:
     """Return what each method's path over a field measures."""
     low_x, low_y, _, _ = field.bounds
     home = (low_x - _AWAY_M, low_y - _AWAY_M)
@@ -189,16 +193,22 @@ def compare(name: str, field: Polygon, others: dict[str, dict[str, Points]]) -> 
             footprint_along_m=CAMERA.sure_along_m,
         )
 
-    rows = survey(asked(calm)).points_m
-    found = {"survey": measured(rows, field, calm, windy, survey(asked(windy)).points_m)}
-    found["survey, fewest turns"] = measured(
-        survey(asked(calm), angle=math.degrees(hull_angles(field)[0])).points_m, field, calm, windy
-    )
+    found = {}
+    for border in ("overlap", "seen"):
+        rows = survey(asked(calm), border=border).points_m
+        in_wind = survey(asked(windy), border=border).points_m
+        found[f"survey, border={border}"] = measured(rows, field, calm, windy, in_wind)
+    narrowest = math.degrees(hull_angles(field)[0])
+    fewest = survey(asked(calm), border="overlap", angle=narrowest).points_m
+    found["the same, the fewest rows"] = measured(fewest, field, calm, windy)
     transects = qgc_transects(field, CAMERA.row_spacing_m, np.asarray(home))
     found["QGroundControl's transects"] = measured(transects, field, calm, windy)
     for method, paths in others.items():
         if name in paths:
-            found[method] = measured(paths[name], field, calm, windy)
+            # The corner to begin at is the user's choice: the best one.
+            starts = [np.vstack((home, path)) for path in paths[name]]
+            best = int(np.argmin(calm.costs(starts)))
+            found[method] = measured(paths[name][best], field, calm, windy)
     return found
 
 
@@ -210,7 +220,7 @@ def table(results: Sequence[dict[str, Measured]]) -> str:
     ]
     methods = list(dict.fromkeys(name for one in results for name in one))
     for method in methods:
-        pairs = [(one[method], one["survey"]) for one in results if method in one]
+        pairs = [(one[method], one[BASE]) for one in results if method in one]
         covered = [a.covered for a, _ in pairs]
         lines.append(
             f"| {method} | {len(pairs)} | {np.median(covered):.2%}, {min(covered):.1%} |"
@@ -244,7 +254,7 @@ def main() -> None:
         ]
         options.write_fields.write_text("\n".join(lines) + "\n", "utf-8")
         return
-    others: dict[str, dict[str, Points]] = {}
+    others: dict[str, dict[str, list[Points]]] = {}
     if options.swaths:
         paths = fields_to_cover(options.swaths.read_text("utf-8"))
         others["Fields2Cover"] = {name: path for name, path in paths.items() if not name.endswith("+")}

@@ -23,6 +23,7 @@ from mission.planners.tour import fly_cells
 
 NAME = "survey"
 BEST = "best"
+SEEN, OVERLAP = "seen", "overlap"
 MOST_PASSES = 20
 # Directions that are tried besides those of the hull's edges, and the steps of the refinement, degrees.
 _EVERY_DEG = 30
@@ -44,6 +45,7 @@ def survey(
     overshoot_m: float = 0.0,
     headland_passes: int = 0,
     headland: str = "first",
+    border: str = SEEN,
 ) -> PlannedPath:
     """Plan rows that see the whole area, at the distance that the overlap of the images asks for.
 
@@ -65,6 +67,9 @@ def survey(
         So many passes are flown along the borders of the area and round its holes.
     headland : str
         ``"first"`` or ``"last"``: before the rows, or after them.
+    border : str
+        ``"seen"``: the area is seen to its border; ``"overlap"``: as often there as within, as maps from
+        images need it. Then the outermost rows lie half a spacing within, and rows end at the border.
 
     Raises
     ------
@@ -79,8 +84,8 @@ def survey(
     >>> survey(request).points_m.tolist()
     [[5.0, 5.0], [35.0, 5.0], [35.0, 15.0], [5.0, 15.0]]
     """
-    swath = _swath(request, spacing_m, overshoot_m)
-    _check(angle, headland_passes, headland)
+    _check(angle, headland_passes, headland, border)
+    swath = _swath(request, spacing_m, overshoot_m, border)
     plans = _Plans(request, swath, headland_passes, last=headland == "last")
     layouts = _Search(plans).best() if angle == BEST else [plans.common(request.area, _radians(angle))]
     finals = [
@@ -98,7 +103,7 @@ def survey(
     return PlannedPath(points, swath.spacing_m, NAME)
 
 
-def _swath(request: PlanningRequest, spacing_m: float | None, overshoot_m: float) -> Swath:
+def _swath(request: PlanningRequest, spacing_m: float | None, overshoot_m: float, border: str) -> Swath:
     if not is_number(overshoot_m):
         msg = f"{NAME}: overshoot_m {overshoot_m!r} is no distance in metres"
         raise PlanningError(msg)
@@ -110,10 +115,12 @@ def _swath(request: PlanningRequest, spacing_m: float | None, overshoot_m: float
         raise PlanningError(msg)
     spacing = spacing_m or request.row_spacing_m or request.footprint_m
     along = request.footprint_along_m or request.footprint_m
+    if border == OVERLAP:
+        return Swath(min(request.footprint_m, spacing), 0.0, spacing, overshoot_m)
     return Swath(request.footprint_m, along, spacing, overshoot_m)
 
 
-def _check(angle: str | float, headland_passes: int, headland: str) -> None:
+def _check(angle: str | float, headland_passes: int, headland: str, border: str) -> None:
     if angle != BEST and not is_number(angle):
         msg = f"{NAME}: angle {angle!r} is neither {BEST} nor degrees"
         raise PlanningError(msg)
@@ -121,6 +128,9 @@ def _check(angle: str | float, headland_passes: int, headland: str) -> None:
         msg = (
             f"{NAME}: headland_passes must be a whole number from 0 to {MOST_PASSES}, not {headland_passes!r}"
         )
+        raise PlanningError(msg)
+    if border not in (SEEN, OVERLAP):
+        msg = f"{NAME}: border {border!r} is neither {SEEN} nor {OVERLAP}"
         raise PlanningError(msg)
     if headland not in ("first", "last"):
         msg = f"{NAME}: headland {headland!r} is neither first nor last"

@@ -182,6 +182,15 @@ def test_overshoot_leads_beyond_the_border_but_not_over_holes() -> None:
     assert shorter[:, 0].min() == pytest.approx(9.0)
 
 
+def test_the_border_may_be_seen_as_often_as_the_rest() -> None:
+    """Rows lie half a spacing from the sides, and end at the border."""
+    path = survey(ask(FIELD), angle=0.0, border="overlap").points_m
+    rows = np.unique(np.round(path[:, 1], 6))
+    assert (rows[0], rows[-1]) == pytest.approx((4.5, 145.5))
+    assert np.diff(rows).max() <= 9.0 + 1e-6
+    assert (path[:, 0].min(), path[:, 0].max()) == pytest.approx((0.0, 200.0), abs=1e-6)
+
+
 def test_a_budget_below_the_whole_area_names_what_it_takes() -> None:
     with pytest.raises(PlanningError, match="survey of the whole area with rows 9 m apart needs at least"):
         survey(ask(FIELD, budget=LengthBudget(500.0)))
@@ -195,6 +204,7 @@ def test_a_budget_below_the_whole_area_names_what_it_takes() -> None:
         ({"overshoot_m": math.nan}, "overshoot_m nan"),
         ({"headland_passes": -1}, "headland_passes"),
         ({"headland": "middle"}, "neither first nor last"),
+        ({"border": "fence"}, "neither seen nor overlap"),
     ],
 )
 def test_wrong_parameters_are_refused(wrong: dict[str, Any], told: str) -> None:

@@ -28,6 +28,8 @@ class Swath:
     along_m: float  # Its length in the direction of the flight
     spacing_m: float  # Rows are at most so far apart
     overshoot_m: float = 0.0  # Rows go on beyond what they have to see; below zero they end before it
+    # So far beside a row the area decides how long it is; None: as far as its strip goes
+    reach_m: float | None = None
 
     @property
     def end_m(self) -> float:
@@ -77,14 +79,24 @@ def rows_that_see(part: Polygon, room: Area, swath: Swath, angle_rad: float) -> 
 
 
 def _heights(turned: Polygon, swath: Swath) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the heights of the rows, and the bounds of their strips, one more."""
+    """Return the heights of the rows, and the bounds of their strips."""
     _, low, _, high = turned.bounds
     inner = high - low - swath.across_m
     if inner <= 0.0:
-        return np.array([0.5 * (low + high)]), np.array([low, high])
+        middle = np.array([0.5 * (low + high)])
+        return middle, _strips(middle, np.array([low, high]), swath)
     count = math.ceil(inner / swath.spacing_m - 1e-9) + 1
     heights = np.linspace(low + 0.5 * swath.across_m, high - 0.5 * swath.across_m, count)
-    return heights, np.concatenate(([low], 0.5 * (heights[1:] + heights[:-1]), [high]))
+    return heights, _strips(
+        heights, np.concatenate(([low], 0.5 * (heights[1:] + heights[:-1]), [high])), swath
+    )
+
+
+def _strips(heights: NDArray[np.float64], bounds: NDArray[np.float64], swath: Swath) -> NDArray[np.float64]:
+    """Return the lower and the upper bounds of the rows' strips, float64[2, n]."""
+    if swath.reach_m is None:
+        return np.stack((bounds[:-1], bounds[1:]))
+    return np.stack((heights - swath.reach_m, heights + swath.reach_m))
 
 
 def _intervals(
@@ -96,7 +108,7 @@ def _intervals(
 ) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return number, left and right end and height of the rows' pieces, sorted by row, then by x."""
     x0, _, x1, _ = turned.bounds
-    strips = shapely.intersection(turned, shapely.box(x0 - 1.0, bounds[:-1], x1 + 1.0, bounds[1:]))
+    strips = shapely.intersection(turned, shapely.box(x0 - 1.0, bounds[0], x1 + 1.0, bounds[1]))
     pieces, owners = shapely.get_parts(strips, return_index=True)
     large = shapely.area(pieces) > _LEAST_M2
     pieces, owners = pieces[large], owners[large]

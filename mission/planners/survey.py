@@ -32,6 +32,8 @@ _HULL_ANGLES = 6
 # Paths beyond this length are compared by their lengths and turns: to fly them all would take minutes.
 _PRICED_M = 400_000.0
 _TURN_M = 20.0
+# Half the width of a row itself.
+_ROW_M = 0.01
 _FINALISTS = 3
 _MOST_TOGGLED = 6
 
@@ -116,7 +118,7 @@ def _swath(request: PlanningRequest, spacing_m: float | None, overshoot_m: float
     spacing = spacing_m or request.row_spacing_m or request.footprint_m
     along = request.footprint_along_m or request.footprint_m
     if border == OVERLAP:
-        return Swath(min(request.footprint_m, spacing), 0.0, spacing, overshoot_m)
+        return Swath(min(request.footprint_m, spacing), 0.0, spacing, overshoot_m, _ROW_M)
     return Swath(request.footprint_m, along, spacing, overshoot_m)
 
 

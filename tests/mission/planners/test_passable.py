@@ -22,6 +22,15 @@ def request(area: shapely.Polygon, limit_m: float = 900.0, **more: object) -> Pl
     return PlanningRequest(area, (0.0, 0.0), LengthBudget(limit_m), 2.0, **more)  # type: ignore[arg-type]
 
 
+class Legs:
+    """Seconds at 8 m/s, and 3 s for each leg."""
+
+    limit, unit = 200.0, "s"
+
+    def cost(self, path_xy_m: np.ndarray) -> float:
+        return path_length(path_xy_m) / 8.0 + 3.0 * len(path_xy_m)
+
+
 def line(points: np.ndarray) -> shapely.LineString:
     return shapely.LineString(points)
 
@@ -48,6 +57,17 @@ def test_rows_lead_over_a_small_pond_but_not_over_a_long_lake() -> None:
     for gap, over in ((shapely.box(44, 28, 46, 32), True), (lake, False)):
         path = make_planner("lawnmower")(request(FIELD - gap, 700.0, passable=FIELD))
         assert line(path.points_m).intersects(shapely.buffer(gap, -0.5)) is over
+
+
+def test_rows_over_many_ponds_lie_closer_where_turns_cost_much(monkeypatch: pytest.MonkeyPatch) -> None:
+    boxes = [shapely.box(x, y, x + 6, y + 12) for x in range(8, 76, 15) for y in (6, 24, 42)]
+    ponds = shapely.union_all(boxes)
+    asked = PlanningRequest(FIELD - ponds, (0.0, 0.0), Legs(), 2.0, passable=FIELD)
+    over = make_planner("lawnmower")(asked)
+    monkeypatch.setattr("mission.planners.lawnmower.swept_lands", lambda one: [one.area])
+    cut = make_planner("lawnmower")(asked)
+    assert over.spacing_m is not None and cut.spacing_m is not None
+    assert over.spacing_m < cut.spacing_m
 
 
 def test_a_pond_that_may_be_crossed_costs_no_detour() -> None:

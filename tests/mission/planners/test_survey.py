@@ -82,6 +82,14 @@ def test_rows_with_overlap_see_any_star_wholly(area: Polygon, angle: float) -> N
     assert all(inside(row, area) for row in rows if not np.allclose(row[0], row[1]))
 
 
+def test_what_lies_beside_a_row_that_has_to_stay_out_has_rows_of_its_own() -> None:
+    """The one row of a strip would lead through the pond; above and below it there is land to be seen."""
+    area = shapely.box(0, 0, 100, 12) - shapely.box(20, 4, 80, 8)
+    rows = [row for cell in rows_that_see(area, area, Swath(12.0, 8.0, 12.0), 0.0) for row in cell]
+    assert sorted({float(row[0, 1]) for row in rows}) == [2.0, 6.0, 10.0]
+    assert all(inside(row, area) for row in rows)
+
+
 @settings(max_examples=15, deadline=None)
 @given(stars())
 def test_paths_stay_inside_any_star(area: Polygon) -> None:
@@ -96,6 +104,21 @@ def test_no_fixed_angle_is_cheaper_than_the_best(wind_m_s: float) -> None:
     best = request.cost(survey(request).points_m)
     fixed = [request.cost(survey(request, angle=float(one)).points_m) for one in range(0, 180, 15)]
     assert best <= min(fixed) + 1e-6
+
+
+def test_the_direction_is_refined_between_those_that_are_tried_first() -> None:
+    """Across a strong wind from 45 degrees, over a round field, none of the first directions is the best."""
+    turn = np.array([[1.0, -1.0], [1.0, 1.0]]) / math.sqrt(2.0)
+
+    class Turned(WindBudget):
+        def cost(self, path_xy_m: np.ndarray) -> float:
+            return super().cost(path_xy_m @ turn)
+
+    disc = shapely.Point(0.0, 0.0).buffer(150.0, quad_segs=16)
+    path = survey(ask(disc, budget=Turned(7.0))).points_m
+    steps = np.diff(path, axis=0)
+    longest = steps[np.hypot(*steps.T).argmax()]
+    assert math.degrees(math.atan2(longest[1], longest[0])) % 180.0 == pytest.approx(135.0, abs=8.0)
 
 
 def test_wind_turns_the_rows_that_the_fewest_turns_would_not() -> None:

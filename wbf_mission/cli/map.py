@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -23,6 +23,7 @@ from wbf_mission.scenario import (
     VehicleOptions,
     WeatherOptions,
 )
+from wbf_mission.scenario.scenario import PARTS
 
 if TYPE_CHECKING:
     from wbf_mission.maps.treatment import TreatmentMap
@@ -223,9 +224,12 @@ def _treatment(
     progress("reading", 0, 1)
     result = load_result(log)
     progress("reading", 1, 1)
-    return treatment_of_result(result, source=f"the results in {log.name}", **wanted), given.change(
-        result.scenario
-    )
+    flown = result.scenario
+    # The next flight has a path of its own, whatever was flown.
+    parts = {name: getattr(flown, name) for name in PARTS}
+    parts["mission"] = replace(flown.mission, file=None)
+    planned = given.change(Scenario(**parts, seed=flown.seed))
+    return treatment_of_result(result, source=f"the results in {log.name}", **wanted), planned
 
 
 def _check_next(

@@ -24,7 +24,7 @@ from wbf_mission.planning.budget import (
     onward_predictor,
 )
 from wbf_mission.planning.builder import MissionBuilder, PlanResult
-from wbf_mission.planning.keep_out import flyable_area
+from wbf_mission.planning.keep_out import land_of
 from wbf_mission.progress import Progress, silent
 from wbf_mission.scenario import MissionOptions
 
@@ -163,8 +163,11 @@ class VehicleAssignment:
 def _means(mission: MissionOptions, builder: MissionBuilder) -> tuple[dict[str, Any], str]:
     """Return what of a planner's request depends on where the vehicle starts, and the budget in words."""
     budget, text = make_budget(mission.budget, builder, steered=mission.policy is not None)
-    area = flyable_area(builder.farm, builder.keep_out)
-    return {"area": area, "start_xy_m": builder.home_m, "budget": budget}, text
+    area, passable = land_of(builder.farm, builder.keep_out)
+    if builder.vehicle.is_ideal and passable is not None:  # the paper's robot sees ponds, too
+        area, passable = passable, None
+    means = {"area": area, "passable": passable, "start_xy_m": builder.home_m, "budget": budget}
+    return means, text
 
 
 def _planner_seed(seed: int, number: SortieNumber) -> SeedSequence:

@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 
 from geo import Farm, Obstacle
 from mission.planners.path import Area, Points
-from mission.planners.terrain import Terrain, parts_of
+from mission.planners.terrain import Terrain, area_of, parts_of, polygons_of
 from wbf_mission.scenario import ScenarioError
 
 _SMOOTH_M = 0.25
 _GRAZES_M = 0.01
 _WIDE_M = 200_000.0
+_SLIVER = 0.5  # Of a cell: what is narrower than twice that is no land of its own
 _SPARE, _SPARE_IN_GUSTS = 1.25, 2.0
 """Paths have other turns than the probe, and a flight of an hour meets stronger gusts than one of minutes."""
 _PROBE_S, _SHORTEST_PROBE_M = 6.0, 20.0
@@ -118,6 +119,19 @@ def free_area(farm: Farm) -> Area:
     if farm.obstacles:
         area = shapely.difference(area, shapely.union_all([one.polygon for one in farm.obstacles]))
     return area
+
+
+def land_of(farm: Farm, keep_out: KeepOut | None) -> tuple[Area, Area | None]:
+    """Return the owner's land that is to be seen, and over which paths may lead: None if that is no more."""
+    room = flyable_area(farm, keep_out)
+    parts = [
+        part
+        for part in polygons_of(shapely.intersection(room, farm.scouted_area))
+        if not shapely.buffer(part, -_SLIVER * farm.cell_size_m).is_empty
+    ]
+    seen = area_of(parts) if parts else room
+    rest = shapely.buffer(shapely.difference(room, seen), -_SLIVER * farm.cell_size_m)
+    return (room, None) if rest.is_empty else (seen, room)
 
 
 def flyable_area(farm: Farm, keep_out: KeepOut | None) -> Area:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import shapely
 from shapely.geometry import Polygon
 
-from mission.planners.path import Area
+from mission.errors import PlanningError
+from mission.planners.path import Area, PlannedPath
 from mission.planners.request import PlanningRequest
 from mission.planners.terrain import area_of, parts_of, polygons_of
 
@@ -50,3 +51,22 @@ def swept_lands(request: PlanningRequest) -> list[Area]:
     if len(gaps) > len(enclosed):
         lands.append(with_gaps(area, gaps))
     return lands
+
+
+def densest_over(request: PlanningRequest, plan: Callable[[Area], PlannedPath]) -> PlannedPath:
+    """Return the path with the least spacing, of those that `plan` lays over each of `swept_lands`.
+
+    PlanningError if there is none.
+    """
+    lands = swept_lands(request)
+    if len(lands) == 1:
+        return plan(lands[0])
+    paths, refused = [], []
+    for land in lands:
+        try:
+            paths.append(plan(land))
+        except PlanningError as error:
+            refused.append(error)
+    if not paths:
+        raise refused[0]
+    return min(paths, key=lambda path: (path.spacing_m, request.cost(path.points_m)))

@@ -8,7 +8,7 @@ import shapely
 
 from geo.grid import Crop
 from mission.errors import PlanningError
-from mission.planners.gaps import swept_lands
+from mission.planners.gaps import densest_over
 from mission.planners.path import Area, PlannedPath, Points, drop_coincident
 from mission.planners.request import PlanningRequest
 from mission.planners.search import Found, densest_feasible, is_number, spacing_limits
@@ -55,18 +55,7 @@ def lawnmower(
     (3.0, 360.0)
     """
     limits = spacing_limits("lawnmower", request.footprint_m, min_spacing_m, max_spacing_m)
-    lands = swept_lands(request)
-    if len(lands) == 1:
-        return _rows(request, request.area, limits, direction)
-    paths, refused = [], []
-    for land in lands:
-        try:
-            paths.append(_rows(request, land, limits, direction))
-        except PlanningError as error:
-            refused.append(error)
-    if not paths:
-        raise refused[0]
-    return min(paths, key=lambda path: (path.spacing_m, request.cost(path.points_m)))
+    return densest_over(request, lambda land: _rows(request, land, limits, direction))
 
 
 def _rows(

@@ -10,6 +10,7 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 from shapely.geometry import Polygon
 
+from mission.planners.gaps import densest_over
 from mission.planners.path import Area, PlannedPath, Points, drop_coincident
 from mission.planners.request import PlanningRequest
 from mission.planners.search import densest_feasible, spacing_limits
@@ -34,7 +35,8 @@ def spiral(
     Over a rectangle along the axes it is the paper's: corner by corner anticlockwise, the bound that was
     used moves in by the spacing; it begins at the corner nearest to the start. Any other area is flown in
     rings at inward offsets of the spacing; where the offset falls apart, one piece after the other, and
-    around holes.
+    around holes. Where more land is passable than is to be seen, rings lead over what lies between, if they
+    come to lie closer by that.
 
     The spacing is searched on a grid of 0.1 % steps down to the footprint: a spacing 0.1 % smaller than
     the result's would exceed the budget.
@@ -58,9 +60,15 @@ def spiral(
     >>> path.length_m <= 360.0, round(path.spacing_m, 2)
     (True, 2.67)
     """
-    terrain = Terrain(request.area, request.footprint_m, request.passable)
+    limits = spacing_limits("spiral", request.footprint_m, min_spacing_m, max_spacing_m)
+    return densest_over(request, lambda land: _spiral(request, land, limits))
+
+
+def _spiral(request: PlanningRequest, land: Area, limits: tuple[float, float]) -> PlannedPath:
+    """Return rings over the land as near to each other as the budget allows."""
+    least, most = limits
+    terrain = Terrain(land, request.footprint_m, request.passable)
     widest = max(_half_width(part) for part in parts_of(terrain.flyable))
-    least, most = spacing_limits("spiral", request.footprint_m, min_spacing_m, max_spacing_m)
     tightest = min(max(least, widest * _SMALLEST), widest)
     highest = _steps(widest / tightest)
 

@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING
 from geo.imports import attach
 
 if TYPE_CHECKING:
-    from mission.planners.area_coverage import coverage as coverage
     from mission.planners.budget import BatchBudget as BatchBudget
     from mission.planners.budget import Budget as Budget
     from mission.planners.budget import LengthBudget as LengthBudget

@@ -1,4 +1,4 @@
-"""Planned paths, coverage, and missions built from paths."""
+"""Planned paths, and missions built from paths."""
 
 import math
 
@@ -17,13 +17,10 @@ from mission.planners import (
     PlanningRequest,
     WingPattern,
     build_mission,
-    coverage,
     path_length,
 )
-from mission.planners.area_coverage import EXACT_LEGS
 from mission.planners.cornering import Cornering
 from mission.planners.path import drop_coincident
-from mission.planners.sweep import Sweep
 
 FRAME = LocalFrame(28.05, -82.15, 30.0, rotation_deg=20.0)
 ARGUMENTS = {"frame": FRAME, "home_xy_m": (-5.0, -5.0), "altitude_m": 12.0, "speed_m_s": 6.0}
@@ -182,42 +179,6 @@ def test_drop_coincident_never_drifts():
     kept = drop_coincident(creep)
     assert np.diff(kept[:, 0]).min() >= 0.01
     assert path_length(kept) == pytest.approx(0.996, abs=0.01)
-
-
-def test_coverage_of_rows():
-    area = shapely.box(0, 0, 100, 50)
-    rows = np.array([(0, 5), (100, 5), (100, 25), (0, 25)], dtype=float)
-    # Two swaths of 10 m, and the turn between them at the border with its inner half.
-    assert coverage(rows, area, 10.0) == pytest.approx((2 * 1000 + 50) / 5000, rel=1e-9)
-    assert coverage(planned([(50, 25)]), area, 10.0) == pytest.approx(np.pi * 25 / 5000, rel=0.03)
-    assert coverage(np.array([(-50.0, -50.0), (-60.0, -60.0)]), area, 10.0) == 0.0
-    with pytest.raises(PlanningError, match="footprint"):
-        coverage(rows, area, 0.0)
-
-
-def test_coverage_in_stretches_is_that_of_the_whole():
-    rng = np.random.default_rng(1)
-    area = shapely.box(0, 0, 100, 100)
-    points = rng.uniform(0, 100, (70, 2))
-    whole = shapely.LineString(points).buffer(1.0, quad_segs=4).intersection(area).area / area.area
-    assert coverage(points, area, 2.0) == pytest.approx(whole, rel=1e-3)
-
-
-def test_coverage_of_long_paths_is_counted_well():
-    area = shapely.Polygon([(0, 0), (300, 0), (200, 200), (0, 200)])
-    rng = np.random.default_rng(2)
-    for points in (
-        rng.uniform(0, 200, (400, 2)),
-        np.vstack(Sweep(shapely.box(0, 0, 300, 200), 0.0).pieces(180, (0.0, 0.0))),
-    ):
-        whole = shapely.union_all(
-            shapely.buffer(shapely.linestrings(np.stack((points[:-1], points[1:]), axis=1)), 0.25)
-        )
-        assert len(points) - 1 > EXACT_LEGS
-        exact = whole.intersection(area).area / area.area
-        assert coverage(points, area, 0.5) == pytest.approx(exact, abs=0.01)
-    still = np.full((1000, 2), 50.0)
-    assert coverage(still, area, 20.0) == pytest.approx(np.pi * 100 / area.area, rel=0.05)
 
 
 BOW = shapely.Polygon([(0, 0), (10, 10), (10, 0), (0, 10)])

@@ -9,6 +9,7 @@ import shapely
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from shapely.geometry import LineString, MultiPolygon, Point, Polygon
+from swath import seen_share
 
 from geo.farms import get_farm
 from geo.grid import Crop
@@ -18,7 +19,6 @@ from mission.planners import (
     LengthBudget,
     PlanningRequest,
     StepBudget,
-    coverage,
     make_planner,
     path_length,
 )
@@ -224,7 +224,7 @@ def test_the_densest_plan_sees_all_cells(name):
     path = make_planner(name)(PlanningRequest(area, (0, 0), LengthBudget(1e6)))
     assert path.spacing_m == pytest.approx(0.3048)
     # The paper's spiral leaves the border out where it turned in first.
-    assert coverage(path, area, 0.3048) > (0.99 if name == "lawnmower" else 0.95)
+    assert seen_share(path, area, 0.3048) > (0.99 if name == "lawnmower" else 0.95)
     if name == "lawnmower":
         assert len(path.points_m) == 60
 
@@ -288,7 +288,7 @@ def test_disconnected_fields_are_all_visited(name):
         PlanningRequest(fields, (0, 0), LengthBudget(20_000.0), footprint_m=1.0, seed=1)
     )
     for field in fields.geoms:
-        assert coverage(path, field, 5.0) > (0.5 if name == "random-waypoint" else 0.8)
+        assert seen_share(path, field, 5.0) > (0.5 if name == "random-waypoint" else 0.8)
     outside = line_of(path).difference(fields.buffer(1e-6))
     if name != "random-waypoint":
         assert len(shapely.get_parts(outside)) == 2

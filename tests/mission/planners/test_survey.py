@@ -12,9 +12,10 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely.geometry import MultiPolygon, Polygon
+from swath import seen_share
 
 from mission.errors import PlanningError
-from mission.planners import LengthBudget, PlanningRequest, check_planner, coverage
+from mission.planners import LengthBudget, PlanningRequest, check_planner
 from mission.planners.cuts import cut_parts, hull_angles, width
 from mission.planners.path import Area, path_length
 from mission.planners.strips import Swath, ring_strips, rows_that_see
@@ -58,7 +59,7 @@ def inside(path: np.ndarray, room: Area) -> bool:
 @pytest.mark.parametrize("wanted", [{}, {"headland_passes": 1}, {"headland_passes": 2, "headland": "last"}])
 def test_the_whole_area_is_seen_from_within(area: Area, wanted: dict[str, Any]) -> None:
     path = survey(ask(area), **wanted)
-    assert coverage(path, area, 12.0) > 0.985
+    assert seen_share(path, area, 12.0) > 0.985
     assert inside(path.points_m, area.convex_hull if area is APART else area)
     assert path.spacing_m == 9.0
 
@@ -95,7 +96,7 @@ def test_what_lies_beside_a_row_that_has_to_stay_out_has_rows_of_its_own() -> No
 def test_paths_stay_inside_any_star(area: Polygon) -> None:
     path = survey(ask(area, budget=LengthBudget(1e6)), angle=30.0)
     assert inside(path.points_m, area)
-    assert coverage(path, area, 12.0) > 0.96
+    assert seen_share(path, area, 12.0) > 0.96
 
 
 @pytest.mark.parametrize("wind_m_s", [0.0, 6.5])

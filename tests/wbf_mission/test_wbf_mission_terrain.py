@@ -17,6 +17,7 @@ from geo.errors import GroundError
 from geo.farm import Farm, Obstacle
 from mission.files import read_mission, write_mission
 from mission.model import Command, Frame, Mission
+from wbf_mission.flight import fly
 from wbf_mission.planning import MissionBuilder, plan
 from wbf_mission.planning.terrain import FarmGround
 from wbf_mission.scenario import Scenario, ScenarioError
@@ -68,6 +69,32 @@ def test_a_plan_keeps_its_height_above_the_ground_and_the_prediction_sees_it(tmp
     assert [one.z for one in read_mission(written).items] == pytest.approx(
         [one.z for one in hilly.mission.items]
     )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+def test_what_is_flown_follows_the_ground(tmp_path: Path, autopilot: str) -> None:
+    """By an exact estimate, while images are taken, after a PX4 has swung over the height of its take-off."""
+    farm = get_farm("miniberry-100")
+    file = raster(tmp_path / "hills.tif", farm, 6.0)
+    options = {"planner": "lawnmower:min_spacing_m=3", "budget": "600m", "estimator": "point"}
+    result = fly(
+        Scenario(
+            farm="miniberry-100",
+            **options,
+            autopilot=autopilot,
+            estimate_errors=False,
+            height_above_ground_m=20.0,
+            terrain=(file,),
+        )
+    )
+    track, seen = result.flights[0].track, result.observations.time_s
+    imaging = (track.time_s >= seen.min() + 10.0) & (track.time_s <= seen.max())
+    ground = FarmGround.read(farm, farm.home_m, (file,))
+    over = track.altitude_m + ground(np.array([farm.home_m]))[0]
+    over = over - ground(np.column_stack((track.x_m, track.y_m)))
+    assert np.ptp(track.altitude_m[imaging]) > 1.0
+    assert np.abs(over[imaging] - 20.0).max() <= 1.0
 
 
 def test_an_obstacle_is_flown_over_only_where_the_ground_allows(tmp_path: Path) -> None:

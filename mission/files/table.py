@@ -98,6 +98,8 @@ def _rows(text: str) -> list[tuple[int, list[str], str]]:
                 rows.append((reader.line_num, words, delimiter))
     except csv.Error as error:
         raise MissionFileError(f"line {reader.line_num}: {error}; the table is damaged") from None
+    if not rows:
+        raise MissionFileError("there is no table in it; the first line names the columns")
     line, names, _ = rows[0]
     rows[0] = (line, [_plain(name, line) for name in names], delimiter)
     return rows

@@ -32,7 +32,19 @@ _SOURCES = frozenset({".py", ".csv", ".npz"})
 _ROWS = ("planner", "policy", "estimator", "seed")
 _FILES = ("farm", "crop", "farm_crs", "repair", "fields", "vehicle")  # What they give counts, not how
 # What was added after the first ids, with the values that leave everything as it was: these do not count.
-_LATER_OPTIONS = {"estimate_errors": False, "margin_m": 2.0, "fence_m": None}
+_LATER_OPTIONS = {
+    "estimate_errors": False,
+    "margin_m": 2.0,
+    "fence_m": None,
+    "height_above_ground_m": None,
+    "terrain": (),
+    "terrain_frame": False,
+    "camera_model": None,
+    "gsd_cm": None,
+    "front_overlap": 0.75,
+    "side_overlap": 0.7,
+    "camera_orientation": "landscape",
+}
 _LATER_OF_VEHICLES = {"airframe": None, "return_margin_m": 0.0}
 
 

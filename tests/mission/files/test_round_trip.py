@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from mission.errors import MissionFileError
@@ -403,6 +403,7 @@ def refused_or_read(loads, data):
 @pytest.mark.parametrize("name", READERS)
 @patient()
 @given(st.binary(max_size=200), st.booleans())
+@example(data=b"\x1c", started=False)  # white space that ends no line
 def test_random_bytes_are_refused_politely(name, data, started):
     refused_or_read(READERS[name], STARTS[name] + data if started else data)
 

@@ -17,6 +17,7 @@ from sensors.field_files import load_field_set
 from sensors.scoring.score import ScoreWeights
 from sim_vehicle.faults.fault import Fault
 from sim_vehicle.host.simulation import Impairment
+from wbf_mission.live.battery_change import REAL_FULL
 from wbf_mission.live.link import LiveLink
 from wbf_mission.maps.field_maps import FieldMap, true_map
 from wbf_mission.planning.sorties import CHANGE_S
@@ -95,8 +96,9 @@ def fly(
     tell_errors : callable
         Takes these errors.
     change_s : float
-        Seconds that changing a battery takes. A mission of one simulated vehicle that is longer than a
-        battery is flown in sorties (`wbf_mission.planning.sorties`), unless `force` says to fly it whole.
+        Seconds that changing a battery takes. A mission of one vehicle that is longer than a battery is flown
+        in sorties (`wbf_mission.planning.sorties`), unless `force` says to fly it whole; for that of a real
+        one see `LiveLink.change_s`.
 
     Returns
     -------
@@ -116,10 +118,11 @@ def fly(
     run = resolve(scenario, faults=faults, fitted=fitted, weights=weights, progress=progress)
     if connect is not None:
         run = replace(run, vehicles=connect.numbered(run.vehicles))
-    changes_s = change_s if connect is None and not force else None
+    full = 1.0 if connect is None else REAL_FULL
+    changes_s = None if force or (connect is not None and connect.force) else change_s
     with (
         rehearsed(run, rehearse) as ready,
-        closing(Campaign(run, progress=progress, watch=watch, change_s=changes_s)) as campaign,
+        closing(Campaign(run, progress=progress, watch=watch, change_s=changes_s, full=full)) as campaign,
     ):
 
         def plan() -> None:
@@ -151,7 +154,7 @@ def fly(
                         environment, VirtualHosting(pace, tlog, impairment, run.faults), memory=memory
                     )
                 else:
-                    campaign.fly(environment, connect.hosting(tlog), connect.console)
+                    campaign.fly(environment, connect.hosting(tlog), connect.console, changer=connect)
             except KeyboardInterrupt:
                 if not campaign.flights:
                     raise
@@ -175,7 +178,12 @@ def _check(campaign: Campaign, connect: LiveLink | None, *, force: bool, tell: S
             plans = [(plan, plans[0][1]) for plan in campaign.sorties]
         check_plans(plans, "nothing was flown", force=force, show=tell)
     else:
-        connect.check(campaign.planned)
+        planned = campaign.planned
+        if campaign.cut is not None:
+            connect.note(campaign.cut.told())
+            later = [(plan, planned[0][0]) for plan in campaign.sorties[1:]]
+            check_plans(later, "nothing was sent", force=force, show=tell)
+        connect.check(planned)
     campaign.watch.lap("preflight")
 
 
@@ -204,4 +212,6 @@ def _result(campaign: Campaign) -> Result:
         true_maps=true_maps,
         decisions=campaign.decisions,
         days=tuple(campaign.days),
+        stopped="" if campaign.real is None else campaign.real.stopped,
+        rest=None if campaign.real is None else campaign.real.rest,
     )

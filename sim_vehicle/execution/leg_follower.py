@@ -182,6 +182,12 @@ class LegFollower:
             used = (1.0 - min(max(fraction, 0.0), 1.0)) * battery.capacity_wh * WH_J
             self.motion.use_energy(max(0.0, used - self.motion.energy_j))
 
+    def change_battery(self) -> None:
+        """Put a full battery in; nothing while the motors are on."""
+        if self.spec.battery is not None and not self.armed:
+            self.motion.use_energy(-self.motion.energy_j)
+            self.battery_meter = BatteryMeter(self.spec.battery)
+
     def stop_motors(self) -> None:
         """Disarm on the ground."""
         self.armed = False

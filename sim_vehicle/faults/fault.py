@@ -75,6 +75,9 @@ KINDS: dict[str, Kind] = {
     "motor-failure": Kind("vehicle", "none", "a motor stops"),
     "dead-battery": Kind("vehicle", "none", "the battery is empty at once"),
     "low-battery": Kind("vehicle", "part", "no more than this part of the battery is left", 0.1),
+    "battery-change": Kind(
+        "vehicle", "seconds", "so long after each landing the battery is changed for a full one", 20.0
+    ),
     "reboot": Kind("vehicle", "none", "the autopilot starts again, and flies on"),
     "stuck-camera": Kind("vehicle", "none", "the shutter does not open: images fail"),
 }

@@ -45,6 +45,7 @@ def _drain(vehicle: Any, broken: bool, value: float) -> None:
 _SWITCHES: dict[str, Callable[[Any, bool, float], None]] = {
     "low-battery": _drain,
     "dead-battery": _drain,
+    "battery-change": lambda vehicle, broken, _: vehicle.pilot.change_battery() if broken else None,
     "reboot": lambda vehicle, broken, _: vehicle.reboot() if broken else None,
     "gps-loss": _lose_gps,
     "motor-failure": lambda vehicle, broken, _: vehicle.pilot.fail_motor(broken),
@@ -226,7 +227,10 @@ class FaultyComponent:
         self.component_id = component.component_id
         self.wanted = component.wanted
         self._session = session
-        self._broken: dict[Fault, bool] = {f: False for f in faults if f.group == "vehicle"}
+        self._changes = [fault for fault in faults if fault.kind == "battery-change"]
+        self._broken: dict[Fault, bool] = {
+            f: False for f in faults if f.group == "vehicle" and f not in self._changes
+        }
         self._silences = [fault for fault in faults if fault.kind == "silence"]
         self._messages = [f for f in faults if f.group == "message" and f.kind != "silence"]
         self._left: dict[Fault, float] = {f: math.inf if f.times is None else f.times for f in self._messages}
@@ -235,6 +239,7 @@ class FaultyComponent:
         self._next_image = 0
         self._last_failed = False
         self._armed = self._flew = False
+        self._stopped_s = NEVER  # When the motors stopped; NEVER once the battery is changed
         self._now_s = -math.inf
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
@@ -357,7 +362,10 @@ class FaultyComponent:
             armed = bool(message.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED)
             if armed and not self._armed:
                 fire(system, "armed", now_s)
+            if armed != self._armed:
+                self._stopped_s = NEVER if armed else now_s
             self._armed = armed
+            self._change_battery(now_s)
         elif is_a(message, m.MAVLink_extended_sys_state_message):
             if message.landed_state == m.MAV_LANDED_STATE_IN_AIR:
                 self._flew = True
@@ -366,6 +374,14 @@ class FaultyComponent:
                 fire(system, "landed", now_s)
         elif is_a(message, m.MAVLink_mission_current_message) and self._armed:
             fire(system, f"item:{message.seq}", now_s)
+
+    def _change_battery(self, now_s: float) -> None:
+        """Change the battery, if that is wanted and the motors have stood long enough."""
+        for fault in self._changes:
+            due = now_s >= self._stopped_s + fault.number
+            if due and self._session.is_active(fault, self.system_id, now_s):
+                break_vehicle(self.inner, fault.kind, broken=True)
+                self._stopped_s = NEVER
 
 
 def _concerns_item(message: Message, fault: Fault) -> bool:

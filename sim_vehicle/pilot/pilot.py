@@ -467,6 +467,11 @@ class Pilot(Controls):
         self.executor.flight.drain_battery(fraction)
         self.refresh()
 
+    def change_battery(self) -> None:
+        """Put a full battery in; nothing while the motors are on."""
+        self.executor.flight.change_battery()
+        self.refresh()
+
     def terminate(self, reason: str) -> None:
         """Lose the thrust at once: the vehicle falls."""
         self.note(Severity.CRITICAL, f"Flight terminated: {reason}")

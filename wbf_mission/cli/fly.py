@@ -80,7 +80,7 @@ class _Links:
             return given
         return replace(given, changes={"vehicles": count, **given.changes})
 
-    def live(self, output: Output, *, force: bool, simulates: bool) -> LiveLink | None:
+    def live(self, output: Output, *, force: bool, simulates: bool, change_s: float) -> LiveLink | None:
         """Return the links, with the operator at this terminal; not where a simulated flight is wanted."""
         if not self.connect:
             if self.yes or self.system_id or self.via != "own":
@@ -108,6 +108,7 @@ class _Links:
             force=force,
             tell=partial(show_findings, output),
             via=via,
+            change_s=change_s,
         )
 
 
@@ -202,7 +203,8 @@ def fly_command(
     change_time: Annotated[
         float,
         option(
-            "Seconds that changing a battery takes, where a simulated vehicle flies a mission in sorties.",
+            "Seconds that changing a battery takes, where a mission is flown in sorties; with --connect and"
+            " --yes the most that it may take.",
             panel="What to run",
             parser=options.number,
         ),
@@ -226,7 +228,7 @@ def fly_command(
 ) -> int:
     """Do the whole job: plan, upload over MAVLink, fly, look, estimate, score; offline, or with --connect.
 
-    A simulated vehicle flies a mission that is longer than its battery in sorties.
+    One vehicle flies a mission that is longer than its battery in sorties.
     Writes the plan, a telemetry log, the observations, the information model with the truth, a summary
     and pictures.
     """
@@ -248,7 +250,7 @@ def fly_command(
     if saving.treatment_map:
         saving.check_treatment_map(chosen.farm)
     simulates = speed is not None or bool(fault or in_file)
-    live = links.live(output, force=force, simulates=simulates)
+    live = links.live(output, force=force, simulates=simulates, change_s=change_time)
     with contextlib.ExitStack() as stack:
         folder = saving.folder(given, chosen)
         if folder is not None:
@@ -308,6 +310,10 @@ def _show(
         output.warn(f"interrupted while the results were written: {kept}")
     if not result.outcome.is_good:
         output.warn(f"{result.outcome.value}: {result.reason}")
+    if result.rest is not None and summary["files"]:
+        output.note(
+            f"the rest is in {summary['files']}/rest.plan: wbf-mission plan --resume {summary['files']}"
+        )
     elif not len(result.observations):
         output.warn(f"the mission saw nothing of the farm {result.farm.name}: no estimate and no score")
     title = f"{result.farm.name}: {result.plan.planner or 'mission file'}, {result.estimator}"

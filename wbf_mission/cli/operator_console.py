@@ -170,10 +170,12 @@ class TerminalConsole:
         self._vehicles: list[_Vehicle] = []
         self._asked = False
         self._stopping = False
+        self._question_between = ""
 
     def tend(self, flight: JointFlight) -> None:
         """Say what is new, and take an answer if there is one."""
-        if not self._vehicles:
+        if [one.sortie for one in self._vehicles] != list(flight.sorties):
+            self._asked = self._stopping = False
             alone = len(flight.sorties) == 1
             self._vehicles = [_Vehicle(one, self._output, alone=alone) for one in flight.sorties]
         phases = {one.ground.phase for one in flight.sorties}
@@ -189,6 +191,15 @@ class TerminalConsole:
         if self._stopping:
             self._take_choice(flight)
         self._output.show_bars(not self._stopping and phases.isdisjoint((Phase.MODE, Phase.READY)))
+
+    def goes_on(self, question: str) -> bool | None:
+        """Ask for another battery once, and take an answer if there is one; the end of the input is a no."""
+        if question != self._question_between:
+            self._question_between = question
+            self._output.show_bars(False)
+            self._output.note(question)
+        answer = _line()
+        return None if answer is None else answer.strip().lower() not in ("q", "quit") and answer != ""
 
     @property
     def _question(self) -> str:

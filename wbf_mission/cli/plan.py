@@ -87,6 +87,7 @@ def plan_command(
     from wbf_mission.planning.plan import plan_fleet
     from wbf_mission.preflight.run import check_plans
 
+    given, sorties = sorties.with_rest(given)
     chosen = given.scenario()
     sorties.check(mission=chosen.mission.file)
     if given.file is not None or chosen.farm.fields:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 _PANEL = "Sorties"
 _DAY_S = 86_400.0
+_REST = "rest.plan"
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,12 +74,24 @@ class SortieOptions:
                 msg = f"--{name} {value:g} is out of range: give 0 to {most:g}"
                 raise ScenarioError(msg)
         if self.resume is not None and mission is None:
-            msg = "--resume goes on with a mission that was flown: give its file with --mission, too"
+            msg = (
+                "--resume goes on with a mission that was flown: give its file with --mission, too (or the"
+                f" results of a flight that left a {_REST})"
+            )
             raise ScenarioError(msg)
         others = [name for name in ("home", "overlap", "resume") if getattr(self, name) is not None]
         if self.whole and others:
             msg = f"--whole leaves the mission as it is: leave --{others[0]} out, or --whole"
             raise ScenarioError(msg)
+
+    def with_rest(self, given: options.Given) -> tuple[options.Given, SortieOptions]:
+        """Return what was given with the mission that a results folder has left, if it is such a one."""
+        if self.resume is None or "mission" in given.changes:
+            return given, self
+        rest = Path(self.resume) / _REST
+        if not rest.is_file():
+            return given, self
+        return replace(given, changes={**given.changes, "mission": str(rest)}), replace(self, resume=None)
 
     def homes(self, altitude_m: float) -> list[GeoPoint]:
         """Return where sorties may begin; ScenarioError if one is no position."""

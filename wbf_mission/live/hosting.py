@@ -160,6 +160,6 @@ class Via:
 def riding_camera(sortie: Sortie) -> RidingCamera:
     """Return the leaf camera that rides beside the vehicle of a sortie."""
     camera = LeafCameraComponent(sortie.leaf_camera, sortie.plan.farm, system_id=sortie.system_id)
-    riding = RidingCamera(camera, sortie.held_mission, sortie.is_changing)
+    riding = RidingCamera(camera, sortie.held_mission, sortie.is_changing, sortie.follow)
     sortie.images_missed = lambda: riding.missed
     return riding

@@ -5,15 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
+from geo.errors import WbfMissionError
 from mission.ground.arming_gate import FARTHEST_M
 from mission.ground.link import find_vehicles
 from mission.transfer.vehicles import Vehicle as HeardVehicle
+from wbf_mission.live.battery_change import BatteryWait, needed_fraction, risen_fraction
 from wbf_mission.live.discovery import LiveFlightError, fitted_to, require_single_flight, wanted_vehicles
 from wbf_mission.live.hosting import LinkHosting, Via
 from wbf_mission.planning import PlanResult
 from wbf_mission.planning.fleet import Vehicle
+from wbf_mission.planning.sorties import CHANGE_S
 from wbf_mission.preflight.finding import (
     Concern,
     Finding,
@@ -63,6 +67,8 @@ class LiveLink:
         Of each vehicle; without, those that are heard first.
     force : bool
         Fly a plan in which the preflight check finds errors, among them what the autopilot would refuse.
+    change_s : float
+        With `agreed`: how long at most to wait until the battery is changed between two sorties.
     tell : callable
         Takes what the preflight check finds, the error with which the flight is refused, if it is, and of
         which vehicle, ``"vehicle 2: "``, where several fly.
@@ -77,6 +83,7 @@ class LiveLink:
     force: bool = False
     tell: ShowFindings = show_nobody
     via: Via = field(default_factory=Via)
+    change_s: float = CHANGE_S
     _heard: dict[int, tuple[str, HeardVehicle]] = field(default_factory=dict, init=False)
 
     def fitted(self, scenario: Scenario) -> Scenario:
@@ -167,6 +174,31 @@ class LiveLink:
                 refusals.append(PreflightError(f"{who}{refused}", refused.finding))
         if refusals:
             raise refusals[0]
+
+    def change_battery(self, vehicle: Vehicle, plan: PlanResult, *, used: float | None, which: str) -> str:
+        """Wait until the battery is changed, and check the next sortie; why it is not flown, empty if it is.
+
+        Without an operator who says so (`agreed`) the reading has to rise within `change_s`.
+        """
+        number = vehicle.task.system_id
+        url, _ = self._heard[number]
+        question = f"{which}: change the battery of the vehicle, then press Enter (q ends)"
+        if self.agreed:
+            self.note(f"{which}: waiting for another battery")
+        why = BatteryWait(
+            needed_fraction(plan),
+            None if self.agreed else partial(self.console.goes_on, question),
+            risen_fraction(used),
+            self.change_s,
+            self.note,
+        ).wait(url, number)
+        if why:
+            return why
+        try:
+            self.check([(vehicle, plan)])
+        except WbfMissionError as error:
+            return str(error)
+        return ""
 
     def hosting(self, tlog: Path | None) -> Hosting:
         """Return where the flight takes place."""

@@ -152,13 +152,14 @@ class RidingCamera:
         camera: LeafCameraComponent,
         mission: Callable[[], Mission],
         changing: Callable[[], bool] = lambda: False,
+        follow: Callable[[Message, float], None] = lambda _message, _now_s: None,
     ) -> None:
         self.system_id, self.component_id = camera.system_id, camera.component_id
         self.wanted: frozenset[int] | None = (camera.wanted or frozenset()) | {
             mavlink.MAVLINK_MSG_ID_MISSION_CURRENT
         }
         self._camera = camera
-        self._mission, self._changing = mission, changing
+        self._mission, self._changing, self._follow = mission, changing, follow
         self._heard_s = math.inf
         self._other = False
         self._shots = MissionShots()
@@ -190,10 +191,12 @@ class RidingCamera:
     def receive(self, message: Message, now_s: float) -> list[Message]:
         """Follow the vehicle."""
         source = (message.get_srcSystem(), message.get_srcComponent())
+        is_autopilot = source == (self.system_id, mavlink.MAV_COMP_ID_AUTOPILOT1)
+        if is_autopilot:
+            self._follow(message, now_s)
         self._other |= source == (self.system_id, self.component_id)
         if self._other:
             return []
-        is_autopilot = source == (self.system_id, mavlink.MAV_COMP_ID_AUTOPILOT1)
         if isinstance(message, mavlink.MAVLink_mission_current_message):
             return self._on_item(message.seq, now_s) if is_autopilot else []
         if is_command(message):

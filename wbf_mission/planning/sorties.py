@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mission.course import Course, Place, unrolled
-from mission.model import GeoPoint, Mission
-from mission.sorties import Way, image_spacing_m, part_of
+from mission.model import DEGREES_E7, GeoPoint, Mission
+from mission.sorties import Way, image_spacing_m, part_of, resumed_at
 from sim_vehicle.autopilot import fixed_wing_procedures
 from sim_vehicle.prediction.flight import Prediction
 from wbf_mission.planning.builder import MissionBuilder, PlanResult, home_of
@@ -20,7 +20,16 @@ from wbf_mission.planning.plan import positions_of
 from wbf_mission.planning.sortie_costs import Choice, SortieCosts
 from wbf_mission.scenario.parts import VehicleParts
 
-__all__ = ["CHANGE_S", "PlannedSortie", "SortiePlan", "cut_plan", "is_too_long", "overlap_of", "sorties_of"]
+__all__ = [
+    "CHANGE_S",
+    "PlannedSortie",
+    "SortiePlan",
+    "cut_plan",
+    "is_too_long",
+    "overlap_of",
+    "rest_of",
+    "sorties_of",
+]
 
 CHANGE_S = 180.0
 """What changing a battery takes, by default."""
@@ -70,6 +79,8 @@ class SortiePlan:
     course: Course
     sorties: tuple[PlannedSortie, ...]
     change_s: float
+    overlap_m: float
+    full: float
 
     @property
     def plans(self) -> tuple[PlanResult, ...]:
@@ -85,6 +96,40 @@ class SortiePlan:
     def total_s(self) -> float:
         """The same with the changes of batteries."""
         return self.flight_s + self.change_s * (len(self.sorties) - 1)
+
+    def told(self) -> str:
+        """Say in a line how the mission is flown."""
+        minutes = " + ".join(f"{one.prediction.duration_s / 60.0:.0f}" for one in self.plans)
+        return f"longer than a battery: {len(self.sorties)} sorties of {minutes} min"
+
+    def reached(self, number: int, place: Place | None) -> Place | None:
+        """Return how far the whole is flown when a sortie, from 0, has come to a place of its own mission.
+
+        None at the whole's end; for the end of the sortie's own mission, None, where the sortie ends.
+        """
+        one, course = self.sorties[number], self.course
+        begin = resumed_at(course, one.begin, self.overlap_m)
+        if place is None or begin is None:
+            return one.end
+        own = Course(one.plan.mission)
+        leg, led, first = own.leg_of(place), 0, 0
+        if one.begin > course.start and begin > course.start:
+            # What leads to where it goes on has no legs on the whole mission.
+            there, first = course.position(begin)[:2], course.leg_of(begin)
+            led = 1 + next(k for k, other in enumerate(own.legs) if _is_at(other.end[:2], there))
+        if leg < led:
+            return one.begin
+        number = first + leg - led
+        end_m = course.length_m if one.end is None else course.metres(one.end)
+        if number >= len(course.legs):
+            return one.end
+        to_end_m = (1.0 - place.fraction) * float(own.lengths_m[leg])
+        metres = min(float(course.ends_m[number]), end_m) - to_end_m
+        last = len(course.legs) if one.end is None else course.leg_of(one.end)
+        if number > last or metres >= end_m:
+            return one.end
+        found = course.place(max(metres, 0.0))
+        return one.end if found is None else max(one.begin, found)
 
     def summary(self) -> dict[str, Any]:
         """Return plain values for JSON: those of a plan, with what is flown in sorties."""
@@ -116,6 +161,7 @@ def cut_plan(
     homes: Sequence[GeoPoint] = (),
     overlap_m: float | None = None,
     change_s: float = CHANGE_S,
+    full: float = 1.0,
 ) -> SortiePlan | None:
     """Cut a mission into as few sorties as batteries allow, and then so that they take the least time.
 
@@ -140,6 +186,8 @@ def cut_plan(
         See `mission.sorties.part_of`; by default that of `overlap_of`.
     change_s : float
         What changing a battery takes.
+    full : float
+        What a battery holds when it is put in, as part of its capacity.
 
     Returns
     -------
@@ -156,9 +204,21 @@ def cut_plan(
     course = Course(whole.mission)
     overlap = overlap_of(builder, whole) if overlap_m is None else overlap_m
     homes = homes or [home_of(placed, builder.farm)]
-    cutter = _Cutter(whole, builder, course, begin or course.start, homes, overlap, footprint)
+    cutter = _Cutter(whole, builder, course, begin or course.start, homes, overlap, footprint, full)
     sorties = cutter.cut()
-    return None if sorties is None else SortiePlan(whole, course, sorties, change_s)
+    return None if sorties is None else SortiePlan(whole, course, sorties, change_s, overlap, full)
+
+
+def _is_at(one: tuple[float, float], other: tuple[float, float]) -> bool:
+    """Return whether two positions, degrees, are the same in a mission item."""
+    return max(abs(a - b) for a, b in zip(one, other, strict=True)) <= 1.0 / DEGREES_E7
+
+
+def rest_of(cut: SortiePlan, builder: MissionBuilder, begin: Place) -> Mission:
+    """Return what is left of a mission from a place on, as one that takes off and lands at its home."""
+    home = home_of(cut.whole.mission, builder.farm)
+    cutter = _Cutter(cut.whole, builder, cut.course, begin, [home], cut.overlap_m, 1)
+    return cutter.mission((begin, None, 0))
 
 
 def is_too_long(whole: PlanResult) -> bool:
@@ -214,6 +274,7 @@ class _Cutter:
     homes: Sequence[GeoPoint]
     overlap_m: float
     footprint: int
+    full: float = 1.0
     _predicted: dict[Flown, tuple[Mission, Prediction]] = field(default_factory=dict)
 
     def cut(self) -> tuple[PlannedSortie, ...] | None:
@@ -226,7 +287,7 @@ class _Cutter:
             )
         if battery is None or costs is None:
             return None
-        usable_wh = battery.capacity_wh * (1.0 - battery.reserve_fraction)
+        usable_wh = battery.capacity_wh * (self.full - battery.reserve_fraction)
         best: list[Flown] | None = None
         charge = np.ones(len(costs.places))
         for number in range(_TRIES):
@@ -249,12 +310,13 @@ class _Cutter:
 
     def _priced(self, flown: Sequence[Flown]) -> list[float]:
         """Return about what each sortie takes at most: priced, times what is predicted of one of them."""
-        prices = [one.energy_wh for one in self.builder.price([self._mission(one) for one in flown])]
+        prices = [one.energy_wh for one in self.builder.price([self.mission(one) for one in flown])]
         dearest = max(range(len(prices)), key=prices.__getitem__)
         more = self._full(flown[dearest]).most_wh / prices[dearest]
         return [price * more for price in prices]
 
-    def _mission(self, flown: Flown) -> Mission:
+    def mission(self, flown: Flown) -> Mission:
+        """Return the mission of a sortie."""
         begin, end, home = flown
         return part_of(
             self.course,
@@ -269,7 +331,7 @@ class _Cutter:
     def _full(self, flown: Flown) -> Prediction:
         """Return the prediction of a sortie, as any plan is predicted."""
         if flown not in self._predicted:
-            mission = self._mission(flown)
+            mission = self.mission(flown)
             self._predicted[flown] = mission, self.builder.predict(mission)
         return self._predicted[flown][1]
 

@@ -88,6 +88,7 @@ _SAME = (
     "battery_used",
     "flight_time_s",
     "seen_before",
+    "resumed",
     "texts",
     "warnings",
 )
@@ -111,6 +112,7 @@ class FlightEntry(msgspec.Struct, forbid_unknown_fields=True):
     seen_before: int
     texts: list[tuple[float, int, str]]
     warnings: list[str]
+    resumed: bool = False
 
 
 def plan_name(number: int, flight: FlightRecord | FlightEntry) -> str:
@@ -240,13 +242,15 @@ R = TypeVar("R", bound=RunRecord)
 FORMAT = 4
 MAX_JSON_BYTES = 64 * 2**20
 RECORD = "result.json"
+REST = "rest.plan"
+"""What is left of a mission of which not all sorties were flown."""
 PROBABILITIES = "probabilities_"
 DECISIONS = "decisions.parquet"
 _DAYS = "_days"
 _SCORE = ("field_loss", "field_mse", "field_mae", "field_weighted_mae")
 
 
-_PLAIN = ("simulated_s", "frames", "timings_s", "environment_cached")
+_PLAIN = ("simulated_s", "frames", "timings_s", "environment_cached", "stopped")
 """What a result and its record both hold."""
 
 
@@ -272,6 +276,7 @@ class _Record(msgspec.Struct, forbid_unknown_fields=True):
     fields: tuple[dict[str, Any], ...]
     files: tuple[str, ...]
     """Without which the result is not whole."""
+    stopped: str = ""
 
 
 def write_arrays(result: RunRecord, folder: Path, pool: Executor) -> dict[Path, Future[None]]:
@@ -350,6 +355,10 @@ def write_result(result: RunRecord, folder: Path, arrays: Iterable[Path]) -> lis
     write_json(written[1], result.summary())
     flown = write_flights(result.flights, folder)
     written += [*flown[1:2], *flown[:1], *flown[2:]]
+    if result.rest is not None:
+        for path in (folder / REST, (folder / REST).with_suffix(".json")):
+            write_mission(result.rest, path)
+            written.append(path)
     result.observations.save(folder / "observations.parquet")
     write_table(folder / "scores.parquet", history_table(result.history, result.fields.names))
     written += [folder / f"{name}.parquet" for name in ("observations", "scores")]
@@ -397,9 +406,11 @@ def read_result(folder: Path, kind: type[R]) -> R:
             if array is not None:
                 probabilities[field.name] = array
         model = InformationModel(value, uncertainty, fields=fields.names, probabilities=probabilities or None)
+    rest = (folder / REST).with_suffix(".json")
     return kind(
         scenario=scenario,
         flights=flights,
+        rest=read_mission(rest) if rest.name in record.files else None,
         observations=Observations.load(folder / "observations.parquet", fields.names),
         truth=truth,
         model=model,

@@ -28,6 +28,7 @@ from wbf_mission.replanning.record import DecisionRecord
 from wbf_mission.run.flight import FlightInterrupted, PlannedFlight, fly_once, leaf_camera, plan_flight
 from wbf_mission.run.hosting import Hosting
 from wbf_mission.run.joint_flight import OperatorConsole
+from wbf_mission.run.real_sorties import BatteryChanger, RealSorties
 from wbf_mission.run.record import DayRecord, Flight, FlightRecord, keeps_days
 from wbf_mission.run.resolve import Run
 from wbf_mission.run.reuse import FlightAlone, FlightMemory, FlightsAhead, can_fly_ahead
@@ -44,11 +45,17 @@ class Campaign:
     """
 
     def __init__(
-        self, run: Run, *, progress: Progress, watch: Stopwatch, change_s: float | None = None
+        self,
+        run: Run,
+        *,
+        progress: Progress,
+        watch: Stopwatch,
+        change_s: float | None = None,
+        full: float = 1.0,
     ) -> None:
         self.run = run
         self.cut: SortiePlan | None = None  # The mission in sorties, if it is longer than a battery
-        self._change_s = change_s
+        self._change_s, self._full = change_s, full
         self.decisions: list[DecisionRecord] = []
         self.flights: list[FlightRecord] = []
         self.days: list[DayRecord] = []
@@ -64,6 +71,7 @@ class Campaign:
         self._seen_before = 0
         self._gone: set[int] = set()
         self._log: TlogWriter | None = None
+        self.real: RealSorties | None = None  # The sorties of a real vehicle
 
     def plan(self, day: int, flight: int = 1) -> tuple[PlanResult, ...]:
         """Ask for the paths of the next flight, and return the plan of each vehicle.
@@ -87,14 +95,25 @@ class Campaign:
         ((_, vehicle, whole),) = planned.sorties
         if not is_too_long(whole):
             return planned
-        self.cut = cut_plan(whole, vehicle.task.builder, footprint=run.looks.footprint, change_s=change_s)
-        if self.cut is None:
+        cut = cut_plan(
+            whole,
+            vehicle.task.builder,
+            footprint=run.looks.footprint,
+            change_s=change_s,
+            full=self._full,
+        )
+        if cut is None:
             return planned
-        # What all of them see together is compared with what the whole would see.
-        sorties = tuple(replace(one, coverage=whole.coverage) for one in self.cut.plans)
-        decider = replace(run.decider, policy=KeepPath(), sorties=sorties)
-        self.run = replace(run, decider=decider, flights_per_day=run.flights_per_day * len(sorties))
+        self._fly_in(cut, run.flights_per_day)
         return plan_flight(self.run, planned.day, planned.flight, self.evidence, self.decisions, self._gone)
+
+    def _fly_in(self, cut: SortiePlan, times_a_day: int = 1) -> None:
+        """Take a mission's sorties."""
+        self.cut = cut
+        # What all of them see together is compared with what the whole would see.
+        sorties = tuple(replace(one, coverage=cut.whole.coverage) for one in cut.plans)
+        decider = replace(self.run.decider, policy=KeepPath(), sorties=sorties)
+        self.run = replace(self.run, decider=decider, flights_per_day=times_a_day * len(sorties))
 
     @property
     def sorties(self) -> tuple[PlanResult, ...]:
@@ -135,11 +154,18 @@ class Campaign:
         hosting: Hosting,
         console: OperatorConsole | None = None,
         memory: FlightMemory | None = None,
+        changer: BatteryChanger | None = None,
     ) -> None:
-        """Fly all days; `console` stands by, `memory` has flights that need not be flown again."""
+        """Fly all days.
+
+        `console` stands by, `memory` has flights that need not be flown again, `changer` sees to the
+        batteries of a real vehicle.
+        """
         first = self.run.first_day
         if self._next is None:
             self.plan(first)
+        if self.cut is not None and changer is not None:
+            self.real = RealSorties(self.cut, self.run.vehicles[0], self.run.looks.footprint, changer)
         assert self.evidence.estimate is not None
         self.evidence.estimate.every = self.run.readings_a_score(self._expected_of_next)
         self._scored_a_flight = max(1, round(self._expected_of_next / self.evidence.estimate.every))
@@ -148,7 +174,10 @@ class Campaign:
             for day in range(first, self.run.last_day + 1):
                 if day != first:
                     self._begin_day(day, environment)
-                for flight in range(1, self.run.flights_per_day + 1):
+                flight = 0
+                # What is left of a real sortie that ends early takes others.
+                while flight < self.run.flights_per_day:
+                    flight += 1
                     if len(self._gone) == len(self.run.vehicles):
                         continue
                     # Without those that are gone the others fly otherwise.
@@ -165,6 +194,8 @@ class Campaign:
                             "flying", self.run.numbers.index((day, flight)) + 1, len(self.run.numbers)
                         )
                         self._take(flown, hosting)
+                    if self.real is not None and not self._go_on(self.real, flight):
+                        break
                 self.end_day()
         finally:
             if ahead is not None:
@@ -234,15 +265,25 @@ class Campaign:
                 console=console,
                 writer=self._open_log(hosting),
                 offset_s=self.simulated_s,
+                follow=None if self.real is None else self.real.follow(flight),
             )
         except FlightInterrupted as stop:
             self._take(stop.flight, hosting)
             raise
         self._take(flown, hosting)
 
+    def _go_on(self, real: RealSorties, flight: int) -> bool:
+        """Return whether a real vehicle flies another sortie; its battery is changed then."""
+        goes_on = real.go_on(flight, self.flights[-1])
+        self.watch.lap("waiting")
+        if goes_on:
+            self.simulated_s += real.changed_s
+            self._fly_in(real.cut)
+        return goes_on
+
     def _change_after(self, flown: Flight) -> float:
         """Return how long the battery is changed after a flight, where the mission goes on with another."""
-        if self.cut is None or flown.records[0].flight % len(self.cut.sorties) == 0:
+        if self.cut is None or self.real is not None or flown.records[0].flight % len(self.cut.sorties) == 0:
             return 0.0
         return self.cut.change_s
 
@@ -292,6 +333,8 @@ class Campaign:
             record.seen_before = self._seen_before
         self._seen_before, self._next = len(self.evidence), None
         self.flights += flown.records
+        if self.real is not None:
+            self.real.note(flown.records[0].flight, flown.records[0])
         self._gone |= {one.system_id for one in flown.records if one.outcome.loses_vehicle}
         self.simulated_s += flown.duration_s + self._change_after(flown)
         self.frames += flown.frames

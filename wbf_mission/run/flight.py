@@ -12,6 +12,7 @@ from numpy.random import SeedSequence
 from geo.frame import LocalFrame
 from geo.seeds import child_seed, stream
 from mission.link.tlog import FrameSink
+from mission.progress import MissionProgress
 from sensors.camera.leaf_camera import Camera, LeafCamera
 from sensors.environment import Environment
 from sensors.estimation import Evidence
@@ -143,11 +144,12 @@ def fly_once(
     console: OperatorConsole | None = None,
     writer: FrameSink | None = None,
     offset_s: float = 0.0,
+    follow: MissionProgress | None = None,
 ) -> Flight:
     """Fly a flight to its end; at Ctrl-C it is a FlightInterrupted, when the flight has begun.
 
-    `evidence` takes what is seen by the `cameras` (see `leaf_camera`), as it arrives; `writer` every frame.
-    It begins `offset_s` after the beginning of the run.
+    `evidence` takes what is seen by the `cameras` (see `leaf_camera`), as it arrives; `writer` every frame;
+    `follow` what a real vehicle that flies alone tells. It begins `offset_s` after the beginning of the run.
     """
     delays = _start_delays(run, planned.plans)
     sorties = [
@@ -165,6 +167,8 @@ def fly_once(
         )
         for place, ((number, one, plan), delay) in enumerate(zip(planned.sorties, delays, strict=True))
     ]
+    if follow is not None:
+        sorties[0].follow = follow.receive
     expected_s = max(
         one.start_delay_s + times * one.plan.prediction.duration_s
         for one, times in zip(sorties, planned.times, strict=True)

@@ -35,6 +35,12 @@ class OperatorConsole(Protocol):
     def tend(self, flight: JointFlight) -> None:
         """Look after the flight; called every second or so. KeyboardInterrupt leaves the vehicles flying."""
 
+    def goes_on(self, question: str) -> bool | None:
+        """Tell whether the battery is changed for another sortie (`question` asks for it).
+
+        Called every second or so until it is: None while that is open, False if nothing more is to be flown.
+        """
+
 
 class JointFlight:
     """Flies sorties together, from the first heartbeat to the last landing.

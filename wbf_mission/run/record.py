@@ -14,6 +14,7 @@ from geo.texts import one_line
 from mission.ground.link_state import LinkReport
 from mission.ground.tracks import Track, joined
 from mission.link.tlog import FrameLog
+from mission.model import Mission
 from mission.outcome import Outcome
 from sensors.camera.wire import AssemblerStatistics
 from sensors.estimation import ScoreHistory
@@ -62,6 +63,8 @@ class FlightRecord:
         Images that will not come any more: lost on the way, or never taken because the link was dead.
     seen_before : int
         How many observations of the run there were when it began.
+    resumed : bool
+        Whether it ended early, and a later one went on where it broke off.
     texts : list
         What the vehicle said (time, severity, text).
     warnings : list of str
@@ -83,6 +86,7 @@ class FlightRecord:
     link: LinkReport | None = None
     missing_images: int = 0
     seen_before: int = 0
+    resumed: bool = False
     texts: list[tuple[float, int, str]] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
 
@@ -108,6 +112,7 @@ class FlightRecord:
             "predicted_time_s": self.plan.prediction.duration_s,
             "battery_used": self.battery_used,
             "predicted_battery_used": self.plan.battery_used,
+            "resumed": self.resumed,
             "images": asdict(self.camera),
             "missing_images": self.missing_images,
             "link": None if self.link is None else {**asdict(self.link), "loss": self.link.loss},
@@ -225,6 +230,10 @@ class RunRecord:
         Every question that the policy was asked.
     days : tuple of DayRecord
         What each day gave.
+    stopped : str
+        Why sorties of a real vehicle were left out, empty if none were.
+    rest : Mission or None
+        What is left of its mission, as one to be flown at another time.
     """
 
     scenario: Scenario
@@ -242,6 +251,8 @@ class RunRecord:
     true_maps: tuple[FieldMap, ...] = ()
     decisions: list[DecisionRecord] = field(default_factory=list)
     days: tuple[DayRecord, ...] = ()
+    stopped: str = ""
+    rest: Mission | None = None
 
     @property
     def plan(self) -> PlanResult:
@@ -258,6 +269,8 @@ class RunRecord:
         """Why it ended so, empty when it went well."""
         if self._stopped_between:
             one = self.flights[-1]
+            if self.stopped:
+                return self.stopped
             return f"stopped after flight {one.flight} of day {one.day}"
         one = self._decisive
         if not one.reason or len(self.flights) == 1:
@@ -275,11 +288,12 @@ class RunRecord:
         farm = self.scenario.farm
         expected = farm.days * farm.flights_per_day * len(self.scenario.vehicle.fleet)
         made = len(self.flights) + self.skipped_flights
-        return made < expected and all(one.outcome.is_good for one in self.flights)
+        return (made < expected or bool(self.stopped)) and self._decisive.outcome.is_good
 
     @property
     def _decisive(self) -> FlightRecord:
-        return next((one for one in self.flights if not one.outcome.is_good), self.flights[0])
+        bad = (one for one in self.flights if not (one.outcome.is_good or one.resumed))
+        return next(bad, next((one for one in self.flights if one.outcome.is_good), self.flights[0]))
 
     @property
     def track(self) -> Track:

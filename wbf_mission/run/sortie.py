@@ -143,6 +143,8 @@ class Sortie:
         farm = plan.farm
         self.start_delay_s = start_delay_s
         self.number, self.task, self.plan = number, task, plan
+        # Takes what the autopilot of a real vehicle tells, too.
+        self.follow: Callable[[Message, float], None] = _nobody_follows
         # The host sets both: what sends messages of the ground station, and what tells how many images were
         # never taken because the link was dead.
         self.send: Callable[[list[Message]], None] = _nobody_sends
@@ -452,6 +454,10 @@ class Sortie:
             return None
         silent = f"; nothing was heard of the vehicle for {report.silent_s:.0f} s" if report.silent_s else ""
         return f"about {missing} images are missing for good{silent}"
+
+
+def _nobody_follows(_message: Message, _now_s: float) -> None:
+    """Do nothing."""
 
 
 def _none_missed() -> int:

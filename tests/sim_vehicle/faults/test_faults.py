@@ -466,3 +466,22 @@ def test_a_vehicle_with_faults_says_goodbye_unless_it_is_not_heard(fault, states
     for now_s in np.arange(0.0, 4.0, 0.5):
         faulty.poll(float(now_s))
     assert [message.system_status for message in faulty.goodbye()] == states
+
+
+def test_a_battery_is_changed_after_a_landing_not_before():
+    vehicle, link, driver = simulate("battery-change=10", "low-battery=0.6,from=1")
+    assert vehicle.pilot.state.battery.fraction > 0.9
+    link.sleep(3.0)
+    assert vehicle.pilot.state.battery.fraction < 0.61
+    vehicle.pilot.change_battery()
+    assert vehicle.pilot.state.battery.fraction > 0.99
+    vehicle.pilot.drain_battery(0.5)
+    driver.endpoint.send(m.MAVLink_command_long_message(1, 1, 400, 0, 1.0, *[0.0] * 6))
+    heard(driver.endpoint, link, 2.0)
+    assert vehicle.pilot.armed
+    vehicle.pilot.change_battery()
+    assert vehicle.pilot.state.battery.fraction < 0.5, "nobody changes it while the motors run"
+    link.sleep(15.0)  # PX4 stops motors that idle
+    assert not vehicle.pilot.armed and vehicle.pilot.state.battery.fraction < 0.5
+    link.sleep(10.0)
+    assert vehicle.pilot.state.battery.fraction > 0.98

@@ -1,0 +1,138 @@
+"""The change of a vehicle's battery between two sorties: the operator's word, and what the vehicle reads."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from mission.errors import LinkError
+from sim_vehicle.host.server import Server
+from sim_vehicle.host.simulation import StopReason
+from wbf_mission.live.watching import FleetWatch, WatchedVehicle
+from wbf_mission.planning import PlanResult
+
+__all__ = ["REAL_FULL", "BatteryWait", "needed_fraction", "risen_fraction"]
+
+REAL_FULL = 0.95
+"""What a battery that was just put in reads at least: it ages, and autopilots guess by its voltage."""
+_LOOK_S = 0.5
+# A vehicle that says nothing of its battery for so long does not tell it.
+_TELLS_S = 6.0
+_BACK = 0.5
+"""Without an operator's word, the battery is changed when so much of what was used is there again."""
+
+
+def needed_fraction(plan: PlanResult) -> float | None:
+    """Return what a battery has to read before a sortie; None for an endless one.
+
+    That is the most that the sortie takes, and the reserve.
+    """
+    battery = plan.vehicle.battery
+    if battery is None:
+        return None
+    return plan.prediction.most_wh / battery.capacity_wh + battery.reserve_fraction
+
+
+def risen_fraction(used: float | None) -> float | None:
+    """Return what a changed battery reads at least, where the last sortie took a part of the one before.
+
+    >>> risen_fraction(0.6), risen_fraction(None)
+    (0.7, None)
+    """
+    return None if used is None else 1.0 - _BACK * used
+
+
+@dataclass(slots=True)
+class BatteryWait:
+    """Waits until a vehicle has the battery for its next sortie.
+
+    Parameters
+    ----------
+    needs : float or None
+        What the battery has to read.
+    asks : callable or None
+        Asked every half second: the operator has changed the battery (True), wants no more (False), or has
+        not said yet (None). Without an operator the reading tells it.
+    risen : float or None
+        What a battery reads at least that was changed, where nobody says so; None if that is not known.
+    limit_s : float
+        How long to wait where nobody can say that it is enough.
+    note : callable
+        Takes lines for the operator.
+    """
+
+    needs: float | None
+    asks: Callable[[], bool | None] | None
+    risen: float | None
+    limit_s: float
+    note: Callable[[str], None]
+    _said: bool = False  # The operator says that it is changed
+    _told: str = ""
+    _heard_s: float = 0.0
+
+    def wait(self, url: str, system_id: int) -> str:
+        """Return why the vehicle does not fly on, empty if it can; KeyboardInterrupt at Ctrl-C."""
+        began_s = time.monotonic()
+        while True:
+            try:
+                with Server([watch := FleetWatch()], [url]) as server:
+                    why = None
+                    while why is None:
+                        if server.run(limit_s=_LOOK_S) is StopReason.STOPPED:
+                            raise KeyboardInterrupt
+                        why = self._settled(watch.vehicles.get(system_id), time.monotonic() - began_s)
+                return why
+            except LinkError as error:
+                # The radio may be powered by the battery.
+                self._tell(f"{error}; trying again")
+                time.sleep(_LOOK_S)
+                if (ended := self._settled(None, time.monotonic() - began_s)) is not None:
+                    return ended
+
+    def _settled(self, vehicle: WatchedVehicle | None, waited_s: float) -> str | None:
+        """Return why it does not fly on, empty if it can; None while that is open."""
+        if self.asks is not None:
+            said = self.asks()
+            if said is False:
+                return "the operator wants no more"
+            if said:
+                self._said, self._told = True, ""
+        reads = None if vehicle is None else vehicle.monitor.battery.remaining
+        self._heard_s = 0.0 if vehicle is None else self._heard_s or waited_s or _LOOK_S
+        if self.asks is None and waited_s > self.limit_s:
+            reading = "tells nothing of it" if reads is None else f"reads {reads:.0%}"
+            return f"the battery was not changed within {self.limit_s:g} s (the vehicle {reading})"
+        if vehicle is None or vehicle.monitor.state.armed:
+            if self._said:
+                self._tell("waiting for the vehicle" if vehicle is None else "its motors are running")
+            return None
+        if reads is None:
+            return self._without_reading(waited_s)
+        if self.asks is None:
+            changed = self.risen is not None and reads >= self.risen
+            return "" if changed and reads >= (self.needs or 0.0) else None
+        if self._said and self.needs is not None and reads < self.needs:
+            self._tell(
+                f"the battery reads {reads:.0%}, the next sortie needs {self.needs:.0%}:"
+                " waiting until it is full (q ends)"
+            )
+            return None
+        return "" if self._said else None
+
+    def _without_reading(self, waited_s: float) -> str | None:
+        """Believe the operator about the battery of a vehicle that does not tell of it."""
+        if waited_s - self._heard_s < _TELLS_S:
+            return None
+        if self.asks is None:
+            return "the vehicle does not tell what its battery holds: say when it is changed (without --yes)"
+        if self._said:
+            self.note("the vehicle does not tell what its battery holds; taken as full")
+            return ""
+        return None
+
+    def _tell(self, text: str) -> None:
+        """Say something once."""
+        if text != self._told:
+            self._told = text
+            self.note(text)

@@ -1,0 +1,126 @@
+"""The sorties of a real vehicle: how far they came, and the change of its battery between them."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from typing import Protocol
+
+from mission.course import Course, Place
+from mission.errors import MissionError
+from mission.model import Mission
+from mission.progress import MissionProgress
+from wbf_mission.planning import PlanResult
+from wbf_mission.planning.fleet import Vehicle
+from wbf_mission.planning.sorties import SortiePlan, cut_plan, rest_of
+from wbf_mission.run.record import FlightRecord
+
+__all__ = ["BatteryChanger", "RealSorties"]
+
+_MOST_IN_VAIN = 2
+"""So many sorties in a row may end before they come to anything new."""
+
+
+class BatteryChanger(Protocol):
+    """Sees to the battery of a real vehicle between two sorties."""
+
+    def change_battery(self, vehicle: Vehicle, plan: PlanResult, *, used: float | None, which: str) -> str:
+        """Wait until the vehicle has the battery for a sortie; return why it has not, empty once it has.
+
+        The last sortie took the part `used` of its battery; `which` names the next one.
+        """
+
+
+class RealSorties:
+    """Follows a real vehicle through the sorties of a mission; the rest of one that ends early is cut anew.
+
+    Attributes
+    ----------
+    cut : SortiePlan
+        Those that were flown, as far as they were, and those that are planned.
+    stopped : str
+        Why no more are flown; empty if there are more, and at the end of the mission.
+    changed_s : float
+        How long the last change of the battery took.
+    """
+
+    def __init__(self, cut: SortiePlan, vehicle: Vehicle, footprint: int, changer: BatteryChanger) -> None:
+        self.cut = cut
+        self.stopped = ""
+        self.changed_s = 0.0
+        self._vehicle, self._footprint, self._changer = vehicle, footprint, changer
+        self._reached: Place | None = cut.course.start  # How far the whole mission is flown; None: to its end
+        self._progress: MissionProgress | None = None
+        self._in_vain = 0
+
+    def follow(self, flight: int) -> MissionProgress:
+        """Return what follows a flight, counted from 1."""
+        self._progress = MissionProgress(Course(self.cut.plans[flight - 1].mission))
+        return self._progress
+
+    def note(self, flight: int, record: FlightRecord) -> None:
+        """Note how far the whole mission is flown after a flight."""
+        one = self.cut.sorties[flight - 1]
+        reached = one.end
+        if not record.outcome.is_good and self._progress is not None:
+            try:
+                reached = self.cut.reached(flight - 1, self._progress.place())
+            except MissionError:  # It never was on its way.
+                reached = one.begin
+        self._in_vain = self._in_vain + 1 if reached == one.begin else 0
+        self._reached = reached
+
+    def go_on(self, flight: int, record: FlightRecord) -> bool:
+        """Have the battery changed after a flight, and return whether there is another one."""
+        if self._reached is None:
+            return False
+        good, early = record.outcome.is_good, f"stopped after flight {flight}: "
+        if not good:
+            lost = record.outcome.loses_vehicle or not record.flight_time_s
+            if lost or self._in_vain == _MOST_IN_VAIN:
+                self.stopped = early + (record.reason or record.outcome.value)
+                return False
+            if not self._cut_again(flight, self._reached):
+                self.stopped = early + "no battery is enough for what is left"
+                return False
+        count = len(self.cut.sorties)
+        self.stopped = f"stopped after flight {flight} of {count}"
+        begun_s = time.monotonic()
+        why = self._changer.change_battery(
+            self._vehicle,
+            self.cut.plans[flight],
+            used=record.battery_used,
+            which=f"sortie {flight + 1} of {count}",
+        )
+        self.changed_s = time.monotonic() - begun_s
+        self.stopped = f"{self.stopped}: {why}" if why else ""
+        record.resumed = not (self.stopped or good)
+        return not self.stopped
+
+    @property
+    def rest(self) -> Mission | None:
+        """What is left of the mission, as one that can be flown; None if nothing is."""
+        if self._reached is None:
+            return None
+        return rest_of(self.cut, self._vehicle.task.builder, self._reached)
+
+    def _cut_again(self, flight: int, reached: Place) -> bool:
+        """Cut what is left after a sortie that ended early; False if it cannot be flown in sorties."""
+        cut = self.cut
+        ended = cut.sorties[flight - 1]
+        if reached == ended.end:
+            return True
+        again = cut_plan(
+            cut.whole,
+            self._vehicle.task.builder,
+            footprint=self._footprint,
+            begin=reached,
+            overlap_m=cut.overlap_m,
+            change_s=cut.change_s,
+            full=cut.full,
+        )
+        if again is None:
+            return False
+        flown = (*cut.sorties[: flight - 1], replace(ended, end=reached))
+        self.cut = replace(cut, sorties=(*flown, *again.sorties))
+        return True

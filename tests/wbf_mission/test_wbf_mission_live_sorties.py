@@ -38,7 +38,7 @@ def small(tmp_path_factory):
     """A vehicle whose battery lasts for two minutes, and gives next to nothing on the ground."""
     file = tmp_path_factory.mktemp("vehicles") / "small.toml"
     file.write_text(
-        'base = "quad"\n[battery]\ncapacity_wh = 6.0\n'
+        'base = "quad"\n[battery]\ncapacity_wh = 6.0\ncritical_fraction = 0.195\n'
         "[power]\navionics_w = 0.1\ncamera_w = 0.1\nidle_w = 1.0\n"
     )
     return str(file)
@@ -190,6 +190,18 @@ def test_without_an_operator_the_reading_tells(small):
         result = fly(asked(small), connect=LiveLink(url, operator, agreed=True))
     assert result.outcome is Outcome.COMPLETED and len(result.flights) == 2
     assert operator.questions == []
+
+
+@pytest.mark.slow
+def test_a_sortie_that_the_battery_ends_is_gone_on_with(small):
+    faults = ["battery-change=5", "low-battery=0.19,at=airborne,from=25"]
+    with stand_in(vehicle=small, farm=FARM, speed=FASTER, system_faults=faults) as (url, made):
+        result = fly(asked(small), connect=LiveLink(url, Operator(made, change=False), agreed=True))
+    outcomes = [one.outcome for one in result.flights]
+    assert outcomes[0] is Outcome.BATTERY_LOW and set(outcomes[1:]) == {Outcome.COMPLETED}
+    assert result.outcome is Outcome.COMPLETED and result.flights[0].resumed
+    seen = result.summary()
+    assert seen["coverage"] > seen["predicted_coverage"] - 0.03
 
 
 @pytest.mark.slow

@@ -310,12 +310,13 @@ def _show(
         output.warn(f"interrupted while the results were written: {kept}")
     if not result.outcome.is_good:
         output.warn(f"{result.outcome.value}: {result.reason}")
-    if result.rest is not None and summary["files"]:
-        output.note(
-            f"the rest is in {summary['files']}/rest.plan: wbf-mission plan --resume {summary['files']}"
-        )
     elif not len(result.observations):
         output.warn(f"the mission saw nothing of the farm {result.farm.name}: no estimate and no score")
+    if result.rest is not None and summary["files"]:
+        folder = summary["files"]
+        output.note(
+            f"what is left is {folder}/rest.plan: go on with fly --mission, or plan --resume {folder}"
+        )
     title = f"{result.farm.name}: {result.plan.planner or 'mission file'}, {result.estimator}"
     title += f", {result.plan.vehicle.name}, seed {result.scenario.seed}"
     output.result(summary, _rows(result, summary, simulated=simulated), title=title)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -33,6 +34,7 @@ wbf-mission plan --farm waterberry --planner lawnmower --budget 8000m --out rows
 wbf-mission plan --farm my-farm.geojson --planner adaptive-lawnmower --json
 wbf-mission plan --farm waterberry --vehicles 3 --partition voronoi --budget 10km --out part.plan
 wbf-mission plan --farm waterberry --planner lawnmower --budget 40km --out rows.plan
+wbf-mission plan --farm waterberry --planner lawnmower --budget 3batteries --out rows.plan
 wbf-mission plan --farm waterberry --mission rows.plan --resume flight.tlog --out rest.plan
 """
 
@@ -83,11 +85,16 @@ def plan_command(
     from mission.files import Firmware, writer_for
     from mission.transfer import Severity
     from wbf_mission.flight import check_flight
+    from wbf_mission.planning.batteries import batteries_in, plan_for_batteries
     from wbf_mission.planning.fleet import single_vehicles
     from wbf_mission.planning.plan import plan_fleet
     from wbf_mission.preflight.run import check_plans
 
     given, sorties = sorties.with_rest(given)
+    batteries = batteries_in(given.changes.get("budget"))
+    if batteries is not None:
+        sorties.check_counted()
+        given = replace(given, changes={**given.changes, "budget": None})
     chosen = given.scenario()
     sorties.check(mission=chosen.mission.file)
     if given.file is not None or chosen.farm.fields:
@@ -105,8 +112,15 @@ def plan_command(
     refuse(outs)
     with output.progress() as progress:
         progress("planning", 0, 1)
-        results, vehicles = plan_fleet(chosen, progress=progress), single_vehicles(chosen)
-        cuts = [sorties.cut(result, one) for result, one in zip(results, vehicles, strict=True)]
+        vehicles = single_vehicles(chosen)
+        if batteries is None:
+            results = plan_fleet(chosen, progress=progress)
+            cuts = [sorties.cut(result, one) for result, one in zip(results, vehicles, strict=True)]
+        else:
+            whole, cut = plan_for_batteries(
+                chosen, batteries, lambda one: sorties.cut(one, vehicles[0]), progress=progress
+            )
+            results, cuts = (whole,), [cut]
         progress("planning", 1, 1)
     flown = [(result,) if cut is None else cut.plans for result, cut in zip(results, cuts, strict=True)]
     files = [numbered_files(path, len(plans), "-sortie") for path, plans in zip(outs, flown, strict=True)]

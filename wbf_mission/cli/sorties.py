@@ -84,6 +84,12 @@ class SortieOptions:
             msg = f"--whole leaves the mission as it is: leave --{others[0]} out, or --whole"
             raise ScenarioError(msg)
 
+    def check_counted(self) -> None:
+        """Refuse what does not go with a budget of batteries."""
+        if self.whole:
+            msg = "--whole leaves the mission as it is, a budget of batteries cuts it: leave one of them out"
+            raise ScenarioError(msg)
+
     def with_rest(self, given: options.Given) -> tuple[options.Given, SortieOptions]:
         """Return what was given with the mission that a results folder has left, if it is such a one."""
         if self.resume is None or "mission" in given.changes:

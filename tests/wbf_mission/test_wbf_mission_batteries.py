@@ -1,0 +1,104 @@
+"""A budget of batteries: the longest mission that they carry, cut into so many sorties."""
+
+import json
+
+import pytest
+
+from wbf_mission import Scenario
+from wbf_mission.cli.app import main
+from wbf_mission.planning import plan
+from wbf_mission.planning.batteries import batteries_in, plan_for_batteries
+from wbf_mission.planning.sorties import sorties_of
+from wbf_mission.scenario import ScenarioError
+
+FARM = "miniberry-100"
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    """A vehicle whose battery lasts for four minutes."""
+    file = tmp_path_factory.mktemp("vehicles") / "small.toml"
+    file.write_text('base = "quad"\n[battery]\ncapacity_wh = 12.0\n')
+    return str(file)
+
+
+def scenario(small, **more):
+    return Scenario(**{"farm": FARM, "planner": "spiral", "vehicle": small, **more})
+
+
+@pytest.mark.parametrize(
+    ("count", "more"),
+    [
+        pytest.param(2, {}, marks=pytest.mark.slow),
+        pytest.param(3, {"planner": "lawnmower"}, marks=pytest.mark.slow),
+        (3, {"autopilot": "ardupilot"}),
+        pytest.param(4, {"wind_speed_m_s": 3.0}, marks=pytest.mark.slow),
+        pytest.param(2, {"wind_speed_m_s": 4.0, "turbulence": "light"}, marks=pytest.mark.slow),
+        pytest.param(3, {"farm": "waterberry", "vehicle": "quad"}, marks=pytest.mark.slow),
+    ],
+)
+def test_so_many_batteries_carry_it_and_hardly_more(small, count, more):
+    one, steps = scenario(small, **more), []
+    whole, cut = plan_for_batteries(
+        one, count, lambda made: sorties_of(made, one), progress=lambda _what, done, total: steps.append(done)
+    )
+    battery = whole.vehicle.battery
+    usable = battery.capacity_wh * (1.0 - battery.reserve_fraction)
+    assert len(cut.sorties) <= count
+    assert all(part.prediction.feasible and part.prediction.most_wh <= usable for part in cut.plans)
+    assert sum(part.prediction.most_wh for part in cut.plans) > 0.85 * count * usable
+    assert whole.budget_text == f"{count} batteries" and steps == sorted(steps) and len(steps) < 11
+    # An eighth more takes more.
+    longer = plan(scenario(small, **more, budget=f"{1.125 * whole.length_m:.0f}m"))
+    again = sorties_of(longer, one)
+    assert len(again.sorties) > count
+
+
+def test_one_battery_is_what_a_plan_without_a_budget_takes(small):
+    one = scenario(small)
+    whole, cut = plan_for_batteries(one, 1, lambda made: sorties_of(made, one))
+    assert cut is None and whole.mission == plan(one).mission and whole.budget_text == "1 battery"
+
+
+@pytest.mark.parametrize("text", ["3 batteries", "3batteries", " 3 BATTERIES ", "3battery"])
+def test_how_it_is_written(text):
+    assert batteries_in(text) == 3
+
+
+@pytest.mark.parametrize(
+    "text", ["3", "30min", "3.5batteries", "-3batteries", None, "batteries", "3 batteriess"]
+)
+def test_what_is_no_number_of_batteries(text):
+    assert batteries_in(text) is None
+
+
+@pytest.mark.parametrize("text", ["0 batteries", "101batteries"])
+def test_numbers_out_of_range_are_refused(text):
+    with pytest.raises(ScenarioError, match="give 1 to 100"):
+        batteries_in(text)
+
+
+COMMAND = ("plan", "--farm", FARM, "--planner", "spiral", "--budget", "2 batteries")
+
+
+def test_the_command_writes_so_many_sorties(small, tmp_path, capsys):
+    code = main([*COMMAND, "--vehicle", small, "--out", str(tmp_path / "rows.plan"), "--json"])
+    values = json.loads(capsys.readouterr().out)
+    assert code == 0 and values["batteries"] == 2 and values["budget"] == "2 batteries"
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["rows-sortie-1.plan", "rows-sortie-2.plan"]
+
+
+@pytest.mark.parametrize(
+    ("more", "text"),
+    [
+        (("--vehicles", "2"), "batteries are counted for one vehicle, but 2 fly"),
+        (("--whole",), "leave one of them out"),
+        (("--vehicle", "ideal"), "vehicle ideal has no battery"),
+        (("--budget", "0batteries"), "give 1 to 100 batteries"),
+        (("--mission", "rows.plan"), "has no effect with --mission"),
+    ],
+)
+def test_what_makes_no_sense_is_told_in_a_line(tmp_path, capsys, more, text):
+    code = main([*COMMAND, *more, "--out", str(tmp_path / "rows.plan")])
+    said = capsys.readouterr().err
+    assert code == 2 and text in said and said.count("\n") == 1 and not list(tmp_path.iterdir())

@@ -1,0 +1,125 @@
+"""The most that a number of batteries carries: the planner's budget whose mission takes so many sorties."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+
+from wbf_mission.planning.builder import PlanResult
+from wbf_mission.planning.plan import plan_fleet
+from wbf_mission.planning.sorties import SortiePlan, is_too_long
+from wbf_mission.progress import Progress, silent
+from wbf_mission.scenario import Scenario, ScenarioError, scenario_with
+
+__all__ = ["batteries_in", "plan_for_batteries"]
+
+_TEXT = re.compile(r"\s*(\d{1,3})\s*batter(?:y|ies)\s*", re.IGNORECASE)
+_MOST = 100
+_TRIES = 8
+_CLOSE = 1.01
+"""Budgets that are so close to each other are not told apart."""
+_PACKED, _ENOUGH = 0.985, 0.97
+"""So much of all batteries is aimed at, and this is enough: cuts lie at certain places."""
+_FARTHEST = 1.5
+"""A battery does not carry the vehicle so many times as far as that of a mission for one."""
+
+
+def batteries_in(budget: str | None) -> int | None:
+    """Return how many batteries a budget names; None if it is in another unit.
+
+    ScenarioError for none, and for more than a hundred.
+
+    >>> batteries_in("3 batteries"), batteries_in("1battery"), batteries_in("30min")
+    (3, 1, None)
+    """
+    match = None if budget is None else _TEXT.fullmatch(budget)
+    if match is None:
+        return None
+    count = int(match.group(1))
+    if not 1 <= count <= _MOST:
+        msg = f"budget {budget}: give 1 to {_MOST} batteries"
+        raise ScenarioError(msg)
+    return count
+
+
+def plan_for_batteries(
+    scenario: Scenario,
+    count: int,
+    cut: Callable[[PlanResult], SortiePlan | None],
+    *,
+    progress: Progress = silent,
+) -> tuple[PlanResult, SortiePlan | None]:
+    """Plan the longest mission of one vehicle that a number of batteries is enough for.
+
+    Budgets in metres are tried, at most eight: by what the sorties of the last one take, or between those
+    that were too much and those that were not. What counts is the real cut.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        Its budget does not count.
+    count : int
+        Of the batteries.
+    cut : callable
+        Cuts a mission into sorties; None for one that is flown at a stretch.
+
+    Returns
+    -------
+    tuple of PlanResult and SortiePlan or None
+        The whole mission and its sorties, at most as many as there are batteries.
+
+    Raises
+    ------
+    ScenarioError
+        If the vehicle has no battery, or there are several.
+    WbfMissionError
+        As of `plan_fleet`.
+    """
+    text = "1 battery" if count == 1 else f"{count} batteries"
+    if len(scenario.vehicle.fleet) > 1:
+        msg = f"budget {text}: batteries are counted for one vehicle, but {len(scenario.vehicle.fleet)} fly"
+        raise ScenarioError(msg)
+
+    def planned(budget: str | None) -> PlanResult:
+        (one,) = plan_fleet(scenario_with(scenario, {"budget": budget}))
+        return replace(one, budget_text=text)
+
+    progress("planning", 0, _TRIES + 1)
+    best = planned(None)
+    battery = best.vehicle.battery
+    if battery is None:
+        msg = f"budget {text}: vehicle {best.vehicle.name} has no battery; give metres, minutes or steps"
+        raise ScenarioError(msg)
+    found: tuple[PlanResult, SortiePlan | None] = best, None
+    tried: list[tuple[PlanResult, SortiePlan | None]] = []
+    all_wh = count * battery.capacity_wh * (1.0 - battery.reserve_fraction)
+    low, high, guess = best.length_m, _FARTHEST * count * best.length_m, count * best.length_m
+    for number in range(_TRIES if count > 1 else 0):
+        progress("planning", number + 1, _TRIES + 1)
+        whole = planned(f"{guess:.1f}m")
+        # Planners make the same of budgets that are near each other.
+        known = next((one for one in tried if one[0].mission == whole.mission), None)
+        sorties = known[1] if known else cut(whole) if is_too_long(whole) else None
+        tried.append((whole, sorties))
+        needed = _needed(whole, sorties)
+        takes_wh = 0.0 if sorties is None else sum(one.prediction.most_wh for one in sorties.plans)
+        if needed is not None and needed <= count:
+            found, low = (whole, sorties), guess
+            if takes_wh >= _ENOUGH * all_wh:
+                break
+        else:
+            high = guess
+        if high <= _CLOSE * low:
+            break
+        aimed = guess * _PACKED * all_wh / takes_wh if takes_wh else 0.0
+        guess = aimed if _CLOSE * low < aimed < high / _CLOSE else 0.5 * (low + high)
+    progress("planning", _TRIES + 1, _TRIES + 1)
+    return found
+
+
+def _needed(whole: PlanResult, sorties: SortiePlan | None) -> int | None:
+    """Return how many batteries a mission needs; None if no number is enough."""
+    if sorties is not None:
+        return len(sorties.sorties)
+    return None if is_too_long(whole) else 1

@@ -220,6 +220,26 @@ def test_the_command_writes_a_file_for_each_sortie(small, tmp_path, capsys):
     assert not any("no waypoint lies on the farm" in text for text in values["warnings"])
 
 
+@pytest.mark.slow
+def test_of_a_fleet_each_has_its_totals_and_all_a_finish(small, tmp_path, capsys):
+    fleet = (*PLAN[:-3], "--budget", "800m", "--vehicle", small, "--vehicles", "2")
+    code, said, _ = run(capsys, *fleet, "--out", str(tmp_path / "rows.plan"))
+    assert code == 0 and "all together" in said and "vehicle 2" in said
+    written = sorted(one.name for one in tmp_path.iterdir())
+    assert {"rows-1-sortie-1.plan", "rows-2-sortie-1.plan", "rows-2-sortie-2.plan"} <= set(written)
+    code, said, _ = run(capsys, *fleet, "--json")
+    values = json.loads(said)
+    totals = [one["time_with_changes_s"] for one in values["plans"]]
+    assert values["finish_s"] == max(totals)
+    assert totals[0] == pytest.approx(
+        values["plans"][0]["predicted_time_s"] + 180.0 * (len(values["plans"][0]["sorties"]) - 1)
+    )
+    # One that a battery is enough for is done when it has landed.
+    code, said, _ = run(capsys, *PLAN[:-3], "--budget", "300m", "--vehicles", "2", "--json")
+    values = json.loads(said)
+    assert values["finish_s"] == max(one["predicted_time_s"] for one in values["plans"])
+
+
 def test_the_whole_is_written_when_that_is_wanted(small, tmp_path, capsys):
     out = tmp_path / "rows.plan"
     code, _, said = run(capsys, *PLAN, small, "--out", str(out), "--whole")

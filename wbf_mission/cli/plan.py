@@ -15,8 +15,11 @@ from wbf_mission.cli.options import MISSION_SUFFIXES, Force, Overwrite, option, 
 from wbf_mission.cli.output import Output, distance, duration
 from wbf_mission.cli.preflight import show_findings
 from wbf_mission.cli.sorties import (
+    FLEET_HEADER,
     SORTIE_HEADER,
     SortieOptions,
+    finish_s,
+    fleet_rows,
     numbered_files,
     sortie_rows,
     sortie_summary,
@@ -155,12 +158,15 @@ def plan_command(
             [str(number), *(one[name] for name in _OF_EACH)] for number, one in enumerate(tables, start=1)
         ]
         title = f"{results[0].farm.name}: {results[0].planner}, {results[0].budget_text} each"
-        together = {"vehicles": len(results), "plans": values}
+        last_s = max(finish_s(*one) for one in zip(results, cuts, strict=True))
+        together = {"vehicles": len(results), "finish_s": last_s, "plans": values}
         output.table(together, ["", *_OF_EACH], rows, title=title, left=True)
     for number, (cut, paths) in enumerate(zip(cuts, files, strict=True), start=1):
         if cut is not None and not output.as_json:
             whose = f" of vehicle {number}" if len(cuts) > 1 else ""
             output.table(None, SORTIE_HEADER, sortie_rows(cut, paths), title=f"Sorties{whose}", left=True)
+    if len(cuts) > 1 and any(cuts) and not output.as_json:
+        output.table(None, FLEET_HEADER, fleet_rows(results, cuts), title="Fleet", left=True)
 
 
 _OF_EACH = (

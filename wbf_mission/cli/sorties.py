@@ -181,6 +181,24 @@ def sortie_rows(cut: SortiePlan, files: Sequence[Path | None]) -> list[list[str]
     return [*rows, ["all", "", *total, "", "", "", ""]]
 
 
+FLEET_HEADER = ["", "sorties", "in the air", "with the changes"]
+
+
+def finish_s(result: PlanResult, cut: SortiePlan | None) -> float:
+    """Return after how many seconds a vehicle has flown its plan, the changes of its battery counted."""
+    return result.prediction.duration_s if cut is None else cut.total_s
+
+
+def fleet_rows(results: Sequence[PlanResult], cuts: Sequence[SortiePlan | None]) -> list[list[str]]:
+    """Return a row for each vehicle, with its totals, and one for when the last of them is done."""
+    rows, every_s = [], [finish_s(*one) for one in zip(results, cuts, strict=True)]
+    for number, (result, cut, total_s) in enumerate(zip(results, cuts, every_s, strict=True), start=1):
+        aloft_s = result.prediction.duration_s if cut is None else cut.flight_s
+        count = 1 if cut is None else len(cut.sorties)
+        rows.append([f"vehicle {number}", str(count), duration(aloft_s), duration(total_s)])
+    return [*rows, ["all together", "", "", duration(max(every_s))]]
+
+
 def sortie_summary(cut: SortiePlan, files: Sequence[Path | None]) -> dict[str, Any]:
     """Return plain values for JSON."""
     values = cut.summary()

@@ -1,6 +1,7 @@
 """Missions longer than a battery behind a link: our simulator as the vehicle, over real sockets."""
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from mission.ground.modes import Maneuver
 from mission.link.codec.dialect import mavlink as m
 from mission.link.tlog import read_tlog
 from mission.outcome import Outcome, Phase
+from mission.sorties import part_of
 from wbf_mission import load_result
 from wbf_mission.cli import operator_console
 from wbf_mission.cli.app import main
@@ -268,7 +270,7 @@ def test_the_operator_is_asked_at_the_terminal(monkeypatch, capsys):
     assert capsys.readouterr().err.count("two?") == 1
 
 
-@pytest.mark.parametrize("full", [1.0, 0.95])
+@pytest.mark.parametrize("full", [1.0, 0.75])
 def test_how_far_the_whole_is_flown_is_told_by_the_place_on_a_sortie(small, full):
     one = asked(small, budget="200m")
     cut = sorties_of(plan(one), one, full=full)
@@ -293,6 +295,27 @@ def test_how_far_the_whole_is_flown_is_told_by_the_place_on_a_sortie(small, full
                     here = course.frame.from_wgs84(*own.position(place)[:2])
                     assert np.hypot(*np.subtract(here, there)) < 0.01
         assert before_m > begin_m + 0.6 * (end_m - begin_m)
+
+
+@pytest.mark.parametrize(
+    ("begin", "end"),
+    [(Place(6, 0.4), Place(8, 0.6)), (Place(6, 0.8), Place(6, 0.9)), (Place(4), Place(5, 0.5))],
+)
+def test_the_same_of_a_sortie_that_begins_and_ends_in_the_midst_of_legs(small, begin, end):
+    one = asked(small, budget="200m")
+    cut = sorties_of(plan(one), one)
+    mission = part_of(cut.course, begin, end, overlap_m=cut.overlap_m, hold_s=2.0)
+    sortie = replace(cut.sorties[1], begin=begin, end=end, plan=replace(cut.whole, mission=mission))
+    cut, own = replace(cut, sorties=(sortie,)), Course(mission)
+    last = own.legs[-1].item
+    for back in (0.01, 0.1, 0.2):
+        place = cut.reached(0, Place(last, 1.0 - back))
+        metres = float(own.lengths_m[-1]) * back
+        assert cut.course.metres(place) == pytest.approx(
+            max(cut.course.metres(end) - metres, cut.course.metres(begin)), abs=0.02
+        )
+    assert cut.reached(0, Place(last + 1)) == cut.reached(0, None) == end
+    assert cut.reached(0, Place(own.legs[0].item, 0.5)) == begin or begin == cut.course.start
 
 
 def test_what_is_left_is_a_mission_of_its_own(small):

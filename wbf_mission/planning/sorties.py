@@ -121,7 +121,7 @@ class SortiePlan:
             return one.begin
         number = first + leg - led
         end_m = course.length_m if one.end is None else course.metres(one.end)
-        if number >= len(course.legs):
+        if leg == len(own.legs) or number >= len(course.legs):
             return one.end
         to_end_m = (1.0 - place.fraction) * float(own.lengths_m[leg])
         metres = min(float(course.ends_m[number]), end_m) - to_end_m

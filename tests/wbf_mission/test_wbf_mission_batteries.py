@@ -54,6 +54,17 @@ def test_so_many_batteries_carry_it_and_hardly_more(small, count, more):
     assert len(again.sorties) > count
 
 
+@pytest.mark.slow
+def test_a_survey_takes_what_it_takes(small):
+    one = scenario(small, planner="survey")
+    whole, cut = plan_for_batteries(one, 20, lambda made: sorties_of(made, one))
+    assert whole.mission == plan(scenario(small, planner="survey", budget="unlimited")).mission
+    needed = len(cut.sorties)
+    assert 1 < needed < 20
+    with pytest.raises(ScenarioError, match=f"batteries: {needed} are needed for the survey"):
+        plan_for_batteries(one, needed - 1, lambda _: cut)
+
+
 def test_one_battery_is_what_a_plan_without_a_budget_takes(small):
     one = scenario(small)
     whole, cut = plan_for_batteries(one, 1, lambda made: sorties_of(made, one))

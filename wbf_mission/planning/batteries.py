@@ -11,12 +11,15 @@ from wbf_mission.planning.plan import plan_fleet
 from wbf_mission.planning.sorties import SortiePlan, is_too_long
 from wbf_mission.progress import Progress, silent
 from wbf_mission.scenario import Scenario, ScenarioError, scenario_with
+from wbf_mission.scenario.parts import UNLIMITED
 
 __all__ = ["batteries_in", "plan_for_batteries"]
 
 _TEXT = re.compile(r"\s*(\d{1,3})\s*batter(?:y|ies)\s*", re.IGNORECASE)
 _MOST = 100
 _TRIES = 8
+_SURVEY = "survey"
+"""The planner of a whole area: there is nothing to choose."""
 _CLOSE = 1.01
 """Budgets that are so close to each other are not told apart."""
 _PACKED, _ENOUGH = 0.985, 0.97
@@ -86,6 +89,15 @@ def plan_for_batteries(
         return replace(one, budget_text=text)
 
     progress("planning", 0, _TRIES + 1)
+    if scenario.mission.planner.chosen == _SURVEY:
+        whole = planned(UNLIMITED)
+        sorties = cut(whole) if is_too_long(whole) else None
+        needed = _needed(whole, sorties)
+        if needed is None or needed > count:
+            takes = "no number is enough for" if needed is None else f"{needed} are needed for"
+            msg = f"budget {text}: {takes} the survey; give so many, or rows that are farther apart"
+            raise ScenarioError(msg)
+        return whole, sorties
     best = planned(None)
     battery = best.vehicle.battery
     if battery is None:

@@ -116,7 +116,8 @@ def _farm_of(document: Document, default_name: str, crop: str | None, *, repair:
     if repair:
         features = [part for feature in features for part in mended(feature, notes)]
     systems = dict.fromkeys(entry.crs for entry in document.entries if entry.crs is not None)
-    notes.extend(filter(None, (crs.accuracy_note() for crs in systems)))
+    # Layers of one system have each an object of their own.
+    notes.extend(filter(None, dict.fromkeys(crs.accuracy_note() for crs in systems)))
     features = _completed(features, crop, notes)
     patches = [feature for feature in features if not feature.obstacle]
     if not patches:
@@ -319,7 +320,9 @@ def _polygon(feature: Feature, frame: LocalFrame) -> shapely.Polygon:
         reason = re.sub(
             r"\[\S+ \S+\]", lambda match: _at(match.group(), frame), shapely.is_valid_reason(polygon)
         )
-        raise FarmError(f"{feature.where}: the polygon is not valid: {reason}")
+        raise FarmError(
+            f"{feature.where}: the polygon is not valid: {reason}; --repair mends what is safe to mend"
+        )
     if polygon.area <= _THIN_M * polygon.length:
         raise FarmError(f"{feature.where}: the polygon has no area")
     return polygon

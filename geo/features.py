@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from geo.attributes import kind_of, meant
+from geo.attributes import crop_of, kind_of, meant
 from geo.coordinates import Coordinates
 from geo.errors import FarmError
-from geo.grid import CROP_NAMES, Crop, is_crop_name
+from geo.grid import Crop, is_crop_name
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -71,7 +71,7 @@ def read_entry(entry: Entry, notes: list[str], *, repair: bool) -> list[Feature]
     With `repair` rings may be open, and what has latitude and longitude swapped is turned.
     """
     properties = meant(entry.properties, literal=True)
-    name = text_member(properties, "name", f"patch {entry.number - 1}", entry.where)
+    name = text_member(properties, "name", f"patch {entry.number}", entry.where)
     where = f"{entry.where} ({name!r})"
     kind = kind_of(properties.get("kind"))
     geometry = entry.geometry if isinstance(entry.geometry, dict) else {}
@@ -94,7 +94,7 @@ def read_entry(entry: Entry, notes: list[str], *, repair: bool) -> list[Feature]
     if not obstacle and "crop" in properties:
         crop = text_member(properties, "crop", "", where).lower()
         if not is_crop_name(crop):
-            raise FarmError(f"{where}: {crop!r} is no name of a crop; {CROP_NAMES}")
+            crop = crop_of(crop)
     if not obstacle and "owner" in properties:
         owner = text_member(properties, "owner", "", where)
     parts = _parts(geometry, where)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -72,7 +73,9 @@ def read_readings(path: Path, fields: FieldSet) -> Readings:
     key = next((one for one in KEYS if set(one) <= set(header)), None)
     if key is None:
         wanted = "latitude and longitude, name, image, or time"
-        raise ObservationError(f"{path}: no column tells where a reading belongs; give {wanted}")
+        raise ObservationError(
+            f"{path}: no column tells where a reading belongs; give {wanted}{_comma(header)}"
+        )
     columns = [header.index(name) if name in header else None for name in fields.names]
     if not any(column is not None for column in columns):
         raise ObservationError(f"{path}: no column is a field; give one or more of {', '.join(fields.names)}")
@@ -98,6 +101,13 @@ def read_readings(path: Path, fields: FieldSet) -> Readings:
     if not found.keys:
         raise ObservationError(f"{path}: holds no readings below its header")
     return found
+
+
+def _comma(header: list[str]) -> str:
+    """Return what is wrong with a table as spreadsheets of many countries write it."""
+    if len(header) > 1 or not re.search("[;\t]", "".join(header)):
+        return ""
+    return "; separate the columns by commas, and write decimals with a point"
 
 
 def _header(path: Path) -> tuple[list[str], Any]:

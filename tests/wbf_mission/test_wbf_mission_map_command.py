@@ -156,7 +156,11 @@ def test_a_farm_of_ones_own_and_a_footprint(mapped, tmp_path):
     line = ["--observations", tmp_path / "r.csv", "--farm", tmp_path / "mine.geojson", "--estimator", "point"]
     told = mapped(*line, "--camera-footprint", 3, "--out", tmp_path / "map", "--day", 9, "--rate", "75kg/ha")
     assert (told["observations"], told["day"]) == (9, 9)
-    assert told["notes"] == [f"1 of 2 readings lie outside the farm {farm.name}"]
+    outside, unread = told["notes"]
+    assert outside == f"1 of 2 readings lie outside the farm {farm.name}"
+    assert unread.startswith(
+        "charcoal rot (strawberry) was not read anywhere: its map shows only what is assumed"
+    )
     assert told["fields"]["tylcv"]["rate_unit"] == "kg/ha"
     assert told["source"] == "r.csv"
 

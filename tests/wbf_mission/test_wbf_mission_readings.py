@@ -115,6 +115,11 @@ def test_what_is_left_out_is_counted(table, track):
         ("time,nitrogen\n1,1\n", "no column is a field; give one or more of tylcv, ccr, soil"),
         ("time,tylcv\n", "holds no readings below its header"),
         ("", "no column tells where"),
+        (
+            "latitude;longitude;tylcv\n1,5;2,5;1\n",
+            "; separate the columns by commas, and write decimals with a",
+        ),
+        ("latitude\tlongitude\ttylcv\n1\t2\t1\n", "; separate the columns by commas"),
         ("time,tylcv\n1,1.7\n", "line 2: tylcv is 1.7; values lie in 0..1"),
         ("time,tylcv\n1,1\n2,-0.1\n", "line 3: tylcv is -0.1; values lie in 0..1"),
         ("time,tylcv\n1,inf\n", "line 2: tylcv is inf; values lie in 0..1"),

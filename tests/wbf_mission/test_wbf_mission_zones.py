@@ -12,6 +12,7 @@ from scipy.stats import beta, norm
 
 from geo import get_farm
 from sensors.dynamics.measured import Measured
+from sensors.dynamics.soil import SoilParameters
 from sensors.fields import ALL_CROPS, PAPER_FIELDS, Field, FieldSet
 from wbf_mission.maps.blocks import MapGrid
 from wbf_mission.maps.field_maps import FieldMap
@@ -25,6 +26,7 @@ from wbf_mission.maps.zones import (
     FieldCosts,
     block_grid,
     costs_of,
+    is_water,
     zone_map,
 )
 
@@ -210,6 +212,17 @@ def test_blocks_are_what_a_sprayer_can_act_on():
     }
     assert block_grid(get_farm("waterberry"), 10.0).pixel == 33
     assert block_grid(get_farm("miniberry-10"), 500.0).pixels == (1, 1)
+
+
+def test_only_of_soil_humidity_the_lack_is_water():
+    nitrogen = Field(
+        "nitrogen", SoilParameters(), (ALL_CROPS,), default=0.4, unit="kg/ha", range=(0.0, 200.0)
+    )
+    assert not is_water(nitrogen)
+    assert is_water(PAPER_FIELDS["soil"])
+    assert not is_water(PAPER_FIELDS["tylcv"])
+    of = field_map([0.2], [0.0], field=nitrogen)
+    assert zone_map(of, costs_of(FieldSet((nitrogen,)), {})["nitrogen"]).word(TREAT) == "too low"
 
 
 def test_thresholds_and_reports_are_in_the_unit_of_their_field():

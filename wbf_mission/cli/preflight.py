@@ -15,6 +15,7 @@ from wbf_mission.exit_codes import ExitCode
 from wbf_mission.scenario import CameraOptions, MissionOptions, ScenarioError, VehicleOptions, WeatherOptions
 
 if TYPE_CHECKING:
+    from mission.model import Mission
     from wbf_mission.preflight.finding import Finding, PreflightError, Report
     from wbf_mission.preflight.inquiry import VehicleSnapshot
     from wbf_mission.preflight.run import Preflight
@@ -34,6 +35,12 @@ CHECKED = options.scenario_options(
         "altitude_m",
         "cruise_speed_m_s",
         "acceptance_radius_m",
+        "height_above_ground_m",
+        "terrain",
+        "terrain_frame",
+        "fence_m",
+        "front_overlap",
+        "side_overlap",
         "vehicles",
         "separation",
         "radio_range_m",
@@ -48,7 +55,7 @@ CHECKED = options.scenario_options(
         "seed",
     ),
 )
-"""Gives a command the margin and the footprint, and the vehicle and the air that a plan is checked for."""
+"""Gives a command the margin, the camera, and the vehicle and the air that a plan is checked for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,23 +73,30 @@ class Surroundings:
     camera_interval: Annotated[
         float | None,
         option(
-            "The camera's shortest interval between images, s.  [default: 0.01, the leaf camera's]",
+            "The camera's shortest interval between images, s.  [default: that of --camera; 0.01, the leaf"
+            " camera's]",
             panel=options.CHECK_PANEL,
             parser=options.number,
         ),
     ] = None
 
-    def circumstances(self, given: options.Given) -> Circumstances:
+    def circumstances(self, given: options.Given, mission: Mission) -> Circumstances:
         """Return what a plan is checked for, by the command line."""
         from geo import get_farm
         from sim_vehicle.camera.component import MIN_INTERVAL_S
-        from wbf_mission.preflight.subject import Circumstances
+        from wbf_mission.planning.imaging import imaging_of
+        from wbf_mission.preflight.subject import Circumstances, level_of_plan
 
         interval_s = self.camera_interval
         if interval_s is not None and not 0.0 < interval_s <= 3600.0:
             msg = f"--camera-interval {interval_s:g} is out of range: give seconds above 0, up to 3600"
             raise ScenarioError(msg)
         chosen = given.scenario()
+        imaging = None
+        if chosen.camera.model is not None:
+            imaging = imaging_of(chosen.camera, chosen.mission, level_of_plan(mission, chosen.vehicle))
+        if interval_s is None and imaging is not None:
+            interval_s = imaging.camera.min_interval_s
         return Circumstances(
             chosen.vehicle,
             chosen.weather,
@@ -90,6 +104,7 @@ class Surroundings:
             chosen.mission.margin_m,
             MIN_INTERVAL_S if interval_s is None else interval_s,
             footprint=chosen.camera.footprint,
+            imaging=imaging,
         )
 
 
@@ -98,6 +113,7 @@ Examples
 wbf-mission preflight spiral.plan
 wbf-mission preflight rows.waypoints --vehicle mapping-quad --autopilot ardupilot --wind 5,270,1
 wbf-mission preflight spiral.plan --farm my-farm.geojson --margin 5
+wbf-mission preflight survey.plan --farm my-farm.geojson --camera dji-p1-35
 wbf-mission preflight spiral.plan --connect udpin:127.0.0.1:14550 --json
 """
 _HEADER = ["", "item", "finding"]
@@ -128,7 +144,7 @@ def preflight_command(
         msg = "--system-id goes with --connect: give the link to the vehicle, or leave it out"
         raise ScenarioError(msg)
     mission = read_mission(file)
-    circumstances = around.circumstances(given)
+    circumstances = around.circumstances(given, mission)
     if connect is not None:
         snapshot = ask_vehicle(connect, wait_s=wait, system_id=system_id, note=output.note)
         circumstances = fitted_circumstances(circumstances, given, snapshot)

@@ -56,7 +56,7 @@ def upload_command(
     from wbf_mission.preflight.run import check_mission
 
     mission = read_mission(file)
-    circumstances = around.circumstances(given)
+    circumstances = around.circumstances(given, mission)
     snapshot = ask_vehicle(connect, wait_s=wait, system_id=system_id, note=output.note)
     checked = check_mission(mission, fitted_circumstances(circumstances, given, snapshot)).report
     # How it stands there matters for a start only.

@@ -89,8 +89,8 @@ class FieldCosts:
 
 
 def is_water(field: Field) -> bool:
-    """Tell whether what a field lacks is water."""
-    return isinstance(field.dynamics, SoilParameters)
+    """Tell whether what a field lacks is water; others may develop as the soil does."""
+    return field.name == "soil" and isinstance(field.dynamics, SoilParameters)
 
 
 def costs_of(field_set: FieldSet, given: Mapping[str, Iterable[str]]) -> dict[str, FieldCosts]:

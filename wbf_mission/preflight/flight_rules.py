@@ -209,7 +209,11 @@ def check_battery(subject: Subject) -> Iterator[Finding]:
     over_ground = f"{prediction.ground_length_m:.1f} m over ground"
     text = f"{until}the flight is predicted to take {takes} in {air}: {over_ground}"
     if (coverage := subject.coverage) is not None:
-        text += f", its images show {coverage:.1%} of the land to be seen"
+        imaging = subject.given.imaging
+        camera = (
+            "the leaf camera" if imaging is None else f"{imaging.camera.name} at {imaging.height_m:.1f} m"
+        )
+        text += f", images of {camera} show {coverage:.2%} of the land to be seen"
     if battery is None or subject.stopped is not None:
         yield found(subject, "flight", flight=text)
         return

@@ -227,7 +227,7 @@ def subject_of(mission: Mission, given: Circumstances) -> Subject:
         given=given,
         vehicle=vehicle,
         profile=profile if given.snapshot is None else profile_for(given.snapshot.autopilot),
-        wind=wind_of(given.weather, _level(mission, given.vehicle)),
+        wind=wind_of(given.weather, level_of_plan(mission, given.vehicle)),
         frame=frame,
         positions=positions,
         problems=tuple(problems),
@@ -235,7 +235,7 @@ def subject_of(mission: Mission, given: Circumstances) -> Subject:
     return subject if problems else _predicted(subject, flown)
 
 
-def _level(mission: Mission, options: VehicleOptions) -> FlightLevel:
+def level_of_plan(mission: Mission, options: VehicleOptions) -> FlightLevel:
     """Return how high and fast the plan is flown: its wind depends on that."""
     level = flight_level(MissionOptions(), options)
     heights = [

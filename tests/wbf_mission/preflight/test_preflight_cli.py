@@ -121,6 +121,48 @@ def test_wind_vehicle_margin_and_camera_are_options(tmp_path, capsys):
     assert (other["vehicle"], other["autopilot"]) == ("mini-quad", "ArduPilot")
 
 
+def test_coverage_is_the_plans_own_with_its_camera(tmp_path, capsys):
+    survey = plan(
+        Scenario(
+            farm="miniberry-100",
+            planner="survey",
+            camera_model="dji-mavic-3m-rgb",
+            altitude_m=8.0,
+            budget="unlimited",
+        )
+    )
+    path = tmp_path / "survey.plan"
+    write_mission(survey.mission, path)
+    words = ("preflight", str(path), "--farm", "miniberry-100", "--json", "-q")
+    assert survey.coverage > 0.9
+    leaf = json.loads(run(capsys, *words).out)
+    assert leaf["coverage"] < 0.1
+    assert "images of the leaf camera show" in leaf["findings"][-1]["text"]
+    for more in ((), ("--gsd", str(survey.summary()["camera"]["gsd_cm"]))):
+        told = json.loads(run(capsys, *words, "--camera", "dji-mavic-3m-rgb", *more).out)
+        assert told["coverage"] == pytest.approx(survey.coverage, abs=0.002)
+        assert "images of dji-mavic-3m-rgb at 8.0 m show" in told["findings"][-1]["text"]
+    higher = json.loads(run(capsys, *words, "--camera", "dji-mavic-3m-rgb", "--gsd", "0.1").out)
+    assert higher["coverage"] < survey.coverage
+
+
+def test_a_camera_brings_its_shortest_interval(tmp_path, capsys):
+    path = tmp_path / "good.plan"
+    write_mission(fenced(good(), box(-20, -20, 48, 60)), path)
+    (tmp_path / "slow.toml").write_text(
+        "sensor_width_mm = 13.2\nsensor_height_mm = 8.8\nfocal_length_mm = 8.8\nimage_width_px = 5472\n"
+        "image_height_px = 3648\nmin_interval_s = 1.2\nshutter_s = 0.001\n"
+    )
+    words = ("preflight", str(path), "--json", "-q", "--camera", str(tmp_path / "slow.toml"))
+    assert "camera-too-fast" in codes(json.loads(run(capsys, *words).out))
+    assert "camera-too-fast" not in codes(json.loads(run(capsys, *words, "--camera-interval", "0.01").out))
+
+
+@pytest.mark.parametrize("option", ["--fence", "--terrain", "--height-above-ground", "--side-overlap"])
+def test_options_that_would_change_nothing_are_none(option, file, capsys):
+    assert f"No such option: {option}" in run(capsys, "preflight", file, option, "0.5", code=2).err
+
+
 @pytest.mark.parametrize(
     ("words", "text"),
     [

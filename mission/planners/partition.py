@@ -291,5 +291,6 @@ def _connected(pieces: list[list[shapely.Polygon]]) -> list[list[shapely.Polygon
     for piece in sorted(loose, key=lambda one: -one.area):
         around = [shapely.intersection(piece.boundary, shapely.buffer(part, near_m)) for part in parts]
         taker = int(np.argmax(shapely.length(around)))
-        parts[taker] = shapely.union(parts[taker], piece, grid_size=near_m)
+        # The grid is that of this union alone: see `geo.Farm.crop_area`.
+        parts[taker] = shapely.set_precision(shapely.union(parts[taker], piece, grid_size=near_m), 0.0)
     return [polygons_of(part, _LEAST_M2) for part in parts]

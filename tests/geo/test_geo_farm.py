@@ -94,6 +94,16 @@ def test_waterberry_areas() -> None:
     assert whole == pytest.approx(waterberry.owner_area.area, rel=1e-9)
 
 
+def test_what_is_made_of_an_area_is_not_rounded() -> None:
+    """Planners ask whether a leg lies within the area and less than a micrometre beside it."""
+    bank = shapely.LineString([(20, 20), (33, 47), (61, 52), (70, 81)]).buffer(7.0)
+    for patches in ([bank], [bank, shapely.box(5, 5, 15, 15)]):
+        one = farm(*(Patch(f"p{k}", Crop.TOMATO, "me", area) for k, area in enumerate(patches)))
+        for area in (one.owner_area, one.crop_area(Crop.TOMATO)):
+            wider = shapely.buffer(area, 5e-7, join_style="mitre", mitre_limit=2.0)
+            assert wider.area - area.area == pytest.approx(5e-7 * area.length, rel=1e-3)
+
+
 def test_areas_follow_the_painting() -> None:
     overlaid = farm(
         field("a", Crop.TOMATO, "me", 0, 0, 10, 10),

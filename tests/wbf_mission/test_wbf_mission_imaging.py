@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 
-from geo import get_farm
+from geo import Farm, LocalFrame, Patch, get_farm, save_farm
 from mission.model import Command
 from sensors.camera.optics import Imaging, get_camera
 from wbf_mission import fly
@@ -100,3 +102,24 @@ def test_the_plan_tells_its_camera(capsys: pytest.CaptureFixture[str]) -> None:
     assert told["coverage"] > 0.99
     assert main(["plan", *given]) == 0
     assert "parrot-sequoia: 0.94 cm a pixel at 10.0 m" in capsys.readouterr().out
+
+
+def test_a_strip_along_a_creek_is_surveyed_within_its_border(tmp_path: Path) -> None:
+    """The ways between rows turn at its bends; straight ones would leave it, which a plan refuses."""
+    at = np.linspace(0.0, 1.0, 40)
+    strip = shapely.LineString(np.column_stack((10 + 300 * at, 60 + 40 * np.sin(6 * at)))).buffer(
+        5.0, quad_segs=4
+    )
+    patches = (Patch("bank", "grass", "me", strip),)
+    creek = Farm("creek", LocalFrame(48.7, 9.2), 320, 120, patches, "me", (10.0, 60.0), 1.0)
+    save_farm(creek, tmp_path / "creek.geojson")
+    made = plan(
+        Scenario(
+            farm=str(tmp_path / "creek.geojson"),
+            planner="survey:angle=0",
+            camera_model="dji-mavic-3m-rgb",
+            altitude_m=20.0,
+            budget="unlimited",
+        )
+    )
+    assert made.coverage > 0.95

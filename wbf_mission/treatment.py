@@ -84,12 +84,12 @@ def treatment_of_log(
     progress("reading", 0, 1)
     seen, notes = _observed(scenario, farm, fields, log, observations)
     progress("reading", 1, 1)
-    unread = ~seen.sensed.any(axis=0)
+    sensed = seen.sensed
     notes += tuple(
         f"{one.title} was not read anywhere: its map shows only what is assumed of it (leave it out of"
         " --fields)"
-        for one, none in zip(fields, unread, strict=True)
-        if none
+        for k, one in enumerate(fields)
+        if not sensed[:, k].any()
     )
     day = int(seen.day.max())
     model, estimator = _estimate(scenario, farm, fields, seen, progress)

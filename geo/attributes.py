@@ -9,7 +9,17 @@ from typing import Any
 
 ATTRIBUTES: Mapping[str, tuple[str, ...]] = {
     "name": ("name", "field_name", "fieldname", "field", "label", "title"),
-    "crop": ("crop", "crop_name", "cropname", "crop_type", "croptype", "culture", "landuse"),
+    "crop": (
+        "crop",
+        "crop_name",
+        "cropname",
+        "crop_type",
+        "croptype",
+        "culture",
+        "kultur",
+        "cultura",
+        "landuse",
+    ),
     "owner": ("owner", "farmer", "grower"),
     "kind": ("kind", "role"),
     "obstacle": ("obstacle",),

@@ -114,3 +114,11 @@ def test_nobody_gets_a_fence_who_did_not_ask():
     robot = plan(Scenario(farm="miniberry-30", planner="lawnmower", vehicle="ideal", fence_m=5.0))
     assert not robot.mission.fence
     assert rally_items(farm_of(shapely.box(0, 0, 9, 9)), 10.0) == ()
+
+
+def test_sharp_corners_keep_the_distance():
+    wedge = shapely.Polygon([(205.0, 200.0), (197.5, 204.33), (197.5, 195.67)])
+    farm = farm_of(wedge)
+    way = np.array([(200.0, 200.0), (0.0, 0.0), (200.0, 200.0)])
+    (inside,) = zones(border_fence(farm, way, 14.0), farm.frame)[INSIDE]
+    assert inside.exterior.distance(shapely.union(wedge, shapely.LineString(way))) >= 13.98

@@ -123,3 +123,12 @@ def test_a_strip_along_a_creek_is_surveyed_within_its_border(tmp_path: Path) -> 
         )
     )
     assert made.coverage > 0.95
+
+
+def test_a_mapping_camera_needs_a_height_and_one_image_shows_something() -> None:
+    with pytest.raises(ScenarioError, match=r"camera dji-p1-35: give the ground sampling distance \(--gsd"):
+        plan(Scenario(planner="survey", camera_model="dji-p1-35", budget="unlimited"))
+    farm = get_farm("miniberry-30")
+    imaging = Imaging(get_camera("dji-p1-35"), 50.0, 0.75, 0.7, False)
+    assert shown_share(farm, np.array([(4.5, 4.5)]), imaging) == 1.0
+    assert shown_share(farm, np.empty((0, 2)), imaging) == 0.0

@@ -77,7 +77,7 @@ class _Costs:
             metavar="COST",
         ),
     ] = None
-    dry_below: Annotated[
+    low_below: Annotated[
         list[str] | None,
         option(
             f"A continuous field needs treatment below this value: {_HOW}.  [default: 0.4, an assumption]",
@@ -109,7 +109,7 @@ class _Costs:
             "treat": self.treat_cost,
             "loss": self.loss,
             "look": self.look_cost,
-            "below": self.dry_below,
+            "below": self.low_below,
             "rate": self.rate,
         }
         if self.block is not None and not 0.01 <= self.block <= 1000.0:

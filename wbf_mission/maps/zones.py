@@ -144,7 +144,7 @@ _OPTIONS = {
     "treat": "treat-cost",
     "loss": "loss",
     "look": "look-cost",
-    "below": "dry-below",
+    "below": "low-below",
     "rate": "rate",
 }
 

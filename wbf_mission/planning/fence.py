@@ -16,6 +16,7 @@ from mission.planners.path import Area, Points
 MOST_VERTICES = 60
 """Of all polygons of a fence: a PX4 stores 64 items (NUM_MISSIONS_SUPPORTED, dataman)."""
 _LEAST_M = 0.05
+_NEAR_M = 0.01
 _OF_OBSTACLES = MOST_VERTICES // 2  # At most so many vertices are theirs
 _LEAST_VERTICES = 4  # What every outline can be told by: that of its tightest rectangle
 
@@ -52,16 +53,21 @@ def border_fence(
 
 def _around(area: Area, distance_m: float, most: int) -> Points:
     """Return the corners of a polygon of few vertices that holds an area and its surroundings."""
-    tolerance_m = _LEAST_M
+    held, tolerance_m, more_m = area, _LEAST_M, 0.0
     while True:
         # What is simplified moves inwards by no more than it is too wide.
-        wide = shapely.buffer(area, distance_m + tolerance_m, join_style="mitre", mitre_limit=2.0)
+        wide = shapely.buffer(area, distance_m + tolerance_m + more_m, join_style="mitre", mitre_limit=2.0)
         # Lands apart from each other: a vehicle has to fly between them.
         whole = wide if isinstance(wide, shapely.Polygon) else shapely.convex_hull(wide)
         outline = shapely.simplify(shapely.Polygon(whole.exterior), tolerance_m)
         corners: Points = shapely.get_coordinates(orient(outline))[:-1]
         if len(corners) <= most:
-            return corners
+            # Sharp corners are cut, nearer than they should be.
+            short_m = distance_m - float(shapely.distance(outline.exterior, held))
+            if short_m < _NEAR_M:
+                return corners
+            more_m += short_m
+            continue
         if tolerance_m > max(distance_m, 5.0):
             area, tolerance_m = shapely.convex_hull(area), _LEAST_M
             if len(shapely.get_coordinates(area)) - 1 > most:

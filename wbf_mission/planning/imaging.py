@@ -27,15 +27,19 @@ def imaging_of(camera: CameraOptions, mission: MissionOptions, level: FlightLeve
     CameraError
         If there is no such camera, or its file cannot be read.
     ScenarioError
-        If the ground sampling distance and the height contradict each other, or the speed that is asked for
-        is too fast.
+        If neither ground sampling distance nor height is given, they contradict each other, or the speed that
+        is asked for is too fast.
     """
     if camera.model is None:
         return None
     model, height = get_camera(camera.model), level.altitude_m
+    asked = mission.height_above_ground_m or mission.altitude_m
+    if camera.gsd_cm is None and asked is None:
+        # The height of a leaf camera is not that of a mapping camera.
+        msg = f"camera {model.name}: give the ground sampling distance (--gsd, cm) or the height (--altitude)"
+        raise ScenarioError(msg)
     if camera.gsd_cm is not None:
         height = model.height_m(0.01 * camera.gsd_cm)
-        asked = mission.height_above_ground_m or mission.altitude_m
         limits = options_of(MissionOptions)["altitude_m"]
         if asked is not None and abs(asked - height) > _SAME_HEIGHT * height:
             msg = (
@@ -76,8 +80,10 @@ def shown_share(farm: Farm, places: Points, imaging: Imaging) -> float:
     Of many cells evenly spread ones are looked at.
     """
     x, y = np.nonzero(farm.scouted_cells)
-    if not len(x) or len(places) < 2:
+    if not len(x) or not len(places):
         return 0.0
+    if len(places) == 1:  # whose course nobody knows: northward
+        places = np.vstack((places, places + np.array((0.0, 1e-3))))
     some = slice(None, None, max(1, len(x) // _MOST_CELLS))
     centres = (np.column_stack((x[some], y[some])) + 0.5) * farm.cell_size_m
     steps = np.diff(places, axis=0, prepend=2.0 * places[:1] - places[1:2])

@@ -33,6 +33,7 @@ class MissionProgress:
         self.monitor = VehicleMonitor()
         self._pending: list[tuple[int, float, float]] = []
         self._flown: list[tuple[int, float, float]] = []
+        self._reached = -1
 
     def receive(self, message: Message, now_s: float) -> None:
         """Take one message of the vehicle."""
@@ -41,6 +42,8 @@ class MissionProgress:
             if self._flies:
                 self._flown += self._pending
             self._pending.clear()
+        elif isinstance(message, m.MAVLink_mission_item_reached_message) and self._flies:
+            self._reached = message.seq - (1 if self.monitor.profile.home_at_zero else 0)
         elif isinstance(message, m.MAVLink_global_position_int_message) and self._flies:
             state = self.monitor.state
             if state.item is not None and self.monitor.knows_position:
@@ -66,6 +69,8 @@ class MissionProgress:
                 f" {len(course.mission.items)} items: it is another mission"
             )
             raise MissionError(msg)
+        if self._reached >= course.legs[-1].item:
+            return None
         east, north = course.frame.from_wgs84(latitude, longitude)
         on_leg = course.aside_m(items, east, north) <= _ON_LEG_M
         if not on_leg.any():

@@ -94,6 +94,17 @@ def test_a_mission_that_is_over_is_told():
     assert log.progress.place() is None
 
 
+@pytest.mark.parametrize(("autopilot", "home"), [(PX4, 0), (ARDUPILOT, 1)])
+@pytest.mark.parametrize(("reached", "over"), [(5, True), (4, False)])
+def test_the_last_item_is_reached_from_a_radius_away(autopilot, home, reached, over):
+    log = Log(autopilot)
+    log.beat()
+    log.be(5, 6.0, 20.0)
+    log.beat()
+    log._tell(m.MAVLink_mission_item_reached_message(reached + home))
+    assert (log.progress.place() is None) == over
+
+
 def test_what_tells_nothing_is_refused():
     log = Log()
     log.beat(armed=False)

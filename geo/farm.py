@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 MAX_CELLS = 200_000_000
 """The largest grid that is accepted: six times Waterberry; a map of it takes 0.4 GB."""
 _SNAP_M = 1e-6
+_ARC_SEGMENTS = 16  # Of a quarter: off by a thousandth of the radius
 _EDGE_CELLS = 1e-9
 
 
@@ -67,7 +68,7 @@ class Obstacle:
 
     def widened(self, margin_m: float, more_m: float = 0.0) -> shapely.Polygon:
         """Return its outline wider by its margin, and by more."""
-        return shapely.buffer(self.polygon, self.margin(margin_m) + more_m)
+        return shapely.buffer(self.polygon, self.margin(margin_m) + more_m, quad_segs=_ARC_SEGMENTS)
 
     def bars(self, altitude_m: float, margin_m: float) -> bool:
         """Return whether a flight at so many metres above the ground has to go round it.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import struct
 from pathlib import Path
@@ -64,7 +65,13 @@ def _messages(path: Path) -> Any:
             for number, one in given.items():
                 self._formats[number] = one
 
-    with Reader(str(path)) as reader:
+    reader = Reader(str(path))
+    try:
         while (message := reader.recv_match(type=set(_NAMES), strict=True)) is not None:
             if message.get_type() in _NAMES:
                 yield message
+    finally:
+        # What still refers to a message holds the file's memory: it is let go with that.
+        with contextlib.suppress(BufferError):
+            reader.close()
+        reader.filehandle.close()

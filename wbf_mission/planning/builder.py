@@ -42,7 +42,7 @@ from wbf_mission.planning.conditions import (
 )
 from wbf_mission.planning.coverage import image_places, predicted_coverage
 from wbf_mission.planning.fence import border_fence, rally_items
-from wbf_mission.planning.imaging import imaging_of, imaging_summary, level_of
+from wbf_mission.planning.imaging import imaging_of, imaging_summary, level_of, require_height
 from wbf_mission.planning.keep_out import KeepOut, probe_path, stray_m
 from wbf_mission.planning.terrain import FarmGround, above_terrain
 from wbf_mission.scenario import MissionOptions, ScenarioError, VehicleOptions, WeatherOptions
@@ -211,6 +211,7 @@ class MissionBuilder:
         check_speed(mission, vehicle)
         # What the vehicle was built for, not what an autopilot does that is told nothing.
         level = flight_level(mission, options)
+        require_height(camera, mission)
         imaging = imaging_of(camera, mission, level)
         home = farm.home_m if home_m is None else home_m
         leaf_spacing_m = camera.spacing_m or farm.cell_size_m * camera.footprint

@@ -19,6 +19,16 @@ _SAME_HEIGHT = 0.01
 _MOST_CELLS = 200_000
 
 
+def require_height(camera: CameraOptions, mission: MissionOptions) -> None:
+    """Refuse to plan for a mapping camera at the height of the leaf camera, because nobody told another."""
+    told = (camera.gsd_cm, mission.altitude_m, mission.height_above_ground_m)
+    if camera.model is not None and mission.file is None and not any(told):
+        msg = (
+            f"camera {camera.model}: give the ground sampling distance (--gsd, cm) or the height (--altitude)"
+        )
+        raise ScenarioError(msg)
+
+
 def imaging_of(camera: CameraOptions, mission: MissionOptions, level: FlightLevel) -> Imaging | None:
     """Return the camera of a plan at the height of its flight; None for the leaf camera.
 
@@ -27,17 +37,13 @@ def imaging_of(camera: CameraOptions, mission: MissionOptions, level: FlightLeve
     CameraError
         If there is no such camera, or its file cannot be read.
     ScenarioError
-        If neither ground sampling distance nor height is given, they contradict each other, or the speed that
-        is asked for is too fast.
+        If the ground sampling distance and the height contradict each other, or the speed that is asked for
+        is too fast.
     """
     if camera.model is None:
         return None
     model, height = get_camera(camera.model), level.altitude_m
     asked = mission.height_above_ground_m or mission.altitude_m
-    if camera.gsd_cm is None and asked is None:
-        # The height of a leaf camera is not that of a mapping camera.
-        msg = f"camera {model.name}: give the ground sampling distance (--gsd, cm) or the height (--altitude)"
-        raise ScenarioError(msg)
     if camera.gsd_cm is not None:
         height = model.height_m(0.01 * camera.gsd_cm)
         limits = options_of(MissionOptions)["altitude_m"]

@@ -45,7 +45,7 @@ class KeepOut:
         The margin is that of obstacles that have none of their own.
         """
         distance_m = margin_m + stray
-        wide = [one.widened(margin_m, stray + _SMOOTH_M) for one in obstacles]
+        wide = [one.widened(margin_m, stray + _SMOOTH_M + _GRAZES_M) for one in obstacles]
         # What is simplified moves by no more than it is too wide.
         parts = parts_of(shapely.union_all(shapely.simplify(wide, _SMOOTH_M)))
         area = shapely.union_all([shapely.Polygon(part.exterior) for part in parts])

@@ -82,8 +82,8 @@ def test_the_flight_takes_what_was_predicted(farm, planner, vehicle, minutes, bl
     except PlanningError:
         assume(False)
     assert predicted_s == pytest.approx(flown_s, rel=0.02)
-    # Counted by the ground station in whole mAh.
-    assert predicted_wh == pytest.approx(flown_wh, rel=0.03, abs=0.02)
+    # Counted by the ground station in whole mAh, at the beginning and at the end: 0.011 Wh each of a rover.
+    assert predicted_wh == pytest.approx(flown_wh, rel=0.03, abs=0.025)
 
 
 @pytest.mark.parametrize("planner", PLANNERS)

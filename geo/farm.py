@@ -173,10 +173,15 @@ class Farm:
     @cached_property
     def scouted_area(self) -> shapely.Polygon | shapely.MultiPolygon:
         """The owner's land that is to be seen, clear of obstacles, metres."""
-        area = self.crop_area(*(self.scouted or self.grown))
-        if self.obstacles:
-            area = shapely.difference(area, shapely.union_all([one.polygon for one in self.obstacles]))
-        return area
+        return self.without_obstacles(self.crop_area(*(self.scouted or self.grown)))
+
+    def without_obstacles(
+        self, area: shapely.Polygon | shapely.MultiPolygon
+    ) -> shapely.Polygon | shapely.MultiPolygon:
+        """Return an area less the outlines of the obstacles, whatever their heights, metres."""
+        if not self.obstacles:
+            return area
+        return shapely.difference(area, shapely.union_all([one.polygon for one in self.obstacles]))
 
     @cached_property
     def scouted_cells(self) -> NDArray[np.bool_]:

@@ -25,7 +25,6 @@ from wbf_mission.planning.conditions import (
     separation_margin_m,
     wind_of,
 )
-from wbf_mission.planning.keep_out import free_area
 from wbf_mission.progress import Progress, silent
 from wbf_mission.scenario import (
     CameraOptions,
@@ -176,7 +175,7 @@ def _start_m(options: VehicleOptions, farm: Farm, number: int) -> tuple[float, f
         spacing_m = max(SPACING_M, _ROW_FACTOR * separation.metres)
         spacing_m += ground_separation_margin_m(options)
     home = np.asarray(farm.home_m)
-    centre = free_area(farm).centroid
+    centre = farm.without_obstacles(farm.owner_area).centroid
     away = home - (centre.x, centre.y)
     length = math.hypot(*away)
     away = away / length if length > 0.0 else np.array([-1.0, 0.0])

@@ -113,14 +113,6 @@ def stray_m(planned_m: Points, flown: Iterable[Points], *, gusty: bool) -> float
     return math.ceil(spare * farthest_m * 10.0 - 1e-9) / 10.0
 
 
-def free_area(farm: Farm) -> Area:
-    """Return the owner's land without what must not be flown over."""
-    area = farm.owner_area
-    if farm.obstacles:
-        area = shapely.difference(area, shapely.union_all([one.polygon for one in farm.obstacles]))
-    return area
-
-
 def land_of(farm: Farm, keep_out: KeepOut | None) -> tuple[Area, Area | None]:
     """Return the owner's land that is to be seen, and over which paths may lead: None if that is no more."""
     room = flyable_area(farm, keep_out)
@@ -137,11 +129,11 @@ def land_of(farm: Farm, keep_out: KeepOut | None) -> tuple[Area, Area | None]:
 def flyable_area(farm: Farm, keep_out: KeepOut | None) -> Area:
     """Return the owner's land over which a vehicle's path may lead."""
     if keep_out is None:
-        return free_area(farm)
+        return farm.without_obstacles(farm.owner_area)
     wide = [
         part
         for part in parts_of(shapely.difference(farm.owner_area, keep_out.area))
-        if not shapely.buffer(part, -0.5 * farm.cell_size_m).is_empty
+        if not shapely.buffer(part, -_SLIVER * farm.cell_size_m).is_empty
     ]
     if not wide:
         msg = (

@@ -29,7 +29,8 @@ def lawnmower(
     Any number of rows from two upwards is possible (the paper's implementation knows only odd ones), until
     rows are a footprint apart; an area that is narrower than the footprint has one row. Over areas that
     are not convex the rows are cut into boustrophedon cells, which are flown nearest first. Where more land
-    is passable than is to be seen, rows lead over what lies between, if they come to lie closer by that.
+    is passable than is to be seen, rows lead over what lies between, unless they come to lie a twentieth
+    closer when they end there.
 
     Parameters
     ----------

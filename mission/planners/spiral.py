@@ -35,8 +35,8 @@ def spiral(
     Over a rectangle along the axes it is the paper's: corner by corner anticlockwise, the bound that was
     used moves in by the spacing; it begins at the corner nearest to the start. Any other area is flown in
     rings at inward offsets of the spacing; where the offset falls apart, one piece after the other, and
-    around holes. Where more land is passable than is to be seen, rings lead over what lies between, if they
-    come to lie closer by that.
+    around holes. Where more land is passable than is to be seen, rings lead over what lies between, unless
+    they come to lie a twentieth closer when they end there.
 
     The spacing is searched on a grid of 0.1 % steps down to the footprint: a spacing 0.1 % smaller than
     the result's would exceed the budget.

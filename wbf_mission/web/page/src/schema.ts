@@ -1,0 +1,183 @@
+// What the server sends: one `View` when a page connects, then `Update`s with what is new since.
+// `wbf_mission/web/view.py` makes it. Times are seconds since the run began, places metres of the farm frame.
+
+/** A ring of points, x and y in turn: [x0, y0, x1, y1, ...]. */
+export type Ring = number[];
+
+export interface FarmShape {
+  name: string;
+  /** Latitude and longitude of the farm frame's origin, and their change for each metre along x and y. */
+  georeference: { lat: number; lon: number; lat_x: number; lat_y: number; lon_x: number; lon_y: number };
+  width_m: number;
+  height_m: number;
+  home_m: [number, number];
+  patches: { name: string; crop: string; own: boolean; rings: Ring[] }[];
+  obstacles: { name: string; height_m: number | null; rings: Ring[] }[];
+  rally_m: [number, number][];
+}
+
+export interface FieldInfo {
+  name: string;
+  title: string;
+  kind: "disease" | "continuous" | "measured";
+  unit: string;
+  /** What 0 and 1 stand for. */
+  range: [number, number];
+}
+
+export interface Raster {
+  /** Pixels along x and y, pixel (0, 0) at the frame's origin; a pixel covers `cells` x `cells` cells. */
+  width: number;
+  height: number;
+  pixel_m: number;
+  cells: number;
+  tile: number;
+}
+
+/** Layers are named "value/FIELD", "uncertainty/FIELD", "truth/FIELD" or "acquisition". */
+export type LayerName = string;
+
+/** Pixels of a tile from the bottom row up, a byte each: 0 to 254 for 0 to `scale`, 255 where there is nothing;
+ * packed by zlib, in base64. */
+export interface Tile {
+  layer: LayerName;
+  x: number;
+  y: number;
+  data: string;
+}
+
+export interface VehicleInfo {
+  system_id: number;
+  name: string;
+  kind: string;
+}
+
+export interface Plan {
+  system_id: number;
+  day: number;
+  flight: number;
+  time_s: number;
+  path: Ring;
+  fence: { rings: Ring[]; inclusion: boolean }[];
+  /** In words, in the order of the mission's items. */
+  items: string[];
+  duration_s: number | null;
+  length_m: number | null;
+  coverage: number | null;
+}
+
+/** States of one vehicle as columns, one entry for each moment. */
+export interface States {
+  time_s: number[];
+  day: number[];
+  flight: number[];
+  x: number[];
+  y: number[];
+  height_m: number[];
+  speed_m_s: number[];
+  heading_deg: (number | null)[];
+  battery: (number | null)[];
+  link: (number | null)[];
+  item: (number | null)[];
+  items: (number | null)[];
+  mode: string[];
+  phase: string[];
+  armed: boolean[];
+  silent_s: number[];
+}
+
+export interface Readings {
+  time_s: number[];
+  x: number[];
+  y: number[];
+  /** By field, null where the camera told nothing. */
+  values: Record<string, (number | null)[]>;
+}
+
+export interface Scores {
+  time_s: number[];
+  day: number[];
+  observations: number[];
+  score: (number | null)[];
+  losses: Record<string, (number | null)[]>;
+}
+
+export interface Candidate {
+  system_id: number;
+  path: Ring;
+  value: number;
+  cost: number;
+}
+
+export interface Decision {
+  number: number;
+  time_s: number;
+  day: number;
+  flight: number;
+  event: string;
+  reason: string;
+  refused: string;
+  compute_s: number;
+  candidates: Candidate[];
+  changes: { system_id: number; path: Ring; cost: number; outcome: string }[];
+}
+
+export interface Said {
+  time_s: number;
+  /** 0 for a note of the program's own. */
+  system_id: number;
+  severity: number;
+  text: string;
+}
+
+export interface Status {
+  /** "running" or how the run ended. */
+  outcome: string;
+  reason: string;
+  progress: { what: string; done: number; total: number } | null;
+  question: { text: string; answers: string[] } | null;
+  /** Orders that this page may give; none where it only shows. */
+  orders: string[];
+  summary: Record<string, unknown> | null;
+}
+
+export interface Run {
+  title: string;
+  simulated: boolean;
+  seed: number | null;
+  estimator: string | null;
+  planner: string | null;
+  farm: FarmShape | null;
+  fields: FieldInfo[];
+  raster: Raster | null;
+  vehicles: VehicleInfo[];
+}
+
+/** What is new; what is missing did not change. Lists are appended to what there is, the others replace it. */
+export interface Update {
+  time_s: number;
+  run?: Run;
+  plans?: Plan[];
+  states?: Record<string, States>;
+  readings?: Readings;
+  scores?: Scores;
+  decisions?: Decision[];
+  said?: Said[];
+  tiles?: Tile[];
+  /** What 254 stands for, by layer. */
+  scales?: Record<LayerName, number>;
+  status?: Status;
+  /** The tiles background that the server has, if any. */
+  background?: { attribution: string; min_zoom: number; max_zoom: number } | null;
+}
+
+/** A finished run in a page of its own: all of it, and the layers as they were at some moments. */
+export interface Recording extends Update {
+  /** Moments in the order of their times; tiles of each replace those of the ones before. */
+  moments: { time_s: number; day: number; observations: number; tiles: Tile[] }[];
+}
+
+/** What the page sends. */
+export type Request =
+  | { order: string; system_id: number | null; value?: string; confirmed?: boolean }
+  | { answer: string };

@@ -93,6 +93,9 @@ class RunEstimate:
         self.every = max(1, every)
         self.day = day
         self._ready = ready
+        self.told: Callable[[float, InformationModel], None] = (
+            _nobody  # Takes each scored time with the model
+        )
         self._seen = 0
         self._seen_before = 0
         self._held: list[Observations] = []
@@ -186,6 +189,11 @@ class RunEstimate:
         self.history.days.append(self.day)
         self.estimate_s += middle - begin
         self.score_s += time.perf_counter() - middle
+        self.told(time_s, self.model)
+
+
+def _nobody(_time_s: float, _model: InformationModel) -> None:
+    """Tell nobody."""
 
 
 @contextmanager

@@ -204,38 +204,40 @@ class EventStream:
     Examples
     --------
     >>> stream, heard = EventStream(), []
-    >>> stream.listen(heard.append)
+    >>> stream.listen(heard.append, Noted)
     >>> stream.tell(Noted("the vehicle is heard"))
     >>> heard[0].text
     'the vehicle is heard'
+    >>> stream.wants(Noted), stream.wants(VehicleMoved)
+    (True, False)
     """
 
     def __init__(self) -> None:
-        self._listeners: list[Listener] = []
+        self._listeners: list[tuple[Listener, tuple[type, ...]]] = []
 
-    def __bool__(self) -> bool:
-        """Whether anybody listens: what nobody listens to need not be made."""
-        return bool(self._listeners)
+    @classmethod
+    def of_progress(cls, progress: Progress | None, base: EventStream | None = None) -> EventStream:
+        """Return a stream that hands on how far work is, and everything to those who listen to another."""
+        stream = cls()
+        stream._listeners = [] if base is None else list(base._listeners)
+        if progress is not None:
+            stream.listen(lambda event: progress(event.what, event.done, event.total), Progressed)
+        return stream
 
-    def listen(self, listener: Listener) -> None:
-        """Hand all events from now on to a listener, too."""
-        self._listeners.append(listener)
+    def listen(self, listener: Callable[[Any], None], *kinds: type) -> None:
+        """Hand all events from now on to a listener, too, or only those of some kinds."""
+        self._listeners.append((listener, kinds))
+
+    def wants(self, kind: type) -> bool:
+        """Return whether anybody listens to events of a kind: those that nobody wants need not be made."""
+        return any(not kinds or issubclass(kind, kinds) for _, kinds in self._listeners)
 
     def tell(self, event: Event) -> None:
         """Hand an event on."""
-        for listener in self._listeners:
-            listener(event)
+        for listener, kinds in self._listeners:
+            if not kinds or isinstance(event, kinds):
+                listener(event)
 
     def progress(self, what: str, done: float, total: float) -> None:
         """Tell how far some work is: a `wbf_mission.progress.Progress`."""
         self.tell(Progressed(what, done, total))
-
-
-def progress_only(progress: Progress) -> Listener:
-    """Return a listener that hands on how far work is, and nothing else."""
-
-    def listen(event: Event) -> None:
-        if isinstance(event, Progressed):
-            progress(event.what, event.done, event.total)
-
-    return listen

@@ -17,19 +17,20 @@ from sensors.field_files import load_field_set
 from sensors.scoring.score import ScoreWeights
 from sim_vehicle.faults.fault import Fault
 from sim_vehicle.host.simulation import Impairment
+from wbf_mission.events import EventStream, RunBegun, RunEnded, VehicleInfo
 from wbf_mission.live.battery_change import REAL_FULL
 from wbf_mission.live.link import LiveLink
 from wbf_mission.maps.field_maps import FieldMap, true_map
 from wbf_mission.planning.sorties import CHANGE_S
 from wbf_mission.preflight.finding import ShowFindings, show_nobody
 from wbf_mission.preflight.run import check_plans
-from wbf_mission.progress import Progress, Stopwatch, silent
+from wbf_mission.progress import Progress, Stopwatch
 from wbf_mission.results.result import Result
 from wbf_mission.run.campaign import Campaign
 from wbf_mission.run.estimation import estimator_of, require_run_memory
 from wbf_mission.run.hosting import VirtualHosting
 from wbf_mission.run.rehearsal import REHEARSED_ON, rehearsed
-from wbf_mission.run.resolve import camera_options, resolve
+from wbf_mission.run.resolve import Run, camera_options, resolve
 from wbf_mission.run.reuse import FlightMemory
 from wbf_mission.scenario import Scenario, scenario_with
 from wbf_mission.scenario.scenario import require_scenario
@@ -54,6 +55,7 @@ def fly(
     estimator: Estimator | str | None = None,
     weights: ScoreWeights | None = None,
     progress: Progress | None = None,
+    events: EventStream | None = None,
     pace: float | None = None,
     tlog: Path | None = None,
     impairment: Impairment | None = None,
@@ -75,6 +77,9 @@ def fly(
         What errors cost; the paper's by default.
     progress : callable, optional
         ``progress(what, done, total)``.
+    events : EventStream, optional
+        Takes what happens, while it does; with listeners that follow the vehicles (``VehicleMoved``) flights
+        are flown one after the other in this process.
     pace : float, optional
         Simulated seconds per wall second; as fast as possible without.
     tlog : Path, optional
@@ -111,18 +116,21 @@ def fly(
         If the scenario cannot be planned or set up, or the preflight check finds an error in what is planned.
     """
     require_scenario(scenario)
-    progress = progress or silent
+    stream = EventStream.of_progress(progress, events)
+    progress = stream.progress
     watch = Stopwatch()
     scenario = scenario_with(scenario, {"planner": planner, "policy": policy, "estimator": estimator})
     fitted = None if connect is None else connect.fitted
     run = resolve(scenario, faults=faults, fitted=fitted, weights=weights, progress=progress)
     if connect is not None:
         run = replace(run, vehicles=connect.numbered(run.vehicles))
+    if stream.wants(RunBegun):
+        stream.tell(_begun(run, simulated=connect is None))
     full = 1.0 if connect is None else REAL_FULL
     changes_s = None if force or (connect is not None and connect.force) else change_s
     with (
         rehearsed(run, rehearse) as ready,
-        closing(Campaign(run, progress=progress, watch=watch, change_s=changes_s, full=full)) as campaign,
+        closing(Campaign(run, events=stream, watch=watch, change_s=changes_s, full=full)) as campaign,
     ):
 
         def plan() -> None:
@@ -160,7 +168,29 @@ def fly(
                     raise
             result = _result(campaign)
         result.environment_cached = cached
+        if stream.wants(RunEnded):
+            outcome, reason = result.outcome.value, result.reason
+            stream.tell(RunEnded(result.simulated_s, outcome, reason, result.summary()))
         return result
+
+
+def _begun(run: Run, *, simulated: bool) -> RunBegun:
+    """Return what is flown."""
+    asked = run.asked
+    vehicles = tuple(
+        VehicleInfo(one.task.system_id, one.task.builder.vehicle.name, one.task.builder.vehicle.kind)
+        for one in run.vehicles
+    )
+    return RunBegun(
+        f"{run.farm.name}, {run.decider.label}",
+        run.farm,
+        run.fields,
+        vehicles,
+        simulated=simulated,
+        seed=run.seed,
+        estimator=str(asked.estimate.estimator),
+        planner=run.decider.label,
+    )
 
 
 def rehearse(estimator: str) -> None:

@@ -208,6 +208,11 @@ class GroundStation:
         return self._monitor.state
 
     @property
+    def mode(self) -> str:
+        """Name of the vehicle's flight mode; empty before it was heard."""
+        return self._monitor.mode
+
+    @property
     def changing(self) -> bool:
         """Whether the mission is being changed."""
         return self._changes.running

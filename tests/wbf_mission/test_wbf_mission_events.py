@@ -1,22 +1,36 @@
 """The stream of events that terminal, files and pages share."""
 
-from wbf_mission.events import EventStream, Noted, Progressed, progress_only
+from wbf_mission.events import EventStream, Noted, Progressed, VehicleMoved
 
 
 def test_every_listener_hears_every_event_in_order() -> None:
     stream, first, second = EventStream(), [], []
-    assert not stream
     stream.listen(first.append)
     stream.listen(second.append)
-    assert stream
     stream.tell(Noted("one"))
     stream.progress("flying", 1.0, 2.0)
     assert first == second == [Noted("one"), Progressed("flying", 1.0, 2.0)]
 
 
-def test_a_progress_callback_hears_only_how_far_work_is() -> None:
-    told = []
-    listen = progress_only(lambda *how_far: told.append(how_far))
-    listen(Noted("nothing of it"))
-    listen(Progressed("planning", 0.0, 1.0))
+def test_a_listener_hears_only_the_kinds_that_it_wants() -> None:
+    stream, told = EventStream(), []
+    assert not stream.wants(Progressed)
+    stream.listen(told.append, Progressed)
+    stream.tell(Noted("nothing of it"))
+    stream.progress("planning", 0.0, 1.0)
+    assert told == [Progressed("planning", 0.0, 1.0)]
+    assert stream.wants(Progressed) and not stream.wants(VehicleMoved)
+    stream.listen(told.append)
+    assert stream.wants(VehicleMoved)
+
+
+def test_a_callback_for_progress_listens_beside_those_of_another_stream() -> None:
+    base, heard, told = EventStream(), [], []
+    base.listen(heard.append)
+    stream = EventStream.of_progress(lambda *how_far: told.append(how_far), base)
+    stream.tell(Noted("one"))
+    stream.progress("planning", 0.0, 1.0)
+    assert heard == [Noted("one"), Progressed("planning", 0.0, 1.0)]
     assert told == [("planning", 0.0, 1.0)]
+    base.progress("flying", 0.0, 1.0)
+    assert len(told) == 1

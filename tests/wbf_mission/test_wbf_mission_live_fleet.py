@@ -17,6 +17,7 @@ from mission.outcome import Outcome, Phase
 from mission.policies.observation import Status
 from mission.transfer.errors import NoVehicleError
 from mission.transfer.vehicles import Vehicle
+from wbf_mission.events import EventStream
 from wbf_mission.flight import fly
 from wbf_mission.live.discovery import LiveFlightError, fitted_to, wanted_vehicles
 from wbf_mission.live.hosting import links_of
@@ -187,7 +188,7 @@ def test_no_vehicle_starts_before_all_that_are_left_can():
         for number, delay_s in ((1, 0.0), (2, 10.0), (3, 0.0))
     ]
     host = SimpleNamespace(now_s=0.0, send=print)
-    flight = JointFlight(fleet, None, [], host, expected_s=1.0, progress=None, watch=None)
+    flight = JointFlight(fleet, None, [], host, expected_s=1.0, events=EventStream(), watch=None)
     ready = m.MAV_SYS_STATUS_PREARM_CHECK
 
     def stages(now_s):

@@ -14,6 +14,7 @@ from string import Formatter
 from typing import TYPE_CHECKING, Any
 
 from geo.texts import printable
+from wbf_mission.events import EventStream, Noted
 from wbf_mission.progress import Progress as ProgressCallback
 from wbf_mission.progress import silent
 
@@ -56,16 +57,19 @@ class Output:
 
         self.as_json = as_json
         self.quiet = quiet
+        self.events = EventStream()  # Takes each line for the user, too
         self._stderr = PlainConsole(sys.stderr, wrap=False)
         self._bars: Progress | None = None
 
     def note(self, text: str) -> None:
         """Say something that a script does not need."""
+        self.events.tell(Noted(text))
         if not self.quiet:
             self._say(text)
 
     def warn(self, text: str) -> None:
         """Say something that went wrong but does not end the command."""
+        self.events.tell(Noted(text, warns=True))
         self._say(f"warning: {text}", style="yellow")
 
     def _say(self, text: str, style: str | None = None) -> None:

@@ -203,8 +203,10 @@ class DecisionLoop:
         new = any(status is Status.LOST and number not in self._lost for number, status in statuses.items())
         return new and Status.FLYING in statuses.values()
 
-    def decide(self, event: Event, vehicles: Sequence[Steered], time_s: float, now_s: float) -> None:
-        """Ask, and send what is answered.
+    def decide(
+        self, event: Event, vehicles: Sequence[Steered], time_s: float, now_s: float
+    ) -> DecisionRecord | None:
+        """Ask, and send what is answered; return the record of it, None if no vehicle can be steered.
 
         An answer that breaks a rule is noted and not flown: the vehicles fly on as before.
 
@@ -222,7 +224,7 @@ class DecisionLoop:
         observation = self._knowledge.observation(event, time_s, reports, self._compute_s)
         self._observations = len(observation.observations)
         if not observation.steerable:
-            return
+            return None
         try:
             answer = ask(self._policy, self._name, observation)
         except AnswerError as error:
@@ -236,7 +238,7 @@ class DecisionLoop:
                 fault=error.kind,
             )
             self._records.append(record)
-            return
+            return record
         record = self._note(event, time_s, observation, answer)
         by_id = {vehicle.system_id: vehicle for vehicle in vehicles}
         refused = {}
@@ -251,6 +253,7 @@ class DecisionLoop:
             change = by_id[system_id].steer(points, now_s)
             change.cost = answer.costs[system_id]
             record.changes.append(change)
+        return record
 
     def _note(
         self, event: Event, time_s: float, observation: PolicyObservation, answer: Answer

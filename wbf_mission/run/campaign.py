@@ -18,12 +18,13 @@ from sensors.estimators import advance_estimator
 from sensors.scoring.information import InformationModel
 from sensors.scoring.score import RunningScore
 from sim_vehicle.epoch import EPOCH_UNIX_S
+from wbf_mission.events import DayBegun, Decided, Estimated, EventStream, FlightEnded, VehicleMoved
 from wbf_mission.maps.field_maps import FieldMap, field_maps
 from wbf_mission.maps.report import report_of_maps
 from wbf_mission.planning import PlanResult
 from wbf_mission.planning.fleet import Vehicle
 from wbf_mission.planning.sorties import SortiePlan, cut_plan, is_too_long
-from wbf_mission.progress import Progress, Stopwatch
+from wbf_mission.progress import Stopwatch
 from wbf_mission.replanning.record import DecisionRecord
 from wbf_mission.run.flight import FlightInterrupted, PlannedFlight, fly_once, leaf_camera, plan_flight
 from wbf_mission.run.hosting import Hosting
@@ -48,7 +49,7 @@ class Campaign:
         self,
         run: Run,
         *,
-        progress: Progress,
+        events: EventStream,
         watch: Stopwatch,
         change_s: float | None = None,
         full: float = 1.0,
@@ -65,7 +66,7 @@ class Campaign:
         self.simulated_s = 0.0
         self.frames = 0
         self.watch = watch
-        self._progress = progress
+        self._events = events
         self._next: PlannedFlight | None = None
         self._scored_a_flight = 0
         self._seen_before = 0
@@ -78,7 +79,10 @@ class Campaign:
 
         WbfMissionError without a path within the budget, or if the first flight is not worth making.
         """
+        known = len(self.decisions)
         planned = plan_flight(self.run, day, flight, self.evidence, self.decisions, self._gone)
+        for record in self.decisions[known:]:
+            self._events.tell(Decided(self.simulated_s, record))
         if not planned.sorties and not self.flights:
             msg = f"{self.run.decider.name} finds nothing worth a flight: no vehicle has a path"
             raise PlanningError(msg)
@@ -86,6 +90,13 @@ class Campaign:
             planned = self._in_sorties(planned, self._change_s)
         self._next = planned
         return planned.plans
+
+    def _tell_estimate(self, time_s: float, model: InformationModel) -> None:
+        """Tell what is believed at a scored time; called in the thread of the estimate."""
+        assert self.evidence.estimate is not None
+        history = self.evidence.estimate.history
+        scored = Estimated(time_s, history.days[-1], history.observations[-1], model, history.entries[-1])
+        self._events.tell(scored)
 
     def _in_sorties(self, planned: PlannedFlight, change_s: float) -> PlannedFlight:
         """Return the first sortie of a mission that is longer than a battery; any other as it is."""
@@ -141,12 +152,15 @@ class Campaign:
         run, first, estimator = self.run, self.run.first_day, self.run.estimator
         with attribute_errors_to(estimator):
             estimator.fit(run.farm.grid())
-            prepare_days(estimator, first, run.days, self._progress)
+            prepare_days(estimator, first, run.days, self._events.progress)
             advance_estimator(estimator, first)
         self.watch.lap("learning")
         self.truth = environment.values(first)
         score = RunningScore(self.truth, run.fields.masks(run.farm.grid()), run.weights, run.fields)
-        self.evidence.estimate = RunEstimate(estimator, score, day=first, ready=ready)
+        estimate = self.evidence.estimate = RunEstimate(estimator, score, day=first, ready=ready)
+        if self._events.wants(Estimated):
+            estimate.told = self._tell_estimate
+        self._events.tell(DayBegun(self.simulated_s, first, self.truth))
 
     def fly(
         self,
@@ -169,7 +183,9 @@ class Campaign:
         assert self.evidence.estimate is not None
         self.evidence.estimate.every = self.run.readings_a_score(self._expected_of_next)
         self._scored_a_flight = max(1, round(self._expected_of_next / self.evidence.estimate.every))
-        ahead = None if console is not None else self._ahead(environment, hosting)
+        # Who follows the flights wants them one after the other, while they are flown.
+        followed = console is not None or self._events.wants(VehicleMoved)
+        ahead = None if followed else self._ahead(environment, hosting)
         try:
             for day in range(first, self.run.last_day + 1):
                 if day != first:
@@ -182,15 +198,15 @@ class Campaign:
                         continue
                     # Without those that are gone the others fly otherwise.
                     flown = None if ahead is None or self._gone else ahead.take(day, flight)
-                    if flown is None and memory is not None and console is None:
+                    if flown is None and memory is not None and not followed:
                         planned, logged = self._planned(day, flight), hosting.tlog is not None
                         flown = memory.fly(
-                            self.run, planned, environment, hosting, self._progress, logged=logged
+                            self.run, planned, environment, hosting, self._events.progress, logged=logged
                         )
                     if flown is None:
                         self._fly_once(day, flight, environment, hosting, console)
                     else:
-                        self._progress(
+                        self._events.progress(
                             "flying", self.run.numbers.index((day, flight)) + 1, len(self.run.numbers)
                         )
                         self._take(flown, hosting)
@@ -238,6 +254,7 @@ class Campaign:
     def _begin_day(self, day: int, environment: Environment) -> None:
         assert self.evidence.estimate is not None
         self.truth = environment.values(day)
+        self._events.tell(DayBegun(self.simulated_s, day, self.truth))
         self.evidence.estimate.begin_day(day, self.truth, self.simulated_s)
         self.watch.lap("estimate and score")
 
@@ -260,7 +277,7 @@ class Campaign:
                 self.evidence,
                 partial(leaf_camera, self.run, environment=environment),
                 hosting,
-                progress=self._progress,
+                events=self._events,
                 watch=self.watch,
                 console=console,
                 writer=self._open_log(hosting),
@@ -333,6 +350,17 @@ class Campaign:
             record.seen_before = self._seen_before
         self._seen_before, self._next = len(self.evidence), None
         self.flights += flown.records
+        for record in flown.records:
+            self._events.tell(
+                FlightEnded(
+                    self.simulated_s + flown.duration_s,
+                    record.day,
+                    record.flight,
+                    record.system_id,
+                    record.outcome.value,
+                    record.reason,
+                )
+            )
         if self.real is not None:
             self.real.note(flown.records[0].flight, flown.records[0])
         self._gone |= {one.system_id for one in flown.records if one.outcome.loses_vehicle}

@@ -16,11 +16,12 @@ from mission.progress import MissionProgress
 from sensors.camera.leaf_camera import Camera, LeafCamera
 from sensors.environment import Environment
 from sensors.estimation import Evidence
+from wbf_mission.events import EventStream
 from wbf_mission.planning import PlanResult, home_of
 from wbf_mission.planning.assignment import SortieNumber
 from wbf_mission.planning.conditions import ground_separation_margin_m
 from wbf_mission.planning.fleet import Vehicle
-from wbf_mission.progress import Progress, Stopwatch, silent
+from wbf_mission.progress import Stopwatch
 from wbf_mission.replanning.loop import DecisionLoop, Knowledge
 from wbf_mission.replanning.record import DecisionRecord
 from wbf_mission.replanning.spacing import MARGIN_M, KeptDistance, Positions, least_apart_m
@@ -139,7 +140,7 @@ def fly_once(
     cameras: Callable[[SortieNumber], Camera],
     hosting: Hosting,
     *,
-    progress: Progress = silent,
+    events: EventStream | None = None,
     watch: Stopwatch | None = None,
     console: OperatorConsole | None = None,
     writer: FrameSink | None = None,
@@ -149,8 +150,10 @@ def fly_once(
     """Fly a flight to its end; at Ctrl-C it is a FlightInterrupted, when the flight has begun.
 
     `evidence` takes what is seen by the `cameras` (see `leaf_camera`), as it arrives; `writer` every frame;
-    `follow` what a real vehicle that flies alone tells. It begins `offset_s` after the beginning of the run.
+    `follow` what a real vehicle that flies alone tells; `events` what happens. It begins `offset_s` after the
+    beginning of the run.
     """
+    events = events or EventStream()
     delays = _start_delays(run, planned.plans)
     sorties = [
         Sortie(
@@ -158,7 +161,7 @@ def fly_once(
             one,
             plan,
             cameras(number),
-            lambda done, total: progress("uploading", done, total),
+            lambda done, total: events.progress("uploading", done, total),
             delay,
             hosting.arming_gate(number.system_id),
             hosting.transfers,
@@ -192,7 +195,7 @@ def fly_once(
                 pace=hosting.pace,
                 console=console,
                 expected_s=expected_s,
-                progress=progress,
+                events=events,
                 watch=watch or Stopwatch(),
             )
             flying.fly()

@@ -15,13 +15,17 @@ from mission.outcome import Outcome, Phase
 from mission.policies.observation import Event
 from sensors.estimation import Evidence
 from sim_vehicle.host.simulation import StopReason
-from wbf_mission.progress import Progress, Stopwatch
+from wbf_mission.events import Decided, EventStream, Seen
+from wbf_mission.progress import Stopwatch
 from wbf_mission.replanning.loop import DecisionLoop
+from wbf_mission.run.flight_events import FlightEvents
 from wbf_mission.run.hosting import FlightHost
 from wbf_mission.run.record import Flight
 from wbf_mission.run.sortie import Sortie
 
 SLICE_S = 1.0
+_AHEAD_S = 0.02
+"""The simulated clock waits for the wall clock when it is so far ahead."""
 FLIGHT_LIMIT_FACTOR = 3.0
 FLIGHT_LIMIT_EXTRA_S = 600.0
 SILENT_FACTOR = 1.5
@@ -68,7 +72,7 @@ class JointFlight:
         offset_s: float = 0.0,
         pace: float | None = None,
         console: OperatorConsole | None = None,
-        progress: Progress,
+        events: EventStream,
         watch: Stopwatch,
     ) -> None:
         self.sorties = tuple(sorties)
@@ -77,7 +81,8 @@ class JointFlight:
         self._offset_s = offset_s
         self._pace = pace
         self._console = console
-        self._progress, self._watch = progress, watch
+        self._events, self._watch = events, watch
+        self._told = FlightEvents(events, self.sorties, offset_s)
         self._host = host
         for sortie in self.sorties:
             sortie.send = partial(host.send, sortie.ground)
@@ -90,6 +95,7 @@ class JointFlight:
         self._begun_s: float | None = None
         self._expected_s = expected_s
         self._event: Event | None = None
+        self._begun_wall_s = 0.0
 
     @property
     def now_s(self) -> float:
@@ -135,13 +141,12 @@ class JointFlight:
 
     def _fly(self, answer_interrupt: Callable[[], None]) -> None:
         limit_s = FLIGHT_LIMIT_FACTOR * self._expected_s + FLIGHT_LIMIT_EXTRA_S
-        begin = time.perf_counter()
+        self._begun_wall_s = time.perf_counter()
         while not self._is_over():
             answer_interrupt()
             stop = self._host.run(until=self._stops, limit_s=SLICE_S)
             self._watch.lap("flight")
-            if self._pace is not None:
-                self._keep_pace(begin, self._pace)
+            self._keep_pace()
             if self._console is not None:
                 self._console.tend(self)
                 self._let_start()
@@ -155,7 +160,8 @@ class JointFlight:
             self._decide()
             if self._is_flying():
                 longest_s = max(sortie.ground.flight_time_s for sortie in self.sorties)
-                self._progress("flying", longest_s, self._expected_s)
+                self._events.progress("flying", longest_s, self._expected_s)
+        self._told.finish(self.now_s)
 
     def interrupt(self) -> None:
         """Stop where we are; what was seen so far is kept."""
@@ -175,11 +181,15 @@ class JointFlight:
                 why = left[sortie.system_id] or flew
             sortie.ground.interrupt(Outcome.INTERRUPTED, why, self.now_s)
         self.learn()
+        self._told.finish(self.now_s)
 
     def learn(self) -> None:
         """Hand on what was seen since the last call."""
         for sortie in self.sorties:
-            self._evidence.add(sortie.take(), offset_s=self._offset_s)
+            seen = sortie.take()
+            self._evidence.add(seen, offset_s=self._offset_s)
+            if len(seen) and self._events.wants(Seen):
+                self._events.tell(Seen(self._offset_s, seen))
         self._watch.lap("estimate and score")
 
     @property
@@ -190,6 +200,8 @@ class JointFlight:
 
     def _stops(self, _now_s: float) -> bool:
         """Return whether there is something to do before the slice is over."""
+        self._told.tell(self.now_s)
+        self._keep_pace()
         # Before and after the flight nobody is asked: to stop for that again and again would stop the time.
         if not self._decisions.asks_on_the_way or not self._is_flying():
             return self._is_over()
@@ -209,7 +221,9 @@ class JointFlight:
         if self._decisions.lost(self.sorties, self.now_s):
             event = Event.LOST
         if event is not None and self._is_flying():
-            self._decisions.decide(event, self.sorties, self._mission_s, self.now_s)
+            record = self._decisions.decide(event, self.sorties, self._mission_s, self.now_s)
+            if record is not None:
+                self._events.tell(Decided(self._offset_s + self.now_s, record))
             self._watch.lap("decide")
 
     def _is_ending(self) -> bool:
@@ -253,8 +267,12 @@ class JointFlight:
                 )
                 ground.interrupt(Outcome.NO_ANSWER, why, self.now_s)
 
-    def _keep_pace(self, begin: float, pace: float) -> None:
-        ahead_s = self.now_s / pace - (time.perf_counter() - begin)
-        if ahead_s > 0.0:
+    def _keep_pace(self) -> None:
+        """Wait for the wall clock where the simulated one is ahead of it."""
+        if self._pace is None:
+            return
+        ahead_s = self.now_s / self._pace - (time.perf_counter() - self._begun_wall_s)
+        if ahead_s > _AHEAD_S:
+            self._watch.lap("flight")
             time.sleep(ahead_s)
-        self._watch.lap("waiting")
+            self._watch.lap("waiting")

@@ -39,6 +39,7 @@ from sensors.environment.cache import EnvironmentMemory
 from sensors.estimation import Evidence
 from sensors.observations import Observations
 from sim_vehicle.epoch import EPOCH_UNIX_S
+from wbf_mission.events import EventStream
 from wbf_mission.planning import PlanResult
 from wbf_mission.planning.assignment import SortieNumber
 from wbf_mission.planning.fleet import Vehicle
@@ -234,7 +235,14 @@ def _fly_apart(
     try:
         # Nobody knows yet when the flight begins: frames have their times since then.
         return fly_once(
-            run, planned, evidence, cameras, hosting, progress=progress, writer=log, offset_s=-EPOCH_UNIX_S
+            run,
+            planned,
+            evidence,
+            cameras,
+            hosting,
+            events=EventStream.of_progress(progress),
+            writer=log,
+            offset_s=-EPOCH_UNIX_S,
         )
     except FlightInterrupted:
         raise KeyboardInterrupt from None

@@ -197,6 +197,12 @@ class Sortie:
         """Whether the flight is over."""
         return self.ground.done
 
+    @property
+    def path_m(self) -> Points:
+        """The points of the whole path of the mission that the vehicle holds, in metres of the farm frame."""
+        items = self.ground.mission.items
+        return self._points_of(items, self._waypoints_of(items, 0))
+
     def held_mission(self) -> Mission:
         """Return the mission that the vehicle holds."""
         return self.ground.mission

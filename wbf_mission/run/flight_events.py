@@ -1,0 +1,103 @@
+"""The events of a flight, as its ground stations hear of it."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+
+from mission.model import Mission
+from wbf_mission.events import EventStream, Planned, VehicleMoved, VehicleSaid
+from wbf_mission.run.sortie import Sortie
+
+_LEAST_S, _MOST_S = 0.1, 1.0
+"""States of a vehicle are told ten times a second of both clocks, at least once a second of the flight's."""
+_WHOLE_S = 0.5
+"""A text that comes in pieces is complete after this time."""
+
+
+class FlightEvents:
+    """Tells how the vehicles of a flight that begins at `offset_s` move, what they say and what they fly."""
+
+    def __init__(self, events: EventStream, sorties: Sequence[Sortie], offset_s: float) -> None:
+        self._events = events
+        self._sorties = sorties
+        self._offset_s = offset_s
+        self._wanted = events.wants(VehicleMoved)
+        self._next_s, self._wall_s = 0.0, -math.inf
+        self._texts = dict.fromkeys(range(len(sorties)), 0)
+        self._missions: dict[int, Mission] = {}
+
+    def tell(self, now_s: float) -> None:
+        """Tell what is new; called at each step, it returns at once when nothing is due."""
+        if not self._wanted or now_s < self._next_s:
+            return
+        wall_s = time.monotonic()
+        if wall_s - self._wall_s < _LEAST_S and now_s < self._next_s + _MOST_S - _LEAST_S:
+            return
+        self._next_s, self._wall_s = now_s + _LEAST_S, wall_s
+        self._tell(now_s, now_s - _WHOLE_S)
+
+    def finish(self, now_s: float) -> None:
+        """Tell what is left at the end."""
+        if self._wanted:
+            self._tell(now_s, math.inf)
+
+    def _tell(self, now_s: float, texts_until_s: float) -> None:
+        for place, sortie in enumerate(self._sorties):
+            self._tell_plan(place, sortie, now_s)
+            self._tell_state(sortie, now_s)
+            texts = sortie.ground.texts
+            while self._texts[place] < len(texts) and texts[self._texts[place]][0] <= texts_until_s:
+                time_s, severity, text = texts[self._texts[place]]
+                self._events.tell(VehicleSaid(self._offset_s + time_s, sortie.system_id, severity, text))
+                self._texts[place] += 1
+
+    def _tell_plan(self, place: int, sortie: Sortie, now_s: float) -> None:
+        mission, number = sortie.ground.mission, sortie.number
+        if self._missions.get(place) is mission:
+            return
+        first = place not in self._missions
+        self._missions[place] = mission
+        plan = sortie.plan
+        self._events.tell(
+            Planned(
+                self._offset_s + now_s,
+                number.day,
+                number.flight,
+                number.system_id,
+                mission,
+                plan.path_m if first else sortie.path_m,
+                duration_s=plan.prediction.duration_s if first else None,
+                length_m=plan.length_m if first else None,
+                coverage=plan.coverage if first else None,
+            )
+        )
+
+    def _tell_state(self, sortie: Sortie, now_s: float) -> None:
+        ground, number = sortie.ground, sortie.number
+        state = ground.vehicle_state
+        if state.heard_s == -math.inf:
+            return
+        x_m, y_m = state.position_m(sortie.plan.farm.frame)
+        self._events.tell(
+            VehicleMoved(
+                self._offset_s + now_s,
+                number.day,
+                number.flight,
+                number.system_id,
+                x_m,
+                y_m,
+                height_m=state.height_m,
+                speed_m_s=state.ground_speed_m_s,
+                heading_rad=state.heading_rad,
+                battery=state.battery.remaining,
+                mode=ground.mode,
+                armed=state.armed,
+                item=state.item,
+                items=state.total,
+                phase=ground.phase.value,
+                link_quality=ground.link.quality if ground.arming_gate is not None else None,
+                silent_s=max(0.0, now_s - state.heard_s),
+            )
+        )

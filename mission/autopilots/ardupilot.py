@@ -219,6 +219,7 @@ def _ends(vehicle_type: int, _last_command: int) -> frozenset[str]:
 _MODES = FlightModes(
     _numbers,
     mission=frozenset({"AUTO"}),
+    resume="AUTO",
     hold=_HOLD,
     # ArduCopter arms neither in AUTO nor, with the throttle down, in modes that hold the height.
     arming={FIXED_WING: None, ROVER: None, None: "GUIDED"},

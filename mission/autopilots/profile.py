@@ -94,6 +94,8 @@ class FlightModes:
     """Given a MAV_TYPE, the parameters 1 to 3 of DO_SET_MODE by the names of the modes."""
     mission: frozenset[str] = frozenset()
     """In which it flies its mission by itself."""
+    resume: str = ""
+    """The one of these in which it goes on with its mission where it left it; empty for none by name."""
     hold: Mapping[int | None, str] = field(default_factory=lambda: {None: ""})
     """In which it stays where it is, by MAV_TYPE; None for any other."""
     arming: Mapping[int | None, str | None] = field(default_factory=lambda: {None: None})

@@ -144,6 +144,8 @@ def _ends(_vehicle_type: int, last_command: int) -> frozenset[str]:
 _MODES = FlightModes(
     _numbers,
     mission=frozenset({"MISSION", "TAKEOFF"}),
+    # MISSION_START would begin with the first item again.
+    resume="MISSION",
     hold={None: _HOLD},
     # Without a radio control it does not arm in modes that want sticks.
     arming={None: _HOLD},

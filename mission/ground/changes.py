@@ -34,6 +34,7 @@ class MissionChanges:
         self.records: list[ChangeRecord] = []
         self.parameters_set: list[str] = []  # Which of the vehicle's were set, from what and to what
         self.changed_s = -math.inf  # When the last change began, or ended
+        self.broken_off = False  # A change was: what the vehicle holds is not known
         self._contact = contact
         self._session: ChangeSession | None = None
         self._guard: FailsafeGuard | None = None
@@ -91,6 +92,7 @@ class MissionChanges:
 
     def drop(self) -> None:
         """Let a change go: the vehicle leaves its mission."""
+        self.broken_off |= self.running
         self._session = None
 
     def _noted(self, out: list[Message]) -> list[Message]:

@@ -26,6 +26,7 @@ class Maneuver(Enum):
     HOLD = "hold"
     RETURN = "return"
     LAND = "land"
+    RESUME = "resume"
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,15 +80,18 @@ class VehicleModes:
         --------
         >>> VehicleModes(3, 2).maneuver(Maneuver.HOLD), VehicleModes(12, 2).maneuver(Maneuver.RETURN)
         ((176, (1.0, 17.0, 0.0)), (20, ()))
+        >>> VehicleModes(12, 2).maneuver(Maneuver.RESUME)
+        (176, (29.0, 4.0, 4.0))
         """
         if kind is Maneuver.RETURN:
             return int(Command.NAV_RETURN_TO_LAUNCH), ()
         if kind is Maneuver.LAND:
             return int(Command.NAV_LAND), ()
-        hold = self._known.hold_of(self.vehicle_type)
-        if not hold:
-            return int(m.MAV_CMD_DO_PAUSE_CONTINUE), (0.0,)
-        return int(m.MAV_CMD_DO_SET_MODE), self.numbers(hold)
+        resumes = kind is Maneuver.RESUME
+        mode = self._known.resume if resumes else self._known.hold_of(self.vehicle_type)
+        if not mode:
+            return int(m.MAV_CMD_DO_PAUSE_CONTINUE), (float(resumes),)
+        return int(m.MAV_CMD_DO_SET_MODE), self.numbers(mode)
 
     def shows(self, kind: Maneuver) -> frozenset[str]:
         """Return the names of the modes that show that a maneuver is flown; none where they are not known."""
@@ -96,6 +100,7 @@ class VehicleModes:
             Maneuver.HOLD: {hold},
             Maneuver.RETURN: {"RTL", "SMART_RTL"},
             Maneuver.LAND: {"LAND"},
+            Maneuver.RESUME: self._known.mission,
         }
         return frozenset(shown[kind]) if hold else frozenset()
 

@@ -31,7 +31,8 @@ class Answer(Enum):
 class Order:
     """A command on its way to a vehicle: COMMAND_LONG, or COMMAND_INT with a position.
 
-    The position is latitude and longitude in degrees, altitude above home in metres. The command is worth
+    The position is latitude and longitude in degrees, altitude above home in metres. A `message` is sent in
+    place of the command, for vehicles that do not know that; nothing answers it. The command is worth
     sending so many `tries`; by default four, more often over a link that loses frames. Before it is sent
     again, an answer is waited for as long as the round trip of the link says.
     """
@@ -42,11 +43,12 @@ class Order:
         command: int,
         *params: float,
         position: tuple[float, float, float] | None = None,
+        message: Message | None = None,
         tries: int | None = None,
         round_trip: RoundTrip | None = None,
     ) -> None:
         self.due_s = -math.inf
-        self._position = position
+        self._position, self._message = position, message
         self._most = tries
         self._round_trip = round_trip
         self._target = target
@@ -69,6 +71,8 @@ class Order:
         confirmation = self._tries
         self._tries += 1
         self.due_s = now_s + retry_s_over(self._round_trip, confirmation)
+        if self._message is not None:
+            return [self._message]
         if self._position is not None:
             latitude, longitude, altitude_m = self._position
             first, second, third, fourth = self._params[:4]

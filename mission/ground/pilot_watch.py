@@ -165,13 +165,14 @@ class PilotWatch:
             if self.somebody_else_flies:
                 self._held.append((now_s, f"back in its mission (mode {self.mode})"))
                 self.ended_by_restart = ""
-            if self._in_mission is False:
+            if self._in_mission is False or self.ordered is Maneuver.RESUME:
                 self.order(None)
             self._in_mission, self._doubt = True, None
             return
         if self.ordered is not None:
             modes = VehicleModes(message.autopilot, message.type).shows(self.ordered)
-            if not modes or self.mode in modes:
+            # Who is to go on with its mission has done so when it shows that, above.
+            if self.ordered is not Maneuver.RESUME and (not modes or self.mode in modes):
                 self.obeyed = f"{_SHOWS[self.ordered]} (mode {self.mode})"
             # On its way home it may be out of its mission without that.
             self._in_mission = bool(self._in_mission) and expects_change and not self.obeyed

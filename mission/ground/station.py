@@ -132,6 +132,8 @@ class GroundStation:
         self._assembler = assembler
         self._fetch: ImageFetch | None = None
         self._order: Order | None = None
+        self._ordered_before: Maneuver | None = None
+        self._chosen: int | None = None
         self._no_position = True  # No position was heard since the last HEARTBEAT
         self._armed = self._flew = False
         self._texts_before = 0
@@ -366,7 +368,8 @@ class GroundStation:
         self._flew |= self._armed and self.phase is Phase.FLIGHT
         if self.phase is Phase.FLIGHT:
             self._failures.on_heartbeat(message, len(self.texts) - self._texts_before)
-            if self.arming_gate is not None:
+            # Of a simulated vehicle that nobody else can fly its obedience alone is of interest.
+            if self.arming_gate is not None or self.pilot.ordered is not None:
                 last = int(self.mission.items[-1].command) if self.mission.items else 0
                 self.pilot.on_heartbeat(
                     message,
@@ -413,6 +416,8 @@ class GroundStation:
             and (self._disarmed_s is not None or end.ends_flight)
         ):
             self._land(*end.completed(self._texts_before), now_s)
+        if self._chosen is not None and self._monitor.state.item == self._chosen:
+            self._chosen = self._order = None
 
     def _on_reached(self, message: m.MAVLink_mission_item_reached_message, now_s: float) -> None:
         if self._flies_mission:
@@ -472,7 +477,7 @@ class GroundStation:
         if answer is Answer.REFUSED:
             self._order_refused(result_name(message.result), now_s)
         elif answer is Answer.ACCEPTED:
-            self._order = None
+            self._order = self._chosen = None
         return []
 
     # What follows.
@@ -510,10 +515,60 @@ class GroundStation:
         return self._end_of_mission.flies_home
 
     def maneuver(self, kind: Maneuver, now_s: float) -> list[Message]:
-        """Take the vehicle out of its mission: the operator wants it to hold, to return or to land.
+        """Take the vehicle out of its mission, to hold, to return or to land, or let it go on with that.
 
-        NotFlyingError before or after the flight, or while somebody else flies the vehicle.
+        NotFlyingError before or after the flight, or while somebody else flies the vehicle; if it is to go on
+        with a mission that it flies, or that was being changed when it was taken out of it.
         """
+        self._check_takes_orders()
+        if kind is Maneuver.RESUME:
+            if not self.pilot.taken_out:
+                msg = "the vehicle flies its mission"
+                raise NotFlyingError(msg)
+            self._check_mission_known()
+        self._changes.drop()
+        command, params = self._monitor.modes.maneuver(kind)
+        out = self._give(self._contact.order(command, *params), now_s)
+        self.pilot.order(kind)
+        return out
+
+    def choose_item(self, item: int, now_s: float) -> list[Message]:
+        """Let the vehicle go on with another item of its mission, counted from 0 as `Mission.items` is.
+
+        NotFlyingError as of `maneuver`, while the mission is being changed, or if it has no such item.
+        """
+        self._check_takes_orders()
+        count = len(self.mission.items)
+        if not 0 <= item < count:
+            msg = f"item {item + 1} does not exist; there are {count} items"
+            raise NotFlyingError(msg)
+        if self.changing:
+            msg = "the mission is being changed; wait until that is over"
+            raise NotFlyingError(msg)
+        self._check_mission_known()
+        profile, vehicle = self._contact.profile, self._contact.vehicle
+        seq = item + (1 if profile.home_at_zero else 0)
+        by_message = None if profile.item_command else m.MAVLink_mission_set_current_message(*vehicle, seq)
+        order = self._contact.order(m.MAV_CMD_DO_SET_MISSION_CURRENT, float(seq), message=by_message)
+        out = self._give(order, now_s)
+        self._chosen = item
+        return out
+
+    def _give(self, order: Order, now_s: float) -> list[Message]:
+        """Send an order, in place of one that is on its way."""
+        self._ordered_before, self._order, self._chosen = self.pilot.ordered, order, None
+        return order.send(now_s)
+
+    def _check_mission_known(self) -> None:
+        if self._changes.broken_off:
+            msg = (
+                "the mission was being changed when the vehicle was taken out of it: what it holds is not"
+                " known; order it to return or to land"
+            )
+            raise NotFlyingError(msg)
+
+    def _check_takes_orders(self) -> None:
+        """NotFlyingError before or after the flight, or while somebody else flies the vehicle."""
         if self.phase is not Phase.FLIGHT or self._disarmed_s is not None:
             msg = f"the vehicle does not fly: the ground station is at {self.phase.value!r}"
             raise NotFlyingError(msg)
@@ -526,16 +581,12 @@ class GroundStation:
                 " else shows within 5 s; nothing is ordered until then"
             )
             raise NotFlyingError(msg)
-        self._changes.drop()
-        self.pilot.order(kind)
-        command, params = self._monitor.modes.maneuver(kind)
-        self._order = self._contact.order(command, *params)
-        return self._order.send(now_s)
 
     def _order_refused(self, why: str, now_s: float) -> None:
-        """The vehicle flies its mission on; the operator sees that it does."""
-        self._order = None
-        self.pilot.order(None)
+        """The vehicle flies on as before; the operator sees that it does."""
+        self._order = self._chosen = None
+        if self.pilot.ordered is not self._ordered_before:
+            self.pilot.order(self._ordered_before)
         self._texts.note(f"{why}: the vehicle did not take the order", now_s)
 
     def _land(self, outcome: Outcome, reason: str, now_s: float) -> None:

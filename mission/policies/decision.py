@@ -8,6 +8,7 @@ from types import MappingProxyType
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 from mission.errors import AnswerError, PlanningError
 from mission.planners.path import Points
@@ -40,6 +41,23 @@ class Alternative:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class AcquisitionMap:
+    """What a policy thought that seeing each place is worth, before it chose.
+
+    Parameters
+    ----------
+    values : float32[w, h]
+        Of square blocks, block (0, 0) at the origin of the farm frame, in the policy's own measure; 0 where
+        no vehicle may fly.
+    cell_m : float
+        Side of a block, metres.
+    """
+
+    values: NDArray[np.float32]
+    cell_m: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Decision:
     """New rests of the paths of one or several vehicles, or to go on.
 
@@ -55,6 +73,8 @@ class Decision:
         What else was thought of, the chosen ones among them; the best first.
     spacing_m : mapping of int to float
         Distance between neighbouring rows of a path, where it has such a thing; for reports.
+    acquisition : AcquisitionMap or None
+        What the paths were chosen by, where that is a map; for who watches.
 
     Raises
     ------
@@ -73,6 +93,7 @@ class Decision:
     reason: str = ""
     alternatives: tuple[Alternative, ...] = ()
     spacing_m: Mapping[int, float] = field(default_factory=dict)
+    acquisition: AcquisitionMap | None = None
 
     def __post_init__(self) -> None:
         taken = {}

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from geo.named import ParameterError
 from mission.planners.path import Points
 from mission.policies.acquisition import Acquisition, ValueMap
-from mission.policies.decision import Alternative, Decision
+from mission.policies.decision import AcquisitionMap, Alternative, Decision
 from mission.policies.observation import Event, PolicyObservation, Status, VehicleReport
 from mission.policies.planning_grid import LegCosts, PlanningGrid
 from mission.policies.route_search import take_leg
@@ -192,7 +192,7 @@ class Steering:
         if observation.event is Event.START:
             paths = {one.system_id: paths.get(one.system_id, _STAY) for one in observation.steerable}
         alternatives = tuple(one for mine in found.values() for one in mine)
-        return Decision(paths, reason=reason, alternatives=alternatives)
+        return Decision(paths, reason=reason, alternatives=alternatives, acquisition=_joined(pooled))
 
     def _grid(self, observation: PolicyObservation, vehicle: VehicleReport) -> PlanningGrid:
         planning_grid = self._grids.get(vehicle.system_id)
@@ -228,6 +228,16 @@ class Steering:
         return RouteProblem(
             vehicle, planning_grid, values, shares, LegCosts.of(vehicle, planning_grid.cell_m), x, y
         )
+
+
+def _joined(maps: Mapping[PlanningGrid, ValueMap]) -> AcquisitionMap | None:
+    """Return the maps of the vehicles' areas as one, on the planning grid of the first; None without any."""
+    if not maps:
+        return None
+    cell_m = next(iter(maps)).cell_m
+    # A vehicle whose camera sees more plans on larger blocks.
+    alike = [values for grid, values in maps.items() if grid.cell_m == cell_m]
+    return AcquisitionMap(alike[0] if len(alike) == 1 else np.maximum.reduce(alike), cell_m)
 
 
 def _flies_on(vehicle: VehicleReport) -> bool:

@@ -161,7 +161,8 @@ def command_command(
     order: Annotated[
         str,
         typer.Argument(
-            help="arm, disarm, takeoff HEIGHT, mission, hold, return, land, set-item NUMBER or mode NAME."
+            help="arm, disarm, takeoff HEIGHT, mission, hold, resume, return, land, set-item NUMBER or mode"
+            " NAME."
         ),
     ],
     value: Annotated[str, typer.Argument(help="What the order takes.")] = "",

@@ -18,7 +18,7 @@ __all__ = [
     "VehicleSilentError",
 ]
 
-ORDERS = ("arm", "disarm", "takeoff", "mission", "hold", "return", "land", "set-item", "mode")
+ORDERS = ("arm", "disarm", "takeoff", "mission", "hold", "resume", "return", "land", "set-item", "mode")
 """What can be ordered; takeoff takes a height in metres, set-item the number of an item, mode its name."""
 LOWEST_TAKEOFF_M, HIGHEST_TAKEOFF_M = 1.0, 1000.0
 """Heights above home to which a takeoff is ordered."""

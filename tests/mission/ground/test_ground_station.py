@@ -4,7 +4,8 @@ from typing import Any
 
 import pytest
 
-from mission.ground.station import GroundStation
+from mission.ground.modes import Maneuver
+from mission.ground.station import GroundStation, NotFlyingError
 from mission.ground.texts import TextLog
 from mission.ground.vehicle_state import Battery, VehicleMonitor
 from mission.link.codec.dialect import mavlink as m
@@ -250,3 +251,101 @@ def test_a_battery_is_told_by_sys_status_where_nothing_else_tells_it() -> None:
     monitor.receive(m.MAVLink_battery_status_message(0, 0, 0, 0, [65535] * 10, -1, -1, -1, 54), 0.0)
     monitor.receive(status(80), 0.0)
     assert monitor.battery == Battery(0.54), "BATTERY_STATUS counts first"
+
+
+# What the operator may order of a vehicle in flight: out of its mission and back, and another item of it.
+
+AUTOPILOTS = {
+    "px4": (m.MAV_AUTOPILOT_PX4, {"MISSION": 4 << 24 | 4 << 16, "LOITER": 3 << 24 | 4 << 16}),
+    "ardupilot": (m.MAV_AUTOPILOT_ARDUPILOTMEGA, {"MISSION": 3, "LOITER": 17}),
+}
+
+
+class Flight:
+    """A ground station whose vehicle flies its mission."""
+
+    def __init__(self, name="px4"):
+        self.autopilot, self.modes = AUTOPILOTS[name]
+        self.now_s, self.ground = 1.2, GroundStation(MISSION)
+        uploaded(self.ground)
+        self.ground.receive(ack(m.MAV_CMD_COMPONENT_ARM_DISARM), 1.2)
+        self.ground.receive(ack(m.MAV_CMD_MISSION_START), 1.3)
+        self.beats("MISSION")
+
+    def hears(self, message):
+        self.now_s += 0.1
+        return self.ground.receive(from_vehicle(message), self.now_s)
+
+    def beats(self, mode):
+        flags = m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | m.MAV_MODE_FLAG_SAFETY_ARMED
+        self.hears(m.MAVLink_heartbeat_message(2, self.autopilot, flags, self.modes[mode], 4, 3))
+
+    def takes(self, kind):
+        (order,) = self.ground.maneuver(kind, self.now_s)
+        self.hears(m.MAVLink_command_ack_message(order.command, 0))
+        return order
+
+
+@pytest.mark.parametrize("name", AUTOPILOTS)
+def test_it_goes_on_with_its_mission_after_a_hold(name):
+    flight = Flight(name)
+    with pytest.raises(NotFlyingError, match="the vehicle flies its mission"):
+        flight.ground.maneuver(Maneuver.RESUME, flight.now_s)
+    flight.takes(Maneuver.HOLD)
+    flight.beats("LOITER")
+    assert flight.ground.pilot.obeyed.startswith("holds")
+    order = flight.takes(Maneuver.RESUME)
+    assert order.command == m.MAV_CMD_DO_SET_MODE, "MISSION_START would begin anew"
+    flight.beats("LOITER")
+    assert flight.ground.pilot.taken_out and not flight.ground.pilot.obeyed
+    flight.beats("MISSION")
+    pilot = flight.ground.pilot
+    assert not pilot.taken_out and pilot.ordered is None and not pilot.events, "nobody else flew it"
+
+
+def test_who_does_not_go_on_still_holds_for_us():
+    flight = Flight()
+    flight.takes(Maneuver.HOLD)
+    flight.beats("LOITER")
+    flight.ground.maneuver(Maneuver.RESUME, flight.now_s)
+    flight.hears(m.MAVLink_command_ack_message(m.MAV_CMD_DO_SET_MODE, m.MAV_RESULT_DENIED))
+    flight.beats("LOITER")
+    assert flight.ground.pilot.ordered is Maneuver.HOLD
+    assert not flight.ground.pilot.somebody_else_flies
+    assert flight.ground.texts[-1][2] == "denied: the vehicle did not take the order"
+
+
+def test_nobody_goes_on_with_a_mission_that_came_in_part():
+    flight = Flight()
+    flight.hears(m.MAVLink_mission_current_message(1, 3, m.MISSION_STATE_ACTIVE, 1))
+    flight.ground.change(MISSION, 1, flight.now_s)
+    flight.takes(Maneuver.HOLD)
+    flight.beats("LOITER")
+    for order in (
+        lambda at: flight.ground.maneuver(Maneuver.RESUME, at),
+        lambda at: flight.ground.choose_item(1, at),
+    ):
+        with pytest.raises(NotFlyingError, match="what it holds is not known"):
+            order(flight.now_s)
+    assert flight.takes(Maneuver.RETURN).command == 20
+
+
+def test_another_item_is_chosen_as_the_autopilot_takes_it():
+    flight = Flight("px4")
+    (message,) = flight.ground.choose_item(1, flight.now_s)
+    assert (message.get_type(), message.seq) == ("MISSION_SET_CURRENT", 1)
+    again = flight.ground.poll(flight.now_s + 1.5)
+    assert any(one.get_type() == "MISSION_SET_CURRENT" for one in again), "nothing answers it"
+    flight.hears(m.MAVLink_mission_current_message(1, 3, m.MISSION_STATE_ACTIVE, 1))
+    later = flight.ground.poll(flight.now_s + 4.0)
+    assert not any(one.get_type() == "MISSION_SET_CURRENT" for one in later), "it shows it"
+    assert not flight.ground.pilot.taken_out
+
+
+def test_an_item_that_there_is_not_is_refused():
+    flight = Flight()
+    with pytest.raises(NotFlyingError, match="item 4 does not exist; there are 3 items"):
+        flight.ground.choose_item(3, flight.now_s)
+    with pytest.raises(NotFlyingError, match="the vehicle does not fly"):
+        GroundStation(MISSION).choose_item(0, 0.0)
+    assert commands(flight.ground.maneuver(Maneuver.LAND, flight.now_s)) == [21]

@@ -1,4 +1,5 @@
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -111,3 +112,20 @@ def test_policies_take_a_coordination():
         )
     ).paths
     assert set(other) == {2} and other[2].tolist() != paths[1].tolist()
+
+
+def test_a_decision_shows_the_map_that_it_was_made_by():
+    model = InformationModel.uniform(FARM.grid().shape, value=(1, 1, 0.4), uncertainty=1)
+    observation = PolicyObservation(
+        Event.START, 0.0, 6, FARM, PAPER_FIELDS, PAPER_WEIGHTS, model, Observations.empty(),
+        (robot(1), robot(2)), 2.0,
+    )  # fmt: skip
+    decision = Greedy(acquisition="variance").decide(observation)
+    shown = decision.acquisition
+    assert shown is not None
+    side_m = shown.cell_m * np.array(shown.values.shape)
+    assert (side_m >= (FARM.width_cells * FARM.cell_size_m, FARM.height_cells * FARM.cell_size_m)).all()
+    x, y = (decision.alternatives[0].points_m[0] / shown.cell_m).astype(int)
+    assert shown.values[x, y] > 0.0, "it flies where something is to be gained"
+    left = replace(observation, vehicles=(robot(1, status=Status.ENDED),))
+    assert Greedy().decide(left).acquisition is None, "nobody was to be steered"

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from geo import Farm
     from mission.model import Mission
+    from mission.policies.decision import AcquisitionMap
     from sensors.fields import FieldSet
     from sensors.observations import Observations
     from sensors.scoring.information import InformationModel
@@ -131,6 +132,7 @@ class Decided:
 
     time_s: float
     record: DecisionRecord
+    acquisition: AcquisitionMap | None = None  # What it was chosen by
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,6 +172,13 @@ class Asked:
     answers: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True, slots=True)
+class Orderable:
+    """What who watches may order now, in words; nothing where watching is all."""
+
+    orders: tuple[str, ...]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class RunEnded:
     """The run is over: its summary in plain values, as far as there is one."""
@@ -193,6 +202,7 @@ Event: TypeAlias = (
     | Progressed
     | Noted
     | Asked
+    | Orderable
     | RunEnded
 )
 Listener: TypeAlias = Callable[[Event], None]

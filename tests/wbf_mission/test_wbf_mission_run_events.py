@@ -89,6 +89,8 @@ def test_who_follows_a_policy_hears_its_decisions_and_the_paths_that_it_changes(
     assert decided == result.decisions and len(decided) > 1
     times = [one.time_s for one, _ in heard if isinstance(one, Decided)]
     assert times == sorted(times)
+    maps = [one.acquisition.values for one, _ in heard if isinstance(one, Decided)]
+    assert maps[0].max() > 0.0 and not np.array_equal(maps[0], maps[-1]), "what is seen changes the worth"
     planned = [one for one, _ in heard if isinstance(one, Planned)]
     flown = sum(change.outcome == "flown" for one in decided for change in one.changes)
     assert len(planned) >= 1 + flown

@@ -11,7 +11,7 @@ from geo import Farm
 from geo.errors import WbfMissionError, told_error
 from mission.errors import AnswerError, PlanningError
 from mission.planners.path import Points
-from mission.policies.decision import Decision, answer_costs
+from mission.policies.decision import AcquisitionMap, Decision, answer_costs
 from mission.policies.observation import Event, PolicyObservation, Status, VehicleReport
 from mission.policies.policy import Policy, Triggers
 from sensors.fields import FieldSet
@@ -147,6 +147,7 @@ class DecisionLoop:
         self._observations = 0
         self._reached = 0
         self._lost: frozenset[int] = frozenset()
+        self.acquisition: AcquisitionMap | None = None  # What the last answer was chosen by
 
     def start(self, vehicles: Sequence[VehicleReport]) -> Answer:
         """Ask for the first paths; a vehicle whose path has no points stays where it is."""
@@ -225,6 +226,7 @@ class DecisionLoop:
         self._observations = len(observation.observations)
         if not observation.steerable:
             return None
+        self.acquisition = None
         try:
             answer = ask(self._policy, self._name, observation)
         except AnswerError as error:
@@ -258,6 +260,7 @@ class DecisionLoop:
     def _note(
         self, event: Event, time_s: float, observation: PolicyObservation, answer: Answer
     ) -> DecisionRecord:
+        self.acquisition = answer.decision.acquisition
         record = DecisionRecord(
             observation.day,
             self._flight,

@@ -82,7 +82,7 @@ class Campaign:
         known = len(self.decisions)
         planned = plan_flight(self.run, day, flight, self.evidence, self.decisions, self._gone)
         for record in self.decisions[known:]:
-            self._events.tell(Decided(self.simulated_s, record))
+            self._events.tell(Decided(self.simulated_s, record, planned.loop.acquisition))
         if not planned.sorties and not self.flights:
             msg = f"{self.run.decider.name} finds nothing worth a flight: no vehicle has a path"
             raise PlanningError(msg)

@@ -223,7 +223,7 @@ class JointFlight:
         if event is not None and self._is_flying():
             record = self._decisions.decide(event, self.sorties, self._mission_s, self.now_s)
             if record is not None:
-                self._events.tell(Decided(self._offset_s + self.now_s, record))
+                self._events.tell(Decided(self._offset_s + self.now_s, record, self._decisions.acquisition))
             self._watch.lap("decide")
 
     def _is_ending(self) -> bool:

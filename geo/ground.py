@@ -12,6 +12,7 @@ from pyproj import CRS, Transformer
 from pyproj.exceptions import CRSError
 
 from geo.errors import GroundError
+from geo.imports import load_extra
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -122,17 +123,15 @@ class Ground:
 
 def _read(name: str, bounds_deg: tuple[float, float, float, float]) -> tuple[_Tile, float] | None:
     """Return the part of a raster in the bounds, and its pixels' width in metres; None if it has none."""
-    try:
-        import rasterio
-        from rasterio.errors import RasterioError
-    except ImportError:
-        msg = 'heights of the ground need rasterio: pip install "wbf-mission[gis]"'
-        raise GroundError(msg) from None
+    rasterio, errors = (
+        load_extra(one, "gis", "heights of the ground need", GroundError)
+        for one in ("rasterio", "rasterio.errors")
+    )
     where = f"terrain {name}"
     try:
         with rasterio.open(name) as raster:
             return _part(where, raster, bounds_deg)
-    except (RasterioError, CRSError, OSError, ValueError, MemoryError) as error:
+    except (errors.RasterioError, CRSError, OSError, ValueError, MemoryError) as error:
         if isinstance(error, GroundError):
             raise
         msg = f"{where}: it cannot be read as a raster of heights ({' '.join(str(error).split())})"

@@ -60,6 +60,23 @@ def entry_points(group: str) -> metadata.EntryPoints:
     return _entry_points(group, tuple((one, _changed_ns(one)) for one in sys.path))
 
 
+def load_extra(module: str, extra: str, what: str, error: type[Exception]) -> Any:
+    """Import a library of an extra; an `error` tells what needs it and how to install it if it is not there.
+
+    Examples
+    --------
+    >>> load_extra("no_such_library.part", "gis", "maps need", ValueError)
+    Traceback (most recent call last):
+    ...
+    ValueError: maps need no_such_library; install it with: pip install "wbf-mission[gis]"
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError:
+        name = module.partition(".")[0]
+        raise error(f'{what} {name}; install it with: pip install "wbf-mission[{extra}]"') from None
+
+
 def load_entry(entry: metadata.EntryPoint, what: str, error: type[Exception]) -> Any:
     """Return what a package registered; one that cannot be imported is told as ``error``, in one line."""
     try:

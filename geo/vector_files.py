@@ -30,6 +30,7 @@ from geo.coordinates import EXAMPLE_CRS, Coordinates, coordinates_of
 from geo.errors import FarmError
 from geo.features import MAX_VERTICES, Document, Entry
 from geo.frame import LocalFrame
+from geo.imports import load_extra
 from geo.reading import UnreadableError, read_file
 from geo.texts import one_line
 
@@ -65,11 +66,9 @@ def read_vector(path: Path, layer: str | None = None, crs: str | None = None) ->
     FarmError
         If GDAL is not there, or the file cannot be used.
     """
-    try:
-        import pyogrio.raw
-    except ImportError:
-        kind = path.suffix.lower()
-        raise FarmError(f'{kind} files are read by GDAL: pip install "wbf-mission[gis]"') from None
+    needed = f"{path}: {path.suffix.lower()} files need"
+    load_extra("pyogrio.raw", "gis", needed, FarmError)
+    pyogrio = load_extra("pyogrio", "gis", needed, FarmError)
     logging.getLogger("pyogrio").addHandler(logging.NullHandler())
     document = Document({}, [])
     with _plain(path) as (plain, inside), warnings.catch_warnings():

@@ -7,6 +7,7 @@ import errno
 import os
 from typing import Any
 
+from geo.imports import load_extra
 from geo.texts import one_line
 from mission.errors import LinkError, LinkLostError
 from mission.link.address import LinkAddress
@@ -31,13 +32,7 @@ class SerialLink(Stream):
 
     def __init__(self, address: LinkAddress) -> None:
         super().__init__(str(address), _BACKLOG_BYTES)
-        try:
-            import serial
-        except ImportError as error:
-            msg = (
-                f"{self.name}: serial lines need pyserial; install it with: pip install 'wbf-mission[serial]'"
-            )
-            raise LinkError(msg) from error
+        serial = load_extra("serial", "serial", f"{self.name}: serial lines need", LinkError)
         try:
             self._port: Any = serial.Serial(
                 address.host, address.port, timeout=0, write_timeout=0, exclusive=True

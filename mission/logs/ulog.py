@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from geo.imports import load_extra
 from mission.logs.track import Floats, LogError, LogImages, LogTrack, parsing
 
 _POSITION, _CAPTURE, _TRIGGER = "vehicle_global_position", "camera_capture", "camera_trigger"
@@ -22,11 +23,7 @@ def read_ulog(path: Path) -> LogTrack:
 
     UTC is that of the satellite receiver (`time_utc_usec`), carried to all times of the log's own clock.
     """
-    try:
-        from pyulog.core import ULog
-    except ImportError:
-        text = 'logs of PX4 need pyulog; install it with: pip install "wbf-mission[gis]"'
-        raise LogError(f"{path}: {text}") from None
+    ULog = load_extra("pyulog.core", "gis", f"{path}: logs of PX4 need", LogError).ULog
     with parsing(path, "PX4 log"):
         declared = ULog(str(path), parse_header_only=True).message_formats
         for topic in declared:

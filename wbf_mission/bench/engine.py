@@ -17,6 +17,7 @@ from typing import Any, Protocol, TypeAlias, TypeVar, cast
 import numpy as np
 
 from geo.errors import WbfMissionError, told_error
+from geo.imports import load_extra
 from geo.texts import one_line
 from geo.workers import CallsAhead, Processes
 from mission.outcome import Outcome
@@ -129,18 +130,15 @@ class Cluster:
     """
 
     def __init__(self, address: str, workers: int) -> None:
-        try:
-            from distributed import Client, LocalCluster
-        except ImportError:
-            raise ClusterError("--dask needs Dask: install it with pip install 'wbf-mission[dask]'") from None
+        dask = load_extra("distributed", "dask", "--dask needs", ClusterError)
         self._local: Any = None
         self._address = address
         if address == LOCAL:
-            self._local = LocalCluster(
+            self._local = dask.LocalCluster(
                 n_workers=workers, threads_per_worker=1, host="127.0.0.1", dashboard_address=None
             )
         try:
-            self._client = Client(self._local or address, set_as_default=False)
+            self._client = dask.Client(self._local or address, set_as_default=False)
         except (OSError, ValueError) as error:  # TimeoutError is an OSError
             why = one_line(str(error)) or "no answer"
             raise ClusterError(f"--dask {address}: no scheduler answers there ({why})") from None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import importlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ from pyproj import Transformer
 
 from geo import Farm
 from geo.errors import WbfMissionError
+from geo.imports import load_extra
 from geo.texts import one_line
 
 _MOST_CELLS_OFF = 0.5
@@ -29,12 +29,7 @@ class MapError(WbfMissionError, ValueError):
 
 def gis(module: str) -> Any:
     """Import a library of the extra ``gis``; MapError that says how to install it if it is not there."""
-    try:
-        return importlib.import_module(module)
-    except ImportError:
-        name = module.partition(".")[0]
-        msg = f'treatment maps need {name}; install it with: pip install "wbf-mission[gis]"'
-        raise MapError(msg) from None
+    return load_extra(module, "gis", "treatment maps need", MapError)
 
 
 def require_gis() -> None:

@@ -1,10 +1,10 @@
 """Serial lines over a pseudo terminal, and TCP connections that come back."""
 
-import builtins
 import contextlib
 import os
 import pty
 import socket
+import sys
 import time
 import tty
 
@@ -137,15 +137,8 @@ def test_a_device_that_another_program_uses(line):
 
 
 def test_without_pyserial_the_error_says_what_to_install(monkeypatch, line):
-    real = builtins.__import__
-
-    def no_serial(name, *rest):
-        if name == "serial":
-            raise ImportError(name)
-        return real(name, *rest)
-
-    monkeypatch.setattr(builtins, "__import__", no_serial)
-    with pytest.raises(LinkError, match=r"pip install 'wbf-mission\[serial\]'"):
+    monkeypatch.setitem(sys.modules, "serial", None)
+    with pytest.raises(LinkError, match=r'need serial; install it with: pip install "wbf-mission\[serial\]"'):
         open_link(f"serial:{line[1]}:57600")
 
 

@@ -256,4 +256,4 @@ def test_no_scheduler_is_one_line(tmp_path, capsys, monkeypatch):
     assert err.count("\n") == 1
     monkeypatch.setitem(sys.modules, "distributed", None)
     assert main(["bench", "run", *arguments]) == 2
-    assert "pip install 'wbf-mission[dask]'" in capsys.readouterr().err
+    assert 'pip install "wbf-mission[dask]"' in capsys.readouterr().err

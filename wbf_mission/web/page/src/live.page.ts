@@ -1,5 +1,213 @@
+// The page of a run: while it happens, or a recording of one or two of them.
+import { Charts } from "./charts.js";
+import { Controls } from "./controls.js";
+import { button, element, setText } from "./dom.js";
+import { LayerPanel } from "./layers.js";
+import { MapView, type Choice } from "./map.js";
+import { Decisions, Messages } from "./messages.js";
+import { Model } from "./model.js";
 import type { Update } from "./schema.js";
+import { open, type Link } from "./source.js";
+import { capital, clock } from "./text.js";
+import { Time } from "./time.js";
+import { scoreLine, Vehicles } from "./vehicles.js";
 
-export function take(update: Update): number {
-  return update.time_s;
+const CHARTS_MS = 400;
+const PANELS_MS = 150;
+const LINKS: Record<Link, string> = { connecting: "Connecting …", live: "Live", lost: "Connection lost", recording: "Recording" };
+
+class App {
+  private models: Model[] = [];
+  private maps: MapView[] = [];
+  private parts: { time: Time; vehicles: Vehicles; messages: Messages; decisions: Decisions; charts: Charts; layers: LayerPanel; controls: Controls | null } | null = null;
+  private readonly root = document.getElementById("app")!;
+  private readonly title = element("h1");
+  private readonly link = element("span", { class: "pill link", role: "status" });
+  private readonly outcome = element("span", { class: "pill outcome" });
+  private readonly progress = element("span", { class: "progress" });
+  private readonly lost = element("p", { class: "lost", role: "alert" });
+  private readonly under = element("output", { class: "under-pointer", "aria-live": "off" });
+  private readonly send = open({
+    begin: (runs) => this.begin(runs),
+    take: (update, run) => this.take(update, run),
+    link: (state) => this.showLink(state),
+  });
+  private readonly choice: Choice = {
+    field: "", kind: "value", compare: false, split: 0.5, opacity: 0.85,
+    crops: true, plans: true, trails: true, readings: true, decisions: true,
+  };
+  private dirty = true;
+  private chartsAt_ms = 0;
+  private panelsAt_ms = 0;
+  private stale = true;
+  private reply: Update["reply"];
+
+  constructor() {
+    requestAnimationFrame((now_ms) => this.frame(now_ms));
+  }
+
+  private begin(runs: number): void {
+    const shown = this.maps.map(({ map }) => [map.getCenter(), map.getZoom()] as const);
+    for (const { map } of this.maps) map.remove();
+    this.models = Array.from({ length: runs }, () => new Model());
+    this.build();
+    shown.forEach(([center, zoom], k) => this.maps[k]?.map.setView(center, zoom, { animate: false }));
+  }
+
+  private take(update: Update, run: number): void {
+    this.models[run]?.take(update);
+    if (update.reply) this.reply = update.reply;
+    this.dirty = this.stale = true;
+  }
+
+  private build(): void {
+    const { models, choice } = this;
+    const changed = (): void => {
+      this.dirty = true;
+      for (const map of this.maps) map.redraw();
+    };
+    const time = new Time(this.send !== null, () => (this.dirty = true));
+    const vehicles = new Vehicles(models, (model, id) => {
+      models.forEach((one, k) => (this.maps[k]!.selected = one === model ? id : null));
+      if (id !== null) this.maps[models.indexOf(model)]!.goTo(id);
+      this.parts?.controls?.aim(id);
+      this.dirty = this.stale = true;
+    });
+    const messages = new Messages(models);
+    const decisions = new Decisions(models, (model, decision) => {
+      const map = this.maps[models.indexOf(model)]!;
+      if (map.decision !== decision) this.dirty = true;
+      map.decision = decision;
+    });
+    const charts = new Charts(models, (time_s) => time.seek(time_s));
+    const layers = new LayerPanel(models, choice, changed);
+    const controls = this.send && models[0] ? new Controls(models[0], this.send) : null;
+    this.parts = { time, vehicles, messages, decisions, charts, layers, controls };
+
+    const stage = element("div", { class: "stage" });
+    this.maps = models.map((model, k) => {
+      const room = element("div", { class: "map", tabindex: "0", role: "application", "aria-label": `Map${models.length > 1 ? ` of run ${k + 1}` : ""}; arrow keys move it, plus and minus zoom` });
+      stage.append(models.length > 1 ? element("div", { class: "one-of-two" }, element("h2", { class: "of-run" }), room) : room);
+      return new MapView(room, model, choice, (text) => setText(this.under, text), (id) => vehicles.select(model, id), models.length === 1);
+    });
+    this.join();
+    const split = element("input", { type: "range", class: "split", min: "0", max: "1", step: "0.005", value: String(choice.split), "aria-label": "Estimate left, truth right of here" });
+    split.addEventListener("input", () => {
+      choice.split = Number(split.value);
+      changed();
+    });
+    const fit = button("Whole farm", () => this.maps.forEach((map) => map.fit()), { class: "fit" });
+    stage.append(split, fit, layers.legend, this.under);
+    const layerBox = element("details", { class: "layer-box", open: "" }, element("summary", {}, "Layers"), layers.element);
+    if (matchMedia("(max-width: 60rem)").matches) layerBox.open = false;
+    stage.append(layerBox);
+
+    const panel = (name: string, label: string, ...children: Node[]): HTMLElement =>
+      element("section", { class: `panel ${name}`, "data-panel": name, "aria-label": label }, element("h2", {}, label), ...children);
+    const side = element("aside", { class: "side", "aria-label": "Vehicles and messages" });
+    side.append(
+      panel("vehicles", "Vehicles", vehicles.element),
+      panel("decisions", "Decisions", decisions.element),
+      panel("messages", "Messages", messages.element),
+    );
+    const header = element("header", { class: "top" }, this.title, this.outcome, this.progress, this.link);
+    const urgent = element("div", { class: "urgent" }, this.lost, ...(controls ? [controls.question, controls.element] : []));
+    const main = element("main", { class: "middle" }, stage, time.element, this.tabs(), panel("charts", "Charts", charts.element));
+    this.root.classList.toggle("two", models.length > 1);
+    this.root.dataset["tab"] = "vehicles";
+    this.root.replaceChildren(header, urgent, main, side, messages.aloud);
+    for (const { map } of this.maps) map.invalidateSize({ animate: false });
+    this.dirty = this.stale = true;
+  }
+
+  /** On a phone one panel is seen at a time. */
+  private tabs(): HTMLElement {
+    const names = ["vehicles", "charts", "messages", "decisions"];
+    const tabs = element("nav", { class: "tabs", "aria-label": "Panels" });
+    for (const name of names) {
+      const tab = button(capital(name), () => {
+        this.root.dataset["tab"] = name;
+        for (const one of tabs.children) one.setAttribute("aria-pressed", String(one === tab));
+        this.dirty = this.stale = true;
+      }, { "aria-pressed": String(name === "vehicles"), class: `tab-${name}` });
+      tabs.append(tab);
+    }
+    return tabs;
+  }
+
+  /** Two maps show the same part. */
+  private join(): void {
+    let moving = false;
+    for (const one of this.maps)
+      one.map.on("move", () => {
+        if (moving) return;
+        moving = true;
+        for (const other of this.maps)
+          if (other !== one) other.map.setView(one.map.getCenter(), one.map.getZoom(), { animate: false });
+        moving = false;
+      });
+  }
+
+  private showLink(state: Link): void {
+    const over = this.models[0]?.status?.outcome;
+    const ended = over !== undefined && over !== "running";
+    setText(this.link, state === "lost" && ended ? "Ended" : LINKS[state]);
+    this.link.dataset["state"] = state === "lost" && ended ? "recording" : state;
+    const text = ended ? "" : "The connection to the program is lost: what is shown is old. Trying again …";
+    setText(this.lost, state === "lost" ? text : "");
+    if (!this.root.contains(this.link)) this.root.replaceChildren(element("header", { class: "top" }, this.title, this.link), this.lost);
+  }
+
+  private frame(now_ms: number): void {
+    requestAnimationFrame((next_ms) => this.frame(next_ms));
+    const { parts } = this;
+    if (!parts) return;
+    parts.time.tick(now_ms);
+    if (this.dirty) {
+      this.dirty = false;
+      const end_s = Math.max(0, ...this.models.map((model) => model.end_s));
+      parts.time.reach(end_s);
+      for (const map of this.maps) map.show(parts.time.time_s);
+      parts.time.show();
+      this.stale = true;
+    }
+    if (this.stale && now_ms - this.panelsAt_ms > PANELS_MS) {
+      this.panelsAt_ms = now_ms;
+      this.stale = now_ms - this.chartsAt_ms <= CHARTS_MS;
+      this.showPanels(parts);
+      if (!this.stale) {
+        this.chartsAt_ms = now_ms;
+        parts.charts.show(parts.time.time_s, Math.max(...this.models.map((model) => model.end_s)));
+      }
+    }
+  }
+
+  private showPanels(parts: NonNullable<App["parts"]>): void {
+    const time_s = parts.time.time_s;
+    const model = this.models[0]!;
+    parts.vehicles.show(time_s);
+    parts.messages.show(time_s);
+    parts.decisions.show(time_s);
+    parts.layers.show(this.maps[0]!.shown);
+    parts.controls?.show();
+    this.root.classList.toggle("decides", parts.decisions.any);
+    this.root.classList.toggle("compares", this.choice.compare);
+    const titles = this.models.map((one) => one.run?.title ?? "");
+    setText(this.title, titles.join("  |  ") || "wbf-mission");
+    const headings = this.root.querySelectorAll(".of-run");
+    this.models.forEach((one, k) => headings[k] && setText(headings[k], [titles[k], scoreLine(one, time_s)].filter(Boolean).join(" · ")));
+    const { status } = model;
+    const over = status && status.outcome !== "running";
+    const words = over ? [status.outcome, status.reason] : [scoreLine(model, time_s)];
+    const several = this.models.length > 1 ? [] : words;
+    const day = model.dayAt(time_s);
+    setText(this.outcome, capital([...several, day && day > 1 ? `day ${day}` : ""].filter(Boolean).join(" · ")));
+    this.outcome.dataset["state"] = over ? status.outcome : "running";
+    const doing = status?.progress;
+    const error = this.reply?.error ? `${capital(this.reply.order)}: ${this.reply.error}` : "";
+    setText(this.progress, error || (doing ? `${capital(doing.what)} ${Math.round((100 * doing.done) / (doing.total || 1))} %` : ""));
+    document.title = [clock(time_s), titles.join(" | ")].filter(Boolean).join(" · ");
+  }
 }
+
+new App();

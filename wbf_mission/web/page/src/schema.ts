@@ -23,6 +23,8 @@ export interface FieldInfo {
   unit: string;
   /** What 0 and 1 stand for. */
   range: [number, number];
+  /** From 0 to 1, as #rrggbb; those of its kind where there are none. */
+  colours?: string[];
 }
 
 export interface Raster {
@@ -73,8 +75,8 @@ export interface States {
   flight: number[];
   x: number[];
   y: number[];
-  height_m: number[];
-  speed_m_s: number[];
+  height_m: (number | null)[];
+  speed_m_s: (number | null)[];
   heading_deg: (number | null)[];
   battery: (number | null)[];
   link: (number | null)[];
@@ -156,6 +158,8 @@ export interface Run {
 /** What is new; what is missing did not change. Lists are appended to what there is, the others replace it. */
 export interface Update {
   time_s: number;
+  /** Lists that come anew from their beginning ("plans", "said", "scores", "decisions", "states/ID", "tiles"). */
+  restart?: string[];
   run?: Run;
   plans?: Plan[];
   states?: Record<string, States>;
@@ -169,6 +173,8 @@ export interface Update {
   status?: Status;
   /** The tiles background that the server has, if any. */
   background?: { attribution: string; min_zoom: number; max_zoom: number } | null;
+  /** What became of this page's last request; empty where it is carried out. */
+  reply?: { order: string; error: string };
 }
 
 /** A finished run in a page of its own: all of it, and the layers as they were at some moments. */

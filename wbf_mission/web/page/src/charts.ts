@@ -1,0 +1,182 @@
+// Curves over time: score, battery, speed and height, with one cursor; a click goes to that time.
+import uPlot from "uplot";
+import { themed, vehicleColour } from "./colours.js";
+import { element } from "./dom.js";
+import { upTo, type Model, type Moment } from "./model.js";
+import { clock, figure, percent } from "./text.js";
+
+/** No more moments than a chart has room for. */
+const MOST = 600;
+const CURSOR = "time";
+const HEIGHT_PX = 132;
+
+interface Line {
+  label: string;
+  colour: string;
+  dash: number[];
+  values: (number | null)[];
+}
+
+interface Kind {
+  name: string;
+  write: (value: number) => string;
+  range: [number | null, number | null];
+  lines: (model: Model, times: number[], run: number) => Line[];
+}
+
+const DASH = [5, 4];
+
+function states(of: keyof Moment & ("battery" | "speed_m_s" | "height_m")): Kind["lines"] {
+  return (model, times, run) =>
+    (model.run?.vehicles ?? []).flatMap((info, k) => {
+      const columns = model.states[info.system_id];
+      if (!columns) return [];
+      const values = times.map((time_s) => {
+        const last = upTo(columns.time_s, time_s) - 1;
+        return last < 0 || time_s > columns.time_s.at(-1)! + MOST ? null : (columns[of][last] ?? null);
+      });
+      return [{ label: info.name, colour: vehicleColour(k), dash: run ? DASH : [], values }];
+    });
+}
+
+const KINDS: Kind[] = [
+  {
+    name: "Score", write: figure, range: [null, null],
+    lines: (model, times, run) => {
+      const { time_s, score } = model.scores;
+      if (!time_s.length) return [];
+      const values = times.map((time) => score[upTo(time_s, time) - 1] ?? null);
+      return [{ label: "score", colour: themed("accent"), dash: run ? DASH : [], values }];
+    },
+  },
+  { name: "Battery", write: percent, range: [0, 1], lines: states("battery") },
+  { name: "Speed (m/s)", write: (value) => value.toFixed(1), range: [0, null], lines: states("speed_m_s") },
+  { name: "Height (m)", write: (value) => value.toFixed(1), range: [0, null], lines: states("height_m") },
+];
+
+class Chart {
+  readonly element = element("figure", { class: "chart" });
+  private readonly caption = element("figcaption");
+  private readonly value = element("span", { class: "value" });
+  private readonly room = element("div", { class: "room" });
+  private plot: uPlot | null = null;
+  private shape = "";
+  private time_s = 0;
+  private lines: Line[] = [];
+  private times: number[] = [];
+
+  constructor(private readonly kind: Kind, private readonly seek: (time_s: number) => void) {
+    this.caption.append(element("span", {}, kind.name), this.value);
+    this.element.append(this.caption, this.room);
+  }
+
+  show(models: Model[], times: number[], time_s: number, fresh: boolean): void {
+    this.time_s = time_s;
+    if (fresh) {
+      this.times = times;
+      this.lines = models.flatMap((model, run) => this.kind.lines(model, times, run));
+      this.draw();
+    } else this.plot?.redraw(false);
+    this.tell(upTo(this.times, time_s) - 1);
+  }
+
+  /** Its colours are those of the theme: they are looked up anew. */
+  forget(): void {
+    this.plot?.destroy();
+    this.plot = null;
+  }
+
+  private draw(): void {
+    const some = this.lines.some((line) => line.values.some((value) => value !== null));
+    this.element.hidden = !some;
+    if (!some) return;
+    const width = this.room.clientWidth;
+    if (!width) return;
+    const shape = `${width} ${this.lines.map((line) => line.label + line.colour).join()}`;
+    const data = [this.times, ...this.lines.map((line) => line.values)] as uPlot.AlignedData;
+    if (this.plot && shape === this.shape) {
+      this.plot.setData(data);
+      return;
+    }
+    this.shape = shape;
+    this.plot?.destroy();
+    this.plot = new uPlot(this.options(width), data, this.room);
+    this.plot.over.addEventListener("click", () => this.seek(this.plot!.posToVal(this.plot!.cursor.left ?? 0, "x")));
+  }
+
+  private options(width: number): uPlot.Options {
+    const [ink, grid] = [themed("muted"), themed("line")];
+    const axis = { stroke: ink, font: `11px ${themed("font")}`, grid: { stroke: grid, width: 1 }, ticks: { show: false }, gap: 4 };
+    const { write, range } = this.kind;
+    return {
+      width, height: HEIGHT_PX, legend: { show: false }, padding: [6, 8, 0, 0],
+      cursor: { sync: { key: CURSOR }, y: false, drag: { x: false, y: false }, points: { size: 6 } },
+      scales: {
+        x: { time: false },
+        y: { range: (_, low, high) => [range[0] ?? low - 0.05 * (high - low || 1), range[1] ?? high + 0.08 * (high - low || 1)] },
+      },
+      axes: [
+        { ...axis, size: 20, values: (_, splits) => splits.map(clock) },
+        { ...axis, size: 46, values: (_, splits) => splits.map(write), space: 28 },
+      ],
+      series: [{}, ...this.lines.map(({ colour, dash }) => ({ stroke: colour, width: 1.6, dash, points: { show: false } }))],
+      hooks: {
+        draw: [(plot) => this.drawNow(plot)],
+        setCursor: [(plot) => this.tell(plot.cursor.idx ?? upTo(this.times, this.time_s) - 1)],
+      },
+    };
+  }
+
+  private drawNow(plot: uPlot): void {
+    const left = Math.round(plot.valToPos(this.time_s, "x", true));
+    const { top, height } = plot.bbox;
+    const pen = plot.ctx;
+    pen.save();
+    pen.strokeStyle = themed("ink");
+    pen.globalAlpha = 0.5;
+    pen.beginPath();
+    pen.moveTo(left, top);
+    pen.lineTo(left, top + height);
+    pen.stroke();
+    pen.restore();
+  }
+
+  /** The values at the cursor, or now; of few lines only: more are told apart on the map. */
+  private tell(index: number): void {
+    const values = this.lines.map((line) => line.values[index]).filter((value) => typeof value === "number");
+    const [low, high] = [Math.min(...values), Math.max(...values)];
+    const { write } = this.kind;
+    this.value.textContent = !values.length ? "" : values.length > 2 ? `${write(low)} – ${write(high)}` : values.map(write).join(" / ");
+  }
+}
+
+export class Charts {
+  readonly element = element("div", { class: "charts" });
+  private readonly charts: Chart[];
+  private time_s = 0;
+  private end_s = -1;
+  private known = "";
+
+  constructor(private readonly models: Model[], seek: (time_s: number) => void) {
+    this.charts = KINDS.map((kind) => new Chart(kind, seek));
+    this.element.append(...this.charts.map((chart) => chart.element));
+    new ResizeObserver(() => this.redraw()).observe(this.element);
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
+      for (const chart of this.charts) chart.forget();
+      this.redraw();
+    });
+  }
+
+  show(time_s: number, end_s: number): void {
+    const known = this.models.map((model) => [model.run?.vehicles.length, model.scores.time_s.length, Object.keys(model.states).length]).join();
+    const fresh = end_s !== this.end_s || known !== this.known;
+    [this.time_s, this.end_s, this.known] = [time_s, end_s, known];
+    const times = Array.from({ length: MOST + 1 }, (_, k) => (k * end_s) / MOST);
+    for (const chart of this.charts) chart.show(this.models, times, time_s, fresh);
+  }
+
+  private redraw(): void {
+    this.known = "";
+    if (this.end_s >= 0) this.show(this.time_s, this.end_s);
+  }
+}

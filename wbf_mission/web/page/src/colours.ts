@@ -1,0 +1,69 @@
+// Colours of crops, values and vehicles. Ramps change in lightness all the way, so that nobody needs to tell
+// red from green.
+import type { FieldInfo, LayerName } from "./schema.js";
+
+/** The crops as in the pictures of `wbf_mission/pictures/plots.py`. */
+const CROPS: Record<string, string> = {
+  strawberry: "#e8a7a1",
+  tomato: "#b7d39b",
+  pond: "#8fbcd4",
+  wetland: "#9ccfb8",
+  none: "#f4f1ea",
+};
+const FURTHER_CROPS = ["#d9c58b", "#c9b3d6", "#a8cfd0", "#e3b78c", "#c2c2b0", "#d8a8c2"];
+
+/** Okabe and Ito's, in an order that keeps apart on a map. */
+export const VEHICLES = [
+  "#0072b2", "#d55e00", "#cc79a7", "#009e73", "#e69f00", "#56b4e9", "#7a5cc9", "#8c6d31", "#c23b5a", "#4d6a6d",
+];
+
+const HEALTH = ["#4a0b16", "#8e1f1c", "#e2711d", "#f6c66a", "#dcebc4"];
+const WATER = ["#fdfbd3", "#d3eeb3", "#7fcdbb", "#41a6c4", "#1d6fb0", "#253494", "#0b1d52"];
+const MEASURED = ["#fde725", "#7ad151", "#22a884", "#2a788e", "#414487", "#440154"];
+const UNSURE = ["#f6f2f8", "#d5c5e3", "#a583c1", "#77409a", "#3d1160"];
+const ACQUIRE = ["#f4f9f6", "#b5dfc8", "#5db598", "#1e7c73", "#0b3b47"];
+
+export function cropColour(crop: string, crops: string[]): string {
+  const further = crops.filter((name) => !(name in CROPS));
+  return CROPS[crop] ?? FURTHER_CROPS[further.indexOf(crop) % FURTHER_CROPS.length] ?? "#c2c2b0";
+}
+
+export function vehicleColour(number: number): string {
+  return VEHICLES[number % VEHICLES.length] ?? "#0072b2";
+}
+
+/** What is sick stands out: a disease's value below this. */
+export const SICK = 0.75;
+
+/** The colours of a layer from 0 to its scale. */
+export function ramp(layer: LayerName, field: FieldInfo | undefined): string[] {
+  if (layer === "acquisition") return ACQUIRE;
+  if (layer.startsWith("uncertainty/")) return UNSURE;
+  if (field?.colours?.length) return field.colours;
+  return field?.kind === "disease" ? HEALTH : field?.kind === "measured" ? MEASURED : WATER;
+}
+
+export type Rgb = [number, number, number];
+
+function rgb(colour: string): Rgb {
+  const number = parseInt(colour.slice(1), 16);
+  return [number >> 16, (number >> 8) & 255, number & 255];
+}
+
+/** The colour at a part of a ramp, 0..1. */
+export function colourAt(colours: string[], part: number): Rgb {
+  const place = Math.min(1, Math.max(0, part)) * (colours.length - 1);
+  const below = Math.min(Math.floor(place), colours.length - 2);
+  const [from, to] = [rgb(colours[below] ?? "#000000"), rgb(colours[below + 1] ?? "#000000")];
+  const mixed = from.map((value, k) => Math.round(value + (to[k]! - value) * (place - below)));
+  return mixed as Rgb;
+}
+
+export function css([red, green, blue]: Rgb): string {
+  return `rgb(${red} ${green} ${blue})`;
+}
+
+/** A variable of page.css: it follows the reader's choice of dark or light. */
+export function themed(name: string): string {
+  return getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+}

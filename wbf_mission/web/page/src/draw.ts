@@ -1,0 +1,299 @@
+// What is drawn on the map's canvases.
+import type { Draw, View } from "./canvas.js";
+import { toPixels } from "./canvas.js";
+import { SICK, colourAt, cropColour, css, ramp, themed } from "./colours.js";
+import { upTo, type Model } from "./model.js";
+import type { FarmShape, FieldInfo, Plan, Ring } from "./schema.js";
+import type { Picture } from "./tiles.js";
+
+type Context = CanvasRenderingContext2D;
+
+/** A line so many pixels apart from the last point is not seen. */
+const SEEN_PX = 1.2;
+
+function trace(context: Context, view: View, ring: Ring, closed: boolean): void {
+  for (let k = 0; k + 1 < ring.length; k += 2) {
+    const [x, y] = toPixels(view, ring[k]!, ring[k + 1]!);
+    if (k) context.lineTo(x, y);
+    else context.moveTo(x, y);
+  }
+  if (closed) context.closePath();
+}
+
+function shape(context: Context, view: View, rings: Ring[]): void {
+  context.beginPath();
+  for (const ring of rings) trace(context, view, ring, true);
+}
+
+function hatch(context: Context, colour: string, crossed: boolean): CanvasPattern | string {
+  const cell = document.createElement("canvas");
+  cell.width = cell.height = 8;
+  const pen = cell.getContext("2d")!;
+  pen.strokeStyle = colour;
+  pen.beginPath();
+  for (const shift of [-8, 0, 8]) {
+    pen.moveTo(shift, 8);
+    pen.lineTo(shift + 8, 0);
+    if (crossed) {
+      pen.moveTo(shift, 0);
+      pen.lineTo(shift + 8, 8);
+    }
+  }
+  pen.stroke();
+  return context.createPattern(cell, "repeat") ?? colour;
+}
+
+export function drawFarm(context: Context, view: View, farm: FarmShape): void {
+  const crops = [...new Set(farm.patches.map((patch) => patch.crop))];
+  for (const own of [false, true])
+    for (const patch of farm.patches.filter((one) => one.own === own)) {
+      shape(context, view, patch.rings);
+      context.globalAlpha = own ? 1 : 0.45;
+      context.fillStyle = cropColour(patch.crop, crops);
+      context.fill("evenodd");
+    }
+  context.globalAlpha = 1;
+}
+
+export function drawBorders(context: Context, view: View, farm: FarmShape): void {
+  context.lineWidth = 1;
+  context.strokeStyle = themed("border-line");
+  context.setLineDash([5, 4]);
+  for (const patch of farm.patches.filter((one) => one.own)) {
+    shape(context, view, patch.rings);
+    context.stroke();
+  }
+  context.setLineDash([]);
+  const line = themed("obstacle");
+  for (const obstacle of farm.obstacles) {
+    shape(context, view, obstacle.rings);
+    context.fillStyle = hatch(context, line, obstacle.height_m === null);
+    context.fill("evenodd");
+    context.strokeStyle = line;
+    context.lineWidth = 1.2;
+    context.stroke();
+    const ring = obstacle.rings[0] ?? [];
+    const name = [obstacle.name, obstacle.height_m === null ? "" : `${obstacle.height_m} m`].filter(Boolean);
+    const width = Math.max(...ring.filter((_, k) => k % 2 === 0)) - Math.min(...ring.filter((_, k) => k % 2 === 0));
+    if (width * view.scale > 24) label(context, name.join(", "), ...middle(view, ring));
+  }
+  for (const [x, y] of farm.rally_m) {
+    const [left, top] = toPixels(view, x, y);
+    mark(context, left, top, "R");
+  }
+  mark(context, ...toPixels(view, ...farm.home_m), "H");
+}
+
+function middle(view: View, ring: Ring): [number, number] {
+  let [x, y] = [0, 0];
+  for (let k = 0; k + 1 < ring.length; k += 2) [x, y] = [x + ring[k]!, y + ring[k + 1]!];
+  return toPixels(view, (2 * x) / ring.length, (2 * y) / ring.length);
+}
+
+function label(context: Context, text: string, x: number, y: number): void {
+  context.font = `600 11px ${themed("font")}`;
+  context.textAlign = "center";
+  context.textBaseline = "middle";
+  context.lineWidth = 3;
+  context.lineJoin = "round";
+  context.strokeStyle = themed("halo");
+  context.strokeText(text, x, y);
+  context.fillStyle = themed("ink");
+  context.fillText(text, x, y);
+}
+
+function mark(context: Context, x: number, y: number, letter: string): void {
+  context.beginPath();
+  context.arc(x, y, 8, 0, 2 * Math.PI);
+  context.fillStyle = themed("ink");
+  context.fill();
+  context.strokeStyle = themed("halo");
+  context.lineWidth = 1.5;
+  context.stroke();
+  context.font = `700 10px ${themed("font")}`;
+  context.textAlign = "center";
+  context.textBaseline = "middle";
+  context.fillStyle = themed("halo");
+  context.fillText(letter, x, y + 0.5);
+}
+
+/** The picture of a layer; only left or right of a line where two are compared. */
+export function drawPicture(context: Context, view: View, picture: Picture, pixel_m: number, from = 0, to = 1): void {
+  const [a, b, c, d, e, f] = view.matrix;
+  context.save();
+  context.beginPath();
+  context.rect(from * view.width, 0, (to - from) * view.width, view.height);
+  context.clip();
+  context.transform(a * pixel_m, b * pixel_m, c * pixel_m, d * pixel_m, e, f);
+  context.imageSmoothingEnabled = view.scale * pixel_m < 1;
+  context.imageSmoothingQuality = "medium";
+  context.drawImage(picture.canvas, 0, 0);
+  context.restore();
+}
+
+export function drawPlan(context: Context, view: View, plan: Plan, colour: string, fence: boolean): void {
+  context.lineJoin = "round";
+  if (fence)
+    for (const { rings, inclusion } of plan.fence) {
+      shape(context, view, rings);
+      context.strokeStyle = themed(inclusion ? "fence" : "danger");
+      context.lineWidth = 1.8;
+      context.setLineDash([10, 5]);
+      context.stroke();
+      context.setLineDash([]);
+    }
+  context.beginPath();
+  trace(context, view, plan.path, false);
+  context.strokeStyle = themed("halo");
+  context.globalAlpha = 0.55;
+  context.lineWidth = 2.6;
+  context.stroke();
+  context.strokeStyle = colour;
+  context.globalAlpha = 0.75;
+  context.lineWidth = 1.1;
+  context.stroke();
+  context.globalAlpha = 1;
+}
+
+export function drawTrail(context: Context, view: View, model: Model, id: number, time_s: number, colour: string): void {
+  const states = model.states[id];
+  const count = states ? upTo(states.time_s, time_s) : 0;
+  if (!states || !count) return;
+  const { x, y, flight } = states;
+  const flown = flight[count - 1];
+  let [lastX, lastY, last] = [NaN, NaN, -1];
+  context.beginPath();
+  for (let k = 0; k < count; k++) {
+    if (flight[k] !== flown) continue;
+    const [left, top] = toPixels(view, x[k]!, y[k]!);
+    if (Math.abs(left - lastX) + Math.abs(top - lastY) < SEEN_PX && k < count - 1) continue;
+    if (last < 0) context.moveTo(left, top);
+    else context.lineTo(left, top);
+    [lastX, lastY, last] = [left, top, k];
+  }
+  const now = model.vehicleAt(id, time_s);
+  if (now) context.lineTo(...toPixels(view, now.x, now.y));
+  context.lineJoin = "round";
+  context.strokeStyle = themed("halo");
+  context.lineWidth = 5;
+  context.globalAlpha = 0.8;
+  context.stroke();
+  context.globalAlpha = 1;
+  context.strokeStyle = colour;
+  context.lineWidth = 2.6;
+  context.stroke();
+}
+
+const LEVELS = 24;
+
+/** What the camera saw of a field: a square for each cell, and sick plants as rings that stand out. */
+export function readingsOf(model: Model, field: FieldInfo, time_s: number, cell_m: number): Draw {
+  return (context, view) => {
+    const { x, y, time_s: times } = model.readings;
+    const values = model.readings.values[field.name];
+    if (!values) return;
+    const count = upTo(times, time_s);
+    const colours = ramp(`value/${field.name}`, field);
+    // Squares of the farm that are seen as such: however many readings, no more are drawn than the screen shows.
+    const step = Math.max(cell_m, 1.4 / view.scale);
+    const [left, bottom, right, top] = seen(view);
+    const [first, low] = [Math.floor(left / step), Math.floor(bottom / step)];
+    const [columns, rows] = [Math.ceil(right / step) - first, Math.ceil(top / step) - low];
+    const levels = new Uint8Array(columns * rows);
+    const sick = new Map<string, [number, number]>();
+    const radius = Math.min(9, Math.max(2.5, 0.55 * step * view.scale));
+    for (let k = 0; k < count; k++) {
+      const value = values[k];
+      if (value === null || value === undefined) continue;
+      const [i, j] = [Math.floor(x[k]! / step) - first, Math.floor(y[k]! / step) - low];
+      if (i < 0 || j < 0 || i >= columns || j >= rows) continue;
+      levels[j * columns + i] = 1 + Math.round(value * (LEVELS - 1));
+      if (field.kind !== "disease" || value >= SICK) continue;
+      const at = toPixels(view, x[k]!, y[k]!);
+      sick.set(at.map((pixel) => Math.round(pixel / radius)).join(), at);
+    }
+    const places: number[][] = Array.from({ length: LEVELS + 1 }, () => []);
+    levels.forEach((level, place) => level && places[level]!.push(place));
+    const side = (step * view.scale > 3 ? 0.62 : 1) * step;
+    for (const [level, at] of places.entries()) {
+      if (!at.length) continue;
+      context.save();
+      context.transform(...view.matrix);
+      context.beginPath();
+      for (const place of at) {
+        const middle = [first + (place % columns) + 0.5, low + Math.floor(place / columns) + 0.5];
+        context.rect(middle[0]! * step - side / 2, middle[1]! * step - side / 2, side, side);
+      }
+      context.restore();
+      context.fillStyle = css(colourAt(colours, (level - 1) / (LEVELS - 1)));
+      context.globalAlpha = 0.9;
+      context.fill();
+      if (step * view.scale > 5) {
+        context.globalAlpha = 0.35;
+        context.lineWidth = 0.8;
+        context.strokeStyle = themed("ink");
+        context.stroke();
+      }
+    }
+    context.globalAlpha = 1;
+    ring(context, [...sick.values()], radius);
+  };
+}
+
+/** The part of the frame that is in sight: least x and y, largest x and y. */
+function seen({ matrix: [a, b, c, d, e, f], width, height }: View): [number, number, number, number] {
+  const turn = a * d - b * c;
+  const corners = [[0, 0], [width, 0], [0, height], [width, height]].map(([left, top]) => [
+    (d * (left! - e) - c * (top! - f)) / turn,
+    (a * (top! - f) - b * (left! - e)) / turn,
+  ]);
+  const [x, y] = [0, 1].map((k) => corners.map((corner) => corner[k]!)) as [number[], number[]];
+  return [Math.min(...x), Math.min(...y), Math.max(...x), Math.max(...y)];
+}
+
+function ring(context: Context, places: [number, number][], radius: number): void {
+  context.beginPath();
+  for (const [x, y] of places) {
+    context.moveTo(x + radius, y);
+    context.arc(x, y, radius, 0, 2 * Math.PI);
+  }
+  context.strokeStyle = "#ffffff";
+  context.lineWidth = 2.6;
+  context.stroke();
+  context.strokeStyle = "#7d0f2b";
+  context.lineWidth = 1.4;
+  context.stroke();
+}
+
+/** Paths that a policy thought of: the better, the stronger; what it chose is drawn through. */
+export function drawDecision(
+  context: Context,
+  view: View,
+  decision: Model["decisions"][number],
+  colour: (id: number) => string,
+): void {
+  const values = decision.candidates.map((one) => one.value);
+  const [low, high] = [Math.min(...values), Math.max(...values)];
+  context.lineJoin = "round";
+  for (const { path, value, system_id } of decision.candidates) {
+    context.beginPath();
+    trace(context, view, path, false);
+    context.globalAlpha = 0.25 + 0.5 * (high > low ? (value - low) / (high - low) : 1);
+    context.setLineDash([3, 4]);
+    context.lineWidth = 1.6;
+    context.strokeStyle = colour(system_id);
+    context.stroke();
+  }
+  context.setLineDash([]);
+  context.globalAlpha = 1;
+  for (const { path, system_id } of decision.changes) {
+    context.beginPath();
+    trace(context, view, path, false);
+    context.lineWidth = 6;
+    context.strokeStyle = themed("halo");
+    context.stroke();
+    context.lineWidth = 3.2;
+    context.strokeStyle = colour(system_id);
+    context.stroke();
+  }
+}

@@ -1,0 +1,100 @@
+// What the map shows: the field, which of its layers, and what is drawn over it; and what the colours mean.
+import { colourAt, css, ramp } from "./colours.js";
+import { checkbox, element, segments, setText } from "./dom.js";
+import { inUnit, layerName, layerTitle, type Choice } from "./map.js";
+import type { Model } from "./model.js";
+import type { Picture } from "./tiles.js";
+
+const KINDS: [Choice["kind"], string][] = [
+  ["value", "Estimate"], ["uncertainty", "Uncertainty"], ["truth", "Truth"], ["acquisition", "Acquisition"], ["none", "None"],
+];
+const DRAWN: [("crops" | "plans" | "trails" | "readings" | "decisions"), string][] = [
+  ["crops", "Crops"], ["plans", "Plans and fences"], ["trails", "Trails"], ["readings", "Camera readings"], ["decisions", "Decisions"],
+];
+
+export class LayerPanel {
+  readonly element = element("div", { class: "layer-panel" });
+  readonly legend = element("div", { class: "legend" });
+  private shape = "";
+  private told = "";
+
+  constructor(private readonly models: Model[], private readonly choice: Choice, private readonly changed: () => void) {}
+
+  /** Offer what there is; the first field is chosen until the reader chooses. */
+  show(picture: Picture | null): void {
+    const model = this.models[0]!;
+    const fields = model.run?.fields ?? [];
+    if (!model.field(this.choice.field)) this.choice.field = fields[0]?.name ?? "";
+    const has = (kind: Choice["kind"]): boolean => {
+      const name = layerName({ ...this.choice, kind });
+      return !name || this.models.some((one) => one.tiles.has(name));
+    };
+    const kinds = KINDS.filter(([kind]) => has(kind));
+    const decides = this.models.some((one) => one.decisions.length);
+    const shape = [fields.map((field) => field.name), kinds, decides, this.choice.field, this.choice.compare].join();
+    if (shape !== this.shape) this.build(kinds, decides);
+    this.shape = shape;
+    this.showLegend(picture);
+  }
+
+  private build(kinds: [Choice["kind"], string][], decides: boolean): void {
+    const { choice, changed } = this;
+    const focused = (document.activeElement as HTMLInputElement | null)?.value;
+    const fields = (this.models[0]?.run?.fields ?? []).map(({ name, title }): [string, string] => [name, title]);
+    const parts: HTMLElement[] = [];
+    if (fields.length)
+      parts.push(segments("Field", fields, choice.field, (value) => {
+        choice.field = value;
+        changed();
+      }));
+    if (kinds.length > 1) {
+      parts.push(segments("Layer", kinds, choice.kind, (value) => {
+        choice.kind = value as Choice["kind"];
+        changed();
+      }));
+      const opacity = element("input", { type: "range", min: "0.1", max: "1", step: "0.05", value: String(choice.opacity) });
+      opacity.addEventListener("input", () => {
+        choice.opacity = Number(opacity.value);
+        changed();
+      });
+      parts.push(element("label", { class: "opacity" }, element("span", {}, "Opacity"), opacity));
+    }
+    const boxes = element("div", { class: "checks" });
+    if (kinds.some(([kind]) => kind === "truth"))
+      boxes.append(checkbox("Compare with truth", choice.compare, (on) => {
+        choice.compare = on;
+        if (on && (choice.kind === "truth" || choice.kind === "none")) choice.kind = "value";
+        changed();
+      }));
+    for (const [name, label] of DRAWN)
+      if (name !== "decisions" || decides)
+        boxes.append(checkbox(label, choice[name], (on) => {
+          choice[name] = on;
+          changed();
+        }));
+    parts.push(boxes);
+    const inside = this.element.contains(document.activeElement);
+    this.element.replaceChildren(...parts);
+    if (inside) for (const input of this.element.querySelectorAll("input")) if (input.value === focused) input.focus();
+  }
+
+  private showLegend(picture: Picture | null): void {
+    const model = this.models[0]!;
+    this.legend.hidden = !picture;
+    if (!picture) return;
+    const { layer, scale } = picture;
+    const key = `${layer} ${scale}`;
+    if (key === this.told) return;
+    this.told = key;
+    const field = model.fieldOf(layer);
+    const colours = ramp(layer, field);
+    const stops = Array.from({ length: 13 }, (_, k) => css(colourAt(colours, k / 12)));
+    const bar = element("div", { class: "ramp", "aria-hidden": "true" });
+    bar.style.background = `linear-gradient(to right, ${stops.join(", ")})`;
+    const sick = field?.kind === "disease" && !layer.startsWith("uncertainty/");
+    const words = sick ? ["lost", "infected", "healthy"] : [0, 0.5, 1].map((part) => inUnit(model, layer, part * scale));
+    const title = element("div", { class: "title" });
+    setText(title, layerTitle(model, layer));
+    this.legend.replaceChildren(title, bar, element("div", { class: "ends" }, ...words.map((word) => element("span", {}, word))));
+  }
+}

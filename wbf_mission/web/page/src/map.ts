@@ -1,0 +1,264 @@
+// The map of one run: the farm, the values of a layer, what was seen, plans and trails, and the vehicles.
+import * as L from "leaflet";
+import { CanvasLayer, Frame } from "./canvas.js";
+import { vehicleColour } from "./colours.js";
+import { element, setText, svg } from "./dom.js";
+import { drawBorders, drawDecision, drawFarm, drawPicture, drawPlan, drawTrail, readingsOf } from "./draw.js";
+import type { Model, Moment } from "./model.js";
+import type { Decision, FieldInfo, Run, VehicleInfo } from "./schema.js";
+import { figure } from "./text.js";
+import { Picture } from "./tiles.js";
+
+/** What of a run is shown; `layers.ts` lets the reader choose. */
+export interface Choice {
+  field: string;
+  kind: "value" | "uncertainty" | "truth" | "acquisition" | "none";
+  /** Truth on the right of the handle, the layer on its left. */
+  compare: boolean;
+  split: number;
+  opacity: number;
+  crops: boolean;
+  plans: boolean;
+  trails: boolean;
+  readings: boolean;
+  decisions: boolean;
+}
+
+export function layerName(choice: Choice): string | null {
+  if (choice.kind === "none") return null;
+  return choice.kind === "acquisition" ? "acquisition" : `${choice.kind}/${choice.field}`;
+}
+
+const NOWHERE = new Frame({ lat: 0, lon: 0, lat_x: 0, lat_y: 9e-6, lon_x: 9e-6, lon_y: 0 });
+const CLOSEST = 27;
+const SHAPES: Record<string, string> = {
+  plane: "M0-13 L2.4-4 L13 2 V5 L2.4 3 L1.8 9 L5 11.5 V13 H-5 V11.5 L-1.8 9 L-2.4 3 L-13 5 V2 L-2.4-4 Z",
+  rover: "M-7 11 V-6 L0-13 L7-6 V11 Z",
+  copter: "M0-13 L9 10 L0 5 L-9 10 Z",
+};
+
+/** The icon of one vehicle. */
+class VehicleMark {
+  readonly marker: L.Marker;
+  private readonly body: SVGElement;
+  private readonly element: HTMLElement;
+  private readonly note = element("span", { class: "note" });
+
+  constructor(map: L.Map, info: VehicleInfo, colour: string, chosen: () => void) {
+    const outline = SHAPES[info.kind] ?? SHAPES["copter"]!;
+    this.body = svg("g", {}, svg("path", { d: outline, fill: colour, class: "body" }));
+    const picture = svg("svg", { viewBox: "-18 -18 36 36", "aria-hidden": "true" }, this.body);
+    this.element = element("div", {}, picture as unknown as Node, element("span", { class: "name" }, info.name), this.note);
+    const icon = L.divIcon({ html: this.element, className: "vehicle", iconSize: [36, 36] });
+    this.marker = L.marker([0, 0], { icon, zIndexOffset: 1000 }).addTo(map).on("click", chosen);
+    this.marker.getElement()?.setAttribute("aria-label", `Vehicle ${info.name}`);
+  }
+
+  show(place: L.LatLng, moment: Moment, selected: boolean): void {
+    this.marker.setLatLng(place);
+    this.body.style.transform = `rotate(${moment.heading_deg ?? 0}deg)`;
+    const classes = this.marker.getElement()!.classList;
+    classes.toggle("silent", moment.silent);
+    classes.toggle("selected", selected);
+    setText(this.note, moment.silent ? `nothing heard for ${Math.round(moment.silent_s)} s` : "");
+  }
+}
+
+export class MapView {
+  readonly map: L.Map;
+  private frame = NOWHERE;
+  private run: Run | null = null;
+  private picture: Picture | null = null;
+  private truth: Picture | null = null;
+  private readonly marks = new Map<number, VehicleMark>();
+  private readonly layers: Record<"ground" | "values" | "readings" | "lines", CanvasLayer>;
+  private time_s = 0;
+  private seenReadings = "";
+  private background: L.TileLayer | null = null;
+  decision: Decision | null = null;
+  selected: number | null = null;
+
+  constructor(
+    readonly container: HTMLElement,
+    private readonly model: Model,
+    private readonly choice: Choice,
+    private readonly told: (text: string) => void,
+    private readonly select: (system_id: number) => void,
+    animated: boolean,
+  ) {
+    const still = !animated || matchMedia("(prefers-reduced-motion: reduce)").matches;
+    this.map = L.map(container, {
+      attributionControl: false, zoomControl: false, zoomSnap: 0.25, zoomDelta: 1, maxZoom: CLOSEST,
+      zoomAnimation: !still, fadeAnimation: !still, inertia: !still, wheelPxPerZoomLevel: 90,
+    });
+    L.control.zoom({ position: "topright" }).addTo(this.map);
+    L.control.scale({ position: "bottomright", imperial: false }).addTo(this.map);
+    this.map.setView([0, 0], 18, { animate: false });
+    const frame = (): Frame => this.frame;
+    const canvas = (name: string, order: number, draw: ConstructorParameters<typeof CanvasLayer>[2]): CanvasLayer => {
+      this.map.createPane(name).style.zIndex = String(order);
+      return new CanvasLayer(name, frame, draw).addTo(this.map);
+    };
+    this.layers = {
+      ground: canvas("ground", 250, (context, view) => {
+        if (this.run?.farm && this.choice.crops) drawFarm(context, view, this.run.farm);
+      }),
+      values: canvas("values", 300, (context, view) => {
+        const pixel_m = this.run?.raster?.pixel_m;
+        const { compare, split } = this.choice;
+        if (!pixel_m) return;
+        if (this.picture) drawPicture(context, view, this.picture, pixel_m, 0, compare && this.truth ? split : 1);
+        if (compare && this.truth) drawPicture(context, view, this.truth, pixel_m, split, 1);
+      }),
+      readings: canvas("readings", 350, (context, view) => {
+        const [field, raster] = [this.field, this.run?.raster];
+        if (!this.choice.readings || !field || !raster) return;
+        readingsOf(this.model, field, this.time_s, raster.pixel_m / raster.cells)(context, view);
+      }),
+      lines: canvas("lines", 400, (context, view) => this.drawLines(context, view)),
+    };
+    this.map.on("mousemove click", (event) => this.read((event as L.LeafletMouseEvent).latlng));
+    this.map.on("mouseout", () => this.told(""));
+  }
+
+  private get field(): FieldInfo | undefined {
+    return this.model.field(this.choice.field);
+  }
+
+  /** The layer that is shown, for its legend. */
+  get shown(): Picture | null {
+    return this.picture;
+  }
+
+  /** Show the whole farm, or all vehicles where there is no farm. */
+  fit(): void {
+    const farm = this.run?.farm;
+    const [width, height] = [farm?.width_m ?? 0, farm?.height_m ?? 0];
+    const corners = farm ? [[0, 0], [width, 0], [0, height], [width, height]] : [];
+    const places = corners.map(([x, y]) => this.frame.latLng(x!, y!));
+    if (!farm) for (const mark of this.marks.values()) places.push(mark.marker.getLatLng());
+    if (places.length) this.map.fitBounds(L.latLngBounds(places), { padding: [28, 28], maxZoom: CLOSEST - 1, animate: false });
+  }
+
+  /** Show a vehicle in the middle. */
+  goTo(system_id: number): void {
+    const mark = this.marks.get(system_id);
+    if (mark) this.map.panTo(mark.marker.getLatLng());
+  }
+
+  /** Choices changed: everything is drawn anew. */
+  redraw(): void {
+    this.container.querySelector<HTMLElement>(".leaflet-values-pane")!.style.opacity = String(this.choice.opacity);
+    this.seenReadings = "";
+    for (const layer of Object.values(this.layers)) layer.redraw();
+  }
+
+  /** Show the run as it was at a time. */
+  show(time_s: number): void {
+    this.time_s = time_s;
+    if (this.model.run !== this.run) this.takeRun(this.model.run);
+    this.takeBackground();
+    this.showPictures();
+    for (const [k, info] of (this.run?.vehicles ?? []).entries()) {
+      const moment = this.model.vehicleAt(info.system_id, time_s);
+      if (!moment) continue;
+      let mark = this.marks.get(info.system_id);
+      const fresh = !mark;
+      mark ??= new VehicleMark(this.map, info, vehicleColour(k), () => this.select(info.system_id));
+      this.marks.set(info.system_id, mark);
+      mark.show(this.frame.latLng(moment.x, moment.y), moment, info.system_id === this.selected);
+      if (fresh && !this.run?.farm) this.fit();
+    }
+    const seen = `${this.model.readings.time_s.length} ${this.model.readings.time_s.length && time_s}`;
+    if (this.choice.readings && seen !== this.seenReadings) this.layers.readings.redraw();
+    this.seenReadings = seen;
+    this.layers.lines.redraw();
+  }
+
+  private takeRun(run: Run | null): void {
+    const before = this.run?.farm;
+    this.run = run;
+    if (run?.farm && JSON.stringify(run.farm) !== JSON.stringify(before)) {
+      this.frame = new Frame(run.farm.georeference);
+      this.fit();
+      performance.mark("map drawn");
+    }
+    this.redraw();
+  }
+
+  private takeBackground(): void {
+    const tiles = this.model.background;
+    if (!tiles || this.background) return;
+    this.background = L.tileLayer("tiles/{z}/{x}/{y}", {
+      minNativeZoom: tiles.min_zoom, maxNativeZoom: tiles.max_zoom, maxZoom: CLOSEST,
+    }).addTo(this.map);
+    const note = L.control.attribution({ position: "bottomright", prefix: false }).addTo(this.map);
+    note.getContainer()!.textContent = tiles.attribution;
+  }
+
+  private showPictures(): void {
+    const name = layerName(this.choice);
+    this.picture = this.pictureOf(name, this.picture);
+    this.truth = this.choice.compare ? this.pictureOf(`truth/${this.choice.field}`, this.truth) : null;
+    void this.picture?.show(this.time_s);
+    void this.truth?.show(this.time_s);
+  }
+
+  private pictureOf(name: string | null, old: Picture | null): Picture | null {
+    const raster = this.run?.raster;
+    if (!name || !raster || !this.model.tiles.has(name)) {
+      if (old) this.layers.values.redraw();
+      return null;
+    }
+    if (old?.layer === name && old.raster === raster && old.tiles === this.model.tiles) return old;
+    const redraw = (): void => this.layers.values.redraw();
+    redraw();
+    return new Picture(name, raster, this.model.fieldOf(name), this.model.tiles, redraw);
+  }
+
+  private colour(system_id: number): string {
+    return vehicleColour(this.run?.vehicles.findIndex((info) => info.system_id === system_id) ?? 0);
+  }
+
+  private drawLines(...[context, view]: Parameters<ConstructorParameters<typeof CanvasLayer>[2]>): void {
+    const ids = (this.run?.vehicles ?? []).map((info) => info.system_id);
+    if (this.run?.farm) drawBorders(context, view, this.run.farm);
+    for (const id of ids) {
+      const plan = this.model.planAt(id, this.time_s);
+      if (plan && this.choice.plans) drawPlan(context, view, plan, this.colour(id), true);
+    }
+    if (this.choice.trails)
+      for (const id of ids) drawTrail(context, view, this.model, id, this.time_s, this.colour(id));
+    if (this.choice.decisions && this.decision)
+      drawDecision(context, view, this.decision, (id) => this.colour(id));
+  }
+
+  /** Tell what is under the pointer. */
+  private read(place: L.LatLng): void {
+    const [x, y] = this.frame.metres(place);
+    const raster = this.run?.raster;
+    const parts = [`x ${x.toFixed(1)} m, y ${y.toFixed(1)} m`, `${place.lat.toFixed(6)}, ${place.lng.toFixed(6)}`];
+    for (const picture of [this.picture, this.truth])
+      if (picture && raster) {
+        const value = picture.valueAt(Math.floor(x / raster.pixel_m), Math.floor(y / raster.pixel_m));
+        if (!Number.isNaN(value)) parts.unshift(`${layerTitle(this.model, picture.layer)} ${inUnit(this.model, picture.layer, value)}`);
+      }
+    this.told(parts.join("  ·  "));
+  }
+}
+
+const KINDS: Record<string, string> = { value: "estimate", uncertainty: "uncertainty", truth: "truth" };
+
+export function layerTitle(model: Model, layer: string): string {
+  const field = model.fieldOf(layer);
+  return field ? `${field.title}, ${KINDS[layer.split("/")[0]!] ?? ""}` : "Acquisition";
+}
+
+/** A value of a layer in the field's unit. */
+export function inUnit(model: Model, layer: string, value: number): string {
+  const field = model.fieldOf(layer);
+  if (!field) return figure(value);
+  const [low, high] = field.range;
+  const own = layer.startsWith("uncertainty/") ? value * (high - low) : low + value * (high - low);
+  return `${figure(own)}${field.unit ? ` ${field.unit}` : ""}`;
+}

@@ -1,0 +1,166 @@
+// What was received of a run, put together, and how it was at any time.
+import type {
+  Decision, FieldInfo, Plan, Readings, Recording, Run, Said, Scores, States, Status, Update,
+} from "./schema.js";
+import { Tiles } from "./tiles.js";
+
+const SILENT_S = 5;
+
+/** How many of ascending times are not after a time. */
+export function upTo(times: number[], time_s: number): number {
+  let [low, high] = [0, times.length];
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (times[middle]! <= time_s) low = middle + 1;
+    else high = middle;
+  }
+  return low;
+}
+
+type Columns = Record<string, unknown>;
+
+/** Append columns to columns. */
+function extend(old: Columns, added: Columns): void {
+  for (const [name, column] of Object.entries(added)) {
+    const held = old[name];
+    if (Array.isArray(column)) {
+      if (Array.isArray(held)) for (const value of column) held.push(value);
+      else old[name] = [...column];
+    } else extend((old[name] ??= {}) as Columns, column as Columns);
+  }
+}
+
+/** One vehicle at one moment. */
+export interface Moment {
+  x: number;
+  y: number;
+  time_s: number;
+  day: number;
+  flight: number;
+  height_m: number | null;
+  speed_m_s: number | null;
+  heading_deg: number | null;
+  battery: number | null;
+  link: number | null;
+  item: number | null;
+  items: number | null;
+  mode: string;
+  phase: string;
+  armed: boolean;
+  silent_s: number;
+  silent: boolean;
+}
+
+export class Model {
+  run: Run | null = null;
+  status: Status | null = null;
+  background: Update["background"] = null;
+  plans: Plan[] = [];
+  states: Record<string, States> = {};
+  readings: Readings = { time_s: [], x: [], y: [], values: {} };
+  scores: Scores = { time_s: [], day: [], observations: [], score: [], losses: {} };
+  decisions: Decision[] = [];
+  said: Said[] = [];
+  scales: Record<string, number> = {};
+  tiles = new Tiles();
+  /** The time up to which anything is known. */
+  end_s = 0;
+
+  take(update: Update): void {
+    this.end_s = Math.max(this.end_s, update.time_s);
+    for (const name of update.restart ?? []) this.forget(name);
+    if (update.run) this.run = update.run;
+    if (update.status) this.status = update.status;
+    if (update.background !== undefined) this.background = update.background;
+    this.plans.push(...(update.plans ?? []));
+    for (const [id, states] of Object.entries(update.states ?? {}))
+      extend((this.states[id] ??= {} as States) as unknown as Columns, states as unknown as Columns);
+    if (update.readings) this.takeReadings(update.readings);
+    if (update.scores) extend(this.scores as unknown as Columns, update.scores as unknown as Columns);
+    for (const decision of update.decisions ?? []) this.takeDecision(decision);
+    this.said.push(...(update.said ?? []));
+    Object.assign(this.scales, update.scales);
+    if (update.tiles) this.tiles.add(update.tiles, update.time_s, this.scales);
+    for (const moment of (update as Partial<Recording>).moments ?? []) {
+      this.end_s = Math.max(this.end_s, moment.time_s);
+      this.tiles.add(moment.tiles, moment.time_s, this.scales);
+    }
+    for (const { time_s } of Object.values(this.states)) this.end_s = Math.max(this.end_s, time_s.at(-1) ?? 0);
+  }
+
+  field(name: string): FieldInfo | undefined {
+    return this.run?.fields.find((field) => field.name === name);
+  }
+
+  /** The field that a layer is of, undefined for one that is of none. */
+  fieldOf(layer: string): FieldInfo | undefined {
+    return this.field(layer.slice(layer.indexOf("/") + 1));
+  }
+
+  vehicleAt(system_id: number, time_s: number): Moment | null {
+    const states = this.states[system_id];
+    const last = states ? upTo(states.time_s, time_s) - 1 : -1;
+    if (!states || last < 0) return null;
+    const at = <T>(column: T[]): T => column[last]!;
+    const since_s = time_s - at(states.time_s);
+    const silent_s = at(states.silent_s) + (this.status?.outcome === "running" ? since_s : 0);
+    const moment: Moment = {
+      x: at(states.x), y: at(states.y), time_s: at(states.time_s), day: at(states.day), flight: at(states.flight),
+      height_m: at(states.height_m), speed_m_s: at(states.speed_m_s), heading_deg: at(states.heading_deg),
+      battery: at(states.battery), link: at(states.link), item: at(states.item), items: at(states.items),
+      mode: at(states.mode), phase: at(states.phase), armed: at(states.armed),
+      silent_s, silent: silent_s > SILENT_S,
+    };
+    const next_s = states.time_s[last + 1];
+    if (next_s !== undefined && states.flight[last + 1] === moment.flight && next_s > moment.time_s) {
+      const part = since_s / (next_s - moment.time_s);
+      moment.x += part * (states.x[last + 1]! - moment.x);
+      moment.y += part * (states.y[last + 1]! - moment.y);
+    }
+    return moment;
+  }
+
+  /** What a vehicle is to fly at a time. */
+  planAt(system_id: number, time_s: number): Plan | undefined {
+    const its = this.plans.filter((plan) => plan.system_id === system_id);
+    return its.findLast((plan) => plan.time_s <= time_s) ?? its[0];
+  }
+
+  scoreAt(time_s: number): number | null {
+    return this.scores.score[upTo(this.scores.time_s, time_s) - 1] ?? null;
+  }
+
+  dayAt(time_s: number): number | null {
+    return this.scores.day[upTo(this.scores.time_s, time_s) - 1] ?? null;
+  }
+
+  /** A list comes anew, from its beginning. */
+  private forget(name: string): void {
+    const [list, id] = name.split("/");
+    if (list === "states") delete this.states[id ?? ""];
+    else if (list === "tiles") this.tiles = new Tiles();
+    else if (list === "scores") this.scores = { time_s: [], day: [], observations: [], score: [], losses: {} };
+    else if (list === "plans" || list === "decisions" || list === "said") this[list] = [];
+  }
+
+  /** Its readings may tell of times that are earlier than those of others: they are kept in order of time. */
+  private takeReadings(readings: Readings): void {
+    const ordered = readings.time_s.every((time, k) => k === 0 || readings.time_s[k - 1]! <= time);
+    const late = (readings.time_s[0] ?? 0) < (this.readings.time_s.at(-1) ?? -Infinity);
+    extend(this.readings as unknown as Columns, readings as unknown as Columns);
+    if (ordered && !late) return;
+    const order = this.readings.time_s.map((_, k) => k);
+    order.sort((a, b) => this.readings.time_s[a]! - this.readings.time_s[b]!);
+    const sorted = <T>(column: T[]): T[] => order.map((k) => column[k]!);
+    const values = Object.entries(this.readings.values).map(([name, column]) => [name, sorted(column)]);
+    const { time_s, x, y } = this.readings;
+    this.readings = { time_s: sorted(time_s), x: sorted(x), y: sorted(y), values: Object.fromEntries(values) };
+  }
+
+  /** One that is told again has another outcome. */
+  private takeDecision(decision: Decision): void {
+    const old = this.decisions.findIndex((one) => one.number === decision.number);
+    if (old < 0) this.decisions.push(decision);
+    else this.decisions[old] = decision;
+  }
+}

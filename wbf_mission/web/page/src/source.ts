@@ -1,0 +1,74 @@
+// Where a page's data come from: the program that runs, or a recording within the page.
+//
+// A recording is in the page as
+//   <script type="application/json" id="recording">{...}</script>
+// with a `Recording` of schema.ts as its text ("<" as \u003c), or an array of two, which are shown side by side
+// with one slider. The page may pack it: with data-packed="deflate" the text is base64 of the JSON packed by zlib.
+// Without such an element the page asks the program by a WebSocket at /live, with the page's own query.
+//
+// A page has, in its body: <section id="summary"> (optional, above: any HTML, it is printed), and
+// <div id="app">, in which the view is built. It loads page.css and, deferred, live.js.
+import type { Recording, Request, Update } from "./schema.js";
+import { inflate } from "./tiles.js";
+
+const LONGEST_WAIT_MS = 5000;
+
+export type Link = "connecting" | "live" | "lost" | "recording";
+
+export interface Receiver {
+  /** Everything comes anew: forget what there is. */
+  begin(runs: number): void;
+  take(update: Update, run: number): void;
+  link(state: Link): void;
+}
+
+/** Begin to receive; returns what sends requests, null for a recording. */
+export function open(receiver: Receiver): ((request: Request) => void) | null {
+  const kept = document.getElementById("recording");
+  if (kept) {
+    void read(kept).then((runs) => {
+      receiver.begin(runs.length);
+      runs.forEach((run, k) => receiver.take(run, k));
+      receiver.link("recording");
+    });
+    return null;
+  }
+  return connect(receiver);
+}
+
+async function read(kept: HTMLElement): Promise<Recording[]> {
+  const text = kept.textContent ?? "";
+  const packed = kept.dataset["packed"] === "deflate";
+  const read: unknown = JSON.parse(packed ? new TextDecoder().decode(await inflate(text.trim())) : text);
+  return (Array.isArray(read) ? read : [read]) as Recording[];
+}
+
+function connect(receiver: Receiver): (request: Request) => void {
+  let socket: WebSocket;
+  let wait_ms = 250;
+  const begin = (): void => {
+    const address = new URL(`live${location.search}`, location.href);
+    address.protocol = address.protocol.replace("http", "ws");
+    let first = true;
+    socket = new WebSocket(address);
+    socket.onmessage = (message: MessageEvent<string>) => {
+      if (first) {
+        receiver.begin(1);
+        receiver.link("live");
+      }
+      first = false;
+      wait_ms = 250;
+      receiver.take(JSON.parse(message.data) as Update, 0);
+    };
+    socket.onclose = () => {
+      receiver.link("lost");
+      setTimeout(begin, wait_ms);
+      wait_ms = Math.min(2 * wait_ms, LONGEST_WAIT_MS);
+    };
+  };
+  receiver.link("connecting");
+  begin();
+  return (request) => {
+    if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(request));
+  };
+}

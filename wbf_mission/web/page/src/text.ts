@@ -1,0 +1,27 @@
+// Numbers in words.
+
+export function clock(time_s: number): string {
+  const whole = Math.max(0, Math.floor(time_s));
+  const [hours, minutes, seconds] = [Math.floor(whole / 3600), Math.floor(whole / 60) % 60, whole % 60];
+  const two = (n: number): string => String(n).padStart(2, "0");
+  return hours ? `${hours}:${two(minutes)}:${two(seconds)}` : `${minutes}:${two(seconds)}`;
+}
+
+/** A number with as many digits as are worth reading. */
+export function figure(value: number): string {
+  const size = Math.abs(value);
+  if (size !== 0 && size < 0.001) return value.toExponential(1);
+  return value.toFixed(size >= 100 ? 0 : size >= 10 ? 1 : size >= 1 ? 2 : 3);
+}
+
+export function percent(part: number | null | undefined): string {
+  return part === null || part === undefined ? "–" : `${Math.round(100 * part)} %`;
+}
+
+export function metres(length_m: number): string {
+  return length_m >= 1000 ? `${(length_m / 1000).toFixed(2)} km` : `${length_m.toFixed(length_m < 10 ? 1 : 0)} m`;
+}
+
+export function capital(text: string): string {
+  return text.charAt(0).toUpperCase() + text.slice(1);
+}

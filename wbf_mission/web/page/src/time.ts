@@ -1,0 +1,115 @@
+// The moment that is shown: now, or an earlier one; a slider and a way to play.
+import { button, element, setText } from "./dom.js";
+import { clock } from "./text.js";
+
+const SPEEDS = [1, 2, 5, 10, 30, 100, 300];
+/** A recording plays in about this time at the speed that is proposed. */
+const PLAY_S = 60;
+const STEP_S = 5;
+
+export class Time {
+  readonly element: HTMLElement;
+  /** The time that is shown, while it does not follow. */
+  private at_s = 0;
+  private end_s = 0;
+  private follows: boolean;
+  private playing = false;
+  private speed = 1;
+  private proposed = false;
+  private last_ms = 0;
+  private readonly slider = element("input", { type: "range", min: "0", step: "0.1", "aria-label": "Time of the run" });
+  private readonly play = button("", () => this.toggle(), { class: "play", "aria-label": "Play" });
+  private readonly now = button("Live", () => this.follow(), { class: "now" });
+  private readonly text = element("output", { class: "clock" });
+  private readonly speeds = element("select", { "aria-label": "Speed of playing" });
+
+  constructor(private readonly live: boolean, private readonly changed: () => void) {
+    this.follows = live;
+    for (const speed of SPEEDS) this.speeds.append(element("option", { value: String(speed) }, `${speed}×`));
+    this.speeds.addEventListener("change", () => (this.speed = Number(this.speeds.value)));
+    this.slider.addEventListener("input", () => this.seek(Number(this.slider.value)));
+    this.slider.addEventListener("keydown", (event) => this.step(event));
+    this.element = element("div", { class: "time", role: "group", "aria-label": "Time" });
+    this.element.append(this.play, this.slider, this.text, this.speeds, ...(live ? [this.now] : []));
+    document.addEventListener("keydown", (event) => {
+      const taken = (event.target as Element).closest("input, select, button, textarea, summary, dialog, [role=button]");
+      if (event.key !== " " || (taken && taken !== this.slider)) return;
+      event.preventDefault();
+      this.toggle();
+    });
+  }
+
+  get time_s(): number {
+    return this.follows ? this.end_s : this.at_s;
+  }
+
+  /** The run goes up to here now. */
+  reach(end_s: number): void {
+    this.end_s = end_s;
+    this.slider.max = String(end_s);
+    if (!this.proposed && end_s) {
+      this.proposed = true;
+      this.speed = this.live ? 1 : (SPEEDS.findLast((speed) => speed * PLAY_S <= Math.max(end_s, PLAY_S)) ?? 1);
+      this.speeds.value = String(this.speed);
+      if (!this.live) this.at_s = end_s;
+    }
+  }
+
+  seek(time_s: number): void {
+    this.follows = false;
+    this.at_s = Math.min(Math.max(time_s, 0), this.end_s);
+    if (this.live && this.at_s >= this.end_s) this.follows = true;
+    this.changed();
+  }
+
+  /** Called for each frame: time passes while it plays. */
+  tick(now_ms: number): void {
+    if (this.playing) {
+      this.at_s += (Math.min(now_ms - this.last_ms, 250) / 1000) * this.speed;
+      if (this.at_s >= this.end_s) {
+        this.at_s = this.end_s;
+        this.playing = false;
+        this.follows = this.live;
+      }
+      this.changed();
+    }
+    this.last_ms = now_ms;
+  }
+
+  show(): void {
+    this.slider.value = String(this.time_s);
+    this.slider.style.setProperty("--part", `${(100 * this.time_s) / (this.end_s || 1)}%`);
+    setText(this.text, `${clock(this.time_s)} / ${clock(this.end_s)}`);
+    this.slider.setAttribute("aria-valuetext", `${clock(this.time_s)} of ${clock(this.end_s)}`);
+    this.play.setAttribute("aria-label", this.playing ? "Pause" : "Play");
+    this.play.classList.toggle("playing", this.playing);
+    this.now.setAttribute("aria-pressed", String(this.follows));
+  }
+
+  private toggle(): void {
+    this.playing = !this.playing;
+    if (this.playing) {
+      this.at_s = this.time_s >= this.end_s ? 0 : this.time_s;
+      this.follows = false;
+    }
+    this.changed();
+  }
+
+  private follow(): void {
+    this.playing = false;
+    this.follows = true;
+    this.changed();
+  }
+
+  /** Arrow keys go by seconds, not by the slider's own tiny steps. */
+  private step(event: KeyboardEvent): void {
+    const large = Math.max(STEP_S, this.end_s / 20);
+    const steps: Record<string, number> = {
+      ArrowLeft: -STEP_S, ArrowDown: -STEP_S, ArrowRight: STEP_S, ArrowUp: STEP_S, PageDown: -large, PageUp: large,
+    };
+    const by_s = steps[event.key];
+    if (by_s === undefined) return;
+    event.preventDefault();
+    this.seek(this.time_s + by_s);
+  }
+}

@@ -117,12 +117,15 @@ class Seen:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimated:
-    """What is believed at a time that is scored; the arrays may be the estimator's own."""
+    """What is believed at a time that is scored; the arrays may be the estimator's own.
+
+    Of a run that is over there is no model of most times.
+    """
 
     time_s: float
     day: int
     observations: int
-    model: InformationModel
+    model: InformationModel | None
     score: Score | None
 
 

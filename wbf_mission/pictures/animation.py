@@ -6,7 +6,6 @@ nothing has to be kept during a run. Of the truth and of each estimate only the 
 
 from __future__ import annotations
 
-import copy
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -26,14 +25,13 @@ from threadpoolctl import threadpool_limits
 from geo.atomic import atomic_path
 from geo.errors import WbfMissionError
 from mission.ground.tracks import Track
-from sensors.estimation import attribute_errors_to, prepare_days
-from sensors.estimators import Estimator, advance_estimator
+from sensors.estimators import Estimator
 from sensors.fields import Field
 from wbf_mission.maps.blocks import COUNT, ILLNESS, MapGrid
 from wbf_mission.maps.field_maps import pixel_sums
 from wbf_mission.progress import Progress, silent
-from wbf_mission.run.estimation import estimator_of
 from wbf_mission.run.record import FlightRecord
+from wbf_mission.run.relearning import estimates_again, fresh_estimator, kept_truths
 from wbf_mission.run.resolve import make_environment
 
 if TYPE_CHECKING:
@@ -43,6 +41,7 @@ if TYPE_CHECKING:
     from matplotlib.lines import Line2D
 
     from sensors.environment.environment import Environment
+    from sensors.scoring.information import InformationModel
     from wbf_mission.run.record import RunRecord
 
 MOST_FRAMES = 300
@@ -129,10 +128,8 @@ def animate(
         msg = "animation: nothing was flown"
         raise AnimationError(msg)
     progress = progress or silent
-    learner = _fresh(record) if estimator is None else estimator
     with threadpool_limits(1, user_api="blas"):
-        learner.fit(record.farm.grid())
-        prepare_days(learner, shown[0].day, shown[-1].day - shown[0].day + 1, progress)
+        learner = fresh_estimator(record, progress, estimator)
         sheet = _Sheet(record, _tail_s(shown))
         writer = _writer(path, sheet)
         with atomic_path(path) as temporary, writer.saving(sheet.figure, str(temporary), sheet.figure.dpi):
@@ -170,15 +167,6 @@ def _tail_s(shown: list[Moment]) -> float:
     return max([_TAIL_S, *steps])
 
 
-def _fresh(record: RunRecord) -> Estimator:
-    """Return the run's estimator as it was made, or a copy of the object that was given."""
-    choice = record.scenario.estimate.estimator
-    if choice.made is not None:
-        made: Estimator = copy.deepcopy(choice.made)
-        return made
-    return estimator_of(choice, record.scenario.seed, record.fields)
-
-
 _Maps = tuple[list[_Floats], list[_Floats], list[_Floats]]
 
 
@@ -190,29 +178,25 @@ def _estimates(
     grid, cells = MapGrid.of(farm), farm.grid()
     masks = [field.mask(cells) for field in fields]
     environment = cache(partial(make_environment, record.scenario, farm))
-    day, seen, truth = None, 0, list[_Floats]()
+    day, truth = None, list[_Floats]()
     known: tuple[list[_Floats], list[_Floats]] | None = None
+    again = estimates_again(record, estimator, ((one.day, one.seen, True) for one in shown))
     for moment in shown:
         if moment.day != day:
             day = moment.day
             truth = _truth(record, environment, grid, masks, day)
-            with attribute_errors_to(estimator):
-                advance_estimator(estimator, day)
-            known = None
-        if known is None or moment.seen > seen:
-            with attribute_errors_to(estimator):
-                if moment.seen > seen:
-                    estimator.partial_fit(record.observations[seen : moment.seen])
-                    seen = moment.seen
-                known = _estimated(estimator, grid, masks)
+        model = next(again)
+        if model is not None:
+            known = _estimated(model, grid, masks)
+            del model  # Let go: those of large farms are large
+        assert known is not None
         yield moment, (truth, *known)
 
 
 def _estimated(
-    estimator: Estimator, grid: MapGrid, masks: list[NDArray[np.bool_]]
+    model: InformationModel, grid: MapGrid, masks: list[NDArray[np.bool_]]
 ) -> tuple[list[_Floats], list[_Floats]]:
-    """Return what is believed, and how surely, by pixels; the model itself is let go."""
-    model = estimator.predict()
+    """Return what is believed, and how surely, by pixels."""
     value, uncertainty = (
         [_by_pixels(grid, mask, whole[k]) for k, mask in enumerate(masks)]
         for whole in (model.value, model.uncertainty)
@@ -228,10 +212,7 @@ def _truth(
     day: int,
 ) -> list[_Floats]:
     """Return the truth of a day by pixels: of what the record holds, else of the environment in strips."""
-    kept = {one.day: one.truth for one in record.days}
-    if record.days and kept[record.days[-1].day] is None:
-        kept[record.days[-1].day] = record.truth
-    values = kept.get(day)
+    values = kept_truths(record).get(day)
     if values is not None:
         return [_by_pixels(grid, mask, values[k]) for k, mask in enumerate(masks)]
     pixels = [np.empty(grid.pixels) for _ in masks]

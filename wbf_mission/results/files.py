@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from geo import Farm, farm_names, load_farm, save_farm
 from geo.atomic import atomic_write
 from mission.files import read_mission, write_mission
+from mission.ground.link_state import LinkReport
 from mission.ground.tracks import Track
 from mission.outcome import Outcome
 from mission.transfer.events import TransferStatistics
@@ -87,7 +88,10 @@ _SAME = (
     "transfers",
     "battery_used",
     "flight_time_s",
+    "link",
+    "missing_images",
     "seen_before",
+    "begun_s",
     "resumed",
     "texts",
     "warnings",
@@ -113,6 +117,9 @@ class FlightEntry(msgspec.Struct, forbid_unknown_fields=True):
     texts: list[tuple[float, int, str]]
     warnings: list[str]
     resumed: bool = False
+    begun_s: float = 0.0
+    link: LinkReport | None = None
+    missing_images: int = 0
 
 
 def plan_name(number: int, flight: FlightRecord | FlightEntry) -> str:

@@ -347,7 +347,7 @@ class Campaign:
         self.decisions += flown.decisions
         self.watch.lap("flight")
         for record in flown.records:
-            record.seen_before = self._seen_before
+            record.seen_before, record.begun_s = self._seen_before, self.simulated_s
         self._seen_before, self._next = len(self.evidence), None
         self.flights += flown.records
         for record in flown.records:

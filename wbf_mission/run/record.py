@@ -63,6 +63,8 @@ class FlightRecord:
         Images that will not come any more: lost on the way, or never taken because the link was dead.
     seen_before : int
         How many observations of the run there were when it began.
+    begun_s : float
+        When it began, seconds since the run did; times of the flight count from then.
     resumed : bool
         Whether it ended early, and a later one went on where it broke off.
     texts : list
@@ -86,6 +88,7 @@ class FlightRecord:
     link: LinkReport | None = None
     missing_images: int = 0
     seen_before: int = 0
+    begun_s: float = 0.0
     resumed: bool = False
     texts: list[tuple[float, int, str]] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)

@@ -1,0 +1,276 @@
+"""A finished run as the stream of events that it told while it was flown."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from heapq import merge
+from itertools import groupby
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mission.ground.items import revised_mission
+from mission.model import Command
+from wbf_mission.events import (
+    DayBegun,
+    Decided,
+    Estimated,
+    Event,
+    FlightEnded,
+    Planned,
+    RunBegun,
+    RunEnded,
+    Seen,
+    VehicleInfo,
+    VehicleMoved,
+    VehicleSaid,
+)
+from wbf_mission.progress import Progress, silent
+from wbf_mission.run.relearning import estimates_again, fresh_estimator, kept_truths
+
+if TYPE_CHECKING:
+    from mission.model import Mission
+    from sensors.estimators import Estimator
+    from sensors.scoring.information import InformationModel
+    from wbf_mission.replanning.record import DecisionRecord, PathChange
+    from wbf_mission.run.record import FlightRecord, RunRecord
+
+MOST_STATES = 20_000
+"""Of longer tracks only every second, third, ... state is told."""
+_SEEN_S = 1.0
+"""What was seen is told so often."""
+
+_Timed = tuple[float, Event]
+
+
+@dataclass(frozen=True, slots=True)
+class _Flight:
+    """The vehicles that flew together."""
+
+    records: tuple[FlightRecord, ...]
+    begun_s: float  # Since the run began
+    seen: slice  # Their observations
+
+    @property
+    def started_s(self) -> float:
+        """When the mission of the first vehicle began, since the run began: as its first fix tells."""
+        firsts = [float(one.track.time_s[0]) for one in self.records if len(one.track.time_s)]
+        return self.begun_s + min(firsts, default=0.0)
+
+
+def events_of(
+    result: RunRecord,
+    *,
+    estimates: int = 0,
+    estimator: Estimator | None = None,
+    progress: Progress = silent,
+) -> Iterator[Event]:
+    """Yield the events of a finished run in the order of their times, over all days, flights and vehicles.
+
+    What a result does not hold is None: of vehicles' states all but place and speed, of large farms the truth
+    of all days but the last. Every scored time is an `Estimated`, in the order of the history: where several
+    vehicles fly, what arrives later may have been seen a little earlier.
+
+    Parameters
+    ----------
+    estimates : int
+        At about so many of the scored times, evenly spread, the model is made again: a fresh estimator learns
+        the observations. Those that the result holds, at the end of days, are there in any case.
+    estimator : Estimator, optional
+        Makes them in place of the run's; it is fitted anew.
+    progress : callable
+        Told how far learning and the estimates are.
+
+    Raises
+    ------
+    EstimatorError
+        If the run's estimator cannot be made again: a loaded result does not hold one given as an object.
+
+    Examples
+    --------
+    >>> from wbf_mission import Scenario, fly
+    >>> scenario = Scenario(farm="miniberry-10", vehicle="ideal", budget="60steps", estimator="point")
+    >>> events = list(events_of(fly(scenario)))
+    >>> [type(one).__name__ for one in events[:3]], events[-1].outcome
+    (['RunBegun', 'DayBegun', 'Planned'], 'completed')
+    """
+    flights = _flights(result)
+    yield _begun(result)
+    states = sum(len(one.track.time_s) for one in result.flights)
+    step = max(1, -(-states // MOST_STATES))
+    streams: list[Iterator[_Timed]] = [_days(result, flights)]
+    for flight in flights:
+        streams.append(_decided(result, flight))
+        for record in flight.records:
+            streams += [
+                _planned(result, flight, record),
+                _moved(flight, record, step),
+                _said(flight, record),
+                _ended(flight, record),
+            ]
+        streams.append(_seen(result, flight))
+    streams.append(_estimated(result, estimates, estimator, progress))
+    for _, event in merge(*streams, key=lambda one: one[0]):
+        yield event
+    yield RunEnded(result.simulated_s, result.outcome.value, result.reason, result.summary())
+
+
+def _flights(result: RunRecord) -> list[_Flight]:
+    together = [tuple(each) for _, each in groupby(result.flights, lambda one: (one.day, one.flight))]
+    firsts = [each[0].seen_before for each in together] + [len(result.observations)]
+    found, end_s = list[_Flight](), 0.0
+    for number, each in enumerate(together):
+        # Results of earlier versions do not tell when a flight began: it follows the one before.
+        begun_s = max(each[0].begun_s, end_s)
+        found.append(_Flight(each, begun_s, slice(firsts[number], firsts[number + 1])))
+        ends = [float(one.track.time_s[-1]) for one in each if len(one.track.time_s)]
+        end_s = begun_s + max(ends, default=0.0)
+    return found
+
+
+def _begun(result: RunRecord) -> RunBegun:
+    vehicles = {
+        one.system_id: VehicleInfo(one.system_id, one.plan.vehicle.name, one.plan.vehicle.kind)
+        for one in reversed(result.flights)
+    }
+    decider = result.plan.planner or result.scenario.mission.file
+    return RunBegun(
+        f"{result.farm.name}, {decider}",
+        result.farm,
+        result.fields,
+        tuple(vehicles[number] for number in sorted(vehicles)),
+        # The link to a real vehicle is told of.
+        simulated=all(one.link is None for one in result.flights),
+        seed=result.scenario.seed,
+        estimator=result.estimator,
+        planner=decider,
+    )
+
+
+def _days(result: RunRecord, flights: Sequence[_Flight]) -> Iterator[_Timed]:
+    # Days on which nothing was flown are scored, too.
+    begun_s = dict(zip(reversed(result.history.days), reversed(result.history.times_s), strict=True))
+    begun_s |= {one.records[0].day: one.begun_s for one in reversed(flights)}
+    truths = kept_truths(result)
+    for day, time_s in sorted(begun_s.items()):
+        yield time_s, DayBegun(time_s, day, truths.get(day))
+
+
+def _planned(result: RunRecord, flight: _Flight, record: FlightRecord) -> Iterator[_Timed]:
+    plan, numbers = record.plan, (record.day, record.flight, record.system_id)
+    yield (
+        flight.begun_s,
+        Planned(
+            flight.begun_s,
+            *numbers,
+            plan.mission,
+            plan.path_m,
+            duration_s=plan.prediction.duration_s,
+            length_m=plan.length_m,
+            coverage=plan.coverage,
+        ),
+    )
+    changes = [
+        (flight.started_s + change.effect_s, change)
+        for decision in _decisions(result, flight)
+        for change in decision.changes
+        if change.system_id == record.system_id and change.effect_s is not None
+    ]
+    for time_s, change in sorted(changes, key=lambda one: one[0]):
+        yield time_s, Planned(time_s, *numbers, _changed(record, change), change.path_m)
+
+
+def _decisions(result: RunRecord, flight: _Flight) -> list[DecisionRecord]:
+    numbers = flight.records[0].day, flight.records[0].flight
+    return [one for one in result.decisions if (one.day, one.flight) == numbers]
+
+
+def _changed(record: FlightRecord, change: PathChange) -> Mission:
+    """Return the mission of a path that was changed in flight."""
+    mission = record.plan.mission
+    waypoints = [item for item in mission.items if item.command == Command.NAV_WAYPOINT]
+    if not waypoints:
+        return mission
+    latitude, longitude = record.plan.farm.frame.to_wgs84(change.path_m[:, 0], change.path_m[:, 1])
+    return revised_mission(
+        mission,
+        len(mission.items),
+        list(zip(latitude.tolist(), longitude.tolist(), strict=True)),
+        altitude_m=waypoints[0].z,
+        acceptance_radius_m=waypoints[0].param2 or 0.0,
+    )[0]
+
+
+def _moved(flight: _Flight, record: FlightRecord, step: int) -> Iterator[_Timed]:
+    track, last = record.track, len(record.track.time_s) - 1
+    if last < 0:
+        return
+    rows = np.unique(np.append(np.arange(0, last, step), last))
+    time_s, x_m, y_m, height_m = (
+        column[rows] for column in (track.time_s, track.x_m, track.y_m, track.altitude_m)
+    )
+    speed_m_s = np.zeros(len(rows))
+    if len(rows) > 1:
+        took_s = np.maximum(np.diff(time_s), 1e-3)
+        speed_m_s[1:] = np.hypot(np.diff(x_m), np.diff(y_m)) / took_s
+    numbers = record.day, record.flight, record.system_id
+    columns = (time_s + flight.begun_s, x_m, y_m, height_m, speed_m_s)
+    for at_s, *state in zip(*(column.tolist() for column in columns), strict=True):
+        yield at_s, VehicleMoved(at_s, *numbers, *state)
+
+
+def _said(flight: _Flight, record: FlightRecord) -> Iterator[_Timed]:
+    for at_s, severity, text in sorted(record.texts, key=lambda one: one[0]):
+        yield flight.begun_s + at_s, VehicleSaid(flight.begun_s + at_s, record.system_id, severity, text)
+
+
+def _ended(flight: _Flight, record: FlightRecord) -> Iterator[_Timed]:
+    times = [record.texts[-1][0]] if record.texts else []
+    times += record.track.time_s[-1:].tolist()
+    time_s = flight.begun_s + max(times, default=0.0)
+    outcome = record.outcome.value
+    yield time_s, FlightEnded(time_s, record.day, record.flight, record.system_id, outcome, record.reason)
+
+
+def _seen(result: RunRecord, flight: _Flight) -> Iterator[_Timed]:
+    """Yield what was seen, in parts as long as those that arrive in flight."""
+    part = result.observations[flight.seen]
+    if not len(part):
+        return
+    # What came late was not known before: an image that was lost and fetched again.
+    known_s = np.maximum.accumulate(part.time_s)
+    ends = np.flatnonzero(np.diff(np.floor(known_s / _SEEN_S)) > 0.0) + 1
+    for begin, end in zip([0, *ends.tolist()], [*ends.tolist(), len(part)], strict=True):
+        yield flight.begun_s + float(known_s[end - 1]), Seen(flight.begun_s, part[begin:end])
+
+
+def _decided(result: RunRecord, flight: _Flight) -> Iterator[_Timed]:
+    for record in _decisions(result, flight):
+        # Before the flight it was asked for the first paths.
+        time_s = flight.started_s + record.time_s if record.time_s > 0.0 else flight.begun_s
+        yield time_s, Decided(time_s, record)
+
+
+def _estimated(
+    result: RunRecord, estimates: int, estimator: Estimator | None, progress: Progress
+) -> Iterator[_Timed]:
+    history = result.history
+    count = len(history.entries)
+    last_of_day = {day: number for number, day in enumerate(history.days)}
+    kept = {last_of_day[one.day]: one.model for one in result.days if one.model and one.day in last_of_day}
+    if result.model is not None and count:
+        kept[count - 1] = result.model
+    wanted = set(np.linspace(0, count - 1, min(estimates, count)).round().astype(int).tolist()) - kept.keys()
+    again: Iterator[InformationModel | None] = iter(())
+    if wanted:
+        moments = zip(history.days, history.observations, map(wanted.__contains__, range(count)), strict=True)
+        again = estimates_again(result, fresh_estimator(result, progress, estimator), moments)
+    due_s = 0.0
+    for number, (time_s, day, seen, score) in enumerate(
+        zip(history.times_s, history.days, history.observations, history.entries, strict=True)
+    ):
+        if wanted:
+            progress("estimates", number + 1, count)
+        due_s = max(due_s, time_s)
+        yield due_s, Estimated(time_s, day, seen, next(again, None) or kept.get(number), score)

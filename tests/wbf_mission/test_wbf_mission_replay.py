@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from itertools import pairwise
+from operator import attrgetter
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from wbf_mission.events import (
     Decided,
     Estimated,
     Event,
+    EventStream,
     FlightEnded,
     Planned,
     RunBegun,
@@ -37,9 +39,18 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Result:
 
 
 @pytest.fixture(scope="module")
-def steered() -> Result:
-    options = {"policy": "greedy", "budget": "90s", "estimator": "point", "seed": 1}
-    return fly(Scenario(farm="miniberry-10", vehicles=2, **options))
+def told() -> tuple[list[Event], Result]:
+    """What a run told while it was flown, and what it gave."""
+    events = list[Event]()
+    stream = EventStream()
+    stream.listen(events.append)
+    options = {"policy": "greedy", "budget": "90s", "estimator": "point", "seed": 1, "days": 2}
+    return events, fly(Scenario(farm="miniberry-10", vehicles=2, **options), events=stream)
+
+
+@pytest.fixture(scope="module")
+def steered(told: tuple[list[Event], Result]) -> Result:
+    return told[1]
 
 
 def of(events: list[Event], kind: type) -> list:
@@ -77,6 +88,27 @@ def test_everything_is_told_in_the_order_of_time(run: str, request: pytest.Fixtu
     assert [one.record for one in of(events, Decided)] == result.decisions
 
 
+def test_it_tells_what_the_run_told(told: tuple[list[Event], Result]) -> None:
+    live, result = told
+    again = list(events_of(result))
+    live_begun, begun = of(live, RunBegun)[-1], again[0]
+    assert {name: getattr(begun, name) for name in begun.__slots__ if name not in ("farm", "fields")} == {
+        name: getattr(live_begun, name) for name in begun.__slots__ if name not in ("farm", "fields")
+    }
+    for kind in (DayBegun, Decided, Estimated, VehicleSaid, RunEnded):
+        ours, theirs = of(again, kind), of(live, kind)
+        key = attrgetter("time_s") if kind is not Estimated else lambda one: one.observations
+        ours, theirs = sorted(ours, key=key), sorted(theirs, key=key)
+        assert len(ours) == len(theirs) > 0
+        np.testing.assert_allclose([one.time_s for one in ours], [one.time_s for one in theirs], atol=0.11)
+    for number in (1, 2):
+        ours, theirs = (
+            [one for one in of(each, Planned) if one.system_id == number] for each in (again, live)
+        )
+        assert len(ours) == len(theirs)
+        np.testing.assert_allclose([one.time_s for one in ours], [one.time_s for one in theirs], atol=2.0)
+
+
 def test_flights_begin_when_they_did(result: Result) -> None:
     begins = {(one.day, one.begun_s) for one in result.flights}
     (day, begun_s), (next_day, next_begun_s) = sorted(begins)
@@ -92,8 +124,9 @@ def test_flights_begin_when_they_did(result: Result) -> None:
 
 
 def test_a_path_that_changes_in_flight_is_planned_again(steered: Result) -> None:
-    planned = of(list(events_of(steered)), Planned)
-    changes = [change for one in steered.decisions for change in one.changes if change.effect_s is not None]
+    planned = [one for one in of(list(events_of(steered)), Planned) if one.day == 6]
+    changes = [change for one in steered.decisions if one.day == 6 for change in one.changes]
+    changes = [change for change in changes if change.effect_s is not None]
     assert len(changes) > 2 and len(planned) == 2 + len(changes)
     assert [one.time_s for one in planned[:2]] == [0.0, 0.0]
     for one in planned[2:]:

@@ -93,7 +93,7 @@ def events_of(
     >>> scenario = Scenario(farm="miniberry-10", vehicle="ideal", budget="60steps", estimator="point")
     >>> events = list(events_of(fly(scenario)))
     >>> [type(one).__name__ for one in events[:3]], events[-1].outcome
-    (['RunBegun', 'DayBegun', 'Planned'], 'completed')
+    (['RunBegun', 'DayBegun', 'Decided'], 'completed')
     """
     flights = _flights(result)
     yield _begun(result)

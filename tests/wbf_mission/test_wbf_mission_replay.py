@@ -101,12 +101,12 @@ def test_it_tells_what_the_run_told(told: tuple[list[Event], Result]) -> None:
         ours, theirs = sorted(ours, key=key), sorted(theirs, key=key)
         assert len(ours) == len(theirs) > 0
         np.testing.assert_allclose([one.time_s for one in ours], [one.time_s for one in theirs], atol=0.11)
-    for number in (1, 2):
-        ours, theirs = (
-            [one for one in of(each, Planned) if one.system_id == number] for each in (again, live)
+    for one in of(again, Planned):
+        there = [other for other in of(live, Planned) if other.system_id == one.system_id]
+        near = [other.path_m for other in there if abs(other.time_s - one.time_s) < 3.0]
+        assert any(
+            path.shape == one.path_m.shape and np.allclose(path, one.path_m, atol=0.01) for path in near
         )
-        assert len(ours) == len(theirs)
-        np.testing.assert_allclose([one.time_s for one in ours], [one.time_s for one in theirs], atol=2.0)
 
 
 def test_flights_begin_when_they_did(result: Result) -> None:

@@ -1,5 +1,6 @@
-// What the server sends: one `View` when a page connects, then `Update`s with what is new since.
-// `wbf_mission/web/view.py` makes it. Times are seconds since the run began, places metres of the farm frame.
+// What the server sends: an `Update` with everything when a page connects, then with what is new since.
+// `wbf_mission/web/view.py` makes it, of the structs of `wbf_mission/web/schema.py`; a test compares their names
+// with these. Times are seconds since the run began, places metres of the farm frame. What is not finite is null.
 
 /** A ring of points, x and y in turn: [x0, y0, x1, y1, ...]. */
 export type Ring = number[];
@@ -11,7 +12,9 @@ export interface FarmShape {
   width_m: number;
   height_m: number;
   home_m: [number, number];
+  /** In the order of painting: later ones lie over earlier ones. Rings: the outline, then the holes. */
   patches: { name: string; crop: string; own: boolean; rings: Ring[] }[];
+  /** Without a height: a no-fly zone, or too high to be flown over. */
   obstacles: { name: string; height_m: number | null; rings: Ring[] }[];
   rally_m: [number, number][];
 }
@@ -23,12 +26,13 @@ export interface FieldInfo {
   unit: string;
   /** What 0 and 1 stand for. */
   range: [number, number];
-  /** From 0 to 1, as #rrggbb; those of its kind where there are none. */
-  colours?: string[];
+  /** Two or more, "#rrggbb", from 0 to 1. */
+  colours: string[];
 }
 
 export interface Raster {
-  /** Pixels along x and y, pixel (0, 0) at the frame's origin; a pixel covers `cells` x `cells` cells. */
+  /** Pixels along x and y, pixel (0, 0) at the frame's origin; a pixel covers `cells` x `cells` cells, `pixel_m`
+   * a side. It shows the mean of the owner's cells that grow what the field concerns. */
   width: number;
   height: number;
   pixel_m: number;
@@ -39,8 +43,9 @@ export interface Raster {
 /** Layers are named "value/FIELD", "uncertainty/FIELD", "truth/FIELD" or "acquisition". */
 export type LayerName = string;
 
-/** Pixels of a tile from the bottom row up, a byte each: 0 to 254 for 0 to `scale`, 255 where there is nothing;
- * packed by zlib, in base64. */
+/** Tile (x, y) begins at pixel (x * tile, y * tile); those at the far borders are cut off by them. A byte a
+ * pixel, row by row from the bottom up: 0 to 254 for 0 to the layer's scale, 255 where there is nothing; packed by
+ * zlib, in base64. It replaces the tile of the same place; what never came holds nothing. */
 export interface Tile {
   layer: LayerName;
   x: number;
@@ -96,6 +101,7 @@ export interface Readings {
   values: Record<string, (number | null)[]>;
 }
 
+/** Estimates as columns; the losses by field. */
 export interface Scores {
   time_s: number[];
   day: number[];
@@ -111,6 +117,7 @@ export interface Candidate {
   cost: number;
 }
 
+/** One with a number that is known already replaces that: outcomes change while they are carried out. */
 export interface Decision {
   number: number;
   time_s: number;
@@ -120,6 +127,7 @@ export interface Decision {
   reason: string;
   refused: string;
   compute_s: number;
+  /** What was thought of, the best first. */
   candidates: Candidate[];
   changes: { system_id: number; path: Ring; cost: number; outcome: string }[];
 }
@@ -155,10 +163,13 @@ export interface Run {
   vehicles: VehicleInfo[];
 }
 
-/** What is new; what is missing did not change. Lists are appended to what there is, the others replace it. */
+/** What is new; what is missing did not change. Lists and columns are appended to what there is, the others
+ * replace it (of `tiles` and `decisions` each its own kind). */
 export interface Update {
   time_s: number;
-  /** Lists that come anew from their beginning ("plans", "said", "scores", "decisions", "states/ID", "tiles"). */
+  /** What begins anew, and is to be emptied before the rest of this update is taken: "plans", "said",
+   * "decisions", "scores", "states/SYSTEM_ID", whose older rows were thinned out; "tiles", all layers and their
+   * scales. */
   restart?: string[];
   run?: Run;
   plans?: Plan[];
@@ -168,12 +179,12 @@ export interface Update {
   decisions?: Decision[];
   said?: Said[];
   tiles?: Tile[];
-  /** What 254 stands for, by layer. */
+  /** What 254 stands for, by layer; all of them with every update that has tiles. */
   scales?: Record<LayerName, number>;
   status?: Status;
   /** The tiles background that the server has, if any. */
   background?: { attribution: string; min_zoom: number; max_zoom: number } | null;
-  /** What became of this page's last request; empty where it is carried out. */
+  /** What became of this page's last request, which no other page is told: no error, and it was taken. */
   reply?: { order: string; error: string };
 }
 
@@ -183,7 +194,7 @@ export interface Recording extends Update {
   moments: { time_s: number; day: number; observations: number; tiles: Tile[] }[];
 }
 
-/** What the page sends. */
+/** What the page sends, over the same WebSocket: an order to one vehicle or all, or the answer to a question. */
 export type Request =
   | { order: string; system_id: number | null; value?: string; confirmed?: boolean }
   | { answer: string };

@@ -1,0 +1,307 @@
+"""What a page is told and what it asks: `page/src/schema.ts` in Python, name by name (a test compares them).
+
+Times are seconds since the run began, places metres of the farm frame; `schema.ts` says what each part means.
+What is not finite is null.
+"""
+
+from __future__ import annotations
+
+from typing import Any, TypeAlias
+
+import msgspec
+from msgspec import UNSET, Struct, UnsetType
+
+Ring: TypeAlias = list[float]
+"""Points, x and y in turn."""
+Numbers: TypeAlias = list[float | None]
+
+
+class Georeference(Struct):
+    """Degrees of the frame's origin, and their change for each metre along x and y."""
+
+    lat: float
+    lon: float
+    lat_x: float
+    lat_y: float
+    lon_x: float
+    lon_y: float
+
+
+class PatchShape(Struct):
+    """A patch: its outline first, then its holes."""
+
+    name: str
+    crop: str
+    own: bool
+    rings: list[Ring]
+
+
+class ObstacleShape(Struct):
+    """An obstacle or a no-fly zone."""
+
+    name: str
+    height_m: float | None
+    rings: list[Ring]
+
+
+class FarmShape(Struct):
+    """The land, in the order of painting."""
+
+    name: str
+    georeference: Georeference
+    width_m: float
+    height_m: float
+    home_m: tuple[float, float]
+    patches: list[PatchShape]
+    obstacles: list[ObstacleShape]
+    rally_m: list[tuple[float, float]]
+
+
+class FieldInfo(Struct):
+    """A field."""
+
+    name: str
+    title: str
+    kind: str
+    unit: str
+    range: tuple[float, float]
+    colours: tuple[str, ...]
+
+
+class Raster(Struct):
+    """The pixels of all layers."""
+
+    width: int
+    height: int
+    pixel_m: float
+    cells: int
+    tile: int
+
+
+class Tile(Struct):
+    """Pixels of a part of a layer."""
+
+    layer: str
+    x: int
+    y: int
+    data: str
+
+
+class Vehicle(Struct):
+    """A vehicle that takes part."""
+
+    system_id: int
+    name: str
+    kind: str
+
+
+class FenceShape(Struct):
+    """A part of a geofence."""
+
+    rings: list[Ring]
+    inclusion: bool
+
+
+class Plan(Struct):
+    """What a vehicle is to fly from a time on."""
+
+    system_id: int
+    day: int
+    flight: int
+    time_s: float
+    path: Ring
+    fence: list[FenceShape]
+    items: list[str]
+    duration_s: float | None
+    length_m: float | None
+    coverage: float | None
+
+
+class States(Struct):
+    """States of one vehicle as columns."""
+
+    time_s: list[float]
+    day: list[int]
+    flight: list[int]
+    x: list[float]
+    y: list[float]
+    height_m: Numbers
+    speed_m_s: Numbers
+    heading_deg: Numbers
+    battery: Numbers
+    link: Numbers
+    item: list[int | None]
+    items: list[int | None]
+    mode: list[str]
+    phase: list[str]
+    armed: list[bool]
+    silent_s: list[float]
+
+
+class Readings(Struct):
+    """Readings of cells as columns."""
+
+    time_s: list[float]
+    x: list[float]
+    y: list[float]
+    values: dict[str, Numbers]
+
+
+class Scores(Struct):
+    """Estimates and what they cost, as columns."""
+
+    time_s: list[float]
+    day: list[int]
+    observations: list[int]
+    score: Numbers
+    losses: dict[str, Numbers]
+
+
+class Candidate(Struct):
+    """A path that was thought of."""
+
+    system_id: int
+    path: Ring
+    value: float
+    cost: float
+
+
+class Change(Struct):
+    """A path that was chosen, and what became of it."""
+
+    system_id: int
+    path: Ring
+    cost: float
+    outcome: str
+
+
+class Decision(Struct):
+    """What a policy answered."""
+
+    number: int
+    time_s: float
+    day: int
+    flight: int
+    event: str
+    reason: str
+    refused: str
+    compute_s: float
+    candidates: list[Candidate]
+    changes: list[Change]
+
+
+class Said(Struct):
+    """A line of a vehicle's or of the program's."""
+
+    time_s: float
+    system_id: int
+    severity: int
+    text: str
+
+
+class Progress(Struct):
+    """How far some work is."""
+
+    what: str
+    done: float
+    total: float
+
+
+class Question(Struct):
+    """What the operator is asked."""
+
+    text: str
+    answers: tuple[str, ...]
+
+
+class Status(Struct):
+    """How the run is going."""
+
+    outcome: str
+    reason: str
+    progress: Progress | None
+    question: Question | None
+    orders: tuple[str, ...]
+    summary: dict[str, Any] | None
+
+
+class Run(Struct):
+    """What is flown."""
+
+    title: str
+    simulated: bool
+    seed: int | None
+    estimator: str | None
+    planner: str | None
+    farm: FarmShape | None
+    fields: list[FieldInfo]
+    raster: Raster | None
+    vehicles: list[Vehicle]
+
+
+class Background(Struct):
+    """The user's own map tiles."""
+
+    attribution: str
+    min_zoom: int
+    max_zoom: int
+
+
+class Reply(Struct):
+    """What became of a page's last request; that page alone is told."""
+
+    order: str
+    error: str
+
+
+class Update(Struct, omit_defaults=True):
+    """What is new; what is missing did not change."""
+
+    time_s: float
+    restart: list[str] | UnsetType = UNSET
+    run: Run | UnsetType = UNSET
+    plans: list[Plan] | UnsetType = UNSET
+    states: dict[str, States] | UnsetType = UNSET
+    readings: Readings | UnsetType = UNSET
+    scores: Scores | UnsetType = UNSET
+    decisions: list[Decision] | UnsetType = UNSET
+    said: list[Said] | UnsetType = UNSET
+    tiles: list[Tile] | UnsetType = UNSET
+    scales: dict[str, float] | UnsetType = UNSET
+    status: Status | UnsetType = UNSET
+    background: Background | UnsetType | None = UNSET
+    reply: Reply | UnsetType = UNSET
+
+    def json(self) -> bytes:
+        """Return it as a page reads it."""
+        return msgspec.json.encode(self)
+
+
+class Moment(Struct):
+    """The layers as they were from a time on."""
+
+    time_s: float
+    day: int
+    observations: int
+    tiles: list[Tile]
+
+
+class Recording(Update, kw_only=True):
+    """A finished run in a page of its own."""
+
+    moments: list[Moment]
+
+
+class Order(Struct, forbid_unknown_fields=True):
+    """What a page orders: of one vehicle, or of all."""
+
+    order: str
+    system_id: int | None
+    value: str = ""
+    confirmed: bool = False
+
+
+class Answer(Struct, forbid_unknown_fields=True):
+    """What a page answers to the operator's question."""
+
+    answer: str

@@ -250,7 +250,8 @@ class View:
             case Seen():
                 self._see(event)
             case Estimated():
-                self._draw_estimate(event.model)
+                if event.model is not None:
+                    self._draw_estimate(event.model)
                 row = event.time_s, event.day, event.observations, event.score
                 self._add(self._scores, row, event.time_s)
             case Decided():

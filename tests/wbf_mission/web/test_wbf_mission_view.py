@@ -384,7 +384,7 @@ def _events(records: list[DecisionRecord]) -> st.SearchStrategy[list[Event]]:
         ),
         st.builds(VehicleSaid, _times, _ids, st.integers(0, 7), _words),
         st.builds(Seen, _times, seen),
-        st.builds(Estimated, _times, _ids, _ids, _models, _scores),
+        st.builds(Estimated, _times, _ids, _ids, st.none() | _models, _scores),
         st.builds(Decided, _times, st.sampled_from(records)),
         st.builds(FlightEnded, _times, _ids, _ids, _ids, _words, _words),
         st.builds(Progressed, _words, _times, _times),

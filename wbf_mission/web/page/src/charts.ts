@@ -1,6 +1,6 @@
 // Curves over time: score, battery, speed and height, with one cursor; a click goes to that time.
 import uPlot from "uplot";
-import { themed, vehicleColour } from "./colours.js";
+import { themed, lifted } from "./colours.js";
 import { element } from "./dom.js";
 import { upTo, type Model, type Moment } from "./model.js";
 import { clock, figure, percent } from "./text.js";
@@ -8,7 +8,8 @@ import { clock, figure, percent } from "./text.js";
 /** No more moments than a chart has room for. */
 const MOST = 600;
 const CURSOR = "time";
-const HEIGHT_PX = 132;
+/** Seconds between the marks of an axis. */
+const MARKS_S = [1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14400, 43200, 86400];
 
 interface Line {
   label: string;
@@ -35,7 +36,7 @@ function states(of: keyof Moment & ("battery" | "speed_m_s" | "height_m")): Kind
         const last = upTo(columns.time_s, time_s) - 1;
         return last < 0 || time_s > columns.time_s.at(-1)! + MOST ? null : (columns[of][last] ?? null);
       });
-      return [{ label: info.name, colour: vehicleColour(k), dash: run ? DASH : [], values }];
+      return [{ label: info.name, colour: lifted(k), dash: run ? DASH : [], values }];
     });
 }
 
@@ -109,14 +110,14 @@ class Chart {
     const axis = { stroke: ink, font: `11px ${themed("font")}`, grid: { stroke: grid, width: 1 }, ticks: { show: false }, gap: 4 };
     const { write, range } = this.kind;
     return {
-      width, height: HEIGHT_PX, legend: { show: false }, padding: [6, 8, 0, 0],
+      width, height: this.room.clientHeight, legend: { show: false }, padding: [6, 8, 0, 0],
       cursor: { sync: { key: CURSOR }, y: false, drag: { x: false, y: false }, points: { size: 6 } },
       scales: {
         x: { time: false },
         y: { range: (_, low, high) => [range[0] ?? low - 0.05 * (high - low || 1), range[1] ?? high + 0.08 * (high - low || 1)] },
       },
       axes: [
-        { ...axis, size: 20, values: (_, splits) => splits.map(clock) },
+        { ...axis, size: 20, incrs: MARKS_S, values: (_, splits) => splits.map(clock) },
         { ...axis, size: 46, values: (_, splits) => splits.map(write), space: 28 },
       ],
       series: [{}, ...this.lines.map(({ colour, dash }) => ({ stroke: colour, width: 1.6, dash, points: { show: false } }))],

@@ -13,7 +13,7 @@ const CROPS: Record<string, string> = {
 const FURTHER_CROPS = ["#d9c58b", "#c9b3d6", "#a8cfd0", "#e3b78c", "#c2c2b0", "#d8a8c2"];
 
 /** Okabe and Ito's, in an order that keeps apart on a map. */
-export const VEHICLES = [
+const VEHICLES = [
   "#0072b2", "#d55e00", "#cc79a7", "#009e73", "#e69f00", "#56b4e9", "#7a5cc9", "#8c6d31", "#c23b5a", "#4d6a6d",
 ];
 
@@ -28,8 +28,14 @@ export function cropColour(crop: string, crops: string[]): string {
   return CROPS[crop] ?? FURTHER_CROPS[further.indexOf(crop) % FURTHER_CROPS.length] ?? "#c2c2b0";
 }
 
+/** A vehicle's colour as `--vehicle` of page.css. */
 export function vehicleColour(number: number): string {
   return VEHICLES[number % VEHICLES.length] ?? "#0072b2";
+}
+
+/** The same on a canvas: lighter where it is dark. */
+export function lifted(number: number): string {
+  return css(colourAt([vehicleColour(number), "#ffffff"], parseFloat(themed("lift")) / 100));
 }
 
 /** What is sick stands out: a disease's value below this. */

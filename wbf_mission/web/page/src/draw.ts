@@ -45,10 +45,11 @@ function hatch(context: Context, colour: string, crossed: boolean): CanvasPatter
 
 export function drawFarm(context: Context, view: View, farm: FarmShape): void {
   const crops = [...new Set(farm.patches.map((patch) => patch.crop))];
+  const strength = Number(themed("crop-strength"));
   for (const own of [false, true])
     for (const patch of farm.patches.filter((one) => one.own === own)) {
       shape(context, view, patch.rings);
-      context.globalAlpha = own ? 1 : 0.45;
+      context.globalAlpha = own ? strength : 0.45 * strength;
       context.fillStyle = cropColour(patch.crop, crops);
       context.fill("evenodd");
     }
@@ -145,12 +146,12 @@ export function drawPlan(context: Context, view: View, plan: Plan, colour: strin
   context.beginPath();
   trace(context, view, plan.path, false);
   context.strokeStyle = themed("halo");
-  context.globalAlpha = 0.55;
-  context.lineWidth = 2.6;
+  context.globalAlpha = 0.4;
+  context.lineWidth = 2.4;
   context.stroke();
   context.strokeStyle = colour;
-  context.globalAlpha = 0.75;
-  context.lineWidth = 1.1;
+  context.globalAlpha = 0.55;
+  context.lineWidth = 0.9;
   context.stroke();
   context.globalAlpha = 1;
 }
@@ -258,10 +259,10 @@ function ring(context: Context, places: [number, number][], radius: number): voi
     context.arc(x, y, radius, 0, 2 * Math.PI);
   }
   context.strokeStyle = "#ffffff";
-  context.lineWidth = 2.6;
+  context.lineWidth = 4;
   context.stroke();
-  context.strokeStyle = "#7d0f2b";
-  context.lineWidth = 1.4;
+  context.strokeStyle = "#a3123a";
+  context.lineWidth = 2;
   context.stroke();
 }
 
@@ -289,10 +290,10 @@ export function drawDecision(
   for (const { path, system_id } of decision.changes) {
     context.beginPath();
     trace(context, view, path, false);
-    context.lineWidth = 6;
+    context.lineWidth = 4.5;
     context.strokeStyle = themed("halo");
     context.stroke();
-    context.lineWidth = 3.2;
+    context.lineWidth = 2;
     context.strokeStyle = colour(system_id);
     context.stroke();
   }

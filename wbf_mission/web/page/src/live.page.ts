@@ -22,7 +22,7 @@ class App {
   private parts: { time: Time; vehicles: Vehicles; messages: Messages; decisions: Decisions; charts: Charts; layers: LayerPanel; controls: Controls | null } | null = null;
   private readonly root = document.getElementById("app")!;
   private readonly title = element("h1");
-  private readonly link = element("span", { class: "pill link", role: "status" });
+  private readonly link = element("span", { class: "pill connection", role: "status" });
   private readonly outcome = element("span", { class: "pill outcome" });
   private readonly progress = element("span", { class: "progress" });
   private readonly lost = element("p", { class: "lost", role: "alert" });
@@ -85,10 +85,13 @@ class App {
     this.parts = { time, vehicles, messages, decisions, charts, layers, controls };
 
     const stage = element("div", { class: "stage" });
+    const layerBox = element("details", { class: "layer-box", open: "" }, element("summary", {}, "Layers"), layers.element);
+    if (models.length > 1 || matchMedia("(max-width: 60rem)").matches) layerBox.open = false;
+    const covered = (): number => (layerBox.open && models.length === 1 && stage.clientWidth > 800 ? layerBox.offsetWidth : 0);
     this.maps = models.map((model, k) => {
       const room = element("div", { class: "map", tabindex: "0", role: "application", "aria-label": `Map${models.length > 1 ? ` of run ${k + 1}` : ""}; arrow keys move it, plus and minus zoom` });
       stage.append(models.length > 1 ? element("div", { class: "one-of-two" }, element("h2", { class: "of-run" }), room) : room);
-      return new MapView(room, model, choice, (text) => setText(this.under, text), (id) => vehicles.select(model, id), models.length === 1);
+      return new MapView(room, model, choice, (text) => setText(this.under, text), (id) => vehicles.select(model, id), covered, models.length === 1);
     });
     this.join();
     const split = element("input", { type: "range", class: "split", min: "0", max: "1", step: "0.005", value: String(choice.split), "aria-label": "Estimate left, truth right of here" });
@@ -97,10 +100,7 @@ class App {
       changed();
     });
     const fit = button("Whole farm", () => this.maps.forEach((map) => map.fit()), { class: "fit" });
-    stage.append(split, fit, layers.legend, this.under);
-    const layerBox = element("details", { class: "layer-box", open: "" }, element("summary", {}, "Layers"), layers.element);
-    if (matchMedia("(max-width: 60rem)").matches) layerBox.open = false;
-    stage.append(layerBox);
+    stage.append(split, fit, layers.legend, this.under, layerBox);
 
     const panel = (name: string, label: string, ...children: Node[]): HTMLElement =>
       element("section", { class: `panel ${name}`, "data-panel": name, "aria-label": label }, element("h2", {}, label), ...children);
@@ -200,8 +200,7 @@ class App {
     const over = status && status.outcome !== "running";
     const words = over ? [status.outcome, status.reason] : [scoreLine(model, time_s)];
     const several = this.models.length > 1 ? [] : words;
-    const day = model.dayAt(time_s);
-    setText(this.outcome, capital([...several, day && day > 1 ? `day ${day}` : ""].filter(Boolean).join(" · ")));
+    setText(this.outcome, capital([...several, model.dayAt(time_s)].filter(Boolean).join(" · ")));
     this.outcome.dataset["state"] = over ? status.outcome : "running";
     const doing = status?.progress;
     const error = this.reply?.error ? `${capital(this.reply.order)}: ${this.reply.error}` : "";

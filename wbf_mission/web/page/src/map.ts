@@ -1,7 +1,7 @@
 // The map of one run: the farm, the values of a layer, what was seen, plans and trails, and the vehicles.
 import * as L from "leaflet";
 import { CanvasLayer, Frame } from "./canvas.js";
-import { vehicleColour } from "./colours.js";
+import { lifted, vehicleColour } from "./colours.js";
 import { element, setText, svg } from "./dom.js";
 import { drawBorders, drawDecision, drawFarm, drawPicture, drawPlan, drawTrail, readingsOf } from "./draw.js";
 import type { Model, Moment } from "./model.js";
@@ -41,15 +41,15 @@ const SHAPES: Record<string, string> = {
 class VehicleMark {
   readonly marker: L.Marker;
   private readonly body: SVGElement;
-  private readonly element: HTMLElement;
   private readonly note = element("span", { class: "note" });
 
   constructor(map: L.Map, info: VehicleInfo, colour: string, chosen: () => void) {
     const outline = SHAPES[info.kind] ?? SHAPES["copter"]!;
-    this.body = svg("g", {}, svg("path", { d: outline, fill: colour, class: "body" }));
+    this.body = svg("g", {}, svg("path", { d: outline, class: "body" }));
     const picture = svg("svg", { viewBox: "-18 -18 36 36", "aria-hidden": "true" }, this.body);
-    this.element = element("div", {}, picture as unknown as Node, element("span", { class: "name" }, info.name), this.note);
-    const icon = L.divIcon({ html: this.element, className: "vehicle", iconSize: [36, 36] });
+    const inside = element("div", {}, picture, element("span", { class: "name" }, info.name), this.note);
+    inside.style.setProperty("--vehicle", colour);
+    const icon = L.divIcon({ html: inside, className: "vehicle", iconSize: [36, 36] });
     this.marker = L.marker([0, 0], { icon, zIndexOffset: 1000 }).addTo(map).on("click", chosen);
     this.marker.getElement()?.setAttribute("aria-label", `Vehicle ${info.name}`);
   }
@@ -84,6 +84,8 @@ export class MapView {
     private readonly choice: Choice,
     private readonly told: (text: string) => void,
     private readonly select: (system_id: number) => void,
+    /** So much of its left is under something else. */
+    private readonly covered_px: () => number,
     animated: boolean,
   ) {
     const still = !animated || matchMedia("(prefers-reduced-motion: reduce)").matches;
@@ -137,7 +139,10 @@ export class MapView {
     const corners = farm ? [[0, 0], [width, 0], [0, height], [width, height]] : [];
     const places = corners.map(([x, y]) => this.frame.latLng(x!, y!));
     if (!farm) for (const mark of this.marks.values()) places.push(mark.marker.getLatLng());
-    if (places.length) this.map.fitBounds(L.latLngBounds(places), { padding: [28, 28], maxZoom: CLOSEST - 1, animate: false });
+    if (!places.length) return;
+    this.map.fitBounds(L.latLngBounds(places), {
+      paddingTopLeft: [28 + this.covered_px(), 28], paddingBottomRight: [28, 28], maxZoom: CLOSEST - 1, animate: false,
+    });
   }
 
   /** Show a vehicle in the middle. */
@@ -217,7 +222,7 @@ export class MapView {
   }
 
   private colour(system_id: number): string {
-    return vehicleColour(this.run?.vehicles.findIndex((info) => info.system_id === system_id) ?? 0);
+    return lifted(this.run?.vehicles.findIndex((info) => info.system_id === system_id) ?? 0);
   }
 
   private drawLines(...[context, view]: Parameters<ConstructorParameters<typeof CanvasLayer>[2]>): void {

@@ -62,7 +62,9 @@ export class Decisions {
     );
     for (const model of this.models) {
       const its = told.filter((one) => one.model === model).map((one) => one.decision);
-      this.open(model, its.find((one) => one.number === this.chosen) ?? its.at(-1) ?? null);
+      const last = its.at(-1);
+      const weighed = last?.candidates.length ? last : null;
+      this.open(model, its.find((one) => one.number === this.chosen) ?? weighed);
     }
     const key = told.map(({ decision }) => `${decision.number} ${decision.changes.map((one) => one.outcome).join()}`).join();
     if (key === this.shown) return;

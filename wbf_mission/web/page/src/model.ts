@@ -130,8 +130,10 @@ export class Model {
     return this.scores.score[upTo(this.scores.time_s, time_s) - 1] ?? null;
   }
 
-  dayAt(time_s: number): number | null {
-    return this.scores.day[upTo(this.scores.time_s, time_s) - 1] ?? null;
+  /** The day, in words, of a run that has several. */
+  dayAt(time_s: number): string {
+    const { day, time_s: times } = this.scores;
+    return day[0] === day.at(-1) ? "" : `day ${day[Math.max(0, upTo(times, time_s) - 1)]}`;
   }
 
   /** A list comes anew, from its beginning. */

@@ -23,7 +23,7 @@ class Card {
 
   constructor(private readonly model: Model, readonly info: VehicleInfo, number: number, chosen: () => void) {
     const dot = element("span", { class: "dot", "aria-hidden": "true" });
-    dot.style.background = vehicleColour(number);
+    dot.style.setProperty("--vehicle", vehicleColour(number));
     const names = { height: "Height", speed: "Speed", heading: "Heading", item: "Item", link: "Link", heard: "Heard", flight: "Flight", plan: "Plan" };
     const list = element("dl");
     this.figures = Object.fromEntries(

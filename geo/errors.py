@@ -50,6 +50,7 @@
     +-- wbf_mission.bench.engine.ClusterError            a Dask cluster
     +-- wbf_mission.rl.errors.TrainingError              a training environment
     +-- wbf_mission.results.storage.ResultError          the folder of a result
+    +-- wbf_mission.web.tiles.MapTilesError              a file of map tiles
     +-- wbf_mission.cli.options.TargetError              a file or folder to be written
 """
 

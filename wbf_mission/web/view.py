@@ -190,6 +190,11 @@ class View:
             self._look_after_decisions()
             return Cursor(self._version)
 
+    @property
+    def time_s(self) -> float:
+        """When what was heard last happened."""
+        return round(self._time_s, 2)
+
     def update(self, cursor: Cursor | None) -> tuple[schema.Update, Cursor]:
         """Return what a viewer does not know, and its next cursor; with None, everything."""
         at, restart = int(cursor or 0), list[str]()

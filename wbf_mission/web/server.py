@@ -1,0 +1,326 @@
+"""The server of the page: it shows a view to any number of browsers, in a thread of its own.
+
+The run tells its view what happens, and never waits for this server. Ten times a second, if there is news,
+each browser is sent what it does not know; those that know the same share the bytes. One that does not read
+is sent nothing until it does, and is let go after some seconds.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import hashlib
+import secrets
+import socket
+import threading
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Protocol, Self
+
+import msgspec
+import uvicorn
+from msgspec import Meta
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import BaseRoute, Route, WebSocketRoute
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from geo.reading import misfit
+from mission.errors import LinkError
+from wbf_mission.web.guard import Guard, is_loopback, own_names
+from wbf_mission.web.schema import Answer, Order, Reply, Update
+from wbf_mission.web.tiles import MapTiles
+from wbf_mission.web.view import Cursor, View
+
+INTERVAL_S = 0.1
+SEND_TIMEOUT_S = 5.0
+MAX_REQUEST_BYTES = 4096
+MAX_CONNECTIONS = 200
+_ENDING_S = 2.0
+_TYPES = {"html": "text/html", "js": "text/javascript", "css": "text/css", "txt": "text/plain"}
+
+
+class Orders(Protocol):
+    """Takes what pages ask for; called in the server's thread, and quick."""
+
+    def take(self, system_id: int | None, order: str, value: str, confirmed: bool) -> str:
+        """Take an order to a vehicle, or to all (None); return why it is refused, or an empty text."""
+
+    def answer(self, text: str) -> str:
+        """Take the answer to the operator's question; return why it is refused, or an empty text."""
+
+
+class _Order(Order):
+    order: Annotated[str, Meta(max_length=40)]
+    value: Annotated[str, Meta(max_length=200)] = ""
+
+
+class LiveServer:
+    """Serves pages that show a view; a context manager that listens from its beginning to its end.
+
+    Parameters
+    ----------
+    view : View
+        What is shown; the caller lets it listen to the run's events. `show` replaces it.
+    host : str
+        Address to listen at. At any but this machine's own a token is needed.
+    port : int
+        0 for any free one.
+    token : str or None
+        What a browser must have been given, by the address (`url`) that is opened first. By default a random
+        one where others can reach the server, else none.
+    orders : Orders or None
+        Takes what pages order and answer; without, they only show.
+    tiles : path or None
+        The user's map tiles, which are shown behind the farm (`wbf_mission.web.tiles.MapTiles`).
+    routes : sequence of Starlette routes
+        More that is served, before what is here: paths may be any but "/live" and "/tiles/...". The guard
+        (`wbf_mission.web.guard`) lies before them, too: nothing but GET and HEAD comes from elsewhere than
+        this server's pages, who asks has the token, and the answers have the policy of `guard.HEADERS`.
+        Bodies are not limited: who reads one does that.
+    home : str
+        The page of ``static/`` that "/" shows, without ".html".
+
+    Raises
+    ------
+    LinkError
+        By `with`: if the address cannot be listened at.
+    MapTilesError
+        If the tiles cannot be used.
+
+    Examples
+    --------
+    >>> with LiveServer(View()) as server:
+    ...     server.url.startswith("http://127.0.0.1:")
+    True
+    """
+
+    def __init__(
+        self,
+        view: View,
+        *,
+        host: str = "127.0.0.1",
+        port: int = 0,
+        token: str | None = None,
+        orders: Orders | None = None,
+        tiles: Path | None = None,
+        routes: Sequence[BaseRoute] = (),
+        home: str = "live",
+    ) -> None:
+        self._host, self._port, self._orders = host, port, orders
+        self._token = secrets.token_urlsafe() if token is None and not is_loopback(host) else token
+        self._tiles = None if tiles is None else MapTiles(tiles)
+        self._viewers, self._ending = 0, False
+        self._shared: dict[Cursor | None, _Shared] = {}
+        self._making = asyncio.Lock()
+        self.show(view)
+        app = Starlette(
+            routes=[
+                *routes,
+                WebSocketRoute("/live", self._live),
+                Route("/tiles/{z:int}/{x:int}/{y:int}", self._tile),
+                *_static_routes(home),
+            ]
+        )
+        config = uvicorn.Config(
+            Guard(app, own_names(host), self._token),
+            loop="asyncio",
+            ws="websockets-sansio",
+            ws_max_size=MAX_REQUEST_BYTES,
+            ws_per_message_deflate=False,  # Each viewer would take time of its own
+            lifespan="off",
+            log_config=None,
+            log_level="error",
+            access_log=False,
+            proxy_headers=False,
+            server_header=False,
+            limit_concurrency=MAX_CONNECTIONS,
+            timeout_graceful_shutdown=1,
+        )
+        self._server = uvicorn.Server(config)
+        self._thread = threading.Thread(target=self._serve, name="live page", daemon=True)
+
+    def __enter__(self) -> Self:
+        """Listen, and serve."""
+        try:
+            family = socket.getaddrinfo(self._host, self._port, type=socket.SOCK_STREAM)[0][0]
+            self._socket = socket.create_server((self._host, self._port), family=family)
+        except OSError as error:
+            msg = f"live page: cannot listen at {self._host}, port {self._port} ({error.strerror})"
+            raise LinkError(f"{msg}; choose another port, or 0 for any free one") from None
+        if hasattr(socket, "TCP_USER_TIMEOUT"):
+            # What a browser does not take is given up, which asyncio would keep for good.
+            timeout_ms = round(2e3 * SEND_TIMEOUT_S)
+            self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, timeout_ms)
+        self._port = self._socket.getsockname()[1]
+        self._thread.start()
+        while not self._server.started and self._thread.is_alive():
+            self._thread.join(0.005)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Send viewers what is left to tell, and end."""
+        self._ending = True
+        deadline_s = time.monotonic() + _ENDING_S
+        while self._viewers and time.monotonic() < deadline_s:
+            time.sleep(INTERVAL_S / 4)
+        self._server.should_exit = True
+        self._thread.join()
+        if self._tiles is not None:
+            self._tiles.close()
+
+    @property
+    def port(self) -> int:
+        """Where it listens, once it does."""
+        return self._port
+
+    @property
+    def url(self) -> str:
+        """The address to be opened, with the token if there is one."""
+        host = _outward() if self._host in ("0.0.0.0", "::", "") else self._host  # noqa: S104
+        host = f"[{host}]" if ":" in host else host
+        return f"http://{host}:{self._port}/" + (f"?token={self._token}" if self._token else "")
+
+    def show(self, view: View) -> None:
+        """Show another view from now on: pages that are open begin anew."""
+        view.offer(None if self._tiles is None else self._tiles.background)
+        self._view = view
+
+    def _serve(self) -> None:
+        self._server.run([self._socket])
+
+    # Viewers
+
+    async def _live(self, websocket: WebSocket) -> None:
+        """Serve one page: tell it what is new, and hear what it asks for, until either ends."""
+        await websocket.accept()
+        self._viewers += 1
+        tasks = {asyncio.create_task(part(websocket)) for part in (self._tell, self._hear)}
+        try:
+            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            for task in done:
+                task.result()
+        except (TimeoutError, WebSocketDisconnect):
+            pass
+        finally:
+            self._viewers -= 1
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+        with contextlib.suppress(TimeoutError, WebSocketDisconnect, RuntimeError):
+            async with asyncio.timeout(1.0):
+                await websocket.close(1001)
+
+    async def _tell(self, websocket: WebSocket) -> None:
+        view, cursor, now_s = self._view, None, asyncio.get_running_loop().time
+        while True:
+            if cursor is None or view.cursor > cursor:
+                text, cursor = await self._update(view, cursor)
+                async with asyncio.timeout(SEND_TIMEOUT_S):
+                    await websocket.send_text(text)
+            elif self._ending or view is not self._view:
+                return
+            await asyncio.sleep(INTERVAL_S - now_s() % INTERVAL_S)  # All at the same times, to share
+
+    async def _update(self, view: View, cursor: Cursor | None) -> tuple[str, Cursor]:
+        """Return what is new since a cursor; made once for all who ask within an interval."""
+        async with self._making:
+            now_s = asyncio.get_running_loop().time()
+            self._shared = {key: one for key, one in self._shared.items() if one.good_for(view, now_s)}
+            shared = self._shared.get(cursor)
+            if shared is None:
+                text, after = await asyncio.to_thread(_encoded, view, cursor)
+                # Who begins is brought up to date by the next one: the whole is kept longer.
+                until_s = now_s + INTERVAL_S * (0.9 if cursor else 20.0)
+                shared = self._shared[cursor] = _Shared(view, until_s, text, after)
+            return shared.text, shared.cursor
+
+    async def _hear(self, websocket: WebSocket) -> None:
+        while True:
+            message = await websocket.receive()
+            if message["type"] == "websocket.disconnect":
+                return
+            reply = Update(self._view.time_s, reply=self._ask(message.get("text") or ""))
+            async with asyncio.timeout(SEND_TIMEOUT_S):
+                await websocket.send_text(reply.json().decode())
+
+    def _ask(self, text: str) -> Reply:
+        """Hand a page's request on; return what became of it."""
+        if self._orders is None:
+            return Reply("", "this page only shows: orders are not allowed")
+        try:
+            answer = msgspec.json.decode(text, type=Answer)
+        except msgspec.ValidationError:
+            try:
+                order = msgspec.json.decode(text, type=_Order)
+            except msgspec.ValidationError as error:
+                return Reply("", f"no request: {misfit(error)}")
+            refused = self._orders.take(order.system_id, order.order, order.value, order.confirmed)
+            return Reply(order.order, refused)
+        except msgspec.DecodeError:
+            return Reply("", "no request: it is no JSON")
+        return Reply("answer", self._orders.answer(answer.answer))
+
+    # Files
+
+    async def _tile(self, request: Request) -> Response:
+        place = (request.path_params[name] for name in "zxy")
+        found = None if self._tiles is None else await asyncio.to_thread(self._tiles.read, *place)
+        if found is None:
+            return Response(status_code=204)  # Browsers would tell of a 404 in the console
+        headers = {"Cache-Control": "private, max-age=3600"}
+        return Response(found[0], headers=headers, media_type=found[1])
+
+
+@dataclass(frozen=True, slots=True)
+class _Shared:
+    """An update for all viewers at the same cursor."""
+
+    view: View
+    until_s: float
+    text: str
+    cursor: Cursor
+
+    def good_for(self, view: View, now_s: float) -> bool:
+        return self.view is view and now_s < self.until_s
+
+
+def _encoded(view: View, cursor: Cursor | None) -> tuple[str, Cursor]:
+    update, after = view.update(cursor)
+    return update.json().decode(), after
+
+
+def _static_routes(home: str) -> list[Route]:
+    """Return a route for each file that is served, by its name; pages also without ".html"."""
+    routes = []
+    for file in (resources.files("wbf_mission.web") / "static").iterdir():
+        stem, _, kind = file.name.rpartition(".")
+        if kind in _TYPES:
+            data = file.read_bytes()
+            handler = partial(_send_file, data, _TYPES[kind], f'"{hashlib.sha256(data).hexdigest()[:16]}"')
+            paths = [f"/{file.name}"] + ["/" if stem == home else f"/{stem}"] * (kind == "html")
+            routes += [Route(path, handler) for path in paths]
+    return routes
+
+
+async def _send_file(data: bytes, media_type: str, etag: str, request: Request) -> Response:
+    # Browsers keep it, and ask each time whether it is the same.
+    headers = {"ETag": etag, "Cache-Control": "no-cache"}
+    if request.headers.get("if-none-match") == etag:
+        return Response(status_code=304, headers=headers)
+    return Response(data, headers=headers, media_type=media_type)
+
+
+def _outward() -> str:
+    """Return the address by which others reach this machine, as far as it knows; nothing is sent."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(("192.0.2.1", 9))  # An address for documentation
+        except OSError:
+            return socket.gethostname()
+        return str(probe.getsockname()[0])

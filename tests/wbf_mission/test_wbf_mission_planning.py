@@ -325,3 +325,12 @@ def test_a_survey_beyond_a_battery_is_planned_with_an_unlimited_budget() -> None
         Scenario(planner="spiral", budget="unlimited")
     with pytest.raises(ScenarioError, match="policy greedy uses up what it is given"):
         Scenario(policy="greedy", budget="Unlimited")
+
+
+def test_a_policy_plans_the_path_with_which_it_begins() -> None:
+    asked = {"farm": "miniberry-30", "budget": "5min"}
+    first = plan(Scenario(policy="orienteering", **asked))
+    assert first.planner == "orienteering"
+    assert first.prediction.duration_s <= 300.0
+    assert not np.array_equal(first.path_m, plan(Scenario(**asked)).path_m)
+    assert np.array_equal(first.path_m, plan(Scenario(policy="orienteering", **asked)).path_m)

@@ -49,29 +49,22 @@ def upload_command(
     would not fly it.
     """
     from mission.files import read_mission
-    from mission.ground.link import upload
     from wbf_mission.live.link import via_named
-    from wbf_mission.preflight.finding import Concern
-    from wbf_mission.preflight.inquiry import ask_vehicle
-    from wbf_mission.preflight.run import check_mission
+    from wbf_mission.live.uploading import upload_checked
 
     mission = read_mission(file)
     circumstances = around.circumstances(given, mission)
-    snapshot = ask_vehicle(connect, wait_s=wait, system_id=system_id, note=output.note)
-    checked = check_mission(mission, fitted_circumstances(circumstances, given, snapshot)).report
-    # How it stands there matters for a start only.
-    checked = checked.about(Concern.PLAN, Concern.PARAMETERS)
-    checked.require_no_errors("nothing was sent", force=force, show=partial(show_findings, output))
     with output.progress() as progress:
-        report = upload(
+        report, checked = upload_checked(
             mission,
             connect,
+            partial(fitted_circumstances, circumstances, given),
             wait_s=wait,
-            system_id=snapshot.system_id,
+            system_id=system_id,
+            force=force,
+            show=partial(show_findings, output),
             progress=progress,
             note=output.note,
-            force=force,
-            parameters=snapshot.parameters,
             open_driver=via_named(via).driver,
         )
     rejected = report.accepted is False

@@ -7,11 +7,12 @@ from functools import partial
 import numpy as np
 
 from geo import Farm
+from mission.errors import PlanningError
 from mission.files import read_mission
 from mission.model import Mission
 from mission.planners import Planner, make_planner
 from mission.planners.path import Points
-from mission.policies.policy import FixedPlan
+from mission.policies.policy import FixedPlan, Policy, make_policy
 from sensors.field_files import load_field_set
 from sensors.fields import FieldSet
 from sensors.observations import Observations
@@ -47,15 +48,21 @@ def plan(scenario: Scenario, *, progress: Progress = silent) -> PlanResult:
     return plan_fleet(scenario, progress=progress)[0]
 
 
-def plan_fleet(scenario: Scenario, *, progress: Progress = silent) -> tuple[PlanResult, ...]:
-    """Plan for all vehicles of a scenario, in the order of their system ids; errors as of `plan`."""
-    (farm, fields), day = farm_of(scenario.farm), scenario.farm.day
+def plan_fleet(
+    scenario: Scenario, *, farm: Farm | None = None, progress: Progress = silent
+) -> tuple[PlanResult, ...]:
+    """Plan for all vehicles of a scenario, in the order of their system ids; errors as of `plan`.
+
+    The `farm` is the scenario's, for who has it at hand. A policy answers with the paths by which it begins,
+    when nothing is known of the farm; in flight it goes by what the estimator believes.
+    """
+    (farm, fields), day = farm_of(scenario.farm, farm), scenario.farm.day
     if scenario.mission.file is not None:
         require_one_vehicle(scenario.mission.file, len(scenario.vehicle.fleet))
         builder = MissionBuilder.of(scenario, farm)
         return (read_plan(scenario.mission.file, builder, scenario.camera.footprint, scenario.seed),)
     vehicles = vehicles_of(scenario, farm, seed=scenario.seed, first_day=day, progress=progress)
-    tasks, choice = [one.task for one in vehicles], scenario.mission.planner
+    tasks, mission = [one.task for one in vehicles], scenario.mission
     knowledge = Knowledge(
         farm,
         day,
@@ -64,16 +71,26 @@ def plan_fleet(scenario: Scenario, *, progress: Progress = silent) -> tuple[Plan
         partial(InformationModel.unknown, farm.grid().shape, fields),
         partial(Observations.empty, fields.names),
     )
-    policy = FixedPlan(planner_of(choice), scenario.mission.partition)
-    loop = DecisionLoop(policy, f"planner {choice}", knowledge, records=[])
-    decision = loop.start([task.report() for task in tasks]).decision
-    return tuple(task.plan_of(decision, str(choice)) for task in tasks)
+    choice, steered = mission.policy or mission.planner, mission.policy is not None
+    policy: Policy
+    if steered:
+        policy = make_policy(choice.chosen, **choice.params)
+        policy.start()
+    else:
+        policy = FixedPlan(planner_of(choice), mission.partition)
+    name = f"{'policy' if steered else 'planner'} {choice}"
+    loop = DecisionLoop(policy, name, knowledge, records=[])
+    decision = loop.start([task.report(steered=steered) for task in tasks]).decision
+    if not any(len(decision.paths[task.system_id]) for task in tasks):
+        msg = f"{name} finds nothing worth a flight within {tasks[0].budget_text}"
+        raise PlanningError(msg)
+    return tuple(task.plan_of(decision, str(choice), steered=steered) for task in tasks)
 
 
-def farm_of(options: FarmOptions) -> tuple[Farm, FieldSet]:
+def farm_of(options: FarmOptions, farm: Farm | None = None) -> tuple[Farm, FieldSet]:
     """Return the farm, of which the crops of the fields are to be seen, and the fields."""
     fields = load_field_set(options.fields)
-    return options.load().scouting(fields.crops), fields
+    return (options.load() if farm is None else farm).scouting(fields.crops), fields
 
 
 def require_one_vehicle(file: str, count: int) -> None:

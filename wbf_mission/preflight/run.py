@@ -90,6 +90,14 @@ def check_mission(mission: Mission, circumstances: Circumstances | None = None) 
     return Preflight(subject, Report(tuple(findings)))
 
 
+def check_plan(plan: PlanResult, one: VehicleParts) -> Report:
+    """Check a plan of one vehicle of a run; the paper's robot, which has no size, flies anything."""
+    if plan.vehicle.is_ideal:
+        return Report(())
+    given = replace(Circumstances.of(one, plan.farm), imaging=plan.imaging)
+    return check_mission(plan.mission, given).report.about(Concern.PLAN)
+
+
 def check_plans(
     plans: Iterable[tuple[PlanResult, VehicleParts]],
     consequence: str,
@@ -97,19 +105,17 @@ def check_plans(
     force: bool = False,
     show: ShowFindings = show_nobody,
 ) -> None:
-    """Refuse plans in which the check finds errors; the paper's robot, which has no size, flies anything.
+    """Refuse plans in which the check finds errors (`check_plan`).
 
     Planners and policies keep away from what they know; gusts that the vehicle cannot hold are told, too. The
     PreflightError tells the first error, and as `consequence` what is not done: ``nothing was flown``. With
     `force` errors and gusts are only shown.
     """
-    found: list[Finding] = []
-    for plan, one in plans:
-        if not plan.vehicle.is_ideal:
-            given = replace(Circumstances.of(one, plan.farm), imaging=plan.imaging)
-            report = check_mission(plan.mission, given).report.about(Concern.PLAN)
-            found += [
-                each for each in report.findings if each.severity is Severity.ERROR or each.code == TOO_GUSTY
-            ]
+    found = [
+        each
+        for plan, one in plans
+        for each in check_plan(plan, one).findings
+        if each.severity is Severity.ERROR or each.code == TOO_GUSTY
+    ]
     if found:
         Report(tuple(found)).require_no_errors(consequence, force=force, show=show)

@@ -1,0 +1,172 @@
+"""Drafts of the studio: what a page may ask for, and what becomes of it."""
+
+import json
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from geo import get_farm, save_farm
+from geo.errors import FarmError, WbfMissionError
+from wbf_mission.cli.app import main
+from wbf_mission.planning import plan
+from wbf_mission.scenario import Scenario
+from wbf_mission.web.drafts import DraftError, Drafts, NewestOnly, SupersededError
+
+
+@pytest.fixture(scope="module")
+def drafts() -> Iterator[Drafts]:
+    found = Drafts(Scenario(farm="miniberry-30"))
+    yield found
+    found.close()
+
+
+def body(farm: object = "miniberry-30", **options: object) -> bytes:
+    return json.dumps({"farm": farm, "options": options}).encode()
+
+
+def square(side_deg: float = 0.001, **properties: object) -> dict[str, object]:
+    corners = [(0.0, 0.0), (side_deg, 0.0), (side_deg, side_deg), (0.0, side_deg), (0.0, 0.0)]
+    ring = [[-82.15 + x, 28.05 + y] for x, y in corners]
+    given = {"name": "north", "crop": "tomato", "owner": "me", **properties}
+    geometry = {"type": "Polygon", "coordinates": [ring]}
+    return {"type": "Feature", "properties": given, "geometry": geometry}
+
+
+def test_a_draft_is_planned_as_everywhere_else(drafts: Drafts) -> None:
+    found = drafts.plan(drafts.draft(body(planner="spiral", budget="3min", wind_speed_m_s=2)))
+    wanted = plan(Scenario(farm="miniberry-30", planner="spiral", budget="3min", wind_speed_m_s=2))
+    assert np.array_equal(found.missions[0].plan.path_m, wanted.path_m)
+    assert found.missions[0].plan.mission == wanted.mission
+    assert found.missions[0].report.findings
+
+
+def test_a_drawn_farm_is_planned_as_its_file(drafts: Drafts, tmp_path: Path) -> None:
+    farm = {"type": "FeatureCollection", "features": [square()]}
+    found = drafts.plan(drafts.draft(body(farm, planner="lawnmower", budget="4min")))
+    path = tmp_path / "farm.geojson"
+    path.write_text(json.dumps(farm))
+    wanted = plan(Scenario(farm=str(path), planner="lawnmower", budget="4min"))
+    assert np.array_equal(found.missions[0].plan.path_m, wanted.path_m)
+
+
+@pytest.mark.parametrize("suffix", [".plan", ".waypoints", ".json", ".kml", ".wpml.kmz"])
+def test_a_file_is_the_one_of_the_command_line(drafts: Drafts, tmp_path: Path, suffix: str) -> None:
+    found = drafts.plan(drafts.draft(body(planner="spiral", budget="3min")))
+    name, content = found.file(0, suffix, drafts.folder)
+    assert name == f"miniberry-30-spiral{suffix}"
+    out = tmp_path / name
+    given = ["plan", "--farm", "miniberry-30", "--planner", "spiral", "--budget", "3min", "--out", str(out)]
+    assert main(given) == 0
+    assert content == out.read_bytes()
+
+
+@pytest.mark.slow
+def test_a_mission_longer_than_a_battery_is_told_in_sorties(drafts: Drafts) -> None:
+    found = drafts.plan(drafts.draft(body("waterberry", planner="lawnmower", budget="25km")))
+    assert len(found.missions) > 1
+    assert found.missions[1].name == "sortie 2"
+    assert found.flown(drafts.folder) == found.draft.scenario
+
+
+def test_a_number_of_batteries_is_planned_for_and_flown(drafts: Drafts) -> None:
+    found = drafts.plan(drafts.draft(body("miniberry-100", planner="lawnmower", budget="1 battery")))
+    assert found.results[0].budget_text == "1 battery"
+    flown = found.flown(drafts.folder)
+    assert flown.mission.budget is None
+    assert plan(flown).mission.items == found.results[0].mission.items
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        (b"{", "cannot be read"),
+        (b"[" * 100_000, "cannot be read"),
+        (b"\xff\xfe", "cannot be read"),
+        (b'{"farm": "miniberry-30", "more": 1}', "cannot be read"),
+        (body("no-such-farm"), "the studio knows miniberry-10"),
+        (body("/etc/passwd"), "the studio knows miniberry-10"),
+        (body({"type": "FeatureCollection", "features": []}), 'has no "features"'),
+        (body([1, 2]), "farm file farm.geojson"),
+        (body({"type": "FeatureCollection", "features": [square(crop=3)]}), "feature 1 .'north'."),
+        (body(vehicle="mine.toml"), "the studio knows"),
+        (body(planner="/tmp/mine.py:planner"), "no key=value"),
+        (body(planner=["spiral"]), "is no text"),
+        (body(planner="spiral:nonsense=1"), "no parameter 'nonsense'"),
+        (body(estimator="mine.py"), "the studio knows"),
+        (body(fields="mine.toml"), "the studio knows tylcv"),
+        (body(camera_model="mine.toml"), "the studio knows"),
+        (body(terrain="heights.tif"), "is no option of a draft"),
+        (body(mission="/etc/passwd"), "is no option of a draft"),
+        (body(farm_crs="EPSG:1"), "is no option of a draft"),
+        (body(budget="much"), "budget 'much' is not understood"),
+        (body(wind_speed_m_s=1e9), "out of range"),
+        (body(wind_speed_m_s="strong"), "wind_speed_m_s"),
+        (body(vehicles=1.5), "vehicles"),
+    ],
+)
+def test_what_cannot_be_used_is_told_in_a_line(drafts: Drafts, given: bytes, told: str) -> None:
+    with pytest.raises(WbfMissionError, match=told) as caught:
+        drafts.plan(drafts.draft(given))
+    assert str(drafts.folder) not in str(caught.value)
+
+
+def test_what_was_named_at_the_beginning_may_be_a_file(tmp_path: Path) -> None:
+    path = tmp_path / "mine.geojson"
+    save_farm(get_farm("miniberry-10"), path)
+    own = Drafts(Scenario(farm=str(path)))
+    assert own.draft(body(str(path))).farm.name == "miniberry-10"
+    with pytest.raises(DraftError):
+        own.draft(body(str(tmp_path / "other.geojson")))
+    own.close()
+    assert not own.folder.exists()
+
+
+def test_a_farm_file_becomes_what_is_drawn(drafts: Drafts, tmp_path: Path) -> None:
+    path = tmp_path / "mine.geojson"
+    save_farm(get_farm("miniberry-10"), path)
+    farm, document = drafts.farm_of_file(
+        path.read_bytes(), "../../mine.GeoJSON", crop=None, crs=None, repair=False
+    )
+    assert farm.name == "miniberry-10"
+    assert json.loads(document)["features"][0]["properties"]["crop"] == "strawberry"
+    with pytest.raises(FarmError, match="no farm file"):
+        drafts.farm_of_file(b"", "mine.exe", crop=None, crs=None, repair=False)
+    with pytest.raises(FarmError, match=r"^farm file mine\.geojson: feature 1"):
+        drafts.farm_of_file(
+            b'{"type": "FeatureCollection", "features": [3]}',
+            "mine.geojson",
+            crop=None,
+            crs=None,
+            repair=False,
+        )
+
+
+def test_what_is_newer_takes_the_place_of_what_is_under_way() -> None:
+    one, begun, go_on = NewestOnly(), threading.Event(), threading.Event()
+    ended: list[str] = []
+
+    def older() -> None:
+        def work(progress: object) -> None:
+            begun.set()
+            go_on.wait(20)
+            progress("planning", 1, 2)  # type: ignore[operator]
+
+        try:
+            one.do(work)
+        except SupersededError:
+            ended.append("superseded")
+
+    thread = threading.Thread(target=older)
+    thread.start()
+    assert begun.wait(20)
+    newer = threading.Thread(target=lambda: ended.append(one.do(lambda _progress: "done")))
+    newer.start()
+    while one.asked < 2:  # the newer one is asked for
+        pass
+    go_on.set()
+    thread.join(20)
+    newer.join(20)
+    assert ended == ["superseded", "done"]

@@ -1,0 +1,101 @@
+// A plan on the map, in figures and with what the preflight check finds.
+import * as L from "leaflet";
+import { Frame } from "./canvas.js";
+import { themed, vehicleColour } from "./colours.js";
+import type { Finding, Planned } from "./desk.js";
+import { button, element } from "./dom.js";
+import type { Ring } from "./schema.js";
+import { capital, clock, metres } from "./text.js";
+
+const MOST_FINDINGS = 50;
+
+export class Answer {
+  readonly cards = element("dl", { class: "figures" });
+  readonly findings = element("ul", { class: "findings" });
+  private readonly lines = L.layerGroup();
+  private readonly spot = L.layerGroup();
+  private frame: Frame | null = null;
+
+  constructor(private readonly map: L.Map) {
+    this.lines.addTo(map);
+    this.spot.addTo(map);
+    map.createPane("plans").style.zIndex = "450";
+  }
+
+  show(planned: Planned): void {
+    this.frame = new Frame(planned.farm.georeference);
+    this.draw(planned);
+    this.cards.replaceChildren(...figures(planned).map(([name, value, more]) =>
+      element("div", {}, element("dt", {}, name), element("dd", {}, value, ...(more ? [element("small", {}, more)] : [])))));
+    const found = planned.missions.flatMap(({ name, findings, warnings }) => [
+      ...warnings.map((text): [string, Finding] => [name, { severity: "warning", code: "", where: "", text, told: text, fix: null, place_m: null }]),
+      ...findings.map((finding): [string, Finding] => [name, finding]),
+    ]);
+    const notes = planned.notes.map((text): [string, Finding] => ["farm", { severity: "note", code: "", where: "", text, told: text, fix: null, place_m: null }]);
+    const rank = ["error", "warning", "note"];
+    const sorted = [...found, ...notes].sort(([, a], [, b]) => rank.indexOf(a.severity) - rank.indexOf(b.severity));
+    this.findings.replaceChildren(...sorted.slice(0, MOST_FINDINGS).map(([name, finding]) => this.row(name, finding)));
+    if (sorted.length > MOST_FINDINGS) this.findings.append(element("li", {}, `and ${sorted.length - MOST_FINDINGS} more`));
+  }
+
+  clear(): void {
+    this.lines.clearLayers();
+    this.spot.clearLayers();
+    this.cards.replaceChildren();
+    this.findings.replaceChildren();
+  }
+
+  private row(name: string, finding: Finding): HTMLElement {
+    const text = [name, finding.told].filter(Boolean).join(": ");
+    const place = finding.place_m;
+    const told = place ? button(text, () => this.point(place), { title: "Show it on the map" }) : element("span", {}, text);
+    const code = finding.code ? [element("code", {}, finding.code)] : [];
+    return element("li", { class: finding.severity }, element("b", {}, capital(finding.severity)), told, ...code);
+  }
+
+  private point([x, y]: [number, number]): void {
+    const place = this.frame!.latLng(x, y);
+    this.spot.clearLayers();
+    L.circleMarker(place, { radius: 16, weight: 4, color: themed("danger"), fill: false, pane: "plans", interactive: false }).addTo(this.spot);
+    this.map.panTo(place);
+  }
+
+  private latLngs(ring: Ring): L.LatLng[] {
+    return Array.from({ length: ring.length / 2 }, (_, k) => this.frame!.latLng(ring[2 * k]!, ring[2 * k + 1]!));
+  }
+
+  private draw(planned: Planned): void {
+    this.lines.clearLayers();
+    this.spot.clearLayers();
+    const shared = { pane: "plans", interactive: false };
+    for (const [k, { plan }] of planned.missions.entries()) {
+      const path = this.latLngs(plan.path);
+      const [home] = [this.frame!.latLng(...planned.farm.home_m)];
+      L.polyline(path, { ...shared, color: themed("halo"), weight: 5, opacity: 0.8 }).addTo(this.lines);
+      L.polyline(path, { ...shared, color: vehicleColour(k), weight: 2.5 }).addTo(this.lines);
+      for (const end of [path[0], path.at(-1)])
+        if (end && home) L.polyline([home, end], { ...shared, color: vehicleColour(k), weight: 1.5, dashArray: "2 6" }).addTo(this.lines);
+      for (const fence of plan.fence)
+        for (const ring of fence.rings) L.polygon(this.latLngs(ring), { ...shared, color: themed("fence"), weight: 1.5, dashArray: "8 5", fill: false }).addTo(this.lines);
+    }
+  }
+}
+
+/** What is told of a plan: what, how much, and further words. */
+function figures(planned: Planned): [string, string, string][] {
+  const sum = (part: (one: Planned["vehicles"][number]) => number): number => planned.vehicles.reduce((all, one) => all + part(one), 0);
+  const { vehicles, missions } = planned;
+  const longest_s = Math.max(...vehicles.map((one) => one.time_with_changes_s ?? one.predicted_time_s));
+  const changes = vehicles.some((one) => one.time_with_changes_s !== undefined);
+  const used = Math.max(...vehicles.map((one) => one.battery_used ?? 0));
+  const batteries = vehicles.some((one) => one.batteries === null) ? null : sum((one) => one.batteries ?? 0);
+  const spacing = vehicles[0]?.spacing_m;
+  const lines: [string, string, string][] = [
+    ["Time", clock(longest_s), changes ? `${clock(sum((one) => one.predicted_time_s))} in the air, the rest for batteries` : "minutes:seconds"],
+    ["Distance", metres(sum((one) => one.length_m)), `${sum((one) => one.waypoints)} waypoints`],
+    ["Batteries", batteries === null ? "never enough" : String(batteries), `${(100 * used).toFixed(0)} % of one at most, ${sum((one) => one.predicted_energy_wh).toFixed(1)} Wh`],
+    ["Coverage", `${(100 * sum((one) => one.coverage)).toFixed(2)} %`, spacing ? `rows ${metres(spacing)} apart` : "of the land to be seen"],
+  ];
+  if (missions.length > 1) lines.splice(2, 0, ["Flights", String(missions.length), missions.map((one) => clock(one.plan.duration_s ?? 0)).slice(0, 8).join(" + ")]);
+  return lines;
+}

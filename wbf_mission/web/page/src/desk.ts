@@ -1,0 +1,140 @@
+// What the studio's page asks of the program, and what it is answered.
+import type { OptionInfo, Parameters, Values } from "./choices.js";
+import type { FarmShape, Plan } from "./schema.js";
+
+export interface Finding {
+  severity: "error" | "warning" | "note";
+  code: string;
+  where: string;
+  text: string;
+  told: string;
+  fix: string | null;
+  place_m: [number, number] | null;
+}
+
+export interface PlannedMission {
+  /** Which of several it is; empty where it is the only one. */
+  name: string;
+  plan: Plan;
+  battery_used: number | null;
+  energy_wh: number;
+  warnings: string[];
+  findings: Finding[];
+}
+
+/** Of one vehicle, over all its sorties. */
+export interface Summary {
+  vehicle: string;
+  planner: string | null;
+  budget: string;
+  predicted_time_s: number;
+  time_with_changes_s?: number;
+  length_m: number;
+  coverage: number;
+  predicted_energy_wh: number;
+  battery_used: number | null;
+  batteries: number | null;
+  spacing_m: number | null;
+  waypoints: number;
+  warnings: string[];
+}
+
+export interface Planned {
+  farm: FarmShape;
+  notes: string[];
+  missions: PlannedMission[];
+  vehicles: Summary[];
+  plan_s: number;
+  check_s: number;
+}
+
+export interface Options {
+  options: OptionInfo[];
+  farms: string[];
+  crops: string[];
+  parameters: Parameters;
+  formats: { name: string; suffix: string }[];
+  start: { farm: string; options: Values };
+}
+
+export interface FarmAnswer {
+  farm: FarmShape;
+  document: Record<string, unknown>;
+  notes: string[];
+}
+
+export interface Uploaded {
+  vehicle: string;
+  items: Record<string, number>;
+  verified: boolean;
+  accepted: boolean | null;
+  texts: string[];
+  findings: string[];
+}
+
+/** What is planned: a farm that the program knows, or one as GeoJSON. */
+export interface Draft {
+  farm: string | Record<string, unknown>;
+  options: Values;
+}
+
+/** What the program would not do, in a line. */
+export class Refused extends Error {
+  constructor(message: string, readonly superseded: boolean) {
+    super(message);
+  }
+}
+
+async function ask(path: string, init: RequestInit = {}): Promise<Response> {
+  let response: Response;
+  try {
+    response = await fetch(path, init);
+  } catch (error) {
+    if (error instanceof DOMException && error.name === "AbortError") throw new Refused("superseded", true);
+    throw new Refused("The program does not answer: is it still running?", false);
+  }
+  if (response.ok) return response;
+  const text = await response.text();
+  let told: { error?: string; superseded?: boolean } = {};
+  try {
+    told = JSON.parse(text) as typeof told;
+  } catch {
+    told = { error: text || response.statusText };
+  }
+  throw new Refused(told.error ?? response.statusText, told.superseded === true);
+}
+
+const query = (given: Record<string, string>): string => new URLSearchParams(given).toString();
+const post = (draft: Draft, signal?: AbortSignal): RequestInit => ({
+  method: "POST",
+  headers: { "Content-Type": "application/json" },
+  body: JSON.stringify(draft),
+  ...(signal ? { signal } : {}),
+});
+
+export const desk = {
+  options: async (): Promise<Options> => (await ask("api/options")).json(),
+  farm: async (name: string): Promise<FarmAnswer> => (await ask(`api/farm?${query({ name })}`)).json(),
+  read: async (file: File, more: Record<string, string>): Promise<FarmAnswer> =>
+    (await ask(`api/farm?${query({ name: file.name, ...more })}`, { method: "POST", body: file })).json(),
+  plan: async (draft: Draft, signal: AbortSignal): Promise<Planned> => (await ask("api/plan", post(draft, signal))).json(),
+  file: async (draft: Draft, mission: number, format: string): Promise<{ name: string; content: Blob }> => {
+    const response = await ask(`api/export?${query({ mission: String(mission), format })}`, post(draft));
+    const name = /filename\*=UTF-8''(.+)/.exec(response.headers.get("Content-Disposition") ?? "")?.[1];
+    return { name: decodeURIComponent(name ?? `mission${format}`), content: await response.blob() };
+  },
+  upload: async (draft: Draft, mission: number, link: string, system_id: string): Promise<Uploaded> =>
+    (await ask(`api/upload?${query({ mission: String(mission), link, system_id, confirmed: "true" })}`, post(draft))).json(),
+  fly: async (draft: Draft, pace: string): Promise<unknown> => (await ask(`api/fly?${query({ pace })}`, post(draft))).json(),
+  stop: async (): Promise<{ stopped: boolean }> => (await ask("api/stop", { method: "POST" })).json(),
+};
+
+/** Let the browser keep a file. */
+export function keep(name: string, content: Blob): void {
+  const address = URL.createObjectURL(content);
+  const link = document.createElement("a");
+  link.href = address;
+  link.download = name;
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(address), 10_000);
+}

@@ -1,0 +1,273 @@
+// Drawing and editing of a farm's shapes on a map, by pointer or by keys.
+import * as L from "leaflet";
+import { cropColour, themed } from "./colours.js";
+import { element } from "./dom.js";
+import {
+  changed, fieldAt, freeName, withoutCorner, withRing, withShape, type Kind, type Position, type Shape, type Sketch,
+} from "./sketch.js";
+
+/** What is drawn next. */
+export type Tool = "select" | "field" | "hole" | "pond" | "obstacle" | "no-fly" | "home" | "rally";
+
+/** Where a ring is to be closed, so near its first corner. */
+const CLOSE_PX = 14;
+/** Of longer rings only corners can be moved; of still longer ones the table has them. */
+const [MOST_MIDDLES, MOST_CORNERS] = [150, 600];
+/** An arrow key moves a corner so many pixels. */
+const STEP_PX = 4;
+const LONG_PRESS_MS = 650;
+
+export interface EditorHost {
+  readonly sketch: Sketch;
+  /** An edit is done. */
+  edit(sketch: Sketch, told: string): void;
+  selected: number | null;
+  select(number: number | null): void;
+  /** Say what to do next. */
+  tell(text: string): void;
+  /** The tool has done its work. */
+  toolDone(): void;
+  crop: string;
+}
+
+const latLng = ([lon, lat]: Position): L.LatLng => L.latLng(lat, lon);
+const position = ({ lat, lng }: L.LatLng): Position => [Number(lng.toFixed(9)), Number(lat.toFixed(9))];
+
+export function crops(sketch: Sketch): string[] {
+  return [...new Set(sketch.shapes.filter(({ kind }) => kind === "field").map(({ crop }) => crop))];
+}
+
+export class Editor {
+  private tool: Tool = "select";
+  private drawn: Position[] = [];
+  private readonly shapes = L.layerGroup();
+  private readonly handles = L.layerGroup();
+  private readonly rubber = L.polyline([], { className: "rubber", interactive: false, dashArray: "6 5", weight: 2 });
+  private polygons: L.Polygon[] = [];
+
+  constructor(private readonly map: L.Map, private readonly host: EditorHost) {
+    this.shapes.addTo(map);
+    this.rubber.addTo(map);
+    this.handles.addTo(map);
+    map.doubleClickZoom.disable();
+    map.on("click", (event) => this.click(event.latlng));
+    map.on("mousemove", (event) => this.follow(event.latlng));
+    map.getContainer().addEventListener("keydown", (event) => this.key(event));
+  }
+
+  get drawing(): boolean {
+    return this.drawn.length > 0;
+  }
+
+  take(tool: Tool): void {
+    this.tool = tool;
+    this.drawn = [];
+    this.map.getContainer().classList.toggle("draws", tool !== "select");
+    this.host.tell(HINTS[tool]);
+    this.show();
+  }
+
+  /** Show the sketch as it is now. */
+  show(): void {
+    const { sketch, selected } = this.host;
+    this.shapes.clearLayers();
+    const names = crops(sketch);
+    this.polygons = sketch.shapes.map((shape, number) => {
+      const own = shape.kind === "field" && shape.owner === sketch.owner;
+      const colour = shape.kind === "field" ? cropColour(shape.crop, names) : themed("obstacle");
+      const polygon = L.polygon(shape.rings.map((ring) => ring.map(latLng)), {
+        color: number === selected ? themed("accent") : themed(shape.kind === "field" ? "border-line" : "obstacle"),
+        weight: number === selected ? 3 : 1.2,
+        fillColor: colour,
+        fillOpacity: shape.kind === "field" ? (own ? 0.75 : 0.35) : shape.kind === "no-fly" ? 0.55 : 0.35,
+        ...(shape.kind === "no-fly" ? { dashArray: "3 4" } : {}),
+      });
+      polygon.on("click", (event) => {
+        if (this.tool !== "select") return;
+        L.DomEvent.stopPropagation(event);
+        this.host.select(number);
+      });
+      return polygon.addTo(this.shapes);
+    });
+    for (const [place, letter, label] of this.points(sketch)) {
+      const icon = L.divIcon({ html: element("span", {}, letter), className: "place", iconSize: [22, 22] });
+      const marker = L.marker(latLng(place), { icon, draggable: true, title: label, alt: label }).addTo(this.shapes);
+      marker.on("dragend", () => this.movePoint(place, position(marker.getLatLng())));
+    }
+    this.showHandles();
+    this.showRubber();
+  }
+
+  /** Finish a ring with Enter, take back its last corner with Backspace, end with Escape. */
+  key(event: KeyboardEvent): void {
+    if (event.key === "Escape" && (this.drawing || this.tool !== "select")) {
+      if (this.drawing) this.take(this.tool);
+      else this.host.toolDone();
+    } else if (event.key === "Enter" && this.drawing) this.close();
+    else if (event.key === "Backspace" && this.drawing) {
+      this.drawn = this.drawn.slice(0, -1);
+      this.show();
+    } else if (event.key === "Enter" && this.tool !== "select" && event.target === this.map.getContainer())
+      this.click(this.map.getCenter());
+    else return;
+    event.preventDefault();
+    event.stopPropagation();
+  }
+
+  private points(sketch: Sketch): [Position, string, string][] {
+    const rally = sketch.rally.map((place, k): [Position, string, string] => [place, "R", `Rally point ${k + 1}`]);
+    return sketch.home ? [[sketch.home, "H", "Home"], ...rally] : rally;
+  }
+
+  private movePoint(from: Position, to: Position): void {
+    const { sketch } = this.host;
+    if (sketch.home === from) this.host.edit(changed(sketch, { home: to }), "Home moved");
+    else this.host.edit(changed(sketch, { rally: sketch.rally.map((one) => (one === from ? to : one)) }), "Rally point moved");
+  }
+
+  private click(place: L.LatLng): void {
+    const { sketch } = this.host;
+    if (this.tool === "select") return this.host.select(null);
+    if (this.tool === "home") {
+      this.host.edit(changed(sketch, { home: position(place) }), "Home placed");
+      return this.host.toolDone();
+    }
+    if (this.tool === "rally") {
+      this.host.edit(changed(sketch, { rally: [...sketch.rally, position(place)] }), "Rally point placed");
+      return this.host.toolDone();
+    }
+    const first = this.drawn[0];
+    const near = first && this.map.latLngToContainerPoint(latLng(first)).distanceTo(this.map.latLngToContainerPoint(place)) <= CLOSE_PX;
+    if (near && this.drawn.length >= 3) return this.close();
+    if (near && this.drawn.length > 0) return;
+    this.drawn = [...this.drawn, position(place)];
+    const count = this.drawn.length;
+    this.host.tell(count < 3 ? `${count} of at least 3 corners` : `${count} corners; Enter or the first corner closes`);
+    this.show();
+  }
+
+  private follow(place: L.LatLng): void {
+    if (this.drawing) this.rubber.setLatLngs([...this.drawn.map(latLng), place]);
+  }
+
+  private close(): void {
+    const [ring, { sketch }] = [this.drawn, this.host];
+    if (ring.length < 3) return this.host.tell("A shape has at least 3 corners");
+    this.drawn = [];
+    if (this.tool === "hole") {
+      const number = fieldAt(sketch, ring[0]!);
+      if (number === null) {
+        this.show();
+        return this.host.tell("A hole begins on a field: there is none at its first corner");
+      }
+      this.host.edit(withShape(sketch, number, { rings: [...sketch.shapes[number]!.rings, ring] }), "Hole drawn");
+      this.host.select(number);
+    } else {
+      const shape = this.shapeOf(ring);
+      this.host.edit(changed(sketch, { shapes: [...sketch.shapes, shape] }), `${shape.name} drawn`);
+      this.host.select(sketch.shapes.length);
+    }
+    this.host.toolDone();
+  }
+
+  private shapeOf(ring: Position[]): Shape {
+    const { sketch, crop } = this.host;
+    const kind: Kind = this.tool === "obstacle" || this.tool === "no-fly" ? this.tool : "field";
+    const grown = this.tool === "pond" ? "pond" : crop;
+    const name = freeName(sketch, this.tool === "no-fly" ? "no-fly zone" : this.tool);
+    const owner = kind === "field" ? sketch.owner : "";
+    return { name, kind, crop: kind === "field" ? grown : "", owner, height_m: kind === "obstacle" ? 5 : null, margin_m: null, rings: [ring] };
+  }
+
+  private showRubber(): void {
+    this.rubber.setStyle({ color: themed("accent") });
+    this.rubber.setLatLngs(this.drawn.map(latLng));
+    for (const [k, place] of this.drawn.entries())
+      L.circleMarker(latLng(place), { radius: k ? 4 : 7, color: themed("accent"), fillOpacity: k ? 1 : 0.3, interactive: false }).addTo(this.handles);
+  }
+
+  private showHandles(): void {
+    this.handles.clearLayers();
+    const { sketch, selected } = this.host;
+    const shape = selected === null ? undefined : sketch.shapes[selected];
+    if (selected === null || !shape || this.tool !== "select") return;
+    const count = shape.rings.reduce((sum, ring) => sum + ring.length, 0);
+    if (count > MOST_CORNERS) return this.host.tell(`${count} corners are too many to move one by one: the table has them`);
+    for (const [r, ring] of shape.rings.entries())
+      for (const [k, corner] of ring.entries()) {
+        this.corner(selected, r, k, corner);
+        const next = ring[(k + 1) % ring.length]!;
+        if (count <= MOST_MIDDLES) this.middle(selected, r, k, [(corner[0] + next[0]) / 2, (corner[1] + next[1]) / 2]);
+      }
+  }
+
+  private handle(place: Position, className: string, label: string): L.Marker {
+    const size: L.PointTuple = className === "corner" ? [14, 14] : [10, 10];
+    const icon = L.divIcon({ html: "", className: `handle ${className}`, iconSize: size });
+    const marker = L.marker(latLng(place), { icon, draggable: true, title: label, alt: label, zIndexOffset: 500 });
+    return marker.addTo(this.handles);
+  }
+
+  private corner(number: number, r: number, k: number, corner: Position): void {
+    const ring = this.host.sketch.shapes[number]!.rings[r]!;
+    const marker = this.handle(corner, "corner", `Corner ${k + 1}`);
+    const moved = (place: L.LatLng): Position[] => ring.map((one, n) => (n === k ? position(place) : one));
+    const remove = (): void => this.host.edit(withoutCorner(this.host.sketch, number, r, k), "Corner deleted");
+    marker.on("drag", () => this.preview(number, r, moved(marker.getLatLng())));
+    marker.on("dragend", () => this.host.edit(withRing(this.host.sketch, number, r, moved(marker.getLatLng())), "Corner moved"));
+    marker.on("contextmenu", remove);
+    let timer = 0;
+    const dom = marker.getElement()!;
+    dom.addEventListener("pointerdown", (event) => {
+      if (event.pointerType === "touch") timer = window.setTimeout(remove, LONG_PRESS_MS);
+    });
+    for (const end of ["pointerup", "pointercancel", "pointermove"]) dom.addEventListener(end, () => clearTimeout(timer));
+    dom.addEventListener("keydown", (event) => {
+      const step = ARROWS[event.key];
+      if (step) {
+        const to = this.map.latLngToContainerPoint(marker.getLatLng()).add(L.point(step).multiplyBy(STEP_PX));
+        this.host.edit(withRing(this.host.sketch, number, r, moved(this.map.containerPointToLatLng(to))), "Corner moved");
+      } else if (event.key === "Delete" || event.key === "Backspace") remove();
+      else return;
+      event.preventDefault();
+      event.stopPropagation();
+      const corners = this.map.getContainer().querySelectorAll<HTMLElement>(".corner");
+      corners[Math.min(this.cornersBefore(number, r) + k, corners.length - 1)]?.focus();
+    });
+  }
+
+  private cornersBefore(number: number, r: number): number {
+    return this.host.sketch.shapes[number]?.rings.slice(0, r).reduce((sum, ring) => sum + ring.length, 0) ?? 0;
+  }
+
+  private middle(number: number, r: number, k: number, place: Position): void {
+    const ring = this.host.sketch.shapes[number]!.rings[r]!;
+    const marker = this.handle(place, "middle", `New corner after corner ${k + 1}`);
+    const inserted = (): Position[] => [...ring.slice(0, k + 1), position(marker.getLatLng()), ...ring.slice(k + 1)];
+    const insert = (): void => this.host.edit(withRing(this.host.sketch, number, r, inserted()), "Corner added");
+    marker.on("drag", () => this.preview(number, r, inserted()));
+    marker.on("dragend click", insert);
+  }
+
+  /** Show a ring while it is dragged. */
+  private preview(number: number, r: number, ring: Position[]): void {
+    const rings = this.host.sketch.shapes[number]!.rings.map((one, k) => (k === r ? ring : one));
+    this.polygons[number]?.setLatLngs(rings.map((one) => one.map(latLng)));
+  }
+}
+
+const ARROWS: Record<string, L.PointTuple> = {
+  ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1],
+};
+
+const RING = "click its corners, then the first one again, or Enter; Backspace takes one back, Escape ends";
+const HINTS: Record<Tool, string> = {
+  select: "",
+  field: `Field: ${RING}`,
+  hole: `Hole in a field: ${RING}`,
+  pond: `Pond: ${RING}`,
+  obstacle: `Obstacle: ${RING}`,
+  "no-fly": `No-fly zone: ${RING}`,
+  home: "Home: click where the vehicle takes off and lands",
+  rally: "Rally point: click where a vehicle may land when it cannot come home",
+};

@@ -1,0 +1,263 @@
+// The studio: a farm is drawn, options are chosen, and the plan follows.
+import * as L from "leaflet";
+import { Answer } from "./answer.js";
+import { Choices } from "./choices.js";
+import { desk, keep, Refused, type Draft, type FarmAnswer, type Options, type Planned } from "./desk.js";
+import { button, element, setText } from "./dom.js";
+import { Editor, type EditorHost, type Tool } from "./editor.js";
+import { Outline } from "./outline.js";
+import { documentOf, emptySketch, History, sketchOf, type Sketch } from "./sketch.js";
+import { Takeaway } from "./takeaway.js";
+import { capital } from "./text.js";
+
+/** Changes that follow each other so quickly are planned together. */
+const WAIT_MS = 150;
+const CLOSEST = 27;
+const TOOLS: [Tool, string][] = [
+  ["select", "Select"], ["field", "Field"], ["hole", "Hole"], ["pond", "Pond"], ["obstacle", "Obstacle"],
+  ["no-fly", "No-fly zone"], ["home", "Home"], ["rally", "Rally point"],
+];
+const FILES = ".geojson,.json,.kml,.kmz,.shp,.zip,.gpkg,.gpx";
+
+class Studio implements EditorHost {
+  selected: number | null = null;
+  crop = "strawberry";
+  private readonly history = new History(emptySketch("new farm"));
+  private readonly map: L.Map;
+  private readonly editor: Editor;
+  private readonly answer: Answer;
+  private readonly outline: Outline;
+  private readonly choices: Choices;
+  private readonly takeaway: Takeaway;
+  private readonly title = element("h1", {}, "Studio");
+  private readonly hint = element("output", { class: "hint", "aria-live": "polite" });
+  private readonly state = element("span", { class: "pill", role: "status" });
+  private readonly problem = element("p", { class: "lost", role: "alert" });
+  private readonly results = element("section", { class: "results", "aria-label": "The plan" });
+  private readonly tools = new Map<Tool, HTMLButtonElement>();
+  private readonly undoButton = button("Undo", () => this.travel("undo"), { title: "Ctrl+Z" });
+  private readonly redoButton = button("Redo", () => this.travel("redo"), { title: "Ctrl+Shift+Z" });
+  private readonly farms: HTMLSelectElement;
+  private timer = 0;
+  private asking: AbortController | null = null;
+
+  constructor(private readonly root: HTMLElement, private readonly options: Options) {
+    const room = element("div", { class: "map", tabindex: "0", role: "application", "aria-label": "Map of the farm; arrow keys move it, plus and minus zoom, with a tool Enter sets a corner in its middle" });
+    const stage = element("div", { class: "stage" }, room, this.hint);
+    this.results.append(this.problem);
+    this.choices = new Choices(options.options, options.parameters, { ...options.start.options }, () => this.planSoon());
+    this.takeaway = new Takeaway(() => this.draft, options);
+    this.outline = new Outline(this, options.crops);
+    this.farms = element("select", { id: "farms" }, ...options.farms.map((name) => element("option", { value: name }, name)));
+    const file = this.filePicker();
+    const side = element("aside", { class: "side", "aria-label": "Farm, options and what to do with the plan" },
+      panel("Farm", this.farmLine(file), this.toolbar(), this.outline.element),
+      panel("Plan", this.choices.element),
+      panel("Take it along", this.takeaway.element));
+    root.replaceChildren(
+      element("header", { class: "top" }, this.title, this.undoButton, this.redoButton, this.state),
+      element("main", { class: "middle" }, stage, this.results),
+      side,
+    );
+    this.map = L.map(room, { attributionControl: false, zoomControl: false, zoomSnap: 0.25, maxZoom: CLOSEST, wheelPxPerZoomLevel: 90 });
+    L.control.zoom({ position: "topright" }).addTo(this.map);
+    L.control.scale({ position: "bottomright", imperial: false }).addTo(this.map);
+    this.map.setView([28.05, -82.15], 16, { animate: false });
+    this.answer = new Answer(this.map);
+    this.results.append(this.answer.cards, this.answer.findings);
+    this.editor = new Editor(this.map, this);
+    document.addEventListener("keydown", (event) => this.key(event));
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.editor.show());
+    this.dropping(file);
+    this.take("select");
+    void this.open(() => desk.farm(options.start.farm), options.start.farm);
+  }
+
+  // --- What the editor and the list of shapes ask for ---
+
+  get sketch(): Sketch {
+    return this.history.now;
+  }
+
+  edit(sketch: Sketch, told: string): void {
+    this.history.push(sketch);
+    this.tell(told);
+    this.show();
+    this.planSoon();
+  }
+
+  select(number: number | null): void {
+    this.selected = number;
+    this.show();
+  }
+
+  tell(text: string): void {
+    setText(this.hint, text);
+  }
+
+  toolDone(): void {
+    this.take("select");
+  }
+
+  // --- The farm ---
+
+  private farmLine(file: HTMLInputElement): HTMLElement {
+    this.farms.addEventListener("change", () => void this.open(() => desk.farm(this.farms.value), this.farms.value));
+    const fresh = button("New farm", () => this.begin(emptySketch("new farm"), []), { title: "Begin with an empty map, here" });
+    const load = button("Open file …", () => file.click());
+    const save = button("Save farm", () => {
+      const text = JSON.stringify(documentOf(this.sketch), null, 1);
+      keep(`${this.sketch.name.replace(/[^\p{L}\p{N}-]+/gu, "-") || "farm"}.geojson`, new Blob([text], { type: "application/geo+json" }));
+    });
+    return element("div", { class: "farm" }, element("label", { for: "farms" }, "Farm"), this.farms, element("div", { class: "line" }, fresh, load, save), file);
+  }
+
+  private filePicker(): HTMLInputElement {
+    const file = element("input", { type: "file", accept: FILES, class: "hidden", "aria-label": "Farm file", tabindex: "-1" });
+    file.addEventListener("change", () => {
+      const [chosen] = file.files ?? [];
+      file.value = "";
+      if (chosen) void this.open(() => desk.read(chosen, {}), null);
+    });
+    return file;
+  }
+
+  private dropping(file: HTMLInputElement): void {
+    this.root.addEventListener("dragover", (event) => event.preventDefault());
+    this.root.addEventListener("drop", (event) => {
+      event.preventDefault();
+      const chosen = event.dataTransfer?.files[0];
+      if (chosen && !file.disabled) void this.open(() => desk.read(chosen, {}), null);
+    });
+  }
+
+  private async open(load: () => Promise<FarmAnswer>, known: string | null): Promise<void> {
+    try {
+      const { document, notes } = await load();
+      this.begin(sketchOf(document, known), notes);
+      this.fit();
+    } catch (error) {
+      this.refused(error);
+    }
+  }
+
+  private begin(sketch: Sketch, notes: string[]): void {
+    this.history.restart(sketch);
+    this.selected = null;
+    if (sketch.known === null) this.farms.selectedIndex = -1;
+    else if (this.options.farms.includes(sketch.known)) this.farms.value = sketch.known;
+    this.take(sketch.shapes.length ? "select" : "field");
+    if (notes.length) this.tell(notes.join("; "));
+    this.planSoon();
+  }
+
+  private fit(): void {
+    const corners = this.sketch.shapes.flatMap(({ rings }) => rings[0]!.map(([lon, lat]) => L.latLng(lat, lon)));
+    if (corners.length) this.map.fitBounds(L.latLngBounds(corners), { padding: [30, 30], maxZoom: CLOSEST - 2, animate: false });
+  }
+
+  private toolbar(): HTMLElement {
+    const bar = element("div", { class: "tools", role: "toolbar", "aria-label": "Draw" });
+    for (const [tool, label] of TOOLS) {
+      const one = button(label, () => this.take(tool), { "aria-pressed": "false" });
+      this.tools.set(tool, one);
+      bar.append(one);
+    }
+    const crop = element("input", { type: "text", id: "new-crop", list: "new-crops", maxlength: "40" });
+    crop.value = this.crop;
+    crop.addEventListener("change", () => (this.crop = crop.value.trim().toLowerCase() || this.crop));
+    const names = element("datalist", { id: "new-crops" }, ...this.options.crops.map((name) => element("option", { value: name })));
+    return element("div", {}, bar, element("label", { class: "crop", for: "new-crop" }, "Crop of new fields", crop), names);
+  }
+
+  private take(tool: Tool): void {
+    for (const [name, one] of this.tools) one.setAttribute("aria-pressed", String(name === tool));
+    if (tool !== "select") this.selected = null;
+    this.editor.take(tool);
+    this.show();
+  }
+
+  private travel(way: "undo" | "redo"): void {
+    this.history[way]();
+    if (this.selected !== null && this.selected >= this.sketch.shapes.length) this.selected = null;
+    this.tell(way === "undo" ? "Undone" : "Done again");
+    this.show();
+    this.planSoon();
+  }
+
+  private key(event: KeyboardEvent): void {
+    const typing = event.target instanceof HTMLInputElement && event.target.type !== "checkbox";
+    if (typing) return;
+    if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "z") this.travel(event.shiftKey ? "redo" : "undo");
+    else if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "y") this.travel("redo");
+    else return this.editor.key(event);
+    event.preventDefault();
+  }
+
+  private show(): void {
+    this.editor.show();
+    this.outline.show();
+    this.undoButton.disabled = !this.history.canUndo;
+    this.redoButton.disabled = !this.history.canRedo;
+    setText(this.title, `Studio: ${this.sketch.name}`);
+    document.title = `${this.sketch.name} · studio`;
+  }
+
+  // --- The plan ---
+
+  private get draft(): Draft {
+    return { farm: this.sketch.known ?? documentOf(this.sketch), options: this.choices.given };
+  }
+
+  private planSoon(): void {
+    clearTimeout(this.timer);
+    this.root.classList.add("stale");
+    this.timer = window.setTimeout(() => void this.plan(), WAIT_MS);
+  }
+
+  private async plan(): Promise<void> {
+    this.asking?.abort();
+    this.takeaway.show(null);
+    if (!this.sketch.shapes.some(({ kind }) => kind === "field")) {
+      this.answer.clear();
+      setText(this.problem, "");
+      return setText(this.state, "draw a field");
+    }
+    const asking = (this.asking = new AbortController());
+    setText(this.state, "planning …");
+    try {
+      const planned = await desk.plan(this.draft, asking.signal);
+      if (asking !== this.asking) return;
+      this.showPlan(planned);
+    } catch (error) {
+      if (asking === this.asking) this.refused(error);
+    }
+  }
+
+  private showPlan(planned: Planned): void {
+    this.root.classList.remove("stale");
+    setText(this.problem, "");
+    this.answer.show(planned);
+    this.takeaway.show(planned);
+    setText(this.state, `planned in ${(planned.plan_s + planned.check_s).toFixed(1)} s`);
+    this.state.dataset["state"] = planned.missions.some(({ findings }) => findings.some(({ severity }) => severity === "error")) ? "bad" : "good";
+  }
+
+  private refused(error: unknown): void {
+    if (!(error instanceof Refused)) throw error;
+    if (error.superseded) return setText(this.state, "another page plans now");
+    this.answer.clear();
+    setText(this.state, "no plan");
+    setText(this.problem, capital(error.message));
+  }
+}
+
+function panel(title: string, ...children: Node[]): HTMLElement {
+  return element("section", { class: "panel", "aria-label": title }, element("h2", {}, title), ...children);
+}
+
+const root = document.getElementById("studio")!;
+void desk.options().then(
+  (options) => new Studio(root, options),
+  (error: unknown) => root.replaceChildren(element("p", { class: "lost", role: "alert" }, String(error))),
+);

@@ -1,0 +1,105 @@
+// What is done with a plan: files, an upload to a vehicle, a flight in the simulator.
+import { desk, keep, Refused, type Draft, type Options, type Planned } from "./desk.js";
+import { button, element, setText } from "./dom.js";
+import { capital } from "./text.js";
+
+const LINK = "udpin:127.0.0.1:14550";
+
+export class Takeaway {
+  readonly element = element("div", { class: "takeaway" });
+  private readonly mission = element("select", { "aria-label": "Which flight" });
+  private readonly format: HTMLSelectElement;
+  private readonly pace = element("select", { id: "pace" });
+  private readonly told = element("p", { class: "told", role: "status" });
+  private readonly buttons: HTMLButtonElement[];
+  private readonly watch = element("a", { class: "watch", href: "live", target: "wbf-mission-live", hidden: "" }, "Watch the flight");
+  private readonly stop = button("Stop", () => void this.act("", async () => ((await desk.stop()).stopped ? "The flight is stopped" : "Nothing flies")), { hidden: "" });
+  private planned: Planned | null = null;
+
+  constructor(private readonly draft: () => Draft, { formats }: Options) {
+    this.format = element("select", { "aria-label": "Format of the file" }, ...formats.map(({ name, suffix }) => element("option", { value: suffix }, `${name} (${suffix})`)));
+    for (const [value, label] of [["1", "real time"], ["10", "10 times as fast"], ["60", "60 times as fast"], ["", "as fast as it goes"]])
+      this.pace.append(element("option", { value: value! }, label!));
+    this.pace.value = "10";
+    const save = button("Save file", () => void this.act("", () => this.save()));
+    const upload = button("Upload to a vehicle …", () => this.askUpload());
+    const fly = button("Fly it in the simulator", () => void this.act("Preparing the flight …", () => this.fly()), { class: "main" });
+    this.buttons = [save, upload, fly];
+    this.element.append(
+      element("div", { class: "line" }, this.mission, this.format, save),
+      element("div", { class: "line" }, upload),
+      element("div", { class: "line" }, element("label", { for: "pace" }, "Speed"), this.pace, fly, this.watch, this.stop),
+      this.told,
+    );
+    this.show(null);
+  }
+
+  show(planned: Planned | null): void {
+    this.planned = planned;
+    const chosen = this.mission.value;
+    this.mission.replaceChildren(...(planned?.missions ?? []).map(({ name }, k) => element("option", { value: String(k) }, capital(name) || "Mission")));
+    if (Number(chosen) < (planned?.missions.length ?? 0)) this.mission.value = chosen;
+    this.mission.hidden = (planned?.missions.length ?? 0) < 2;
+    for (const one of this.buttons) one.disabled = planned === null;
+  }
+
+  private get number(): number {
+    return Number(this.mission.value || 0);
+  }
+
+  private async act(begin: string, work: () => Promise<string>): Promise<void> {
+    this.told.classList.remove("bad");
+    setText(this.told, begin);
+    try {
+      setText(this.told, await work());
+    } catch (error) {
+      if (!(error instanceof Refused)) throw error;
+      this.told.classList.add("bad");
+      setText(this.told, capital(error.message));
+    }
+  }
+
+  private async save(): Promise<string> {
+    const { name, content } = await desk.file(this.draft(), this.number, this.format.value);
+    keep(name, content);
+    return `Saved as ${name}`;
+  }
+
+  private async fly(): Promise<string> {
+    await desk.fly(this.draft(), this.pace.value);
+    this.watch.hidden = this.stop.hidden = false;
+    this.watch.focus();
+    return "It flies: watch it on the live page.";
+  }
+
+  private askUpload(): void {
+    const mission = this.planned?.missions[this.number];
+    if (!mission) return;
+    const link = element("input", { type: "text", required: "", autocomplete: "off" });
+    link.value = LINK;
+    const system = element("input", { type: "number", min: "1", max: "255", placeholder: "the first one heard" });
+    const sure = element("input", { type: "checkbox", required: "" });
+    const items = mission.plan.items.length;
+    const title = element("h2", { id: "upload-title" }, "Upload to a vehicle");
+    const form = element("form", { method: "dialog" }, title,
+      element("p", {}, `${items} mission items${mission.plan.fence.length ? " and the fence" : ""} replace what the vehicle holds. It is asked and checked before, and read back afterwards. Nothing starts.`),
+      element("label", {}, "Link (udpin:, udpout:, tcp:, tcpin: or serial:)", link),
+      element("label", {}, "System id", system),
+      element("label", { class: "check" }, sure, "Replace the vehicle's mission"));
+    const cancel = button("Cancel", () => dialog.close());
+    const send = element("button", { type: "submit", class: "starts" }, "Upload");
+    form.append(element("div", { class: "orders" }, cancel, send));
+    const dialog = element("dialog", { "aria-labelledby": "upload-title" }, form);
+    form.addEventListener("submit", () => void this.act("Waiting for the vehicle …", () => this.upload(link.value.trim(), system.value)));
+    dialog.addEventListener("close", () => dialog.remove());
+    document.body.append(dialog);
+    dialog.showModal();
+  }
+
+  private async upload(link: string, system_id: string): Promise<string> {
+    const report = await desk.upload(this.draft(), this.number, link, system_id);
+    const counts = Object.entries(report.items).map(([name, count]) => `${name} ${count}`).join(", ");
+    const rejected = report.accepted === false ? ` The vehicle holds it but would not fly it: ${report.texts.at(-1) ?? "it says no reason"}.` : "";
+    return `Uploaded to ${report.vehicle} (${counts} items) and read back: ${report.verified ? "equal" : "not equal"}.${rejected}`;
+  }
+}

@@ -1,0 +1,369 @@
+"""The studio: the requests of a page on which somebody draws a farm, plans over it, uploads and flies."""
+
+from __future__ import annotations
+
+import contextlib
+import inspect
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any, TypeAlias, get_args
+from urllib.parse import quote
+
+import msgspec
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import FileResponse, Response
+from starlette.routing import Route
+
+from geo import Farm
+from geo.errors import WbfMissionError
+from geo.grid import Crop
+from geo.texts import one_line, parse_number
+from mission.files import mission_formats
+from mission.planners import make_planner
+from mission.planners.registry import planner_parameters
+from mission.policies.policy import policy_parameters
+from mission.transfer.vehicles import Vehicle
+from wbf_mission.events import EventStream, Planned, Progressed, RunEnded, VehicleMoved
+from wbf_mission.flight import fly
+from wbf_mission.live.discovery import fitted_to
+from wbf_mission.live.uploading import upload_checked
+from wbf_mission.preflight.inquiry import VehicleSnapshot
+from wbf_mission.preflight.subject import Circumstances
+from wbf_mission.scenario import Scenario, scenario_with
+from wbf_mission.scenario.choice import names_of
+from wbf_mission.scenario.option import Option
+from wbf_mission.web.drafts import (
+    MAX_BODY_BYTES,
+    NAMED,
+    DraftError,
+    Drafts,
+    PlannedDraft,
+    PlannedMission,
+    SupersededError,
+    draft_options,
+    known_names,
+)
+from wbf_mission.web.shapes import farm_shape, plan_shape
+from wbf_mission.web.view import View
+
+_FIRST = ("planner", "policy", "budget", "vehicle", "autopilot", "wind_speed_m_s", "wind_direction_deg")
+"""Options that everybody looks at; the others are in their panels."""
+_TYPES = {bool: "flag", int: "whole", float: "number"}
+Handler: TypeAlias = Callable[[Request, bytes], Any]
+
+
+class Studio:
+    """Answers the requests of the studio's page.
+
+    Parameters
+    ----------
+    start : Scenario
+        With what the page begins.
+    show : callable
+        Takes the view of each flight, which the live page then shows.
+    """
+
+    def __init__(self, start: Scenario, show: Callable[[View], None]) -> None:
+        self.drafts = Drafts(start)
+        self._flight = _Flight(show)
+
+    def close(self) -> None:
+        """End the flight, if there is one, and remove the files."""
+        self._flight.stop()
+        self.drafts.close()
+
+    def warm_up(self) -> None:
+        """Plan what the page begins with, so that it is there, and all is compiled, when it asks."""
+        body = msgspec.json.encode({"farm": self.drafts.start.farm.name, "options": self._given()})
+        threading.Thread(target=self._plan_quietly, args=(body,), name="studio-warm-up", daemon=True).start()
+
+    def routes(self, page: Path) -> list[Route]:
+        """Return the routes of the page, a file, and of what it asks."""
+
+        async def studio(_request: Request) -> Response:
+            return FileResponse(page)
+
+        return [
+            Route("/studio", studio),
+            Route("/api/options", _answering(self.options), methods=["GET"]),
+            Route("/api/farm", _answering(self.named_farm), methods=["GET"]),
+            Route("/api/farm", _answering(self.farm), methods=["POST"]),
+            Route("/api/plan", _answering(self.plan), methods=["POST"]),
+            Route("/api/export", _answering(self.export), methods=["POST"]),
+            Route("/api/upload", _answering(self.upload), methods=["POST"]),
+            Route("/api/fly", _answering(self.fly), methods=["POST"]),
+            Route("/api/stop", _answering(self.stop), methods=["POST"]),
+        ]
+
+    def options(self, _request: Request, _body: bytes) -> Any:
+        """Return what can be chosen, and with what the page begins."""
+        return {
+            "options": [_told(key, one) for key, one in draft_options().items()],
+            "farms": names_of("farm"),
+            "crops": [str(crop) for crop in Crop if crop is not Crop.NONE],
+            "parameters": {
+                "planner": {
+                    one: _parameters(planner_parameters(make_planner(one))) for one in names_of("planner")
+                },
+                "policy": {one: _parameters(policy_parameters(one)) for one in names_of("policy")},
+            },
+            "formats": [
+                {"name": one.name, "suffix": one.suffixes[0]} for one in mission_formats() if one.dumps
+            ],
+            "start": {"farm": self.drafts.start.farm.name, "options": self._given()},
+        }
+
+    def named_farm(self, request: Request, _body: bytes) -> Any:
+        """Return a farm by its name, as it is drawn and edited."""
+        farm = self.drafts.farm_named(request.query_params.get("name", ""))
+        return _farm(farm, self.drafts.document(farm))
+
+    def farm(self, request: Request, body: bytes) -> Any:
+        """Return the farm of a file's content."""
+        asked = request.query_params
+        return _farm(
+            *self.drafts.farm_of_file(
+                body,
+                asked.get("name", "farm.geojson"),
+                crop=asked.get("crop") or None,
+                crs=asked.get("crs") or None,
+                repair=asked.get("repair") == "true",
+            )
+        )
+
+    def plan(self, _request: Request, body: bytes) -> Any:
+        """Plan and check a draft."""
+        found = self.drafts.plan(self.drafts.draft(body))
+        return {
+            "farm": farm_shape(found.draft.farm),
+            "notes": list(found.draft.farm.notes),
+            "missions": [_mission(one) for one in found.missions],
+            "vehicles": [
+                result.summary() if cut is None else cut.summary()
+                for result, cut in zip(found.results, found.cuts, strict=True)
+            ],
+            "plan_s": found.plan_s,
+            "check_s": found.check_s,
+        }
+
+    def export(self, request: Request, body: bytes) -> Response:
+        """Return a mission's file."""
+        found = self.drafts.plan(self.drafts.draft(body))
+        suffix = request.query_params.get("format", ".plan")
+        name, content = found.file(_mission_asked(request), suffix, self.drafts.folder)
+        headers = {"Content-Disposition": f"attachment; filename*=UTF-8''{quote(name)}"}
+        return Response(content, media_type="application/octet-stream", headers=headers)
+
+    def upload(self, request: Request, body: bytes) -> Any:
+        """Upload a mission to a vehicle behind a link, which was confirmed; it is read back and compared."""
+        link = request.query_params.get("link", "")
+        found = self.drafts.plan(self.drafts.draft(body))
+        one = found.mission(_mission_asked(request))
+        if request.query_params.get("confirmed") != "true":
+            raise DraftError(f"confirm that {len(one.plan.mission.items)} items are sent to {link}")
+        system_id = _number(request, "system_id", 1, 255)
+        return _upload(found, one, link, None if system_id is None else int(system_id))
+
+    def fly(self, request: Request, body: bytes) -> Any:
+        """Fly a draft in the simulator; the live page shows it."""
+        pace = _number(request, "pace", 0.01, 1e6)
+        found = self.drafts.plan(self.drafts.draft(body))
+        self._flight.start(found.flown(self.drafts.folder), pace)
+        return {}
+
+    def stop(self, _request: Request, _body: bytes) -> Any:
+        """End the flight."""
+        return {"stopped": self._flight.stop()}
+
+    def _given(self) -> dict[str, Any]:
+        """Return the options of the beginning that are not at their defaults, as the page gives them."""
+        usual, start = Scenario(), self.drafts.start
+        return {key: _plain(start[key]) for key in draft_options() if start[key] != usual[key]}
+
+    def _plan_quietly(self, body: bytes) -> None:
+        with contextlib.suppress(WbfMissionError):
+            self.drafts.plan(self.drafts.draft(body))
+
+
+class _Flight:
+    """The flight in the simulator: one at a time."""
+
+    def __init__(self, show: Callable[[View], None]) -> None:
+        self._show = show
+        self._thread: threading.Thread | None = None
+        self._stopping = threading.Event()
+        self._lock = threading.Lock()
+
+    def start(self, scenario: Scenario, pace: float | None) -> None:
+        """Fly, in place of what flies now."""
+        with self._lock:
+            self._end()
+            view, stopping = View(), threading.Event()
+            self._stopping = stopping
+            self._show(view)
+            work = partial(_fly, scenario, pace, view, stopping)
+            self._thread = threading.Thread(target=work, name="studio-flight", daemon=True)
+            self._thread.start()
+
+    def stop(self) -> bool:
+        """End the flight; return whether there was one."""
+        with self._lock:
+            return self._end()
+
+    def _end(self) -> bool:
+        if self._thread is None or not self._thread.is_alive():
+            return False
+        self._stopping.set()
+        self._thread.join()
+        return True
+
+
+def _fly(scenario: Scenario, pace: float | None, view: View, stopping: threading.Event) -> None:
+    """Fly until the end, or until it is to stop: what was flown is estimated then, as at Ctrl-C."""
+    events = EventStream()
+    events.listen(view.take)
+
+    def check(_event: object) -> None:
+        if stopping.is_set():
+            raise KeyboardInterrupt
+
+    events.listen(check, VehicleMoved, Progressed)
+    try:
+        fly(scenario, events=events, pace=pace)
+    except WbfMissionError as error:
+        view.take(RunEnded(0.0, "failed", one_line(str(error))))
+    except KeyboardInterrupt:
+        view.take(RunEnded(0.0, "interrupted", "stopped before the start"))
+
+
+def _answering(work: Handler) -> Callable[[Request], Any]:
+    """Return an endpoint that answers with JSON what a function finds, and in one line what is wrong."""
+
+    async def answer(request: Request) -> Response:
+        body = bytearray()
+        async for part in request.stream():
+            body += part
+            if len(body) > MAX_BODY_BYTES:
+                return _json({"error": f"more than {MAX_BODY_BYTES >> 20} MiB: draw with fewer points"}, 413)
+        try:
+            found = await run_in_threadpool(work, request, bytes(body))
+        except SupersededError as error:
+            return _json({"error": str(error), "superseded": True}, 409)
+        except WbfMissionError as error:
+            return _json({"error": one_line(str(error))}, 400)
+        return found if isinstance(found, Response) else _json(found)
+
+    return answer
+
+
+def _json(value: Any, status: int = 200) -> Response:
+    return Response(msgspec.json.encode(value), status_code=status, media_type="application/json")
+
+
+def _farm(farm: Farm, document: bytes) -> dict[str, Any]:
+    """Return a farm as it is drawn, and as it is edited."""
+    return {"farm": farm_shape(farm), "document": msgspec.Raw(document), "notes": list(farm.notes)}
+
+
+def _mission(one: PlannedMission) -> dict[str, Any]:
+    """Return what one vehicle flies in one sortie, and what was found in it."""
+    plan, prediction = one.plan, one.plan.prediction
+    told = Planned(
+        *(0.0, 0, 1, one.system_id, plan.mission, plan.path_m),
+        duration_s=prediction.duration_s,
+        length_m=plan.length_m,
+        coverage=plan.coverage,
+    )
+    return {
+        "name": one.name,
+        "plan": plan_shape(told, plan.farm),
+        "battery_used": plan.battery_used,
+        "energy_wh": prediction.energy_wh,
+        "warnings": plan.warnings,
+        "findings": [
+            {**each.summary(), "where": each.where, "told": str(each), "place_m": one.place_of(each)}
+            for each in one.report.findings
+        ],
+    }
+
+
+def _upload(found: PlannedDraft, one: PlannedMission, link: str, system_id: int | None) -> dict[str, Any]:
+    """Upload a mission; WbfMissionError if there are errors in it, or it does not arrive."""
+    vehicle = found.vehicles[one.system_id - 1]
+
+    def around(snapshot: VehicleSnapshot) -> Circumstances:
+        heard = Vehicle(snapshot.system_id, 1, snapshot.autopilot, snapshot.vehicle_type)
+        named = {"vehicle": vehicle.vehicle.name, "autopilot": vehicle.vehicle.autopilot, "vehicles": 1}
+        fitted = fitted_to(scenario_with(found.draft.scenario, named), heard)
+        return replace(Circumstances.of(fitted, one.plan.farm, snapshot), imaging=one.plan.imaging)
+
+    try:
+        report, checked = upload_checked(one.plan.mission, link, around, system_id=system_id)
+    except KeyboardInterrupt:
+        raise DraftError("the upload was interrupted") from None
+    return {**report.summary(), "vehicle": report.vehicle, "findings": [str(one) for one in checked.findings]}
+
+
+def _told(key: str, one: Option) -> dict[str, Any]:
+    """Return what a page tells of an option."""
+    kinds = [kind for kind in get_args(one.wanted) or (one.wanted,) if kind in _TYPES]
+    is_text = one.read is not None or str in get_args(one.wanted)
+    names = known_names(key) if one.kind or key in NAMED else one.choices
+    return {
+        **{name: getattr(one, name) for name in _TOLD},
+        "key": key,
+        "type": "text" if is_text or not kinds else _TYPES[kinds[0]],
+        "choices": names,
+        "default": one.default or _default(one.initial),
+        "first": key in _FIRST,
+    }
+
+
+_TOLD = ("label", "help", "panel", "unit", "low", "high", "kind", "needs", "not_with", "needs_fleet", "each")
+
+
+def _default(initial: Any) -> str:
+    """Return a default in words."""
+    if isinstance(initial, bool):
+        return "yes" if initial else "no"
+    plain = _plain(initial)
+    return "none" if plain is None else f"{plain:g}" if isinstance(plain, float) else str(plain)
+
+
+def _plain(value: Any) -> Any:
+    """Return a value of an option as the page has it: a flag, a number or a text."""
+    if value is None or isinstance(value, bool | int | float):
+        return value
+    if isinstance(value, Mapping):
+        return ",".join(f"{name}={one:g}" for name, one in value.items())
+    return ",".join(map(str, value)) if isinstance(value, tuple | list) else str(value)
+
+
+def _parameters(known: Mapping[str, Any]) -> dict[str, str]:
+    """Return the parameters of a planner or policy with their defaults in words."""
+    return {
+        name: "" if default is inspect.Parameter.empty else _default(default)
+        for name, default in known.items()
+    }
+
+
+def _mission_asked(request: Request) -> int:
+    return int(_number(request, "mission", 0, 1e6) or 0)
+
+
+def _number(request: Request, name: str, low: float, high: float) -> float | None:
+    """Return a number of the request's address; None without one."""
+    text = request.query_params.get(name)
+    if not text:
+        return None
+    try:
+        value = parse_number(text)
+    except ValueError as error:
+        raise DraftError(f"{name}: {error}") from None
+    if not low <= value <= high:
+        raise DraftError(f"{name} {value:g} is out of range: give {low:g} to {high:g}")
+    return value

@@ -11,11 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from wbf_mission.cli import options, signals
+from wbf_mission.cli.live import SPEED, LivePage
 from wbf_mission.cli.options import Force, option
 from wbf_mission.cli.output import Output, distance, duration, told
 from wbf_mission.cli.preflight import show_findings
+from wbf_mission.events import Progressed
 from wbf_mission.exit_codes import ExitCode, exit_code_of_flight
-from wbf_mission.progress import process_age_s
+from wbf_mission.progress import Progress, process_age_s
 from wbf_mission.scenario import (
     CameraOptions,
     EstimateOptions,
@@ -45,6 +47,7 @@ wbf-mission fly --farm miniberry-100 --mission spiral.plan --json
 wbf-mission fly --scenario missions/noisy-camera.toml
 wbf-mission fly --farm miniberry-100 --policy greedy --budget 10min --vehicles 2 --days 2
 wbf-mission fly --farm miniberry-30 --planner spiral --connect udpin:127.0.0.1:14550
+wbf-mission fly --farm miniberry-100 --policy greedy --vehicles 3 --live 0 --open
 wbf-mission fly --policy greedy --connect udpin:127.0.0.1:14550 --connect serial:/dev/ttyUSB0:57600
 """
 
@@ -163,6 +166,22 @@ class _Saving:
 
         return treatment_of_result(result, source="this flight")
 
+    def write(self, result: Result, folder: ResultFolder | None, progress: Progress) -> bool:
+        """Write the results, if that is wanted; return False if Ctrl-C came between."""
+        try:
+            if folder is not None:
+                folder.write(
+                    result,
+                    plots=self.plots,
+                    animation=self.animate,
+                    treatment=self.treatment_of(result),
+                    release=True,
+                    progress=progress,
+                )
+        except KeyboardInterrupt:
+            return False
+        return True
+
     def folder(self, given: options.Given, chosen: Scenario) -> ResultFolder | None:
         """Return the folder of the run, which holds nothing that it reads."""
         if not self.files:
@@ -188,6 +207,7 @@ class _Saving:
 @options.speaks()
 @options.gives("links", _Links)
 @options.gives("saving", _Saving)
+@options.gives("page", LivePage)
 def fly_command(
     given: options.Given,
     output: Output,
@@ -195,7 +215,8 @@ def fly_command(
     speed: Annotated[
         float | None,
         option(
-            "Pace: simulated seconds per second of wall time.  [default: as fast as possible]",
+            "Pace: simulated seconds per second of wall time."
+            "  [default: as fast as possible; with --live 20]",
             panel="What to run",
             parser=options.number,
         ),
@@ -220,6 +241,7 @@ def fly_command(
         ),
     ] = None,
     saving: _Saving,
+    page: LivePage,
     cache: Annotated[
         bool,
         option("Keep a large farm's environment for the next run.", panel="What to run"),
@@ -251,50 +273,49 @@ def fly_command(
         saving.check_treatment_map(chosen.farm)
     simulates = speed is not None or bool(fault or in_file)
     live = links.live(output, force=force, simulates=simulates, change_s=change_time)
-    with contextlib.ExitStack() as stack:
-        folder = saving.folder(given, chosen)
-        if folder is not None:
-            stack.enter_context(folder)
-        if folder is not None and live is None:
-            saved = f"interrupted: what was flown is estimated and saved in {folder.path}; again ends at once"
-            # From the flight's beginning.
-            stack.enter_context(signals.announcing(saved, when=folder.tlog.exists))
-        started_s = process_age_s()
-        progress = stack.enter_context(output.progress())
-        result = fly(
-            chosen,
-            progress=progress,
-            pace=speed,
-            tlog=folder.tlog if folder else None,
-            faults=[*in_file, *(fault or ())],
-            use_cache=cache,
-            connect=live,
-            force=force,
-            tell_errors=partial(show_findings, output),
-            change_s=change_time,
-        )
-        flown_s, interrupted = process_age_s(), False
-        try:
+    if page.wanted and speed is None and live is None:
+        speed = SPEED
+    events = output.events
+    with page.serve(output, events):
+        with contextlib.ExitStack() as stack:
+            folder = saving.folder(given, chosen)
             if folder is not None:
-                folder.write(
-                    result,
-                    plots=saving.plots,
-                    animation=saving.animate,
-                    treatment=saving.treatment_of(result),
-                    release=True,
-                    progress=progress,
+                stack.enter_context(folder)
+            if folder is not None and live is None:
+                kept = f"interrupted: what was flown is estimated and saved in {folder.path}"
+                # From the flight's beginning.
+                stack.enter_context(
+                    signals.announcing(f"{kept}; again ends at once", when=folder.tlog.exists)
                 )
-        except KeyboardInterrupt:
-            interrupted = True
-    summary = result.summary()
-    summary["files"] = str(folder.path) if folder and folder.is_written else None
-    summary["timings_s"] = {"start-up": started_s, **result.timings_s, "results": process_age_s() - flown_s}
-    summary["wall_time_s"] = process_age_s()
-    _show(output, result, summary, interrupted=interrupted, simulated=live is None)
-    if interrupted:
-        return ExitCode.INTERRUPTED
-    blind = result.outcome.is_good and not len(result.observations)
-    return ExitCode.NOT_GOOD if blind or result.policy_failed else exit_code_of_flight(result.outcome)
+            started_s = process_age_s()
+            bars = stack.enter_context(output.progress())
+            events.listen(lambda event: bars(event.what, event.done, event.total), Progressed)
+            result = fly(
+                chosen,
+                events=events,
+                pace=speed,
+                tlog=folder.tlog if folder else None,
+                faults=[*in_file, *(fault or ())],
+                use_cache=cache,
+                connect=live,
+                force=force,
+                tell_errors=partial(show_findings, output),
+                change_s=change_time,
+            )
+            flown_s = process_age_s()
+            interrupted = not saving.write(result, folder, events.progress)
+        summary = result.summary()
+        summary["files"] = str(folder.path) if folder and folder.is_written else None
+        saved_s = process_age_s() - flown_s
+        summary["timings_s"] = {"start-up": started_s, **result.timings_s, "results": saved_s}
+        summary["wall_time_s"] = process_age_s()
+        _show(output, result, summary, interrupted=interrupted, simulated=live is None)
+        if interrupted:
+            return ExitCode.INTERRUPTED
+        if not signals.came():
+            page.stay(output)
+        blind = result.outcome.is_good and not len(result.observations)
+        return ExitCode.NOT_GOOD if blind or result.policy_failed else exit_code_of_flight(result.outcome)
 
 
 def _show(

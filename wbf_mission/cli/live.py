@@ -1,0 +1,104 @@
+"""The page that shows what happens while it does: its options, and when it is served."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import webbrowser
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from wbf_mission.cli import options
+from wbf_mission.cli.options import option
+from wbf_mission.cli.output import Output
+from wbf_mission.scenario import ScenarioError
+
+if TYPE_CHECKING:
+    from wbf_mission.events import EventStream
+    from wbf_mission.web.server import Orders
+
+PANEL = "The live page"
+SPEED = 20.0
+"""Simulated seconds in a second of wall time of a flight that somebody wants to look at, unless told."""
+
+
+@dataclass(frozen=True, slots=True)
+class LivePage:
+    """Whether and where the page is served."""
+
+    live: Annotated[
+        int | None,
+        option(
+            "Show what happens on a page at this port of this machine; 0 is any free one.",
+            panel=PANEL,
+            parser=options.whole_number_in(0, 65_535),
+            metavar="PORT",
+        ),
+    ] = None
+    live_host: Annotated[
+        str,
+        option(
+            "Address at which the page is served; any but this machine's own needs the token that the printed"
+            " address has.",
+            panel=PANEL,
+        ),
+    ] = "127.0.0.1"
+    open_page: Annotated[bool, option("Open the page in a browser.", "--open", panel=PANEL)] = False
+    control: Annotated[
+        bool,
+        option("Let the page give orders to the vehicles, not only show them.", "--control", panel=PANEL),
+    ] = False
+    tiles: Annotated[
+        Path | None,
+        option("Raster tiles behind the farm: an MBTiles or PMTiles file of your own.", panel=PANEL),
+    ] = None
+
+    @property
+    def wanted(self) -> bool:
+        """Whether the page is served."""
+        return self.live is not None
+
+    def check(self) -> None:
+        """Refuse options that have no effect, with ScenarioError."""
+        given = {
+            "--open": self.open_page,
+            "--control": self.control,
+            "--tiles": self.tiles is not None,
+            "--live-host": self.live_host != "127.0.0.1",
+        }
+        for flag, is_given in given.items():
+            if is_given and not self.wanted:
+                msg = f"{flag} has an effect only with --live PORT: give that, too (0 is any free port)"
+                raise ScenarioError(msg)
+
+    @contextmanager
+    def serve(self, output: Output, events: EventStream, orders: Orders | None = None) -> Iterator[None]:
+        """Serve the page of a stream of events, if it is wanted; the page takes orders if there are `orders`.
+
+        LinkError if the port is taken; a ValueError of ours if the tiles cannot be used.
+        """
+        self.check()
+        if self.live is None:
+            yield
+            return
+        from wbf_mission.web.server import LiveServer
+        from wbf_mission.web.view import View
+
+        view = View()
+        events.listen(view.take)
+        with LiveServer(view, host=self.live_host, port=self.live, orders=orders, tiles=self.tiles) as server:
+            output.note(f"live page: {server.url}")
+            if self.open_page:
+                webbrowser.open(server.url)
+            yield
+
+    def stay(self, output: Output) -> None:
+        """Serve on after the run is over, until Ctrl-C; returns at once if no page is served."""
+        if self.live is None:
+            return
+        output.note("the page stays; Ctrl-C ends it")
+        with contextlib.suppress(KeyboardInterrupt):
+            threading.Event().wait()

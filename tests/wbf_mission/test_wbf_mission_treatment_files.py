@@ -282,7 +282,7 @@ def test_the_page_needs_nothing_else_and_shows_names_as_they_are(written):
     assert f"Treat {told['prescribed_ha']:.2f} ha: {200 * told['prescribed_ha']:,.0f} L at 200 L/ha." in words
     for zone in (one for one in of.zones if one.zone == TREAT and one.field == "tylcv"):
         assert f"{zone.latitude_deg:.5f}, {zone.longitude_deg:.5f}" in words
-    assert page.tags.count("svg") == page.tags.count("section") == 2
+    assert page.tags.count("image") == page.tags.count("section") == 2
     # North is where the frame's x axis, to the right, is so far anticlockwise from east.
     assert text.count(f'rotate({of.farm.frame.rotation_deg:.2f})"') == 2
     treat = [one for one in of.zones if one.zone == TREAT and one.field == "tylcv"]

@@ -1,4 +1,4 @@
-"""Texts from outside, made fit to be shown; numbers in texts, read strictly."""
+"""Texts from outside, made fit to be shown; numbers in texts, read strictly; times and lengths in words."""
 
 from __future__ import annotations
 
@@ -66,3 +66,27 @@ def _parsed(text: str, kind: Callable[[str], _Number], what: str) -> _Number:
         return kind(text)
     except ValueError:
         raise ValueError(f"{text[:40]!r} is not {what}") from None
+
+
+def duration(seconds: float) -> str:
+    """Seconds as people read them.
+
+    >>> duration(75.4)
+    '1 min 15 s'
+    >>> duration(3.21)
+    '3.2 s'
+    """
+    if seconds < 60:
+        return f"{seconds:.1f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s"
+
+
+def distance(metres: float) -> str:
+    """Metres as people read them.
+
+    >>> distance(12345)
+    '12.35 km'
+    """
+    return f"{metres / 1000:.2f} km" if metres >= 10_000 else f"{metres:.1f} m"

@@ -8,16 +8,14 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import zlib
 from html import escape
 from typing import Any
 
 import msgspec
 
-DATA_ID = "data"
-"""The id of the element that holds a document's data."""
 
-
-def html_document(title: str, body: str, *, style: str, script: str = "", data: Any = None) -> str:
+def html_document(title: str, body: str, *, style: str, script: str = "", data: str = "") -> str:
     """Return a document.
 
     Parameters
@@ -28,8 +26,8 @@ def html_document(title: str, body: str, *, style: str, script: str = "", data: 
         HTML; it has no style attributes and no handlers of events, which the policy forbids.
     style, script : str
         CSS and JavaScript; the script runs when the body is there.
-    data : object, optional
-        For the script, what msgspec can encode: JSON in the element `DATA_ID`.
+    data : str
+        HTML with what the script needs, see `data_element`.
     """
     style, script = style.replace("</style", "<\\/style"), script.replace("</script", "<\\/script")
     own_script = _digest(script) if script else "'none'"
@@ -37,19 +35,28 @@ def html_document(title: str, body: str, *, style: str, script: str = "", data: 
         f"default-src 'none'; img-src data: blob:; style-src {_digest(style)}; script-src {own_script};"
         " base-uri 'none'; form-action 'none'"
     )
-    held = ""
-    if data is not None:
-        # The parser of HTML looks for the end of a script, and for comments, also in JSON.
-        json = msgspec.json.encode(data).decode().replace("<", "\\u003c")
-        held = f'<script type="application/json" id="{DATA_ID}">{json}</script>\n'
     run = f"<script>{script}</script>\n" if script else ""
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">\n'
         f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f"<title>{escape(title)}</title>\n<style>{style}</style></head>\n"
-        f"<body>\n{body}\n{held}{run}</body></html>\n"
+        f"<body>\n{body}\n{data}{run}</body></html>\n"
     )
+
+
+def data_element(name: str, data: Any, *, packed: bool = False) -> str:
+    """Return an element with this id that holds what msgspec can encode, as JSON.
+
+    Packed, its text is base64 of the JSON packed by zlib, and ``data-packed`` is "deflate".
+    """
+    json = msgspec.json.encode(data)
+    if packed:
+        text, how = base64.b64encode(zlib.compress(json, 9)).decode(), ' data-packed="deflate"'
+    else:
+        # The parser of HTML looks for the end of a script, and for comments, also in JSON.
+        text, how = json.decode().replace("<", "\\u003c"), ""
+    return f'<script type="application/json" id="{name}"{how}>{text}</script>\n'
 
 
 def data_uri(content: bytes, kind: str = "image/png") -> str:

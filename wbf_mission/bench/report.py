@@ -1,4 +1,4 @@
-"""A report of a benchmark as files: tables as Markdown and HTML, and the score over time as pictures."""
+"""A report of a benchmark: a page of tables, and the score over time as pictures."""
 
 from __future__ import annotations
 
@@ -18,24 +18,26 @@ from wbf_mission.pictures.plots import LINE_COLOURS, new_figure, save_figure
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_READING = (
+READING = (
     "Scores: 0 is perfect; the mean over the run and at its end, each with its interval of 95 % over the "
     "environments. Losses are means a cell at the end. Rank: the mean place among all rows on the same "
     "environment. Wins: on how many a row was the best, shared ones in parts."
 )
+SCORES = "Scores over the run and at its end"
 _POINTS = 200
 _MOST_LINES = 8
 _FEWEST_FOR_A_BAND = 5
 
 
-def standing_table(title: str, found: Sequence[Standing]) -> Table:
-    """Return the standings of one scenario."""
+def standing_table(title: str, found: Sequence[Standing], *, whole: bool = False) -> Table:
+    """Return the standings of one scenario; the `whole` table of several tells which and whose in columns."""
     fields = list(dict.fromkeys(name for one in found for name in one.losses))
     losses = (f"loss {name}" for name in fields)
-    header = ("planner, estimator", "run", "95 %", "end", "95 %", *losses, "rank", "wins", "runs", "CPU, s")
+    named = ("scenario", "planner or policy", "estimator") if whole else ("planner, estimator",)
+    header = (*named, "run", "95 %", "end", "95 %", *losses, "rank", "wins", "runs", "CPU, s")
     rows = tuple(
         (
-            f"{one.planner}, {one.estimator}",
+            *((one.scenario, one.planner, one.estimator) if whole else (f"{one.planner}, {one.estimator}",)),
             *_interval(one.score),
             *_interval(one.final_score),
             *(_number(one.losses.get(name, math.nan), 4) for name in fields),
@@ -106,8 +108,8 @@ def draw_mean_score(
         axes.fill_between(times_s, means - reach, means + reach, color=colour, alpha=alpha, linewidth=0.0)
 
 
-def write_report(rows: Sequence[BenchRow], folder: Path, *, title: str) -> list[Path]:
-    """Write ``report.md``, ``report.html`` and a picture for each scenario; return the files."""
+def report_page(rows: Sequence[BenchRow], folder: Path, *, title: str) -> Page:
+    """Return the report, with a picture for each scenario written into a folder, which is made if need be."""
     folder.mkdir(parents=True, exist_ok=True)
     rows = apart(rows)
     found = standings(rows)
@@ -124,8 +126,7 @@ def write_report(rows: Sequence[BenchRow], folder: Path, *, title: str) -> list[
     failures = _failures(rows)
     if failures.rows:
         sections.append(Section("What failed", tables=(failures,)))
-    files = Page(title, _READING, tuple(sections)).write(folder, "report")
-    return [*files, *(folder / picture.file for section in sections for picture in section.pictures)]
+    return Page(title, READING, tuple(sections))
 
 
 def _section(scenario: str, found: Sequence[Standing], good: Sequence[BenchRow], folder: Path) -> Section:
@@ -133,7 +134,7 @@ def _section(scenario: str, found: Sequence[Standing], good: Sequence[BenchRow],
     told = [row for row in good if row.times_s]
     pictures = (Picture(_plot(scenario, found, told, folder).name, "Score over time"),) if told else ()
     tables = (
-        standing_table("Scores over the run and at its end", found),
+        standing_table(SCORES, found),
         _behind(found),
         _bad_answers(found),
         _flown(good),

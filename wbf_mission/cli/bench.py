@@ -251,7 +251,7 @@ def report_command(
     ] = None,
 ) -> int:
     """Print what the results in a folder tell, also while they are made, or write it as a report."""
-    from wbf_mission.bench.report import write_report
+    from wbf_mission.bench.report import report_page
     from wbf_mission.bench.rows import read_rows
     from wbf_mission.bench.standings import apart
     from wbf_mission.results.storage import ResultError
@@ -267,8 +267,14 @@ def report_command(
             " they are told apart by [digest]"
         )
     if out is not None:
-        files = write_report(rows, out, title=f"Benchmark of {len(rows)} runs")
-        output.note(f"written: {', '.join(str(one) for one in files)}")
+        from wbf_mission.web.bench_page import write_bench_page
+
+        page = report_page(rows, out, title=f"Benchmark of {len(rows)} runs")
+        page.write(out / "report.md")
+        write_bench_page(out / "report.html", page, out, rows)
+        pictures = [picture.file for section in page.sections for picture in section.pictures]
+        files = ["report.md", "report.html", *pictures]
+        output.note(f"written: {', '.join(str(out / one) for one in files)}")
     _print(output, rows, title=f"{folder}: {len(rows)} runs")
     return ExitCode.GOOD
 
@@ -303,6 +309,7 @@ def paper_command(
     from wbf_mission.bench.benchmark import BenchmarkInterrupted
     from wbf_mission.bench.paper.make import make_paper
     from wbf_mission.bench.spec import BenchSpec
+    from wbf_mission.web.bench_page import write_bench_page
 
     options.require_processes(jobs)
     paper = selected | {"seeds": selected["seeds"] or 5}
@@ -322,10 +329,12 @@ def paper_command(
         output.warn(f"{stop}; the same command goes on with them")
         return ExitCode.INTERRUPTED
     _tell_failures(output, made.rows)
-    files = [str(one) for one in made.files]
+    write_bench_page(made.files[0].with_suffix(".html"), made.page, out)
+    pages = [str(made.files[0].with_suffix(end)) for end in (".md", ".html")]
+    pictures = [str(one) for one in made.files[1:]]
     output.result(
-        {"pages": files[:2], "pictures": files[2:], "runs": len(made.rows)},
-        {"pages": "\n".join(files[:2]), "pictures": "\n".join(files[2:])},
+        {"pages": pages, "pictures": pictures, "runs": len(made.rows)},
+        {"pages": "\n".join(pages), "pictures": "\n".join(pictures)},
     )
     return _exit_code(made.rows, interrupted=False)
 

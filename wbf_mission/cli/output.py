@@ -13,6 +13,8 @@ from datetime import timedelta
 from string import Formatter
 from typing import TYPE_CHECKING, Any
 
+from geo.texts import distance as distance
+from geo.texts import duration as duration
 from geo.texts import printable
 from wbf_mission.events import EventStream, Noted
 from wbf_mission.progress import Progress as ProgressCallback
@@ -278,27 +280,3 @@ def told(form: str, values: Mapping[str, Any]) -> str:
     """
     names = [name for _, name, _, _ in Formatter().parse(form) if name]
     return "-" if any(values[name] is None for name in names) else form.format_map(values)
-
-
-def duration(seconds: float) -> str:
-    """Seconds as people read them.
-
-    >>> duration(75.4)
-    '1 min 15 s'
-    >>> duration(3.21)
-    '3.2 s'
-    """
-    if seconds < 60:
-        return f"{seconds:.1f} s"
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s"
-
-
-def distance(metres: float) -> str:
-    """Metres as people read them.
-
-    >>> distance(12345)
-    '12.35 km'
-    """
-    return f"{metres / 1000:.2f} km" if metres >= 10_000 else f"{metres:.1f} m"

@@ -64,15 +64,16 @@ def plot_geometry(paths: Sequence[Path]) -> None:
 
 FIGURES = ("geometry", "dynamics", "comparison", "cost")
 FORMATS = ("png", "pdf")
-_PAGE = "paper"
+PAGE = "paper.md"
 
 
 @dataclass(frozen=True, slots=True)
 class Paper:
     """What `make_paper` made."""
 
+    page: Page
     files: tuple[Path, ...]
-    """The page as Markdown and as HTML, then the pictures."""
+    """The page as Markdown, then the pictures."""
     rows: tuple[BenchRow, ...]
     """Of the comparison; empty if that was not wanted."""
 
@@ -149,9 +150,9 @@ def make_paper(
         else:
             sections.append(_cost(work))
     page = Page("The figures of the Waterberry Farms paper", _ABOUT, tuple(sections))
-    pages = page.write(folder, _PAGE)
+    page.write(folder / PAGE)
     stems = [Path(picture.file).stem for section in sections for picture in section.pictures]
-    return Paper((*pages, *(path for stem in stems for path in work.paths(stem))), tuple(rows))
+    return Paper(page, (folder / PAGE, *(path for stem in stems for path in work.paths(stem))), tuple(rows))
 
 
 _ABOUT = (

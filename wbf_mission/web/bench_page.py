@@ -1,0 +1,99 @@
+"""A benchmark's report as one HTML file: a table to sort and filter, whose rows open to the scores by seed.
+
+Without scripts the same tables are there, unsorted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from geo.atomic import atomic_write
+from wbf_mission.bench.page import Page, Picture, Table
+from wbf_mission.bench.report import SCORES, standing_table
+from wbf_mission.bench.rows import BenchRow
+from wbf_mission.bench.standings import apart, standings
+from wbf_mission.html_page import data_element, data_uri, html_document
+
+STATIC = Path(__file__).with_name("static")
+"""The built parts of pages."""
+_NAMES = 3
+_OF_TEXTS = 2
+
+
+def write_bench_page(path: Path, page: Page, folder: Path, rows: Sequence[BenchRow] = ()) -> None:
+    """Write a page.
+
+    Parameters
+    ----------
+    path : Path
+        Of the HTML file, which is whole in itself; an existing one is replaced.
+    page : Page
+        Its texts, tables and pictures.
+    folder : Path
+        Of the pictures; a PDF is linked to where it is.
+    rows : sequence of BenchRow, optional
+        Runs that make one table of all standings, in place of those of the sections.
+    """
+    found = standings(apart(rows)) if rows else []
+    body = "\n".join(_body(page, folder, standing_table("All standings", found, whole=True)))
+    data = data_element("seeds", _seeds(rows, found)) if found else ""
+    style, script = ((STATIC / name).read_text(encoding="utf-8") for name in ("page.css", "bench.js"))
+    with atomic_write(path) as file:
+        file.write(html_document(page.title, body, style=style, script=script, data=data))
+
+
+def _seeds(
+    rows: Sequence[BenchRow], found: Sequence[Any]
+) -> list[list[tuple[int, float | None, float | None, str]]]:
+    """Return seed, score over the run, score at the end and what failed, for the runs of each standing."""
+    of: dict[tuple[str, str, str], list[tuple[int, float | None, float | None, str]]] = {}
+    for row in apart(rows):
+        key = (row.scenario, row.planner, row.estimator)
+        of.setdefault(key, []).append((row.seed, row.score, row.final_score, row.error or ""))
+    return [sorted(of[one.scenario, one.planner, one.estimator]) for one in found]
+
+
+def _body(page: Page, folder: Path, whole: Table) -> Iterator[str]:
+    yield f'<main class="document"><h1>{escape(page.title)}</h1>\n<p>{escape(page.about)}</p>'
+    if whole.rows:
+        yield from _table(whole, names=_NAMES, name="standings")
+    for section in page.sections:
+        yield f"<h2>{escape(section.title)}</h2>"
+        for picture in section.pictures:
+            yield _picture(picture, folder)
+        if section.text:
+            yield f"<p>{escape(section.text)}</p>"
+        for table in section.tables:
+            if not (whole.rows and table.title == SCORES):
+                yield from _table(table)
+    yield "</main>"
+
+
+def _picture(picture: Picture, folder: Path) -> str:
+    shows = escape(picture.shows)
+    if Path(picture.file).suffix == ".pdf":
+        return f'<p><a href="{escape(picture.file)}">{shows} (PDF)</a></p>'
+    return f'<p><img src="{data_uri((folder / picture.file).read_bytes())}" alt="{shows}"></p>'
+
+
+def _table(table: Table, *, names: int = 1, name: str = "") -> Iterator[str]:
+    """Write a table; its first columns are names, of two columns both hold text."""
+    names = len(table.header) if len(table.header) == _OF_TEXTS else names
+
+    def cells(row: Sequence[str], tag: str) -> str:
+        kinds = [' class="text"' if k < names else "" for k in range(len(row))]
+        return (
+            "<tr>"
+            + "".join(f"<{tag}{k}>{escape(c)}</{tag}>" for k, c in zip(kinds, row, strict=True))
+            + "</tr>"
+        )
+
+    own = f' id="{name}"' if name else ""
+    yield f"<h3>{escape(table.title)}</h3>"
+    yield f'<div class="wide" tabindex="0" role="region" aria-label="{escape(table.title)}"><table{own}>'
+    yield from ("<thead>", cells(table.header, "th"), "</thead><tbody>")
+    yield from (cells(row, "td") for row in table.rows)
+    yield "</tbody></table></div>"

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from wbf_mission import BenchSpec, benchmark
-from wbf_mission.bench.report import write_report
+from wbf_mission.bench.report import report_page
 from wbf_mission.bench.standings import standings
 from wbf_mission.cli.app import main
 from wbf_mission.own_code import own_choice
@@ -73,9 +73,9 @@ def test_bad_answers_are_counted_and_too_many_are_a_failure(tmp_path, answer, ki
     assert f"policy Mine: {bad} of {row.decisions} answers were bad: {count} {kind}" in row.error
     (standing,) = standings([row])
     assert (standing.failed, standing.runs, standing.bad_answers) == (1, 0, row.bad_answers)
-    write_report([row], tmp_path / "report", title="t")
-    page = (tmp_path / "report" / "report.md").read_text()
-    assert "Answers that were not flown, or came too late" in page
+    page = report_page([row], tmp_path / "report", title="t")
+    tables = [table.title for section in page.sections for table in section.tables]
+    assert "Answers that were not flown, or came too late" in tables
 
 
 def test_a_few_bad_answers_are_a_warning(tmp_path, capsys):

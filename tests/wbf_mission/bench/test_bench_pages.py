@@ -1,6 +1,7 @@
 """The pages of a benchmark in a browser: light, dark and narrow."""
 
 import io
+import shutil
 
 import numpy as np
 import pytest
@@ -8,9 +9,10 @@ from bench_rows import made_row
 from browser import CHROMIUM, Browser
 from PIL import Image
 
-from wbf_mission.bench.page import Page, Picture, Section, Table
-from wbf_mission.bench.report import write_report
+from wbf_mission.bench.page import Page, Section, Table
+from wbf_mission.bench.report import report_page
 from wbf_mission.cli.app import main
+from wbf_mission.web.bench_page import write_bench_page
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium")
 
@@ -48,10 +50,15 @@ def report(tmp_path_factory):
     planners = ["greedy", "rolling-horizon:horizon=4,least_weight=0.35", "spiral", "<b>lawnmower</b>"]
     rows = [row(planner, seed, draw) for planner in planners for seed in range(6)]
     failed = row("random-waypoint", 0, draw, error="x" * 300, score=None, final_score=None)
-    _, page, *_ = write_report(
-        [*rows, failed], tmp_path_factory.mktemp("report"), title="Benchmark of 25 runs"
-    )
-    return page
+    return written([*rows, failed], tmp_path_factory.mktemp("report"))
+
+
+def written(rows, folder):
+    """Write the page of rows, without its pictures beside it."""
+    page = report_page(rows, folder / "pictures", title=f"Benchmark of {len(rows)} runs")
+    write_bench_page(folder / "report.html", page, folder / "pictures", rows)
+    shutil.rmtree(folder / "pictures")
+    return folder / "report.html"
 
 
 @pytest.fixture(scope="module")
@@ -93,9 +100,12 @@ def test_titles_are_shown_as_they_are(browser, report):
 
 def test_what_is_wrong_with_a_page_is_seen(browser, tmp_path):
     wide = Table("w" * 300, ("a", "b"), (("c", "d"),))
-    page = Page("Broken", "a", (Section("s", pictures=(Picture("missing.png", "nothing"),), tables=(wide,)),))
-    _, file = page.write(tmp_path, "broken")
-    file.write_text(file.read_text().replace("overflow-wrap:break-word", ""))
+    file = tmp_path / "broken.html"
+    write_bench_page(file, Page("Broken", "a", (Section("s", tables=(wide,)),)), tmp_path)
+    page = file.read_text().replace(
+        "overflow-wrap:break-word", "overflow-wrap:normal"
+    )  # its digest is another
+    file.write_text(page.replace("</h1>", '</h1><img src="missing.png">'))
     seen = browser.look(file.as_uri(), width=400, dark=False, values=ASKED)
     assert seen.errors
     assert seen.values["pictures"] == [False]

@@ -27,7 +27,7 @@ from wbf_mission.web.schema import Background
 
 MAX_ZOOM = 30
 MAX_TILE_BYTES = 4_000_000
-MAX_DIRECTORY_BYTES = 4_000_000
+MAX_DIRECTORY_BYTES = 1_000_000
 MAX_METADATA_BYTES = 1_000_000
 MAX_DEPTH = 4
 QUERY_S = 2.0
@@ -79,6 +79,8 @@ class MapTiles:
             if start not in kinds:
                 raise MapTilesError(f"{path}: is no MBTiles and no PMTiles file")
             self._archive = kinds[start](path)
+        except MapTilesError:
+            raise
         except OSError as error:
             raise MapTilesError(f"{path}: cannot be read ({error.strerror})") from None
         except _DAMAGES as error:
@@ -174,7 +176,7 @@ class _PMTiles:
                 raise MapTilesError(f"{path}: is packed in a way that cannot be read; only gzip can")
             self._gzip = packing == 2
             self.zooms = low, high
-            self._directory = lru_cache(16)(self._read_directory)
+            self._directory = lru_cache(8)(self._read_directory)
             self._directory(*self._root)
             told: Any = json.loads(self._unpacked(places[2], places[3], MAX_METADATA_BYTES) or b"{}")
         except BaseException:

@@ -3,7 +3,7 @@ import uPlot from "uplot";
 import { themed, lifted } from "./colours.js";
 import { element } from "./dom.js";
 import { upTo, type Model, type Moment } from "./model.js";
-import { clock, figure, percent } from "./text.js";
+import { clock, percent } from "./text.js";
 
 /** No more moments than a chart has room for. */
 const MOST = 600;
@@ -36,13 +36,13 @@ function states(of: keyof Moment & ("battery" | "speed_m_s" | "height_m")): Kind
         const last = upTo(columns.time_s, time_s) - 1;
         return last < 0 || time_s > columns.time_s.at(-1)! + MOST ? null : (columns[of][last] ?? null);
       });
-      return [{ label: info.name, colour: lifted(k), dash: run ? DASH : [], values }];
+      return [{ label: model.nameOf(info.system_id), colour: lifted(k), dash: run ? DASH : [], values }];
     });
 }
 
 const KINDS: Kind[] = [
   {
-    name: "Score", write: figure, range: [null, null],
+    name: "Score", write: (value) => value.toFixed(3), range: [null, null],
     lines: (model, times, run) => {
       const { time_s, score } = model.scores;
       if (!time_s.length) return [];

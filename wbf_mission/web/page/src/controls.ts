@@ -36,7 +36,7 @@ export class Controls {
       this.shape = shape;
       const before = this.target.value;
       const all = vehicles.length === 1 ? [] : [element("option", { value: "" }, "All vehicles")];
-      this.target.replaceChildren(...all, ...vehicles.map((info) => element("option", { value: String(info.system_id) }, info.name)));
+      this.target.replaceChildren(...all, ...vehicles.map((info) => element("option", { value: String(info.system_id) }, this.model.nameOf(info.system_id))));
       if ([...this.target.options].some((option) => option.value === before)) this.target.value = before;
       this.buttons.replaceChildren(...orders.map((order) => button(capital(order), () => this.give(order), { class: STARTS_MOTORS.has(order) ? "starts" : "" })));
     }

@@ -3,13 +3,14 @@ import type { Draw, View } from "./canvas.js";
 import { toPixels } from "./canvas.js";
 import { SICK, colourAt, cropColour, css, ramp, themed } from "./colours.js";
 import { upTo, type Model } from "./model.js";
-import type { FarmShape, FieldInfo, Plan, Ring } from "./schema.js";
+import type { FarmShape, FieldInfo, Plan, Ring, States } from "./schema.js";
 import type { Picture } from "./tiles.js";
 
 type Context = CanvasRenderingContext2D;
 
 /** A line so many pixels apart from the last point is not seen. */
 const SEEN_PX = 1.2;
+const RECENT_S = 60;
 
 function trace(context: Context, view: View, ring: Ring, closed: boolean): void {
   for (let k = 0; k + 1 < ring.length; k += 2) {
@@ -156,25 +157,23 @@ export function drawPlan(context: Context, view: View, plan: Plan, colour: strin
   context.globalAlpha = 1;
 }
 
+/** Where a vehicle was: thin, and the last minute strong. */
 export function drawTrail(context: Context, view: View, model: Model, id: number, time_s: number, colour: string): void {
   const states = model.states[id];
   const count = states ? upTo(states.time_s, time_s) : 0;
   if (!states || !count) return;
-  const { x, y, flight } = states;
-  const flown = flight[count - 1];
-  let [lastX, lastY, last] = [NaN, NaN, -1];
-  context.beginPath();
-  for (let k = 0; k < count; k++) {
-    if (flight[k] !== flown) continue;
-    const [left, top] = toPixels(view, x[k]!, y[k]!);
-    if (Math.abs(left - lastX) + Math.abs(top - lastY) < SEEN_PX && k < count - 1) continue;
-    if (last < 0) context.moveTo(left, top);
-    else context.lineTo(left, top);
-    [lastX, lastY, last] = [left, top, k];
+  const recent = upTo(states.time_s, time_s - RECENT_S);
+  context.lineJoin = "round";
+  if (recent) {
+    trail(context, view, states, 0, recent + 1);
+    context.strokeStyle = colour;
+    context.globalAlpha = 0.5;
+    context.lineWidth = 1.2;
+    context.stroke();
   }
+  trail(context, view, states, recent, count);
   const now = model.vehicleAt(id, time_s);
   if (now) context.lineTo(...toPixels(view, now.x, now.y));
-  context.lineJoin = "round";
   context.strokeStyle = themed("halo");
   context.lineWidth = 5;
   context.globalAlpha = 0.8;
@@ -183,6 +182,20 @@ export function drawTrail(context: Context, view: View, model: Model, id: number
   context.strokeStyle = colour;
   context.lineWidth = 2.6;
   context.stroke();
+}
+
+function trail(context: Context, view: View, { x, y, flight }: States, from: number, to: number): void {
+  const flown = flight[to - 1];
+  let [lastX, lastY, begun] = [NaN, NaN, false];
+  context.beginPath();
+  for (let k = from; k < to; k++) {
+    if (flight[k] !== flown) continue;
+    const [left, top] = toPixels(view, x[k]!, y[k]!);
+    if (Math.abs(left - lastX) + Math.abs(top - lastY) < SEEN_PX && k < to - 1) continue;
+    if (begun) context.lineTo(left, top);
+    else context.moveTo(left, top);
+    [lastX, lastY, begun] = [left, top, true];
+  }
 }
 
 const LEVELS = 24;

@@ -20,11 +20,10 @@ export class LayerPanel {
 
   constructor(private readonly models: Model[], private readonly choice: Choice, private readonly changed: () => void) {}
 
-  /** Offer what there is; the first field is chosen until the reader chooses. */
+  /** Offer what there is. */
   show(picture: Picture | null): void {
     const model = this.models[0]!;
     const fields = model.run?.fields ?? [];
-    if (!model.field(this.choice.field)) this.choice.field = fields[0]?.name ?? "";
     const has = (kind: Choice["kind"]): boolean => {
       const name = layerName({ ...this.choice, kind });
       return !name || this.models.some((one) => one.tiles.has(name));

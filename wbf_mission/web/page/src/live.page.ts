@@ -55,7 +55,10 @@ class App {
   }
 
   private take(update: Update, run: number): void {
-    this.models[run]?.take(update);
+    const model = this.models[run];
+    model?.take(update);
+    // The first field is shown until the reader chooses.
+    if (update.run && !this.models[0]?.field(this.choice.field)) this.choice.field = model?.run?.fields[0]?.name ?? "";
     if (update.reply) this.reply = update.reply;
     this.dirty = this.stale = true;
   }

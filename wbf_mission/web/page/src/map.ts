@@ -31,6 +31,8 @@ export function layerName(choice: Choice): string | null {
 
 const NOWHERE = new Frame({ lat: 0, lon: 0, lat_x: 0, lat_y: 9e-6, lon_x: 9e-6, lon_y: 0 });
 const CLOSEST = 27;
+/** Of more vehicles only the selected one's fence is drawn. */
+const FEW = 3;
 const SHAPES: Record<string, string> = {
   plane: "M0-13 L2.4-4 L13 2 V5 L2.4 3 L1.8 9 L5 11.5 V13 H-5 V11.5 L-1.8 9 L-2.4 3 L-13 5 V2 L-2.4-4 Z",
   rover: "M-7 11 V-6 L0-13 L7-6 V11 Z",
@@ -43,15 +45,15 @@ class VehicleMark {
   private readonly body: SVGElement;
   private readonly note = element("span", { class: "note" });
 
-  constructor(map: L.Map, info: VehicleInfo, colour: string, chosen: () => void) {
+  constructor(map: L.Map, info: VehicleInfo, name: string, colour: string, chosen: () => void) {
     const outline = SHAPES[info.kind] ?? SHAPES["copter"]!;
     this.body = svg("g", {}, svg("path", { d: outline, class: "body" }));
     const picture = svg("svg", { viewBox: "-18 -18 36 36", "aria-hidden": "true" }, this.body);
-    const inside = element("div", {}, picture, element("span", { class: "name" }, info.name), this.note);
+    const inside = element("div", {}, picture, element("span", { class: "name" }, name), this.note);
     inside.style.setProperty("--vehicle", colour);
     const icon = L.divIcon({ html: inside, className: "vehicle", iconSize: [36, 36] });
     this.marker = L.marker([0, 0], { icon, zIndexOffset: 1000 }).addTo(map).on("click", chosen);
-    this.marker.getElement()?.setAttribute("aria-label", `Vehicle ${info.name}`);
+    this.marker.getElement()?.setAttribute("aria-label", `Vehicle ${name}`);
   }
 
   show(place: L.LatLng, moment: Moment, selected: boolean): void {
@@ -72,6 +74,7 @@ export class MapView {
   private truth: Picture | null = null;
   private readonly marks = new Map<number, VehicleMark>();
   private readonly layers: Record<"ground" | "values" | "readings" | "lines", CanvasLayer>;
+  private pointer: L.LatLng | null = null;
   private time_s = 0;
   private seenReadings = "";
   private background: L.TileLayer | null = null;
@@ -120,7 +123,7 @@ export class MapView {
       lines: canvas("lines", 400, (context, view) => this.drawLines(context, view)),
     };
     this.map.on("mousemove click", (event) => this.read((event as L.LeafletMouseEvent).latlng));
-    this.map.on("mouseout", () => this.told(""));
+    this.map.on("mouseout", () => this.read(null));
   }
 
   private get field(): FieldInfo | undefined {
@@ -169,7 +172,7 @@ export class MapView {
       if (!moment) continue;
       let mark = this.marks.get(info.system_id);
       const fresh = !mark;
-      mark ??= new VehicleMark(this.map, info, vehicleColour(k), () => this.select(info.system_id));
+      mark ??= new VehicleMark(this.map, info, this.model.nameOf(info.system_id), vehicleColour(k), () => this.select(info.system_id));
       this.marks.set(info.system_id, mark);
       mark.show(this.frame.latLng(moment.x, moment.y), moment, info.system_id === this.selected);
       if (fresh && !this.run?.farm) this.fit();
@@ -216,7 +219,10 @@ export class MapView {
       return null;
     }
     if (old?.layer === name && old.raster === raster && old.tiles === this.model.tiles) return old;
-    const redraw = (): void => this.layers.values.redraw();
+    const redraw = (): void => {
+      this.layers.values.redraw();
+      if (this.pointer) this.read(this.pointer);
+    };
     redraw();
     return new Picture(name, raster, this.model.fieldOf(name), this.model.tiles, redraw);
   }
@@ -230,7 +236,8 @@ export class MapView {
     if (this.run?.farm) drawBorders(context, view, this.run.farm);
     for (const id of ids) {
       const plan = this.model.planAt(id, this.time_s);
-      if (plan && this.choice.plans) drawPlan(context, view, plan, this.colour(id), true);
+      const fenced = ids.length <= FEW || id === this.selected;
+      if (plan && this.choice.plans) drawPlan(context, view, plan, this.colour(id), fenced);
     }
     if (this.choice.trails)
       for (const id of ids) drawTrail(context, view, this.model, id, this.time_s, this.colour(id));
@@ -239,7 +246,12 @@ export class MapView {
   }
 
   /** Tell what is under the pointer. */
-  private read(place: L.LatLng): void {
+  private read(place: L.LatLng | null): void {
+    this.pointer = place;
+    if (!place) {
+      this.told("");
+      return;
+    }
     const [x, y] = this.frame.metres(place);
     const raster = this.run?.raster;
     const parts = [`x ${x.toFixed(1)} m, y ${y.toFixed(1)} m`, `${place.lat.toFixed(6)}, ${place.lng.toFixed(6)}`];

@@ -9,7 +9,7 @@ const WARNS = 4;
 const SEVERITIES = ["Emergency", "Alert", "Critical", "Error", "Warning", "Notice", "Info", "Debug"];
 
 function speaker(model: Model, said: Said): string {
-  return model.run?.vehicles.find((info) => info.system_id === said.system_id)?.name ?? (said.system_id ? `vehicle ${said.system_id}` : "");
+  return said.system_id ? model.nameOf(said.system_id) : "";
 }
 
 /** The newest on top; warnings are also read aloud. */
@@ -75,7 +75,8 @@ export class Decisions {
 
   private item(model: Model, decision: Decision): HTMLElement {
     const { number, changes, refused, candidates } = decision;
-    const outcome = refused ? "refused" : changes.map((one) => one.outcome).filter(Boolean).join(", ") || "as it was";
+    const outcomes = [...new Set(changes.map((one) => one.outcome).filter(Boolean))];
+    const outcome = refused ? "refused" : outcomes.join(", ") || "as it was";
     const title = element("summary", {}, element("time", {}, clock(decision.time_s)), ` ${capital(decision.event)} `, element("span", { class: "outcome" }, outcome));
     const details = element("details", {}, title);
     details.open = number === this.chosen;
@@ -88,20 +89,20 @@ export class Decisions {
     });
     if (decision.reason) details.append(element("p", {}, capital(decision.reason)));
     if (refused) details.append(element("p", { class: "refused" }, `Refused: ${refused}`));
-    if (candidates.length) details.append(table(decision));
+    if (candidates.length) details.append(table(model, decision));
     details.append(element("p", { class: "small" }, `Decision ${number}, thought of for ${figure(decision.compute_s)} s`));
     return element("li", {}, details);
   }
 }
 
-function table({ candidates, changes }: Decision): HTMLElement {
+function table(model: Model, { candidates, changes }: Decision): HTMLElement {
   const rows = [...candidates].sort((a, b) => b.value - a.value).slice(0, 12).map((one) => {
     const taken = changes.some((change) => String(change.path) === String(one.path));
     const length = metres(lengthOf(one.path));
-    const cells = [taken ? "chosen" : "", figure(one.value), figure(one.cost), length];
+    const cells = [`${model.nameOf(one.system_id)}${taken ? " ✓" : ""}`, figure(one.value), figure(one.cost), length];
     return element("tr", taken ? { class: "taken" } : {}, ...cells.map((text) => element("td", {}, text)));
   });
-  const heads = ["", "Value", "Cost", "Path"].map((text) => (text ? element("th", { scope: "col" }, text) : element("td")));
+  const heads = ["Vehicle", "Value", "Cost", "Path"].map((text) => element("th", { scope: "col" }, text));
   return element("table", {}, element("thead", {}, element("tr", {}, ...heads)), element("tbody", {}, ...rows));
 }
 

@@ -92,6 +92,14 @@ export class Model {
     return this.run?.fields.find((field) => field.name === name);
   }
 
+  /** What a vehicle is called: its name, with its number where others have the same. */
+  nameOf(system_id: number): string {
+    const vehicles = this.run?.vehicles ?? [];
+    const name = vehicles.find((info) => info.system_id === system_id)?.name;
+    if (!name) return `vehicle ${system_id}`;
+    return vehicles.filter((info) => info.name === name).length > 1 ? `${name} ${system_id}` : name;
+  }
+
   /** The field that a layer is of, undefined for one that is of none. */
   fieldOf(layer: string): FieldInfo | undefined {
     return this.field(layer.slice(layer.indexOf("/") + 1));

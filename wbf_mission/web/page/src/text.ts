@@ -15,7 +15,8 @@ export function figure(value: number): string {
 }
 
 export function percent(part: number | null | undefined): string {
-  return part === null || part === undefined ? "–" : `${Math.round(100 * part)} %`;
+  if (part === null || part === undefined) return "–";
+  return `${(100 * part).toFixed(part !== 0 && part < 0.02 ? 1 : 0)}\u00a0%`;
 }
 
 export function metres(length_m: number): string {

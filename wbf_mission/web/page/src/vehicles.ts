@@ -3,7 +3,7 @@ import { vehicleColour } from "./colours.js";
 import { element, setText } from "./dom.js";
 import type { Model, Moment } from "./model.js";
 import type { VehicleInfo } from "./schema.js";
-import { clock, figure, metres, percent } from "./text.js";
+import { clock, metres, percent } from "./text.js";
 
 const LOW_BATTERY = 0.25;
 const POOR_LINK = 0.8;
@@ -34,7 +34,7 @@ class Card {
       }),
     ) as Figures;
     const head = element("button", { type: "button", class: "head", "aria-pressed": "false" });
-    head.append(dot, element("span", { class: "name" }, info.name), this.mode, this.battery, this.bar, this.phase);
+    head.append(dot, element("span", { class: "name" }, model.nameOf(info.system_id)), this.mode, this.battery, this.bar, this.phase);
     head.addEventListener("click", chosen);
     this.element = element("li", { class: "card" }, head, element("div", { class: "body" }, this.doing, list));
   }
@@ -105,5 +105,5 @@ export class Vehicles {
 /** The score and what it is made of, in a line. */
 export function scoreLine(model: Model, time_s: number): string {
   const score = model.scoreAt(time_s);
-  return score === null ? "" : `Score ${figure(score)}`;
+  return score === null ? "" : `Score ${score.toFixed(3)}`;
 }

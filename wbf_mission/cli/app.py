@@ -25,6 +25,7 @@ from wbf_mission.cli import (
     preflight,
     signals,
     sim,
+    studio,
     transfer,
     vehicle,
     warm_up,
@@ -53,6 +54,7 @@ app = typer.Typer(
 _COMMANDS = (
     ("plan", plan.plan_command, plan.EXAMPLES),
     ("fly", fly.fly_command, fly.EXAMPLES),
+    ("studio", studio.studio_command, studio.EXAMPLES),
     ("map", treatment_map.map_command, treatment_map.EXAMPLES),
     ("sim", sim.sim_command, sim.EXAMPLES),
     ("check", check.check_command, check.EXAMPLES),

@@ -94,7 +94,7 @@ def check_plan(plan: PlanResult, one: VehicleParts) -> Report:
     """Check a plan of one vehicle of a run; the paper's robot, which has no size, flies anything."""
     if plan.vehicle.is_ideal:
         return Report(())
-    given = replace(Circumstances.of(one, plan.farm), imaging=plan.imaging)
+    given = replace(Circumstances.of(one, plan.farm), imaging=plan.imaging, prediction=plan.prediction)
     return check_mission(plan.mission, given).report.about(Concern.PLAN)
 
 

@@ -135,6 +135,8 @@ class Circumstances:
     snapshot: VehicleSnapshot | None = None  # What the vehicle told of itself
     footprint: int = 1  # Cells of the farm on a side of what an image shows
     imaging: Imaging | None = None  # What takes the images, if it is no leaf camera
+    # What planning has predicted of it, for this vehicle in this air; None: it is predicted
+    prediction: Prediction | None = None
 
     @classmethod
     def of(cls, one: VehicleParts, farm: Farm, snapshot: VehicleSnapshot | None = None) -> Self:
@@ -290,7 +292,8 @@ def _predicted(subject: Subject, mission: Mission) -> Subject:
     return replace(
         subject,
         tracks=tuple(FlownTrack(one.track_m, one.items) for one in ended),
-        prediction=plan_prediction(mission, vehicle, wind=wind, frame=frame, estimate_errors=errs),
+        prediction=subject.given.prediction
+        or plan_prediction(mission, vehicle, wind=wind, frame=frame, estimate_errors=errs),
         stopped=stops[-1] if stops else None,
     )
 

@@ -8,14 +8,13 @@ import threading
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any, TypeAlias, get_args
 from urllib.parse import quote
 
 import msgspec
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
-from starlette.responses import FileResponse, Response
+from starlette.responses import Response
 from starlette.routing import Route
 
 from geo import Farm
@@ -52,6 +51,7 @@ from wbf_mission.web.view import View
 
 _FIRST = ("planner", "policy", "budget", "vehicle", "autopilot", "wind_speed_m_s", "wind_direction_deg")
 """Options that everybody looks at; the others are in their panels."""
+_LONGEST_END_S = 5.0
 _TYPES = {bool: "flag", int: "whole", float: "number"}
 Handler: TypeAlias = Callable[[Request, bytes], Any]
 
@@ -63,32 +63,29 @@ class Studio:
     ----------
     start : Scenario
         With what the page begins.
-    show : callable
-        Takes the view of each flight, which the live page then shows.
     """
 
-    def __init__(self, start: Scenario, show: Callable[[View], None]) -> None:
+    def __init__(self, start: Scenario) -> None:
         self.drafts = Drafts(start)
-        self._flight = _Flight(show)
+        self._flight = _Flight()
+
+    def begin(self, show: Callable[[View], None]) -> None:
+        """Begin: `show` takes the view of each flight, which the live page then shows.
+
+        What the page begins with is planned, so that it is there, and all is compiled, when it asks.
+        """
+        self._flight.show = show
+        body = msgspec.json.encode({"farm": self.drafts.start.farm.name, "options": self._given()})
+        threading.Thread(target=self._plan_quietly, args=(body,), name="studio", daemon=True).start()
 
     def close(self) -> None:
         """End the flight, if there is one, and remove the files."""
-        self._flight.stop()
+        self._flight.stop(_LONGEST_END_S)
         self.drafts.close()
 
-    def warm_up(self) -> None:
-        """Plan what the page begins with, so that it is there, and all is compiled, when it asks."""
-        body = msgspec.json.encode({"farm": self.drafts.start.farm.name, "options": self._given()})
-        threading.Thread(target=self._plan_quietly, args=(body,), name="studio-warm-up", daemon=True).start()
-
-    def routes(self, page: Path) -> list[Route]:
-        """Return the routes of the page, a file, and of what it asks."""
-
-        async def studio(_request: Request) -> Response:
-            return FileResponse(page)
-
+    def routes(self) -> list[Route]:
+        """Return the routes of what the page asks."""
         return [
-            Route("/studio", studio),
             Route("/api/options", _answering(self.options), methods=["GET"]),
             Route("/api/farm", _answering(self.named_farm), methods=["GET"]),
             Route("/api/farm", _answering(self.farm), methods=["POST"]),
@@ -190,10 +187,10 @@ class Studio:
 
 
 class _Flight:
-    """The flight in the simulator: one at a time."""
+    """The flight in the simulator: one is shown, and what it replaces ends as soon as it notices."""
 
-    def __init__(self, show: Callable[[View], None]) -> None:
-        self._show = show
+    def __init__(self) -> None:
+        self.show: Callable[[View], None] = lambda _view: None
         self._thread: threading.Thread | None = None
         self._stopping = threading.Event()
         self._lock = threading.Lock()
@@ -201,25 +198,21 @@ class _Flight:
     def start(self, scenario: Scenario, pace: float | None) -> None:
         """Fly, in place of what flies now."""
         with self._lock:
-            self._end()
-            view, stopping = View(), threading.Event()
-            self._stopping = stopping
-            self._show(view)
-            work = partial(_fly, scenario, pace, view, stopping)
-            self._thread = threading.Thread(target=work, name="studio-flight", daemon=True)
+            self._stopping.set()
+            view, self._stopping = View(), threading.Event()
+            self.show(view)
+            work = partial(_fly, scenario, pace, view, self._stopping)
+            self._thread = threading.Thread(target=work, name="studio flight", daemon=True)
             self._thread.start()
 
-    def stop(self) -> bool:
-        """End the flight; return whether there was one."""
+    def stop(self, wait_s: float = 0.0) -> bool:
+        """End the flight, and wait for that; return whether there was one."""
         with self._lock:
-            return self._end()
-
-    def _end(self) -> bool:
-        if self._thread is None or not self._thread.is_alive():
-            return False
-        self._stopping.set()
-        self._thread.join()
-        return True
+            self._stopping.set()
+            flies = self._thread is not None and self._thread.is_alive()
+            if self._thread is not None:
+                self._thread.join(wait_s)
+            return flies
 
 
 def _fly(scenario: Scenario, pace: float | None, view: View, stopping: threading.Event) -> None:
@@ -271,7 +264,7 @@ def _farm(farm: Farm, document: bytes) -> dict[str, Any]:
 
 def _mission(one: PlannedMission) -> dict[str, Any]:
     """Return what one vehicle flies in one sortie, and what was found in it."""
-    plan, prediction = one.plan, one.plan.prediction
+    plan, prediction, found = one.plan, one.plan.prediction, one.report.findings
     told = Planned(
         *(0.0, 0, 1, one.system_id, plan.mission, plan.path_m),
         duration_s=prediction.duration_s,
@@ -283,10 +276,11 @@ def _mission(one: PlannedMission) -> dict[str, Any]:
         "plan": plan_shape(told, plan.farm),
         "battery_used": plan.battery_used,
         "energy_wh": prediction.energy_wh,
-        "warnings": plan.warnings,
+        # What the check finds, too, is told once.
+        "warnings": [text for text in plan.warnings if not any(each.text in text for each in found)],
         "findings": [
             {**each.summary(), "where": each.where, "told": str(each), "place_m": one.place_of(each)}
-            for each in one.report.findings
+            for each in found
         ],
     }
 
@@ -320,10 +314,11 @@ def _told(key: str, one: Option) -> dict[str, Any]:
         "choices": names,
         "default": one.default or _default(one.initial),
         "first": key in _FIRST,
+        "several": one.each or one.wanted not in (str, str | None, Any),
     }
 
 
-_TOLD = ("label", "help", "panel", "unit", "low", "high", "kind", "needs", "not_with", "needs_fleet", "each")
+_TOLD = ("label", "help", "panel", "unit", "low", "high", "kind", "needs", "not_with", "needs_fleet")
 
 
 def _default(initial: Any) -> str:

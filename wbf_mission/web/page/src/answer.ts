@@ -5,7 +5,7 @@ import { themed, vehicleColour } from "./colours.js";
 import type { Finding, Planned } from "./desk.js";
 import { button, element } from "./dom.js";
 import type { Ring } from "./schema.js";
-import { capital, clock, metres } from "./text.js";
+import { capital, duration, metres } from "./text.js";
 
 const MOST_FINDINGS = 50;
 
@@ -91,11 +91,11 @@ function figures(planned: Planned): [string, string, string][] {
   const batteries = vehicles.some((one) => one.batteries === null) ? null : sum((one) => one.batteries ?? 0);
   const spacing = vehicles[0]?.spacing_m;
   const lines: [string, string, string][] = [
-    ["Time", clock(longest_s), changes ? `${clock(sum((one) => one.predicted_time_s))} in the air, the rest for batteries` : "minutes:seconds"],
+    ["Time", duration(longest_s), changes ? `${duration(sum((one) => one.predicted_time_s))} in the air, the rest for batteries` : "from take-off to landing"],
     ["Distance", metres(sum((one) => one.length_m)), `${sum((one) => one.waypoints)} waypoints`],
     ["Batteries", batteries === null ? "never enough" : String(batteries), `${(100 * used).toFixed(0)} % of one at most, ${sum((one) => one.predicted_energy_wh).toFixed(1)} Wh`],
     ["Coverage", `${(100 * sum((one) => one.coverage)).toFixed(2)} %`, spacing ? `rows ${metres(spacing)} apart` : "of the land to be seen"],
   ];
-  if (missions.length > 1) lines.splice(2, 0, ["Flights", String(missions.length), missions.map((one) => clock(one.plan.duration_s ?? 0)).slice(0, 8).join(" + ")]);
+  if (missions.length > 1) lines.splice(2, 0, ["Flights", String(missions.length), missions.map((one) => duration(one.plan.duration_s ?? 0)).slice(0, 8).join(" + ")]);
   return lines;
 }

@@ -14,7 +14,8 @@ export interface OptionInfo {
   needs: string;
   not_with: string[];
   needs_fleet: boolean;
-  each: boolean;
+  /** Whether several of the choices may be given, with commas between them. */
+  several: boolean;
   type: "flag" | "whole" | "number" | "text";
   choices: string[];
   default: string;
@@ -62,9 +63,11 @@ export class Choices {
       return row;
     }
     const id = `choice-${one.key}`;
-    const input = one.choices.length && !one.each && one.key !== "fields" && one.key !== "camera_fields" ? this.select(one, id) : this.input(one, id);
+    const input = one.choices.length && !one.several ? this.select(one, id) : this.input(one, id);
+    const list = input instanceof HTMLInputElement && one.choices.length ? [element("datalist", { id: `${id}-list` }, ...one.choices.map((value) => element("option", { value })))] : [];
+    if (list.length) input.setAttribute("list", `${id}-list`);
     const unit = one.unit ? `, ${one.unit}` : "";
-    const row = element("div", { class: "choice" }, element("label", { for: id }, capital(one.label) + unit), input, element("small", { id: `${id}-help` }, one.help));
+    const row = element("div", { class: "choice" }, element("label", { for: id }, capital(one.label) + unit), input, ...list, element("small", { id: `${id}-help` }, one.help));
     input.setAttribute("aria-describedby", `${id}-help`);
     if (one.kind in this.parameters) row.append(element("div", { class: "parameters" }));
     this.rows.set(one.key, { row, input });

@@ -57,7 +57,7 @@ export class Outline {
     }
     if (shape.kind === "obstacle") fields.push(metres("Height, m", shape.height_m, (height_m) => change({ height_m: height_m ?? 0 }, "Height changed")));
     if (shape.kind !== "field") fields.push(metres("Margin, m", shape.margin_m, (margin_m) => change({ margin_m }, "Margin changed")));
-    const remove = button("Delete this shape", () => {
+    const remove = button("Delete", () => {
       this.host.select(null);
       this.host.edit(withoutShape(this.host.sketch, number), `${shape.name} deleted`);
     }, { class: "starts" });

@@ -48,7 +48,7 @@ class Studio implements EditorHost {
     this.choices = new Choices(options.options, options.parameters, { ...options.start.options }, () => this.planSoon());
     this.takeaway = new Takeaway(() => this.draft, options);
     this.outline = new Outline(this, options.crops);
-    this.farms = element("select", { id: "farms" }, ...options.farms.map((name) => element("option", { value: name }, name)));
+    this.farms = element("select", { id: "farms" }, element("option", { value: "", hidden: "" }, "drawn or opened here"), ...options.farms.map((name) => element("option", { value: name }, name)));
     const file = this.filePicker();
     const side = element("aside", { class: "side", "aria-label": "Farm, options and what to do with the plan" },
       panel("Farm", this.farmLine(file), this.toolbar(), this.outline.element),
@@ -69,6 +69,7 @@ class Studio implements EditorHost {
     document.addEventListener("keydown", (event) => this.key(event));
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.editor.show());
     this.dropping(file);
+    new ResizeObserver(() => this.map.invalidateSize({ animate: false })).observe(room);
     this.take("select");
     void this.open(() => desk.farm(options.start.farm), options.start.farm);
   }
@@ -144,8 +145,6 @@ class Studio implements EditorHost {
   private begin(sketch: Sketch, notes: string[]): void {
     this.history.restart(sketch);
     this.selected = null;
-    if (sketch.known === null) this.farms.selectedIndex = -1;
-    else if (this.options.farms.includes(sketch.known)) this.farms.value = sketch.known;
     this.take(sketch.shapes.length ? "select" : "field");
     if (notes.length) this.tell(notes.join("; "));
     this.planSoon();
@@ -199,6 +198,8 @@ class Studio implements EditorHost {
     this.outline.show();
     this.undoButton.disabled = !this.history.canUndo;
     this.redoButton.disabled = !this.history.canRedo;
+    const { known } = this.sketch;
+    this.farms.value = known !== null && this.options.farms.includes(known) ? known : "";
     setText(this.title, `Studio: ${this.sketch.name}`);
     document.title = `${this.sketch.name} · studio`;
   }

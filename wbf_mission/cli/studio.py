@@ -1,0 +1,77 @@
+"""``wbf-mission studio``."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from typing import Annotated
+
+from wbf_mission.cli import options
+from wbf_mission.cli.options import option
+from wbf_mission.cli.output import Output
+from wbf_mission.scenario import (
+    CameraOptions,
+    EstimateOptions,
+    FarmOptions,
+    MissionOptions,
+    VehicleOptions,
+    WeatherOptions,
+)
+
+EXAMPLES = """
+Examples
+wbf-mission studio
+wbf-mission studio --farm my-farm.geojson --vehicle mapping-quad --open
+wbf-mission studio --farm miniberry-100 --planner lawnmower --budget 10min --port 8080
+"""
+_PAGE = "The page"
+
+
+@options.scenario_options(
+    FarmOptions,
+    MissionOptions,
+    VehicleOptions,
+    WeatherOptions,
+    CameraOptions,
+    EstimateOptions,
+    without=("mission", "terrain", "days", "flights_per_day"),
+    defaults={"farm": "miniberry-100"},
+)
+@options.speaks()
+def studio_command(
+    given: options.Given,
+    output: Output,
+    *,
+    port: Annotated[
+        int,
+        option(
+            "Where the page is served, 0 for any free port.",
+            panel=_PAGE,
+            parser=options.whole_number_in(0, 65_535),
+        ),
+    ] = 0,
+    open_page: Annotated[
+        bool, option("Open the page in the browser.", "--open/--no-open", panel=_PAGE)
+    ] = False,
+) -> None:
+    """Plan in the browser: draw a farm, choose, see path and figures at once; save, upload, fly and watch.
+
+    The page is served to this machine only, until Ctrl-C; other options are with what it begins.
+    """
+    import webbrowser
+
+    from wbf_mission.web.server import LiveServer
+    from wbf_mission.web.studio import Studio
+    from wbf_mission.web.view import View
+
+    studio = Studio(given.scenario())
+    with (
+        contextlib.suppress(KeyboardInterrupt),
+        contextlib.closing(studio),
+        LiveServer(View(), port=port, routes=studio.routes(), home="studio") as server,
+    ):
+        studio.begin(server.show)
+        output.result({"url": server.url}, {"page": server.url, "end": "Ctrl-C"}, title="Studio")
+        if open_page:
+            webbrowser.open(server.url)
+        threading.Event().wait()

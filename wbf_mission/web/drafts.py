@@ -20,7 +20,7 @@ from geo.errors import FarmError, WbfMissionError
 from geo.farm_file import FARM_SUFFIXES
 from geo.geojson import MAX_FILE_BYTES
 from geo.named import parse_named
-from mission.files import Firmware, ending, fitted, write_mission
+from mission.files import Firmware, fitted, mission_formats, write_mission
 from sensors.camera.optics import camera_names
 from sensors.field_files import field_names
 from wbf_mission.planning import PlanResult
@@ -41,7 +41,6 @@ _KEPT = 8
 """So many plans and farms are kept: what was just undone is there again at once."""
 _FIXED = ("farm", "farm_crs", "crop", "repair", "mission", "terrain", "days", "flights_per_day")
 """Options that are no part of a draft: its farm is drawn, and files are not named from a page."""
-_LONGEST_SUFFIX = 12
 T = TypeVar("T")
 
 
@@ -155,7 +154,7 @@ class PlannedDraft:
             r"\w+", f"{one.plan.farm.name} {str(one.plan.planner).partition(':')[0]} {one.name}"
         )
         name = f"{'-'.join(words).lower()[:80]}{suffix}"
-        if ending(name) != suffix or len(suffix) > _LONGEST_SUFFIX:
+        if suffix not in written_suffixes():
             raise DraftError(f"format {suffix!r:.40} is not known: choose one of those of the studio")
         with tempfile.TemporaryDirectory(dir=folder) as own:
             path = Path(own) / name
@@ -322,6 +321,11 @@ def planned(draft: Draft, progress: Progress) -> PlannedDraft:
     return PlannedDraft(
         draft, results, cuts, vehicles, tuple(missions), planned_s - begun_s, ended_s - planned_s
     )
+
+
+def written_suffixes() -> dict[str, str]:
+    """Return the names of the formats in which missions are written by the usual endings of their files."""
+    return {one.suffixes[0]: one.name for one in mission_formats() if one.dumps}
 
 
 def without_budget(scenario: Scenario) -> Scenario:

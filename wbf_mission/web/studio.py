@@ -21,7 +21,6 @@ from geo import Farm
 from geo.errors import WbfMissionError
 from geo.grid import Crop
 from geo.texts import one_line, parse_number
-from mission.files import mission_formats
 from mission.planners import make_planner
 from mission.planners.registry import planner_parameters
 from mission.policies.policy import policy_parameters
@@ -45,6 +44,7 @@ from wbf_mission.web.drafts import (
     SupersededError,
     draft_options,
     known_names,
+    written_suffixes,
 )
 from wbf_mission.web.shapes import farm_shape, plan_shape
 from wbf_mission.web.view import View
@@ -108,9 +108,7 @@ class Studio:
                 },
                 "policy": {one: _parameters(policy_parameters(one)) for one in names_of("policy")},
             },
-            "formats": [
-                {"name": one.name, "suffix": one.suffixes[0]} for one in mission_formats() if one.dumps
-            ],
+            "formats": [{"name": name, "suffix": suffix} for suffix, name in written_suffixes().items()],
             "start": {"farm": self.drafts.start.farm.name, "options": self._given()},
         }
 

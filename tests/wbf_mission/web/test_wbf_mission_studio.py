@@ -1,0 +1,278 @@
+"""The studio's requests over real sockets: what they answer, and what they refuse."""
+
+import http.client
+import json
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from stand_in import stand_in
+from viewer import Viewer
+from websockets.sync.client import connect
+
+from geo import get_farm, save_farm
+from mission.ground.link import download
+from wbf_mission.cli.app import main
+from wbf_mission.planning import plan
+from wbf_mission.scenario import Scenario
+from wbf_mission.scenario.scenario import all_options
+from wbf_mission.web.drafts import MAX_BODY_BYTES
+from wbf_mission.web.server import LiveServer
+from wbf_mission.web.studio import Studio
+from wbf_mission.web.view import View
+
+START = {"planner": "spiral", "budget": "3min"}
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[LiveServer]:
+    studio = Studio(Scenario(farm="miniberry-30", **START))
+    with LiveServer(View(), routes=studio.routes(), home="studio") as listening:
+        studio.begin(listening.show)
+        yield listening
+    studio.close()
+
+
+def ask(
+    server: LiveServer, method: str, path: str, body: bytes | None = None, **headers: str
+) -> tuple[http.client.HTTPResponse, bytes]:
+    connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=120)
+    given = {"Origin": f"http://127.0.0.1:{server.port}", **headers}
+    try:
+        connection.request(method, path, body, given)
+        response = connection.getresponse()
+        return response, response.read()
+    finally:
+        connection.close()
+
+
+def told(server: LiveServer, path: str, status: int = 200, method: str = "POST", **draft: Any) -> Any:
+    body = json.dumps({"farm": "miniberry-30", "options": START, **draft}).encode()
+    response, content = ask(server, method, path, None if method == "GET" else body)
+    assert response.status == status, content
+    return json.loads(content)
+
+
+def test_the_page_is_at_the_beginning_and_the_live_page_beside_it(server: LiveServer) -> None:
+    response, page = ask(server, "GET", "/")
+    assert response.status == 200
+    assert b"studio.js" in page
+    assert "default-src 'none'" in response.getheader("Content-Security-Policy", "")
+    assert b"live.js" in ask(server, "GET", "/live")[1]
+
+
+def test_options_are_those_of_a_scenario(server: LiveServer) -> None:
+    found = told(server, "/api/options", method="GET")
+    known = all_options()
+    for one in found["options"]:
+        option = known[one["key"]][2]
+        assert (one["help"], one["low"], one["high"], one["unit"]) == (
+            option.help,
+            option.low,
+            option.high,
+            option.unit,
+        )
+    by_key = {one["key"]: one for one in found["options"]}
+    assert {"planner", "policy", "budget", "vehicle", "wind_speed_m_s", "camera_model"} <= by_key.keys()
+    assert not {"farm", "mission", "terrain", "farm_crs"} & by_key.keys()
+    assert "spiral" in by_key["planner"]["choices"]
+    assert by_key["wind_speed_m_s"]["type"] == "number"
+    assert by_key["estimate_errors"]["type"] == "flag"
+    assert by_key["budget"]["type"] == "text"
+    assert found["parameters"]["planner"]["lawnmower"]["direction"] == "none"
+    assert found["start"] == {"farm": "miniberry-30", "options": {"budget": "3min"}}
+    assert {".plan", ".waypoints", ".wpml.kmz"} <= {one["suffix"] for one in found["formats"]}
+    assert "waterberry" in found["farms"]
+    assert found["crops"] == ["strawberry", "tomato", "pond", "wetland"]
+
+
+def test_a_plan_is_what_planning_gives(server: LiveServer) -> None:
+    found = told(server, "/api/plan")
+    wanted = plan(Scenario(farm="miniberry-30", **START))
+    mission = found["missions"][0]
+    assert mission["plan"]["path"] == wanted.path_m.round(2).ravel().tolist()
+    assert mission["plan"]["duration_s"] == wanted.prediction.duration_s
+    assert mission["battery_used"] == wanted.battery_used
+    assert len(mission["plan"]["items"]) == len(wanted.mission.items)
+    summary = found["vehicles"][0]
+    assert summary["coverage"] == wanted.coverage
+    assert summary["batteries"] == 1
+    assert [one["code"] for one in mission["findings"]] == ["flight"]
+    assert found["farm"]["name"] == "miniberry-30"
+
+
+def test_findings_tell_where_they_are(server: LiveServer) -> None:
+    mission = told(server, "/api/plan", options={"vehicle": "fixed-wing"})["missions"][0]
+    turn, flight = mission["findings"]
+    assert (turn["code"], turn["severity"]) == ("tight-turn", "warning")
+    assert turn["told"].startswith(turn["where"])
+    assert turn["fix"]
+    x, y = turn["place_m"]
+    assert -30.0 < x < 40.0
+    assert -30.0 < y < 40.0
+    assert flight["place_m"] is None
+
+
+def test_a_policy_is_planned_to_begin_with(server: LiveServer) -> None:
+    found = told(server, "/api/plan", options={"policy": "greedy", "budget": "3min"})
+    assert found["vehicles"][0]["planner"] == "greedy"
+
+
+def test_several_vehicles_are_planned(server: LiveServer) -> None:
+    found = told(server, "/api/plan", options={**START, "vehicles": 2})
+    assert [one["name"] for one in found["missions"]] == ["vehicle 1", "vehicle 2"]
+    assert [one["plan"]["system_id"] for one in found["missions"]] == [1, 2]
+
+
+@pytest.mark.parametrize("suffix", [".plan", ".kml", ".wpml.kmz"])
+def test_exports_are_the_files_of_the_command_line(server: LiveServer, tmp_path: Path, suffix: str) -> None:
+    body = json.dumps({"farm": "miniberry-30", "options": START}).encode()
+    response, content = ask(server, "POST", f"/api/export?format={suffix}&mission=0", body)
+    out = tmp_path / f"out{suffix}"
+    assert (
+        main(["plan", "--farm", "miniberry-30", "--planner", "spiral", "--budget", "3min", "--out", str(out)])
+        == 0
+    )
+    assert content == out.read_bytes()
+    assert f"miniberry-30-spiral{suffix}" in response.getheader("Content-Disposition", "")
+
+
+def test_a_farm_file_is_drawn_and_planned(server: LiveServer, tmp_path: Path) -> None:
+    path = tmp_path / "own.geojson"
+    save_farm(get_farm("miniberry-10"), path)
+    response, content = ask(server, "POST", "/api/farm?name=own.geojson", path.read_bytes())
+    assert response.status == 200
+    found = json.loads(content)
+    assert found["document"].keys() == json.loads(path.read_bytes()).keys()
+    assert found["farm"]["patches"][0]["crop"] == "strawberry"
+    planned = told(server, "/api/plan", farm=found["document"])
+    assert planned["farm"]["name"] == "miniberry-10"
+    assert told(server, "/api/farm?name=waterberry", method="GET")["document"]["name"] == "waterberry"
+
+
+@pytest.mark.parametrize(
+    ("path", "draft", "wanted"),
+    [
+        ("/api/plan", {"farm": "/etc/passwd"}, "the studio knows"),
+        ("/api/plan", {"farm": {"type": "FeatureCollection", "features": [1]}}, "feature 1"),
+        ("/api/plan", {"options": {"budget": "much"}}, "budget 'much'"),
+        ("/api/plan", {"options": {"no": 1}}, "no option"),
+        ("/api/plan", {"options": 3}, "cannot be read"),
+        ("/api/export?format=.exe", {}, "format '.exe' is not known"),
+        ("/api/export?format=/../x.plan", {}, "is not known"),
+        ("/api/export?format=.plan&mission=7", {}, "mission 7: there are 1"),
+        ("/api/export?format=.plan&mission=-1", {}, "out of range"),
+        ("/api/export?format=.plan&mission=x", {}, "'x' is not a number"),
+        ("/api/fly?pace=0", {}, "out of range"),
+        ("/api/upload?link=udpin:127.0.0.1:1", {}, "confirm that"),
+        ("/api/upload?link=nonsense&confirmed=true", {}, "nonsense"),
+        ("/api/upload?link=tcp:127.0.0.1:1&confirmed=true&system_id=0", {}, "out of range"),
+    ],
+)
+def test_what_cannot_be_done_is_told_in_a_line(
+    server: LiveServer, path: str, draft: dict[str, Any], wanted: str
+) -> None:
+    error = told(server, path, 400, **draft)["error"]
+    assert wanted in error
+    assert "\n" not in error
+
+
+def test_bodies_are_limited(server: LiveServer) -> None:
+    response, content = ask(server, "POST", "/api/farm?name=a.geojson", bytes(MAX_BODY_BYTES + 1))
+    assert response.status == 413
+    assert "MiB" in json.loads(content)["error"]
+
+
+@pytest.mark.parametrize(
+    "path", ["/api/plan", "/api/fly", "/api/stop", "/api/upload", "/api/farm", "/api/export"]
+)
+def test_other_sites_cannot_ask(server: LiveServer, path: str) -> None:
+    response, _ = ask(server, "POST", path, b"{}", Origin="http://elsewhere.example")
+    assert response.status == 403
+
+
+@pytest.mark.slow
+def test_a_mission_is_uploaded_and_read_back(server: LiveServer) -> None:
+    with stand_in("px4", speed=6.0) as (url, _):
+        report = told(server, f"/api/upload?confirmed=true&link={url}")
+        held, _ = download(url)
+    assert report["verified"] is True
+    assert report["accepted"] is True
+    assert report["items"]["mission"] == len(held.items)
+    wanted = plan(Scenario(farm="miniberry-30", **START)).mission
+    assert [one.command for one in held.items] == [one.command for one in wanted.items]
+
+
+def test_a_newer_draft_takes_the_place_of_older_ones(server: LiveServer) -> None:
+    answers: dict[int, int] = {}
+
+    def plan_with(number: int) -> None:
+        options = {"planner": "spiral", "budget": f"{200 + number}s", "seed": number}
+        body = json.dumps({"farm": "miniberry-100", "options": options}).encode()
+        response, content = ask(server, "POST", "/api/plan", body)
+        answers[number] = response.status
+        if response.status == 409:
+            assert json.loads(content)["superseded"] is True
+
+    threads = [threading.Thread(target=plan_with, args=(number,)) for number in range(8)]
+    for thread in threads:
+        thread.start()
+        time.sleep(0.02)
+    for thread in threads:
+        thread.join(120)
+    assert answers[7] == 200
+    assert 409 in answers.values()
+
+
+def test_a_flight_is_watched_and_stopped(server: LiveServer) -> None:
+    told(server, "/api/fly?pace=5", options={**START, "estimator": "point"})
+    address = f"127.0.0.1:{server.port}"
+    viewer = Viewer()
+    with connect(
+        f"ws://{address}/live", origin=f"http://{address}", max_size=None, compression=None
+    ) as client:  # type: ignore[arg-type]
+        begun_s = time.monotonic()
+        while not viewer.states and time.monotonic() < begun_s + 90:
+            viewer.take(client.recv(90))
+        assert viewer.run is not None
+        assert viewer.run["farm"]["name"] == "miniberry-30"
+        assert told(server, "/api/stop") == {"stopped": True}
+        while viewer.status.get("outcome") == "running" and time.monotonic() < begun_s + 90:
+            viewer.take(client.recv(90))
+    assert viewer.status["outcome"] == "interrupted"
+
+
+def test_what_cannot_be_flown_is_told_on_the_live_page(server: LiveServer) -> None:
+    told(server, "/api/fly", options={**START, "camera_model": "dji-p1-35", "gsd_cm": 0.6})
+    address = f"127.0.0.1:{server.port}"
+    viewer = Viewer()
+    with connect(
+        f"ws://{address}/live", origin=f"http://{address}", max_size=None, compression=None
+    ) as client:  # type: ignore[arg-type]
+        begun_s = time.monotonic()
+        while viewer.status.get("outcome", "running") == "running" and time.monotonic() < begun_s + 60:
+            viewer.take(client.recv(60))
+    assert viewer.status["outcome"] == "failed"
+    assert "leaf camera" in viewer.status["reason"]
+
+
+def test_the_command_serves_until_it_is_interrupted() -> None:
+    command = [sys.executable, "-m", "wbf_mission", "studio", "--farm", "miniberry-10", "--json"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        text = ""
+        while not text.rstrip().endswith("}"):
+            text += process.stdout.readline()
+        url = json.loads(text)["url"]
+        connection = http.client.HTTPConnection(url.split("/")[2], timeout=30)
+        connection.request("GET", "/api/options")
+        assert json.loads(connection.getresponse().read())["start"]["farm"] == "miniberry-10"
+        connection.close()
+        process.send_signal(signal.SIGINT)
+        assert process.wait(30) == 0

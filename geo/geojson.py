@@ -75,6 +75,16 @@ def save_farm(farm: Farm, path: str | os.PathLike[str]) -> None:
     FarmError
         If the file cannot be written.
     """
+    try:
+        with atomic_write(path, "wb") as file:
+            file.write(msgspec.json.format(msgspec.json.encode(farm_document(farm)), indent=1))
+    except (OSError, ValueError) as error:
+        msg = f"farm file {os.fspath(path)}: cannot be written ({getattr(error, 'strerror', None) or error})"
+        raise FarmError(msg) from None
+
+
+def farm_document(farm: Farm) -> dict[str, Any]:
+    """Return what `save_farm` writes."""
     frame = farm.frame
     patches = [
         _feature(farm, patch.polygon, name=patch.name, crop=str(patch.crop), owner=patch.owner)
@@ -91,7 +101,7 @@ def save_farm(farm: Farm, path: str | os.PathLike[str]) -> None:
         )
         for number, one in enumerate(farm.obstacles, 1)
     ]
-    document = {
+    return {
         "type": "FeatureCollection",
         "name": farm.name,
         "owner": farm.owner,
@@ -104,12 +114,6 @@ def save_farm(farm: Farm, path: str | os.PathLike[str]) -> None:
         **({"rally": [_position(frame, place) for place in farm.rally_m]} if farm.rally_m else {}),
         "features": patches + obstacles,
     }
-    try:
-        with atomic_write(path, "wb") as file:
-            file.write(msgspec.json.format(msgspec.json.encode(document), indent=1))
-    except (OSError, ValueError) as error:
-        msg = f"farm file {os.fspath(path)}: cannot be written ({getattr(error, 'strerror', None) or error})"
-        raise FarmError(msg) from None
 
 
 def _position(frame: LocalFrame, place_m: tuple[float, float]) -> list[float]:

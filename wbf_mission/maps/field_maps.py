@@ -147,6 +147,13 @@ def pixel_sums(grid: MapGrid, mask: NDArray[np.bool_], value: NDArray[np.float32
     return sums, least
 
 
+def pixel_means(grid: MapGrid, mask: NDArray[np.bool_], value: NDArray[np.float32]) -> Floats:
+    """Return the means of values over the pixels of a farm, NaN where the mask has no cell."""
+    sums, _ = pixel_sums(grid, mask, value)
+    count = sums[..., COUNT]
+    return np.where(count > 0, 1.0 - sums[..., ILLNESS] / np.maximum(count, 1.0), np.nan)
+
+
 def _from_probabilities(
     grid: MapGrid, mask: NDArray[np.bool_], healthy: NDArray[np.float32], value: NDArray[np.float32]
 ) -> tuple[Floats, Floats | None, Floats, Floats]:

@@ -27,8 +27,8 @@ from geo.errors import WbfMissionError
 from mission.ground.tracks import Track
 from sensors.estimators import Estimator
 from sensors.fields import Field
-from wbf_mission.maps.blocks import COUNT, ILLNESS, MapGrid
-from wbf_mission.maps.field_maps import pixel_sums
+from wbf_mission.maps.blocks import MapGrid
+from wbf_mission.maps.field_maps import pixel_means
 from wbf_mission.progress import Progress, silent
 from wbf_mission.run.record import FlightRecord
 from wbf_mission.run.relearning import estimates_again, fresh_estimator, kept_truths
@@ -198,7 +198,7 @@ def _estimated(
 ) -> tuple[list[_Floats], list[_Floats]]:
     """Return what is believed, and how surely, by pixels."""
     value, uncertainty = (
-        [_by_pixels(grid, mask, whole[k]) for k, mask in enumerate(masks)]
+        [pixel_means(grid, mask, whole[k]) for k, mask in enumerate(masks)]
         for whole in (model.value, model.uncertainty)
     )
     return value, uncertainty
@@ -214,7 +214,7 @@ def _truth(
     """Return the truth of a day by pixels: of what the record holds, else of the environment in strips."""
     values = kept_truths(record).get(day)
     if values is not None:
-        return [_by_pixels(grid, mask, values[k]) for k, mask in enumerate(masks)]
+        return [pixel_means(grid, mask, values[k]) for k, mask in enumerate(masks)]
     pixels = [np.empty(grid.pixels) for _ in masks]
     columns = max(1, _STRIP_CELLS // grid.pixel)
     width, height = grid.shape
@@ -223,15 +223,8 @@ def _truth(
         strip = replace(grid, shape=(x.stop - x.start, height))
         values = environment().window(day, x, slice(None))
         for k, mask in enumerate(masks):
-            pixels[k][first : first + columns] = _by_pixels(strip, mask[x], values[k])
+            pixels[k][first : first + columns] = pixel_means(strip, mask[x], values[k])
     return pixels
-
-
-def _by_pixels(grid: MapGrid, mask: NDArray[np.bool_], values: NDArray[np.float32]) -> _Floats:
-    """Return the mean of values over the pixels of a farm, NaN where the mask has no cell."""
-    sums, _ = pixel_sums(grid, mask, values)
-    count = sums[..., COUNT]
-    return np.where(count > 0, 1.0 - sums[..., ILLNESS] / np.maximum(count, 1.0), np.nan)
 
 
 class _Sheet:

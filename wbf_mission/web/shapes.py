@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 import shapely
 
 from geo import Farm
-from mission.errors import MissionFileError
-from mission.files.fence import geo_fence
+from mission.files.fence import fence_rings
 from mission.model import Command, MissionItem
 from wbf_mission.events import Planned
 from wbf_mission.web.schema import (
@@ -25,7 +23,6 @@ from wbf_mission.web.schema import (
 
 _SIMPLER = 5000
 """Outlines are true to this part of the farm's longer side, a fraction of a pixel."""
-_CIRCLE_CORNERS = 48
 _COMMANDS = {int(one): one.name.partition("_")[2].replace("_", " ").lower() for one in Command}
 _MAX_ITEMS = 1000
 
@@ -58,7 +55,10 @@ def plan_shape(planned: Planned, farm: Farm | None) -> Plan:
     return Plan(
         *(planned.system_id, planned.day, planned.flight, planned.time_s),
         path=ring(planned.path_m),
-        fence=[] if farm is None else _fence(planned.mission.fence, farm),
+        fence=[
+            FenceShape([ring(corners)], inclusion)
+            for corners, inclusion in ([] if farm is None else fence_rings(planned.mission.fence, farm.frame))
+        ],
         items=[_in_words(item) for item in planned.mission.items[:_MAX_ITEMS]],
         duration_s=planned.duration_s,
         length_m=planned.length_m,
@@ -76,24 +76,6 @@ def _rings(polygon: shapely.Polygon, simpler_m: float) -> list[Ring]:
     """Return the outline of a polygon, and its holes."""
     simple = shapely.simplify(polygon, simpler_m)
     return [ring(shapely.get_coordinates(one)) for one in (simple.exterior, *simple.interiors)]
-
-
-def _fence(items: Iterable[MissionItem], farm: Farm) -> list[FenceShape]:
-    """Return a geofence in metres of the farm frame; empty if a vehicle has one that is none."""
-    try:
-        fence = geo_fence(tuple(items))
-    except MissionFileError:
-        return []
-    found = []
-    for polygon in fence["polygons"]:
-        lat, lon = np.array(polygon["polygon"]).T
-        found.append(FenceShape([ring(np.stack(farm.frame.from_wgs84(lat, lon), 1))], polygon["inclusion"]))
-    around = np.linspace(0.0, 2.0 * np.pi, _CIRCLE_CORNERS, endpoint=False)
-    for circle in fence["circles"]:
-        centre = np.array(farm.frame.from_wgs84(*circle["circle"]["center"]))
-        corners = centre + circle["circle"]["radius"] * np.stack([np.cos(around), np.sin(around)], 1)
-        found.append(FenceShape([ring(corners)], circle["inclusion"]))
-    return [one for one in found if np.isfinite(one.rings[0]).all()]
 
 
 def _in_words(item: MissionItem) -> str:

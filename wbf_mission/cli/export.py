@@ -1,0 +1,64 @@
+"""``wbf-mission export``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from wbf_mission.cli import options
+from wbf_mission.cli.options import OUTPUT_PANEL, Overwrite, TargetError, option, refuse_overwrite
+from wbf_mission.cli.output import Output
+
+EXAMPLES = """
+Examples
+wbf-mission export runs/mine --to mcap
+"""
+
+To = Literal["mcap"]
+
+
+@options.speaks()
+def export_command(
+    output: Output,
+    folder: Annotated[Path, typer.Argument(help="The folder of a finished run.", metavar="DIR")],
+    to: Annotated[To, option("For which tool.", "--to")],
+    out: Annotated[
+        Path | None,
+        option("The file.  [default: beside the folder, with its name]", "--out", panel=OUTPUT_PANEL),
+    ] = None,
+    estimates: Annotated[
+        int,
+        option(
+            "At how many moments the estimate is shown; all but the last are learned again.",
+            "--estimates",
+            parser=options.whole_number_in(0, 1000),
+        ),
+    ] = 20,
+    overwrite: Overwrite = False,
+) -> None:
+    """Write a finished run for other tools: Foxglove, Rerun, Google Earth, GIS."""
+    from wbf_mission.exports.formats import FORMATS, export
+    from wbf_mission.results.result import load_result
+
+    chosen = FORMATS[to]
+    path = out or folder.resolve().with_name(folder.resolve().name + chosen.suffix)
+    log = folder / "flight.tlog"
+    refuse_overwrite(path, [log])
+    if path.exists() and not overwrite and path.is_file():
+        msg = f"{path}: is there already; give another name (--out), or --overwrite"
+        raise TargetError(msg)
+    result = load_result(folder)
+    with output.progress() as progress:
+        files = export(
+            result,
+            path,
+            to,
+            estimates=estimates,
+            log=log if log.is_file() else None,
+            progress=progress,
+        )
+    values = {"folder": str(folder), "format": to, "files": [str(one) for one in files]}
+    rows = {"format": f"{to} ({chosen.what})", "files": ", ".join(map(str, files))}
+    output.result(values, rows, title="Exported")

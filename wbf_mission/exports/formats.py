@@ -1,0 +1,80 @@
+"""The formats that a finished run is exported to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
+
+from mission.link.tlog import read_tlog
+from sim_vehicle.epoch import EPOCH_UNIX_S
+from wbf_mission.progress import Progress, silent
+from wbf_mission.results.replay import events_of
+
+if TYPE_CHECKING:
+    from wbf_mission.events import Event
+    from wbf_mission.run.record import RunRecord
+
+Write: TypeAlias = "Callable[[RunRecord, Path, Iterable[Event], float], tuple[Path, ...]]"
+
+
+@dataclass(frozen=True, slots=True)
+class ExportFormat:
+    """A format: the ending of its files, what it is for, and in which module which function writes it."""
+
+    suffix: str
+    what: str
+    module: str
+    function: str
+    shows_estimates: bool = False
+
+
+FORMATS = {
+    "mcap": ExportFormat(".mcap", "Foxglove", "foxglove", "write_mcap", shows_estimates=True),
+}
+"""By name."""
+
+
+def export(
+    result: RunRecord,
+    path: Path,
+    to: str,
+    *,
+    estimates: int = 0,
+    log: Path | None = None,
+    progress: Progress = silent,
+) -> tuple[Path, ...]:
+    """Write a finished run for another tool, and return the files; they appear whole or not at all.
+
+    Parameters
+    ----------
+    to : str
+        A name of `FORMATS`.
+    estimates : int
+        At how many moments the estimate is made again, as of `events_of`.
+    log : path, optional
+        The telemetry log of the run, which tells its time of day.
+    progress : callable
+        Told how far it is.
+
+    Raises
+    ------
+    EstimatorError
+        If the run's estimator cannot be made again.
+    OSError
+        If a file cannot be written.
+    """
+    chosen = FORMATS[to]
+    write: Write = getattr(import_module(f"wbf_mission.exports.{chosen.module}"), chosen.function)
+    wanted = estimates if chosen.shows_estimates else 0
+    events = events_of(result, estimates=wanted, progress=progress)
+    return write(result, path, events, epoch_of(log))
+
+
+def epoch_of(log: Path | None) -> float:
+    """Return the time of day at the beginning of a run, seconds since 1970: of its log, if there is one."""
+    if log is None:
+        return EPOCH_UNIX_S
+    return next((time_s for time_s, _ in read_tlog(log)), EPOCH_UNIX_S)

@@ -151,7 +151,8 @@ class LiveServer:
             family = socket.getaddrinfo(self._host, self._port, type=socket.SOCK_STREAM)[0][0]
             self._socket = socket.create_server((self._host, self._port), family=family)
         except OSError as error:
-            msg = f"live page: cannot listen at {self._host}, port {self._port} ({error.strerror})"
+            why = (error.strerror or str(error)).partition(" (while")[0]
+            msg = f"live page: cannot listen at {self._host}, port {self._port} ({why})"
             raise LinkError(f"{msg}; choose another port, or 0 for any free one") from None
         if hasattr(socket, "TCP_USER_TIMEOUT"):
             # What a browser does not take is given up, which asyncio would keep for good.

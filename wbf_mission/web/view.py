@@ -9,6 +9,7 @@ import time
 import weakref
 from collections.abc import Callable, Mapping
 from functools import partial
+from operator import attrgetter
 from typing import Any, Generic, NewType, TypeAlias, TypeVar
 
 import msgspec
@@ -61,6 +62,10 @@ _MAX_TEXT = 500
 _WARNING, _INFO = 4, 6  # MAV_SEVERITY
 _UNDER_WAY = "sent"  # The outcome of a change of a path that is not over
 
+# Tuples of plain values: unlike other objects they cost the garbage collector nothing.
+_State: TypeAlias = tuple[Any, ...]
+_STATE = tuple(name for name in VehicleMoved.__dataclass_fields__ if name != "system_id")
+_state_of = attrgetter(*_STATE)
 _Scored: TypeAlias = tuple[float, int, int, Score | None]
 
 
@@ -172,7 +177,7 @@ class View:
         self._status = schema.Status("running", "", None, None, (), None)
         self._background: schema.Background | None = None
         self._plans = _Rows[schema.Plan]("plans", MAX_PLANS)
-        self._states: dict[int, _Rows[VehicleMoved]] = {}
+        self._states: dict[int, _Rows[_State]] = {}
         self._readings = _Readings()
         self._scores = _Rows[_Scored]("scores", MAX_STATES, thins=True)
         self._decisions = _Rows[schema.Decision]("decisions", MAX_DECISIONS)
@@ -249,7 +254,7 @@ class View:
                 self._add(self._plans, plan_shape(event, farm), event.time_s)
             case VehicleMoved():
                 if math.isfinite(event.x_m) and math.isfinite(event.y_m):
-                    self._add(self._states_of(event.system_id), event, event.time_s)
+                    self._add(self._states_of(event.system_id), _state_of(event), event.time_s)
             case VehicleSaid():
                 self._say(event.text, event.severity, event.system_id, event.time_s)
             case Seen():
@@ -308,7 +313,7 @@ class View:
         said = schema.Said(round(time_s, 2), system_id, severity, text[:_MAX_TEXT])
         self._add(self._said, said, time_s)
 
-    def _states_of(self, system_id: int) -> _Rows[VehicleMoved]:
+    def _states_of(self, system_id: int) -> _Rows[_State]:
         with self._lock:
             name = f"states/{system_id}"
             return self._states.setdefault(system_id, _Rows(name, MAX_STATES, thins=True))
@@ -446,27 +451,31 @@ def _decision(number: int, record: DecisionRecord) -> schema.Decision:
     )
 
 
-def _states(rows: list[VehicleMoved]) -> schema.States:
-    def column(read: Callable[[VehicleMoved], float | None], digits: int) -> list[Any]:
-        return [None if value is None else round(value, digits) for value in map(read, rows)]
+def _states(rows: list[_State]) -> schema.States:
+    columns = dict(zip(_STATE, zip(*rows, strict=True), strict=True))
 
+    def rounded(name: str, digits: int) -> list[Any]:
+        numbers: list[Any] = np.round(np.array(columns[name], np.float64), digits).tolist()
+        return numbers  # NaN, which is null in JSON, for None
+
+    heading_deg = np.degrees(np.array(columns["heading_rad"], np.float64))
     return schema.States(
-        time_s=column(lambda one: one.time_s, 2),
-        day=[one.day for one in rows],
-        flight=[one.flight for one in rows],
-        x=column(lambda one: one.x_m, 2),
-        y=column(lambda one: one.y_m, 2),
-        height_m=column(lambda one: one.height_m, 2),
-        speed_m_s=column(lambda one: one.speed_m_s, 2),
-        heading_deg=column(lambda one: None if (rad := one.heading_rad) is None else math.degrees(rad), 1),
-        battery=column(lambda one: one.battery, 4),
-        link=column(lambda one: one.link_quality, 3),
-        item=[one.item for one in rows],
-        items=[one.items for one in rows],
-        mode=[one.mode for one in rows],
-        phase=[one.phase for one in rows],
-        armed=[one.armed for one in rows],
-        silent_s=column(lambda one: one.silent_s, 1),
+        time_s=rounded("time_s", 2),
+        day=list(columns["day"]),
+        flight=list(columns["flight"]),
+        x=rounded("x_m", 2),
+        y=rounded("y_m", 2),
+        height_m=rounded("height_m", 2),
+        speed_m_s=rounded("speed_m_s", 2),
+        heading_deg=np.round(heading_deg, 1).tolist(),
+        battery=rounded("battery", 4),
+        link=rounded("link_quality", 3),
+        item=list(columns["item"]),
+        items=list(columns["items"]),
+        mode=list(columns["mode"]),
+        phase=list(columns["phase"]),
+        armed=list(columns["armed"]),
+        silent_s=rounded("silent_s", 1),
     )
 
 

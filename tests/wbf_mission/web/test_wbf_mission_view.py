@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import math
 import re
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -375,7 +377,7 @@ def _events(records: list[DecisionRecord]) -> st.SearchStrategy[list[Event]]:
     )
     one: st.SearchStrategy[Event] = st.one_of(
         st.sampled_from(
-            [begun(), begun(get_farm("miniberry-30")), begun(seed=3), RunBegun("watched", None, None)]
+            [begun(), begun(replace(FARM, name="another")), begun(seed=3), RunBegun("watched", None, None)]
         ),
         st.builds(DayBegun, _times, st.integers(1, 9), st.none() | _models.map(lambda model: model.value)),
         st.builds(Planned, _times, _ids, _ids, _ids, st.just(Mission(())), st.just(np.ones((2, 2)))),
@@ -414,3 +416,24 @@ def test_who_joins_late_sees_what_who_followed_sees(events: list[Event], data: s
         assert vars(follower) == vars(shown(seen))
         assert seen.cursor == cursor
         assert json.loads(seen.update(cursor)[0].json()) == {"time_s": follower.time_s}
+
+
+def test_a_small_farm_is_shown_without_compiled_code() -> None:
+    script = """
+import sys
+from geo.farms import get_farm
+from sensors.fields import PAPER_FIELDS
+from sensors.scoring.information import InformationModel
+from wbf_mission.events import Estimated, RunBegun
+from wbf_mission.web.server import LiveServer
+from wbf_mission.web.view import View
+
+farm, view = get_farm("miniberry-10"), View()
+with LiveServer(view):
+    view.take(RunBegun("", farm, PAPER_FIELDS))
+    view.take(Estimated(1.0, 1, 1, InformationModel.unknown(farm.grid().shape, PAPER_FIELDS), None))
+assert view.update(None)[0].tiles
+print(*sorted({"numba", "scipy", "matplotlib", "pyarrow", "sklearn"} & set(sys.modules)))
+"""
+    done = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True)
+    assert done.stdout == "\n" and done.stderr == ""

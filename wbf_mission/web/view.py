@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from mission.policies.decision import AcquisitionMap
 from sensors.estimators.append_buffer import GrowingArray
-from sensors.fields import Field
+from sensors.fields import HEALTH_COLOURS, WATER_COLOURS, Field
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from sensors.scoring.score import Score
@@ -430,7 +430,9 @@ class View:
 
 def _field(field: Field) -> schema.FieldInfo:
     kind = field.kind if field.is_simulated else "measured"
-    return schema.FieldInfo(field.name, field.title, kind, field.unit, field.range, field.colours)
+    # The page has colours of its own for kinds, which change in lightness all the way.
+    colours = () if field.colours in (HEALTH_COLOURS, WATER_COLOURS) else field.colours
+    return schema.FieldInfo(field.name, field.title, kind, field.unit, field.range, colours)
 
 
 def _has_number(number: int, decision: schema.Decision) -> bool:

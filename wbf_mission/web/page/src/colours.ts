@@ -45,7 +45,7 @@ export const SICK = 0.75;
 export function ramp(layer: LayerName, field: FieldInfo | undefined): string[] {
   if (layer === "acquisition") return ACQUIRE;
   if (layer.startsWith("uncertainty/")) return UNSURE;
-  if (field?.colours?.length) return field.colours;
+  if (field?.colours.length) return field.colours;
   return field?.kind === "disease" ? HEALTH : field?.kind === "measured" ? MEASURED : WATER;
 }
 

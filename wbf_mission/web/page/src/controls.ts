@@ -5,9 +5,10 @@ import type { Request } from "./schema.js";
 import { capital } from "./text.js";
 
 /** After these motors may turn: they are confirmed first. */
-const STARTS_MOTORS = new Set(["start", "arm", "takeoff", "resume"]);
+const STARTS_MOTORS = new Set(["start", "arm", "takeoff"]);
 /** Orders with a value, and what it is called. */
-const VALUES: Record<string, string> = { "set item": "Item number" };
+const VALUES: Record<string, string> = { "set item": "Item number", takeoff: "Height above home, m" };
+const REPLY_SHOWN_MS = 8000;
 
 export class Controls {
   readonly element = element("section", { class: "controls", "aria-label": "Orders" });
@@ -15,16 +16,26 @@ export class Controls {
   private readonly target = element("select", { "aria-label": "Orders go to" });
   private readonly buttons = element("div", { class: "orders" });
   private readonly dialog = element("dialog", { "aria-labelledby": "confirm-title" });
+  private readonly became = element("span", { class: "became", role: "status" });
   private shape = "";
   private asked = "";
+  private hide = 0;
 
   constructor(private readonly model: Model, private readonly send: (request: Request) => void) {
-    this.element.append(element("label", {}, element("span", { class: "hidden" }, "Orders go to"), this.target), this.buttons, this.dialog);
+    this.element.append(element("label", {}, element("span", { class: "hidden" }, "Orders go to"), this.target), this.buttons, this.became, this.dialog);
   }
 
   /** Orders go to this vehicle from now on. */
   aim(system_id: number | null): void {
     this.target.value = system_id === null ? "" : String(system_id);
+  }
+
+  /** Tell what became of the last order. */
+  reply({ order, error }: { order: string; error: string }): void {
+    setText(this.became, error ? `Not done: ${error}` : `${capital(order)}: taken`);
+    this.became.classList.toggle("refused", error !== "");
+    clearTimeout(this.hide);
+    this.hide = setTimeout(() => setText(this.became, ""), REPLY_SHOWN_MS);
   }
 
   show(): void {
@@ -65,7 +76,7 @@ export class Controls {
   private ask(title: string, text: string, value: string | null, act: (value: string | null) => void): void {
     const heading = element("h2", { id: "confirm-title" });
     setText(heading, title);
-    const input = element("input", { type: "number", min: "1", step: "1", required: "" });
+    const input = element("input", { type: "number", min: "1", step: "any", required: "" });
     const form = element("form", { method: "dialog" }, heading);
     if (text) form.append(element("p", {}, text));
     if (value) form.append(element("label", {}, `${value} `, input));

@@ -8,12 +8,13 @@ import { Decisions, Messages } from "./messages.js";
 import { Model } from "./model.js";
 import type { Update } from "./schema.js";
 import { open, type Link } from "./source.js";
-import { capital, clock } from "./text.js";
+import { capital, clock, percent } from "./text.js";
 import { Time } from "./time.js";
 import { scoreLine, Vehicles } from "./vehicles.js";
 
 const CHARTS_MS = 400;
 const PANELS_MS = 150;
+const LOST_MS = 600;
 const LINKS: Record<Link, string> = { connecting: "Connecting …", live: "Live", lost: "Connection lost", recording: "Recording" };
 
 class App {
@@ -27,10 +28,11 @@ class App {
   private readonly progress = element("span", { class: "progress" });
   private readonly lost = element("p", { class: "lost", role: "alert" });
   private readonly under = element("output", { class: "under-pointer", "aria-live": "off" });
+  private telling = 0;
   private readonly send = open({
     begin: (runs) => this.begin(runs),
     take: (update, run) => this.take(update, run),
-    link: (state) => this.showLink(state),
+    link: (state) => this.takeLink(state),
   });
   private readonly choice: Choice = {
     field: "", kind: "value", compare: false, split: 0.5, opacity: 0.85,
@@ -40,7 +42,6 @@ class App {
   private chartsAt_ms = 0;
   private panelsAt_ms = 0;
   private stale = true;
-  private reply: Update["reply"];
 
   constructor() {
     requestAnimationFrame((now_ms) => this.frame(now_ms));
@@ -59,7 +60,7 @@ class App {
     model?.take(update);
     // The first field is shown until the reader chooses.
     if (update.run && !this.models[0]?.field(this.choice.field)) this.choice.field = model?.run?.fields[0]?.name ?? "";
-    if (update.reply) this.reply = update.reply;
+    if (update.reply) this.parts?.controls?.reply(update.reply);
     this.dirty = this.stale = true;
   }
 
@@ -151,6 +152,12 @@ class App {
       });
   }
 
+  /** A connection that comes back at once was not lost. */
+  private takeLink(state: Link): void {
+    clearTimeout(this.telling);
+    this.telling = setTimeout(() => this.showLink(state), state === "lost" ? LOST_MS : 0);
+  }
+
   private showLink(state: Link): void {
     const over = this.models[0]?.status?.outcome;
     const ended = over !== undefined && over !== "running";
@@ -206,8 +213,7 @@ class App {
     setText(this.outcome, capital([...several, model.dayAt(time_s)].filter(Boolean).join(" · ")));
     this.outcome.dataset["state"] = over ? status.outcome : "running";
     const doing = status?.progress;
-    const error = this.reply?.error ? `${capital(this.reply.order)}: ${this.reply.error}` : "";
-    setText(this.progress, error || (doing ? `${capital(doing.what)} ${Math.round((100 * doing.done) / (doing.total || 1))} %` : ""));
+    setText(this.progress, doing ? `${capital(doing.what)} ${percent(doing.done / (doing.total || 1))}` : "");
     document.title = [clock(time_s), titles.join(" | ")].filter(Boolean).join(" · ");
   }
 }

@@ -254,7 +254,7 @@ export class MapView {
     }
     const [x, y] = this.frame.metres(place);
     const raster = this.run?.raster;
-    const parts = [`x ${x.toFixed(1)} m, y ${y.toFixed(1)} m`, `${place.lat.toFixed(6)}, ${place.lng.toFixed(6)}`];
+    const parts = [`x ${x.toFixed(1)} m, y ${y.toFixed(1)} m`, `${place.lat.toFixed(7)}, ${place.lng.toFixed(7)}`];
     for (const picture of [this.picture, this.truth])
       if (picture && raster) {
         const value = picture.valueAt(Math.floor(x / raster.pixel_m), Math.floor(y / raster.pixel_m));
@@ -271,11 +271,14 @@ export function layerTitle(model: Model, layer: string): string {
   return field ? `${field.title}, ${KINDS[layer.split("/")[0]!] ?? ""}` : "Acquisition";
 }
 
-/** A value of a layer in the field's unit. */
+/** A value of a layer in the field's unit, with as many digits as a hundredth of its range has. */
 export function inUnit(model: Model, layer: string, value: number): string {
   const field = model.fieldOf(layer);
   if (!field) return figure(value);
   const [low, high] = field.range;
-  const own = layer.startsWith("uncertainty/") ? value * (high - low) : low + value * (high - low);
-  return `${figure(own)}${field.unit ? ` ${field.unit}` : ""}`;
+  const span = high - low;
+  const sure = !layer.startsWith("uncertainty/");
+  const digits = Math.min(6, Math.max(0, Math.ceil(2 - Math.log10(span))));
+  const number = sure ? (low + value * span).toFixed(digits) : figure(value * span);
+  return `${number}${field.unit ? ` ${field.unit}` : ""}`;
 }

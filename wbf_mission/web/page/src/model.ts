@@ -19,14 +19,21 @@ export function upTo(times: number[], time_s: number): number {
 
 type Columns = Record<string, unknown>;
 
-/** Append columns to columns. */
+/** Append columns to columns; those by field may be missing on either side, which is null. */
 function extend(old: Columns, added: Columns): void {
   for (const [name, column] of Object.entries(added)) {
-    const held = old[name];
     if (Array.isArray(column)) {
-      if (Array.isArray(held)) for (const value of column) held.push(value);
-      else old[name] = [...column];
-    } else extend((old[name] ??= {}) as Columns, column as Columns);
+      const held = (old[name] ??= []) as unknown[];
+      for (const value of column) held.push(value);
+    }
+  }
+}
+
+function extendByField(old: Record<string, unknown[]>, added: Record<string, unknown[]>, known: number, fresh: number): void {
+  for (const name of new Set([...Object.keys(old), ...Object.keys(added)])) {
+    const held = (old[name] ??= new Array<null>(known).fill(null));
+    const column = added[name];
+    for (let k = 0; k < fresh; k++) held.push(column ? column[k] : null);
   }
 }
 
@@ -76,7 +83,10 @@ export class Model {
     for (const [id, states] of Object.entries(update.states ?? {}))
       extend((this.states[id] ??= {} as States) as unknown as Columns, states as unknown as Columns);
     if (update.readings) this.takeReadings(update.readings);
-    if (update.scores) extend(this.scores as unknown as Columns, update.scores as unknown as Columns);
+    if (update.scores) {
+      extendByField(this.scores.losses, update.scores.losses, this.scores.time_s.length, update.scores.time_s.length);
+      extend(this.scores as unknown as Columns, update.scores as unknown as Columns);
+    }
     for (const decision of update.decisions ?? []) this.takeDecision(decision);
     this.said.push(...(update.said ?? []));
     Object.assign(this.scales, update.scales);
@@ -157,6 +167,7 @@ export class Model {
   private takeReadings(readings: Readings): void {
     const ordered = readings.time_s.every((time, k) => k === 0 || readings.time_s[k - 1]! <= time);
     const late = (readings.time_s[0] ?? 0) < (this.readings.time_s.at(-1) ?? -Infinity);
+    extendByField(this.readings.values, readings.values, this.readings.time_s.length, readings.time_s.length);
     extend(this.readings as unknown as Columns, readings as unknown as Columns);
     if (ordered && !late) return;
     const order = this.readings.time_s.map((_, k) => k);

@@ -26,7 +26,7 @@ export interface FieldInfo {
   unit: string;
   /** What 0 and 1 stand for. */
   range: [number, number];
-  /** Two or more, "#rrggbb", from 0 to 1. */
+  /** Two or more, "#rrggbb", from 0 to 1; none where they are those of its kind, of which the page has its own. */
   colours: string[];
 }
 

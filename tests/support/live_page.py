@@ -1,0 +1,52 @@
+"""Pages in a real browser: the system's Chromium, led by Playwright, and what it must never do."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+from urllib.parse import urlsplit
+
+import pytest
+from playwright.sync_api import Browser, Page, sync_playwright
+
+TIMEOUT_MS = 30_000
+
+
+@contextmanager
+def chromium() -> Iterator[Browser]:
+    """Start the system's browser; where there is none, tests are skipped, but not in CI."""
+    path = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    if path is None:
+        (pytest.fail if os.environ.get("CI") else pytest.skip)("no Chromium is installed")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+@contextmanager
+def page_at(browser: Browser, url: str, *, drawn: bool = True, **options: Any) -> Iterator[Page]:
+    """Open a page; in the end it must have asked nobody else for anything, and had no errors."""
+    page = browser.new_page(**{"viewport": {"width": 1280, "height": 800}, **options})
+    page.set_default_timeout(TIMEOUT_MS)
+    errors: list[str] = []
+    asked: list[str] = []
+    page.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.on("request", lambda request: asked.append(request.url))
+    page.goto(url)
+    try:
+        deadline_s = time.monotonic() + TIMEOUT_MS / 1000
+        while drawn and not page.evaluate("performance.getEntriesByName('map drawn').length"):
+            assert time.monotonic() < deadline_s, "no map is drawn"
+            page.wait_for_timeout(20)
+        yield page
+        assert errors == []
+        own = urlsplit(url).netloc
+        assert [one for one in asked if urlsplit(one).netloc != own and not one.startswith("data:")] == []
+    finally:
+        page.close()

@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
+import bisect
 import math
 from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
 
 from geo import Farm
 from mission.errors import LinkError
+from mission.ground.vehicle_state import VehicleMonitor, VehicleState
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import is_a
 from mission.link.tlog import read_tlog
-from mission.logs.track import LogError, LogImages, LogTrack
+from mission.logs.track import LONGEST_GAP_S, LogError, LogImages, LogTrack
 from sensors.camera.wire import ObservationAssembler
 from sensors.observations import Observations
 
 _E7 = 1e7
 _NOWHERE = float("nan")
+_SAME_S = 1e-3  # times of a log are whole microseconds
 
 
 def read_telemetry(path: Path) -> LogTrack:
@@ -69,6 +77,64 @@ def _image(message: Message, time_s: float) -> tuple[float, ...] | None:
     if is_a(message, m.MAVLink_camera_trigger_message):
         return message.seq, _NOWHERE, time_s, _NOWHERE, _NOWHERE
     return None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ToldStates:
+    """What a vehicle told of itself over some time.
+
+    Parameters
+    ----------
+    time_s : float64[n]
+        When, seconds since the log began.
+    states : list of (VehicleState, str)
+        What it had told by then, and the name of its flight mode.
+    """
+
+    time_s: NDArray[np.float64]
+    states: list[tuple[VehicleState, str]]
+
+    def at(self, time_s: NDArray[np.float64]) -> list[tuple[VehicleState, str] | None]:
+        """Return state and mode at times; None where nothing was told shortly before."""
+        last = np.searchsorted(self.time_s, time_s + _SAME_S, side="right") - 1
+        is_known = (last >= 0) & (time_s - self.time_s[np.maximum(last, 0)] <= LONGEST_GAP_S)
+        return [
+            self.states[k] if known else None
+            for k, known in zip(last.tolist(), is_known.tolist(), strict=True)
+        ]
+
+
+def states_in(path: Path, begins_s: Sequence[float]) -> dict[tuple[int, int], ToldStates]:
+    """Return what the vehicles of a .tlog told of themselves, by system id and part.
+
+    Part k is from `begins_s[k]` on, in seconds since the log began. What was told before a part does not
+    count in it.
+
+    Raises
+    ------
+    LogError
+        If the log cannot be read.
+    """
+    begun_s: float | None = None
+    monitors: dict[tuple[int, int], VehicleMonitor] = {}
+    found: dict[tuple[int, int], list[tuple[float, VehicleState, str]]] = {}
+    try:
+        for utc_s, message in read_tlog(path):
+            begun_s = utc_s if begun_s is None else begun_s
+            if message.get_srcComponent() != m.MAV_COMP_ID_AUTOPILOT1:
+                continue
+            time_s = utc_s - begun_s
+            key = message.get_srcSystem(), bisect.bisect_right(begins_s, time_s + _SAME_S) - 1
+            monitor = monitors.get(key) or monitors.setdefault(key, VehicleMonitor())
+            monitor.receive(message, time_s)
+            if is_a(message, m.MAVLink_global_position_int_message):
+                found.setdefault(key, []).append((time_s, monitor.state, monitor.mode))
+    except LinkError as error:
+        raise LogError(str(error)) from None
+    return {
+        key: ToldStates(np.array([one[0] for one in rows]), [one[1:] for one in rows])
+        for key, rows in found.items()
+    }
 
 
 def observations_in(

@@ -3,11 +3,13 @@
 from dataclasses import replace
 from itertools import pairwise
 from operator import attrgetter
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from mission.model import Command
+from mission.outcome import Phase
 from sensors.observations import Observations
 from sensors.scoring.score import RunningScore, ScoreWeights
 from wbf_mission.events import (
@@ -39,13 +41,18 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Result:
 
 
 @pytest.fixture(scope="module")
-def told() -> tuple[list[Event], Result]:
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("log") / "flight.tlog"
+
+
+@pytest.fixture(scope="module")
+def told(log: Path) -> tuple[list[Event], Result]:
     """What a run told while it was flown, and what it gave."""
     events = list[Event]()
     stream = EventStream()
     stream.listen(events.append)
     options = {"policy": "greedy", "budget": "90s", "estimator": "point", "seed": 1, "days": 2}
-    return events, fly(Scenario(farm="miniberry-10", vehicles=2, **options), events=stream)
+    return events, fly(Scenario(farm="miniberry-10", vehicles=2, **options), events=stream, tlog=log)
 
 
 @pytest.fixture(scope="module")
@@ -107,6 +114,31 @@ def test_it_tells_what_the_run_told(told: tuple[list[Event], Result]) -> None:
         assert any(
             path.shape == one.path_m.shape and np.allclose(path, one.path_m, atol=0.01) for path in near
         )
+
+
+def test_a_log_tells_more_of_the_vehicles(told: tuple[list[Event], Result], log: Path) -> None:
+    live, result = told
+    again = {
+        (one.system_id, round(one.time_s, 2)): one
+        for one in of(list(events_of(result, log=log)), VehicleMoved)
+    }
+    both = [
+        (one, again[key])
+        for one in of(live, VehicleMoved)
+        if (key := (one.system_id, round(one.time_s, 2))) in again and one.phase == Phase.FLIGHT.value
+    ]
+    assert len(both) > 100 and {one.day for one, _ in both} == {6, 7}
+    for one, ours in both:
+        # What arrives at the very time of a state may be told with it, or with the next one.
+        assert ours.battery == pytest.approx(one.battery, abs=0.011)
+        assert (ours.x_m, ours.y_m) == pytest.approx((one.x_m, one.y_m), abs=0.8)
+        assert ours.mode and ours.heading_rad is not None and ours.battery is not None
+    same = [(one.mode, one.armed, one.items) == (ours.mode, ours.armed, ours.items) for one, ours in both]
+    assert sum(same) > 0.9 * len(both)
+    bare = of(list(events_of(result)), VehicleMoved)
+    assert {(one.battery, one.mode, one.heading_rad) for one in bare} == {(None, "", None)}
+    speeds = [(one.speed_m_s, again[one.system_id, round(one.time_s, 2)].speed_m_s) for one in bare]
+    assert np.abs(np.diff(speeds, axis=1)).mean() < 0.3
 
 
 def test_flights_begin_when_they_did(result: Result) -> None:

@@ -8,7 +8,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
+from mission.errors import LinkError
 from mission.link.tlog import read_tlog
+from mission.logs.track import LogError
 from sim_vehicle.epoch import EPOCH_UNIX_S
 from wbf_mission.progress import Progress, silent
 from wbf_mission.results.replay import events_of
@@ -55,7 +57,7 @@ def export(
     estimates : int
         At how many moments the estimate is made again, as of `events_of`.
     log : path, optional
-        The telemetry log of the run, which tells its time of day.
+        The telemetry log of the run, which tells its time of day, and more of its vehicles.
     progress : callable
         Told how far it is.
 
@@ -63,13 +65,15 @@ def export(
     ------
     EstimatorError
         If the run's estimator cannot be made again.
+    LogError
+        If the log cannot be read.
     OSError
         If a file cannot be written.
     """
     chosen = FORMATS[to]
     write: Write = getattr(import_module(f"wbf_mission.exports.{chosen.module}"), chosen.function)
     wanted = estimates if chosen.shows_estimates else 0
-    events = events_of(result, estimates=wanted, progress=progress)
+    events = events_of(result, estimates=wanted, log=log, progress=progress)
     return write(result, path, events, epoch_of(log))
 
 
@@ -77,4 +81,7 @@ def epoch_of(log: Path | None) -> float:
     """Return the time of day at the beginning of a run, seconds since 1970: of its log, if there is one."""
     if log is None:
         return EPOCH_UNIX_S
-    return next((time_s for time_s, _ in read_tlog(log)), EPOCH_UNIX_S)
+    try:
+        return next((time_s for time_s, _ in read_tlog(log)), EPOCH_UNIX_S)
+    except LinkError as error:
+        raise LogError(str(error)) from None

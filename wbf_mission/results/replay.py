@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from heapq import merge
 from itertools import groupby
 from typing import TYPE_CHECKING
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mission.ground.items import revised_mission
+from mission.logs.telemetry import ToldStates, states_in
 from mission.model import Command
 from wbf_mission.events import (
     DayBegun,
@@ -30,6 +31,8 @@ from wbf_mission.progress import Progress, silent
 from wbf_mission.run.relearning import estimates_again, fresh_estimator, kept_truths
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from mission.model import Mission
     from sensors.estimators import Estimator
     from sensors.scoring.information import InformationModel
@@ -64,13 +67,14 @@ def events_of(
     *,
     estimates: int = 0,
     estimator: Estimator | None = None,
+    log: Path | None = None,
     progress: Progress = silent,
 ) -> Iterator[Event]:
     """Yield the events of a finished run in the order of their times, over all days, flights and vehicles.
 
-    What a result does not hold is None: of vehicles' states all but place and speed, of large farms the truth
-    of all days but the last. Every scored time is an `Estimated`, in the order of the history: where several
-    vehicles fly, what arrives later may have been seen a little earlier.
+    What is not known is None: of vehicles' states without a log all but place and speed, of large farms the
+    truth of all days but the last. Every scored time is an `Estimated`, in the order of the history: where
+    several vehicles fly, what arrives later may have been seen a little earlier.
 
     Parameters
     ----------
@@ -79,6 +83,8 @@ def events_of(
         the observations. Those that the result holds, at the end of days, are there in any case.
     estimator : Estimator, optional
         Makes them in place of the run's; it is fitted anew.
+    log : path, optional
+        The run's telemetry log (``flight.tlog`` in its folder), which knows more of the vehicles' states.
     progress : callable
         Told how far learning and the estimates are.
 
@@ -86,6 +92,8 @@ def events_of(
     ------
     EstimatorError
         If the run's estimator cannot be made again: a loaded result does not hold one given as an object.
+    LogError
+        If the log cannot be read.
 
     Examples
     --------
@@ -99,13 +107,14 @@ def events_of(
     yield _begun(result)
     states = sum(len(one.track.time_s) for one in result.flights)
     step = max(1, -(-states // MOST_STATES))
+    told = {} if log is None else states_in(log, [one.begun_s for one in flights])
     streams: list[Iterator[_Timed]] = [_days(result, flights)]
-    for flight in flights:
+    for number, flight in enumerate(flights):
         streams.append(_decided(result, flight))
         for record in flight.records:
             streams += [
                 _planned(result, flight, record),
-                _moved(flight, record, step),
+                _moved(flight, record, step, told.get((record.system_id, number))),
                 _said(flight, record),
                 _ended(flight, record),
             ]
@@ -202,22 +211,34 @@ def _changed(record: FlightRecord, change: PathChange) -> Mission:
     )[0]
 
 
-def _moved(flight: _Flight, record: FlightRecord, step: int) -> Iterator[_Timed]:
+def _moved(flight: _Flight, record: FlightRecord, step: int, told: ToldStates | None) -> Iterator[_Timed]:
+    """Yield where a vehicle was, with what it told of itself; without that its speed is that of its track."""
     track, last = record.track, len(record.track.time_s) - 1
     if last < 0:
         return
     rows = np.unique(np.append(np.arange(0, last, step), last))
     time_s, x_m, y_m, height_m = (
-        column[rows] for column in (track.time_s, track.x_m, track.y_m, track.altitude_m)
+        column[rows] for column in (track.time_s + flight.begun_s, track.x_m, track.y_m, track.altitude_m)
     )
-    speed_m_s = np.zeros(len(rows))
-    if len(rows) > 1:
-        took_s = np.maximum(np.diff(time_s), 1e-3)
-        speed_m_s[1:] = np.hypot(np.diff(x_m), np.diff(y_m)) / took_s
-    numbers = record.day, record.flight, record.system_id
-    columns = (time_s + flight.begun_s, x_m, y_m, height_m, speed_m_s)
-    for at_s, *state in zip(*(column.tolist() for column in columns), strict=True):
-        yield at_s, VehicleMoved(at_s, *numbers, *state)
+    took_s = np.maximum(np.diff(time_s, prepend=time_s[0]), 1e-3)
+    speed_m_s = np.hypot(np.diff(x_m, prepend=x_m[0]), np.diff(y_m, prepend=y_m[0])) / took_s
+    states = [None] * len(rows) if told is None else told.at(time_s)
+    columns = (one.tolist() for one in (time_s, x_m, y_m, height_m, speed_m_s))
+    for at_s, x, y, height, speed, known in zip(*columns, states, strict=True):
+        moved = VehicleMoved(at_s, record.day, record.flight, record.system_id, x, y, height, speed)
+        if known is not None:
+            own, mode = known
+            moved = replace(
+                moved,
+                speed_m_s=own.ground_speed_m_s,
+                heading_rad=own.heading_rad,
+                battery=own.battery.remaining,
+                mode=mode,
+                armed=own.armed,
+                item=own.item,
+                items=own.total,
+            )
+        yield at_s, moved
 
 
 def _said(flight: _Flight, record: FlightRecord) -> Iterator[_Timed]:

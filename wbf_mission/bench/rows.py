@@ -175,6 +175,11 @@ class BenchStore(Closing):
         return rows
 
 
+def holds_rows(folder: Path) -> bool:
+    """Return whether a folder is that of a benchmark, also of one that is running."""
+    return any((folder / name).is_file() for name in (TABLE, _JOURNAL))
+
+
 def read_rows(folder: Path) -> list[BenchRow]:
     """Return the rows of a benchmark, also of one that is running, in the order of scenario, row and seed.
 

@@ -258,6 +258,7 @@ def _is_ours(name: str) -> bool:
         ("plan-day", ".plan"),
         ("plan-day", ".json"),
         ("vehicle-", ".toml"),
+        ("report-", ".html"),
     )
     return name in _NAMES or any(name.startswith(start) and name.endswith(end) for start, end in many)
 
@@ -282,6 +283,7 @@ _NAMES = frozenset(
         "score.png",
         TREATMENT,
         ANIMATION,
+        "report.html",
     }
 )
 

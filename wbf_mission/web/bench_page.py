@@ -15,10 +15,9 @@ from wbf_mission.bench.page import Page, Picture, Table
 from wbf_mission.bench.report import SCORES, standing_table
 from wbf_mission.bench.rows import BenchRow
 from wbf_mission.bench.standings import apart, standings
-from wbf_mission.html_page import data_element, data_uri, html_document
+from wbf_mission.html_page import data_element, data_uri
+from wbf_mission.web.document import document
 
-STATIC = Path(__file__).with_name("static")
-"""The built parts of pages."""
 _NAMES = 3
 _OF_TEXTS = 2
 
@@ -40,9 +39,8 @@ def write_bench_page(path: Path, page: Page, folder: Path, rows: Sequence[BenchR
     found = standings(apart(rows)) if rows else []
     body = "\n".join(_body(page, folder, standing_table("All standings", found, whole=True)))
     data = data_element("seeds", _seeds(rows, found)) if found else ""
-    style, script = ((STATIC / name).read_text(encoding="utf-8") for name in ("page.css", "bench.js"))
     with atomic_write(path) as file:
-        file.write(html_document(page.title, body, style=style, script=script, data=data))
+        file.write(document(page.title, body, "bench", data))
 
 
 def _seeds(

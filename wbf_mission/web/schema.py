@@ -284,6 +284,7 @@ class Moment(Struct):
     day: int
     observations: int
     tiles: list[Tile]
+    scales: dict[str, float]
 
 
 class Recording(Update, kw_only=True):

@@ -35,8 +35,8 @@ def run_title(record: RunRecord) -> str:
     return f"{record.farm.name}: {', '.join(parts)}, seed {record.scenario.seed}"
 
 
-def summary_of(record: RunRecord) -> str:
-    """Return the summary of a run, as the element of a page."""
+def summary_of(record: RunRecord, *, notes: Sequence[str] = ()) -> str:
+    """Return the summary of a run, as the element of a page; the notes are about what is below it."""
     told = _told(record)
     reports = {one.name: one for one in record.report.fields} if record.report is not None else {}
     shown = [one for one in record.maps if one.field.name in reports]
@@ -49,10 +49,11 @@ def summary_of(record: RunRecord) -> str:
         for one in shown
     )
     title = f"{record.farm.name}: what the flight found"
-    return f"{_BEGIN}<h1>{escape(title)}</h1>\n{_facts(told)}{_warnings(record)}{fields}</section>"
+    body = f"{_facts(told)}{_warnings(record)}{fields}{_below(notes)}"
+    return f"{_BEGIN}<h1>{escape(title)}</h1>\n{body}</section>"
 
 
-def comparison_of(first: RunRecord, second: RunRecord) -> str:
+def comparison_of(first: RunRecord, second: RunRecord, *, notes: Sequence[str] = ()) -> str:
     """Return the summary of two runs over the same farm: in what they differ, and both maps."""
     told = [_told(one, short=True) for one in (first, second)]
     names = list(dict.fromkeys([*told[0], *told[1]]))
@@ -84,8 +85,14 @@ def comparison_of(first: RunRecord, second: RunRecord) -> str:
         fields += "</div>\n"
     return (
         f"{_BEGIN}<h1>{escape(first.farm.name)}: two runs</h1>\n"
-        f"<table><tr><th></th><th>first</th><th>second</th></tr>{''.join(rows)}</table>\n{fields}</section>"
+        f"<table><tr><th></th><th>first</th><th>second</th></tr>{''.join(rows)}</table>\n{fields}"
+        f"{_below(notes)}</section>"
     )
+
+
+def _below(notes: Sequence[str]) -> str:
+    told = "".join(f"<li>{escape(one)}</li>" for one in notes)
+    return f'<nav class="below"><a href="#app">Replay it below</a><ul>{told}</ul></nav>\n'
 
 
 def _chooser(record: RunRecord) -> str:

@@ -93,7 +93,7 @@ export class Model {
     if (update.tiles) this.tiles.add(update.tiles, update.time_s, this.scales);
     for (const moment of (update as Partial<Recording>).moments ?? []) {
       this.end_s = Math.max(this.end_s, moment.time_s);
-      this.tiles.add(moment.tiles, moment.time_s, this.scales);
+      this.tiles.add(moment.tiles, moment.time_s, Object.assign(this.scales, moment.scales));
     }
     for (const { time_s } of Object.values(this.states)) this.end_s = Math.max(this.end_s, time_s.at(-1) ?? 0);
   }

@@ -191,7 +191,14 @@ export interface Update {
 /** A finished run in a page of its own: all of it, and the layers as they were at some moments. */
 export interface Recording extends Update {
   /** Moments in the order of their times; tiles of each replace those of the ones before. */
-  moments: { time_s: number; day: number; observations: number; tiles: Tile[] }[];
+  moments: {
+    time_s: number;
+    day: number;
+    observations: number;
+    tiles: Tile[];
+    /** What 254 stands for in its tiles, by layer. */
+    scales: Record<LayerName, number>;
+  }[];
 }
 
 /** What the page sends, over the same WebSocket: an order to one vehicle or all, or the answer to a question. */

@@ -14,8 +14,8 @@ import numpy as np
 
 from geo import Farm
 from geo.atomic import atomic_write
-from wbf_mission.html_page import html_document
 from wbf_mission.maps.farm_drawing import FarmDrawing
+from wbf_mission.maps.html_page import html_document
 from wbf_mission.maps.report import FarmReport
 from wbf_mission.maps.zone_shapes import Zone
 from wbf_mission.maps.zones import HEALTHY, LOOK, TREAT, FieldCosts, ZoneMap, is_water

@@ -15,7 +15,7 @@ from wbf_mission.bench.page import Page, Picture, Table
 from wbf_mission.bench.report import SCORES, standing_table
 from wbf_mission.bench.rows import BenchRow
 from wbf_mission.bench.standings import apart, standings
-from wbf_mission.html_page import data_element, data_uri
+from wbf_mission.maps.html_page import data_element, data_uri
 from wbf_mission.web.document import document
 
 _NAMES = 3

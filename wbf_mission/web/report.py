@@ -23,8 +23,8 @@ from geo.atomic import atomic_write
 from geo.errors import WbfMissionError
 from sensors.errors import EstimatorError
 from wbf_mission.events import Estimated
-from wbf_mission.html_page import data_element
 from wbf_mission.maps.blocks import SICK_BELOW
+from wbf_mission.maps.html_page import data_element
 from wbf_mission.progress import Progress, silent
 from wbf_mission.results.replay import events_of
 from wbf_mission.run.record import RunRecord

@@ -6,14 +6,33 @@ What is not finite is null.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, TypeAlias
 
 import msgspec
+import numpy as np
 from msgspec import UNSET, Struct, UnsetType
 
 Ring: TypeAlias = list[float]
 """Points, x and y in turn."""
 Numbers: TypeAlias = list[float | None]
+
+
+def plain(value: object) -> Any:
+    """Return a value as JSON can hold it: names are text, and so is what has no other form."""
+    match value:
+        case None | bool() | int() | float():
+            return value
+        case str():
+            return value.encode("utf-8", "replace").decode()
+        case Mapping():
+            return {plain(str(key)): plain(one) for key, one in value.items()}
+        case list() | tuple() | set() | frozenset():
+            return [plain(one) for one in value]
+        case np.generic() | np.ndarray():
+            return plain(value.tolist())
+        case _:
+            return plain(str(value))
 
 
 class Georeference(Struct):
@@ -274,7 +293,10 @@ class Update(Struct, omit_defaults=True):
 
     def json(self) -> bytes:
         """Return it as a page reads it."""
-        return msgspec.json.encode(self)
+        try:
+            return msgspec.json.encode(self)
+        except UnicodeEncodeError:  # Names of files may hold what is no text
+            return msgspec.json.encode(plain(msgspec.to_builtins(self)))
 
 
 class Moment(Struct):

@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import hashlib
+import logging
 import secrets
 import socket
 import threading
@@ -38,7 +39,10 @@ from wbf_mission.web.tiles import MapTiles
 from wbf_mission.web.view import Cursor, View
 
 INTERVAL_S = 0.1
-SEND_TIMEOUT_S = 5.0
+STALLED_S = 10.0
+"""How long a browser may take nothing at all of what is sent to it (where TCP can tell: on Linux)."""
+SEND_TIMEOUT_S = 20.0
+"""How long it may take to read an update, before the next one is sent."""
 MAX_REQUEST_BYTES = 4096
 MAX_CONNECTIONS = 200
 _ENDING_S = 2.0
@@ -142,6 +146,7 @@ class LiveServer:
             limit_concurrency=MAX_CONNECTIONS,
             timeout_graceful_shutdown=1,
         )
+        logging.getLogger("uvicorn.error").addFilter(_is_ours)
         self._server = uvicorn.Server(config)
         self._thread = threading.Thread(target=self._serve, name="live page", daemon=True)
 
@@ -156,12 +161,13 @@ class LiveServer:
             raise LinkError(f"{msg}; choose another port, or 0 for any free one") from None
         if hasattr(socket, "TCP_USER_TIMEOUT"):
             # What a browser does not take is given up, which asyncio would keep for good.
-            timeout_ms = round(2e3 * SEND_TIMEOUT_S)
-            self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, timeout_ms)
+            self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(1e3 * STALLED_S))
         self._port = self._socket.getsockname()[1]
         self._thread.start()
         while not self._server.started and self._thread.is_alive():
             self._thread.join(0.005)
+        if not self._server.started:
+            raise LinkError(f"live page: the server at port {self._port} did not start")
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -276,6 +282,11 @@ class LiveServer:
             return Response(status_code=204)  # Browsers would tell of a 404 in the console
         headers = {"Cache-Control": "private, max-age=3600"}
         return Response(found[0], headers=headers, media_type=found[1])
+
+
+def _is_ours(record: logging.LogRecord) -> bool:
+    """Return whether a line of the log is worth the terminal: what clients send is not."""
+    return not record.getMessage().startswith("Invalid UTF-8")
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,12 +7,11 @@ import math
 import threading
 import time
 import weakref
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 from operator import attrgetter
 from typing import Any, Generic, NewType, TypeAlias, TypeVar
 
-import msgspec
 import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
@@ -285,7 +284,7 @@ class View:
             case RunEnded():
                 self._draw_skipped()
                 self._hear(event.time_s)
-                summary = None if event.summary is None else _plain(event.summary)
+                summary = schema.plain(event.summary)
                 self._tell(outcome=event.outcome, reason=event.reason, summary=summary)
                 self._tell(progress=None, question=None)
 
@@ -503,9 +502,3 @@ def _scores(rows: list[_Scored]) -> schema.Scores:
         score=[None if score is None else score.score for score in scores],
         losses=losses,
     )
-
-
-def _plain(summary: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a summary in plain values of its own; what has no form in JSON as text."""
-    plain: dict[str, Any] = msgspec.json.decode(msgspec.json.encode(dict(summary), enc_hook=str))
-    return plain

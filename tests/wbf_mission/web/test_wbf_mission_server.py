@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from starlette.requests import Request
 from starlette.responses import Response
@@ -21,8 +22,20 @@ from viewer import Viewer
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
+from geo.farms import get_farm
 from mission.errors import LinkError
-from wbf_mission.events import EventStream, Noted, Orderable, RunEnded, VehicleMoved, VehicleSaid
+from sensors.fields import PAPER_FIELDS
+from sensors.scoring.information import InformationModel
+from wbf_mission.events import (
+    Estimated,
+    EventStream,
+    Noted,
+    Orderable,
+    RunBegun,
+    RunEnded,
+    VehicleMoved,
+    VehicleSaid,
+)
 from wbf_mission.web import server as served
 from wbf_mission.web.guard import HEADERS
 from wbf_mission.web.server import LiveServer
@@ -109,6 +122,7 @@ def test_a_page_is_told_the_end_before_the_server_is_gone() -> None:
 
 def test_ten_viewers_follow_and_one_that_never_reads_holds_up_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(served, "SEND_TIMEOUT_S", 1.0)
+    monkeypatch.setattr(served, "STALLED_S", 2.0)
     made: list[int] = []
     encoded = served._encoded
 
@@ -139,13 +153,18 @@ def test_ten_viewers_follow_and_one_that_never_reads_holds_up_nobody(monkeypatch
         for viewer in viewers:
             threads.append(threading.Thread(target=follow, args=(server, viewer), daemon=True))
             threads[-1].start()
+        farm, made_s = get_farm("miniberry-10"), np.random.default_rng(0)
+        stream.tell(RunBegun("", farm, PAPER_FIELDS))
         k = 0
         began = time.monotonic()
         while time.monotonic() - began < 3.0:  # At full speed: whatever the viewers do, telling goes on
+            value = made_s.random((3, farm.width_cells, farm.height_cells), np.float32)
+            model = InformationModel(value, value)
             for _ in range(200):
                 stream.tell(moved(k, 1 + k % 10))
                 k += 1
             stream.tell(VehicleSaid(k / 10, 1, 6, "x" * 400))
+            stream.tell(Estimated(k / 10, 1, k, model, None))
             time.sleep(0.005)
         stream.tell(Noted("the end"))
         for thread in threads:
@@ -250,6 +269,19 @@ def test_what_is_no_request_is_refused(request_text: str) -> None:
         client.send(b'{"order":"hold","system_id":1}')  # Bytes are no text
         assert json.loads(client.recv(timeout=10))["reply"]["error"].startswith("no request: ")
     assert orders.taken == []
+
+
+def test_what_is_no_text_ends_the_connection_quietly(caplog: pytest.LogCaptureFixture) -> None:
+    with LiveServer(View()) as server, watching(server) as client:
+        client.recv(timeout=10)
+        client.send(b"\xff\xfe", text=True)
+        with pytest.raises(ConnectionClosed):
+            client.recv(timeout=10)
+        garbage = socket.create_connection(("127.0.0.1", server.port))
+        garbage.sendall(b"\x16\x03\x01 no HTTP\r\n\r\n")
+        assert b"400" in garbage.recv(1000)
+        garbage.close()
+    assert not [record for record in caplog.records if record.name.startswith("uvicorn")]
 
 
 def test_a_request_that_is_too_large_ends_the_connection() -> None:

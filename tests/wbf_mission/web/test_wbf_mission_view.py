@@ -28,6 +28,7 @@ from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from sensors.scoring.score import Score
+from sensors.scoring.tiles import tile_shape
 from wbf_mission.events import (
     Asked,
     DayBegun,
@@ -163,48 +164,87 @@ def test_a_scale_is_a_round_number_and_never_falls() -> None:
     assert scales == pytest.approx([0.005, 0.5, 0.5])
 
 
-def test_only_tiles_that_changed_are_sent_again() -> None:
+def fine_farm() -> Farm:
+    """Miniberry-100 with cells of a quarter: several tiles of the page and of estimators on each side."""
     farm = get_farm("miniberry-100")
+    side = farm.cell_size_m / 4
+    return replace(
+        farm, width_cells=4 * farm.width_cells, height_cells=4 * farm.height_cells, cell_size_m=side
+    )
+
+
+def flat_arrays(farm: Farm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return values, uncertainties, and of the tiles of estimators none."""
     value = np.ones((3, farm.width_cells, farm.height_cells), np.float32)
-    uncertainty = value.copy()
-    seen = View(share=1.0, longest=4096)
+    return value, np.zeros_like(value), np.zeros(tile_shape((farm.width_cells, farm.height_cells)), np.bool_)
+
+
+def test_only_tiles_that_changed_are_sent_again() -> None:
+    farm = fine_farm()
+    value, uncertainty, _ = flat_arrays(farm)
+    seen = View(share=1.0)
     seen.take(begun(farm))
     seen.take(estimated(InformationModel(value, uncertainty)))
     _, cursor = seen.update(None)
     # The estimator says that much changed; what looks as before is not sent.
-    own = np.argwhere(PAPER_FIELDS["tylcv"].mask(farm.grid()))[0]
-    value[0, own[0], own[1]] = 0.25
+    x, y = np.argwhere(PAPER_FIELDS["tylcv"].mask(farm.grid()))[-1]
+    value[0, x, y] = 0.25
     seen.take(estimated(InformationModel(value, uncertainty, revision=1)))
     update, cursor = seen.update(cursor)
-    assert [(one.layer, one.x, one.y) for one in update.tiles] == [
-        ("value/tylcv", own[0] // 128, own[1] // 128)
-    ]
+    assert [(one.layer, one.x, one.y) for one in update.tiles] == [("value/tylcv", x // 128, y // 128)]
     seen.take(estimated(InformationModel(value, uncertainty, revision=2)))
     assert seen.update(cursor)[0].tiles is msgspec.UNSET
 
 
 def test_what_changed_while_estimates_were_left_out_is_drawn_in_the_end() -> None:
-    farm = get_farm("miniberry-100")
-    value = np.ones((3, farm.width_cells, farm.height_cells), np.float32)
-    uncertainty = np.zeros_like(value)
-    from sensors.scoring.tiles import tile_shape
-
-    nothing = np.zeros(tile_shape(value.shape[1:]), np.bool_)
+    farm = fine_farm()
+    value, uncertainty, nothing = flat_arrays(farm)
     own = np.argwhere(PAPER_FIELDS["soil"].mask(farm.grid()))
-    seen = View(share=1e-9, longest=4096)
+    seen = View(share=1e-9)
     seen.take(begun(farm))
     seen.take(estimated(InformationModel(value, uncertainty, nothing)))
-    for revision, (x, y) in enumerate(own[:: len(own) // 5], 1):
+    for revision, (x, y) in enumerate(own[:: len(own) // 9], 1):
         changed = nothing.copy()
         changed[x // 64, y // 64] = True
         value[2, x, y] = 0.5
         seen.take(estimated(InformationModel(value, uncertainty, changed, revision)))
     assert (shown(seen).layer("value/soil")[tuple(own.T)] == 254).all()
     seen.take(FlightEnded(9.0, 1, 1, 1, "completed", ""))
+    page = shown(seen)
+    np.testing.assert_array_equal(page.layer("value/soil"), expected_bytes(farm, value[2], "soil", 1, 1.0))
+    assert page.said[-1]["text"] == "flight 1: completed"
+
+
+@pytest.mark.parametrize("why", ["another estimator", "a revision that nobody told of"])
+def test_what_changed_counts_only_from_the_estimate_before(why: str) -> None:
+    farm = fine_farm()
+    value, uncertainty, nothing = flat_arrays(farm)
+    seen = View(share=1.0)
+    seen.take(begun(farm))
+    seen.take(estimated(InformationModel(value, uncertainty, nothing)))
+    if why == "another estimator":
+        value = value.copy()
+    value[:] = 0.5
+    revision = 1 if why == "another estimator" else 2
+    seen.take(estimated(InformationModel(value, uncertainty, nothing, revision)))
     np.testing.assert_array_equal(
         shown(seen).layer("value/soil"), expected_bytes(farm, value[2], "soil", 1, 1.0)
     )
-    assert shown(seen).said[-1]["text"] == "flight 1: completed"
+
+
+def test_the_layers_begin_anew_with_another_farm() -> None:
+    seen, follower = View(share=1.0), Viewer()
+    seen.take(begun())
+    seen.take(DayBegun(0.0, 1, random_model(SHAPE).value))
+    update, cursor = seen.update(None)
+    follower.take(update.json())
+    seen.take(begun(seed=4))  # The same farm: the layers stay
+    update, cursor = seen.update(cursor)
+    follower.take(update.json())
+    assert follower.tiles and follower.tiles == shown(seen).tiles
+    seen.take(begun(replace(FARM, name="another")))
+    follower.take(seen.update(cursor)[0].json())
+    assert follower.tiles == shown(seen).tiles == {} and follower.scales == {}
 
 
 def test_the_view_keeps_no_estimate_of_another() -> None:

@@ -53,21 +53,23 @@ class SupersededError(WbfMissionError, RuntimeError):
 
 
 class NewestOnly:
-    """Does one thing at a time; what waits or is under way gives way to what comes later.
+    """Does one thing at a time; what waits or is under way gives way to something else that comes later.
 
     Examples
     --------
-    >>> NewestOnly().do(lambda progress: progress("planning", 0, 1) or 7)
+    >>> NewestOnly().do("a sum", lambda progress: progress("adding", 0, 1) or 3 + 4)
     7
     """
 
     def __init__(self) -> None:
-        self.asked, self._counting, self._working = 0, threading.Lock(), threading.Lock()
+        self.asked, self._what = 0, ""
+        self._counting, self._working = threading.Lock(), threading.Lock()
 
-    def do(self, work: Callable[[Progress], T]) -> T:
+    def do(self, what: str, work: Callable[[Progress], T]) -> T:
         """Work, with a progress that raises SupersededError where something newer has come."""
         with self._counting:
-            self.asked += 1
+            if what != self._what:
+                self.asked, self._what = self.asked + 1, what
             mine = self.asked
 
         def progress(_what: str, _done: float, _total: float) -> None:
@@ -237,7 +239,7 @@ class Drafts:
     def plan(self, draft: Draft) -> PlannedDraft:
         """Plan and check a draft, unless that is kept; SupersededError, and errors as of `planned`."""
         return self._planning.do(
-            lambda progress: self._plans.get(draft.key, lambda: planned(draft, progress))
+            draft.key, lambda progress: self._plans.get(draft.key, lambda: planned(draft, progress))
         )
 
     def _farm(self, scenario: Scenario) -> Farm:

@@ -232,7 +232,10 @@ def _fly(scenario: Scenario, pace: float | None, view: View, stopping: threading
 
 
 def _answering(work: Handler) -> Callable[[Request], Any]:
-    """Return an endpoint that answers with JSON what a function finds, and in one line what is wrong."""
+    """Return an endpoint that answers with JSON what a function finds, or in one line why not ("error").
+
+    That is no error of HTTP: somebody types, and browsers would tell of each in the console.
+    """
 
     async def answer(request: Request) -> Response:
         body = bytearray()
@@ -243,9 +246,9 @@ def _answering(work: Handler) -> Callable[[Request], Any]:
         try:
             found = await run_in_threadpool(work, request, bytes(body))
         except SupersededError as error:
-            return _json({"error": str(error), "superseded": True}, 409)
+            return _json({"error": str(error), "superseded": True})
         except WbfMissionError as error:
-            return _json({"error": one_line(str(error))}, 400)
+            return _json({"error": one_line(str(error))})
         return found if isinstance(found, Response) else _json(found)
 
     return answer

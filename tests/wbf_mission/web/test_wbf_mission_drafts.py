@@ -12,6 +12,7 @@ from geo import get_farm, save_farm
 from geo.errors import FarmError, WbfMissionError
 from wbf_mission.cli.app import main
 from wbf_mission.planning import plan
+from wbf_mission.progress import Progress
 from wbf_mission.scenario import Scenario
 from wbf_mission.web.drafts import DraftError, Drafts, NewestOnly, SupersededError
 
@@ -149,20 +150,20 @@ def test_what_is_newer_takes_the_place_of_what_is_under_way() -> None:
     ended: list[str] = []
 
     def older() -> None:
-        def work(progress: object) -> None:
+        def work(progress: Progress) -> None:
             begun.set()
             go_on.wait(20)
-            progress("planning", 1, 2)  # type: ignore[operator]
+            progress("planning", 1, 2)
 
         try:
-            one.do(work)
+            one.do("older", work)
         except SupersededError:
             ended.append("superseded")
 
     thread = threading.Thread(target=older)
     thread.start()
     assert begun.wait(20)
-    newer = threading.Thread(target=lambda: ended.append(one.do(lambda _progress: "done")))
+    newer = threading.Thread(target=lambda: ended.append(one.do("newer", lambda _progress: "done")))
     newer.start()
     while one.asked < 2:  # the newer one is asked for
         pass
@@ -170,3 +171,23 @@ def test_what_is_newer_takes_the_place_of_what_is_under_way() -> None:
     thread.join(20)
     newer.join(20)
     assert ended == ["superseded", "done"]
+
+
+def test_the_same_again_waits_for_what_is_under_way() -> None:
+    one, begun, go_on = NewestOnly(), threading.Event(), threading.Event()
+    ended: list[str] = []
+
+    def work(progress: Progress) -> str:
+        begun.set()
+        go_on.wait(20)
+        progress("planning", 1, 2)
+        return "done"
+
+    threads = [threading.Thread(target=lambda: ended.append(one.do("same", work))) for _ in range(2)]
+    threads[0].start()
+    assert begun.wait(20)
+    threads[1].start()
+    go_on.set()
+    for thread in threads:
+        thread.join(20)
+    assert ended == ["done", "done"]

@@ -15,11 +15,14 @@ export class Answer {
   private readonly lines = L.layerGroup();
   private readonly spot = L.layerGroup();
   private frame: Frame | null = null;
+  private paths: { halo: L.Polyline; line: L.Polyline }[] = [];
+  private spacing_m: number | null = null;
 
   constructor(private readonly map: L.Map) {
     this.lines.addTo(map);
     this.spot.addTo(map);
     map.createPane("plans").style.zIndex = "450";
+    map.on("zoomend", () => this.weigh());
   }
 
   show(planned: Planned): void {
@@ -64,20 +67,35 @@ export class Answer {
     return Array.from({ length: ring.length / 2 }, (_, k) => this.frame!.latLng(ring[2 * k]!, ring[2 * k + 1]!));
   }
 
+  /** Lines are thinner where rows are close to each other, so that the field is seen between them. */
+  private weigh(): void {
+    const [origin, up] = [this.frame?.latLng(0, 0), this.frame?.latLng(0, this.spacing_m ?? 0)];
+    const apart_px = origin && up && this.spacing_m ? this.map.latLngToLayerPoint(origin).distanceTo(this.map.latLngToLayerPoint(up)) : Infinity;
+    const weight = Math.min(2.5, Math.max(0.8, apart_px / 4));
+    for (const { halo, line } of this.paths) {
+      halo.setStyle({ weight: 2 * weight, stroke: apart_px >= 8 });
+      line.setStyle({ weight });
+    }
+  }
+
   private draw(planned: Planned): void {
     this.lines.clearLayers();
     this.spot.clearLayers();
+    this.paths = [];
+    this.spacing_m = planned.vehicles[0]?.spacing_m ?? null;
     const shared = { pane: "plans", interactive: false };
     for (const [k, { plan }] of planned.missions.entries()) {
       const path = this.latLngs(plan.path);
       const [home] = [this.frame!.latLng(...planned.farm.home_m)];
-      L.polyline(path, { ...shared, color: themed("halo"), weight: 5, opacity: 0.8 }).addTo(this.lines);
-      L.polyline(path, { ...shared, color: vehicleColour(k), weight: 2.5 }).addTo(this.lines);
+      const halo = L.polyline(path, { ...shared, color: "#ffffff", opacity: 0.75 }).addTo(this.lines);
+      const line = L.polyline(path, { ...shared, color: vehicleColour(k) }).addTo(this.lines);
+      this.paths.push({ halo, line });
       for (const end of [path[0], path.at(-1)])
         if (end && home) L.polyline([home, end], { ...shared, color: vehicleColour(k), weight: 1.5, dashArray: "2 6" }).addTo(this.lines);
       for (const fence of plan.fence)
         for (const ring of fence.rings) L.polygon(this.latLngs(ring), { ...shared, color: themed("fence"), weight: 1.5, dashArray: "8 5", fill: false }).addTo(this.lines);
     }
+    this.weigh();
   }
 }
 

@@ -86,22 +86,25 @@ export class Refused extends Error {
 }
 
 async function ask(path: string, init: RequestInit = {}): Promise<Response> {
-  let response: Response;
   try {
-    response = await fetch(path, init);
+    return await fetch(path, init);
   } catch (error) {
     if (error instanceof DOMException && error.name === "AbortError") throw new Refused("superseded", true);
     throw new Refused("The program does not answer: is it still running?", false);
   }
-  if (response.ok) return response;
+}
+
+async function json<T>(asked: Promise<Response>): Promise<T> {
+  const response = await asked;
   const text = await response.text();
-  let told: { error?: string; superseded?: boolean } = {};
+  let told: T & { error?: string; superseded?: boolean };
   try {
     told = JSON.parse(text) as typeof told;
   } catch {
-    told = { error: text || response.statusText };
+    throw new Refused(text || response.statusText, false);
   }
-  throw new Refused(told.error ?? response.statusText, told.superseded === true);
+  if (told.error !== undefined) throw new Refused(told.error, told.superseded === true);
+  return told;
 }
 
 const query = (given: Record<string, string>): string => new URLSearchParams(given).toString();
@@ -113,20 +116,21 @@ const post = (draft: Draft, signal?: AbortSignal): RequestInit => ({
 });
 
 export const desk = {
-  options: async (): Promise<Options> => (await ask("api/options")).json(),
-  farm: async (name: string): Promise<FarmAnswer> => (await ask(`api/farm?${query({ name })}`)).json(),
-  read: async (file: File, more: Record<string, string>): Promise<FarmAnswer> =>
-    (await ask(`api/farm?${query({ name: file.name, ...more })}`, { method: "POST", body: file })).json(),
-  plan: async (draft: Draft, signal: AbortSignal): Promise<Planned> => (await ask("api/plan", post(draft, signal))).json(),
+  options: (): Promise<Options> => json(ask("api/options")),
+  farm: (name: string): Promise<FarmAnswer> => json(ask(`api/farm?${query({ name })}`)),
+  read: (file: File): Promise<FarmAnswer> =>
+    json(ask(`api/farm?${query({ name: file.name })}`, { method: "POST", body: file })),
+  plan: (draft: Draft, signal: AbortSignal): Promise<Planned> => json(ask("api/plan", post(draft, signal))),
   file: async (draft: Draft, mission: number, format: string): Promise<{ name: string; content: Blob }> => {
     const response = await ask(`api/export?${query({ mission: String(mission), format })}`, post(draft));
+    if (!response.headers.has("Content-Disposition")) return json(Promise.resolve(response));
     const name = /filename\*=UTF-8''(.+)/.exec(response.headers.get("Content-Disposition") ?? "")?.[1];
     return { name: decodeURIComponent(name ?? `mission${format}`), content: await response.blob() };
   },
-  upload: async (draft: Draft, mission: number, link: string, system_id: string): Promise<Uploaded> =>
-    (await ask(`api/upload?${query({ mission: String(mission), link, system_id, confirmed: "true" })}`, post(draft))).json(),
-  fly: async (draft: Draft, pace: string): Promise<unknown> => (await ask(`api/fly?${query({ pace })}`, post(draft))).json(),
-  stop: async (): Promise<{ stopped: boolean }> => (await ask("api/stop", { method: "POST" })).json(),
+  upload: (draft: Draft, mission: number, link: string, system_id: string): Promise<Uploaded> =>
+    json(ask(`api/upload?${query({ mission: String(mission), link, system_id, confirmed: "true" })}`, post(draft))),
+  fly: (draft: Draft, pace: string): Promise<unknown> => json(ask(`api/fly?${query({ pace })}`, post(draft))),
+  stop: (): Promise<{ stopped: boolean }> => json(ask("api/stop", { method: "POST" })),
 };
 
 /** Let the browser keep a file. */

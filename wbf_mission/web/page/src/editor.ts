@@ -104,10 +104,8 @@ export class Editor {
       if (this.drawing) this.take(this.tool);
       else this.host.toolDone();
     } else if (event.key === "Enter" && this.drawing) this.close();
-    else if (event.key === "Backspace" && this.drawing) {
-      this.drawn = this.drawn.slice(0, -1);
-      this.show();
-    } else if (event.key === "Enter" && this.tool !== "select" && event.target === this.map.getContainer())
+    else if (event.key === "Backspace" && this.drawing) this.setDrawn(this.drawn.slice(0, -1));
+    else if (event.key === "Enter" && this.tool !== "select" && event.target === this.map.getContainer())
       this.click(this.map.getCenter());
     else return;
     event.preventDefault();
@@ -140,9 +138,12 @@ export class Editor {
     const near = first && this.map.latLngToContainerPoint(latLng(first)).distanceTo(this.map.latLngToContainerPoint(place)) <= CLOSE_PX;
     if (near && this.drawn.length >= 3) return this.close();
     if (near && this.drawn.length > 0) return;
-    this.drawn = [...this.drawn, position(place)];
-    const count = this.drawn.length;
-    this.host.tell(count < 3 ? `${count} of at least 3 corners` : `${count} corners; Enter or the first corner closes`);
+    this.setDrawn([...this.drawn, position(place)]);
+  }
+
+  private setDrawn(ring: Position[]): void {
+    this.drawn = ring;
+    this.host.tell(ring.length < 3 ? `${ring.length} of at least 3 corners` : `${ring.length} corners; Enter or the first corner closes`);
     this.show();
   }
 

@@ -126,7 +126,7 @@ export class Outline {
 
 function degrees(value: number, most: number, label: string, focus: string, take: (value: number) => void): HTMLInputElement {
   const input = element("input", { type: "number", step: "any", min: String(-most), max: String(most), "aria-label": label, "data-focus": focus, required: "" });
-  input.value = String(value);
+  input.value = String(Number(value.toFixed(8)));
   input.addEventListener("change", () => input.checkValidity() && take(Number(input.value)));
   return input;
 }

@@ -110,7 +110,7 @@ class Studio implements EditorHost {
       const text = JSON.stringify(documentOf(this.sketch), null, 1);
       keep(`${this.sketch.name.replace(/[^\p{L}\p{N}-]+/gu, "-") || "farm"}.geojson`, new Blob([text], { type: "application/geo+json" }));
     });
-    return element("div", { class: "farm" }, element("label", { for: "farms" }, "Farm"), this.farms, element("div", { class: "line" }, fresh, load, save), file);
+    return element("div", { class: "farm" }, element("label", { for: "farms", class: "hidden" }, "Farm"), this.farms, element("div", { class: "line" }, fresh, load, save), file);
   }
 
   private filePicker(): HTMLInputElement {
@@ -118,7 +118,7 @@ class Studio implements EditorHost {
     file.addEventListener("change", () => {
       const [chosen] = file.files ?? [];
       file.value = "";
-      if (chosen) void this.open(() => desk.read(chosen, {}), null);
+      if (chosen) void this.open(() => desk.read(chosen), null);
     });
     return file;
   }
@@ -128,7 +128,7 @@ class Studio implements EditorHost {
     this.root.addEventListener("drop", (event) => {
       event.preventDefault();
       const chosen = event.dataTransfer?.files[0];
-      if (chosen && !file.disabled) void this.open(() => desk.read(chosen, {}), null);
+      if (chosen && !file.disabled) void this.open(() => desk.read(chosen), null);
     });
   }
 

@@ -14,9 +14,11 @@ from wbf_mission.cli.output import Output
 EXAMPLES = """
 Examples
 wbf-mission export runs/mine --to mcap
+wbf-mission export runs/mine --to kml --out flight.kml
+wbf-mission export runs/mine --to geojson --overwrite --json
 """
 
-To = Literal["mcap"]
+To = Literal["mcap", "gpx", "kml", "geojson", "csv"]
 
 
 @options.speaks()

@@ -35,6 +35,10 @@ class ExportFormat:
 
 FORMATS = {
     "mcap": ExportFormat(".mcap", "Foxglove", "foxglove", "write_mcap", shows_estimates=True),
+    "gpx": ExportFormat(".gpx", "map programs and GNSS receivers", "tracks", "write_gpx"),
+    "kml": ExportFormat(".kml", "Google Earth", "tracks", "write_kml"),
+    "geojson": ExportFormat(".geojson", "GIS and maps on the web", "tracks", "write_geojson"),
+    "csv": ExportFormat(".csv", "spreadsheets", "tracks", "write_csv"),
 }
 """By name."""
 

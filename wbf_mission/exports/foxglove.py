@@ -38,9 +38,10 @@ from wbf_mission.events import (
     VehicleMoved,
     VehicleSaid,
 )
+from wbf_mission.exports.colours import FENCE, OBSTACLE, crop_colour, rgb, vehicle_colour
 from wbf_mission.exports.foxglove_schemas import SCHEMAS, score_schema
-from wbf_mission.exports.layers import Layers, colours_of, rgb
-from wbf_mission.pictures.plots import CROP_COLOURS, LINE_COLOURS
+from wbf_mission.exports.layers import Layers, colours_of
+from wbf_mission.exports.tracks import waypoints_of
 from wbf_mission.version import __version__
 
 if TYPE_CHECKING:
@@ -58,7 +59,6 @@ _STRIP, _LOOP = 0, 1  # foxglove.LineType
 _NOWHERE = {"x": 0.0, "y": 0.0, "z": 0.0}
 _LEVEL = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
 _POSE = {"position": _NOWHERE, "orientation": _LEVEL}
-_LAND, _OBSTACLE, _FENCE = "#8c8c8c", "#b22222", "#e69f00"
 
 _PRIMITIVES = ("arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models")
 _COLOURS = ("red", "green", "blue", "alpha")
@@ -190,7 +190,7 @@ class FoxgloveFile:
 
     def _write_farm(self, event: RunBegun) -> None:
         farm = self._farm
-        colours = [_crop_colour(one.crop) for one in farm.patches] + [_OBSTACLE] * len(farm.obstacles)
+        colours = [crop_colour(one.crop) for one in farm.patches] + [OBSTACLE] * len(farm.obstacles)
         features = farm_document(farm)["features"]
         for feature, colour in zip(features, colours, strict=True):
             feature["properties"]["style"] = {"color": colour}
@@ -198,7 +198,7 @@ class FoxgloveFile:
         features += [_feature("Point", farm, [place], name=name) for name, place in places]
         self._write_map("/farm/map", 0.0, features)
         lines = [
-            _line(ring, _crop_colour(patch.crop), kind=_LOOP)
+            _line(ring, crop_colour(patch.crop), kind=_LOOP)
             for patch in farm.patches
             for ring in _rings(patch.polygon)
         ]
@@ -218,7 +218,7 @@ class FoxgloveFile:
         self._log(0.0, _INFO, "run", event.title)
 
     def _write_plan(self, event: Planned) -> None:
-        farm, number, colour = self._farm, event.system_id, _vehicle_colour(event.system_id)
+        farm, number, colour = self._farm, event.system_id, vehicle_colour(event.system_id)
         rings = [ring for ring, _ in fence_rings(event.mission.fence, farm.frame)]
         features = [
             _feature(
@@ -227,11 +227,11 @@ class FoxgloveFile:
         ]
         for ring in rings:
             closed = np.vstack((ring, ring[:1]))
-            features.append(_feature("LineString", farm, closed, name="fence", style={"color": _FENCE}))
+            features.append(_feature("LineString", farm, closed, name="fence", style={"color": FENCE}))
         self._write_map(f"/vehicle/{number}/plan/map", event.time_s, features)
-        height_m = max((item.z for item in event.mission.items if item.has_position), default=0.0)
+        height_m = max((height_m for *_, height_m in waypoints_of(event.mission, farm)), default=0.0)
         lines = [_line(event.path_m, colour, height_m=height_m, opacity=0.5)]
-        lines += [_line(ring, _FENCE, kind=_LOOP) for ring in rings]
+        lines += [_line(ring, FENCE, kind=_LOOP) for ring in rings]
         self._write_scene(f"/vehicle/{number}/plan/scene", event.time_s, lines=lines)
         if number not in self._vehicles:
             self._write_body(event.time_s, number)
@@ -242,7 +242,7 @@ class FoxgloveFile:
 
     def _write_body(self, time_s: float, number: int) -> None:
         """Show a vehicle as an arrow with its number, in its own frame."""
-        size, colour = self._size_m, _colour(_vehicle_colour(number))
+        size, colour = self._size_m, _colour(vehicle_colour(number))
         arrow = {
             "pose": _POSE,
             "shaft_length": 0.6 * size,
@@ -292,7 +292,7 @@ class FoxgloveFile:
             "altitude": round(farm.frame.altitude_m + event.height_m, 3),
             "position_covariance": [0.0] * 9,
             "position_covariance_type": 0,
-            "color": _colour(_vehicle_colour(number)),
+            "color": _colour(vehicle_colour(number)),
         }
         self._write(f"/vehicle/{number}/fix", "foxglove.LocationFix", event.time_s, fix)
         heading = None if event.heading_rad is None else round(math.degrees(event.heading_rad), 2)
@@ -323,7 +323,7 @@ class FoxgloveFile:
         vehicle = self._vehicles.get(number)
         if vehicle is None or len(vehicle.track) < 2:
             return
-        vehicle.shown, colour = len(vehicle.track), _vehicle_colour(number)
+        vehicle.shown, colour = len(vehicle.track), vehicle_colour(number)
         step = -(-len(vehicle.track) // _TRACK_POINTS)
         flown = np.array(vehicle.track[::step] + vehicle.track[-1:])
         self._write_scene(
@@ -447,14 +447,6 @@ def _colour(colour: str, opacity: float = 1.0) -> _Json:
     return {"r": round(red, 4), "g": round(green, 4), "b": round(blue, 4), "a": opacity}
 
 
-def _vehicle_colour(number: int) -> str:
-    return LINE_COLOURS[(number - 1) % len(LINE_COLOURS)]
-
-
-def _crop_colour(crop: str) -> str:
-    return CROP_COLOURS.get(crop, _LAND)
-
-
 def _line(
     points: NDArray[np.float64],
     colour: str,
@@ -484,7 +476,7 @@ def _wall(ring: NDArray[np.float64], height_m: float) -> _Json:
     return {
         "pose": _POSE,
         "points": _points(ring, 0.0) + _points(ring, height_m),
-        "color": _colour(_OBSTACLE, 0.5),
+        "color": _colour(OBSTACLE, 0.5),
         "colors": [],
         "indices": [number for one in corners for number in one],
     }

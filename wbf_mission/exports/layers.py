@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.fields import FieldSet
+from wbf_mission.exports.colours import rgb
 from wbf_mission.maps.blocks import MapGrid
 from wbf_mission.maps.field_maps import pixel_means
 from wbf_mission.run.record import RunRecord
@@ -18,16 +19,6 @@ _LEAST_SHARE = 0.02  # At least so much is shown of a large farm's scale of sick
 _UNCERTAIN = ("#440154", "#3b528b", "#21918c", "#5ec962", "#fde725")  # Points of matplotlib's viridis
 
 Pixels = NDArray[np.float32]
-
-
-def rgb(colour: str) -> tuple[int, int, int]:
-    """Return the parts of a colour ``#rrggbb``.
-
-    >>> rgb("#0072b2")
-    (0, 114, 178)
-    """
-    red, green, blue = bytes.fromhex(colour[1:])
-    return red, green, blue
 
 
 class Layers:

@@ -51,7 +51,7 @@ export type Draw = (context: CanvasRenderingContext2D, view: View) => void;
 
 /** A canvas as large as the map, which is drawn anew whenever the map moves. */
 export class CanvasLayer extends L.Layer {
-  private readonly canvas = document.createElement("canvas");
+  readonly canvas = document.createElement("canvas");
   private zooming = false;
   private asked = false;
 

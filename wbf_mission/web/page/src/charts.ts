@@ -135,6 +135,7 @@ class Chart {
     pen.save();
     pen.strokeStyle = themed("ink");
     pen.globalAlpha = 0.5;
+    pen.setLineDash([]);
     pen.beginPath();
     pen.moveTo(left, top);
     pen.lineTo(left, top + height);
@@ -176,7 +177,8 @@ export class Charts {
     for (const chart of this.charts) chart.show(this.models, times, time_s, fresh);
   }
 
-  private redraw(): void {
+  /** Draw anew, at the size that they have now. */
+  redraw(): void {
     this.known = "";
     if (this.end_s >= 0) this.show(this.time_s, this.end_s);
   }

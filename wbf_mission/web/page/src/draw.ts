@@ -133,6 +133,23 @@ export function drawPicture(context: Context, view: View, picture: Picture, pixe
   context.restore();
 }
 
+/** Where the estimate ends and the truth begins. */
+export function drawSplit(context: Context, view: View, split: number, names: [string, string]): void {
+  const left = split * view.width;
+  for (const [colour, width] of [[themed("halo"), 5], [themed("ink"), 1.5]] as const) {
+    context.beginPath();
+    context.moveTo(left, 0);
+    context.lineTo(left, view.height);
+    context.strokeStyle = colour;
+    context.lineWidth = width;
+    context.stroke();
+  }
+  context.font = `600 12px ${themed("font")}`;
+  const [before, after] = names.map((name) => context.measureText(name).width / 2 + 12);
+  label(context, names[0], left - before!, view.height / 2 - 34);
+  label(context, names[1], left + after!, view.height / 2 - 34);
+}
+
 export function drawPlan(context: Context, view: View, plan: Plan, colour: string, fence: boolean): void {
   context.lineJoin = "round";
   if (fence)

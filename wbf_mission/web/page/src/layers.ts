@@ -1,7 +1,7 @@
 // What the map shows: the field, which of its layers, and what is drawn over it; and what the colours mean.
 import { colourAt, css, ramp } from "./colours.js";
 import { checkbox, element, segments, setText } from "./dom.js";
-import { inUnit, layerName, layerTitle, type Choice } from "./map.js";
+import { figureOf, layerName, layerTitle, type Choice } from "./map.js";
 import type { Model } from "./model.js";
 import type { Picture } from "./tiles.js";
 
@@ -91,9 +91,10 @@ export class LayerPanel {
     const bar = element("div", { class: "ramp", "aria-hidden": "true" });
     bar.style.background = `linear-gradient(to right, ${stops.join(", ")})`;
     const sick = field?.kind === "disease" && !layer.startsWith("uncertainty/");
-    const words = sick ? ["lost", "infected", "healthy"] : [0, 0.5, 1].map((part) => inUnit(model, layer, part * scale));
+    const words = sick ? ["lost", "infected", "healthy"] : [0, 0.5, 1].map((part) => figureOf(model, layer, part * scale));
     const title = element("div", { class: "title" });
     setText(title, layerTitle(model, layer));
+    if (field?.unit && !sick) title.append(element("span", { class: "unit" }, ` in ${field.unit}`));
     this.legend.replaceChildren(title, bar, element("div", { class: "ends" }, ...words.map((word) => element("span", {}, word))));
   }
 }

@@ -44,13 +44,23 @@ class App {
   private stale = true;
 
   constructor() {
+    addEventListener("beforeprint", () => this.print(true));
+    addEventListener("afterprint", () => this.print(false));
     requestAnimationFrame((now_ms) => this.frame(now_ms));
+  }
+
+  /** Lay the page out for paper: maps and charts are drawn for the room that they have there. */
+  private print(begins: boolean): void {
+    document.documentElement.classList.toggle("printing", begins);
+    for (const map of this.maps) map.print(begins);
+    this.parts?.charts.redraw();
   }
 
   private begin(runs: number): void {
     const shown = this.maps.map(({ map }) => [map.getCenter(), map.getZoom()] as const);
     for (const { map } of this.maps) map.remove();
     this.models = Array.from({ length: runs }, () => new Model());
+    if (runs > 1) this.models.forEach((model, k) => (model.letter = "AB"[k] ?? String(k + 1)));
     this.build();
     shown.forEach(([center, zoom], k) => this.maps[k]?.map.setView(center, zoom, { animate: false }));
   }
@@ -202,7 +212,7 @@ class App {
     parts.controls?.show();
     this.root.classList.toggle("decides", parts.decisions.any);
     this.root.classList.toggle("compares", this.choice.compare);
-    const titles = this.models.map((one) => one.run?.title ?? "");
+    const titles = this.models.map((one) => [one.letter, one.run?.title].filter(Boolean).join(": "));
     setText(this.title, titles.join("  |  ") || "wbf-mission");
     const headings = this.root.querySelectorAll(".of-run");
     this.models.forEach((one, k) => headings[k] && setText(headings[k], [titles[k], scoreLine(one, time_s)].filter(Boolean).join(" · ")));

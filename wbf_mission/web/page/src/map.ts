@@ -1,9 +1,9 @@
 // The map of one run: the farm, the values of a layer, what was seen, plans and trails, and the vehicles.
 import * as L from "leaflet";
 import { CanvasLayer, Frame } from "./canvas.js";
-import { lifted, vehicleColour } from "./colours.js";
+import { lifted, themed, vehicleColour } from "./colours.js";
 import { element, setText, svg } from "./dom.js";
-import { drawBorders, drawDecision, drawFarm, drawPicture, drawPlan, drawTrail, readingsOf } from "./draw.js";
+import { drawBorders, drawDecision, drawFarm, drawPicture, drawPlan, drawSplit, drawTrail, readingsOf } from "./draw.js";
 import type { Model, Moment } from "./model.js";
 import type { Decision, FieldInfo, Run, VehicleInfo } from "./schema.js";
 import { figure } from "./text.js";
@@ -154,6 +154,25 @@ export class MapView {
     if (mark) this.map.panTo(mark.marker.getLatLng());
   }
 
+  /** For paper, on which browsers do not let canvases through one another: all of them on one. */
+  print(begins: boolean): void {
+    this.map.invalidateSize({ animate: false });
+    this.fit();
+    this.container.querySelector(".on-paper")?.remove();
+    if (!begins) return;
+    const paper = element("canvas", { class: "on-paper" });
+    const { width, height } = this.layers.lines.canvas;
+    [paper.width, paper.height] = [width, height];
+    const context = paper.getContext("2d")!;
+    context.fillStyle = themed("field");
+    context.fillRect(0, 0, width, height);
+    for (const [name, { canvas }] of Object.entries(this.layers)) {
+      context.globalAlpha = name === "values" ? this.choice.opacity : 1;
+      context.drawImage(canvas, 0, 0);
+    }
+    this.container.prepend(paper);
+  }
+
   /** Choices changed: everything is drawn anew. */
   redraw(): void {
     this.container.querySelector<HTMLElement>(".leaflet-values-pane")!.style.opacity = String(this.choice.opacity);
@@ -243,6 +262,8 @@ export class MapView {
       for (const id of ids) drawTrail(context, view, this.model, id, this.time_s, this.colour(id));
     if (this.choice.decisions && this.decision)
       drawDecision(context, view, this.decision, (id) => this.colour(id));
+    if (this.picture && this.truth)
+      drawSplit(context, view, this.choice.split, [KINDS[this.choice.kind] ?? this.choice.kind, KINDS["truth"]!]);
   }
 
   /** Tell what is under the pointer. */
@@ -254,13 +275,14 @@ export class MapView {
     }
     const [x, y] = this.frame.metres(place);
     const raster = this.run?.raster;
-    const parts = [`x ${x.toFixed(1)} m, y ${y.toFixed(1)} m`, `${place.lat.toFixed(7)}, ${place.lng.toFixed(7)}`];
+    const parts: string[] = [];
+    const where = [`x ${x.toFixed(1)} m, y ${y.toFixed(1)} m`, `${place.lat.toFixed(7)}, ${place.lng.toFixed(7)}`];
     for (const picture of [this.picture, this.truth])
       if (picture && raster) {
         const value = picture.valueAt(Math.floor(x / raster.pixel_m), Math.floor(y / raster.pixel_m));
-        if (!Number.isNaN(value)) parts.unshift(`${layerTitle(this.model, picture.layer)} ${inUnit(this.model, picture.layer, value)}`);
+        if (!Number.isNaN(value)) parts.push(`${layerTitle(this.model, picture.layer)} ${inUnit(this.model, picture.layer, value)}`);
       }
-    this.told(parts.join("  ·  "));
+    this.told([...parts, ...where].join("  ·  "));
   }
 }
 
@@ -271,14 +293,16 @@ export function layerTitle(model: Model, layer: string): string {
   return field ? `${field.title}, ${KINDS[layer.split("/")[0]!] ?? ""}` : "Acquisition";
 }
 
-/** A value of a layer in the field's unit, with as many digits as a hundredth of its range has. */
-export function inUnit(model: Model, layer: string, value: number): string {
+/** A value of a layer as a number in the field's unit, with as many digits as a hundredth of its range has. */
+export function figureOf(model: Model, layer: string, value: number): string {
   const field = model.fieldOf(layer);
   if (!field) return figure(value);
   const [low, high] = field.range;
   const span = high - low;
-  const sure = !layer.startsWith("uncertainty/");
   const digits = Math.min(6, Math.max(0, Math.ceil(2 - Math.log10(span))));
-  const number = sure ? (low + value * span).toFixed(digits) : figure(value * span);
-  return `${number}${field.unit ? ` ${field.unit}` : ""}`;
+  return layer.startsWith("uncertainty/") ? figure(value * span) : (low + value * span).toFixed(digits);
+}
+
+function inUnit(model: Model, layer: string, value: number): string {
+  return `${figureOf(model, layer, value)} ${model.fieldOf(layer)?.unit ?? ""}`.trimEnd();
 }

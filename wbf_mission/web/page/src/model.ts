@@ -70,6 +70,8 @@ export class Model {
   said: Said[] = [];
   scales: Record<string, number> = {};
   tiles = new Tiles();
+  /** A letter, where several runs are shown. */
+  letter = "";
   /** The time up to which anything is known. */
   end_s = 0;
 
@@ -106,8 +108,8 @@ export class Model {
   nameOf(system_id: number): string {
     const vehicles = this.run?.vehicles ?? [];
     const name = vehicles.find((info) => info.system_id === system_id)?.name;
-    if (!name) return `vehicle ${system_id}`;
-    return vehicles.filter((info) => info.name === name).length > 1 ? `${name} ${system_id}` : name;
+    const several = vehicles.filter((info) => info.name === name).length > 1;
+    return [name ?? "vehicle", several || !name ? system_id : "", this.letter].filter(Boolean).join(" ");
   }
 
   /** The field that a layer is of, undefined for one that is of none. */

@@ -88,9 +88,9 @@ class LivePage:
         from wbf_mission.web.view import View
 
         view = View()
-        events.listen(view.take)
         with LiveServer(view, host=self.live_host, port=self.live, orders=orders, tiles=self.tiles) as server:
             output.note(f"live page: {server.url}")
+            events.listen(view.take)  # Not before: its address, which may hold a token, is not for the page
             if self.open_page:
                 webbrowser.open(server.url)
             yield

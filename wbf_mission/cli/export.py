@@ -18,7 +18,7 @@ wbf-mission export runs/mine --to kml --out flight.kml
 wbf-mission export runs/mine --to geojson --overwrite --json
 """
 
-To = Literal["mcap", "gpx", "kml", "geojson", "csv"]
+To = Literal["mcap", "rerun", "gpx", "kml", "geojson", "csv"]
 
 
 @options.speaks()

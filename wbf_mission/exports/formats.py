@@ -35,6 +35,7 @@ class ExportFormat:
 
 FORMATS = {
     "mcap": ExportFormat(".mcap", "Foxglove", "foxglove", "write_mcap", shows_estimates=True),
+    "rerun": ExportFormat(".rrd", "Rerun", "rerun", "write_rrd", shows_estimates=True),
     "gpx": ExportFormat(".gpx", "map programs and GNSS receivers", "tracks", "write_gpx"),
     "kml": ExportFormat(".kml", "Google Earth", "tracks", "write_kml"),
     "geojson": ExportFormat(".geojson", "GIS and maps on the web", "tracks", "write_geojson"),

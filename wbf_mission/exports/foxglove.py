@@ -40,7 +40,7 @@ from wbf_mission.events import (
 )
 from wbf_mission.exports.colours import FENCE, OBSTACLE, crop_colour, rgb, vehicle_colour
 from wbf_mission.exports.foxglove_schemas import SCHEMAS, score_schema
-from wbf_mission.exports.layers import Layers, colours_of
+from wbf_mission.exports.layers import Layers, reading_colours
 from wbf_mission.exports.tracks import waypoints_of
 from wbf_mission.version import __version__
 
@@ -343,11 +343,7 @@ class FoxgloveFile:
         rows["y"] = self._farm.cell_size_m * (observations.y + 0.5)
         for k, one in enumerate(self._fields):
             rows[f"{one.name}_value"] = observations.values[:, k]
-        # The colour is that of the worst disease, or of the first field where none is sensed.
-        diseases = [k for k, one in enumerate(self._fields) if one.kind == "disease"] or [0]
-        painted = colours_of(
-            np.fmin.reduce(observations.values[:, diseases], axis=1), self._fields[diseases[0]].colours
-        )
+        painted = reading_colours(self._fields, observations.values)
         for part, name in enumerate(_COLOURS):
             rows[name] = painted[:, part]
         self._points.append(rows.tobytes())

@@ -56,13 +56,13 @@ class Layers:
         Of a disease on a large farm the scale ends at the share of sick plants where there are most.
         """
         shown = 1.0 - (1.0 - means) / self._tops[k]
-        return colours_of(shown, self.fields[k].colours)
+        return _painted(shown, self.fields[k].colours)
 
     def uncertainty_colours(self, k: int, means: Pixels) -> NDArray[np.uint8]:
         """Return an uncertainty in colours, as of `colours`; the scale is that of the first one."""
         if not self._most[k]:
             self._most[k] = max(float(np.nanmax(means, initial=0.0)), 1e-3)
-        return colours_of(means / self._most[k], _UNCERTAIN)
+        return _painted(means / self._most[k], _UNCERTAIN)
 
 
 def _tops(record: RunRecord, fields: FieldSet) -> list[float]:
@@ -74,7 +74,7 @@ def _tops(record: RunRecord, fields: FieldSet) -> list[float]:
     return tops
 
 
-def colours_of(shown: NDArray[np.floating], colours: Sequence[str]) -> NDArray[np.uint8]:
+def _painted(shown: NDArray[np.floating], colours: Sequence[str]) -> NDArray[np.uint8]:
     """Return values from 0 to 1 in colours between these, and clear where there are none."""
     known = np.isfinite(shown)
     scale = np.array([rgb(one) for one in colours], np.float64)
@@ -84,3 +84,12 @@ def colours_of(shown: NDArray[np.floating], colours: Sequence[str]) -> NDArray[n
         painted[known, part] = np.rint(np.interp(shown[known], at, scale[:, part]))
     painted[known, 3] = 255
     return painted
+
+
+def reading_colours(fields: FieldSet, values: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Return readings, float32[n, fields], in colours, uint8[n, 4].
+
+    The colour is that of the worst disease, or of the first field where none is sensed.
+    """
+    diseases = [k for k, one in enumerate(fields) if one.kind == "disease"] or [0]
+    return _painted(np.fmin.reduce(values[:, diseases], axis=1), fields[diseases[0]].colours)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import errno
 import hashlib
 import logging
 import secrets
@@ -157,8 +158,12 @@ class LiveServer:
             self._socket = socket.create_server((self._host, self._port), family=family)
         except OSError as error:
             why = (error.strerror or str(error)).partition(" (while")[0]
-            msg = f"live page: cannot listen at {self._host}, port {self._port} ({why})"
-            raise LinkError(f"{msg}; choose another port, or 0 for any free one") from None
+            of_port = error.errno in (errno.EADDRINUSE, errno.EACCES)
+            help_ = (
+                "choose another port, or 0 for any free one" if of_port else "give an address of this machine"
+            )
+            msg = f"live page: cannot listen at {self._host}, port {self._port} ({why}); {help_}"
+            raise LinkError(msg) from None
         if hasattr(socket, "TCP_USER_TIMEOUT"):
             # What a browser does not take is given up, which asyncio would keep for good.
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(1e3 * STALLED_S))

@@ -73,6 +73,8 @@ class MapTiles:
     def __init__(self, path: Path) -> None:
         self._lock = threading.Lock()
         try:
+            if path.exists() and not path.is_file():
+                raise MapTilesError(f"{path}: is no file of map tiles; give an MBTiles or PMTiles file")
             with path.open("rb") as file:
                 start = file.read(7)
             kinds: dict[bytes, Callable[[Path], _Archive]] = {b"PMTiles": _PMTiles, b"SQLite ": _MBTiles}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import itertools
 import json
+import os
 import random
 import sqlite3
 import struct
@@ -185,7 +186,8 @@ def test_numbers_of_tiles_follow_a_hilbert_curve() -> None:
         (lambda path: path.write_bytes(b"PMTiles"), "damaged"),
         (lambda path: path.write_bytes(b"SQLite format 3\0" + b"\xff" * 5000), "damaged"),
         (lambda path: path.write_bytes(b"something else"), "no MBTiles and no PMTiles"),
-        (lambda path: path.mkdir(), "cannot be read"),
+        (lambda path: path.mkdir(), "is no file"),
+        (os.mkfifo, "is no file"),
         (lambda path: None, "cannot be read"),
     ],
 )

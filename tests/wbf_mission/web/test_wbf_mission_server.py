@@ -436,6 +436,15 @@ def test_a_port_that_is_taken_is_told_in_one_line() -> None:
     assert "choose another port" in str(error.value) and "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize("host", ["no.such.host.invalid", "192.0.2.200"])
+def test_an_address_of_another_machine_is_told_in_one_line(host: str) -> None:
+    with (
+        pytest.raises(LinkError, match=f"{host}.*give an address of this machine"),
+        LiveServer(View(), host=host),
+    ):
+        pass
+
+
 def test_nothing_is_left_when_it_ends() -> None:
     with LiveServer(View()) as server:
         assert ask(server, "/")[0].status == 200

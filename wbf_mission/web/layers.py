@@ -99,6 +99,8 @@ class Layers:
 
     def of_cells(self, value: Floats, crops: Iterable[str]) -> Pixels:
         """Return the means of float32[W, H] over the owner's cells of some crops, `ALL_CROPS` or named."""
+        if value.shape != self._grid.shape:  # Compiled code would read beyond the end
+            raise ValueError(f"an array of {value.shape} for a farm of {self._grid.shape} cells")
         named = set(crops)
         grown = ALL_CROPS in named
         wanted = [crop in named or (grown and crop not in NOT_GROWN) for crop in self._grid.crops]

@@ -16,6 +16,7 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
+from geo.errors import told_error
 from mission.policies.decision import AcquisitionMap
 from sensors.estimators.append_buffer import GrowingArray
 from sensors.fields import HEALTH_COLOURS, WATER_COLOURS, Field
@@ -52,6 +53,8 @@ Cursor = NewType("Cursor", int)
 
 MAX_STATES = 20_000
 """States of a vehicle, and scores; of more, every second one of the older half is left out."""
+MAX_ALL_STATES = 400_000
+"""States of all vehicles: of many vehicles fewer each."""
 MAX_PLANS = 500
 MAX_DECISIONS = 2_000
 MAX_SAID = 2_000
@@ -241,7 +244,14 @@ class View:
     # What happens
 
     def take(self, event: Event) -> None:
-        """Take an event of the run."""
+        """Take an event of the run; what cannot be shown ends no flight, a line of the page says so."""
+        try:
+            self._take(event)
+        except Exception as error:
+            text = f"the page cannot show {type(event).__name__}: {told_error(error)}"
+            self._say(text, _WARNING, 0, self._time_s)
+
+    def _take(self, event: Event) -> None:
         match event:
             case RunBegun():
                 self._begin(event)
@@ -314,8 +324,11 @@ class View:
 
     def _states_of(self, system_id: int) -> _Rows[_State]:
         with self._lock:
-            name = f"states/{system_id}"
-            return self._states.setdefault(system_id, _Rows(name, MAX_STATES, thins=True))
+            if system_id not in self._states:
+                self._states[system_id] = _Rows(f"states/{system_id}", MAX_STATES, thins=True)
+                for rows in self._states.values():
+                    rows.limit = min(MAX_STATES, MAX_ALL_STATES // len(self._states))
+            return self._states[system_id]
 
     def _begin(self, event: RunBegun) -> None:
         with self._drawing:

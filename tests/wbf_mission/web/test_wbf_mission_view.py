@@ -317,6 +317,28 @@ def test_many_states_thin_out_and_viewers_are_told(monkeypatch: pytest.MonkeyPat
     assert [one["text"] for one in page.said][-3:] == ["line 997", "line 998", "line 999"]
 
 
+def test_many_vehicles_are_shown_with_fewer_states_each(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(view, "MAX_ALL_STATES", 200)
+    seen, follower, cursor = View(), Viewer(), None
+    for k in range(2000):
+        seen.take(VehicleMoved(float(k), 1, 1, 1 + k % (2 + k // 100), 1.0, 0.0, 5.0, 1.0))
+        if k % 97 == 0:
+            update, cursor = seen.update(cursor)
+            follower.take(update.json())
+    follower.take(seen.update(cursor)[0].json())
+    page = shown(seen)
+    assert page.states == follower.states and len(page.states) == 21
+    assert sum(len(states["time_s"]) for states in page.states.values()) <= 200
+
+
+def test_what_cannot_be_shown_ends_no_flight() -> None:
+    seen = View()
+    seen.take(begun())
+    seen.take(DayBegun(0.0, 1, np.zeros((3, 2, 2), np.float32)))  # Of another farm
+    (said,) = shown(seen).said
+    assert said["text"].startswith("the page cannot show DayBegun: ") and said["severity"] == 4
+
+
 def test_what_is_not_finite_is_null_and_no_place_no_state() -> None:
     seen = View()
     nan = float("nan")
@@ -459,6 +481,7 @@ def test_who_joins_late_sees_what_who_followed_sees(events: list[Event], data: s
         update, cursor = seen.update(cursor)
         follower.take(update.json())
         assert vars(follower) == vars(shown(seen))
+        assert not [one for one in follower.said if "cannot show" in one["text"]]
         assert seen.cursor == cursor
         assert json.loads(seen.update(cursor)[0].json()) == {"time_s": follower.time_s}
 

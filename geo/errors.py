@@ -37,11 +37,11 @@
     |   +-- sim_vehicle.faults.fault.FaultError          a fault to be injected
     |   +-- sim_vehicle.pilot.controls.RefusedError       a command that the vehicle refuses
     +-- wbf_mission.scenario.option.ScenarioError        a scenario or one of its options
-    +-- wbf_mission.live.command.OrderError              an order that is none
+    +-- mission.ground.command.OrderError              an order that is none
     +-- wbf_mission.live.discovery.LiveFlightError       a run that a vehicle behind a link cannot do
-    +-- wbf_mission.live.command.VehicleRefusedError     a vehicle that does not do what it is told
-    +-- wbf_mission.live.command.MotorsStandError        an order that would start motors, which was not said
-    +-- wbf_mission.live.command.VehicleSilentError      a vehicle that does not answer any more
+    +-- mission.ground.command.VehicleRefusedError     a vehicle that does not do what it is told
+    +-- mission.ground.command.MotorsStandError        an order that would start motors, which was not said
+    +-- mission.ground.command.VehicleSilentError      a vehicle that does not answer any more
     +-- wbf_mission.preflight.finding.PreflightError     a plan that cannot be checked, or must not go up
     +-- wbf_mission.run.resolve.FlightError              a flight that cannot go on
     +-- wbf_mission.maps.gis.MapError                    a treatment map, its costs or its files

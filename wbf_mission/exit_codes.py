@@ -48,8 +48,8 @@ def exit_code_of(error: Exception) -> ExitCode:
     <ExitCode.BAD_INPUT: 2>
     """
     from mission.errors import LinkLostError, NoPeerError, TransferError
+    from mission.ground.command import VehicleRefusedError, VehicleSilentError
     from mission.ground.status_text import NotStartedError
-    from wbf_mission.live.command import VehicleRefusedError, VehicleSilentError
 
     if isinstance(error, NotStartedError):
         return ExitCode.INTERRUPTED

@@ -29,6 +29,7 @@ from wbf_mission.results.result import Result
 from wbf_mission.run.campaign import Campaign
 from wbf_mission.run.estimation import estimator_of, require_run_memory
 from wbf_mission.run.hosting import VirtualHosting
+from wbf_mission.run.orders import Orders
 from wbf_mission.run.rehearsal import REHEARSED_ON, rehearsed
 from wbf_mission.run.resolve import Run, camera_options, resolve
 from wbf_mission.run.reuse import FlightMemory
@@ -56,6 +57,7 @@ def fly(
     weights: ScoreWeights | None = None,
     progress: Progress | None = None,
     events: EventStream | None = None,
+    orders: Orders | None = None,
     pace: float | None = None,
     tlog: Path | None = None,
     impairment: Impairment | None = None,
@@ -80,6 +82,9 @@ def fly(
     events : EventStream, optional
         Takes what happens, while it does; with listeners that follow the vehicles (``VehicleMoved``) flights
         are flown one after the other in this process.
+    orders : Orders, optional
+        What who watches orders of the vehicles in flight; a run in which something was ordered is not
+        repeated by its seed.
     pace : float, optional
         Simulated seconds per wall second; as fast as possible without.
     tlog : Path, optional
@@ -158,11 +163,10 @@ def fly(
                 plan()
             try:
                 if connect is None:
-                    campaign.fly(
-                        environment, VirtualHosting(pace, tlog, impairment, run.faults), memory=memory
-                    )
+                    hosting = VirtualHosting(pace, tlog, impairment, run.faults, orders)
+                    campaign.fly(environment, hosting, memory=memory)
                 else:
-                    campaign.fly(environment, connect.hosting(tlog), connect.console, changer=connect)
+                    campaign.fly(environment, connect.hosting(tlog, orders), connect.console, changer=connect)
             except KeyboardInterrupt:
                 if not campaign.flights:
                     raise

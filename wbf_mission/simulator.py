@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
+from geo.farm import Farm
 from geo.seeds import stream
 from geo.texts import parse_number
-from mission.model import GeoPoint
+from mission.ground.contact import Contact
+from mission.link.codec.dialect import Message
+from mission.link.codec.dialect import mavlink as m
+from mission.model import GeoPoint, Mission, MissionItem
+from mission.transfer.storage import UncheckedItem
 from sensors.camera.leaf_camera import LeafCamera
+from sensors.camera.wire import CAMERA_IMAGE_CAPTURED, DEBUG_FLOAT_ARRAY, ObservationAssembler
+from sensors.environment import Environment
+from sensors.observations import Observations
 from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.camera.component import LeafCameraComponent
-from sim_vehicle.component import Component
+from sim_vehicle.component import NEVER, Component
 from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.mavlink import SimVehicle
 from sim_vehicle.mavlink.fleet import SPACING_M, Fleet
@@ -21,6 +29,17 @@ from wbf_mission.planning.conditions import noise_of, wind_of_run
 from wbf_mission.run.resolve import camera_options, make_environment
 from wbf_mission.scenario import Scenario, ScenarioError
 
+_LOOKED_AT = tuple(
+    int(kind)
+    for kind in (
+        m.MAVLINK_MSG_ID_HEARTBEAT,
+        m.MAVLINK_MSG_ID_GPS_RAW_INT,
+        m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
+        m.MAVLINK_MSG_ID_MISSION_CURRENT,
+        m.MAVLINK_MSG_ID_BATTERY_STATUS,
+    )
+)
+
 
 @dataclass(frozen=True, slots=True)
 class Simulated:
@@ -28,6 +47,8 @@ class Simulated:
 
     fleet: Fleet
     cameras: tuple[LeafCameraComponent, ...]  # One for each vehicle, or none
+    farm: Farm
+    environment: Environment | None  # What the cameras look at
 
     @property
     def vehicles(self) -> tuple[SimVehicle, ...]:
@@ -116,6 +137,7 @@ def make_components(
         progress("preparing the vehicle", 0.0, 1.0)
     warm_up(spec)
     cameras: list[LeafCameraComponent] = []
+    environment = None
     if with_camera:
         environment = make_environment(scenario, farm, progress)
         for vehicle in fleet.vehicles:
@@ -137,4 +159,77 @@ def make_components(
                     looks=vehicle.camera_attitude,
                 )
             )
-    return Simulated(fleet, tuple(cameras))
+    return Simulated(fleet, tuple(cameras), farm, environment)
+
+
+class SimulatedWatch:
+    """A component that only listens, and sees simulated vehicles as their telemetry would tell of them.
+
+    It looks at them itself: some autopilots stream nothing unasked, and a fast simulation tells much more
+    than can be shown. What they say, and what their cameras send, it hears.
+    """
+
+    system_id, component_id = 254, int(m.MAV_COMP_ID_USER1)
+    wanted: frozenset[int] | None = frozenset(
+        {m.MAVLINK_MSG_ID_STATUSTEXT, CAMERA_IMAGE_CAPTURED, DEBUG_FLOAT_ARRAY}
+    )
+
+    def __init__(self, simulated: Simulated, day: int) -> None:
+        self.vehicles = {
+            one.system_id: Contact((one.system_id, one.component_id)) for one in simulated.vehicles
+        }
+        self.missions: dict[int, Mission] = {}
+        self._simulated = simulated
+        self._plans: dict[int, tuple[tuple[MissionItem, ...], ...]] = {}
+        self._assemblers: dict[int, ObservationAssembler] = {}
+        if simulated.environment is not None:
+            fields = simulated.environment.fields.names
+            self._assemblers = {
+                number: ObservationAssembler(simulated.farm, day=day, fields=fields)
+                for number in self.vehicles
+            }
+
+    def receive(self, message: Message, now_s: float) -> list[Message]:
+        """Take one message."""
+        number = message.get_srcSystem()
+        contact = self.vehicles.get(number)
+        if contact is None:
+            return []
+        if isinstance(message, m.MAVLink_statustext_message):
+            if message.get_srcComponent() == contact.vehicle[1]:
+                contact.texts.on_text(message, now_s)
+        elif number in self._assemblers:
+            self._assemblers[number].add(message)
+        return []
+
+    def poll(self, now_s: float) -> list[Message]:  # noqa: ARG002
+        """Send nothing."""
+        return []
+
+    def next_deadline(self) -> float:
+        """Never."""
+        return NEVER
+
+    def look(self, now_s: float) -> None:
+        """Look at the vehicles."""
+        for vehicle in self._simulated.vehicles:
+            number = vehicle.system_id
+            monitor = self.vehicles[number].monitor
+            for kind in _LOOKED_AT:
+                for message in vehicle.built(kind):
+                    monitor.receive(message, now_s)
+            plans = vehicle.plans
+            if plans != self._plans.get(number):
+                self._plans[number] = plans
+                items, fence, rally = (
+                    tuple(item for item in plan if not isinstance(item, UncheckedItem)) for plan in plans
+                )
+                self.missions[number] = Mission(items, vehicle.home, fence, rally)
+
+    def seen(self) -> Iterator[tuple[float, Observations]]:
+        """Take what the cameras saw since the last call, and when their vehicles' clocks began."""
+        for number, assembler in self._assemblers.items():
+            monitor = self.vehicles[number].monitor
+            if assembler.waiting:
+                assembler.move_clock(monitor.clock.offset_ms / 1e3)
+                yield monitor.position_heard_s - monitor.boot_s, assembler.take()

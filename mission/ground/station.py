@@ -11,6 +11,7 @@ from mission.ground.arming_gate import ArmingGate
 from mission.ground.changes import MissionChanges
 from mission.ground.contact import Contact, Heartbeat
 from mission.ground.images import ImageFetch
+from mission.ground.items import next_flown_to
 from mission.ground.link_state import LinkReport, SilenceWatch
 from mission.ground.mission_end import MissionEnd
 from mission.ground.modes import Maneuver
@@ -34,6 +35,8 @@ _STATE_S, _STATE_BEHIND_LINK_S = 2.5, 5.0
 _CLOCK_S = 5.0
 """After a silence the vehicle tells its clock within this time and some round trips."""
 _STREAM_HZ = 4
+_NAV_LAST = 95
+"""MAV_CMDs beyond this are flown to nowhere."""
 _FAST = (int(m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT), int(m.MAVLINK_MSG_ID_ATTITUDE))
 _FAST_US = 100_000
 _IMAGES = (int(m.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED), int(m.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY))
@@ -133,7 +136,7 @@ class GroundStation:
         self._fetch: ImageFetch | None = None
         self._order: Order | None = None
         self._ordered_before: Maneuver | None = None
-        self._chosen: int | None = None
+        self._chosen = range(0)
         self._no_position = True  # No position was heard since the last HEARTBEAT
         self._armed = self._flew = False
         self._texts_before = 0
@@ -416,8 +419,8 @@ class GroundStation:
             and (self._disarmed_s is not None or end.ends_flight)
         ):
             self._land(*end.completed(self._texts_before), now_s)
-        if self._chosen is not None and self._monitor.state.item == self._chosen:
-            self._chosen = self._order = None
+        if self._chosen and self._monitor.state.item in self._chosen:
+            self._chosen, self._order = range(0), None
 
     def _on_reached(self, message: m.MAVLink_mission_item_reached_message, now_s: float) -> None:
         if self._flies_mission:
@@ -477,7 +480,7 @@ class GroundStation:
         if answer is Answer.REFUSED:
             self._order_refused(result_name(message.result), now_s)
         elif answer is Answer.ACCEPTED:
-            self._order = self._chosen = None
+            self._order, self._chosen = None, range(0)
         return []
 
     # What follows.
@@ -551,12 +554,15 @@ class GroundStation:
         by_message = None if profile.item_command else m.MAVLink_mission_set_current_message(*vehicle, seq)
         order = self._contact.order(m.MAV_CMD_DO_SET_MISSION_CURRENT, float(seq), message=by_message)
         out = self._give(order, now_s)
-        self._chosen = item
+        # What only does something is over at once: the vehicle shows where it flies then.
+        passes = self.mission.items[item].command > _NAV_LAST
+        shown = next_flown_to(self.mission.items, item) if passes else item
+        self._chosen = range(item, shown + 1)
         return out
 
     def _give(self, order: Order, now_s: float) -> list[Message]:
         """Send an order, in place of one that is on its way."""
-        self._ordered_before, self._order, self._chosen = self.pilot.ordered, order, None
+        self._ordered_before, self._order, self._chosen = self.pilot.ordered, order, range(0)
         return order.send(now_s)
 
     def _check_mission_known(self) -> None:
@@ -584,7 +590,7 @@ class GroundStation:
 
     def _order_refused(self, why: str, now_s: float) -> None:
         """The vehicle flies on as before; the operator sees that it does."""
-        self._order = self._chosen = None
+        self._order, self._chosen = None, range(0)
         if self.pilot.ordered is not self._ordered_before:
             self.pilot.order(self._ordered_before)
         self._texts.note(f"{why}: the vehicle did not take the order", now_s)

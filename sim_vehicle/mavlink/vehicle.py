@@ -12,7 +12,7 @@ from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.signing import Signing
 from mission.link.codec.typed import CommandMessage, handler, is_a
-from mission.model import GeoPoint
+from mission.model import GeoPoint, MissionItem, MissionType
 from mission.outcome import Outcome
 from mission.transfer import wire
 from sim_vehicle.airframe.sensor_errors import NavigationErrors, SensorNoise
@@ -238,6 +238,11 @@ class SimVehicle:
     def camera_attitude(self, boot_us: float) -> tuple[float, float, float] | None:
         """Roll, pitch and compass heading (rad) of the camera at a time of its clock; None straight down."""
         return self.state.gimbal.attitude_at(boot_us)
+
+    @property
+    def plans(self) -> tuple[tuple[MissionItem, ...], ...]:
+        """The items of mission, fence and rally points as they were sent, in the order of `MissionType`."""
+        return tuple(tuple(self._plans.server.plan(kind).items) for kind in MissionType)
 
     @property
     def outcome(self) -> Outcome:

@@ -2,14 +2,14 @@
 
 import pytest
 
-from mission.link.codec.dialect import mavlink as m
-from wbf_mission.exit_codes import ExitCode, exit_code_of
-from wbf_mission.live.command import (
+from mission.ground.command import (
     MotorsStandError,
     OperatorCommand,
     VehicleRefusedError,
     VehicleSilentError,
 )
+from mission.link.codec.dialect import mavlink as m
+from wbf_mission.exit_codes import ExitCode, exit_code_of
 from wbf_mission.live.command_session import CommandSession
 
 PX4, ARDUPILOT = m.MAV_AUTOPILOT_PX4, m.MAV_AUTOPILOT_ARDUPILOTMEGA

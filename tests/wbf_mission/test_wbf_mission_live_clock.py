@@ -41,6 +41,7 @@ class FastVehicle:
     def __init__(self, made):
         self.made = made
         self.pace, self.tlog, self.transfers, self.force = None, None, OWN_TRANSFERS, False
+        self.orders = None
         self.console = self
 
     # The link.
@@ -54,7 +55,7 @@ class FastVehicle:
     def check(self, planned):
         return
 
-    def hosting(self, tlog):
+    def hosting(self, tlog, orders):
         return self
 
     def tend(self, flight):

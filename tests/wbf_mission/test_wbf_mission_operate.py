@@ -8,10 +8,10 @@ import processes
 import pytest
 from stand_in import stand_in
 
+from mission.ground.command import OperatorCommand, OrderError
 from mission.ground.link import upload
 from mission.outcome import Outcome
 from wbf_mission.cli.app import main
-from wbf_mission.live.command import OperatorCommand, OrderError
 from wbf_mission.planning import plan
 from wbf_mission.scenario import Scenario
 
@@ -42,7 +42,7 @@ def test_orders_are_confirmed_by_what_the_vehicle_shows(autopilot, capsys):
     mission = plan(rows).mission
     count = len(mission.items)
     # A vehicle that is armed and does not take off disarms after ten seconds of its own.
-    with stand_in(autopilot, speed=2.0) as (url, made):
+    with stand_in(autopilot, speed=2.0, camera=True) as (url, made):
         assert (
             command(capsys, url, "takeoff", "8", code=5)
             == "error: system 1: takeoff 8: the motors stand still; arm first (order arm)"

@@ -1,5 +1,6 @@
 """The operator's console in the process of the test: what it says and asks while a vehicle flies."""
 
+import io
 import os
 
 import pytest
@@ -9,8 +10,10 @@ from mission.outcome import Outcome
 from wbf_mission.cli import operator_console, signals
 from wbf_mission.cli.operator_console import TerminalConsole
 from wbf_mission.cli.output import Output
+from wbf_mission.events import Asked, Orderable, VehicleMoved
 from wbf_mission.flight import fly
 from wbf_mission.live.link import LiveLink
+from wbf_mission.run.orders import Orders
 
 
 @pytest.fixture
@@ -53,3 +56,105 @@ def test_between_sorties_one_question_and_its_answer(typed, capsys, text, goes_o
     typed(text)
     assert console.goes_on("sortie 2 of 3?") is goes_on
     assert capsys.readouterr().err.count("sortie 2 of 3?") == 1
+
+
+class Page:
+    """Who watches a flight: orders one thing after the other, each when what it waits for has happened."""
+
+    def __init__(self, *steps):
+        self.output = Output()
+        self.orders = Orders(self.output.events, self.output.note, self.output.warn)
+        self.asked, self._steps = [], list(steps)
+        for kind in (Orderable, VehicleMoved, Asked):
+            self.output.events.listen(self._look, kind)
+
+    def _look(self, event):
+        if isinstance(event, Asked):
+            self.asked.append(event)
+        if self._steps and self._steps[0][0](event):
+            _, *given = self._steps.pop(0)
+            assert self.orders.take(None, *given) == ""
+
+    def fly(self, url, **options):
+        connect = LiveLink(url, TerminalConsole(self.output, self.orders), note=self.output.note)
+        return fly(scenario(**options), connect=connect, events=self.output.events, orders=self.orders)
+
+
+def may(order):
+    return lambda event: isinstance(event, Orderable) and order in event.orders
+
+
+def shows(*modes):
+    """It has shown one of these modes for some seconds."""
+    times = []
+
+    def shown(event):
+        if isinstance(event, VehicleMoved) and event.mode in modes:
+            times.append(event.time_s)
+        return bool(times) and times[-1] > times[0] + 4.0
+
+    return shown
+
+
+def flies(event):
+    return isinstance(event, VehicleMoved) and event.armed and event.height_m > 5.0 and bool(event.item)
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_a_page_starts_holds_and_lets_go_on(autopilot, monkeypatch, capsys):
+    """Nobody is at the terminal: its input is at its end."""
+    monkeypatch.setattr(operator_console.sys, "stdin", io.StringIO())
+    page = Page(
+        (may("start"), "start", "", True),
+        (flies, "hold"),
+        (shows("LOITER", "BRAKE"), "resume"),
+    )
+    with stand_in(autopilot) as (url, _):
+        result = page.fly(url, autopilot=autopilot)
+    told = capsys.readouterr().err
+    assert result.outcome is Outcome.COMPLETED, told
+    assert page.asked[0].question.startswith("ready: ") and page.asked[0].answers == ("do not start",)
+    assert page.asked[-1].question == ""
+    hold = {"px4": "LOITER", "ardupilot": "BRAKE"}[autopilot]
+    order = [
+        "start the motors? [y/N]",
+        "ordered by the page: start",
+        "ordered by the page: hold",
+        f"the vehicle holds (mode {hold})",
+        "ordered by the page: resume",
+        "the vehicle goes on with its mission",
+    ]
+    places = [told.find(text) for text in order]
+    assert -1 not in places and places == sorted(places), told
+    assert not [one for one in result.warnings if "by hand" in one], "no seed gives a real flight again"
+
+
+def test_a_page_does_not_start_what_it_was_asked_about(typed, capsys):
+    page = Page()
+    refused = []
+
+    def look(event):
+        if event.answers:
+            refused.append(page.orders.take(None, "start"))
+            refused.append(page.orders.answer("y"))
+            assert page.orders.answer("do not start") == ""
+
+    page.output.events.listen(look, Asked)
+    with stand_in() as (url, made):
+        result = page.fly(url)
+        assert not made.vehicle.pilot.armed
+    assert result.outcome is Outcome.NOT_STARTED
+    assert refused[1] == "'y' answers nothing: give do not start"
+    assert "answered by the page: do not start" in capsys.readouterr().err
+
+
+def test_a_page_says_that_the_battery_is_changed(typed):
+    page = Page()
+    console = TerminalConsole(page.output, page.orders)
+    assert console.goes_on("sortie 2 of 3?") is None
+    assert page.asked == [Asked("sortie 2 of 3?", ("battery changed", "no more"))]
+    assert page.orders.answer("battery changed") == ""
+    assert console.goes_on("sortie 2 of 3?") is True
+    assert console.goes_on("sortie 3 of 3?") is None
+    page.orders.answer("no more")
+    assert console.goes_on("sortie 3 of 3?") is False

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from wbf_mission.maps.treatment import TreatmentMap
     from wbf_mission.results.result import Result
     from wbf_mission.results.writing import ResultFolder
+    from wbf_mission.run.orders import Orders
 
 EXAMPLES = """
 Examples
@@ -83,7 +84,9 @@ class _Links:
             return given
         return replace(given, changes={"vehicles": count, **given.changes})
 
-    def live(self, output: Output, *, force: bool, simulates: bool, change_s: float) -> LiveLink | None:
+    def live(
+        self, output: Output, orders: Orders | None, *, force: bool, simulates: bool, change_s: float
+    ) -> LiveLink | None:
         """Return the links, with the operator at this terminal; not where a simulated flight is wanted."""
         if not self.connect:
             if self.yes or self.system_id or self.via != "own":
@@ -94,7 +97,7 @@ class _Links:
         from wbf_mission.cli.operator_console import TerminalConsole
         from wbf_mission.live.link import LiveLink, via_named
 
-        if not self.yes and not sys.stdin.isatty():
+        if not self.yes and orders is None and not sys.stdin.isatty():
             msg = "--connect asks before the motors start, but nobody is at the terminal: give --yes"
             raise ScenarioError(msg)
         via = via_named(self.via)
@@ -103,7 +106,7 @@ class _Links:
             raise ScenarioError(msg)
         return LiveLink(
             self.connect,
-            TerminalConsole(output),
+            TerminalConsole(output, orders),
             agreed=self.yes,
             wait_s=self.wait,
             system_ids=self.system_id or (),
@@ -272,11 +275,12 @@ def fly_command(
     if saving.treatment_map:
         saving.check_treatment_map(chosen.farm)
     simulates = speed is not None or bool(fault or in_file)
-    live = links.live(output, force=force, simulates=simulates, change_s=change_time)
+    orders = page.orders(output)
+    live = links.live(output, orders, force=force, simulates=simulates, change_s=change_time)
     if page.wanted and speed is None and live is None:
         speed = SPEED
     events = output.events
-    with page.serve(output, events):
+    with page.serve(output, events, orders):
         with contextlib.ExitStack() as stack:
             folder = saving.folder(given, chosen)
             if folder is not None:
@@ -293,6 +297,7 @@ def fly_command(
             result = fly(
                 chosen,
                 events=events,
+                orders=orders,
                 pace=speed,
                 tlog=folder.tlog if folder else None,
                 faults=[*in_file, *(fault or ())],

@@ -18,7 +18,7 @@ from wbf_mission.scenario import ScenarioError
 
 if TYPE_CHECKING:
     from wbf_mission.events import EventStream
-    from wbf_mission.web.server import Orders
+    from wbf_mission.run.orders import Orders
 
 PANEL = "The live page"
 SPEED = 20.0
@@ -73,6 +73,15 @@ class LivePage:
             if is_given and not self.wanted:
                 msg = f"{flag} has an effect only with --live PORT: give that, too (0 is any free port)"
                 raise ScenarioError(msg)
+
+    def orders(self, output: Output) -> Orders | None:
+        """Return what takes the page's orders, None where it may give none."""
+        self.check()
+        if not self.control:
+            return None
+        from wbf_mission.run.orders import Orders
+
+        return Orders(output.events, output.note, output.warn)
 
     @contextmanager
     def serve(self, output: Output, events: EventStream, orders: Orders | None = None) -> Iterator[None]:

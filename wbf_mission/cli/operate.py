@@ -12,17 +12,24 @@ import typer
 
 from geo.texts import printable
 from wbf_mission.cli import options, signals
+from wbf_mission.cli.live import LivePage
 from wbf_mission.cli.options import option
 from wbf_mission.cli.output import Output, to_stdout, told
+from wbf_mission.events import RunBegun, RunEnded
 from wbf_mission.exit_codes import ExitCode
+from wbf_mission.scenario import FarmOptions
 
 if TYPE_CHECKING:
-    from wbf_mission.live.command import OperatorCommand
+    from geo.farm import Farm
+    from mission.ground.command import OperatorCommand
+    from mission.ground.contact import Contact
+    from sim_vehicle.component import Component
     from wbf_mission.live.watching import FleetWatch
 
 MONITOR_EXAMPLES = """
 Examples
 wbf-mission monitor udpin:127.0.0.1:14550
+wbf-mission monitor udpin:127.0.0.1:14550 --farm waterberry --live 0 --open
 wbf-mission monitor tcp:127.0.0.1:5760 --json --duration 10
 """
 COMMAND_EXAMPLES = """
@@ -53,9 +60,16 @@ _JSON_LINES = Annotated[
 ]
 
 
+@options.scenario_options(
+    FarmOptions, without=("day", "days", "flights_per_day", "fields", "seed"), defaults={"farm": ""}
+)
 @options.speaks(json=_JSON_LINES)
+@options.gives("page", LivePage)
 def monitor_command(
+    given: options.Given,
     output: Output,
+    *,
+    page: LivePage,
     url: Annotated[str, typer.Argument(help=f"The link: {options.LINKS}")],
     duration: Annotated[
         float | None,
@@ -63,31 +77,71 @@ def monitor_command(
     ] = None,
     interval: Annotated[float, option("Seconds between two reports.", parser=options.number)] = 1.0,
 ) -> int:
-    """Show what the vehicles on a link tell of themselves: mode, item, position, battery, link, texts."""
+    """Show what the vehicles on a link tell of themselves: mode, item, position, battery, link, texts.
+
+    With --live on a page, too: over a farm, if one is given, and with the mission that each vehicle holds.
+    """
     from sim_vehicle.host.server import Server
     from sim_vehicle.host.simulation import StopReason
+    from wbf_mission.live.control_station import ControlStation
+    from wbf_mission.live.telemetry_events import TelemetryEvents
     from wbf_mission.live.watching import FleetWatch
     from wbf_mission.scenario import ScenarioError
 
     if not 0.05 <= interval <= 3600.0 or not (duration is None or 0.0 < duration <= 1e7):
         msg = "--interval takes 0.05 to 3600 seconds, --duration up to 10000000"
         raise ScenarioError(msg)
-    watch = FleetWatch()
+    farm = _watched_farm(given, page)
+    orders = page.orders(output)
+    watch = FleetWatch(output.warn if page.wanted else None)
     told = _Told(output, watch)
+    components: list[Component] = [watch] if orders is None else [watch, ControlStation(orders)]
     # Ctrl-C is how it is ended by hand, at any moment.
-    with contextlib.suppress(KeyboardInterrupt), Server([watch], [url]) as server:
+    with (
+        contextlib.suppress(KeyboardInterrupt),
+        page.serve(output, output.events, orders),
+        Server(components, [url]) as server,
+    ):
+        looks = None
+        if page.wanted:
+            title = url if farm is None else f"{farm.name}, {url}"
+            begun = RunBegun(title, farm, None, simulated=False)
+            looks = TelemetryEvents(output.events, watch, begun, named=_named).look
         output.note(f"listening on {server.urls[0]}; Ctrl-C ends it")
         end_s = math.inf if duration is None else duration
         while server.now_s < end_s:
-            if server.run(limit_s=min(interval, end_s - server.now_s)) is StopReason.STOPPED:
+            if server.run(until=looks, limit_s=min(interval, end_s - server.now_s)) is StopReason.STOPPED:
                 break
             told.report(server.now_s)
+        output.events.tell(RunEnded(server.now_s, "ended", ""))
     code = signals.exit_code(ExitCode.GOOD)
     if code not in (ExitCode.GOOD, ExitCode.INTERRUPTED):
         return code
     if not watch.vehicles:
         output.warn(f"{url}: nobody was heard")
     return ExitCode.GOOD if watch.vehicles else ExitCode.NO_VEHICLE
+
+
+def _watched_farm(given: options.Given, page: LivePage) -> Farm | None:
+    """Return the farm over which vehicles are shown, if one is given; ScenarioError if it has no use."""
+    from wbf_mission.scenario import Scenario, ScenarioError
+
+    if given.file is None and not given.changes:
+        return None
+    if not page.wanted:
+        msg = "a farm is for the page: give --live PORT, too, or leave it out"
+        raise ScenarioError(msg)
+    if given.file is None and "farm" not in given.changes:
+        msg = "--crop, --farm-crs and --repair are of a farm file: give --farm, too"
+        raise ScenarioError(msg)
+    return (given.change(Scenario()) if given.file is None else given.scenario()).farm.load()
+
+
+def _named(heard: Contact) -> tuple[str, str]:
+    """Return name and kind of a vehicle that is heard."""
+    from wbf_mission.live.discovery import kind_of
+
+    return heard.profile.name, kind_of(heard.monitor.vehicle_type)
 
 
 class _Told:
@@ -106,7 +160,7 @@ class _Told:
                 if self._output.as_json:
                     _json_line({"time_s": time_s, "system_id": number, "severity": severity, "text": text})
                 else:
-                    self._output.note(f"vehicle {number}: {text}")
+                    self._output.note(f"vehicle {number}: {text}", tells=False)
             self._texts[number] = len(texts)
         for vehicle in self._watch.vehicles.values():
             one = vehicle.summary(now_s)
@@ -173,7 +227,7 @@ def command_command(
     wait: options.Wait = 10.0,
 ) -> None:
     """Give a vehicle one order, and wait until it shows that it obeys."""
-    from wbf_mission.live.command import MotorsStandError, OperatorCommand
+    from mission.ground.command import MotorsStandError, OperatorCommand
 
     try:
         _give(OperatorCommand(order, value, arm), url, system_id, wait, output)

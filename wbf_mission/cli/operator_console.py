@@ -18,9 +18,11 @@ from mission.outcome import Phase
 from sim_vehicle.mavlink.fleet import SPACING_M
 from wbf_mission.cli import signals
 from wbf_mission.cli.output import Output, distance
+from wbf_mission.events import Asked
 
 if TYPE_CHECKING:
     from wbf_mission.run.joint_flight import JointFlight
+    from wbf_mission.run.orders import Orders
     from wbf_mission.run.sortie import Sortie
 
 _STATUS_S = 5.0
@@ -37,6 +39,10 @@ _QUESTION_OF_ALL = (
 )
 _ANSWER = re.compile(r"([hrlc])[a-z]*\s*(\d*)")
 _CHOICES = {"h": Maneuver.HOLD, "r": Maneuver.RETURN}
+# What a page may answer, and what that would be at the terminal. It starts motors by a confirmed order.
+_START = {"do not start": "n"}
+_STOP = {"hold": "h", "return": "r", "continue": "c"}
+_BATTERY = {"battery changed": "\n", "no more": "q"}
 
 
 class _Vehicle:
@@ -55,6 +61,7 @@ class _Vehicle:
         self._status_s = 0.0
         self._can_start = alone
         self._silent = self._looked_aside = False
+        self._ordered: Maneuver | None = None
         self._ordered_s: float | None = None
 
     @property
@@ -79,7 +86,7 @@ class _Vehicle:
                 )
         self._report_silence(now_s)
         for _, _, text in ground.texts[self._texts :]:
-            self._output.note(f"{self.who.removeprefix('the ')}: {text}")
+            self._output.note(f"{self.who.removeprefix('the ')}: {text}", tells=False)
         self._texts = len(ground.texts)
         for _, event in ground.pilot.events[self._events :]:
             waits = "; nothing is ordered until it is back in its mission"
@@ -95,7 +102,7 @@ class _Vehicle:
             self._output.note(f"{self.at}it can arm; all start together")
         if ground.phase is Phase.FLIGHT and now_s >= self._status_s + _STATUS_S:
             self._status_s = now_s
-            self._output.note(self.at + status_line(self.sortie, now_s))
+            self._output.note(self.at + status_line(self.sortie, now_s), tells=False)
         self._report_obedience(now_s)
 
     def look_aside(self, others: Sequence[_Vehicle]) -> None:
@@ -125,18 +132,23 @@ class _Vehicle:
             return
         try:
             flight.maneuver(kind, self.sortie)
-            self._ordered_s = flight.now_s
+            self._ordered, self._ordered_s = kind, flight.now_s
             self._output.note(f"{self.at}ordered: {kind.value}")
         except NotFlyingError as error:
             self._output.warn(f"{self.at}{error}")
 
     def _report_obedience(self, now_s: float) -> None:
-        """Say whether the vehicle does what was ordered, by what it shows."""
-        ground, ordered_s = self.sortie.ground, self._ordered_s
+        """Say whether the vehicle does what was ordered, by whomever, by what it shows."""
+        ground, pilot = self.sortie.ground, self.sortie.ground.pilot
+        if pilot.ordered not in (None, self._ordered):
+            self._ordered, self._ordered_s = pilot.ordered, now_s
+        ordered_s = self._ordered_s
         if ordered_s is None:
             return
-        pilot = ground.pilot
-        if pilot.obeyed:
+        if pilot.ordered is None and self._ordered is Maneuver.RESUME:
+            self._output.note(f"{self.who} goes on with its mission: {doing(ground, now_s)}")
+            self._ordered = None
+        elif pilot.obeyed:
             self._output.note(f"{self.who} {pilot.obeyed}")
         elif ground.phase is not Phase.FLIGHT:
             self._output.warn(f"{self.at}the flight was over before the vehicle had obeyed")
@@ -163,10 +175,14 @@ class _Vehicle:
 
 
 class TerminalConsole:
-    """Shows how the flight goes, asks before the start, and asks what Ctrl-C means."""
+    """Shows how the flight goes, asks before the start, and asks what Ctrl-C means.
 
-    def __init__(self, output: Output) -> None:
-        self._output = output
+    Who may give orders (`Orders`) may answer, too, unless that leaves the vehicles alone or starts them.
+    """
+
+    def __init__(self, output: Output, orders: Orders | None = None) -> None:
+        self._output, self._orders = output, orders
+        self._words: dict[str, str] = {}
         self._vehicles: list[_Vehicle] = []
         self._asked = False
         self._stopping = False
@@ -198,8 +214,35 @@ class TerminalConsole:
             self._question_between = question
             self._output.show_bars(False)
             self._output.note(question)
-        answer = _line()
-        return None if answer is None else answer.strip().lower() not in ("q", "quit") and answer != ""
+            self._ask(question, _BATTERY)
+        answer = self._answer()
+        if answer is None:
+            return None
+        self._ask("", {})
+        return answer.strip().lower() not in ("q", "quit") and answer != ""
+
+    def _ask(self, question: str, words: dict[str, str]) -> None:
+        """Show a question to those who watch, with the words by which they may answer it."""
+        self._words = words
+        if self._orders is not None:
+            self._orders.ask(question, tuple(words))
+        else:
+            self._output.events.tell(Asked(question))
+
+    def _answer(self) -> str | None:
+        """Return what was answered, at the terminal or by who watches, None while there is nothing.
+
+        The end of the input is an empty answer, where nobody else could give one.
+        """
+        answer = None
+        if self._orders is None or sys.stdin.isatty():
+            answer = _line()
+        if answer is None and self._orders is not None:
+            said = self._orders.answered()
+            if said is not None:
+                self._output.note(f"answered by the page: {said}")
+                answer = self._words[said]
+        return answer
 
     @property
     def _question(self) -> str:
@@ -222,10 +265,14 @@ class TerminalConsole:
             if ground.phase is Phase.FLIGHT:
                 self._output.note(f"{one.at}{doing(ground, now_s)}{home}")
         self._output.note(self._question)
+        self._ask(self._question, _STOP)
 
     def _prepare(self, left: Sequence[_Vehicle]) -> None:
         """Ask for the start once the vehicles can arm."""
         if not any(one.waits_for_word for one in left):
+            if self._words is _START:
+                # Somebody has started them who watches.
+                self._ask("", {})
             return
         if not self._asked:
             self._asked = True
@@ -238,15 +285,17 @@ class TerminalConsole:
                     self._output.note(f"{at}ready: {plan}")
                 which = ", ".join(str(one.sortie.system_id) for one in left)
                 self._output.note(f"start the motors of vehicles {which}? [y/N]")
-        answer = _line()
+            self._ask("; ".join(at + "ready: " + plan for at, plan in told) + "; start the motors?", _START)
+        answer = self._answer()
         if answer is not None:
+            self._ask("", {})
             for one in left:
                 gate = one.sortie.ground.arming_gate
                 assert gate is not None
                 gate.agree() if answer.strip().lower() in ("y", "yes") else gate.refuse()
 
     def _take_choice(self, flight: JointFlight) -> None:
-        answer = _line()
+        answer = self._answer()
         if answer is None:
             return
         match = _ANSWER.fullmatch(answer.strip().lower())
@@ -263,6 +312,7 @@ class TerminalConsole:
             self._output.note(self._question)
             return
         self._stopping = False
+        self._ask("", {})
         signals.forget()
 
 

@@ -63,9 +63,10 @@ class Output:
         self._stderr = PlainConsole(sys.stderr, wrap=False)
         self._bars: Progress | None = None
 
-    def note(self, text: str) -> None:
-        """Say something that a script does not need."""
-        self.events.tell(Noted(text))
+    def note(self, text: str, *, tells: bool = True) -> None:
+        """Say something that a script does not need; `tells` not where an event tells it already."""
+        if tells:
+            self.events.tell(Noted(text))
         if not self.quiet:
             self._say(text)
 

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from wbf_mission.cli import options, signals
+from wbf_mission.cli.live import LivePage
 from wbf_mission.cli.options import Overwrite, option, refuse_overwrite
 from wbf_mission.cli.output import Output, duration
+from wbf_mission.events import DayBegun, EventStream, RunBegun, RunEnded, VehicleInfo
 from wbf_mission.exit_codes import ExitCode
 from wbf_mission.scenario import CameraOptions, FarmOptions, ScenarioError, VehicleOptions, WeatherOptions
 from wbf_mission.scenario.option import options_of
@@ -20,6 +22,7 @@ from wbf_mission.scenario.sim_options import LINKS, SimOptions, load_sim, parse_
 
 if TYPE_CHECKING:
     from mission.link.codec.signing import Signing
+    from wbf_mission.scenario import Scenario
     from wbf_mission.simulator import Simulated
 
 _SHOWN_LINKS = 8
@@ -29,6 +32,7 @@ Examples
 wbf-mission sim --farm waterberry
 wbf-mission sim --autopilot ardupilot --count 3 --speed 10
 wbf-mission sim --listen tcpin:127.0.0.1:5760 --listen udpout:127.0.0.1:14550 --tlog flight.tlog
+wbf-mission sim --count 3 --live 0 --open --control
 wbf-mission sim --fault loss=0.2 --fault gps-loss,at=airborne,from=20,for=10
 """
 
@@ -50,9 +54,12 @@ wbf-mission sim --fault loss=0.2 --fault gps-loss,at=airborne,from=20,for=10
     more=(SimOptions,),
 )
 @options.speaks()
+@options.gives("page", LivePage)
 def sim_command(
     given: options.Given,
     output: Output,
+    *,
+    page: LivePage,
     signing_key: Annotated[
         str | None,
         option(
@@ -98,6 +105,7 @@ def sim_command(
     from sim_vehicle.faults.fault import parse_fault
     from sim_vehicle.faults.session import check_vehicles
     from sim_vehicle.host.server import Server
+    from wbf_mission.live.control_station import ControlStation
     from wbf_mission.scenario import Scenario
     from wbf_mission.simulator import make_components, parse_home
 
@@ -133,15 +141,21 @@ def sim_command(
             log.write(frame, EPOCH_UNIX_S + now_s)
 
     try:
-        with Server(
-            simulated.components,
-            [*chosen.listen, *chosen.connect] or simulated.fleet.urls,
-            speed=parse_speed(chosen.speed),
-            tap=None if tlog is None else tap,
-            faults=faults,
-            seed=scenario.seed,
-            signing=_signing(signing_key),
-        ) as server:
+        orders = page.orders(output)
+        followed = None if not page.wanted else _Followed(simulated, scenario, output.events)
+        watching = [] if followed is None else [followed.watch]
+        with (
+            page.serve(output, output.events, orders),
+            Server(
+                [*simulated.components, *watching, *([] if orders is None else [ControlStation(orders)])],
+                [*chosen.listen, *chosen.connect] or simulated.fleet.urls,
+                speed=parse_speed(chosen.speed),
+                tap=None if tlog is None else tap,
+                faults=faults,
+                seed=scenario.seed,
+                signing=_signing(signing_key),
+            ) as server,
+        ):
             if tlog is not None:
                 # Only now: what keeps the simulator from starting leaves an older log as it was.
                 log = TlogWriter(tlog)
@@ -152,8 +166,10 @@ def sim_command(
             if ready_file is not None:
                 _write_ready(ready_file, server.urls)
                 cleanup.callback(ready_file.unlink, missing_ok=True)
-            stopped = server.run(limit_s=math.inf if chosen.duration_s is None else chosen.duration_s)
+            limit_s = math.inf if chosen.duration_s is None else chosen.duration_s
+            stopped = server.run(until=None if followed is None else followed.begin(), limit_s=limit_s)
             seconds = server.now_s
+            output.events.tell(RunEnded(seconds, stopped.value, ""))
     finally:
         cleanup.close()
     first = simulated.vehicle
@@ -173,6 +189,35 @@ def sim_command(
     output.result(values, _rows(simulated, values), title="Simulator stopped")
     code = signals.exit_code(ExitCode.GOOD)
     return ExitCode.GOOD if code == ExitCode.INTERRUPTED else code  # Ctrl-C is how it is ended by hand
+
+
+class _Followed:
+    """What a page shows of the simulation."""
+
+    def __init__(self, simulated: Simulated, scenario: Scenario, events: EventStream) -> None:
+        from wbf_mission.simulator import SimulatedWatch
+
+        self._simulated, self._scenario, self._events = simulated, scenario, events
+        self.watch = SimulatedWatch(simulated, scenario.farm.day)
+
+    def begin(self) -> Callable[[float], bool]:
+        """Tell what is simulated, once somebody listens; return what tells more at each step."""
+        from wbf_mission.live.telemetry_events import TelemetryEvents
+
+        simulated, scenario, events = self._simulated, self._scenario, self._events
+        environment, day = simulated.environment, scenario.farm.day
+        specs = [(one.system_id, one.pilot.spec) for one in simulated.vehicles]
+        begun = RunBegun(
+            f"{simulated.farm.name}, simulated {simulated.autopilot}",
+            simulated.farm,
+            None if environment is None else environment.fields,
+            tuple(VehicleInfo(number, spec.name, spec.kind) for number, spec in specs),
+            seed=scenario.seed,
+        )
+        telemetry = TelemetryEvents(events, self.watch, begun, day=day)
+        if environment is not None and events.wants(DayBegun):
+            events.tell(DayBegun(0.0, day, environment.values(day)))
+        return telemetry.look
 
 
 def _check_camera(given: options.Given, *, camera: bool) -> None:

@@ -7,6 +7,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from geo.errors import WbfMissionError
+from mission.ground.command import (
+    MotorsStandError,
+    OperatorCommand,
+    VehicleRefusedError,
+    VehicleSilentError,
+)
 from mission.ground.contact import Contact, Heartbeat
 from mission.ground.modes import Maneuver
 from mission.ground.orders import Answer, Order, result_name
@@ -15,12 +21,6 @@ from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.transfer.vehicles import VehicleSearch
 from mission.transfer.wire import GROUND_STATION, command_long
-from wbf_mission.live.command import (
-    MotorsStandError,
-    OperatorCommand,
-    VehicleRefusedError,
-    VehicleSilentError,
-)
 
 __all__ = ["OFF_GROUND_M", "CommandSession", "Step", "is_ready", "step_of"]
 
@@ -119,6 +119,7 @@ _LAST_WORDS_S = 0.5
 _REST_S = 0.1
 _SAY_AGAIN_S = 1.0
 _FAST_US = 200_000.0
+_COMES_S = 1.2
 _STREAMED = (
     m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
     m.MAVLINK_MSG_ID_MISSION_CURRENT,
@@ -127,17 +128,23 @@ _STREAMED = (
 
 
 class CommandSession:
-    """A component that gives one order to one vehicle, to the first that is heard where none is named."""
+    """A component that gives one order to one vehicle, to the first that is heard where none is named.
+
+    With a `contact` somebody else keeps that up to date, and sends the heartbeat of our side.
+    """
 
     system_id, component_id = GROUND_STATION
     wanted: frozenset[int] | None = None
 
-    def __init__(self, wanted: OperatorCommand, *, system_id: int | None = None) -> None:
+    def __init__(
+        self, wanted: OperatorCommand, *, system_id: int | None = None, contact: Contact | None = None
+    ) -> None:
         self.done = False
         self.error: Exception | None = None
         self.search = VehicleSearch(system_id)
         self._wanted = wanted
-        self._contact, self._heartbeat = Contact(), Heartbeat()
+        self._contact = contact or Contact()
+        self._heartbeat = Heartbeat() if contact is None else None
         self._texts_before = 0
         self._step: Step | None = None
         self._order: Order | None = None
@@ -149,6 +156,8 @@ class CommandSession:
     @property
     def vehicle(self) -> tuple[int, int] | None:
         """System and component of the vehicle, once it was heard."""
+        if self._heartbeat is None:
+            return self._contact.vehicle
         found = self.search.found
         return None if found is None else (found.system_id, found.component_id)
 
@@ -167,22 +176,27 @@ class CommandSession:
         """Take one message."""
         if self.done:
             return []
-        found = self.search.take(message)
+        found = self.search.take(message) if self._heartbeat is not None else None
         if found is not None:
             self._begun_s, self._contact.vehicle = now_s, (found.system_id, found.component_id)
         if (message.get_srcSystem(), message.get_srcComponent()) != self.vehicle:
             return []
-        self._contact.receive(message, now_s)
+        if self._heartbeat is not None:
+            self._contact.receive(message, now_s)
         return self._note(message, now_s)
 
     def poll(self, now_s: float) -> list[Message]:
         """Send what is due."""
         if self.done:
             return []
-        out = self._heartbeat.poll(now_s) + self._contact.link.poll(now_s)
+        out = self._contact.link.poll(now_s)
+        if self._heartbeat is not None:
+            out += self._heartbeat.poll(now_s)
+        else:
+            self._begun_s = min(self._begun_s, now_s)
         if self.vehicle is not None and now_s >= self._streams_s:
             self._streams_s = now_s + _ASK_AGAIN_S
-            out += self._ask_for_streams(self.vehicle)
+            out += self._ask_for_streams(self.vehicle, now_s)
         if self._refusal is not None:
             if now_s >= self._refusal[1]:
                 reason = (self._said or f"{self._refusal[0]}; it says no reason") + self._advice
@@ -204,7 +218,9 @@ class CommandSession:
         """When `poll` has something to do."""
         if self.done:
             return math.inf
-        due_s = [self._heartbeat.due_s, self._end_s, self._message_s, self._contact.link.next_deadline()]
+        due_s = [self._end_s, self._message_s, self._contact.link.next_deadline()]
+        if self._heartbeat is not None:
+            due_s.append(self._heartbeat.due_s)
         if self.vehicle is not None:
             due_s.append(self._streams_s)
             if self._step is None:
@@ -246,9 +262,18 @@ class CommandSession:
     def _name(self) -> str:
         return "vehicle" if self.vehicle is None else f"system {self.vehicle[0]}"
 
-    def _ask_for_streams(self, vehicle: tuple[int, int]) -> list[Message]:
-        """Ask for what shows that it obeys; again and again, for a request may get lost."""
-        return [command_long(vehicle, m.MAV_CMD_SET_MESSAGE_INTERVAL, kind, _FAST_US) for kind in _STREAMED]
+    def _ask_for_streams(self, vehicle: tuple[int, int], now_s: float) -> list[Message]:
+        """Ask for what shows that it obeys; again and again, for a request may get lost.
+
+        What comes to who keeps the contact is not asked for: that would change how often.
+        """
+        comes: tuple[bool, ...] = (False,) * len(_STREAMED)
+        if self._heartbeat is None:
+            monitor, since_s = self._contact.monitor, now_s - _COMES_S
+            heard = (monitor.position_heard_s, monitor.item_heard_s)
+            comes = (*(one > since_s for one in heard), monitor.flies is not None)
+        kinds = (kind for kind, there in zip(_STREAMED, comes, strict=True) if not there)
+        return [command_long(vehicle, m.MAV_CMD_SET_MESSAGE_INTERVAL, kind, _FAST_US) for kind in kinds]
 
     def _note(self, message: Message, now_s: float) -> list[Message]:
         if isinstance(message, m.MAVLink_statustext_message):

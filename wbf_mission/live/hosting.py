@@ -23,6 +23,7 @@ from sim_vehicle.host.server import Server, ServerUrl
 from sim_vehicle.host.simulation import StopReason
 from wbf_mission.live.riding_camera import RidingCamera
 from wbf_mission.run.hosting import tap_of
+from wbf_mission.run.orders import Orders
 from wbf_mission.run.sortie import Sortie
 from wbf_mission.scenario import Scenario
 
@@ -45,6 +46,7 @@ class LinkHosting:
     force: bool  # Send also what the autopilot would refuse or not fly
     note: Note  # Takes lines for the operator
     via: Via
+    orders: Orders | None = None
 
     @property
     def pace(self) -> None:

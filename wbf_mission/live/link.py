@@ -32,6 +32,7 @@ from wbf_mission.preflight.run import check_mission
 from wbf_mission.preflight.subject import Circumstances
 from wbf_mission.run.hosting import Hosting
 from wbf_mission.run.joint_flight import OperatorConsole
+from wbf_mission.run.orders import Orders
 from wbf_mission.scenario import Scenario
 from wbf_mission.scenario.values import LAYERS
 
@@ -200,8 +201,8 @@ class LiveLink:
             return str(error)
         return ""
 
-    def hosting(self, tlog: Path | None) -> Hosting:
-        """Return where the flight takes place."""
+    def hosting(self, tlog: Path | None, orders: Orders | None = None) -> Hosting:
+        """Return where the flight takes place, and where who watches it gives orders."""
         return LinkHosting(
             tuple(self._heard.values()),
             tlog,
@@ -209,6 +210,7 @@ class LiveLink:
             force=self.force,
             note=self.note,
             via=self.via,
+            orders=orders,
         )
 
 

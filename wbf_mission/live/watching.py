@@ -3,12 +3,23 @@
 from __future__ import annotations
 
 import math
+from collections import deque
+from collections.abc import Callable
 from typing import Any
 
 from mission.ground.contact import Contact, Heartbeat
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
-from mission.transfer.wire import GROUND_STATION
+from mission.model import Mission, MissionType
+from mission.transfer import (
+    CLIENT_MESSAGES,
+    DownloadComplete,
+    Output,
+    Transfer,
+    TransferFailed,
+)
+from mission.transfer.wire import ACCEPTED, GROUND_STATION
+from sensors.observations import Observations
 
 __all__ = ["FleetWatch", "WatchedVehicle"]
 
@@ -16,6 +27,91 @@ _STREAM_HZ = 2
 _ASK_AGAIN_S = 5.0
 _SILENT_S = 3.0
 _MOST_VEHICLES = 250
+_TELLS_S = 3.0
+"""Within this time a vehicle that tells of its mission at all has done so."""
+_READ_AGAIN_S = 10.0
+_TRIES = 3
+
+
+class PlanReader:
+    """Reads mission and fence of a vehicle: when it is heard first, and when it holds another mission.
+
+    That it does is told by its MISSION_CURRENT (id or number of items), or by an upload of somebody else that
+    is overheard. `failed` takes why a plan could not be read, after three tries.
+    """
+
+    def __init__(self, vehicle: WatchedVehicle, failed: Callable[[str], None]) -> None:
+        self.mission: Mission | None = None
+        self._vehicle, self._failed = vehicle, failed
+        self._kinds: deque[MissionType] = deque()
+        self._read: dict[MissionType, DownloadComplete] = {}
+        self._transfer: Transfer | None = None
+        self._held: tuple[int, int | None] | None = None  # As it was told when that was read
+        self._heard_s = math.inf
+        self._due_s = -math.inf
+        self._tries = 0
+
+    def receive(self, message: Message, now_s: float) -> list[Message]:
+        """Take a message of the vehicle."""
+        self._heard_s = min(self._heard_s, now_s)
+        if type(message).id not in CLIENT_MESSAGES:
+            return []
+        if self._transfer is not None:
+            return self._take(self._transfer.receive(message, now_s), now_s)
+        if isinstance(message, m.MAVLink_mission_ack_message) and message.type == ACCEPTED:
+            self._held = None
+        return []
+
+    def poll(self, now_s: float) -> list[Message]:
+        """Begin to read, and go on with it."""
+        if self._transfer is not None:
+            return self._take(self._transfer.poll(now_s), now_s)
+        monitor = self._vehicle.monitor
+        told = monitor.item_heard_s > -math.inf or now_s > self._heard_s + _TELLS_S
+        held = (monitor.state.mission_id, monitor.state.total)
+        if not told or now_s < self._due_s or held == self._held:
+            return []
+        self._held, self._read = held, {}
+        self._kinds = deque((MissionType.MISSION, MissionType.FENCE))
+        return self._next(now_s)
+
+    def next_deadline(self) -> float:
+        """When `poll` has something to do while it reads; it begins at any other poll."""
+        deadline_s = None if self._transfer is None else self._transfer.next_deadline()
+        return math.inf if deadline_s is None else deadline_s
+
+    def _next(self, now_s: float) -> list[Message]:
+        if self._kinds:
+            self._transfer = self._vehicle.download(self._kinds.popleft())
+            return self._take(self._transfer.start(now_s), now_s)
+        self._transfer, self._tries = None, 0
+        mission = self._read[MissionType.MISSION]
+        fence = self._read[MissionType.FENCE].items if MissionType.FENCE in self._read else ()
+        self.mission = Mission(mission.items, mission.home, fence)
+        return []
+
+    def _take(self, output: Output, now_s: float) -> list[Message]:
+        out = list(output.messages)
+        for event in output.events:
+            if isinstance(event, DownloadComplete):
+                self._read[event.mission_type] = event
+                out += self._next(now_s)
+            elif isinstance(event, TransferFailed) and MissionType.MISSION in self._read:
+                # Without its fence: not every autopilot tells that.
+                self._kinds.clear()
+                out += self._next(now_s)
+            elif isinstance(event, TransferFailed):
+                self._give_up(event.text, now_s)
+        return out
+
+    def _give_up(self, why: str, now_s: float) -> None:
+        self._transfer, self._due_s = None, now_s + _READ_AGAIN_S
+        self._tries += 1
+        if self._tries < _TRIES:
+            self._held = None
+        else:
+            self._tries = 0
+            self._failed(f"vehicle {self._vehicle.vehicle[0]}: its mission cannot be read: {why}")
 
 
 class WatchedVehicle(Contact):
@@ -57,14 +153,17 @@ class WatchedVehicle(Contact):
 class FleetWatch:
     """A ground station that only listens, to all vehicles that are there.
 
-    It sends a heartbeat, and asks autopilots that stream nothing unasked for their telemetry.
+    It sends a heartbeat, and asks autopilots that stream nothing unasked for their telemetry. Given
+    `plan_failed`, it reads what each vehicle holds, too (`PlanReader`).
     """
 
     system_id, component_id = GROUND_STATION
     wanted: frozenset[int] | None = None
 
-    def __init__(self) -> None:
+    def __init__(self, plan_failed: Callable[[str], None] | None = None) -> None:
         self.vehicles: dict[int, WatchedVehicle] = {}  # By system id, as they were heard
+        self._readers: dict[int, PlanReader] = {}
+        self._plan_failed = plan_failed
         self._heartbeat = Heartbeat()
         self._asked_s: dict[int, float] = {}
 
@@ -79,14 +178,19 @@ class FleetWatch:
             if not is_beat or len(self.vehicles) >= _MOST_VEHICLES:
                 return []
             vehicle = self.vehicles[system_id] = WatchedVehicle((system_id, int(m.MAV_COMP_ID_AUTOPILOT1)))
+            if self._plan_failed is not None:
+                self._readers[system_id] = PlanReader(vehicle, self._plan_failed)
         vehicle.receive(message, now_s)
-        return []
+        reader = self._readers.get(system_id)
+        return [] if reader is None else reader.receive(message, now_s)
 
     def poll(self, now_s: float) -> list[Message]:
         """Send the heartbeat, and requests for telemetry that does not come."""
+        reading = [one for reader in self._readers.values() for one in reader.poll(now_s)]
         out = self._heartbeat.poll(now_s)
         if not out:
-            return []
+            return reading
+        out += reading
         for system_id, vehicle in self.vehicles.items():
             out += vehicle.link.poll(now_s)
             if not vehicle.profile.streams_on_request:
@@ -106,4 +210,17 @@ class FleetWatch:
 
     def next_deadline(self) -> float:
         """When `poll` has something to do."""
-        return self._heartbeat.due_s
+        return min([self._heartbeat.due_s, *(one.next_deadline() for one in self._readers.values())])
+
+    @property
+    def missions(self) -> dict[int, Mission]:
+        """What each vehicle holds, as far as that was read."""
+        read = {number: one.mission for number, one in self._readers.items()}
+        return {number: mission for number, mission in read.items() if mission is not None}
+
+    def look(self, now_s: float) -> None:
+        """Do nothing: it is always up to date."""
+
+    def seen(self) -> tuple[tuple[float, Observations], ...]:
+        """Return nothing: what cameras send is for who flies them."""
+        return ()

@@ -184,7 +184,7 @@ class Campaign:
         self.evidence.estimate.every = self.run.readings_a_score(self._expected_of_next)
         self._scored_a_flight = max(1, round(self._expected_of_next / self.evidence.estimate.every))
         # Who follows the flights wants them one after the other, while they are flown.
-        followed = console is not None or self._events.wants(VehicleMoved)
+        followed = console is not None or hosting.orders is not None or self._events.wants(VehicleMoved)
         ahead = None if followed else self._ahead(environment, hosting)
         try:
             for day in range(first, self.run.last_day + 1):

@@ -194,6 +194,7 @@ def fly_once(
                 offset_s=offset_s,
                 pace=hosting.pace,
                 console=console,
+                orders=hosting.orders,
                 expected_s=expected_s,
                 events=events,
                 watch=watch or Stopwatch(),

@@ -24,6 +24,7 @@ from sim_vehicle.host.router import RadioRange
 from sim_vehicle.host.simulation import Impairment, Simulation, StopReason
 from sim_vehicle.mavlink import SimVehicle
 from wbf_mission.planning import home_of
+from wbf_mission.run.orders import Orders
 from wbf_mission.run.sortie import Sortie
 
 
@@ -64,6 +65,10 @@ class Hosting(Protocol):
     def force(self) -> bool:
         """Whether plans are sent that the autopilot would refuse or not fly."""
 
+    @property
+    def orders(self) -> Orders | None:
+        """What who watches orders, where somebody may."""
+
     def arming_gate(self, system_id: int) -> ArmingGate | None:
         """Return what has to hold before the motors of a vehicle start."""
 
@@ -100,6 +105,7 @@ class VirtualHosting:
     tlog: Path | None = None  # Where every MAVLink frame is written
     impairment: Impairment | None = None  # A bad radio between the ground stations and the vehicles
     faults: tuple[Fault, ...] = ()  # What goes wrong in each flight of the vehicles that are still there
+    orders: Orders | None = None
 
     @property
     def transfers(self) -> TransferMaker:

@@ -10,6 +10,7 @@ from typing import Protocol
 from geo.interrupts import interrupts_noted
 from mission.ground.arming_gate import Stage
 from mission.ground.modes import Maneuver
+from mission.ground.station import NotFlyingError
 from mission.ground.status_text import NotStartedError, doing, not_started
 from mission.outcome import Outcome, Phase
 from mission.policies.observation import Event
@@ -20,6 +21,7 @@ from wbf_mission.progress import Stopwatch
 from wbf_mission.replanning.loop import DecisionLoop
 from wbf_mission.run.flight_events import FlightEvents
 from wbf_mission.run.hosting import FlightHost
+from wbf_mission.run.orders import IN_FLIGHT, START, Orders, WatchersOrder
 from wbf_mission.run.record import Flight
 from wbf_mission.run.sortie import Sortie
 
@@ -59,6 +61,8 @@ class JointFlight:
         Simulated seconds per wall second.
     console : OperatorConsole or None
         Who stands by; without, a flight that takes far too long is given up.
+    orders : Orders or None
+        What who watches orders.
     """
 
     def __init__(
@@ -72,6 +76,7 @@ class JointFlight:
         offset_s: float = 0.0,
         pace: float | None = None,
         console: OperatorConsole | None = None,
+        orders: Orders | None = None,
         events: EventStream,
         watch: Stopwatch,
     ) -> None:
@@ -81,6 +86,7 @@ class JointFlight:
         self._offset_s = offset_s
         self._pace = pace
         self._console = console
+        self._orders = orders
         self._events, self._watch = events, watch
         self._told = FlightEvents(events, self.sorties, offset_s)
         self._host = host
@@ -117,6 +123,39 @@ class JointFlight:
             if not sortie.done:
                 sortie.send(sortie.ground.maneuver(kind, self.now_s))
 
+    def _obey(self, orders: Orders) -> None:
+        """Do what who watches has ordered, and say what may be ordered now."""
+        for order in orders.taken():
+            for sortie in self.sorties:
+                if sortie.done or not order.is_for(sortie.system_id):
+                    continue
+                at = f"vehicle {sortie.system_id}: " if len(self.sorties) > 1 else ""
+                orders.note(f"{at}{order}")
+                try:
+                    self._carry_out(order, sortie)
+                except NotFlyingError as error:
+                    orders.warn(f"{at}{error}")
+        left = [one for one in self.sorties if not one.done]
+        asking = any(gate.stage is Stage.ASKING for one, gate in self._gates if not one.done)
+        possible = (START,) * asking + IN_FLIGHT * self._is_flying()
+        orders.allow(possible, [one.system_id for one in left])
+
+    def _carry_out(self, order: WatchersOrder, sortie: Sortie) -> None:
+        """Do what was ordered of a vehicle; NotFlyingError if that cannot be now."""
+        ground = sortie.ground
+        if order.order == START:
+            if ground.arming_gate is None or ground.arming_gate.stage is not Stage.ASKING:
+                msg = "it does not wait for a start"
+                raise NotFlyingError(msg)
+            ground.arming_gate.agree()
+            return
+        command = order.command
+        if command.order == "set-item":
+            sortie.send(ground.choose_item(command.item, self.now_s))
+        else:
+            self.maneuver(Maneuver(command.order), sortie)
+        sortie.ordered.append(f"{order.order} {order.value}".rstrip() + f" at {ground.flight_time_s:.0f} s")
+
     def _let_start(self) -> None:
         """Let real vehicles start together once all that are left can, each by its delay after the first."""
         left = [(sortie, gate) for sortie, gate in self._gates if not sortie.done]
@@ -132,12 +171,16 @@ class JointFlight:
 
     def fly(self) -> None:
         """Fly until every vehicle is down; a KeyboardInterrupt comes between slices: `interrupt` follows."""
-        if self._console is not None:
-            # Who stands by asks for signals, and what they are to mean.
-            self._fly(lambda: None)
-            return
-        with interrupts_noted() as answer_interrupt:
-            self._fly(answer_interrupt)
+        try:
+            if self._console is not None:
+                # Who stands by asks for signals, and what they are to mean.
+                self._fly(lambda: None)
+                return
+            with interrupts_noted() as answer_interrupt:
+                self._fly(answer_interrupt)
+        finally:
+            if self._orders is not None:
+                self._orders.allow((), ())
 
     def _fly(self, answer_interrupt: Callable[[], None]) -> None:
         limit_s = FLIGHT_LIMIT_FACTOR * self._expected_s + FLIGHT_LIMIT_EXTRA_S
@@ -147,6 +190,8 @@ class JointFlight:
             stop = self._host.run(until=self._stops, limit_s=SLICE_S)
             self._watch.lap("flight")
             self._keep_pace()
+            if self._orders is not None:
+                self._obey(self._orders)
             if self._console is not None:
                 self._console.tend(self)
                 self._let_start()
@@ -202,6 +247,8 @@ class JointFlight:
         """Return whether there is something to do before the slice is over."""
         self._told.tell(self.now_s)
         self._keep_pace()
+        if self._orders is not None and self._orders.waits:
+            return True
         # Before and after the flight nobody is asked: to stop for that again and again would stop the time.
         if not self._decisions.asks_on_the_way or not self._is_flying():
             return self._is_over()

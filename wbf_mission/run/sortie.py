@@ -165,6 +165,7 @@ class Sortie:
             maker=maker,
             force=force,
         )
+        self.ordered: list[str] = []  # What who watched ordered of it, and when
         self._flown = FlownLength(self.ground.tracks, farm.frame)
         self._travel_cost = task.travel_cost_in_flight(plan.path_m)
         self._last_item = 0
@@ -445,13 +446,22 @@ class Sortie:
             texts=ground.texts,
             link=ground.link_report,
             missing_images=self._missing_images,
-            warnings=[*self.plan.warnings, *filter(None, [self.assembler.mismatch(), self._missing()])],
+            warnings=[
+                *self.plan.warnings,
+                *filter(None, [self.assembler.mismatch(), self._missing(), self._not_repeatable()]),
+            ],
         )
 
     @property
     def _missing_images(self) -> int:
         """How many images will not come any more: lost on the way, or never taken over a dead link."""
         return len(self.assembler.missing()) + self.images_missed()
+
+    def _not_repeatable(self) -> str | None:
+        """Say that a simulated flight was flown by hand, too; None if it was not."""
+        if not self.ordered or self.ground.arming_gate is not None:
+            return None
+        return f"ordered by hand: {', '.join(self.ordered)}; the seed does not give this flight again"
 
     def _missing(self) -> str | None:
         """Say how many images of a real flight are missing for good; None if none are."""

@@ -55,7 +55,7 @@ class OperatorCommand:
     >>> OperatorCommand("takeoff", "100000")
     Traceback (most recent call last):
     ...
-    wbf_mission.live.command.OrderError: takeoff 100000: give a height above home of 1 to 1000 metres
+    mission.ground.command.OrderError: takeoff 100000: give a height above home of 1 to 1000 metres
     """
 
     order: str

@@ -1,0 +1,131 @@
+"""A ground station that gives vehicles what is ordered by who watches them, each order confirmed."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field
+
+from mission.ground.command import OperatorCommand
+from mission.ground.contact import Contact, Heartbeat
+from mission.ground.vehicle_state import VehicleMonitor
+from mission.link.codec.dialect import Message
+from mission.link.codec.dialect import mavlink as m
+from mission.transfer.wire import GROUND_STATION
+from wbf_mission.live.command_session import CommandSession
+from wbf_mission.run.orders import IN_FLIGHT, START, Orders, WatchersOrder
+
+__all__ = ["ControlStation", "commands_of"]
+
+_ORDERS = (START, "arm", "takeoff", *IN_FLIGHT)
+_LOOK_S = 0.1
+_MOST_VEHICLES = 250
+_AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
+
+
+def commands_of(order: WatchersOrder, heard: VehicleMonitor) -> list[OperatorCommand]:
+    """Return what a vehicle is given one after the other; a vehicle that has to be armed is armed first."""
+    if order.order not in (START, "arm"):
+        return [order.command]
+    begins = order.order == START
+    out = []
+    if not heard.state.armed and not (begins and heard.profile.start_arms):
+        mode = heard.modes.arming
+        if mode is not None and mode != heard.mode:
+            out.append(OperatorCommand("mode", mode))
+        out.append(OperatorCommand("arm"))
+    return [*out, OperatorCommand("mission", arms=True)] if begins else out or [OperatorCommand("arm")]
+
+
+@dataclass(slots=True)
+class _Vehicle:
+    """A vehicle that is heard, and what it is being told."""
+
+    contact: Contact
+    order: WatchersOrder | None = None
+    left: deque[OperatorCommand] = field(default_factory=deque)
+    session: CommandSession | None = None
+
+
+class ControlStation:
+    """A component that carries out what is ordered (`Orders`), by one `CommandSession` after the other.
+
+    A vehicle that is told something new is told nothing more of what it was told before. It says nothing to
+    vehicles before the first order; from then on it sends a heartbeat, for a vehicle may miss one that it
+    has once heard.
+
+    """
+
+    # Another component than who watches on the same link.
+    system_id, component_id = GROUND_STATION[0], int(m.MAV_COMP_ID_USER1)
+    wanted: frozenset[int] | None = None
+
+    def __init__(self, orders: Orders) -> None:
+        self._orders = orders
+        self._vehicles: dict[int, _Vehicle] = {}
+        self._heartbeat: Heartbeat | None = None
+        self._look_s = -math.inf
+
+    def receive(self, message: Message, now_s: float) -> list[Message]:
+        """Take one message."""
+        if message.get_srcComponent() != _AUTOPILOT:
+            return []
+        number = message.get_srcSystem()
+        one = self._vehicles.get(number)
+        if one is None:
+            is_beat = isinstance(message, m.MAVLink_heartbeat_message)
+            if not is_beat or len(self._vehicles) >= _MOST_VEHICLES:
+                return []
+            one = self._vehicles[number] = _Vehicle(Contact((number, _AUTOPILOT)))
+            self._orders.allow(_ORDERS, self._vehicles)
+        one.contact.receive(message, now_s)
+        out = [] if one.session is None else one.session.receive(message, now_s)
+        return out + self._go_on(one, now_s)
+
+    def poll(self, now_s: float) -> list[Message]:
+        """Take what was ordered, and send what is due."""
+        self._look_s = now_s + _LOOK_S
+        for order in self._orders.taken():
+            for number, one in self._vehicles.items():
+                if order.is_for(number):
+                    self._begin(one, order)
+        out = [] if self._heartbeat is None else self._heartbeat.poll(now_s)
+        for one in self._vehicles.values():
+            if one.session is not None:
+                out += one.session.poll(now_s)
+            out += self._go_on(one, now_s)
+        return out
+
+    def next_deadline(self) -> float:
+        """When `poll` has something to do."""
+        sessions = (one.session for one in self._vehicles.values())
+        return min([self._look_s, *(one.next_deadline() for one in sessions if one is not None)])
+
+    def _begin(self, one: _Vehicle, order: WatchersOrder) -> None:
+        self._heartbeat = self._heartbeat or Heartbeat()
+        self._orders.note(f"{self._at(one)}{order}")
+        one.order, one.session = order, None
+        one.left = deque(commands_of(order, one.contact.monitor))
+
+    def _go_on(self, one: _Vehicle, now_s: float) -> list[Message]:
+        """Begin with the next command where one is over; say what came of it all."""
+        session = one.session
+        if session is not None and not session.done:
+            return []
+        if session is not None and session.error is not None:
+            # Errors name the vehicle.
+            self._orders.warn(str(session.error))
+            one.order, one.session = None, None
+            one.left.clear()
+        elif one.left:
+            one.session = CommandSession(one.left.popleft(), contact=one.contact)
+            return one.session.poll(now_s)
+        elif session is not None and one.order is not None:
+            self._orders.note(
+                f"{self._at(one)}{one.order.order} is carried out (mode {one.contact.monitor.mode})"
+            )
+            one.order, one.session = None, None
+        return []
+
+    def _at(self, one: _Vehicle) -> str:
+        return f"vehicle {one.contact.vehicle[0]}: " if len(self._vehicles) > 1 else ""

@@ -1,0 +1,201 @@
+"""The events of vehicles that are watched: what they tell of themselves, whoever flies them."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+import shapely
+
+from geo.farm import Farm, Patch
+from geo.frame import LocalFrame
+from mission.ground.contact import Contact
+from mission.ground.items import FLOWN_TO
+from mission.model import Mission
+from sensors.observations import Observations
+from wbf_mission.events import EventStream, Planned, RunBegun, Seen, VehicleInfo, VehicleMoved, VehicleSaid
+
+__all__ = ["TelemetryEvents", "Watch", "land_about"]
+
+_APART_S = 0.1
+_AGAIN_S = 1.0
+_WHOLE_S = 0.5
+"""A text that comes in pieces is complete after this time."""
+_SIDE_M = 2000.0
+
+
+class Watch(Protocol):
+    """Who hears vehicles."""
+
+    @property
+    def vehicles(self) -> Mapping[int, Contact]:
+        """What is known of each, by its system id."""
+
+    @property
+    def missions(self) -> Mapping[int, Mission]:
+        """What each holds, as far as that is known; another object when it holds something else."""
+
+    def look(self, now_s: float) -> None:
+        """Bring it up to date."""
+
+    def seen(self) -> Iterable[tuple[float, Observations]]:
+        """Take what cameras saw since the last call, and when their times began."""
+
+
+@dataclass(slots=True)
+class _Told:
+    """What was told of a vehicle."""
+
+    mission: Mission | None = None
+    texts: int = 0
+    flight: int = 0  # How often it was armed
+    armed: bool = False
+    moved: VehicleMoved | None = None
+
+
+class TelemetryEvents:
+    """Tells what a watch hears: of each vehicle at most ten states a second of wall time.
+
+    Parameters
+    ----------
+    begun : RunBegun
+        What is watched, told at once. Vehicles are added as they are heard, and where it has no farm a square
+        of land about the first one.
+    named : callable, optional
+        Returns a vehicle's name and kind; without, those that were given with `begun` are all.
+    """
+
+    def __init__(
+        self,
+        events: EventStream,
+        watch: Watch,
+        begun: RunBegun,
+        *,
+        day: int = 0,
+        named: Callable[[Contact], tuple[str, str]] | None = None,
+    ) -> None:
+        self._events, self._watch, self._begun, self._day = events, watch, begun, day
+        self._named = named
+        self._told: dict[int, _Told] = {}
+        self._due_wall_s = -math.inf
+        events.tell(begun)
+
+    def look(self, now_s: float) -> bool:
+        """Tell what is new, if it is time; False, so that it can be what a server runs until."""
+        wall_s = time.monotonic()
+        if wall_s >= self._due_wall_s:
+            self._due_wall_s = wall_s + _APART_S
+            self._tell(now_s)
+        return False
+
+    def _tell(self, now_s: float) -> None:
+        watch = self._watch
+        watch.look(now_s)
+        located = {number: one for number, one in watch.vehicles.items() if one.monitor.knows_position}
+        self._meet(located)
+        for number, contact in watch.vehicles.items():
+            told = self._told.setdefault(number, _Told())
+            self._tell_texts(number, contact, told, now_s)
+            farm = self._begun.farm
+            if number in located and farm is not None:
+                self._tell_state(number, contact, told, farm.frame, now_s)
+            mission = watch.missions.get(number)
+            if mission is not None and mission is not told.mission and farm is not None:
+                self._tell_plan(number, told, mission, farm.frame, now_s)
+        for offset_s, observations in watch.seen():
+            if len(observations):
+                self._events.tell(Seen(offset_s, observations))
+
+    def _meet(self, located: Mapping[int, Contact]) -> None:
+        """Tell of vehicles that are heard for the first time."""
+        begun = self._begun
+        if self._named is not None:
+            known = {one.system_id for one in begun.vehicles}
+            new = [
+                VehicleInfo(number, *self._named(one))
+                for number, one in located.items()
+                if number not in known
+            ]
+            begun = replace(begun, vehicles=(*begun.vehicles, *new)) if new else begun
+        if begun.farm is None and located:
+            state = next(iter(located.values())).monitor.state
+            begun = replace(begun, farm=land_about(state.latitude_deg, state.longitude_deg))
+        if begun is not self._begun:
+            self._begun = begun
+            self._events.tell(begun)
+
+    def _tell_plan(self, number: int, told: _Told, mission: Mission, frame: LocalFrame, now_s: float) -> None:
+        """Tell what a vehicle holds; that it holds nothing only if it held something before."""
+        if told.mission is not None or mission.items or mission.fence:
+            told.mission = mission
+            flight, path_m = max(1, told.flight), _path_of(mission, frame)
+            self._events.tell(Planned(now_s, self._day, flight, number, mission, path_m))
+
+    def _tell_texts(self, number: int, contact: Contact, told: _Told, now_s: float) -> None:
+        texts = contact.texts.texts
+        while told.texts < len(texts) and texts[told.texts][0] <= now_s - _WHOLE_S:
+            self._events.tell(VehicleSaid(texts[told.texts][0], number, *texts[told.texts][1:]))
+            told.texts += 1
+
+    def _tell_state(
+        self, number: int, contact: Contact, told: _Told, frame: LocalFrame, now_s: float
+    ) -> None:
+        monitor, state = contact.monitor, contact.monitor.state
+        told.flight += state.armed and not told.armed
+        told.armed = state.armed
+        x_m, y_m = state.position_m(frame)
+        moved = VehicleMoved(
+            now_s,
+            self._day,
+            max(1, told.flight),
+            number,
+            x_m,
+            y_m,
+            height_m=state.height_m,
+            speed_m_s=state.ground_speed_m_s,
+            heading_rad=state.heading_rad,
+            battery=state.battery.remaining,
+            mode=monitor.mode,
+            armed=state.armed,
+            item=state.item,
+            items=state.total,
+            link_quality=contact.link.quality,
+            silent_s=max(0.0, now_s - max(contact.link.heard_s, monitor.position_heard_s)),
+        )
+        before = told.moved
+        # Who stands still, and tells nothing new, is told of now and then.
+        if (
+            before is None
+            or now_s - before.time_s >= _AGAIN_S
+            or moved != replace(before, time_s=moved.time_s, silent_s=moved.silent_s)
+        ):
+            told.moved = moved
+            self._events.tell(moved)
+
+
+def _path_of(mission: Mission, frame: LocalFrame) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+    """Return the places of the items that are flown to, float64[n, 2], in metres of a frame."""
+    places = [(one.x, one.y) for one in mission.items if one.command in FLOWN_TO and one.has_position]
+    latitude, longitude = np.array(places, np.float64).reshape(-1, 2).T
+    return np.column_stack(frame.from_wgs84(latitude, longitude))
+
+
+def land_about(latitude_deg: float, longitude_deg: float) -> Farm:
+    """Return a square of land about a place of which nothing is known, for who watches without a farm.
+
+    Examples
+    --------
+    >>> farm = land_about(28.05, -82.15)
+    >>> farm.width_cells, farm.home_m
+    (2000, (1000.0, 1000.0))
+    """
+    half_m = 0.5 * _SIDE_M
+    about = LocalFrame(latitude_deg, longitude_deg)
+    corner = LocalFrame(*map(float, about.to_wgs84(-half_m, -half_m)))
+    side = int(_SIDE_M)
+    land = Patch("land", "unknown", "unknown", shapely.box(0.0, 0.0, _SIDE_M, _SIDE_M))
+    return Farm("land", corner, side, side, (land,), "unknown", (half_m, half_m), cell_size_m=1.0)

@@ -10,12 +10,18 @@ import json
 import numpy as np
 from geo.compiled import compile_notices
 from wbf_mission import Scenario, fly
-from wbf_mission.cli.warm_up import _step_batched, fly_all
+from geo.farms import get_farm
+from sensors.fields import PAPER_FIELDS
+from sensors.scoring.information import InformationModel
+from wbf_mission.cli.warm_up import _draw_blocks, _step_batched, fly_all
+from wbf_mission.events import DayBegun, Estimated, RunBegun
 from wbf_mission.rl.vector_env import SurveyVectorEnv
+from wbf_mission.web.view import View
 
 first, later = [], []
 with compile_notices(first.append):
     fly_all(lambda what: None)
+    _draw_blocks()
     _step_batched()
 with compile_notices(later.append):
     fly(Scenario(farm="miniberry-30", policy="greedy", estimator="epidemic", budget="1min"))
@@ -29,6 +35,11 @@ with compile_notices(later.append):
         envs.reset(seed=1)
         for action in (1, 2):
             envs.step(np.full(3, action))
+    view, farm = View(longest=30), get_farm("miniberry-100")
+    view.take(RunBegun("", farm, PAPER_FIELDS))
+    view.take(DayBegun(0.0, 1, np.zeros((3, *farm.grid().shape), np.float32)))
+    view.take(Estimated(1.0, 1, 0, InformationModel.unknown(farm.grid().shape, PAPER_FIELDS), None))
+    assert len(view.update(None)[0].tiles) > 5
 print(json.dumps([first, [one for one in later if not one.startswith("sim_vehicle.")]]))
 """
 
@@ -39,6 +50,6 @@ def test_nothing_is_left_to_compile(tmp_path):
         pytest.skip("nothing is compiled")
     first, later = compiled_by(FLIGHTS, tmp_path)
     expected = ("cell_posterior.take_observations", "tile.solve_tiles", "tour_search.search_tour")
-    for compiled in (*expected, "batch_kernel.advance"):
+    for compiled in (*expected, "batch_kernel.advance", "block_means"):
         assert any(compiled in one for one in first), compiled
     assert later == []

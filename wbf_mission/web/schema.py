@@ -6,11 +6,9 @@ What is not finite is null.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, TypeAlias
 
 import msgspec
-import numpy as np
 from msgspec import UNSET, Struct, UnsetType
 
 Ring: TypeAlias = list[float]
@@ -18,21 +16,16 @@ Ring: TypeAlias = list[float]
 Numbers: TypeAlias = list[float | None]
 
 
-def plain(value: object) -> Any:
-    """Return a value as JSON can hold it: names are text, and so is what has no other form."""
+def _as_text(value: Any) -> Any:
+    """Return a value of plain ones with all that is no text in its strings replaced."""
     match value:
-        case None | bool() | int() | float():
-            return value
         case str():
             return value.encode("utf-8", "replace").decode()
-        case Mapping():
-            return {plain(str(key)): plain(one) for key, one in value.items()}
-        case list() | tuple() | set() | frozenset():
-            return [plain(one) for one in value]
-        case np.generic() | np.ndarray():
-            return plain(value.tolist())
-        case _:
-            return plain(str(value))
+        case dict():
+            return {_as_text(key): _as_text(one) for key, one in value.items()}
+        case list() | tuple():
+            return [_as_text(one) for one in value]
+    return value
 
 
 class Georeference(Struct):
@@ -241,7 +234,6 @@ class Status(Struct):
     progress: Progress | None
     question: Question | None
     orders: tuple[str, ...]
-    summary: dict[str, Any] | None
 
 
 class Run(Struct):
@@ -296,7 +288,7 @@ class Update(Struct, omit_defaults=True):
         try:
             return msgspec.json.encode(self)
         except UnicodeEncodeError:  # Names of files may hold what is no text
-            return msgspec.json.encode(plain(msgspec.to_builtins(self)))
+            return msgspec.json.encode(_as_text(msgspec.to_builtins(self)))
 
 
 class Moment(Struct):

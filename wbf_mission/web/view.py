@@ -176,7 +176,7 @@ class View:
         self._replaced: dict[str, int] = {}  # The versions of what is replaced as a whole
         self._time_s = 0.0
         self._run: schema.Run | None = None
-        self._status = schema.Status("running", "", None, None, (), None)
+        self._status = schema.Status("running", "", None, None, ())
         self._background: schema.Background | None = None
         self._plans = _Rows[schema.Plan]("plans", MAX_PLANS)
         self._states: dict[int, _Rows[_State]] = {}
@@ -294,9 +294,8 @@ class View:
             case RunEnded():
                 self._draw_skipped()
                 self._hear(event.time_s)
-                summary = schema.plain(event.summary)
-                self._tell(outcome=event.outcome, reason=event.reason, summary=summary)
-                self._tell(progress=None, question=None)
+                ended = {"outcome": event.outcome, "reason": event.reason}
+                self._tell(progress=None, question=None, **ended)
 
     def _hear(self, time_s: float) -> int:
         """Return the version of what happened then."""

@@ -400,15 +400,6 @@ def test_readings_are_at_the_middle_of_their_cells_and_keep_their_fields() -> No
     }
 
 
-def test_a_summary_of_any_values_can_be_told() -> None:
-    seen = View()
-    summary = {"path": Path("x"), "nan": float("nan"), "by vehicle": {1: np.float32(2.0), (2, 3): {4}}}
-    seen.take(RunEnded(5.0, "completed", "", summary))
-    status = shown(seen).status
-    assert status["outcome"] == "completed"
-    assert status["summary"] == {"path": "x", "nan": None, "by vehicle": {"1": 2.0, "(2, 3)": [4]}}
-
-
 def test_what_is_no_text_is_told_all_the_same() -> None:
     seen = View()
     seen.take(Noted("a file named \udcff"))

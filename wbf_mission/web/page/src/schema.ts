@@ -148,7 +148,6 @@ export interface Status {
   question: { text: string; answers: string[] } | null;
   /** Orders that this page may give; none where it only shows. */
   orders: string[];
-  summary: Record<string, unknown> | null;
 }
 
 export interface Run {

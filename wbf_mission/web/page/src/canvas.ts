@@ -47,6 +47,8 @@ export function viewOf(map: L.Map, frame: Frame): View {
   return { matrix, scale: Math.hypot(a, b), width: size.x, height: size.y };
 }
 
+const HEAVY_MS = 200;
+
 export type Draw = (context: CanvasRenderingContext2D, view: View) => void;
 
 /** A canvas as large as the map, which is drawn anew whenever the map moves. */
@@ -54,8 +56,16 @@ export class CanvasLayer extends L.Layer {
   readonly canvas = document.createElement("canvas");
   private zooming = false;
   private asked = false;
+  private zoom = NaN;
+  private painted_ms = 0;
 
-  constructor(pane: string, private readonly frame: () => Frame, private readonly draw: Draw) {
+  /** What takes long to draw (`heavy`) moves along while the map is dragged, and is drawn where that ends. */
+  constructor(
+    pane: string,
+    private readonly frame: () => Frame,
+    private readonly draw: Draw,
+    private readonly heavy = false,
+  ) {
     super({ pane });
     this.canvas.className = "leaflet-zoom-animated map-canvas";
   }
@@ -73,7 +83,12 @@ export class CanvasLayer extends L.Layer {
 
   override getEvents(): Record<string, L.LeafletEventHandlerFn> {
     return {
-      move: () => this.paint(),
+      move: () => {
+        if (!this.heavy || this._map.getZoom() !== this.zoom) this.paint();
+      },
+      moveend: () => {
+        if (this.heavy) this.paint();
+      },
       resize: () => this.paint(),
       zoomend: () => {
         this.zooming = false;
@@ -83,19 +98,26 @@ export class CanvasLayer extends L.Layer {
     };
   }
 
-  /** Draw before the next frame. */
+  /** Draw before the next frame; what takes long a few times a second at most. */
   redraw(): void {
     if (this.asked) return;
     this.asked = true;
-    requestAnimationFrame(() => {
-      this.asked = false;
-      this.paint();
-    });
+    const wait_ms = this.heavy ? this.painted_ms + HEAVY_MS - performance.now() : 0;
+    setTimeout(
+      () =>
+        requestAnimationFrame(() => {
+          this.asked = false;
+          this.paint();
+        }),
+      Math.max(0, wait_ms),
+    );
   }
 
   private paint(): void {
     const map = this._map as L.Map | null;
     if (!map || this.zooming) return;
+    this.zoom = map.getZoom();
+    this.painted_ms = performance.now();
     const view = viewOf(map, this.frame());
     const density = window.devicePixelRatio;
     const [width, height] = [Math.round(view.width * density), Math.round(view.height * density)];

@@ -69,7 +69,20 @@ export function css([red, green, blue]: Rgb): string {
   return `rgb(${red} ${green} ${blue})`;
 }
 
-/** A variable of page.css: it follows the reader's choice of dark or light. */
+const looked = new Map<string, string>();
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => looked.clear());
+
+/** The looks changed: `themed` looks them up again. */
+export function forgetTheme(): void {
+  looked.clear();
+}
+
+/** A variable of page.css, which follows the reader's choice of dark or light. */
 export function themed(name: string): string {
-  return getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+  let value = looked.get(name);
+  if (value === undefined) {
+    value = getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+    looked.set(name, value);
+  }
+  return value;
 }

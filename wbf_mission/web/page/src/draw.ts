@@ -1,16 +1,15 @@
 // What is drawn on the map's canvases.
-import type { Draw, View } from "./canvas.js";
-import { toPixels } from "./canvas.js";
-import { SICK, colourAt, cropColour, css, ramp, themed } from "./colours.js";
-import { upTo, type Model } from "./model.js";
-import type { FarmShape, FieldInfo, Plan, Ring, States } from "./schema.js";
+import { toPixels, type View } from "./canvas.js";
+import { cropColour, themed } from "./colours.js";
+import { upTo, type Model, type Moment } from "./model.js";
+import type { FarmShape, Plan, Ring, States } from "./schema.js";
 import type { Picture } from "./tiles.js";
 
 type Context = CanvasRenderingContext2D;
 
 /** A line so many pixels apart from the last point is not seen. */
 const SEEN_PX = 1.2;
-const RECENT_S = 60;
+const RECENT_S = 30;
 
 function trace(context: Context, view: View, ring: Ring, closed: boolean): void {
   for (let k = 0; k + 1 < ring.length; k += 2) {
@@ -174,23 +173,29 @@ export function drawPlan(context: Context, view: View, plan: Plan, colour: strin
   context.globalAlpha = 1;
 }
 
-/** Where a vehicle was: thin, and the last minute strong. */
-export function drawTrail(context: Context, view: View, model: Model, id: number, time_s: number, colour: string): void {
-  const states = model.states[id];
-  const count = states ? upTo(states.time_s, time_s) : 0;
-  if (!states || !count) return;
-  const recent = upTo(states.time_s, time_s - RECENT_S);
+/** Until when a trail is thin: it stays so for a while, for many long ones take long to draw. */
+export function oldUntil(time_s: number): number {
+  return (Math.floor(time_s / RECENT_S) - 1) * RECENT_S;
+}
+
+/** Where a vehicle was long ago. */
+export function drawOldTrail(context: Context, view: View, states: States, time_s: number, colour: string): void {
+  const count = upTo(states.time_s, time_s);
+  trail(context, view, states, 0, Math.min(upTo(states.time_s, oldUntil(time_s)) + 1, count), count);
   context.lineJoin = "round";
-  if (recent) {
-    trail(context, view, states, 0, recent + 1);
-    context.strokeStyle = colour;
-    context.globalAlpha = 0.5;
-    context.lineWidth = 1.2;
-    context.stroke();
-  }
-  trail(context, view, states, recent, count);
-  const now = model.vehicleAt(id, time_s);
-  if (now) context.lineTo(...toPixels(view, now.x, now.y));
+  context.strokeStyle = colour;
+  context.globalAlpha = 0.5;
+  context.lineWidth = 1.2;
+  context.stroke();
+  context.globalAlpha = 1;
+}
+
+/** Where a vehicle was lately. */
+export function drawTrail(context: Context, view: View, states: States, time_s: number, now: Moment, colour: string): void {
+  const count = upTo(states.time_s, time_s);
+  trail(context, view, states, upTo(states.time_s, oldUntil(time_s)), count, count);
+  context.lineTo(...toPixels(view, now.x, now.y));
+  context.lineJoin = "round";
   context.strokeStyle = themed("halo");
   context.lineWidth = 5;
   context.globalAlpha = 0.8;
@@ -201,99 +206,22 @@ export function drawTrail(context: Context, view: View, model: Model, id: number
   context.stroke();
 }
 
-function trail(context: Context, view: View, { x, y, flight }: States, from: number, to: number): void {
-  const flown = flight[to - 1];
-  let [lastX, lastY, begun] = [NaN, NaN, false];
+function trail(context: Context, view: View, { x, y, flight }: States, from: number, to: number, count: number): void {
+  const [a, b, c, d, e, f] = view.matrix;
+  const flown = flight[count - 1];
+  let [lastX, lastY, begun] = [-Infinity, -Infinity, false];
   context.beginPath();
   for (let k = from; k < to; k++) {
     if (flight[k] !== flown) continue;
-    const [left, top] = toPixels(view, x[k]!, y[k]!);
+    const left = a * x[k]! + c * y[k]! + e;
+    const top = b * x[k]! + d * y[k]! + f;
     if (Math.abs(left - lastX) + Math.abs(top - lastY) < SEEN_PX && k < to - 1) continue;
     if (begun) context.lineTo(left, top);
     else context.moveTo(left, top);
-    [lastX, lastY, begun] = [left, top, true];
+    lastX = left;
+    lastY = top;
+    begun = true;
   }
-}
-
-const LEVELS = 24;
-
-/** What the camera saw of a field: a square for each cell, and sick plants as rings that stand out. */
-export function readingsOf(model: Model, field: FieldInfo, time_s: number, cell_m: number): Draw {
-  return (context, view) => {
-    const { x, y, time_s: times } = model.readings;
-    const values = model.readings.values[field.name];
-    if (!values) return;
-    const count = upTo(times, time_s);
-    const colours = ramp(`value/${field.name}`, field);
-    // Squares of the farm that are seen as such: however many readings, no more are drawn than the screen shows.
-    const step = Math.max(cell_m, 1.4 / view.scale);
-    const [left, bottom, right, top] = seen(view);
-    const [first, low] = [Math.floor(left / step), Math.floor(bottom / step)];
-    const [columns, rows] = [Math.ceil(right / step) - first, Math.ceil(top / step) - low];
-    const levels = new Uint8Array(columns * rows);
-    const sick = new Map<string, [number, number]>();
-    const radius = Math.min(9, Math.max(2.5, 0.55 * step * view.scale));
-    for (let k = 0; k < count; k++) {
-      const value = values[k];
-      if (value === null || value === undefined) continue;
-      const [i, j] = [Math.floor(x[k]! / step) - first, Math.floor(y[k]! / step) - low];
-      if (i < 0 || j < 0 || i >= columns || j >= rows) continue;
-      levels[j * columns + i] = 1 + Math.round(value * (LEVELS - 1));
-      if (field.kind !== "disease" || value >= SICK) continue;
-      const at = toPixels(view, x[k]!, y[k]!);
-      sick.set(at.map((pixel) => Math.round(pixel / radius)).join(), at);
-    }
-    const places: number[][] = Array.from({ length: LEVELS + 1 }, () => []);
-    levels.forEach((level, place) => level && places[level]!.push(place));
-    const side = (step * view.scale > 3 ? 0.62 : 1) * step;
-    for (const [level, at] of places.entries()) {
-      if (!at.length) continue;
-      context.save();
-      context.transform(...view.matrix);
-      context.beginPath();
-      for (const place of at) {
-        const middle = [first + (place % columns) + 0.5, low + Math.floor(place / columns) + 0.5];
-        context.rect(middle[0]! * step - side / 2, middle[1]! * step - side / 2, side, side);
-      }
-      context.restore();
-      context.fillStyle = css(colourAt(colours, (level - 1) / (LEVELS - 1)));
-      context.globalAlpha = 0.9;
-      context.fill();
-      if (step * view.scale > 5) {
-        context.globalAlpha = 0.35;
-        context.lineWidth = 0.8;
-        context.strokeStyle = themed("ink");
-        context.stroke();
-      }
-    }
-    context.globalAlpha = 1;
-    ring(context, [...sick.values()], radius);
-  };
-}
-
-/** The part of the frame that is in sight: least x and y, largest x and y. */
-function seen({ matrix: [a, b, c, d, e, f], width, height }: View): [number, number, number, number] {
-  const turn = a * d - b * c;
-  const corners = [[0, 0], [width, 0], [0, height], [width, height]].map(([left, top]) => [
-    (d * (left! - e) - c * (top! - f)) / turn,
-    (a * (top! - f) - b * (left! - e)) / turn,
-  ]);
-  const [x, y] = [0, 1].map((k) => corners.map((corner) => corner[k]!)) as [number[], number[]];
-  return [Math.min(...x), Math.min(...y), Math.max(...x), Math.max(...y)];
-}
-
-function ring(context: Context, places: [number, number][], radius: number): void {
-  context.beginPath();
-  for (const [x, y] of places) {
-    context.moveTo(x + radius, y);
-    context.arc(x, y, radius, 0, 2 * Math.PI);
-  }
-  context.strokeStyle = "#ffffff";
-  context.lineWidth = 4;
-  context.stroke();
-  context.strokeStyle = "#a3123a";
-  context.lineWidth = 2;
-  context.stroke();
 }
 
 /** Paths that a policy thought of: the better, the stronger; what it chose is drawn through. */

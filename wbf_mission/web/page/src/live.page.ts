@@ -1,5 +1,6 @@
 // The page of a run: while it happens, or a recording of one or two of them.
 import { Charts } from "./charts.js";
+import { forgetTheme } from "./colours.js";
 import { Controls } from "./controls.js";
 import { button, element, setText } from "./dom.js";
 import { LayerPanel } from "./layers.js";
@@ -13,7 +14,7 @@ import { Time } from "./time.js";
 import { scoreLine, Vehicles } from "./vehicles.js";
 
 const CHARTS_MS = 400;
-const PANELS_MS = 150;
+const PANELS_MS = 200;
 const LOST_MS = 600;
 const LINKS: Record<Link, string> = { connecting: "Connecting …", live: "Live", lost: "Connection lost", recording: "Recording" };
 
@@ -52,6 +53,7 @@ class App {
   /** Lay the page out for paper: maps and charts are drawn for the room that they have there. */
   private print(begins: boolean): void {
     document.documentElement.classList.toggle("printing", begins);
+    forgetTheme();
     for (const map of this.maps) map.print(begins);
     this.parts?.charts.redraw();
   }

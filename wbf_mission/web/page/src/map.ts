@@ -1,11 +1,12 @@
 // The map of one run: the farm, the values of a layer, what was seen, plans and trails, and the vehicles.
 import * as L from "leaflet";
-import { CanvasLayer, Frame } from "./canvas.js";
+import { CanvasLayer, Frame, type Draw, type View } from "./canvas.js";
 import { lifted, themed, vehicleColour } from "./colours.js";
 import { element, setText, svg } from "./dom.js";
-import { drawBorders, drawDecision, drawFarm, drawPicture, drawPlan, drawSplit, drawTrail, readingsOf } from "./draw.js";
-import type { Model, Moment } from "./model.js";
-import type { Decision, FieldInfo, Run, VehicleInfo } from "./schema.js";
+import { drawBorders, drawDecision, drawFarm, drawOldTrail, drawPicture, drawPlan, drawSplit, drawTrail, oldUntil } from "./draw.js";
+import { upTo, type Model, type Moment } from "./model.js";
+import type { Decision, FieldInfo, Run, States, VehicleInfo } from "./schema.js";
+import { drawReadings } from "./readings.js";
 import { figure } from "./text.js";
 import { Picture } from "./tiles.js";
 
@@ -73,10 +74,11 @@ export class MapView {
   private picture: Picture | null = null;
   private truth: Picture | null = null;
   private readonly marks = new Map<number, VehicleMark>();
-  private readonly layers: Record<"ground" | "values" | "readings" | "lines", CanvasLayer>;
+  private readonly layers: Record<"ground" | "values" | "readings" | "trails" | "lines", CanvasLayer>;
   private pointer: L.LatLng | null = null;
   private time_s = 0;
-  private seenReadings = "";
+  private seen = 0;
+  private old_s = 0;
   private background: L.TileLayer | null = null;
   decision: Decision | null = null;
   selected: number | null = null;
@@ -100,9 +102,9 @@ export class MapView {
     L.control.scale({ position: "bottomright", imperial: false }).addTo(this.map);
     this.map.setView([0, 0], 18, { animate: false });
     const frame = (): Frame => this.frame;
-    const canvas = (name: string, order: number, draw: ConstructorParameters<typeof CanvasLayer>[2]): CanvasLayer => {
+    const canvas = (name: string, order: number, draw: Draw, heavy = false): CanvasLayer => {
       this.map.createPane(name).style.zIndex = String(order);
-      return new CanvasLayer(name, frame, draw).addTo(this.map);
+      return new CanvasLayer(name, frame, draw, heavy).addTo(this.map);
     };
     this.layers = {
       ground: canvas("ground", 250, (context, view) => {
@@ -118,10 +120,15 @@ export class MapView {
       readings: canvas("readings", 350, (context, view) => {
         const [field, raster] = [this.field, this.run?.raster];
         if (!this.choice.readings || !field || !raster) return;
-        readingsOf(this.model, field, this.time_s, raster.pixel_m / raster.cells)(context, view);
-      }),
+        drawReadings(context, view, this.model, field, this.time_s, raster.pixel_m / raster.cells);
+      }, true),
+      trails: canvas("trails", 375, (context, view) => {
+        if (this.choice.trails)
+          for (const [id, states] of this.states()) drawOldTrail(context, view, states, this.time_s, this.colour(id));
+      }, true),
       lines: canvas("lines", 400, (context, view) => this.drawLines(context, view)),
     };
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.redraw());
     this.map.on("mousemove click", (event) => this.read((event as L.LeafletMouseEvent).latlng));
     this.map.on("mouseout", () => this.read(null));
   }
@@ -176,7 +183,6 @@ export class MapView {
   /** Choices changed: everything is drawn anew. */
   redraw(): void {
     this.container.querySelector<HTMLElement>(".leaflet-values-pane")!.style.opacity = String(this.choice.opacity);
-    this.seenReadings = "";
     for (const layer of Object.values(this.layers)) layer.redraw();
   }
 
@@ -196,9 +202,11 @@ export class MapView {
       mark.show(this.frame.latLng(moment.x, moment.y), moment, info.system_id === this.selected);
       if (fresh && !this.run?.farm) this.fit();
     }
-    const seen = `${this.model.readings.time_s.length} ${this.model.readings.time_s.length && time_s}`;
-    if (this.choice.readings && seen !== this.seenReadings) this.layers.readings.redraw();
-    this.seenReadings = seen;
+    const seen = upTo(this.model.readings.time_s, time_s);
+    if (seen !== this.seen) this.layers.readings.redraw();
+    this.seen = seen;
+    if (oldUntil(time_s) !== this.old_s) this.layers.trails.redraw();
+    this.old_s = oldUntil(time_s);
     this.layers.lines.redraw();
   }
 
@@ -250,7 +258,13 @@ export class MapView {
     return lifted(this.run?.vehicles.findIndex((info) => info.system_id === system_id) ?? 0);
   }
 
-  private drawLines(...[context, view]: Parameters<ConstructorParameters<typeof CanvasLayer>[2]>): void {
+  /** The states of those vehicles that were heard. */
+  private states(): [number, States][] {
+    const ids = (this.run?.vehicles ?? []).map((info) => info.system_id);
+    return ids.flatMap((id) => (this.model.states[id] ? [[id, this.model.states[id]]] : []));
+  }
+
+  private drawLines(context: CanvasRenderingContext2D, view: View): void {
     const ids = (this.run?.vehicles ?? []).map((info) => info.system_id);
     if (this.run?.farm) drawBorders(context, view, this.run.farm);
     for (const id of ids) {
@@ -259,7 +273,10 @@ export class MapView {
       if (plan && this.choice.plans) drawPlan(context, view, plan, this.colour(id), fenced);
     }
     if (this.choice.trails)
-      for (const id of ids) drawTrail(context, view, this.model, id, this.time_s, this.colour(id));
+      for (const [id, states] of this.states()) {
+        const now = this.model.vehicleAt(id, this.time_s);
+        if (now) drawTrail(context, view, states, this.time_s, now, this.colour(id));
+      }
     if (this.choice.decisions && this.decision)
       drawDecision(context, view, this.decision, (id) => this.colour(id));
     if (this.picture && this.truth)

@@ -4,7 +4,7 @@ import type { Model } from "./model.js";
 import type { Decision, Said } from "./schema.js";
 import { capital, clock, figure, metres } from "./text.js";
 
-const SHOWN = 200;
+const SHOWN = 100;
 const WARNS = 4;
 const SEVERITIES = ["Emergency", "Alert", "Critical", "Error", "Warning", "Notice", "Info", "Debug"];
 

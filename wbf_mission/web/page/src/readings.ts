@@ -1,0 +1,117 @@
+// What the camera saw of a field: a square for each cell, and rings that stand out round sick plants.
+import type { View } from "./canvas.js";
+import { SICK, colourAt, css, ramp, themed } from "./colours.js";
+import { upTo, type Model } from "./model.js";
+import type { FieldInfo } from "./schema.js";
+
+type Context = CanvasRenderingContext2D;
+
+const LEVELS = 64;
+/** Squares of more pixels are drawn one by one, with a border. */
+const LARGE_PX = 6;
+const SMALLEST_PX = 1.4;
+
+/** The part of the frame that is in sight: least x and y, largest x and y. */
+function seen({ matrix: [a, b, c, d, e, f], width, height }: View): [number, number, number, number] {
+  const turn = a * d - b * c;
+  const corners = [[0, 0], [width, 0], [0, height], [width, height]].map(([left, top]) => [
+    (d * (left! - e) - c * (top! - f)) / turn,
+    (a * (top! - f) - b * (left! - e)) / turn,
+  ]);
+  const [x, y] = [0, 1].map((k) => corners.map((corner) => corner[k]!)) as [number[], number[]];
+  return [Math.min(...x), Math.min(...y), Math.max(...x), Math.max(...y)];
+}
+
+export function drawReadings(
+  context: Context,
+  view: View,
+  model: Model,
+  field: FieldInfo,
+  time_s: number,
+  cell_m: number,
+): void {
+  const { x, y, time_s: times } = model.readings;
+  const values = model.readings.values[field.name];
+  if (!values) return;
+  const count = upTo(times, time_s);
+  const [a, b, c, d, e, f] = view.matrix;
+  // Squares of the farm that are seen as such: however many readings, no more are drawn than the screen shows.
+  const step = Math.max(cell_m, SMALLEST_PX / view.scale);
+  const [left, bottom, right, top] = seen(view);
+  const [first, low] = [Math.floor(left / step), Math.floor(bottom / step)];
+  const [columns, rows] = [Math.ceil(right / step) - first, Math.ceil(top / step) - low];
+  const levels = new Uint8Array(columns * rows);
+  const radius = Math.min(9, Math.max(2.5, 0.55 * step * view.scale));
+  const across = Math.ceil(view.width / radius) + 1;
+  const taken = new Uint8Array(across * (Math.ceil(view.height / radius) + 1));
+  const rings: number[] = [];
+  for (let k = 0; k < count; k++) {
+    const value = values[k];
+    if (value === null || value === undefined) continue;
+    const i = Math.floor(x[k]! / step) - first;
+    const j = Math.floor(y[k]! / step) - low;
+    if (i < 0 || j < 0 || i >= columns || j >= rows) continue;
+    levels[j * columns + i] = 1 + Math.round(value * (LEVELS - 1));
+    if (field.kind !== "disease" || value >= SICK) continue;
+    const ringX = a * x[k]! + c * y[k]! + e;
+    const ringY = b * x[k]! + d * y[k]! + f;
+    const place = Math.floor(ringY / radius) * across + Math.floor(ringX / radius);
+    if (ringX < 0 || ringY < 0 || ringX > view.width || taken[place]) continue;
+    taken[place] = 1;
+    rings.push(ringX, ringY);
+  }
+  const colours = ramp(`value/${field.name}`, field);
+  const table = Array.from({ length: LEVELS }, (_, level) => colourAt(colours, level / (LEVELS - 1)));
+  context.save();
+  context.transform(a * step, b * step, c * step, d * step, e + (a * first + c * low) * step, f + (b * first + d * low) * step);
+  if (step * view.scale > LARGE_PX) drawSquares(context, levels, columns, table.map(css), step * view.scale);
+  else {
+    context.imageSmoothingEnabled = false;
+    context.drawImage(dots(levels, columns, rows, table), 0, 0);
+  }
+  context.restore();
+  drawRings(context, rings, radius);
+}
+
+function drawSquares(context: Context, levels: Uint8Array, columns: number, colours: string[], size: number): void {
+  context.lineWidth = 0.8 / size;
+  context.strokeStyle = themed("ink");
+  levels.forEach((level, place) => {
+    if (!level) return;
+    const [left, low] = [(place % columns) + 0.19, Math.floor(place / columns) + 0.19];
+    context.globalAlpha = 0.9;
+    context.fillStyle = colours[level - 1]!;
+    context.fillRect(left, low, 0.62, 0.62);
+    context.globalAlpha = 0.35;
+    context.strokeRect(left, low, 0.62, 0.62);
+  });
+}
+
+const sheet = document.createElement("canvas");
+
+/** The squares as a picture, a pixel for each. */
+function dots(levels: Uint8Array, columns: number, rows: number, table: [number, number, number][]): HTMLCanvasElement {
+  const image = new ImageData(columns, rows);
+  const pixels = new Uint32Array(image.data.buffer);
+  const colours = Uint32Array.from([0, ...table.map(([red, green, blue]) => (230 << 24) | (blue << 16) | (green << 8) | red)]);
+  for (let place = 0; place < levels.length; place++) pixels[place] = colours[levels[place]!]!;
+  [sheet.width, sheet.height] = [columns, rows];
+  sheet.getContext("2d")!.putImageData(image, 0, 0);
+  return sheet;
+}
+
+function drawRings(context: Context, places: number[], radius: number): void {
+  const [half, density] = [Math.ceil(radius + 3), 2];
+  const one = document.createElement("canvas");
+  one.width = one.height = 2 * half * density;
+  const pen = one.getContext("2d")!;
+  pen.scale(density, density);
+  pen.arc(half, half, radius, 0, 2 * Math.PI);
+  for (const [colour, width] of [["#ffffff", 4], ["#a3123a", 2]] as const) {
+    pen.strokeStyle = colour;
+    pen.lineWidth = width;
+    pen.stroke();
+  }
+  for (let k = 0; k + 1 < places.length; k += 2)
+    context.drawImage(one, places[k]! - half, places[k + 1]! - half, 2 * half, 2 * half);
+}

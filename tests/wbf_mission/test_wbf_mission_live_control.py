@@ -2,6 +2,7 @@
 
 import json
 import re
+import signal
 import subprocess
 from contextlib import ExitStack, contextmanager
 from threading import Thread
@@ -158,6 +159,26 @@ def test_a_page_flies_a_vehicle_behind_a_link_without_a_terminal(tmp_path, autop
         assert page.last("status")["outcome"] == "interrupted"
         assert page.last("status")["orders"] == [], "there is nothing left to order"
         assert process.poll() is None, "the page stays"
+
+
+@pytest.mark.slow
+def test_a_page_holds_a_simulated_flight_and_lets_it_go_on(tmp_path):
+    words = ("fly", *FARM, "--planner", "lawnmower", *JOB, "--speed", "10", "--control", "--out", "held")
+    with shown(tmp_path, *words) as (page, process, lines):
+        page.may("hold")
+        page.wait(lambda one: (one.states("1", "item")[-1] or 0) >= 4, "it does not fly its rows")
+        assert page.orders("start", confirmed=True) == "'start' cannot be ordered now"
+        assert page.orders("hold") == ""
+        page.wait(lambda one: one.states("1", "mode")[-1] == "LOITER", "it does not hold")
+        assert page.orders("resume") == ""
+        page.wait(lambda one: one.last("status")["outcome"] != "running", "it does not go on")
+        said(lines, "ordered by hand: hold at ")
+        said(lines, "the page stays")
+        process.send_signal(signal.SIGINT)
+        assert process.wait(LONG_S) == 0
+    summary = json.loads((tmp_path / "held" / "summary.json").read_text())
+    assert summary["outcome"] == "completed"
+    assert any("the seed does not give this flight again" in one for one in summary["warnings"])
 
 
 @pytest.mark.parametrize(

@@ -60,7 +60,7 @@ class App {
 
   private begin(runs: number): void {
     const shown = this.maps.map(({ map }) => [map.getCenter(), map.getZoom()] as const);
-    for (const { map } of this.maps) map.remove();
+    for (const map of this.maps) map.remove();
     this.models = Array.from({ length: runs }, () => new Model());
     if (runs > 1) this.models.forEach((model, k) => (model.letter = "AB"[k] ?? String(k + 1)));
     this.build();
@@ -132,7 +132,6 @@ class App {
     this.root.classList.toggle("two", models.length > 1);
     this.root.dataset["tab"] = "vehicles";
     this.root.replaceChildren(header, urgent, main, side, messages.aloud);
-    for (const { map } of this.maps) map.invalidateSize({ animate: false });
     this.dirty = this.stale = true;
   }
 

@@ -75,6 +75,9 @@ export class MapView {
   private truth: Picture | null = null;
   private readonly marks = new Map<number, VehicleMark>();
   private readonly layers: Record<"ground" | "values" | "readings" | "trails" | "lines", CanvasLayer>;
+  private readonly over = new AbortController();
+  /** The reader looks at a part of the map, and is left there. */
+  private touched = false;
   private pointer: L.LatLng | null = null;
   private time_s = 0;
   private seen = 0;
@@ -128,7 +131,16 @@ export class MapView {
       }, true),
       lines: canvas("lines", 400, (context, view) => this.drawLines(context, view)),
     };
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.redraw());
+    const { signal } = this.over;
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.redraw(), { signal });
+    for (const kind of ["pointerdown", "wheel", "keydown"])
+      container.addEventListener(kind, () => (this.touched = true), { passive: true });
+    const sizes = new ResizeObserver(() => {
+      this.map.invalidateSize({ animate: false });
+      if (!this.touched) this.fit();
+    });
+    sizes.observe(container);
+    signal.addEventListener("abort", () => sizes.disconnect());
     this.map.on("mousemove click", (event) => this.read((event as L.LeafletMouseEvent).latlng));
     this.map.on("mouseout", () => this.read(null));
   }
@@ -142,8 +154,14 @@ export class MapView {
     return this.picture;
   }
 
+  remove(): void {
+    this.over.abort();
+    this.map.remove();
+  }
+
   /** Show the whole farm, or all vehicles where there is no farm. */
   fit(): void {
+    this.touched = false;
     const farm = this.run?.farm;
     const [width, height] = [farm?.width_m ?? 0, farm?.height_m ?? 0];
     const corners = farm ? [[0, 0], [width, 0], [0, height], [width, height]] : [];

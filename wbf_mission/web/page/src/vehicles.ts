@@ -8,7 +8,7 @@ import { clock, metres, percent } from "./text.js";
 const LOW_BATTERY = 0.25;
 const POOR_LINK = 0.8;
 /** With more vehicles than this only the selected one's card is open. */
-const FEW = 3;
+const FEW = 2;
 
 type Figures = Record<"height" | "speed" | "heading" | "item" | "link" | "heard" | "flight" | "plan", HTMLElement>;
 

@@ -34,7 +34,7 @@ def report_command(
     out: Annotated[
         Path | None,
         option(
-            "The HTML file.  [default: report.html in the folder; of two runs report-OTHER.html]",
+            "The HTML file.  [default: FOLDER.html beside the folder; of two runs FOLDER-OTHER.html]",
             panel=options.OUTPUT_PANEL,
         ),
     ] = None,
@@ -53,10 +53,9 @@ def report_command(
     is_bench = [_is_benchmark(one) for one in (folder, other) if one is not None]
     if other is not None and any(is_bench):
         raise ResultError("a benchmark is shown alone: give one folder, or the results of two runs")
-    name = "report.html" if other is None else f"report-{other.resolve().name}.html"
-    path = folder / name if out is None else out
-    if folder.is_dir() or out is not None:
-        refuse_overwrite(path)
+    names = [one.resolve().name for one in (folder, other) if one is not None]
+    path = out or folder.resolve().with_name(f"{'-'.join(names)}.html")
+    refuse_overwrite(path)
     if path.exists() and not overwrite:
         raise TargetError(f"{path}: is there already; give another name with --out, or --overwrite")
     with output.progress() as progress:
@@ -102,6 +101,7 @@ def _runs(folders: list[Path | None], path: Path, progress: Progress) -> dict[st
         progress("reading", number, len(given))
         results.append(load_result(one))
     progress("reading", len(given), len(given))
-    report = write_report(path, results, progress=progress)
+    logs = [log if (log := one / "flight.tlog").is_file() else None for one in given]
+    report = write_report(path, results, logs=logs, progress=progress)
     told = {"title": report.title, "bytes": report.size, "moments": list(report.moments)}
     return {**told, "notes": list(report.notes)}

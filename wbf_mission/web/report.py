@@ -66,11 +66,17 @@ class Report:
 
 
 def write_report(
-    path: Path, records: Sequence[RunRecord], *, most_bytes: int = MOST_BYTES, progress: Progress = silent
+    path: Path,
+    records: Sequence[RunRecord],
+    *,
+    logs: Sequence[Path | None] = (None, None),
+    most_bytes: int = MOST_BYTES,
+    progress: Progress = silent,
 ) -> Report:
     """Write the report of a run, or of two over the same farm.
 
-    The same runs give the same bytes. The estimates at the moments are made again, see `events_of`.
+    The same runs give the same bytes. The estimates at the moments are made again; `events_of` says how, and
+    what the `logs` of the runs tell besides.
 
     Raises
     ------
@@ -81,7 +87,7 @@ def write_report(
     """
     if len(records) > 1:
         _check_farms(*(one.farm for one in records))
-    kept = [_Kept.of(one, progress) for one in records]
+    kept = [_Kept.of(one, log, progress) for one, log in zip(records, logs, strict=False)]
     title = " | ".join(run_title(one) for one in records)
     summary = comparison_of if len(records) > 1 else summary_of
     for reduced in _REDUCTIONS:
@@ -135,13 +141,13 @@ class _Kept:
         self.known = len(self.update.readings.time_s) if self.update.readings else 0
 
     @classmethod
-    def of(cls, record: RunRecord, progress: Progress) -> _Kept:
+    def of(cls, record: RunRecord, log: Path | None, progress: Progress) -> _Kept:
         """Replay a run."""
         diseases = [one.name for one in record.fields.diseases]
         try:
-            return cls(*_replayed(record, MOMENTS, progress), diseases)
+            return cls(*_replayed(record, MOMENTS, log, progress), diseases)
         except EstimatorError as error:
-            return cls(*_replayed(record, 0, progress), diseases, str(error))
+            return cls(*_replayed(record, 0, log, progress), diseases, str(error))
 
     def recording(self, reduced: _Reduced) -> schema.Recording:
         """Return the recording for a page."""
@@ -170,12 +176,12 @@ class _Kept:
 
 
 def _replayed(
-    record: RunRecord, estimates: int, progress: Progress
+    record: RunRecord, estimates: int, log: Path | None, progress: Progress
 ) -> tuple[schema.Update, dict[int, list[schema.Moment]], dict[int, schema.Raster | None]]:
     views = {longest: View(share=1.0, longest=longest) for longest in _PIXELS}
     cursors: dict[int, Cursor | None] = dict.fromkeys(views)
     moments: dict[int, list[schema.Moment]] = {longest: [] for longest in views}
-    for event in events_of(record, estimates=estimates, progress=progress):
+    for event in events_of(record, estimates=estimates, log=log, progress=progress):
         for longest, view in views.items():
             view.take(event)
             if isinstance(event, Estimated) and event.model is not None:
@@ -227,23 +233,27 @@ def _thinned_states(states: schema.States) -> schema.States:
     time.
     """
     columns: dict[str, list[Any]] = asdict(states)
-    count = len(states.time_s)
-    time_s = np.array(states.time_s)
-    lines = [
-        np.array(columns[name], np.float64) / tolerance
-        for name, tolerance in _TOLERANCES.items()
-        if all(value is not None for value in columns[name])
-    ]
-    values = np.array(lines).reshape(len(lines), count)
-    kept = np.zeros(count, bool)
+    kept = np.zeros(len(states.time_s), bool)
     kept[[0, -1]] = True
+    values = np.zeros((len(_TOLERANCES), len(kept)))
+    for number, (name, tolerance) in enumerate(_TOLERANCES.items()):
+        known = np.array([value is not None for value in columns[name]])
+        values[number, known] = [value / tolerance for value in columns[name] if value is not None]
+        if name == "heading_deg":
+            values[number] = np.unwrap(values[number], period=360.0 / tolerance)
+        _keep_changes(known.tolist(), kept)
     for name in _FIXED:
-        differs = [one != two for one, two in zip(columns[name][1:], columns[name][:-1], strict=True)]
-        kept[:-1] |= differs
-        kept[1:] |= differs
-    _split(time_s, values, kept)
+        _keep_changes(columns[name], kept)
+    _split(np.array(states.time_s), values, kept)
     rows = np.flatnonzero(kept).tolist()
     return schema.States(**{name: [column[row] for row in rows] for name, column in columns.items()})
+
+
+def _keep_changes(column: Sequence[Any], kept: NDArray[np.bool_]) -> None:
+    """Keep what is before and after each change of a value."""
+    differs = np.array([one != two for one, two in pairwise(column)], bool)
+    kept[:-1] |= differs
+    kept[1:] |= differs
 
 
 def _split(time_s: NDArray[np.float64], values: NDArray[np.float64], kept: NDArray[np.bool_]) -> None:

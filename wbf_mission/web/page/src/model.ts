@@ -133,9 +133,20 @@ export class Model {
     };
     const next_s = states.time_s[last + 1];
     if (next_s !== undefined && states.flight[last + 1] === moment.flight && next_s > moment.time_s) {
+      // A recording leaves out what lies on a straight line between two states.
       const part = since_s / (next_s - moment.time_s);
-      moment.x += part * (states.x[last + 1]! - moment.x);
-      moment.y += part * (states.y[last + 1]! - moment.y);
+      const between = (column: (number | null)[]): number | null => {
+        const [one, two] = [column[last] ?? null, column[last + 1] ?? null];
+        return one === null || two === null ? one : one + part * (two - one);
+      };
+      moment.x = between(states.x)!;
+      moment.y = between(states.y)!;
+      moment.height_m = between(states.height_m);
+      moment.speed_m_s = between(states.speed_m_s);
+      moment.battery = between(states.battery);
+      const turned = states.heading_deg[last + 1];
+      if (moment.heading_deg !== null && turned !== null && turned !== undefined)
+        moment.heading_deg += part * (((turned - moment.heading_deg + 540) % 360) - 180);
     }
     return moment;
   }

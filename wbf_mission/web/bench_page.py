@@ -57,7 +57,8 @@ def _seeds(
 def _body(page: Page, folder: Path, whole: Table) -> Iterator[str]:
     yield f'<main class="document"><h1>{escape(page.title)}</h1>\n<p>{escape(page.about)}</p>'
     if whole.rows:
-        yield from _table(whole, names=_NAMES, name="standings")
+        yield f"<h2>{escape(whole.title)}</h2>"
+        yield from _table(whole, whole.title, names=_NAMES, name="standings")
     for section in page.sections:
         yield f"<h2>{escape(section.title)}</h2>"
         for picture in section.pictures:
@@ -66,7 +67,8 @@ def _body(page: Page, folder: Path, whole: Table) -> Iterator[str]:
             yield f"<p>{escape(section.text)}</p>"
         for table in section.tables:
             if not (whole.rows and table.title == SCORES):
-                yield from _table(table)
+                yield f"<h3>{escape(table.title)}</h3>"
+                yield from _table(table, f"{section.title}: {table.title}")
     yield "</main>"
 
 
@@ -77,8 +79,8 @@ def _picture(picture: Picture, folder: Path) -> str:
     return f'<p><img src="{data_uri((folder / picture.file).read_bytes())}" alt="{shows}"></p>'
 
 
-def _table(table: Table, *, names: int = 1, name: str = "") -> Iterator[str]:
-    """Write a table; its first columns are names, of two columns both hold text."""
+def _table(table: Table, label: str, *, names: int = 1, name: str = "") -> Iterator[str]:
+    """Write a table, which scrolls if it is wide; its first columns are names, of two both hold text."""
     names = len(table.header) if len(table.header) == _OF_TEXTS else names
 
     def cells(row: Sequence[str], tag: str) -> str:
@@ -90,8 +92,7 @@ def _table(table: Table, *, names: int = 1, name: str = "") -> Iterator[str]:
         )
 
     own = f' id="{name}"' if name else ""
-    yield f"<h3>{escape(table.title)}</h3>"
-    yield f'<div class="wide" tabindex="0" role="region" aria-label="{escape(table.title)}"><table{own}>'
+    yield f'<div class="wide" tabindex="0" role="region" aria-label="{escape(label)}"><table{own}>'
     yield from ("<thead>", cells(table.header, "th"), "</thead><tbody>")
     yield from (cells(row, "td") for row in table.rows)
     yield "</tbody></table></div>"

@@ -5,7 +5,7 @@ Of two runs it tells in what they differ.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from html import escape
 
 import numpy as np
@@ -24,7 +24,9 @@ _LEAST_SCALE = 0.02  # Of a large farm's share of sick plants
 _MOST_PIXELS = 0.995
 _SICK = ("#e3ecd2", "#f6c66a", "#e2711d", "#8e1f1c", "#4a0b16")
 _PATH_M = 0.002  # Of the farm's side: the least step of a path that is drawn
-_ROOM_MM, _MOST_MM, _TWO_ROOM_MM = 200.0, 84.0, 160.0
+_SHEET_MM, _LINE_MM = 262.0, 4.5  # Below the title, within the margins
+_LEAST_MM, _MOST_MM = 18.0, 84.0  # Of a map
+_KEY_MM, _HEAD_MM = 12.0, 7.0  # With the lines and gaps around a field
 _TOLD_WARNINGS = 4
 _LONGEST_WARNING = 220
 
@@ -40,7 +42,8 @@ def summary_of(record: RunRecord, *, notes: Sequence[str] = ()) -> str:
     told = _told(record)
     reports = {one.name: one for one in record.report.fields} if record.report is not None else {}
     shown = [one for one in record.maps if one.field.name in reports]
-    height_mm = min(_MOST_MM, _ROOM_MM / max(len(shown), 1) - 10.0)
+    lines = _lines(told.values(), 100) + _lines(_shown_warnings(record), 115)
+    height_mm = _map_height_mm(lines, len(shown), _KEY_MM)
     scales = {one.field.name: _scale([one]) for one in shown}
     fields = "".join(
         f'<div class="field"><div>{_map(record, one, scales[one.field.name], height_mm, reports)}'
@@ -72,7 +75,8 @@ def comparison_of(first: RunRecord, second: RunRecord, *, notes: Sequence[str] =
         for two in second.maps
         if one.field.name == two.field.name and all(one.field.name in each for each in reports)
     ]
-    height_mm = min(_MOST_MM, _TWO_ROOM_MM / max(len(pairs), 1) - 12.0)
+    lines = sum(_lines([max((each.get(name, "-") for each in told), key=len)], 45) for name in names)
+    height_mm = _map_height_mm(lines + 1, len(pairs), _KEY_MM + _HEAD_MM)
     fields = ""
     for pair in pairs:
         scale, field = _scale(pair), pair[0].field
@@ -128,7 +132,8 @@ def _told(record: RunRecord, *, short: bool = False) -> dict[str, str]:
         if short and value is not None:
             told[f"loss a cell, {name}"] = f"{value:.4g}"
     if not short:
-        told["flown"] += f" (predicted {duration(summary['predicted_time_s'])})"
+        if scenario.mission.policy is None:  # Of a policy only the first path is known before
+            told["flown"] += f" (predicted {duration(summary['predicted_time_s'])})"
         for path, name in (("seed", "estimator"), ("flights", "when")):
             also = told.pop(path)
             told[name] += (
@@ -153,14 +158,29 @@ def _facts(told: Mapping[str, str]) -> str:
     return f'<dl class="facts">{rows}</dl>\n'
 
 
-def _warnings(record: RunRecord) -> str:
+def _shown_warnings(record: RunRecord) -> list[str]:
+    """Return the first warnings, and how many more there are."""
     warnings = record.warnings
-    if not warnings:
-        return ""
     lines = [one if len(one) <= _LONGEST_WARNING else f"{one[:_LONGEST_WARNING]}..." for one in warnings]
     if len(lines) > _TOLD_WARNINGS:
         lines[_TOLD_WARNINGS - 1 :] = [f"and {len(lines) - _TOLD_WARNINGS + 1} more warnings"]
-    return f'<ul class="warnings">{"".join(f"<li>{escape(one)}</li>" for one in lines)}</ul>\n'
+    return lines
+
+
+def _warnings(record: RunRecord) -> str:
+    lines = "".join(f"<li>{escape(one)}</li>" for one in _shown_warnings(record))
+    return f'<ul class="warnings">{lines}</ul>\n' if lines else ""
+
+
+def _lines(texts: Iterable[str], columns: int) -> int:
+    """Return about how many lines texts take, each in lines of its own."""
+    return sum(-(-len(one) // columns) for one in texts)
+
+
+def _map_height_mm(lines: int, fields: int, beside_mm: float) -> float:
+    """Return how high maps may be, so that all is on one sheet: below some lines, one of each field."""
+    room_mm = (_SHEET_MM - _LINE_MM * lines) / max(fields, 1) - beside_mm
+    return min(max(room_mm, _LEAST_MM), _MOST_MM)
 
 
 def _about(report: FieldReport) -> str:
@@ -272,5 +292,5 @@ def _key(field: Field, scale: float, told: str = "") -> str:
     else:
         low, high = (f"{field.to_unit(one):.3g}" for one in (0.0, scale))
         high = f"{high} {'' if field.range == (0.0, 1.0) else field.unit}".rstrip()
-    told = f"<span>{told}</span>" if told else ""
+    told = f"<strong>{told}</strong>" if told else ""
     return f'<p class="key">{told}<span>{low}</span>{bar}<span>{escape(high)}</span></p>'

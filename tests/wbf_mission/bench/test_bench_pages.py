@@ -91,7 +91,7 @@ def test_a_page_is_whole_and_no_wider_than_its_window(name, width, dark, browser
 
 def test_titles_are_shown_as_they_are(browser, report):
     seen = browser.look(report.as_uri(), width=800, dark=False, values=ASKED)
-    assert seen.values["headings"] == ["WBF/Miniberry-30-Sweep-v1", "What failed"]
+    assert seen.values["headings"] == ["All standings", "WBF/Miniberry-30-Sweep-v1", "What failed"]
     bold = browser.look(
         report.as_uri(), width=800, dark=False, values={"b": "document.querySelectorAll('b').length"}
     )

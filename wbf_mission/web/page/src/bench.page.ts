@@ -137,7 +137,7 @@ function seedTable(runs: Run[]): HTMLElement {
   const number = (value: number | null): string => value?.toFixed(4) ?? "-";
   const body = element("tbody", {});
   body.append(...runs.map(([seed, run, end, failed]) => row("td", String(seed), number(run), number(end), failed)));
-  return element("table", { class: "seeds" }, element("thead", {}, row("th", "seed", "run", "end", "")), body);
+  return element("table", { class: "seeds" }, element("thead", {}, row("th", "seed", "run", "end", "why it failed")), body);
 }
 
 for (const table of document.querySelectorAll("table")) {

@@ -66,7 +66,7 @@ COMMANDS = (
         (name,)
         for name in ("plan", "fly", "sim", "check", "preflight", "upload", "download", "monitor", "command")
     ),
-    *((name,) for name in ("convert", "export", "map", "report", "warm-up")),
+    *((name,) for name in ("convert", "export", "map", "report", "studio", "warm-up")),
     *((f"check-{one}",) for one in ("planner", "policy", "estimator")),
     ("bench",),
     *(("bench", name) for name in ("list", "run", "compare", "report", "paper")),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
+from pathlib import Path
 from typing import Annotated
 
 from wbf_mission.cli import options
@@ -53,6 +54,10 @@ def studio_command(
     open_page: Annotated[
         bool, option("Open the page in the browser.", "--open/--no-open", panel=_PAGE)
     ] = False,
+    tiles: Annotated[
+        Path | None,
+        option("Raster tiles behind the farm: an MBTiles or PMTiles file of your own.", panel=_PAGE),
+    ] = None,
 ) -> None:
     """Plan in the browser: draw a farm, choose, see path and figures at once; save, upload, fly and watch.
 
@@ -67,10 +72,10 @@ def studio_command(
     studio = Studio(given.scenario())
     with (
         contextlib.suppress(KeyboardInterrupt),
+        LiveServer(View(), port=port, tiles=tiles, routes=studio.routes(), home="studio") as server,
         contextlib.closing(studio),
-        LiveServer(View(), port=port, routes=studio.routes(), home="studio") as server,
     ):
-        studio.begin(server.show)
+        studio.begin(server)
         output.result({"url": server.url}, {"page": server.url, "end": "Ctrl-C"}, title="Studio")
         if open_page:
             webbrowser.open(server.url)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
 import hashlib
 import re
 import tempfile
@@ -10,6 +12,7 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -30,7 +33,6 @@ from wbf_mission.planning.plan import plan_fleet
 from wbf_mission.planning.sorties import SortiePlan, is_too_long, sorties_of
 from wbf_mission.preflight.finding import Finding, Report
 from wbf_mission.preflight.run import check_plan
-from wbf_mission.progress import Progress
 from wbf_mission.scenario import Scenario, scenario_with
 from wbf_mission.scenario.choice import names_of
 from wbf_mission.scenario.option import Option
@@ -52,33 +54,78 @@ class SupersededError(WbfMissionError, RuntimeError):
     """What was asked for is not wanted any more, because a newer draft came."""
 
 
-class NewestOnly:
-    """Does one thing at a time; what waits or is under way gives way to something else that comes later.
+class NewestOnly(Generic[T]):
+    """Works at one thing at a time, in a thread of its own; what is newer takes its place.
 
     Examples
     --------
-    >>> NewestOnly().do("a sum", lambda progress: progress("adding", 0, 1) or 3 + 4)
+    >>> NewestOnly[int]().do("a sum", lambda: 3 + 4)
     7
     """
 
     def __init__(self) -> None:
-        self.asked, self._what = 0, ""
-        self._counting, self._working = threading.Lock(), threading.Lock()
+        self._lock = threading.Lock()
+        self._job: _Job[T] | None = None
 
-    def do(self, what: str, work: Callable[[Progress], T]) -> T:
-        """Work, with a progress that raises SupersededError where something newer has come."""
-        with self._counting:
-            if what != self._what:
-                self.asked, self._what = self.asked + 1, what
-            mine = self.asked
+    def do(self, what: str, work: Callable[[], T]) -> T:
+        """Return what the work finds, or raise its error; who asks for the same shares it.
 
-        def progress(_what: str, _done: float, _total: float) -> None:
-            if self.asked != mine:
-                raise SupersededError("superseded: a newer draft is planned in its place")
+        SupersededError as soon as something else is asked for, or nothing any more (`stop`).
+        """
+        with self._lock:
+            job = self._job
+            if job is None or job.what != what:
+                job = self._job = _Job(what, work, job)
+        return job.result()
 
-        with self._working:
-            progress("", 0, 1)
-            return work(progress)
+    def stop(self) -> None:
+        """End what is under way."""
+        with self._lock:
+            if self._job is not None:
+                self._job.stop()
+            self._job = None
+
+
+class _Job(Generic[T]):
+    def __init__(self, what: str, work: Callable[[], T], before: _Job[T] | None) -> None:
+        self.what, self._work = what, work
+        self._found: list[T] = []
+        self._error: BaseException | None = None
+        self._ended = threading.Event()
+        if before is not None:
+            before.stop()
+        threads = () if before is None else (before._thread,)
+        self._thread: threading.Thread = threading.Thread(
+            target=self._run, args=threads, name="studio plan", daemon=True
+        )
+        self._thread.start()
+
+    def result(self) -> T:
+        self._ended.wait()
+        if self._error is not None:
+            raise self._error
+        return self._found[0]
+
+    def stop(self) -> None:
+        """Tell who waits, and raise an error in the thread, which ends the work as soon as it is noticed."""
+        if self._ended.is_set():
+            return
+        self._error = SupersededError("superseded: a newer draft is planned in its place")
+        self._ended.set()
+        ident, error = ctypes.c_ulong(self._thread.ident or 0), ctypes.py_object(SupersededError)
+        ctypes.pythonapi.PyThreadState_SetAsyncExc(ident, error)
+
+    def _run(self, *before: threading.Thread) -> None:
+        with contextlib.suppress(SupersededError):
+            for thread in before:
+                thread.join()
+            try:
+                self._found.append(self._work())
+            except SupersededError:
+                raise
+            except BaseException as error:  # It is raised where the result is waited for
+                self._error = error
+            self._ended.set()
 
 
 class _Body(msgspec.Struct, forbid_unknown_fields=True):
@@ -179,10 +226,11 @@ class Drafts:
         self.folder = Path(self._own.name)
         self._farms: _Kept[Farm] = _Kept()
         self._plans: _Kept[PlannedDraft] = _Kept()
-        self._planning = NewestOnly()
+        self._planning = NewestOnly[PlannedDraft]()
 
     def close(self) -> None:
-        """Remove the files."""
+        """Give up what is planned, and remove the files."""
+        self.stop()
         self._own.cleanup()
 
     def farm_of_file(
@@ -238,9 +286,11 @@ class Drafts:
 
     def plan(self, draft: Draft) -> PlannedDraft:
         """Plan and check a draft, unless that is kept; SupersededError, and errors as of `planned`."""
-        return self._planning.do(
-            draft.key, lambda progress: self._plans.get(draft.key, lambda: planned(draft, progress))
-        )
+        return self._plans.get(draft.key, lambda: self._planning.do(draft.key, partial(planned, draft)))
+
+    def stop(self) -> None:
+        """Give up what is planned now."""
+        self._planning.stop()
 
     def _farm(self, scenario: Scenario) -> Farm:
         own = Path(scenario.farm.name)
@@ -294,29 +344,27 @@ def draft_options() -> dict[str, Option]:
     return {key: one for key, (_, _, one) in all_options().items() if key not in _FIXED}
 
 
-def planned(draft: Draft, progress: Progress) -> PlannedDraft:
+def planned(draft: Draft) -> PlannedDraft:
     """Plan a draft, in sorties where a battery is not enough, and check it; errors as of `plan_fleet`."""
     begun_s = time.perf_counter()
     scenario, vehicles = draft.scenario, single_vehicles(draft.scenario)
 
     def cut(plan: PlanResult, one: SingleVehicle = vehicles[0]) -> SortiePlan | None:
-        progress("planning", 0, 1)
         return sorties_of(plan, one) if is_too_long(plan) else None
 
     results: tuple[PlanResult, ...]
     batteries = batteries_in(scenario.mission.budget)
     if batteries is None:
-        results = plan_fleet(scenario, farm=draft.farm, progress=progress)
+        results = plan_fleet(scenario, farm=draft.farm)
         cuts = tuple(cut(plan, one) for plan, one in zip(results, vehicles, strict=True))
     else:
         endless = without_budget(scenario)
-        whole, sorties = plan_for_batteries(endless, batteries, cut, progress=progress)
+        whole, sorties = plan_for_batteries(endless, batteries, cut)
         results, cuts = (whole,), (sorties,)
     planned_s, missions = time.perf_counter(), []
     for number, (result, pieces, one) in enumerate(zip(results, cuts, vehicles, strict=True), start=1):
         plans = (result,) if pieces is None else pieces.plans
         for sortie, plan in enumerate(plans, start=1):
-            progress("preflight", 0, 1)
             which = [f"vehicle {number}"] * (len(results) > 1) + [f"sortie {sortie}"] * (len(plans) > 1)
             missions.append(PlannedMission(", ".join(which), number, plan, check_plan(plan, one)))
     ended_s = time.perf_counter()

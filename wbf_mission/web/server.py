@@ -35,7 +35,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from geo.reading import misfit
 from mission.errors import LinkError
 from wbf_mission.web.guard import Guard, is_loopback, own_names
-from wbf_mission.web.schema import Answer, Order, Reply, Update
+from wbf_mission.web.schema import Answer, Background, Order, Reply, Update
 from wbf_mission.web.tiles import MapTiles
 from wbf_mission.web.view import Cursor, View
 
@@ -198,9 +198,14 @@ class LiveServer:
         host = f"[{host}]" if ":" in host else host
         return f"http://{host}:{self._port}/" + (f"?token={self._token}" if self._token else "")
 
+    @property
+    def background(self) -> Background | None:
+        """What there is of the user's map tiles."""
+        return None if self._tiles is None else self._tiles.background
+
     def show(self, view: View) -> None:
         """Show another view from now on: pages that are open begin anew."""
-        view.offer(None if self._tiles is None else self._tiles.background)
+        view.offer(self.background)
         self._view = view
 
     def _serve(self) -> None:

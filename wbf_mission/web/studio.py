@@ -46,6 +46,8 @@ from wbf_mission.web.drafts import (
     known_names,
     written_suffixes,
 )
+from wbf_mission.web.schema import Background
+from wbf_mission.web.server import LiveServer
 from wbf_mission.web.shapes import farm_shape, plan_shape
 from wbf_mission.web.view import View
 
@@ -68,13 +70,14 @@ class Studio:
     def __init__(self, start: Scenario) -> None:
         self.drafts = Drafts(start)
         self._flight = _Flight()
+        self._background: Background | None = None
 
-    def begin(self, show: Callable[[View], None]) -> None:
-        """Begin: `show` takes the view of each flight, which the live page then shows.
+    def begin(self, server: LiveServer) -> None:
+        """Begin: the server's live page shows the flights, its map tiles lie behind the farm.
 
         What the page begins with is planned, so that it is there, and all is compiled, when it asks.
         """
-        self._flight.show = show
+        self._flight.show, self._background = server.show, server.background
         body = msgspec.json.encode({"farm": self.drafts.start.farm.name, "options": self._given()})
         threading.Thread(target=self._plan_quietly, args=(body,), name="studio", daemon=True).start()
 
@@ -90,6 +93,7 @@ class Studio:
             Route("/api/farm", _answering(self.named_farm), methods=["GET"]),
             Route("/api/farm", _answering(self.farm), methods=["POST"]),
             Route("/api/plan", _answering(self.plan), methods=["POST"]),
+            Route("/api/cancel", _answering(self.cancel), methods=["POST"]),
             Route("/api/export", _answering(self.export), methods=["POST"]),
             Route("/api/upload", _answering(self.upload), methods=["POST"]),
             Route("/api/fly", _answering(self.fly), methods=["POST"]),
@@ -109,6 +113,7 @@ class Studio:
                 "policy": {one: _parameters(policy_parameters(one)) for one in names_of("policy")},
             },
             "formats": [{"name": name, "suffix": suffix} for suffix, name in written_suffixes().items()],
+            "background": self._background,
             "start": {"farm": self.drafts.start.farm.name, "options": self._given()},
         }
 
@@ -144,6 +149,11 @@ class Studio:
             "plan_s": found.plan_s,
             "check_s": found.check_s,
         }
+
+    def cancel(self, _request: Request, _body: bytes) -> Any:
+        """Give up what is planned now."""
+        self.drafts.stop()
+        return {}
 
     def export(self, request: Request, body: bytes) -> Response:
         """Return a mission's file."""

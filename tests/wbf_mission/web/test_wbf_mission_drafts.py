@@ -2,6 +2,7 @@
 
 import json
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,7 +13,6 @@ from geo import get_farm, save_farm
 from geo.errors import FarmError, WbfMissionError
 from wbf_mission.cli.app import main
 from wbf_mission.planning import plan
-from wbf_mission.progress import Progress
 from wbf_mission.scenario import Scenario
 from wbf_mission.web.drafts import DraftError, Drafts, NewestOnly, SupersededError
 
@@ -145,49 +145,56 @@ def test_a_farm_file_becomes_what_is_drawn(drafts: Drafts, tmp_path: Path) -> No
         )
 
 
-def test_what_is_newer_takes_the_place_of_what_is_under_way() -> None:
-    one, begun, go_on = NewestOnly(), threading.Event(), threading.Event()
-    ended: list[str] = []
+def test_what_is_newer_ends_what_is_under_way() -> None:
+    one, begun, ended = NewestOnly[str](), threading.Event(), threading.Event()
+    told: list[str] = []
+
+    def endless() -> str:
+        begun.set()
+        try:
+            while True:
+                time.sleep(0.001)
+        finally:
+            ended.set()
 
     def older() -> None:
-        def work(progress: Progress) -> None:
-            begun.set()
-            go_on.wait(20)
-            progress("planning", 1, 2)
-
-        try:
-            one.do("older", work)
-        except SupersededError:
-            ended.append("superseded")
+        with pytest.raises(SupersededError):
+            one.do("older", endless)
+        told.append("superseded")
 
     thread = threading.Thread(target=older)
     thread.start()
     assert begun.wait(20)
-    newer = threading.Thread(target=lambda: ended.append(one.do("newer", lambda _progress: "done")))
-    newer.start()
-    while one.asked < 2:  # the newer one is asked for
-        pass
-    go_on.set()
+    assert one.do("newer", lambda: f"the older ended: {ended.is_set()}") == "the older ended: True"
     thread.join(20)
-    newer.join(20)
-    assert ended == ["superseded", "done"]
+    assert told == ["superseded"]
 
 
-def test_the_same_again_waits_for_what_is_under_way() -> None:
-    one, begun, go_on = NewestOnly(), threading.Event(), threading.Event()
-    ended: list[str] = []
+def test_the_same_is_done_once_and_errors_are_told() -> None:
+    one, begun, go_on = NewestOnly[str](), threading.Event(), threading.Event()
+    done: list[str] = []
 
-    def work(progress: Progress) -> str:
+    def work() -> str:
+        done.append("done")
         begun.set()
         go_on.wait(20)
-        progress("planning", 1, 2)
-        return "done"
+        return "found"
 
-    threads = [threading.Thread(target=lambda: ended.append(one.do("same", work))) for _ in range(2)]
-    threads[0].start()
+    found: list[str] = []
+    threads = [threading.Thread(target=lambda: found.append(one.do("same", work))) for _ in range(3)]
+    for thread in threads:
+        thread.start()
     assert begun.wait(20)
-    threads[1].start()
     go_on.set()
     for thread in threads:
         thread.join(20)
-    assert ended == ["done", "done"]
+    assert found == ["found"] * 3
+    assert done == ["done"]
+
+    def broken() -> str:
+        raise DraftError("no such thing")
+
+    with pytest.raises(DraftError, match="no such thing"):
+        one.do("broken", broken)
+    one.stop()
+    assert one.do("same", lambda: "new") == "new"

@@ -34,7 +34,7 @@ START = {"planner": "spiral", "budget": "3min"}
 def server() -> Iterator[LiveServer]:
     studio = Studio(Scenario(farm="miniberry-30", **START))
     with LiveServer(View(), routes=studio.routes(), home="studio") as listening:
-        studio.begin(listening.show)
+        studio.begin(listening)
         yield listening
     studio.close()
 

@@ -34,7 +34,7 @@ def browser() -> Iterator[Browser]:
 def server() -> Iterator[LiveServer]:
     studio = Studio(Scenario(farm="miniberry-30", planner="lawnmower", budget="3min", estimator="point"))
     with LiveServer(View(), routes=studio.routes(), home="studio") as listening:
-        studio.begin(listening.show)
+        studio.begin(listening)
         yield listening
     studio.close()
 
@@ -78,6 +78,8 @@ def test_it_begins_with_the_plan_of_the_command_line(page: Page) -> None:
 
 def test_a_field_is_drawn_changed_and_taken_along(page: Page, tmp_path: Path) -> None:
     page.get_by_role("button", name="New farm").click()
+    page.get_by_label("Go to latitude, longitude").fill("48.2, 16.4")
+    page.get_by_label("Go to latitude, longitude").press("Enter")
     expect(page.get_by_role("status").first).to_have_text("draw a field")
     draw(page, "Field", *FIELD, FIELD[0])
     planned(page)
@@ -99,6 +101,7 @@ def test_a_field_is_drawn_changed_and_taken_along(page: Page, tmp_path: Path) ->
     assert [one.crop for one in farm.patches] == ["strawberry"]
     assert len(farm.patches[0].polygon.interiors) == 1
     assert farm.obstacles[0].height_m == 5
+    assert abs(farm.frame.latitude_deg - 48.2) < 0.01
     with page.expect_download() as saved:
         page.get_by_role("button", name="Save file").click()
     assert saved.value.suggested_filename == "new-farm-lawnmower.plan"

@@ -1,6 +1,6 @@
 // What the studio's page asks of the program, and what it is answered.
 import type { OptionInfo, Parameters, Values } from "./choices.js";
-import type { FarmShape, Plan } from "./schema.js";
+import type { FarmShape, Plan, Update } from "./schema.js";
 
 export interface Finding {
   severity: "error" | "warning" | "note";
@@ -55,6 +55,7 @@ export interface Options {
   parameters: Parameters;
   formats: { name: string; suffix: string }[];
   start: { farm: string; options: Values };
+  background: Update["background"];
 }
 
 export interface FarmAnswer {
@@ -121,6 +122,7 @@ export const desk = {
   read: (file: File): Promise<FarmAnswer> =>
     json(ask(`api/farm?${query({ name: file.name })}`, { method: "POST", body: file })),
   plan: (draft: Draft, signal: AbortSignal): Promise<Planned> => json(ask("api/plan", post(draft, signal))),
+  cancel: (): Promise<unknown> => json(ask("api/cancel", { method: "POST" })),
   file: async (draft: Draft, mission: number, format: string): Promise<{ name: string; content: Blob }> => {
     const response = await ask(`api/export?${query({ mission: String(mission), format })}`, post(draft));
     if (!response.headers.has("Content-Disposition")) return json(Promise.resolve(response));

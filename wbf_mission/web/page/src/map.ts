@@ -5,7 +5,7 @@ import { lifted, themed, vehicleColour } from "./colours.js";
 import { element, setText, svg } from "./dom.js";
 import { drawBorders, drawDecision, drawFarm, drawOldTrail, drawPicture, drawPlan, drawSplit, drawTrail, oldUntil } from "./draw.js";
 import { upTo, type Model, type Moment } from "./model.js";
-import type { Decision, FieldInfo, Run, States, VehicleInfo } from "./schema.js";
+import type { Decision, FieldInfo, Run, States, Update, VehicleInfo } from "./schema.js";
 import { drawReadings } from "./readings.js";
 import { figure } from "./text.js";
 import { Picture } from "./tiles.js";
@@ -65,6 +65,15 @@ class VehicleMark {
     classes.toggle("selected", selected);
     setText(this.note, moment.silent ? `nothing heard for ${Math.round(moment.silent_s)} s` : "");
   }
+}
+
+/** Show the user's own map tiles behind everything. */
+export function showTiles(map: L.Map, tiles: NonNullable<Update["background"]>): L.TileLayer {
+  const note = L.control.attribution({ position: "bottomright", prefix: false }).addTo(map);
+  note.getContainer()!.textContent = tiles.attribution;
+  return L.tileLayer("tiles/{z}/{x}/{y}", {
+    minNativeZoom: tiles.min_zoom, maxNativeZoom: tiles.max_zoom, maxZoom: CLOSEST,
+  }).addTo(map);
 }
 
 export class MapView {
@@ -242,11 +251,7 @@ export class MapView {
   private takeBackground(): void {
     const tiles = this.model.background;
     if (!tiles || this.background) return;
-    this.background = L.tileLayer("tiles/{z}/{x}/{y}", {
-      minNativeZoom: tiles.min_zoom, maxNativeZoom: tiles.max_zoom, maxZoom: CLOSEST,
-    }).addTo(this.map);
-    const note = L.control.attribution({ position: "bottomright", prefix: false }).addTo(this.map);
-    note.getContainer()!.textContent = tiles.attribution;
+    this.background = showTiles(this.map, tiles);
   }
 
   private showPictures(): void {

@@ -5,6 +5,7 @@ import { Choices } from "./choices.js";
 import { desk, keep, Refused, type Draft, type FarmAnswer, type Options, type Planned } from "./desk.js";
 import { button, element, setText } from "./dom.js";
 import { Editor, type EditorHost, type Tool } from "./editor.js";
+import { showTiles } from "./map.js";
 import { Outline } from "./outline.js";
 import { documentOf, emptySketch, History, sketchOf, type Sketch } from "./sketch.js";
 import { Takeaway } from "./takeaway.js";
@@ -13,6 +14,8 @@ import { capital } from "./text.js";
 /** Changes that follow each other so quickly are planned together. */
 const WAIT_MS = 150;
 const CLOSEST = 27;
+/** After so long one may give up. */
+const LONG_S = 3;
 const TOOLS: [Tool, string][] = [
   ["select", "Select"], ["field", "Field"], ["hole", "Hole"], ["pond", "Pond"], ["obstacle", "Obstacle"],
   ["no-fly", "No-fly zone"], ["home", "Home"], ["rally", "Rally point"],
@@ -40,6 +43,7 @@ class Studio implements EditorHost {
   private readonly farms: HTMLSelectElement;
   private timer = 0;
   private asking: AbortController | null = null;
+  private readonly giveUp = button("Give up", () => void desk.cancel(), { hidden: "", title: "End the planning" });
 
   constructor(private readonly root: HTMLElement, private readonly options: Options) {
     const room = element("div", { class: "map", tabindex: "0", role: "application", "aria-label": "Map of the farm; arrow keys move it, plus and minus zoom, with a tool Enter sets a corner in its middle" });
@@ -55,7 +59,7 @@ class Studio implements EditorHost {
       panel("Plan", this.choices.element),
       panel("Take it along", this.takeaway.element));
     root.replaceChildren(
-      element("header", { class: "top" }, this.title, this.undoButton, this.redoButton, this.state),
+      element("header", { class: "top" }, this.title, this.undoButton, this.redoButton, this.giveUp, this.state),
       element("main", { class: "middle" }, stage, this.results),
       side,
     );
@@ -63,6 +67,7 @@ class Studio implements EditorHost {
     L.control.zoom({ position: "topright" }).addTo(this.map);
     L.control.scale({ position: "bottomright", imperial: false }).addTo(this.map);
     this.map.setView([28.05, -82.15], 16, { animate: false });
+    if (options.background) showTiles(this.map, options.background);
     this.answer = new Answer(this.map);
     this.results.append(this.answer.cards, this.answer.findings);
     this.editor = new Editor(this.map, this);
@@ -110,7 +115,20 @@ class Studio implements EditorHost {
       const text = JSON.stringify(documentOf(this.sketch), null, 1);
       keep(`${this.sketch.name.replace(/[^\p{L}\p{N}-]+/gu, "-") || "farm"}.geojson`, new Blob([text], { type: "application/geo+json" }));
     });
-    return element("div", { class: "farm" }, element("label", { for: "farms", class: "hidden" }, "Farm"), this.farms, element("div", { class: "line" }, fresh, load, save), file);
+    const place = element("input", { type: "text", id: "go-to", placeholder: "28.05, -82.15", autocomplete: "off" });
+    place.addEventListener("change", () => this.goTo(place.value));
+    return element("div", { class: "farm" },
+      element("label", { for: "farms", class: "hidden" }, "Farm"), this.farms,
+      element("div", { class: "line" }, fresh, load, save), file,
+      element("label", { for: "go-to", class: "crop" }, "Go to latitude, longitude", place));
+  }
+
+  private goTo(text: string): void {
+    const [lat, lon] = text.split(/[\s,;]+/).filter(Boolean).map(Number);
+    if (lat === undefined || lon === undefined || !(Math.abs(lat) <= 85 && Math.abs(lon) <= 180))
+      return this.tell("A place is latitude and longitude in degrees, such as 28.05, -82.15");
+    this.map.setView([lat, lon], 17, { animate: false });
+    this.tell(`${lat}, ${lon}`);
   }
 
   private filePicker(): HTMLInputElement {
@@ -226,12 +244,21 @@ class Studio implements EditorHost {
     }
     const asking = (this.asking = new AbortController());
     setText(this.state, "planning …");
+    const begun_ms = performance.now();
+    const clock = window.setInterval(() => {
+      if (asking !== this.asking) return;
+      const seconds = Math.round((performance.now() - begun_ms) / 1000);
+      this.giveUp.hidden = seconds < LONG_S;
+      if (seconds >= LONG_S) setText(this.state, `planning for ${seconds} s …`);
+    }, 1000);
     try {
       const planned = await desk.plan(this.draft, asking.signal);
-      if (asking !== this.asking) return;
-      this.showPlan(planned);
+      if (asking === this.asking) this.showPlan(planned);
     } catch (error) {
       if (asking === this.asking) this.refused(error);
+    } finally {
+      clearInterval(clock);
+      if (asking === this.asking) this.giveUp.hidden = true;
     }
   }
 
@@ -246,7 +273,7 @@ class Studio implements EditorHost {
 
   private refused(error: unknown): void {
     if (!(error instanceof Refused)) throw error;
-    if (error.superseded) return setText(this.state, "another page plans now");
+    if (error.superseded) return setText(this.state, "given up, or another page plans");
     this.answer.clear();
     setText(this.state, "no plan");
     setText(this.problem, capital(error.message));

@@ -81,6 +81,7 @@ def test_a_field_is_drawn_changed_and_taken_along(page: Page, tmp_path: Path) ->
     page.get_by_label("Go to latitude, longitude").fill("48.2, 16.4")
     page.get_by_label("Go to latitude, longitude").press("Enter")
     expect(page.get_by_role("status").first).to_have_text("draw a field")
+    page.get_by_label("Budget").fill("12min")
     draw(page, "Field", *FIELD, FIELD[0])
     planned(page)
     draw(page, "Hole", (0.4, 0.4), (0.5, 0.4), (0.5, 0.5))
@@ -89,7 +90,7 @@ def test_a_field_is_drawn_changed_and_taken_along(page: Page, tmp_path: Path) ->
     draw(page, "Home", (0.2, 0.75))
     planned(page)
     before = figure(page, "Time").text_content()
-    page.get_by_label("Budget").fill("90s")
+    page.get_by_label("Budget").fill("8min")
     planned(page)
     assert figure(page, "Time").text_content() != before
 

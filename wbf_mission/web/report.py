@@ -237,8 +237,9 @@ def _thinned_states(states: schema.States) -> schema.States:
     kept[[0, -1]] = True
     values = np.zeros((len(_TOLERANCES), len(kept)))
     for number, (name, tolerance) in enumerate(_TOLERANCES.items()):
-        known = np.array([value is not None for value in columns[name]])
-        values[number, known] = [value / tolerance for value in columns[name] if value is not None]
+        numbers = np.array(columns[name], np.float64)
+        known = np.isfinite(numbers)  # What is not told is None or NaN
+        values[number, known] = numbers[known] / tolerance
         if name == "heading_deg":
             values[number] = np.unwrap(values[number], period=360.0 / tolerance)
         _keep_changes(known.tolist(), kept)

@@ -137,6 +137,15 @@ def test_tracks_are_those_of_the_result(recording: dict[str, Any], result: Resul
     assert "AUTO" in "".join(states["mode"]).upper() or "MISSION" in "".join(states["mode"]).upper()
 
 
+def test_tracks_without_a_log_are_those_of_the_result(result: Result, tmp_path: Path) -> None:
+    write_report(tmp_path / "report.html", [result])
+    (held,) = SinglePage(tmp_path / "report.html").held("recording")
+    track, states = result.flights[0].track, held["states"]["1"]
+    assert set(states["battery"]) == {None}
+    between = np.interp(track.time_s, states["time_s"], states["x"])
+    assert np.abs(between - track.x_m).max() < 0.03
+
+
 def test_readings_and_scores_are_those_of_the_result(recording: dict[str, Any], result: Result) -> None:
     seen, cell_m, readings = result.observations, result.farm.cell_size_m, recording["readings"]
     np.testing.assert_allclose(readings["x"], (seen.x + 0.5) * cell_m, atol=1e-3)

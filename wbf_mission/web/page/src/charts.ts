@@ -2,7 +2,7 @@
 import uPlot from "uplot";
 import { themed, lifted } from "./colours.js";
 import { element } from "./dom.js";
-import { upTo, type Model, type Moment } from "./model.js";
+import { between, upTo, type Model, type Moment } from "./model.js";
 import { clock, percent } from "./text.js";
 
 /** No more moments than a chart has room for. */
@@ -34,7 +34,7 @@ function states(of: keyof Moment & ("battery" | "speed_m_s" | "height_m")): Kind
       if (!columns) return [];
       const values = times.map((time_s) => {
         const last = upTo(columns.time_s, time_s) - 1;
-        return last < 0 || time_s > columns.time_s.at(-1)! + MOST ? null : (columns[of][last] ?? null);
+        return last < 0 || time_s > columns.time_s.at(-1)! + MOST ? null : between(columns, of, last, time_s);
       });
       return [{ label: model.nameOf(info.system_id), colour: lifted(k), dash: run ? DASH : [], values }];
     });

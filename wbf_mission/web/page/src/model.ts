@@ -37,6 +37,16 @@ function extendByField(old: Record<string, unknown[]>, added: Record<string, unk
   }
 }
 
+/** What changes on a line from one state to the next. */
+const BETWEEN = ["x", "y", "height_m", "speed_m_s", "battery"] as const;
+
+/** A value at a time between the states with this number and the next. */
+export function between(states: States, name: (typeof BETWEEN)[number], last: number, time_s: number): number | null {
+  const [from, to] = [states[name][last] ?? null, states[name][last + 1] ?? null];
+  const [from_s, to_s] = [states.time_s[last] ?? 0, states.time_s[last + 1] ?? 0];
+  return from === null || to === null || to_s <= from_s ? from : from + ((to - from) * (time_s - from_s)) / (to_s - from_s);
+}
+
 /** One vehicle at one moment. */
 export interface Moment {
   x: number;
@@ -131,22 +141,10 @@ export class Model {
       mode: at(states.mode), phase: at(states.phase), armed: at(states.armed),
       silent_s, silent: silent_s > SILENT_S,
     };
-    const next_s = states.time_s[last + 1];
-    if (next_s !== undefined && states.flight[last + 1] === moment.flight && next_s > moment.time_s) {
-      // A recording leaves out what lies on a straight line between two states.
-      const part = since_s / (next_s - moment.time_s);
-      const between = (column: (number | null)[]): number | null => {
-        const [one, two] = [column[last] ?? null, column[last + 1] ?? null];
-        return one === null || two === null ? one : one + part * (two - one);
-      };
-      moment.x = between(states.x)!;
-      moment.y = between(states.y)!;
-      moment.height_m = between(states.height_m);
-      moment.speed_m_s = between(states.speed_m_s);
-      moment.battery = between(states.battery);
-      const turned = states.heading_deg[last + 1];
-      if (moment.heading_deg !== null && turned !== null && turned !== undefined)
-        moment.heading_deg += part * (((turned - moment.heading_deg + 540) % 360) - 180);
+    const flown = states.flight[last + 1] === moment.flight;
+    for (const name of BETWEEN) {
+      const value = between(states, name, last, time_s);
+      if (flown && value !== null) moment[name] = value;
     }
     return moment;
   }

@@ -79,7 +79,8 @@ def _painted(shown: NDArray[np.floating], colours: Sequence[str]) -> NDArray[np.
     known = np.isfinite(shown)
     scale = np.array([rgb(one) for one in colours], np.float64)
     at = np.linspace(0.0, 1.0, len(colours))
-    painted = np.zeros((*shown.shape, 4), np.uint8)
+    # Where nothing is it is white for those who do not know of opacity.
+    painted = np.full((*shown.shape, 4), (255, 255, 255, 0), np.uint8)
     for part in range(3):
         painted[known, part] = np.rint(np.interp(shown[known], at, scale[:, part]))
     painted[known, 3] = 255

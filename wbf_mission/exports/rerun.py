@@ -177,7 +177,9 @@ class RerunRecording:
         for what in ("height_m", "speed_m_s", "battery"):
             values = [getattr(one, what) for one in states]
             if None not in values:
-                send(f"plots/{what}/vehicle_{number}", rr.Scalars.columns(scalars=values))
+                path = f"plots/{what}/vehicle_{number}"
+                send(path, rr.Scalars.columns(scalars=values))
+                self._recording.log(path, rr.SeriesLines(colors=[colour]), static=True)
         step = -(-len(states) // _TRACK_POINTS)
         for end in np.unique(np.linspace(2, len(states), _SHOWN_AGAIN).astype(int)).tolist():
             rows = np.unique(np.append(np.arange(0, end, step), end - 1))

@@ -11,6 +11,7 @@ from processes import wait_until
 from stand_in import scenario, stand_in
 
 from mission.ground.link import upload
+from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.frames import FrameReader
 from mission.model import Command, Mission
 from sim_vehicle.host.server import Server
@@ -220,6 +221,48 @@ def test_a_monitor_tells_of_two_vehicles_and_of_the_plans_that_they_hold(autopil
     listens = {"HEARTBEAT", "TIMESYNC", "REQUEST_DATA_STREAM"}
     reads = {"MISSION_REQUEST_LIST", "MISSION_REQUEST_INT", "MISSION_ACK"}
     assert set(sent) <= listens | reads, "it orders nothing"
+
+
+def from_vehicle(message, number=1):
+    message.pack(m.MAVLink(None, number, 1))
+    return message
+
+
+def test_what_a_vehicle_says_that_makes_no_sense_ends_nothing():
+    heard, failed, asked = Heard(), [], []
+    watch = FleetWatch(failed.append)
+    telemetry = TelemetryEvents(
+        heard.stream, watch, RunBegun("watched", None, None), named=lambda _one: ("x", "")
+    )
+    far, none = 2_147_483_647, 65_535
+    nonsense = [
+        m.MAVLink_heartbeat_message(255, 255, 255, 4_294_967_295, 255, 255),
+        m.MAVLink_global_position_int_message(0, far, far, far, -far, 32767, -32768, 32767, none),
+        m.MAVLink_mission_current_message(none, none, 255, 255, far, far, far),
+        m.MAVLink_mission_count_message(255, 190, none, 0),
+        m.MAVLink_mission_item_int_message(255, 190, 0, 255, none, 1, 1, *[float("nan")] * 4, far, far, 9e30),
+        m.MAVLink_mission_ack_message(255, 190, 255, 255),
+        m.MAVLink_statustext_message(255, b"<b>\xff</b>"),
+        m.MAVLink_battery_status_message(0, 0, 0, 0, [0] * 10, 0, -5, -7, 127, 0),
+    ]
+    for k in range(2000):
+        now_s = k / 10.0
+        watch.receive(from_vehicle(nonsense[k % len(nonsense)], 1 + k % 3), now_s)
+        asked += watch.poll(now_s)
+        telemetry._due_wall_s = 0.0
+        telemetry.look(now_s)
+    assert not heard.of(VehicleMoved) and not heard.of(Planned), "no such place, no such plan"
+    assert heard.of(VehicleSaid)
+    reads = [one for one in asked if one.get_type().startswith("MISSION")]
+    assert reads and len(reads) < 3 * 200 * 2, "it asks again, but not all the time"
+    # A vehicle in its place is shown all the same.
+    watch.receive(from_vehicle(m.MAVLink_heartbeat_message(2, 12, 81, 0, 4, 3), 9), 200.0)
+    there = m.MAVLink_global_position_int_message(0, 280000000, -820000000, 20_000, 5_000, 0, 0, 0, 0)
+    watch.receive(from_vehicle(there, 9), 200.0)
+    telemetry._due_wall_s = 0.0
+    telemetry.look(200.0)
+    assert [one.system_id for one in heard.of(VehicleMoved)] == [9]
+    assert heard.of(RunBegun)[-1].farm is not None
 
 
 def test_without_a_farm_the_first_vehicle_is_in_the_middle_of_bare_land():

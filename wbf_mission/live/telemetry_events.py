@@ -95,7 +95,7 @@ class TelemetryEvents:
     def _tell(self, now_s: float) -> None:
         watch = self._watch
         watch.look(now_s)
-        located = {number: one for number, one in watch.vehicles.items() if one.monitor.knows_position}
+        located = {number: one for number, one in watch.vehicles.items() if _is_located(one)}
         self._meet(located)
         for number, contact in watch.vehicles.items():
             told = self._told.setdefault(number, _Told())
@@ -175,6 +175,13 @@ class TelemetryEvents:
         ):
             told.moved = moved
             self._events.tell(moved)
+
+
+def _is_located(contact: Contact) -> bool:
+    """Return whether a vehicle tells where it is, and that is on the globe."""
+    state = contact.monitor.state
+    on_globe = abs(state.latitude_deg) <= 90.0 and abs(state.longitude_deg) <= 180.0
+    return on_globe and contact.monitor.knows_position
 
 
 def _path_of(mission: Mission, frame: LocalFrame) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:

@@ -29,7 +29,7 @@ _SILENT_S = 3.0
 _MOST_VEHICLES = 250
 _TELLS_S = 3.0
 """Within this time a vehicle that tells of its mission at all has done so."""
-_READ_AGAIN_S = 10.0
+_READ_AGAIN_S, _REST_S = 10.0, 1.0
 _TRIES = 3
 
 
@@ -84,7 +84,8 @@ class PlanReader:
         if self._kinds:
             self._transfer = self._vehicle.download(self._kinds.popleft())
             return self._take(self._transfer.start(now_s), now_s)
-        self._transfer, self._tries = None, 0
+        # One that changes its mind all the time is not asked all the time.
+        self._transfer, self._tries, self._due_s = None, 0, now_s + _REST_S
         mission = self._read[MissionType.MISSION]
         fence = self._read[MissionType.FENCE].items if MissionType.FENCE in self._read else ()
         self.mission = Mission(mission.items, mission.home, fence)

@@ -275,7 +275,7 @@ def test_without_a_farm_the_first_vehicle_is_in_the_middle_of_bare_land():
             )
     assert heard.of(RunBegun)[0].farm is None
     farm = heard.of(RunBegun)[-1].farm
-    assert farm.obstacles == () and farm.width_cells == farm.height_cells == 2000
+    assert farm.obstacles == () and farm.width_cells == farm.height_cells == 500
     moved = heard.of(VehicleMoved)[0]
     assert np.hypot(moved.x_m - farm.home_m[0], moved.y_m - farm.home_m[1]) < 1.0
     latitude, longitude = farm.frame.to_wgs84(*farm.home_m)

@@ -25,7 +25,7 @@ _APART_S = 0.1
 _AGAIN_S = 1.0
 _WHOLE_S = 0.5
 """A text that comes in pieces is complete after this time."""
-_SIDE_M = 2000.0
+_SIDE_M = 500.0
 
 
 class Watch(Protocol):
@@ -161,7 +161,7 @@ class TelemetryEvents:
             battery=state.battery.remaining,
             mode=monitor.mode,
             armed=state.armed,
-            item=state.item,
+            item=state.item if state.total != 0 else None,
             items=state.total,
             link_quality=contact.link.quality,
             silent_s=max(0.0, now_s - max(contact.link.heard_s, monitor.position_heard_s)),
@@ -198,7 +198,7 @@ def land_about(latitude_deg: float, longitude_deg: float) -> Farm:
     --------
     >>> farm = land_about(28.05, -82.15)
     >>> farm.width_cells, farm.home_m
-    (2000, (1000.0, 1000.0))
+    (500, (250.0, 250.0))
     """
     half_m = 0.5 * _SIDE_M
     about = LocalFrame(latitude_deg, longitude_deg)

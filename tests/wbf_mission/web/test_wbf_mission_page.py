@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import io
+import itertools
 import json
 import math
 import os
 import re
+import sqlite3
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -18,7 +20,7 @@ import numpy as np
 import pytest
 from axe_playwright_python.sync_playwright import Axe
 from live_page import chromium, page_at
-from PIL import Image
+from PIL import Image, ImageChops
 from playwright.sync_api import Browser, Page, expect
 from starlette.requests import Request
 from starlette.responses import Response
@@ -28,6 +30,7 @@ from geo import Farm
 from geo.farms import get_farm
 from geo.frame import LocalFrame
 from mission.model import Mission, MissionItem
+from mission.policies.decision import Alternative
 from sensors.dynamics.measured import Measured
 from sensors.fields import PAPER_FIELDS, Field, FieldSet
 from sensors.observations import Observations
@@ -35,6 +38,7 @@ from sensors.scoring.information import InformationModel
 from wbf_mission.events import (
     Asked,
     DayBegun,
+    Decided,
     Estimated,
     Event,
     Noted,
@@ -47,6 +51,7 @@ from wbf_mission.events import (
     VehicleMoved,
     VehicleSaid,
 )
+from wbf_mission.replanning.record import DecisionRecord, PathChange
 from wbf_mission.web import server
 from wbf_mission.web.server import LiveServer
 from wbf_mission.web.view import View
@@ -368,6 +373,105 @@ def test_dark_and_light_wide_and_narrow_it_fits_and_everybody_can_use_it(
                 for one in found
                 if one["impact"] in ("serious", "critical")
             ] == []
+
+
+def test_decisions_tell_why_and_their_candidates_are_on_the_map(browser: Browser, view: View) -> None:
+    taken, refused = (np.array([[0.3, y], [2.7, y]]) for y in (2.0, 2.6))
+    record = DecisionRecord(
+        *(1, 1, 4.0, "observations", 9, "two plants are sick"),
+        changes=[PathChange(1, (0.3, 2.0), taken, 5.0)],
+        alternatives=(Alternative(1, taken, 3.0, 5.0), Alternative(1, refused, 1.0, 4.0)),
+    )
+    told(view, *a_flight())
+    with LiveServer(view) as server, page_at(browser, server.url) as page:
+        page.get_by_label("Plans and fences").uncheck()
+        before = looked(page)
+        assert page.locator(".panel.decisions").is_hidden()
+        told(view, Decided(4.0, record))
+        page.locator(".decisions summary").click()
+        expect(page.locator(".decisions details")).to_contain_text("Two plants are sick")
+        rows = page.locator(".decisions tbody tr").all()
+        assert [row.inner_text().split("\t")[:3] for row in rows] == [
+            ["one \N{CHECK MARK}", "3.00", "5.00"],
+            ["one", "1.00", "4.00"],
+        ]
+        page.evaluate(STILL)
+        box = page.locator(".map").bounding_box()
+        assert box is not None
+        part = tuple(round(box[side]) + more for side, more in (("x", 400), ("y", 0), ("x", 860), ("y", 400)))
+        assert ImageChops.difference(before.crop(part), looked(page).crop(part)).getbbox() is not None
+        record.changes[0].outcome = "flown"
+        told(view, moved(12.0))
+        expect(page.locator(".decisions .outcome")).to_have_text("flown")
+
+
+def test_vehicles_are_followed_where_nobody_says_over_which_farm(browser: Browser, view: View) -> None:
+    told(view, RunBegun("watched", None, None, (VehicleInfo(7, "seven", "plane"),)))
+    with LiveServer(view) as server, page_at(browser, server.url, drawn=False) as page:
+        for k in range(5):
+            told(view, replace(moved(k / 1.0, 7), x_m=1e3 * k, y_m=-500.0 * k))
+            page.wait_for_timeout(250)
+            mark, room = page.locator(".vehicle").bounding_box(), page.locator(".map").bounding_box()
+            assert mark is not None and room is not None
+            assert room["x"] < mark["x"] < room["x"] + room["width"]
+            assert room["y"] < mark["y"] < room["y"] + room["height"]
+
+
+def test_the_users_own_tiles_are_behind_the_farm(browser: Browser, view: View, tmp_path: Path) -> None:
+    tile = io.BytesIO()
+    Image.new("RGB", (256, 256), (10, 20, 200)).save(tile, "PNG")
+    with sqlite3.connect(tmp_path / "own.mbtiles") as database:
+        database.execute("create table metadata (name text, value text)")
+        zoom, farm = 18, get_farm("miniberry-100")
+        facts = {"format": "png", "minzoom": "0", "maxzoom": f"{zoom}", "attribution": "<b>own</b> pictures"}
+        database.executemany("insert into metadata values (?, ?)", facts.items())
+        database.execute("create table tiles (zoom_level, tile_column, tile_row, tile_data)")
+        column = int((farm.frame.longitude_deg + 180) / 360 * 2**zoom)
+        north = math.asinh(math.tan(math.radians(farm.frame.latitude_deg))) / math.pi
+        row = int((1 + north) / 2 * 2**zoom)
+        for x, y in itertools.product((-1, 0, 1), repeat=2):
+            values = zoom, column + x, row + y, tile.getvalue()
+            database.execute("insert into tiles values (?, ?, ?, ?)", values)
+    told(view, begun(farm=farm))
+    with (
+        LiveServer(view, tiles=tmp_path / "own.mbtiles") as server,
+        page_at(browser, server.url) as page,
+    ):
+        expect(page.locator(".leaflet-control-attribution")).to_contain_text("own")
+        page.wait_for_selector(".leaflet-tile-loaded")
+        page.get_by_label("Crops").uncheck()
+        page.wait_for_timeout(500)
+        box = page.locator(".map").bounding_box()
+        assert box is not None
+        beside = round(box["x"] + box["width"] - 60), round(box["y"] + box["height"] - 80)
+        assert looked(page).getpixel(beside) == (10, 20, 200)
+
+
+def test_everything_is_reached_by_keys_and_seen_when_it_is(browser: Browser, view: View) -> None:
+    told(view, *a_flight(("one", "two")), Orderable(("hold",)))
+    with LiveServer(view, orders=Taking()) as server, page_at(browser, server.url) as page:
+        expect(page.get_by_role("button", name="Hold")).to_be_visible()
+        reached = []
+        for _ in range(60):
+            page.keyboard.press("Tab")
+            reached.append(
+                page.evaluate(
+                    """() => {
+                        const one = document.activeElement;
+                        const seen = one.matches(".segments input") ? one.nextElementSibling : one;
+                        const name = one.getAttribute("aria-label") || one.closest("label")?.textContent;
+                        return [name || one.textContent, getComputedStyle(seen).outlineStyle !== "none"];
+                    }"""
+                )
+            )
+        names = " | ".join(name for name, _ in reached)
+        for name in ("Hold", "Zoom in", "Vehicle one", "Layers", "TYLCV", "Estimate", "Opacity", "Crops"):
+            assert name in names
+        for name in ("Show all", "Play", "Time of the run", "Speed of playing", "Live", "two", "Messages"):
+            assert name in names
+        assert [
+            name for name, is_seen in reached if not is_seen and name != page.locator("body").text_content()
+        ] == []
 
 
 def test_names_are_text_and_never_markup(browser: Browser, view: View) -> None:

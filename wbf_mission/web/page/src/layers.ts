@@ -29,14 +29,21 @@ export class LayerPanel {
       return !name || this.models.some((one) => one.tiles.has(name));
     };
     const kinds = KINDS.filter(([kind]) => has(kind));
-    const decides = this.models.some((one) => one.decisions.length);
-    const shape = [fields.map((field) => field.name), kinds, decides, this.choice.field, this.choice.compare].join();
-    if (shape !== this.shape) this.build(kinds, decides);
+    const there = {
+      crops: !!model.run?.farm,
+      plans: true,
+      trails: true,
+      readings: fields.length > 0,
+      decisions: this.models.some((one) => one.decisions.length),
+    };
+    const drawn = DRAWN.filter(([name]) => there[name]);
+    const shape = [fields.map((field) => field.name), kinds, drawn, this.choice.field, this.choice.compare].join();
+    if (shape !== this.shape) this.build(kinds, drawn);
     this.shape = shape;
     this.showLegend(picture);
   }
 
-  private build(kinds: [Choice["kind"], string][], decides: boolean): void {
+  private build(kinds: [Choice["kind"], string][], drawn: typeof DRAWN): void {
     const { choice, changed } = this;
     const focused = (document.activeElement as HTMLInputElement | null)?.value;
     const fields = (this.models[0]?.run?.fields ?? []).map(({ name, title }): [string, string] => [name, title]);
@@ -65,12 +72,11 @@ export class LayerPanel {
         if (on && (choice.kind === "truth" || choice.kind === "none")) choice.kind = "value";
         changed();
       }));
-    for (const [name, label] of DRAWN)
-      if (name !== "decisions" || decides)
-        boxes.append(checkbox(label, choice[name], (on) => {
-          choice[name] = on;
-          changed();
-        }));
+    for (const [name, label] of drawn)
+      boxes.append(checkbox(label, choice[name], (on) => {
+        choice[name] = on;
+        changed();
+      }));
     parts.push(boxes);
     const inside = this.element.contains(document.activeElement);
     this.element.replaceChildren(...parts);

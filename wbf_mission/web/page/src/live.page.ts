@@ -115,7 +115,7 @@ class App {
       choice.split = Number(split.value);
       changed();
     });
-    const fit = button("Whole farm", () => this.maps.forEach((map) => map.fit()), { class: "fit" });
+    const fit = button("Show all", () => this.maps.forEach((map) => map.fit()), { class: "fit" });
     stage.append(split, fit, layers.legend, this.under, layerBox);
 
     const panel = (name: string, label: string, ...children: Node[]): HTMLElement =>

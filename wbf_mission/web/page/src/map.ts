@@ -168,14 +168,15 @@ export class MapView {
     this.map.remove();
   }
 
-  /** Show the whole farm, or all vehicles where there is no farm. */
+  /** Show the whole farm, or where all vehicles were where there is none. */
   fit(): void {
     this.touched = false;
     const farm = this.run?.farm;
     const [width, height] = [farm?.width_m ?? 0, farm?.height_m ?? 0];
     const corners = farm ? [[0, 0], [width, 0], [0, height], [width, height]] : [];
     const places = corners.map(([x, y]) => this.frame.latLng(x!, y!));
-    if (!farm) for (const mark of this.marks.values()) places.push(mark.marker.getLatLng());
+    if (!farm)
+      for (const [, { x, y }] of this.states()) x.forEach((left, k) => places.push(this.frame.latLng(left, y[k]!)));
     if (!places.length) return;
     this.map.fitBounds(L.latLngBounds(places), {
       paddingTopLeft: [28 + this.covered_px(), 28], paddingBottomRight: [28, 28], maxZoom: CLOSEST - 1, animate: false,
@@ -219,16 +220,17 @@ export class MapView {
     if (this.model.run !== this.run) this.takeRun(this.model.run);
     this.takeBackground();
     this.showPictures();
+    let away = false;
     for (const [k, info] of (this.run?.vehicles ?? []).entries()) {
       const moment = this.model.vehicleAt(info.system_id, time_s);
       if (!moment) continue;
       let mark = this.marks.get(info.system_id);
-      const fresh = !mark;
       mark ??= new VehicleMark(this.map, info, this.model.nameOf(info.system_id), vehicleColour(k), () => this.select(info.system_id));
       this.marks.set(info.system_id, mark);
       mark.show(this.frame.latLng(moment.x, moment.y), moment, info.system_id === this.selected);
-      if (fresh && !this.run?.farm) this.fit();
+      away ||= !this.map.getBounds().pad(-0.04).contains(mark.marker.getLatLng());
     }
+    if (away && !this.touched && !this.run?.farm) this.fit();
     const seen = upTo(this.model.readings.time_s, time_s);
     if (seen !== this.seen) this.layers.readings.redraw();
     this.seen = seen;
@@ -316,7 +318,8 @@ export class MapView {
     const [x, y] = this.frame.metres(place);
     const raster = this.run?.raster;
     const parts: string[] = [];
-    const where = [`x ${x.toFixed(1)} m, y ${y.toFixed(1)} m`, `${place.lat.toFixed(7)}, ${place.lng.toFixed(7)}`];
+    const where = [`x ${x.toFixed(1)} m, y ${y.toFixed(1)} m`];
+    if (this.run?.farm) where.push(`${place.lat.toFixed(7)}, ${place.lng.toFixed(7)}`);
     for (const picture of [this.picture, this.truth])
       if (picture && raster) {
         const value = picture.valueAt(Math.floor(x / raster.pixel_m), Math.floor(y / raster.pixel_m));

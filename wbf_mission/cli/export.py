@@ -47,10 +47,11 @@ def export_command(
     chosen = FORMATS[to]
     path = out or folder.resolve().with_name(folder.resolve().name + chosen.suffix)
     log = folder / "flight.tlog"
-    refuse_overwrite(path, [log])
-    if path.exists() and not overwrite and path.is_file():
-        msg = f"{path}: is there already; give another name (--out), or --overwrite"
-        raise TargetError(msg)
+    for file in chosen.files(path):
+        refuse_overwrite(file, [log])
+        if file.is_file() and not overwrite:
+            msg = f"{file}: is there already; give another name (--out), or --overwrite"
+            raise TargetError(msg)
     result = load_result(folder)
     with output.progress() as progress:
         files = export(

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from wbf_mission.events import Event
     from wbf_mission.run.record import RunRecord
 
-Write: TypeAlias = "Callable[[RunRecord, Path, Iterable[Event], float], tuple[Path, ...]]"
+Write: TypeAlias = "Callable[[RunRecord, tuple[Path, ...], Iterable[Event], float], None]"
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,10 +31,17 @@ class ExportFormat:
     module: str
     function: str
     shows_estimates: bool = False
+    beside: str = ""  # The ending of a second file
+
+    def files(self, path: Path) -> tuple[Path, ...]:
+        """Return the files that are written with one of this name."""
+        return (path, path.with_suffix(self.beside)) if self.beside else (path,)
 
 
 FORMATS = {
-    "mcap": ExportFormat(".mcap", "Foxglove", "foxglove", "write_mcap", shows_estimates=True),
+    "mcap": ExportFormat(
+        ".mcap", "Foxglove", "foxglove", "write_mcap", shows_estimates=True, beside=".foxglove.json"
+    ),
     "rerun": ExportFormat(".rrd", "Rerun", "rerun", "write_rrd", shows_estimates=True),
     "gpx": ExportFormat(".gpx", "map programs and GNSS receivers", "tracks", "write_gpx"),
     "kml": ExportFormat(".kml", "Google Earth", "tracks", "write_kml"),
@@ -79,7 +86,9 @@ def export(
     write: Write = getattr(import_module(f"wbf_mission.exports.{chosen.module}"), chosen.function)
     wanted = estimates if chosen.shows_estimates else 0
     events = events_of(result, estimates=wanted, log=log, progress=progress)
-    return write(result, path, events, epoch_of(log))
+    files = chosen.files(path)
+    write(result, files, events, epoch_of(log))
+    return files
 
 
 def epoch_of(log: Path | None) -> float:

@@ -511,17 +511,16 @@ def _packed(layout: np.dtype[np.void]) -> list[_Json]:
     return told
 
 
-def write_mcap(result: RunRecord, path: Path, events: Iterable[Event], epoch_s: float) -> tuple[Path, ...]:
-    """Write the events of a finished run as an MCAP file, and a layout for Foxglove beside it."""
-    layout = path.with_suffix(".foxglove.json")
+def write_mcap(record: RunRecord, files: tuple[Path, ...], events: Iterable[Event], epoch_s: float) -> None:
+    """Write the events of a finished run as an MCAP file, and a layout for Foxglove."""
+    path, layout = files
     with atomic_write(path, "wb") as stream:
-        file = FoxgloveFile(stream, result, epoch_s)
+        file = FoxgloveFile(stream, record, epoch_s)
         for event in events:
             file.take(event)
         file.finish()
     with atomic_write(layout, "wb") as stream:
-        stream.write(msgspec.json.format(msgspec.json.encode(layout_of(result))))
-    return path, layout
+        stream.write(msgspec.json.format(msgspec.json.encode(layout_of(record))))
 
 
 def layout_of(result: RunRecord) -> _Json:

@@ -265,7 +265,7 @@ def blueprint_of(rrb: Any, result: RunRecord) -> Any:
     )
 
 
-def write_rrd(result: RunRecord, path: Path, events: Iterable[Event], epoch_s: float) -> tuple[Path, ...]:
+def write_rrd(record: RunRecord, files: tuple[Path, ...], events: Iterable[Event], epoch_s: float) -> None:
     """Write the events of a finished run as a recording of Rerun.
 
     Raises
@@ -275,16 +275,15 @@ def write_rrd(result: RunRecord, path: Path, events: Iterable[Event], epoch_s: f
     """
     rr = load_extra("rerun", "rerun", "recordings of Rerun need", ExportError)
     rrb = load_extra("rerun.blueprint", "rerun", "recordings of Rerun need", ExportError)
-    with atomic_path(path) as temporary:
+    with atomic_path(files[0]) as temporary:
         recording = rr.RecordingStream("wbf-mission")
         recording.set_log_time_enabled(False)
         recording.set_log_tick_enabled(False)
-        recording.save(temporary, default_blueprint=blueprint_of(rrb, result))
+        recording.save(temporary, default_blueprint=blueprint_of(rrb, record))
         try:
-            log = RerunRecording(rr, recording, result, epoch_s)
+            log = RerunRecording(rr, recording, record, epoch_s)
             for event in events:
                 log.take(event)
         finally:
             recording.flush()
             recording.disconnect()
-    return (path,)

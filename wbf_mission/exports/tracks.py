@@ -121,7 +121,7 @@ def waypoints_of(mission: Mission, farm: Farm) -> list[tuple[float, float, float
     ]
 
 
-def write_gpx(record: RunRecord, path: Path, events: Iterable[Event], epoch_s: float) -> tuple[Path, ...]:
+def write_gpx(record: RunRecord, files: tuple[Path, ...], events: Iterable[Event], epoch_s: float) -> None:
     """Write tracks with times, heights above the sea and the planned waypoints as routes."""
     tracks = _Tracks(record, events, epoch_s)
     gpx = ElementTree.Element("gpx", _GPX)
@@ -149,10 +149,10 @@ def write_gpx(record: RunRecord, path: Path, events: Iterable[Event], epoch_s: f
             point = add(segment, "trkpt", lat=decimal(latitude), lon=decimal(longitude))
             add(point, "ele", decimal(altitude_m))
             add(point, "time", tracks.time(state.time_s))
-    return _write(path, document(gpx).encode())
+    _write(files, document(gpx).encode())
 
 
-def write_kml(record: RunRecord, path: Path, events: Iterable[Event], epoch_s: float) -> tuple[Path, ...]:
+def write_kml(record: RunRecord, files: tuple[Path, ...], events: Iterable[Event], epoch_s: float) -> None:
     """Write tracks that Google Earth plays, planned paths, and the farm with its obstacles."""
     tracks = _Tracks(record, events, epoch_s)
     kml = ElementTree.Element("kml", _KML)
@@ -178,10 +178,12 @@ def write_kml(record: RunRecord, path: Path, events: Iterable[Event], epoch_s: f
             add(track, "when", tracks.time(state.time_s))
         for state, latitude, longitude, _ in rows:
             add(track, "gx:coord", _coordinate(latitude, longitude, state.height_m).replace(",", " "))
-    return _write(path, document(kml).encode())
+    _write(files, document(kml).encode())
 
 
-def write_geojson(record: RunRecord, path: Path, events: Iterable[Event], epoch_s: float) -> tuple[Path, ...]:
+def write_geojson(
+    record: RunRecord, files: tuple[Path, ...], events: Iterable[Event], epoch_s: float
+) -> None:
     """Write the farm, planned waypoints, tracks with their times, and readings as features with a kind.
 
     The third coordinate of a track is its height above the sea; ``coordTimes`` has a time for each point.
@@ -215,10 +217,10 @@ def write_geojson(record: RunRecord, path: Path, events: Iterable[Event], epoch_
     for seen in tracks.seen:
         features += _readings(tracks, seen)
     collection = {"type": "FeatureCollection", "name": tracks.title, "features": features}
-    return _write(path, msgspec.json.encode(collection))
+    _write(files, msgspec.json.encode(collection))
 
 
-def write_csv(record: RunRecord, path: Path, events: Iterable[Event], epoch_s: float) -> tuple[Path, ...]:
+def write_csv(record: RunRecord, files: tuple[Path, ...], events: Iterable[Event], epoch_s: float) -> None:
     """Write the states of all vehicles as a table."""
     tracks = _Tracks(record, events, epoch_s)
     text = io.StringIO()
@@ -232,13 +234,12 @@ def write_csv(record: RunRecord, path: Path, events: Iterable[Event], epoch_s: f
                 [tracks.time(state.time_s), round(state.time_s, 3), *numbers, latitude, longitude, altitude_m]
                 + [round(one, 4) if isinstance(one, float) else one for one in told]
             )
-    return _write(path, text.getvalue().encode())
+    _write(files, text.getvalue().encode())
 
 
-def _write(path: Path, content: bytes) -> tuple[Path, ...]:
-    with atomic_write(path, "wb") as stream:
+def _write(files: tuple[Path, ...], content: bytes) -> None:
+    with atomic_write(files[0], "wb") as stream:
         stream.write(content)
-    return (path,)
 
 
 def _coordinate(latitude: float, longitude: float, height_m: float) -> str:

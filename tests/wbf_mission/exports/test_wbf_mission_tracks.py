@@ -13,6 +13,8 @@ import shapely
 from pyogrio.raw import read
 
 from mission.files import open_mission
+from mission.link.codec.dialect import mavlink as m
+from mission.link.tlog import TlogWriter
 from sim_vehicle.epoch import EPOCH_UNIX_S
 from wbf_mission.cli.app import main
 from wbf_mission.exports.formats import export
@@ -154,6 +156,40 @@ def test_the_command_writes_beside_the_folder_and_refuses_what_is_there(
     assert path.read_text(encoding="utf-8") == "mine"
     assert main(["export", str(folder), "--to", "gpx", "--overwrite", "-q"]) == 0
     assert path.read_text(encoding="utf-8") != "mine"
+
+
+def test_a_layout_that_is_there_is_refused_too(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    layout = tmp_path / "run.foxglove.json"
+    layout.write_text("{}", encoding="utf-8")
+    assert main(["export", str(folder), "--to", "mcap", "--out", str(tmp_path / "run.mcap")]) == 2
+    assert "run.foxglove.json: is there already" in capsys.readouterr().err
+    assert [one.name for one in tmp_path.iterdir()] == [layout.name]
+
+
+def test_a_real_flight_is_shown_when_it_was_flown(result: Result, tmp_path: Path) -> None:
+    log, begun_s = tmp_path / "flight.tlog", 1_790_000_000.25
+    with TlogWriter(log) as writer:
+        writer.write(heartbeat(), begun_s)
+    (path,) = export(result, tmp_path / "run.csv", "csv", log=log)
+    with path.open(encoding="utf-8", newline="") as stream:
+        row = next(csv.DictReader(stream))
+    first = datetime.fromisoformat(row["time"]).timestamp()
+    assert first == pytest.approx(begun_s + result.flights[0].track.time_s[0], abs=1e-3)
+    assert row["mode"] == "" and row["battery"] == ""
+
+
+def heartbeat() -> bytes:
+    frame: bytes = m.MAVLink_heartbeat_message(2, 12, 81, 0, 4, 3).pack(m.MAVLink(None, 1, 1))
+    return frame
+
+
+def test_a_log_that_is_none_tells_nothing(result: Result, tmp_path: Path) -> None:
+    log = tmp_path / "flight.tlog"
+    log.write_bytes(bytes(range(256)) * 20)
+    (path,) = export(result, tmp_path / "run.csv", "csv", log=log)
+    assert path.read_text(encoding="utf-8").splitlines()[1].startswith("2026-06-01T12:00:00.100Z,")
 
 
 def test_what_cannot_be_exported_is_told_in_one_line(

@@ -18,6 +18,7 @@ wbf-mission export runs/mine --to kml --out flight.kml
 wbf-mission export runs/mine --to geojson --overwrite --json
 """
 
+_ESTIMATES = 20
 To = Literal["mcap", "rerun", "gpx", "kml", "geojson", "csv"]
 
 
@@ -31,13 +32,14 @@ def export_command(
         option("The file.  [default: beside the folder, with its name]", "--out", panel=OUTPUT_PANEL),
     ] = None,
     estimates: Annotated[
-        int,
+        int | None,
         option(
-            "At how many moments the estimate is shown; all but the last are learned again.",
+            "At about so many moments the estimate is shown as it was, learned again from what was seen until"
+            " then; 0: at the end only.  [default: 20]",
             "--estimates",
             parser=options.whole_number_in(0, 1000),
         ),
-    ] = 20,
+    ] = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Write a finished run for other tools: Foxglove, Rerun, Google Earth, GIS."""
@@ -45,6 +47,10 @@ def export_command(
     from wbf_mission.results.result import load_result
 
     chosen = FORMATS[to]
+    if estimates is not None and not chosen.shows_estimates:
+        shown = " or ".join(name for name, one in FORMATS.items() if one.shows_estimates)
+        msg = f"--estimates has an effect only with --to {shown}: leave it out"
+        raise TargetError(msg)
     path = out or folder.resolve().with_name(folder.resolve().name + chosen.suffix)
     log = folder / "flight.tlog"
     for file in chosen.files(path):
@@ -58,7 +64,7 @@ def export_command(
             result,
             path,
             to,
-            estimates=estimates,
+            estimates=_ESTIMATES if estimates is None else estimates,
             log=log if log.is_file() else None,
             progress=progress,
         )

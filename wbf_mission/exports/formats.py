@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -12,6 +12,7 @@ from mission.errors import LinkError
 from mission.link.tlog import read_tlog
 from mission.logs.track import LogError
 from sim_vehicle.epoch import EPOCH_UNIX_S
+from wbf_mission.events import VehicleMoved
 from wbf_mission.progress import Progress, silent
 from wbf_mission.results.replay import events_of
 
@@ -87,8 +88,16 @@ def export(
     wanted = estimates if chosen.shows_estimates else 0
     events = events_of(result, estimates=wanted, log=log, progress=progress)
     files = chosen.files(path)
-    write(result, files, events, epoch_of(log))
+    write(result, files, _followed(events, result.simulated_s, progress), epoch_of(log))
     return files
+
+
+def _followed(events: Iterable[Event], total_s: float, progress: Progress) -> Iterator[Event]:
+    """Yield events, and tell how far they are."""
+    for event in events:
+        if isinstance(event, VehicleMoved):
+            progress("writing", event.time_s, total_s)
+        yield event
 
 
 def epoch_of(log: Path | None) -> float:

@@ -198,6 +198,8 @@ def test_what_cannot_be_exported_is_told_in_one_line(
     assert main(["export", str(tmp_path), "--to", "gpx"]) == 2
     assert "holds no result (result.json is missing)" in capsys.readouterr().err
     assert main(["export", str(folder), "--to", "docx"]) == 2
+    assert main(["export", str(folder), "--to", "gpx", "--estimates", "3"]) == 2
+    assert "--estimates has an effect only with --to mcap or rerun: leave it out" in capsys.readouterr().err
     assert main(["export", str(folder), "--to", "gpx", "--out", str(folder / "flight.tlog")]) == 2
     assert "this is the file that is read" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())

@@ -267,8 +267,9 @@ class Drafts:
             raise DraftError(f"the draft cannot be read: {error}") from None
         options = {key: self._option(key, one) for key, one in given.options.items() if one not in (None, "")}
         if isinstance(farm, str):
-            self._check_name("farm", farm)
             first = self.start.farm
+            if farm != first.name:
+                self._check_name("farm", farm)
             how = {"crop": first.crop, "farm_crs": first.crs, "repair": first.repair}
             options |= {"farm": farm, **(how if farm == first.name else {})}
         else:
@@ -308,16 +309,15 @@ class Drafts:
             raise DraftError(f"{key!r:.60} is no option of a draft")
         one = found[2]
         if one.kind or key in NAMED:
+            if given == str(self.start[key]):
+                return self.start[key]  # Which may be an object, of a file of the user's
             self._check_name(key, given)
         return one.read(given) if one.read is not None and isinstance(given, str) else given
 
     def _check_name(self, key: str, given: Any) -> None:
         """Refuse what is no name: files hold code, and a page must not name one."""
-        asked = self.start[key]
         if not isinstance(given, str):
             raise DraftError(f"{key}: {given!r:.60} is no text")
-        if given == str(asked):
-            return
         known = known_names(key)
         one_name = all_options()[key][2].kind in ("planner", "policy", "estimator")
         for text in [parse_named(given)[0]] if one_name else given.split(","):

@@ -11,6 +11,7 @@ import pytest
 
 from geo import get_farm, save_farm
 from geo.errors import FarmError, WbfMissionError
+from mission.planners import PlannedPath, PlanningRequest
 from wbf_mission.cli.app import main
 from wbf_mission.planning import plan
 from wbf_mission.scenario import Scenario
@@ -123,6 +124,16 @@ def test_what_was_named_at_the_beginning_may_be_a_file(tmp_path: Path) -> None:
         own.draft(body(str(tmp_path / "other.geojson")))
     own.close()
     assert not own.folder.exists()
+
+
+def test_a_planner_of_ones_own_is_planned_with() -> None:
+    def along_the_border(request: PlanningRequest) -> PlannedPath:
+        return PlannedPath(np.array(request.area.exterior.coords)[:3], None, "border")
+
+    own = Drafts(Scenario(farm="miniberry-10", planner=along_the_border))
+    found = own.plan(own.draft(body("miniberry-10", planner="along_the_border")))
+    assert len(found.results[0].path_m) == 3
+    own.close()
 
 
 def test_a_farm_file_becomes_what_is_drawn(drafts: Drafts, tmp_path: Path) -> None:

@@ -140,6 +140,63 @@ def test_keys_draw_move_undo_and_delete(page: Page) -> None:
     expect(page.locator(".shapes li")).to_have_count(2)
 
 
+def test_a_field_is_drawn_without_a_mouse(page: Page) -> None:
+    page.get_by_role("button", name="Field", exact=True).focus()
+    page.keyboard.press("Enter")
+    page.locator(".map").focus()
+    for key in (None, "ArrowRight", "ArrowDown"):
+        if key is not None:
+            page.keyboard.press(key)
+            page.wait_for_timeout(500)  # The map moves
+        page.keyboard.press(" ")
+    expect(page.locator(".hint")).to_contain_text("3 corners")
+    page.keyboard.press("Enter")
+    expect(page.locator(".shapes li")).to_have_count(3)
+    planned(page)
+
+
+def test_a_border_that_crosses_itself_is_mended(page: Page) -> None:
+    page.get_by_role("button", name="strawberries").click()
+    page.get_by_text("4 corners as numbers").click()
+
+    def corner(number: int) -> tuple[Locator, Locator]:
+        names = (f"Outline, {what} of corner {number}" for what in ("latitude", "longitude"))
+        lat, lon = (page.get_by_label(name, exact=True) for name in names)
+        return lat, lon
+
+    (south, west), (_, east), (north, _) = (
+        (float(lat.input_value()), float(lon.input_value())) for lat, lon in (corner(k) for k in (1, 2, 3))
+    )
+    page.get_by_label("Add a corner after corner 1", exact=True).click()
+    for box, value in zip(
+        corner(2), (south + 0.03 * (north - south), east + 0.02 * (east - west)), strict=True
+    ):
+        box.fill(f"{value:.8f}")
+        box.press("Tab")
+    expect(page.locator(".results [role=alert]")).to_contain_text("--repair", timeout=SLOW_MS)
+    page.get_by_role("button", name="Mend it").click()
+    planned(page)
+    expect(page.locator(".hint")).to_contain_text("mended")
+    expect(page.locator(".results [role=alert]")).to_be_empty()
+    expect(page.get_by_role("button", name="Mend it")).to_be_hidden()
+
+
+def test_corners_are_dragged_and_added(page: Page) -> None:
+    page.get_by_role("button", name="strawberries").click()
+    corner = page.get_by_title("Corner 3", exact=True)
+    place = corner.bounding_box()
+    assert place is not None
+    corner.drag_to(
+        page.locator(".map"), target_position={"x": place["x"] + 60, "y": place["y"] - 40}, force=True
+    )
+    expect(page.locator(".hint")).to_have_text("Corner moved")
+    page.get_by_title("New corner after corner 1", exact=True).click()
+    expect(page.get_by_text("5 corners as numbers")).to_be_visible()
+    page.get_by_title("Corner 2", exact=True).click(button="right")
+    expect(page.get_by_text("4 corners as numbers")).to_be_visible()
+    planned(page)
+
+
 def test_corners_are_edited_as_numbers(page: Page) -> None:
     page.get_by_role("button", name="tomatoes").click()
     page.get_by_text("4 corners as numbers").click()

@@ -77,7 +77,7 @@ export class Choices {
   private select(one: OptionInfo, id: string): HTMLSelectElement {
     const given = String(this.values[one.key] ?? "");
     const [name] = given.split(":");
-    const none = element("option", { value: "" }, one.default.slice(0, LIST_AT_MOST) || "none");
+    const none = element("option", { value: "" }, one.choices.includes(one.default) ? `${one.default} (default)` : one.default.slice(0, LIST_AT_MOST) || "none");
     const names = one.choices.includes(name!) || !name ? one.choices : [...one.choices, name];
     const select = element("select", { id }, none, ...names.map((choice) => element("option", { value: choice }, choice)));
     select.value = name ?? "";

@@ -119,8 +119,8 @@ const post = (draft: Draft, signal?: AbortSignal): RequestInit => ({
 export const desk = {
   options: (): Promise<Options> => json(ask("api/options")),
   farm: (name: string): Promise<FarmAnswer> => json(ask(`api/farm?${query({ name })}`)),
-  read: (file: File): Promise<FarmAnswer> =>
-    json(ask(`api/farm?${query({ name: file.name })}`, { method: "POST", body: file })),
+  read: (file: File, repair = false): Promise<FarmAnswer> =>
+    json(ask(`api/farm?${query({ name: file.name, repair: String(repair) })}`, { method: "POST", body: file })),
   plan: (draft: Draft, signal: AbortSignal): Promise<Planned> => json(ask("api/plan", post(draft, signal))),
   cancel: (): Promise<unknown> => json(ask("api/cancel", { method: "POST" })),
   file: async (draft: Draft, mission: number, format: string): Promise<{ name: string; content: Blob }> => {

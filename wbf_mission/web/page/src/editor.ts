@@ -98,14 +98,14 @@ export class Editor {
     this.showRubber();
   }
 
-  /** Finish a ring with Enter, take back its last corner with Backspace, end with Escape. */
+  /** A corner in the map's middle with the space bar; Enter finishes, Backspace takes back, Escape ends. */
   key(event: KeyboardEvent): void {
     if (event.key === "Escape" && (this.drawing || this.tool !== "select")) {
       if (this.drawing) this.take(this.tool);
       else this.host.toolDone();
     } else if (event.key === "Enter" && this.drawing) this.close();
     else if (event.key === "Backspace" && this.drawing) this.setDrawn(this.drawn.slice(0, -1));
-    else if (event.key === "Enter" && this.tool !== "select" && event.target === this.map.getContainer())
+    else if (event.key === " " && this.tool !== "select" && event.target === this.map.getContainer())
       this.click(this.map.getCenter());
     else return;
     event.preventDefault();

@@ -36,6 +36,8 @@ class Studio implements EditorHost {
   private readonly hint = element("output", { class: "hint", "aria-live": "polite" });
   private readonly state = element("span", { class: "pill", role: "status" });
   private readonly problem = element("p", { class: "lost", role: "alert" });
+  private readonly mend = button("Mend it", () => this.mending?.(), { class: "mend", hidden: "" });
+  private mending: (() => void) | null = null;
   private readonly results = element("section", { class: "results", "aria-label": "The plan" });
   private readonly tools = new Map<Tool, HTMLButtonElement>();
   private readonly undoButton = button("Undo", () => this.travel("undo"), { title: "Ctrl+Z" });
@@ -46,9 +48,9 @@ class Studio implements EditorHost {
   private readonly giveUp = button("Give up", () => void desk.cancel(), { hidden: "", title: "End the planning" });
 
   constructor(private readonly root: HTMLElement, private readonly options: Options) {
-    const room = element("div", { class: "map", tabindex: "0", role: "application", "aria-label": "Map of the farm; arrow keys move it, plus and minus zoom, with a tool Enter sets a corner in its middle" });
+    const room = element("div", { class: "map", tabindex: "0", role: "application", "aria-label": "Map of the farm; arrow keys move it, plus and minus zoom, with a tool the space bar sets a corner in its middle" });
     const stage = element("div", { class: "stage" }, room, this.hint);
-    this.results.append(this.problem);
+    this.results.append(this.problem, this.mend);
     this.choices = new Choices(options.options, options.parameters, { ...options.start.options }, () => this.planSoon());
     this.takeaway = new Takeaway(() => this.draft, options);
     this.outline = new Outline(this, options.crops);
@@ -73,7 +75,7 @@ class Studio implements EditorHost {
     this.editor = new Editor(this.map, this);
     document.addEventListener("keydown", (event) => this.key(event));
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.editor.show());
-    this.dropping(file);
+    this.dropping();
     new ResizeObserver(() => this.map.invalidateSize({ animate: false })).observe(room);
     this.take("select");
     void this.open(() => desk.farm(options.start.farm), options.start.farm);
@@ -136,27 +138,43 @@ class Studio implements EditorHost {
     file.addEventListener("change", () => {
       const [chosen] = file.files ?? [];
       file.value = "";
-      if (chosen) void this.open(() => desk.read(chosen), null);
+      if (chosen) this.read(chosen);
     });
     return file;
   }
 
-  private dropping(file: HTMLInputElement): void {
+  private dropping(): void {
     this.root.addEventListener("dragover", (event) => event.preventDefault());
     this.root.addEventListener("drop", (event) => {
       event.preventDefault();
       const chosen = event.dataTransfer?.files[0];
-      if (chosen && !file.disabled) void this.open(() => desk.read(chosen), null);
+      if (chosen) this.read(chosen);
     });
   }
 
-  private async open(load: () => Promise<FarmAnswer>, known: string | null): Promise<void> {
+  private read(file: File): void {
+    void this.open(() => desk.read(file), null, () => void this.open(() => desk.read(file, true), null));
+  }
+
+  private async open(load: () => Promise<FarmAnswer>, known: string | null, mend: (() => void) | null = null): Promise<void> {
     try {
       const { document, notes } = await load();
       this.begin(sketchOf(document, known), notes);
       this.fit();
     } catch (error) {
-      this.refused(error);
+      this.refused(error, mend);
+    }
+  }
+
+  /** Mend what is drawn, such as a ring that crosses itself; it can be undone. */
+  private async mendDrawn(): Promise<void> {
+    try {
+      const file = new File([JSON.stringify(documentOf(this.sketch))], "farm.geojson");
+      const { document, notes } = await desk.read(file, true);
+      this.selected = null;
+      this.edit(sketchOf(document, null), notes.join("; "));
+    } catch (error) {
+      this.refused(error, null);
     }
   }
 
@@ -239,7 +257,7 @@ class Studio implements EditorHost {
     this.takeaway.show(null);
     if (!this.sketch.shapes.some(({ kind }) => kind === "field")) {
       this.answer.clear();
-      setText(this.problem, "");
+      this.solved();
       return setText(this.state, "draw a field");
     }
     const asking = (this.asking = new AbortController());
@@ -255,7 +273,7 @@ class Studio implements EditorHost {
       const planned = await desk.plan(this.draft, asking.signal);
       if (asking === this.asking) this.showPlan(planned);
     } catch (error) {
-      if (asking === this.asking) this.refused(error);
+      if (asking === this.asking) this.refused(error, () => void this.mendDrawn());
     } finally {
       clearInterval(clock);
       if (asking === this.asking) this.giveUp.hidden = true;
@@ -264,19 +282,26 @@ class Studio implements EditorHost {
 
   private showPlan(planned: Planned): void {
     this.root.classList.remove("stale");
-    setText(this.problem, "");
+    this.solved();
     this.answer.show(planned);
     this.takeaway.show(planned);
     setText(this.state, `planned in ${(planned.plan_s + planned.check_s).toFixed(1)} s`);
     this.state.dataset["state"] = planned.missions.some(({ findings }) => findings.some(({ severity }) => severity === "error")) ? "bad" : "good";
   }
 
-  private refused(error: unknown): void {
+  private solved(): void {
+    setText(this.problem, "");
+    this.mend.hidden = true;
+  }
+
+  private refused(error: unknown, mend: (() => void) | null): void {
     if (!(error instanceof Refused)) throw error;
     if (error.superseded) return setText(this.state, "given up, or another page plans");
     this.answer.clear();
     setText(this.state, "no plan");
     setText(this.problem, capital(error.message));
+    this.mending = mend;
+    this.mend.hidden = mend === null || !error.message.includes("--repair");
   }
 }
 

@@ -10,6 +10,7 @@ import pytest
 
 from geo import get_farm, save_farm
 from mission.files import read_mission, write_mission
+from mission.ground.link_state import LinkReport
 from mission.link.tlog import read_tlog
 from mission.outcome import Outcome
 from sensors.observations import Observations
@@ -66,6 +67,13 @@ def test_what_is_loaded_is_what_was_saved(result: Result, tmp_path: Path) -> Non
             assert_same(getattr(result.plan, field.name), getattr(again.plan, field.name), field.name)
     assert again.farm.name == result.farm.name
     assert again.summary() == result.summary()
+
+
+def test_a_real_flight_keeps_how_good_its_link_was(result: Result, tmp_path: Path) -> None:
+    link = LinkReport(1200, 30, 0.05, 4.0, 9.5)
+    flights = tuple(dataclasses.replace(one, link=link, missing_images=3) for one in result.flights)
+    real = dataclasses.replace(result, flights=flights)
+    assert load_result(real.save(tmp_path / "run", plots=False)) == real
 
 
 def test_class_probabilities_are_kept_where_the_estimator_has_them(result: Result, tmp_path: Path) -> None:

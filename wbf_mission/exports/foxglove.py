@@ -38,9 +38,18 @@ from wbf_mission.events import (
     VehicleMoved,
     VehicleSaid,
 )
-from wbf_mission.exports.colours import FENCE, OBSTACLE, crop_colour, rgb, vehicle_colour
 from wbf_mission.exports.foxglove_schemas import SCHEMAS, score_schema
 from wbf_mission.exports.layers import Layers, reading_colours
+from wbf_mission.exports.looks import (
+    FENCE,
+    OBSTACLE,
+    SHOWN_AGAIN,
+    TRACK_POINTS,
+    crop_colour,
+    rgb,
+    vehicle_colour,
+    vehicle_size_m,
+)
 from wbf_mission.exports.tracks import waypoints_of
 from wbf_mission.version import __version__
 
@@ -49,9 +58,6 @@ if TYPE_CHECKING:
 
 FARM = "farm"
 """The frame of all that does not move."""
-_SHOWN_AGAIN = 100
-"""What grows (tracks, readings) is shown as a whole about so often in a run: who jumps there sees it."""
-_TRACK_POINTS = 1000
 _LEVELS = (5, 5, 5, 4, 3, 2, 2, 1)  # foxglove.LogLevel by MAV_SEVERITY
 _INFO, _WARNING = 2, 3
 _FLOAT, _BYTE = 7, 1  # foxglove.NumericType
@@ -102,12 +108,12 @@ class FoxgloveFile:
         self._known = SCHEMAS | {"wbf_mission.Score": score_schema(record.fields.names)}
         self._counts: Counter[str] = Counter()
         self._farm, self._fields, self._layers = record.farm, record.fields, Layers(record)
-        self._size_m = max(self._farm.width_cells, self._farm.height_cells) * self._farm.cell_size_m / 60
+        self._size_m = vehicle_size_m(self._farm)
         self._vehicles: dict[int, _Vehicle] = {}
         states = max((len(one.track.time_s) for one in record.flights), default=0)
-        self._states_a_show = max(1, states // _SHOWN_AGAIN)
+        self._states_a_show = max(1, states // SHOWN_AGAIN)
         self._points: list[bytes] = []
-        self._readings_a_show = max(1, len(record.observations) // _SHOWN_AGAIN)
+        self._readings_a_show = max(1, len(record.observations) // SHOWN_AGAIN)
         self._readings = 0
 
     def take(self, event: Event) -> None:
@@ -324,7 +330,7 @@ class FoxgloveFile:
         if vehicle is None or len(vehicle.track) < 2:
             return
         vehicle.shown, colour = len(vehicle.track), vehicle_colour(number)
-        step = -(-len(vehicle.track) // _TRACK_POINTS)
+        step = -(-len(vehicle.track) // TRACK_POINTS)
         flown = np.array(vehicle.track[::step] + vehicle.track[-1:])
         self._write_scene(
             f"/vehicle/{number}/track/scene", time_s, lines=[_line(flown, colour, thickness=3.0)]

@@ -28,17 +28,23 @@ from wbf_mission.events import (
     VehicleMoved,
     VehicleSaid,
 )
-from wbf_mission.exports.colours import FENCE, OBSTACLE, crop_colour, rgb, vehicle_colour
 from wbf_mission.exports.layers import Layers, reading_colours
+from wbf_mission.exports.looks import (
+    FENCE,
+    OBSTACLE,
+    SHOWN_AGAIN,
+    TRACK_POINTS,
+    crop_colour,
+    rgb,
+    vehicle_colour,
+    vehicle_size_m,
+)
 from wbf_mission.exports.tracks import waypoints_of
 
 if TYPE_CHECKING:
     from wbf_mission.run.record import RunRecord
 
 TIME_LINE = "time"
-_SHOWN_AGAIN = 100
-"""What grows (tracks, readings) is shown as a whole about so often in a run."""
-_TRACK_POINTS = 1000
 _LEVELS = (*3 * ("CRITICAL",), "ERROR", "WARN", "INFO", "INFO", "DEBUG")  # By MAV_SEVERITY
 
 
@@ -55,9 +61,9 @@ class RerunRecording:
         self._farm, self._fields, self._layers = record.farm, record.fields, Layers(record)
         self._states: dict[int, list[VehicleMoved]] = {}
         self._seen: list[Seen] = []
-        self._readings_a_show = max(1, len(record.observations) // _SHOWN_AGAIN)
+        self._readings_a_show = max(1, len(record.observations) // SHOWN_AGAIN)
         self._readings = 0
-        self._size_m = max(record.farm.width_cells, record.farm.height_cells) * record.farm.cell_size_m / 60
+        self._size_m = vehicle_size_m(record.farm)
 
     def take(self, event: Event) -> None:
         """Log an event."""
@@ -180,8 +186,8 @@ class RerunRecording:
                 path = f"plots/{what}/vehicle_{number}"
                 send(path, rr.Scalars.columns(scalars=values))
                 self._recording.log(path, rr.SeriesLines(colors=[colour]), static=True)
-        step = -(-len(states) // _TRACK_POINTS)
-        for end in np.unique(np.linspace(2, len(states), _SHOWN_AGAIN).astype(int)).tolist():
+        step = -(-len(states) // TRACK_POINTS)
+        for end in np.unique(np.linspace(2, len(states), SHOWN_AGAIN).astype(int)).tolist():
             rows = np.unique(np.append(np.arange(0, end, step), end - 1))
             line = rr.LineStrips3D([flown[rows]], colors=[colour])
             self._log(states[end - 1].time_s, f"scene/vehicle_{number}/track", line)

@@ -23,7 +23,7 @@ from geo.texts import printable
 from mission.files.xml import add, decimal, document
 from mission.model import Command, Frame, Mission
 from wbf_mission.events import Event, FlightEnded, Planned, RunBegun, Seen, VehicleMoved
-from wbf_mission.exports.colours import OBSTACLE, crop_colour, vehicle_colour
+from wbf_mission.exports.looks import OBSTACLE, crop_colour, vehicle_colour
 
 if TYPE_CHECKING:
     from wbf_mission.run.record import RunRecord

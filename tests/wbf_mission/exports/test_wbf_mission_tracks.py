@@ -5,6 +5,7 @@ import json
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pyogrio
@@ -17,7 +18,8 @@ from mission.link.codec.dialect import mavlink as m
 from mission.link.tlog import TlogWriter
 from sim_vehicle.epoch import EPOCH_UNIX_S
 from wbf_mission.cli.app import main
-from wbf_mission.exports.formats import export
+from wbf_mission.cli.export import To
+from wbf_mission.exports.formats import FORMATS, export
 from wbf_mission.results.result import Result, load_result
 
 
@@ -156,6 +158,10 @@ def test_the_command_writes_beside_the_folder_and_refuses_what_is_there(
     assert path.read_text(encoding="utf-8") == "mine"
     assert main(["export", str(folder), "--to", "gpx", "--overwrite", "-q"]) == 0
     assert path.read_text(encoding="utf-8") != "mine"
+
+
+def test_the_command_knows_all_formats() -> None:
+    assert get_args(To) == tuple(FORMATS)
 
 
 def test_a_layout_that_is_there_is_refused_too(

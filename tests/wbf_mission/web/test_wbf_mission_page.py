@@ -332,19 +332,28 @@ def test_dragging_goes_back_in_a_run_that_goes_on_and_live_returns(browser: Brow
         expect(clock).to_have_text("0:25 / 0:25")
 
 
-def test_a_lost_connection_is_told_and_found_again(browser: Browser, view: View) -> None:
+def test_a_lost_connection_is_told_and_found_again_where_the_reader_looked(
+    browser: Browser, view: View
+) -> None:
     told(view, *a_flight())
     with LiveServer(view) as server:
         port = server.port
         page = browser.new_page()
         page.goto(server.url)
         expect(page.locator(".connection")).to_have_text("Live")
+        page.get_by_role("button", name="Zoom in").click()
+        page.get_by_label("Uncertainty").check(force=True)
+        page.evaluate(STILL)
+        before = page.locator(".vehicle").bounding_box()
     expect(page.locator(".lost")).to_contain_text("The connection to the program is lost")
     told(view, VehicleSaid(12.0, 1, 6, "here again"))
     with LiveServer(view, port=port):
         expect(page.locator(".connection")).to_have_text("Live", timeout=20_000)
         expect(page.locator(".lost")).to_be_empty()
         expect(page.locator("ol.messages li").first).to_contain_text("here again")
+        expect(page.locator(".card")).to_have_count(1)
+        assert page.get_by_label("Uncertainty").is_checked()
+        assert page.locator(".vehicle").bounding_box() == before
         page.close()
 
 

@@ -42,7 +42,9 @@ function states(of: keyof Moment & ("battery" | "speed_m_s" | "height_m")): Kind
 
 const KINDS: Kind[] = [
   {
-    name: "Score", write: (value) => value.toFixed(3), range: [null, null],
+    name: "Score",
+    write: (value) => value.toFixed(3),
+    range: [null, null],
     lines: (model, times, run) => {
       const { time_s, score } = model.scores;
       if (!time_s.length) return [];
@@ -66,7 +68,10 @@ class Chart {
   private lines: Line[] = [];
   private times: number[] = [];
 
-  constructor(private readonly kind: Kind, private readonly seek: (time_s: number) => void) {
+  constructor(
+    private readonly kind: Kind,
+    private readonly seek: (time_s: number) => void,
+  ) {
     this.caption.append(element("span", {}, kind.name), this.value);
     this.element.append(this.caption, this.room);
   }
@@ -107,20 +112,37 @@ class Chart {
 
   private options(width: number): uPlot.Options {
     const [ink, grid] = [themed("muted"), themed("line")];
-    const axis = { stroke: ink, font: `11px ${themed("font")}`, grid: { stroke: grid, width: 1 }, ticks: { show: false }, gap: 4 };
+    const axis = {
+      stroke: ink,
+      font: `11px ${themed("font")}`,
+      grid: { stroke: grid, width: 1 },
+      ticks: { show: false },
+      gap: 4,
+    };
     const { write, range } = this.kind;
     return {
-      width, height: this.room.clientHeight, legend: { show: false }, padding: [6, 8, 0, 0],
+      width,
+      height: this.room.clientHeight,
+      legend: { show: false },
+      padding: [6, 8, 0, 0],
       cursor: { sync: { key: CURSOR }, y: false, drag: { x: false, y: false }, points: { size: 6 } },
       scales: {
         x: { time: false },
-        y: { range: (_, low, high) => [range[0] ?? low - 0.05 * (high - low || 1), range[1] ?? high + 0.08 * (high - low || 1)] },
+        y: {
+          range: (_, low, high) => [
+            range[0] ?? low - 0.05 * (high - low || 1),
+            range[1] ?? high + 0.08 * (high - low || 1),
+          ],
+        },
       },
       axes: [
         { ...axis, size: 20, incrs: MARKS_S, values: (_, splits) => splits.map(clock) },
         { ...axis, size: 46, values: (_, splits) => splits.map(write), space: 28 },
       ],
-      series: [{}, ...this.lines.map(({ colour, dash }) => ({ stroke: colour, width: 1.6, dash, points: { show: false } }))],
+      series: [
+        {},
+        ...this.lines.map(({ colour, dash }) => ({ stroke: colour, width: 1.6, dash, points: { show: false } })),
+      ],
       hooks: {
         draw: [(plot) => this.drawNow(plot)],
         setCursor: [(plot) => this.tell(plot.cursor.idx ?? upTo(this.times, this.time_s) - 1)],
@@ -148,7 +170,11 @@ class Chart {
     const values = this.lines.map((line) => line.values[index]).filter((value) => typeof value === "number");
     const [low, high] = [Math.min(...values), Math.max(...values)];
     const { write } = this.kind;
-    this.value.textContent = !values.length ? "" : values.length > 2 ? `${write(low)} – ${write(high)}` : values.map(write).join(" / ");
+    this.value.textContent = !values.length
+      ? ""
+      : values.length > 2
+        ? `${write(low)} – ${write(high)}`
+        : values.map(write).join(" / ");
   }
 }
 
@@ -159,7 +185,10 @@ export class Charts {
   private end_s = -1;
   private known = "";
 
-  constructor(private readonly models: Model[], seek: (time_s: number) => void) {
+  constructor(
+    private readonly models: Model[],
+    seek: (time_s: number) => void,
+  ) {
     this.charts = KINDS.map((kind) => new Chart(kind, seek));
     this.element.append(...this.charts.map((chart) => chart.element));
     new ResizeObserver(() => this.redraw()).observe(this.element);
@@ -170,7 +199,9 @@ export class Charts {
   }
 
   show(time_s: number, end_s: number): void {
-    const known = this.models.map((model) => [model.run?.vehicles.length, model.scores.time_s.length, Object.keys(model.states).length]).join();
+    const known = this.models
+      .map((model) => [model.run?.vehicles.length, model.scores.time_s.length, Object.keys(model.states).length])
+      .join();
     const fresh = end_s !== this.end_s || known !== this.known;
     [this.time_s, this.end_s, this.known] = [time_s, end_s, known];
     const times = Array.from({ length: MOST + 1 }, (_, k) => (k * end_s) / MOST);

@@ -14,7 +14,16 @@ const FURTHER_CROPS = ["#d9c58b", "#c9b3d6", "#a8cfd0", "#e3b78c", "#c2c2b0", "#
 
 /** Okabe and Ito's, in an order that keeps apart on a map. */
 const VEHICLES = [
-  "#0072b2", "#d55e00", "#cc79a7", "#009e73", "#e69f00", "#56b4e9", "#7a5cc9", "#8c6d31", "#c23b5a", "#4d6a6d",
+  "#0072b2",
+  "#d55e00",
+  "#cc79a7",
+  "#009e73",
+  "#e69f00",
+  "#56b4e9",
+  "#7a5cc9",
+  "#8c6d31",
+  "#c23b5a",
+  "#4d6a6d",
 ];
 
 const HEALTH = ["#4a0b16", "#8e1f1c", "#e2711d", "#f6c66a", "#dcebc4"];

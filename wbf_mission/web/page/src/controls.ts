@@ -21,8 +21,16 @@ export class Controls {
   private asked = "";
   private hide = 0;
 
-  constructor(private readonly model: Model, private readonly send: (request: Request) => void) {
-    this.element.append(element("label", {}, element("span", { class: "hidden" }, "Orders go to"), this.target), this.buttons, this.became, this.dialog);
+  constructor(
+    private readonly model: Model,
+    private readonly send: (request: Request) => void,
+  ) {
+    this.element.append(
+      element("label", {}, element("span", { class: "hidden" }, "Orders go to"), this.target),
+      this.buttons,
+      this.became,
+      this.dialog,
+    );
   }
 
   /** Orders go to this vehicle from now on. */
@@ -47,9 +55,18 @@ export class Controls {
       this.shape = shape;
       const before = this.target.value;
       const all = vehicles.length === 1 ? [] : [element("option", { value: "" }, "All vehicles")];
-      this.target.replaceChildren(...all, ...vehicles.map((info) => element("option", { value: String(info.system_id) }, this.model.nameOf(info.system_id))));
+      this.target.replaceChildren(
+        ...all,
+        ...vehicles.map((info) =>
+          element("option", { value: String(info.system_id) }, this.model.nameOf(info.system_id)),
+        ),
+      );
       if ([...this.target.options].some((option) => option.value === before)) this.target.value = before;
-      this.buttons.replaceChildren(...orders.map((order) => button(capital(order), () => this.give(order), { class: STARTS_MOTORS.has(order) ? "starts" : "" })));
+      this.buttons.replaceChildren(
+        ...orders.map((order) =>
+          button(capital(order), () => this.give(order), { class: STARTS_MOTORS.has(order) ? "starts" : "" }),
+        ),
+      );
     }
     this.showQuestion();
   }
@@ -61,7 +78,10 @@ export class Controls {
     this.asked = key;
     this.question.hidden = !question;
     const answers = (question?.answers ?? []).map((answer) => button(capital(answer), () => this.send({ answer })));
-    this.question.replaceChildren(element("p", {}, question?.text ?? ""), element("div", { class: "orders" }, ...answers));
+    this.question.replaceChildren(
+      element("p", {}, question?.text ?? ""),
+      element("div", { class: "orders" }, ...answers),
+    );
   }
 
   private give(order: string): void {
@@ -69,8 +89,19 @@ export class Controls {
     const who = this.target.selectedOptions[0]?.textContent ?? "";
     const [starts, value] = [STARTS_MOTORS.has(order), VALUES[order]];
     if (!starts && !value) this.send({ order, system_id });
-    else this.ask(`${capital(order)}: ${who}`, starts ? "Motors may turn. Is everybody clear of the vehicle?" : "", value ?? null, (given) =>
-      this.send({ order, system_id, ...(given === null ? {} : { value: given }), ...(starts ? { confirmed: true } : {}) }));
+    else
+      this.ask(
+        `${capital(order)}: ${who}`,
+        starts ? "Motors may turn. Is everybody clear of the vehicle?" : "",
+        value ?? null,
+        (given) =>
+          this.send({
+            order,
+            system_id,
+            ...(given === null ? {} : { value: given }),
+            ...(starts ? { confirmed: true } : {}),
+          }),
+      );
   }
 
   private ask(title: string, text: string, value: string | null, act: (value: string | null) => void): void {

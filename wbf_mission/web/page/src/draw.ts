@@ -135,7 +135,10 @@ export function drawPicture(context: Context, view: View, picture: Picture, pixe
 /** Where the estimate ends and the truth begins. */
 export function drawSplit(context: Context, view: View, split: number, names: [string, string]): void {
   const left = split * view.width;
-  for (const [colour, width] of [[themed("halo"), 5], [themed("ink"), 1.5]] as const) {
+  for (const [colour, width] of [
+    [themed("halo"), 5],
+    [themed("ink"), 1.5],
+  ] as const) {
     context.beginPath();
     context.moveTo(left, 0);
     context.lineTo(left, view.height);
@@ -191,7 +194,14 @@ export function drawOldTrail(context: Context, view: View, states: States, time_
 }
 
 /** Where a vehicle was lately. */
-export function drawTrail(context: Context, view: View, states: States, time_s: number, now: Moment, colour: string): void {
+export function drawTrail(
+  context: Context,
+  view: View,
+  states: States,
+  time_s: number,
+  now: Moment,
+  colour: string,
+): void {
   const count = upTo(states.time_s, time_s);
   trail(context, view, states, upTo(states.time_s, oldUntil(time_s)), count, count);
   context.lineTo(...toPixels(view, now.x, now.y));

@@ -6,10 +6,18 @@ import type { Model } from "./model.js";
 import type { Picture } from "./tiles.js";
 
 const KINDS: [Choice["kind"], string][] = [
-  ["value", "Estimate"], ["uncertainty", "Uncertainty"], ["truth", "Truth"], ["acquisition", "Acquisition"], ["none", "None"],
+  ["value", "Estimate"],
+  ["uncertainty", "Uncertainty"],
+  ["truth", "Truth"],
+  ["acquisition", "Acquisition"],
+  ["none", "None"],
 ];
-const DRAWN: [("crops" | "plans" | "trails" | "readings" | "decisions"), string][] = [
-  ["crops", "Crops"], ["plans", "Plans and fences"], ["trails", "Trails"], ["readings", "Camera readings"], ["decisions", "Decisions"],
+const DRAWN: ["crops" | "plans" | "trails" | "readings" | "decisions", string][] = [
+  ["crops", "Crops"],
+  ["plans", "Plans and fences"],
+  ["trails", "Trails"],
+  ["readings", "Camera readings"],
+  ["decisions", "Decisions"],
 ];
 
 export class LayerPanel {
@@ -18,7 +26,11 @@ export class LayerPanel {
   private shape = "";
   private told = "";
 
-  constructor(private readonly models: Model[], private readonly choice: Choice, private readonly changed: () => void) {}
+  constructor(
+    private readonly models: Model[],
+    private readonly choice: Choice,
+    private readonly changed: () => void,
+  ) {}
 
   /** Offer what there is. */
   show(picture: Picture | null): void {
@@ -49,16 +61,26 @@ export class LayerPanel {
     const fields = (this.models[0]?.run?.fields ?? []).map(({ name, title }): [string, string] => [name, title]);
     const parts: HTMLElement[] = [];
     if (fields.length)
-      parts.push(segments("Field", fields, choice.field, (value) => {
-        choice.field = value;
-        changed();
-      }));
+      parts.push(
+        segments("Field", fields, choice.field, (value) => {
+          choice.field = value;
+          changed();
+        }),
+      );
     if (kinds.length > 1) {
-      parts.push(segments("Layer", kinds, choice.kind, (value) => {
-        choice.kind = value as Choice["kind"];
-        changed();
-      }));
-      const opacity = element("input", { type: "range", min: "0.1", max: "1", step: "0.05", value: String(choice.opacity) });
+      parts.push(
+        segments("Layer", kinds, choice.kind, (value) => {
+          choice.kind = value as Choice["kind"];
+          changed();
+        }),
+      );
+      const opacity = element("input", {
+        type: "range",
+        min: "0.1",
+        max: "1",
+        step: "0.05",
+        value: String(choice.opacity),
+      });
       opacity.addEventListener("input", () => {
         choice.opacity = Number(opacity.value);
         changed();
@@ -67,16 +89,20 @@ export class LayerPanel {
     }
     const boxes = element("div", { class: "checks" });
     if (kinds.some(([kind]) => kind === "truth"))
-      boxes.append(checkbox("Compare with truth", choice.compare, (on) => {
-        choice.compare = on;
-        if (on && (choice.kind === "truth" || choice.kind === "none")) choice.kind = "value";
-        changed();
-      }));
+      boxes.append(
+        checkbox("Compare with truth", choice.compare, (on) => {
+          choice.compare = on;
+          if (on && (choice.kind === "truth" || choice.kind === "none")) choice.kind = "value";
+          changed();
+        }),
+      );
     for (const [name, label] of drawn)
-      boxes.append(checkbox(label, choice[name], (on) => {
-        choice[name] = on;
-        changed();
-      }));
+      boxes.append(
+        checkbox(label, choice[name], (on) => {
+          choice[name] = on;
+          changed();
+        }),
+      );
     parts.push(boxes);
     const inside = this.element.contains(document.activeElement);
     this.element.replaceChildren(...parts);
@@ -97,10 +123,16 @@ export class LayerPanel {
     const bar = element("div", { class: "ramp", "aria-hidden": "true" });
     bar.style.background = `linear-gradient(to right, ${stops.join(", ")})`;
     const sick = field?.kind === "disease" && !layer.startsWith("uncertainty/");
-    const words = sick ? ["lost", "infected", "healthy"] : [0, 0.5, 1].map((part) => figureOf(model, layer, part * scale));
+    const words = sick
+      ? ["lost", "infected", "healthy"]
+      : [0, 0.5, 1].map((part) => figureOf(model, layer, part * scale));
     const title = element("div", { class: "title" });
     setText(title, layerTitle(model, layer));
     if (field?.unit && !sick) title.append(element("span", { class: "unit" }, ` in ${field.unit}`));
-    this.legend.replaceChildren(title, bar, element("div", { class: "ends" }, ...words.map((word) => element("span", {}, word))));
+    this.legend.replaceChildren(
+      title,
+      bar,
+      element("div", { class: "ends" }, ...words.map((word) => element("span", {}, word))),
+    );
   }
 }

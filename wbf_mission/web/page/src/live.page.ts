@@ -16,12 +16,27 @@ import { scoreLine, Vehicles } from "./vehicles.js";
 const CHARTS_MS = 400;
 const PANELS_MS = 200;
 const LOST_MS = 600;
-const LINKS: Record<Link, string> = { connecting: "Connecting …", live: "Live", lost: "Connection lost", recording: "Recording" };
+const LINKS: Record<Link, string> = {
+  connecting: "Connecting …",
+  live: "Live",
+  lost: "Connection lost",
+  recording: "Recording",
+};
+
+interface Parts {
+  time: Time;
+  vehicles: Vehicles;
+  messages: Messages;
+  decisions: Decisions;
+  charts: Charts;
+  layers: LayerPanel;
+  controls: Controls | null;
+}
 
 class App {
   private models: Model[] = [];
   private maps: MapView[] = [];
-  private parts: { time: Time; vehicles: Vehicles; messages: Messages; decisions: Decisions; charts: Charts; layers: LayerPanel; controls: Controls | null } | null = null;
+  private parts: Parts | null = null;
   private readonly root = document.getElementById("app")!;
   private readonly title = element("h1");
   private readonly link = element("span", { class: "pill connection", role: "status" });
@@ -36,8 +51,16 @@ class App {
     link: (state) => this.takeLink(state),
   });
   private readonly choice: Choice = {
-    field: "", kind: "value", compare: false, split: 0.5, opacity: 0.85,
-    crops: true, plans: true, trails: true, readings: true, decisions: true,
+    field: "",
+    kind: "value",
+    compare: false,
+    split: 0.5,
+    opacity: 0.85,
+    crops: true,
+    plans: true,
+    trails: true,
+    readings: true,
+    decisions: true,
   };
   private dirty = true;
   private chartsAt_ms = 0;
@@ -58,13 +81,13 @@ class App {
     this.parts?.charts.redraw();
   }
 
+  /** Everything comes anew; the reader goes on looking at the same part of it. */
   private begin(runs: number): void {
-    const shown = this.maps.map(({ map }) => [map.getCenter(), map.getZoom()] as const);
-    for (const map of this.maps) map.remove();
-    this.models = Array.from({ length: runs }, () => new Model());
-    if (runs > 1) this.models.forEach((model, k) => (model.letter = "AB"[k] ?? String(k + 1)));
-    this.build();
-    shown.forEach(([center, zoom], k) => this.maps[k]?.map.setView(center, zoom, { animate: false }));
+    if (this.models.length === runs) for (const model of this.models) Object.assign(model, new Model(model.letter));
+    else {
+      this.models = Array.from({ length: runs }, (_, k) => new Model(runs > 1 ? String.fromCharCode(65 + k) : ""));
+      this.build();
+    }
   }
 
   private take(update: Update, run: number): void {
@@ -101,16 +124,45 @@ class App {
     this.parts = { time, vehicles, messages, decisions, charts, layers, controls };
 
     const stage = element("div", { class: "stage" });
-    const layerBox = element("details", { class: "layer-box", open: "" }, element("summary", {}, "Layers"), layers.element);
+    const layerBox = element(
+      "details",
+      { class: "layer-box", open: "" },
+      element("summary", {}, "Layers"),
+      layers.element,
+    );
     if (models.length > 1 || matchMedia("(max-width: 60rem)").matches) layerBox.open = false;
-    const covered = (): number => (layerBox.open && models.length === 1 && stage.clientWidth > 800 ? layerBox.offsetWidth : 0);
+    const covered = (): number =>
+      layerBox.open && models.length === 1 && stage.clientWidth > 800 ? layerBox.offsetWidth : 0;
     this.maps = models.map((model, k) => {
-      const room = element("div", { class: "map", tabindex: "0", role: "application", "aria-label": `Map${models.length > 1 ? ` of run ${k + 1}` : ""}; arrow keys move it, plus and minus zoom` });
-      stage.append(models.length > 1 ? element("div", { class: "one-of-two" }, element("h2", { class: "of-run" }), room) : room);
-      return new MapView(room, model, choice, (text) => setText(this.under, text), (id) => vehicles.select(model, id), covered, models.length === 1);
+      const room = element("div", {
+        class: "map",
+        tabindex: "0",
+        role: "application",
+        "aria-label": `Map${models.length > 1 ? ` of run ${k + 1}` : ""}; arrow keys move it, plus and minus zoom`,
+      });
+      stage.append(
+        models.length > 1 ? element("div", { class: "one-of-two" }, element("h2", { class: "of-run" }), room) : room,
+      );
+      return new MapView(
+        room,
+        model,
+        choice,
+        (text) => setText(this.under, text),
+        (id) => vehicles.select(model, id),
+        covered,
+        models.length === 1,
+      );
     });
     this.join();
-    const split = element("input", { type: "range", class: "split", min: "0", max: "1", step: "0.005", value: String(choice.split), "aria-label": "Estimate left, truth right of here" });
+    const split = element("input", {
+      type: "range",
+      class: "split",
+      min: "0",
+      max: "1",
+      step: "0.005",
+      value: String(choice.split),
+      "aria-label": "Estimate left, truth right of here",
+    });
     split.addEventListener("input", () => {
       choice.split = Number(split.value);
       changed();
@@ -119,7 +171,12 @@ class App {
     stage.append(split, fit, layers.legend, this.under, layerBox);
 
     const panel = (name: string, label: string, ...children: Node[]): HTMLElement =>
-      element("section", { class: `panel ${name}`, "data-panel": name, "aria-label": label }, element("h2", {}, label), ...children);
+      element(
+        "section",
+        { class: `panel ${name}`, "data-panel": name, "aria-label": label },
+        element("h2", {}, label),
+        ...children,
+      );
     const side = element("aside", { class: "side", "aria-label": "Vehicles and messages" });
     side.append(
       panel("vehicles", "Vehicles", vehicles.element),
@@ -127,8 +184,20 @@ class App {
       panel("messages", "Messages", messages.element),
     );
     const header = element("header", { class: "top" }, this.title, this.outcome, this.progress, this.link);
-    const urgent = element("div", { class: "urgent" }, this.lost, ...(controls ? [controls.question, controls.element] : []));
-    const main = element("main", { class: "middle" }, stage, time.element, this.tabs(), panel("charts", "Charts", charts.element));
+    const urgent = element(
+      "div",
+      { class: "urgent" },
+      this.lost,
+      ...(controls ? [controls.question, controls.element] : []),
+    );
+    const main = element(
+      "main",
+      { class: "middle" },
+      stage,
+      time.element,
+      this.tabs(),
+      panel("charts", "Charts", charts.element),
+    );
     this.root.classList.toggle("two", models.length > 1);
     this.root.dataset["tab"] = "vehicles";
     this.root.replaceChildren(header, urgent, main, side, messages.aloud);
@@ -140,11 +209,15 @@ class App {
     const names = ["vehicles", "charts", "messages", "decisions"];
     const tabs = element("nav", { class: "tabs", "aria-label": "Panels" });
     for (const name of names) {
-      const tab = button(capital(name), () => {
-        this.root.dataset["tab"] = name;
-        for (const one of tabs.children) one.setAttribute("aria-pressed", String(one === tab));
-        this.dirty = this.stale = true;
-      }, { "aria-pressed": String(name === "vehicles"), class: `tab-${name}` });
+      const tab = button(
+        capital(name),
+        () => {
+          this.root.dataset["tab"] = name;
+          for (const one of tabs.children) one.setAttribute("aria-pressed", String(one === tab));
+          this.dirty = this.stale = true;
+        },
+        { "aria-pressed": String(name === "vehicles"), class: `tab-${name}` },
+      );
       tabs.append(tab);
     }
     return tabs;
@@ -176,7 +249,8 @@ class App {
     this.link.dataset["state"] = state === "lost" && ended ? "recording" : state;
     const text = ended ? "" : "The connection to the program is lost: what is shown is old. Trying again …";
     setText(this.lost, state === "lost" ? text : "");
-    if (!this.root.contains(this.link)) this.root.replaceChildren(element("header", { class: "top" }, this.title, this.link), this.lost);
+    if (!this.root.contains(this.link))
+      this.root.replaceChildren(element("header", { class: "top" }, this.title, this.link), this.lost);
   }
 
   private frame(now_ms: number): void {
@@ -203,7 +277,7 @@ class App {
     }
   }
 
-  private showPanels(parts: NonNullable<App["parts"]>): void {
+  private showPanels(parts: Parts): void {
     const time_s = parts.time.time_s;
     const model = this.models[0]!;
     parts.vehicles.show(time_s);
@@ -216,7 +290,9 @@ class App {
     const titles = this.models.map((one) => [one.letter, one.run?.title].filter(Boolean).join(": "));
     setText(this.title, titles.join("  |  ") || "wbf-mission");
     const headings = this.root.querySelectorAll(".of-run");
-    this.models.forEach((one, k) => headings[k] && setText(headings[k], [titles[k], scoreLine(one, time_s)].filter(Boolean).join(" · ")));
+    this.models.forEach(
+      (one, k) => headings[k] && setText(headings[k], [titles[k], scoreLine(one, time_s)].filter(Boolean).join(" · ")),
+    );
     const { status } = model;
     const over = status && status.outcome !== "running";
     const words = over ? [status.outcome, status.reason] : [scoreLine(model, time_s)];

@@ -3,7 +3,17 @@ import * as L from "leaflet";
 import { CanvasLayer, Frame, type Draw, type View } from "./canvas.js";
 import { lifted, themed, vehicleColour } from "./colours.js";
 import { element, setText, svg } from "./dom.js";
-import { drawBorders, drawDecision, drawFarm, drawOldTrail, drawPicture, drawPlan, drawSplit, drawTrail, oldUntil } from "./draw.js";
+import {
+  drawBorders,
+  drawDecision,
+  drawFarm,
+  drawOldTrail,
+  drawPicture,
+  drawPlan,
+  drawSplit,
+  drawTrail,
+  oldUntil,
+} from "./draw.js";
 import { upTo, type Model, type Moment } from "./model.js";
 import type { Decision, FieldInfo, Run, States, Update, VehicleInfo } from "./schema.js";
 import { drawReadings } from "./readings.js";
@@ -72,7 +82,9 @@ export function showTiles(map: L.Map, tiles: NonNullable<Update["background"]>):
   const note = L.control.attribution({ position: "bottomright", prefix: false }).addTo(map);
   note.getContainer()!.textContent = tiles.attribution;
   return L.tileLayer("tiles/{z}/{x}/{y}", {
-    minNativeZoom: tiles.min_zoom, maxNativeZoom: tiles.max_zoom, maxZoom: CLOSEST,
+    minNativeZoom: tiles.min_zoom,
+    maxNativeZoom: tiles.max_zoom,
+    maxZoom: CLOSEST,
   }).addTo(map);
 }
 
@@ -84,7 +96,6 @@ export class MapView {
   private truth: Picture | null = null;
   private readonly marks = new Map<number, VehicleMark>();
   private readonly layers: Record<"ground" | "values" | "readings" | "trails" | "lines", CanvasLayer>;
-  private readonly over = new AbortController();
   /** The reader looks at a part of the map, and is left there. */
   private touched = false;
   private pointer: L.LatLng | null = null;
@@ -107,8 +118,15 @@ export class MapView {
   ) {
     const still = !animated || matchMedia("(prefers-reduced-motion: reduce)").matches;
     this.map = L.map(container, {
-      attributionControl: false, zoomControl: false, zoomSnap: 0.25, zoomDelta: 1, maxZoom: CLOSEST,
-      zoomAnimation: !still, fadeAnimation: !still, inertia: !still, wheelPxPerZoomLevel: 90,
+      attributionControl: false,
+      zoomControl: false,
+      zoomSnap: 0.25,
+      zoomDelta: 1,
+      maxZoom: CLOSEST,
+      zoomAnimation: !still,
+      fadeAnimation: !still,
+      inertia: !still,
+      wheelPxPerZoomLevel: 90,
     });
     L.control.zoom({ position: "topright" }).addTo(this.map);
     L.control.scale({ position: "bottomright", imperial: false }).addTo(this.map);
@@ -129,27 +147,34 @@ export class MapView {
         if (this.picture) drawPicture(context, view, this.picture, pixel_m, 0, compare && this.truth ? split : 1);
         if (compare && this.truth) drawPicture(context, view, this.truth, pixel_m, split, 1);
       }),
-      readings: canvas("readings", 350, (context, view) => {
-        const [field, raster] = [this.field, this.run?.raster];
-        if (!this.choice.readings || !field || !raster) return;
-        drawReadings(context, view, this.model, field, this.time_s, raster.pixel_m / raster.cells);
-      }, true),
-      trails: canvas("trails", 375, (context, view) => {
-        if (this.choice.trails)
-          for (const [id, states] of this.states()) drawOldTrail(context, view, states, this.time_s, this.colour(id));
-      }, true),
+      readings: canvas(
+        "readings",
+        350,
+        (context, view) => {
+          const [field, raster] = [this.field, this.run?.raster];
+          if (!this.choice.readings || !field || !raster) return;
+          drawReadings(context, view, this.model, field, this.time_s, raster.pixel_m / raster.cells);
+        },
+        true,
+      ),
+      trails: canvas(
+        "trails",
+        375,
+        (context, view) => {
+          if (this.choice.trails)
+            for (const [id, states] of this.states()) drawOldTrail(context, view, states, this.time_s, this.colour(id));
+        },
+        true,
+      ),
       lines: canvas("lines", 400, (context, view) => this.drawLines(context, view)),
     };
-    const { signal } = this.over;
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.redraw(), { signal });
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.redraw());
     for (const kind of ["pointerdown", "wheel", "keydown"])
       container.addEventListener(kind, () => (this.touched = true), { passive: true });
-    const sizes = new ResizeObserver(() => {
+    new ResizeObserver(() => {
       this.map.invalidateSize({ animate: false });
       if (!this.touched) this.fit();
-    });
-    sizes.observe(container);
-    signal.addEventListener("abort", () => sizes.disconnect());
+    }).observe(container);
     this.map.on("mousemove click", (event) => this.read((event as L.LeafletMouseEvent).latlng));
     this.map.on("mouseout", () => this.read(null));
   }
@@ -163,23 +188,28 @@ export class MapView {
     return this.picture;
   }
 
-  remove(): void {
-    this.over.abort();
-    this.map.remove();
-  }
-
   /** Show the whole farm, or where all vehicles were where there is none. */
   fit(): void {
     this.touched = false;
     const farm = this.run?.farm;
     const [width, height] = [farm?.width_m ?? 0, farm?.height_m ?? 0];
-    const corners = farm ? [[0, 0], [width, 0], [0, height], [width, height]] : [];
+    const corners = farm
+      ? [
+          [0, 0],
+          [width, 0],
+          [0, height],
+          [width, height],
+        ]
+      : [];
     const places = corners.map(([x, y]) => this.frame.latLng(x!, y!));
     if (!farm)
       for (const [, { x, y }] of this.states()) x.forEach((left, k) => places.push(this.frame.latLng(left, y[k]!)));
     if (!places.length) return;
     this.map.fitBounds(L.latLngBounds(places), {
-      paddingTopLeft: [28 + this.covered_px(), 28], paddingBottomRight: [28, 28], maxZoom: CLOSEST - 1, animate: false,
+      paddingTopLeft: [28 + this.covered_px(), 28],
+      paddingBottomRight: [28, 28],
+      maxZoom: CLOSEST - 1,
+      animate: false,
     });
   }
 
@@ -225,7 +255,9 @@ export class MapView {
       const moment = this.model.vehicleAt(info.system_id, time_s);
       if (!moment) continue;
       let mark = this.marks.get(info.system_id);
-      mark ??= new VehicleMark(this.map, info, this.model.nameOf(info.system_id), vehicleColour(k), () => this.select(info.system_id));
+      mark ??= new VehicleMark(this.map, info, this.model.nameOf(info.system_id), vehicleColour(k), () =>
+        this.select(info.system_id),
+      );
       this.marks.set(info.system_id, mark);
       mark.show(this.frame.latLng(moment.x, moment.y), moment, info.system_id === this.selected);
       away ||= !this.map.getBounds().pad(-0.04).contains(mark.marker.getLatLng());
@@ -242,6 +274,8 @@ export class MapView {
   private takeRun(run: Run | null): void {
     const before = this.run?.farm;
     this.run = run;
+    for (const { marker } of this.marks.values()) marker.remove();
+    this.marks.clear();
     if (run?.farm && JSON.stringify(run.farm) !== JSON.stringify(before)) {
       this.frame = new Frame(run.farm.georeference);
       this.fit();
@@ -302,8 +336,7 @@ export class MapView {
         const now = this.model.vehicleAt(id, this.time_s);
         if (now) drawTrail(context, view, states, this.time_s, now, this.colour(id));
       }
-    if (this.choice.decisions && this.decision)
-      drawDecision(context, view, this.decision, (id) => this.colour(id));
+    if (this.choice.decisions && this.decision) drawDecision(context, view, this.decision, (id) => this.colour(id));
     if (this.picture && this.truth)
       drawSplit(context, view, this.choice.split, [KINDS[this.choice.kind] ?? this.choice.kind, KINDS["truth"]!]);
   }
@@ -323,7 +356,8 @@ export class MapView {
     for (const picture of [this.picture, this.truth])
       if (picture && raster) {
         const value = picture.valueAt(Math.floor(x / raster.pixel_m), Math.floor(y / raster.pixel_m));
-        if (!Number.isNaN(value)) parts.push(`${layerTitle(this.model, picture.layer)} ${inUnit(this.model, picture.layer, value)}`);
+        if (!Number.isNaN(value))
+          parts.push(`${layerTitle(this.model, picture.layer)} ${inUnit(this.model, picture.layer, value)}`);
       }
     this.told([...parts, ...where].join("  ·  "));
   }

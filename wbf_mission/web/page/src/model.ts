@@ -1,6 +1,16 @@
 // What was received of a run, put together, and how it was at any time.
 import type {
-  Decision, FieldInfo, Plan, Readings, Recording, Run, Said, Scores, States, Status, Update,
+  Decision,
+  FieldInfo,
+  Plan,
+  Readings,
+  Recording,
+  Run,
+  Said,
+  Scores,
+  States,
+  Status,
+  Update,
 } from "./schema.js";
 import { Tiles } from "./tiles.js";
 
@@ -29,7 +39,12 @@ function extend(old: Columns, added: Columns): void {
   }
 }
 
-function extendByField(old: Record<string, unknown[]>, added: Record<string, unknown[]>, known: number, fresh: number): void {
+function extendByField(
+  old: Record<string, unknown[]>,
+  added: Record<string, unknown[]>,
+  known: number,
+  fresh: number,
+): void {
   for (const name of new Set([...Object.keys(old), ...Object.keys(added)])) {
     const held = (old[name] ??= new Array<null>(known).fill(null));
     const column = added[name];
@@ -44,7 +59,9 @@ const BETWEEN = ["x", "y", "height_m", "speed_m_s", "battery"] as const;
 export function between(states: States, name: (typeof BETWEEN)[number], last: number, time_s: number): number | null {
   const [from, to] = [states[name][last] ?? null, states[name][last + 1] ?? null];
   const [from_s, to_s] = [states.time_s[last] ?? 0, states.time_s[last + 1] ?? 0];
-  return from === null || to === null || to_s <= from_s ? from : from + ((to - from) * (time_s - from_s)) / (to_s - from_s);
+  return from === null || to === null || to_s <= from_s
+    ? from
+    : from + ((to - from) * (time_s - from_s)) / (to_s - from_s);
 }
 
 /** One vehicle at one moment. */
@@ -80,10 +97,11 @@ export class Model {
   said: Said[] = [];
   scales: Record<string, number> = {};
   tiles = new Tiles();
-  /** A letter, where several runs are shown. */
-  letter = "";
   /** The time up to which anything is known. */
   end_s = 0;
+
+  /** A letter stands for it where several runs are shown. */
+  constructor(readonly letter = "") {}
 
   take(update: Update): void {
     this.end_s = Math.max(this.end_s, update.time_s);
@@ -135,11 +153,23 @@ export class Model {
     const since_s = time_s - at(states.time_s);
     const silent_s = at(states.silent_s) + (this.status?.outcome === "running" ? since_s : 0);
     const moment: Moment = {
-      x: at(states.x), y: at(states.y), time_s: at(states.time_s), day: at(states.day), flight: at(states.flight),
-      height_m: at(states.height_m), speed_m_s: at(states.speed_m_s), heading_deg: at(states.heading_deg),
-      battery: at(states.battery), link: at(states.link), item: at(states.item), items: at(states.items),
-      mode: at(states.mode), phase: at(states.phase), armed: at(states.armed),
-      silent_s, silent: silent_s > SILENT_S,
+      x: at(states.x),
+      y: at(states.y),
+      time_s: at(states.time_s),
+      day: at(states.day),
+      flight: at(states.flight),
+      height_m: at(states.height_m),
+      speed_m_s: at(states.speed_m_s),
+      heading_deg: at(states.heading_deg),
+      battery: at(states.battery),
+      link: at(states.link),
+      item: at(states.item),
+      items: at(states.items),
+      mode: at(states.mode),
+      phase: at(states.phase),
+      armed: at(states.armed),
+      silent_s,
+      silent: silent_s > SILENT_S,
     };
     const flown = states.flight[last + 1] === moment.flight;
     for (const name of BETWEEN) {

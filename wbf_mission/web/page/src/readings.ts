@@ -14,10 +14,12 @@ const SMALLEST_PX = 1.4;
 /** The part of the frame that is in sight: least x and y, largest x and y. */
 function seen({ matrix: [a, b, c, d, e, f], width, height }: View): [number, number, number, number] {
   const turn = a * d - b * c;
-  const corners = [[0, 0], [width, 0], [0, height], [width, height]].map(([left, top]) => [
-    (d * (left! - e) - c * (top! - f)) / turn,
-    (a * (top! - f) - b * (left! - e)) / turn,
-  ]);
+  const corners = [
+    [0, 0],
+    [width, 0],
+    [0, height],
+    [width, height],
+  ].map(([left, top]) => [(d * (left! - e) - c * (top! - f)) / turn, (a * (top! - f) - b * (left! - e)) / turn]);
   const [x, y] = [0, 1].map((k) => corners.map((corner) => corner[k]!)) as [number[], number[]];
   return [Math.min(...x), Math.min(...y), Math.max(...x), Math.max(...y)];
 }
@@ -63,7 +65,14 @@ export function drawReadings(
   const colours = ramp(`value/${field.name}`, field);
   const table = Array.from({ length: LEVELS }, (_, level) => colourAt(colours, level / (LEVELS - 1)));
   context.save();
-  context.transform(a * step, b * step, c * step, d * step, e + (a * first + c * low) * step, f + (b * first + d * low) * step);
+  context.transform(
+    a * step,
+    b * step,
+    c * step,
+    d * step,
+    e + (a * first + c * low) * step,
+    f + (b * first + d * low) * step,
+  );
   if (step * view.scale > LARGE_PX) drawSquares(context, levels, columns, table.map(css), step * view.scale);
   else {
     context.imageSmoothingEnabled = false;
@@ -93,7 +102,10 @@ const sheet = document.createElement("canvas");
 function dots(levels: Uint8Array, columns: number, rows: number, table: [number, number, number][]): HTMLCanvasElement {
   const image = new ImageData(columns, rows);
   const pixels = new Uint32Array(image.data.buffer);
-  const colours = Uint32Array.from([0, ...table.map(([red, green, blue]) => (230 << 24) | (blue << 16) | (green << 8) | red)]);
+  const colours = Uint32Array.from([
+    0,
+    ...table.map(([red, green, blue]) => (230 << 24) | (blue << 16) | (green << 8) | red),
+  ]);
   for (let place = 0; place < levels.length; place++) pixels[place] = colours[levels[place]!]!;
   [sheet.width, sheet.height] = [columns, rows];
   sheet.getContext("2d")!.putImageData(image, 0, 0);
@@ -107,7 +119,10 @@ function drawRings(context: Context, places: number[], radius: number): void {
   const pen = one.getContext("2d")!;
   pen.scale(density, density);
   pen.arc(half, half, radius, 0, 2 * Math.PI);
-  for (const [colour, width] of [["#ffffff", 4], ["#a3123a", 2]] as const) {
+  for (const [colour, width] of [
+    ["#ffffff", 4],
+    ["#a3123a", 2],
+  ] as const) {
     pen.strokeStyle = colour;
     pen.lineWidth = width;
     pen.stroke();

@@ -10,9 +10,16 @@ export function clock(time_s: number): string {
 /** A time in words: its two largest parts. */
 export function duration(time_s: number): string {
   const whole = Math.round(time_s);
-  const parts: [number, string][] = [[Math.floor(whole / 3600), "h"], [Math.floor(whole / 60) % 60, "min"], [whole % 60, "s"]];
+  const parts: [number, string][] = [
+    [Math.floor(whole / 3600), "h"],
+    [Math.floor(whole / 60) % 60, "min"],
+    [whole % 60, "s"],
+  ];
   const first = whole ? parts.findIndex(([part]) => part > 0) : 2;
-  return parts.slice(first, first + 2).map(([part, unit]) => `${part} ${unit}`).join(" ");
+  return parts
+    .slice(first, first + 2)
+    .map(([part, unit]) => `${part} ${unit}`)
+    .join(" ");
 }
 
 /** A number with as many digits as are worth reading. */

@@ -43,9 +43,13 @@ export class Tiles {
   at(layer: LayerName, time_s: number): Map<string, Version> {
     const shown = new Map<string, Version>();
     for (const [place, versions] of this.layers.get(layer) ?? []) {
-      let last = versions.length - 1;
-      while (last > 0 && versions[last]!.time_s > time_s) last--;
-      shown.set(place, versions[last]!);
+      let [low, high] = [0, versions.length - 1];
+      while (low < high) {
+        const middle = (low + high + 1) >> 1;
+        if (versions[middle]!.time_s <= time_s) low = middle;
+        else high = middle - 1;
+      }
+      shown.set(place, versions[low]!);
     }
     return shown;
   }
@@ -118,8 +122,7 @@ export class Picture {
   private setScale(scale: number): void {
     this.scale = scale;
     this.table = new Uint8ClampedArray(4 * (TOP + 1));
-    for (let level = 0; level <= TOP; level++)
-      this.table.set([...colourAt(this.colours, level / TOP), 255], 4 * level);
+    for (let level = 0; level <= TOP; level++) this.table.set([...colourAt(this.colours, level / TOP), 255], 4 * level);
   }
 
   /** Where a tile lies: its first column and row, and its columns and rows. */

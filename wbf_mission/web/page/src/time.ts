@@ -23,7 +23,10 @@ export class Time {
   private readonly text = element("output", { class: "clock" });
   private readonly speeds = element("select", { "aria-label": "Speed of playing" });
 
-  constructor(private readonly live: boolean, private readonly changed: () => void) {
+  constructor(
+    private readonly live: boolean,
+    private readonly changed: () => void,
+  ) {
     this.follows = live;
     for (const speed of SPEEDS) this.speeds.append(element("option", { value: String(speed) }, `${speed}×`));
     this.speeds.addEventListener("change", () => (this.speed = Number(this.speeds.value)));
@@ -32,7 +35,9 @@ export class Time {
     this.element = element("div", { class: "time", role: "group", "aria-label": "Time" });
     this.element.append(this.play, this.slider, this.text, this.speeds, ...(live ? [this.now] : []));
     document.addEventListener("keydown", (event) => {
-      const taken = (event.target as Element).closest("input, select, button, textarea, summary, dialog, [role=button]");
+      const taken = (event.target as Element).closest(
+        "input, select, button, textarea, summary, dialog, [role=button]",
+      );
       if (event.key !== " " || (taken && taken !== this.slider)) return;
       event.preventDefault();
       this.toggle();
@@ -105,7 +110,12 @@ export class Time {
   private step(event: KeyboardEvent): void {
     const large = Math.max(STEP_S, this.end_s / 20);
     const steps: Record<string, number> = {
-      ArrowLeft: -STEP_S, ArrowDown: -STEP_S, ArrowRight: STEP_S, ArrowUp: STEP_S, PageDown: -large, PageUp: large,
+      ArrowLeft: -STEP_S,
+      ArrowDown: -STEP_S,
+      ArrowRight: STEP_S,
+      ArrowUp: STEP_S,
+      PageDown: -large,
+      PageUp: large,
     };
     const by_s = steps[event.key];
     if (by_s === undefined) return;

@@ -14,6 +14,7 @@ type Figures = Record<"height" | "speed" | "heading" | "item" | "link" | "heard"
 
 class Card {
   readonly element: HTMLElement;
+  private readonly name = element("span", { class: "name" });
   private readonly phase = element("span", { class: "phase" });
   private readonly mode = element("span", { class: "mode" });
   private readonly battery = element("span", { class: "battery" });
@@ -21,10 +22,24 @@ class Card {
   private readonly doing = element("p", { class: "doing" });
   private readonly figures: Figures;
 
-  constructor(private readonly model: Model, readonly info: VehicleInfo, number: number, chosen: () => void) {
+  constructor(
+    private readonly model: Model,
+    readonly info: VehicleInfo,
+    number: number,
+    chosen: () => void,
+  ) {
     const dot = element("span", { class: "dot", "aria-hidden": "true" });
     dot.style.setProperty("--vehicle", vehicleColour(number));
-    const names = { height: "Height", speed: "Speed", heading: "Heading", item: "Item", link: "Link", heard: "Heard", flight: "Flight", plan: "Plan" };
+    const names = {
+      height: "Height",
+      speed: "Speed",
+      heading: "Heading",
+      item: "Item",
+      link: "Link",
+      heard: "Heard",
+      flight: "Flight",
+      plan: "Plan",
+    };
     const list = element("dl");
     this.figures = Object.fromEntries(
       Object.entries(names).map(([name, label]) => {
@@ -34,12 +49,13 @@ class Card {
       }),
     ) as Figures;
     const head = element("button", { type: "button", class: "head", "aria-pressed": "false" });
-    head.append(dot, element("span", { class: "name" }, model.nameOf(info.system_id)), this.mode, this.battery, this.bar, this.phase);
+    head.append(dot, this.name, this.mode, this.battery, this.bar, this.phase);
     head.addEventListener("click", chosen);
     this.element = element("li", { class: "card" }, head, element("div", { class: "body" }, this.doing, list));
   }
 
   show(moment: Moment | null, time_s: number, selected: boolean): void {
+    setText(this.name, this.model.nameOf(this.info.system_id));
     this.element.classList.toggle("selected", selected);
     this.element.firstElementChild!.setAttribute("aria-pressed", String(selected));
     this.element.classList.toggle("silent", !!moment?.silent);
@@ -64,11 +80,13 @@ class Card {
     link.classList.toggle("bad", (moment.link ?? 1) < POOR_LINK);
     setText(heard, moment.silent_s < 1 ? "now" : `${Math.round(moment.silent_s)} s ago`);
     setText(flight, `day ${moment.day}, no. ${moment.flight}`);
-    const parts = plan && [
-      plan.length_m !== null && metres(plan.length_m),
-      plan.duration_s !== null && clock(plan.duration_s),
-      plan.coverage !== null && `sees ${percent(plan.coverage)}`,
-    ].filter(Boolean);
+    const parts =
+      plan &&
+      [
+        plan.length_m !== null && metres(plan.length_m),
+        plan.duration_s !== null && clock(plan.duration_s),
+        plan.coverage !== null && `sees ${percent(plan.coverage)}`,
+      ].filter(Boolean);
     setText(planned, parts?.join(", ") || "–");
   }
 }
@@ -78,7 +96,10 @@ export class Vehicles {
   selected: { model: Model; system_id: number } | null = null;
   private cards: Card[] = [];
 
-  constructor(private readonly models: Model[], private readonly chosen: (model: Model, id: number | null) => void) {}
+  constructor(
+    private readonly models: Model[],
+    private readonly chosen: (model: Model, id: number | null) => void,
+  ) {}
 
   select(model: Model, system_id: number): void {
     const same = this.selected?.model === model && this.selected.system_id === system_id;
@@ -88,7 +109,10 @@ export class Vehicles {
 
   show(time_s: number): void {
     const all = this.models.flatMap((model) => (model.run?.vehicles ?? []).map((info, k) => ({ model, info, k })));
-    if (all.length !== this.cards.length || all.some(({ info }, k) => this.cards[k]!.info.name !== info.name)) {
+    if (
+      all.length !== this.cards.length ||
+      all.some(({ info }, k) => this.cards[k]!.info.system_id !== info.system_id)
+    ) {
       this.cards = all.map(({ model, info, k }) => new Card(model, info, k, () => this.select(model, info.system_id)));
       this.element.replaceChildren(...this.cards.map((card) => card.element));
       this.element.classList.toggle("many", all.length > FEW);

@@ -50,6 +50,7 @@
     +-- wbf_mission.bench.engine.ClusterError            a Dask cluster
     +-- wbf_mission.rl.errors.TrainingError              a training environment
     +-- wbf_mission.results.storage.ResultError          the folder of a result
+    +-- wbf_mission.exports.rerun.ExportError            a run that cannot be exported
     +-- wbf_mission.web.tiles.MapTilesError              a file of map tiles
     +-- wbf_mission.web.report.ReportError               runs of which no report can be made
     +-- wbf_mission.web.drafts.DraftError                a draft of the studio

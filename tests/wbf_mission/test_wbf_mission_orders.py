@@ -50,6 +50,15 @@ def test_nothing_may_be_ordered_before_somebody_flies():
     assert last == "too many orders wait already", "a page that floods does not fill the memory"
 
 
+def test_an_order_that_came_too_late_is_not_for_the_next_flight():
+    orders, _ = heard_orders()
+    orders.allow(("hold",), {1})
+    assert orders.take(None, "hold") == ""
+    orders.allow((), ())
+    orders.allow(("hold",), {1})
+    assert orders.taken() == []
+
+
 def test_only_the_words_of_the_open_question_answer_it():
     orders, heard = heard_orders()
     assert orders.answer("no more") == "'no more' answers nothing"

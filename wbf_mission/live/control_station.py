@@ -53,7 +53,6 @@ class ControlStation:
     A vehicle that is told something new is told nothing more of what it was told before. It says nothing to
     vehicles before the first order; from then on it sends a heartbeat, for a vehicle may miss one that it
     has once heard.
-
     """
 
     # Another component than who watches on the same link.

@@ -136,6 +136,9 @@ class Orders:
         with self._lock:
             changed = self._orders != tuple(orders)
             self._orders, self._vehicles = tuple(orders), frozenset(vehicles)
+            if not self._orders:
+                # What came too late for one flight is not for the next.
+                self._waiting.clear()
         if changed:
             self._events.tell(Orderable(tuple(orders)))
 

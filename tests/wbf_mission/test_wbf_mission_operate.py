@@ -66,6 +66,7 @@ def test_orders_are_confirmed_by_what_the_vehicle_shows(autopilot, capsys):
         said = "Disarming denied: not landed" if autopilot == "px4" else "failed; it says no reason"
         assert text == f"error: system 1 refused disarm: {said}"
         assert command(capsys, url, "hold")["mode"] == shown[2]
+        assert command(capsys, url, "resume")["mode"] == shown[1]
         assert command(capsys, url, "return")["mode"] == "RTL"
         assert command(capsys, url, "land")["mode"] == "LAND"
 

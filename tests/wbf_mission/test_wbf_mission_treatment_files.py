@@ -3,7 +3,6 @@
 import json
 import re
 import shutil
-import subprocess
 import zipfile
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -13,9 +12,9 @@ import pyogrio
 import pytest
 import rasterio
 import shapely
-from browser import CHROMIUM
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from live_page import chromium
 from pyproj import Transformer
 
 from geo import Crop, Farm, LocalFrame, Patch, get_farm
@@ -293,24 +292,13 @@ def test_the_page_needs_nothing_else_and_shows_names_as_they_are(written):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(CHROMIUM is None, reason="no browser is installed")
-def test_the_page_prints_on_one_sheet(written, tmp_path):
+def test_the_page_prints_on_one_sheet(written):
     _, folder, _ = written
-    printed = tmp_path / "page.pdf"
-    flags = ["--headless", "--no-sandbox", "--disable-gpu", "--no-pdf-header-footer"]
-    subprocess.run(
-        [
-            CHROMIUM,
-            *flags,
-            f"--user-data-dir={tmp_path}",
-            f"--print-to-pdf={printed}",
-            folder / "report.html",
-        ],
-        check=True,
-        timeout=120,
-        capture_output=True,
-    )
-    assert len(re.findall(rb"/Type\s*/Page\b(?!s)", printed.read_bytes())) == 1
+    with chromium() as browser:
+        page = browser.new_page()
+        page.goto((folder / "report.html").as_uri())
+        printed = page.pdf(prefer_css_page_size=True)
+    assert len(re.findall(rb"/Type\s*/Page\b(?!s)", printed)) == 1
 
 
 def test_an_estimator_without_a_deviation_is_told(tmp_path):

@@ -2,19 +2,18 @@
 
 import io
 import shutil
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from bench_rows import made_row
-from browser import CHROMIUM, Browser
+from live_page import chromium
 from PIL import Image
 
 from wbf_mission.bench.page import Page, Section, Table
 from wbf_mission.bench.report import report_page
 from wbf_mission.cli.app import main
 from wbf_mission.web.bench_page import write_bench_page
-
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium")
 
 ASKED = {
     "page": "document.documentElement.scrollWidth",
@@ -23,15 +22,34 @@ ASKED = {
     "tables": "document.querySelectorAll('tbody tr').length",
     "background": "getComputedStyle(document.body).backgroundColor",
     "headings": "[...document.querySelectorAll('h2')].map(one => one.textContent)",
+    "bold": "document.querySelectorAll('b').length",
 }
 LOOKS = [(1200, False), (1200, True), (400, False), (400, True)]
 
 
 @pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    browser = Browser(tmp_path_factory.mktemp("chromium"))
-    yield browser
-    browser.close()
+def browser():
+    with chromium() as started:
+        yield started
+
+
+def look(browser, file, *, width, dark):
+    """Open a file; return what the browser finds wrong, its picture as PNG, and what is `ASKED` of it."""
+    page = browser.new_page(
+        viewport={"width": width, "height": 800}, color_scheme="dark" if dark else "light"
+    )
+    errors = []
+    page.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.on("requestfailed", lambda request: errors.append(request.url))
+    page.goto(file.as_uri())
+    seen = SimpleNamespace(
+        errors=errors,
+        png=page.screenshot(),
+        values={name: page.evaluate(text) for name, text in ASKED.items()},
+    )
+    page.close()
+    return seen
 
 
 def row(planner, seed, draw, **given):
@@ -80,7 +98,7 @@ def light_of(seen):
 @pytest.mark.parametrize("name", ["report", "paper"])
 def test_a_page_is_whole_and_no_wider_than_its_window(name, width, dark, browser, request):
     page = request.getfixturevalue(name)
-    seen = browser.look(page.as_uri(), width=width, dark=dark, values=ASKED)
+    seen = look(browser, page, width=width, dark=dark)
     assert seen.errors == []
     assert width - 20 < seen.values["window"] <= width  # beside its scroll bar
     assert seen.values["page"] <= seen.values["window"]
@@ -90,12 +108,9 @@ def test_a_page_is_whole_and_no_wider_than_its_window(name, width, dark, browser
 
 
 def test_titles_are_shown_as_they_are(browser, report):
-    seen = browser.look(report.as_uri(), width=800, dark=False, values=ASKED)
+    seen = look(browser, report, width=800, dark=False)
     assert seen.values["headings"] == ["All standings", "WBF/Miniberry-30-Sweep-v1", "What failed"]
-    bold = browser.look(
-        report.as_uri(), width=800, dark=False, values={"b": "document.querySelectorAll('b').length"}
-    )
-    assert bold.values["b"] == 0
+    assert seen.values["bold"] == 0
 
 
 def test_what_is_wrong_with_a_page_is_seen(browser, tmp_path):
@@ -106,7 +121,7 @@ def test_what_is_wrong_with_a_page_is_seen(browser, tmp_path):
         "overflow-wrap:break-word", "overflow-wrap:normal"
     )  # its digest is another
     file.write_text(page.replace("</h1>", '</h1><img src="missing.png">'))
-    seen = browser.look(file.as_uri(), width=400, dark=False, values=ASKED)
+    seen = look(browser, file, width=400, dark=False)
     assert seen.errors
     assert seen.values["pictures"] == [False]
     assert seen.values["page"] > 400

@@ -1,6 +1,6 @@
 """Measure what the page costs a flight, how fast it follows one, and how fast the studio plans.
 
-    python benchmarks/live_page.py [--case cost] [--case rate] [--case load] [--case studio] [--rounds 5]
+    python benchmarks/page_speed.py [--case cost] [--case rate] [--case load] [--case studio] [--rounds 5]
 
 - *cost*: three quads over Miniberry-100, flown as fast as the machine can in this process: alone, with a page
   that nobody looks at, with ten viewers in another process, and with a further one that never reads. In

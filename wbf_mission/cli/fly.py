@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import shlex
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -382,6 +383,7 @@ def _rows(result: Result, summary: Mapping[str, Any], *, simulated: bool) -> dic
         + ", ".join(f"{name} {seconds:.2f} s" for name, seconds in summary["timings_s"].items()),
         **({"flight speed": told("{realtime_factor:.0f} x real time", summary)} if simulated else {}),
         "files": summary["files"] or "not written",
+        **({"see it": f"wbf-mission report {shlex.quote(summary['files'])}"} if summary["files"] else {}),
     }
     if summary["least_distance_m"] is not None:
         rows["nearest to each other"] = distance(summary["least_distance_m"])

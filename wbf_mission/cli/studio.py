@@ -69,7 +69,9 @@ def studio_command(
     from wbf_mission.web.studio import Studio
     from wbf_mission.web.view import View
 
-    studio = Studio(given.scenario())
+    start = given.scenario()
+    start.farm.load()  # What cannot be read is told here
+    studio = Studio(start)
     with (
         contextlib.suppress(KeyboardInterrupt),
         LiveServer(View(), port=port, tiles=tiles, routes=studio.routes(), home="studio") as server,

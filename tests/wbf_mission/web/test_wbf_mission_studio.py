@@ -275,3 +275,21 @@ def test_the_command_serves_until_it_is_interrupted() -> None:
         connection.close()
         process.send_signal(signal.SIGINT)
         assert process.wait(30) == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "wanted"),
+    [
+        (("--farm", "nowhere"), "unknown farm 'nowhere'"),
+        (("--farm", "nowhere.geojson"), "no such file"),
+        (("--tiles", "nowhere.mbtiles"), "nowhere.mbtiles"),
+        (("--port", "70000"), "--port"),
+    ],
+)
+def test_the_command_refuses_what_it_cannot_begin_with(
+    words: tuple[str, str], wanted: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["studio", *words]) == 2
+    error = capsys.readouterr().err
+    assert wanted in error
+    assert len(error.splitlines()) == 1

@@ -89,7 +89,7 @@ def comparison_of(first: RunRecord, second: RunRecord, *, notes: Sequence[str] =
         fields += "</div>\n"
     return (
         f"{_BEGIN}<h1>{escape(first.farm.name)}: two runs</h1>\n"
-        f"<table><tr><th></th><th>first</th><th>second</th></tr>{''.join(rows)}</table>\n{fields}"
+        f"<table><tr><th></th><th>A</th><th>B</th></tr>{''.join(rows)}</table>\n{fields}"
         f"{_below(notes)}</section>"
     )
 

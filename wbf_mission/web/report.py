@@ -8,7 +8,7 @@ larger, and in the end readings are left out; the page says so.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -66,7 +66,7 @@ class Report:
 
 
 def write_report(
-    path: Path,
+    path: str | Path,
     records: Sequence[RunRecord],
     *,
     logs: Sequence[Path | None] = (None, None),
@@ -135,10 +135,6 @@ class _Kept:
     rasters: dict[int, schema.Raster | None]
     diseases: list[str]
     lost: str = ""  # Why the estimates could not be made again
-    known: int = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.known = len(self.update.readings.time_s) if self.update.readings else 0
 
     @classmethod
     def of(cls, record: RunRecord, log: Path | None, progress: Progress) -> _Kept:
@@ -171,7 +167,7 @@ class _Kept:
             yield f"The layers are kept at {left} of {moments} moments"
         if raster and finest and raster.cells > finest.cells:
             yield f"A pixel of the layers is {raster.pixel_m:.3g} m wide in place of {finest.pixel_m:.3g} m"
-        if reduced.readings > 1 and self.known:
+        if reduced.readings > 1 and self.update.readings:
             yield f"Of the readings of healthy plants every {reduced.readings}th is kept"
 
 

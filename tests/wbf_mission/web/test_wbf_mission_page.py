@@ -310,6 +310,7 @@ def test_cards_tell_how_each_vehicle_is_and_messages_what_it_said(browser: Brows
         expect(second).to_contain_text("nothing heard for 0:09")
         expect(second).to_have_class(re.compile("silent.*low"))
         expect(page.locator(".vehicle.silent")).to_have_count(1)
+        assert page.locator(".legend .key").all_inner_texts() == ["strawberry", "tomato", "seen sick"]
         expect(page.locator("ol.messages li").first).to_contain_text("the vehicle is heard")
         expect(page.locator("ol.messages .error")).to_have_text(re.compile("one Error: Battery failsafe"))
 

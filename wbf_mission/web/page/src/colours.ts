@@ -47,8 +47,9 @@ export function lifted(number: number): string {
   return css(colourAt([vehicleColour(number), "#ffffff"], parseFloat(themed("lift")) / 100));
 }
 
-/** What is sick stands out: a disease's value below this. */
+/** What is sick stands out: a disease's value below this, by a ring of this colour. */
 export const SICK = 0.75;
+export const RING = "#a3123a";
 
 /** The colours of a layer from 0 to its scale. */
 export function ramp(layer: LayerName, field: FieldInfo | undefined): string[] {

@@ -1,6 +1,6 @@
 // What the map shows: the field, which of its layers, and what is drawn over it; and what the colours mean.
-import { colourAt, css, ramp } from "./colours.js";
-import { checkbox, element, segments, setText } from "./dom.js";
+import { RING, colourAt, cropColour, css, ramp } from "./colours.js";
+import { checkbox, element, segments } from "./dom.js";
 import { figureOf, layerName, layerTitle, type Choice } from "./map.js";
 import type { Model } from "./model.js";
 import type { Picture } from "./tiles.js";
@@ -110,13 +110,25 @@ export class LayerPanel {
   }
 
   private showLegend(picture: Picture | null): void {
-    const model = this.models[0]!;
-    this.legend.hidden = !picture;
-    if (!picture) return;
-    const { layer, scale } = picture;
-    const key = `${layer} ${scale}`;
+    const { crops, readings, field } = this.choice;
+    const key = JSON.stringify([
+      picture?.layer,
+      picture?.scale,
+      crops,
+      readings,
+      field,
+      this.models[0]?.run?.farm?.name,
+    ]);
     if (key === this.told) return;
     this.told = key;
+    const parts = [...(picture ? this.scaleOf(picture) : []), this.keys()];
+    this.legend.replaceChildren(...parts);
+    this.legend.hidden = !picture && !this.legend.querySelector(".key");
+  }
+
+  /** What the colours of a layer stand for. */
+  private scaleOf({ layer, scale }: Picture): HTMLElement[] {
+    const model = this.models[0]!;
     const field = model.fieldOf(layer);
     const colours = ramp(layer, field);
     const stops = Array.from({ length: 13 }, (_, k) => css(colourAt(colours, k / 12)));
@@ -126,13 +138,24 @@ export class LayerPanel {
     const words = sick
       ? ["lost", "infected", "healthy"]
       : [0, 0.5, 1].map((part) => figureOf(model, layer, part * scale));
-    const title = element("div", { class: "title" });
-    setText(title, layerTitle(model, layer));
+    const title = element("div", { class: "title" }, layerTitle(model, layer));
     if (field?.unit && !sick) title.append(element("span", { class: "unit" }, ` in ${field.unit}`));
-    this.legend.replaceChildren(
-      title,
-      bar,
-      element("div", { class: "ends" }, ...words.map((word) => element("span", {}, word))),
-    );
+    return [title, bar, element("div", { class: "ends" }, ...words.map((word) => element("span", {}, word)))];
+  }
+
+  /** What else is drawn: crops, and the rings of what the camera saw. */
+  private keys(): HTMLElement {
+    const { choice } = this;
+    const patches = this.models[0]?.run?.farm?.patches ?? [];
+    const crops = [...new Set(patches.map((patch) => patch.crop))];
+    const keys = element("ul", { class: "keys" });
+    const add = (name: string, colour: string, kind: string): void => {
+      const swatch = element("span", { class: kind, "aria-hidden": "true" });
+      swatch.style.setProperty("--key", colour);
+      keys.append(element("li", { class: "key" }, swatch, name));
+    };
+    if (choice.crops) for (const crop of crops) add(crop, cropColour(crop, crops), "crop");
+    if (choice.readings && this.models[0]?.field(choice.field)?.kind === "disease") add("seen sick", RING, "ring");
+    return keys;
   }
 }

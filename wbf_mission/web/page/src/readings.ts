@@ -1,6 +1,6 @@
 // What the camera saw of a field: a square for each cell, and rings that stand out round sick plants.
 import type { View } from "./canvas.js";
-import { SICK, colourAt, css, ramp, themed } from "./colours.js";
+import { RING, SICK, colourAt, css, ramp, themed } from "./colours.js";
 import { upTo, type Model } from "./model.js";
 import type { FieldInfo } from "./schema.js";
 
@@ -121,7 +121,7 @@ function drawRings(context: Context, places: number[], radius: number): void {
   pen.arc(half, half, radius, 0, 2 * Math.PI);
   for (const [colour, width] of [
     ["#ffffff", 4],
-    ["#a3123a", 2],
+    [RING, 2],
   ] as const) {
     pen.strokeStyle = colour;
     pen.lineWidth = width;

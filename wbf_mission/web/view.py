@@ -7,7 +7,7 @@ import math
 import threading
 import time
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from operator import attrgetter
 from typing import Any, Generic, NewType, TypeAlias, TypeVar
@@ -17,6 +17,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from geo.errors import told_error
+from geo.grid import FarmGrid
 from mission.policies.decision import AcquisitionMap
 from sensors.estimators.append_buffer import GrowingArray
 from sensors.fields import HEALTH_COLOURS, WATER_COLOURS, Field
@@ -353,7 +354,10 @@ class View:
     def _see(self, event: Seen) -> None:
         seen = event.observations
         if len(seen):
-            cell_m = self._begun.farm.cell_size_m if self._begun and self._begun.farm else 1.0
+            farm = self._begun.farm if self._begun else None
+            cell_m = 1.0 if farm is None else farm.cell_size_m
+            if farm is not None:
+                seen = _of_their_crops(farm.grid(), self._fields, seen)
             with self._lock:
                 version = self._hear(event.offset_s + float(seen.time_s.max()))
                 self._readings.add(seen, event.offset_s, cell_m, version)
@@ -490,6 +494,17 @@ def _states(rows: list[_State]) -> schema.States:
         armed=list(columns["armed"]),
         silent_s=rounded("silent_s", 1),
     )
+
+
+def _of_their_crops(grid: FarmGrid, fields: Sequence[Field], seen: Observations) -> Observations:
+    """Return observations in which a field has readings only of cells with its crops."""
+    at = seen.x[:, np.newaxis], seen.y[:, np.newaxis]
+    cells = FarmGrid((len(seen), 1), grid.cell_size_m, grid.crop[at], grid.owned[at], grid.crops)
+    values = seen.values.copy()
+    for field in fields:
+        if field.name in seen.fields:
+            values[~field.hosts(cells)[:, 0], seen.fields.index(field.name)] = np.nan
+    return Observations(seen.x, seen.y, seen.time_s, seen.day, values, seen.fields)
 
 
 def _readings(columns: dict[str, NDArray[Any]]) -> schema.Readings:

@@ -383,20 +383,25 @@ def test_an_acquisition_map_is_a_layer() -> None:
 
 
 def test_readings_are_at_the_middle_of_their_cells_and_keep_their_fields() -> None:
+    tomatoes, strawberries = (PAPER_FIELDS[name].hosts(FARM.grid()) for name in ("tylcv", "ccr"))
+    assert tomatoes[3, 8] and strawberries[3, 4]
     seen = View()
     seen.take(begun())
-    seen.take(Seen(10.0, Observations([3], [4], [0.5], [1], [[1.0, float("nan"), 0.25]])))
+    nan = float("nan")
+    both = Observations([3, 3], [8, 4], [0.5, 0.6], [1, 1], [[1.0, 1.0, 0.25], [0.5, 0.0, nan]])
+    seen.take(Seen(10.0, both))
     seen.take(Seen(10.0, Observations([1], [2], [1.5], [1], [[0.125]], ("ndvi",))))
     readings = shown(seen).readings
     cell = FARM.cell_size_m
-    assert readings["time_s"] == [10.5, 11.5]
-    assert readings["x"] == pytest.approx([3.5 * cell, 1.5 * cell], abs=1e-3)
-    assert readings["y"] == pytest.approx([4.5 * cell, 2.5 * cell], abs=1e-3)
+    assert readings["time_s"] == [10.5, 10.6, 11.5]
+    assert readings["x"] == pytest.approx([3.5 * cell, 3.5 * cell, 1.5 * cell], abs=1e-3)
+    assert readings["y"] == pytest.approx([8.5 * cell, 4.5 * cell, 2.5 * cell], abs=1e-3)
+    # A disease has readings where its crop grows.
     assert readings["values"] == {
-        "tylcv": [1.0, None],
-        "ccr": [None, None],
-        "soil": [0.25, None],
-        "ndvi": [None, 0.125],
+        "tylcv": [1.0, None, None],
+        "ccr": [None, 0.0, None],
+        "soil": [0.25, None, None],
+        "ndvi": [None, None, 0.125],
     }
 
 

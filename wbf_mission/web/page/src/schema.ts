@@ -97,7 +97,7 @@ export interface Readings {
   time_s: number[];
   x: number[];
   y: number[];
-  /** By field, null where the camera told nothing. */
+  /** By field, null where the camera told nothing, and where none of the field's crops grows. */
   values: Record<string, (number | null)[]>;
 }
 

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from geo import Farm
+    from geo.frame import LocalFrame
+    from mission.ground.vehicle_state import VehicleState
     from mission.model import Mission
     from mission.policies.decision import AcquisitionMap
     from sensors.fields import FieldSet
@@ -95,6 +97,26 @@ class VehicleMoved:
     phase: str = ""  # What the ground station is at (`mission.outcome.Phase`), in words
     link_quality: float | None = None  # Part of the frames that arrived
     silent_s: float = 0.0  # How long nothing was heard
+
+    @classmethod
+    def of(
+        cls, state: VehicleState, frame: LocalFrame, number: tuple[float, int, int, int], **known: Any
+    ) -> VehicleMoved:
+        """Return a state in a farm's frame; `number` is when, day, flight and system id."""
+        x_m, y_m = state.position_m(frame)
+        return cls(
+            *number,
+            x_m,
+            y_m,
+            state.height_m,
+            state.ground_speed_m_s,
+            heading_rad=state.heading_rad,
+            battery=state.battery.remaining,
+            armed=state.armed,
+            item=state.item if state.total != 0 else None,
+            items=state.total,
+            **known,
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -147,22 +147,11 @@ class TelemetryEvents:
         monitor, state = contact.monitor, contact.monitor.state
         told.flight += state.armed and not told.armed
         told.armed = state.armed
-        x_m, y_m = state.position_m(frame)
-        moved = VehicleMoved(
-            now_s,
-            self._day,
-            max(1, told.flight),
-            number,
-            x_m,
-            y_m,
-            height_m=state.height_m,
-            speed_m_s=state.ground_speed_m_s,
-            heading_rad=state.heading_rad,
-            battery=state.battery.remaining,
+        moved = VehicleMoved.of(
+            state,
+            frame,
+            (now_s, self._day, max(1, told.flight), number),
             mode=monitor.mode,
-            armed=state.armed,
-            item=state.item if state.total != 0 else None,
-            items=state.total,
             link_quality=contact.link.quality,
             silent_s=max(0.0, now_s - max(contact.link.heard_s, monitor.position_heard_s)),
         )

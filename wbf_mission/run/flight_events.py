@@ -79,23 +79,12 @@ class FlightEvents:
         state = ground.vehicle_state
         if state.heard_s == -math.inf:
             return
-        x_m, y_m = state.position_m(sortie.plan.farm.frame)
         self._events.tell(
-            VehicleMoved(
-                self._offset_s + now_s,
-                number.day,
-                number.flight,
-                number.system_id,
-                x_m,
-                y_m,
-                height_m=state.height_m,
-                speed_m_s=state.ground_speed_m_s,
-                heading_rad=state.heading_rad,
-                battery=state.battery.remaining,
+            VehicleMoved.of(
+                state,
+                sortie.plan.farm.frame,
+                (self._offset_s + now_s, number.day, number.flight, number.system_id),
                 mode=ground.mode,
-                armed=state.armed,
-                item=state.item,
-                items=state.total,
                 phase=ground.phase.value,
                 link_quality=ground.link.quality if ground.arming_gate is not None else None,
                 silent_s=max(0.0, now_s - state.heard_s),

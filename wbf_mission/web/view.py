@@ -184,7 +184,7 @@ class View:
         self._readings = _Readings()
         self._scores = _Rows[_Scored]("scores", MAX_STATES, thins=True)
         self._decisions = _Rows[schema.Decision]("decisions", MAX_DECISIONS)
-        self._records: list[DecisionRecord] = []
+        self._records: list[tuple[float, DecisionRecord]] = []  # The record counts from its flight's start
         # By number those that are not over, and what was told of them
         self._open: dict[int, tuple[str, tuple[str, ...]] | None] = {}
         self._said = _Rows[schema.Said]("said", MAX_SAID)
@@ -277,7 +277,7 @@ class View:
             case Decided():
                 self._hear(event.time_s)
                 self._draw_acquisition(event.acquisition)
-                self._decide(event.record)
+                self._decide(event.time_s, event.record)
             case FlightEnded():
                 self._draw_skipped()
                 how = f"flight {event.flight}: {event.outcome}"
@@ -362,23 +362,23 @@ class View:
                 version = self._hear(event.offset_s + float(seen.time_s.max()))
                 self._readings.add(seen, event.offset_s, cell_m, version)
 
-    def _decide(self, record: DecisionRecord) -> None:
+    def _decide(self, time_s: float, record: DecisionRecord) -> None:
         with self._lock:
-            known = (i for i, one in enumerate(self._records) if one is record)
+            known = (i for i, (_, one) in enumerate(self._records) if one is record)
             index = next(known, len(self._records))
             if index == len(self._records):
-                self._records.append(record)
+                self._records.append((time_s, record))
             self._open[index + 1] = None
             self._look_after_decisions()
 
     def _look_after_decisions(self) -> None:
         """Tell anew those whose paths came to something: records change while they are carried out."""
         for number, told in tuple(self._open.items()):
-            record = self._records[number - 1]
+            time_s, record = self._records[number - 1]
             state = record.refused, tuple(one.outcome for one in record.changes)
             if state != told:
                 self._decisions.drop(partial(_has_number, number))
-                self._decisions.add(_decision(number, record), self._hear(record.time_s))
+                self._decisions.add(_decision(number, time_s, record), self._hear(time_s))
                 self._open[number] = state
             if _UNDER_WAY not in state[1]:
                 del self._open[number]
@@ -454,9 +454,9 @@ def _has_number(number: int, decision: schema.Decision) -> bool:
     return decision.number == number
 
 
-def _decision(number: int, record: DecisionRecord) -> schema.Decision:
+def _decision(number: int, time_s: float, record: DecisionRecord) -> schema.Decision:
     return schema.Decision(
-        *(number, record.time_s, record.day, record.flight, record.event, record.reason, record.refused),
+        *(number, round(time_s, 2), record.day, record.flight, record.event, record.reason, record.refused),
         compute_s=round(record.compute_s, 4),
         candidates=[
             schema.Candidate(one.system_id, ring(one.points_m), one.value, one.cost)

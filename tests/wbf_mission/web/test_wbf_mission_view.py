@@ -355,7 +355,7 @@ def test_the_outcome_of_a_decision_is_told_when_it_changes() -> None:
     record = DecisionRecord(1, 1, 4.0, "start", 0, "because", changes=[change], alternatives=thought)
     seen, follower = View(), Viewer()
     seen.take(begun())
-    seen.take(Decided(4.0, record))
+    seen.take(Decided(604.0, record))  # In the second flight: the record counts from its start
     update, cursor = seen.update(None)
     follower.take(update.json())
     assert follower.decisions[1]["changes"][0]["outcome"] == "sent"
@@ -366,6 +366,7 @@ def test_the_outcome_of_a_decision_is_told_when_it_changes() -> None:
     assert seen.cursor > cursor
     follower.take(seen.update(cursor)[0].json())
     assert follower.decisions[1]["changes"][0]["outcome"] == "flown"
+    assert follower.decisions[1]["time_s"] == 604.0
     assert shown(seen).decisions == follower.decisions
 
 

@@ -138,6 +138,7 @@ class ResultFolder:
                     written.append(path)
             broken_off = interrupted is not None or result.outcome is Outcome.INTERRUPTED
             self._put_in_place(beside=broken_off and (self.path / RECORD).is_file())
+            progress("writing results", len(jobs) + 1, len(jobs) + 1)
         if interrupted is not None:
             raise interrupted
         return [self.path / path.name for path in written]

@@ -72,7 +72,8 @@ class Guard:
     def _is_here(self, asked: str) -> bool:
         """Return whether a name and port are this machine's; an address is, as no domain leads here by it."""
         try:
-            name = urlsplit(f"//{asked}").hostname or ""
+            split = urlsplit(f"//{asked}")
+            name, _ = split.hostname or "", split.port  # A port that is none is refused, too
         except ValueError:
             return False
         try:

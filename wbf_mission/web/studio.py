@@ -13,7 +13,7 @@ from urllib.parse import quote
 
 import msgspec
 from starlette.concurrency import run_in_threadpool
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 from starlette.routing import Route
 
@@ -249,16 +249,21 @@ def _answering(work: Handler) -> Callable[[Request], Any]:
 
     async def answer(request: Request) -> Response:
         body = bytearray()
-        async for part in request.stream():
-            body += part
-            if len(body) > MAX_BODY_BYTES:
-                return _json({"error": f"more than {MAX_BODY_BYTES >> 20} MiB: draw with fewer points"}, 413)
         try:
+            async for part in request.stream():
+                body += part
+                if len(body) > MAX_BODY_BYTES:
+                    told = f"more than {MAX_BODY_BYTES >> 20} MiB: draw with fewer points"
+                    return _json({"error": told}, 413)
             found = await run_in_threadpool(work, request, bytes(body))
         except SupersededError as error:
             return _json({"error": str(error), "superseded": True})
         except WbfMissionError as error:
             return _json({"error": one_line(str(error))})
+        except OSError as error:  # Of the files for drafts: the disk is full, for one
+            return _json({"error": one_line(f"files for drafts: {error}")})
+        except ClientDisconnect:
+            return Response(status_code=400)  # Nobody is there to read it
         return found if isinstance(found, Response) else _json(found)
 
     return answer

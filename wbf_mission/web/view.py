@@ -284,7 +284,8 @@ class View:
                 text = f"{how}: {event.reason}" if event.reason else how
                 self._say(text, _INFO, event.system_id, event.time_s)
             case Progressed():
-                self._tell(progress=schema.Progress(event.what, event.done, event.total))
+                over = 0.0 < event.total <= event.done
+                self._tell(progress=None if over else schema.Progress(event.what, event.done, event.total))
             case Noted():
                 self._say(event.text, _WARNING if event.warns else _INFO, 0, self._time_s)
             case Asked():

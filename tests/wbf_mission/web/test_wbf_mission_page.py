@@ -301,6 +301,17 @@ def test_a_page_that_only_shows_has_no_orders(browser: Browser, view: View) -> N
         expect(page.locator(".controls")).to_be_hidden()
 
 
+def test_where_only_the_truth_is_known_no_layer_is_chosen_and_zero_has_no_sign(
+    browser: Browser, view: View
+) -> None:
+    truth = np.full((3, *SHAPE), 0.9, np.float32)
+    told(view, begun(names=("one",)), DayBegun(0.0, 1, truth), replace(moved(1.0), height_m=-0.04))
+    with LiveServer(view) as server, page_at(browser, server.url) as page:
+        expect(page.get_by_role("radio", name="None")).to_be_checked()
+        expect(page.locator(".card")).to_contain_text("0.0 m")
+        expect(page.locator(".card")).not_to_contain_text("-0.0 m")
+
+
 def test_cards_tell_how_each_vehicle_is_and_messages_what_it_said(browser: Browser, view: View) -> None:
     told(view, *a_flight(("one", "two")), moved(11.0, 2, battery=0.1, silent_s=9.0))
     with LiveServer(view) as server, page_at(browser, server.url) as page:

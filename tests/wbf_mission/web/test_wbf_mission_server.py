@@ -308,7 +308,8 @@ def test_other_sites_cannot_open_the_stream(origin: str | None) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["evil.example", "evil.example:80", "localhost.evil.example", "", "[::1", "a b"]
+    "name",
+    ["evil.example", "evil.example:80", "localhost.evil.example", "", "[::1", "a b", "127.0.0.1:99999"],
 )
 def test_other_names_do_not_lead_here(name: str) -> None:
     with LiveServer(View()) as server:

@@ -3,6 +3,7 @@
 import http.client
 import json
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -65,6 +66,28 @@ def test_the_page_is_at_the_beginning_and_the_live_page_beside_it(server: LiveSe
     assert b"studio.js" in page
     assert "default-src 'none'" in response.getheader("Content-Security-Policy", "")
     assert b"live.js" in ask(server, "GET", "/live")[1]
+
+
+def test_who_hangs_up_in_the_middle_leaves_no_trace(
+    server: LiveServer, caplog: pytest.LogCaptureFixture
+) -> None:
+    head = f"POST /api/stop HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\nContent-Length: 99\r\n"
+    with socket.create_connection(("127.0.0.1", server.port), 30) as caller:
+        caller.sendall(f"{head}Origin: http://127.0.0.1:{server.port}\r\n\r\nmore is to".encode())
+        time.sleep(0.3)
+    assert ask(server, "POST", "/api/stop", b"")[0].status == 200
+    time.sleep(0.3)
+    assert "Exception" not in caplog.text
+
+
+def test_a_folder_that_is_gone_is_told_in_a_line() -> None:
+    studio = Studio(Scenario(farm="miniberry-10", **START))
+    with LiveServer(View(), routes=studio.routes(), home="studio") as listening:
+        studio.close()
+        content = b'{"type": "FeatureCollection", "features": []}'
+        response, answer = ask(listening, "POST", "/api/farm?name=mine.geojson", content)
+    assert response.status == 200
+    assert json.loads(answer)["error"].startswith("files for drafts: ")
 
 
 def test_options_are_those_of_a_scenario(server: LiveServer) -> None:

@@ -84,6 +84,9 @@ def test_a_field_is_drawn_changed_and_taken_along(page: Page, tmp_path: Path) ->
     page.get_by_label("Budget").fill("12min")
     draw(page, "Field", *FIELD, FIELD[0])
     planned(page)
+    draw(page, "Pond", (0.05, 0.04))  # Below what tells how to draw, which must not catch the click
+    expect(page.locator(".hint")).to_have_text("1 of at least 3 corners")
+    page.keyboard.press("Escape")
     draw(page, "Hole", (0.4, 0.4), (0.5, 0.4), (0.5, 0.5))
     page.keyboard.press("Enter")
     draw(page, "Obstacle", (0.6, 0.4), (0.62, 0.4), (0.62, 0.44), (0.6, 0.4))

@@ -349,6 +349,19 @@ def test_what_is_not_finite_is_null_and_no_place_no_state() -> None:
     assert states["height_m"] == states["speed_m_s"] == states["battery"] == [None]
 
 
+def test_work_that_is_done_is_not_shown_as_under_way() -> None:
+    seen, follower = View(), Viewer()
+    seen.take(begun())
+    seen.take(RunEnded(9.0, "completed", ""))
+    seen.take(Progressed("writing results", 5, 6))
+    update, cursor = seen.update(None)
+    follower.take(update.json())
+    assert follower.status["progress"] == {"what": "writing results", "done": 5, "total": 6}
+    seen.take(Progressed("writing results", 6, 6))
+    follower.take(seen.update(cursor)[0].json())
+    assert follower.status.get("progress") is None
+
+
 def test_the_outcome_of_a_decision_is_told_when_it_changes() -> None:
     change = PathChange(1, (0.0, 0.0), np.array([[1.0, 2.0]]), 5.0)
     thought = (Alternative(1, np.array([[1.0, 2.0]]), 3.0, 5.0),)

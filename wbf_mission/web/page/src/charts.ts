@@ -3,7 +3,7 @@ import uPlot from "uplot";
 import { themed, lifted } from "./colours.js";
 import { element } from "./dom.js";
 import { between, upTo, type Model, type Moment } from "./model.js";
-import { clock, percent } from "./text.js";
+import { clock, fixed, percent } from "./text.js";
 
 /** No more moments than a chart has room for. */
 const MOST = 600;
@@ -43,7 +43,7 @@ function states(of: keyof Moment & ("battery" | "speed_m_s" | "height_m")): Kind
 const KINDS: Kind[] = [
   {
     name: "Score",
-    write: (value) => value.toFixed(3),
+    write: (value) => fixed(value, 3),
     range: [null, null],
     lines: (model, times, run) => {
       const { time_s, score } = model.scores;
@@ -54,7 +54,7 @@ const KINDS: Kind[] = [
   },
   { name: "Battery", write: percent, range: [0, 1], lines: states("battery") },
   { name: "Speed (m/s)", write: (value) => value.toFixed(1), range: [0, null], lines: states("speed_m_s") },
-  { name: "Height (m)", write: (value) => value.toFixed(1), range: [0, null], lines: states("height_m") },
+  { name: "Height (m)", write: (value) => fixed(value, 1), range: [0, null], lines: states("height_m") },
 ];
 
 class Chart {

@@ -69,7 +69,7 @@ export class LayerPanel {
       );
     if (kinds.length > 1) {
       parts.push(
-        segments("Layer", kinds, choice.kind, (value) => {
+        segments("Layer", kinds, kinds.some(([kind]) => kind === choice.kind) ? choice.kind : "none", (value) => {
           choice.kind = value as Choice["kind"];
           changed();
         }),

@@ -22,6 +22,11 @@ export function duration(time_s: number): string {
     .join(" ");
 }
 
+/** A number with so many digits after the point; what rounds to zero has no sign. */
+export function fixed(value: number, digits: number): string {
+  return value.toFixed(digits).replace(/^-(?=[0.]+$)/, "");
+}
+
 /** A number with as many digits as are worth reading. */
 export function figure(value: number): string {
   const size = Math.abs(value);

@@ -3,7 +3,7 @@ import { vehicleColour } from "./colours.js";
 import { element, setText } from "./dom.js";
 import type { Model, Moment } from "./model.js";
 import type { VehicleInfo } from "./schema.js";
-import { clock, metres, percent } from "./text.js";
+import { clock, fixed, metres, percent } from "./text.js";
 
 const LOW_BATTERY = 0.25;
 const POOR_LINK = 0.8;
@@ -72,7 +72,7 @@ class Card {
     const { item, items } = moment;
     setText(this.doing, item === null ? "" : (plan?.items[item] ?? ""));
     const { height, speed, heading, item: at, link, heard, flight, plan: planned } = this.figures;
-    setText(height, moment.height_m === null ? "–" : `${moment.height_m.toFixed(1)} m`);
+    setText(height, moment.height_m === null ? "–" : `${fixed(moment.height_m, 1)} m`);
     setText(speed, moment.speed_m_s === null ? "–" : `${moment.speed_m_s.toFixed(1)} m/s`);
     setText(heading, moment.heading_deg === null ? "–" : `${Math.round(moment.heading_deg)}°`);
     setText(at, item === null ? "–" : `${item + 1}${items === null ? "" : ` of ${items}`}`);
@@ -129,5 +129,5 @@ export class Vehicles {
 /** The score and what it is made of, in a line. */
 export function scoreLine(model: Model, time_s: number): string {
   const score = model.scoreAt(time_s);
-  return score === null ? "" : `Score ${score.toFixed(3)}`;
+  return score === null ? "" : `Score ${fixed(score, 3)}`;
 }

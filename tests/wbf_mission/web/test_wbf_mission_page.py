@@ -320,6 +320,10 @@ def test_cards_tell_how_each_vehicle_is_and_messages_what_it_said(browser: Brows
             expect(first).to_contain_text(text.replace(" %", "\u00a0%"))
         expect(second).to_contain_text("nothing heard for 0:09")
         expect(second).to_have_class(re.compile("silent.*low"))
+        view.take(replace(moved(12.0), phase="waiting until the vehicle can arm"))
+        expect(first).to_contain_text("waiting until")
+        name = first.locator(".name").bounding_box()
+        assert name is not None and name["width"] > 60, "a long phase leaves room for the name"
         expect(page.locator(".vehicle.silent")).to_have_count(1)
         assert page.locator(".legend .key").all_inner_texts() == ["strawberry", "tomato", "seen sick"]
         expect(page.locator("ol.messages li").first).to_contain_text("the vehicle is heard")

@@ -301,6 +301,16 @@ def test_a_page_that_only_shows_has_no_orders(browser: Browser, view: View) -> N
         expect(page.locator(".controls")).to_be_hidden()
 
 
+def test_fields_of_crops_that_the_farm_does_not_have_are_not_offered(browser: Browser, view: View) -> None:
+    field = replace(FARM, patches=tuple(replace(one, crop="strawberry") for one in FARM.patches))
+    told(view, begun(farm=field), DayBegun(0.0, 1, np.full((3, *SHAPE), 0.9, np.float32)))
+    with LiveServer(view) as server, page_at(browser, server.url) as page:
+        fields = page.locator("fieldset", has_text="soil humidity").get_by_role("radio")
+        expect(fields).to_have_count(2)
+        expect(page.get_by_role("radio", name="charcoal rot (strawberry)")).to_be_checked()
+        expect(page.get_by_role("radio", name="Truth")).to_be_visible()
+
+
 def test_where_only_the_truth_is_known_no_layer_is_chosen_and_zero_has_no_sign(
     browser: Browser, view: View
 ) -> None:

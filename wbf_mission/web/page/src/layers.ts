@@ -35,7 +35,7 @@ export class LayerPanel {
   /** Offer what there is. */
   show(picture: Picture | null): void {
     const model = this.models[0]!;
-    const fields = model.run?.fields ?? [];
+    const fields = model.fields;
     const has = (kind: Choice["kind"]): boolean => {
       const name = layerName({ ...this.choice, kind });
       return !name || this.models.some((one) => one.tiles.has(name));
@@ -58,7 +58,7 @@ export class LayerPanel {
   private build(kinds: [Choice["kind"], string][], drawn: typeof DRAWN): void {
     const { choice, changed } = this;
     const focused = (document.activeElement as HTMLInputElement | null)?.value;
-    const fields = (this.models[0]?.run?.fields ?? []).map(({ name, title }): [string, string] => [name, title]);
+    const fields = this.models[0]!.fields.map(({ name, title }): [string, string] => [name, title]);
     const parts: HTMLElement[] = [];
     if (fields.length)
       parts.push(

@@ -94,7 +94,8 @@ class App {
     const model = this.models[run];
     model?.take(update);
     // The first field is shown until the reader chooses.
-    if (update.run && !this.models[0]?.field(this.choice.field)) this.choice.field = model?.run?.fields[0]?.name ?? "";
+    const fields = this.models[0]?.fields ?? [];
+    if (!fields.some((one) => one.name === this.choice.field)) this.choice.field = fields[0]?.name ?? "";
     if (update.reply) this.parts?.controls?.reply(update.reply);
     this.dirty = this.stale = true;
   }

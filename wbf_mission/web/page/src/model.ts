@@ -128,6 +128,13 @@ export class Model {
     for (const { time_s } of Object.values(this.states)) this.end_s = Math.max(this.end_s, time_s.at(-1) ?? 0);
   }
 
+  /** The fields of which there is a layer, or all before the first: others concern no crop of the farm. */
+  get fields(): FieldInfo[] {
+    const all = this.run?.fields ?? [];
+    const drawn = all.filter(({ name }) => ["value", "truth"].some((kind) => this.tiles.has(`${kind}/${name}`)));
+    return drawn.length ? drawn : all;
+  }
+
   field(name: string): FieldInfo | undefined {
     return this.run?.fields.find((field) => field.name === name);
   }

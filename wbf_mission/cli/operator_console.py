@@ -279,12 +279,12 @@ class TerminalConsole:
             self._output.show_bars(False)
             told = [(one.at, _planned(one.sortie)) for one in left]
             if len(self._vehicles) == 1:
-                self._output.note(f"ready: {told[0][1]}; start the motors? [y/N]")
+                self._output.note(f"ready: {told[0][1]}; start the motors? [y/N]", tells=False)
             else:
                 for at, plan in told:
                     self._output.note(f"{at}ready: {plan}")
                 which = ", ".join(str(one.sortie.system_id) for one in left)
-                self._output.note(f"start the motors of vehicles {which}? [y/N]")
+                self._output.note(f"start the motors of vehicles {which}? [y/N]", tells=False)
             self._ask("; ".join(at + "ready: " + plan for at, plan in told) + "; start the motors?", _START)
         answer = self._answer()
         if answer is not None:

@@ -24,6 +24,7 @@ _LEAST_SCALE = 0.02  # Of a large farm's share of sick plants
 _MOST_PIXELS = 0.995
 _SICK = ("#e3ecd2", "#f6c66a", "#e2711d", "#8e1f1c", "#4a0b16")
 _PATH_M = 0.002  # Of the farm's side: the least step of a path that is drawn
+_DENSE_SIDES = 15.0  # Tracks of so many of the farm's sides cover its map
 _SHEET_MM, _LINE_MM = 262.0, 4.5  # Below the title, within the margins
 _LEAST_MM, _MOST_MM = 18.0, 84.0  # Of a map
 _KEY_MM, _HEAD_MM = 12.0, 7.0  # With the lines and gaps around a field
@@ -249,17 +250,20 @@ def _map(
 
 def _flown(record: RunRecord, drawing: FarmDrawing) -> str:
     """Draw the tracks of all flights, as fine as the map shows."""
-    step_m, paths = _PATH_M * 100.0 * drawing.unit, []
+    step_m, paths, points = _PATH_M * 100.0 * drawing.unit, [], 0
     for one in record.flights:
         x, y = one.track.x_m, one.track.y_m
         along = (
             np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))]) if len(x) else np.empty(0)
         )
         _, kept = np.unique((along // step_m).astype(np.int64), return_index=True)
+        points += len(kept)
         paths.append(
             "M" + "L".join(f"{x[k]:.1f} {drawing.down(y[k]):.1f}" for k in kept) if len(kept) else ""
         )
-    line = 'fill="none" stroke="#1f3b73" stroke-opacity="0.55"'
+    # Tracks that cover the farm are not to hide what they found.
+    opacity = 0.55 if points * _PATH_M < _DENSE_SIDES else 0.2
+    line = f'fill="none" stroke="#1f3b73" stroke-opacity="{opacity:g}"'
     return f'<path d="{"".join(paths)}" {line} stroke-width="{0.25 * drawing.unit:.3f}"/>'
 
 

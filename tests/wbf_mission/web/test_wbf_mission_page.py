@@ -268,7 +268,7 @@ def test_orders_are_sent_as_they_are_given_and_motors_start_only_after_a_second_
         page.get_by_role("button", name="Hold").click()
         page.get_by_label("Orders go to").select_option("two")
         page.get_by_role("button", name="Hold").click()
-        expect(page.locator(".became")).to_have_text("Hold: taken")
+        expect(page.locator(".became")).to_have_text("Hold: sent")
         page.get_by_role("button", name="Land").click()
         expect(page.locator(".became")).to_have_text("Not done: it is not flying")
         page.get_by_role("button", name="Start").click()

@@ -228,6 +228,15 @@ def test_what_cannot_be_planned_is_told_and_goes_away(page: Page) -> None:
     expect(page.locator(".results [role=alert]")).to_be_empty()
 
 
+def test_a_number_out_of_its_range_is_told_and_nothing_is_planned(page: Page) -> None:
+    planned(page)
+    page.get_by_label("Wind speed, m/s").fill("99")
+    expect(page.get_by_text("99.0 is out of range: give 0 to 40 m/s")).to_be_visible()
+    expect(page.get_by_role("status").first).to_have_text("no plan")
+    page.get_by_label("Wind speed, m/s").fill("4")
+    planned(page)
+
+
 def test_names_of_a_file_are_text(page: Page, tmp_path: Path) -> None:
     name = '<img src="x" onerror="document.title=1">'
     ring = [[-82.15, 28.05], [-82.149, 28.05], [-82.149, 28.051], [-82.15, 28.05]]

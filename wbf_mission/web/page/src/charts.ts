@@ -129,9 +129,10 @@ class Chart {
       scales: {
         x: { time: false },
         y: {
+          // What stays at zero has an axis of its unit, not of hundredths.
           range: (_, low, high) => [
-            range[0] ?? low - 0.05 * (high - low || 1),
-            range[1] ?? high + 0.08 * (high - low || 1),
+            range[0] === null ? low - 0.05 * (high - low || 1) : Math.min(range[0], low),
+            range[1] ?? Math.max(high + 0.08 * (high - low || 1), (range[0] ?? -Infinity) + 1),
           ],
         },
       },

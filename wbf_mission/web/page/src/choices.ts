@@ -95,7 +95,8 @@ export class Choices {
     }
     input.value = String(this.values[one.key] ?? "");
     input.addEventListener("input", () => {
-      if (!input.checkValidity()) return;
+      // What is out of its range is refused in words, with the plan.
+      if (input.validity.badInput) return;
       this.set(one.key, numeric && input.value !== "" ? Number(input.value) : input.value.trim());
     });
     return input;

@@ -40,7 +40,7 @@ export class Controls {
 
   /** Tell what became of the last order. */
   reply({ order, error }: { order: string; error: string }): void {
-    setText(this.became, error ? `Not done: ${error}` : `${capital(order)}: taken`);
+    setText(this.became, error ? `Not done: ${error}` : `${capital(order)}: sent`);
     this.became.classList.toggle("refused", error !== "");
     clearTimeout(this.hide);
     this.hide = setTimeout(() => setText(this.became, ""), REPLY_SHOWN_MS);

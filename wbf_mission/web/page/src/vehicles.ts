@@ -79,7 +79,7 @@ class Card {
     setText(link, percent(moment.link));
     link.classList.toggle("bad", (moment.link ?? 1) < POOR_LINK);
     setText(heard, moment.silent_s < 1 ? "now" : `${Math.round(moment.silent_s)} s ago`);
-    setText(flight, `day ${moment.day}, no. ${moment.flight}`);
+    setText(flight, `${moment.day ? `day ${moment.day}, ` : ""}no. ${moment.flight}`);
     const parts =
       plan &&
       [

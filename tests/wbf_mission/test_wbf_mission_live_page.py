@@ -45,7 +45,8 @@ def test_a_page_follows_the_flight_and_stays_until_it_is_ended(tmp_path):
     summary = json.loads(out)
     assert next(one["run"] for one in seen if "run" in one)["farm"]["name"] == "miniberry-10"
     assert seen[-1]["status"]["outcome"] == summary["outcome"] == "completed"
-    assert seen[-1]["status"]["summary"]["score"] == summary["score"]
+    scores = [score for one in seen if "scores" in one for score in one["scores"]["score"]]
+    assert scores[-1] == summary["final_score"]
     assert states == sorted(states) and states[-1] > summary["flight_time_s"] > states[0]
     # They came while it flew, not at its end.
     assert sum("states" in one for one in seen) > 10

@@ -12,6 +12,8 @@ from wbf_mission.run.sortie import Sortie
 
 _LEAST_S, _MOST_S = 0.1, 1.0
 """States of a vehicle are told ten times a second of both clocks, at least once a second of the flight's."""
+_LEAST_WALL_S = 0.06
+"""A step of a flight in real time may come a little early; the next one would be too late."""
 _WHOLE_S = 0.5
 """A text that comes in pieces is complete after this time."""
 
@@ -33,7 +35,7 @@ class FlightEvents:
         if not self._wanted or now_s < self._next_s:
             return
         wall_s = time.monotonic()
-        if wall_s - self._wall_s < _LEAST_S and now_s < self._next_s + _MOST_S - _LEAST_S:
+        if wall_s - self._wall_s < _LEAST_WALL_S and now_s < self._next_s + _MOST_S - _LEAST_S:
             return
         self._next_s, self._wall_s = now_s + _LEAST_S, wall_s
         self._tell(now_s, now_s - _WHOLE_S)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import ctypes
 import hashlib
 import re
 import tempfile
@@ -33,12 +31,15 @@ from wbf_mission.planning.plan import plan_fleet
 from wbf_mission.planning.sorties import SortiePlan, is_too_long, sorties_of
 from wbf_mission.preflight.finding import Finding, Report
 from wbf_mission.preflight.run import check_plan
+from wbf_mission.progress import Progress
 from wbf_mission.scenario import Scenario, scenario_with
 from wbf_mission.scenario.choice import names_of
 from wbf_mission.scenario.option import Option
 from wbf_mission.scenario.scenario import all_options
 
 MAX_BODY_BYTES = MAX_FILE_BYTES
+PATIENCE_S = 3.0
+"""A plan that nobody waits for any more holds up the next one for so long at most."""
 _KEPT = 8
 """So many plans and farms are kept: what was just undone is there again at once."""
 _FIXED = ("farm", "farm_crs", "crop", "repair", "mission", "terrain", "days", "flights_per_day")
@@ -57,9 +58,12 @@ class SupersededError(WbfMissionError, RuntimeError):
 class NewestOnly(Generic[T]):
     """Works at one thing at a time, in a thread of its own; what is newer takes its place.
 
+    What is not wanted any more is told so at once; its thread ends when it tells how far it is, and is waited
+    for `PATIENCE_S` seconds at most.
+
     Examples
     --------
-    >>> NewestOnly[int]().do("a sum", lambda: 3 + 4)
+    >>> NewestOnly[int]().do("a sum", lambda progress: 3 + 4)
     7
     """
 
@@ -67,7 +71,7 @@ class NewestOnly(Generic[T]):
         self._lock = threading.Lock()
         self._job: _Job[T] | None = None
 
-    def do(self, what: str, work: Callable[[], T]) -> T:
+    def do(self, what: str, work: Callable[[Progress], T]) -> T:
         """Return what the work finds, or raise its error; who asks for the same shares it.
 
         SupersededError as soon as something else is asked for, or nothing any more (`stop`).
@@ -87,18 +91,14 @@ class NewestOnly(Generic[T]):
 
 
 class _Job(Generic[T]):
-    def __init__(self, what: str, work: Callable[[], T], before: _Job[T] | None) -> None:
-        self.what, self._work = what, work
+    def __init__(self, what: str, work: Callable[[Progress], T], before: _Job[T] | None) -> None:
+        self.what, self._work, self._before = what, work, before
         self._found: list[T] = []
         self._error: BaseException | None = None
-        self._ended = threading.Event()
+        self._ended, self._idle = threading.Event(), threading.Event()
         if before is not None:
             before.stop()
-        threads = () if before is None else (before._thread,)
-        self._thread: threading.Thread = threading.Thread(
-            target=self._run, args=threads, name="studio plan", daemon=True
-        )
-        self._thread.start()
+        threading.Thread(target=self._run, name="studio plan", daemon=True).start()
 
     def result(self) -> T:
         self._ended.wait()
@@ -107,25 +107,29 @@ class _Job(Generic[T]):
         return self._found[0]
 
     def stop(self) -> None:
-        """Tell who waits, and raise an error in the thread, which ends the work as soon as it is noticed."""
-        if self._ended.is_set():
-            return
-        self._error = SupersededError("superseded: a newer draft is planned in its place")
-        self._ended.set()
-        ident, error = ctypes.c_ulong(self._thread.ident or 0), ctypes.py_object(SupersededError)
-        ctypes.pythonapi.PyThreadState_SetAsyncExc(ident, error)
-
-    def _run(self, *before: threading.Thread) -> None:
-        with contextlib.suppress(SupersededError):
-            for thread in before:
-                thread.join()
-            try:
-                self._found.append(self._work())
-            except SupersededError:
-                raise
-            except BaseException as error:  # It is raised where the result is waited for
-                self._error = error
+        """Tell who waits."""
+        if not self._ended.is_set():
+            self._error = SupersededError("superseded: a newer draft is planned in its place")
             self._ended.set()
+
+    def _go_on(self, _what: str, _done: float, _total: float) -> None:
+        """End the work where it tells how far it is, if nobody waits for it any more."""
+        if self._ended.is_set():
+            raise SupersededError
+
+    def _run(self) -> None:
+        if self._before is not None:
+            # Two plans at once would each take longer; one that does not end is left to itself.
+            self._before._idle.wait(PATIENCE_S)
+            self._before = None
+        if not self._ended.is_set():
+            try:
+                self._found.append(self._work(self._go_on))
+            except BaseException as error:  # It is raised where the result is waited for
+                if not self._ended.is_set():
+                    self._error = error
+        self._ended.set()
+        self._idle.set()
 
 
 class _Body(msgspec.Struct, forbid_unknown_fields=True):
@@ -344,7 +348,7 @@ def draft_options() -> dict[str, Option]:
     return {key: one for key, (_, _, one) in all_options().items() if key not in _FIXED}
 
 
-def planned(draft: Draft) -> PlannedDraft:
+def planned(draft: Draft, progress: Progress) -> PlannedDraft:
     """Plan a draft, in sorties where a battery is not enough, and check it; errors as of `plan_fleet`."""
     begun_s = time.perf_counter()
     scenario, vehicles = draft.scenario, single_vehicles(draft.scenario)
@@ -355,7 +359,7 @@ def planned(draft: Draft) -> PlannedDraft:
     results: tuple[PlanResult, ...]
     batteries = batteries_in(scenario.mission.budget)
     if batteries is None:
-        results = plan_fleet(scenario, farm=draft.farm)
+        results = plan_fleet(scenario, farm=draft.farm, progress=progress)
         cuts = tuple(cut(plan, one) for plan, one in zip(results, vehicles, strict=True))
     else:
         endless = without_budget(scenario)
@@ -366,6 +370,7 @@ def planned(draft: Draft) -> PlannedDraft:
         plans = (result,) if pieces is None else pieces.plans
         for sortie, plan in enumerate(plans, start=1):
             which = [f"vehicle {number}"] * (len(results) > 1) + [f"sortie {sortie}"] * (len(plans) > 1)
+            progress("checking", sortie, len(plans))
             missions.append(PlannedMission(", ".join(which), number, plan, check_plan(plan, one)))
     ended_s = time.perf_counter()
     return PlannedDraft(

@@ -1,9 +1,10 @@
 """Drafts of the studio: what a page may ask for, and what becomes of it."""
 
+import contextlib
 import json
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from geo.errors import FarmError, WbfMissionError
 from mission.planners import PlannedPath, PlanningRequest
 from wbf_mission.cli.app import main
 from wbf_mission.planning import plan
+from wbf_mission.progress import Progress
 from wbf_mission.scenario import Scenario
 from wbf_mission.web.drafts import DraftError, Drafts, NewestOnly, SupersededError
 
@@ -156,36 +158,87 @@ def test_a_farm_file_becomes_what_is_drawn(drafts: Drafts, tmp_path: Path) -> No
         )
 
 
-def test_what_is_newer_ends_what_is_under_way() -> None:
-    one, begun, ended = NewestOnly[str](), threading.Event(), threading.Event()
+def superseded_by(one: NewestOnly[str], older: Callable[[Progress], str], begun: threading.Event) -> str:
+    """Begin something and ask for something newer; return what that found, once the older was told."""
     told: list[str] = []
 
-    def endless() -> str:
+    def ask() -> None:
+        with pytest.raises(SupersededError):
+            one.do("older", older)
+        told.append("superseded")
+
+    thread = threading.Thread(target=ask)
+    thread.start()
+    assert begun.wait(20)
+    found = one.do("newer", lambda _progress: "new")
+    thread.join(20)
+    assert told == ["superseded"]
+    return found
+
+
+def test_what_is_newer_ends_what_is_under_way() -> None:
+    begun, ended = threading.Event(), threading.Event()
+
+    def endless(progress: Progress) -> str:
         begun.set()
         try:
             while True:
+                progress("planning", 0.0, 1.0)
                 time.sleep(0.001)
         finally:
             ended.set()
 
-    def older() -> None:
-        with pytest.raises(SupersededError):
-            one.do("older", endless)
-        told.append("superseded")
+    assert superseded_by(NewestOnly[str](), endless, begun) == "new"
+    assert ended.is_set()
 
-    thread = threading.Thread(target=older)
-    thread.start()
+
+def test_what_does_not_tell_how_far_it_is_holds_nobody_up_for_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("wbf_mission.web.drafts.PATIENCE_S", 0.2)
+    begun, go_on = threading.Event(), threading.Event()
+
+    def stubborn(_progress: Progress) -> str:
+        begun.set()
+        go_on.wait(60)
+        return "old"
+
+    assert superseded_by(NewestOnly[str](), stubborn, begun) == "new"
+    go_on.set()
+
+
+def test_what_waits_for_its_turn_and_is_superseded_is_never_begun() -> None:
+    one, begun, go_on = NewestOnly[str](), threading.Event(), threading.Event()
+    done: list[int] = []
+
+    def first(_progress: Progress) -> str:
+        begun.set()
+        go_on.wait(20)
+        return "first"
+
+    def waits(number: int) -> Callable[[Progress], str]:
+        return lambda _progress: str(done.append(number))
+
+    def ask(what: str, work: Callable[[Progress], str]) -> None:
+        with contextlib.suppress(SupersededError):
+            one.do(what, work)
+
+    threads = [threading.Thread(target=ask, args=("first", first))]
+    threads[0].start()
     assert begun.wait(20)
-    assert one.do("newer", lambda: f"the older ended: {ended.is_set()}") == "the older ended: True"
-    thread.join(20)
-    assert told == ["superseded"]
+    for number in range(5):
+        threads.append(threading.Thread(target=ask, args=(f"{number}", waits(number))))
+        threads[-1].start()
+        time.sleep(0.02)
+    go_on.set()
+    for thread in threads:
+        thread.join(20)
+    assert done == [4]
 
 
 def test_the_same_is_done_once_and_errors_are_told() -> None:
     one, begun, go_on = NewestOnly[str](), threading.Event(), threading.Event()
     done: list[str] = []
 
-    def work() -> str:
+    def work(_progress: Progress) -> str:
         done.append("done")
         begun.set()
         go_on.wait(20)
@@ -202,10 +255,10 @@ def test_the_same_is_done_once_and_errors_are_told() -> None:
     assert found == ["found"] * 3
     assert done == ["done"]
 
-    def broken() -> str:
+    def broken(_progress: Progress) -> str:
         raise DraftError("no such thing")
 
     with pytest.raises(DraftError, match="no such thing"):
         one.do("broken", broken)
     one.stop()
-    assert one.do("same", lambda: "new") == "new"
+    assert one.do("same", lambda _progress: "new") == "new"

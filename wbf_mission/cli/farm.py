@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from geo.texts import distance, duration
 from wbf_mission.cli import options
 from wbf_mission.cli.help import HelpCommand, HelpGroup
 from wbf_mission.cli.options import Overwrite, option, refuse_overwrite
-from wbf_mission.cli.output import Output, distance, duration
+from wbf_mission.cli.output import Output
 from wbf_mission.exit_codes import ExitCode
 from wbf_mission.scenario import FarmOptions, ScenarioError
 

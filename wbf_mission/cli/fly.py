@@ -11,10 +11,11 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from geo.texts import distance, duration
 from wbf_mission.cli import options, signals
 from wbf_mission.cli.live import SPEED, LivePage
 from wbf_mission.cli.options import Force, option
-from wbf_mission.cli.output import Output, distance, duration, told
+from wbf_mission.cli.output import Output, told
 from wbf_mission.cli.preflight import show_findings
 from wbf_mission.events import Progressed
 from wbf_mission.exit_codes import ExitCode, exit_code_of_flight

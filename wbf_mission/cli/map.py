@@ -9,9 +9,10 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from geo.texts import duration
 from wbf_mission.cli import options
 from wbf_mission.cli.options import MISSION_SUFFIXES, Force, TargetError, option, refuse_overwrite
-from wbf_mission.cli.output import Output, duration
+from wbf_mission.cli.output import Output
 from wbf_mission.cli.preflight import show_findings
 from wbf_mission.scenario import (
     CameraOptions,

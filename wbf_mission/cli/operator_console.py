@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
 from typing import TYPE_CHECKING
 
+from geo.texts import distance
 from mission.ground.arming_gate import Stage
 from mission.ground.modes import Maneuver
 from mission.ground.station import NotFlyingError
@@ -17,7 +18,7 @@ from mission.ground.status_text import doing
 from mission.outcome import Phase
 from sim_vehicle.mavlink.fleet import SPACING_M
 from wbf_mission.cli import signals
-from wbf_mission.cli.output import Output, distance
+from wbf_mission.cli.output import Output
 from wbf_mission.events import Asked
 
 if TYPE_CHECKING:

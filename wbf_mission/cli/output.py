@@ -13,8 +13,6 @@ from datetime import timedelta
 from string import Formatter
 from typing import TYPE_CHECKING, Any
 
-from geo.texts import distance as distance
-from geo.texts import duration as duration
 from geo.texts import printable
 from wbf_mission.events import EventStream, Noted
 from wbf_mission.progress import Progress as ProgressCallback

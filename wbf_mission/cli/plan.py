@@ -9,10 +9,11 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from geo.texts import distance, duration
 from wbf_mission.cli import options
 from wbf_mission.cli.convert import write_and_tell
 from wbf_mission.cli.options import MISSION_SUFFIXES, Force, Overwrite, option, refuse_overwrite
-from wbf_mission.cli.output import Output, distance, duration
+from wbf_mission.cli.output import Output
 from wbf_mission.cli.preflight import show_findings
 from wbf_mission.cli.sorties import (
     FLEET_HEADER,

@@ -9,10 +9,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from geo.texts import duration
 from wbf_mission.cli import options, signals
 from wbf_mission.cli.live import LivePage
 from wbf_mission.cli.options import Overwrite, option, refuse_overwrite
-from wbf_mission.cli.output import Output, duration
+from wbf_mission.cli.output import Output
 from wbf_mission.events import DayBegun, EventStream, RunBegun, RunEnded, VehicleInfo
 from wbf_mission.exit_codes import ExitCode
 from wbf_mission.scenario import CameraOptions, FarmOptions, ScenarioError, VehicleOptions, WeatherOptions

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from geo.texts import distance, duration
 from wbf_mission.cli import options
 from wbf_mission.cli.options import option
-from wbf_mission.cli.output import distance, duration
 from wbf_mission.scenario import ScenarioError
 
 if TYPE_CHECKING:

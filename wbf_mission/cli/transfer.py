@@ -8,10 +8,11 @@ from typing import Annotated
 
 import typer
 
+from geo.texts import duration
 from wbf_mission.cli import options
 from wbf_mission.cli.convert import write_and_tell
 from wbf_mission.cli.options import MISSION_SUFFIXES, Force, Overwrite, option, refuse_overwrite
-from wbf_mission.cli.output import Output, duration
+from wbf_mission.cli.output import Output
 from wbf_mission.cli.preflight import CHECKED, Surroundings, fitted_circumstances, show_findings
 from wbf_mission.exit_codes import ExitCode
 

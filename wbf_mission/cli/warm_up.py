@@ -7,8 +7,9 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from geo.texts import duration
 from wbf_mission.cli import options
-from wbf_mission.cli.output import Output, duration
+from wbf_mission.cli.output import Output
 
 EXAMPLES = """
 Example

@@ -50,7 +50,7 @@ from wbf_mission.exports.looks import (
     vehicle_colour,
     vehicle_size_m,
 )
-from wbf_mission.exports.tracks import waypoints_of
+from wbf_mission.exports.tracks import highest_m
 from wbf_mission.version import __version__
 
 if TYPE_CHECKING:
@@ -226,17 +226,10 @@ class FoxgloveFile:
     def _write_plan(self, event: Planned) -> None:
         farm, number, colour = self._farm, event.system_id, vehicle_colour(event.system_id)
         rings = [ring for ring, _ in fence_rings(event.mission.fence, farm.frame)]
-        features = [
-            _feature(
-                "LineString", farm, event.path_m, name=f"plan of vehicle {number}", style={"color": colour}
-            )
-        ]
-        for ring in rings:
-            closed = np.vstack((ring, ring[:1]))
-            features.append(_feature("LineString", farm, closed, name="fence", style={"color": FENCE}))
+        features = [_way(farm, event.path_m, f"plan of vehicle {number}", colour)]
+        features += [_way(farm, np.vstack((ring, ring[:1])), "fence", FENCE) for ring in rings]
         self._write_map(f"/vehicle/{number}/plan/map", event.time_s, features)
-        height_m = max((height_m for *_, height_m in waypoints_of(event.mission, farm)), default=0.0)
-        lines = [_line(event.path_m, colour, height_m=height_m, opacity=0.5)]
+        lines = [_line(event.path_m, colour, height_m=highest_m(event.mission, farm), opacity=0.5)]
         lines += [_line(ring, FENCE, kind=_LOOP) for ring in rings]
         self._write_scene(f"/vehicle/{number}/plan/scene", event.time_s, lines=lines)
         if number not in self._vehicles:
@@ -335,9 +328,7 @@ class FoxgloveFile:
         self._write_scene(
             f"/vehicle/{number}/track/scene", time_s, lines=[_line(flown, colour, thickness=3.0)]
         )
-        track = _feature(
-            "LineString", self._farm, flown, name=f"track of vehicle {number}", style={"color": colour}
-        )
+        track = _way(self._farm, flown, f"track of vehicle {number}", colour)
         self._write_map(f"/vehicle/{number}/track/map", time_s, [track])
 
     # --- What is seen, believed and decided ---
@@ -497,7 +488,7 @@ def _feature(kind: str, farm: Farm, points_m: Any, **properties: object) -> _Jso
     return {"type": "Feature", "properties": properties, "geometry": geometry}
 
 
-def _track(farm: Farm, points_m: NDArray[np.float64], name: str, colour: str) -> _Json:
+def _way(farm: Farm, points_m: NDArray[np.float64], name: str, colour: str) -> _Json:
     return _feature("LineString", farm, points_m, name=name, style={"color": colour})
 
 

@@ -39,7 +39,7 @@ from wbf_mission.exports.looks import (
     vehicle_colour,
     vehicle_size_m,
 )
-from wbf_mission.exports.tracks import waypoints_of
+from wbf_mission.exports.tracks import highest_m
 
 if TYPE_CHECKING:
     from wbf_mission.run.record import RunRecord
@@ -150,7 +150,7 @@ class RerunRecording:
         places = rr.GeoLineStrings(
             lat_lon=[self._places(one) for one in lines], colors=colours[-len(lines) :]
         )
-        height_m = max((height_m for *_, height_m in waypoints_of(event.mission, self._farm)), default=0.0)
+        height_m = highest_m(event.mission, self._farm)
         heights = [height_m if one is event.path_m else 0.0 for one in lines]
         strips = [_raised(one, height) for one, height in zip(lines, heights, strict=True)]
         self._log(event.time_s, f"map/vehicle_{number}/plan", places)

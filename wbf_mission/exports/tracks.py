@@ -121,6 +121,11 @@ def waypoints_of(mission: Mission, farm: Farm) -> list[tuple[float, float, float
     ]
 
 
+def highest_m(mission: Mission, farm: Farm) -> float:
+    """Return the height above home of a mission's highest waypoint, metres; 0 without any."""
+    return max((height_m for *_, height_m in waypoints_of(mission, farm)), default=0.0)
+
+
 def write_gpx(record: RunRecord, files: tuple[Path, ...], events: Iterable[Event], epoch_s: float) -> None:
     """Write tracks with times, heights above the sea and the planned waypoints as routes."""
     tracks = _Tracks(record, events, epoch_s)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from exported_runs import fleet_run
 from rerun.chunk import RrdReader
 
 from sim_vehicle.epoch import EPOCH_UNIX_S
@@ -18,31 +19,8 @@ from wbf_mission.results.result import Result, load_result
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("runs") / "mine"
-    options = [
-        "--farm",
-        "miniberry-10",
-        "--policy",
-        "greedy",
-        "--budget",
-        "45s",
-        "--estimator",
-        "adaptive-disk",
-    ]
-    options += [
-        "--vehicles",
-        "2",
-        "--days",
-        "2",
-        "--fence",
-        "10",
-        "--no-plots",
-        "--quiet",
-        "--out",
-        str(folder),
-    ]
-    assert main(["fly", *options]) == 0
-    return folder
+    options = ("--policy", "greedy", "--budget", "45s", "--estimator", "adaptive-disk")
+    return fleet_run(tmp_path_factory.mktemp("runs") / "mine", *options)
 
 
 @pytest.fixture(scope="module")

@@ -11,6 +11,7 @@ import numpy as np
 import pyogrio
 import pytest
 import shapely
+from exported_runs import fleet_run
 from pyogrio.raw import read
 
 from mission.files import open_mission
@@ -26,22 +27,8 @@ from wbf_mission.results.result import Result, load_result
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run of two vehicles over two days, with its log."""
-    folder = tmp_path_factory.mktemp("runs") / "mine"
-    options = ["--farm", "miniberry-10", "--planner", "lawnmower", "--budget", "60s", "--estimator", "point"]
-    options += [
-        "--vehicles",
-        "2",
-        "--days",
-        "2",
-        "--fence",
-        "10",
-        "--no-plots",
-        "--quiet",
-        "--out",
-        str(folder),
-    ]
-    assert main(["fly", *options]) == 0
-    return folder
+    options = ("--planner", "lawnmower", "--budget", "60s", "--estimator", "point")
+    return fleet_run(tmp_path_factory.mktemp("runs") / "mine", *options)
 
 
 @pytest.fixture(scope="module")

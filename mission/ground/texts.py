@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
+from itertools import takewhile
 
 from mission.link.codec.dialect import mavlink as m
 
-__all__ = ["TextLog"]
+__all__ = ["WHOLE_S", "TextLog", "begun_until"]
+
+WHOLE_S = 0.5
+"""A text that comes in pieces is complete so long after it was begun."""
 
 _WARNING = 4  # MAV_SEVERITY_WARNING
 _MOST_TEXTS = 10_000
@@ -72,3 +77,14 @@ class TextLog:
         warnings = [text for _, severity, text in self.texts[since:] if severity <= _WARNING]
         reasons = [text for text in warnings if not _NO_REASON.fullmatch(text)]
         return (reasons or warnings or [otherwise])[-1]
+
+
+def begun_until(
+    texts: Sequence[tuple[float, int, str]], told: int, until_s: float
+) -> list[tuple[float, int, str]]:
+    """Return the texts from the one with number `told` on that were begun by then.
+
+    >>> begun_until([(0.0, 6, "Armed"), (1.0, 6, "Takeoff"), (4.0, 6, "Landed")], 1, 3.0)
+    [(1.0, 6, 'Takeoff')]
+    """
+    return list(takewhile(lambda one: one[0] <= until_s, texts[told:]))

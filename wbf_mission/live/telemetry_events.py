@@ -15,6 +15,7 @@ from geo.farm import Farm, Patch
 from geo.frame import LocalFrame
 from mission.ground.contact import Contact
 from mission.ground.items import FLOWN_TO
+from mission.ground.texts import WHOLE_S, begun_until
 from mission.model import Mission
 from sensors.observations import Observations
 from wbf_mission.events import EventStream, Planned, RunBegun, Seen, VehicleInfo, VehicleMoved, VehicleSaid
@@ -23,8 +24,6 @@ __all__ = ["TelemetryEvents", "Watch", "land_about"]
 
 _APART_S = 0.1
 _AGAIN_S = 1.0
-_WHOLE_S = 0.5
-"""A text that comes in pieces is complete after this time."""
 _SIDE_M = 500.0
 
 
@@ -136,10 +135,10 @@ class TelemetryEvents:
             self._events.tell(Planned(now_s, self._day, flight, number, mission, path_m))
 
     def _tell_texts(self, number: int, contact: Contact, told: _Told, now_s: float) -> None:
-        texts = contact.texts.texts
-        while told.texts < len(texts) and texts[told.texts][0] <= now_s - _WHOLE_S:
-            self._events.tell(VehicleSaid(texts[told.texts][0], number, *texts[told.texts][1:]))
-            told.texts += 1
+        said = begun_until(contact.texts.texts, told.texts, now_s - WHOLE_S)
+        for one in said:
+            self._events.tell(VehicleSaid(one[0], number, *one[1:]))
+        told.texts += len(said)
 
     def _tell_state(
         self, number: int, contact: Contact, told: _Told, frame: LocalFrame, now_s: float

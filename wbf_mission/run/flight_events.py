@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Sequence
 
+from mission.ground.texts import WHOLE_S, begun_until
 from mission.model import Mission
 from wbf_mission.events import EventStream, Planned, VehicleMoved, VehicleSaid
 from wbf_mission.run.sortie import Sortie
@@ -14,8 +15,6 @@ _LEAST_S, _MOST_S = 0.1, 1.0
 """States of a vehicle are told ten times a second of both clocks, at least once a second of the flight's."""
 _LEAST_WALL_S = 0.06
 """A step of a flight in real time may come a little early; the next one would be too late."""
-_WHOLE_S = 0.5
-"""A text that comes in pieces is complete after this time."""
 
 
 class FlightEvents:
@@ -38,7 +37,7 @@ class FlightEvents:
         if wall_s - self._wall_s < _LEAST_WALL_S and now_s < self._next_s + _MOST_S - _LEAST_S:
             return
         self._next_s, self._wall_s = now_s + _LEAST_S, wall_s
-        self._tell(now_s, now_s - _WHOLE_S)
+        self._tell(now_s, now_s - WHOLE_S)
 
     def finish(self, now_s: float) -> None:
         """Tell what is left at the end."""
@@ -49,11 +48,10 @@ class FlightEvents:
         for place, sortie in enumerate(self._sorties):
             self._tell_plan(place, sortie, now_s)
             self._tell_state(sortie, now_s)
-            texts = sortie.ground.texts
-            while self._texts[place] < len(texts) and texts[self._texts[place]][0] <= texts_until_s:
-                time_s, severity, text = texts[self._texts[place]]
+            said = begun_until(sortie.ground.texts, self._texts[place], texts_until_s)
+            for time_s, severity, text in said:
                 self._events.tell(VehicleSaid(self._offset_s + time_s, sortie.system_id, severity, text))
-                self._texts[place] += 1
+            self._texts[place] += len(said)
 
     def _tell_plan(self, place: int, sortie: Sortie, now_s: float) -> None:
         mission, number = sortie.ground.mission, sortie.number

@@ -28,6 +28,17 @@ from sim_vehicle.airframe.catalog import get_vehicle
 from wbf_mission.scenario import Scenario
 
 _SOURCES = frozenset({".py", ".csv", ".npz"})
+# What only tells of runs, or begins them; of the benchmark itself nothing but its engine decides a row.
+NO_PART_IN_FLIGHTS = (
+    "mission/check",
+    "mission/logs",
+    "wbf_mission/bench",
+    "wbf_mission/cli",
+    "wbf_mission/exports",
+    "wbf_mission/rl",
+    "wbf_mission/web",
+)
+_ENGINE = "wbf_mission/bench/engine.py"
 
 _ROWS = ("planner", "policy", "estimator", "seed")
 _FILES = ("farm", "crop", "farm_crs", "repair", "fields", "vehicle")  # What they give counts, not how
@@ -76,17 +87,21 @@ def digest(values: Any) -> str:
 
 @cache
 def built_in_digest() -> str:
-    """Return the digest of the code that flies: all sources of the five packages, and the data beside them.
+    """Return the digest of the code that flies: sources of the five packages, and the data beside them.
 
-    Vehicles, farms and scenarios, which are TOML and GeoJSON, count where they are used (`meaning_of`). It is
-    taken once in a process, which flies what it has loaded.
+    Folders that no flight imports, such as the command line, do not count (`NO_PART_IN_FLIGHTS`): rows stay
+    those of this code when a report changes. Vehicles, farms and scenarios, which are TOML and GeoJSON, count
+    where they are used (`meaning_of`). It is taken once in a process, which flies what it has loaded.
     """
     taken = hashlib.sha256()
     for name in PACKAGES:
         (root,) = importlib.import_module(name).__path__
         for path in sorted(one for one in Path(root).rglob("*") if one.suffix in _SOURCES):
+            file = f"{name}/{path.relative_to(root).as_posix()}"
+            if file != _ENGINE and any(file.startswith(f"{one}/") for one in NO_PART_IN_FLIGHTS):
+                continue
             content = path.read_bytes()
-            taken.update(f"{name}/{path.relative_to(root).as_posix()} {len(content)}\n".encode())
+            taken.update(f"{file} {len(content)}\n".encode())
             taken.update(content)
     return taken.hexdigest()[:24]
 

@@ -3,12 +3,15 @@
 import os
 import subprocess
 import sys
+from importlib.metadata import distribution
 
+import grimp
 import numpy as np
 import pytest
 
+from geo.errors import PACKAGES
 from sensors.estimators.point import PointEstimator
-from wbf_mission.bench.meaning import built_in_digest
+from wbf_mission.bench.meaning import NO_PART_IN_FLIGHTS, built_in_digest
 from wbf_mission.bench.spec import BenchSpec
 from wbf_mission.scenario import ScenarioError
 
@@ -169,3 +172,18 @@ def test_a_file_that_is_wrong_is_named(tmp_path):
     (tmp_path / "spec.toml").write_text("nix = 1\n")
     with pytest.raises(ScenarioError, match=r"spec.toml: unknown key"):
         BenchSpec.read(tmp_path / "spec.toml")
+
+
+def test_no_flight_imports_what_its_digest_leaves_out():
+    graph = grimp.build_graph(*PACKAGES)
+    named = [
+        one.module for one in distribution("wbf-mission").entry_points if one.group.startswith("wbf_mission.")
+    ]
+    assert "mission.planners.spiral" in named
+    roots = {"wbf_mission.bench.engine", *named}
+    flown = roots.union(*(graph.find_upstream_modules(one) for one in roots))
+    told = {"wbf_mission.bench." + name for name in ("engine", "meaning", "rows", "spec")}
+    for folder in NO_PART_IN_FLIGHTS:
+        root = folder.replace("/", ".")
+        assert root in graph.modules
+        assert {one for one in flown if one == root or one.startswith(f"{root}.")} <= told, folder

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,7 +18,7 @@ from mission.planners.path import Area, Points, path_length
 from mission.planners.terrain import TOLERANCE_M, Terrain, area_of, is_rectangle, polygons_of
 from mission.policies.acquisition import scored_cells
 from mission.policies.allocation import shared
-from mission.policies.decision import NO_CHANGE, Decision
+from mission.policies.decision import NO_CHANGE, AcquisitionMap, Decision
 from mission.policies.map_policies import RollingHorizon
 from mission.policies.observation import Event, PolicyObservation, VehicleReport
 from mission.policies.planning_grid import LegCosts
@@ -107,25 +107,29 @@ class RefiningLawnmower:
             return self._begin(observation)
         paths: dict[int, Points] = {}
         done: list[int] = []
+        windows: list[Window] = []
         for vehicle in observation.steerable:
             rows = self._rows.get(vehicle.system_id)
             if rows is None:
                 done.append(vehicle.system_id)
                 continue
-            path = self._path(vehicle, rows, observation, paths)
+            path = self._path(vehicle, rows, observation, paths, windows)
             ends = observation.event is Event.ENDING and len(vehicle.rest_m) <= 1
             if path is None and (ends or _nearly_flown(vehicle, observation.farm.cell_size_m)):
                 del self._rows[vehicle.system_id]
                 done.append(vehicle.system_id)
             elif path is not None:
                 paths[vehicle.system_id] = path
+        acquisition = _joined(windows, observation)
         if done:
-            paths |= self._route(observation, done)
-        return (
-            Decision(paths, reason="plants beside sick ones" if self._away else "rows")
-            if paths
-            else NO_CHANGE
-        )
+            after = self._after.decide(observation)
+            routes = {system_id: after.paths[system_id] for system_id in done if system_id in after.paths}
+            acquisition = after.acquisition if routes else acquisition
+            paths |= routes
+        if not paths:
+            return NO_CHANGE
+        reason = "plants beside sick ones" if self._away else "rows"
+        return Decision(paths, reason=reason, acquisition=acquisition)
 
     def _begin(self, observation: PolicyObservation) -> Decision:
         vehicles = observation.steerable
@@ -188,9 +192,17 @@ class RefiningLawnmower:
         return lands or [part]
 
     def _path(
-        self, vehicle: VehicleReport, rows: _Rows, observation: PolicyObservation, new: dict[int, Points]
+        self,
+        vehicle: VehicleReport,
+        rows: _Rows,
+        observation: PolicyObservation,
+        new: dict[int, Points],
+        windows: list[Window],
     ) -> Points | None:
-        """Return a vehicle's new path while it has rows, and note where it is on them; None to go on."""
+        """Return a vehicle's new path while it has rows, and note where it is on them; None to go on.
+
+        What it looked at is added to the windows.
+        """
         here = np.asarray(vehicle.position_m)
         if len(vehicle.rest_m) <= len(rows.rest):
             rows.rest, rows.begin = vehicle.rest_m, here
@@ -200,7 +212,9 @@ class RefiningLawnmower:
             for other in observation.vehicles
             if other.system_id != vehicle.system_id and other.system_id in self._away
         ]
-        route = detour(vehicle, observation, promised, self._least_rate)
+        window = window_of(vehicle, observation, promised)
+        windows.append(window)
+        route = detour(vehicle, observation, window, self._least_rate)
         if len(route):
             self._away.add(vehicle.system_id)
             return self._joined(vehicle, [route, rows.resumed(route[-1])])
@@ -221,11 +235,6 @@ class RefiningLawnmower:
             return _NOTHING
         path = affordable(vehicle, self._terrains[vehicle.system_id].join(kept, vehicle.position_m))
         return path[:-1] if len(path) and not shapely.covers(area, shapely.Point(path[-1])) else path
-
-    def _route(self, observation: PolicyObservation, done: list[int]) -> dict[int, Points]:
-        """Return routes of the vehicles whose rows are flown."""
-        found = self._after.decide(observation).paths
-        return {system_id: found[system_id] for system_id in done if system_id in found}
 
 
 @dataclass(frozen=True, slots=True)
@@ -251,6 +260,8 @@ def _nearly_flown(vehicle: VehicleReport, cell_m: float) -> bool:
 SICK_BELOW = 0.75
 """A plant with a smaller value is sick."""
 _WINDOW = 24
+_MAP_BLOCKS = 1024
+"""Blocks along the longer side of the map that is told, at most: as many as are shown."""
 _HORIZON = 20.0
 _LONGEST_LEG = 10
 _INTERVAL = 3.0
@@ -261,13 +272,20 @@ _OFFSETS = leg_offsets(_LONGEST_LEG)
 _ALONE = neighbour_shares(0.0, 1.0, 1)
 
 
-def detour(
-    vehicle: VehicleReport, observation: PolicyObservation, promised: Iterable[Points], least_rate: float
-) -> Points:
-    """Find the route through plants beside sick ones, near a vehicle, that sees most of them early.
+@dataclass(frozen=True, slots=True)
+class Window:
+    """What plants about a vehicle are worth: float32[w, h] of cells from `low` on, 0 where it cannot fly."""
+
+    low: NDArray[np.int_]
+    values: NDArray[np.float32]
+    free: NDArray[np.bool_]
+
+
+def window_of(vehicle: VehicleReport, observation: PolicyObservation, promised: Iterable[Points]) -> Window:
+    """Return what the plants about a vehicle are worth.
 
     A plant that was not observed today and could have a disease of which a sick plant was seen is worth 1
-    beside that plant, and 0.3 at up to three cells from it.
+    beside that plant, and 0.3 at up to three cells from it; what others promise to see is worth nothing.
     """
     cell_m, shape = observation.farm.cell_size_m, np.array(observation.model.shape)
     here = np.asarray(vehicle.position_m) / cell_m
@@ -277,13 +295,24 @@ def detour(
     for path in promised:
         _take(values, path / cell_m - low)
     if not values.any():
-        return np.empty((0, 2))
-    costs = LegCosts.of(vehicle, cell_m)
+        return Window(low, values, np.zeros(values.shape, np.bool_))
     free = _free(vehicle.request.area, low, high, cell_m)
+    return Window(low, np.where(free, values, np.float32(0.0)), free)
+
+
+def detour(
+    vehicle: VehicleReport, observation: PolicyObservation, window: Window, least_rate: float
+) -> Points:
+    """Find the route through plants beside sick ones, near a vehicle, that sees most of them early."""
+    if not window.values.any():
+        return np.empty((0, 2))
+    cell_m = observation.farm.cell_size_m
+    x, y = np.asarray(vehicle.position_m) / cell_m - window.low
+    costs = LegCosts.of(vehicle, cell_m)
     per_cell = costs.per_cell
     horizon = min(_HORIZON * per_cell, vehicle.left)
     route = search_route(
-        np.where(free, values, np.float32(0.0)), _ALONE, free, here[0] - low[0], here[1] - low[1], _OFFSETS,
+        window.values, _ALONE, window.free, x, y, _OFFSETS,
         horizon, costs.turn, costs.slopes, _HORIZON * per_cell, max(1, int(_HORIZON / _INTERVAL)), _BEAM,
     )  # fmt: skip
     if not len(route):
@@ -293,8 +322,25 @@ def detour(
     if not len(good):
         return np.empty((0, 2))
     route = route[: good[-1] + 1]
-    points: Points = (route[:, :2] + low) * cell_m
+    points: Points = (route[:, :2] + window.low) * cell_m
     return points
+
+
+def _joined(windows: Sequence[Window], observation: PolicyObservation) -> AcquisitionMap | None:
+    """Return what is worth a detour, over the whole farm; None if nothing is."""
+    worth = [one for one in windows if one.values.any()]
+    if not worth:
+        return None
+    shape = observation.model.shape
+    cells = -(-max(shape) // _MAP_BLOCKS)
+    values = np.zeros([-(-side // cells) for side in shape], np.float32)
+    for one in worth:
+        x, y = np.nonzero(one.values)
+        # Where the windows of two vehicles overlap, both tell of the same plants.
+        blocks = np.zeros_like(values)
+        np.add.at(blocks, ((x + one.low[0]) // cells, (y + one.low[1]) // cells), one.values[x, y])
+        np.maximum(values, blocks, out=values)
+    return AcquisitionMap(values, cells * observation.farm.cell_size_m)
 
 
 def _beside_sick(

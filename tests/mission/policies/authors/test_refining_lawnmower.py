@@ -9,7 +9,7 @@ from geo.farms import get_farm
 from geo.grid import Crop
 from mission.errors import PlanningError
 from mission.planners.request import CropArea
-from mission.policies.authors.refining_lawnmower import RefiningLawnmower, detour
+from mission.policies.authors.refining_lawnmower import RefiningLawnmower, detour, window_of
 from mission.policies.decision import NO_CHANGE
 from mission.policies.observation import Event, Status
 from sensors.observations import Observations
@@ -53,7 +53,7 @@ def _cells(route):
 def _detour(*cells, vehicle=None, promised=(), least_rate=0.2, **known):
     vehicle = _vehicle() if vehicle is None else vehicle
     told = observation(vehicle, event=Event.OBSERVATIONS, seen=_seen(*cells, **known))
-    return detour(vehicle, told, promised, least_rate)
+    return detour(vehicle, told, window_of(vehicle, told, promised), least_rate)
 
 
 def test_a_detour_leads_to_all_plants_beside_a_sick_one():
@@ -107,7 +107,13 @@ def test_rows_are_left_at_a_find_and_taken_up_again_where_they_were_left():
     healthy = _seen((14, int(row)), (15, int(row)), values=(1.0, 1.0, 0.4))
     assert policy.decide(observation(flying, event=Event.OBSERVATIONS, seen=healthy)) is NO_CHANGE
     sick = _seen((15, int(row)))
-    away = policy.decide(observation(flying, event=Event.OBSERVATIONS, seen=sick)).paths[1] / CELL
+    decision = policy.decide(observation(flying, event=Event.OBSERVATIONS, seen=sick))
+    away = decision.paths[1] / CELL
+    assert decision.acquisition is not None and decision.acquisition.cell_m == pytest.approx(CELL)
+    worth = decision.acquisition.values
+    x, y = np.nonzero(worth)
+    assert worth[15, int(row)] == 0.0 and worth[14, int(row)] == worth.max() == 1.0
+    assert np.abs(x - 15).max() <= 3 and np.abs(y - int(row)).max() <= 3
     assert np.allclose(away[-len(rows[3:]) :], rows[3:])
     back = away[-len(rows[3:]) - 1]
     assert back[1] == pytest.approx(row) and len(away) > len(rows[3:]) + 2

@@ -14,8 +14,6 @@ import sqlite3
 import struct
 import tempfile
 import warnings
-import zipfile
-import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,6 +23,7 @@ import msgspec
 import numpy as np
 import shapely
 
+from geo.archives import Archive, ArchiveError
 from geo.attributes import KNOWN, kind_of, meant
 from geo.coordinates import EXAMPLE_CRS, Coordinates, coordinates_of
 from geo.errors import FarmError
@@ -43,7 +42,6 @@ MAX_FEATURES = 10_000
 MAX_GAP_M = 5.0
 """A track or a path whose ends are not farther apart is the border of a field."""
 _MAX_LAYERS = 100
-_MAX_MEMBERS = 1000
 _MAX_DEPTH = 100
 _SHAPEFILE = (".shp", ".shx", ".dbf", ".prj", ".cpg")
 _GPX_LAYERS = ("routes", "tracks", "waypoints")
@@ -184,32 +182,22 @@ def _unpacked(path: Path, folder: Path) -> tuple[Path, str]:
     wanted = (".kml",) if kmz else _SHAPEFILE
     _check_head(path, b"PK", "archive")
     try:
-        with zipfile.ZipFile(path) as archive:
-            members = archive.infolist()
-            if len(members) > _MAX_MEMBERS:
-                raise FarmError(f"holds {len(members)} files, more than {_MAX_MEMBERS}")
-            mains = [one for one in members if one.filename.lower().endswith(wanted[0])]
-            mains.sort(key=lambda one: Path(one.filename).name.lower() != "doc.kml")
+        with Archive(path, MAX_XML_BYTES if kmz else MAX_BYTES) as archive:
+            mains = [one for one in archive.names if one.lower().endswith(wanted[0])]
+            mains.sort(key=lambda one: Path(one).name.lower() != "doc.kml")
             if not mains or (len(mains) > 1 and not kmz):
                 raise FarmError(f"holds {len(mains)} files {wanted[0]}; one is wanted")
-            main = mains[0].filename[:-4]
-            room = MAX_XML_BYTES if kmz else MAX_BYTES
-            for member in members:
-                suffix = member.filename[-4:].lower()
-                if member.filename[:-4] != main or suffix not in wanted:
+            main = mains[0][:-4]
+            for name in archive.names:
+                suffix = name[-4:].lower()
+                if name[:-4] != main or suffix not in wanted:
                     continue
-                with archive.open(member) as file:
-                    data = file.read(room + 1)
-                room -= len(data)
-                if room < 0:
-                    raise FarmError("unpacks to more than is read; it is larger than a farm's file can be")
+                data = archive.read(name)
                 if kmz:
                     _check_xml(data, ".kml")
                 (folder / f"unpacked{suffix}").write_bytes(data)
-    except FarmError:
-        raise
-    except (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, ValueError) as error:
-        raise FarmError(f"cannot be unpacked: {one_line(str(error), 100)}") from None
+    except ArchiveError as error:
+        raise FarmError(str(error)) from None
     plain = folder / f"unpacked{wanted[0]}"
     if not kmz:
         _check_shapefile(plain)

@@ -15,10 +15,10 @@ from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 from xml.etree import ElementTree
 
+from geo.archives import archive_of
 from mission.errors import MissionFileError
 from mission.files.common import Firmware
 from mission.files.comparison import Loss, dropped, numbered
-from mission.files.kml import archive_of
 from mission.files.records import command_name, is_placed
 from mission.files.xml import add, decimal, document
 from mission.model import Command, Frame, Mission, MissionItem

@@ -5,14 +5,12 @@ Sources: OGC KML 2.3 (12-007r2); developers.google.com/kml/documentation/kmlrefe
 
 from __future__ import annotations
 
-import io
 import re
-import zipfile
-import zlib
 from collections.abc import Iterator, Mapping
 from typing import Any
 from xml.etree import ElementTree
 
+from geo.archives import Archive, ArchiveError, archive_of
 from geo.texts import parse_number
 from mission.errors import MissionFileError
 from mission.files.common import KML_KIND, KMZ_KIND, MAX_BYTES, Firmware, kind_of, wrong_kind
@@ -31,7 +29,6 @@ from mission.files.records import (
 from mission.files.xml import Node, add, decimal, document, parse
 from mission.model import Frame, Mission
 
-_MOST_MEMBERS = 1000
 _LINES = ("LineString", "LinearRing", "Track")
 _FRAMES = {"absolute": Frame.GLOBAL, "relativeToGround": Frame.GLOBAL_RELATIVE_ALT}
 _NO_ALTITUDES = "it lies on the ground: altitudeMode is clampToGround"
@@ -198,27 +195,17 @@ def kmz_loads(data: bytes) -> Mission | Drawing:
     """Read the KML of a KMZ archive: its first .kml file."""
     if kind_of(data) != KMZ_KIND:
         raise wrong_kind(data, "a KMZ archive")
-    if data.count(b"PK\x01\x02") > _MOST_MEMBERS:
-        raise MissionFileError(
-            f"the archive holds more than {_MOST_MEMBERS} files; give one with a mission only"
-        )
     try:
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            names = archive.namelist()
-            if any(name.lower().endswith(".wpml") for name in names):
+        with Archive(data, MAX_BYTES) as archive:
+            if any(name.lower().endswith(".wpml") for name in archive.names):
                 msg = "this is a DJI wayline file (WPML), which is written, not read; give another format"
                 raise MissionFileError(msg)
-            found = next((name for name in names if name.lower().endswith(".kml")), None)
+            found = next((name for name in archive.names if name.lower().endswith(".kml")), None)
             if found is None:
                 raise MissionFileError("the archive holds no .kml file; give a KMZ of Google Earth")
-            with archive.open(found) as member:
-                content = member.read(MAX_BYTES + 1)
-    except MissionFileError:
-        raise
-    except (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, OSError, ValueError) as error:
-        raise MissionFileError(f"the archive cannot be unpacked ({error}); save it again") from None
-    if len(content) > MAX_BYTES:
-        raise MissionFileError(f"{found}: larger than {MAX_BYTES // 2**20} MiB when unpacked")
+            content = archive.read(found)
+    except ArchiveError as error:
+        raise MissionFileError(f"the archive {error}") from None
     try:
         return loads(content)
     except MissionFileError as error:
@@ -228,12 +215,3 @@ def kmz_loads(data: bytes) -> Mission | Drawing:
 def kmz_dumps(mission: Mission, firmware: Firmware = Firmware.GENERIC) -> bytes:
     """Write a mission as KMZ: doc.kml in an archive."""
     return archive_of({"doc.kml": dumps(mission, firmware)})
-
-
-def archive_of(members: dict[str, str]) -> bytes:
-    """Return a ZIP archive of texts; the same texts give the same bytes."""
-    made = io.BytesIO()
-    with zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, text in members.items():
-            archive.writestr(zipfile.ZipInfo(name), text.encode(), zipfile.ZIP_DEFLATED)
-    return made.getvalue()

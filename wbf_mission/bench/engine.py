@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import pickle
-import platform
 import sys
 import time
 from array import array
@@ -22,13 +21,13 @@ from geo.texts import one_line
 from geo.workers import CallsAhead, Processes
 from mission.outcome import Outcome
 from wbf_mission.bench.meaning import built_in_digest, is_own
+from wbf_mission.bench.provenance import hardware, versions
 from wbf_mission.bench.rows import BenchRow
 from wbf_mission.bench.spec import BenchRun
 from wbf_mission.flight import fly
 from wbf_mission.run.record import RunRecord
 from wbf_mission.run.reuse import memory_of_process
 from wbf_mission.scenario import Scenario
-from wbf_mission.version import __version__
 
 
 def fly_run(run: BenchRun) -> BenchRow:
@@ -57,7 +56,7 @@ def _fresh(scenario: Scenario) -> Scenario:
 
 def failed_row(run: BenchRun, cause: str) -> BenchRow:
     """Return the row of a run that gave nothing."""
-    return BenchRow(**_which(run), error=" ".join(cause.split()), versions=_versions())
+    return BenchRow(**_which(run), error=" ".join(cause.split()), versions=versions(), hardware=hardware())
 
 
 def _row_of(run: BenchRun, result: RunRecord, wall_s: float, cpu_s: float) -> BenchRow:
@@ -88,7 +87,8 @@ def _row_of(run: BenchRun, result: RunRecord, wall_s: float, cpu_s: float) -> Be
         times_s=array("d", history.times_s),
         scores=array("d", history.scores),
         history={name: array("d", losses[:, k]) for k, name in enumerate(names)} if len(losses) else {},
-        versions=_versions(),
+        versions=versions(),
+        hardware=hardware(),
     )
 
 
@@ -100,15 +100,12 @@ def _which(run: BenchRun) -> dict[str, Any]:
         "estimator": run.estimator,
         "seed": run.seed,
         "codes": run.codes,
+        "objects": run.objects,
     }
 
 
 def _finite(value: float | None) -> float | None:
     return float(value) if value is not None and np.isfinite(value) else None
-
-
-def _versions() -> dict[str, str]:
-    return {"wbf-mission": __version__, "python": platform.python_version(), "numpy": np.__version__}
 
 
 LOCAL = "local"

@@ -60,9 +60,13 @@ class BenchRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     times_s, scores, history
         Seconds of flight, the score and the losses at the scored times.
     versions : dict
-        Of what flew it.
+        Of what flew it, with its ``commit`` if that is known (`wbf_mission.bench.provenance`).
     codes : dict
         Digests of that (`wbf_mission.bench.spec.BenchRun`); empty in rows of old stores, which did not tell.
+    hardware : dict
+        The machine: ``processor``, ``cores``, ``memory_gb`` and ``system``.
+    objects : dict
+        In words, with its parameters, a ``planner`` (or policy) and an ``estimator`` given as an object.
     bad_answers : dict
         How many answers of the policy were not flown, or came too late, by what was wrong with them.
     """
@@ -91,24 +95,37 @@ class BenchRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     history: dict[str, Floats] = {}
     versions: dict[str, str] = {}
     codes: dict[str, str] = {}
+    hardware: dict[str, str] = {}
+    objects: dict[str, str] = {}
     bad_answers: dict[str, int] = {}
 
 
 TABLE = "rows.parquet"
 _JOURNAL = "journal.jsonl"
 _LOCK = ".lock"
-_LOSS, _HISTORY, _TIMING, _VERSION, _CODE, _BAD = "loss_", "history_", "timing_", "version_", "code_", "bad_"
+_TEXT, _SEED, _WHOLE, _NUMBER, _NUMBERS = "text", "seed", "whole number", "number", "numbers"
 _DICTS = {
-    "losses": _LOSS,
-    "history": _HISTORY,
-    "timings_s": _TIMING,
-    "versions": _VERSION,
-    "codes": _CODE,
-    "bad_answers": _BAD,
+    "losses": ("loss_", _NUMBER),
+    "history": ("history_", _NUMBERS),
+    "timings_s": ("timing_", _NUMBER),
+    "versions": ("version_", _TEXT),
+    "codes": ("code_", _TEXT),
+    "hardware": ("hardware_", _TEXT),
+    "objects": ("object_", _TEXT),
+    "bad_answers": ("bad_", _WHOLE),
 }
+"""The dicts of a row: how the columns of each begin, and what they hold."""
+_COLUMNS = {
+    **dict.fromkeys(("key", "scenario", "planner", "estimator", "outcome", "error"), _TEXT),
+    "seed": _SEED,
+    **dict.fromkeys(("observations", "cells_observed", "decisions"), _WHOLE),
+    **dict.fromkeys(("times_s", "scores"), _NUMBERS),
+}
+"""What the other columns hold; a number where nothing is said."""
 _GROUP_ROWS = 1000
 _NEEDED = ("key", "scenario", "planner", "estimator", "seed")
-_SHARED = ("scenario", "planner", "estimator", "outcome", "error")
+_SHARED_TEXTS = ("scenario", "planner", "estimator", "outcome", "error")
+_SHARED_DICTS = ("versions", "codes", "hardware", "objects", "bad_answers")
 _decoder = msgspec.json.Decoder(BenchRow, dec_hook=as_floats)
 _encoder = msgspec.json.Encoder(enc_hook=list)
 
@@ -188,10 +205,11 @@ def read_rows(folder: Path) -> list[BenchRow]:
     ResultError if there is none, or a file is damaged.
     """
     found: dict[str, BenchRow] = {}
+    common = _Common()
     table = folder / TABLE
     if table.exists():
         for row in _rows_of(table):
-            found[row.key] = row
+            found[row.key] = common.of(row)
     with contextlib.suppress(FileNotFoundError), (folder / _JOURNAL).open("rb") as journal:
         for number, line in enumerate(journal, 1):
             if not line.endswith(b"\n"):
@@ -201,7 +219,7 @@ def read_rows(folder: Path) -> list[BenchRow]:
             except (msgspec.MsgspecError, UnicodeDecodeError):
                 msg = f"{folder / _JOURNAL}: line {number} is no row of a benchmark; remove it"
                 raise ResultError(msg) from None
-            found[row.key] = row
+            found[row.key] = common.of(row)
     return sorted(found.values(), key=lambda row: (row.scenario, row.planner, row.estimator, row.seed))
 
 
@@ -218,18 +236,26 @@ def rows_table(rows: Sequence[BenchRow]) -> Any:
     import pyarrow as pa
 
     names = [name for name in BenchRow.__struct_fields__ if name not in _DICTS]
-    columns = {name: _column(name, (getattr(row, name) for row in rows)) for name in names}
-    for where, prefix in _DICTS.items():
+    columns = {
+        name: _column(_COLUMNS.get(name, _NUMBER), (getattr(row, name) for row in rows)) for name in names
+    }
+    for where, (prefix, holds) in _DICTS.items():
         for key in dict.fromkeys(key for row in rows for key in getattr(row, where)):
-            columns[prefix + key] = _column(prefix + key, (getattr(row, where).get(key) for row in rows))
+            columns[prefix + key] = _column(holds, (getattr(row, where).get(key) for row in rows))
     return pa.table(columns)
 
 
-def _column(name: str, values: Iterator[Any]) -> Any:
+def _column(holds: str, values: Iterator[Any]) -> Any:
     """Return the values of a column, one after the other, as an arrow array."""
     import pyarrow as pa
 
-    kind = _type(name)
+    kind = {
+        _TEXT: pa.string(),
+        _SEED: pa.uint64(),
+        _WHOLE: pa.int64(),
+        _NUMBER: pa.float64(),
+        _NUMBERS: pa.list_(pa.float64()),
+    }[holds]
     if not pa.types.is_list(kind):
         return pa.array(values, kind)
     joined, ends, missing = array("d"), [0], []
@@ -244,25 +270,30 @@ def _column(name: str, values: Iterator[Any]) -> Any:
     )
 
 
-def _type(name: str) -> Any:
-    import pyarrow as pa
+class _Common:
+    """Keeps once what many rows have in common."""
 
-    if name in {"key", *_SHARED} or name.startswith((_VERSION, _CODE)):
-        return pa.string()
-    if name == "seed":
-        return pa.uint64()
-    if name in {"observations", "cells_observed", "decisions"} or name.startswith(_BAD):
-        return pa.int64()
-    if name in {"times_s", "scores"} or name.startswith(_HISTORY):
-        return pa.list_(pa.float64())
-    return pa.float64()
+    def __init__(self) -> None:
+        self._texts: dict[str, str] = {}
+        self._dicts: dict[tuple[tuple[str, Any], ...], dict[str, Any]] = {}
+        self._times: dict[bytes, Floats] = {}
+
+    def of(self, row: BenchRow) -> BenchRow:
+        """Return an equal row."""
+        texts = {key: self._text(getattr(row, key)) for key in _SHARED_TEXTS}
+        dicts = {key: self._dict(getattr(row, key)) for key in _SHARED_DICTS}
+        times_s = self._times.setdefault(row.times_s.tobytes(), row.times_s)
+        return msgspec.structs.replace(row, **texts, **dicts, times_s=times_s)
+
+    def _text(self, text: str | None) -> str | None:
+        return None if text is None else self._texts.setdefault(text, text)
+
+    def _dict(self, values: dict[str, Any]) -> dict[str, Any]:
+        return self._dicts.setdefault(tuple(values.items()), values)
 
 
 def _rows_of(path: Path) -> Iterator[BenchRow]:
-    """Yield the rows of a table; what many have in common is kept once."""
-    texts: dict[str, str] = {}
-    shared: dict[tuple[tuple[str, str], ...], dict[str, str]] = {}
-    times: dict[bytes, Floats] = {}
+    """Yield the rows of a table."""
     for batch in read_batches(path, _NEEDED):
         wheres = [_where(name) for name in batch.schema.names]
         for values in zip(*(column.to_pylist() for column in batch.columns), strict=True):
@@ -270,25 +301,16 @@ def _rows_of(path: Path) -> Iterator[BenchRow]:
             for (where, key), value in zip(wheres, values, strict=True):
                 if value is not None:
                     (row if where is None else row[where])[key] = value
-            for key in _SHARED:
-                if isinstance(row.get(key), str):
-                    row[key] = texts.setdefault(row[key], row[key])
             try:
-                found = msgspec.convert(row, BenchRow, dec_hook=as_floats)
+                yield msgspec.convert(row, BenchRow, dec_hook=as_floats)
             except msgspec.ValidationError as error:
                 what = f"holds no rows of a benchmark ({misfit(error)})"
                 raise ResultError(f"{path}: {what}; remove it, or give another folder") from None
-            yield msgspec.structs.replace(
-                found,
-                versions=shared.setdefault(tuple(found.versions.items()), found.versions),
-                codes=shared.setdefault(tuple(found.codes.items()), found.codes),
-                times_s=times.setdefault(found.times_s.tobytes(), found.times_s),
-            )
 
 
 def _where(column: str) -> tuple[str | None, str]:
     """Return in which dict of a row a column stands, if in one, and under which name."""
-    for where, prefix in _DICTS.items():
+    for where, (prefix, _) in _DICTS.items():
         if column.startswith(prefix):
             return where, column.removeprefix(prefix)
     return None, column

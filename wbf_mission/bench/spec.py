@@ -11,12 +11,14 @@ from typing import Any, Self
 
 from geo.errors import PACKAGES
 from geo.imports import entry_points
+from geo.texts import parse_whole
 from mission.planners.registry import ENTRY_POINT_GROUP as PLANNERS
 from mission.policies.policy import ENTRY_POINT_GROUP as POLICIES
 from mission.policies.policy import Policy, make_policy
 from sensors.estimators.base import ENTRY_POINT_GROUP as ESTIMATORS
 from sensors.field_files import load_field_set
 from wbf_mission.bench.meaning import built_in_digest, digest, meaning_of, own_digest
+from wbf_mission.bench.provenance import in_words
 from wbf_mission.planning import planner_of
 from wbf_mission.run.estimation import estimator_of
 from wbf_mission.scenario import (
@@ -39,6 +41,7 @@ _DEFAULTS: Mapping[str, tuple[str, ...]] = {
 }
 _KEYS = ("scenarios", "planners", "estimators", "seeds")
 _MOST_RUNS = 10_000_000
+_MOST_ENDS = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +60,8 @@ class BenchRun:
     codes: dict[str, str] = field(default_factory=dict)
     """Digests of the built-in ``code``, of what the ``scenario`` means, and of the code and state of a
     ``planner`` and an ``estimator`` that are no part of this program."""
+    objects: dict[str, str] = field(default_factory=dict)
+    """In words, with its parameters, a ``planner`` (or policy) and an ``estimator`` given as an object."""
 
     @property
     def seed(self) -> int:
@@ -118,7 +123,7 @@ class BenchSpec:
         scenarios: Sequence[str | Path] | None = None,
         planners: Sequence[Any] | None = None,
         estimators: Sequence[Any] | None = None,
-        seeds: int | Sequence[int] | None = None,
+        seeds: int | str | Sequence[int] | None = None,
         *,
         folder: Path | None = None,
     ) -> Self:
@@ -130,8 +135,8 @@ class BenchSpec:
             Ids (`wbf_mission.scenario.scenario_ids`) or files.
         planners, estimators : sequence
             Names with parameters, tables, or objects.
-        seeds : int or sequence of int
-            How many, from 0 on, or which.
+        seeds : int, str or sequence of int
+            How many, from 0 on, or which; as a text such as ``"5,7,100..139"`` (`seeds_of`).
         folder : Path, optional
             Where files are looked for first.
 
@@ -195,7 +200,19 @@ class BenchSpec:
                     own_codes = {"planner": of_planner, "estimator": of_estimator}
                     codes = built_in | {key: one for key, one in own_codes.items() if one}
                     values = [_FORMAT, codes, mover, str(planner), str(estimator), seed]
-                    yield BenchRun(digest(values), name, str(planner), str(estimator), scenario, codes)
+                    yield BenchRun(
+                        key=digest(values),
+                        scenario_id=name,
+                        planner=str(planner),
+                        estimator=str(estimator),
+                        scenario=scenario,
+                        codes=codes,
+                        objects=_objects(planner=planner, estimator=estimator),
+                    )
+
+
+def _objects(**choices: Choice) -> dict[str, str]:
+    return {key: in_words(one.made) for key, one in choices.items() if one.made is not None}
 
 
 def _given(key: str, given: Any) -> Sequence[Any]:
@@ -209,12 +226,63 @@ def _given(key: str, given: Any) -> Sequence[Any]:
 
 
 def _seeds(given: Any) -> tuple[int, ...]:
+    if isinstance(given, str):
+        return seeds_of(given)
     if isinstance(given, int) and not isinstance(given, bool) and 1 <= given <= _MOST_RUNS:
         return tuple(range(given))
     if isinstance(given, (list, tuple, range)) and given and all(_is_seed(one) for one in given):
         return tuple(given)
     msg = f"seeds {given!r} are neither how many (1 to {_MOST_RUNS}) nor a list of whole numbers from 0 on"
     raise ScenarioError(msg)
+
+
+def seeds_of(text: str) -> tuple[int, ...]:
+    """Return the seeds that a text names: how many from 0 on, or which, separated by commas.
+
+    ScenarioError if it names none.
+
+    Examples
+    --------
+    >>> seeds_of("3"), seeds_of("5,7,100..103"), seeds_of("5..5")
+    ((0, 1, 2), (5, 7, 100, 101, 102, 103), (5,))
+    """
+    found: list[int] = []
+    parts = [part.split("..") for part in text.split(",")]
+    for ends in parts:
+        try:
+            first, last = parse_whole(ends[0]), parse_whole(ends[-1])
+        except ValueError:
+            first, last = 0, -1
+        if not (len(ends) <= _MOST_ENDS and _is_seed(first) and _is_seed(last) and first <= last):
+            msg = (
+                f"seeds {text!r}: {'..'.join(ends)!r} is neither a seed nor a range of seeds;"
+                f" give how many (10), a range (100..139) or a list (5,7,100..139) of whole numbers from 0 on"
+            )
+            raise ScenarioError(msg)
+        if last - first + len(found) >= _MOST_RUNS:
+            raise ScenarioError(f"seeds {text!r} are too many: at most {_MOST_RUNS} can be kept together")
+        found += range(first, last + 1)
+    return _seeds(found[0]) if len(parts) == len(parts[0]) == 1 else tuple(found)
+
+
+def seeds_text(seeds: Sequence[int]) -> str:
+    """Return seeds as the shortest text of which `seeds_of` makes them again, in their order.
+
+    Examples
+    --------
+    >>> seeds_text(range(10)), seeds_text([5, 7, *range(100, 140)]), seeds_text([5])
+    ('10', '5,7,100..139', '5..5')
+    """
+    if list(seeds) == list(range(len(seeds))):
+        return str(len(seeds))
+    runs: list[list[int]] = []
+    for seed in seeds:
+        if runs and seed == runs[-1][-1] + 1:
+            runs[-1][1:] = [seed]
+        else:
+            runs.append([seed])
+    parts = ["..".join(map(str, run)) for run in runs]
+    return ",".join(parts) if len(seeds) > 1 else f"{parts[0]}..{parts[0]}"
 
 
 def _is_seed(given: Any) -> bool:

@@ -104,12 +104,8 @@ def _selection(
         option("Estimators, separated by commas, such as gp:learn_from=model,epidemic.", panel=_RUN),
     ] = None,
     seeds: Annotated[
-        int | None,
-        option(
-            "How many environments: seeds 0, 1, ...",
-            panel=_RUN,
-            parser=options.whole_number_in(1, 10_000_000),
-        ),
+        str | None,
+        option("How many environments, from seed 0 on, or which: 100..139, or 5,7,100..139.", panel=_RUN),
     ] = None,
 ) -> dict[str, Any]:
     """Return what `BenchSpec.of` takes, of options that are given."""
@@ -180,7 +176,7 @@ def run_command(
     return _exit_code(rows, interrupted=interrupted)
 
 
-_COMPARED = {"scenarios": "WBF/Miniberry-30-Sweep-v1", "estimators": "epidemic", "seeds": 10}
+_COMPARED = {"scenarios": "WBF/Miniberry-30-Sweep-v1", "estimators": "epidemic", "seeds": "10"}
 _OPTIONS = options.taken_by(_selection)
 
 

@@ -58,7 +58,9 @@ def test_a_row_has_what_the_run_gave(rows):
     assert one.losses["soil"] == one.history["soil"][-1]
     assert (one.observations, one.decisions) == (33, 1)
     assert one.cpu_time_s > 0.0
-    assert set(one.versions) == {"wbf-mission", "python", "numpy"}
+    assert set(one.versions) >= {"wbf-mission", "python", "numpy"}
+    assert {"processor", "cores", "system"} <= set(one.hardware)
+    assert one.objects == {}
     assert set(one.codes) == {"code", "scenario"}
 
 

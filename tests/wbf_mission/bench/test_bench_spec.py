@@ -8,11 +8,13 @@ from importlib.metadata import distribution
 import grimp
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from geo.errors import PACKAGES
 from sensors.estimators.point import PointEstimator
 from wbf_mission.bench.meaning import NO_PART_IN_FLIGHTS, built_in_digest
-from wbf_mission.bench.spec import BenchSpec
+from wbf_mission.bench.spec import BenchSpec, seeds_of, seeds_text
 from wbf_mission.scenario import ScenarioError
 
 TEN = ["WBF/Miniberry-10-v1"]
@@ -123,6 +125,11 @@ def test_runs_of_one_environment_follow_one_another():
     assert seeds == [5] * 8 + [2] * 8
 
 
+@given(st.lists(st.integers(0, 2**64 - 1) | st.integers(0, 9), min_size=1, max_size=12, unique=True))
+def test_seeds_are_the_same_as_a_text(seeds):
+    assert list(seeds_of(seeds_text(seeds))) == seeds
+
+
 def test_a_file_may_name_scenarios_beside_it(tmp_path):
     (tmp_path / "mine.toml").write_text('farm = "miniberry-10"\nvehicle = "ideal"\nbudget = "20steps"\n')
     (tmp_path / "spec.toml").write_text(
@@ -144,6 +151,13 @@ def test_a_file_may_name_scenarios_beside_it(tmp_path):
         ("seeds = [1, 1]", "seeds: one is given twice"),
         ("seeds = [-1]", "neither how many"),
         ("seeds = true", "neither how many"),
+        ('seeds = "9..5"', "'9..5' is neither a seed nor a range"),
+        ('seeds = "1..2..3"', "'1..2..3' is neither a seed nor a range"),
+        ('seeds = "-1"', "neither a seed nor a range"),
+        ('seeds = "5,"', "'' is neither a seed nor a range"),
+        ('seeds = "0..99999999999"', "are too many"),
+        ('seeds = "0"', "seeds 0 are neither how many"),
+        ('seeds = "3..5,4"', "one is given twice"),
         ("seeds = 20_000_000", "neither how many"),
         ("planners = []", "planners [] are no list with something in it"),
         ('planners = "spiral"', "planners 'spiral' are no list"),

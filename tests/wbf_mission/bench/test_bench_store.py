@@ -32,7 +32,10 @@ ROWS = st.builds(
     times_s=LISTS,
     scores=LISTS,
     history=st.dictionaries(st.sampled_from(["tylcv", "ccr"]), LISTS),
-    versions=st.dictionaries(st.sampled_from(["python", "numpy"]), NAMES),
+    versions=st.dictionaries(st.sampled_from(["python", "commit"]), NAMES),
+    hardware=st.dictionaries(st.sampled_from(["processor", "cores"]), NAMES),
+    objects=st.dictionaries(st.sampled_from(["planner", "estimator"]), NAMES),
+    bad_answers=st.dictionaries(st.sampled_from(["crashed", "too late"]), st.integers(0, 9)),
 )
 
 

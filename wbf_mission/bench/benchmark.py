@@ -7,6 +7,7 @@ import warnings
 from pathlib import Path
 
 from geo.interrupts import interrupts_noted
+from wbf_mission.bench.asked import keep_asked
 from wbf_mission.bench.engine import fly_all
 from wbf_mission.bench.rows import BenchRow, BenchStore
 from wbf_mission.bench.spec import BenchSpec
@@ -37,6 +38,7 @@ def benchmark(
     jobs: int = 1,
     dask: str | None = None,
     retry: bool = False,
+    command: str = "",
     progress: Progress | None = None,
 ) -> list[BenchRow]:
     """Fly every planner with every estimator in every scenario, on the environments of all seeds.
@@ -55,6 +57,8 @@ def benchmark(
         workers.
     retry : bool
         Fly again what failed.
+    command : str
+        The command line that asks for it, which the folder keeps with the specification.
     progress : callable, optional
         ``progress(what, done, total)``.
 
@@ -81,6 +85,8 @@ def benchmark(
     interrupted = False
     with contextlib.ExitStack() as stack:
         store = None if out is None else stack.enter_context(BenchStore(Path(out)))
+        if out is not None:
+            keep_asked(Path(out), spec, command)
         done = {} if store is None else store.done
         missing = [one for one in runs if one.key not in done or (retry and not done[one.key])]
         kept = len(runs) - len(missing)

@@ -131,7 +131,7 @@ def _run(arguments: list[str]) -> int:
     except FileNotFoundError:
         return _complain("the working folder was removed: change to one that is there", ExitCode.BAD_INPUT)
     try:
-        code = app(args=arguments, standalone_mode=False, prog_name="wbf-mission")
+        code = app(args=arguments, standalone_mode=False, prog_name="wbf-mission", obj=arguments)
     except typer.TyperException as error:
         return _complain(f"{error.format_message()} (see 'wbf-mission --help')", error.exit_code)
     except WbfMissionError as error:

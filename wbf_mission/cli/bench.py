@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -27,6 +28,10 @@ LIST_EXAMPLES = """
 Examples
 wbf-mission bench list
 wbf-mission fly --scenario WBF/Miniberry-30-v1 --planner lawnmower
+"""
+SHOW_EXAMPLES = """
+Examples
+wbf-mission bench show WBF/Miniberry-30-Sweep-v1
 """
 RUN_EXAMPLES = """
 Examples
@@ -74,6 +79,22 @@ def list_command(output: Output) -> int:
     ]
     rows = [[one["scenario"], one["about"]] for one in values]
     output.table(values, ["scenario", "what it is"], rows, left=True)
+    return ExitCode.GOOD
+
+
+@app.command("show", cls=HelpCommand, epilog=SHOW_EXAMPLES)
+@options.speaks(quiet=False)
+def show_command(
+    output: Output, scenario: Annotated[str, typer.Argument(help="An id (see 'bench list') or a file.")]
+) -> int:
+    """Show what a scenario means: its farm, what is scored when, and what is not at its default."""
+    from msgspec import to_builtins
+
+    from wbf_mission.bench.cards import card_of
+    from wbf_mission.scenario import load_scenario
+
+    card = card_of(scenario, load_scenario(scenario))
+    output.result(to_builtins(card), card.told())
     return ExitCode.GOOD
 
 
@@ -132,7 +153,9 @@ class _Flying:
     ] = None
     retry: Annotated[bool, option("Fly again what failed.", "--retry")] = False
 
-    def rows(self, output: Output, wanted: BenchSpec, out: Path | None) -> tuple[list[BenchRow], bool]:
+    def rows(
+        self, output: Output, wanted: BenchSpec, out: Path | None, context: typer.Context
+    ) -> tuple[list[BenchRow], bool]:
         """Fly what is missing; return the rows, and whether Ctrl-C came."""
         from wbf_mission.bench.benchmark import BenchmarkInterrupted, benchmark
 
@@ -140,6 +163,7 @@ class _Flying:
         try:
             with output.progress(_TOLD_EVERY_S) as progress:
                 how: dict[str, Any] = {"jobs": self.jobs, "dask": self.dask, "retry": self.retry}
+                how["command"] = shlex.join(["wbf-mission", *context.obj])
                 return benchmark(wanted, out=out, progress=progress, **how), False
         except BenchmarkInterrupted as stop:
             output.warn(f"{stop}" + ("; the same command goes on with them" if out else ""))
@@ -153,6 +177,7 @@ class _Flying:
 def run_command(
     output: Output,
     *,
+    context: typer.Context,
     out: Annotated[Path, option("Folder of the results.")],
     spec: Annotated[
         Path | None,
@@ -171,7 +196,7 @@ def run_command(
     from wbf_mission.bench.spec import BenchSpec
 
     wanted = BenchSpec.of(**selected) if spec is None else BenchSpec.read(spec, selected)
-    rows, interrupted = flying.rows(output, wanted, out)
+    rows, interrupted = flying.rows(output, wanted, out, context)
     _print(output, rows, title=f"{out}: {len(rows)} of {len(wanted)} runs")
     return _exit_code(rows, interrupted=interrupted)
 
@@ -187,6 +212,7 @@ _OPTIONS = options.taken_by(_selection)
 def compare_command(
     output: Output,
     *,
+    context: typer.Context,
     mine: Annotated[str, typer.Argument(help="A planner or policy.")],
     against: Annotated[str, option("Planners and policies, separated by commas.", panel=_RUN)] = "greedy",
     out: Annotated[Path | None, option("Folder of the results.  [default: they are not kept]")] = None,
@@ -204,7 +230,7 @@ def compare_command(
     from wbf_mission.bench.standings import compare, verdict
 
     wanted = BenchSpec.of(**selected | {"planners": _choices(f"{mine},{against}", "planner")})
-    rows, interrupted = flying.rows(output, wanted, out)
+    rows, interrupted = flying.rows(output, wanted, out, context)
     first, *others = (str(one) for one in wanted.planners)
     found = compare(rows, first, others)
     values = [

@@ -1,0 +1,113 @@
+"""What a folder of rows was asked for, in ``asked.json``: specifications, commands, cards of scenarios."""
+
+from __future__ import annotations
+
+import datetime
+import json
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import msgspec
+
+from geo.reading import MAX_TEXT_BYTES, UnreadableError, misfit, not_json, read_file
+from wbf_mission.bench.cards import Card, card_of
+from wbf_mission.bench.spec import BenchSpec, seeds_text
+from wbf_mission.results.files import write_json
+from wbf_mission.results.storage import ResultError
+from wbf_mission.scenario import Choice
+
+ASKED = "asked.json"
+
+
+class Asked(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A specification that was asked for.
+
+    Attributes
+    ----------
+    when : str
+        The first time, UTC (ISO 8601).
+    command : str
+        The command line; empty if it was asked from Python.
+    specification : str
+        TOML that ``bench run`` takes; what was given as an object stands in a comment.
+    """
+
+    when: str
+    command: str
+    specification: str
+
+
+class AskedFor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """All that a folder was asked for, in the order of time, and the cards of its scenarios."""
+
+    asked: list[Asked] = []
+    cards: list[Card] = []
+
+
+def read_asked(folder: Path) -> AskedFor:
+    """Return what a folder was asked for; nothing of an old one, which did not keep it.
+
+    ResultError if the file is damaged.
+    """
+    path = folder / ASKED
+    if not path.exists():
+        return AskedFor()
+    try:
+        data = read_file(path, MAX_TEXT_BYTES)
+        return msgspec.json.decode(data, type=AskedFor)
+    except UnreadableError as error:
+        why = str(error)
+    except msgspec.ValidationError as error:
+        why = misfit(error)
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        why = not_json(error, data)
+    raise ResultError(f"{path}: does not tell what was asked for: {why}; remove it") from None
+
+
+def keep_asked(folder: Path, spec: BenchSpec, command: str) -> None:
+    """Add what is asked for to the file of a folder, unless it was asked for before."""
+    found = read_asked(folder)
+    now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+    asked = Asked(now, command, specification_text(spec))
+    new = all((one.command, one.specification) != (command, asked.specification) for one in found.asked)
+    known = {(one.scenario, one.meaning) for one in found.cards}
+    made = [card_of(name, scenario) for name, scenario in spec.scenarios]
+    cards = [one for one in made if (one.scenario, one.meaning) not in known]
+    if new or cards:
+        write_json(
+            folder / ASKED, AskedFor([*found.asked, *([asked] if new else [])], [*found.cards, *cards])
+        )
+
+
+def specification_text(spec: BenchSpec) -> str:
+    """Return a specification as TOML that `BenchSpec.read` takes.
+
+    Examples
+    --------
+    >>> print(specification_text(BenchSpec.of(planners=["spiral"], estimators=["gp"], seeds="100..139")))
+    scenarios = ["WBF/Miniberry-30-v1"]
+    planners = ["spiral"]
+    estimators = ["gp"]
+    seeds = "100..139"
+    """
+    seeds = seeds_text(spec.seeds)
+    lines = [
+        f"scenarios = {_texts([name for name, _ in spec.scenarios])}",
+        *_choices("planners", spec.planners),
+        *_choices("estimators", spec.estimators),
+        f"seeds = {seeds}" if seeds.isdigit() else f"seeds = {json.dumps(seeds)}",
+    ]
+    return "\n".join(lines)
+
+
+def _choices(key: str, choices: Sequence[Choice]) -> Iterator[str]:
+    named = [str(one) for one in choices if one.made is None]
+    own = [str(one) for one in choices if one.made is not None]
+    if named:
+        yield f"{key} = {_texts(named)}"
+    if own:
+        yield f"# {key} of your own, which no file names: give all on the command line: {_texts(own)}"
+
+
+def _texts(texts: Sequence[str]) -> str:
+    return json.dumps(list(texts), ensure_ascii=False)

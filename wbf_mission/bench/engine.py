@@ -19,12 +19,15 @@ from geo.errors import WbfMissionError, told_error
 from geo.imports import load_extra
 from geo.texts import one_line
 from geo.workers import CallsAhead, Processes
+from mission.errors import PlanningError
 from mission.outcome import Outcome
+from mission.planners.budget import parse_budget
 from wbf_mission.bench.meaning import built_in_digest, is_own
 from wbf_mission.bench.provenance import hardware, versions
 from wbf_mission.bench.rows import BenchRow
 from wbf_mission.bench.spec import BenchRun
 from wbf_mission.flight import fly
+from wbf_mission.replanning.record import PLANNED_PATH
 from wbf_mission.run.record import RunRecord
 from wbf_mission.run.reuse import memory_of_process
 from wbf_mission.scenario import Scenario
@@ -78,7 +81,9 @@ def _row_of(run: BenchRun, result: RunRecord, wall_s: float, cpu_s: float) -> Be
         cells_observed=summary["cells_observed"],
         path_length_m=_finite(summary["path_length_m"]),
         flight_time_s=_finite(summary["flight_time_s"]),
-        predicted_time_s=_finite(summary["predicted_time_s"]),
+        predicted_time_s=_finite(_predicted_time_s(result)),
+        budget=summary["budget"],
+        battery_used=_finite(summary["battery_used"]),
         decisions=len(result.decisions),
         bad_answers=result.bad_answers,
         wall_time_s=wall_s,
@@ -90,6 +95,30 @@ def _row_of(run: BenchRun, result: RunRecord, wall_s: float, cpu_s: float) -> Be
         versions=versions(),
         hardware=hardware(),
     )
+
+
+def _predicted_time_s(result: RunRecord) -> float | None:
+    """Return how long flights were to take: of a policy by its last paths that were taken up.
+
+    None where the budget, in whose unit these are priced, is no time. (A step takes a second.)
+    """
+    if result.scenario.mission.policy is None:
+        return result.predicted_time_s
+    try:
+        _, unit = parse_budget(result.plan.budget_text)
+    except PlanningError:
+        return None
+    if unit not in ("s", "steps"):
+        return None
+    ends: dict[tuple[int, int, int], float] = {}
+    for one in result.decisions:
+        for change in one.changes:
+            if change.outcome == PLANNED_PATH or change.effect_s is not None:
+                ends[one.day, one.flight, change.system_id] = (change.effect_s or 0.0) + change.cost
+    longest: dict[tuple[int, int], float] = {}
+    for (day, flight, _), end_s in ends.items():
+        longest[day, flight] = max(longest.get((day, flight), 0.0), end_s)
+    return sum(longest.values()) if longest else None
 
 
 def _which(run: BenchRun) -> dict[str, Any]:

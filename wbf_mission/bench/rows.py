@@ -55,6 +55,12 @@ class BenchRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
         Over the run and at its end; 0 is perfect.
     losses : dict
         At the end.
+    predicted_time_s : float or None
+        Of a policy by the last paths that it chose; None if its budget is no time.
+    budget : str or None
+        Of a flight, in words.
+    battery_used : float or None
+        The share of a battery that the flight took which took most.
     wall_time_s, cpu_time_s : float
         The costs: of the whole run, and by its parts in `timings_s`.
     times_s, scores, history
@@ -86,6 +92,8 @@ class BenchRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     path_length_m: float | None = None
     flight_time_s: float | None = None
     predicted_time_s: float | None = None
+    budget: str | None = None
+    battery_used: float | None = None
     decisions: int | None = None
     wall_time_s: float = 0.0
     cpu_time_s: float = 0.0
@@ -116,7 +124,7 @@ _DICTS = {
 }
 """The dicts of a row: how the columns of each begin, and what they hold."""
 _COLUMNS = {
-    **dict.fromkeys(("key", "scenario", "planner", "estimator", "outcome", "error"), _TEXT),
+    **dict.fromkeys(("key", "scenario", "planner", "estimator", "outcome", "error", "budget"), _TEXT),
     "seed": _SEED,
     **dict.fromkeys(("observations", "cells_observed", "decisions"), _WHOLE),
     **dict.fromkeys(("times_s", "scores"), _NUMBERS),
@@ -124,7 +132,7 @@ _COLUMNS = {
 """What the other columns hold; a number where nothing is said."""
 _GROUP_ROWS = 1000
 _NEEDED = ("key", "scenario", "planner", "estimator", "seed")
-_SHARED_TEXTS = ("scenario", "planner", "estimator", "outcome", "error")
+_SHARED_TEXTS = ("scenario", "planner", "estimator", "outcome", "error", "budget")
 _SHARED_DICTS = ("versions", "codes", "hardware", "objects", "bad_answers")
 _decoder = msgspec.json.Decoder(BenchRow, dec_hook=as_floats)
 _encoder = msgspec.json.Encoder(enc_hook=list)

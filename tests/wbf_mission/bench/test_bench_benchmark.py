@@ -64,6 +64,22 @@ def test_a_row_has_what_the_run_gave(rows):
     assert set(one.codes) == {"code", "scenario"}
 
 
+@pytest.mark.parametrize(
+    ("budget", "told", "error"), [("40steps", "40 steps", 0.05), ("1min", "60 s", 0.1), ("60m", "60 m", None)]
+)
+def test_a_policy_is_held_to_the_last_paths_that_it_chose(tmp_path, budget, told, error):
+    vehicle = "ideal" if "steps" in budget else "quad"
+    file = tmp_path / "own.toml"
+    file.write_text(f'farm = "miniberry-10"\nvehicle = "{vehicle}"\nbudget = "{budget}"\n')
+    (row,) = benchmark(BenchSpec.of([file], planners=["greedy"], estimators=["point"], seeds=1))
+    assert (row.error, row.budget) == (None, told)
+    assert (row.battery_used is None) == (vehicle == "ideal")
+    if error is None:
+        assert row.predicted_time_s is None  # metres are no time
+    else:
+        assert row.predicted_time_s == pytest.approx(row.flight_time_s, rel=error)
+
+
 def test_the_environment_of_a_seed_is_shared(rows):
     at = {(one.planner, one.estimator, one.seed): one for one in rows}
     # Before anything is known of the other cells all estimators stand alike on one seed, not on another.

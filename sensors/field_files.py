@@ -3,7 +3,7 @@
 A field file is TOML with one or more tables ``[[field]]``; `field_from_table` says what is in one. Names are
 those of the benchmark's fields and of fields that packages register under the entry point group
 ``wbf_mission.fields`` (each entry a `sensors.fields.Field`). What a file calls ``kind`` is "disease",
-"continuous", "measured" (if there is none) or the `ContinuousDynamics.kind` of a class registered under
+"continuous", "smooth", "measured" (if there is none) or the `ContinuousDynamics.kind` of a class registered under
 ``wbf_mission.dynamics``.
 
 >>> load_field_set(["soil", "tylcv"])
@@ -25,6 +25,7 @@ from geo.reading import UnreadableError, misfit, read_toml
 from sensors.dynamics.continuous import ContinuousDynamics
 from sensors.dynamics.epidemic import EpidemicParameters
 from sensors.dynamics.measured import Measured
+from sensors.dynamics.smooth import SmoothParameters
 from sensors.dynamics.soil import SoilParameters
 from sensors.errors import FieldError
 from sensors.fields import ALL_CROPS, PAPER_FIELDS, Dynamics, Field, FieldSet
@@ -33,7 +34,7 @@ ENTRY_POINT_GROUP = "wbf_mission.fields"
 DYNAMICS_GROUP = "wbf_mission.dynamics"
 
 _DYNAMICS: dict[str, type[Dynamics]] = {
-    one.kind: one for one in (EpidemicParameters, SoilParameters, Measured)
+    one.kind: one for one in (EpidemicParameters, SoilParameters, SmoothParameters, Measured)
 }
 _REQUIRED = ("name", "kind", "crops", "default")
 """Of a field that is simulated; one that is only measured needs its name."""

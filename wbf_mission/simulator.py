@@ -16,6 +16,7 @@ from mission.transfer.storage import UncheckedItem
 from sensors.camera.leaf_camera import LeafCamera
 from sensors.camera.wire import CAMERA_IMAGE_CAPTURED, DEBUG_FLOAT_ARRAY, ObservationAssembler
 from sensors.environment import Environment
+from sensors.field_files import load_field_set
 from sensors.observations import Observations
 from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.camera.component import LeafCameraComponent
@@ -140,13 +141,14 @@ def make_components(
     environment = None
     if with_camera:
         environment = make_environment(scenario, farm, progress)
+        fields = load_field_set(scenario.farm.fields)
         for vehicle in fleet.vehicles:
             names = ("camera",) if vehicle.system_id == 1 else ("camera", str(vehicle.system_id))
             optics = LeafCamera(
                 environment,
                 farm.grid().shape,
                 scenario.farm.day,
-                camera_options(scenario.camera, environment.fields),
+                camera_options(scenario.camera, fields),
                 stream(scenario.seed, *names),
             )
             position_error = vehicle.position_error if vehicle.errors is not None else None

@@ -102,6 +102,9 @@ class EpidemicParameters:
         Length of the exponential and Gaussian shapes, cells.
     rule : {"count", "kernel"}
         See the module's text.
+    seed_spread_cells : float, optional
+        Standard deviation, cells, of the seeds about the first one, as where a disease is brought in at one
+        place. None: each seed may be anywhere.
 
     Raises
     ------
@@ -119,6 +122,7 @@ class EpidemicParameters:
     kernel_shape: str = "inverse-square"
     kernel_length_cells: float = 1.0
     rule: Literal["count", "kernel"] = "count"
+    seed_spread_cells: float | None = None
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.likelihood <= 1.0:
@@ -131,6 +135,9 @@ class EpidemicParameters:
             raise EnvironmentDataError(f"epidemic: seeds {self.seeds} is negative")
         if self.rule not in ("count", "kernel"):
             raise EnvironmentDataError(f"epidemic: unknown rule {self.rule!r}; known: count, kernel")
+        spread = self.seed_spread_cells
+        if spread is not None and not 0.0 < spread < math.inf:
+            raise EnvironmentDataError(f"epidemic: seed_spread_cells {spread} is not a positive number")
         size = 3 if self.kernel_size is None else self.kernel_size
         make_kernel(self.kernel_shape, size, self.kernel_length_cells)
 
@@ -207,14 +214,19 @@ def _newly_infected(front: InfectionFront, draws: Draws, rule: InfectionRule) ->
     return infected
 
 
-def draw_seeds(susceptible: NDArray[np.bool_], count: int, rng: Generator) -> NDArray[np.intp]:
+def draw_seeds(
+    susceptible: NDArray[np.bool_], count: int, rng: Generator, spread_cells: float | None = None
+) -> NDArray[np.intp]:
     """Draw the cells of the infections of day 0.
 
     Every susceptible cell is equally likely for each seed, which is the same as to draw cells of the farm
-    again until one is susceptible. Two seeds may fall on one cell.
+    again until one is susceptible. With a spread this holds for the first seed, and the others lie about it,
+    normally distributed over the susceptible cells. Two seeds may fall on one cell.
 
     Flat indices (C order), ascending.
     """
+    if spread_cells is not None:
+        return _draw_cluster(susceptible, count, rng, spread_cells)
     per_row = np.count_nonzero(susceptible, axis=1)
     last_rank = np.cumsum(per_row)
     hosts = int(last_rank[-1]) if last_rank.size else 0
@@ -228,6 +240,21 @@ def draw_seeds(susceptible: NDArray[np.bool_], count: int, rng: Generator) -> ND
         for row, rank in zip(rows.tolist(), ranks.tolist(), strict=True)
     ]
     return np.array(cells, np.intp)
+
+
+def _draw_cluster(
+    susceptible: NDArray[np.bool_], count: int, rng: Generator, spread_cells: float
+) -> NDArray[np.intp]:
+    first = draw_seeds(susceptible, min(count, 1), rng)
+    if first.size == 0:
+        return first
+    hosts = np.flatnonzero(susceptible)
+    x, y = np.divmod(hosts, susceptible.shape[1])
+    x0, y0 = divmod(int(first[0]), susceptible.shape[1])
+    weight = np.cumsum(np.exp(-((x - x0) ** 2 + (y - y0) ** 2) / (2.0 * spread_cells**2)))
+    others = np.searchsorted(weight, rng.random(count - 1) * weight[-1], side="right")
+    seeds: NDArray[np.intp] = np.union1d(first, hosts[others])
+    return seeds
 
 
 def simulate_outbreak(
@@ -246,7 +273,8 @@ def simulate_outbreak(
     rule = parameters.infection_rule(susceptible.shape)
     onset = np.where(susceptible, np.int8(NEVER), np.int8(NO_HOST))
     flat = onset.reshape(-1)
-    seeds = draw_seeds(susceptible, parameters.seed_count(susceptible.shape), rng)
+    count = parameters.seed_count(susceptible.shape)
+    seeds = draw_seeds(susceptible, count, rng, parameters.seed_spread_cells)
     front = InfectionFront(susceptible, rule.kernel)
     front.infect(seeds)
     flat[seeds] = 0

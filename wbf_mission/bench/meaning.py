@@ -41,7 +41,7 @@ NO_PART_IN_FLIGHTS = (
 _ENGINE = "wbf_mission/bench/engine.py"
 
 _ROWS = ("planner", "policy", "estimator", "seed")
-_FILES = ("farm", "crop", "farm_crs", "repair", "fields", "vehicle")  # What they give counts, not how
+_FILES = ("farm", "crop", "farm_crs", "repair", "fields", "vehicle", "world")  # What they give counts, not how
 # What was added after the first ids, with the values that leave everything as it was: these do not count.
 _LATER_OPTIONS = {
     "estimate_errors": False,
@@ -62,19 +62,20 @@ _LATER_OF_VEHICLES = {"airframe": None, "return_margin_m": 0.0}
 def meaning_of(scenario: Scenario) -> str:
     """Return the digest of a scenario's options, farm, fields and vehicles.
 
-    A farm or vehicle file counts by what is in it, not by its name.
+    A farm, field, world or vehicle file counts by what is in it, not by its name.
 
     WbfMissionError if the farm, a field or a vehicle is unknown.
     """
     options = {key: one for key, one in scenario.to_dict().items() if key not in (*_ROWS, *_FILES)}
     options = _without(options, _LATER_OPTIONS)
-    fields = load_field_set(scenario.farm.fields)
+    fields, world = load_field_set(scenario.farm.fields), scenario.farm.load_world()
     return digest(
         {
             "options": options,
             "farm": _farm(scenario.farm.load()),
             "fields": [field_to_table(one) for one in fields],
             "vehicles": [_vehicle(name) for name in scenario.vehicle.fleet],
+            **({} if world is None else {"world": world.to_table()}),
         }
     )
 

@@ -207,7 +207,7 @@ wbf-mission farm generate --farm waterberry --keep 6 --count 8 --jobs 2 --out en
 
 
 @app.command("generate", cls=HelpCommand, epilog=GENERATE_EXAMPLES)
-@options.scenario_options(FarmOptions, without=("day", "days", "flights_per_day"))
+@options.scenario_options(FarmOptions, without=("day", "days", "flights_per_day", "world"))
 @options.speaks()
 def generate_command(
     given: options.Given,

@@ -126,7 +126,7 @@ class _Costs:
     WeatherOptions,
     CameraOptions,
     without=(
-        *("days", "flights_per_day", "planner", "mission", "partition", "vehicles", "separation"),
+        *("days", "flights_per_day", "world", "planner", "mission", "partition", "vehicles", "separation"),
         *("turbulence", "gps_noise_m", "baro_noise_m", "estimate_errors", "radio_range_m", "camera_noise"),
         *("false_positive_rate", "false_negative_rate", "camera_fields", "camera_spacing_m"),
         *("wind_shear", "wind_roughness_m", "wind_exponent", "wind_height_m"),

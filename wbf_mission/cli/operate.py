@@ -61,7 +61,9 @@ _JSON_LINES = Annotated[
 
 
 @options.scenario_options(
-    FarmOptions, without=("day", "days", "flights_per_day", "fields", "seed"), defaults={"farm": ""}
+    FarmOptions,
+    without=("day", "days", "flights_per_day", "fields", "world", "seed"),
+    defaults={"farm": ""},
 )
 @options.speaks(json=_JSON_LINES)
 @options.gives("page", LivePage)

@@ -52,6 +52,7 @@ wbf-mission plan --farm waterberry --mission rows.plan --resume flight.tlog --ou
     without=(
         "day",
         "days",
+        "world",
         "flights_per_day",
         "turbulence",
         "gps_noise_m",

@@ -203,6 +203,7 @@ class _Followed:
 
     def begin(self) -> Callable[[float], bool]:
         """Tell what is simulated, once somebody listens; return what tells more at each step."""
+        from sensors.field_files import load_field_set
         from wbf_mission.live.telemetry_events import TelemetryEvents
 
         simulated, scenario, events = self._simulated, self._scenario, self._events
@@ -211,7 +212,7 @@ class _Followed:
         begun = RunBegun(
             f"{simulated.farm.name}, simulated {simulated.autopilot}",
             simulated.farm,
-            None if environment is None else environment.fields,
+            None if environment is None else load_field_set(scenario.farm.fields),
             tuple(VehicleInfo(number, spec.name, spec.kind) for number, spec in specs),
             seed=scenario.seed,
         )

@@ -35,7 +35,7 @@ _PAGE = "The page"
     WeatherOptions,
     CameraOptions,
     EstimateOptions,
-    without=("mission", "terrain", "days", "flights_per_day"),
+    without=("mission", "terrain", "days", "flights_per_day", "world"),
     defaults={"farm": "miniberry-100"},
 )
 @options.speaks()

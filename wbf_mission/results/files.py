@@ -253,6 +253,8 @@ REST = "rest.plan"
 """What is left of a mission of which not all sorties were flown."""
 PROBABILITIES = "probabilities_"
 DECISIONS = "decisions.parquet"
+WORLD = "world.toml"
+"""How the fields really developed, if that came from a file."""
 _DAYS = "_days"
 _SCORE = ("field_loss", "field_mse", "field_mae", "field_weighted_mae")
 
@@ -383,6 +385,9 @@ def write_result(result: RunRecord, folder: Path, arrays: Iterable[Path]) -> lis
             path = folder / _vehicle_name(number)
             shutil.copyfile(name, path)
             written.append(path)
+    if (world := result.scenario.farm.world) is not None and Path(world).is_file():
+        shutil.copyfile(world, folder / WORLD)
+        written.append(folder / WORLD)
     needed = tuple(path.name for path in (*written[2:], *arrays) if path.suffix != ".plan")
     write_json(written[0], _record(result, needed))
     return written
@@ -397,6 +402,8 @@ def read_result(folder: Path, kind: type[R]) -> R:
             raise ResultError(msg)
     fields = FieldSet(tuple(field_from_table(one, str(folder / RECORD)) for one in record.fields))
     scenario = Scenario(**record.scenario)
+    if (folder / WORLD).is_file():
+        scenario = scenario_with(scenario, {"world": str(folder / WORLD)})
     own_farm = folder / "farm.geojson"
     farm = load_farm(own_farm) if own_farm.is_file() else scenario.farm.load()
     farm = farm.scouting(fields.crops)

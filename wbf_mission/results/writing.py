@@ -19,7 +19,15 @@ from geo.interrupts import interrupts_noted
 from mission.ground.tracks import joined
 from mission.outcome import Outcome
 from wbf_mission.progress import Progress, silent
-from wbf_mission.results.files import DECISIONS, PROBABILITIES, RECORD, write_arrays, write_json, write_result
+from wbf_mission.results.files import (
+    DECISIONS,
+    PROBABILITIES,
+    RECORD,
+    WORLD,
+    write_arrays,
+    write_json,
+    write_result,
+)
 from wbf_mission.results.storage import SUFFIX, ResultError
 from wbf_mission.run.estimation import resolved
 from wbf_mission.run.record import RunRecord
@@ -280,6 +288,7 @@ _NAMES = frozenset(
         "maps.npz",
         "farm.geojson",
         "vehicle.toml",
+        WORLD,
         "path.png",
         "score.png",
         TREATMENT,

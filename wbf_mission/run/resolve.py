@@ -14,6 +14,7 @@ from mission.policies.policy import FixedPlan, KeepPath, Policy, make_policy
 from sensors.camera.leaf_camera import LeafCameraOptions
 from sensors.environment import Environment
 from sensors.environment.cache import EnvironmentCache, EnvironmentMemory
+from sensors.environment.world import World
 from sensors.estimators import Estimator
 from sensors.field_files import load_field_set
 from sensors.fields import FieldSet
@@ -70,6 +71,7 @@ class Run:
     flights_per_day: int
     points: int | None  # How often the estimate of a flight is scored; None: as often as the farm can afford
     keeps: Separation  # How the vehicles stay apart
+    world: World | None = None  # How the fields really develop; only the environment is made by it
     faults: tuple[Fault, ...] = ()  # What goes wrong in each flight of simulated vehicles
 
     def __getstate__(self) -> dict[str, object]:
@@ -106,6 +108,7 @@ class Run:
             (self.first_day, self.last_day),
             self.seed,
             progress,
+            world=self.world,
             use_cache=use_cache,
             memory=memory,
         )
@@ -174,6 +177,7 @@ def resolve(
         flights_per_day=scenario.farm.flights_per_day,
         points=scenario.score.points,
         keeps=scenario.vehicle.keeps,
+        world=world_of(scenario, fields),
         faults=breaking,
     )
 
@@ -208,8 +212,19 @@ def make_environment(
 ) -> Environment:
     """Return the environment of the scenario's seed on its days; large ones are kept in the user's cache."""
     days = scenario.farm.day, scenario.farm.day + scenario.farm.days - 1
-    fields = load_field_set(scenario.farm.fields)
-    return environment_of(farm, fields, days, scenario.seed, progress, use_cache=use_cache)[0]
+    fields, world = load_field_set(scenario.farm.fields), scenario.farm.load_world()
+    return environment_of(farm, fields, days, scenario.seed, progress, world=world, use_cache=use_cache)[0]
+
+
+def world_of(scenario: Scenario, fields: FieldSet) -> World | None:
+    """Return the scenario's world, if it has one.
+
+    EnvironmentDataError if it cannot be used, or does not suit the fields.
+    """
+    world = scenario.farm.load_world()
+    if world is not None:
+        world.fields(fields, scenario.seed)
+    return world
 
 
 def environment_of(
@@ -219,12 +234,13 @@ def environment_of(
     seed: int,
     progress: Progress | None,
     *,
+    world: World | None = None,
     use_cache: bool,
     memory: EnvironmentMemory | None = None,
 ) -> tuple[Environment, bool]:
     """Return the environment of a run's seed from its first to its last day, and whether the cache had it.
 
-    It may be one that other runs with the memory had.
+    It may be one that other runs with the memory had. Its fields are the true ones: those of the world.
     """
 
     def told(done: int, total: int) -> None:
@@ -239,7 +255,7 @@ def environment_of(
         day=days[0],
         last_day=days[1],
         seed=child_seed(seed, "environment"),
-        fields=fields,
+        fields=fields if world is None else world.fields(fields, seed),
         progress=told,
     )
 

@@ -53,14 +53,14 @@ def about_scenario(name: str) -> str:
     return " ".join(line[1:].strip() for line in lines if line.startswith("#"))
 
 
-_FILES = ("farm", "mission", "vehicle")
+_FILES = ("farm", "mission", "vehicle", "world")
 
 
 def load_scenario(path: str | Path) -> Scenario:
     """Read a scenario from a TOML file whose keys are the options of `Scenario`, or by an id.
 
     The ids are `wbf_mission.scenario.scenario_ids`.
-    A farm, mission or vehicle that names an existing file beside the scenario is taken from there.
+    A farm, mission, vehicle or world that names an existing file beside the scenario is taken from there.
 
     Raises
     ------
@@ -101,14 +101,14 @@ def read_table(path: str | Path) -> dict[str, Any]:
 
 def scenario_from_table(table: dict[str, Any], path: Path) -> Scenario:
     """Make a scenario from the keys of a file; ``path`` is that file. Errors as of `load_scenario`."""
-    table = dict(table)
+    table, folder = dict(table), scenario_file(path).parent
     for key in _FILES:
         given = table.get(key)
         # A layer may follow the name of a farm file.
-        if isinstance(given, str) and given and (path.parent / given.partition("|")[0]).is_file():
-            table[key] = str(path.parent / given)
+        if isinstance(given, str) and given and (folder / given.partition("|")[0]).is_file():
+            table[key] = str(folder / given)
     if isinstance(table.get("fields"), list):
-        table["fields"] = [_beside(path, one) for one in table["fields"]]
+        table["fields"] = [_beside(folder, one) for one in table["fields"]]
     try:
         return Scenario(**table)
     except ScenarioError as error:
@@ -116,8 +116,8 @@ def scenario_from_table(table: dict[str, Any], path: Path) -> Scenario:
         raise ScenarioError(msg) from error
 
 
-def _beside(path: Path, item: object) -> object:
+def _beside(folder: Path, item: object) -> object:
     """Return the path of a field file that lies beside the scenario, anything else as it is."""
-    if isinstance(item, str) and item.endswith(".toml") and (path.parent / item).is_file():
-        return str(path.parent / item)
+    if isinstance(item, str) and item.endswith(".toml") and (folder / item).is_file():
+        return str(folder / item)
     return item

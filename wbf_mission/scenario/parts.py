@@ -20,6 +20,7 @@ from wbf_mission.scenario.values import (
 
 if TYPE_CHECKING:
     from geo.farm import Farm
+    from sensors.environment.world import World
 
 RUN = "What to run"
 VEHICLE = "Vehicle and weather"
@@ -66,6 +67,14 @@ class FarmOptions(Part):
         default="tylcv,ccr,soil",
         read=names_in,
     )
+    world: str | None = option(
+        None,
+        "How the fields really develop, which nobody but the environment knows: a built-in world, such as"
+        " wrong-rates, or a .toml file",
+        RUN,
+        metavar="NAME",
+        default="as is published of the fields",
+    )
     crop: str | None = option(
         None, "Crop of those patches of a farm file that tell none", RUN, metavar="NAME", default="crop"
     )
@@ -84,6 +93,14 @@ class FarmOptions(Part):
         from geo.farms import get_farm
 
         return get_farm(self.name, crop=self.crop, crs=self.crs, repair=self.repair)
+
+    def load_world(self) -> World | None:
+        """Return how the fields really develop, if that is told; EnvironmentDataError if it cannot be used."""
+        if self.world is None:
+            return None
+        from sensors.environment.world import World
+
+        return World.load(self.world)
 
     def check(self) -> None:
         """Refuse a farm on which nothing is sensed, and days beyond the last."""
@@ -582,6 +599,7 @@ class ScenarioKeywords(TypedDict, total=False):
     days: int
     flights_per_day: int
     fields: Sequence[str]
+    world: str | None
     planner: Any
     policy: Any
     budget: str | None

@@ -95,6 +95,9 @@ class TrainingTask:
     def key(self, hosts: NDArray[np.bool_]) -> str:
         """Return a name for the network of this task on this crop map."""
         told = {**asdict(self), "version": VERSION, "layers": LAYERS, "shape": hosts.shape}
+        if self.parameters.seed_spread_cells is None:
+            # Added after the first networks, which keep their names, and so what they learn.
+            del told["parameters"]["seed_spread_cells"]
         digest = hashlib.sha256(json.dumps(told, sort_keys=True).encode())
         digest.update(np.packbits(hosts).data)
         return digest.hexdigest()[:32]

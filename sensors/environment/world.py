@@ -1,0 +1,175 @@
+"""Worlds: how an environment really develops, while what is published of it stays as it is.
+
+Planners, estimators and policies know the fields of a scenario and their dynamics. In a world the environment
+is made by other parameters of these dynamics: of another value, or drawn for each seed. A world is a TOML file
+with a table for each field that develops otherwise::
+
+    [tylcv]
+    likelihood = { factor = [0.5, 2.0] }    # times the published value, drawn log-uniformly for each seed
+    seeds = { one_of = [1, 6, 12] }         # one of these, each equally likely
+    kernel_shape = "exponential"            # this
+
+Each drawn value has the random stream ``"world", field, parameter`` of the run's seed, so that a further one
+changes none of the others, nor what else is drawn in the environment.
+
+>>> world_names()
+('wrong-kernel', 'wrong-rates', 'wrong-seeds', 'wrong-soil')
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from geo.reading import UnreadableError, misfit, read_toml
+from geo.seeds import stream
+from sensors.errors import EnvironmentDataError, FieldError
+from sensors.field_files import field_from_table, field_to_table
+from sensors.fields import PAPER_FIELDS, Dynamics, Field, FieldSet
+
+if TYPE_CHECKING:
+    from numpy.random import Generator, SeedSequence
+
+_FOLDER = Path(__file__).parent / "worlds"
+_MOST_CHOICES = 1000
+_MOST_TIMES = 1000.0
+Value = bool | int | float | str
+
+
+class Drawn(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """A value that each seed has its own of: the published one times a factor, or one of a list."""
+
+    factor: tuple[float, float] | None = None
+    one_of: tuple[Value, ...] | None = None
+
+    def __post_init__(self) -> None:
+        if (self.factor is None) == (self.one_of is None):
+            raise ValueError("give either factor = [least, most] or one_of = [...]")
+        if self.factor is not None:
+            low, high = self.factor
+            if not 1.0 / _MOST_TIMES <= low <= high <= _MOST_TIMES:
+                msg = f"factor {low:g}, {high:g}: give two numbers from {1 / _MOST_TIMES:g} to"
+                raise ValueError(f"{msg} {_MOST_TIMES:g}, the lower first")
+        if self.one_of is not None and not 1 <= len(self.one_of) <= _MOST_CHOICES:
+            raise ValueError(f"one_of has {len(self.one_of)} values: give 1 to {_MOST_CHOICES}")
+
+    def value(self, published: Any, rng: Generator) -> Value:
+        """Return a value; ValueError if there is no published number that a factor could change."""
+        if self.one_of is not None:
+            return self.one_of[int(rng.integers(len(self.one_of)))]
+        assert self.factor is not None
+        if isinstance(published, bool) or not isinstance(published, int | float):
+            raise ValueError("a factor needs a published number: give a value, or one_of")
+        low, high = map(math.log, self.factor)
+        drawn = published * math.exp(rng.uniform(low, high))
+        return max(1, round(drawn)) if isinstance(published, int) else drawn
+
+
+def _law(given: Any, where: str) -> Value | Drawn:
+    wanted: Any = Drawn if isinstance(given, Mapping) else Value
+    try:
+        law: Value | Drawn = msgspec.convert(given, wanted)
+    except msgspec.ValidationError as error:
+        raise EnvironmentDataError(f"{where}: {misfit(error)}") from None
+    return law
+
+
+@dataclass(frozen=True, slots=True)
+class World:
+    """The true dynamics of some fields, by their names and those of the parameters.
+
+    Examples
+    --------
+    >>> world = World.of_table({"ccr": {"likelihood": 0.3, "duration_days": {"factor": [0.5, 2.0]}}}, "here")
+    >>> [world.fields(PAPER_FIELDS, seed)["ccr"].epidemic.duration_days for seed in range(5)]
+    [6, 10, 15, 7, 18]
+    >>> world.fields(PAPER_FIELDS, 0)["tylcv"] == PAPER_FIELDS["tylcv"]
+    True
+    """
+
+    where: str  # Its file, or what else begins the text of an error
+    laws: Mapping[str, Mapping[str, Value | Drawn]]
+
+    @classmethod
+    def load(cls, name_or_path: str | Path) -> World:
+        """Return a built-in world by its name, or read one from a file that ends in ``.toml``.
+
+        EnvironmentDataError if there is none of this name, or the file cannot be used.
+        """
+        given = str(name_or_path)
+        if given in world_names():
+            path = _FOLDER / f"{given}.toml"
+        elif given.lower().endswith(".toml"):
+            path = Path(given)
+        else:
+            known = ", ".join(world_names())
+            raise EnvironmentDataError(f"unknown world {given!r:.80}: choose {known}, or give a file (.toml)")
+        try:
+            table = read_toml(path)
+        except UnreadableError as error:
+            raise EnvironmentDataError(f"{path}: cannot be read as a world: {error}") from None
+        return cls.of_table(table, f"world {given}")
+
+    @classmethod
+    def of_table(cls, table: Mapping[str, Any], where: str) -> World:
+        """Make a world from plain values; EnvironmentDataError, which begins with ``where``, if it is none."""
+        laws: dict[str, dict[str, Value | Drawn]] = {}
+        for name, given in table.items():
+            if not isinstance(given, Mapping):
+                msg = f"{where}: {name} is no table; a world has a table for each field: [tylcv]"
+                raise EnvironmentDataError(msg)
+            laws[name] = {key: _law(one, f"{where}: {name}, {key}") for key, one in given.items()}
+        if not any(laws.values()):
+            msg = f"{where}: nothing develops otherwise; a world has a table for each field that does"
+            raise EnvironmentDataError(msg)
+        return cls(where, laws)
+
+    def to_table(self) -> dict[str, Any]:
+        """Return it as plain values, from which `of_table` makes an equal one."""
+        table: dict[str, Any] = msgspec.to_builtins(self.laws)
+        return table
+
+    def fields(self, fields: FieldSet, seed: SeedSequence | int) -> FieldSet:
+        """Return the fields as they really develop in the run of a seed.
+
+        Names, crops, weights and costs stay. Laws of the benchmark's fields that the run does not have are
+        without effect.
+
+        EnvironmentDataError if it has laws of a field that does not exist or of none that the run has, or a
+        law does not suit its field.
+        """
+        strange = [name for name in self.laws if name not in fields and name not in PAPER_FIELDS]
+        if strange or not any(name in fields for name in self.laws):
+            told = f"no field {strange[0]!r:.60}" if strange else f"nothing of {', '.join(fields.names)}"
+            raise EnvironmentDataError(f"{self.where}: {told}; the fields are {', '.join(fields.names)}")
+        changed = {one.name: self._dynamics(one, seed) for one in fields if one.name in self.laws}
+        return fields.with_dynamics(**changed)
+
+    def _dynamics(self, field: Field, seed: SeedSequence | int) -> Dynamics:
+        table, values = field_to_table(field), dict[str, Value]()
+        for key, law in self.laws[field.name].items():
+            if isinstance(law, Drawn):
+                published = getattr(field.dynamics, key, None)
+                try:
+                    values[key] = law.value(published, stream(seed, "world", field.name, key))
+                except ValueError as error:
+                    msg = f"{self.where}: {field.name}, {key}: {error}"
+                    raise EnvironmentDataError(msg) from None
+            else:
+                values[key] = law
+        try:
+            return field_from_table(
+                {**table, "dynamics": table["dynamics"] | values}, f"{self.where}: {field.name}"
+            ).dynamics
+        except FieldError as error:
+            raise EnvironmentDataError(str(error)) from None
+
+
+def world_names() -> tuple[str, ...]:
+    """Return the names of the built-in worlds, sorted."""
+    return tuple(sorted(path.stem for path in _FOLDER.glob("*.toml")))

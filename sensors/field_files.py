@@ -3,8 +3,8 @@
 A field file is TOML with one or more tables ``[[field]]``; `field_from_table` says what is in one. Names are
 those of the benchmark's fields and of fields that packages register under the entry point group
 ``wbf_mission.fields`` (each entry a `sensors.fields.Field`). What a file calls ``kind`` is "disease",
-"continuous", "smooth", "measured" (if there is none) or the `ContinuousDynamics.kind` of a class registered under
-``wbf_mission.dynamics``.
+"continuous", "smooth", "measured" (if there is none) or the `ContinuousDynamics.kind` of a class registered
+under ``wbf_mission.dynamics``.
 
 >>> load_field_set(["soil", "tylcv"])
 FieldSet(soil, tylcv)

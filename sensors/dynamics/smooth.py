@@ -2,8 +2,8 @@
 
 Those of classic informative path planning, on which a Gaussian process with a squared exponential kernel is
 the exact model. White noise that a Gaussian of the standard deviation l / sqrt(2) smooths has the correlation
-exp(-d^2 / (2 l^2)) (process convolution: D. Higdon, *Space and Space-Time Modeling using Process Convolutions*,
-2002).
+exp(-d^2 / (2 l^2)) (process convolution: D. Higdon, *Space and Space-Time Modeling using Process
+Convolutions*, 2002).
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Worlds: how an environment really develops, while what is published of it stays as it is.
 
 Planners, estimators and policies know the fields of a scenario and their dynamics. In a world the environment
-is made by other parameters of these dynamics: of another value, or drawn for each seed. A world is a TOML file
-with a table for each field that develops otherwise::
+is made by other parameters of these dynamics: of another value, or drawn for each seed. A world is a TOML
+file with a table for each field that develops otherwise::
 
     [tylcv]
     likelihood = { factor = [0.5, 2.0] }    # times the published value, drawn log-uniformly for each seed
@@ -117,7 +117,7 @@ class World:
 
     @classmethod
     def of_table(cls, table: Mapping[str, Any], where: str) -> World:
-        """Make a world from plain values; EnvironmentDataError, which begins with ``where``, if it is none."""
+        """Make a world from plain values; EnvironmentDataError, begun with ``where``, if it is none."""
         laws: dict[str, dict[str, Value | Drawn]] = {}
         for name, given in table.items():
             if not isinstance(given, Mapping):

@@ -41,7 +41,15 @@ NO_PART_IN_FLIGHTS = (
 _ENGINE = "wbf_mission/bench/engine.py"
 
 _ROWS = ("planner", "policy", "estimator", "seed")
-_FILES = ("farm", "crop", "farm_crs", "repair", "fields", "vehicle", "world")  # What they give counts, not how
+_FILES = (
+    "farm",
+    "crop",
+    "farm_crs",
+    "repair",
+    "fields",
+    "vehicle",
+    "world",
+)  # What they give counts, not how
 # What was added after the first ids, with the values that leave everything as it was: these do not count.
 _LATER_OPTIONS = {
     "estimate_errors": False,

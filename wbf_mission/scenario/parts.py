@@ -95,7 +95,7 @@ class FarmOptions(Part):
         return get_farm(self.name, crop=self.crop, crs=self.crs, repair=self.repair)
 
     def load_world(self) -> World | None:
-        """Return how the fields really develop, if that is told; EnvironmentDataError if it cannot be used."""
+        """Return how the fields really develop, if told; EnvironmentDataError if it cannot be used."""
         if self.world is None:
             return None
         from sensors.environment.world import World

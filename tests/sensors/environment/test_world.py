@@ -38,7 +38,10 @@ def test_a_factor_stays_in_its_bounds_and_whole_numbers_stay_whole(seed, low, hi
 @given(seed=SEEDS)
 def test_a_further_law_changes_none_of_the_others(seed):
     one = {"tylcv": {"likelihood": {"factor": [0.5, 2.0]}}}
-    more = {"tylcv": {**one["tylcv"], "seeds": {"one_of": [1, 5]}}, "soil": {"mean_rain": {"factor": [0.5, 2]}}}
+    more = {
+        "tylcv": {**one["tylcv"], "seeds": {"one_of": [1, 5]}},
+        "soil": {"mean_rain": {"factor": [0.5, 2]}},
+    }
     few, many = (World.of_table(laws, "here").fields(PAPER_FIELDS, seed)["tylcv"] for laws in (one, more))
     assert few.epidemic.likelihood == many.epidemic.likelihood
     assert many.epidemic.seeds in (1, 5)
@@ -75,11 +78,23 @@ def test_the_environment_is_of_the_world_and_the_other_fields_stay_as_they_are()
         ({"tylcv": 3}, "here: tylcv is no table; a world has a table for each field"),
         ({"rust": {"likelihood": 0.2}}, "here: no field 'rust'; the fields are tylcv, ccr, soil"),
         ({"tylcv": {"colour": 3}}, "here: tylcv: dynamics: unknown parameter 'colour'"),
-        ({"tylcv": {"likelihood": 1.5}}, "here: tylcv: dynamics: epidemic: likelihood 1.5 is not a probability"),
-        ({"tylcv": {"likelihood": "much"}}, "here: tylcv: dynamics, likelihood: it is a text; give a number"),
-        ({"tylcv": {"seeds": {"factor": [0.5, 2.0]}}}, "here: tylcv, seeds: a factor needs a published number"),
-        ({"tylcv": {"likelihood": {"factor": [2.0, 0.5]}}}, "factor 2, 0.5: give two numbers from 0.001 to 1000"),
-        ({"tylcv": {"likelihood": {"factor": [0.5]}}}, "here: tylcv, likelihood: factor: give a list with 2 entries"),
+        (
+            {"tylcv": {"likelihood": 1.5}},
+            "tylcv: dynamics: epidemic: likelihood 1.5 is not a probability",
+        ),
+        ({"tylcv": {"likelihood": "much"}}, "tylcv: dynamics, likelihood: it is a text; give a number"),
+        (
+            {"tylcv": {"seeds": {"factor": [0.5, 2.0]}}},
+            "tylcv, seeds: a factor needs a published number",
+        ),
+        (
+            {"tylcv": {"likelihood": {"factor": [2.0, 0.5]}}},
+            "factor 2, 0.5: give two numbers from 0.001",
+        ),
+        (
+            {"tylcv": {"likelihood": {"factor": [0.5]}}},
+            "likelihood: factor: give a list with 2 entries",
+        ),
         ({"tylcv": {"likelihood": {"one_of": []}}}, "one_of has 0 values"),
         ({"tylcv": {"likelihood": {}}}, "give either factor = "),
         ({"tylcv": {"likelihood": {"times": 2}}}, "times is unknown"),

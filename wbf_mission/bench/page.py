@@ -16,6 +16,7 @@ class Table:
     title: str
     header: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
+    texts: int = 1  # So many columns hold text, the first ones
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,10 +64,14 @@ class Page:
                 yield from ("", f"### {table.title}", "", *_markdown_table(table))
 
 
+# Names come from files of others: a cell has no markup and no link of theirs.
+_ESCAPED = str.maketrans({"|": "\\|", "<": "&lt;", "[": "\\["})
+
+
 def _markdown_table(table: Table) -> Iterator[str]:
     def cells(row: Sequence[str]) -> str:
-        return "| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |"
+        return "| " + " | ".join(cell.translate(_ESCAPED) for cell in row) + " |"
 
     yield cells(table.header)
-    yield "|---" + "|--:" * (len(table.header) - 1) + "|"
+    yield "|---" * table.texts + "|--:" * (len(table.header) - table.texts) + "|"
     yield from map(cells, table.rows)

@@ -216,7 +216,7 @@ def read_rows(folder: Path) -> list[BenchRow]:
     common = _Common()
     table = folder / TABLE
     if table.exists():
-        for row in _rows_of(table):
+        for row in rows_of(table):
             found[row.key] = common.of(row)
     with contextlib.suppress(FileNotFoundError), (folder / _JOURNAL).open("rb") as journal:
         for number, line in enumerate(journal, 1):
@@ -300,9 +300,12 @@ class _Common:
         return self._dicts.setdefault(tuple(values.items()), values)
 
 
-def _rows_of(path: Path) -> Iterator[BenchRow]:
-    """Yield the rows of a table."""
-    for batch in read_batches(path, _NEEDED):
+def rows_of(path: Path, content: bytes | None = None) -> Iterator[BenchRow]:
+    """Yield the rows of a table, whose `content` may be given as that of somebody whom nobody knows.
+
+    ResultError if it is none.
+    """
+    for batch in read_batches(path, _NEEDED, content):
         wheres = [_where(name) for name in batch.schema.names]
         for values in zip(*(column.to_pylist() for column in batch.columns), strict=True):
             row: dict[str, Any] = {key: {} for key in _DICTS}

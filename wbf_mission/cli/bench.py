@@ -185,6 +185,10 @@ def run_command(
             help="What to run (TOML); the options below change it.  [default: the paper's experiment]"
         ),
     ] = None,
+    sealed: Annotated[
+        Path | None,
+        option("The secret of a round ('bench seal'), whose environments are flown.", panel=_RUN),
+    ] = None,
     selected: dict[str, Any],
     flying: _Flying,
 ) -> int:
@@ -195,6 +199,10 @@ def run_command(
     """
     from wbf_mission.bench.spec import BenchSpec
 
+    if sealed is not None:
+        from wbf_mission.bench.sealed import of_round
+
+        selected = of_round(selected, sealed)
     wanted = BenchSpec.of(**selected) if spec is None else BenchSpec.read(spec, selected)
     rows, interrupted = flying.rows(output, wanted, out, context)
     _print(output, rows, title=f"{out}: {len(rows)} of {len(wanted)} runs")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import zipfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -20,6 +21,7 @@ from wbf_mission.maps.blocks import MapGrid
 from wbf_mission.maps.field_maps import FieldMap
 
 _BATCH_ROWS = 256
+_MOST_PARTS, _MOST_VALUES, _MOST_BYTES = 1000, 50_000_000, 2**29
 
 
 class ResultError(WbfMissionError, ValueError):
@@ -34,6 +36,15 @@ def write_table(path: Path, table: Any, *, group_rows: int | None = None) -> Non
         pq.write_table(table, stream, compression="zstd", row_group_size=group_rows)
 
 
+def table_bytes(table: Any) -> bytes:
+    """Return a pyarrow table as a Parquet file."""
+    import pyarrow.parquet as pq
+
+    stream = io.BytesIO()
+    pq.write_table(table, stream, compression="zstd")
+    return stream.getvalue()
+
+
 def read_table(path: Path, columns: tuple[str, ...]) -> Any:
     """Read columns of a Parquet file as a pyarrow table."""
     with _opened(path, columns) as file:
@@ -42,16 +53,20 @@ def read_table(path: Path, columns: tuple[str, ...]) -> Any:
         return table
 
 
-def read_batches(path: Path, columns: tuple[str, ...]) -> Iterator[Any]:
-    """Read all columns of a Parquet file in parts: pyarrow record batches of a few hundred rows."""
-    with _opened(path, columns) as file:
+def read_batches(path: Path, columns: tuple[str, ...], content: bytes | None = None) -> Iterator[Any]:
+    """Read all columns of a Parquet file in parts: pyarrow record batches of a few hundred rows.
+
+    The `content`, where it is given, is somebody's whom nobody knows: of what it claims to hold only so much
+    is read.
+    """
+    with _opened(path, columns, content) as file:
         for batch in file.iter_batches(batch_size=_BATCH_ROWS):
             batch.validate(full=True)
             yield batch
 
 
 @contextlib.contextmanager
-def _opened(path: Path, columns: tuple[str, ...]) -> Iterator[Any]:
+def _opened(path: Path, columns: tuple[str, ...], content: bytes | None = None) -> Iterator[Any]:
     """Open a Parquet file; whatever is wrong with it, also while it is read, is a ResultError.
 
     Who reads validates: else a text that is none comes up only where it is used.
@@ -60,13 +75,15 @@ def _opened(path: Path, columns: tuple[str, ...]) -> Iterator[Any]:
     import pyarrow.parquet as pq
 
     try:
-        with pq.ParquetFile(path) as file:
+        with pq.ParquetFile(path if content is None else pa.BufferReader(content)) as file:
             missing = [name for name in columns if name not in file.schema_arrow.names]
             if missing:
                 raise ResultError(f"{path}: no column {missing[0]}")
             rows = file.metadata.num_rows
             if rows > MAX_FILE_ROWS:
                 raise ResultError(f"{path}: claims {rows} rows, more than the limit of {MAX_FILE_ROWS}")
+            if content is not None:
+                _require_bounded(path, file.metadata)
             yield file
     except ResultError:
         raise
@@ -74,6 +91,17 @@ def _opened(path: Path, columns: tuple[str, ...]) -> Iterator[Any]:
     except (pa.ArrowException, OSError, ValueError) as error:
         msg = f"{path}: is not a Parquet file that can be read ({str(error).splitlines()[0]})"
         raise ResultError(msg) from None
+
+
+def _require_bounded(path: Path, metadata: Any) -> None:
+    """Refuse a table that unpacks to much more than its size: a list of equal numbers takes a few bytes."""
+    groups, columns = metadata.num_row_groups, metadata.num_columns
+    if max(groups, columns) > _MOST_PARTS:
+        raise ResultError(f"{path}: has {groups} row groups of {columns} columns, too many to be read")
+    chunks = [metadata.row_group(g).column(c) for g in range(groups) for c in range(columns)]
+    values = sum(one.num_values for one in chunks)
+    if values > _MOST_VALUES or sum(one.total_uncompressed_size for one in chunks) > _MOST_BYTES:
+        raise ResultError(f"{path}: unpacks to {values} values, more than the limit of {_MOST_VALUES}")
 
 
 SUFFIX = ".zarr.zip"

@@ -6,6 +6,7 @@ Without scripts the same tables are there, unsorted.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from wbf_mission.web.document import document
 
 _NAMES = 3
 _OF_TEXTS = 2
+_EXACT = 2**53
 
 
 def write_bench_page(path: Path, page: Page, folder: Path, rows: Sequence[BenchRow] = ()) -> None:
@@ -45,20 +47,24 @@ def write_bench_page(path: Path, page: Page, folder: Path, rows: Sequence[BenchR
 
 def _seeds(
     rows: Sequence[BenchRow], found: Sequence[Any]
-) -> list[list[tuple[int, float | None, float | None, str]]]:
+) -> list[list[tuple[int | str, float | None, float | None, str]]]:
     """Return seed, score over the run, score at the end and what failed, for the runs of each standing."""
-    of: dict[tuple[str, str, str], list[tuple[int, float | None, float | None, str]]] = {}
+    of: dict[tuple[str, str, str], list[tuple[int | str, float | None, float | None, str]]] = {}
     for row in apart(rows):
         key = (row.scenario, row.planner, row.estimator)
-        of.setdefault(key, []).append((row.seed, row.score, row.final_score, row.error or ""))
-    return [sorted(of[one.scenario, one.planner, one.estimator]) for one in found]
+        # A number of JavaScript does not hold all digits of a seed of 64 bits.
+        seed = row.seed if row.seed < _EXACT else str(row.seed)
+        of.setdefault(key, []).append((seed, row.score, row.final_score, row.error or ""))
+    return [
+        sorted(of[one.scenario, one.planner, one.estimator], key=lambda run: int(run[0])) for one in found
+    ]
 
 
 def _body(page: Page, folder: Path, whole: Table) -> Iterator[str]:
     yield f'<main class="document"><h1>{escape(page.title)}</h1>\n<p>{escape(page.about)}</p>'
     if whole.rows:
         yield f"<h2>{escape(whole.title)}</h2>"
-        yield from _table(whole, whole.title, names=_NAMES, name="standings")
+        yield from _table(replace(whole, texts=_NAMES), whole.title, name="standings")
     for section in page.sections:
         yield f"<h2>{escape(section.title)}</h2>"
         for picture in section.pictures:
@@ -79,9 +85,9 @@ def _picture(picture: Picture, folder: Path) -> str:
     return f'<p><img src="{data_uri((folder / picture.file).read_bytes())}" alt="{shows}"></p>'
 
 
-def _table(table: Table, label: str, *, names: int = 1, name: str = "") -> Iterator[str]:
+def _table(table: Table, label: str, *, name: str = "") -> Iterator[str]:
     """Write a table, which scrolls if it is wide; its first columns are names, of two both hold text."""
-    names = len(table.header) if len(table.header) == _OF_TEXTS else names
+    names = len(table.header) if len(table.header) == _OF_TEXTS else table.texts
 
     def cells(row: Sequence[str], tag: str) -> str:
         kinds = [' class="text"' if k < names else "" for k in range(len(row))]

@@ -1,0 +1,226 @@
+"""The leaderboard: who stands in which table, against what, and what is refused."""
+
+import json
+
+import numpy as np
+import pytest
+from bench_packs import flown, pack_of, told_otherwise
+from live_page import chromium
+from msgspec import structs
+
+from wbf_mission.bench.audit import fly_again
+from wbf_mission.bench.board import board_of, packs_of
+from wbf_mission.bench.board_page import board_page, board_table, board_values, difference_table
+from wbf_mission.bench.rows import read_rows
+from wbf_mission.bench.sealed import Secret
+from wbf_mission.cli.app import main
+from wbf_mission.results.storage import ResultError
+
+MARKUP = "[a](b) <img src=x>|"
+
+
+@pytest.fixture(scope="module")
+def rows(tmp_path_factory):
+    return read_rows(flown(tmp_path_factory.mktemp("flown") / "results", seeds=4))
+
+
+@pytest.fixture
+def frozen(rows, tmp_path):
+    (tmp_path / "frozen" / "0.1.0").mkdir(parents=True)
+    pack_of(rows, tmp_path / "frozen" / "0.1.0" / "WBF.zip", name="Baselines")
+    return tmp_path / "frozen"
+
+
+def seeds(rows, *kept):
+    return [row for row in rows if row.seed in kept]
+
+
+def board(*paths, **given):
+    return board_of(packs_of(paths), **given)
+
+
+def test_packs_in_folders_are_the_baselines(frozen, rows, tmp_path):
+    mine = pack_of(rows, tmp_path / "mine.zip")
+    assert packs_of([frozen, mine]) == [(frozen / "0.1.0" / "WBF.zip", True), (mine, False)]
+    assert packs_of([mine, tmp_path]) == [(mine, True), (frozen / "0.1.0" / "WBF.zip", True)]
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(ResultError, match="holds no pack"):
+        packs_of([tmp_path / "empty"])
+
+
+def test_methods_on_the_same_environments_stand_in_one_table(frozen, rows, tmp_path):
+    mine = pack_of(seeds(rows, 0, 1, 2, 3), tmp_path / "mine.zip", name="Mine")
+    (table,) = board(frozen, mine).tables
+    assert (table.seeds, table.held_out) == ((0, 1, 2, 3), False)
+    assert [one.entry.submission.name for one in table.lines].count("Mine") == 2
+    scores = [one.standing.score.mean for one in table.lines]
+    assert scores == sorted(scores, reverse=True)
+    best = next(one for one in table.lines if one.against is None)
+    assert best.entry.frozen
+    for one in table.lines:
+        if one.against is not None:
+            there = {row.seed: row.score for row in rows if row.planner == one.standing.planner}
+            other = {row.seed: row.score for row in rows if row.planner == best.standing.planner}
+            wanted = np.mean([there[seed] - other[seed] for seed in there])
+            assert one.against.score.mean == pytest.approx(wanted)
+
+
+def test_a_submission_of_few_environments_has_a_table_of_its_own(frozen, rows, tmp_path):
+    few = pack_of(seeds(rows, 1, 3), tmp_path / "few.zip", name="Few")
+    whole, part = board(frozen, few).tables
+    assert (whole.seeds, len(whole.lines)) == ((0, 1, 2, 3), 2)
+    assert {one.entry.submission.name for one in whole.lines} == {"Baselines"}
+    assert (part.seeds, len(part.lines)) == ((1, 3), 4)
+    assert part.environments == "2 environments (seeds 1,3)"
+    assert whole.environments == "4 environments (seeds 0 to 3)"
+
+
+def test_other_code_and_versions_are_never_mixed(frozen, rows, tmp_path):
+    older = [structs.replace(row, codes=row.codes | {"code": "0" * 24}) for row in rows]
+    newer = [structs.replace(row, versions=row.versions | {"wbf-mission": "9.0"}) for row in rows]
+    packs = [pack_of(some, tmp_path / f"{k}.zip") for k, some in enumerate((older, newer))]
+    tables = board(frozen, *packs).tables
+    assert len(tables) == 3
+    assert {(one.version, one.code) for one in tables} == {
+        ("0.1.0", rows[0].codes["code"]),
+        ("0.1.0", "0" * 24),
+        ("9.0", rows[0].codes["code"]),
+    }
+    assert all(len(one.lines) == 2 for one in tables)
+
+
+def test_a_failed_run_is_counted_as_one(frozen, rows, tmp_path):
+    failed = [
+        structs.replace(row, error="it fell", score=None, final_score=None)
+        if (row.planner, row.seed) == ("spiral", 0)
+        else row
+        for row in rows
+    ]
+    (table,) = board(frozen, pack_of(failed, tmp_path / "mine.zip", name="Mine")).tables
+    one = next(one for one in table.lines if one.standing.failed)
+    assert (one.entry.submission.name, one.standing.planner, one.standing.failed) == ("Mine", "spiral", 1)
+
+
+def test_what_is_refused_is_told_and_the_others_go_on(frozen, rows, tmp_path, capsys):
+    (tmp_path / "bad.zip").write_bytes(b"PK\x03\x04 no archive")
+    better = [structs.replace(row, score=-0.001) for row in rows]
+    lies = pack_of(better, tmp_path / "lies.zip")
+    copy = tmp_path / "copy.zip"
+    copy.write_bytes((frozen / "0.1.0" / "WBF.zip").read_bytes())
+    given = [str(one) for one in (frozen, tmp_path / "bad.zip", lies, copy, tmp_path / "none.zip")]
+    assert main(["bench", "board", *given, "--json"]) == 1
+    told = capsys.readouterr()
+    values = json.loads(told.out)
+    assert len(values["tables"]) == 1
+    assert [len(one["methods"]) for one in values["tables"]] == [2]
+    assert set(values["refused"]) == set(given[1:])
+    assert "is not the mean of its history" in values["refused"][str(lies)]
+    assert "is the same file as" in values["refused"][str(copy)]
+    assert told.err.count("left out: ") == 4
+    assert main(["bench", "board", str(tmp_path / "bad.zip")]) == 2
+
+
+def test_rows_are_flown_again_and_own_code_is_not(frozen, rows, tmp_path, capsys):
+    own = [structs.replace(row, codes=row.codes | {"planner": "f" * 24}) for row in seeds(rows, 0)]
+    mine = pack_of(own, tmp_path / "mine.zip")
+    found = board(frozen, mine, verify=2)
+    again = {entry.submission.name: entry.verification for entry in found.entries}
+    assert (str(again["Baselines"]), str(again["Some"])) == ("2 equal", "no")
+    assert again["Some"].left_out == "own code of lawnmower is not run"
+    counted = [board_values(found)["tables"][0]["methods"][k]["flown_again"] for k in (0, 1)]
+    assert sorted(counted) in (["1 equal", "1 equal"], ["2 equal", "no"])
+
+
+def test_a_row_that_differs_is_told_on_the_board(rows, tmp_path, capsys):
+    def worse(row):
+        scores = 2.0 * np.array(row.scores)
+        history = {name: type(one)("d", 2.0 * np.array(one)) for name, one in row.history.items()}
+        return structs.replace(
+            row,
+            scores=type(row.scores)("d", scores),
+            score=float(np.mean(scores)),
+            final_score=scores[-1],
+            history=history,
+            losses={name: one[-1] for name, one in history.items()},
+        )
+
+    path = pack_of([worse(row) for row in rows], tmp_path / "mine.zip")
+    assert main(["bench", "board", str(path), "--verify", "1"]) == 1
+    assert "the row tells" in capsys.readouterr().err
+    (entry,) = board(path, verify=1).entries
+    assert str(entry.verification) == "1 differ"
+
+
+@pytest.mark.parametrize("label", ["gp:cache=/tmp/elsewhere", "gp:cache=here"])
+def test_no_row_names_files_of_the_one_who_checks(label, rows):
+    one = fly_again([structs.replace(row, estimator=label) for row in rows], 1)
+    assert not one.rows
+    assert "names files of a machine" in one.left_out
+
+
+def test_rows_of_other_code_are_not_compared(rows):
+    other = [structs.replace(row, codes=row.codes | {"code": "0" * 24}) for row in rows]
+    found = fly_again(other, 3)
+    assert (found.rows, found.left_out) == ((), "another state of the code flew them")
+
+
+def test_held_out_environments_are_those_of_the_seal(rows, tmp_path):
+    secret = Secret(secret="ab" * 32, environments=2, scenarios=[], made="")
+    number = dict(enumerate(secret.seeds()))
+    sealed = [structs.replace(row, seed=number[row.seed]) for row in seeds(rows, 0, 1)]
+    paths = [pack_of(sealed, tmp_path / "held.zip"), pack_of(rows, tmp_path / "open.zip")]
+    first, second = board(*paths, secret=secret).tables
+    assert (first.held_out, first.environments) == (True, "2 held-out environments")
+    assert second.held_out is False
+    assert [one.held_out for one in board(*paths).tables] == [False, False]
+    elsewhere = structs.replace(secret, scenarios=["WBF/Miniberry-30-v1"])
+    assert [one.held_out for one in board(*paths, secret=elsewhere).tables] == [False, False]
+
+
+def test_the_page_holds_names_as_texts(rows, tmp_path):
+    packs = [pack_of(rows, tmp_path / "a.zip", name=MARKUP), pack_of(rows, tmp_path / "b.zip", by=MARKUP)]
+    assert main(["bench", "board", *map(str, packs), "--out", str(tmp_path / "board"), "--quiet"]) == 0
+    assert sorted(one.name for one in (tmp_path / "board").iterdir()) == [
+        "board-1.png",
+        "board.html",
+        "board.json",
+        "board.md",
+    ]
+    text = (tmp_path / "board" / "board.md").read_text()
+    assert "\\[a](b) &lt;img src=x>\\|" in text
+    assert "<img" not in text
+    page = (tmp_path / "board" / "board.html").read_text()
+    assert "<img src=x>" not in page
+    assert json.loads((tmp_path / "board" / "board.json").read_text())["tables"][0]["environments"] == 4
+
+
+def test_it_fits_into_a_window_of_1200_pixels(frozen, rows, tmp_path):
+    mine = pack_of(rows, tmp_path / "mine.zip", name="A policy of mine")
+    assert main(["bench", "board", str(frozen), str(mine), "--out", str(tmp_path / "b"), "--quiet"]) == 0
+    with chromium() as browser:
+        page = browser.new_page(viewport={"width": 1200, "height": 900})
+        page.goto((tmp_path / "b" / "board.html").as_uri())
+        wide = page.evaluate(
+            "[...document.querySelectorAll('.wide')].map(one => one.scrollWidth - one.clientWidth)"
+        )
+        assert wide == [0, 0, 0]
+
+
+def test_tables_in_texts(frozen, rows, tmp_path):
+    found = board(frozen, pack_of(rows, tmp_path / "mine.zip", name="Mine"))
+    (table,) = found.tables
+    scores, against = board_table(table), difference_table(table)
+    assert len(scores.rows) == 4
+    assert len(against.rows) == 3
+    assert {row[-2] for row in against.rows} <= {"better", "worse", "equal", "cannot be told"}
+    page = board_page(found)
+    assert [one.title for one in page.sections] == [
+        "WBF/Miniberry-10-v1, 4 environments (seeds 0 to 3)",
+        "Submissions",
+    ]
+    assert page.sections[0].text == f"Flown by wbf-mission 0.1.0, code {rows[0].codes['code'][:8]}."
+
+
+def test_a_pack_of_another_format_is_left_out(frozen, rows, tmp_path):
+    newer = told_otherwise(pack_of(rows, tmp_path / "mine.zip"), tmp_path / "newer.zip", format=2)
+    assert list(board(frozen, newer).refused) == [str(newer)]

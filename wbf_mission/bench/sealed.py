@@ -1,0 +1,205 @@
+"""Sealed rounds: environments that nobody knows before a round ends, and that nobody chose.
+
+The organiser draws a secret, publishes its seal and keeps the secret. The seeds of the round follow from the
+secret (HMAC-SHA256, RFC 2104), and the seal is a commitment to it: a SHA-256 of the secret and of all that
+belongs to the round. When the secret is published, all can check that the seeds are those of the seal.
+"""
+
+from __future__ import annotations
+
+import datetime
+import hashlib
+import hmac
+import json
+import os
+import secrets
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+
+from geo.atomic import atomic_write
+from geo.reading import UnreadableError, misfit, not_json, read_file
+from wbf_mission.bench.rows import BenchRow
+from wbf_mission.results.storage import ResultError
+from wbf_mission.scenario import ScenarioError, scenario_ids
+
+_SEAL_TAG = b"wbf-mission seal 1\n"
+_SEED_TAG = b"wbf-mission seed 1\n"
+_SECRET_BYTES = 32
+MOST_ENVIRONMENTS = 10_000
+_MAX_BYTES = 2**20
+_FORMAT = 1
+
+
+class Seal(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What is published when a round begins.
+
+    Attributes
+    ----------
+    seal : str
+        SHA-256 of the secret with the other values, hexadecimal.
+    environments : int
+    scenarios : list of str
+        Those of the round; empty: any.
+    made : str
+        When, UTC.
+    """
+
+    format: int = _FORMAT
+    seal: str
+    environments: int
+    scenarios: list[str] = []
+    made: str
+
+
+class Secret(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What is published when the round ends: ``secret`` has 256 bits, hexadecimal; the rest as of `Seal`."""
+
+    format: int = _FORMAT
+    secret: str
+    environments: int
+    scenarios: list[str] = []
+    made: str
+
+    def seal(self) -> Seal:
+        """Return what can be published before."""
+        bound = [self.format, self.environments, self.scenarios, self.made, self.secret]
+        text = json.dumps(bound, separators=(",", ":")).encode()
+        return Seal(
+            format=self.format,
+            seal=hashlib.sha256(_SEAL_TAG + text).hexdigest(),
+            environments=self.environments,
+            scenarios=self.scenarios,
+            made=self.made,
+        )
+
+    def seeds(self) -> tuple[int, ...]:
+        """Return the seeds of the round, each of 63 bits, derived one by one from the secret and its number.
+
+        Examples
+        --------
+        >>> Secret(secret="00" * 32, environments=2, made="").seeds()
+        (5396267416502128160, 5740642076869374249)
+        """
+        key = bytes.fromhex(self.secret)
+        texts = (_SEED_TAG + str(number).encode() for number in range(self.environments))
+        digests = (hmac.digest(key, text, "sha256") for text in texts)
+        return tuple(int.from_bytes(one[:8], "big") >> 1 for one in digests)
+
+
+def new_secret(environments: int, scenarios: Sequence[str], made: datetime.datetime) -> Secret:
+    """Draw a secret of 256 bits from the system's randomness.
+
+    ScenarioError if a scenario is none of the catalogue.
+    """
+    known = scenario_ids()
+    for one in scenarios:
+        if one not in known:
+            raise ScenarioError(f"scenarios: {one!r} is no id of the catalogue; 'bench list' prints them")
+    return Secret(
+        secret=secrets.token_hex(_SECRET_BYTES),
+        environments=environments,
+        scenarios=list(scenarios),
+        made=made.astimezone(datetime.UTC).isoformat(timespec="seconds"),
+    )
+
+
+def write_round(secret: Secret, stem: Path) -> tuple[Path, Path]:
+    """Write ``STEM.secret``, which only its owner may read, and ``STEM.seal.json``; return both.
+
+    ScenarioError if one of them is there: a secret that is lost cannot be made again.
+    """
+    paths = stem.with_name(f"{stem.name}.secret"), stem.with_name(f"{stem.name}.seal.json")
+    for path in paths:
+        if path.exists():
+            raise ScenarioError(f"{path}: is there already, of an older round; give another name")
+    # Opened for the owner alone: a file that is closed to others afterwards was open to them before.
+    with open(os.open(paths[0], os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:  # noqa: PTH123
+        file.write(_document(secret))
+    with atomic_write(paths[1], "wb") as file:
+        file.write(_document(secret.seal()))
+    return paths
+
+
+def _document(what: Seal | Secret) -> bytes:
+    return msgspec.json.format(msgspec.json.encode(what)) + b"\n"
+
+
+def read_secret(path: Path) -> Secret:
+    """Read what `write_round` wrote; ScenarioError if it is something else."""
+    found = _read(path, Secret)
+    try:
+        right = len(bytes.fromhex(found.secret)) == _SECRET_BYTES
+    except ValueError:
+        right = False
+    if not right:
+        raise ScenarioError(f"{path}: the secret is not one of {_SECRET_BYTES} bytes in hexadecimal digits")
+    return found
+
+
+def opened(seal_file: Path, secret_file: Path) -> Secret:
+    """Return the secret of a seal.
+
+    ScenarioError if a file cannot be read, or the secret is that of another seal.
+    """
+    seal, secret = _read(seal_file, Seal), read_secret(secret_file)
+    if secret.seal() != seal:
+        raise ScenarioError(f"{secret_file}: is not the secret of {seal_file}; give those of one round")
+    return secret
+
+
+def of_round(selected: Mapping[str, Any], path: Path) -> dict[str, Any]:
+    """Return what is to be flown, as `BenchSpec.of` takes it, on the environments of a secret's round.
+
+    ScenarioError if it names seeds, or scenarios that are not the round's.
+    """
+    secret = read_secret(path)
+    if selected.get("seeds") is not None:
+        raise ScenarioError(f"seeds are those of {path}; leave --seeds out, or --sealed")
+    scenarios = selected.get("scenarios") or secret.scenarios or None
+    for one in scenarios or ():
+        if secret.scenarios and one not in secret.scenarios:
+            known = ", ".join(secret.scenarios)
+            raise ScenarioError(f"scenarios: {one} is none of the round in {path}, which has {known}")
+    return {**selected, "scenarios": scenarios, "seeds": list(secret.seeds())}
+
+
+def require_seeds(secret: Secret, rows: Iterable[BenchRow]) -> None:
+    """Raise ResultError unless rows are those of a round: its scenarios, each on all of its environments."""
+    seeds = set(secret.seeds())
+    for scenario, own in _seeds_by_scenario(rows).items():
+        if secret.scenarios and scenario not in secret.scenarios:
+            raise ResultError(f"{scenario} is no scenario of the round; pack its rows apart")
+        if own != seeds:
+            known = len(own & seeds)
+            msg = f"{scenario} has {known} of the {len(seeds)} environments, and {len(own) - known} others"
+            raise ResultError(f"{msg}; fly it by 'bench run --sealed'")
+
+
+def _seeds_by_scenario(rows: Iterable[BenchRow]) -> dict[str, set[int]]:
+    found: dict[str, set[int]] = {}
+    for row in rows:
+        found.setdefault(row.scenario, set()).add(row.seed)
+    return found
+
+
+_T = TypeVar("_T", Seal, Secret)
+
+
+def _read(path: Path, kind: type[_T]) -> _T:
+    what = "a seal" if kind is Seal else "the secret of a round"
+    try:
+        data = read_file(path, _MAX_BYTES)
+        found = msgspec.json.decode(data, type=kind)
+    except UnreadableError as error:
+        raise ScenarioError(f"{path}: {error}") from None
+    except msgspec.ValidationError as error:
+        raise ScenarioError(f"{path}: is not {what} of 'bench seal' ({misfit(error)})") from None
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise ScenarioError(f"{path}: is not {what} of 'bench seal' ({not_json(error, data)})") from None
+    if found.format != _FORMAT or not 1 <= found.environments <= MOST_ENVIRONMENTS:
+        msg = f"{path}: is of format {found.format} with {found.environments} environments"
+        raise ScenarioError(f"{msg}; this version reads format {_FORMAT} with 1 to {MOST_ENVIRONMENTS}")
+    return found

@@ -13,15 +13,17 @@ from wbf_mission.rl.errors import require_libraries
 require_libraries()
 
 if TYPE_CHECKING:
+    from wbf_mission.rl.catalogue import Interfaces as Interfaces
+    from wbf_mission.rl.catalogue import interfaces as interfaces
     from wbf_mission.rl.env import SurveyEnv as SurveyEnv
-    from wbf_mission.rl.env import SurveyParallelEnv as SurveyParallelEnv
-    from wbf_mission.rl.env import parallel_env as parallel_env
     from wbf_mission.rl.errors import TrainingError as TrainingError
+    from wbf_mission.rl.parallel import SurveyParallelEnv as SurveyParallelEnv
+    from wbf_mission.rl.parallel import parallel_env as parallel_env
     from wbf_mission.rl.task import MOVE_NAMES as MOVE_NAMES
     from wbf_mission.rl.vector_env import SurveyVectorEnv as SurveyVectorEnv
 else:
     from geo.imports import attach
-    from wbf_mission.rl.task import register_all
+    from wbf_mission.rl.catalogue import register_all
 
     register_all()
     __getattr__, __dir__, __all__ = attach(__name__)

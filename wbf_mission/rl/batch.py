@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,6 +14,7 @@ from sensors.scoring.score_sums import resume_errors
 from sensors.scoring.tiles import TILE_CELLS, tile_shape
 from wbf_mission.planning.assignment import SortieNumber
 from wbf_mission.rl.batch_kernel import SCORES_A_STEP, Rules, Runs, advance
+from wbf_mission.rl.drawing import Scene
 from wbf_mission.rl.episode import rewards_of
 from wbf_mission.rl.task import MOVES, SurveyTask
 
@@ -124,6 +127,28 @@ class Batch:
                 )
                 self.last_loss[scored] = losses
         return rewards
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        # In a copy these would be arrays of their own.
+        k = len(self.task.fields)
+        self._runs = self._runs._replace(
+            value=self.maps[:, :k], uncertainty=self.maps[:, k : 2 * k], visited=self.maps[:, 2 * k]
+        )
+
+    def scene(self, run: int) -> Scene:
+        """Return what a picture of a run shows."""
+        of, count = self._runs, int(self.counts[run])
+        left = 1.0 - max(count - 1, 0) / self.task.moves
+        return Scene(
+            truth=of.truth[run],
+            value=of.value[run],
+            uncertainty=of.uncertainty[run],
+            paths=[of.seen[run, :count] if count else of.cells[run : run + 1]],
+            flight=self.task.flights[0],
+            left=(left, left),
+            score=self.score(run) if self._times[run] else float("nan"),
+        )
 
     def score(self, run: int) -> float:
         """Return the score of a run so far."""

@@ -13,6 +13,7 @@ action changes.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,7 @@ from sensors.scoring.information import InformationModel
 from sensors.scoring.score import RunningScore, ScoreWeights
 from wbf_mission.planning.assignment import SortieNumber
 from wbf_mission.progress import silent
+from wbf_mission.rl.drawing import Scene
 from wbf_mission.rl.task import MOVES, SurveyTask
 
 
@@ -36,8 +38,8 @@ class Episode:
     move, those of one robot after those of the one before it. Equal seeds give the same environment and the
     same errors of the camera.
 
-    `cells`, int64[robots, 2], is where the robots are, `moved` the moves of each in this flight, and `seen`,
-    float32[W, H], is 1 where something was seen in the run.
+    `cells`, int64[robots, 2], is where the robots are, `moved` the moves of each in this flight, `path` the
+    cells of these moves, home first, and `seen`, float32[W, H], is 1 where something was seen in the run.
     """
 
     def __init__(self, task: SurveyTask, seed: int) -> None:
@@ -50,13 +52,19 @@ class Episode:
             advance_estimator(self._learner, of.day)
         masks = task.fields.masks(task.grid)
         weights = ScoreWeights.of(task.fields)
-        score = RunningScore(self._environment.values(of.day), masks, weights, task.fields)
+        self.truth = self._environment.values(of.day)
+        score = RunningScore(self.truth, masks, weights, task.fields)
         self._estimate = RunEstimate(self._learner, score, task.every, of.day)
         self.returns = Returns(task.points, score.evaluate(self.model()).loss)
         self._scored = 0
         self.seen = np.zeros(task.grid.shape, np.float32)
         self._flight = 0
+        self._actions: list[list[int]] = []
         self._begin_flight()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copy by moving again: what an estimator and its thread are doing cannot be copied."""
+        return _again, (self.task, self.seed, self._actions)
 
     def model(self) -> InformationModel:
         """Return what is believed now, in the estimator's own arrays."""
@@ -67,9 +75,14 @@ class Episode:
         self._estimate.close()
 
     @property
+    def flight(self) -> tuple[int, int]:
+        """Day and number on that day of the flight, of the last one when the run is over."""
+        return self.task.flights[min(self._flight, len(self.task.flights) - 1)]
+
+    @property
     def day(self) -> int:
         """The day that is flown."""
-        return self.task.flights[min(self._flight, len(self.task.flights) - 1)][0]
+        return self.flight[0]
 
     @property
     def ended(self) -> bool:
@@ -103,6 +116,7 @@ class Episode:
         A robot whose move leads to where it must not fly stays; that costs the step, too. After the last
         move of a flight the robots are at home again, for the next one.
         """
+        self._actions.append(list(actions))
         task, (width, height) = self.task, self.task.grid.shape
         before = self.cells.copy()
         for robot, action in enumerate(actions):
@@ -114,6 +128,7 @@ class Episode:
                 self._look(robot, before[robot])
             self._look(robot, self.cells[robot])
         self.moved += 1
+        self.path.append(self.cells.copy())
         if self.moved == task.steps - 1:
             self._end_flight()
         # Who waits for the estimate has the scores, too.
@@ -123,11 +138,25 @@ class Episode:
         self._scored = len(entries)
         return reward + self.returns.rest(self.score) if self.ended else reward
 
+    def scene(self) -> Scene:
+        """Return what a picture of the run shows."""
+        model, path = self.model(), np.array(self.path)
+        return Scene(
+            truth=self.truth,
+            value=model.value,
+            uncertainty=model.uncertainty,
+            paths=list(np.swapaxes(path, 0, 1)),
+            flight=self.flight,
+            left=self.left,
+            score=self.score,
+        )
+
     def _begin_flight(self) -> None:
         task = self.task
         day, flight = task.flights[self._flight]
         self.cells = np.tile(np.array(task.home), (task.robots, 1))
         self.moved = 0
+        self.path = [self.cells.copy()]
         self._cameras = []
         for robot in range(task.robots):
             number = SortieNumber(day, flight, robot + 1, task.scenario.farm.day)
@@ -141,7 +170,8 @@ class Episode:
         if self.ended:
             return
         if self.day != day:
-            self._estimate.begin_day(self.day, self._environment.values(self.day), 0.0)
+            self.truth = self._environment.values(self.day)
+            self._estimate.begin_day(self.day, self.truth, 0.0)
         self._begin_flight()
 
     def _look(self, robot: int, cell: NDArray[np.integer]) -> None:
@@ -155,6 +185,13 @@ class Episode:
         time_s, day = np.full(count, float(self.moved)), np.full(count, self.day)
         names = self.task.fields.names
         self._estimate.add([Observations(x + dx[kept], y + dy[kept], time_s, day, values[kept], names)])
+
+
+def _again(task: SurveyTask, seed: int, actions: list[list[int]]) -> Episode:
+    episode = Episode(task, seed)
+    for one in actions:
+        episode.move(one)
+    return episode
 
 
 def rewards_of(

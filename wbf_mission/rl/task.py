@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import gymnasium
 import numpy as np
 import shapely
 
 from geo import Farm
+from geo.texts import one_line
 from mission.planners import parse_budget
 from sensors.camera.leaf_camera import LeafCameraOptions
 from sensors.environment import Environment
@@ -18,11 +18,11 @@ from sensors.errors import EstimatorError
 from sensors.estimators import Estimator
 from sensors.field_files import load_field_set
 from sensors.fields import FieldSet
-from sim_vehicle.airframe.catalog import get_vehicle
+from wbf_mission.rl.catalogue import why_not_stepped
 from wbf_mission.rl.errors import TrainingError
 from wbf_mission.run.estimation import estimator_of, readings_a_score
 from wbf_mission.run.resolve import camera_options, make_environment
-from wbf_mission.scenario import Scenario, load_scenario, scenario_ids, scenario_with
+from wbf_mission.scenario import Scenario, load_scenario, scenario_with
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -33,6 +33,20 @@ MOVE_NAMES = ("stay", "east", "north", "west", "south")
 """The actions by their numbers: along x, along y, and back."""
 MOVES = np.array([(0, 0), (1, 0), (0, 1), (-1, 0), (0, -1)])
 MOVES.flags.writeable = False
+
+
+def checked_moves(actions: object, shape: tuple[int, ...], who: str) -> NDArray[np.int64]:
+    """Return actions as int64 of a shape; TrainingError if they are not whole numbers 0 to 4 of it."""
+    try:
+        moves = np.asarray(actions)
+        fit = moves.shape == shape and moves.dtype.kind in "iu"
+    except ValueError:
+        fit = False
+    if not fit or not ((moves >= 0) & (moves < len(MOVES))).all():
+        whom = f" to each of {shape[0]} runs" if shape else ""
+        told = one_line(repr(actions), 80)
+        raise TrainingError(f"{who} {told}: give a whole number from 0 (stay) to 4 (south){whom}")
+    return moves.astype(np.int64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,12 +73,11 @@ class SurveyTask:
         name = given.farm.name if isinstance(scenario, Scenario) else str(scenario)
         given = scenario_with(given, {"estimator": estimator})
         robots = len(given.vehicle.fleet)
-        if not all(get_vehicle(one).is_ideal for one in given.vehicle.fleet):
-            raise TrainingError(
-                f"{name}: {given.vehicle.name} flies, and training environments are of the paper's robot;"
-                ' take a scenario whose vehicle is "ideal"'
-            )
-        steps = _steps(name, given.mission.budget)
+        unfit = why_not_stepped(given)
+        if unfit:
+            raise TrainingError(f"{name}: {unfit}")
+        assert given.mission.budget is not None
+        steps = int(parse_budget(given.mission.budget)[0])
         farm = given.farm.load()
         grid, fields = farm.grid(), load_field_set(given.farm.fields)
         camera = camera_options(given.camera, fields)
@@ -94,6 +107,15 @@ class SurveyTask:
             points=len(flights) * -(-readings // every) + of.days - 1,
         )
 
+    def possible(self, cells: NDArray[np.integer]) -> NDArray[np.bool_]:
+        """Return which moves lead to where a robot may fly, bool[n, 5], from cells int[n, 2]; a stay does."""
+        there = cells[:, None] + MOVES
+        inside = ((there >= 0) & (there < self.grid.shape)).all(axis=2)
+        x, y = np.moveaxis(np.where(inside[..., None], there, 0), 2, 0)
+        possible: NDArray[np.bool_] = inside & self.allowed[x, y]
+        possible[:, 0] = True
+        return possible
+
     @property
     def moves(self) -> int:
         """How many moves a robot makes in the run."""
@@ -115,24 +137,6 @@ class SurveyTask:
             raise EstimatorError(f"estimator {choice} failed: {type(error).__name__}: {error}") from error
 
 
-def can_batch(scenario: Scenario) -> bool:
-    """Return whether a scenario of the paper's robots can be batched: one robot, flight, cell an image."""
-    of = scenario.farm
-    return (
-        of.days * of.flights_per_day == 1
-        and scenario.camera.footprint == 1
-        and len(scenario.vehicle.fleet) == 1
-    )
-
-
-def _steps(name: str, budget: str | None) -> int:
-    value, unit = (0.0, "") if budget is None else parse_budget(budget)
-    if unit != "steps" or value < 2:
-        msg = f"{name}: the budget is {budget or 'not given'}; give two steps or more, such as 500steps"
-        raise TrainingError(msg)
-    return int(value)
-
-
 def _allowed(farm: Farm, grid: FarmGrid) -> NDArray[np.bool_]:
     """Mark the owner's cells in whose centre there is no obstacle."""
     allowed: NDArray[np.bool_] = np.array(grid.owned)
@@ -145,18 +149,3 @@ def _allowed(farm: Farm, grid: FarmGrid) -> NDArray[np.bool_]:
         allowed[x, y] = ~inside
     allowed.flags.writeable = False
     return allowed
-
-
-def register_all() -> None:
-    """Register the ids of the catalogue that one of the paper's robots flies, if they are new."""
-    for name in scenario_ids():
-        scenario = load_scenario(name)
-        fleet = scenario.vehicle.fleet
-        if name in gymnasium.registry or len(fleet) > 1 or not get_vehicle(fleet[0]).is_ideal:
-            continue
-        gymnasium.register(
-            name,
-            entry_point="wbf_mission.rl.env:SurveyEnv",
-            vector_entry_point="wbf_mission.rl.vector_env:SurveyVectorEnv" if can_batch(scenario) else None,
-            kwargs={"scenario": name},
-        )

@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 from sensors.estimators import Estimator
 from sensors.estimators.disk.adaptive_disk import AdaptiveDiskEstimator
 from wbf_mission.rl.batch import Batch
+from wbf_mission.rl.catalogue import why_not_batched, why_not_single
 from wbf_mission.rl.env import Observation, run_seed
 from wbf_mission.rl.errors import TrainingError
 from wbf_mission.rl.observing import Shown, block_means
-from wbf_mission.rl.task import SurveyTask, can_batch
+from wbf_mission.rl.rendering import ARRAY, FRAMES_A_SECOND, Rendering
+from wbf_mission.rl.task import SurveyTask, checked_moves
 from wbf_mission.scenario import Scenario
 
 _Bools = NDArray[np.bool_]
@@ -37,6 +39,10 @@ class SurveyVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
     estimator : str
         ``adaptive-disk``, the only one that is batched.
     block : int, optional
+        As of the single environment.
+    render_mode : {"rgb_array"}, optional
+        `render` then gives a frame of each run.
+    render_field : str, optional
         As of the single environment.
     autoreset_mode : AutoresetMode or str
         When a run that has ended begins anew: with the next step (``NextStep``), in the same one
@@ -58,6 +64,8 @@ class SurveyVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         estimator: Estimator | str = "adaptive-disk",
         block: int | None = None,
         *,
+        render_mode: str | None = None,
+        render_field: str | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         copy: bool = True,
     ) -> None:
@@ -72,7 +80,13 @@ class SurveyVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
-        self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset_mode}
+        self.render_mode = render_mode
+        self._rendering = Rendering(self.task, render_mode, render_field, (ARRAY,))
+        self.metadata = {
+            "render_modes": [ARRAY],
+            "render_fps": FRAMES_A_SECOND,
+            "autoreset_mode": self.autoreset_mode,
+        }
         self.copy = copy
         self._batch = Batch(self.task, num_envs)
         self._rngs: list[np.random.Generator | None] = [None] * num_envs
@@ -116,14 +130,14 @@ class SurveyVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
     def step(
         self, actions: NDArray[np.int64]
     ) -> tuple[Observation, NDArray[np.float64], _Bools, _Bools, dict[str, Any]]:
-        """Move in every run; see `gymnasium.vector.VectorEnv.step`."""
+        """Move in every run; see `gymnasium.vector.VectorEnv.step`.
+
+        TrainingError if the actions are not a whole number 0 to 4 for each run; then nobody has moved.
+        """
         ended, batch = self._ended, self._batch
         if not self._begun or (self.autoreset_mode is AutoresetMode.DISABLED and ended.any()):
             raise TrainingError("an episode is over, or was not begun: call reset")
-        actions = np.asarray(actions, np.int64)
-        if actions.shape != (self.num_envs,) or not self.action_space.contains(actions):
-            msg = f"actions {actions.tolist()}: give one of 0 to 4 for each of {self.num_envs} environments"
-            raise TrainingError(msg)
+        actions = checked_moves(actions, (self.num_envs,), "actions")
         rewards = batch.move(np.flatnonzero(~ended), actions)
         info: dict[str, Any] = {}
         anew = ended.copy()
@@ -141,6 +155,17 @@ class SurveyVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         if anew.any():
             info |= self._begin_info(anew)
         return self._observation(), rewards, over, np.zeros(self.num_envs, np.bool_), info
+
+    def action_masks(self) -> _Bools:
+        """Return which actions of each run move its robot or are meant to stay, bool[num_envs, 5]."""
+        return self.task.possible(self._batch.cells)
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """Return a frame of each run, uint8[height, width, 3]; None without a render mode."""
+        if not self._begun:
+            raise TrainingError("no episode was begun: call reset")
+        frames = [self._rendering.frame(self._batch.scene(run)) for run in range(self.num_envs)]
+        return None if self.render_mode is None else tuple(one for one in frames if one is not None)
 
     def _begin(self, run: int, seed: int | None) -> None:
         rng = self._rngs[run]
@@ -209,8 +234,6 @@ def _require_batch(task: SurveyTask) -> None:
             f"estimator {scenario.estimate.estimator} is not batched, only adaptive-disk is: give"
             ' vectorization_mode="sync" to gymnasium.make_vec'
         )
-    if not can_batch(scenario):
-        raise TrainingError(
-            "runs of several flights or robots, or with a wider footprint, are not batched: give"
-            ' vectorization_mode="sync" to gymnasium.make_vec'
-        )
+    unfit = why_not_single(scenario) or why_not_batched(scenario)
+    if unfit:
+        raise TrainingError(unfit)

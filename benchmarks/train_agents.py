@@ -1,0 +1,246 @@
+"""Train DQN and PPO of stable-baselines3 in the training environments, and fly them beside planners.
+
+Agents are trained on environments that no benchmark has (seeds from 2^32 on), on one core, and fly as
+policies (``trained_agent.py``) on the benchmark's seeds with the estimator of their training. It needs a
+virtual environment of its own, since torch is large::
+
+    python -m venv train
+    train/bin/pip install '.[rl]' torch==2.13.0 stable-baselines3==2.9.2 sb3-contrib==2.9.2
+    train/bin/python benchmarks/train_agents.py train --folder agents [--agents PPO] [--seed 0]
+    train/bin/python benchmarks/train_agents.py fly --folder agents [--seeds 30] [--out DIR]
+
+``fly`` needs neither torch nor stable-baselines3. Equal seeds train equal agents on equal machines.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import platform
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from numpy.typing import NDArray
+from peers import show
+
+from wbf_mission.bench.benchmark import benchmark
+from wbf_mission.bench.spec import BenchSpec
+from wbf_mission.own_code import own_choice
+from wbf_mission.scenario.choice import choose
+
+HERE = Path(__file__).resolve().parent
+OURS = ("lawnmower", "adaptive-lawnmower", "spiral", "random-waypoint", "greedy")
+HIDDEN = (64, 64)
+RUNS = 64
+FIRST_SEED = 2**32
+_PPO = {
+    "n_steps": 32,
+    "batch_size": 512,
+    "n_epochs": 3,
+    "gamma": 0.99,
+    "gae_lambda": 0.95,
+    "learning_rate": 5e-4,
+    "ent_coef": 0.005,
+}
+_DQN = {
+    "buffer_size": 100_000,
+    "learning_starts": 20_000,
+    "batch_size": 256,
+    "train_freq": 1,
+    "gradient_steps": 2,
+    "gamma": 0.98,
+    "learning_rate": 3e-4,
+    "target_update_interval": 10_000,
+    "exploration_fraction": 0.3,
+    "exploration_final_eps": 0.05,
+}
+LIBRARIES = {"DQN": "stable_baselines3", "PPO": "stable_baselines3", "MaskablePPO": "sb3_contrib"}
+OPTIONS: dict[str, dict[str, Any]] = {"DQN": _DQN, "PPO": _PPO, "MaskablePPO": _PPO}
+
+
+@dataclass(frozen=True, slots=True)
+class Training:
+    """One agent that is trained: by what, where, for how many steps of all runs together."""
+
+    agent: str
+    scenario: str
+    steps: int
+    reward_scale: float
+    estimator: str = "adaptive-disk"
+    options: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def file(self) -> str:
+        """The file of its network."""
+        return f"{self.agent}_{self.scenario.split('/')[1]}_{self.estimator}.npz"
+
+
+TRAININGS = (
+    Training("PPO", "WBF/Miniberry-10-v1", 400_000, 10.0),
+    Training("DQN", "WBF/Miniberry-10-v1", 200_000, 10.0),
+    Training("PPO", "WBF/Miniberry-30-v1", 700_000, 50.0),
+    Training("DQN", "WBF/Miniberry-30-v1", 250_000, 50.0),
+)
+
+
+def vector_env(one: Training, seed: int) -> Any:
+    """Return the runs as stable-baselines3 wants them, seen through the agent's view, without stays."""
+    from stable_baselines3.common.vec_env import VecEnv
+    from trained_agent import MOVES, View
+
+    from wbf_mission.rl import SurveyEnv, SurveyVectorEnv
+
+    class Runs(VecEnv):
+        def __init__(self) -> None:
+            if one.estimator == "adaptive-disk":
+                self.envs: Any = SurveyVectorEnv(
+                    RUNS, one.scenario, autoreset_mode=AutoresetMode.SAME_STEP, copy=False
+                )
+                task = self.envs.task
+            else:
+                makes = [lambda: SurveyEnv(one.scenario, one.estimator)] * RUNS
+                self.envs = SyncVectorEnv(makes, autoreset_mode=AutoresetMode.SAME_STEP)
+                task = self.envs.envs[0].task
+            self._view = View(task.farm, task.fields, task.allowed)
+            self._shape = np.array(task.grid.shape)
+            self.scores: list[float] = []
+            told = spaces.Box(-np.inf, np.inf, (View.size,), np.float32)
+            super().__init__(RUNS, told, spaces.Discrete(len(MOVES)))
+
+        def _told(self, shown: dict[str, NDArray[np.float32]]) -> NDArray[np.float32]:
+            self._cells = np.floor(shown["position"] * self._shape).astype(np.int64)
+            maps = shown["value"], shown["uncertainty"], shown["seen"]
+            return self._view(*maps, self._cells, shown["left"][:, 1])
+
+        def reset(self) -> NDArray[np.float32]:
+            shown, _ = self.envs.reset(seed=FIRST_SEED + seed * 10**6)
+            return self._told(shown)
+
+        def step_async(self, actions: NDArray[np.int64]) -> None:
+            self._actions = actions
+
+        def step_wait(self) -> Any:
+            shown, rewards, ended, _, info = self.envs.step(self._actions + 1)
+            if ended.any():
+                self.scores += info["final_info"]["score"][ended].tolist()
+            return self._told(shown), rewards * one.reward_scale, ended, [{} for _ in ended]
+
+        def close(self) -> None:
+            self.envs.close()
+
+        def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:  # noqa: ARG002
+            return [False] * RUNS
+
+        def env_method(self, method_name: str, *_: Any, **__: Any) -> list[Any]:
+            if method_name != "action_masks":
+                raise NotImplementedError(method_name)
+            return list(self._view.possible(self._cells))
+
+        def has_attr(self, attr_name: str) -> bool:
+            return attr_name == "action_masks"
+
+        def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:  # noqa: ARG002
+            return [None] * RUNS
+
+        def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+            raise NotImplementedError(attr_name)
+
+    return Runs()
+
+
+def train(one: Training, folder: Path, seed: int) -> None:
+    """Train an agent; write its network, and beside it what that took."""
+    import torch
+
+    torch.set_num_threads(1)
+    torch.manual_seed(seed)
+    runs = vector_env(one, seed)
+    algorithm = getattr(importlib.import_module(LIBRARIES[one.agent]), one.agent)
+    network = {"net_arch": list(HIDDEN), "activation_fn": torch.nn.ReLU}
+    options = OPTIONS[one.agent] | one.options
+    model = algorithm("MlpPolicy", runs, policy_kwargs=network, seed=seed, device="cpu", **options)
+    cpu, wall = time.process_time(), time.perf_counter()
+    model.learn(one.steps)
+    cost = {
+        "steps": model.num_timesteps,
+        "runs": len(runs.scores),
+        "cpu_s": round(time.process_time() - cpu, 1),
+        "wall_s": round(time.perf_counter() - wall, 1),
+        "score_of_last_runs": float(np.mean(runs.scores[-256:])),
+        "seed": seed,
+        "machine": f"{processor()}, one core, torch {torch.__version__}",
+    }
+    policy = model.policy
+    stack = (
+        policy.q_net.q_net if one.agent == "DQN" else [*policy.mlp_extractor.policy_net, policy.action_net]
+    )
+    layers = [layer for layer in stack if isinstance(layer, torch.nn.Linear)]
+    arrays = {}
+    for number, layer in enumerate(layers):
+        arrays[f"weight_{number}"] = layer.weight.detach().numpy()
+        arrays[f"bias_{number}"] = layer.bias.detach().numpy()
+    np.savez(folder / one.file, **arrays)
+    text = json.dumps(asdict(one) | {"options": options, "cost": cost}, indent=1)
+    (folder / one.file).with_suffix(".json").write_text(text + "\n", encoding="utf-8")
+    print(f"{one.file}: {cost}", flush=True)
+
+
+def processor() -> str:
+    """Return what the processor is called."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.machine()
+
+
+def fly(trainings: Sequence[Training], folder: Path, seeds: int, out: Path | None) -> None:
+    """Fly the agents that are there beside ours, and print the standings and their differences."""
+    for scenario, estimator in sorted({(one.scenario, one.estimator) for one in trainings}):
+        files = [
+            folder / one.file
+            for one in trainings
+            if (one.scenario, one.estimator) == (scenario, estimator) and (folder / one.file).exists()
+        ]
+        agents = [
+            own_choice(f"{HERE / 'trained_agent.py'}:TrainedAgent:file={file}", "policy") for file in files
+        ]
+        ours = [choose(name, "planner") for name in OURS]
+        spec = BenchSpec.of([scenario], [*ours, *agents], [choose(estimator, "estimator")], seeds)
+        rows = benchmark(spec, out=None if out is None else out / f"{scenario.split('/')[1]}_{estimator}")
+        show(rows, [str(one) for one in agents])
+
+
+def main() -> None:
+    """Train, or fly."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("what", choices=["train", "fly"])
+    parser.add_argument("--folder", type=Path, required=True, help="where the agents are or go")
+    parser.add_argument("--agents", default="", help="files of them; by default all")
+    parser.add_argument("--seed", type=int, default=0, help="of the training")
+    parser.add_argument("--seeds", type=int, default=30, help="of the benchmark, from 0 on")
+    parser.add_argument("--out", type=Path, help="a folder that keeps what was flown")
+    parser.add_argument("--steps", type=int, help="train for so many steps, for a try")
+    given = parser.parse_args()
+    wanted = given.agents.split(",") if given.agents else [one.file for one in TRAININGS]
+    trainings = [one for one in TRAININGS if one.file in wanted]
+    if given.what == "fly":
+        fly(trainings, given.folder, given.seeds, given.out)
+        return
+    given.folder.mkdir(parents=True, exist_ok=True)
+    for one in trainings:
+        train(one, given.folder, given.seed)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,13 +1,13 @@
 """Train DQN and PPO of stable-baselines3 in the training environments, and fly them beside planners.
 
 Agents are trained on environments that no benchmark has (seeds from 2^32 on), on one core, and fly as
-policies (``trained_agent.py``) on the benchmark's seeds with the estimator of their training. It needs a
-virtual environment of its own, since torch is large::
+policies (``trained_agent.py``) on the benchmark's seeds. It needs a virtual environment of its own, since
+torch is large::
 
     python -m venv train
-    train/bin/pip install '.[rl]' torch==2.13.0 stable-baselines3==2.9.2 sb3-contrib==2.9.2
-    train/bin/python benchmarks/train_agents.py train --folder agents [--agents PPO] [--seed 0]
-    train/bin/python benchmarks/train_agents.py fly --folder agents [--seeds 30] [--out DIR]
+    train/bin/pip install '.[rl]' torch==2.13.0 stable-baselines3==2.9.2
+    train/bin/python benchmarks/train_agents.py train --folder agents [--seed 0]
+    train/bin/python benchmarks/train_agents.py fly --folder agents [--seeds 30] [--estimators gp]
 
 ``fly`` needs neither torch nor stable-baselines3. Equal seeds train equal agents on equal machines.
 """
@@ -15,18 +15,17 @@ virtual environment of its own, since torch is large::
 from __future__ import annotations
 
 import argparse
-import importlib
 import json
 import platform
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from gymnasium import spaces
-from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from peers import show
 
@@ -61,8 +60,7 @@ _DQN = {
     "exploration_fraction": 0.3,
     "exploration_final_eps": 0.05,
 }
-LIBRARIES = {"DQN": "stable_baselines3", "PPO": "stable_baselines3", "MaskablePPO": "sb3_contrib"}
-OPTIONS: dict[str, dict[str, Any]] = {"DQN": _DQN, "PPO": _PPO, "MaskablePPO": _PPO}
+OPTIONS: dict[str, dict[str, Any]] = {"DQN": _DQN, "PPO": _PPO}
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,20 +71,18 @@ class Training:
     scenario: str
     steps: int
     reward_scale: float
-    estimator: str = "adaptive-disk"
-    options: dict[str, Any] = field(default_factory=dict)
 
     @property
     def file(self) -> str:
         """The file of its network."""
-        return f"{self.agent}_{self.scenario.split('/')[1]}_{self.estimator}.npz"
+        return f"{self.agent}_{self.scenario.split('/')[1]}.npz"
 
 
 TRAININGS = (
     Training("PPO", "WBF/Miniberry-10-v1", 400_000, 10.0),
     Training("DQN", "WBF/Miniberry-10-v1", 200_000, 10.0),
-    Training("PPO", "WBF/Miniberry-30-v1", 700_000, 50.0),
-    Training("DQN", "WBF/Miniberry-30-v1", 250_000, 50.0),
+    Training("PPO", "WBF/Miniberry-30-v1", 1_600_000, 50.0),
+    Training("DQN", "WBF/Miniberry-30-v1", 300_000, 50.0),
 )
 
 
@@ -95,19 +91,13 @@ def vector_env(one: Training, seed: int) -> Any:
     from stable_baselines3.common.vec_env import VecEnv
     from trained_agent import MOVES, View
 
-    from wbf_mission.rl import SurveyEnv, SurveyVectorEnv
+    from wbf_mission.rl import SurveyVectorEnv
 
     class Runs(VecEnv):
         def __init__(self) -> None:
-            if one.estimator == "adaptive-disk":
-                self.envs: Any = SurveyVectorEnv(
-                    RUNS, one.scenario, autoreset_mode=AutoresetMode.SAME_STEP, copy=False
-                )
-                task = self.envs.task
-            else:
-                makes = [lambda: SurveyEnv(one.scenario, one.estimator)] * RUNS
-                self.envs = SyncVectorEnv(makes, autoreset_mode=AutoresetMode.SAME_STEP)
-                task = self.envs.envs[0].task
+            same_step = AutoresetMode.SAME_STEP
+            self.envs = SurveyVectorEnv(RUNS, one.scenario, autoreset_mode=same_step, copy=False)
+            task = self.envs.task
             self._view = View(task.farm, task.fields, task.allowed)
             self._shape = np.array(task.grid.shape)
             self.scores: list[float] = []
@@ -115,9 +105,9 @@ def vector_env(one: Training, seed: int) -> Any:
             super().__init__(RUNS, told, spaces.Discrete(len(MOVES)))
 
         def _told(self, shown: dict[str, NDArray[np.float32]]) -> NDArray[np.float32]:
-            self._cells = np.floor(shown["position"] * self._shape).astype(np.int64)
+            cells = np.floor(shown["position"] * self._shape).astype(np.int64)
             maps = shown["value"], shown["uncertainty"], shown["seen"]
-            return self._view(*maps, self._cells, shown["left"][:, 1])
+            return self._view(*maps, cells, shown["left"][:, 1])
 
         def reset(self) -> NDArray[np.float32]:
             shown, _ = self.envs.reset(seed=FIRST_SEED + seed * 10**6)
@@ -139,12 +129,7 @@ def vector_env(one: Training, seed: int) -> Any:
             return [False] * RUNS
 
         def env_method(self, method_name: str, *_: Any, **__: Any) -> list[Any]:
-            if method_name != "action_masks":
-                raise NotImplementedError(method_name)
-            return list(self._view.possible(self._cells))
-
-        def has_attr(self, attr_name: str) -> bool:
-            return attr_name == "action_masks"
+            raise NotImplementedError(method_name)
 
         def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:  # noqa: ARG002
             return [None] * RUNS
@@ -157,14 +142,15 @@ def vector_env(one: Training, seed: int) -> Any:
 
 def train(one: Training, folder: Path, seed: int) -> None:
     """Train an agent; write its network, and beside it what that took."""
+    import stable_baselines3
     import torch
 
     torch.set_num_threads(1)
     torch.manual_seed(seed)
     runs = vector_env(one, seed)
-    algorithm = getattr(importlib.import_module(LIBRARIES[one.agent]), one.agent)
+    algorithm = {"DQN": stable_baselines3.DQN, "PPO": stable_baselines3.PPO}[one.agent]
     network = {"net_arch": list(HIDDEN), "activation_fn": torch.nn.ReLU}
-    options = OPTIONS[one.agent] | one.options
+    options = OPTIONS[one.agent]
     model = algorithm("MlpPolicy", runs, policy_kwargs=network, seed=seed, device="cpu", **options)
     cpu, wall = time.process_time(), time.perf_counter()
     model.learn(one.steps)
@@ -202,20 +188,16 @@ def processor() -> str:
     return names[0] if names else platform.machine()
 
 
-def fly(trainings: Sequence[Training], folder: Path, seeds: int, out: Path | None) -> None:
+def fly(folder: Path, estimators: Sequence[str], seeds: int, out: Path | None) -> None:
     """Fly the agents that are there beside ours, and print the standings and their differences."""
-    for scenario, estimator in sorted({(one.scenario, one.estimator) for one in trainings}):
-        files = [
-            folder / one.file
-            for one in trainings
-            if (one.scenario, one.estimator) == (scenario, estimator) and (folder / one.file).exists()
-        ]
-        agents = [
-            own_choice(f"{HERE / 'trained_agent.py'}:TrainedAgent:file={file}", "policy") for file in files
-        ]
+    code = HERE / "trained_agent.py"
+    for scenario in sorted({one.scenario for one in TRAININGS}):
+        files = [folder / one.file for one in TRAININGS if one.scenario == scenario]
+        agents = [own_choice(f"{code}:TrainedAgent:file={file}", "policy") for file in files if file.exists()]
         ours = [choose(name, "planner") for name in OURS]
-        spec = BenchSpec.of([scenario], [*ours, *agents], [choose(estimator, "estimator")], seeds)
-        rows = benchmark(spec, out=None if out is None else out / f"{scenario.split('/')[1]}_{estimator}")
+        learners = [choose(name, "estimator") for name in estimators]
+        spec = BenchSpec.of([scenario], [*ours, *agents], learners, seeds)
+        rows = benchmark(spec, out=None if out is None else out / scenario.split("/")[1])
         show(rows, [str(one) for one in agents])
 
 
@@ -226,19 +208,16 @@ def main() -> None:
     )
     parser.add_argument("what", choices=["train", "fly"])
     parser.add_argument("--folder", type=Path, required=True, help="where the agents are or go")
-    parser.add_argument("--agents", default="", help="files of them; by default all")
     parser.add_argument("--seed", type=int, default=0, help="of the training")
+    parser.add_argument("--estimators", default="adaptive-disk", help="with which they fly")
     parser.add_argument("--seeds", type=int, default=30, help="of the benchmark, from 0 on")
     parser.add_argument("--out", type=Path, help="a folder that keeps what was flown")
-    parser.add_argument("--steps", type=int, help="train for so many steps, for a try")
     given = parser.parse_args()
-    wanted = given.agents.split(",") if given.agents else [one.file for one in TRAININGS]
-    trainings = [one for one in TRAININGS if one.file in wanted]
     if given.what == "fly":
-        fly(trainings, given.folder, given.seeds, given.out)
+        fly(given.folder, given.estimators.split(","), given.seeds, given.out)
         return
     given.folder.mkdir(parents=True, exist_ok=True)
-    for one in trainings:
+    for one in TRAININGS:
         train(one, given.folder, given.seed)
 
 

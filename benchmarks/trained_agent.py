@@ -127,17 +127,17 @@ class TrainedAgent:
             self._view = View(farm, observation.fields, grid.owned)
         seen = np.zeros(grid.shape, np.float32)
         seen[observation.observations.x, observation.observations.y] = 1.0
-        cell = np.floor(np.array(vehicle.position_m) / farm.cell_size_m).astype(np.int64)
-        limit = vehicle.request.budget.limit
-        points = np.empty((0, 2))
-        for ahead in range(2):
+        size_m, limit = farm.cell_size_m, vehicle.request.budget.limit
+        points = np.array([vehicle.position_m])
+        cell = np.floor(points[0] / size_m).astype(np.int64)
+        for ahead in range(min(2, int(vehicle.left))):
             left = np.array([(vehicle.left - 1.0 - ahead) / (limit - 1.0)], np.float32)
             told = self._view(model.value[None], model.uncertainty[None], seen[None], cell[None], left)
             preferred = np.where(self._view.possible(cell[None]), self._network(told), -np.inf)[0]
             cell = cell + MOVES[np.argmax(preferred)]
             seen[tuple(cell)] = 1.0
-            longer = np.vstack((points, (cell + 0.5) * farm.cell_size_m))
-            if vehicle.travel_cost.rest([longer])[0] > vehicle.left:
-                break
-            points = longer
+            # Telemetry is rounded: a step that is longer than a cell by a hair would cost two.
+            way = (cell + 0.5) * size_m - points[-1]
+            points = np.vstack((points, points[-1] + way * min(1.0, size_m / np.hypot(*way))))
+        points = points[1:]
         return Decision({vehicle.system_id: points}, reason="trained") if len(points) else NO_CHANGE

@@ -2,6 +2,7 @@
 
 Every run begins anew on a farm of its own when it ends, and making that farm counts. The reference is
 Gymnasium's ``SyncVectorEnv`` of as many single environments; the rewards and last maps of both are compared.
+Frames are those of ``render_mode="rgb_array"``, of a run half of which is over.
 
     python benchmarks/training_environments.py [--scenario ID] [--runs 64] [--steps 1500]
 """
@@ -27,6 +28,20 @@ def rate(envs: VectorEnv, actions: np.ndarray) -> tuple[float, float]:
         check += float(rewards.sum())
     seconds = time.process_time() - begin
     return actions.size / seconds, check + float(np.ascontiguousarray(shown["value"]).sum())
+
+
+def frames(name: str, times: int = 200) -> float:
+    """Return frames a CPU second."""
+    env = SurveyEnv(name, render_mode="rgb_array")
+    env.reset(seed=0)
+    env.action_space.seed(0)
+    for _ in range(env.task.moves // 2):
+        env.step(env.action_space.sample())
+    env.render()
+    begin = time.process_time()
+    for _ in range(times):
+        env.render()
+    return times / (time.process_time() - begin)
 
 
 def main() -> None:
@@ -55,6 +70,7 @@ def main() -> None:
         print(f"{what:36s} {found:10.0f} steps/s, {found / theirs_rate:6.1f} times as many")
     within, _ = rate(batched, rows[: length - 1])
     print(f"{'batched, without making farms':36s} {within:10.0f} steps/s, {within / theirs_rate:6.1f} times")
+    print(f"{'frames':36s} {frames(name):10.0f} frames/s")
 
 
 if __name__ == "__main__":

@@ -58,7 +58,7 @@ def why_not_stepped(scenario: Scenario) -> str:
     """Return why the robots of a scenario cannot be moved cell by cell; empty if they can."""
     for one in scenario.vehicle.fleet:
         if not get_vehicle(one).is_ideal:
-            return f'{one} flies under an autopilot: only the vehicle "ideal" can be moved cell by cell'
+            return f'{one} flies under an autopilot, only "ideal" can be moved cell by cell'
     budget = scenario.mission.budget
     value, unit = (0.0, "") if budget is None else parse_budget(budget)
     if unit != "steps" or value < 2:
@@ -71,19 +71,15 @@ def why_not_single(scenario: Scenario) -> str:
     robots = len(scenario.vehicle.fleet)
     if robots == 1:
         return ""
-    return f"{robots} robots fly; Gymnasium's environments have one: take wbf_mission.rl.parallel_env"
+    return f"{robots} robots fly: take wbf_mission.rl.parallel_env"
 
 
 def why_not_batched(scenario: Scenario) -> str:
     """Return why an environment of one robot is not batched; empty if it is."""
     of = scenario.farm
     if of.days * of.flights_per_day > 1:
-        what = "runs of several flights"
-    elif scenario.camera.footprint > 1:
-        what = "images of several cells"
-    else:
-        return ""
-    return f'{what} are not batched: give vectorization_mode="sync" to gymnasium.make_vec'
+        return "runs of several flights are not batched"
+    return "images of several cells are not batched" if scenario.camera.footprint > 1 else ""
 
 
 def register_all() -> None:

@@ -234,6 +234,9 @@ def _require_batch(task: SurveyTask) -> None:
             f"estimator {scenario.estimate.estimator} is not batched, only adaptive-disk is: give"
             ' vectorization_mode="sync" to gymnasium.make_vec'
         )
-    unfit = why_not_single(scenario) or why_not_batched(scenario)
+    several = why_not_single(scenario)
+    if several:
+        raise TrainingError(several)
+    unfit = why_not_batched(scenario)
     if unfit:
-        raise TrainingError(unfit)
+        raise TrainingError(f'{unfit}: give vectorization_mode="sync" to gymnasium.make_vec')

@@ -131,11 +131,86 @@ def test_staying_is_what_the_papers_robot_does_at_a_waypoint_where_it_is():
     assert len(episode._estimate.history.entries) == task.steps
 
 
-@pytest.mark.filterwarnings("ignore:.*render")
 @pytest.mark.parametrize("name", ["WBF/Miniberry-10-v1", "WBF/Miniberry-30-v1"])
-def test_gymnasiums_own_checks_pass(name):
-    env = gymnasium.make(name).unwrapped
-    env_checker.check_env(env, skip_render_check=True)
+def test_gymnasiums_own_checks_pass_without_a_warning(name):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        env_checker.check_env(gymnasium.make(name).unwrapped, skip_render_check=True)
+
+
+@pytest.mark.parametrize(
+    "action", [5, -1, 1.0, np.float32(2), float("nan"), True, None, "east", [1], np.array([1]), [[1], [1, 2]]]
+)
+def test_an_action_that_is_none_is_refused_in_one_line_and_moves_nobody(action):
+    env, robots = SurveyEnv("WBF/Miniberry-10-v1"), parallel_env("WBF/Miniberry-30-Robots-2-v1")
+    env.reset(seed=0)
+    robots.reset(seed=0)
+    for step in (lambda: env.step(action), lambda: robots.step({"robot_1": 1, "robot_2": action})):
+        with pytest.raises(TrainingError, match="give a whole number from 0") as caught:
+            step()
+        assert "\n" not in str(caught.value)
+    assert env._episode.moved == robots._episode.moved == 0
+
+
+@pytest.mark.parametrize("action", [np.int64(1), np.uint8(1), np.array(1), np.array(1, np.int32)])
+def test_whole_numbers_of_numpy_are_actions(action):
+    env, robots = SurveyEnv("WBF/Miniberry-10-v1"), parallel_env("WBF/Miniberry-10-v1")
+    for one, given in ((env, action), (robots, {"robot_1": action})):
+        one.reset(seed=0)
+        one.step(given)
+        assert one._episode.cells.tolist() == [[1, 0]]
+
+
+def test_robots_that_are_none_are_refused():
+    robots = parallel_env("WBF/Miniberry-30-Robots-2-v1")
+    robots.reset(seed=0)
+    with pytest.raises(TrainingError, match="there is no robot_3; there are robot_1, robot_2"):
+        robots.step({"robot_1": 1, "robot_3": 1})
+    robots.step({"robot_1": 1})
+    assert robots._episode.cells.tolist() == [[1, 0], [0, 0]]
+
+
+def test_masks_tell_which_moves_are_stays():
+    env, robots = SurveyEnv("WBF/Miniberry-10-v1"), parallel_env("WBF/Miniberry-30-Robots-2-v1")
+    for one in (env, robots):
+        with pytest.raises(TrainingError, match="call reset"):
+            one.action_masks()
+        one.reset(seed=0)
+    assert env.action_masks().tolist() == [True, True, True, False, False]
+    rng = np.random.default_rng(0)
+    for action in rng.integers(0, 5, 38):
+        mask, before = env.action_masks(), env._episode.cells[0].copy()
+        env.step(action)
+        assert mask[action] == (action == 0 or (env._episode.cells[0] != before).any())
+    robots.step({"robot_1": 1, "robot_2": 2})
+    masks = robots.action_masks()
+    assert masks["robot_1"].tolist() == [True, True, True, True, False]
+    assert masks["robot_2"].tolist() == [True, True, True, False, True]
+
+
+def test_a_closed_environment_can_be_closed_again_and_reset():
+    for env in (SurveyEnv("WBF/Miniberry-10-v1"), parallel_env("WBF/Miniberry-10-v1")):
+        env.close()
+        env.reset(seed=0)
+        env.close()
+        env.close()
+        with pytest.raises(TrainingError, match="call reset"):
+            env.step(1 if isinstance(env, SurveyEnv) else {"robot_1": 1})
+        env.reset(seed=0)
+
+
+def test_gymnasiums_asynchronous_environments_take_it():
+    name = "WBF/Miniberry-10-v1"
+    apart = gymnasium.make_vec(name, num_envs=2, vectorization_mode="async")
+    together = gymnasium.make_vec(name, num_envs=2)
+    first, _ = apart.reset(seed=5)
+    second, _ = together.reset(seed=5)
+    for actions in ([1, 2], [1, 1]):
+        first, rewards, *_ = apart.step(np.array(actions))
+        second, ours, *_ = together.step(np.array(actions))
+        assert rewards.tolist() == ours.tolist()
+        assert all(np.array_equal(first[key], second[key]) for key in second)
+    apart.close()
 
 
 def test_pettingzoos_own_checks_pass():
@@ -182,7 +257,7 @@ def test_maps_of_large_farms_are_in_blocks():
 @pytest.mark.parametrize(
     ("scenario", "options", "text"),
     [
-        ("WBF/Miniberry-30-PX4-v1", {}, "training environments are of the paper's robot"),
+        ("WBF/Miniberry-30-PX4-v1", {}, 'only "ideal" can be moved cell by cell'),
         ("WBF/Miniberry-30-Robots-2-v1", {}, "wbf_mission.rl.parallel_env"),
         (Scenario(farm="miniberry-10", vehicle="ideal", budget="20m"), {}, "give two steps or more"),
         ("WBF/Miniberry-10-v1", {"block": 0}, "from 1 to 10"),

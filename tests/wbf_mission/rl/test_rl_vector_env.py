@@ -1,5 +1,8 @@
 """The batched environment is the single one to the bit."""
 
+import copy
+import pickle
+
 import gymnasium
 import numpy as np
 import pytest
@@ -7,7 +10,6 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import wbf_mission.rl
 from sensors.estimators.disk.adaptive_disk import AdaptiveDiskEstimator
 from sensors.observations import Observations
 from sensors.scoring.score import RunningScore
@@ -99,8 +101,6 @@ def test_ids_make_the_batched_environment():
     assert isinstance(envs.unwrapped, SurveyVectorEnv)
     days = gymnasium.make_vec("WBF/Miniberry-30-Days-v1", num_envs=1)
     assert isinstance(days.unwrapped, SyncVectorEnv)
-    assert "WBF/Miniberry-30-PX4-v1" not in gymnasium.registry
-    assert wbf_mission.rl.MOVE_NAMES[0] == "stay"
 
 
 @pytest.mark.kernel
@@ -145,11 +145,27 @@ def test_what_cannot_be_batched_is_refused_in_one_line(options, text):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("actions", [[0, 5], [0], [[0, 0]], [-1, 0]])
+@pytest.mark.parametrize("again", [copy.deepcopy, lambda envs: pickle.loads(pickle.dumps(envs))])
+def test_a_copy_goes_on_by_itself(again):
+    envs = SurveyVectorEnv(2, "WBF/Miniberry-10-v1", copy=False)
+    envs.reset(seed=1)
+    envs.step(np.array([1, 2]))
+    other = again(envs)
+    assert_same(other.step(np.array([1, 1]))[:4], envs.step(np.array([1, 1]))[:4])
+    ahead, *_ = other.step(np.array([1, 1]))
+    assert ahead["seen"].sum() == envs._observation()["seen"].sum() + 2
+    assert other.action_masks().tolist() == [[True, True, True, True, False], [True] * 5]
+
+
+@pytest.mark.parametrize(
+    "actions", [[0, 5], [0], [[0, 0]], [-1, 0], [1.0, 2.0], [np.nan, 0], [True, False], ["1", "2"], 1]
+)
 def test_wrong_actions_are_refused(actions):
     envs = SurveyVectorEnv(2, "WBF/Miniberry-10-v1")
     envs.reset(seed=0)
-    with pytest.raises(TrainingError, match="give one of 0 to 4"):
-        envs.step(np.array(actions))
+    for wrong in (actions, np.array(actions)):
+        with pytest.raises(TrainingError, match=r"give a whole number from 0 .* to each of 2 runs"):
+            envs.step(wrong)
+    assert envs._batch.counts.tolist() == [0, 0]
     with pytest.raises(TrainingError, match="3 seeds"):
         envs.reset(seed=[1, 2, 3])

@@ -18,14 +18,15 @@ from sensors.estimators.base import LEARNING, BaseEstimator, Progress, Step, no_
 from sensors.estimators.days import transition
 from sensors.estimators.gp.cell_posterior import GROWING, ExactPosterior
 from sensors.estimators.gp.cell_posterior import MOST_CELLS as WINDOWED_CELLS
+from sensors.estimators.gp.classes import ClassLink, ClassMap
 from sensors.estimators.gp.field import FieldProcess
 from sensors.estimators.gp.rbf import RbfKernel, fit_kernel
 from sensors.estimators.gp.threads import one_blas_thread
 from sensors.fields import PAPER_FIELDS, Field, FieldSet
 from sensors.scoring.expected import loss_of_deviation
-from sensors.scoring.information import InformationModel
+from sensors.scoring.information import InformationModel, LazyProbabilities
 from sensors.scoring.score import ScoreWeights
-from sensors.scoring.tiles import tile_shape
+from sensors.scoring.tiles import TILE_CELLS, tile_shape
 
 if TYPE_CHECKING:
     from geo.grid import FarmGrid
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 ZERO_MEAN = (0.0, 0.0, 0.0)
 METHODS = ("auto", "exact", "local")
 PRIOR_SOURCES = ("model", "observations")
+STATES = ("classes", "mean")
 
 _LOCAL_BYTES_A_CELL = 72
 _Values = NDArray[np.float32]
@@ -65,8 +67,14 @@ class GaussianProcessEstimator(BaseEstimator):
     readings are out of date together (`sensors.estimators.days`). Where kernels are learned from the
     observations, a reading stays as it is, and the noise is what cells that were read twice changed by.
 
-    The uncertainty is the standard deviation of an observation, noise included, as in the paper: the noise is
-    what a cell differs from its smooth neighbourhood by.
+    *Classes.* A plant has one of three values, and a mean and a deviation say nothing of the sick ones. What
+    the mean says of the probability that a plant is sick is learned with the kernel, from simulated outbreaks
+    (`sensors.estimators.gp.classes`). The value of a disease is then the one of least expected loss, as that
+    of `epidemic`, its uncertainty the standard deviation of the true value; a plant that was read today is
+    what it showed, as long as all readings have the value of a class; land without the crop is healthy.
+
+    The uncertainty of other fields is the standard deviation of an observation, noise included, as in the
+    paper: the noise is what a cell differs from its smooth neighbourhood by.
 
     Parameters
     ----------
@@ -82,7 +90,10 @@ class GaussianProcessEstimator(BaseEstimator):
         Limits of the fit to observations: length scales in cells, variances of the noise and of the smooth
         part.
     clip : bool
-        Whether values are limited to 0 .. 1, outside of which no field lies.
+        Whether means are limited to 0 .. 1, outside of which no field lies.
+    states : {"classes", "mean"}
+        Of a disease whose prior was learned from the model: classes as above, or the process's mean and the
+        standard deviation of an observation, as of all others.
     method : {"auto", "exact", "local"}
         See above.
     memory_limit_mb : float
@@ -113,7 +124,7 @@ class GaussianProcessEstimator(BaseEstimator):
     >>> seen = Observations([5], [5], [0.0], [6], [[0.5, 1.0, 0.25]])
     >>> model = GaussianProcessEstimator().fit(get_farm("miniberry-10").grid(), seen).predict()
     >>> [round(float(value), 3) for value in model.of("tylcv")[[5, 7, 9], 5]]
-    [0.553, 0.623, 0.681]
+    [0.5, 0.145, 0.198]
     """
 
     states_deviation = True
@@ -136,6 +147,7 @@ class GaussianProcessEstimator(BaseEstimator):
         day: int = 6,
         training_seed: int = 0,
         cache: str | os.PathLike[str] | None = None,
+        states: str = "classes",
     ) -> None:
         self.prior_mean = prior_mean
         self.kernel = kernel
@@ -151,6 +163,7 @@ class GaussianProcessEstimator(BaseEstimator):
         self.day = day
         self.training_seed = training_seed
         self.cache = cache
+        self.states = states
 
     def memory_bytes(self, shape: tuple[int, int], n_observations: int) -> int:
         """Return the memory that the estimator takes on a farm with so many observations, in bytes."""
@@ -188,6 +201,7 @@ class GaussianProcessEstimator(BaseEstimator):
         self._learned_day: int | None = None
         self._own: tuple[NDArray[np.float32], NDArray[np.float32]] | None = None
         self._losses: NDArray[np.float32] | None = None
+        self._stale = np.zeros((len(self.fields), *tile_shape(grid.shape)), np.bool_)
         self._revision = -1
 
     def _learn(self, observations: Observations) -> None:
@@ -241,33 +255,65 @@ class GaussianProcessEstimator(BaseEstimator):
         changed = np.zeros((len(self.fields), *tile_shape(shape)), np.bool_)
         for k, process in enumerate(self._fields):
             changed[k] = process.write_changes(self._own[0][k], self._own[1][k], clip=self.clip)
-        return self._model(*self._views(self._own), None if first else changed, self._loss_of)
+        self._stale |= changed
+        return self._model(*self._views(self._own), None if first else changed, self._kept_loss)
 
     def _model(
         self,
         value: _Values,
         uncertainty: _Values,
         changed: NDArray[np.bool_] | None,
-        loss_of: Callable[[_Values], _Values] | None = None,
+        loss_of: Callable[[_Values, _Values], _Values] | None = None,
     ) -> InformationModel:
-        weights = ScoreWeights.of(self.fields)
+        maps = {
+            name: (k, process.classes)
+            for k, (name, process) in enumerate(zip(self.fields.names, self._fields, strict=True))
+            if process.classes is not None
+        }
+
+        def probabilities(disease: str) -> _Values:
+            k, classes = maps[disease]
+            return classes.probabilities(value[k], uncertainty[k])
+
         return InformationModel(
             value,
             uncertainty,
             changed,
             self._revision,
             self.fields.names,
-            loss_map=lambda: (
-                loss_of_deviation(uncertainty, weights) if loss_of is None else loss_of(uncertainty)
-            ),
+            probabilities=LazyProbabilities(tuple(maps), probabilities) if maps else None,
+            loss_map=partial(loss_of or self._whole_loss, value, uncertainty),
             correlation_length=tuple(math.sqrt(one.length_x * one.length_y) for one in self.kernels_),
         )
 
-    def _loss_of(self, uncertainty: _Values) -> _Values:
-        """Return the expected loss of a large farm, in an array that is made once."""
+    def _whole_loss(self, value: _Values, uncertainty: _Values) -> _Values:
+        """Return the expected loss of a small farm, in an array of its own."""
+        loss = np.empty_like(value)
+        for k in range(len(self.fields)):
+            self._write_loss(k, value, uncertainty, loss, slice(None))
+        return loss
+
+    def _kept_loss(self, value: _Values, uncertainty: _Values) -> _Values:
+        """Return the expected loss of a large farm, in an array that is made once and follows the changes."""
         if self._losses is None:
-            self._losses = np.empty_like(uncertainty)
-        return loss_of_deviation(uncertainty, ScoreWeights.of(self.fields), self._losses)
+            self._losses = np.empty_like(value)
+            self._stale[:] = True
+        for k, strip in zip(*np.nonzero(self._stale.any(axis=2)), strict=True):
+            columns = slice(strip * TILE_CELLS, (strip + 1) * TILE_CELLS)
+            self._write_loss(int(k), value, uncertainty, self._losses, columns)
+        self._stale[:] = False
+        return self._losses
+
+    def _write_loss(
+        self, k: int, value: _Values, uncertainty: _Values, loss: _Values, columns: slice
+    ) -> None:
+        classes = self._fields[k].classes
+        if classes is None:
+            weights = ScoreWeights.of(self.fields)
+            of_field = (slice(k, k + 1), columns)
+            loss_of_deviation(uncertainty[of_field], weights, loss[of_field], first=k)
+        else:
+            classes.expected_loss(value[k, columns], uncertainty[k, columns], loss[k, columns])
 
     def _views(self, own: tuple[_Values, _Values]) -> tuple[_Values, _Values]:
         """Return the caller's read-only views, the very same ones every time."""
@@ -290,7 +336,15 @@ class GaussianProcessEstimator(BaseEstimator):
             # What is only measured has the mean of its readings.
             if self.prior_mean is None and field.is_simulated:
                 process.mean = prior.mean
+                process.classes = self._classes_of(field, prior.link)
         self._learned_day = day
+
+    def _classes_of(self, field: Field, link: ClassLink | None) -> ClassMap | None:
+        """Return what turns means of a field into classes, if it can and is to have some."""
+        costs = field.cost_above, field.cost_below
+        if link is None or self.states != "classes" or min(costs) <= 0.0:
+            return None
+        return ClassMap(link, field.hosts(self.grid_), *costs)
 
     def _carry(
         self, field: Field, process: FieldProcess, day: int, earlier: int, values: _Floats
@@ -345,6 +399,7 @@ class GaussianProcessEstimator(BaseEstimator):
             method=self.method in METHODS,
             memory_limit_mb=self.memory_limit_mb > 0,
             learn_from=self.learn_from in PRIOR_SOURCES,
+            states=self.states in STATES,
             day=isinstance(self.day, int | np.integer) and self.day >= 0,
             training_seed=isinstance(self.training_seed, int) and self.training_seed >= 0,
         )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from enum import Enum
+from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -15,9 +16,10 @@ from sensors.estimators.append_buffer import GrowingArray
 from sensors.estimators.days import Crowding
 from sensors.estimators.gp.cell_posterior import CellPosterior, ExactPosterior, WindowedPosterior
 from sensors.estimators.gp.rbf import Cells, Floats, RbfKernel
-from sensors.scoring.tiles import tile_shape
+from sensors.scoring.tiles import TILE_CELLS, tile_shape
 
 if TYPE_CHECKING:
+    from sensors.estimators.gp.classes import ClassMap
     from sensors.estimators.gp.local import LocalPosterior, WholePosterior
 
 MOST_FUNCTIONS = 1024
@@ -28,6 +30,8 @@ _FIRST_FIT = 16
 _FIT_POINTS = 512
 _FIT_RUNS = 8
 _LARGE_CELLS = 128
+_EXACT = 1e-3
+"""A reading that differs less from the value of a class shows this class without doubt."""
 
 KernelFit = Callable[[Cells, Cells, Floats], RbfKernel]
 Carry = Callable[[int, Floats], tuple[Floats, Floats]]
@@ -48,6 +52,9 @@ class FieldProcess:
     A mean of None is that of the observations so far, `mean_before` without any. A field is patchy if what a
     kernel does not say of it is the same for readings near each other, as that soaked soil takes no more
     rain: on large farms they count for less then (`Crowding`).
+
+    With `classes`, those of a disease, value and uncertainty are what follows from the process's means by
+    them; and as long as all readings are those of a class, plants that were read today are what they showed.
     """
 
     def __init__(
@@ -61,6 +68,8 @@ class FieldProcess:
     ) -> None:
         self.kernel = kernel
         self.mean = mean
+        self.classes: ClassMap | None = None
+        self._exact = True
         self._first_kernel = kernel
         self._mean_before = mean_before
         self._shape = shape
@@ -78,7 +87,8 @@ class FieldProcess:
         self._posterior: CellPosterior | LocalPosterior | WholePosterior | None = None
         self._made_for: tuple[RbfKernel, _Way | None, int | None, float | None] | None = None
         self._crowding = self._no_crowd()
-        self._written: tuple[object, float] | None = None
+        self._written: tuple[object, ...] | None = None
+        self._shown = 0
 
     def __len__(self) -> int:
         return len(self._values)
@@ -88,6 +98,7 @@ class FieldProcess:
         self._cells.append(np.stack([x, y], axis=1))
         self._values.append(values)
         self._days.append(days)
+        self._exact = self._exact and bool((np.abs(values - _nearest_class(values)) <= _EXACT).all())
 
     def carry_to(self, day: int, carry: Carry, correlate: Correlate | None = None) -> None:
         """Estimate this day: readings of earlier ones count by what they tell of it.
@@ -282,6 +293,9 @@ class FieldProcess:
             np.clip(value, 0.0, 1.0, out=value)
         variance = posterior.variance.reshape(self._shape)
         uncertainty[:] = np.sqrt(np.maximum(variance, 0.0) + self.kernel.noise)
+        if self.classes is not None:
+            self.classes.decide(value, uncertainty)
+            self._show_readings(value, uncertainty)
 
     def write_changes(
         self, value: NDArray[np.float32], uncertainty: NDArray[np.float32], *, clip: bool
@@ -297,10 +311,31 @@ class FieldProcess:
             self._written = None
             self.write_all(value, uncertainty, clip=clip)
             return np.ones(tile_shape(self._shape), np.bool_)
-        state = (posterior, self.prior_mean(len(self)))
+        classes = self.classes
+        state = posterior, self.prior_mean(len(self)), classes, self._exact
         whole = self._written != state
         self._written = state
-        return posterior.lattice.write(state[1], clip=clip, whole=whole, value=value, uncertainty=uncertainty)
+        then = None if classes is None else partial(classes.decide, value, uncertainty)
+        changed = posterior.lattice.write(
+            state[1], clip=clip, whole=whole, value=value, uncertainty=uncertainty, then=then
+        )
+        if classes is not None:
+            x, y = self._cells.array[self._shown :].T
+            changed[x // TILE_CELLS, y // TILE_CELLS] = True
+            self._shown = len(self)
+            self._show_readings(value, uncertainty)
+        return changed
+
+    def _show_readings(self, value: NDArray[np.float32], uncertainty: NDArray[np.float32]) -> None:
+        """Write the plants that were read today, the last time each, as they are if that is certain."""
+        assert self.classes is not None
+        if not self._exact or self._day is None:
+            return
+        x, y = self._cells.array.T
+        read = (self._days.array == self._day) & self.classes.hosts[x, y]
+        x, y = x[read], y[read]
+        value[x, y] = _nearest_class(self._values.array[read])
+        uncertainty[x, y] = 0.0
 
     def _new_posterior(self, way: _Way) -> CellPosterior | LocalPosterior | WholePosterior:
         if way is _Way.EXACT:
@@ -324,6 +359,11 @@ class FieldProcess:
             self._shape, self.kernel, MOST_OBSERVATIONS, MOST_FUNCTIONS
         )
         return None if spectrum is None else WholePosterior(self._shape, self.kernel, spectrum)
+
+
+def _nearest_class(values: NDArray[np.floating]) -> Floats:
+    """Return the values of the classes that readings are nearest to: 0, 1/2 or 1."""
+    return np.clip(np.round(2.0 * values.astype(np.float64)) / 2.0, 0.0, 1.0)
 
 
 def due_fit(n: int) -> int:

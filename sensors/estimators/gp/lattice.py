@@ -8,7 +8,7 @@ each axis; what that loses of a field with unit variance is 2e-5 of the mean and
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -119,8 +119,11 @@ def write_cells(
 
 NODES_PER_LENGTH = 4
 _COLUMNS_AT_ONCE = 256
+_STRIP_COLUMNS = 32
 
 Box = tuple[int, int, int, int]
+Part = tuple[slice, slice, NDArray[np.bool_] | None]
+Then = Callable[[slice, slice, NDArray[np.bool_] | None], None]
 
 
 class LatticeAxis:
@@ -200,11 +203,13 @@ class NodeLattice:
         whole: bool,
         value: NDArray[np.float32],
         uncertainty: NDArray[np.float32],
+        then: Then | None = None,
     ) -> NDArray[np.bool_]:
         """Write value and standard deviation (noise included) of the cells.
 
         With `whole` everything is written, not only what changed since the last time. The tiles of the farm
-        that were written to are returned.
+        that were written to are returned. `then` is called with columns, rows and which cells of these were
+        written (None: all), each cell once, when all are.
         """
         kernel = self.kernel
         limits = (0.0, 1.0) if clip else (-math.inf, math.inf)
@@ -224,9 +229,20 @@ class NodeLattice:
                     write_from_nodes(self.posterior, *weights, box, prior, limits, value, uncertainty)
 
         in_parallel(work, boxes)
+        if then is not None:
+
+            def finish(parts: Sequence[Part]) -> None:
+                for part in parts:
+                    then(*part)
+
+            in_parallel(finish, list(self._strips() if whole else _apart(boxes)))
         if whole:
             return np.ones(tile_shape(self.shape), np.bool_)
         return tiles_of_boxes(self.shape, *np.array(boxes, np.int64).reshape(-1, 4).T)
+
+    def _strips(self) -> Iterator[Part]:
+        for start in range(0, self.shape[0], _STRIP_COLUMNS):
+            yield slice(start, min(start + _STRIP_COLUMNS, self.shape[0])), slice(None), None
 
     def _boxes(self, tiles: NDArray[np.bool_]) -> Iterator[Box]:
         """Return the cells that depend on the nodes of some tiles, in boxes."""
@@ -238,3 +254,18 @@ class NodeLattice:
                 y0, y1 = self.y.span(first, end - 1)
                 for start in range(x0, x1, _COLUMNS_AT_ONCE):
                     yield start, min(start + _COLUMNS_AT_ONCE, x1), y0, y1
+
+
+def _apart(boxes: Sequence[Box]) -> Iterator[Part]:
+    """Yield the cells of boxes, which may overlap, in strips that do not."""
+    strips: dict[int, list[Box]] = {}
+    for box in boxes:
+        for strip in range(box[0] // _STRIP_COLUMNS, -(-box[1] // _STRIP_COLUMNS)):
+            strips.setdefault(strip, []).append(box)
+    for strip, some in strips.items():
+        x0, x1 = strip * _STRIP_COLUMNS, min((strip + 1) * _STRIP_COLUMNS, max(box[1] for box in some))
+        y0, y1 = min(box[2] for box in some), max(box[3] for box in some)
+        written = np.zeros((x1 - x0, y1 - y0), np.bool_)
+        for box in some:
+            written[max(box[0] - x0, 0) : max(box[1] - x0, 0), box[2] - y0 : box[3] - y0] = True
+        yield slice(x0, x1), slice(y0, y1), written

@@ -3,7 +3,8 @@
 Environments are drawn with seeds of their own, and their first two moments taken: the mean, and the
 covariance of cells at each distance. The kernel is the one whose process is nearest to these moments: with
 the covariance S of some cells and the kernel's K, it has the least ``log det K + trace(K^-1 S)``, which is
-the expected log likelihood of an environment, and the Kullback-Leibler divergence but for a constant.
+the expected log likelihood of an environment, and the Kullback-Leibler divergence but for a constant. What a
+mean says of a plant's three classes is learned from environments, too (`sensors.estimators.gp.classes`).
 """
 
 from __future__ import annotations
@@ -11,8 +12,10 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,17 +29,21 @@ from sensors.dynamics.epidemic import MAX_DAYS, EpidemicParameters, simulate_out
 from sensors.dynamics.measured import Measured
 from sensors.errors import EstimatorError
 from sensors.estimators.base import Step, no_step
+from sensors.estimators.gp.classes import ClassLink, link_slope, window_of
 from sensors.estimators.gp.rbf import Floats, RbfKernel, kernel_gradient
 from sensors.estimators.gp.threads import one_blas_thread
 from sensors.fields import Field, FieldSet
 
-VERSION = 1
+VERSION = 2
 """Part of the names of files; it has to grow with every change of what is learned."""
 _WINDOW = 1000
 _SIMULATED_CELLS = 8_000_000
 _MOST_SIMULATIONS = 400
 _FEWEST_SIMULATIONS = 8
 _LAGS = 14
+_LINK_SIMULATIONS = 60
+_PIECE_CELLS = 64
+_WHOLE_CELLS = 128 * 128
 _SOIL_SIMULATIONS = 128
 _SOIL_CELLS = 48
 _SOIL_LATTICE = 14
@@ -48,10 +55,14 @@ _in_memory: dict[str, tuple[FieldPrior, ...]] = {}
 
 @dataclass(frozen=True, slots=True)
 class FieldPrior:
-    """What is believed of one field before anything is seen: its mean and its kernel."""
+    """What is believed of one field before anything is seen: its mean and its kernel.
+
+    Of a disease also what a mean says of the classes of a plant; None if no plant was ever sick.
+    """
 
     mean: float
     kernel: RbfKernel
+    link: ClassLink | None = None
 
 
 def learn_priors(
@@ -133,13 +144,14 @@ def disease_prior(
     parameters = replace(parameters, seeds=seeds, kernel_size=size)
     values = np.asarray(value_table(parameters, day), np.float64)
     number = min(_MOST_SIMULATIONS, max(_FEWEST_SIMULATIONS, _SIMULATED_CELLS // land.size))
-    total, products = 0.0, np.zeros((_LAGS, _LAGS))
+    total, sick, products = 0.0, 0, np.zeros((_LAGS, _LAGS))
     inside = land.astype(np.float64)
     for i in range(number):
         onset = simulate_outbreak(land, parameters, day, stream(seed, "gp", name, str(i)))
         # Illness, one less the value: it is 0 nearly everywhere, which keeps the products exact.
         illness = np.where(land, 1.0 - values[onset.view(np.uint8)], 0.0)
         total += float(illness.sum())
+        sick += int(np.count_nonzero(illness))
         products += _lagged_products(illness, _LAGS)
     pairs = _lagged_products(inside, _LAGS) * number
     mean = total / (number * inside.sum())
@@ -148,7 +160,39 @@ def disease_prior(
     width, height = (int(np.count_nonzero(along > 0.5)) for along in (pairs[:, 0], pairs[0]))
     covariance = products[:width, :height] / np.maximum(pairs[:width, :height], 1.0) - mean**2
     kernel = _nearest_kernel(*_window_moments(covariance), _LENGTH_BOUNDS)
-    return FieldPrior(1.0 - mean, kernel)
+    part = sick / (number * float(inside.sum()))
+    if not 0.0 < part < 1.0:
+        return FieldPrior(1.0 - mean, kernel)
+    outbreaks = _outbreaks(land, parameters, values, day, seed, name)
+    with one_blas_thread():
+        slope = link_slope(kernel, float(mean), part, outbreaks)
+    return FieldPrior(1.0 - mean, kernel, ClassLink(float(mean), part, slope))
+
+
+def _outbreaks(
+    land: NDArray[np.bool_], parameters: EpidemicParameters, values: Floats, day: int, seed: int, name: str
+) -> Iterator[tuple[Floats, NDArray[np.bool_], float, np.random.Generator]]:
+    """Yield what `link_slope` learns from: windows of simulated farms.
+
+    Few windows of a farm of more than 128 x 128 cells have an outbreak. Of such farms a piece is drawn that
+    has one, with the probability of that, by seeds that arrive as in a Poisson process.
+    """
+    whole = land.size <= _WHOLE_CELLS
+    piece = land if whole else np.ones((_PIECE_CELLS, _PIECE_CELLS), np.bool_)
+    assert parameters.seeds is not None
+    expected = parameters.seeds * piece.size / np.count_nonzero(land)
+    there = 1.0 if whole else -math.expm1(-expected)
+    for number in range(_LINK_SIMULATIONS):
+        rng = stream(seed, "gp", name, "link", str(number))
+        drawn = parameters
+        if not whole:
+            # The arrivals of a process that has its first arrival before time 1.
+            first = -math.log1p(-float(rng.random()) * there) / expected
+            drawn = replace(parameters, seeds=1 + int(rng.poisson(expected * max(0.0, 1.0 - first))))
+        onset = simulate_outbreak(piece, drawn, day, rng)
+        window = window_of(piece, rng)
+        ill = np.where(piece, 1.0 - values[onset.view(np.uint8)], 0.0)
+        yield ill[window], piece[window], there, rng
 
 
 def continuous_prior(
@@ -249,9 +293,14 @@ def _load(path: Path, fields: FieldSet) -> tuple[FieldPrior, ...] | None:
     """Read priors; None if there is no file that can be used."""
     try:
         told = json.loads(path.read_text(encoding="utf-8"))
-        priors = tuple(
-            FieldPrior(float(told[name]["mean"]), RbfKernel(**told[name]["kernel"])) for name in fields.names
-        )
+        priors = tuple(_prior_of(told[name]) for name in fields.names)
     except (OSError, ValueError, TypeError, KeyError):
         return None
     return priors if all(math.isfinite(prior.mean) for prior in priors) else None
+
+
+def _prior_of(told: dict[str, Any]) -> FieldPrior:
+    link = None if told["link"] is None else ClassLink(**told["link"])
+    if link is not None and not (0.0 < link.illness <= link.sick < 1.0 and 0.0 <= link.slope < math.inf):
+        raise ValueError(f"{link} is no link")
+    return FieldPrior(float(told["mean"]), RbfKernel(**told["kernel"]), link)

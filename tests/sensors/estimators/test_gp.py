@@ -171,8 +171,8 @@ def test_without_observations_the_prior_is_the_answer():
 
 def test_values_stay_between_0_and_1_when_clipped():
     seen = random_observations(60, (20, 15))
-    free = GaussianProcessEstimator(clip=False).fit(grid_of(20, 15), seen).predict().value
-    clipped = GaussianProcessEstimator().fit(grid_of(20, 15), seen).predict().value
+    free = GaussianProcessEstimator(clip=False, states="mean").fit(grid_of(20, 15), seen).predict().value
+    clipped = GaussianProcessEstimator(states="mean").fit(grid_of(20, 15), seen).predict().value
     np.testing.assert_array_equal(clipped, np.clip(free, 0, 1))
 
 
@@ -195,7 +195,7 @@ def test_the_local_posterior_is_close_to_the_exact_one(pieces):
     seen = path_observations(shape, 600)
     models = {}
     for method in ("exact", "local"):
-        estimator = GaussianProcessEstimator(method=method, clip=False).fit(grid_of(*shape))
+        estimator = GaussianProcessEstimator(method=method, clip=False, states="mean").fit(grid_of(*shape))
         for part in np.array_split(np.arange(len(seen)), pieces):
             estimator.partial_fit(seen[part]).predict()
         models[method] = estimator.predict()

@@ -30,6 +30,7 @@ MODEL = PAPER_FIELDS
 def _forget(monkeypatch):
     monkeypatch.setattr(gp_prior, "_in_memory", {})
     monkeypatch.setattr(gp_prior, "_MOST_SIMULATIONS", 60)
+    monkeypatch.setattr(gp_prior, "_LINK_SIMULATIONS", 20)
     monkeypatch.setattr(gp_prior, "_SOIL_SIMULATIONS", 40)
 
 
@@ -153,7 +154,7 @@ def test_an_impossible_day_is_named(tmp_path):
 
 def test_the_estimator_takes_the_prior_of_the_latest_day(tmp_path):
     grid = small_grid()
-    estimator = GaussianProcessEstimator(learn_from="model", cache=tmp_path).fit(grid)
+    estimator = GaussianProcessEstimator(states="mean", cache=tmp_path).fit(grid)
     nothing = estimator.predict()
     priors = learn_priors(grid, MODEL, 6, 0, tmp_path)
     assert estimator.kernels_ == [prior.kernel for prior in priors]
@@ -164,7 +165,7 @@ def test_the_estimator_takes_the_prior_of_the_latest_day(tmp_path):
     latest = learn_priors(grid, MODEL, 9, 0, tmp_path)
     assert estimator.kernels_ == [prior.kernel for prior in latest]
     assert estimator.n_observations_ == 4
-    once = GaussianProcessEstimator(learn_from="model", cache=tmp_path).fit(
+    once = GaussianProcessEstimator(states="mean", cache=tmp_path).fit(
         grid, Observations([3, 4, 3, 4], [5] * 4, range(4), [6, 6, 9, 7], [[1, 1, 0.5]] * 4)
     )
     np.testing.assert_allclose(model.value, once.predict().value, atol=1e-6)
@@ -173,11 +174,11 @@ def test_the_estimator_takes_the_prior_of_the_latest_day(tmp_path):
 def test_farms_of_any_size_learn_from_the_model_and_keep_a_mean_that_was_given(tmp_path):
     fitted = GaussianProcessEstimator(learn_from="observations").fit(small_grid()).predict()
     assert fitted.value[:, 0, 0].tolist() == [1.0, 1.0, 0.0]
-    small = GaussianProcessEstimator(cache=tmp_path).fit(small_grid()).predict()
+    small = GaussianProcessEstimator(states="mean", cache=tmp_path).fit(small_grid()).predict()
     assert 0.9 < small.value[0, 0, 0] < 1.0
     shape = (130, 130)
     large = FarmGrid(shape, 0.3048, np.full(shape, 2, np.int8), np.ones(shape, bool))
-    model = GaussianProcessEstimator(cache=tmp_path).fit(large).predict()
+    model = GaussianProcessEstimator(states="mean", cache=tmp_path).fit(large).predict()
     assert 0.9 < model.value[0, 0, 0] < 1.0
     given = GaussianProcessEstimator((0.5, 0.5, 0.5), cache=tmp_path).fit(large).predict()
     assert given.value[:, 0, 0].tolist() == [0.5, 0.5, 0.5]

@@ -1,0 +1,282 @@
+"""From the mean that a Gaussian process has of a disease to the probabilities of a plant's three classes.
+
+A normal distribution around "nearly surely healthy" says nothing of the plants that are sick. What the mean
+does tell is how much oftener than elsewhere a plant is sick. With i the mean of the illness (one less the
+value), i0 that of the prior and p0 the part of all plants that is sick, the odds of a plant to be sick are
+
+    p / (1 - p) = p0 / (1 - p0) ((max(i, 0) / i0 + c) / (1 + c))^slope
+
+which is p0 where nothing is known, and rises with the mean: logistic calibration (Platt 1999, "Probabilistic
+outputs for support vector machines") of its logarithm, with one parameter. That is learned, for each farm and
+day, from simulated outbreaks that are observed along random paths. Of the sick plants the part `lost` is
+lost: it follows from i0 and p0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from sensors.estimators.gp.rbf import Cells, Floats, RbfKernel, solve_lower
+
+Values = NDArray[np.float32]
+
+_FLOOR = 0.1
+"""c: what a mean of no illness at all counts as, in parts of the prior's."""
+_MOST_SLOPE = 8.0
+_WINDOW = 32
+_LONGEST_SHARE = 0.45
+_LOOKS = 2
+_JUDGED = 200
+_COLUMNS_AT_ONCE = 64
+
+
+@dataclass(frozen=True, slots=True)
+class ClassLink:
+    """What the module's formula has of one disease, farm and day.
+
+    Parameters
+    ----------
+    illness : float
+        Mean of one less the value before anything is seen, i0.
+    sick : float
+        Part of the plants that is sick, p0.
+    slope : float
+        How fast the odds rise with the mean.
+    """
+
+    illness: float
+    sick: float
+    slope: float
+
+    @property
+    def lost(self) -> float:
+        """Part of the sick plants that is lost: a sick plant's illness is 1/2, a lost one's 1."""
+        return min(max(2.0 * self.illness / self.sick - 1.0, 0.0), 1.0)
+
+    def sick_of_mean(self, mean: NDArray[np.floating]) -> Values:
+        """Return the probabilities that plants are sick from the process's means of their values.
+
+        Examples
+        --------
+        >>> link = ClassLink(illness=0.05, sick=0.08, slope=1.5)
+        >>> link.sick_of_mean(np.array([1.0, 0.95, 0.5, 0.0])).round(3).tolist()
+        [0.002, 0.08, 0.716, 0.877]
+        """
+        logit = _log_excess(1.0 - mean.astype(np.float32), self.illness)
+        logit *= np.float32(self.slope)
+        logit += np.float32(np.log(self.sick / (1.0 - self.sick)))
+        np.negative(logit, out=logit)
+        np.exp(logit, out=logit)
+        logit += np.float32(1.0)
+        sick: Values = np.reciprocal(logit, out=logit)
+        return sick
+
+
+def _log_excess(illness: NDArray[np.floating], prior: float) -> Values:
+    """Return the logarithm of how much larger the mean illness is than the prior's, with the floor."""
+    excess = np.maximum(illness, 0.0, dtype=np.float32)
+    excess *= np.float32(1.0 / (prior * (1.0 + _FLOOR)))
+    excess += np.float32(_FLOOR / (1.0 + _FLOOR))
+    logarithm: Values = np.log(excess, out=excess)
+    return logarithm
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ClassMap:
+    """One disease on one farm: what follows from the process's means, by the link and the costs of errors.
+
+    Value, deviation and expected loss of a plant that nobody looked at depend on one number, how likely it is
+    sick, and each of them tells that number again. Land without the crop is healthy without doubt.
+
+    Parameters
+    ----------
+    link : ClassLink
+        From the means to probabilities.
+    hosts : bool[W, H]
+        The plants that can carry the disease.
+    too_healthy, too_sick : float
+        Costs of a squared error, above 0.
+    """
+
+    link: ClassLink
+    hosts: NDArray[np.bool_]
+    too_healthy: float
+    too_sick: float
+
+    def decide(
+        self,
+        value: Values,
+        uncertainty: Values,
+        columns: slice = slice(None),
+        rows: slice = slice(None),
+        where: NDArray[np.bool_] | None = None,
+    ) -> None:
+        """Replace the process's means and deviations, in place, by the value of least loss and its deviation.
+
+        `value` and `uncertainty` are of the whole farm; changed are columns and rows of it, there only the
+        cells `where`.
+        """
+        sick = self.link.sick_of_mean(value[columns, rows])
+        sick *= self.hosts[columns, rows]
+        chosen = True if where is None else where
+        np.copyto(value[columns, rows], self._value(sick), where=chosen)
+        np.copyto(uncertainty[columns, rows], self._deviation(sick), where=chosen)
+
+    def probabilities(self, value: Values, uncertainty: Values) -> Values:
+        """Return the probabilities of healthy, infected and lost, float32[3, W, H], from what was decided.
+
+        Plants without uncertainty are what they were read as.
+        """
+        out = np.empty((3, *value.shape), np.float32)
+        for start in range(0, len(value), _COLUMNS_AT_ONCE):
+            part = slice(start, start + _COLUMNS_AT_ONCE)
+            v, known = value[part], uncertainty[part] == 0.0
+            sick = self._sick(v)
+            healthy, infected, lost = out[:, part]
+            np.subtract(np.float32(1.0), sick, out=healthy)
+            np.multiply(sick, np.float32(self.link.lost), out=lost)
+            np.subtract(sick, lost, out=infected)
+            read = v[known]
+            healthy[known], lost[known] = read > 0.75, read < 0.25
+            infected[known] = 1.0 - healthy[known] - lost[known]
+        return out
+
+    def expected_loss(self, value: Values, uncertainty: Values, out: Values) -> None:
+        """Write what the score is expected to charge for what was decided, float32[W, H], into `out`.
+
+        With the value that balances both sides (`sensors.scoring.expected.least_loss_value`), the sum over
+        the classes is ``b S (1 - v) - a I (v - 1/2) / 2`` above one half and ``b (S (1 - v) + I (1/2 - v) /
+        2)`` below.
+        """
+        sick, half = self._sick(value), np.float32(0.5)
+        infected = sick * np.float32(1.0 - self.link.lost)
+        costs = np.where(value >= half, np.float32(self.too_healthy), np.float32(self.too_sick))
+        np.subtract(np.float32(1.0), sick, out=out)
+        out *= 1.0 - value
+        out *= np.float32(self.too_sick)
+        out -= half * costs * infected * (value - half)
+        # What is left of two equal terms may be less than nothing.
+        np.maximum(out, 0.0, out=out)
+        out[uncertainty == 0.0] = 0.0
+
+    def _value(self, sick: Values) -> Values:
+        """Return the values of least expected loss, as `sensors.scoring.expected.least_loss_value`."""
+        a, lost = np.float32(self.too_healthy / self.too_sick), np.float32(self.link.lost)
+        one, half = np.float32(1.0), np.float32(0.5)
+        upper = (one - sick * (one - half * a * (one - lost))) / (one + (a - one) * sick)
+        lower = (one - sick * (one - half * (one - lost))) / (one + (a - one) * lost * sick)
+        value: Values = np.where(upper >= half, upper, lower)
+        return value
+
+    def _sick(self, value: Values) -> Values:
+        """Return how likely plants are sick whose values of least expected loss these are."""
+        a, lost = np.float32(self.too_healthy / self.too_sick), np.float32(self.link.lost)
+        one, half = np.float32(1.0), np.float32(0.5)
+        is_upper = value >= half
+        rate = np.where(is_upper, a - one, (a - one) * lost) * value
+        rate += np.where(is_upper, one - half * a * (one - lost), one - half * (one - lost))
+        sick: Values = (one - value) / rate
+        return np.clip(sick, 0.0, 1.0, out=sick)
+
+    def _deviation(self, sick: Values) -> Values:
+        """Return the standard deviations of values that are 1, 1/2 or 0."""
+        lost = self.link.lost
+        mean, square = np.float32(0.5 * (1.0 + lost)), np.float32(0.25 * (1.0 + 3.0 * lost))
+        variance = square * sick - np.square(mean * sick)
+        deviation: Values = np.sqrt(np.maximum(variance, 0.0))
+        return deviation
+
+
+def link_slope(
+    kernel: RbfKernel,
+    illness: float,
+    sick: float,
+    fields: Iterator[tuple[Floats, NDArray[np.bool_], float, Generator]],
+) -> float:
+    """Learn the slope of a link: the one of the largest likelihood of plants that were not observed.
+
+    Parameters
+    ----------
+    kernel : RbfKernel
+        Of the process.
+    illness, sick : float
+        See `ClassLink`.
+    fields : iterator of (float64[w, h], bool[w, h], float, Generator)
+        Simulated illness, the plants, the probability that an outbreak is there, where it is drawn (else
+        nothing is sick), and random numbers for the paths.
+    """
+    from scipy.optimize import minimize_scalar
+
+    excess, ill, weight = (
+        np.concatenate(part) for part in zip(*_judged(kernel, illness, fields), strict=True)
+    )
+    first = float(np.log(sick / (1.0 - sick)))
+
+    def cost(slope: float) -> float:
+        logit = first + slope * excess
+        return float(np.average(np.logaddexp(0.0, logit) - ill * logit, weights=weight))
+
+    return float(minimize_scalar(cost, bounds=(0.0, _MOST_SLOPE), method="bounded").x)
+
+
+def _judged(
+    kernel: RbfKernel,
+    illness: float,
+    fields: Iterator[tuple[Floats, NDArray[np.bool_], float, Generator]],
+) -> Iterator[tuple[Floats, Floats, Floats]]:
+    """Yield the logarithms of the excess of unobserved plants, whether they are sick, and their weights."""
+    from sensors.estimators.epidemic.paths import random_path
+
+    for ill, plants, there, rng in fields:
+        path = random_path(ill.shape, max(1, int(_LONGEST_SHARE * ill.size)), rng)
+        path = path[plants[path[:, 0], path[:, 1]]]
+        for look in range(_LOOKS):
+            # The first looks are spread over the whole path, the later ones lie towards its end.
+            count = int(np.ceil(len(path) * rng.random() ** (1.0 if look == 0 else 0.3)))
+            seen = np.unique(path[:count], axis=0).astype(np.int32)
+            unseen = plants.copy()
+            unseen[seen[:, 0], seen[:, 1]] = False
+            cells = np.argwhere(unseen).astype(np.int32)
+            if not len(cells):
+                continue
+            chosen = cells[rng.permutation(len(cells))[:_JUDGED]]
+            weight = len(cells) / len(chosen)
+            x, y = chosen.T
+            truth = (ill[x, y] > 0.0).astype(np.float64)
+            # Where no outbreak may be, the same readings were all healthy.
+            cases = [(ill[seen[:, 0], seen[:, 1]], truth, there)]
+            if there < 1.0:
+                cases.append((np.zeros(len(seen)), np.zeros(len(chosen)), 1.0 - there))
+            means = _means(kernel, illness, seen, np.stack([case[0] for case in cases], axis=1), x, y)
+            for mean, (_, sick, share) in zip(means.T, cases, strict=True):
+                excess = _log_excess(mean, illness).astype(np.float64)
+                yield excess, sick, np.full(len(chosen), share * weight)
+
+
+def _means(kernel: RbfKernel, prior: float, seen: Cells, readings: Floats, x: Cells, y: Cells) -> Floats:
+    """Return the posterior means in cells x, y, float64[cells, k], of k sets of readings of `seen`."""
+    if not len(seen):
+        return np.full((len(x), readings.shape[1]), prior)
+    covariance = kernel.between(*seen.T)
+    covariance[np.diag_indices(len(seen))] += kernel.noise
+    factor = np.linalg.cholesky(covariance)
+    across = kernel.amplitude * kernel.along_x(seen[:, 0], x) * kernel.along_y(seen[:, 1], y)
+    known = solve_lower(factor, np.ascontiguousarray(readings - prior))
+    means: Floats = prior + solve_lower(factor, across).T @ known
+    return means
+
+
+def window_of(plants: NDArray[np.bool_], rng: Generator) -> tuple[slice, slice]:
+    """Choose a window of at most 32 x 32 cells of a farm, with some plant in its middle."""
+    cells = np.argwhere(plants)
+    middle = cells[int(rng.integers(len(cells)))]
+    corners = [
+        int(np.clip(at - _WINDOW // 2, 0, max(0, side - _WINDOW)))
+        for at, side in zip(middle.tolist(), plants.shape, strict=True)
+    ]
+    return slice(corners[0], corners[0] + _WINDOW), slice(corners[1], corners[1] + _WINDOW)

@@ -14,6 +14,27 @@ from sensors.scoring.tiles import tile_shape
 
 CLASSES = ("healthy", "infected", "lost")
 """What a plant may be, in the order of the class probabilities."""
+HELD = 0.9
+"""Which part of the sick plants that nobody looked at is among those that may be sick."""
+
+
+_CERTAIN = 1e-6
+
+
+def least_sick(sick: NDArray[np.floating]) -> float:
+    """Return from which probability on plants may be sick, by `InformationModel.may_be_sick`.
+
+    Examples
+    --------
+    >>> least_sick(np.array([1.0, 0.6, 0.3, 0.06, 0.04, 0.0]))
+    0.3
+    """
+    open_ = sick[(sick > 0.0) & (sick < 1.0 - _CERTAIN)]
+    if not open_.size:
+        return 1.0 - _CERTAIN
+    values, counts = np.unique(open_, return_counts=True)
+    held = np.cumsum(values[::-1] * counts[::-1], dtype=np.float64)
+    return float(values[::-1][np.searchsorted(held, HELD * held[-1] * (1.0 - _CERTAIN))])
 
 
 class LazyProbabilities(Mapping[str, NDArray[np.float32]]):
@@ -149,6 +170,34 @@ class InformationModel:
             raise EstimatorError(msg)
         value: NDArray[np.float32] = self.value[self.fields.index(field)]
         return value
+
+    def may_be_sick(self, disease: str, where: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:
+        """Return the plants that may be sick, bool[W, H]: as few as hold 90 % of the sick ones.
+
+        Of the plants that are not known, those of the largest probabilities that are sick are taken until
+        these add up to 90 % of the sum over all. If the probabilities are right, so many of the sick plants
+        are among them: coverage of a class, not of all cells, of which nearly all are healthy. Plants that
+        are known to be sick belong to them, too.
+
+        Parameters
+        ----------
+        disease : str
+            The name of a field with class probabilities.
+        where : bool[W, H], optional
+            The plants that count; all by default.
+
+        Raises
+        ------
+        EstimatorError
+            If there are no probabilities of it.
+        """
+        if self.probabilities is None or disease not in self.probabilities:
+            raise EstimatorError(f"information model: there are no class probabilities of {disease!r}")
+        sick = 1.0 - self.probabilities[disease][0]
+        if where is not None:
+            sick *= where
+        found: NDArray[np.bool_] = sick >= least_sick(sick)
+        return found
 
     def changed_in(self, k: int) -> NDArray[np.bool_]:
         """Return the tiles in which the field with this number may have changed."""

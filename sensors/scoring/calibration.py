@@ -1,0 +1,139 @@
+"""How far what an estimate states can be trusted, on the relevant cells that nobody looked at.
+
+Of a disease, from the probabilities that plants are sick (without such, from the normal distribution that
+value and deviation describe):
+
+- Brier score, the mean squared error of the probability (Brier 1950), and the mean negative log likelihood;
+- expected calibration error: of ten bins of the probability, how far in each the part of sick plants is from
+  the mean probability, weighted by their plants (Naeini, Cooper and Hauskrecht 2015);
+- of the sick plants the part that is among those that may be sick
+  (`sensors.scoring.information.InformationModel.may_be_sick`), which is meant to be 90 %, and of the healthy
+  plants the part that is, too, which is what it costs. Coverage is that of a class, as of class-conditional
+  conformal predictors (Vovk 2012): intervals that hold 90 % of all plants may hold none of the sick ones.
+
+Of a continuous field: the part of the cells within the 90 % interval of a normal distribution, and the mean
+squared error divided by the mean variance.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.errors import EstimatorError
+from sensors.fields import Field, FieldSet
+from sensors.scoring.information import InformationModel, least_sick
+
+SICK_BELOW = 0.75
+"""A value below this is nearer to infected or lost than to healthy."""
+_NORMAL_90 = 1.6449
+_BINS = 10
+_LEAST = 1e-6
+Floats = NDArray[np.float64]
+
+
+def calibration(
+    model: InformationModel,
+    truth: NDArray[np.floating],
+    unseen: NDArray[np.bool_],
+    fields: FieldSet,
+    *,
+    states_deviation: bool = True,
+) -> dict[str, float]:
+    """Measure the calibration of a model, field by field.
+
+    Parameters
+    ----------
+    model : InformationModel
+        What is believed.
+    truth : float[n, W, H]
+        The true values.
+    unseen : bool[n, W, H]
+        The cells that count: relevant ones that were not observed.
+    fields : FieldSet
+        The fields, in the order of the arrays.
+    states_deviation : bool
+        Whether the model's uncertainty is a standard deviation; otherwise only diseases with class
+        probabilities are measured.
+
+    Returns
+    -------
+    dict of str to float
+        Of a disease NAME: ``NAME_brier``, ``NAME_log_loss``, ``NAME_ece``, ``NAME_sick_held``,
+        ``NAME_healthy_held``. Of others ``NAME_held`` and ``NAME_error`` (squared error by variance). What
+        cannot be told, as of a disease of which no plant is sick, is left out.
+
+    Raises
+    ------
+    EstimatorError
+        If shapes differ.
+    """
+    if not model.value.shape == truth.shape == unseen.shape:
+        shapes = f"model {model.value.shape}, truth {truth.shape}, cells {unseen.shape}"
+        raise EstimatorError(f"calibration: {shapes} differ in shape")
+    found: dict[str, float] = {}
+    for k, field in enumerate(fields):
+        cells = unseen[k]
+        known = model.probabilities is not None and field.name in model.probabilities
+        if not cells.any() or not (known or states_deviation):
+            continue
+        right = truth[k][cells].astype(np.float64)
+        if field.kind == "disease":
+            sick = probability_of_sick(model, k, field, cells)
+            told = of_classes(sick, right < SICK_BELOW)
+        else:
+            told = of_normal(right, model.value[k][cells], model.uncertainty[k][cells])
+        found |= {f"{field.name}_{name}": value for name, value in told.items() if np.isfinite(value)}
+    return found
+
+
+def probability_of_sick(model: InformationModel, k: int, field: Field, cells: NDArray[np.bool_]) -> Floats:
+    """Return how likely some plants are sick: by the classes, or by the normal distribution."""
+    if model.probabilities is not None and field.name in model.probabilities:
+        return np.clip(1.0 - model.probabilities[field.name][0][cells].astype(np.float64), 0.0, 1.0)
+    from scipy.special import ndtr
+
+    away = (SICK_BELOW - model.value[k][cells]) / np.maximum(model.uncertainty[k][cells], _LEAST)
+    probability: Floats = ndtr(away.astype(np.float64))
+    return probability
+
+
+def of_classes(probability: NDArray[np.floating], sick: NDArray[np.bool_]) -> dict[str, float]:
+    """Measure probabilities of being sick, float[n], against what is: see this module's text.
+
+    Examples
+    --------
+    >>> told = of_classes(np.array([0.9, 0.9, 0.1, 0.1]), np.array([True, True, False, False]))
+    >>> {name: round(value, 3) for name, value in told.items()}
+    {'brier': 0.01, 'log_loss': 0.105, 'ece': 0.1, 'sick_held': 1.0, 'healthy_held': 0.0}
+    """
+    p, is_sick = probability.astype(np.float64), sick.astype(np.float64)
+    bins = np.minimum((p * _BINS).astype(np.intp), _BINS - 1)
+    gaps = np.bincount(bins, p - is_sick, _BINS)
+    likely = np.where(sick, p, 1.0 - p)
+    held = p >= least_sick(probability)
+    return {
+        "brier": float(np.mean((p - is_sick) ** 2)),
+        "log_loss": float(-np.mean(np.log(np.maximum(likely, _LEAST)))),
+        "ece": float(np.abs(gaps).sum() / len(p)),
+        "sick_held": float(held[sick].mean()) if sick.any() else float("nan"),
+        "healthy_held": float(held[~sick].mean()) if not sick.all() else float("nan"),
+    }
+
+
+def of_normal(
+    truth: NDArray[np.floating], value: NDArray[np.floating], deviation: NDArray[np.floating]
+) -> dict[str, float]:
+    """Measure means and standard deviations, float[n] each, against the truth: see this module's text.
+
+    Examples
+    --------
+    >>> of_normal(np.array([0.0, 2.0]), np.zeros(2), np.ones(2))
+    {'held': 0.5, 'error': 2.0}
+    """
+    off, variance = (
+        np.abs(truth - value.astype(np.float64)),
+        float(np.mean(np.square(deviation, dtype=float))),
+    )
+    error = float(np.mean(off**2)) / variance if variance > 0.0 else float("nan")
+    return {"held": float(np.mean(off <= _NORMAL_90 * deviation)), "error": error}

@@ -22,6 +22,7 @@ from geo.workers import CallsAhead, Processes
 from mission.errors import PlanningError
 from mission.outcome import Outcome
 from mission.planners.budget import parse_budget
+from sensors.scoring.calibration import calibration
 from wbf_mission.bench.meaning import built_in_digest, is_own
 from wbf_mission.bench.provenance import hardware, versions
 from wbf_mission.bench.rows import BenchRow
@@ -77,6 +78,7 @@ def _row_of(run: BenchRun, result: RunRecord, wall_s: float, cpu_s: float) -> Be
         score=_finite(summary["score"]),
         final_score=_finite(summary["final_score"]),
         losses={name: one for name, one in summary["losses"].items() if one is not None},
+        calibration=_calibration_of(result),
         observations=summary["observations"],
         cells_observed=summary["cells_observed"],
         path_length_m=_finite(summary["path_length_m"]),
@@ -119,6 +121,19 @@ def _predicted_time_s(result: RunRecord) -> float | None:
     for (day, flight, _), end_s in ends.items():
         longest[day, flight] = max(longest.get((day, flight), 0.0), end_s)
     return sum(longest.values()) if longest else None
+
+
+def _calibration_of(result: RunRecord) -> dict[str, float]:
+    """Measure what the last estimate states, on the relevant cells that nobody looked at on its day."""
+    if result.model is None or result.truth is None:
+        return {}
+    unseen = result.fields.masks(result.plan.farm.grid())
+    seen = result.observations
+    seen = seen[seen.day == result.days[-1].day]
+    for cells, sensed in zip(unseen, seen.sensed.T, strict=True):
+        cells[seen.x[sensed], seen.y[sensed]] = False
+    told = all(one.variance is not None for one in result.maps)
+    return calibration(result.model, result.truth, unseen, result.fields, states_deviation=told)
 
 
 def _which(run: BenchRun) -> dict[str, Any]:

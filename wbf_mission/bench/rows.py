@@ -55,6 +55,8 @@ class BenchRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
         Over the run and at its end; 0 is perfect.
     losses : dict
         At the end.
+    calibration : dict
+        What the estimate at the end states, on cells that nobody looked at (`sensors.scoring.calibration`).
     predicted_time_s : float or None
         Of a policy by the last paths that it chose; None if its budget is no time.
     budget : str or None
@@ -87,6 +89,7 @@ class BenchRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     score: float | None = None
     final_score: float | None = None
     losses: dict[str, float] = {}
+    calibration: dict[str, float] = {}
     observations: int | None = None
     cells_observed: int | None = None
     path_length_m: float | None = None
@@ -114,6 +117,7 @@ _LOCK = ".lock"
 _TEXT, _SEED, _WHOLE, _NUMBER, _NUMBERS = "text", "seed", "whole number", "number", "numbers"
 _DICTS = {
     "losses": ("loss_", _NUMBER),
+    "calibration": ("calibration_", _NUMBER),
     "history": ("history_", _NUMBERS),
     "timings_s": ("timing_", _NUMBER),
     "versions": ("version_", _TEXT),

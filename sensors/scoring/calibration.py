@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.errors import EstimatorError
-from sensors.fields import Field, FieldSet
+from sensors.fields import FieldSet
 from sensors.scoring.information import InformationModel, least_sick
 
 SICK_BELOW = 0.75
@@ -79,7 +79,7 @@ def calibration(
             continue
         right = truth[k][cells].astype(np.float64)
         if field.kind == "disease":
-            sick = probability_of_sick(model, k, field, cells)
+            sick = probability_of_sick(model, k, cells)
             told = of_classes(sick, right < SICK_BELOW)
         else:
             told = of_normal(right, model.value[k][cells], model.uncertainty[k][cells])
@@ -87,10 +87,12 @@ def calibration(
     return found
 
 
-def probability_of_sick(model: InformationModel, k: int, field: Field, cells: NDArray[np.bool_]) -> Floats:
+def probability_of_sick(model: InformationModel, k: int, cells: NDArray[np.bool_]) -> Floats:
     """Return how likely some plants are sick: by the classes, or by the normal distribution."""
-    if model.probabilities is not None and field.name in model.probabilities:
-        return np.clip(1.0 - model.probabilities[field.name][0][cells].astype(np.float64), 0.0, 1.0)
+    name = model.fields[k]
+    if model.probabilities is not None and name in model.probabilities:
+        healthy: Floats = model.probabilities[name][0][cells].astype(np.float64)
+        return 1.0 - healthy
     from scipy.special import ndtr
 
     away = (SICK_BELOW - model.value[k][cells]) / np.maximum(model.uncertainty[k][cells], _LEAST)

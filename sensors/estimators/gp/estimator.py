@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
@@ -67,11 +67,10 @@ class GaussianProcessEstimator(BaseEstimator):
     readings are out of date together (`sensors.estimators.days`). Where kernels are learned from the
     observations, a reading stays as it is, and the noise is what cells that were read twice changed by.
 
-    *Classes.* A plant has one of three values, and a mean and a deviation say nothing of the sick ones. What
-    the mean says of the probability that a plant is sick is learned with the kernel, from simulated outbreaks
-    (`sensors.estimators.gp.classes`). The value of a disease is then the one of least expected loss, as that
-    of `epidemic`, its uncertainty the standard deviation of the true value; a plant that was read today is
-    what it showed, as long as all readings have the value of a class; land without the crop is healthy.
+    *Classes.* A mean and a deviation say nothing of the plants that are sick. How likely one is, given its
+    mean, is learned with the kernel (`sensors.estimators.gp.classes`). The value of a disease is the one of
+    least expected loss, the uncertainty the standard deviation of the true value. A plant that was read today
+    is what it showed, if all readings have the value of a class; land without the crop is healthy.
 
     The uncertainty of other fields is the standard deviation of an observation, noise included, as in the
     paper: the noise is what a cell differs from its smooth neighbourhood by.
@@ -256,24 +255,25 @@ class GaussianProcessEstimator(BaseEstimator):
         for k, process in enumerate(self._fields):
             changed[k] = process.write_changes(self._own[0][k], self._own[1][k], clip=self.clip)
         self._stale |= changed
-        return self._model(*self._views(self._own), None if first else changed, self._kept_loss)
+        return self._model(*self._views(self._own), None if first else changed, in_place=True)
 
     def _model(
         self,
         value: _Values,
         uncertainty: _Values,
         changed: NDArray[np.bool_] | None,
-        loss_of: Callable[[_Values, _Values], _Values] | None = None,
+        *,
+        in_place: bool = False,
     ) -> InformationModel:
-        maps = {
-            name: (k, process.classes)
-            for k, (name, process) in enumerate(zip(self.fields.names, self._fields, strict=True))
-            if process.classes is not None
+        classes = {
+            name: process.classes for name, process in zip(self.fields.names, self._fields, strict=True)
         }
+        diseases = tuple(name for name, one in classes.items() if one is not None)
 
         def probabilities(disease: str) -> _Values:
-            k, classes = maps[disease]
-            return classes.probabilities(value[k], uncertainty[k])
+            k, one = self.fields.index(disease), classes[disease]
+            assert one is not None
+            return one.probabilities(value[k], uncertainty[k])
 
         return InformationModel(
             value,
@@ -281,39 +281,30 @@ class GaussianProcessEstimator(BaseEstimator):
             changed,
             self._revision,
             self.fields.names,
-            probabilities=LazyProbabilities(tuple(maps), probabilities) if maps else None,
-            loss_map=partial(loss_of or self._whole_loss, value, uncertainty),
+            probabilities=LazyProbabilities(diseases, probabilities) if diseases else None,
+            loss_map=partial(self._loss_of, tuple(classes.values()), value, uncertainty, in_place=in_place),
             correlation_length=tuple(math.sqrt(one.length_x * one.length_y) for one in self.kernels_),
         )
 
-    def _whole_loss(self, value: _Values, uncertainty: _Values) -> _Values:
-        """Return the expected loss of a small farm, in an array of its own."""
-        loss = np.empty_like(value)
-        for k in range(len(self.fields)):
-            self._write_loss(k, value, uncertainty, loss, slice(None))
-        return loss
-
-    def _kept_loss(self, value: _Values, uncertainty: _Values) -> _Values:
-        """Return the expected loss of a large farm, in an array that is made once and follows the changes."""
-        if self._losses is None:
-            self._losses = np.empty_like(value)
-            self._stale[:] = True
-        for k, strip in zip(*np.nonzero(self._stale.any(axis=2)), strict=True):
-            columns = slice(strip * TILE_CELLS, (strip + 1) * TILE_CELLS)
-            self._write_loss(int(k), value, uncertainty, self._losses, columns)
-        self._stale[:] = False
-        return self._losses
-
-    def _write_loss(
-        self, k: int, value: _Values, uncertainty: _Values, loss: _Values, columns: slice
-    ) -> None:
-        classes = self._fields[k].classes
-        if classes is None:
-            weights = ScoreWeights.of(self.fields)
-            of_field = (slice(k, k + 1), columns)
-            loss_of_deviation(uncertainty[of_field], weights, loss[of_field], first=k)
+    def _loss_of(
+        self, classes: tuple[ClassMap | None, ...], value: _Values, uncertainty: _Values, *, in_place: bool
+    ) -> _Values:
+        """Return the expected loss; of models in place in an array that is made once and follows them."""
+        if in_place and self._losses is not None:
+            losses, stale = self._losses, self._stale
         else:
-            classes.expected_loss(value[k, columns], uncertainty[k, columns], loss[k, columns])
+            losses, stale = np.empty_like(value), np.ones_like(self._stale)
+        for k, strip in zip(*np.nonzero(stale.any(axis=2)), strict=True):
+            part = slice(k, k + 1), slice(strip * TILE_CELLS, (strip + 1) * TILE_CELLS)
+            one = classes[k]
+            if one is None:
+                loss_of_deviation(uncertainty[part], ScoreWeights.of(self.fields), losses[part], first=int(k))
+            else:
+                one.expected_loss(value[part][0], uncertainty[part][0], losses[part][0])
+        if in_place:
+            self._losses = losses
+            self._stale[:] = False
+        return losses
 
     def _views(self, own: tuple[_Values, _Values]) -> tuple[_Values, _Values]:
         """Return the caller's read-only views, the very same ones every time."""

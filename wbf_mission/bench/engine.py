@@ -29,6 +29,7 @@ from wbf_mission.bench.rows import BenchRow
 from wbf_mission.bench.spec import BenchRun
 from wbf_mission.flight import fly
 from wbf_mission.replanning.record import PLANNED_PATH
+from wbf_mission.results.result import Result
 from wbf_mission.run.record import RunRecord
 from wbf_mission.run.reuse import memory_of_process
 from wbf_mission.scenario import Scenario
@@ -36,18 +37,31 @@ from wbf_mission.scenario import Scenario
 
 def fly_run(run: BenchRun) -> BenchRow:
     """Fly a run and return its row; of a run that fails, one with the cause."""
-    wall_s, cpu_s = time.perf_counter(), time.process_time()
     try:
-        result = fly(_fresh(run.scenario), memory=memory_of_process())
+        return flown(run, memory=memory_of_process())[0]
     except WbfMissionError as error:
         return failed_row(run, str(error))
     except MemoryError:
         return failed_row(run, "not enough memory")
     except Exception as error:  # a planner or estimator of somebody's: the other runs go on
         return failed_row(run, told_error(error))
+
+
+def flown(run: BenchRun, **how: Any) -> tuple[BenchRow, Result]:
+    """Fly a run, as `wbf_mission.flight.fly` takes it; return its row and its result.
+
+    Raises
+    ------
+    WbfMissionError
+        If it cannot be flown.
+    KeyboardInterrupt
+        At Ctrl-C.
+    """
+    wall_s, cpu_s = time.perf_counter(), time.process_time()
+    result = fly(_fresh(run.scenario), **how)
     if result.outcome is Outcome.INTERRUPTED:
         raise KeyboardInterrupt
-    return _row_of(run, result, time.perf_counter() - wall_s, time.process_time() - cpu_s)
+    return _row_of(run, result, time.perf_counter() - wall_s, time.process_time() - cpu_s), result
 
 
 def _fresh(scenario: Scenario) -> Scenario:

@@ -111,6 +111,8 @@ class BenchRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     bad_answers: dict[str, int] = {}
 
 
+KEY_DIGITS = 8
+"""So many digits of a key are shown; `wbf-mission bench replay` takes them."""
 TABLE = "rows.parquet"
 _JOURNAL = "journal.jsonl"
 _LOCK = ".lock"

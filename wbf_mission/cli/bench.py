@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from wbf_mission.cli import options
+from wbf_mission.cli import bench_replay, options
 from wbf_mission.cli.help import HelpCommand, HelpGroup
 from wbf_mission.cli.options import option
 from wbf_mission.cli.output import Output
@@ -54,6 +54,7 @@ Examples
 wbf-mission bench paper --out figures --jobs 2
 wbf-mission bench paper --only comparison --seeds 20 --format png,pdf --out figures
 wbf-mission bench paper missions/bench/paper.toml --only comparison --out beside-the-paper
+wbf-mission bench paper --only dynamics --dynamics-farms miniberry-100,waterberry --seeds 1 --out days
 """
 
 app = typer.Typer(cls=HelpGroup, help="Fly many runs that can be compared.")
@@ -309,6 +310,9 @@ def report_command(
     return ExitCode.GOOD
 
 
+app.command("replay", cls=HelpCommand, epilog=bench_replay.EXAMPLES)(bench_replay.replay_command)
+
+
 @app.command("paper", cls=HelpCommand, epilog=PAPER_EXAMPLES)
 @options.speaks()
 @options.gives("selected", _selection)
@@ -329,6 +333,12 @@ def paper_command(
     cost_farms: Annotated[
         str, option("Where costs are measured, separated by commas.", panel=_RUN)
     ] = "miniberry-10,miniberry-30,miniberry-100,waterberry",
+    dynamics_farms: Annotated[
+        str,
+        option(
+            "Whose fifteen days are drawn, separated by commas.  [default: the scenario's farm]", panel=_RUN
+        ),
+    ] = "",
     jobs: options.Jobs = 1,
 ) -> int:
     """Make the figures of the paper: farms, fifteen days, planners with estimators, costs.
@@ -353,6 +363,7 @@ def paper_command(
                 formats=_names(formats),
                 jobs=jobs,
                 cost_farms=_names(cost_farms),
+                dynamics_farms=_names(dynamics_farms),
                 progress=progress,
             )
     except BenchmarkInterrupted as stop:

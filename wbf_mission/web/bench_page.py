@@ -9,12 +9,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from geo.atomic import atomic_write
 from wbf_mission.bench.page import Page, Picture, Table
 from wbf_mission.bench.report import SCORES, standing_table
-from wbf_mission.bench.rows import BenchRow
+from wbf_mission.bench.rows import KEY_DIGITS, BenchRow
 from wbf_mission.bench.standings import apart, standings
 from wbf_mission.maps.html_page import data_element, data_uri
 from wbf_mission.web.document import document
@@ -45,16 +45,18 @@ def write_bench_page(path: Path, page: Page, folder: Path, rows: Sequence[BenchR
         file.write(document(page.title, body, "bench", data))
 
 
-def _seeds(
-    rows: Sequence[BenchRow], found: Sequence[Any]
-) -> list[list[tuple[int | str, float | None, float | None, str]]]:
-    """Return seed, score over the run, score at the end and what failed, for the runs of each standing."""
-    of: dict[tuple[str, str, str], list[tuple[int | str, float | None, float | None, str]]] = {}
+_Seed: TypeAlias = tuple[int | str, float | None, float | None, str, str]
+
+
+def _seeds(rows: Sequence[BenchRow], found: Sequence[Any]) -> list[list[_Seed]]:
+    """Return seed, both scores, what failed and how the key begins, for the runs of each standing."""
+    of: dict[tuple[str, str, str], list[_Seed]] = {}
     for row in apart(rows):
         key = (row.scenario, row.planner, row.estimator)
         # A number of JavaScript does not hold all digits of a seed of 64 bits.
         seed = row.seed if row.seed < _EXACT else str(row.seed)
-        of.setdefault(key, []).append((seed, row.score, row.final_score, row.error or ""))
+        told = seed, row.score, row.final_score, row.error or "", row.key[:KEY_DIGITS]
+        of.setdefault(key, []).append(told)
     return [
         sorted(of[one.scenario, one.planner, one.estimator], key=lambda run: int(run[0])) for one in found
     ]

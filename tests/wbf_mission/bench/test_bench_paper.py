@@ -12,7 +12,7 @@ from PIL import Image
 from wbf_mission.bench import engine
 from wbf_mission.bench.benchmark import BenchmarkInterrupted
 from wbf_mission.bench.paper import cost, make, shown
-from wbf_mission.bench.paper.comparison import early_table, lead_table
+from wbf_mission.bench.paper.comparison import early_table, fall_table, lead_table, pair_table
 from wbf_mission.bench.paper.cost import kept_costs, measured_costs, plot_costs
 from wbf_mission.bench.paper.dynamics import DAYS, Dynamics
 from wbf_mission.bench.paper.shown import ShownRun
@@ -98,6 +98,17 @@ def test_pictures_for_print(tmp_path, capsys):
     assert '<a href="geometry.pdf">' in (tmp_path / "paper.html").read_text()
 
 
+def test_the_days_of_other_farms_are_drawn(tmp_path, capsys):
+    command = ("bench", "paper", "--only", "dynamics", "--seeds", "1", "--out", str(tmp_path), "--json")
+    assert main([*command, "--dynamics-farms", "miniberry-10,Miniberry-30"]) == 0
+    files = [tmp_path / f"dynamics-miniberry-{side}.png" for side in (10, 30)]
+    assert json.loads(capsys.readouterr().out)["pictures"] == [str(one) for one in files]
+    assert files[0].read_bytes() != files[1].read_bytes()
+    assert "15 days of miniberry-10 and miniberry-30" in (tmp_path / "paper.md").read_text()
+    assert main([*command, "--dynamics-farms", "miniberry-7"]) == 2
+    assert "miniberry-7" in capsys.readouterr().err
+
+
 def test_processes_make_the_same_maps(folder, tmp_path):
     spec = BenchSpec.of(["WBF/Miniberry-10-v1"], ["spiral", "lawnmower"], ["adaptive-disk", "point"], seeds=1)
     maps = shown.shown_runs(list(spec.runs()), tmp_path / "shown", jobs=2, progress=silent)
@@ -159,6 +170,28 @@ def test_who_leads_is_told_in_pairs():
     # The environments differ by far more than the planners do, which drops out in pairs.
     assert table.rows[0] == ("gp, at 2 s", "0.500 (0.500 to 0.500)", "leads")
     assert table.rows[-1] == ("gp, at 20 s", "leads", "0.200 (0.200 to 0.200)")
+
+
+def test_planners_are_compared_over_parts_of_the_time():
+    # Scores every 10 s up to 100 s: the first is ahead by 1 in the first half, then as good.
+    rows = [row("spiral", seed, [-1.0 - seed] * 10) for seed in range(3)]
+    rows += [row("lawnmower", seed, [-2.0 - seed] * 5 + [-1.0 - seed] * 5) for seed in range(3)]
+    (line,) = pair_table(rows).rows
+    assert line[0] == "gp: spiral - lawnmower"
+    assert line[1].startswith("1.000 (1.000 to 1.000)")
+    # At 60 s, after the half, lawnmower is as good.
+    assert line[2].startswith("1.000") and float(line[3].split()[0]) == pytest.approx(0.2, abs=0.01)
+    assert line[4].startswith("0.000 (0.000 to 0.000)")
+    assert pair_table(rows[:3]).rows == ()
+
+
+def test_falls_of_the_score_are_counted():
+    up, down = (
+        row("a", 0, [-1.0, -0.5, -0.5, -0.1, -0.1]),
+        row("a", 1, [-1.0, -1.005, -0.5, -0.75, -0.4]),
+    )
+    (line,) = fall_table([up, down]).rows
+    assert line == ("a, gp", "25.0 (0.0 to 50.0)", "12.5 (0.0 to 25.0)", "50 %")
 
 
 def test_a_specification_says_what_is_compared(tmp_path, capsys):

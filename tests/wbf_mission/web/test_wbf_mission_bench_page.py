@@ -92,11 +92,11 @@ def test_it_is_whole_in_itself_and_holds_the_standings(file: Path, rows: list[Be
     held = page.held("seeds")
     assert len(held) == len(found)
     for one, seeds in zip(found, held, strict=True):
-        scores = [score for _, score, _, _ in seeds if score is not None]
+        scores = [score for _, score, _, _, _ in seeds if score is not None]
         if scores:
             assert np.mean(scores) == pytest.approx(one.score.mean)
         assert len(seeds) == one.runs + one.failed
-    assert [0, None, None, "no | way"] in [seed for seeds in held for seed in seeds]
+    assert [0, None, None, "no | way", "late0"] in [seed for seeds in held for seed in seeds]
     assert BAD in page.words
 
 
@@ -154,7 +154,9 @@ def test_a_row_opens_to_its_seeds(page: Page, rows: list[BenchRow]) -> None:
         [cell.inner_text() for cell in row.locator("td").all()]
         for row in page.locator(".seeds tbody tr").all()
     ]
-    assert told == [[str(row.seed), f"{row.score:.4f}", f"{row.final_score:.4f}", ""] for row in mine]
+    assert told == [
+        [str(row.seed), f"{row.score:.4f}", f"{row.final_score:.4f}", row.key[:8], ""] for row in mine
+    ]
     dots = page.locator(".strip .own")
     expect(dots).to_have_count(SEEDS)
     places = [float(dot.get_attribute("cx") or "nan") for dot in dots.all()]

@@ -30,6 +30,10 @@ _OTHERS = "#b9b6ae"
 _ACROSS = 2
 _WIDTH = 55  # letters of a title over a panel
 _PARTS = (0.1, 0.2, 0.5, 1.0)
+_EARLY = 0.2
+_STEPS = 501
+_TOLERANCE, _FALL = 1e-6, 0.01  # Of the loss before: what is rounding, and what can be seen
+_LEAST_LOSS = 1e-12
 """Of the time of the longest run."""
 _COLUMNS = ("path", "truth", "estimate", "score, 0 is perfect")
 
@@ -195,6 +199,61 @@ def lead_table(rows: Sequence[BenchRow]) -> Table:
         ]
         lines.append((f"{estimator}, at {part * last_s:.0f} s", *behind))
     return Table("Who leads, and by how much", ("estimator, time", *planners), tuple(lines))
+
+
+def pair_table(rows: Sequence[BenchRow]) -> Table:
+    """Return the differences of planners' mean scores over parts of the time, in pairs of runs.
+
+    Positive where the first is better, with intervals of 95 %.
+    """
+    good = [row for row in rows if row.scores]
+    last_s = max((row.times_s[-1] for row in good), default=0.0)
+    at = {(row.planner, row.estimator, row.seed): row for row in good}
+    times_s = np.linspace(0.0, last_s, _STEPS)
+    early, half = times_s <= _EARLY * last_s, times_s <= 0.5 * last_s
+    planners = list(dict.fromkeys(row.planner for row in good))
+    lines = []
+    for estimator, (one, other) in itertools.product(
+        dict.fromkeys(row.estimator for row in good), itertools.combinations(planners, 2)
+    ):
+        pairs = [
+            (at[one, estimator, seed], at[other, estimator, seed])
+            for seed in sorted({row.seed for row in good})
+            if (one, estimator, seed) in at and (other, estimator, seed) in at
+        ]
+        if not pairs:
+            continue
+        apart = np.array([scores_at(mine, times_s) - scores_at(theirs, times_s) for mine, theirs in pairs])
+        means = (apart[:, part].mean(axis=1) for part in (early, half, ~half))
+        cells = (_interval(mean_interval(each)) for each in (*means, apart[:, -1]))
+        lines.append((f"{estimator}: {one} - {other}", *cells))
+    header = (
+        "estimator: planners",
+        f"first {_EARLY * last_s:.0f} s",
+        f"first {0.5 * last_s:.0f} s",
+        "after them",
+        "at the end",
+    )
+    return Table("Planner against planner, in pairs of runs", header, tuple(lines))
+
+
+def fall_table(rows: Sequence[BenchRow]) -> Table:
+    """Return how often the score falls from one scored time to the next, and by how much at most."""
+    lines = []
+    for (planner, estimator), own in by_pair([row for row in rows if len(row.scores) > 1]).items():
+        losses = [-np.array(row.scores) for row in own]
+        rises = [np.diff(one) / np.maximum(one[:-1], _LEAST_LOSS) for one in losses]
+        falls = (np.array([100.0 * (one > least).mean() for one in rises]) for least in (_TOLERANCE, _FALL))
+        worst = max(float(one.max()) for one in rises)
+        cells = (f"{one.mean():.1f} ({one.min():.1f} to {one.max():.1f})" for one in falls)
+        lines.append((f"{planner}, {estimator}", *cells, f"{100.0 * worst:.0f} %"))
+    header = (
+        "planner, estimator",
+        "falls, % of the times (lowest to highest run)",
+        f"by more than {100.0 * _FALL:.0f} % of the loss",
+        "largest, of the loss before",
+    )
+    return Table("How often the score falls from one estimate to the next", header, tuple(lines))
 
 
 def authors_table(rows: Iterable[BenchRow], shown: Mapping[tuple[str, str], ShownRun]) -> Table:

@@ -15,7 +15,9 @@ from wbf_mission.bench.page import Page, Picture, Section
 from wbf_mission.bench.paper.comparison import (
     authors_table,
     early_table,
+    fall_table,
     lead_table,
+    pair_table,
     plot_pairs,
     plot_scores,
 )
@@ -30,6 +32,7 @@ from wbf_mission.pictures.plots import CROP_COLOURS, LINE_COLOURS, draw_farm, ne
 from wbf_mission.progress import Progress, silent
 from wbf_mission.results.storage import ResultError
 from wbf_mission.run.resolve import FlightError
+from wbf_mission.scenario import scenario_with
 
 _DRAWN = ("waterberry", "miniberry-10", "miniberry-30", "miniberry-100")
 """The paper's, the full one first."""
@@ -87,6 +90,7 @@ class _Work:
     formats: tuple[str, ...]
     jobs: int
     cost_farms: tuple[str, ...]
+    dynamics_farms: tuple[str, ...]
     progress: Progress
 
     def paths(self, name: str) -> list[Path]:
@@ -107,13 +111,14 @@ def make_paper(
     formats: Sequence[str] = FORMATS[:1],
     jobs: int = 1,
     cost_farms: Sequence[str] = FARMS,
+    dynamics_farms: Sequence[str] = (),
     progress: Progress = silent,
 ) -> Paper:
     """Make some of the `FIGURES` of the paper in some `FORMATS`, and a page with their captions.
 
     Flights, maps and costs are kept in the folder: a second call only draws. What is compared is in one
-    scenario; the first seed is the environment that is shown, the days are those of its farm. Costs are
-    measured on `cost_farms`.
+    scenario; the first seed is the environment that is shown, the days are those of its farm or of
+    `dynamics_farms`. Costs are measured on `cost_farms`.
 
     Raises
     ------
@@ -131,12 +136,12 @@ def make_paper(
             raise ResultError(f"{name}: known are {', '.join(known)}")
     if len(spec.scenarios) != 1:
         raise ResultError(f"{len(spec.scenarios)} scenarios: the paper's comparison is of one; give one")
-    for farm in cost_farms:
+    for farm in (*cost_farms, *dynamics_farms):
         get_farm(farm)
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
     unique = tuple(dict.fromkeys(formats))
-    work = _Work(spec, folder, unique, jobs, tuple(cost_farms), progress)
+    work = _Work(spec, folder, unique, jobs, tuple(cost_farms), tuple(dynamics_farms), progress)
     rows: list[BenchRow] = []
     sections = []
     for name in (one for one in FIGURES if one in figures):
@@ -172,15 +177,22 @@ def _geometry(work: _Work) -> Section:
 
 def _dynamics(work: _Work) -> Section:
     name, scenario = work.spec.scenarios[0]
-    dynamics = Dynamics.of(scenario, work.spec.seeds, work.progress)
-    plot_dynamics(dynamics, work.paths("dynamics"))
+    seeds, title = work.spec.seeds, f"{len(DAYS)} days of the environment"
+    drawn = {f"dynamics-{one}": scenario_with(scenario, {"farm": one}) for one in work.dynamics_farms}
+    pictures, farms = [], []
+    for file, one in (drawn or {"dynamics": scenario}).items():
+        dynamics = Dynamics.of(one, seeds, work.progress)
+        plot_dynamics(dynamics, work.paths(file))
+        pictures.append(work.picture(file, f"{len(DAYS)} days of {dynamics.farm.name}"))
+        farms.append(dynamics.farm.name)
+    right = "what becomes of it"
+    if len(seeds) > 1:
+        right = f"the mean of {len(seeds)} environments with the range from the lowest to the highest"
     caption = (
-        f"{len(DAYS)} days of {dynamics.farm.name} ({name}): the environment of seed {work.spec.seeds[0]},"
-        f" and on the right the mean of {len(work.spec.seeds)} environments with the range from the lowest"
-        " to the highest. Grey: nothing that the field concerns."
+        f"{len(DAYS)} days of {' and '.join(farms)} ({name}): the environment of seed {seeds[0]}, and on the"
+        f" right {right}. Grey: nothing that the field concerns."
     )
-    title = f"{len(DAYS)} days of the environment"
-    return Section(title, caption, (work.picture("dynamics", title),))
+    return Section(title, caption, tuple(pictures))
 
 
 def _comparison(work: _Work) -> tuple[Section, list[BenchRow]]:
@@ -215,7 +227,10 @@ def _comparison(work: _Work) -> tuple[Section, list[BenchRow]]:
         f" the mean score over {len(spec.seeds)} environments with Student's interval of 95 %. 0 is perfect."
     )
     scores = standing_table("Scores over the run and at its end", standings(rows))
-    tables = (scores, early_table(rows), lead_table(rows), authors_table(of_first, shown))
+    tables = (
+        *(scores, early_table(rows), lead_table(rows), pair_table(rows), fall_table(rows)),
+        authors_table(of_first, shown),
+    )
     return Section("Planners and estimators", caption, tuple(pictures), tables), rows
 
 

@@ -4,8 +4,8 @@
 import { button, element, setText, svg } from "./dom.js";
 import { detailOf, mainRows, sortable, type Order } from "./sorting.js";
 
-/** Seed, score over the run, score at the end, why it failed. */
-type Run = [seed: number, run: number | null, end: number | null, failed: string];
+/** Seed, score over the run, score at the end, why it failed, how the row's key begins. */
+type Run = [seed: number, run: number | null, end: number | null, failed: string, key: string];
 
 const FILTERS: [key: string, label: string, column: number][] = [
   ["scenario", "Scenario", 0],
@@ -136,8 +136,8 @@ function seedTable(runs: Run[]): HTMLElement {
     element("tr", {}, ...cells.map((cell) => element(tag, {}, cell)));
   const number = (value: number | null): string => value?.toFixed(4) ?? "-";
   const body = element("tbody", {});
-  body.append(...runs.map(([seed, run, end, failed]) => row("td", String(seed), number(run), number(end), failed)));
-  return element("table", { class: "seeds" }, element("thead", {}, row("th", "seed", "run", "end", "why it failed")), body);
+  body.append(...runs.map(([seed, run, end, failed, key]) => row("td", String(seed), number(run), number(end), key, failed)));
+  return element("table", { class: "seeds" }, element("thead", {}, row("th", "seed", "run", "end", "key", "why it failed")), body);
 }
 
 for (const table of document.querySelectorAll("table")) {

@@ -252,6 +252,14 @@ export function drawDecision(
     context.lineWidth = 1.6;
     context.strokeStyle = colour(system_id);
     context.stroke();
+    // Where it ends: of some candidates that is all that is told.
+    const [x, y] = path.slice(-2);
+    if (x === undefined || y === undefined) continue;
+    const [a, b, c, d, e, f] = view.matrix;
+    context.beginPath();
+    context.setLineDash([]);
+    context.arc(a * x + c * y + e, b * x + d * y + f, 4, 0, 2 * Math.PI);
+    context.stroke();
   }
   context.setLineDash([]);
   context.globalAlpha = 1;

@@ -66,6 +66,7 @@ class App {
   private chartsAt_ms = 0;
   private panelsAt_ms = 0;
   private stale = true;
+  private scale: number | undefined;
 
   constructor() {
     addEventListener("beforeprint", () => this.print(true));
@@ -114,11 +115,15 @@ class App {
       this.dirty = this.stale = true;
     });
     const messages = new Messages(models);
-    const decisions = new Decisions(models, (model, decision) => {
-      const map = this.maps[models.indexOf(model)]!;
-      if (map.decision !== decision) this.dirty = true;
-      map.decision = decision;
-    });
+    const decisions = new Decisions(
+      models,
+      (model, decision) => {
+        const map = this.maps[models.indexOf(model)]!;
+        if (map.decision !== decision) this.dirty = true;
+        map.decision = decision;
+      },
+      this.send ? null : (time_s) => time.seek(time_s),
+    );
     const charts = new Charts(models, (time_s) => time.seek(time_s));
     const layers = new LayerPanel(models, choice, changed);
     const controls = this.send && models[0] ? new Controls(models[0], this.send) : null;
@@ -265,6 +270,11 @@ class App {
       parts.time.reach(end_s);
       for (const map of this.maps) map.show(parts.time.time_s);
       parts.time.show();
+      this.stale = true;
+    }
+    const scale = this.maps[0]?.shown?.scale;
+    if (scale !== this.scale) {
+      this.scale = scale; // A layer is decoded in its own time: the legend follows
       this.stale = true;
     }
     if (this.stale && now_ms - this.panelsAt_ms > PANELS_MS) {

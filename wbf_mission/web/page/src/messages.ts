@@ -1,8 +1,9 @@
 // What was said, and what a policy decided and why.
-import { element, setText } from "./dom.js";
-import type { Model } from "./model.js";
+import { SICK } from "./colours.js";
+import { button, element, setText } from "./dom.js";
+import { upTo, type Model } from "./model.js";
 import type { Decision, Said } from "./schema.js";
-import { capital, clock, figure, metres } from "./text.js";
+import { capital, clock, figure, fixed, metres } from "./text.js";
 
 const SHOWN = 100;
 const WARNS = 4;
@@ -52,22 +53,52 @@ export class Messages {
   }
 }
 
-/** The decisions of a policy: the one that is open is on the map. */
+/** The decisions of a policy: the one that is open is on the map. Of a recording one can go from one to the next. */
 export class Decisions {
-  readonly element = element("ol", { class: "decisions" });
+  readonly element = element("div", { class: "decided" });
+  private readonly list = element("ol", { class: "decisions" });
+  private readonly note = element("p", { class: "small" });
   private shown = "";
   private chosen: number | null = null;
+  private time_s = 0;
 
   constructor(
     private readonly models: Model[],
     private readonly open: (model: Model, decision: Decision | null) => void,
-  ) {}
+    private readonly seek: ((time_s: number) => void) | null,
+  ) {
+    if (seek)
+      this.element.append(
+        element(
+          "div",
+          { class: "steps", role: "group", "aria-label": "Go through the decisions" },
+          button("Previous", () => this.step(-1)),
+          button("Next", () => this.step(1)),
+        ),
+      );
+    this.element.append(this.note, this.list);
+  }
+
+  /** Go to the decision before or after the time that is shown, and open it. */
+  private step(by: 1 | -1): void {
+    const all = this.models.flatMap((model) => model.decisions).sort((a, b) => a.time_s - b.time_s);
+    const open = all.findIndex((one) => one.number === this.chosen && one.time_s === this.time_s);
+    const before = all.filter((one) => one.time_s <= this.time_s).length;
+    const to = all[open >= 0 ? open + by : by > 0 ? before : before - 1];
+    if (!to || !this.seek) return;
+    this.chosen = to.number;
+    this.shown = "";
+    this.seek(to.time_s);
+  }
 
   get any(): boolean {
     return this.models.some((model) => model.decisions.length);
   }
 
   show(time_s: number): void {
+    this.time_s = time_s;
+    const maps = this.models.some((model) => model.tiles.has("acquisition"));
+    setText(this.note, maps || !this.any ? "" : "No acquisition map is told: see the summary, or fly it live.");
     const told = this.models.flatMap((model) =>
       model.decisions.filter((one) => one.time_s <= time_s).map((decision) => ({ model, decision })),
     );
@@ -79,6 +110,7 @@ export class Decisions {
     }
     const key = told
       .map(({ decision }) => `${decision.number} ${decision.changes.map((one) => one.outcome).join()}`)
+      .concat(this.models.map((model) => String(model.status?.outcome)))
       .join();
     if (key === this.shown) return;
     this.shown = key;
@@ -86,7 +118,7 @@ export class Decisions {
       .slice(-SHOWN)
       .reverse()
       .map(({ model, decision }) => this.item(model, decision));
-    this.element.replaceChildren(
+    this.list.replaceChildren(
       ...(items.length ? items : [element("li", { class: "empty" }, "Nothing was decided yet.")]),
     );
   }
@@ -107,18 +139,38 @@ export class Decisions {
     details.addEventListener("toggle", () => {
       if (details.open) {
         this.chosen = number;
-        for (const other of this.element.querySelectorAll("details")) if (other !== details) other.open = false;
+        for (const other of this.list.querySelectorAll("details")) if (other !== details) other.open = false;
         this.open(model, decision);
       } else if (this.chosen === number) this.chosen = null;
     });
     if (decision.reason) details.append(element("p", {}, capital(decision.reason)));
     if (refused) details.append(element("p", { class: "refused" }, `Refused: ${refused}`));
     if (candidates.length) details.append(table(model, decision));
+    const came = outcomeOf(model, decision);
+    if (came) details.append(element("p", { class: "came" }, came));
     details.append(
       element("p", { class: "small" }, `Decision ${number}, thought of for ${figure(decision.compute_s)} s`),
     );
     return element("li", {}, details);
   }
+}
+
+/** What was read until the next decision, and what became of the score; empty while that is not known. */
+function outcomeOf(model: Model, { number, time_s }: Decision): string {
+  const next = model.decisions.find((one) => one.number > number && one.time_s > time_s);
+  const over = model.status && model.status.outcome !== "running";
+  if (!next && !over) return "";
+  const end_s = next?.time_s ?? model.end_s;
+  const { time_s: times, values } = model.readings;
+  const [from, to] = [upTo(times, time_s), upTo(times, end_s)];
+  const diseases = (model.run?.fields ?? []).filter((field) => field.kind === "disease");
+  let sick = 0;
+  for (let k = from; k < to; k++)
+    if (diseases.some(({ name }) => (values[name]?.[k] ?? 1) < SICK)) sick++;
+  const [before, after] = [model.scoreAt(time_s), model.scoreAt(end_s)];
+  const score = after === null ? "" : `; score ${before === null ? "" : `${fixed(before, 4)} to `}${fixed(after, 4)}`;
+  const until = next ? "Until the next decision" : "Until the end";
+  return `${until}: ${to - from} ${to - from === 1 ? "reading" : "readings"}, ${sick} sick${score}`;
 }
 
 function table(model: Model, { candidates, changes }: Decision): HTMLElement {
@@ -127,7 +179,7 @@ function table(model: Model, { candidates, changes }: Decision): HTMLElement {
     .slice(0, 12)
     .map((one) => {
       const taken = changes.some((change) => String(change.path) === String(one.path));
-      const length = metres(lengthOf(one.path));
+      const length = one.path.length > 2 ? metres(lengthOf(one.path)) : "–"; // Of some only the place is told
       const cells = [`${model.nameOf(one.system_id)}${taken ? " ✓" : ""}`, figure(one.value), figure(one.cost), length];
       return element("tr", taken ? { class: "taken" } : {}, ...cells.map((text) => element("td", {}, text)));
     });

@@ -1,0 +1,182 @@
+"""``wbf-mission bench replay``."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from wbf_mission.cli import options
+from wbf_mission.cli.options import TargetError, option
+from wbf_mission.cli.output import Output
+from wbf_mission.exit_codes import ExitCode
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from wbf_mission.bench.rows import BenchRow
+    from wbf_mission.scenario import Choice
+
+EXAMPLES = """
+Examples
+wbf-mission bench replay results
+wbf-mission bench replay results 4622a3d6
+wbf-mission bench replay results 4622a3d6 --format html,png,pdf --out figures
+wbf-mission bench replay results 91c0ffee --planner my_policy.py:MyPolicy
+"""
+_FORMATS = ("html", "png", "pdf")
+_LISTED = 20
+_OWN = "What a row does not hold"
+
+
+@options.speaks()
+def replay_command(
+    output: Output,
+    *,
+    folder: Annotated[Path, typer.Argument(help="Folder of the results.")],
+    row: Annotated[
+        str | None,
+        typer.Argument(
+            help="The key of a row, or its beginning.  [default: fly nothing, list the keys, the worst first]"
+        ),
+    ] = None,
+    out: Annotated[Path, option("Folder of the page and the pictures.")] = Path("replays"),
+    formats: Annotated[
+        str, option("What is written, separated by commas: html, png, pdf.", "--format")
+    ] = "html,png",
+    planner: Annotated[
+        str | None, option("The planner or policy, where it was an object: FILE.py:NAME.", panel=_OWN)
+    ] = None,
+    estimator: Annotated[
+        str | None, option("The estimator, where it was an object: FILE.py:NAME.", panel=_OWN)
+    ] = None,
+) -> int:
+    """Fly a run of a benchmark again, compare it with its row to the bit, and show each of its decisions.
+
+    The page is that of 'report', with what results do not hold: the acquisition map that each decision was
+    made by. The picture shows some decisions side by side: what was weighed, the choice, and what came of it.
+    """
+    from wbf_mission.bench.rows import read_rows
+    from wbf_mission.results.storage import ResultError
+
+    wanted = list(dict.fromkeys(one.strip().lower() for one in formats.split(",") if one.strip()))
+    wrong = next((one for one in wanted if one not in _FORMATS), None)
+    if wrong is not None or not wanted:
+        named = f"{wrong!r} is unknown" if wrong is not None else "nothing is named"
+        raise TargetError(f"--format: {named}; known are {', '.join(_FORMATS)}")
+    rows = read_rows(folder)
+    if not rows:
+        msg = f"{folder}: holds no results of a benchmark; give the folder of 'bench run --out'"
+        raise ResultError(msg)
+    if row is None:
+        _list(output, rows, folder)
+        return ExitCode.GOOD
+    return _replay(
+        output, rows, row, folder, out, wanted, _own(planner, "planner"), _own(estimator, "estimator")
+    )
+
+
+def _own(text: str | None, what: str) -> Choice | None:
+    """Return what stands in a file of the user's."""
+    from wbf_mission.own_code import own_choice
+    from wbf_mission.scenario import ScenarioError
+
+    if text is None:
+        return None
+    own = own_choice(text, what)
+    if own is None:
+        raise ScenarioError(f"--{what} {text}: give FILE.py:NAME; what is built in is taken from the row")
+    return own
+
+
+def _list(output: Output, rows: Sequence[BenchRow], folder: Path) -> None:
+    """Print the keys of rows, the worst first."""
+    from wbf_mission.bench.rows import KEY_DIGITS
+
+    worst = sorted(rows, key=lambda one: -1e9 if one.score is None else one.score)
+    columns = ["key", "scenario", "planner", "estimator", "seed", "score", "error"]
+    values = [{name: getattr(one, name) for name in columns} for one in worst]
+    table = [
+        [
+            *(one.key[:KEY_DIGITS], one.scenario, one.planner, one.estimator, str(one.seed)),
+            one.error or ("-" if one.score is None else f"{one.score:.4f}"),
+        ]
+        for one in worst[:_LISTED]
+    ]
+    shown = f"the worst {_LISTED} of {len(rows)} rows" if len(rows) > _LISTED else f"{len(rows)} rows"
+    output.table(values, ["key", *columns[1:-1]], table, title=f"{folder}: {shown}")
+
+
+def _replay(
+    output: Output,
+    rows: Sequence[BenchRow],
+    key: str,
+    folder: Path,
+    out: Path,
+    formats: Sequence[str],
+    planner: Choice | None,
+    estimator: Choice | None,
+) -> int:
+    from wbf_mission.bench.replay import replay, row_named, run_of, told
+    from wbf_mission.bench.rows import KEY_DIGITS
+    from wbf_mission.events import EventStream
+
+    row = row_named(rows, key, folder)
+    run = run_of(row, planner=planner, estimator=estimator)
+    name = row.key[:KEY_DIGITS]
+    out.mkdir(parents=True, exist_ok=True)
+    with output.progress() as progress, tempfile.TemporaryDirectory() as logs:
+        events, log = EventStream.of_progress(progress), Path(logs) / "flight.tlog"
+        layers = None
+        if "html" in formats:
+            from wbf_mission.web.recording import LiveLayers
+
+            layers = LiveLayers(events, len(row.times_s))
+        again = replay(row, run, events=events, tlog=log if layers else None)
+        pictures = [out / f"{name}.{one}" for one in formats if one != "html"]
+        decided = sum(one is not None for one in again.acquisitions)
+        notes = [f"Row {row.key} flown again: {again.verdict}"]
+        if again.result.decisions and not decided:
+            notes.append(f"{row.planner} chooses by no acquisition map: there is none to be shown")
+        files: dict[str, Any] = {}
+        if layers is not None:
+            from wbf_mission.web.report import write_report
+
+            report = write_report(
+                out / f"{name}.html",
+                [again.result],
+                logs=[log if log.is_file() else None],
+                layers=layers,
+                told=notes,
+                progress=progress,
+            )
+            notes = list(report.notes)
+            files["page"] = str(out / f"{name}.html")
+        if pictures:
+            from wbf_mission.pictures.decision_plot import plot_decisions
+
+            plot_decisions(again.result, again.acquisitions, pictures, title=told(row))
+            files["pictures"] = [str(one) for one in pictures]
+    for note in notes[1:]:
+        output.note(f"note: {note}")
+    values = {
+        "key": row.key,
+        "run": told(row),
+        "equal": again.equal,
+        "differences": list(again.differences),
+        "causes": list(again.causes),
+        "decisions": len(again.result.decisions),
+        "acquisition_maps": decided,
+        **files,
+        "notes": notes[1:],
+    }
+    shown = {
+        "run": told(row),
+        "again": again.verdict,
+        "decisions": f"{len(again.result.decisions)}, {decided} of them by an acquisition map",
+        "written": "\n".join([*([files["page"]] if "page" in files else []), *files.get("pictures", [])]),
+    }
+    output.result(values, shown)
+    return ExitCode.GOOD if again.equal else ExitCode.NOT_GOOD

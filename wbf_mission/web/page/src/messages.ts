@@ -87,6 +87,7 @@ export class Decisions {
     const to = all[open >= 0 ? open + by : by > 0 ? before : before - 1];
     if (!to || !this.seek) return;
     this.chosen = to.number;
+    this.time_s = to.time_s;
     this.shown = "";
     this.seek(to.time_s);
   }

@@ -1,0 +1,56 @@
+"""The packs of frozen baselines in ``results``: each holds what it says, and makes the board that is published."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from wbf_mission.bench.audit import fly_again, require_whole
+from wbf_mission.bench.board import packs_of
+from wbf_mission.bench.meaning import built_in_digest
+from wbf_mission.bench.submission import read_pack
+from wbf_mission.cli.app import main
+
+RESULTS = Path(__file__).parents[3] / "results"
+PACKS = [path for path, _ in packs_of([RESULTS])]
+FLOWN, SHORT_S = 3, 2.0
+
+
+@pytest.fixture(params=PACKS, ids=[path.relative_to(RESULTS).as_posix() for path in PACKS])
+def pack(request):
+    return read_pack(request.param), request.param
+
+
+def test_a_pack_holds_what_it_says(pack):
+    read, path = pack
+    require_whole(read.rows)
+    assert read.submission.version == path.parent.name
+    assert not read.submission.own
+
+
+def test_rows_that_the_present_code_flew_come_out_equal(pack):
+    read, _ = pack
+    short = [row for row in read.rows if row.cpu_time_s < SHORT_S]
+    found = fly_again(short, FLOWN)
+    if read.submission.code != built_in_digest():
+        assert not found.rows
+        pytest.skip(f"flown by another state of the code, {read.submission.code[:8]}")
+    assert not found.differing
+    assert len(found.rows) == min(FLOWN, len(short))
+
+
+def test_they_are_small():
+    assert sum(path.stat().st_size for path in PACKS) < 20e6
+
+
+def test_every_pack_is_told_of(pack):
+    assert f"`{pack[1].relative_to(RESULTS).as_posix()}`" in (RESULTS / "README.md").read_text()
+
+
+def test_they_make_the_board_that_a_newcomer_makes(tmp_path, capsys):
+    assert main(["bench", "board", str(RESULTS), "--json", "--out", str(tmp_path), "--quiet"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert len(told["submissions"]) == len(PACKS)
+    assert all(one["frozen"] for one in told["submissions"])
+    assert not told["refused"]
+    assert (tmp_path / "board.html").stat().st_size > 10_000

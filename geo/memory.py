@@ -6,6 +6,7 @@ What counts is the least of: what the machine has free, what every control group
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -41,6 +42,29 @@ def available_memory(root: Path = Path("/")) -> AvailableMemory | None:
     """
     found = [*_machine(root), *_control_groups(root), *_address_space(root)]
     return min(found, key=lambda limit: limit.bytes, default=None)
+
+
+@contextlib.contextmanager
+def memory_bounded(more: int) -> Iterator[None]:
+    """Let this process take at most so many bytes more: what wants them gets a MemoryError.
+
+    For files of others whose size is only what they say. Where the system does not tell how much is taken,
+    there is no bound.
+    """
+    import resource
+
+    pages = _text(Path("/proc/self/statm")).split()
+    if not pages:
+        yield
+        return
+    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    taken = int(pages[0]) * resource.getpagesize()
+    bound = taken + more if soft == resource.RLIM_INFINITY else min(soft, taken + more)
+    resource.setrlimit(resource.RLIMIT_AS, (bound, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
 
 
 def require_memory(what: str, parts: Mapping[str, int], *, available: AvailableMemory | None = None) -> None:

@@ -1,12 +1,21 @@
 """Foresight of memory: the least of all limits counts, and the error says what would be needed."""
 
+import resource
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 from geo.errors import WbfMissionError
-from geo.memory import AvailableMemory, NotEnoughMemoryError, available_memory, human_bytes, require_memory
+from geo.memory import (
+    AvailableMemory,
+    NotEnoughMemoryError,
+    available_memory,
+    human_bytes,
+    memory_bounded,
+    require_memory,
+)
 
 GB = 10**9
 
@@ -84,3 +93,13 @@ def test_the_limit_of_the_address_space_counts():
 
 def test_sizes_in_words():
     assert [human_bytes(n) for n in (2_000, 3_400_000, 999_000_000)] == ["2 kB", "3 MB", "999 MB"]
+
+
+def test_memory_is_bounded_for_a_while():
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    with memory_bounded(2**28):
+        assert np.ones(2**20).sum() == 2**20
+        with pytest.raises(MemoryError):
+            np.ones(2**27)
+    assert resource.getrlimit(resource.RLIMIT_AS) == before
+    assert np.empty(2**27).nbytes == 2**30

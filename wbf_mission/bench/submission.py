@@ -19,6 +19,7 @@ import msgspec
 
 from geo.archives import Archive, ArchiveError, archive_of
 from geo.atomic import atomic_write
+from geo.memory import memory_bounded
 from geo.reading import UnreadableError, misfit, not_json, read_file
 from wbf_mission.bench.rows import TABLE, BenchRow, by_pair, rows_of, rows_table
 from wbf_mission.bench.spec import seeds_text
@@ -31,6 +32,7 @@ _CODE = "code"
 _CODE_NAME = re.compile(rf"{_CODE}(/[A-Za-z0-9_][A-Za-z0-9_.+-]*)+")
 MAX_PACK_BYTES = 64 * 2**20
 _MAX_UNPACKED_BYTES = 2 * MAX_PACK_BYTES
+_MAX_MEMORY_BYTES = 2**31
 _MAX_CODE_FILES = 200
 _MAX_CODE_BYTES = 2**20
 _MAX_NAME, _MAX_ABOUT, _MAX_LABEL = 80, 2000, 400
@@ -229,7 +231,12 @@ def read_pack(path: Path) -> Pack:
     if told.files != digests:
         wrong = min(name for name, _ in told.files.items() ^ digests.items())
         raise ResultError(f"{path}: {wrong} is not what {ABOUT} tells; get the file again")
-    rows = list(rows_of(path / TABLE, members[TABLE]))
+    try:
+        # A table may hold more than it says.
+        with memory_bounded(_MAX_MEMORY_BYTES):
+            rows = list(rows_of(path / TABLE, members[TABLE]))
+    except MemoryError:
+        raise ResultError(f"{path}: {TABLE} takes more memory than a submission may") from None
     if not rows:
         raise ResultError(f"{path}: holds no rows")
     _require_labels(path, rows)

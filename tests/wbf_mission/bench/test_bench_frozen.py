@@ -1,4 +1,4 @@
-"""The packs of frozen baselines in ``results``: each holds what it says, and makes the board that is published."""
+"""The packs of frozen baselines in ``results``: each holds what it says, and all make the published board."""
 
 import json
 from pathlib import Path

@@ -289,7 +289,11 @@ def test_an_archive_that_unpacks_to_more_than_it_may_is_refused(pack, tmp_path, 
 def with_table(pack, path, table):
     stream = pa.BufferOutputStream()
     pq.write_table(table, stream)
-    members = members_of(pack) | {TABLE: stream.getvalue().to_pybytes()}
+    return with_content(pack, path, stream.getvalue().to_pybytes())
+
+
+def with_content(pack, path, content):
+    members = members_of(pack) | {TABLE: content}
     about = json.loads(members[ABOUT])
     about["files"][TABLE] = hashlib.sha256(members[TABLE]).hexdigest()
     return written(path, members | {ABOUT: json.dumps(about)})
@@ -303,6 +307,32 @@ def test_a_list_of_many_equal_numbers_is_not_unpacked(pack, rows, tmp_path):
     assert bomb.stat().st_size < 2**20
     with pytest.raises(ResultError, match="more than the limit of 50000000"):
         read_pack(bomb)
+
+
+def test_a_table_that_lies_about_its_size_is_not_unpacked(pack, rows, tmp_path, monkeypatch):
+    """Its footer says that a list of 60 million numbers has a thousand."""
+    table = submission.rows_table(rows[:1])
+    many = pa.ListArray.from_arrays(pa.array([0, 60_000_000], pa.int32()), pa.array(np.zeros(60_000_000)))
+    table = table.set_column(table.column_names.index("scores"), "scores", many)
+    bomb = with_table(pack, tmp_path / "bomb.zip", table)
+    content = members_of(bomb)[TABLE]
+    footer = -8 - int.from_bytes(content[-8:-4], "little")
+    told, less = zigzag(60_000_000), zigzag(1000, 4)
+    assert told in content[footer:]
+    lies = content[:footer] + content[footer:].replace(told, less)
+    path = with_content(pack, tmp_path / "lies.zip", lies)
+    monkeypatch.setattr(submission, "_MAX_MEMORY_BYTES", 2**28)
+    with pytest.raises(ResultError, match=r"lies\.zip"):
+        read_pack(path)
+
+
+def zigzag(number, size=1):
+    """Return a whole number as Thrift's compact protocol writes it, in at least so many bytes."""
+    number, found = 2 * number, []
+    while number or len(found) < size:
+        found.append(number & 127 | 128)
+        number >>= 7
+    return bytes([*found[:-1], found[-1] & 127])
 
 
 def test_a_column_that_no_row_has_is_refused(pack, rows, tmp_path):

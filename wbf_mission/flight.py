@@ -31,7 +31,7 @@ from wbf_mission.run.estimation import estimator_of, require_run_memory
 from wbf_mission.run.hosting import VirtualHosting
 from wbf_mission.run.orders import Orders
 from wbf_mission.run.rehearsal import REHEARSED_ON, rehearsed
-from wbf_mission.run.resolve import Run, camera_options, resolve, world_of
+from wbf_mission.run.resolve import Run, cameras_of, resolve, world_of
 from wbf_mission.run.reuse import FlightMemory
 from wbf_mission.scenario import Scenario, scenario_with
 from wbf_mission.scenario.scenario import require_scenario
@@ -43,7 +43,7 @@ def check_flight(scenario: Scenario) -> None:
     WbfMissionError if `fly` would refuse it.
     """
     fields = load_field_set(scenario.farm.fields)
-    camera_options(scenario.camera, fields)
+    cameras_of(scenario, fields)
     world_of(scenario, fields)
     if scenario.estimate.estimator is not None:
         estimator_of(scenario.estimate.estimator, scenario.seed, fields)

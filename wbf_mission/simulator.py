@@ -27,7 +27,7 @@ from sim_vehicle.mavlink.fleet import SPACING_M, Fleet
 from sim_vehicle.prediction.compile_ahead import warm_up
 from wbf_mission.planning import flown_vehicle
 from wbf_mission.planning.conditions import noise_of, wind_of_run
-from wbf_mission.run.resolve import camera_options, make_environment
+from wbf_mission.run.resolve import cameras_of, make_environment
 from wbf_mission.scenario import Scenario, ScenarioError
 
 _LOOKED_AT = tuple(
@@ -142,13 +142,14 @@ def make_components(
     if with_camera:
         environment = make_environment(scenario, farm, progress)
         fields = load_field_set(scenario.farm.fields)
-        for vehicle in fleet.vehicles:
+        options = cameras_of(scenario, fields, len(fleet.vehicles))
+        for vehicle, its in zip(fleet.vehicles, options, strict=True):
             names = ("camera",) if vehicle.system_id == 1 else ("camera", str(vehicle.system_id))
             optics = LeafCamera(
                 environment,
                 farm.grid().shape,
                 scenario.farm.day,
-                camera_options(scenario.camera, fields),
+                its,
                 stream(scenario.seed, *names),
             )
             position_error = vehicle.position_error if vehicle.errors is not None else None

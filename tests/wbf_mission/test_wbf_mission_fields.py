@@ -161,7 +161,7 @@ def test_a_vehicle_that_senses_other_fields_is_warned_of(
     def carry(_camera: LeafCamera, farm: Farm, **more: object) -> LeafCameraComponent:
         fields = load_field_set(other.farm.fields)
         environment = resolve.make_environment(other, farm, use_cache=False)
-        options = resolve.camera_options(other.camera, fields)
+        (options,) = resolve.cameras_of(other, fields)
         camera = LeafCamera(environment, farm.grid().shape, 6, options, np.random.default_rng(1))
         return LeafCameraComponent(camera, farm, **more)  # type: ignore[arg-type]
 

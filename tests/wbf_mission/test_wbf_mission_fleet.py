@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from geo import get_farm
+from geo.errors import WbfMissionError
 from mission.files import read_mission
 from mission.outcome import Outcome
 from sim_vehicle.faults.fault import FaultError
@@ -14,8 +15,10 @@ from wbf_mission.cli.app import main
 from wbf_mission.planning import plan
 from wbf_mission.planning.fleet import single_vehicles
 from wbf_mission.planning.plan import plan_fleet
+from wbf_mission.rl.task import SurveyTask
 from wbf_mission.run.resolve import resolve
-from wbf_mission.scenario import ScenarioError
+from wbf_mission.run.reuse import FlightMemory
+from wbf_mission.scenario import ScenarioError, scenario_with
 from wbf_mission.scenario.values import Separation, parse_separation
 
 QUADS = {"farm": "miniberry-30", "vehicle": "quad", "estimator": "point", "planner": "spiral"}
@@ -201,3 +204,21 @@ def test_the_terminal_tells_of_each_vehicle(capsys):
     code = run("fly", "--farm", "miniberry-10", "--vehicle", "quad,ideal", "--budget", "80m", "--no-files")
     shown = capsys.readouterr().out
     assert code == 0 and "Fleet" in shown and "ideal" in shown and "most battery" in shown
+
+
+def test_vehicles_of_a_fleet_may_see_different_fields():
+    base = Scenario(farm="miniberry-10", vehicle="ideal", vehicles=2, planner="lawnmower", budget="40steps")
+    mixed = scenario_with(base, {"camera_fields": ("tylcv", "ccr;soil"), "estimator": "gp"})
+    result = fly(mixed)
+    seen = ~np.isnan(result.observations.values)
+    assert {tuple(row) for row in seen} == {(True, True, False), (False, False, True)}
+    fast = fly(mixed, memory=FlightMemory())
+    np.testing.assert_array_equal(fast.observations.values, result.observations.values)
+    assert [one.sensed for one in SurveyTask.of(mixed).cameras] == [("tylcv", "ccr"), ("soil",)]
+    for fields, text in (
+        (("tylcv;ccr;soil",), "vehicles 2, but camera fields are those of 3"),
+        (("tylcv;",), "camera fields are empty"),
+        (("tylcv;rust",), "unknown field 'rust'"),
+    ):
+        with pytest.raises(WbfMissionError, match=text):
+            resolve(scenario_with(base, {"camera_fields": fields}))

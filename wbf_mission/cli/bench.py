@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 LIST_EXAMPLES = """
 Examples
 wbf-mission bench list
+wbf-mission bench list --families
 wbf-mission fly --scenario WBF/Miniberry-30-v1 --planner lawnmower
 """
 SHOW_EXAMPLES = """
@@ -38,6 +39,7 @@ Examples
 wbf-mission bench run --out results --jobs 2
 wbf-mission bench run missions/bench/three-farms.toml --seeds 2 --out results
 wbf-mission bench run --scenarios WBF/Miniberry-10-v1 --planners spiral,greedy --estimators gp --out results
+wbf-mission bench run --family smooth --seeds 10 --out results/smooth
 """
 COMPARE_EXAMPLES = """
 Examples
@@ -66,20 +68,38 @@ _ROW = ("key", "scenario", "planner", "estimator", "seed", "error")
 
 @app.command("list", cls=HelpCommand, epilog=LIST_EXAMPLES)
 @options.speaks(quiet=False)
-def list_command(output: Output) -> int:
+def list_command(
+    output: Output,
+    families: Annotated[
+        bool, option("List the families of scenarios: what differs, who is at home.", "--families")
+    ] = False,
+) -> int:
     """List the scenarios that results can be compared by.
 
     What an id means never changes; a change gets a new version.
     """
-    from wbf_mission.bench.meaning import meaning_of
-    from wbf_mission.scenario import about_scenario, load_scenario, scenario_ids
+    from msgspec import to_builtins
 
+    from wbf_mission import scenario as known
+    from wbf_mission.bench.meaning import meaning_of
+
+    if families:
+        found = known.families()
+        rows = [[one.name, one.about, one.at_home, "\n".join(one.scenarios)] for one in found]
+        header = ["family", "what differs", "at home", "scenarios"]
+        output.table(to_builtins(found), header, rows, left=True)
+        return ExitCode.GOOD
     values = [
-        {"scenario": one, "about": about_scenario(one), "meaning": meaning_of(load_scenario(one))}
-        for one in scenario_ids()
+        {
+            "scenario": one,
+            "about": known.about_scenario(one),
+            "family": None if (family := known.family_of(one)) is None else family.name,
+            "meaning": meaning_of(known.load_scenario(one)),
+        }
+        for one in known.scenario_ids()
     ]
-    rows = [[one["scenario"], one["about"]] for one in values]
-    output.table(values, ["scenario", "what it is"], rows, left=True)
+    rows = [[str(one["scenario"]), str(one["family"] or ""), str(one["about"])] for one in values]
+    output.table(values, ["scenario", "family", "what it is"], rows, left=True)
     return ExitCode.GOOD
 
 
@@ -186,6 +206,14 @@ def run_command(
             help="What to run (TOML); the options below change it.  [default: the paper's experiment]"
         ),
     ] = None,
+    family: Annotated[
+        str | None,
+        option(
+            "A family (see 'bench list --families'): its scenarios, planners and estimators, where the"
+            " options below do not say others.",
+            panel=_RUN,
+        ),
+    ] = None,
     sealed: Annotated[
         Path | None,
         option("The secret of a round ('bench seal'), whose environments are flown.", panel=_RUN),
@@ -199,7 +227,14 @@ def run_command(
     that fails is kept with the cause, and the others go on.
     """
     from wbf_mission.bench.spec import BenchSpec
+    from wbf_mission.scenario import ScenarioError, get_family
 
+    if family is not None:
+        if spec is not None:
+            raise ScenarioError(f"--family {family} and {spec}: give one of them")
+        of = get_family(family)
+        whole = {"scenarios": of.scenarios, "planners": of.planners, "estimators": of.estimators}
+        selected |= {key: list(one) for key, one in whole.items() if selected[key] is None}
     if sealed is not None:
         from wbf_mission.bench.sealed import of_round
 

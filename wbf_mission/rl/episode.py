@@ -161,7 +161,9 @@ class Episode:
         for robot in range(task.robots):
             number = SortieNumber(day, flight, robot + 1, task.scenario.farm.day)
             rng = stream(self.seed, *number.stream_names("camera"))
-            self._cameras.append(LeafCamera(self._environment, task.grid.shape, day, task.camera, rng))
+            self._cameras.append(
+                LeafCamera(self._environment, task.grid.shape, day, task.cameras[robot], rng)
+            )
 
     def _end_flight(self) -> None:
         day = self.day

@@ -21,7 +21,7 @@ from sensors.fields import FieldSet
 from wbf_mission.rl.catalogue import why_not_stepped
 from wbf_mission.rl.errors import TrainingError
 from wbf_mission.run.estimation import estimator_of, readings_a_score
-from wbf_mission.run.resolve import camera_options, make_environment
+from wbf_mission.run.resolve import cameras_of, make_environment
 from wbf_mission.scenario import Scenario, load_scenario, scenario_with
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ class SurveyTask:
     farm: Farm
     grid: FarmGrid
     fields: FieldSet
-    camera: LeafCameraOptions
+    cameras: tuple[LeafCameraOptions, ...]  # That of each robot
     home: tuple[int, int]  # The cell in which every flight begins
     allowed: NDArray[np.bool_]  # bool[W, H]: the cells that may be flown to: the owner's, without obstacles
     robots: int
@@ -80,7 +80,7 @@ class SurveyTask:
         steps = int(parse_budget(given.mission.budget)[0])
         farm = given.farm.load()
         grid, fields = farm.grid(), load_field_set(given.farm.fields)
-        camera = camera_options(given.camera, fields)
+        cameras = cameras_of(given, fields)
         of = given.farm
         flights = tuple(
             (day, flight)
@@ -96,7 +96,7 @@ class SurveyTask:
             farm=farm,
             grid=grid,
             fields=fields,
-            camera=camera,
+            cameras=cameras,
             home=home,
             allowed=_allowed(farm, grid),
             robots=robots,
@@ -115,6 +115,11 @@ class SurveyTask:
         possible: NDArray[np.bool_] = inside & self.allowed[x, y]
         possible[:, 0] = True
         return possible
+
+    @property
+    def camera(self) -> LeafCameraOptions:
+        """The camera of the first robot; those of the others differ by what they sense only."""
+        return self.cameras[0]
 
     @property
     def moves(self) -> int:

@@ -37,9 +37,8 @@ def naming_estimator(scenario: Scenario, farm: Farm, fields: FieldSet) -> Scenar
     if scenario.estimate.estimator is not None:
         return scenario
     names = fields.names
-    sensed = scenario.camera.fields
-    if sensed is not None and names == PAPER_FIELDS.names:
-        names = sensed
+    if scenario.camera.fields is not None and names == PAPER_FIELDS.names:
+        names = tuple(dict.fromkeys(name for one in scenario.camera.by_vehicle for name in one))
     return scenario_with(scenario, {"estimator": default_estimator(farm, names)})
 
 

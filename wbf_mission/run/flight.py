@@ -128,7 +128,7 @@ def leaf_camera(run: Run, number: SortieNumber, environment: Environment) -> Lea
         environment,
         run.farm.grid().shape,
         number.day,
-        run.camera,
+        run.camera_of(number.system_id),
         stream(run.seed, *number.stream_names("camera")),
     )
 

@@ -62,7 +62,7 @@ class Run:
     vehicles: tuple[Vehicle, ...]  # In the order of their system ids
     decider: Decider
     estimator: Estimator
-    camera: LeafCameraOptions
+    cameras: tuple[LeafCameraOptions, ...]  # That of each vehicle
     looks: CameraOptions  # How often it looks, and at how much
     weights: ScoreWeights  # What errors cost
     seed: int
@@ -77,6 +77,15 @@ class Run:
     def __getstate__(self) -> dict[str, object]:
         """Leave out the estimator, which may be large: other processes fly, and estimate nothing."""
         return {name: value for name, value in self.__dict__.items() if name != "estimator"}
+
+    @property
+    def camera(self) -> LeafCameraOptions:
+        """The camera of the first vehicle; those of the others differ by what they sense only."""
+        return self.cameras[0]
+
+    def camera_of(self, system_id: int) -> LeafCameraOptions:
+        """Return the camera of a vehicle by its system id."""
+        return self.cameras[[one.task.system_id for one in self.vehicles].index(system_id)]
 
     @cached_property
     def numbers(self) -> tuple[tuple[int, int], ...]:
@@ -150,7 +159,7 @@ def resolve(
     _require_hosts(farm, fields)
     fields.require_simulated()
     scenario = naming_estimator(scenario, farm, fields)
-    camera = camera_options(scenario.camera, fields)
+    cameras = cameras_of(scenario, fields)
     estimator = estimator_of(scenario.estimate.estimator, scenario.seed, fields)
     if fitted is not None:
         scenario = fitted(scenario)
@@ -168,7 +177,7 @@ def resolve(
         vehicles=vehicles,
         decider=decider,
         estimator=estimator,
-        camera=camera,
+        cameras=cameras,
         looks=scenario.camera,
         weights=ScoreWeights.of(fields) if weights is None else weights,
         seed=scenario.seed,
@@ -260,13 +269,22 @@ def environment_of(
     )
 
 
-def camera_options(camera: CameraOptions, fields: FieldSet) -> LeafCameraOptions:
-    """Return the leaf camera's own options, on a farm with these fields."""
-    return LeafCameraOptions(
-        footprint_cells=camera.footprint,
-        noise_std=camera.noise,
-        false_positive_rate=camera.false_positive_rate,
-        false_negative_rate=camera.false_negative_rate,
-        sensed=camera.fields,
-        fields=fields,
+def cameras_of(
+    scenario: Scenario, fields: FieldSet, vehicles: int | None = None
+) -> tuple[LeafCameraOptions, ...]:
+    """Return the leaf camera's own options, on these fields, of each vehicle: the scenario's, or so many.
+
+    WbfMissionError if an option is out of range, or they are given for another number of vehicles.
+    """
+    camera, count = scenario.camera, len(scenario.vehicle.fleet) if vehicles is None else vehicles
+    return tuple(
+        LeafCameraOptions(
+            footprint_cells=camera.footprint,
+            noise_std=camera.noise,
+            false_positive_rate=camera.false_positive_rate,
+            false_negative_rate=camera.false_negative_rate,
+            sensed=camera.sensed_by(vehicle, count),
+            fields=fields,
+        )
+        for vehicle in range(count)
     )

@@ -1,6 +1,7 @@
 """Scenarios: everything that decides a run, in parts, and the files that hold them. Imports nothing heavy."""
 
 from wbf_mission.scenario.choice import Choice
+from wbf_mission.scenario.families import Family, families, family_of, get_family
 from wbf_mission.scenario.files import (
     about_scenario,
     load_broken_scenario,
@@ -26,6 +27,7 @@ __all__ = [
     "CameraOptions",
     "Choice",
     "EstimateOptions",
+    "Family",
     "FarmOptions",
     "MissionOptions",
     "Scenario",
@@ -34,6 +36,9 @@ __all__ = [
     "VehicleOptions",
     "WeatherOptions",
     "about_scenario",
+    "families",
+    "family_of",
+    "get_family",
     "load_broken_scenario",
     "load_scenario",
     "read_table",

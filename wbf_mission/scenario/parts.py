@@ -468,7 +468,7 @@ class CameraOptions(Part):
     )
     fields: tuple[str, ...] | None = option(
         None,
-        "Fields that are measured, such as tylcv,soil",
+        "Fields that are measured, such as tylcv,soil; of a fleet for each vehicle, as tylcv,ccr;soil",
         CAMERA,
         key="camera_fields",
         metavar="NAMES",
@@ -524,12 +524,33 @@ class CameraOptions(Part):
 
     def check(self) -> None:
         """Refuse a camera that measures nothing, and one whose images are spaced in two ways."""
-        if self.fields == ():
+        if self.fields is not None and not all(self.by_vehicle):
             msg = "camera fields are empty: give at least one, such as tylcv, or leave the option out"
             raise ScenarioError(msg)
         if self.model is not None and self.spacing_m is not None:
             msg = f"camera {self.model}: its front overlap spaces the images; leave the camera spacing out"
             raise ScenarioError(msg)
+
+    @property
+    def by_vehicle(self) -> tuple[tuple[str, ...], ...]:
+        """The names in `fields`, of each vehicle if a semicolon separates them.
+
+        >>> CameraOptions(fields=("tylcv", "ccr;soil")).by_vehicle
+        (('tylcv', 'ccr'), ('soil',))
+        """
+        return tuple(names_in(part) for part in ",".join(self.fields or ()).split(";"))
+
+    def sensed_by(self, vehicle: int, vehicles: int) -> tuple[str, ...] | None:
+        """Return the fields that a vehicle of so many, from 0, measures; None: all.
+
+        ScenarioError if they are given for another number of vehicles.
+        """
+        given = self.by_vehicle
+        if len(given) not in (1, vehicles):
+            many = f"vehicles {vehicles}, but camera fields are those of {len(given)}"
+            msg = f"{many}: give them once, or for each"
+            raise ScenarioError(msg)
+        return None if self.fields is None else given[vehicle % len(given)]
 
 
 @dataclass(frozen=True, slots=True)

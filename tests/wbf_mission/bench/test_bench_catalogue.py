@@ -16,10 +16,20 @@ from wbf_mission.scenario import (
 
 # A change of what a scenario means needs a new version: add the new one here, and leave the old one as it is.
 MEANINGS = {
+    "WBF/Field-Bays-v1": "41e6291c858f45704d54aae2",
+    "WBF/Field-Bend-v1": "32f8c445579fb93c755211c5",
+    "WBF/Field-Islands-v1": "09ffef20f2718379b20c6f25",
+    "WBF/Field-Pair-v1": "bd03ffcbf458027f08764b02",
+    "WBF/Field-Strip-v1": "07fbf1839a375743217646e8",
+    "WBF/Field-Wing-v1": "7cb7fd625322c6a7024e8894",
     "WBF/Miniberry-10-v1": "df31dcc75e4af7c040b65815",
     "WBF/Miniberry-100-ArduCopter-Wind-v1": "7c3bb11771728abf9d3e917f",
+    "WBF/Miniberry-100-Mixed-v1": "33fbda4fb1e37953a3124265",
     "WBF/Miniberry-100-PX4-Wind-v1": "e4225f74712c95cd2efc3ec0",
     "WBF/Miniberry-100-Radio-v1": "1672d7ffa34bc05ad808c06a",
+    "WBF/Miniberry-100-Robots-1-v1": "f7b4c12b41b906bbb7e0724f",
+    "WBF/Miniberry-100-Robots-10-v1": "b34757c6f41fc0a4917254d0",
+    "WBF/Miniberry-100-Robots-3-v1": "62d16fdb620ca067a6a3e9bf",
     "WBF/Miniberry-100-v1": "5d8584d547787c98a2b15296",
     "WBF/Miniberry-30-ArduCopter-v1": "df8d8cfea7bbb6b7227281d5",
     "WBF/Miniberry-30-Days-v1": "053e77fcdc594203439bc4dc",
@@ -30,6 +40,7 @@ MEANINGS = {
     "WBF/Miniberry-30-Robots-2-v1": "cabd2f172a78e7d8654a8bc7",
     "WBF/Miniberry-30-Robots-3-v1": "91682874fe6331c175f2498f",
     "WBF/Miniberry-30-Robots-5-v1": "b45d68bde475db2afa8d96c5",
+    "WBF/Miniberry-30-Sensors-v1": "2339ebebd928b69f662aae5f",
     "WBF/Miniberry-30-Smooth-Long-v1": "797eca0185c6659b0419afd3",
     "WBF/Miniberry-30-Smooth-Short-v1": "58b5588a277baa361321950d",
     "WBF/Miniberry-30-Smooth-v1": "f630222072e6087b22a4a38b",

@@ -1,0 +1,141 @@
+"""Write the farms of the scenarios ``WBF/Field-NAME-v1``: outlines of real fields, made smaller.
+
+    python tools/write_field_farms.py [--out FOLDER]
+
+The outlines are those of `benchmarks/fields.json` (sources and licences are there, and in each file). They
+keep their shape, direction and place; lengths are scaled so that the land has about a thousand cells of a
+foot, nearly as many as Miniberry-30, and the crops are planted in blocks of equal area across the land,
+strawberries first.
+What an id means never changes: a further farm gets a further name.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import shapely
+from shapely import affinity
+
+from geo import Crop, Farm, Obstacle, Patch
+from geo.atomic import atomic_write
+from geo.frame import LocalFrame
+from geo.geojson import save_farm
+from geo.units import FOOT_M
+
+SOURCE = Path(__file__).parents[1] / "benchmarks" / "fields.json"
+OUT = Path(__file__).parents[1] / "wbf_mission" / "scenario" / "catalogue" / "WBF" / "farms"
+CELLS = 1000
+GAP_CELLS = 3  # Between the parts of a farm
+
+
+class Wanted(NamedTuple):
+    """A farm: its outlines, in how many blocks it is planted, and across which axis these are cut."""
+
+    fields: tuple[str, ...]
+    blocks: int
+    axis: int = 1
+    island_cells: float = 0.0  # Its holes are obstacles, squares of so many cells a side
+
+
+FARMS = {
+    "strip": Wanted(("nl-3",), 4),
+    "bend": Wanted(("fi-1",), 4),
+    "wing": Wanted(("bg-1",), 2, 0),
+    "bays": Wanted(("us-ca-scm-3",), 2),
+    "islands": Wanted(("fi-3",), 2, 0, island_cells=3.0),
+    "pair": Wanted(("dk-2", "dk-4"), 2),
+}
+
+
+def make_farm(name: str, wanted: Wanted, known: dict[str, dict[str, Any]]) -> Farm:
+    """Return a farm; its grid is the bounds of its land."""
+    outlines = [shapely.Polygon(*_rings(known[one]["rings"])) for one in wanted.fields]
+    factor = math.sqrt(CELLS * FOOT_M**2 / sum(one.area for one in outlines))
+    land, right_m = list[shapely.Polygon](), 0.0
+    for one in outlines:
+        scaled = affinity.scale(one, factor, factor, origin=(0.0, 0.0))
+        west_m, south_m, _, _ = scaled.bounds
+        land.append(affinity.translate(scaled, right_m - west_m, -south_m))
+        right_m = land[-1].bounds[2] + GAP_CELLS * FOOT_M
+    reach_m = 0.5 * wanted.island_cells * FOOT_M
+    islands = [
+        shapely.box(x - reach_m, y - reach_m, x + reach_m, y + reach_m)
+        for one in land
+        for ring in one.interiors
+        for x, y in [shapely.Polygon(ring).centroid.coords[0]]
+    ]
+    whole = shapely.difference(
+        shapely.union_all([shapely.Polygon(one.exterior) for one in land]), shapely.union_all(islands)
+    )
+    width, height = (math.ceil(whole.bounds[k] / FOOT_M - 1e-6) for k in (2, 3))
+    centres = [((x + 0.5) * FOOT_M, (y + 0.5) * FOOT_M) for x in range(width) for y in range(height)]
+    latitude_deg, longitude_deg = known[wanted.fields[0]]["place"]
+    return Farm(
+        name=f"field-{name}",
+        frame=LocalFrame(latitude_deg, longitude_deg, 0.0),
+        width_cells=width,
+        height_cells=height,
+        patches=tuple(_patches(whole, wanted)),
+        owner="owner",
+        home_m=min((at for at in centres if whole.contains(shapely.Point(at))), key=sum),
+        obstacles=tuple(
+            Obstacle(one, margin_m=FOOT_M, name=f"island {k}") for k, one in enumerate(islands, start=1)
+        ),
+    )
+
+
+def _rings(rings: list[list[list[float]]]) -> tuple[Any, Any]:
+    return rings[0], rings[1:]
+
+
+def _patches(land: shapely.Geometry, wanted: Wanted) -> Iterator[Patch]:
+    """Yield the blocks: strips of equal area across the axis, the crops in turn."""
+    low, high = land.bounds[wanted.axis], land.bounds[wanted.axis + 2]
+    ends = [_end(land, wanted.axis, low, high, k / wanted.blocks) for k in range(1, wanted.blocks)]
+    for k, (begin, end) in enumerate(pairwise([low - 1.0, *ends, high + 1.0])):
+        crop = (Crop.STRAWBERRY, Crop.TOMATO)[k % 2]
+        pieces = shapely.get_parts(_cut(land, wanted.axis, begin, end))
+        for number, piece in enumerate((one for one in pieces if one.area > 0.0), start=1):
+            yield Patch(f"{crop} {k // 2 + 1}.{number}", crop, "owner", piece)
+
+
+def _cut(land: shapely.Geometry, axis: int, begin: float, end: float) -> shapely.Geometry:
+    box = (begin, -1e6, end, 1e6) if axis == 0 else (-1e6, begin, 1e6, end)
+    return shapely.intersection(land, shapely.box(*box))
+
+
+def _end(land: shapely.Geometry, axis: int, low: float, high: float, share: float) -> float:
+    """Return up to where a share of the land lies, by bisection."""
+    begin = low - 1.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        if _cut(land, axis, begin, middle).area < share * land.area:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
+
+
+def main() -> None:
+    """Write the farms, with the sources of their outlines."""
+    options = argparse.ArgumentParser(description=__doc__)
+    options.add_argument("--out", type=Path, default=OUT)
+    out = options.parse_args().out
+    known = {one["name"]: one for one in json.loads(SOURCE.read_text())["fields"]}
+    for name, wanted in FARMS.items():
+        path = out / f"{name}.geojson"
+        save_farm(make_farm(name, wanted, known), path)
+        told = [f"{known[one]['source']}, {known[one]['licence']}, scaled" for one in wanted.fields]
+        table = {**json.loads(path.read_text()), "sources": told}
+        with atomic_write(path) as file:
+            file.write(json.dumps(table) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,65 @@
+"""Families of catalogued scenarios: what differs from the benchmark's own world, and who is at home there."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+
+from geo.reading import read_toml
+from wbf_mission.scenario.option import ScenarioError
+
+_FILE = Path(__file__).parent / "catalogue" / "families.toml"
+
+
+@dataclass(frozen=True, slots=True)
+class Family:
+    """Scenarios that differ from the benchmark's own world in one way."""
+
+    name: str
+    title: str
+    about: str  # What differs
+    at_home: str  # Who is expected to do well
+    scenarios: tuple[str, ...]  # Ids
+    planners: tuple[str, ...] = (
+        *("lawnmower", "adaptive-lawnmower", "spiral", "random-waypoint"),
+        *("greedy", "rolling-horizon"),
+    )
+    estimators: tuple[str, ...] = ("adaptive-disk", "gp", "epidemic")  # Those that know its fields
+
+
+class _File(msgspec.Struct, forbid_unknown_fields=True):
+    family: tuple[Family, ...]
+
+
+@functools.cache
+def families() -> tuple[Family, ...]:
+    """Return all families, the benchmark's own world first.
+
+    >>> [one.name for one in families()][:3]
+    ['own', 'worlds', 'smooth']
+    """
+    return msgspec.convert(read_toml(_FILE), _File).family
+
+
+def get_family(name: str) -> Family:
+    """Return a family by its name; ScenarioError if there is none such.
+
+    >>> get_family("smooth").estimators
+    ('adaptive-disk', 'gp')
+    """
+    known = {one.name: one for one in families()}
+    if name not in known:
+        raise ScenarioError(f"unknown family {name!r:.60}: give one of {', '.join(known)}")
+    return known[name]
+
+
+def family_of(scenario: str) -> Family | None:
+    """Return the family that an id is in, if any.
+
+    >>> family_of("WBF/Field-Bend-v1").name, family_of("WBF/Waterberry-v1")
+    ('farms', None)
+    """
+    return next((one for one in families() if scenario in one.scenarios), None)

@@ -59,6 +59,8 @@ def why_not_stepped(scenario: Scenario) -> str:
     for one in scenario.vehicle.fleet:
         if not get_vehicle(one).is_ideal:
             return f'{one} flies under an autopilot, only "ideal" can be moved cell by cell'
+    if scenario.vehicle.gps_noise_m > 0.0:
+        return "the robot errs about where it is, which a move from cell to cell does not"
     budget = scenario.mission.budget
     value, unit = (0.0, "") if budget is None else parse_budget(budget)
     if unit != "steps" or value < 2:

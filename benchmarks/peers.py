@@ -23,9 +23,10 @@ from rich.console import Console
 from rich.table import Table
 
 from wbf_mission.bench.benchmark import benchmark
+from wbf_mission.bench.intervals import verdict
 from wbf_mission.bench.rows import BenchRow
 from wbf_mission.bench.spec import BenchSpec
-from wbf_mission.bench.standings import compare, standings, verdict
+from wbf_mission.bench.standings import compare, standings
 from wbf_mission.own_code import own_choice
 from wbf_mission.scenario import Choice
 from wbf_mission.scenario.choice import choose, split_choices
@@ -94,9 +95,9 @@ def show(rows: Sequence[BenchRow], peers: Sequence[str]) -> None:
                 [row for row in rows if (row.scenario, row.planner) == (scenario, one.planner)]
             )
             scores = [f"{v.mean:.4f} [{v.low:.4f}, {v.high:.4f}]" for v in (one.score, one.final_score)]
-            table.add_row(one.planner, *scores, f"{seconds:.2f}", str(one.runs), str(one.failed))
+            table.add_row(one.planner, *scores, f"{seconds:.2f}", str(one.environments), str(one.failed))
         console.print(table)
-        ours = [one for one in found if one.planner not in peers and one.runs]
+        ours = [one for one in found if one.planner not in peers and one.environments]
         if not ours:
             continue
         best = max(ours, key=lambda one: one.score.mean).planner

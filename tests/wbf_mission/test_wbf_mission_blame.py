@@ -72,7 +72,7 @@ def test_bad_answers_are_counted_and_too_many_are_a_failure(tmp_path, answer, ki
     assert row.outcome == "completed"
     assert f"policy Mine: {bad} of {row.decisions} answers were bad: {count} {kind}" in row.error
     (standing,) = standings([row])
-    assert (standing.failed, standing.runs, standing.bad_answers) == (1, 0, row.bad_answers)
+    assert (standing.failed, standing.environments, standing.bad_answers) == (1, 1, row.bad_answers)
     page = report_page([row], tmp_path / "report", title="t")
     tables = [table.title for section in page.sections for table in section.tables]
     assert "Answers that were not flown, or came too late" in tables

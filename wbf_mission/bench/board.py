@@ -190,9 +190,13 @@ def _lines(group: Sequence[tuple[Entry, list[BenchRow]]], seeds: frozenset[int])
             name = str(len(methods))
             methods[name] = entry, pair_rows[0]
             # Several submissions may have methods of one name: a number takes its place.
-            rows += [structs.replace(row, planner=name, estimator="", codes={}) for row in pair_rows]
+            nameless = {"planner": name, "estimator": "", "codes": {}, "versions": {}}
+            rows += [structs.replace(row, **nameless) for row in pair_rows]
     found = standings(rows)
-    best = next((one.planner for one in found if methods[one.planner][0].frozen and one.runs), None)
+    best = next(
+        (one.planner for one in found if methods[one.planner][0].frozen and one.environments > one.failed),
+        None,
+    )
     lines = []
     for one in found:
         entry, row = methods[one.planner]

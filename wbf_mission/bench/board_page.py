@@ -12,9 +12,10 @@ from msgspec import structs
 
 from geo.texts import one_line
 from wbf_mission.bench.board import SHOWN_DIGEST, Board, BoardTable, Entry, Line
+from wbf_mission.bench.intervals import Interval, verdict
 from wbf_mission.bench.page import Page, Picture, Section, Table
 from wbf_mission.bench.spec import seeds_text
-from wbf_mission.bench.standings import Interval, Standing, verdict
+from wbf_mission.bench.standings import Standing
 from wbf_mission.pictures.plots import new_figure, save_figure
 
 _MOST_DRAWN, _FEWEST_DRAWN = 24, 2

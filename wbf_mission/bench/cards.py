@@ -12,7 +12,7 @@ from geo import Farm
 from sensors.field_files import load_field_set
 from wbf_mission.bench.meaning import meaning_of
 from wbf_mission.bench.page import Table
-from wbf_mission.scenario import Scenario, about_scenario, scenario_ids
+from wbf_mission.scenario import Scenario, about_scenario, load_scenario, scenario_ids
 
 _OPEN = ("planner", "policy", "estimator", "seed")
 
@@ -67,6 +67,11 @@ def card_of(name: str, scenario: Scenario) -> Card:
         scored=_scored(scenario),
         options={key: _text(one) for key, one in changed.items() if key not in _OPEN},
     )
+
+
+def known_cards(names: Iterable[str]) -> list[Card]:
+    """Return the cards of those scenarios that have an id, sorted."""
+    return [card_of(name, load_scenario(name)) for name in sorted(names) if name in scenario_ids()]
 
 
 def _farm(farm: Farm) -> str:

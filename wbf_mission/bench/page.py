@@ -8,6 +8,8 @@ from pathlib import Path
 
 from geo.atomic import atomic_write
 
+_FENCE = "```"
+
 
 @dataclass(frozen=True, slots=True)
 class Table:
@@ -30,6 +32,15 @@ class Picture:
 
 
 @dataclass(frozen=True, slots=True)
+class Listing:
+    """Lines to be copied, such as a command or a file."""
+
+    title: str
+    lines: str
+    language: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class Section:
     """A part of a page."""
 
@@ -37,6 +48,7 @@ class Section:
     text: str = ""
     pictures: tuple[Picture, ...] = ()
     tables: tuple[Table, ...] = ()
+    listings: tuple[Listing, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,16 +67,19 @@ class Page:
     def _markdown(self) -> Iterator[str]:
         yield from (f"# {self.title}", "", self.about)
         for section in self.sections:
-            yield from ("", f"## {section.title}")
+            yield from ("", f"## {section.title.translate(_ESCAPED)}")
             for picture in section.pictures:
                 yield from ("", f"![{picture.shows}]({picture.file})")
             if section.text:
-                yield from ("", section.text)
+                yield from ("", section.text.translate(_ESCAPED))
+            for one in section.listings:
+                fence = _FENCE * (one.lines.count(_FENCE) + 1)
+                yield from ("", f"### {one.title}", "", f"{fence}{one.language}", one.lines, fence)
             for table in section.tables:
-                yield from ("", f"### {table.title}", "", *_markdown_table(table))
+                yield from ("", f"### {table.title.translate(_ESCAPED)}", "", *_markdown_table(table))
 
 
-# Names come from files of others: a cell has no markup and no link of theirs.
+# Names come from files of others: texts have no markup and no link of theirs.
 _ESCAPED = str.maketrans({"|": "\\|", "<": "&lt;", "[": "\\["})
 
 

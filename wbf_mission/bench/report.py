@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wbf_mission.bench.page import Page, Picture, Section, Table
+from wbf_mission.bench.asked import AskedFor
+from wbf_mission.bench.cards import known_cards
+from wbf_mission.bench.environments import Scored, scored
+from wbf_mission.bench.intervals import Interval, students_reach
+from wbf_mission.bench.page import Listing, Page, Picture, Section, Table
 from wbf_mission.bench.rows import BenchRow, by_pair
-from wbf_mission.bench.standings import Interval, Standing, apart, standings, students_reach
+from wbf_mission.bench.standings import Ratio, Standing, by_fixed, standings_of
+from wbf_mission.bench.versions import apart, machines, what_was_run
 from wbf_mission.pictures.plots import LINE_COLOURS, new_figure, save_figure
 
 if TYPE_CHECKING:
@@ -20,8 +25,10 @@ if TYPE_CHECKING:
 
 READING = (
     "Scores: 0 is perfect; the mean over the run and at its end, each with its interval of 95 % over the "
-    "environments. Losses are means a cell at the end. Rank: the mean place among all rows on the same "
-    "environment. Wins: on how many a row was the best, shared ones in parts."
+    "environments. Only environments count of which all have a row; a run that failed counts as the worst "
+    "score and the worst losses that any row has on its environment. Losses are means a cell. Rank: the mean "
+    "place among all rows on the same environment. Wins: on how many a row was the best, shared ones in "
+    "parts. Bad answers: the share of a policy's answers that were not flown, or came too late."
 )
 SCORES = "Scores over the run and at its end"
 _POINTS = 200
@@ -31,19 +38,17 @@ _FEWEST_FOR_A_BAND = 5
 
 def standing_table(title: str, found: Sequence[Standing], *, whole: bool = False) -> Table:
     """Return the standings of one scenario; the `whole` table of several tells which and whose in columns."""
-    fields = list(dict.fromkeys(name for one in found for name in one.losses))
-    losses = (f"loss {name}" for name in fields)
     named = ("scenario", "planner or policy", "estimator") if whole else ("planner, estimator",)
-    header = (*named, "run", "95 %", "end", "95 %", *losses, "rank", "wins", "runs", "CPU, s")
+    header = (*named, "run", "95 %", "end", "95 %", "rank", "wins", "runs", "bad answers", "CPU, s")
     rows = tuple(
         (
-            *((one.scenario, one.planner, one.estimator) if whole else (f"{one.planner}, {one.estimator}",)),
+            *((one.scenario, one.planner, one.estimator) if whole else (_name(one),)),
             *_interval(one.score),
             *_interval(one.final_score),
-            *(_number(one.losses.get(name, math.nan), 4) for name in fields),
             _number(one.rank, 1),
             f"{one.wins:.3g}",
-            f"{one.runs}" + (f", {one.failed} failed" if one.failed else ""),
+            f"{one.environments}" + (f", {one.failed} failed" if one.failed else ""),
+            "-" if math.isnan(one.bad_share) else f"{one.bad_share:.1%}",
             _number(one.cpu_time_s, 2),
         )
         for one in found
@@ -51,13 +56,62 @@ def standing_table(title: str, found: Sequence[Standing], *, whole: bool = False
     return Table(title, header, rows)
 
 
+def field_table(found: Sequence[Standing]) -> Table:
+    """Return the loss of each field in one scenario, over the run and at its end."""
+    fields = list(dict.fromkeys(name for one in found for name in one.losses))
+    rows = tuple(
+        (
+            _name(one),
+            *(
+                _number(losses.get(name, math.nan), 4)
+                for name in fields
+                for losses in (one.losses_over_run, one.losses)
+            ),
+        )
+        for one in found
+    )
+    header = ("planner, estimator", *(f"{name}, {when}" for name in fields for when in ("run", "end")))
+    return Table("Loss of each field, the mean a cell", header, rows)
+
+
+def _name(one: Standing | Ratio) -> str:
+    return f"{one.planner}, {one.estimator}"
+
+
+def _by_fixed(ratios: Sequence[Ratio], when: str) -> Table:
+    """Return losses by those of the best fixed planner, which stands in a line of its own."""
+    names = list(ratios[0].ratios) if ratios else []
+    lines: list[tuple[str, ...]] = []
+    estimators: set[str] = set()
+    for one in ratios:
+        if one.estimator not in estimators:
+            estimators.add(one.estimator)
+            lines.append((f"the best fixed planner, {one.estimator}", *(one.best[name] for name in names)))
+        lines.append((_name(one), *(_ratio(one.ratios[name]) for name in names)))
+    title = f"Losses by those of the best fixed planner of each column, {when} (below 1 is better)"
+    return Table(title, ("planner, estimator", *names), tuple(lines))
+
+
+def _ratio(one: Interval) -> str:
+    interval = "" if math.isnan(one.low) or one.low == one.high else f" ({one.low:.2f} to {one.high:.2f})"
+    return _number(one.mean, 2) + interval
+
+
+def worse_in_words(ratios: Sequence[Ratio], when: str) -> str:
+    """Return which losses are larger with policies than with the best fixed planner, if that can be told."""
+    worse: dict[str, list[str]] = {}
+    for one in ratios:
+        for name, ratio in one.ratios.items():
+            if ratio.low > 1.0 and not one.fixed:
+                told = f"{_name(one)} ({ratio.mean:.2f} times {one.best[name]})"
+                worse.setdefault(name, []).append(told)
+    told = "; ".join(f"{name} with {' and '.join(whose)}" for name, whose in worse.items())
+    return f"Losses {when} that are larger than those of the best fixed planner: {told}." if worse else ""
+
+
 def _behind(found: Sequence[Standing]) -> Table:
     """Return by how much the others are behind the best of a scenario."""
-    rows = tuple(
-        (f"{one.planner}, {one.estimator}", *_interval(one.behind))
-        for one in found
-        if math.isfinite(one.behind.low)
-    )
+    rows = tuple((_name(one), *_interval(one.behind)) for one in found if math.isfinite(one.behind.low))
     return Table("Behind the best, in pairs of runs on the same environment", ("run", "mean", "95 %"), rows)
 
 
@@ -65,11 +119,7 @@ def _bad_answers(found: Sequence[Standing]) -> Table:
     """Return how many answers of a scenario's policies were not flown or came too late."""
     kinds = list(dict.fromkeys(kind for one in found for kind in one.bad_answers))
     rows = tuple(
-        (
-            f"{one.planner}, {one.estimator}",
-            str(one.decisions),
-            *(str(one.bad_answers.get(kind, 0)) for kind in kinds),
-        )
+        (_name(one), str(one.decisions), *(str(one.bad_answers.get(kind, 0)) for kind in kinds))
         for one in found
         if one.bad_answers
     )
@@ -108,42 +158,67 @@ def draw_mean_score(
         axes.fill_between(times_s, means - reach, means + reach, color=colour, alpha=alpha, linewidth=0.0)
 
 
-def report_page(rows: Sequence[BenchRow], folder: Path, *, title: str) -> Page:
-    """Return the report, with a picture for each scenario written into a folder, which is made if need be."""
+def report_page(rows: Sequence[BenchRow], folder: Path, *, title: str, asked: AskedFor | None = None) -> Page:
+    """Return the report, with a picture for each scenario written into a folder, which is made if need be.
+
+    With what the rows were `asked` for, it holds the commands and specifications to repeat it from.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    rows = apart(rows)
-    found = standings(rows)
-    scenarios = list(dict.fromkeys(one.scenario for one in found))
-    sections = [
-        _section(
-            scenario,
-            [one for one in found if one.scenario == scenario],
-            [row for row in rows if row.scenario == scenario and row.error is None],
-            folder,
-        )
-        for scenario in scenarios
+    told = apart(rows)
+    sections = [_section(one, folder) for one in scored(told)]
+    sections += [
+        *_repeat(asked or AskedFor(), rows),
+        Section("What flew", tables=(what_was_run(rows), machines(rows))),
     ]
-    failures = _failures(rows)
+    failures = _failures(told)
     if failures.rows:
         sections.append(Section("What failed", tables=(failures,)))
     return Page(title, READING, tuple(sections))
 
 
-def _section(scenario: str, found: Sequence[Standing], good: Sequence[BenchRow], folder: Path) -> Section:
+def _section(group: Scored, folder: Path) -> Section:
     """Return what the runs of one scenario tell, with their picture written."""
-    told = [row for row in good if row.times_s]
-    pictures = (Picture(_plot(scenario, found, told, folder).name, "Score over time"),) if told else ()
+    found = standings_of(group)
+    good = [row for own in group.rows for row in own if row.error is None]
+    drawn = [row for row in good if row.times_s]
+    pictures = (_plot(group.scenario, found, drawn, folder),) if drawn else ()
+    over_run, at_end = by_fixed(group, over_run=True), by_fixed(group, over_run=False)
+    text = [
+        group.environments_in_words(),
+        worse_in_words(over_run, "over the run"),
+        worse_in_words(at_end, "at its end"),
+    ]
     tables = (
         standing_table(SCORES, found),
+        field_table(found),
+        _by_fixed(over_run, "over the run"),
+        _by_fixed(at_end, "at its end"),
         _behind(found),
         _bad_answers(found),
         _flown(good),
         _costs(good),
     )
-    return Section(scenario, pictures=pictures, tables=tuple(one for one in tables if one.rows))
+    shown = tuple(one for one in tables if one.rows)
+    return Section(group.scenario, " ".join(filter(None, text)), pictures, shown)
 
 
-def _plot(scenario: str, found: Sequence[Standing], rows: Sequence[BenchRow], folder: Path) -> Path:
+def _repeat(asked: AskedFor, rows: Sequence[BenchRow]) -> Iterator[Section]:
+    """Return what was asked for, and the cards of the scenarios, as far as they are known."""
+    if asked.asked:
+        listings = []
+        for one in asked.asked:
+            listings.append(Listing(f"Asked for at {one.when}", one.command or "(from Python)", "text"))
+            listings.append(Listing("As a file for `bench run`", one.specification, "toml"))
+        yield Section("To repeat it", listings=tuple(listings))
+    cards = [
+        *asked.cards,
+        *known_cards({row.scenario for row in rows} - {one.scenario for one in asked.cards}),
+    ]
+    if cards:
+        yield Section("What the names mean", tables=tuple(one.table() for one in cards))
+
+
+def _plot(scenario: str, found: Sequence[Standing], rows: Sequence[BenchRow], folder: Path) -> Picture:
     """Draw the mean score over time of the best rows, with Student's intervals."""
     figure = new_figure(8.0, 4.5)
     axes = figure.add_subplot()
@@ -161,33 +236,44 @@ def _plot(scenario: str, found: Sequence[Standing], rows: Sequence[BenchRow], fo
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8, loc="lower right")
     figure.tight_layout()
-    return save_figure(figure, folder / f"{scenario.replace('/', '-').removesuffix('.toml')}.png")
+    file = save_figure(figure, folder / f"{scenario.replace('/', '-').removesuffix('.toml')}.png")
+    return Picture(file.name, "Score over time")
 
 
 def _flown(good: Sequence[BenchRow]) -> Table:
-    """Return how long plans of one scenario took that nobody changed on the way."""
+    """Return how long flights of one scenario took, and what of their budget, against the prediction."""
     table = []
     for planner in sorted({row.planner for row in good}):
-        pairs = [
-            (row.flight_time_s, row.predicted_time_s, row.path_length_m)
-            for row in good
-            if row.planner == planner and row.flight_time_s and row.predicted_time_s and row.decisions == 1
-        ]
-        if pairs:
-            ratios = np.array([flown / predicted - 1.0 for flown, predicted, _ in pairs])
-            length_m = float(np.mean([length for _, _, length in pairs if length is not None]))
-            table.append(
-                (
-                    planner,
-                    f"{np.mean([flown for flown, _, _ in pairs]):.1f}",
-                    f"{np.mean([predicted for _, predicted, _ in pairs]):.1f}",
-                    f"{ratios.mean():+.2%}",
-                    f"{np.abs(ratios).max():.2%}",
-                    f"{length_m:.1f}",
-                )
+        own = [row for row in good if row.planner == planner and row.flight_time_s and _is_predicted(row)]
+        if not own:
+            continue
+        pairs = [(row.flight_time_s, row.predicted_time_s) for row in own]
+        errors = np.array([flown / told - 1.0 for flown, told in pairs if flown and told])
+        table.append(
+            (
+                planner,
+                ", ".join(sorted({row.budget or "-" for row in own})),
+                _mean(row.flight_time_s for row in own),
+                _mean(row.predicted_time_s for row in own),
+                f"{errors.mean():+.2%}" if len(errors) else "-",
+                f"{np.abs(errors).max():.2%}" if len(errors) else "-",
+                _mean(row.path_length_m for row in own),
+                _mean((row.battery_used for row in own), "{:.1%}"),
             )
-    header = ("planner", "flown, s", "predicted, s", "mean error", "largest error", "path, m")
+        )
+    of_time = ("flown, s", "predicted, s", "mean error", "largest error")
+    header = ("planner or policy", "budget of a flight", *of_time, "path, m", "battery")
     return Table("Planned and flown", header, tuple(table))
+
+
+def _is_predicted(row: BenchRow) -> bool:
+    """Return whether a row is held to its prediction; old rows of policies have that of their first path."""
+    return row.decisions == 1 or row.budget is not None
+
+
+def _mean(values: Iterable[float | None], form: str = "{:.1f}") -> str:
+    known = [one for one in values if one is not None]
+    return form.format(np.mean(known)) if known else "-"
 
 
 def _costs(good: Sequence[BenchRow]) -> Table:

@@ -275,14 +275,22 @@ def seeds_text(seeds: Sequence[int]) -> str:
     """
     if list(seeds) == list(range(len(seeds))):
         return str(len(seeds))
+    return seed_ranges(seeds) if len(seeds) > 1 else f"{seeds[0]}..{seeds[0]}"
+
+
+def seed_ranges(seeds: Sequence[int]) -> str:
+    """Return which seeds these are, for a reader.
+
+    >>> seed_ranges(range(10)), seed_ranges([5, 7])
+    ('0..9', '5,7')
+    """
     runs: list[list[int]] = []
     for seed in seeds:
         if runs and seed == runs[-1][-1] + 1:
             runs[-1][1:] = [seed]
         else:
             runs.append([seed])
-    parts = ["..".join(map(str, run)) for run in runs]
-    return ",".join(parts) if len(seeds) > 1 else f"{parts[0]}..{parts[0]}"
+    return ",".join("..".join(map(str, run)) for run in runs)
 
 
 def _is_seed(given: Any) -> bool:

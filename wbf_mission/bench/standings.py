@@ -1,150 +1,59 @@
-"""What the rows of a benchmark tell on the same environments: means with intervals, ranks, differences."""
+"""What the rows of a benchmark tell: standings, differences, and losses by those of fixed planners."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from msgspec import structs
 from numpy.typing import NDArray
 from scipy import stats
 
+from wbf_mission.bench.environments import Scored, scored
+from wbf_mission.bench.intervals import Interval, mean_interval, ratio_interval
 from wbf_mission.bench.rows import BenchRow
-
-_DRAWS = 2000
-_SEED = 0
-_PART_VALUES = 200_000
-_LEAST_ERROR = 1e-9
-_FEWEST_TO_RESAMPLE = 7
-
-
-@dataclass(frozen=True, slots=True)
-class Interval:
-    """A mean and its interval of 95 %; of one value there is none (`low` and `high` are nan)."""
-
-    mean: float
-    low: float
-    high: float
+from wbf_mission.bench.versions import apart
 
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """How a planner with an estimator did in a scenario."""
+    """How a planner with an estimator did on the environments of a scenario that count (`scored`)."""
 
     scenario: str
     planner: str
     estimator: str
-    runs: int
-    """Good ones, with a score."""
+    environments: int
     failed: int
+    """Runs on these that failed, and count as the worst."""
     score: Interval
-    """Over the seeds, as at the end; 0 is perfect."""
+    """Over the run, as at the end; 0 is perfect."""
     final_score: Interval
     behind: Interval
     """By how much the score is below that of the scenario's best, in pairs of runs on the same environment;
     0 and no interval for the best itself."""
     losses: dict[str, float]
     """Mean loss a cell at the end, by field."""
+    losses_over_run: dict[str, float]
+    """The same in the mean over the scored times."""
     rank: float
     """Mean over the seeds of its place among all of the scenario, by score; 1 is the best."""
     wins: float
     """Seeds on which it has the best score; shared ones in parts."""
     wall_time_s: float
-    """Of a run, in the mean."""
+    """Of a run that went well, in the mean."""
     cpu_time_s: float
     decisions: int
     """Answers of the policy in all runs."""
     bad_answers: dict[str, int]
     """How many of these were not flown or came too late, by what was wrong, also in runs that failed."""
 
-
-def _resamples(count: int) -> Iterator[tuple[int, NDArray[np.int64]]]:
-    """Yield which of `count` environments each resample draws, int64[some, count], the same at every call.
-
-    They come some at a time, with the number of the first: all of a thousand environments would take 16 MB.
-    Rows that are resampled alike stay paired.
-    """
-    draw = np.random.default_rng(_SEED)
-    size = max(1, min(_DRAWS, _PART_VALUES // count))
-    for begin in range(0, _DRAWS, size):
-        yield begin, draw.integers(0, count, (min(size, _DRAWS - begin), count))
-
-
-def mean_interval(values: NDArray[np.float64]) -> Interval:
-    """Return the mean over environments and its interval of 95 %, by the bootstrap-t.
-
-    The interval is that of Student's t with the distribution of t taken from resamples, so that it is right
-    for few and for skewed values, too (B. Efron & R. Tibshirani, "An Introduction to the Bootstrap", 1993,
-    chapter 12.5); of fewer than seven values, which have too few resamples, it is Student's: with one of five
-    far off the other would be many times too wide. There is one value an environment, nan if it has none.
-    """
-    values = values[np.isfinite(values)]
-    count = len(values)
-    if count == 0:
-        return Interval(np.nan, np.nan, np.nan)
-    mean = float(values.mean())
-    if count == 1:
-        return Interval(mean, np.nan, np.nan)
-    if count < _FEWEST_TO_RESAMPLE:
-        reach = float(students_reach(values))
-        return Interval(mean, mean - reach, mean + reach)
-    error = values.std(ddof=1) / np.sqrt(count)
-    means, errors = np.empty(_DRAWS), np.empty(_DRAWS)
-    for begin, part in _resamples(count):
-        drawn = values[part]
-        means[begin : begin + len(part)] = drawn.mean(axis=1)
-        errors[begin : begin + len(part)] = drawn.std(axis=1, ddof=1) / np.sqrt(count)
-    # A resample of one value only has no error.
-    usable = errors > _LEAST_ERROR * error
-    if not usable.any():
-        return Interval(mean, mean, mean)
-    low, high = np.quantile((means[usable] - mean) / errors[usable], [0.025, 0.975])
-    return Interval(mean, float(mean - high * error), float(mean - low * error))
-
-
-def students_reach(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return how far Student's interval of 95 % reaches to both sides of the mean along the first axis.
-
-    Along it is one value an environment, two at least.
-    """
-    count = len(values)
-    return np.asarray(values.std(axis=0, ddof=1) / np.sqrt(count) * stats.t.ppf(0.975, count - 1))
-
-
-_NAMED = (
-    ("scenario", "code"),
-    ("scenario", "scenario"),
-    ("planner", "planner"),
-    ("estimator", "estimator"),
-)
-
-
-def apart(rows: Sequence[BenchRow]) -> Sequence[BenchRow]:
-    """Return rows in which what has the same name is the same.
-
-    Where a name stands for several things, because the program, a file or a user's code changed between runs
-    or an object has other parameters, the beginning of the digest is added to it. Rows that need nothing of
-    this are given back as they are.
-    """
-    for name, key in _NAMED:
-        digests: dict[str, set[str]] = {}
-        for row in rows:
-            digests.setdefault(getattr(row, name), set()).add(_code(row, key))
-        several = {label for label, codes in digests.items() if len(codes) > 1}
-        if several:
-            rows = [
-                structs.replace(row, **{name: f"{getattr(row, name)} [{_code(row, key)[:8]}]"})
-                if getattr(row, name) in several
-                else row
-                for row in rows
-            ]
-    return rows
-
-
-def _code(row: BenchRow, key: str) -> str:
-    return row.codes.get(key, "built in" if row.codes else "unknown")
+    @property
+    def bad_share(self) -> float:
+        """The share of the answers that were bad; nan of a planner, which answers once a run."""
+        if self.decisions <= self.environments and not self.bad_answers:
+            return np.nan
+        return sum(self.bad_answers.values()) / max(self.decisions, 1)
 
 
 def standings(rows: Sequence[BenchRow]) -> list[Standing]:
@@ -152,63 +61,60 @@ def standings(rows: Sequence[BenchRow]) -> list[Standing]:
 
     Rows of different code do not stand in one table, see `apart`.
     """
-    rows = apart(rows)
+    return [one for group in scored(apart(rows)) for one in standings_of(group)]
+
+
+def standings_of(group: Scored) -> list[Standing]:
+    """Return the standings in one scenario, the best score first."""
+    ranks, wins = _places(group.scores)
+    means = [mean_interval(one) for one in group.scores]
+    best = max(range(len(means)), key=lambda k: (np.isfinite(means[k].mean), means[k].mean))
     found = []
-    for scenario in sorted({row.scenario for row in rows}):
-        here = [row for row in rows if row.scenario == scenario]
-        pairs = sorted({(row.planner, row.estimator) for row in here})
-        seeds = sorted({row.seed for row in here})
-        at = {(row.planner, row.estimator, row.seed): row for row in here if row.error is None}
-        scores = np.array(
-            [[_value(at.get((*pair, seed)), "score") for seed in seeds] for pair in pairs], dtype=np.float64
-        )
-        ranks, wins = _places(scores)
-        means = [mean_interval(one) for one in scores]
-        best = max(range(len(pairs)), key=lambda k: (np.isfinite(means[k].mean), means[k].mean))
-        group = []
-        for k, (planner, estimator) in enumerate(pairs):
-            all_of = [row for row in here if (row.planner, row.estimator) == (planner, estimator)]
-            good = [row for row in all_of if row.error is None]
-            ends = np.array([_value(row, "final_score") for row in good])
-            names = dict.fromkeys(name for row in good for name in row.losses)
-            group.append(
-                Standing(
-                    scenario=scenario,
-                    planner=planner,
-                    estimator=estimator,
-                    runs=int(np.isfinite(scores[k]).sum()),
-                    failed=len(all_of) - len(good),
-                    score=means[k],
-                    final_score=mean_interval(ends),
-                    behind=Interval(0.0, np.nan, np.nan)
-                    if k == best
-                    else mean_interval(scores[best] - scores[k]),
-                    losses={name: float(np.mean([row.losses[name] for row in good])) for name in names},
-                    rank=float(ranks[k]),
-                    wins=float(wins[k]),
-                    wall_time_s=float(np.mean([row.wall_time_s for row in good])) if good else np.nan,
-                    cpu_time_s=float(np.mean([row.cpu_time_s for row in good])) if good else np.nan,
-                    decisions=sum(row.decisions or 0 for row in all_of),
-                    bad_answers=dict(sum((Counter(row.bad_answers) for row in all_of), Counter[str]())),
-                )
+    for k, (planner, estimator) in enumerate(group.pairs):
+        own = group.rows[k]
+        good = [row for row in own if row.error is None]
+        found.append(
+            Standing(
+                scenario=group.scenario,
+                planner=planner,
+                estimator=estimator,
+                environments=len(own),
+                failed=len(own) - len(good),
+                score=means[k],
+                final_score=mean_interval(group.final_scores[k]),
+                behind=Interval(0.0, np.nan, np.nan)
+                if k == best
+                else mean_interval(group.scores[best] - group.scores[k]),
+                losses=_means(group.final_losses, k),
+                losses_over_run=_means(group.losses, k),
+                rank=float(ranks[k]),
+                wins=float(wins[k]),
+                wall_time_s=_mean(row.wall_time_s for row in good),
+                cpu_time_s=_mean(row.cpu_time_s for row in good),
+                decisions=sum(row.decisions or 0 for row in own),
+                bad_answers=dict(sum((Counter(row.bad_answers) for row in own), Counter[str]())),
             )
-        found += sorted(group, key=lambda one: (np.isnan(one.score.mean), -one.score.mean))
-    return found
+        )
+    return sorted(found, key=lambda one: (np.isnan(one.score.mean), -one.score.mean))
 
 
-def _value(row: BenchRow | None, name: str) -> float:
-    value = None if row is None else getattr(row, name)
-    return np.nan if value is None else float(value)
+def _means(losses: dict[str, NDArray[np.float64]], k: int) -> dict[str, float]:
+    """Return the mean loss of one pair, of each field that it has."""
+    return {name: _mean(one[k]) for name, one in losses.items() if np.isfinite(one[k]).any()}
+
+
+def _mean(values: Iterable[float]) -> float:
+    known = np.array([one for one in values if np.isfinite(one)])
+    return float(known.mean()) if len(known) else np.nan
 
 
 def _places(scores: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the mean rank and the wins of each row of float64[rows, seeds], which is nan without a score."""
-    ranks = stats.rankdata(-scores, axis=0, method="average", nan_policy="omit")
-    best = scores == np.nanmax(np.where(np.isnan(scores), -np.inf, scores), axis=0)
-    shares = best / np.maximum(best.sum(axis=0), 1)
-    counted = np.isfinite(ranks)
-    count = np.where(counted.any(axis=1), counted.sum(axis=1), np.nan)
-    return np.where(counted, ranks, 0.0).sum(axis=1) / count, shares.sum(axis=1)
+    """Return the mean rank and the wins of each row of float64[rows, seeds]; nan without any seed."""
+    if not scores.shape[1]:
+        return np.full(len(scores), np.nan), np.zeros(len(scores))
+    ranks = stats.rankdata(-scores, axis=0, method="average")
+    best = scores == scores.max(axis=0)
+    return ranks.mean(axis=1), (best / best.sum(axis=0)).sum(axis=1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,46 +135,93 @@ class Comparison:
 
 
 def compare(rows: Sequence[BenchRow], mine: str, against: Sequence[str]) -> list[Comparison]:
-    """Compare one with others, by scenario and estimator, in pairs of runs on the same environment."""
-    at = {(row.scenario, row.estimator, row.planner, row.seed): row for row in rows if row.error is None}
+    """Compare one with others, by scenario and estimator, in pairs of runs on the same environment.
+
+    Environments and failed runs count as in the `standings`; rows of different code are not compared with
+    each other, but by code (`apart`).
+    """
     found = []
-    seeds = sorted({row.seed for row in rows})
-    for scenario, estimator in sorted({(row.scenario, row.estimator) for row in rows}):
-        for other in against:
-            pairs = [
-                (at[scenario, estimator, mine, seed], at[scenario, estimator, other, seed])
-                for seed in seeds
-                if (scenario, estimator, mine, seed) in at and (scenario, estimator, other, seed) in at
-            ]
-            scores = _differences([(one.score, two.score) for one, two in pairs])
-            ends = _differences([(one.final_score, two.final_score) for one, two in pairs])
-            found.append(
-                Comparison(
-                    scenario,
-                    estimator,
-                    mine,
-                    other,
-                    len(scores),
-                    mean_interval(scores),
-                    mean_interval(ends),
-                    float((scores > 0.0).mean()) if len(scores) else np.nan,
+    for group in scored(apart(rows)):
+        place = {pair: k for k, pair in enumerate(group.pairs)}
+        for estimator in sorted({estimator for _, estimator in group.pairs}):
+            for other in against:
+                both = (mine, estimator), (other, estimator)
+                known = all(pair in place for pair in both)
+                one, two = (place[pair] for pair in both) if known else (0, 0)
+                count = len(group.seeds) if known else 0
+                scores = (group.scores[one] - group.scores[two])[:count]
+                ends = (group.final_scores[one] - group.final_scores[two])[:count]
+                found.append(
+                    Comparison(
+                        group.scenario,
+                        estimator,
+                        mine,
+                        other,
+                        count,
+                        mean_interval(scores),
+                        mean_interval(ends),
+                        float((scores > 0.0).mean()) if count else np.nan,
+                    )
                 )
-            )
     return found
 
 
-def verdict(difference: Interval) -> str:
-    """Return in words what an interval of differences tells.
+WHOLE = "whole"
+"""Names the score among the fields."""
 
-    >>> verdict(Interval(0.2, 0.1, 0.3)), verdict(Interval(0.2, -0.1, 0.5))
-    ('better', 'cannot be told')
+
+@dataclass(frozen=True, slots=True)
+class Ratio:
+    """The losses of a planner or policy by those of the best fixed planner with the same estimator.
+
+    Parameters
+    ----------
+    fixed : bool
+        Whether it is a fixed planner itself: one that decides once, before the flight.
+    ratios : dict of str to Interval
+        Of the `WHOLE` and of each field; below 1 is better.
+    best : dict of str to str
+        The fixed planner by whose loss each is: the best in this alone.
     """
-    if difference.low > 0.0:
-        return "better"
-    if difference.high < 0.0:
-        return "worse"
-    return "equal" if difference.low == difference.high == 0.0 else "cannot be told"
+
+    planner: str
+    estimator: str
+    fixed: bool
+    ratios: dict[str, Interval]
+    best: dict[str, str]
 
 
-def _differences(pairs: Sequence[tuple[float | None, float | None]]) -> NDArray[np.float64]:
-    return np.array([one - two for one, two in pairs if one is not None and two is not None], np.float64)
+def by_fixed(group: Scored, *, over_run: bool) -> list[Ratio]:
+    """Return the losses of all by those of the best fixed planner, the smallest first.
+
+    Each field has a best fixed planner of its own. With an estimator without fixed planners there are none.
+    """
+    scores, losses = (group.scores, group.losses) if over_run else (group.final_scores, group.final_losses)
+    tables = {WHOLE: -scores, **losses}
+    found = []
+    for estimator in sorted({estimator for _, estimator in group.pairs}):
+        places = [k for k, pair in enumerate(group.pairs) if pair[1] == estimator]
+        fixed = [k for k in places if _is_fixed(group.rows[k])]
+        if not fixed:
+            continue
+        best = {name: fixed[_least([one[k].mean() for k in fixed])] for name, one in tables.items()}
+        found += [
+            Ratio(
+                planner=group.pairs[k][0],
+                estimator=estimator,
+                fixed=k in fixed,
+                ratios={name: ratio_interval(one[k], one[best[name]]) for name, one in tables.items()},
+                best={name: group.pairs[which][0] for name, which in best.items()},
+            )
+            for k in places
+        ]
+    return sorted(found, key=lambda one: (one.estimator, one.ratios[WHOLE].mean))
+
+
+def _least(values: Sequence[float]) -> int:
+    return int(np.argmin(np.nan_to_num(values, nan=np.inf)))
+
+
+def _is_fixed(rows: Sequence[BenchRow]) -> bool:
+    good = [row.decisions for row in rows if row.error is None]
+    return bool(good) and set(good) == {1}

@@ -19,9 +19,9 @@ from wbf_mission.exit_codes import ExitCode
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from wbf_mission.bench.intervals import Interval
     from wbf_mission.bench.rows import BenchRow
     from wbf_mission.bench.spec import BenchSpec
-    from wbf_mission.bench.standings import Interval
     from wbf_mission.scenario import Choice
 
 LIST_EXAMPLES = """
@@ -270,8 +270,9 @@ def compare_command(
     """
     from dataclasses import asdict
 
+    from wbf_mission.bench.intervals import verdict
     from wbf_mission.bench.spec import BenchSpec
-    from wbf_mission.bench.standings import compare, verdict
+    from wbf_mission.bench.standings import compare
 
     wanted = BenchSpec.of(**selected | {"planners": _choices(f"{mine},{against}", "planner")})
     rows, interrupted = flying.rows(output, wanted, out, context)
@@ -296,7 +297,7 @@ def compare_command(
     of_score = ("95 %", "verdict")
     header = ["scenario, estimator", "against", "run", *of_score, "end", *of_score, "better on"]
     output.table(values, header, table, title=f"{first}: difference of scores (positive: it is better)")
-    _tell_failures(output, rows)
+    _tell_what_counts(output, rows)
     return _exit_code(rows, interrupted=interrupted)
 
 
@@ -317,25 +318,19 @@ def report_command(
     ] = None,
 ) -> int:
     """Print what the results in a folder tell, also while they are made, or write it as a report."""
+    from wbf_mission.bench.asked import read_asked
     from wbf_mission.bench.report import report_page
     from wbf_mission.bench.rows import read_rows
-    from wbf_mission.bench.standings import apart
     from wbf_mission.results.storage import ResultError
 
-    kept = read_rows(folder)
-    rows = apart(kept)
+    rows = read_rows(folder)
     if not rows:
         msg = f"{folder}: holds no results of a benchmark; give the folder of 'bench run --out'"
         raise ResultError(msg)
-    if rows is not kept:
-        output.warn(
-            f"{folder}: rows of the same name were flown by different code, parameters or files;"
-            " they are told apart by [digest]"
-        )
     if out is not None:
         from wbf_mission.web.bench_page import write_bench_page
 
-        page = report_page(rows, out, title=f"Benchmark of {len(rows)} runs")
+        page = report_page(rows, out, title=f"Benchmark of {len(rows)} runs", asked=read_asked(folder))
         page.write(out / "report.md")
         write_bench_page(out / "report.html", page, out, rows)
         pictures = [picture.file for section in page.sections for picture in section.pictures]
@@ -436,6 +431,20 @@ def _print(output: Output, rows: Sequence[BenchRow], title: str) -> None:
         told = f"{title}: {scenario}, scores over the run and at its end (0 is perfect)"
         table = standing_table(told, [one for one in found if one.scenario == scenario])
         output.table(None, list(table.header), [list(row) for row in table.rows], title=told)
+    _tell_what_counts(output, rows)
+
+
+def _tell_what_counts(output: Output, rows: Sequence[BenchRow]) -> None:
+    """Warn of rows of several versions, of environments that do not count, and of runs that failed."""
+    from wbf_mission.bench.environments import scored
+    from wbf_mission.bench.versions import apart, builds_in_words
+
+    builds = builds_in_words(rows)
+    if builds:
+        output.warn(f"{builds}; tables tell apart what differs, and 'bench report --out' what was run")
+    for group in scored(apart(rows)):
+        if group.left_out:
+            output.warn(f"{group.scenario}: {group.environments_in_words()}")
     _tell_failures(output, rows)
 
 

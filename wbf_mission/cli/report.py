@@ -79,13 +79,16 @@ def _is_benchmark(folder: Path) -> bool:
 
 def _bench(folder: Path, path: Path) -> dict[str, Any]:
     """Write the page of a benchmark; return what is told of it."""
+    from wbf_mission.bench.asked import read_asked
     from wbf_mission.bench.report import report_page
     from wbf_mission.bench.rows import read_rows
     from wbf_mission.web.bench_page import write_bench_page
 
     rows = read_rows(folder)
     with tempfile.TemporaryDirectory() as pictures:
-        page = report_page(rows, Path(pictures), title=f"Benchmark of {len(rows)} runs")
+        page = report_page(
+            rows, Path(pictures), title=f"Benchmark of {len(rows)} runs", asked=read_asked(folder)
+        )
         write_bench_page(path, page, Path(pictures), rows)
     return {"title": page.title, "bytes": path.stat().st_size, "runs": len(rows), "notes": []}
 

@@ -9,13 +9,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from html import escape
 from pathlib import Path
-from typing import Any, TypeAlias
 
 from geo.atomic import atomic_write
+from wbf_mission.bench.environments import Scored, scored
 from wbf_mission.bench.page import Page, Picture, Table
 from wbf_mission.bench.report import SCORES, standing_table
 from wbf_mission.bench.rows import KEY_DIGITS, BenchRow
-from wbf_mission.bench.standings import apart, standings
+from wbf_mission.bench.standings import standings_of
+from wbf_mission.bench.versions import apart
 from wbf_mission.maps.html_page import data_element, data_uri
 from wbf_mission.web.document import document
 
@@ -38,28 +39,25 @@ def write_bench_page(path: Path, page: Page, folder: Path, rows: Sequence[BenchR
     rows : sequence of BenchRow, optional
         Runs that make one table of all standings, in place of those of the sections.
     """
-    found = standings(apart(rows)) if rows else []
-    body = "\n".join(_body(page, folder, standing_table("All standings", found, whole=True)))
-    data = data_element("seeds", _seeds(rows, found)) if found else ""
+    groups = list(scored(apart(rows)))
+    found = [(group, standings_of(group)) for group in groups]
+    every = [one for _, own in found for one in own]
+    body = "\n".join(_body(page, folder, standing_table("All standings", every, whole=True)))
+    seeds = [_seeds(group, one.planner, one.estimator) for group, own in found for one in own]
+    data = data_element("seeds", seeds) if seeds else ""
     with atomic_write(path) as file:
         file.write(document(page.title, body, "bench", data))
 
 
-_Seed: TypeAlias = tuple[int | str, float | None, float | None, str, str]
-
-
-def _seeds(rows: Sequence[BenchRow], found: Sequence[Any]) -> list[list[_Seed]]:
-    """Return seed, both scores, what failed and how the key begins, for the runs of each standing."""
-    of: dict[tuple[str, str, str], list[_Seed]] = {}
-    for row in apart(rows):
-        key = (row.scenario, row.planner, row.estimator)
-        # A number of JavaScript does not hold all digits of a seed of 64 bits.
-        seed = row.seed if row.seed < _EXACT else str(row.seed)
-        told = seed, row.score, row.final_score, row.error or "", row.key[:KEY_DIGITS]
-        of.setdefault(key, []).append(told)
-    return [
-        sorted(of[one.scenario, one.planner, one.estimator], key=lambda run: int(run[0])) for one in found
-    ]
+def _seeds(group: Scored, planner: str, estimator: str) -> list[tuple[int | str, float, float, str, str]]:
+    """Return seed, both scores, what failed and how the key begins, of a pair where it counts."""
+    k = group.pairs.index((planner, estimator))
+    scores, ends = group.scores[k].tolist(), group.final_scores[k].tolist()
+    failed = [row.error or "" for row in group.rows[k]]
+    # A number of JavaScript does not hold all digits of a seed of 64 bits.
+    seeds = [seed if seed < _EXACT else str(seed) for seed in group.seeds]
+    keys = [row.key[:KEY_DIGITS] for row in group.rows[k]]
+    return list(zip(seeds, scores, ends, failed, keys, strict=True))
 
 
 def _body(page: Page, folder: Path, whole: Table) -> Iterator[str]:
@@ -73,6 +71,8 @@ def _body(page: Page, folder: Path, whole: Table) -> Iterator[str]:
             yield _picture(picture, folder)
         if section.text:
             yield f"<p>{escape(section.text)}</p>"
+        for one in section.listings:
+            yield f'<h3>{escape(one.title)}</h3><pre tabindex="0">{escape(one.lines)}</pre>'
         for table in section.tables:
             if not (whole.rows and table.title == SCORES):
                 yield f"<h3>{escape(table.title)}</h3>"

@@ -1,10 +1,14 @@
 """The report of a benchmark."""
 
+from array import array
+
 import numpy as np
 import pytest
 from bench_rows import made_row
 from PIL import Image
 
+from wbf_mission.bench.asked import Asked, AskedFor
+from wbf_mission.bench.cards import Card
 from wbf_mission.bench.report import report_page, score_over_time, standing_table
 from wbf_mission.bench.standings import standings
 
@@ -23,7 +27,8 @@ def rows():
         for k, planner in enumerate(["greedy", "spiral"])
         for seed in range(6)
     ]
-    return [*good, made_row("<b>", 0, [-1.0], error="it | failed & fell", score=None, final_score=None)]
+    failed = {"error": "it | failed & fell", "score": None, "final_score": None}
+    return [*good, *(made_row("<b>", seed, [-2.0], **failed) for seed in range(6))]
 
 
 def test_the_score_over_time_holds_until_the_next_scored_time():
@@ -51,7 +56,7 @@ def test_the_files_say_what_the_standings_are(rows, tmp_path):
     assert f"| spiral, gp | {behind['spiral'].mean:.4f} | " in markdown
     assert "it \\| failed & fell" in markdown
     assert "![Score over time](WBF-Some-v1.png)" in markdown
-    assert "| greedy | 33.0 | 30.0 | +10.00% | 10.00% | 100.0 |" in markdown
+    assert "| greedy | - | 33.0 | 30.0 | +10.00% | 10.00% | 100.0 | - |" in markdown
     assert "| planner, estimator | wall | CPU | plan | flight |" in markdown
     assert "| greedy, gp | 2.000 | 1.000 | 0.500 | 1.500 |" in markdown
     with Image.open(tmp_path / "report" / files[0]) as picture:
@@ -59,9 +64,51 @@ def test_the_files_say_what_the_standings_are(rows, tmp_path):
         assert len(picture.convert("RGB").getcolors(1_000_000)) > 50
 
 
-def test_a_plan_that_was_changed_on_the_way_is_not_compared_with_its_prediction(tmp_path):
+def test_policies_are_held_to_what_they_chose_last_and_their_budget(tmp_path):
+    used = {"decisions": 7, "budget": "36 s", "battery_used": 0.25}
+    markdown, _ = markdown_of([made_row("greedy", 0, [-1.0], **used)], tmp_path)
+    assert "| greedy | 36 s | 33.0 | 30.0 | +10.00% | 10.00% | 100.0 | 25.0% |" in markdown
+    # Old rows of policies tell what their first path was to take.
     markdown, _ = markdown_of([made_row("greedy", 0, [-1.0], decisions=7)], tmp_path)
     assert "Planned and flown" not in markdown
+
+
+def test_a_report_says_which_losses_are_larger_with_policies(tmp_path):
+    def made(planner, ccr, decisions):
+        ends = {"tylcv": 0.5 * ccr, "ccr": ccr}
+        history = {name: array("d", [one]) for name, one in ends.items()}
+        return [
+            made_row(planner, seed, [-ccr], losses=ends, history=history, decisions=decisions)
+            for seed in range(8)
+        ]
+
+    markdown, _ = markdown_of([*made("rows", 1.0, 1), *made("greedy", 1.7, 9)], tmp_path)
+    assert "8 environments count (seeds 0..7)." in markdown
+    assert "ccr with greedy, gp (1.70 times rows)" in markdown
+    assert "| greedy, gp | 1.70 | 1.70 | 1.70 |" in markdown
+    assert "| the best fixed planner, gp | rows | rows | rows |" in markdown
+    assert "| planner, estimator | tylcv, run | tylcv, end | ccr, run | ccr, end |" in markdown
+
+
+def test_a_report_can_be_repeated_from(tmp_path):
+    kept = {
+        "versions": {"wbf-mission": "0.1.0", "commit": "4622a3d6f0", "python": "3.11", "numpy": "2.0"},
+        "hardware": {"processor": "Some CPU", "cores": "2", "memory_gb": "8.0", "system": "Linux"},
+        "codes": {"code": "c0de", "scenario": "5ce9a210", "planner": "91a7"},
+        "objects": {"planner": "UCB(beta=9.0)"},
+    }
+    rows = [made_row("UCB", seed, [-1.0], **kept) for seed in range(2)]
+    card = Card("WBF/Some-v1", "A test.", "5ce9a210", "a farm", "at the end", {"budget": "40steps"})
+    asked = AskedFor([Asked("2026-01-02", "wbf-mission bench run a.toml", "seeds = 2\n# ```")], [card])
+    page = report_page(rows, tmp_path, title="x", asked=asked)
+    page.write(tmp_path / "report.md")
+    markdown = (tmp_path / "report.md").read_text()
+    assert "```text\nwbf-mission bench run a.toml\n```" in markdown
+    assert "``````toml\nseeds = 2\n# ```\n``````" in markdown
+    assert "| budget | 40steps |" in markdown
+    assert "| wbf-mission | 0.1.0 | 4622a3d6 | c0de | python 3.11, numpy 2.0 | 2 |" in markdown
+    assert "| planner UCB | - | - | 91a7 | UCB(beta=9.0) | 2 |" in markdown
+    assert "| Some CPU | 2 | 8.0 | Linux | 2 | 4.0 | 2.0 |" in markdown
 
 
 def test_only_failures_make_a_report_without_pictures(tmp_path):
@@ -75,7 +122,10 @@ def test_costs_stand_with_their_scenario_and_the_cheapest_comes_first(tmp_path):
     rows = [
         made_row("slow", 0, [-1.0], scenario="A", cpu_time_s=9.0, timings_s={"plan": 0.1, "decide": 8.0}),
         made_row("slow", 1, [-1.0], scenario="A", cpu_time_s=7.0, timings_s={"plan": 0.3, "decide": 6.0}),
-        made_row("quick", 0, [-1.0], scenario="A", cpu_time_s=0.5, timings_s={"plan": 0.2}),
+        *(
+            made_row("quick", seed, [-1.0], scenario="A", cpu_time_s=0.5, timings_s={"plan": 0.2})
+            for seed in (0, 1)
+        ),
         made_row("quick", 0, [-1.0], scenario="B", cpu_time_s=0.75, timings_s={"estimate and score": 0.7}),
     ]
     markdown, _ = markdown_of(rows, tmp_path)

@@ -1,15 +1,19 @@
 """What the rows of a benchmark tell."""
 
 import math
+from array import array
 
 import numpy as np
 import pytest
+from msgspec import structs
 
+from wbf_mission.bench.environments import scored
+from wbf_mission.bench.intervals import Interval, mean_interval, ratio_interval, verdict
 from wbf_mission.bench.rows import BenchRow
-from wbf_mission.bench.standings import compare, mean_interval, standings, verdict
+from wbf_mission.bench.standings import WHOLE, by_fixed, compare, standings
 
 
-def rows(planner, scores, estimator="gp", scenario="s", error=()):
+def rows(planner, values, estimator="gp", scenario="s", error=(), **given):
     return [
         BenchRow(
             key=f"{scenario}{planner}{estimator}{seed}",
@@ -23,8 +27,9 @@ def rows(planner, scores, estimator="gp", scenario="s", error=()):
             error="it failed" if seed in error else None,
             wall_time_s=2.0,
             cpu_time_s=1.0,
+            **given,
         )
-        for seed, score in enumerate(scores)
+        for seed, score in enumerate(values)
     ]
 
 
@@ -69,20 +74,117 @@ def test_the_best_comes_first_with_its_wins_and_ranks():
     ]
     assert found[0].score.mean == pytest.approx(-4 / 3)
     assert found[0].losses == {"tylcv": pytest.approx(4 / 3)}
+    assert found[0].losses_over_run == {}  # without a history
 
 
-def test_failures_count_and_take_no_part():
-    found = standings([*rows("good", [-3.0, -3.0]), *rows("frail", [-1.0, -1.0], error=[1])])
-    frail, good = found
-    assert (frail.planner, frail.runs, frail.failed, frail.score.mean) == ("frail", 1, 1, -1.0)
-    assert (good.rank, good.wins, good.runs) == (1.5, 1.0, 2)
+def test_a_run_that_failed_counts_as_the_worst_of_all_on_its_environment():
+    knows_nothing = {"scores": array("d", [-9.0, -3.0]), "history": {"tylcv": array("d", [8.0, 3.0])}}
+    found = standings(
+        [
+            *rows("good", [-3.0, -3.0], **knows_nothing),
+            *rows("frail", [-1.0, -1.0], error=[1]),
+        ]
+    )
+    good, frail = found
+    assert (frail.planner, frail.environments, frail.failed) == ("frail", 2, 1)
+    assert (frail.score.mean, frail.final_score.mean) == ((-1.0 - 9.0) / 2, (-0.5 - 9.0) / 2)
+    assert frail.losses == {"tylcv": (1.0 + 8.0) / 2}
+    assert frail.losses_over_run == {"tylcv": 8.0}  # the other row has no history
+    assert (good.rank, good.wins, frail.wins, good.losses_over_run) == (1.5, 1.0, 1.0, {"tylcv": 5.5})
+    assert (good.cpu_time_s, frail.cpu_time_s) == (1.0, 1.0)
 
 
 def test_what_failed_everywhere_stands_last():
-    found = standings([*rows("never", [-1.0], error=[0]), *rows("good", [-9.0])])
-    assert [one.planner for one in found] == ["good", "never"]
-    assert math.isnan(found[1].rank)
-    assert (found[1].wins, found[1].failed) == (0.0, 1)
+    found = standings([*rows("never", [-1.0], error=[0]), *rows("good", [-9.0]), *rows("best", [-1.0])])
+    assert [(one.planner, one.rank) for one in found] == [("best", 1.0), ("good", 2.5), ("never", 2.5)]
+    assert (found[2].wins, found[2].failed, found[2].score.mean) == (0.0, 1, -9.0)
+
+
+def test_its_own_history_is_worst_where_nobody_else_flew():
+    told = {"scores": array("d", [-4.0, -1.0])}
+    (one,) = standings(rows("a", [-2.0], error=[0], **told))
+    assert (one.score.mean, one.final_score.mean) == (-4.0, -4.0)
+
+
+def test_only_environments_count_that_all_have_in_common():
+    easy = [-0.1] * 4
+    told = [*rows("both", [-2.0, -2.0, *easy]), *rows("half", [-3.0, -1.0])]
+    (group,) = scored(told)
+    assert group.seeds == (0, 1)
+    assert group.left_out == dict.fromkeys(range(2, 6), (("half", "gp"),))
+    assert group.environments_in_words() == (
+        "2 environments count (seeds 0..1); 4 do not, as not all have a row there:"
+        " missing are half, gp (seeds 2..5)."
+    )
+    assert [(one.planner, one.score.mean, one.wins) for one in standings(told)] == [
+        ("both", -2.0, 1.0),
+        ("half", -2.0, 1.0),
+    ]
+    (compared,) = compare(told, "both", ["half"])
+    assert compared.environments == 2
+
+
+def test_without_an_environment_in_common_nobody_has_a_score():
+    shifted = [structs.replace(one, seed=one.seed + 5) for one in rows("b", [-1.0])]
+    found = standings([*rows("a", [-1.0]), *shifted])
+    assert [(one.environments, math.isnan(one.score.mean), one.wins) for one in found] == [(0, True, 0.0)] * 2
+    assert all(math.isnan(one.rank) for one in found)
+
+
+def test_an_environment_on_which_nobody_has_a_score_does_not_count():
+    (group,) = scored([*rows("a", [-1.0, -1.0], error=[1]), *rows("b", [-2.0, -1.0], error=[1])])
+    assert (group.seeds, group.left_out) == ((0,), {1: ()})
+    assert "nobody has a score (seed 1)" in group.environments_in_words()
+
+
+def test_the_share_of_bad_answers_is_that_of_all_answers():
+    policy = rows("policy", [-1.0, -1.0], decisions=20, bad_answers={"crashed": 1})
+    found = {one.planner: one for one in standings([*policy, *rows("fixed", [-1.0, -1.0], decisions=1)])}
+    assert found["policy"].bad_share == 2 / 40
+    assert math.isnan(found["fixed"].bad_share)
+    (quiet,) = standings(rows("policy", [-1.0], decisions=20))
+    assert quiet.bad_share == 0.0
+
+
+def test_losses_are_divided_by_those_of_the_fixed_planner_that_is_best_in_each():
+    def made(planner, tylcv, ccr, decisions):
+        of = {"tylcv": array("d", [tylcv]), "ccr": array("d", [ccr])}
+        return rows(planner, [-tylcv - ccr] * 8, decisions=decisions, history=of)
+
+    (group,) = scored([*made("policy", 1.0, 3.0, 9), *made("one", 2.0, 4.0, 1), *made("two", 8.0, 1.0, 1)])
+    policy, one, two = by_fixed(group, over_run=True)
+    assert [each.planner for each in (policy, one, two)] == ["policy", "one", "two"]
+    assert [each.fixed for each in (policy, one, two)] == [False, True, True]
+    assert policy.best == {WHOLE: "one", "tylcv": "one", "ccr": "two"}
+    assert policy.ratios == {
+        WHOLE: Interval(4 / 6, 4 / 6, 4 / 6),
+        "tylcv": Interval(0.5, 0.5, 0.5),
+        "ccr": Interval(3.0, 3.0, 3.0),
+    }
+    (only,) = scored(made("policy", 1.0, 3.0, 9))
+    assert by_fixed(only, over_run=False) == []
+
+
+def test_the_interval_of_a_ratio_is_that_of_pairs():
+    draw = np.random.default_rng(3)
+    hard = draw.uniform(1.0, 9.0, 20)
+    pairs = ratio_interval(hard * 0.5 + draw.normal(0.0, 0.01, 20), hard)
+    assert pairs.low < pairs.mean < pairs.high
+    assert pairs.mean == pytest.approx(0.5, abs=0.01)
+    assert pairs.high - pairs.low < 0.01
+    few = ratio_interval(hard[:6], hard[:6])
+    assert (few.mean, math.isnan(few.low)) == (1.0, True)
+    assert math.isnan(ratio_interval(hard, np.zeros(20)).mean)
+
+
+def test_intervals_of_ratios_cover_the_ratio_of_the_means():
+    draw = np.random.default_rng(5)
+    hits = 0
+    for _ in range(300):
+        hard = draw.exponential(1.0, 20) + 0.5
+        found = ratio_interval(hard * draw.uniform(0.5, 0.9, 20), hard)
+        hits += found.low <= 0.7 <= found.high
+    assert 0.88 < hits / 300 < 0.98
 
 
 def test_scenarios_are_told_apart():
@@ -100,7 +202,7 @@ def test_a_comparison_is_made_in_pairs():
     assert theirs.score.mean == pytest.approx(gain.mean())
     assert theirs.score.low > 0.05
     assert theirs.final_score.mean == pytest.approx(gain.mean() / 2)
-    assert (frail.environments, verdict(frail.score)) == (1, "cannot be told")
+    assert (frail.environments, verdict(frail.score)) == (8, "better")
     (back,) = compare(told, "theirs", ["mine"])
     assert verdict(back.score) == "worse"
     (none,) = compare(told, "mine", ["nobody"])

@@ -24,7 +24,7 @@ from wbf_mission.bench.paper.comparison import (
 from wbf_mission.bench.paper.cost import FARMS, LIMIT_S, measured_costs, plot_costs
 from wbf_mission.bench.paper.dynamics import DAYS, Dynamics, plot_dynamics
 from wbf_mission.bench.paper.shown import shown_runs
-from wbf_mission.bench.report import standing_table
+from wbf_mission.bench.report import field_table, standing_table
 from wbf_mission.bench.rows import BenchRow
 from wbf_mission.bench.spec import BenchSpec
 from wbf_mission.bench.standings import standings
@@ -226,9 +226,11 @@ def _comparison(work: _Work) -> tuple[Section, list[BenchRow]]:
         " plants that it can befall, and the score over time (thin: the other planners). The last picture is"
         f" the mean score over {len(spec.seeds)} environments with Student's interval of 95 %. 0 is perfect."
     )
-    scores = standing_table("Scores over the run and at its end", standings(rows))
+    found = standings(rows)
+    scores = standing_table("Scores over the run and at its end", found)
     tables = (
-        *(scores, early_table(rows), lead_table(rows), pair_table(rows), fall_table(rows)),
+        *(scores, field_table(found)),
+        *(early_table(rows), lead_table(rows), pair_table(rows), fall_table(rows)),
         authors_table(of_first, shown),
     )
     return Section("Planners and estimators", caption, tuple(pictures), tables), rows

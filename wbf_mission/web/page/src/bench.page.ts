@@ -4,8 +4,8 @@
 import { button, element, setText, svg } from "./dom.js";
 import { detailOf, mainRows, sortable, type Order } from "./sorting.js";
 
-/** Seed, score over the run, score at the end, why it failed, how the row's key begins. */
-type Run = [seed: number, run: number | null, end: number | null, failed: string, key: string];
+/** Seed, score over the run, score at the end (of a run that failed: as what it counts), why, how the key begins. */
+type Run = [seed: number | string, run: number, end: number, failed: string, key: string];
 
 const FILTERS: [key: string, label: string, column: number][] = [
   ["scenario", "Scenario", 0],
@@ -107,20 +107,19 @@ function text(row: HTMLTableRowElement, column: number): string {
 
 /** The scores over the run, a dot a seed, above those of the others in the same scenario. */
 function strip(own: Run[], others: Run[]): SVGElement {
-  const known = (of: Run[]): Run[] => of.filter((run) => run[1] !== null);
-  const scores = known([...own, ...others]).map((run) => run[1] ?? 0);
+  const scores = [...own, ...others].map((run) => run[1]);
   const [low, high] = [Math.min(...scores), Math.max(...scores)];
   const at = (score: number): string => (EDGE + ((WIDTH - 2 * EDGE) * (score - low)) / (high - low || 1)).toFixed(1);
   const drawn = svg("svg", { class: "strip", viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img" });
   drawn.setAttribute("aria-label", `Scores over the run of ${own.length} seeds, among those of the others`);
   if (!scores.length) return drawn;
-  for (const run of known(others)) {
-    const x = at(run[1] ?? 0);
+  for (const run of others) {
+    const x = at(run[1]);
     drawn.append(svg("line", { class: "other", x1: x, x2: x, y1: "6", y2: "18" }));
   }
-  for (const run of known(own)) {
-    const dot = svg("circle", { class: "own", cx: at(run[1] ?? 0), cy: "12", r: "4" });
-    dot.append(svg("title", {}, `seed ${run[0]}: ${run[1]?.toFixed(4)}`));
+  for (const run of own) {
+    const dot = svg("circle", { class: "own", cx: at(run[1]), cy: "12", r: "4" });
+    dot.append(svg("title", {}, `seed ${run[0]}: ${run[1].toFixed(4)}`));
     drawn.append(dot);
   }
   const ends: [number, string][] = [[low, "start"], [high, "end"]];
@@ -134,9 +133,8 @@ function strip(own: Run[], others: Run[]): SVGElement {
 function seedTable(runs: Run[]): HTMLElement {
   const row = (tag: "td" | "th", ...cells: string[]): HTMLElement =>
     element("tr", {}, ...cells.map((cell) => element(tag, {}, cell)));
-  const number = (value: number | null): string => value?.toFixed(4) ?? "-";
   const body = element("tbody", {});
-  body.append(...runs.map(([seed, run, end, failed, key]) => row("td", String(seed), number(run), number(end), key, failed)));
+  body.append(...runs.map(([seed, run, end, failed, key]) => row("td", String(seed), run.toFixed(4), end.toFixed(4), key, failed)));
   return element("table", { class: "seeds" }, element("thead", {}, row("th", "seed", "run", "end", "key", "why it failed")), body);
 }
 

@@ -1,0 +1,149 @@
+"""Which rows of a scenario count, and what a run that failed counts as.
+
+Only environments (seeds) count of which all pairs of a planner and an estimator have a row. A run that failed
+counts as the worst that any row has on its environment at any scored time: normally an estimate that knows
+nothing. So neither a lucky choice of seeds nor runs that broke off make anybody better.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wbf_mission.bench.rows import BenchRow
+from wbf_mission.bench.spec import seed_ranges
+
+Pair = tuple[str, str]
+_SHOWN = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Scored:
+    """The rows of one scenario that count, as arrays float64[pairs, seeds]; nan where a field has no loss.
+
+    Parameters
+    ----------
+    pairs : tuple of (str, str)
+        Planners (or policies) with estimators.
+    seeds : tuple of int
+        Of the environments that count.
+    rows : tuple of tuples of BenchRow
+        By pair and seed.
+    scores, final_scores : float64[pairs, seeds]
+        Over the run and at its end.
+    losses, final_losses : dict
+        The same of each field.
+    left_out : dict of int to tuple
+        The environments that do not count, with the pairs that have no row of them; none where no row of
+        anybody has a score.
+    """
+
+    scenario: str
+    pairs: tuple[Pair, ...]
+    seeds: tuple[int, ...]
+    rows: tuple[tuple[BenchRow, ...], ...]
+    scores: NDArray[np.float64]
+    final_scores: NDArray[np.float64]
+    losses: dict[str, NDArray[np.float64]]
+    final_losses: dict[str, NDArray[np.float64]]
+    left_out: dict[int, tuple[Pair, ...]]
+
+    def environments_in_words(self) -> str:
+        """Return which environments count, which do not, and for whom these are missing."""
+        count = f"{len(self.seeds)} environments count" + (f" ({_seeds(self.seeds)})" if self.seeds else "")
+        if not self.left_out:
+            return f"{count}."
+        lacking: dict[str, list[int]] = {}
+        for seed, pairs in sorted(self.left_out.items()):
+            for name in [", ".join(pair) for pair in pairs] or ["nobody has a score"]:
+                lacking.setdefault(name, []).append(seed)
+        told = [f"{name} ({_seeds(seeds)})" for name, seeds in lacking.items()]
+        more = f" and {len(told) - _SHOWN} more" if len(told) > _SHOWN else ""
+        which = "does" if len(self.left_out) == 1 else "do"
+        why = f"{'; '.join(told[:_SHOWN])}{more}"
+        return f"{count}; {len(self.left_out)} {which} not, as not all have a row there: missing are {why}."
+
+
+def scored(rows: Sequence[BenchRow]) -> Iterator[Scored]:
+    """Yield the rows that count of each scenario, sorted by its name."""
+    by_scenario: dict[str, list[BenchRow]] = {}
+    for row in rows:
+        by_scenario.setdefault(row.scenario, []).append(row)
+    for scenario in sorted(by_scenario):
+        yield _scored(scenario, by_scenario[scenario])
+
+
+def _scored(scenario: str, rows: Sequence[BenchRow]) -> Scored:
+    pairs = tuple(sorted({(row.planner, row.estimator) for row in rows}))
+    at = {(row.planner, row.estimator, row.seed): row for row in rows if _is_told(row)}
+    worst = _worst(rows)
+    left_out: dict[int, tuple[Pair, ...]] = {}
+    for seed in sorted({row.seed for row in rows}):
+        lacking = tuple(pair for pair in pairs if (*pair, seed) not in at)
+        if lacking or seed not in worst:
+            left_out[seed] = lacking
+    seeds = tuple(seed for seed in sorted({row.seed for row in rows}) if seed not in left_out)
+    counted = tuple(tuple(at[(*pair, seed)] for seed in seeds) for pair in pairs)
+    fields = list(dict.fromkeys(name for row in rows for name in (*row.losses, *row.history)))
+
+    def table(name: str, *, over_run: bool) -> NDArray[np.float64]:
+        values = [
+            [
+                worst[row.seed].get(name, np.nan) if row.error is not None else _value(row, name, over_run)
+                for row in own
+            ]
+            for own in counted
+        ]
+        return np.array(values, dtype=np.float64).reshape(len(pairs), len(seeds))
+
+    return Scored(
+        scenario=scenario,
+        pairs=pairs,
+        seeds=seeds,
+        rows=counted,
+        scores=-table(_SCORE, over_run=True),
+        final_scores=-table(_SCORE, over_run=False),
+        losses={name: table(name, over_run=True) for name in fields},
+        final_losses={name: table(name, over_run=False) for name in fields},
+        left_out=left_out,
+    )
+
+
+_SCORE = ""
+"""Stands for the score among the names of fields; its loss is what it is below zero."""
+
+
+def _is_told(row: BenchRow) -> bool:
+    return row.error is not None or (row.score is not None and row.final_score is not None)
+
+
+def _value(row: BenchRow, name: str, over_run: bool) -> float:
+    """Return the loss of a field, or of the score, of a run that went well."""
+    if name == _SCORE:
+        value = row.score if over_run else row.final_score
+        return np.nan if value is None else -value
+    if not over_run:
+        return row.losses.get(name, np.nan)
+    return float(np.mean(row.history[name])) if row.history.get(name) else np.nan
+
+
+def _worst(rows: Iterable[BenchRow]) -> dict[int, dict[str, float]]:
+    """Return the largest loss that any row has at any scored time, by seed and field; of the score, too."""
+    found: dict[int, dict[str, float]] = {}
+    for row in rows:
+        ends = [-one for one in (row.score, row.final_score) if one is not None]
+        told = {_SCORE: [*ends, *(-one for one in row.scores)]}
+        for name in {*row.losses, *row.history}:
+            told[name] = [*row.history.get(name, ()), *([row.losses[name]] if name in row.losses else [])]
+        for name, values in told.items():
+            if values:
+                of_seed = found.setdefault(row.seed, {})
+                of_seed[name] = max(of_seed.get(name, -np.inf), *values)
+    return found
+
+
+def _seeds(seeds: Sequence[int]) -> str:
+    return f"seed{'s' if len(seeds) > 1 else ''} {seed_ranges(seeds)}"

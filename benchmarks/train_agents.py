@@ -7,7 +7,7 @@ torch is large::
     python -m venv train
     train/bin/pip install '.[rl]' torch==2.13.0 stable-baselines3==2.9.2
     train/bin/python benchmarks/train_agents.py train --folder agents [--seed 0]
-    train/bin/python benchmarks/train_agents.py fly --folder agents [--seeds 30] [--estimators gp]
+    train/bin/python benchmarks/train_agents.py fly --folder agents [--seeds 20] [--estimators gp]
 
 ``fly`` needs neither torch nor stable-baselines3. Equal seeds train equal agents on equal machines.
 """
@@ -188,12 +188,21 @@ def processor() -> str:
     return names[0] if names else platform.machine()
 
 
-def fly(folder: Path, estimators: Sequence[str], seeds: int, out: Path | None) -> None:
+def fly(
+    scenarios: Sequence[str],
+    folder: Path,
+    estimators: Sequence[str],
+    seeds: int,
+    *,
+    strangers: bool = False,
+    out: Path | None = None,
+) -> None:
     """Fly the agents that are there beside ours, and print the standings and their differences."""
     code = HERE / "trained_agent.py"
-    for scenario in sorted({one.scenario for one in TRAININGS}):
-        files = [folder / one.file for one in TRAININGS if one.scenario == scenario]
-        agents = [own_choice(f"{code}:TrainedAgent:file={file}", "policy") for file in files if file.exists()]
+    for scenario in scenarios:
+        wanted = [one.file for one in TRAININGS if strangers or one.scenario == scenario]
+        files = [folder / one for one in wanted if (folder / one).exists()]
+        agents = [own_choice(f"{code}:TrainedAgent:file={file}", "policy") for file in files]
         ours = [choose(name, "planner") for name in OURS]
         learners = [choose(name, "estimator") for name in estimators]
         spec = BenchSpec.of([scenario], [*ours, *agents], learners, seeds)
@@ -209,12 +218,17 @@ def main() -> None:
     parser.add_argument("what", choices=["train", "fly"])
     parser.add_argument("--folder", type=Path, required=True, help="where the agents are or go")
     parser.add_argument("--seed", type=int, default=0, help="of the training")
+    parser.add_argument("--scenarios", default=",".join(sorted({one.scenario for one in TRAININGS})))
+    parser.add_argument(
+        "--strangers", action="store_true", help="agents fly where they were not trained, too"
+    )
     parser.add_argument("--estimators", default="adaptive-disk", help="with which they fly")
-    parser.add_argument("--seeds", type=int, default=30, help="of the benchmark, from 0 on")
+    parser.add_argument("--seeds", type=int, default=20, help="of the benchmark, from 0 on")
     parser.add_argument("--out", type=Path, help="a folder that keeps what was flown")
     given = parser.parse_args()
     if given.what == "fly":
-        fly(given.folder, given.estimators.split(","), given.seeds, given.out)
+        scenarios, estimators = given.scenarios.split(","), given.estimators.split(",")
+        fly(scenarios, given.folder, estimators, given.seeds, strangers=given.strangers, out=given.out)
         return
     given.folder.mkdir(parents=True, exist_ok=True)
     for one in TRAININGS:

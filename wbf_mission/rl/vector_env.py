@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -113,8 +113,10 @@ class SurveyVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         """
         if seed is None or isinstance(seed, int | np.integer):
             seeds = [None if seed is None else int(seed) + one for one in range(self.num_envs)]
+        elif isinstance(seed, Iterable):
+            seeds = [int(one) if isinstance(one, np.integer) else one for one in seed]
         else:
-            seeds = list(seed)
+            raise TrainingError(f"reset: seed {seed!r}: give a whole number, or one for each environment")
         mask = np.ones(self.num_envs, np.bool_)
         if options is not None and "reset_mask" in options:
             mask = np.asarray(options["reset_mask"], np.bool_)

@@ -169,3 +169,6 @@ def test_wrong_actions_are_refused(actions):
     assert envs._batch.counts.tolist() == [0, 0]
     with pytest.raises(TrainingError, match="3 seeds"):
         envs.reset(seed=[1, 2, 3])
+    with pytest.raises(TrainingError, match=r"seed 1.5: give a whole number, or one for each environment"):
+        envs.reset(seed=1.5)
+    assert envs.reset(seed=np.array([4, 9]))[1]["environment"].tolist() == [4, 9]

@@ -219,9 +219,7 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, required=True, help="where the agents are or go")
     parser.add_argument("--seed", type=int, default=0, help="of the training")
     parser.add_argument("--scenarios", default=",".join(sorted({one.scenario for one in TRAININGS})))
-    parser.add_argument(
-        "--strangers", action="store_true", help="agents fly everywhere"
-    )
+    parser.add_argument("--strangers", action="store_true", help="agents fly everywhere")
     parser.add_argument("--estimators", default="adaptive-disk", help="with which they fly")
     parser.add_argument("--seeds", type=int, default=20, help="of the benchmark, from 0 on")
     parser.add_argument("--out", type=Path, help="a folder that keeps what was flown")

@@ -20,8 +20,9 @@ from sensors.scoring.score import ScoreWeights
 from wbf_mission.bench.asked import read_asked
 from wbf_mission.bench.engine import fly_run
 from wbf_mission.bench.meaning import built_in_digest, meaning_of
+from wbf_mission.bench.replay import differences, run_of, told
 from wbf_mission.bench.rows import BenchRow, by_pair
-from wbf_mission.bench.spec import BenchRun, BenchSpec, seeds_of, seeds_text
+from wbf_mission.bench.spec import BenchRun, seeds_of, seeds_text
 from wbf_mission.bench.submission import by_scenario
 from wbf_mission.planning.plan import farm_of
 from wbf_mission.progress import Progress, silent
@@ -66,8 +67,7 @@ def require_whole(rows: Sequence[BenchRow]) -> None:
         parts = _field_parts(scenario)
         for row in here:
             if why := _inconsistency(row, parts):
-                where = f"{scenario}, {row.planner}, {row.estimator}, seed {row.seed}"
-                raise ResultError(f"{one_line(where)}: {why}; fly it again into a new folder")
+                raise ResultError(f"{one_line(told(row))}: {why}; fly it again into a new folder")
 
 
 def _require_one_code(rows: Sequence[BenchRow]) -> None:
@@ -113,8 +113,8 @@ def _require_complete(scenario: str, rows: Sequence[BenchRow]) -> None:
         if len(set(seeds)) < len(seeds):
             raise ResultError(f"{label}: a seed is there twice; fly it again into a new folder")
         if missing:
-            told = one_line(seeds_text(missing), 60)
-            raise ResultError(f"{label}: seeds {told} of the others are missing; fly them, too")
+            seeds_told = one_line(seeds_text(missing), 60)
+            raise ResultError(f"{label}: seeds {seeds_told} of the others are missing; fly them, too")
 
 
 @dataclass(frozen=True, slots=True)
@@ -237,15 +237,13 @@ def fly_again(
 
 def _compared(row: BenchRow, again: BenchRow) -> FlownAgain:
     why = ""
-    if [getattr(row, name) for name in _DECIDED] == [getattr(again, name) for name in _DECIDED]:
+    if not (found := list(differences(row, again))):
         same = EQUAL
     elif _is_near(row.score, again.score) and _is_near(row.final_score, again.final_score):
         same = CLOSE
     else:
         same = OTHER
-        flown = f"{again.score}" if again.error is None else f"an error ({again.error})"
-        where = f"{row.scenario}, {row.planner}, {row.estimator}, seed {row.seed}"
-        why = one_line(f"{where}: the row tells {row.score}, flown again it is {flown}")
+        why = f"{one_line(told(row), 200)}: {one_line('; '.join(found), 200)}"
     return FlownAgain(row.scenario, row.planner, row.estimator, row.seed, same, why)
 
 
@@ -254,8 +252,8 @@ def _is_near(one: float | None, other: float | None) -> bool:
 
 
 def _drawn(rows: Sequence[BenchRow]) -> Iterator[BenchRow]:
-    """Return rows with a score in an order that nobody can choose."""
-    scored = [row for row in rows if row.score is not None]
+    """Return rows of runs that went well in an order that nobody can choose."""
+    scored = [row for row in rows if row.score is not None and row.error is None]
     all_of = hashlib.sha256()
     for row in sorted(scored, key=lambda row: row.key):
         all_of.update(repr((row.key, row.score, row.final_score)).encode())
@@ -265,21 +263,19 @@ def _drawn(rows: Sequence[BenchRow]) -> Iterator[BenchRow]:
 
 def _run_of(row: BenchRow, own: Mapping[str, Choice]) -> BenchRun | str:
     """Return the run of a row; if it cannot be flown here, why."""
-    choices: list[Choice] = []
+    given: dict[str, Choice | None] = {}
     try:
         for kind in ("planner", "estimator"):
-            code = row.codes.get(kind)
+            code, label = row.codes.get(kind), getattr(row, kind)
             if code is not None and code not in own:
-                return f"own code of {one_line(getattr(row, kind), 60)} is not run"
-            choices.append(own[code] if code is not None else choose(getattr(row, kind), kind))
-        planner, estimator = choices
-        if any(_names_files(one) for one in choices):
-            return f"{one_line(row.planner, 60)} or {one_line(row.estimator, 60)} names files of a machine"
-        scenario = (row.scenario, load_scenario(row.scenario))
-        run = next(BenchSpec((scenario,), (planner,), (estimator,), (row.seed,)).runs())
+                return f"own code of {one_line(label, 60)} is not run"
+            given[kind] = None if code is None else own[code]
+            if code is None and _names_files(choose(label, kind)):
+                return f"{one_line(label, 60)} names files of a machine"
+        run = run_of(row, **given)
     except WbfMissionError as error:
         return str(error)
-    if (run.planner, run.estimator, run.codes) != (row.planner, row.estimator, row.codes):
+    if run.codes != row.codes:
         return f"{one_line(row.planner, 60)} or {one_line(row.estimator, 60)} is other code here"
     return run
 
@@ -287,21 +283,3 @@ def _run_of(row: BenchRow, own: Mapping[str, Choice]) -> BenchRun | str:
 def _names_files(choice: Choice) -> bool:
     """Return whether parameters name files or folders: a row of somebody else's is not to reach these."""
     return any(key == "cache" or "/" in str(value) for key, value in choice.params.items())
-
-
-# What the run alone decides; answers that came too late depend on the machine, too.
-_DECIDED = (
-    "outcome",
-    "score",
-    "final_score",
-    "losses",
-    "observations",
-    "cells_observed",
-    "path_length_m",
-    "flight_time_s",
-    "predicted_time_s",
-    "decisions",
-    "times_s",
-    "scores",
-    "history",
-)

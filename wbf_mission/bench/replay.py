@@ -146,7 +146,7 @@ def replay(row: BenchRow, run: BenchRun, *, events: EventStream, tlog: Path | No
     again, result = flown(run, events=events, tlog=tlog)
     acquisitions = tuple(maps.get(id(one)) for one in result.decisions)
     return Replay(
-        row, again, result, acquisitions, tuple(_differences(row, again)), tuple(_causes(row, again))
+        row, again, result, acquisitions, tuple(differences(row, again)), tuple(_causes(row, again))
     )
 
 
@@ -161,7 +161,8 @@ def _pooled(acquisition: AcquisitionMap) -> AcquisitionMap:
     return AcquisitionMap(parts.max(axis=(1, 3)), acquisition.cell_m * blocks)
 
 
-def _differences(row: BenchRow, again: BenchRow) -> Iterator[str]:
+def differences(row: BenchRow, again: BenchRow) -> Iterator[str]:
+    """Yield in which values that the run decides two rows differ to the bit, in words."""
     for name in _VALUES:
         old, new = getattr(row, name), getattr(again, name)
         if old != new:

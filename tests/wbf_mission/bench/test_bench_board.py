@@ -126,7 +126,7 @@ def test_rows_are_flown_again_and_own_code_is_not(frozen, rows, tmp_path, capsys
     found = board(frozen, mine, verify=2)
     again = {entry.submission.name: entry.verification for entry in found.entries}
     assert (str(again["Baselines"]), str(again["Some"])) == ("2 equal", "no")
-    assert again["Some"].left_out == "own code of lawnmower is not run"
+    assert again["Some"].left_out in [f"own code of {name} is not run" for name in ("lawnmower", "spiral")]
     counted = [board_values(found)["tables"][0]["methods"][k]["flown_again"] for k in (0, 1)]
     assert sorted(counted) in (["1 equal", "1 equal"], ["2 equal", "no"])
 
@@ -146,7 +146,7 @@ def test_a_row_that_differs_is_told_on_the_board(rows, tmp_path, capsys):
 
     path = pack_of([worse(row) for row in rows], tmp_path / "mine.zip")
     assert main(["bench", "board", str(path), "--verify", "1"]) == 1
-    assert "the row tells" in capsys.readouterr().err
+    assert " then, " in capsys.readouterr().err
     (entry,) = board(path, verify=1).entries
     assert str(entry.verification) == "1 differ"
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from bench_rows import made_row
 
-from wbf_mission.bench.replay import Replay, _causes, _differences, row_named, run_of
+from wbf_mission.bench.replay import Replay, _causes, differences, row_named, run_of
 from wbf_mission.bench.rows import BenchStore, read_rows
 from wbf_mission.cli.app import main
 from wbf_mission.results.storage import ResultError
@@ -86,22 +86,22 @@ def test_a_row_is_named_by_the_beginning_of_its_key(tmp_path):
 
 def test_every_value_is_compared_to_the_bit():
     row = made_row("a", 0, [-0.5, -0.25], history={"tylcv": array("d", [0.5, 0.25])})
-    assert list(_differences(row, row)) == []
+    assert list(differences(row, row)) == []
     nan = msgspec.structs.replace(row, history={"tylcv": array("d", [math.nan, 0.25])})
-    assert list(_differences(nan, nan)) == []
+    assert list(differences(nan, nan)) == []
     next_score = array("d", [-0.5, float(np.nextafter(-0.25, 0.0))])
-    assert list(_differences(row, msgspec.structs.replace(row, scores=next_score))) == [
+    assert list(differences(row, msgspec.structs.replace(row, scores=next_score))) == [
         "scores (1 of 2 values from the 2. on, by at most 2.78e-17)"
     ]
-    assert list(_differences(row, msgspec.structs.replace(row, score=-0.3))) == [
+    assert list(differences(row, msgspec.structs.replace(row, score=-0.3))) == [
         "score (-0.375 then, -0.3 now)"
     ]
-    (told,) = _differences(row, msgspec.structs.replace(row, times_s=array("d", [10.0])))
+    (told,) = differences(row, msgspec.structs.replace(row, times_s=array("d", [10.0])))
     assert told == "times_s (2 values then, 1 now)"
-    assert list(_differences(row, msgspec.structs.replace(row, history={}))) == ["history of tylcv"]
+    assert list(differences(row, msgspec.structs.replace(row, history={}))) == ["history of tylcv"]
     # What a run costs, and how it ends by the clock of the wall, decide nothing.
     assert (
-        list(_differences(row, msgspec.structs.replace(row, wall_time_s=9.0, bad_answers={"too late": 1})))
+        list(differences(row, msgspec.structs.replace(row, wall_time_s=9.0, bad_answers={"too late": 1})))
         == []
     )
 

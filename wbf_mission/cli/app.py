@@ -16,6 +16,8 @@ from geo.errors import WbfMissionError, told_error, users_line
 from geo.texts import printable
 from wbf_mission.cli import (
     bench,
+    bench_paper,
+    bench_replay,
     bench_results,
     check,
     convert,
@@ -78,7 +80,11 @@ for _name, _command, _examples in _COMMANDS:
     # A height of -5 is a value of `command`, no option.
     _settings = {"ignore_unknown_options": True} if _name == "command" else None
     app.command(_name, cls=HelpCommand, epilog=_examples, context_settings=_settings)(_command)
-for _name, _command, _examples in bench_results.COMMANDS:
+for _name, _command, _examples in (
+    ("replay", bench_replay.replay_command, bench_replay.EXAMPLES),
+    ("paper", bench_paper.paper_command, bench_paper.EXAMPLES),
+    *bench_results.COMMANDS,
+):
     bench.app.command(_name, cls=HelpCommand, epilog=_examples)(_command)
 for _group in (farm, vehicle, bench):
     app.add_typer(_group.app, name=_group.__name__.rpartition(".")[2])

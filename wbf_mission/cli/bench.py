@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from wbf_mission.cli import bench_replay, options
+from wbf_mission.cli import options
 from wbf_mission.cli.help import HelpCommand, HelpGroup
 from wbf_mission.cli.options import option
 from wbf_mission.cli.output import Output
@@ -51,16 +51,9 @@ Examples
 wbf-mission bench report results
 wbf-mission bench report results --out report
 """
-PAPER_EXAMPLES = """
-Examples
-wbf-mission bench paper --out figures --jobs 2
-wbf-mission bench paper --only comparison --seeds 20 --format png,pdf --out figures
-wbf-mission bench paper missions/bench/paper.toml --only comparison --out beside-the-paper
-wbf-mission bench paper --only dynamics --dynamics-farms miniberry-100,waterberry --seeds 1 --out days
-"""
 
 app = typer.Typer(cls=HelpGroup, help="Fly many runs that can be compared.")
-_RUN = "What to run"
+RUN_PANEL = "What to run"
 _FAILURES_SHOWN = 5
 _TOLD_EVERY_S = 60.0
 _ROW = ("key", "scenario", "planner", "estimator", "seed", "error")
@@ -119,10 +112,6 @@ def show_command(
     return ExitCode.GOOD
 
 
-def _names(text: str) -> list[str]:
-    return [one.strip().lower() for one in text.split(",") if one.strip()]
-
-
 def _choices(text: str, what: str) -> list[Choice]:
     """Return what is named, separated by commas; also what stands in a file of the user's."""
     from wbf_mission.own_code import own_choice
@@ -131,23 +120,26 @@ def _choices(text: str, what: str) -> list[Choice]:
     return [own_choice(one, what) or choose(one, what) for one in split_choices(text, what)]
 
 
-def _selection(
+def selection(
     scenarios: Annotated[
-        str | None, option("Ids (see 'bench list') or files, separated by commas.", panel=_RUN)
+        str | None, option("Ids (see 'bench list') or files, separated by commas.", panel=RUN_PANEL)
     ] = None,
     planners: Annotated[
         str | None,
         option(
-            "Planners and policies, separated by commas, such as lawnmower:direction=0.3,greedy.", panel=_RUN
+            "Planners and policies, separated by commas, such as lawnmower:direction=0.3,greedy.",
+            panel=RUN_PANEL,
         ),
     ] = None,
     estimators: Annotated[
         str | None,
-        option("Estimators, separated by commas, such as gp:learn_from=model,epidemic.", panel=_RUN),
+        option("Estimators, separated by commas, such as gp:learn_from=model,epidemic.", panel=RUN_PANEL),
     ] = None,
     seeds: Annotated[
         str | None,
-        option("How many environments, from seed 0 on, or which: 100..139, or 5,7,100..139.", panel=_RUN),
+        option(
+            "How many environments, from seed 0 on, or which: 100..139, or 5,7,100..139.", panel=RUN_PANEL
+        ),
     ] = None,
 ) -> dict[str, Any]:
     """Return what `BenchSpec.of` takes, of options that are given."""
@@ -193,7 +185,7 @@ class _Flying:
 
 @app.command("run", cls=HelpCommand, epilog=RUN_EXAMPLES)
 @options.speaks()
-@options.gives("selected", _selection)
+@options.gives("selected", selection)
 @options.gives("flying", _Flying)
 def run_command(
     output: Output,
@@ -211,12 +203,12 @@ def run_command(
         option(
             "A family (see 'bench list --families'): its scenarios, planners and estimators, where the"
             " options below do not say others.",
-            panel=_RUN,
+            panel=RUN_PANEL,
         ),
     ] = None,
     sealed: Annotated[
         Path | None,
-        option("The secret of a round ('bench seal'), whose environments are flown.", panel=_RUN),
+        option("The secret of a round ('bench seal'), whose environments are flown.", panel=RUN_PANEL),
     ] = None,
     selected: dict[str, Any],
     flying: _Flying,
@@ -242,23 +234,25 @@ def run_command(
     wanted = BenchSpec.of(**selected) if spec is None else BenchSpec.read(spec, selected)
     rows, interrupted = flying.rows(output, wanted, out, context)
     _print(output, rows, title=f"{out}: {len(rows)} of {len(wanted)} runs")
-    return _exit_code(rows, interrupted=interrupted)
+    return exit_code(rows, interrupted=interrupted)
 
 
 _COMPARED = {"scenarios": "WBF/Miniberry-30-Sweep-v1", "estimators": "epidemic", "seeds": "10"}
-_OPTIONS = options.taken_by(_selection)
+_OPTIONS = options.taken_by(selection)
 
 
 @app.command("compare", cls=HelpCommand, epilog=COMPARE_EXAMPLES)
 @options.speaks()
-@options.gives("selected", _selection, {key: (_OPTIONS[key][0], one) for key, one in _COMPARED.items()})
+@options.gives("selected", selection, {key: (_OPTIONS[key][0], one) for key, one in _COMPARED.items()})
 @options.gives("flying", _Flying)
 def compare_command(
     output: Output,
     *,
     context: typer.Context,
     mine: Annotated[str, typer.Argument(help="A planner or policy.")],
-    against: Annotated[str, option("Planners and policies, separated by commas.", panel=_RUN)] = "greedy",
+    against: Annotated[
+        str, option("Planners and policies, separated by commas.", panel=RUN_PANEL)
+    ] = "greedy",
     out: Annotated[Path | None, option("Folder of the results.  [default: they are not kept]")] = None,
     selected: dict[str, Any],
     flying: _Flying,
@@ -298,10 +292,11 @@ def compare_command(
     header = ["scenario, estimator", "against", "run", *of_score, "end", *of_score, "better on"]
     output.table(values, header, table, title=f"{first}: difference of scores (positive: it is better)")
     _tell_what_counts(output, rows)
-    return _exit_code(rows, interrupted=interrupted)
+    return exit_code(rows, interrupted=interrupted)
 
 
-def _exit_code(rows: Sequence[BenchRow], *, interrupted: bool) -> int:
+def exit_code(rows: Sequence[BenchRow], *, interrupted: bool) -> int:
+    """Return whether all runs are good."""
     if interrupted:
         return ExitCode.INTERRUPTED
     return ExitCode.NOT_GOOD if any(row.error for row in rows) else ExitCode.GOOD
@@ -340,76 +335,6 @@ def report_command(
     return ExitCode.GOOD
 
 
-app.command("replay", cls=HelpCommand, epilog=bench_replay.EXAMPLES)(bench_replay.replay_command)
-
-
-@app.command("paper", cls=HelpCommand, epilog=PAPER_EXAMPLES)
-@options.speaks()
-@options.gives("selected", _selection)
-def paper_command(
-    output: Output,
-    *,
-    out: Annotated[Path, option("Folder of the figures.")],
-    spec: Annotated[
-        Path | None,
-        typer.Argument(
-            help="What is compared, in one scenario (TOML); the options below change it."
-            "  [default: the paper's experiment in five environments]"
-        ),
-    ] = None,
-    only: Annotated[str, option("Which figures, separated by commas.")] = "geometry,dynamics,comparison,cost",
-    formats: Annotated[str, option("Kinds of files: png, pdf or both.", "--format")] = "png",
-    selected: dict[str, Any],
-    cost_farms: Annotated[
-        str, option("Where costs are measured, separated by commas.", panel=_RUN)
-    ] = "miniberry-10,miniberry-30,miniberry-100,waterberry",
-    dynamics_farms: Annotated[
-        str,
-        option(
-            "Whose fifteen days are drawn, separated by commas.  [default: the scenario's farm]", panel=_RUN
-        ),
-    ] = "",
-    jobs: options.Jobs = 1,
-) -> int:
-    """Make the figures of the paper: farms, fifteen days, planners with estimators, costs.
-
-    With a page, paper.md and paper.html, of captions and numbers. Flights and costs are kept: a second call
-    only draws.
-    """
-    from wbf_mission.bench.benchmark import BenchmarkInterrupted
-    from wbf_mission.bench.paper.make import make_paper
-    from wbf_mission.bench.spec import BenchSpec
-    from wbf_mission.web.bench_page import write_bench_page
-
-    options.require_processes(jobs)
-    paper = selected | {"seeds": selected["seeds"] or 5}
-    wanted = BenchSpec.of(**paper) if spec is None else BenchSpec.read(spec, selected)
-    try:
-        with output.progress() as progress:
-            made = make_paper(
-                wanted,
-                out,
-                figures=_names(only),
-                formats=_names(formats),
-                jobs=jobs,
-                cost_farms=_names(cost_farms),
-                dynamics_farms=_names(dynamics_farms),
-                progress=progress,
-            )
-    except BenchmarkInterrupted as stop:
-        output.warn(f"{stop}; the same command goes on with them")
-        return ExitCode.INTERRUPTED
-    _tell_failures(output, made.rows)
-    write_bench_page(made.files[0].with_suffix(".html"), made.page, out)
-    pages = [str(made.files[0].with_suffix(end)) for end in (".md", ".html")]
-    pictures = [str(one) for one in made.files[1:]]
-    output.result(
-        {"pages": pages, "pictures": pictures, "runs": len(made.rows)},
-        {"pages": "\n".join(pages), "pictures": "\n".join(pictures)},
-    )
-    return _exit_code(made.rows, interrupted=False)
-
-
 def _print(output: Output, rows: Sequence[BenchRow], title: str) -> None:
     """Print the standings, a table for each scenario, and why runs failed."""
     from dataclasses import asdict
@@ -445,10 +370,10 @@ def _tell_what_counts(output: Output, rows: Sequence[BenchRow]) -> None:
     for group in scored(apart(rows)):
         if group.left_out:
             output.warn(f"{group.scenario}: {group.environments_in_words()}")
-    _tell_failures(output, rows)
+    tell_failures(output, rows)
 
 
-def _tell_failures(output: Output, rows: Sequence[BenchRow]) -> None:
+def tell_failures(output: Output, rows: Sequence[BenchRow]) -> None:
     """Warn of runs that failed, with the causes of the first."""
     failures = [row for row in rows if row.error is not None]
     for row in failures[:_FAILURES_SHOWN]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from geo import Farm
 from sensors.fields import Field, FieldSet
-from wbf_mission.pictures.plots import LAND, new_sheet, save_sheet, shown_every
+from wbf_mission.pictures.plots import LAND, new_sheet, save_sheet
 from wbf_mission.progress import Progress, silent
 from wbf_mission.run.resolve import make_environment
 from wbf_mission.scenario import Scenario, scenario_with
@@ -24,6 +24,8 @@ DAYS = tuple(range(1, 16))
 _SHOWN = (1, 3, 6, 9, 12, 15)
 _INFECTED, _LOST = "#d55e00", "#3d0a3a"
 _WATER = "#1d91c0"
+_PIXELS = 250
+"""Along the longer side of a map: as many as there is room for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +73,8 @@ class Dynamics:
 def plot_dynamics(dynamics: Dynamics, paths: Sequence[Path]) -> None:
     """Draw a row of maps and a curve over the days for each field."""
     fields = dynamics.fields
+    left, right, low, high = _bounds(dynamics)
+    part = slice(left, right), slice(low, high)
     figure = new_sheet(10.0, 0.6 + 1.3 * len(fields))
     panels = figure.subplots(
         len(fields), len(_SHOWN) + 1, squeeze=False, width_ratios=(*[1.0] * len(_SHOWN), 1.9)
@@ -79,7 +83,7 @@ def plot_dynamics(dynamics: Dynamics, paths: Sequence[Path]) -> None:
         mask = field.mask(dynamics.farm.grid())
         style = _style(field)
         for axes, day in zip(panels[k], _SHOWN, strict=False):
-            image = _show(axes, dynamics.maps[day][k], mask, style)
+            image = _show(axes, dynamics.maps[day][k][part], mask[part], style)
             if k == 0:
                 axes.set_title(f"day {day}", fontsize=9)
         panels[k, 0].set_ylabel(field.title.replace(" (", "\n("), fontsize=9)
@@ -94,6 +98,13 @@ def plot_dynamics(dynamics: Dynamics, paths: Sequence[Path]) -> None:
     save_sheet(figure, paths)
 
 
+def _bounds(dynamics: Dynamics) -> tuple[int, int, int, int]:
+    """Return the cells that hold all that the fields concern: the first and last along x and y."""
+    concerned = np.logical_or.reduce([field.mask(dynamics.farm.grid()) for field in dynamics.fields])
+    x, y = (np.flatnonzero(concerned.any(axis=axis)) for axis in (1, 0))
+    return int(x[0]), int(x[-1]) + 1, int(y[0]), int(y[-1]) + 1
+
+
 def _style(field: Field) -> dict[str, Any]:
     from matplotlib.colors import LinearSegmentedColormap
 
@@ -105,13 +116,26 @@ def _style(field: Field) -> dict[str, Any]:
 
 def _show(axes: Axes, values: NDArray[np.float32], mask: NDArray[np.bool_], style: dict[str, Any]) -> Any:
     """Draw a field on a day: of a disease how sick plants are, of another field its value."""
-    stride = shown_every(values.shape)
     sick = style["cmap"] == "YlOrBr"
-    pixels = np.where(mask, 1.0 - values if sick else values, np.nan)[::stride, ::stride]
+    pixels = _pixels(np.where(mask, 1.0 - values if sick else values, np.float32(np.nan)), highest=sick)
     axes.set_facecolor(LAND)
     axes.set_xticks([])
     axes.set_yticks([])
     return axes.imshow(np.ma.masked_invalid(pixels).T, origin="lower", interpolation="nearest", **style)
+
+
+def _pixels(values: NDArray[np.float32], *, highest: bool) -> NDArray[np.float32]:
+    """Return the highest or mean value of blocks of cells, NaN where there is none, for a map."""
+    block = -(-max(values.shape) // _PIXELS)
+    wide = np.pad(values, [(0, -side % block) for side in values.shape], constant_values=np.nan)
+    parts = wide.reshape(wide.shape[0] // block, block, wide.shape[1] // block, block)
+    known = np.isfinite(parts)
+    if highest:
+        found = np.where(known, parts, -np.inf).max(axis=(1, 3))
+    else:
+        counts = np.maximum(known.sum(axis=(1, 3)), 1)
+        found = np.where(known, parts, 0.0).sum(axis=(1, 3)) / counts
+    return np.where(known.any(axis=(1, 3)), found, np.nan).astype(np.float32)
 
 
 def _curves(axes: Axes, dynamics: Dynamics, k: int) -> None:

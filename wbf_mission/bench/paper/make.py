@@ -190,7 +190,7 @@ def _dynamics(work: _Work) -> Section:
         right = f"the mean of {len(seeds)} environments with the range from the lowest to the highest"
     caption = (
         f"{len(DAYS)} days of {' and '.join(farms)} ({name}): the environment of seed {seeds[0]}, and on the"
-        f" right {right}. Grey: nothing that the field concerns."
+        f" right {right}. Of a large farm a pixel is its sickest plant. Grey: no concern of the field."
     )
     return Section(title, caption, tuple(pictures))
 

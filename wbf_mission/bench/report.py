@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from wbf_mission.bench.asked import AskedFor
 from wbf_mission.bench.cards import known_cards
 from wbf_mission.bench.environments import Scored, scored
-from wbf_mission.bench.intervals import Interval, students_reach
+from wbf_mission.bench.intervals import Interval, mean_interval, students_reach
 from wbf_mission.bench.page import Listing, Page, Picture, Section, Table
 from wbf_mission.bench.rows import BenchRow, by_pair
 from wbf_mission.bench.standings import Ratio, Standing, by_fixed, standings_of
@@ -28,7 +28,9 @@ READING = (
     "environments. Only environments count of which all have a row; a run that failed counts as the worst "
     "score and the worst losses that any row has on its environment. Losses are means a cell. Rank: the mean "
     "place among all rows on the same environment. Wins: on how many a row was the best, shared ones in "
-    "parts. Bad answers: the share of a policy's answers that were not flown, or came too late."
+    "parts. Bad answers: the share of a policy's answers that were not flown, or came too late. How sure, how "
+    "right: of the last estimate, on relevant cells that nobody looked at. Sick held is the part of the sick "
+    "plants among those that may be sick, meant to be 90 %; healthy held, that of the healthy ones, its price."
 )
 SCORES = "Scores over the run and at its end"
 _POINTS = 200
@@ -195,6 +197,7 @@ def _section(group: Scored, folder: Path) -> Section:
         _by_fixed(at_end, "at its end"),
         _behind(found),
         _bad_answers(found),
+        _calibration(good),
         _flown(good),
         _costs(good),
     )
@@ -238,6 +241,32 @@ def _plot(scenario: str, found: Sequence[Standing], rows: Sequence[BenchRow], fo
     figure.tight_layout()
     file = save_figure(figure, folder / f"{scenario.replace('/', '-').removesuffix('.toml')}.png")
     return Picture(file.name, "Score over time")
+
+
+_SURE = {
+    "brier": "Brier",
+    "log_loss": "log loss",
+    "ece": "calibration error",
+    "sick_held": "sick held",
+    "healthy_held": "healthy held",
+    "held": "in 90 %",
+    "error": "error by variance",
+}
+
+
+def _calibration(good: Sequence[BenchRow]) -> Table:
+    """Return how right a scenario's last estimates were in how sure they were."""
+    fields = list(dict.fromkeys(name for row in good for name in row.losses))
+    lines = []
+    for pair, own in by_pair(good).items():
+        for field in fields:
+            each = ([row.calibration.get(f"{field}_{key}", math.nan) for row in own] for key in _SURE)
+            means = [mean_interval(np.array(one)) for one in each]
+            if any(math.isfinite(one.mean) for one in means):
+                told = (f"{mean} ({limits})" for mean, limits in map(_interval, means))
+                lines.append((", ".join(pair), field, *(one.replace(" (-)", "") for one in told)))
+    header = ("planner, estimator", "field", *_SURE.values())
+    return Table("How sure, how right", header, tuple(lines), texts=2)
 
 
 def _flown(good: Sequence[BenchRow]) -> Table:

@@ -21,7 +21,7 @@ from geo import Farm
 from sensors.dynamics.epidemic import Outbreak, outbreak_of
 from sensors.fields import PAPER_FIELDS, Field, FieldSet
 from sensors.observations import Observations
-from sensors.scoring.information import InformationModel
+from sensors.scoring.information import InformationModel, least_sick
 from wbf_mission.maps import blocks
 from wbf_mission.maps.blocks import COUNT, ILLNESS, SICK, SICK_BELOW, SPREAD, MapGrid
 
@@ -49,6 +49,9 @@ class FieldMap:
     seen_sick: Floats
     finds: NDArray[np.int32]  # int32[n, 2]: the cells of the sick plants that were seen
     together: float = 1.0  # How many cells err as one
+    # The plants that nobody looked at and that may be sick (`InformationModel.may_be_sick`); None if the
+    # estimator has no class probabilities
+    may_be_sick: Floats | None = None
 
     @property
     def share(self) -> Floats:
@@ -101,8 +104,14 @@ def field_maps(
         outbreak = outbreak_of(field.epidemic, cells.shape, day) if field.kind == "disease" else None
         known = np.isfinite(readings[:, k]) & mask[x, y]
         seen_x, seen_y, seen = x[known], y[known], readings[known, k]
+        may_be = None
         if field.name in probabilities:
-            made = _from_probabilities(grid, mask, probabilities[field.name][0], model.value[k])
+            healthy = probabilities[field.name][0]
+            made = _from_probabilities(grid, mask, healthy, model.value[k])
+            open_ = mask.copy()
+            open_[seen_x, seen_y] = False
+            open_[open_] = 1.0 - healthy[open_] >= least_sick(1.0 - healthy[open_])
+            may_be = pixel_sums(grid, open_, healthy)[0][..., COUNT]
         else:
             deviation = model.uncertainty[k] if states_deviation else None
             made = _from_values(grid, mask, model.value[k], deviation, seen_x, seen_y, seen, outbreak)
@@ -115,7 +124,7 @@ def field_maps(
         finds = np.stack([seen_x[sick], seen_y[sick]], axis=1).astype(np.int32)
         together = together_cells(float(count.sum()), float(all_seen.sum()), outbreak)
         maps.append(
-            FieldMap(field, grid, count, total, least, variance, all_seen, sick_seen, finds, together)
+            FieldMap(field, grid, count, total, least, variance, all_seen, sick_seen, finds, together, may_be)
         )
     return tuple(maps)
 

@@ -63,6 +63,8 @@ class FieldReport:
     high: float | None
     blocks: tuple[BlockReport, ...]  # The worst ones: most sick plants, or the least values
     unit: str = ""  # Of the values of a continuous field that has a range of its own
+    # Of a disease how many plants that nobody looked at may be sick: as few as hold 90 % of the sick ones
+    may_be_sick: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,6 +157,7 @@ def _report(farm: Farm, of: FieldMap) -> FieldReport:
         high,
         tuple(blocks),
         "" if field.range == (0.0, 1.0) else field.unit,
+        None if of.may_be_sick is None else int(of.may_be_sick.sum()),
     )
 
 
@@ -221,6 +224,8 @@ def _sentence(field: FieldReport) -> str:
         if field.low is not None and field.high is not None:
             text += f" (90 %: {_percent(field.low)} to {_percent(field.high)})"
         text += f"; {_number(field.seen_sick)} sick {plants} seen among {_number(field.seen)} looked at"
+        if field.may_be_sick is not None and field.seen < field.cells:
+            text += f"; of those not seen {_number(field.may_be_sick)} may be sick"
         worst = [f"{_where(block)} {_percent(block.expected)}" for block in field.blocks]
         return f"{text}; worst blocks {', '.join(worst)}" if worst else text
     write = _value_of(field)

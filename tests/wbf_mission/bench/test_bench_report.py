@@ -136,3 +136,21 @@ def test_costs_stand_with_their_scenario_and_the_cheapest_comes_first(tmp_path):
     assert slow == "| slow, gp | 2.000 | 8.000 | 0.200 | 7.000 |"
     assert "| planner, estimator | wall | CPU | estimate and score |" in second
     assert "| quick, gp | 2.000 | 0.750 | 0.700 |" in second
+
+
+def test_what_was_stated_is_told_by_field_with_intervals_over_environments(tmp_path):
+    rows = [
+        made_row(
+            "spiral", seed, [-1.0], losses={"ccr": 0.1, "soil_2": 0.2}, calibration={"ccr_sick_held": held}
+        )
+        for seed, held in enumerate((0.8, 0.9, 1.0))
+    ]
+    markdown, _ = markdown_of([*rows, made_row("greedy", 0, [-1.0])], tmp_path)
+    table = markdown.split("### How sure, how right")[1].split("###")[0]
+    line = next(line for line in table.splitlines() if line.startswith("| spiral"))
+    cells = [cell.strip() for cell in line.strip("|").split("|")]
+    assert cells[1] == "ccr"
+    assert cells[2:5] == ["-"] * 3
+    assert cells[5] == "0.9000 (0.6516 to 1.1484)"
+    assert "soil_2" not in table
+    assert "greedy" not in table

@@ -145,7 +145,8 @@ def test_what_was_stated_is_told_by_field_with_intervals_over_environments(tmp_p
         )
         for seed, held in enumerate((0.8, 0.9, 1.0))
     ]
-    markdown, _ = markdown_of([*rows, made_row("greedy", 0, [-1.0])], tmp_path)
+    rows += [made_row("greedy", seed, [-1.0]) for seed in range(3)]
+    markdown, _ = markdown_of(rows, tmp_path)
     table = markdown.split("### How sure, how right")[1].split("###")[0]
     line = next(line for line in table.splitlines() if line.startswith("| spiral"))
     cells = [cell.strip() for cell in line.strip("|").split("|")]

@@ -257,7 +257,12 @@ def fly(
 
 def made(name: str) -> Policy:
     """Make a fixed plan or a policy by its name."""
-    return FixedPlan(name) if name.split(":")[0] in PLANNERS else make_policy(name)
+    return FixedPlan(name) if is_fixed(name) else make_policy(name)
+
+
+def is_fixed(name: str) -> bool:
+    """Return whether a name, maybe with parameters, is a fixed planner's."""
+    return name.split(":")[0] in PLANNERS
 
 
 def run_cached(case: Case, name: str, seed: int, cache: Path | None) -> Run:
@@ -271,7 +276,7 @@ def run_cached(case: Case, name: str, seed: int, cache: Path | None) -> Run:
         try:
             done = fly(case, made(name), seed)
         except PlanningError:
-            if name not in PLANNERS:
+            if not is_fixed(name):
                 raise
             # The steps of a vehicle are too few for this planner's sparsest path.
             done = Run(np.empty((0, len(MEASURES))), math.nan, 0, 0.0)
@@ -321,7 +326,7 @@ def show(case: Case, runs: dict[str, list[Run]]) -> bool:
             + "".join(f"{text:>18}" for text in means)
             + f"{worst:>12}{doubt:>10}{cost:>7.1f}"
         )
-    fixed = [name for name in PLANNERS if name in curves]
+    fixed = [name for name in curves if is_fixed(name)]
     held = False
     for name in [name for name in curves if name not in fixed]:
         texts, kept = [], curves[name][:, -1, 0].max() <= WORST_END or case.farm != "miniberry-30"

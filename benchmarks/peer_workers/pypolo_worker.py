@@ -1,8 +1,10 @@
 """Chooses goals with PyPolo's myopic planning (Chen, Khardon & Liu), in a virtual environment that has it.
 
-The first question of a flight gives the box and the kernel; each further one where the vehicle is and what it
-has seen since; the answer is the next goal. PyPolo's own robot is a boat with a sensor of its own rate: here
-the vehicle takes its place, which flies to the goal and sees all on the way.
+The first question of a flight gives the box and the kernel, and the answer the way of the pilot survey; each
+further one gives where the vehicle is and what it has seen since; the answer is the next goal. PyPolo's own
+robot is a boat with a sensor of its own rate: here the vehicle takes its place, which flies to the goal and
+sees all on the way. Kernels, learning and pilot survey are as in the authors' experiments (attentive_kernels,
+``experiments/main.py`` and ``experiments/configs``).
 """
 
 from __future__ import annotations
@@ -15,10 +17,13 @@ import torch
 from lines import serve
 from pypolo.kernels import AK, RBF
 from pypolo.models import GPR
-from pypolo.strategies import MyopicPlanning
+from pypolo.strategies import Bezier, MyopicPlanning
 
-NOISE = 0.01
 CANDIDATES = 1000
+PILOT_SAMPLES = 50
+AMPLITUDE, LENGTHSCALE, NOISE = 1.0, 0.5, 1.0
+RATES = {"lr_hyper": 0.01, "lr_nn": 0.001}
+LENGTHSCALES = np.linspace(0.01, 0.5, 10)
 
 
 class Vehicle:
@@ -53,27 +58,26 @@ class Flight:
 
     def __init__(self, asked: dict[str, Any]) -> None:
         self.low, self.high = np.array(asked["low"]), np.array(asked["high"])
-        self.kernel, self.reach_m = asked["kernel"], float(asked["reach_m"])
+        self.kernel = asked["kernel"]
+        self.mean, self.deviation = float(asked["mean"]), float(asked["deviation"])
         torch.manual_seed(int(asked["seed"]))
         self.vehicle = Vehicle()
         low, high = self._scaled(self.low), self._scaled(self.high)
         extent = [low[0], high[0], low[1], high[1]]
         random = np.random.RandomState(int(asked["seed"]))
         self.strategy = MyopicPlanning(extent, random, CANDIDATES, self.vehicle)
+        self.pilot = self._unscaled(Bezier(extent, random).get(PILOT_SAMPLES)).tolist()
         self.model: Any = None
 
     def goal(self, position: list[float], seen: list[list[float]]) -> list[float]:
         """Learn what was seen, and return the next goal."""
         data = np.array(seen, dtype=np.float64).reshape(-1, 3)
-        places, values = self._scaled(data[:, :2]), data[:, 2:]
-        if self.model is None and len(data) == 0:
-            # PyPolo begins with a pilot survey; a first leg to the middle takes its place.
-            return ((self.low + self.high) / 2).tolist()
+        places, values = self._scaled(data[:, :2]), (data[:, 2:] - self.mean) / self.deviation
         if self.model is None:
-            self.model = GPR(places, values, self._kernel(), NOISE, is_normalized=False)
+            self.model = GPR(places, values, self._kernel(), NOISE, **RATES, is_normalized=False)
         elif len(data):
             self.model.add_data(places, values)
-        # As in the library's experiments, a step for each new sample.
+        # A step for each new sample, after the pilot survey, too.
         self.model.optimize(len(data), verbose=False)
         self.vehicle.state[:2] = self._scaled(np.array([position]))[0]
         return self._unscaled(self.strategy.get(self.model))[0].tolist()
@@ -85,8 +89,8 @@ class Flight:
     def _scaled(self, places_m: Any) -> Any:
         """Bring places to -1..1, as the kernels expect them.
 
-        The library's own scaling takes its limits from the first leg alone, and divides by the deviation of
-        its values, which is zero where all plants of a leg are healthy.
+        The library's own scaling takes the limits of the places and the mean and deviation of the values from
+        the pilot survey; the deviation is zero where all plants of it are healthy.
         """
         return (places_m - (self.low + self.high) / 2) / self._half_m
 
@@ -95,9 +99,9 @@ class Flight:
 
     def _kernel(self) -> Any:
         if self.kernel == "RBF":
-            return RBF(amplitude=0.1, lengthscale=self.reach_m / self._half_m)
-        lengthscales = np.linspace(0.01, 0.5, 10)
-        return AK(amplitude=0.1, lengthscales=lengthscales, dim_input=2, dim_hidden=10, dim_output=10)
+            return RBF(amplitude=AMPLITUDE, lengthscale=LENGTHSCALE)
+        size = len(LENGTHSCALES)
+        return AK(amplitude=AMPLITUDE, lengthscales=LENGTHSCALES, dim_input=2, dim_hidden=10, dim_output=size)
 
 
 def main() -> None:
@@ -109,7 +113,7 @@ def main() -> None:
         began_s = time.process_time()
         if asked["ask"] == "start":
             flights["now"] = Flight(asked)
-            return {}
+            return {"pilot": flights["now"].pilot, "cpu_s": time.process_time() - began_s}
         goal = flights["now"].goal(asked["position"], asked["seen"])
         return {"goal": goal, "cpu_s": time.process_time() - began_s}
 

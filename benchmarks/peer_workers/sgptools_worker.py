@@ -1,11 +1,13 @@
 """Plans paths with sgptools (Jakkala & Akella), in a virtual environment that has it.
 
-A question gives the box that may be flown over, the start, the length of the path, and the kernel; the answer
-the points of the path and the seconds of planning, without the start of the libraries.
+A question gives the box that may be flown over, the points of the land that is to be known, the start, the
+length of the path, and the kernel; the answer the points of the path and the seconds of one core that it took
+without the start of the libraries.
 
-sgptools finds places for a given number of them, and its tour is as long as it is. So the number is searched:
-first by the tours of evenly spread places, which cost little, then by the method itself, with fewer places
-while its tour is too long.
+ContinuousSGP and CMA know the length as a constraint, the start as a fixed waypoint, and that the vehicle
+senses on its way. The others find places for a given number of them, and their tour is as long as it is. So
+the number is searched: first by the tours of evenly spread places, which cost little, then by the method
+itself, with fewer places while its tour is too long.
 """
 
 from __future__ import annotations
@@ -27,12 +29,13 @@ from lines import serve
 from sgptools.core.transformations import IPPTransform, Transform
 from sgptools.methods import get_method
 from sgptools.utils.misc import get_inducing_pts
-from sgptools.utils.tsp import run_tsp
+from sgptools.utils.tsp import resample_path, run_tsp
 
-NOISE = 0.01
-GRID_POINTS = 900
-"""Most points of the grid on which the objective is defined."""
 TRIES = 8
+SAMPLING_RATE = 5
+"""Points of a leg at which a path senses: what the library's tutorial has for continuous sensing."""
+CONSTRAINT_WEIGHT = 500.0
+"""Of the length, as in the tutorial's case with a distance budget."""
 FEWER = 0.93
 TOUR_LENGTH = 0.7124
 """A tour of n places in an area A is about 0.7124 sqrt(n A) long (Applegate et al., 2006)."""
@@ -47,16 +50,12 @@ class Question:
         self.low, self.high = np.array(asked["low"]), np.array(asked["high"])
         self.start = np.array([asked["start"]], dtype=np.float64)
         self.length_m = float(asked["length_m"])
-        self.max_steps = int(asked["max_steps"])
+        self.max_steps = asked["max_steps"]
+        self.waypoints = int(asked["waypoints"])
         self.seed = int(asked["seed"])
-        self.kernel = gpflow.kernels.SquaredExponential(variance=1.0, lengthscales=float(asked["reach_m"]))
-        width, height = self.high - self.low
-        step = max(float(asked["cell_m"]), math.sqrt(width * height / GRID_POINTS))
-        x, y = (
-            np.linspace(low, high, max(2, round((high - low) / step) + 1))
-            for low, high in zip(self.low, self.high, strict=True)
-        )
-        self.grid = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+        self.variance, self.noise = float(asked["variance"]), float(asked["noise"])
+        self.kernel = gpflow.kernels.SquaredExponential(self.variance, float(asked["reach_m"]))
+        self.grid = np.array(asked["land"], dtype=np.float64)
 
     @property
     def places(self) -> int:
@@ -75,43 +74,50 @@ class Question:
         return get_inducing_pts(self.grid, count, seed=self.seed)
 
 
-def continuous(question: Question, count: int, method: str = "ContinuousSGP") -> Points:
-    """Move the places of a tour until they tell most, within the length."""
-    first, _ = question.tour(question.spread(count))
-    transform = IPPTransform(sampling_rate=2, distance_budget=question.length_m, constraint_weight=100.0)
-    found = get_method(method)(
-        len(first), question.grid, question.kernel, NOISE, transform=transform, X_init=first
+def continuous(question: Question, method: str = "ContinuousSGP") -> Points:
+    """Move the waypoints of a tour until the path tells most, within the length."""
+    # As in the tutorial, the first path is a tour of evenly spread places, with as many waypoints as wanted.
+    count = question.places
+    while (found := question.tour(question.spread(count)))[1] > question.length_m:
+        count = int(FEWER * count)
+    tour = resample_path(np.vstack((question.start, found[0])), question.waypoints)
+    transform = IPPTransform(
+        sampling_rate=SAMPLING_RATE,
+        distance_budget=question.length_m,
+        constraint_weight=CONSTRAINT_WEIGHT,
+        Xu_fixed=question.start[None],
     )
-    more = {"seed": question.seed} if method == "CMA" else {}
-    return found.optimize(max_steps=question.max_steps, **more)[0]
+    planner = get_method(method)(
+        len(tour), question.grid, question.kernel, question.noise, transform=transform, X_init=tour
+    )
+    given = {} if question.max_steps is None else {"max_steps": int(question.max_steps)}
+    if method == "CMA":
+        given["seed"] = question.seed
+    path = planner.optimize(**given)[0]
+    return np.clip(path[1:], question.low, question.high)
 
 
 def greedy(question: Question, count: int) -> Points:
     """Choose places one by one."""
-    found = get_method("GreedySGP")(count, question.grid, question.kernel, NOISE, transform=Transform())
+    found = get_method("GreedySGP")(
+        count, question.grid, question.kernel, question.noise, transform=Transform()
+    )
     return found.optimize(optimizer="lazy")[0]
 
 
 def hexagons(question: Question, variance: float) -> Points:
     """Cover the box with hexagons that leave this variance at most."""
-    found = get_method("HexCover")(len(question.grid), question.grid, question.kernel, NOISE)
+    found = get_method("HexCover")(len(question.grid), question.grid, question.kernel, question.noise)
     return np.unique(found.optimize(post_var_threshold=variance, tsp=False)[0], axis=0)
 
 
-METHODS: dict[str, Callable[[Question, int], Points]] = {
-    "ContinuousSGP": continuous,
-    "CMA": partial(continuous, method="CMA"),
-    "GreedySGP": greedy,
-}
-
-
-def by_number(question: Question, method: Callable[[Question, int], Points]) -> Points:
+def by_number(question: Question) -> Points:
     """Return the tour of the most places that fits."""
     count = question.places
     while count > 3 and question.tour(question.spread(count))[1] > question.length_m:
         count = int(FEWER * count)
     for _ in range(TRIES):
-        tour, length_m = question.tour(method(question, count))
+        tour, length_m = question.tour(greedy(question, count))
         if length_m <= question.length_m:
             return tour
         count = max(3, int(count * min(FEWER, (question.length_m / length_m) ** 2)))
@@ -121,7 +127,8 @@ def by_number(question: Question, method: Callable[[Question, int], Points]) -> 
 
 def by_variance(question: Question) -> Points:
     """Return the tour of the densest hexagons that fits."""
-    best, low, high = None, 1.1 * NOISE / (1.0 + NOISE), 0.999
+    least = question.variance * question.noise / (question.variance + question.noise)
+    best, low, high = None, 1.01 * least, 0.999 * question.variance
     for _ in range(12):
         variance = math.sqrt(low * high)
         tour, length_m = question.tour(hexagons(question, variance))
@@ -135,16 +142,25 @@ def by_variance(question: Question) -> Points:
     return best
 
 
+METHODS: dict[str, Callable[[Question], Points]] = {
+    "ContinuousSGP": continuous,
+    "CMA": partial(continuous, method="CMA"),
+    "GreedySGP": by_number,
+    "HexCover": by_variance,
+}
+
+
 def answer(asked: dict[str, Any]) -> dict[str, Any]:
     """Plan one path."""
     np.random.seed(int(asked["seed"]))  # noqa: NPY002 - sgptools draws from it
     tf.random.set_seed(int(asked["seed"]))
     began_s = time.process_time()
-    question = Question(asked)
-    method = asked["method"]
-    tour = by_variance(question) if method == "HexCover" else by_number(question, METHODS[method])
-    return {"points_m": tour.tolist(), "cpu_s": time.process_time() - began_s}
+    path = METHODS[asked["method"]](Question(asked))
+    return {"points_m": path.tolist(), "cpu_s": time.process_time() - began_s}
 
 
 if __name__ == "__main__":
+    # The seconds are then those of one core.
+    tf.config.threading.set_intra_op_parallelism_threads(1)
+    tf.config.threading.set_inter_op_parallelism_threads(1)
     serve(answer)

@@ -1,13 +1,19 @@
 """Planners of other libraries in the benchmark, with stand-ins for the libraries' programs."""
 
+import json
 import os
 import shutil
 import sys
 from pathlib import Path
 
+import numpy as np
 import peer_planners
+import peers
 import pytest
+import shapely
 
+from geo.grid import Crop
+from mission.planners import CropArea, LengthBudget, PlanningRequest
 from wbf_mission import BenchSpec, Scenario, benchmark, fly
 from wbf_mission.scenario.choice import Choice
 
@@ -24,7 +30,7 @@ def answer(asked):
     while metres > 2 * (x1 - x0):
         points += [[x0, y], [x1, y]]
         y, metres = y + 0.3, metres - (x1 - x0) - 0.3
-    return {"points_m": points}
+    return {"points_m": points, "cpu_s": 1.5}
 serve(answer)
 """,
     "pypolo": """
@@ -33,11 +39,11 @@ seen = []
 def answer(asked):
     if asked["ask"] == "start":
         seen.clear()
-        return {}
+        return {"pilot": [asked["start"], [2.0, 0.2]], "cpu_s": 0.25}
     seen.extend(asked["seen"])
     assert all(0.0 <= sick <= 1.0 for _, _, sick in seen)
     x, y = asked["position"]
-    return {"goal": [1.0 + 1.5 * (x < 1.5), 0.4 + 0.02 * len(seen)]}
+    return {"goal": [1.0 + 1.5 * (x < 1.5), 0.4 + 0.02 * len(seen)], "cpu_s": 0.5}
 serve(answer)
 """,
 }
@@ -56,14 +62,13 @@ def libraries(tmp_path, monkeypatch):
     monkeypatch.setenv(peer_planners.FOLDER, str(tmp_path))
     monkeypatch.setenv(f"{peer_planners.FOLDER}_WORKERS", str(workers))
     monkeypatch.setattr(peer_planners, "_workers", {})
-    monkeypatch.setattr(peer_planners, "_tours", {})
     yield
     for one in peer_planners._workers.values():
         one.close()
 
 
 @pytest.mark.usefixtures("libraries")
-def test_a_tour_of_a_library_is_flown_and_a_failure_is_told():
+def test_a_tour_of_a_library_is_flown_and_a_failure_is_told(tmp_path):
     spec = BenchSpec.of(
         ["WBF/Miniberry-10-v1"],
         [Choice(f"tour:{m}", {"method": m}, peer_planners.sgptools) for m in ("ContinuousSGP", "CMA")],
@@ -75,15 +80,15 @@ def test_a_tour_of_a_library_is_flown_and_a_failure_is_told():
     assert good.cells_observed > 15
     assert bad.score is None
     assert "ValueError: no such luck" in bad.error
-    assert len(peer_planners._tours) == 1
+    assert len(list((tmp_path / "answers").glob("*.json"))) == 1
 
 
 @pytest.mark.usefixtures("libraries")
-def test_goals_of_a_library_are_flown_one_after_the_other():
+def test_goals_of_a_library_are_flown_one_after_the_other(tmp_path):
     run = Scenario(
         farm="miniberry-10",
         vehicle="ideal",
-        budget="60steps",
+        budget="40steps",
         policy=peer_planners.PyPolo(),
         estimator="point",
     )
@@ -91,8 +96,16 @@ def test_goals_of_a_library_are_flown_one_after_the_other():
     assert first.outcome.is_good
     assert len(first.decisions) > 5
     assert first.observations.y.max() > first.observations.y.min() + 2, "what it sees moves its goals"
-    assert 50 < len(first.observations) <= 62
+    assert 30 < len(first.observations) <= 42
     assert again.score == first.score
+    times = [json.loads(line) for line in (tmp_path / "answers" / "times.jsonl").read_text().splitlines()]
+    assert [one["cpu_s"] for one in times[:2]] == [0.25, 0.5]
+    assert len(times) == len(list((tmp_path / "answers").glob("*.json"))), (
+        "what was asked before costs nothing"
+    )
+    taken = peers.peer_seconds(tmp_path, "WBF/Miniberry-10-v1", Choice("PyPolo", {"kernel": "AK"}))
+    assert taken == pytest.approx([sum(one["cpu_s"] for one in times)])
+    assert peers.peer_seconds(tmp_path, "WBF/Miniberry-10-v1", Choice("PyPolo", {"kernel": "RBF"})) == []
 
 
 @pytest.mark.usefixtures("libraries")
@@ -105,3 +118,22 @@ def test_a_program_that_ends_is_told():
 
 def test_the_environment_is_left_as_it_was():
     assert peer_planners.FOLDER not in os.environ
+
+
+def test_a_path_is_cut_into_steps_of_the_robot():
+    path = peer_planners.steps_along([[1.0, 0.0], [1.0, 0.4]], (0.0, 0.0), 0.3)
+    assert path == pytest.approx(np.array([[0.3, 0], [0.6, 0], [0.9, 0], [1.0, 0.2], [1.0, 0.4]]))
+    assert len(peer_planners.steps_along([[0.9, 0.0]], (0.0, 0.0), 0.3)) == 3
+
+
+def test_only_land_with_crops_is_to_be_known():
+    request = PlanningRequest(
+        shapely.box(0, 0, 4, 2),
+        (0.0, 0.0),
+        LengthBudget(9.0),
+        0.5,
+        (CropArea(Crop.TOMATO, shapely.box(0, 0, 1, 1)), CropArea(Crop.STRAWBERRY, shapely.box(3, 1, 4, 2))),
+    )
+    points = np.array(peer_planners.land(request))
+    assert len(points) == 8
+    assert set(np.unique(points[:, 0])) == {0.25, 0.75, 3.25, 3.75}

@@ -1,0 +1,211 @@
+"""Tune the fixed planners on environments that no table uses, and write the chosen ones into a specification.
+
+A policy that decides in flight is compared with paths that are fixed before the flight; that is fair only if
+these are as good as their parameters make them. `choices` has what is tried: the direction of the rows, the
+least distance of rows and rings, and how much of the budget ``adaptive-lawnmower`` gives to the tomatoes.
+``max_spacing_m`` is left out: a path already has the closest rows that the budget pays for, so it can only
+refuse. Choices that plan the same path in a scenario are flown once.
+
+In each scenario, with each estimator, all choices fly the first seeds. The best ``--keep`` of each measure
+and the defaults then fly the rest, and the best of these by the mean over all seeds is chosen for each
+measure: ``run``, the score over the flight, and ``end``, the score at its end. Tuning seeds begin at 910000.
+Scores are taken at 36 times, also where a scenario scores each step, which would take ten times as long.
+
+    python benchmarks/tune_baselines.py [--scenarios WBF/Miniberry-30-v1] [--estimators epidemic,gp]
+        [--seeds 20] [--first 4] [--keep 4] [--out DIR] [--write missions/bench/tuned.toml]
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from geo.atomic import atomic_write
+from mission.errors import PlanningError
+from wbf_mission.bench.benchmark import benchmark
+from wbf_mission.bench.intervals import Interval, mean_interval
+from wbf_mission.bench.rows import BenchRow
+from wbf_mission.bench.spec import BenchSpec
+from wbf_mission.planning import plan
+from wbf_mission.scenario import Scenario, load_scenario, scenario_with
+from wbf_mission.scenario.choice import choose
+
+FIRST_SEED = 910_000
+SCENARIOS = "WBF/Miniberry-30-Sweep-v1,WBF/Miniberry-30-v1,WBF/Miniberry-100-v1"
+ESTIMATORS = "epidemic,gp"
+MEASURES = ("run", "end")
+DEFAULTS = ("lawnmower", "spiral", "adaptive-lawnmower")
+SHARES = (0.5, 0.6, 0.7, 0.75, 0.8, 0.85, 0.9)
+DIRECTIONS = ("x", "1.5708", "longest-side", "fewest-turns")
+CELLS_APART = (2, 3, 4, 5)
+SCORE_POINTS = 36
+
+
+@dataclass(frozen=True, slots=True)
+class Chosen:
+    """The best of a measure, and by how much it is ahead of the best default in pairs of environments."""
+
+    scenario: str
+    estimator: str
+    measure: str
+    planner: str
+    score: Interval
+    default: str
+    gain: Interval
+
+
+def choices(cell_m: float) -> list[str]:
+    """Return the planners with the parameters that are tried; the defaults come first."""
+    spacings = ["", *(f"min_spacing_m={cells * cell_m:.4g}" for cells in CELLS_APART)]
+    directions = ["", *(f"direction={one}" for one in DIRECTIONS)]
+    shares = ["", *(f"tomato_share={one}" for one in SHARES)]
+    grids = {
+        "lawnmower": (directions, spacings),
+        "spiral": (spacings,),
+        "adaptive-lawnmower": (shares, directions, spacings),
+    }
+    found = []
+    for name, grid in grids.items():
+        for given in itertools.product(*grid):
+            text = ",".join(filter(None, given))
+            found.append(f"{name}:{text}" if text else name)
+    return sorted(found, key=lambda one: one not in DEFAULTS)
+
+
+def distinct(scenario: Scenario, names: Sequence[str]) -> list[str]:
+    """Return the first choice of each path that fits the budget."""
+    found: dict[bytes, str] = {}
+    for name in names:
+        try:
+            path = plan(scenario_with(scenario, {"planner": choose(name, "planner")})).path_m
+        except PlanningError:
+            continue
+        found.setdefault(np.round(path, 6).tobytes(), name)
+    return list(found.values())
+
+
+def values(rows: Sequence[BenchRow], planner: str, measure: str) -> dict[int, float]:
+    """Return the scores of a planner by seed."""
+    name = "score" if measure == "run" else "final_score"
+    found = {row.seed: getattr(row, name) for row in rows if row.planner == planner}
+    return {seed: value for seed, value in found.items() if value is not None}
+
+
+def best(rows: Sequence[BenchRow], measure: str, count: int) -> list[str]:
+    """Return the best planners by the mean score, best first, of those that flew the most seeds."""
+    flown = {name: values(rows, name, measure) for name in dict.fromkeys(row.planner for row in rows)}
+    most = max(len(one) for one in flown.values())
+    means = {name: float(np.mean(list(one.values()))) for name, one in flown.items() if len(one) == most}
+    return sorted(means, key=lambda name: -means[name])[:count]
+
+
+def chosen(rows: Sequence[BenchRow]) -> list[Chosen]:
+    """Return the best of each measure, of the rows of one scenario and estimator."""
+    found = []
+    for measure in MEASURES:
+        winner = best(rows, measure, 1)[0]
+        default = next(one for one in best(rows, measure, len(rows)) if one in DEFAULTS)
+        mine, theirs = values(rows, winner, measure), values(rows, default, measure)
+        gain = mean_interval(np.array([mine[seed] - theirs[seed] for seed in mine]))
+        score = mean_interval(np.array(list(mine.values())))
+        found.append(Chosen(rows[0].scenario, rows[0].estimator, measure, winner, score, default, gain))
+    return found
+
+
+def specification(found: Sequence[Chosen], seeds: range) -> str:
+    """Return the text of a specification with the planners that were chosen, each with what for."""
+    lines = [
+        "# The fixed planners with the parameters that did best on tuning environments",
+        f"# (benchmarks/tune_baselines.py, seeds {seeds[0]} to {seeds[-1]}), to compare policies with.",
+        "# wbf-mission bench run missions/bench/tuned.toml --out results",
+        f"scenarios = {json.dumps(list(dict.fromkeys(one.scenario for one in found)))}",
+        "planners = [",
+    ]
+    for name in dict.fromkeys(one.planner for one in found):
+        lines += [
+            f"    # {one.measure} in {one.scenario} with {one.estimator}"
+            for one in found
+            if one.planner == name
+        ]
+        lines.append(f"    {json.dumps(name)},")
+    lines += [
+        "]",
+        f"estimators = {json.dumps(list(dict.fromkeys(one.estimator for one in found)))}",
+        "seeds = 40",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def fly(name: str, names: Sequence[str], estimator: str, seeds: range, out: Path | None) -> list[BenchRow]:
+    """Fly planners in a scenario."""
+    scenario = scenario_with(load_scenario(name), {"score_points": SCORE_POINTS})
+    planners = tuple(choose(one, "planner") for one in names)
+    spec = BenchSpec(((name, scenario),), planners, (choose(estimator, "estimator"),), tuple(seeds))
+    return benchmark(spec, out=out)
+
+
+def tune(
+    name: str, estimator: str, names: Sequence[str], seeds: range, given: argparse.Namespace
+) -> list[BenchRow]:
+    """Fly all choices on the first seeds, the best of them and the defaults on the others."""
+    early = fly(name, names, estimator, seeds[: given.first], given.out)
+    kept = [one for one in names if one in DEFAULTS]
+    kept += [one for measure in MEASURES for one in best(early, measure, given.keep)]
+    late = fly(name, list(dict.fromkeys(kept)), estimator, seeds[given.first :], given.out)
+    return [*early, *late]
+
+
+def show(rows: Sequence[BenchRow]) -> None:
+    """Print the planners that flew all seeds, best first."""
+    print(f"\n{rows[0].scenario}, {rows[0].estimator}")
+    for name in best(rows, "run", len(rows)):
+        cells = []
+        for measure in MEASURES:
+            one = mean_interval(np.array(list(values(rows, name, measure).values())))
+            cells.append(f"{measure} {one.mean:.4f} ({one.low:.4f} to {one.high:.4f})")
+        print(f"  {name:<64} " + "  ".join(cells), flush=True)
+
+
+def main() -> None:
+    """Tune, print, write."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--scenarios", default=SCENARIOS)
+    parser.add_argument("--estimators", default=ESTIMATORS)
+    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--first", type=int, default=4, help="seeds that all choices fly")
+    parser.add_argument("--keep", type=int, default=4, help="how many of a measure fly the rest")
+    parser.add_argument("--out", type=Path, help="a folder that keeps what was flown")
+    parser.add_argument("--write", type=Path, help="the specification to write")
+    given = parser.parse_args()
+    seeds = range(FIRST_SEED, FIRST_SEED + given.seeds)
+    found = []
+    for name in given.scenarios.split(","):
+        scenario = load_scenario(name)
+        names = distinct(scenario, choices(scenario.farm.load().cell_size_m))
+        print(f"{name}: {len(names)} different paths", flush=True)
+        for estimator in given.estimators.split(","):
+            rows = tune(name, estimator, names, seeds, given)
+            show(rows)
+            found += chosen(rows)
+    for one in found:
+        score, gain = one.score, one.gain
+        print(
+            f"{one.scenario} {one.estimator} {one.measure}: {one.planner} {score.mean:.4f}"
+            f" ({score.low:.4f} to {score.high:.4f}), {gain.mean:+.4f} ({gain.low:+.4f} to {gain.high:+.4f})"
+            f" against {one.default}"
+        )
+    if given.write:
+        with atomic_write(given.write) as file:
+            file.write(specification(found, seeds))
+
+
+if __name__ == "__main__":
+    main()

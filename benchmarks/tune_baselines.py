@@ -6,13 +6,14 @@ least distance of rows and rings, and how much of the budget ``adaptive-lawnmowe
 ``max_spacing_m`` is left out: a path already has the closest rows that the budget pays for, so it can only
 refuse. Choices that plan the same path in a scenario are flown once.
 
-In each scenario, with each estimator, all choices fly the first seeds. The best ``--keep`` of each measure
-and the defaults then fly the rest, and the best of these by the mean over all seeds is chosen for each
-measure: ``run``, the score over the flight, and ``end``, the score at its end. Tuning seeds begin at 910000.
-Scores are taken at 36 times, also where a scenario scores each step, which would take ten times as long.
+In each scenario, with each estimator, all choices fly the first seeds. The best ``--keep`` of each planner
+and measure and the defaults then fly the rest, and the best of these by the mean over all seeds is chosen for
+each planner and measure: ``run``, the score over the flight, and ``end``, the score at its end. Tuning seeds
+begin at 910000. Scores are taken at 36 times, also where a scenario scores each step, which would take ten
+times as long.
 
     python benchmarks/tune_baselines.py [--scenarios WBF/Miniberry-30-v1] [--estimators epidemic,gp]
-        [--seeds 20] [--first 4] [--keep 4] [--out DIR] [--write missions/bench/tuned.toml]
+        [--seeds 20] [--first 4] [--keep 2] [--out DIR] [--write missions/bench/tuned.toml]
 """
 
 from __future__ import annotations
@@ -49,14 +50,13 @@ SCORE_POINTS = 36
 
 @dataclass(frozen=True, slots=True)
 class Chosen:
-    """The best of a measure, and by how much it is ahead of the best default in pairs of environments."""
+    """The best parameters of a planner for a measure, and what they gain over its defaults, in pairs."""
 
     scenario: str
     estimator: str
     measure: str
     planner: str
     score: Interval
-    default: str
     gain: Interval
 
 
@@ -97,24 +97,27 @@ def values(rows: Sequence[BenchRow], planner: str, measure: str) -> dict[int, fl
     return {seed: value for seed, value in found.items() if value is not None}
 
 
-def best(rows: Sequence[BenchRow], measure: str, count: int) -> list[str]:
-    """Return the best planners by the mean score, best first, of those that flew the most seeds."""
-    flown = {name: values(rows, name, measure) for name in dict.fromkeys(row.planner for row in rows)}
-    most = max(len(one) for one in flown.values())
+def best(rows: Sequence[BenchRow], measure: str, count: int, family: str = "") -> list[str]:
+    """Return the best planners by the mean score, best first, of those that flew the most seeds.
+
+    A `family` is a planner's name: only it, with all parameters.
+    """
+    names = dict.fromkeys(row.planner for row in rows if family in ("", row.planner.partition(":")[0]))
+    flown = {name: values(rows, name, measure) for name in names}
+    most = max((len(one) for one in flown.values()), default=0)
     means = {name: float(np.mean(list(one.values()))) for name, one in flown.items() if len(one) == most}
     return sorted(means, key=lambda name: -means[name])[:count]
 
 
 def chosen(rows: Sequence[BenchRow]) -> list[Chosen]:
-    """Return the best of each measure, of the rows of one scenario and estimator."""
+    """Return the best of each planner and measure, of the rows of one scenario and estimator."""
     found = []
-    for measure in MEASURES:
-        winner = best(rows, measure, 1)[0]
-        default = next(one for one in best(rows, measure, len(rows)) if one in DEFAULTS)
-        mine, theirs = values(rows, winner, measure), values(rows, default, measure)
-        gain = mean_interval(np.array([mine[seed] - theirs[seed] for seed in mine]))
-        score = mean_interval(np.array(list(mine.values())))
-        found.append(Chosen(rows[0].scenario, rows[0].estimator, measure, winner, score, default, gain))
+    for measure, family in itertools.product(MEASURES, DEFAULTS):
+        for winner in best(rows, measure, 1, family):
+            mine, theirs = values(rows, winner, measure), values(rows, family, measure)
+            gain = mean_interval(np.array([mine[seed] - theirs[seed] for seed in mine if seed in theirs]))
+            score = mean_interval(np.array(list(mine.values())))
+            found.append(Chosen(rows[0].scenario, rows[0].estimator, measure, winner, score, gain))
     return found
 
 
@@ -156,7 +159,8 @@ def tune(
     """Fly all choices on the first seeds, the best of them and the defaults on the others."""
     early = fly(name, names, estimator, seeds[: given.first], given.out)
     kept = [one for one in names if one in DEFAULTS]
-    kept += [one for measure in MEASURES for one in best(early, measure, given.keep)]
+    for measure, family in itertools.product(MEASURES, DEFAULTS):
+        kept += best(early, measure, given.keep, family)
     late = fly(name, list(dict.fromkeys(kept)), estimator, seeds[given.first :], given.out)
     return [*early, *late]
 
@@ -181,7 +185,7 @@ def main() -> None:
     parser.add_argument("--estimators", default=ESTIMATORS)
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--first", type=int, default=4, help="seeds that all choices fly")
-    parser.add_argument("--keep", type=int, default=4, help="how many of a measure fly the rest")
+    parser.add_argument("--keep", type=int, default=2, help="how many fly the rest")
     parser.add_argument("--out", type=Path, help="a folder that keeps what was flown")
     parser.add_argument("--write", type=Path, help="the specification to write")
     given = parser.parse_args()
@@ -200,7 +204,7 @@ def main() -> None:
         print(
             f"{one.scenario} {one.estimator} {one.measure}: {one.planner} {score.mean:.4f}"
             f" ({score.low:.4f} to {score.high:.4f}), {gain.mean:+.4f} ({gain.low:+.4f} to {gain.high:+.4f})"
-            f" against {one.default}"
+            " against its defaults"
         )
     if given.write:
         with atomic_write(given.write) as file:

@@ -160,7 +160,9 @@ def show(rows: Sequence[BenchRow], peers: Sequence[str], seconds: dict[tuple[str
         for one in found:
             taken = mean_interval(np.array(seconds.get((scenario, one.planner), [])))
             scores = [interval_text(v) for v in (one.score, one.final_score)]
-            table.add_row(one.planner, *scores, interval_text(taken, 2), str(one.environments), str(one.failed))
+            table.add_row(
+                one.planner, *scores, interval_text(taken, 2), str(one.environments), str(one.failed)
+            )
         console.print(table)
         ours = [one for one in found if one.planner not in peers and one.environments]
         if not ours:

@@ -8,7 +8,16 @@ from geo.farms import get_farm
 from sensors.field_files import load_field_set
 from wbf_mission.bench.spec import BenchSpec
 from wbf_mission.cli.app import main
-from wbf_mission.scenario import ScenarioError, families, family_of, get_family, load_scenario, scenario_ids
+from wbf_mission.planning.plan import plan_fleet
+from wbf_mission.scenario import (
+    ScenarioError,
+    families,
+    family_of,
+    get_family,
+    load_scenario,
+    scenario_ids,
+    scenario_with,
+)
 
 
 def test_every_scenario_of_a_family_exists_and_is_in_no_other():
@@ -72,3 +81,9 @@ def test_bench_run_flies_a_family(capsys, tmp_path):
 def test_an_unknown_family_is_told():
     with pytest.raises(ScenarioError, match="unknown family 'field': give one of own, worlds"):
         get_family("field")
+
+
+@pytest.mark.parametrize("name", [one for family in families() for one in family.scenarios])
+def test_every_planner_of_a_family_finds_a_path(name):
+    for planner in ("lawnmower", "adaptive-lawnmower", "spiral", "random-waypoint"):
+        assert plan_fleet(scenario_with(load_scenario(name), {"planner": planner, "estimator": "point"}))

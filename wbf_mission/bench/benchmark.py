@@ -11,6 +11,7 @@ from wbf_mission.bench.asked import keep_asked
 from wbf_mission.bench.engine import fly_all
 from wbf_mission.bench.rows import BenchRow, BenchStore
 from wbf_mission.bench.spec import BenchSpec
+from wbf_mission.bench.versions import build_of
 from wbf_mission.progress import Progress, silent
 
 
@@ -106,14 +107,16 @@ def benchmark(
     else:
         found = [row for row in store.rows if row.key in wanted]
         names = {(one.scenario_id, one.planner, one.estimator, one.seed) for one in runs}
-        others = sum(
-            row.key not in wanted and (row.scenario, row.planner, row.estimator, row.seed) in names
+        others = [
+            row
             for row in store.rows
-        )
+            if row.key not in wanted and (row.scenario, row.planner, row.estimator, row.seed) in names
+        ]
         if others:
+            builds = "; ".join(dict.fromkeys(map(build_of, others)))
             msg = (
-                f"{out}: {others} rows with the names of these runs were flown by other code, or with other"
-                " parameters or files; they are kept, and do not count here"
+                f"{out}: {len(others)} rows with the names of these runs were flown by other code, or with"
+                f" other parameters or files ({builds}); they are kept, and do not count here"
             )
             warnings.warn(msg, stacklevel=2)
     if interrupted:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -239,7 +240,8 @@ def _plot(scenario: str, found: Sequence[Standing], rows: Sequence[BenchRow], fo
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8, loc="lower right")
     figure.tight_layout()
-    file = save_figure(figure, folder / f"{scenario.replace('/', '-').removesuffix('.toml')}.png")
+    name = re.sub(r"[^\w.+]+", "-", scenario.removesuffix(".toml")).strip("-")
+    file = save_figure(figure, folder / f"{name}.png")
     return Picture(file.name, "Score over time")
 
 

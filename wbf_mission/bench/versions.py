@@ -38,8 +38,8 @@ def _digest(row: BenchRow, key: str) -> str:
 
 def _of_old(row: BenchRow, key: str) -> str:
     """Return what tells a row apart: the digest, of rows without digests the version."""
-    code = row.codes.get(key, "")
-    return code or ("built in" if row.codes else build_of(row) if key == _CODE else "unknown")
+    unknown = f"unknown {build_of(row)}" if key == _CODE else "unknown"
+    return row.codes.get(key, "") or ("built in" if row.codes else unknown)
 
 
 def _words(row: BenchRow, key: str) -> str:
@@ -77,7 +77,7 @@ def _labels(name: str, words: dict[str, str]) -> dict[str, str]:
         if told and count[told] == 1:
             found[digest] = told if told.startswith(f"{name}(") else f"{name} [{told}]"
         else:
-            found[digest] = f"{name} [{', '.join(filter(None, (told, digest[:_SHORT])))}]"
+            found[digest] = f"{name} [{', '.join(filter(None, (told, digest[:_SHORT].strip())))}]"
     return found
 
 
@@ -86,11 +86,15 @@ def builds_in_words(rows: Iterable[BenchRow]) -> str:
 
     Empty if all are of one.
     """
-    count = Counter(build_of(row) for row in rows)
-    if len(count) < 2:
+    count = Counter((build_of(row), _of_old(row, _CODE)) for row in rows)
+    if len(count) <= 1:
         return ""
-    codes = {_of_old(row, _CODE) for row in rows}
-    told = "; ".join(f"{build}: {number} rows" for build, number in count.items())
+    codes = {code for _, code in count}
+    several = Counter(build for build, _ in count)
+    told = "; ".join(
+        f"{build}{f', {code[:_SHORT].strip()}' if several[build] > 1 else ''}: {number} rows"
+        for (build, code), number in count.items()
+    )
     same = "the same code flew them" if len(codes) == 1 else f"{len(codes)} different codes flew them"
     return f"rows of {len(count)} versions ({told}); {same}"
 

@@ -10,16 +10,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from wbf_mission.cli import options
+from wbf_mission.cli import bench_output, options
 from wbf_mission.cli.help import HelpCommand, HelpGroup
 from wbf_mission.cli.options import option
 from wbf_mission.cli.output import Output
 from wbf_mission.exit_codes import ExitCode
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from wbf_mission.bench.intervals import Interval
     from wbf_mission.bench.rows import BenchRow
     from wbf_mission.bench.spec import BenchSpec
     from wbf_mission.scenario import Choice
@@ -54,9 +51,7 @@ wbf-mission bench report results --out report
 
 app = typer.Typer(cls=HelpGroup, help="Fly many runs that can be compared.")
 RUN_PANEL = "What to run"
-_FAILURES_SHOWN = 5
 _TOLD_EVERY_S = 60.0
-_ROW = ("key", "scenario", "planner", "estimator", "seed", "error")
 
 
 @app.command("list", cls=HelpCommand, epilog=LIST_EXAMPLES)
@@ -233,8 +228,8 @@ def run_command(
         selected = of_round(selected, sealed)
     wanted = BenchSpec.of(**selected) if spec is None else BenchSpec.read(spec, selected)
     rows, interrupted = flying.rows(output, wanted, out, context)
-    _print(output, rows, title=f"{out}: {len(rows)} of {len(wanted)} runs")
-    return exit_code(rows, interrupted=interrupted)
+    bench_output.print_standings(output, rows, title=f"{out}: {len(rows)} of {len(wanted)} runs")
+    return bench_output.exit_code(rows, interrupted=interrupted)
 
 
 _COMPARED = {"scenarios": "WBF/Miniberry-30-Sweep-v1", "estimators": "epidemic", "seeds": "10"}
@@ -280,9 +275,9 @@ def compare_command(
         [
             f"{one.scenario}, {one.estimator}",
             one.against,
-            *_difference(one.score),
+            *bench_output.difference(one.score),
             verdict(one.score),
-            *_difference(one.final_score),
+            *bench_output.difference(one.final_score),
             verdict(one.final_score),
             "-" if math.isnan(one.better) else f"{one.better:.0%} of {one.environments}",
         ]
@@ -291,15 +286,9 @@ def compare_command(
     of_score = ("95 %", "verdict")
     header = ["scenario, estimator", "against", "run", *of_score, "end", *of_score, "better on"]
     output.table(values, header, table, title=f"{first}: difference of scores (positive: it is better)")
-    _tell_what_counts(output, rows)
-    return exit_code(rows, interrupted=interrupted)
-
-
-def exit_code(rows: Sequence[BenchRow], *, interrupted: bool) -> int:
-    """Return whether all runs are good."""
-    if interrupted:
-        return ExitCode.INTERRUPTED
-    return ExitCode.NOT_GOOD if any(row.error for row in rows) else ExitCode.GOOD
+    bench_output.tell_what_counts(output, rows)
+    bench_output.tell_failures(output, rows)
+    return bench_output.exit_code(rows, interrupted=interrupted)
 
 
 @app.command("report", cls=HelpCommand, epilog=REPORT_EXAMPLES)
@@ -331,65 +320,5 @@ def report_command(
         pictures = [picture.file for section in page.sections for picture in section.pictures]
         files = ["report.md", "report.html", *pictures]
         output.note(f"written: {', '.join(str(out / one) for one in files)}")
-    _print(output, rows, title=f"{folder}: {len(rows)} runs")
+    bench_output.print_standings(output, rows, title=f"{folder}: {len(rows)} runs")
     return ExitCode.GOOD
-
-
-def _print(output: Output, rows: Sequence[BenchRow], title: str) -> None:
-    """Print the standings, a table for each scenario, and why runs failed."""
-    from dataclasses import asdict
-
-    from wbf_mission.bench.report import standing_table
-    from wbf_mission.bench.standings import standings
-
-    found = standings(rows)
-    failures = [row for row in rows if row.error is not None]
-    if output.as_json:
-        output.raw_json(
-            {
-                "standings": [asdict(one) for one in found],
-                "failures": [{name: getattr(row, name) for name in _ROW} for row in failures],
-            }
-        )
-        return
-    for scenario in dict.fromkeys(one.scenario for one in found):
-        told = f"{title}: {scenario}, scores over the run and at its end (0 is perfect)"
-        table = standing_table(told, [one for one in found if one.scenario == scenario])
-        output.table(None, list(table.header), [list(row) for row in table.rows], title=told)
-    _tell_what_counts(output, rows)
-
-
-def _tell_what_counts(output: Output, rows: Sequence[BenchRow]) -> None:
-    """Warn of rows of several versions, of environments that do not count, and of runs that failed."""
-    from wbf_mission.bench.environments import scored
-    from wbf_mission.bench.versions import apart, builds_in_words
-
-    builds = builds_in_words(rows)
-    if builds:
-        output.warn(f"{builds}; tables tell apart what differs, and 'bench report --out' what was run")
-    for group in scored(apart(rows)):
-        if group.left_out:
-            output.warn(f"{group.scenario}: {group.environments_in_words()}")
-    tell_failures(output, rows)
-
-
-def tell_failures(output: Output, rows: Sequence[BenchRow]) -> None:
-    """Warn of runs that failed, with the causes of the first."""
-    failures = [row for row in rows if row.error is not None]
-    for row in failures[:_FAILURES_SHOWN]:
-        where = f"{row.scenario}, {row.planner}, {row.estimator}, seed {row.seed}"
-        output.warn(f"{where}: {row.error}")
-    bad = [row for row in rows if row.bad_answers and row.error is None]
-    if bad:
-        names = ", ".join(sorted({row.planner for row in bad}))
-        told = "answers were not flown or came too late"
-        output.warn(f"{names}: in {len(bad)} runs {told}; 'bench report --out' counts them")
-    if len(failures) > _FAILURES_SHOWN:
-        output.warn(f"{len(failures) - _FAILURES_SHOWN} more runs failed; 'bench report --json' names them")
-
-
-def _difference(one: Interval) -> list[str]:
-    return [
-        "-" if math.isnan(one.mean) else f"{one.mean:+.4f}",
-        "-" if math.isnan(one.low) else f"{one.low:+.3f} to {one.high:+.3f}",
-    ]

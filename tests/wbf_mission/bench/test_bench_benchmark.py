@@ -20,6 +20,7 @@ from wbf_mission.bench.benchmark import BenchmarkInterrupted
 from wbf_mission.bench.engine import fly_all, fly_run
 from wbf_mission.bench.rows import BenchStore, read_rows
 from wbf_mission.bench.spec import BenchSpec
+from wbf_mission.bench.versions import build_of
 from wbf_mission.cli.app import main
 
 TEN = ["WBF/Miniberry-10-v1"]
@@ -173,9 +174,14 @@ def test_rows_of_other_code_are_kept_apart_with_a_word(tmp_path, monkeypatch, ca
     assert main(["bench", "report", str(tmp_path), "--json", "--out", str(tmp_path / "report")]) == 0
     told = capsys.readouterr()
     found = json.loads(told.out)["standings"]
-    assert [one["runs"] for one in found] == [2, 2, 2]
-    assert {f"{TEN[0]} [unknown]", f"{TEN[0]} [ffffffff]"} < {one["scenario"] for one in found}
-    assert told.err.count("they are told apart by [digest]") == 1
+    assert [one["environments"] for one in found] == [2, 2, 2]
+    build = build_of(old[0])
+    names = {one["scenario"] for one in found}
+    assert f"{TEN[0]} [{build}, ffffffff]" in names
+    assert len(names) == 3
+    assert "warning: rows of 3 versions" in told.err
+    assert f"{build}, ffffffff: 2 rows" in told.err
+    assert "3 different codes flew them" in told.err
 
 
 def _fly_or_die(run):

@@ -7,7 +7,7 @@ import hashlib
 import itertools
 import tomllib
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -251,14 +251,21 @@ def _is_near(one: float | None, other: float | None) -> bool:
     return one is not None and other is not None and abs(one - other) <= NEAR
 
 
-def _drawn(rows: Sequence[BenchRow]) -> Iterator[BenchRow]:
-    """Return rows of runs that went well in an order that nobody can choose."""
-    scored = [row for row in rows if row.score is not None and row.error is None]
+def _drawn(rows: Sequence[BenchRow]) -> list[BenchRow]:
+    """Return rows of runs that went well in an order that nobody can choose; each method comes once first."""
+    good = [row for row in rows if row.score is not None and row.error is None]
     all_of = hashlib.sha256()
-    for row in sorted(scored, key=lambda row: row.key):
+    for row in sorted(good, key=lambda row: row.key):
         all_of.update(repr((row.key, row.score, row.final_score)).encode())
     salt = all_of.digest()
-    return iter(sorted(scored, key=lambda row: hashlib.sha256(salt + row.key.encode()).digest()))
+    drawn = sorted(good, key=lambda row: hashlib.sha256(salt + row.key.encode()).digest())
+    before: Counter[tuple[str, str, str]] = Counter()
+    turns = []
+    for row in drawn:
+        method = (row.scenario, row.planner, row.estimator)
+        turns.append(before[method])
+        before[method] += 1
+    return [drawn[k] for k in sorted(range(len(drawn)), key=turns.__getitem__)]
 
 
 def _run_of(row: BenchRow, own: Mapping[str, Choice]) -> BenchRun | str:

@@ -36,8 +36,6 @@ class Entry:
     ----------
     frozen : bool
         Whether it is one of the frozen baselines.
-    rows : list of BenchRow
-        Without their histories.
     digest : str
         SHA-256 of its file.
     """
@@ -155,8 +153,7 @@ def _entry(path: Path, *, frozen: bool, verify: int, progress: Progress) -> Entr
     except ResultError as error:
         raise ResultError(f"{path}: {error}") from None
     verification = fly_again(pack.rows, verify, progress=progress)
-    rows = [structs.replace(row, history={}, timings_s={}) for row in pack.rows]
-    return Entry(path, frozen, pack.submission, rows, pack.digest, verification)
+    return Entry(path, frozen, pack.submission, pack.rows, pack.digest, verification)
 
 
 def _tables(entries: Sequence[Entry], secret: Secret | None) -> Iterator[BoardTable]:

@@ -62,7 +62,7 @@ def draw_board(board: Board, folder: Path) -> dict[int, Picture]:
             axes.plot([score.low, score.high], [place, place], color=colour, linewidth=2.0)
             axes.plot(score.mean, place, "o", color=colour, markersize=5.0)
         axes.set_yticks(range(len(lines)), [_label(one) for one in lines], fontsize=8)
-        axes.invert_yaxis()
+        axes.set_ylim(len(lines) - 0.5, -0.5)
         axes.set_xlabel("score over the run, 0 is perfect, with its interval of 95 %", fontsize=8)
         axes.tick_params(axis="x", labelsize=8)
         axes.grid(axis="x", alpha=0.3)
@@ -133,7 +133,8 @@ def _whose(entry: Entry) -> str:
 
 def _again(line: Line) -> str:
     one = line.standing
-    return str(line.entry.verification.of(one.scenario, one.planner, one.estimator))
+    flown = line.entry.verification.of(one.scenario, one.planner, one.estimator)
+    return str(flown) if flown.rows else "-"
 
 
 def short_table(table: BoardTable) -> Table:
@@ -159,7 +160,7 @@ def _interval(one: Interval, sign: str = "-") -> tuple[str, str]:
 
 
 def _bad(one: Standing) -> str:
-    return f"{sum(one.bad_answers.values()) / one.decisions:.1%}" if one.decisions else "-"
+    return "-" if math.isnan(one.bad_share) else f"{one.bad_share:.1%}"
 
 
 def _submissions(entries: Sequence[Entry]) -> Table:

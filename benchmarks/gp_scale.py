@@ -110,8 +110,8 @@ def errors(quick: bool) -> bool:
     for planner in PLANNERS[:1] if quick else PLANNERS:
         grid, environment = truth_of("miniberry-100", 1)
         seen = look(environment, flown_cells("miniberry-100", planner, 1))
-        exact = GaussianProcessEstimator(learn_from="model", clip=False, **EXACT).fit(grid, seen)
-        ours = GaussianProcessEstimator(learn_from="model", clip=False, method="local").fit(grid, seen)
+        exact = GaussianProcessEstimator(states="mean", clip=False, **EXACT).fit(grid, seen)
+        ours = GaussianProcessEstimator(states="mean", clip=False, method="local").fit(grid, seen)
         right, model = exact.predict(), ours.predict()
         assert exact.kernels_ == ours.kernels_
         for k, (name, kernel) in enumerate(zip(PAPER_FIELDS.names, ours.kernels_, strict=True)):
@@ -289,7 +289,7 @@ def calibration(environments: int, farms: Sequence[str]) -> None:
                 for seed in range(2000, 2000 + environments):
                     grid, environment = truth_of(farm, seed)
                     seen = look(environment, flown_cells(farm, planner, seed))
-                    estimator = GaussianProcessEstimator(learn_from=source)
+                    estimator = GaussianProcessEstimator(learn_from=source, states="mean")
                     model = estimator.fit(grid, seen).predict()
                     truth = np.asarray(environment.values(DAY))
                     count(model, truth, unseen(grid, seen), sums)
@@ -336,7 +336,7 @@ def own_calibration(environments: int) -> None:
 def large_calibration(environment: Environment, grid: FarmGrid, n: int) -> None:
     """Print the calibration on Waterberry."""
     seen = look(environment, rows_over_waterberry(n)[:n])
-    model = GaussianProcessEstimator(clip=False).fit(grid, seen).predict()
+    model = GaussianProcessEstimator(clip=False, states="mean").fit(grid, seen).predict()
     sums = [Calibration() for _ in PAPER_FIELDS.names]
     count(model, environment.values(DAY), unseen(grid, seen), sums)
     report("waterberry", f"rows, {n}", "model", sums)

@@ -183,9 +183,10 @@ def test_the_next_flight_goes_where_a_look_is_worth_most(run, tmp_path):
     x = np.arange(farm.width_cells)[:, None]
     # Only a corner of the tomatoes is in doubt.
     doubt = (x > 20) & (np.arange(farm.height_cells)[None, :] > 22)
-    model.value[:] = 1.0
     model.uncertainty[:] = 0.0
-    model.value[0][doubt], model.uncertainty[0][doubt] = 0.93, 0.15
+    for classes in model.probabilities.values():
+        classes[:] = np.array([1.0, 0.0, 0.0])[:, None, None]
+    model.probabilities["tylcv"][:2, doubt] = np.array([0.88, 0.12])[:, None]
     of = treatment_of_result(result)
     gains = []
     with pytest.raises(PlanningError, match="finds no path on which a look would save anything within 60 s"):

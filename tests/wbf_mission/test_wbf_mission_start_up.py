@@ -69,7 +69,7 @@ COMMANDS = (
     *((name,) for name in ("convert", "export", "map", "report", "studio", "warm-up")),
     *((f"check-{one}",) for one in ("planner", "policy", "estimator")),
     ("bench",),
-    *(("bench", name) for name in ("list", "show", "run", "compare", "report", "paper")),
+    *(("bench", name) for name in ("list", "show", "run", "compare", "report", "replay", "paper")),
     *(("bench", name) for name in ("submit", "board", "seal")),
     ("farm",),
     *(("farm", name) for name in ("list", "show", "draw", "save", "generate")),

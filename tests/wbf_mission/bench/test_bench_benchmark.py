@@ -247,9 +247,9 @@ def test_a_signal_keeps_what_is_finished(tmp_path, jobs, number, code):
     out, err = process.communicate(timeout=120)
     assert process.returncode == code
     (row,) = json.loads(out)["standings"]
-    assert 2 <= row["runs"] < 3000
-    assert len(read_rows(tmp_path / "b")) == row["runs"]
-    assert f"interrupted after {row['runs']} of 3000 runs; the same command goes on with them" in err
+    assert 2 <= row["environments"] < 3000
+    assert len(read_rows(tmp_path / "b")) == row["environments"]
+    assert f"interrupted after {row['environments']} of 3000 runs; the same command goes on with them" in err
     assert "Traceback" not in err
 
 
@@ -262,7 +262,7 @@ def test_kill_keeps_what_is_finished(tmp_path, capsys):
     arguments = ["bench", "run", "--scenarios", TEN[0], "--planners", "lawnmower", "--estimators", "point"]
     assert main([*arguments, "--seeds", str(before + 1), "--out", str(tmp_path / "b"), "--json"]) == 0
     (row,) = json.loads(capsys.readouterr().out)["standings"]
-    assert row["runs"] == before + 1
+    assert row["environments"] == before + 1
 
 
 def test_the_commands_print_tables(spec, rows, tmp_path, capsys):

@@ -59,6 +59,24 @@ def test_rows_come_back_equal_from_journal_and_table(tmp_path_factory, rows):
         assert store.done == {key: one.error is None for key, one in by_key(rows).items()}
 
 
+def test_what_rows_have_in_common_is_in_memory_once(tmp_path):
+    common = {
+        "versions": {"python": "3", "commit": "4622"},
+        "codes": {"code": "c0de"},
+        "hardware": {"cores": "2"},
+        "objects": {"planner": "UCB(beta=9.0)"},
+        "bad_answers": {"crashed": 1},
+    }
+    with BenchStore(tmp_path) as store:
+        store.add(row(1, **common))
+    store = BenchStore(tmp_path)
+    store.add(row(2, **common))
+    first, second = read_rows(tmp_path)  # one of the table, one of the journal
+    store.close()
+    assert [name for name in common if getattr(first, name) is not getattr(second, name)] == []
+    assert {name: getattr(first, name) for name in common} == common
+
+
 def test_a_row_that_was_half_written_is_flown_again(tmp_path):
     store = BenchStore(tmp_path)
     store.add(row(1, score=-1.0))

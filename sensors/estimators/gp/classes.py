@@ -64,8 +64,8 @@ class ClassLink:
         Examples
         --------
         >>> link = ClassLink(illness=0.05, sick=0.08, slope=1.5)
-        >>> link.sick_of_mean(np.array([1.0, 0.95, 0.5, 0.0])).round(3).tolist()
-        [0.002, 0.08, 0.716, 0.877]
+        >>> link.sick_of_mean(np.array([1.0, 0.95, 0.5, 0.0])).astype(float).round(3).tolist()
+        [0.002, 0.08, 0.708, 0.872]
         """
         logit = _log_excess(1.0 - mean.astype(np.float32), self.illness)
         logit *= np.float32(self.slope)

@@ -100,6 +100,16 @@ def draw_bench(browser: Browser, folder: Path, out: Path) -> None:
     keep(page, out)
 
 
+def draw_board(browser: Browser, folder: Path, out: Path) -> None:
+    """Draw the leaderboard of the frozen baselines and a submission."""
+    what = ("--scenarios", "WBF/Miniberry-10-v1", "--planners", "greedy", "--estimators", "gp,epidemic")
+    run("bench", "run", *what, "--seeds", "10", "--out", folder / "mine")
+    pack = folder / "mine.zip"
+    run("bench", "submit", folder / "mine", "--name", "Mine", "--by", "A. Grower", "--out", pack)
+    run("bench", "board", ROOT / "results", pack, "--out", folder / "board")
+    keep(opened(browser, (folder / "board" / "board.html").as_uri()), out)
+
+
 def draw_live(browser: Browser, folder: Path, out: Path) -> None:
     """Draw the page of a flight while it happens."""
     flight = (
@@ -145,6 +155,7 @@ PICTURES: dict[str, Callable[[Browser, Path, Path], None]] = {
     "report.png": draw_report,
     "report-two.png": draw_two,
     "bench-page.png": draw_bench,
+    "board.png": draw_board,
     "live.png": draw_live,
     "studio.png": draw_studio,
 }

@@ -32,6 +32,7 @@ from peers import show
 from wbf_mission.bench.benchmark import benchmark
 from wbf_mission.bench.spec import BenchSpec
 from wbf_mission.own_code import own_choice
+from wbf_mission.scenario import Choice
 from wbf_mission.scenario.choice import choose
 
 HERE = Path(__file__).resolve().parent
@@ -188,6 +189,16 @@ def processor() -> str:
     return names[0] if names else platform.machine()
 
 
+def pilot(one: Training, folder: Path) -> Choice:
+    """Return an agent as a policy; PPO's draws its moves, as it does in training."""
+    draw = "true" if one.agent == "PPO" else "false"
+    choice = own_choice(
+        f"{HERE / 'trained_agent.py'}:TrainedAgent:file={folder / one.file},draw={draw}", "policy"
+    )
+    assert choice is not None
+    return choice
+
+
 def fly(
     scenarios: Sequence[str],
     folder: Path,
@@ -198,11 +209,9 @@ def fly(
     out: Path | None = None,
 ) -> None:
     """Fly the agents that are there beside ours, and print the standings and their differences."""
-    code = HERE / "trained_agent.py"
     for scenario in scenarios:
-        wanted = [one.file for one in TRAININGS if strangers or one.scenario == scenario]
-        files = [folder / one for one in wanted if (folder / one).exists()]
-        agents = [own_choice(f"{code}:TrainedAgent:file={file}", "policy") for file in files]
+        wanted = [one for one in TRAININGS if strangers or one.scenario == scenario]
+        agents = [pilot(one, folder) for one in wanted if (folder / one.file).exists()]
         ours = [choose(name, "planner") for name in OURS]
         learners = [choose(name, "estimator") for name in estimators]
         spec = BenchSpec.of([scenario], [*ours, *agents], learners, seeds)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo import Farm
+from geo.seeds import stream
 from mission.policies.decision import NO_CHANGE, Decision
 from mission.policies.observation import PolicyObservation
 from mission.policies.policy import Triggers
@@ -103,21 +104,29 @@ class Network:
         return numbers
 
 
+def draws(seed: int) -> np.random.Generator:
+    """Return what the moves of a run are drawn from."""
+    return stream(seed, "trained agent")
+
+
 class TrainedAgent:
     """Flies one robot cell by cell where the network of a file prefers to go; it is asked at every cell.
 
-    A second cell is planned as if the first one told nothing new, so that the robot always has a path.
+    A second cell is planned as if the first one told nothing new, so that the robot always has a path. With
+    `draw` a move is drawn with the probabilities that the network's numbers are the logarithms of, as in
+    training by PPO, from the run's seed: equal runs are equal. Without, it is the best one.
     """
 
     triggers = Triggers(observations=1)
 
-    def __init__(self, file: str) -> None:
-        self._network = Network(Path(file))
+    def __init__(self, file: str, draw: bool = False) -> None:
+        self._network, self._draw = Network(Path(file)), draw
         self.start()
 
     def start(self) -> None:
         """Forget the farm of the run before."""
         self._view: View | None = None
+        self._rng: np.random.Generator | None = None
 
     def decide(self, observation: PolicyObservation) -> Decision:
         """Return the next two cells."""
@@ -125,6 +134,7 @@ class TrainedAgent:
         grid = farm.grid()
         if self._view is None:
             self._view = View(farm, observation.fields, grid.owned)
+            self._rng = draws(vehicle.request.seed)
         seen = np.zeros(grid.shape, np.float32)
         seen[observation.observations.x, observation.observations.y] = 1.0
         size_m, limit = farm.cell_size_m, vehicle.request.budget.limit
@@ -134,6 +144,9 @@ class TrainedAgent:
             left = np.array([(vehicle.left - 1.0 - ahead) / (limit - 1.0)], np.float32)
             told = self._view(model.value[None], model.uncertainty[None], seen[None], cell[None], left)
             preferred = np.where(self._view.possible(cell[None]), self._network(told), -np.inf)[0]
+            if self._draw and ahead == 0:
+                assert self._rng is not None
+                preferred += self._rng.gumbel(size=len(MOVES))
             cell = cell + MOVES[np.argmax(preferred)]
             seen[tuple(cell)] = 1.0
             # Telemetry is rounded: a step that is longer than a cell by a hair would cost two.

@@ -212,7 +212,7 @@ def _repeat(asked: AskedFor, rows: Sequence[BenchRow]) -> Iterator[Section]:
         listings = []
         for one in asked.asked:
             listings.append(Listing(f"Asked for at {one.when}", one.command or "(from Python)", "text"))
-            listings.append(Listing("As a file for `bench run`", one.specification, "toml"))
+            listings.append(Listing("As a file for bench run", one.specification, "toml"))
         yield Section("To repeat it", listings=tuple(listings))
     cards = [
         *asked.cards,

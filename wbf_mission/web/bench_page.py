@@ -92,12 +92,11 @@ def _table(table: Table, label: str, *, name: str = "") -> Iterator[str]:
     names = len(table.header) if len(table.header) == _OF_TEXTS else table.texts
 
     def cells(row: Sequence[str], tag: str) -> str:
+        # An interval stands in one line, unless it follows its mean.
+        texts = [escape(one).replace(" to ", " to&nbsp;" if "(" in one else "&nbsp;to&nbsp;") for one in row]
         kinds = [' class="text"' if k < names else "" for k in range(len(row))]
-        return (
-            "<tr>"
-            + "".join(f"<{tag}{k}>{escape(c)}</{tag}>" for k, c in zip(kinds, row, strict=True))
-            + "</tr>"
-        )
+        made = (f"<{tag}{kind}>{text}</{tag}>" for kind, text in zip(kinds, texts, strict=True))
+        return f"<tr>{''.join(made)}</tr>"
 
     own = f' id="{name}"' if name else ""
     yield f'<div class="wide" tabindex="0" role="region" aria-label="{escape(label)}"><table{own}>'

@@ -22,6 +22,7 @@ BAD = '<img src=x onerror="document.title=1">'
 SCENARIOS = ("WBF/Miniberry-10-v1", "WBF/Miniberry-30-v1")
 PLANNERS = ("greedy", "spiral", BAD)
 SEEDS = 3
+CALIBRATION = ("brier", "log_loss", "ece", "sick_held", "healthy_held", "held", "error")
 
 
 @pytest.fixture(scope="module")
@@ -36,6 +37,7 @@ def rows() -> list[BenchRow]:
             scenario=scenario,
             estimator=estimator,
             cpu_time_s=float(draw.uniform(1.0, 200.0)),
+            calibration={f"tylcv_{key}": float(draw.uniform(0.0, 1.0)) for key in CALIBRATION},
         )
         for scenario in SCENARIOS
         for planner in PLANNERS

@@ -53,7 +53,7 @@ TUNED = HERE.parent / "missions" / "bench" / "tuned.toml"
 OURS = "lawnmower,adaptive-lawnmower,spiral,random-waypoint,greedy,rolling-horizon,refining-lawnmower"
 PEERS = ",".join(
     [
-        "sgptools:method=ContinuousSGP",
+        "sgptools:method=ContinuousSGP,max_steps=5000",
         "sgptools:method=CMA",
         "sgptools:method=GreedySGP",
         "sgptools:method=HexCover",

@@ -21,6 +21,7 @@ from __future__ import annotations
 import argparse
 import itertools
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,7 +44,8 @@ ESTIMATORS = "epidemic,gp"
 MEASURES = ("run", "end")
 DEFAULTS = ("lawnmower", "spiral", "adaptive-lawnmower")
 SHARES = (0.5, 0.6, 0.7, 0.75, 0.8, 0.85, 0.9)
-DIRECTIONS = ("x", "1.5708", "longest-side", "fewest-turns")
+# A direction a hair's breadth from the border's costs a row, so that of y is given in full.
+DIRECTIONS = ("x", repr(math.pi / 2), "longest-side", "fewest-turns")
 CELLS_APART = (2, 3, 4, 5)
 SCORE_POINTS = 36
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 _PANELS = ("truth", "estimate", "uncertainty")
 _SIDE = 300  # Pixels along the longest side of a panel, about
+_NARROWEST = 130  # Of a panel, with what is written about it
 _GAP, _HEAD, _FOOT, _LINE, _TEXT = 12, 58, 48, 17, 12
 _BAR = slice(_HEAD - 12, _HEAD - 4)
 _PAPER, _INK, _EDGE, _KEPT_OUT, _SPENT = "#ffffff", "#222222", "#8a8378", "#6f6a63", "#dddddd"
@@ -86,8 +87,9 @@ class Drawing:
         self._side = _SIDE // -(-longest // self._block)
         self._blocks = tuple(-(-along // self._block) for along in task.grid.shape)
         self._size = wide, high = tuple(along * self._side for along in self._blocks)
-        self._corners = [(_HEAD + _LINE, _GAP + number * (wide + _GAP)) for number in range(len(_PANELS))]
-        width, height = len(_PANELS) * (wide + _GAP) + _GAP, _HEAD + _LINE + high + _FOOT
+        self._slot = slot = max(wide, _NARROWEST)
+        self._corners = [(_HEAD + _LINE, _GAP + number * (slot + _GAP)) for number in range(len(_PANELS))]
+        width, height = len(_PANELS) * (slot + _GAP) + _GAP, _HEAD + _LINE + high + _FOOT
         # Codecs of films want even numbers.
         self.shape = height + height % 2, width + width % 2, 3
         sick = self._field.kind == "disease"
@@ -186,16 +188,14 @@ class Drawing:
         out = np.full(self.shape[:2], _packed(_PAPER))
         self._write(out, _GAP, 8, f"{self._task.farm.name}: {self._field.title or self._field.name}")
         out[_BAR, _GAP : self.shape[1] - _GAP] = _packed(_SPENT)
-        wide, high = self._size
+        slot, high = self._slot, self._size[1]
         for number, (top, left) in enumerate(self._corners):
             self._write(out, left, top - _LINE, _PANELS[number])
             first, last = self._ends[number // 2]
-            foot = top + high + 8
-            out[foot : foot + 8, left : left + wide] = self._tones[number // 2][
-                np.arange(wide) * _TONES // wide
-            ]
+            foot, tones = top + high + 8, self._tones[number // 2]
+            out[foot : foot + 8, left : left + slot] = tones[np.arange(slot) * _TONES // slot]
             self._write(out, left, foot + 12, first)
-            self._write(out, left + wide - int(_font().getlength(last)) - 1, foot + 12, last)
+            self._write(out, left + slot - int(_font().getlength(last)) - 1, foot + 12, last)
         return out
 
     def _write(self, out: _Pixels, left: int, top: int, text: str) -> None:

@@ -107,6 +107,15 @@ def test_frames_are_as_gymnasium_wants_them(name):
     assert env.metadata["render_fps"] > 0
 
 
+def test_what_is_written_has_room_on_a_narrow_farm():
+    drawing = Drawing(SurveyTask.of("WBF/Field-Strip-v1"))
+    shape = (3, *drawing._task.grid.shape)
+    ones = np.ones(shape, np.float32)
+    frame = drawing.frame(scene(truth=ones, value=ones, uncertainty=ones, score=-0.1234))
+    assert frame.shape == drawing.shape
+    assert (frame[26:44, -12:] == 255).all()  # Nothing of the second line is cut off at the right
+
+
 def test_the_batched_environment_draws_what_single_ones_draw():
     batched = SurveyVectorEnv(2, NAME, render_mode="rgb_array")
     single = SyncVectorEnv([lambda: SurveyEnv(NAME, render_mode="rgb_array")] * 2)

@@ -1,5 +1,6 @@
 """The loop of decisions by itself: what it looks at between two questions."""
 
+import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,12 +8,14 @@ import pytest
 from policy_observations import report
 
 from geo import get_farm
+from mission.policies.decision import NO_CHANGE
 from mission.policies.observation import Event, Status
 from mission.policies.policy import FixedPlan, Triggers
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.score import PAPER_WEIGHTS
-from wbf_mission.replanning.loop import DecisionLoop, Knowledge
+from wbf_mission.replanning import loop as loops
+from wbf_mission.replanning.loop import DecisionLoop, Knowledge, ask
 
 
 @dataclass
@@ -87,3 +90,27 @@ def test_what_was_known_before_the_flight_is_no_reason_to_ask():
     loop.start([report(1)])
     assert loop.due([Told(1)], 1.0, 7) is None
     assert loop.due([Told(1)], 1.0, 8) is Event.OBSERVATIONS
+
+
+class Sleeper:
+    """A policy that takes its time."""
+
+    def decide(self, _observation):
+        time.sleep(0.2)
+        return NO_CHANGE
+
+
+def test_waiting_for_a_core_does_not_make_an_answer_late(monkeypatch):
+    assert ask(Sleeper(), "sleeper", None).compute_s > 0.1, "sleeping is no waiting for a core"
+    told = iter((1.0, 1.15))
+    monkeypatch.setattr(loops, "_waited_s", lambda: next(told))
+    assert 0.04 < ask(Sleeper(), "sleeper", None).compute_s < 0.15
+
+
+def test_where_the_system_does_not_tell_the_whole_time_counts(monkeypatch, tmp_path):
+    for content in ("", "1", "1 x 3"):
+        (tmp_path / "schedule").write_text(content)
+        monkeypatch.setattr(loops, "_SCHEDULE", tmp_path / "schedule")
+        assert ask(Sleeper(), "sleeper", None).compute_s >= 0.2
+    monkeypatch.setattr(loops, "_SCHEDULE", tmp_path / "none")
+    assert ask(Sleeper(), "sleeper", None).compute_s >= 0.2

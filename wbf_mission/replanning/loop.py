@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Protocol
 
 from geo import Farm
@@ -21,6 +22,7 @@ from sensors.scoring.score import ScoreWeights
 from wbf_mission.replanning.record import PLANNED_PATH, SKIPPED, DecisionRecord, PathChange
 from wbf_mission.replanning.spacing import KeptDistance
 
+_SCHEDULE = Path("/proc/thread-self/schedstat")
 CRASHED, TOO_LATE = "crashed", "too late"
 """Kinds of answers, beside those that `answer_costs` and `Decision` find."""
 
@@ -31,12 +33,12 @@ class Answer:
 
     decision: Decision
     costs: dict[int, float]  # What each new rest of a path costs, in the unit of the vehicle's budget
-    compute_s: float  # Wall seconds that it took
+    compute_s: float  # Seconds that it took, without those in which it waited for a core
 
 
 def ask(policy: Policy, name: str, observation: PolicyObservation) -> Answer:
     """Ask a policy."""
-    begin = time.perf_counter()
+    begin = time.perf_counter() - _waited_s()
     try:
         decision = policy.decide(observation)
     except AnswerError:
@@ -51,8 +53,19 @@ def ask(policy: Policy, name: str, observation: PolicyObservation) -> Answer:
     except SystemExit as error:
         msg = f"{name} ended the program: {told_error(error)}; raise an error instead"
         raise PlanningError(msg) from error
-    compute_s = time.perf_counter() - begin
+    compute_s = max(0.0, time.perf_counter() - _waited_s() - begin)
     return Answer(decision, answer_costs(name, decision, observation), compute_s)
+
+
+def _waited_s() -> float:
+    """Return how long this thread has been ready to run and had no core, where the system tells it.
+
+    A policy is not to be too slow because the machine does something else, too.
+    """
+    try:
+        return int(_SCHEDULE.read_text(encoding="ascii").split()[1]) * 1e-9
+    except (OSError, ValueError, IndexError):
+        return 0.0
 
 
 class Steered(Protocol):

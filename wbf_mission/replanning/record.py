@@ -66,7 +66,7 @@ class DecisionRecord:
     reason : str
         The policy's own words.
     compute_s : float
-        Wall seconds that the answer took.
+        Seconds that the answer took, without those in which it waited for a core.
     changes : list of PathChange
         Empty when all go on.
     alternatives : tuple of Alternative
@@ -75,7 +75,7 @@ class DecisionRecord:
         Why the answer was not flown; empty if it was.
     fault : str
         What was wrong with the answer, in a word or two; empty if nothing was. One that took longer than it
-        may, by the wall clock and in flight, is "too late" and flown all the same: the same seed is to give
+        may in flight, by `compute_s`, is "too late" and flown all the same: the same seed is to give
         the same flight.
     """
 

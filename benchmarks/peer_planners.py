@@ -153,7 +153,7 @@ def land(request: PlanningRequest) -> list[list[float]]:
 def steps_along(points_m: Any, start_m: tuple[float, float], step_m: float) -> Any:
     """Return points a step apart along a path, float64[n, 2] in metres.
 
-    A budget of steps counts whole ones for each leg, so that a path of short legs would lose up to half of it.
+    A budget of steps counts whole ones for each leg, so a path of short legs would lose up to half of it.
     """
     line = shapely.LineString(np.vstack((start_m, points_m)))
     count = max(1, math.ceil(line.length / step_m - 1e-9))

@@ -17,6 +17,7 @@ from wbf_mission.bench.rows import BenchRow
 from wbf_mission.bench.spec import seed_ranges
 
 Pair = tuple[str, str]
+_NOBODY = ""
 _SHOWN = 3
 
 
@@ -58,13 +59,15 @@ class Scored:
             return f"{count}."
         lacking: dict[str, list[int]] = {}
         for seed, pairs in sorted(self.left_out.items()):
-            for name in [", ".join(pair) for pair in pairs] or ["nobody has a score"]:
+            for name in [", ".join(pair) for pair in pairs] or [_NOBODY]:
                 lacking.setdefault(name, []).append(seed)
+        unscored = lacking.pop(_NOBODY, [])
         told = [f"{name} ({_seeds(seeds)})" for name, seeds in lacking.items()]
         more = f" and {len(told) - _SHOWN} more" if len(told) > _SHOWN else ""
+        parts = [f"not all have a row there, missing are {'; '.join(told[:_SHOWN])}{more}"] if told else []
+        parts += [f"nobody has a score there ({_seeds(unscored)})"] if unscored else []
         which = "does" if len(self.left_out) == 1 else "do"
-        why = f"{'; '.join(told[:_SHOWN])}{more}"
-        return f"{count}; {len(self.left_out)} {which} not, as not all have a row there: missing are {why}."
+        return f"{count}; {len(self.left_out)} {which} not: {' and '.join(parts)}."
 
 
 def scored(rows: Sequence[BenchRow]) -> Iterator[Scored]:

@@ -10,6 +10,9 @@ settings.register_profile("default", deadline=None)
 settings.register_profile("ci", deadline=None, derandomize=True)
 settings.load_profile("ci" if os.environ.get("CI") else "default")
 
+# pymavlink chooses its dialect when it is first imported, whichever test comes first.
+os.environ["MAVLINK20"] = "1"
+
 # What a user's cache holds must not decide what a test sees.
 os.environ["WBF_MISSION_ENVIRONMENT_CACHE_MB"] = "0"
 

@@ -5,7 +5,6 @@
 """
 
 import math
-import os
 import socket
 import subprocess
 import sys
@@ -20,7 +19,6 @@ from geo.frame import LocalFrame
 from mission.model import Command, Frame, MissionItem
 from sim_vehicle.host.server import Server
 
-os.environ["MAVLINK20"] = "1"
 # Faster, and the timers of a transfer run out while a busy machine lets a client wait.
 SPEED = 10.0
 

@@ -1,13 +1,10 @@
 """Scripts as people write them with pymavlink's mavutil: loops around recv_match, no library in between."""
 
-import os
 import time
 
 import pytest
 
 from mission.link.codec.dialect import mavlink
-
-os.environ["MAVLINK20"] = "1"
 
 pytestmark = pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 

@@ -89,6 +89,7 @@ def test_class_probabilities_are_kept_where_the_estimator_has_them(result: Resul
         assert kept[disease].shape == (3, 10, 10)
         np.testing.assert_array_equal(kept[disease], told[disease])
     assert again.summary() == flown.summary()
+    assert again.summary()["report"]["fields"]["ccr"]["may_be_sick"] > 0
     assert result.model is not None and result.model.probabilities is None
     # An older result of the run is replaced by one without them.
     fly(SMALL).save(tmp_path / "run", plots=False, overwrite=True)

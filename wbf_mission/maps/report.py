@@ -224,7 +224,8 @@ def _sentence(field: FieldReport) -> str:
         if field.low is not None and field.high is not None:
             text += f" (90 %: {_percent(field.low)} to {_percent(field.high)})"
         text += f"; {_number(field.seen_sick)} sick {plants} seen among {_number(field.seen)} looked at"
-        if field.may_be_sick is not None and field.seen < field.cells:
+        # Where nearly all may be, it says nothing.
+        if field.may_be_sick is not None and field.may_be_sick <= 0.5 * (field.cells - field.seen):
             text += f"; of those not seen {_number(field.may_be_sick)} may be sick"
         worst = [f"{_where(block)} {_percent(block.expected)}" for block in field.blocks]
         return f"{text}; worst blocks {', '.join(worst)}" if worst else text

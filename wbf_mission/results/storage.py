@@ -156,7 +156,8 @@ def read_array(path: Path, shape: tuple[int, ...]) -> NDArray[np.float32]:
         raise ArrayFileError(msg) from error
 
 
-_BLOCKS = ("cells", "total", "least", "variance", "seen", "seen_sick")
+_OPTIONAL = ("variance", "may_be_sick")
+_BLOCKS = ("cells", "total", "least", "seen", "seen_sick", *_OPTIONAL)
 _ARRAYS = (*_BLOCKS, "finds", "together")
 _MAX_MEMBER_BYTES = 64 * 2**20
 
@@ -195,7 +196,7 @@ def _map(arrays: Any, prefix: str, field: Any, farm: Farm) -> FieldMap:
     grid = MapGrid.of(farm)
     values: dict[str, Any] = {name: arrays.get(f"{prefix}.{name}") for name in _ARRAYS}
     for name in _BLOCKS:
-        _check(prefix, name, values[name], grid.pixels, optional=name == "variance")
+        _check(prefix, name, values[name], grid.pixels, optional=name in _OPTIONAL)
     _check(prefix, "finds", values["finds"], (None, 2), integer=True)
     _check(prefix, "together", values["together"], ())
     return FieldMap(field, grid, **{**values, "together": float(values["together"])})

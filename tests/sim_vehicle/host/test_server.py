@@ -1,6 +1,5 @@
 """The wall-clock host: real sockets, several clients, bad clients."""
 
-import os
 import socket
 import time
 
@@ -15,8 +14,6 @@ from sim_vehicle.errors import VehicleError
 from sim_vehicle.host.server import Server
 from sim_vehicle.host.simulation import StopReason
 from tests.support.peer import running
-
-os.environ["MAVLINK20"] = "1"
 
 
 class Echo:

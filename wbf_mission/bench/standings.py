@@ -25,7 +25,7 @@ class Standing:
     estimator: str
     environments: int
     failed: int
-    """Runs on these that failed, and count as the worst."""
+    """Runs on these that failed, and count as the worst, and those where everybody's failed."""
     score: Interval
     """Over the run, as at the end; 0 is perfect."""
     final_score: Interval
@@ -69,6 +69,7 @@ def standings_of(group: Scored) -> list[Standing]:
     ranks, wins = _places(group.scores)
     means = [mean_interval(one) for one in group.scores]
     best = max(range(len(means)), key=lambda k: (np.isfinite(means[k].mean), means[k].mean))
+    all_failed = sum(not lacking for lacking in group.left_out.values())
     found = []
     for k, (planner, estimator) in enumerate(group.pairs):
         own = group.rows[k]
@@ -79,7 +80,7 @@ def standings_of(group: Scored) -> list[Standing]:
                 planner=planner,
                 estimator=estimator,
                 environments=len(own),
-                failed=len(own) - len(good),
+                failed=len(own) - len(good) + all_failed,
                 score=means[k],
                 final_score=mean_interval(group.final_scores[k]),
                 behind=Interval(0.0, np.nan, np.nan)

@@ -297,6 +297,7 @@ def test_a_benchmark_with_failures_says_so(tmp_path, capsys):
         told.err.split()
     )
     assert "2 more runs failed" in told.err
+    assert "7 failed" in told.out
 
 
 def test_compare_gives_a_verdict_and_keeps_what_it_flew(tmp_path, capsys):

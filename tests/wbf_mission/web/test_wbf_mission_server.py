@@ -172,7 +172,7 @@ def test_ten_viewers_follow_and_one_that_never_reads_holds_up_nobody(monkeypatch
         assert not any(thread.is_alive() for thread in threads)
         assert k > 10_000
         # Those who know the same share: far fewer updates were made than were received.
-        assert len(made) < 0.8 * received[0]
+        assert len(made) < received[0] / 2
         # The one that never read was let go.
         deadline = time.monotonic() + 30
         connections = server._server.server_state.connections

@@ -18,6 +18,8 @@ from mission.planners.terrain import is_rectangle, parts_of
 _EDGE_M = 1e-7
 _MERGE_M = 1e-9
 _MAX_ROWS = 50_000
+# An angle of an edge, rounded to four decimals.
+_ROUNDED_RAD = 5.1e-5
 
 
 class Sweep:
@@ -196,22 +198,25 @@ def sweep_angle(area: Area, direction: str | float | None = None) -> float:
     """Return the angle of the rows, radians anticlockwise from the x axis; PlanningError if it is none.
 
     ``"x"``: along the x axis. ``"longest-side"``: along the longest straight side. ``"fewest-turns"``: along
-    the convex hull's edge across which the area is narrowest. A number is the angle itself. None: ``"x"``
-    for a rectangle along the axes, as in the paper, else ``"fewest-turns"``.
+    the convex hull's edge across which the area is narrowest. A number is the angle itself, or that of an
+    edge of the hull from which it differs by its rounding to four decimals: rows that are not quite along a
+    border would lose the outermost one. None: ``"x"`` for a rectangle along the axes, as in the paper, else
+    ``"fewest-turns"``.
 
     Examples
     --------
     >>> tall = shapely.box(0, 0, 1, 9)
     >>> sweep_angle(tall), round(sweep_angle(tall, "fewest-turns"), 4)
     (0.0, 1.5708)
+    >>> sweep_angle(tall, 1.5708) == sweep_angle(tall, "fewest-turns")
+    True
     """
     if direction is None:
         direction = "x" if is_rectangle(area) else "fewest-turns"
     if direction == "x":
         return 0.0
-    if not isinstance(direction, str) and is_number(direction):
-        return float(direction)
-    if direction not in ("longest-side", "fewest-turns"):
+    angle = None if isinstance(direction, str) or not is_number(direction) else float(direction)
+    if angle is None and direction not in ("longest-side", "fewest-turns"):
         msg = f"sweep direction {direction!r} is not x, longest-side, fewest-turns or an angle in radians"
         raise PlanningError(msg)
     if direction == "longest-side":
@@ -224,6 +229,10 @@ def sweep_angle(area: Area, direction: str | float | None = None) -> float:
     if direction == "longest-side":
         return float(angles[np.argmax(np.round(np.hypot(*edges.T), 9))])
     candidates = np.unique(angles)
+    if angle is not None:
+        edges_rad = candidates + math.pi * np.round((angle - candidates) / math.pi)
+        nearest = float(edges_rad[np.argmin(np.abs(edges_rad - angle))])
+        return nearest if abs(nearest - angle) <= _ROUNDED_RAD else angle
     across = np.stack((-np.sin(candidates), np.cos(candidates)))
     heights = sum(np.ptp(shapely.get_coordinates(ring) @ across, axis=0) for ring in rings)
     return float(candidates[np.argmin(np.round(heights, 9))])

@@ -159,10 +159,12 @@ def resolve(
     _require_hosts(farm, fields)
     fields.require_simulated()
     scenario = naming_estimator(scenario, farm, fields)
-    cameras = cameras_of(scenario, fields)
     estimator = estimator_of(scenario.estimate.estimator, scenario.seed, fields)
     if fitted is not None:
+        # What is wrong with a camera is told before vehicles are waited for; their number is known after it.
+        cameras_of(scenario, fields, len(scenario.camera.by_vehicle))
         scenario = fitted(scenario)
+    cameras = cameras_of(scenario, fields)
     progress("planning", 0, 1)
     decider = decider_of(scenario.mission, len(scenario.vehicle.fleet))
     vehicles = vehicles_of(scenario, farm, seed=scenario.seed, first_day=scenario.farm.day, progress=progress)

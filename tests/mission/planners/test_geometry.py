@@ -146,6 +146,9 @@ def test_directions():
     assert sweep_angle(tilted, "longest-side") == pytest.approx(math.radians(30))
     assert sweep_angle(tilted, "x") == 0.0
     assert sweep_angle(tilted, 0.5) == 0.5
+    assert sweep_angle(tilted, 0.5236) == sweep_angle(tilted), "its rounding"
+    assert sweep_angle(tilted, -0.5236) == -0.5236, "another direction"
+    assert sweep_angle(tilted, 0.5237) == 0.5237
     assert sweep_angle(shapely.box(0, 0, 20, 100)) == 0.0
     assert sweep_angle(shapely.box(0, 0, 20, 100), "fewest-turns") == pytest.approx(math.pi / 2)
     for nonsense in ("y", math.nan, True, (1.0,)):

@@ -20,10 +20,9 @@ from sensors.scoring.score import ScoreWeights
 from wbf_mission.bench.asked import read_asked
 from wbf_mission.bench.engine import fly_run
 from wbf_mission.bench.meaning import built_in_digest, meaning_of
-from wbf_mission.bench.replay import differences, run_of, told
-from wbf_mission.bench.rows import BenchRow, by_pair
+from wbf_mission.bench.replay import differences, run_of
+from wbf_mission.bench.rows import BenchRow, by_pair, by_scenario
 from wbf_mission.bench.spec import BenchRun, seeds_of, seeds_text
-from wbf_mission.bench.submission import by_scenario
 from wbf_mission.planning.plan import farm_of
 from wbf_mission.progress import Progress, silent
 from wbf_mission.results.storage import ResultError
@@ -67,7 +66,7 @@ def require_whole(rows: Sequence[BenchRow]) -> None:
         parts = _field_parts(scenario)
         for row in here:
             if why := _inconsistency(row, parts):
-                raise ResultError(f"{one_line(told(row))}: {why}; fly it again into a new folder")
+                raise ResultError(f"{one_line(row.named)}: {why}; fly it again into a new folder")
 
 
 def _require_one_code(rows: Sequence[BenchRow]) -> None:
@@ -243,7 +242,7 @@ def _compared(row: BenchRow, again: BenchRow) -> FlownAgain:
         same = CLOSE
     else:
         same = OTHER
-        why = f"{one_line(told(row), 200)}: {one_line('; '.join(found), 200)}"
+        why = f"{one_line(row.named, 200)}: {one_line('; '.join(found), 200)}"
     return FlownAgain(row.scenario, row.planner, row.estimator, row.seed, same, why)
 
 

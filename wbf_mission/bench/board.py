@@ -16,11 +16,11 @@ from msgspec import structs
 from geo.errors import WbfMissionError
 from geo.texts import one_line
 from wbf_mission.bench.audit import Verification, fly_again, require_whole
-from wbf_mission.bench.rows import BenchRow, by_pair
+from wbf_mission.bench.rows import BenchRow, by_pair, by_scenario
 from wbf_mission.bench.sealed import Secret
 from wbf_mission.bench.spec import seeds_text
 from wbf_mission.bench.standings import Comparison, Standing, compare, standings
-from wbf_mission.bench.submission import SUFFIX, Submission, by_scenario, read_pack
+from wbf_mission.bench.submission import SUFFIX, Submission, read_pack
 from wbf_mission.progress import Progress, silent
 from wbf_mission.results.storage import ResultError
 

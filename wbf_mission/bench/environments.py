@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from wbf_mission.bench.rows import BenchRow
+from wbf_mission.bench.rows import BenchRow, by_scenario
 from wbf_mission.bench.spec import seed_ranges
 
 Pair = tuple[str, str]
@@ -72,11 +72,8 @@ class Scored:
 
 def scored(rows: Sequence[BenchRow]) -> Iterator[Scored]:
     """Yield the rows that count of each scenario, sorted by its name."""
-    by_scenario: dict[str, list[BenchRow]] = {}
-    for row in rows:
-        by_scenario.setdefault(row.scenario, []).append(row)
-    for scenario in sorted(by_scenario):
-        yield _scored(scenario, by_scenario[scenario])
+    for scenario, here in by_scenario(rows).items():
+        yield _scored(scenario, here)
 
 
 def _scored(scenario: str, rows: Sequence[BenchRow]) -> Scored:

@@ -74,15 +74,10 @@ def row_named(rows: Sequence[BenchRow], key: str, folder: Path) -> BenchRow:
     if not found:
         msg = f"{folder}: no row has a key that begins with {key!r}; 'bench replay {folder}' lists the keys"
         raise ResultError(msg)
-    named = "; ".join(f"{row.key[: max(KEY_DIGITS, len(key) + 1)]} {told(row)}" for row in found[:_NAMED])
+    named = "; ".join(f"{row.key[: max(KEY_DIGITS, len(key) + 1)]} {row.named}" for row in found[:_NAMED])
     more = f" and {len(found) - _NAMED} more" if len(found) > _NAMED else ""
     msg = f"{folder}: {len(found)} rows have keys that begin with {key!r}: {named}{more}; give more digits"
     raise ResultError(msg)
-
-
-def told(row: BenchRow) -> str:
-    """Return which run a row is of, in words."""
-    return f"{row.scenario}, {row.planner}, {row.estimator}, seed {row.seed}"
 
 
 def run_of(row: BenchRow, *, planner: Choice | None = None, estimator: Choice | None = None) -> BenchRun:

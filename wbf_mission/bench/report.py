@@ -323,11 +323,7 @@ def _costs(good: Sequence[BenchRow]) -> Table:
 
 
 def _failures(rows: Sequence[BenchRow]) -> Table:
-    table = [
-        (f"{row.scenario}, {row.planner}, {row.estimator}, seed {row.seed}", row.error)
-        for row in rows
-        if row.error is not None
-    ]
+    table = [(row.named, row.error) for row in rows if row.error is not None]
     return Table("Runs that failed", ("run", "cause"), tuple(table))
 
 

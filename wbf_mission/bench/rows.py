@@ -110,6 +110,11 @@ class BenchRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     objects: dict[str, str] = {}
     bad_answers: dict[str, int] = {}
 
+    @property
+    def named(self) -> str:
+        """Which run it is of, in words."""
+        return f"{self.scenario}, {self.planner}, {self.estimator}, seed {self.seed}"
+
 
 KEY_DIGITS = 8
 """So many digits of a key are shown; `wbf-mission bench replay` takes them."""
@@ -242,6 +247,14 @@ def by_pair(rows: Iterable[BenchRow]) -> dict[tuple[str, str], list[BenchRow]]:
     found: dict[tuple[str, str], list[BenchRow]] = {}
     for row in rows:
         found.setdefault((row.planner, row.estimator), []).append(row)
+    return dict(sorted(found.items()))
+
+
+def by_scenario(rows: Iterable[BenchRow]) -> dict[str, list[BenchRow]]:
+    """Return rows by their scenarios, sorted by these."""
+    found: dict[str, list[BenchRow]] = {}
+    for row in rows:
+        found.setdefault(row.scenario, []).append(row)
     return dict(sorted(found.items()))
 
 

@@ -21,7 +21,7 @@ import msgspec
 
 from geo.atomic import atomic_write
 from geo.reading import UnreadableError, misfit, not_json, read_file
-from wbf_mission.bench.rows import BenchRow
+from wbf_mission.bench.rows import BenchRow, by_scenario
 from wbf_mission.results.storage import ResultError
 from wbf_mission.scenario import ScenarioError, scenario_ids
 
@@ -169,20 +169,14 @@ def of_round(selected: Mapping[str, Any], path: Path) -> dict[str, Any]:
 def require_seeds(secret: Secret, rows: Iterable[BenchRow]) -> None:
     """Raise ResultError unless rows are those of a round: its scenarios, each on all of its environments."""
     seeds = set(secret.seeds())
-    for scenario, own in _seeds_by_scenario(rows).items():
+    for scenario, here in by_scenario(rows).items():
+        own = {row.seed for row in here}
         if secret.scenarios and scenario not in secret.scenarios:
             raise ResultError(f"{scenario} is no scenario of the round; pack its rows apart")
         if own != seeds:
             known = len(own & seeds)
             msg = f"{scenario} has {known} of the {len(seeds)} environments, and {len(own) - known} others"
             raise ResultError(f"{msg}; fly it by 'bench run --sealed'")
-
-
-def _seeds_by_scenario(rows: Iterable[BenchRow]) -> dict[str, set[int]]:
-    found: dict[str, set[int]] = {}
-    for row in rows:
-        found.setdefault(row.scenario, set()).add(row.seed)
-    return found
 
 
 _T = TypeVar("_T", Seal, Secret)

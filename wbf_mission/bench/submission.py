@@ -21,7 +21,7 @@ from geo.archives import Archive, ArchiveError, archive_of
 from geo.atomic import atomic_write
 from geo.memory import memory_bounded
 from geo.reading import UnreadableError, misfit, not_json, read_file
-from wbf_mission.bench.rows import TABLE, BenchRow, by_pair, rows_of, rows_table
+from wbf_mission.bench.rows import TABLE, BenchRow, by_pair, by_scenario, rows_of, rows_table
 from wbf_mission.bench.spec import seeds_text
 from wbf_mission.results.storage import ResultError, table_bytes
 
@@ -171,14 +171,6 @@ def _submission(rows: Sequence[BenchRow], **given: Any) -> Submission:
         own=[Own(kind=k, name=n, words=w, digest=d) for k, n, w, d in sorted(own)],
         **given,
     )
-
-
-def by_scenario(rows: Iterable[BenchRow]) -> dict[str, list[BenchRow]]:
-    """Return rows by their scenarios, sorted by these."""
-    found: dict[str, list[BenchRow]] = {}
-    for row in rows:
-        found.setdefault(row.scenario, []).append(row)
-    return dict(sorted(found.items()))
 
 
 def _flown(scenario: str, rows: Sequence[BenchRow]) -> Flown:

@@ -60,8 +60,7 @@ def tell_failures(output: Output, rows: Sequence[BenchRow]) -> None:
     """Warn of runs that failed, with the causes of the first."""
     failures = [row for row in rows if row.error is not None]
     for row in failures[:_FAILURES_SHOWN]:
-        where = f"{row.scenario}, {row.planner}, {row.estimator}, seed {row.seed}"
-        output.warn(f"{where}: {row.error}")
+        output.warn(f"{row.named}: {row.error}")
     bad = [row for row in rows if row.bad_answers and row.error is None]
     if bad:
         names = ", ".join(sorted({row.planner for row in bad}))

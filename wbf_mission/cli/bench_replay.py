@@ -119,7 +119,7 @@ def _replay(
     planner: Choice | None,
     estimator: Choice | None,
 ) -> int:
-    from wbf_mission.bench.replay import replay, row_named, run_of, told
+    from wbf_mission.bench.replay import replay, row_named, run_of
     from wbf_mission.bench.rows import KEY_DIGITS
     from wbf_mission.events import EventStream
 
@@ -157,13 +157,13 @@ def _replay(
         if pictures:
             from wbf_mission.pictures.decision_plot import plot_decisions
 
-            plot_decisions(again.result, again.acquisitions, pictures, title=told(row))
+            plot_decisions(again.result, again.acquisitions, pictures, title=row.named)
             files["pictures"] = [str(one) for one in pictures]
     for note in notes[1:]:
         output.note(f"note: {note}")
     values = {
         "key": row.key,
-        "run": told(row),
+        "run": row.named,
         "equal": again.equal,
         "differences": list(again.differences),
         "causes": list(again.causes),
@@ -173,7 +173,7 @@ def _replay(
         "notes": notes[1:],
     }
     shown = {
-        "run": told(row),
+        "run": row.named,
         "again": again.verdict,
         "decisions": f"{len(again.result.decisions)}, {decided} of them by an acquisition map",
         "written": "\n".join([*([files["page"]] if "page" in files else []), *files.get("pictures", [])]),

@@ -161,7 +161,7 @@ def _warn_of(output: Output, rows: Sequence[BenchRow], found: Verification, veri
         output.warn(f"only {len(found.rows)} rows were flown again: {found.left_out}")
     failed = [row for row in rows if row.error is not None]
     for row in failed[:_SHOWN]:
-        output.warn(f"{row.scenario}, {row.planner}, {row.estimator}, seed {row.seed} failed: {row.error}")
+        output.warn(f"{row.named} failed: {row.error}")
     if len(failed) > _SHOWN:
         output.warn(f"{len(failed) - _SHOWN} more runs failed; boards count each as the worst score")
 

@@ -7,7 +7,9 @@ import hashlib
 import itertools
 import tomllib
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +18,7 @@ from numpy.typing import NDArray
 
 from geo.errors import WbfMissionError
 from geo.texts import one_line
+from geo.workers import Processes
 from sensors.scoring.score import ScoreWeights
 from wbf_mission.bench.asked import read_asked
 from wbf_mission.bench.engine import fly_run
@@ -29,6 +32,9 @@ from wbf_mission.results.storage import ResultError
 from wbf_mission.scenario import Choice, load_scenario, scenario_ids
 from wbf_mission.scenario.choice import choose
 
+VERIFIED = 3
+"""So many rows of a submission are flown again where nobody says how many."""
+_MOST_S = 600.0
 _LEAST_ERROR = 1e-9
 NEAR = 1e-6
 """Scores that differ by less were flown by the same code with other libraries for linear algebra."""
@@ -158,12 +164,12 @@ def _inconsistency(row: BenchRow, fields: _Parts) -> str:
     return ""
 
 
-EQUAL, CLOSE, OTHER = "equal", f"within {NEAR:g}", "differ"
+EQUAL, CLOSE, OTHER, ENDLESS = "equal", f"within {NEAR:g}", "differ", "not ended"
 
 
 @dataclass(frozen=True, slots=True)
 class FlownAgain:
-    """A row that was flown again, and how near it came: `EQUAL`, `CLOSE` or `OTHER`."""
+    """A row that was flown again, and how near it came: `EQUAL`, `CLOSE`, `OTHER`, or `ENDLESS`."""
 
     scenario: str
     planner: str
@@ -184,8 +190,8 @@ class Verification:
 
     @property
     def differing(self) -> tuple[FlownAgain, ...]:
-        """The rows that are not the same."""
-        return tuple(one for one in self.rows if one.same == OTHER)
+        """The rows that are not the same, or of which that is not known."""
+        return tuple(one for one in self.rows if one.same in (OTHER, ENDLESS))
 
     def of(self, scenario: str, planner: str, estimator: str) -> Verification:
         """Return the part of one method."""
@@ -197,7 +203,7 @@ class Verification:
     def __str__(self) -> str:
         """Count the rows by how near they came, in words."""
         counts = Counter(one.same for one in self.rows)
-        told = [f"{counts[same]} {same}" for same in (OTHER, CLOSE, EQUAL) if counts[same]]
+        told = [f"{counts[same]} {same}" for same in (OTHER, ENDLESS, CLOSE, EQUAL) if counts[same]]
         return ", ".join(told) or "no"
 
 
@@ -211,7 +217,8 @@ def fly_again(
     """Fly some rows that have a score again, and compare them.
 
     Which rows is decided by a digest of all, so that who made the rows does not choose. Only built-in
-    planners, policies and estimators fly, and those of `own`, by their digests.
+    planners, policies and estimators fly, and those of `own`, by their digests. Without `own` they fly in
+    another process, for ten minutes each at most: a row may name parameters that take for ever.
     """
     if count < 1 or not rows:
         return Verification()
@@ -227,16 +234,35 @@ def fly_again(
             chosen.append((row, run))
         if len(chosen) == count:
             break
+    runs = [run for _, run in chosen]
+    flown = map(fly_run, runs) if own else _flown_apart(runs)
     found = []
-    for number, (row, run) in enumerate(chosen):
+    for number, (row, _) in enumerate(chosen):
         progress("flying again", number, len(chosen))
-        found.append(_compared(row, fly_run(run)))
+        found.append(_compared(row, next(flown)))
     return Verification(tuple(found), left_out)
 
 
-def _compared(row: BenchRow, again: BenchRow) -> FlownAgain:
+def _flown_apart(runs: Iterable[BenchRun]) -> Iterator[BenchRow | None]:
+    """Yield the rows of runs that another process flies; None if one takes too long, or is killed."""
+    waiting = iter(runs)
+    while (run := next(waiting, None)) is not None:
+        with closing(Processes(1)) as processes:
+            while run is not None:
+                try:
+                    row = processes.submit(fly_run, run).result(_MOST_S)
+                except (TimeoutError, BrokenProcessPool):
+                    yield None
+                    break
+                yield row
+                run = next(waiting, None)
+
+
+def _compared(row: BenchRow, again: BenchRow | None) -> FlownAgain:
     why = ""
-    if not (found := list(differences(row, again))):
+    if again is None:
+        same, why = ENDLESS, f"{one_line(row.named, 200)}: was not flown again in {_MOST_S:g} s"
+    elif not (found := list(differences(row, again))):
         same = EQUAL
     elif _is_near(row.score, again.score) and _is_near(row.final_score, again.final_score):
         same = CLOSE

@@ -15,7 +15,7 @@ from msgspec import structs
 
 from geo.errors import WbfMissionError
 from geo.texts import one_line
-from wbf_mission.bench.audit import Verification, fly_again, require_whole
+from wbf_mission.bench.audit import VERIFIED, Verification, fly_again, require_whole
 from wbf_mission.bench.rows import BenchRow, by_pair, by_scenario
 from wbf_mission.bench.sealed import Secret
 from wbf_mission.bench.spec import seeds_text
@@ -114,7 +114,7 @@ def packs_of(sources: Iterable[Path]) -> list[tuple[Path, bool]]:
 def board_of(
     packs: Sequence[tuple[Path, bool]],
     *,
-    verify: int = 0,
+    verify: int | None = None,
     secret: Secret | None = None,
     progress: Progress = silent,
 ) -> Board:
@@ -124,8 +124,9 @@ def board_of(
 
     Parameters
     ----------
-    verify : int
-        How many rows of each pack are flown again; own code is never run.
+    verify : int, optional
+        How many rows of each pack are flown again, by default `VERIFIED` of submissions and none of the
+        frozen baselines; own code is never run.
     secret : Secret, optional
         Of a round that has ended: tables on its environments are held out.
     """
@@ -146,13 +147,14 @@ def board_of(
     return Board(tuple(_tables(entries, secret)), tuple(entries), refused)
 
 
-def _entry(path: Path, *, frozen: bool, verify: int, progress: Progress) -> Entry:
+def _entry(path: Path, *, frozen: bool, verify: int | None, progress: Progress) -> Entry:
     pack = read_pack(path)
     try:
         require_whole(pack.rows)
     except ResultError as error:
         raise ResultError(f"{path}: {error}") from None
-    verification = fly_again(pack.rows, verify, progress=progress)
+    count = verify if verify is not None else 0 if frozen else VERIFIED
+    verification = fly_again(pack.rows, count, progress=progress)
     return Entry(path, frozen, pack.submission, pack.rows, pack.digest, verification)
 
 

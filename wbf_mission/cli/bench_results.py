@@ -34,7 +34,7 @@ wbf-mission bench submit results --name UCB --by "A. Grower" --code my_policy.py
 BOARD_EXAMPLES = """
 Examples
 wbf-mission bench board results
-wbf-mission bench board results ucb.zip --verify 3 --out board
+wbf-mission bench board results ucb.zip --out board
 wbf-mission bench board baselines *.zip --seal round.seal.json --secret round.secret --out board
 """
 SEAL_EXAMPLES = """
@@ -45,14 +45,7 @@ wbf-mission bench run --sealed round.secret --scenarios WBF/Miniberry-30-v1 --ou
 _CHECKED = "What is checked"
 _SHOWN = 5
 
-Verify = Annotated[
-    int,
-    option(
-        "Fly so many rows again and compare them; 0: none.",
-        panel=_CHECKED,
-        parser=options.whole_number_in(0, 10_000_000),
-    ),
-]
+_rows = options.whole_number_in(0, 10_000_000)
 SealFile = Annotated[
     Path | None, option("The seal of a round that has ended; with --secret.", panel=_CHECKED)
 ]
@@ -82,7 +75,9 @@ def submit_command(
         list[Path] | None, option("A file or folder of your own code to be packed; several times.")
     ] = None,
     out: Annotated[Path | None, option("The pack.  [default: the name, in small letters, .zip]")] = None,
-    verify: Verify = 3,
+    verify: Annotated[
+        int, option("Fly so many rows again and compare them; 0: none.", panel=_CHECKED, parser=_rows)
+    ] = 3,
     seal: SealFile = None,
     secret: SecretFile = None,
 ) -> int:
@@ -201,7 +196,15 @@ def board_command(
     out: Annotated[
         Path | None, option("Write the board into this folder: board.md, board.html, board.json, pictures.")
     ] = None,
-    verify: Verify = 0,
+    verify: Annotated[
+        int | None,
+        option(
+            "Fly so many rows of each pack again and compare them; 0: none.",
+            panel=_CHECKED,
+            parser=_rows,
+            show_default="3 of submissions, none of the frozen baselines",
+        ),
+    ] = None,
     seal: SealFile = None,
     secret: SecretFile = None,
 ) -> int:

@@ -8,6 +8,7 @@ from bench_packs import flown, pack_of, told_otherwise
 from live_page import chromium
 from msgspec import structs
 
+from wbf_mission.bench import audit
 from wbf_mission.bench.audit import fly_again
 from wbf_mission.bench.board import board_of, packs_of
 from wbf_mission.bench.board_page import board_page, board_table, board_values, difference_table
@@ -35,8 +36,8 @@ def seeds(rows, *kept):
     return [row for row in rows if row.seed in kept]
 
 
-def board(*paths, **given):
-    return board_of(packs_of(paths), **given)
+def board(*paths, verify=0, **given):
+    return board_of(packs_of(paths), verify=verify, **given)
 
 
 def test_packs_in_folders_are_the_baselines(frozen, rows, tmp_path):
@@ -151,6 +152,15 @@ def test_a_row_that_differs_is_told_on_the_board(rows, tmp_path, capsys):
     assert str(entry.verification) == "1 differ"
 
 
+def test_a_run_without_end_does_not_hold_up_the_board(frozen, rows, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(audit, "_MOST_S", 0.01)
+    mine = pack_of(rows, tmp_path / "mine.zip", name="Mine")
+    assert main(["bench", "board", str(frozen), str(mine)]) == 1
+    assert capsys.readouterr().err.count("was not flown again in 0.01 s") == 1
+    told = {one.submission.name: str(one.verification) for one in board(frozen, mine, verify=None).entries}
+    assert told == {"Baselines": "no", "Mine": "3 not ended"}
+
+
 @pytest.mark.parametrize("label", ["gp:cache=/tmp/elsewhere", "gp:cache=here"])
 def test_no_row_names_files_of_the_one_who_checks(label, rows):
     one = fly_again([structs.replace(row, estimator=label) for row in rows], 1)
@@ -196,7 +206,9 @@ def test_the_page_holds_names_as_texts(rows, tmp_path):
 
 def test_it_fits_into_a_window_of_1200_pixels(frozen, rows, tmp_path):
     mine = pack_of(rows, tmp_path / "mine.zip", name="A policy of mine")
-    assert main(["bench", "board", str(frozen), str(mine), "--out", str(tmp_path / "b"), "--quiet"]) == 0
+    assert (
+        main(["bench", "board", str(frozen), str(mine), "--verify", "0", "--out", str(tmp_path / "b")]) == 0
+    )
     with chromium() as browser:
         page = browser.new_page(viewport={"width": 1200, "height": 900})
         page.goto((tmp_path / "b" / "board.html").as_uri())

@@ -2,6 +2,7 @@
 
 import families
 from bench_rows import made_row
+from msgspec import structs
 
 SWEEP, SHORT = "WBF/Miniberry-30-Sweep-v1", "WBF/Miniberry-30-Smooth-Short-v1"
 
@@ -23,15 +24,34 @@ def test_the_page_tells_where_ours_leads_and_where_it_does_not():
             row(SHORT, "rolling-horizon", "gp", seed, -0.12 - luck * 1.1),
         ]
     page = "\n".join(families.markdown(rows))
-    own, smooth, behind = page.split("## ")[1:]
+    own, smooth, behind, _ = page.split("## ")[1:]
     assert own.startswith("Our own world") and smooth.startswith("Smooth static fields")
-    assert f"| {SWEEP} | 10 | greedy, epidemic | -0.1450 (" in own and "ours leads" in own
+    assert f"| {SWEEP} | 10 | greedy, epidemic | -0.1450 (" in own and "| spiral, gp | -0.3450 (" in own
+    assert "| 0.2000 (0.2000 to 0.2000) | better |" in own
     assert "greedy, epidemic 1.0; rolling-horizon, epidemic 2.0; spiral, gp 3.0" in own
-    assert "| rolling-horizon, gp | -0.1695 (" in smooth and "| ours is worse |" in smooth
+    assert "| 10 | rolling-horizon, gp | -0.1695 (" in smooth and "| lawnmower, gp | -0.1450 (" in smooth
+    assert "| -0.0245 (" in smooth and "| worse |" in smooth
     assert SWEEP not in behind
     assert f"- {SHORT}: lawnmower, gp leads; rolling-horizon, gp is behind by 0.0245 (" in behind
 
 
 def test_methods_that_were_not_flown_are_told():
     rows = [row(SWEEP, "spiral", "gp", seed, -0.3 - 0.01 * seed) for seed in range(3)]
-    assert "ours was not flown (nothing to compare)" in "\n".join(families.markdown(rows))
+    assert "spiral, gp leads; ours was not flown." in "\n".join(families.markdown(rows))
+
+
+def test_whether_what_is_stated_holds():
+    rows = [
+        structs.replace(
+            row(SWEEP, "spiral", "gp", seed, -0.3),
+            calibration={
+                "ccr_sick_held": held,
+                "ccr_healthy_held": 0.25,
+                "soil_held": 0.5,
+                "soil_error": 2.0,
+            },
+        )
+        for seed, held in enumerate((0.8, 1.0))
+    ]
+    page = "\n".join(families.markdown(rows))
+    assert f"| {SWEEP} | gp | ccr 90% (25%) | soil 50% |" in page

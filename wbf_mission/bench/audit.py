@@ -23,7 +23,7 @@ from sensors.scoring.score import ScoreWeights
 from wbf_mission.bench.asked import read_asked
 from wbf_mission.bench.engine import fly_run
 from wbf_mission.bench.meaning import built_in_digest, meaning_of
-from wbf_mission.bench.replay import differences, run_of
+from wbf_mission.bench.replay import causes, differences, run_of
 from wbf_mission.bench.rows import BenchRow, by_pair, by_scenario
 from wbf_mission.bench.spec import BenchRun, seeds_of, seeds_text
 from wbf_mission.planning.plan import farm_of
@@ -269,6 +269,8 @@ def _compared(row: BenchRow, again: BenchRow | None) -> FlownAgain:
     else:
         same = OTHER
         why = f"{one_line(row.named, 200)}: {one_line('; '.join(found), 200)}"
+        if known := one_line(" and ".join(causes(row, again)), 200):
+            why = f"{why} (there is {known})"
     return FlownAgain(row.scenario, row.planner, row.estimator, row.seed, same, why)
 
 

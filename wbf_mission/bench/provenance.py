@@ -15,6 +15,7 @@ from typing import Any
 
 import msgspec
 import numpy as np
+from threadpoolctl import threadpool_info
 
 from geo.errors import PACKAGES
 from geo.texts import one_line
@@ -25,6 +26,8 @@ _GIT_S = 10.0
 _CPUS = Path("/proc/cpuinfo")
 _MOST_SHOWN = 200
 _CHANGES = "+changes"
+KERNELS = "kernels"
+"""Under this name the `hardware` of a row has the kernels of linear algebra."""
 
 
 @functools.cache
@@ -66,12 +69,19 @@ def _installed() -> str:
 
 @functools.cache
 def hardware() -> dict[str, str]:
-    """Return the processor's model, its cores, the memory in GB and the system, as far as they are known."""
+    """Return what is known of the machine, and of the kernels by which linear algebra is done on it.
+
+    That is the processor's model, its cores, the memory in GB and the system. Results may depend on the
+    kernels by the last bits of sums.
+    """
     found = {
         "processor": _processor(),
         "cores": str(os.cpu_count() or ""),
         "memory_gb": _memory_gb(),
         "system": f"{platform.system()} {platform.release()}".strip(),
+        KERNELS: ", ".join(
+            sorted({one["architecture"] for one in threadpool_info() if "architecture" in one})
+        ),
     }
     return {key: one for key, one in found.items() if one}
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from mission.policies.decision import AcquisitionMap
 from wbf_mission.bench.engine import flown
+from wbf_mission.bench.provenance import KERNELS
 from wbf_mission.bench.rows import KEY_DIGITS, BenchRow
 from wbf_mission.bench.spec import BenchRun, BenchSpec
 from wbf_mission.events import Decided, EventStream
@@ -140,9 +141,7 @@ def replay(row: BenchRow, run: BenchRun, *, events: EventStream, tlog: Path | No
     events.listen(keep, Decided)
     again, result = flown(run, events=events, tlog=tlog)
     acquisitions = tuple(maps.get(id(one)) for one in result.decisions)
-    return Replay(
-        row, again, result, acquisitions, tuple(differences(row, again)), tuple(_causes(row, again))
-    )
+    return Replay(row, again, result, acquisitions, tuple(differences(row, again)), tuple(causes(row, again)))
 
 
 def _pooled(acquisition: AcquisitionMap) -> AcquisitionMap:
@@ -183,7 +182,8 @@ def _where(old: Sequence[float], new: Sequence[float]) -> str:
     return f"{len(apart)} of {len(old)} values from the {first}. on, by at most {most:.3g}"
 
 
-def _causes(row: BenchRow, again: BenchRow) -> Iterator[str]:
+def causes(row: BenchRow, again: BenchRow) -> Iterator[str]:
+    """Yield in what else two rows differ, which can be why their values do, in words."""
     if not row.codes:
         yield "no digest of the code in the row"
     else:
@@ -194,3 +194,6 @@ def _causes(row: BenchRow, again: BenchRow) -> Iterator[str]:
         old, new = row.versions.get(name, "unknown"), again.versions.get(name, "unknown")
         if old != new:
             yield f"another {name} ({old} then, {new} now)"
+    old, new = (one.hardware.get(KERNELS, "") for one in (row, again))
+    if old and new and old != new:
+        yield f"other kernels of linear algebra ({old} then, {new} now)"

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from bench_rows import made_row
 
-from wbf_mission.bench.replay import Replay, _causes, differences, row_named, run_of
+from wbf_mission.bench.replay import Replay, causes, differences, row_named, run_of
 from wbf_mission.bench.rows import BenchStore, read_rows
 from wbf_mission.cli.app import main
 from wbf_mission.results.storage import ResultError
@@ -110,14 +110,18 @@ def test_what_can_be_why_is_said():
     row = made_row(
         "a", 0, [-1.0], codes={"code": "1", "scenario": "2"}, versions={"numpy": "1", "python": "3"}
     )
-    assert list(_causes(row, row)) == []
+    assert list(causes(row, row)) == []
     other = {"codes": {"code": "9", "scenario": "8"}, "versions": {"numpy": "2", "python": "3"}}
-    assert list(_causes(row, msgspec.structs.replace(row, **other))) == [
+    assert list(causes(row, msgspec.structs.replace(row, **other))) == [
         "another digest of the code of this program, what the scenario means",
         "another numpy (1 then, 2 now)",
     ]
+    here, there = (
+        msgspec.structs.replace(row, hardware={"kernels": name}) for name in ("Haswell", "SkylakeX")
+    )
+    assert list(causes(here, there)) == ["other kernels of linear algebra (Haswell then, SkylakeX now)"]
     old = msgspec.structs.replace(row, codes={})
-    assert list(_causes(old, row)) == ["no digest of the code in the row"]
+    assert list(causes(old, row)) == ["no digest of the code in the row"]
     equal = Replay(row, row, None, (), (), ("another numpy (1 then, 2 now)",))
     assert equal.verdict.endswith("(1 scored times), though there is another numpy (1 then, 2 now)")
     differs = Replay(row, row, None, (), ("score (1 then, 2 now)",), ())

@@ -3,9 +3,11 @@
 import json
 import zipfile
 
+from msgspec import structs
+
 from wbf_mission.bench.benchmark import benchmark
 from wbf_mission.bench.rows import TABLE, BenchStore, read_rows
-from wbf_mission.bench.spec import BenchSpec
+from wbf_mission.bench.spec import BenchSpec, run_keys
 from wbf_mission.bench.submission import ABOUT, write_pack
 
 SCENARIO = "WBF/Miniberry-10-v1"
@@ -25,6 +27,12 @@ def changed(folder, out, change):
             if row is not None:
                 store.add(row)
     return out
+
+
+def told_of(row, **values):
+    """Return a row with other values, and the key that belongs to them."""
+    row = structs.replace(row, **values)
+    return structs.replace(row, key=run_keys(row)[0])
 
 
 def pack_of(rows, path, **given):
@@ -63,6 +71,7 @@ __all__ = [
     "flown",
     "members_of",
     "pack_of",
+    "told_of",
     "told_otherwise",
     "written",
 ]

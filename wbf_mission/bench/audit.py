@@ -1,15 +1,12 @@
-"""Whether rows of a benchmark are what they say: complete, consistent, and the same when flown again."""
+"""Whether rows of a benchmark are what they say: complete, and consistent in themselves."""
 
 from __future__ import annotations
 
 import functools
-import hashlib
 import itertools
+import re
 import tomllib
-from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,26 +15,26 @@ from numpy.typing import NDArray
 
 from geo.errors import WbfMissionError
 from geo.texts import one_line
-from geo.workers import Processes
+from mission.planners.registry import make_planner
+from mission.policies.policy import make_policy
+from sensors.estimators.base import make_estimator
+from sensors.fields import FieldSet
 from sensors.scoring.score import ScoreWeights
 from wbf_mission.bench.asked import read_asked
-from wbf_mission.bench.engine import fly_run
 from wbf_mission.bench.meaning import built_in_digest, meaning_of
-from wbf_mission.bench.replay import causes, differences, run_of
 from wbf_mission.bench.rows import BenchRow, by_pair, by_scenario
-from wbf_mission.bench.spec import BenchRun, seeds_of, seeds_text
+from wbf_mission.bench.spec import run_keys, seed_ranges, seeds_of
 from wbf_mission.planning.plan import farm_of
-from wbf_mission.progress import Progress, silent
 from wbf_mission.results.storage import ResultError
-from wbf_mission.scenario import Choice, load_scenario, scenario_ids
-from wbf_mission.scenario.choice import choose
+from wbf_mission.scenario import load_scenario, scenario_ids
+from wbf_mission.scenario.choice import choose, names_of
+from wbf_mission.version import __version__
 
-VERIFIED = 3
-"""So many rows of a submission are flown again where nobody says how many."""
-_MOST_S = 600.0
 _LEAST_ERROR = 1e-9
-NEAR = 1e-6
-"""Scores that differ by less were flown by the same code with other libraries for linear algebra."""
+_MOST_LOSS = 1e6
+_MOST_ROWS, _MOST_METHODS, _MOST_SEEDS = 100_000, 300, 10_000
+_DIGEST = re.compile(r"[0-9a-f]{24}")
+_KINDS = ("planner", "estimator")
 
 
 def require_asked(rows: Sequence[BenchRow], folder: Path) -> None:
@@ -64,14 +61,17 @@ def require_whole(rows: Sequence[BenchRow]) -> None:
     order: they are told as failed.
     """
     _require_one_code(rows)
+    if len(rows) > _MOST_ROWS:
+        raise ResultError(f"holds {len(rows)} rows, more than {_MOST_ROWS}; make several submissions")
     scenarios = by_scenario(rows)
     for scenario, here in scenarios.items():
         _require_meaning(scenario, here[0].codes["scenario"])
+        _require_methods(scenario, here)
     for scenario, here in scenarios.items():
         _require_complete(scenario, here)
         parts = _field_parts(scenario)
         for row in here:
-            if why := _inconsistency(row, parts):
+            if why := _stranger(row) or _inconsistency(row, parts):
                 raise ResultError(f"{one_line(row.named)}: {why}; fly it again into a new folder")
 
 
@@ -85,6 +85,10 @@ def _require_one_code(rows: Sequence[BenchRow]) -> None:
         if len(values) > 1:
             several = ", ".join(sorted(values)[:3])
             raise ResultError(f"rows of {len(values)} {what} ({several}); fly all of them into a new folder")
+    version, code = rows[0].versions.get("wbf-mission", ""), rows[0].codes["code"]
+    if code == built_in_digest() and version != __version__:
+        msg = f"tells version {one_line(version, 40)} of code that is that of {__version__}; fly it again"
+        raise ResultError(msg)
     names: dict[tuple[str, str, str], set[str]] = {}
     for row in rows:
         for kind in ("scenario", "planner", "estimator"):
@@ -109,6 +113,45 @@ def _meaning(scenario: str) -> str:
     return meaning_of(load_scenario(scenario))
 
 
+def _require_methods(scenario: str, rows: Sequence[BenchRow]) -> None:
+    """Raise ResultError unless each planner and estimator of a scenario can be one."""
+    pairs, seeds = by_pair(rows), {row.seed for row in rows}
+    if len(pairs) > _MOST_METHODS or len(seeds) > _MOST_SEEDS:
+        msg = f"{scenario} has {len(pairs)} methods on {len(seeds)} environments"
+        raise ResultError(f"{msg}, more than {_MOST_METHODS} on {_MOST_SEEDS}; make several submissions")
+    fields = farm_of(load_scenario(scenario).farm)[1]
+    for kind in _KINDS:
+        for label, code in dict.fromkeys((getattr(row, kind), row.codes.get(kind)) for row in rows):
+            why = unusable(kind, label, fields) if code is None else ""
+            if code is not None and not _DIGEST.fullmatch(code):
+                why = "its digest is none of own code"
+            if why:
+                msg = f"{kind} {one_line(label, 60) or 'without a name'}: {why}; fly what all can fly again"
+                raise ResultError(msg)
+
+
+def unusable(kind: str, label: str, fields: FieldSet) -> str:
+    """Return why a name of a row is no built-in planner, policy or estimator; empty if it is one.
+
+    Parameters that name files or folders are none: a row of somebody else's is not to reach these.
+    """
+    try:
+        choice = choose(label, kind)
+        if any(key == "cache" or "/" in str(value) for key, value in choice.params.items()):
+            return "its parameters name files of a machine"
+        if kind == "estimator":
+            make_estimator(choice.name, fields=fields, **choice.params)
+        elif choice.name.lower() in names_of("planner"):
+            make_planner(choice.name, **choice.params)
+        else:
+            make_policy(choice.name, **choice.params)
+    except WbfMissionError as error:
+        return one_line(str(error), 200)
+    except (TypeError, ValueError) as error:  # what a class says of its parameters
+        return one_line(f"{type(error).__name__}: {error}", 200)
+    return ""
+
+
 def _require_complete(scenario: str, rows: Sequence[BenchRow]) -> None:
     """Raise ResultError unless every planner and estimator of a scenario has each seed once."""
     every = {row.seed for row in rows}
@@ -118,8 +161,8 @@ def _require_complete(scenario: str, rows: Sequence[BenchRow]) -> None:
         if len(set(seeds)) < len(seeds):
             raise ResultError(f"{label}: a seed is there twice; fly it again into a new folder")
         if missing:
-            seeds_told = one_line(seeds_text(missing), 60)
-            raise ResultError(f"{label}: seeds {seeds_told} of the others are missing; fly them, too")
+            which = one_line(seed_ranges(missing), 60)
+            raise ResultError(f"{label}: lacks rows that others have, of seeds {which}; fly them, too")
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,6 +181,15 @@ def _field_parts(scenario: str) -> _Parts:
     return _Parts(fields.names, weights / weights.sum())
 
 
+def _stranger(row: BenchRow) -> str:
+    """Return what of a row no run tells; empty if nothing does."""
+    if row.key not in run_keys(row):
+        return "its key is not that of its run"
+    if any(count < 0 for count in row.bad_answers.values()):
+        return "it counts answers below zero"
+    return ""
+
+
 def _inconsistency(row: BenchRow, fields: _Parts) -> str:
     """Return what of a row contradicts the rest of it; empty if nothing does."""
     scores = np.array(row.scores)
@@ -150,8 +202,13 @@ def _inconsistency(row: BenchRow, fields: _Parts) -> str:
         return "its history has lists of several lengths"
     losses = np.array(history)
     numbers = (scores, losses, np.array(row.times_s), np.array([row.score, row.final_score]))
-    if not all(np.isfinite(one).all() for one in numbers) or (losses < 0.0).any():
+    if (
+        not all(np.isfinite(one).all() for one in numbers)
+        or not ((losses >= 0.0) & (losses <= _MOST_LOSS)).all()
+    ):
         return "its history has values that are no losses"
+    if (np.diff(numbers[2]) < 0.0).any():
+        return "its times go back"
     if row.score != float(np.mean(scores)):
         return f"its score {row.score} is not the mean of its history"
     if row.final_score != scores[-1]:
@@ -162,158 +219,3 @@ def _inconsistency(row: BenchRow, fields: _Parts) -> str:
     if (np.abs(scores + fields.parts @ losses) > _LEAST_ERROR * np.maximum(1.0, np.abs(scores))).any():
         return "its scores are not those of its losses"
     return ""
-
-
-EQUAL, CLOSE, OTHER, ENDLESS = "equal", f"within {NEAR:g}", "differ", "not ended"
-
-
-@dataclass(frozen=True, slots=True)
-class FlownAgain:
-    """A row that was flown again, and how near it came: `EQUAL`, `CLOSE`, `OTHER`, or `ENDLESS`."""
-
-    scenario: str
-    planner: str
-    estimator: str
-    seed: int
-    same: str
-    why: str = ""
-    """What differs, in words."""
-
-
-@dataclass(frozen=True, slots=True)
-class Verification:
-    """What came of flying some rows again."""
-
-    rows: tuple[FlownAgain, ...] = ()
-    left_out: str = ""
-    """Why others were not flown."""
-
-    @property
-    def differing(self) -> tuple[FlownAgain, ...]:
-        """The rows that are not the same, or of which that is not known."""
-        return tuple(one for one in self.rows if one.same in (OTHER, ENDLESS))
-
-    def of(self, scenario: str, planner: str, estimator: str) -> Verification:
-        """Return the part of one method."""
-        key = (scenario, planner, estimator)
-        return Verification(
-            tuple(one for one in self.rows if (one.scenario, one.planner, one.estimator) == key)
-        )
-
-    def __str__(self) -> str:
-        """Count the rows by how near they came, in words."""
-        counts = Counter(one.same for one in self.rows)
-        told = [f"{counts[same]} {same}" for same in (OTHER, ENDLESS, CLOSE, EQUAL) if counts[same]]
-        return ", ".join(told) or "no"
-
-
-def fly_again(
-    rows: Sequence[BenchRow],
-    count: int,
-    *,
-    own: Mapping[str, Choice] | None = None,
-    progress: Progress = silent,
-) -> Verification:
-    """Fly some rows that have a score again, and compare them.
-
-    Which rows is decided by a digest of all, so that who made the rows does not choose. Only built-in
-    planners, policies and estimators fly, and those of `own`, by their digests. Without `own` they fly in
-    another process, for ten minutes each at most: a row may name parameters that take for ever.
-    """
-    if count < 1 or not rows:
-        return Verification()
-    if rows[0].codes.get("code") != built_in_digest():
-        return Verification(left_out="another state of the code flew them")
-    chosen: list[tuple[BenchRow, BenchRun]] = []
-    left_out = ""
-    for row in _drawn(rows):
-        run = _run_of(row, own or {})
-        if isinstance(run, str):
-            left_out = run
-        else:
-            chosen.append((row, run))
-        if len(chosen) == count:
-            break
-    runs = [run for _, run in chosen]
-    flown = map(fly_run, runs) if own else _flown_apart(runs)
-    found = []
-    for number, (row, _) in enumerate(chosen):
-        progress("flying again", number, len(chosen))
-        found.append(_compared(row, next(flown)))
-    return Verification(tuple(found), left_out)
-
-
-def _flown_apart(runs: Iterable[BenchRun]) -> Iterator[BenchRow | None]:
-    """Yield the rows of runs that another process flies; None if one takes too long, or is killed."""
-    waiting = iter(runs)
-    while (run := next(waiting, None)) is not None:
-        with closing(Processes(1)) as processes:
-            while run is not None:
-                try:
-                    row = processes.submit(fly_run, run).result(_MOST_S)
-                except (TimeoutError, BrokenProcessPool):
-                    yield None
-                    break
-                yield row
-                run = next(waiting, None)
-
-
-def _compared(row: BenchRow, again: BenchRow | None) -> FlownAgain:
-    why = ""
-    if again is None:
-        same, why = ENDLESS, f"{one_line(row.named, 200)}: was not flown again in {_MOST_S:g} s"
-    elif not (found := list(differences(row, again))):
-        same = EQUAL
-    elif _is_near(row.score, again.score) and _is_near(row.final_score, again.final_score):
-        same = CLOSE
-    else:
-        same = OTHER
-        why = f"{one_line(row.named, 200)}: {one_line('; '.join(found), 200)}"
-        if known := one_line(" and ".join(causes(row, again)), 200):
-            why = f"{why} (there is {known})"
-    return FlownAgain(row.scenario, row.planner, row.estimator, row.seed, same, why)
-
-
-def _is_near(one: float | None, other: float | None) -> bool:
-    return one is not None and other is not None and abs(one - other) <= NEAR
-
-
-def _drawn(rows: Sequence[BenchRow]) -> list[BenchRow]:
-    """Return rows of runs that went well in an order that nobody can choose; each method comes once first."""
-    good = [row for row in rows if row.score is not None and row.error is None]
-    all_of = hashlib.sha256()
-    for row in sorted(good, key=lambda row: row.key):
-        all_of.update(repr((row.key, row.score, row.final_score)).encode())
-    salt = all_of.digest()
-    drawn = sorted(good, key=lambda row: hashlib.sha256(salt + row.key.encode()).digest())
-    before: Counter[tuple[str, str, str]] = Counter()
-    turns = []
-    for row in drawn:
-        method = (row.scenario, row.planner, row.estimator)
-        turns.append(before[method])
-        before[method] += 1
-    return [drawn[k] for k in sorted(range(len(drawn)), key=turns.__getitem__)]
-
-
-def _run_of(row: BenchRow, own: Mapping[str, Choice]) -> BenchRun | str:
-    """Return the run of a row; if it cannot be flown here, why."""
-    given: dict[str, Choice | None] = {}
-    try:
-        for kind in ("planner", "estimator"):
-            code, label = row.codes.get(kind), getattr(row, kind)
-            if code is not None and code not in own:
-                return f"own code of {one_line(label, 60)} is not run"
-            given[kind] = None if code is None else own[code]
-            if code is None and _names_files(choose(label, kind)):
-                return f"{one_line(label, 60)} names files of a machine"
-        run = run_of(row, **given)
-    except WbfMissionError as error:
-        return str(error)
-    if run.codes != row.codes:
-        return f"{one_line(row.planner, 60)} or {one_line(row.estimator, 60)} is other code here"
-    return run
-
-
-def _names_files(choice: Choice) -> bool:
-    """Return whether parameters name files or folders: a row of somebody else's is not to reach these."""
-    return any(key == "cache" or "/" in str(value) for key, value in choice.params.items())

@@ -15,12 +15,13 @@ from msgspec import structs
 
 from geo.errors import WbfMissionError
 from geo.texts import one_line
-from wbf_mission.bench.audit import VERIFIED, Verification, fly_again, require_whole
+from wbf_mission.bench.audit import require_whole
 from wbf_mission.bench.rows import BenchRow, by_pair, by_scenario
 from wbf_mission.bench.sealed import Secret
-from wbf_mission.bench.spec import seeds_text
+from wbf_mission.bench.spec import seed_ranges
 from wbf_mission.bench.standings import Comparison, Standing, compare, standings
 from wbf_mission.bench.submission import SUFFIX, Submission, read_pack
+from wbf_mission.bench.verification import VERIFIED, Verification, fly_again
 from wbf_mission.progress import Progress, silent
 from wbf_mission.results.storage import ResultError
 
@@ -77,9 +78,11 @@ class BoardTable:
         """Which they are, in words."""
         if self.held_out:
             return f"{len(self.seeds)} held-out environments"
-        text = one_line(seeds_text(self.seeds), 60)
+        text = one_line(seed_ranges(self.seeds), 60)
         first = list(self.seeds) == list(range(len(self.seeds)))
-        return f"{len(self.seeds)} environments (seeds {f'0 to {len(self.seeds) - 1}' if first else text})"
+        if first:
+            return f"{len(self.seeds)} environments (seeds 0 to {len(self.seeds) - 1})"
+        return f"{len(self.seeds)} environments that a submission chose (seeds {text})"
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +128,7 @@ def board_of(
     Parameters
     ----------
     verify : int, optional
-        How many rows of each pack are flown again, by default `VERIFIED` of submissions and none of the
+        How many rows of each method are flown again, by default `VERIFIED` of submissions and none of the
         frozen baselines; own code is never run.
     secret : Secret, optional
         Of a round that has ended: tables on its environments are held out.
@@ -196,11 +199,14 @@ def _lines(group: Sequence[tuple[Entry, list[BenchRow]]], seeds: frozenset[int])
         (one.planner for one in found if methods[one.planner][0].frozen and one.environments > one.failed),
         None,
     )
+    others = [one.planner for one in found if one.planner != best]
+    compared = {one.mine: one for one in compare(rows, others, [best])} if best is not None else {}
     lines = []
     for one in found:
         entry, row = methods[one.planner]
-        against = None if best in (None, one.planner) else compare(rows, one.planner, [str(best)])[0]
         named = dataclasses.replace(one, planner=row.planner, estimator=row.estimator)
         codes = [row.codes[kind] for kind in ("planner", "estimator") if kind in row.codes]
-        lines.append(Line(entry, named, " ".join(code[:SHOWN_DIGEST] for code in codes), against))
+        lines.append(
+            Line(entry, named, " ".join(code[:SHOWN_DIGEST] for code in codes), compared.get(one.planner))
+        )
     return tuple(lines)

@@ -20,13 +20,15 @@ from wbf_mission.pictures.plots import new_figure, save_figure
 
 _MOST_DRAWN, _FEWEST_DRAWN = 24, 2
 _GREY, _BLUE = "#777777", "#1f6fb4"
-_NAMED = ("planner, estimator", "submission")
+_NAMED = ("planner, estimator", "submission", "kind")
 _ABOUT = (
     "Scores: 0 is perfect; the mean over the run and at its end, each with its interval of 95 % over the"
     " environments. Difference: of the scores over the run to those of the best frozen baseline, in pairs on"
     " the same environments; positive is better. Failed: runs without a result, which count as the worst"
-    " score. Bad: the share of a policy's answers that were not flown, or came too late. Again:"
-    " how many rows were flown again for this board, and whether they came out the same."
+    " score. Bad: the share of a policy's answers that were not flown, or came too late. Flown again:"
+    " how many rows were flown again for this board, and whether they came out the same; a method of which"
+    " none was is what its submission says. In brackets after a name: digests of own code. A baseline is a"
+    " pack of the folder of frozen baselines, all else is a submission."
 )
 
 
@@ -90,7 +92,7 @@ def _flown_by(table: BoardTable) -> str:
 
 def board_table(table: BoardTable) -> Table:
     """Return the methods of a table in texts, the best first."""
-    header = (*_NAMED, "run", "95 %", "end", "95 %", "failed", "bad", "again")
+    header = (*_NAMED, "run", "95 %", "end", "95 %", "failed", "bad", "flown again")
     rows = tuple(
         (
             *_named(one),
@@ -122,19 +124,19 @@ def difference_table(table: BoardTable) -> Table:
     return Table(f"Against the best baseline, {best}", header, rows, texts=len(_NAMED))
 
 
-def _named(line: Line) -> tuple[str, str]:
+def _named(line: Line) -> tuple[str, str, str]:
     own = f" [{line.own}]" if line.own else ""
-    return f"{line.standing.planner}, {line.standing.estimator}{own}", _whose(line.entry)
+    name = f"{line.standing.planner}, {line.standing.estimator}{own}"
+    return name, line.entry.submission.name, _kind(line.entry)
 
 
-def _whose(entry: Entry) -> str:
-    return entry.submission.name + (" (frozen)" if entry.frozen else "")
+def _kind(entry: Entry) -> str:
+    return "baseline" if entry.frozen else "submission"
 
 
 def _again(line: Line) -> str:
     one = line.standing
-    flown = line.entry.verification.of(one.scenario, one.planner, one.estimator)
-    return str(flown) if flown.rows else "-"
+    return str(line.entry.verification.of(one.scenario, one.planner, one.estimator))
 
 
 def short_table(table: BoardTable) -> Table:
@@ -147,10 +149,11 @@ def short_table(table: BoardTable) -> Table:
             "-" if one.against is None else _interval(one.against.score, "+")[0],
             "-" if one.against is None else verdict(one.against.score),
             str(one.standing.failed),
+            _again(one),
         )
         for one in table.lines
     )
-    header = (*_NAMED, "run", "95 %", "end", "difference", "verdict", "failed")
+    header = (*_NAMED, "run", "95 %", "end", "difference", "verdict", "failed", "flown again")
     return Table(title_of(table), header, rows, texts=len(_NAMED))
 
 
@@ -166,7 +169,8 @@ def _bad(one: Standing) -> str:
 def _submissions(entries: Sequence[Entry]) -> Table:
     rows = tuple(
         (
-            _whose(entry),
+            entry.submission.name,
+            _kind(entry),
             entry.submission.by,
             entry.submission.about or "-",
             str(entry.verification),
@@ -175,8 +179,8 @@ def _submissions(entries: Sequence[Entry]) -> Table:
         )
         for entry in entries
     )
-    header = ("submission", "by", "about", "flown again", "flown until", "SHA-256")
-    return Table("Whose they are", header, rows, texts=3)
+    header = ("submission", "kind", "by", "about", "flown again", "flown until", "SHA-256")
+    return Table("Whose they are", header, rows, texts=5)
 
 
 def board_values(board: Board) -> dict[str, Any]:

@@ -7,7 +7,7 @@ import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from geo.errors import PACKAGES
 from geo.imports import entry_points
@@ -31,6 +31,9 @@ from wbf_mission.scenario import (
 )
 from wbf_mission.scenario.choice import choose, names_of
 from wbf_mission.scenario.scenario import unknown_key
+
+if TYPE_CHECKING:
+    from wbf_mission.bench.rows import BenchRow
 
 _FORMAT = 2
 _SEEDS = 10
@@ -199,9 +202,8 @@ class BenchSpec:
                     scenario = scenario_with(base, {mover: planner, "estimator": estimator, "seed": seed})
                     own_codes = {"planner": of_planner, "estimator": of_estimator}
                     codes = built_in | {key: one for key, one in own_codes.items() if one}
-                    values = [_FORMAT, codes, mover, str(planner), str(estimator), seed]
                     yield BenchRun(
-                        key=digest(values),
+                        key=_key(codes, mover, str(planner), str(estimator), seed),
                         scenario_id=name,
                         planner=str(planner),
                         estimator=str(estimator),
@@ -209,6 +211,16 @@ class BenchSpec:
                         codes=codes,
                         objects=_objects(planner=planner, estimator=estimator),
                     )
+
+
+def _key(codes: Mapping[str, str], mover: str, planner: str, estimator: str, seed: int) -> str:
+    return digest([_FORMAT, codes, mover, planner, estimator, seed])
+
+
+def run_keys(row: BenchRow) -> tuple[str, ...]:
+    """Return the keys that the run of a row can have: that of a planner, and that of a policy."""
+    given = (row.planner, row.estimator, row.seed)
+    return tuple(_key(row.codes, mover, *given) for mover in ("planner", "policy"))
 
 
 def _objects(**choices: Choice) -> dict[str, str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -135,8 +136,8 @@ class Comparison:
     """The part of the environments on which the score over the run is better."""
 
 
-def compare(rows: Sequence[BenchRow], mine: str, against: Sequence[str]) -> list[Comparison]:
-    """Compare one with others, by scenario and estimator, in pairs of runs on the same environment.
+def compare(rows: Sequence[BenchRow], mine: Sequence[str], against: Sequence[str]) -> list[Comparison]:
+    """Compare each of some with each of others, by scenario and estimator, on the same environments.
 
     Environments and failed runs count as in the `standings`; rows of different code are not compared with
     each other, but by code (`apart`).
@@ -145,8 +146,8 @@ def compare(rows: Sequence[BenchRow], mine: str, against: Sequence[str]) -> list
     for group in scored(apart(rows)):
         place = {pair: k for k, pair in enumerate(group.pairs)}
         for estimator in sorted({estimator for _, estimator in group.pairs}):
-            for other in against:
-                both = (mine, estimator), (other, estimator)
+            for each, other in itertools.product(mine, against):
+                both = (each, estimator), (other, estimator)
                 known = all(pair in place for pair in both)
                 one, two = (place[pair] for pair in both) if known else (0, 0)
                 count = len(group.seeds) if known else 0
@@ -156,7 +157,7 @@ def compare(rows: Sequence[BenchRow], mine: str, against: Sequence[str]) -> list
                     Comparison(
                         group.scenario,
                         estimator,
-                        mine,
+                        each,
                         other,
                         count,
                         mean_interval(scores),

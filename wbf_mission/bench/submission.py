@@ -30,6 +30,7 @@ SUFFIX = ".zip"
 ABOUT = "submission.json"
 _CODE = "code"
 _CODE_NAME = re.compile(rf"{_CODE}(/[A-Za-z0-9_][A-Za-z0-9_.+-]*)+")
+_SEAL = re.compile(r"[0-9a-f]{64}")
 MAX_PACK_BYTES = 64 * 2**20
 _MAX_UNPACKED_BYTES = 2 * MAX_PACK_BYTES
 _MAX_MEMORY_BYTES = 2**31
@@ -282,6 +283,8 @@ class _Format(msgspec.Struct):
 
 
 def _require_texts(told: Submission, where: str = "") -> None:
+    if told.seal and not _SEAL.fullmatch(told.seal):
+        raise ResultError(f"{where}seal is none of 'bench seal', which has 64 hexadecimal digits")
     limits = {"name": (1, _MAX_NAME), "by": (1, _MAX_NAME), "about": (0, _MAX_ABOUT), "made": (0, 40)}
     for field, (least, most) in limits.items():
         text = getattr(told, field)
@@ -291,6 +294,9 @@ def _require_texts(told: Submission, where: str = "") -> None:
 
 def _require_labels(path: Path, rows: Iterable[BenchRow]) -> None:
     for row in rows:
-        for text in (row.scenario, row.planner, row.estimator, *row.objects.values(), *row.versions.values()):
+        given = (row.objects, row.versions, row.codes, row.hardware, row.bad_answers)
+        names = (row.key, row.scenario, row.planner, row.estimator, row.outcome or "", row.budget or "")
+        values = (str(text) for one in given for text in (*one.keys(), *one.values()))
+        for text in (*names, *values, (row.error or "")[:_MAX_LABEL]):
             if len(text) > _MAX_LABEL or not text.isprintable():
                 raise ResultError(f"{path}: {text[:40]!r} in {TABLE} is no line of {_MAX_LABEL} characters")

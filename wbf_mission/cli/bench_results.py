@@ -20,10 +20,10 @@ from wbf_mission.exit_codes import ExitCode
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from wbf_mission.bench.audit import Verification
     from wbf_mission.bench.board import Board
     from wbf_mission.bench.rows import BenchRow
     from wbf_mission.bench.sealed import Secret
+    from wbf_mission.bench.verification import Verification
     from wbf_mission.scenario import Choice
 
 SUBMIT_EXAMPLES = """
@@ -76,8 +76,11 @@ def submit_command(
     ] = None,
     out: Annotated[Path | None, option("The pack.  [default: the name, in small letters, .zip]")] = None,
     verify: Annotated[
-        int, option("Fly so many rows again and compare them; 0: none.", panel=_CHECKED, parser=_rows)
-    ] = 3,
+        int,
+        option(
+            "Fly so many rows of each method again and compare them; 0: none.", panel=_CHECKED, parser=_rows
+        ),
+    ] = 1,
     seal: SealFile = None,
     secret: SecretFile = None,
 ) -> int:
@@ -86,10 +89,11 @@ def submit_command(
     All scenarios must be of the catalogue, all rows of one state of the code, no seed missing. Runs that
     failed are allowed, and told.
     """
-    from wbf_mission.bench.audit import fly_again, require_asked, require_whole
+    from wbf_mission.bench.audit import require_asked, require_whole
     from wbf_mission.bench.rows import read_rows
     from wbf_mission.bench.sealed import require_seeds
     from wbf_mission.bench.submission import SUFFIX, code_files, made_when, write_pack
+    from wbf_mission.bench.verification import fly_again
     from wbf_mission.results.storage import ResultError
 
     rows = read_rows(folder)
@@ -116,7 +120,7 @@ def submit_command(
         raise ResultError(
             f"{folder}: {len(found.differing)} of {len(found.rows)} rows are not what is flown again"
         )
-    _warn_of(output, rows, found, verify)
+    _warn_of(output, rows, found)
     told = write_pack(
         path,
         rows,
@@ -151,9 +155,9 @@ def submit_command(
     return ExitCode.GOOD
 
 
-def _warn_of(output: Output, rows: Sequence[BenchRow], found: Verification, verify: int) -> None:
-    if found.left_out and len(found.rows) < verify:
-        output.warn(f"only {len(found.rows)} rows were flown again: {found.left_out}")
+def _warn_of(output: Output, rows: Sequence[BenchRow], found: Verification) -> None:
+    if found.left_out:
+        output.warn(f"flown again: {found}")
     failed = [row for row in rows if row.error is not None]
     for row in failed[:_SHOWN]:
         output.warn(f"{row.named} failed: {row.error}")
@@ -199,10 +203,10 @@ def board_command(
     verify: Annotated[
         int | None,
         option(
-            "Fly so many rows of each pack again and compare them; 0: none.",
+            "Fly so many rows of each method again and compare them; 0: none.",
             panel=_CHECKED,
             parser=_rows,
-            show_default="3 of submissions, none of the frozen baselines",
+            show_default="1 of submissions, none of the frozen baselines",
         ),
     ] = None,
     seal: SealFile = None,
@@ -220,12 +224,16 @@ def board_command(
     opened = _secret(seal, secret)
     with output.progress() as progress:
         board = board_of(packs_of(packs), verify=verify, secret=opened, progress=progress)
-    for why in board.refused.values():
-        output.warn(f"left out: {why}")
     if not board.entries:
         from wbf_mission.results.storage import ResultError
 
-        raise ResultError("none of the files can be used: nothing is left to make a board of")
+        more = len(board.refused) - 1
+        first = next(iter(board.refused.values()))
+        raise ResultError(
+            f"{first}; nothing is left to make a board of" + (f" ({more} more refused)" if more else "")
+        )
+    for why in board.refused.values():
+        output.warn(f"left out: {why}")
     if out is not None:
         _write(output, board, out)
     if output.as_json:
@@ -235,8 +243,11 @@ def board_command(
             table = short_table(one)
             output.table(None, list(table.header), [list(row) for row in table.rows], title=table.title)
     differing = [one for one in board.entries if one.verification.differing]
-    for entry in differing:
-        output.warn(f"{entry.path}: {entry.verification.differing[0].why}")
+    for entry in board.entries:
+        for again in entry.verification.differing[:_SHOWN]:
+            output.warn(f"{entry.path}: {again.why}")
+        if entry.verification.left_out:
+            output.warn(f"{entry.path}: flown again: {entry.verification}")
     return ExitCode.NOT_GOOD if board.refused or differing else ExitCode.GOOD
 
 

@@ -4,16 +4,18 @@ import json
 
 import numpy as np
 import pytest
-from bench_packs import flown, pack_of, told_otherwise
+from bench_packs import flown, pack_of, told_of, told_otherwise
 from live_page import chromium
 from msgspec import structs
 
-from wbf_mission.bench import audit
-from wbf_mission.bench.audit import fly_again
+from wbf_mission.bench import verification
+from wbf_mission.bench.audit import require_whole
 from wbf_mission.bench.board import board_of, packs_of
 from wbf_mission.bench.board_page import board_page, board_table, board_values, difference_table
+from wbf_mission.bench.engine import fly_run
 from wbf_mission.bench.rows import read_rows
 from wbf_mission.bench.sealed import Secret
+from wbf_mission.bench.verification import fly_again
 from wbf_mission.cli.app import main
 from wbf_mission.results.storage import ResultError
 
@@ -23,6 +25,12 @@ MARKUP = "[a](b) <img src=x>|"
 @pytest.fixture(scope="module")
 def rows(tmp_path_factory):
     return read_rows(flown(tmp_path_factory.mktemp("flown") / "results", seeds=4))
+
+
+@pytest.fixture
+def at_once(monkeypatch):
+    """Rows are flown again in this process, which costs no start of another one."""
+    monkeypatch.setattr(verification, "_flown_apart", lambda runs: map(fly_run, runs))
 
 
 @pytest.fixture
@@ -72,20 +80,23 @@ def test_a_submission_of_few_environments_has_a_table_of_its_own(frozen, rows, t
     assert (whole.seeds, len(whole.lines)) == ((0, 1, 2, 3), 2)
     assert {one.entry.submission.name for one in whole.lines} == {"Baselines"}
     assert (part.seeds, len(part.lines)) == ((1, 3), 4)
-    assert part.environments == "2 environments (seeds 1,3)"
+    assert part.environments == "2 environments that a submission chose (seeds 1,3)"
     assert whole.environments == "4 environments (seeds 0 to 3)"
 
 
 def test_other_code_and_versions_are_never_mixed(frozen, rows, tmp_path):
-    older = [structs.replace(row, codes=row.codes | {"code": "0" * 24}) for row in rows]
-    newer = [structs.replace(row, versions=row.versions | {"wbf-mission": "9.0"}) for row in rows]
+    older = [told_of(row, codes=row.codes | {"code": "0" * 24}) for row in rows]
+    newer = [
+        told_of(row, versions=row.versions | {"wbf-mission": "9.0"}, codes=row.codes | {"code": "9" * 24})
+        for row in rows
+    ]
     packs = [pack_of(some, tmp_path / f"{k}.zip") for k, some in enumerate((older, newer))]
     tables = board(frozen, *packs).tables
     assert len(tables) == 3
     assert {(one.version, one.code) for one in tables} == {
         ("0.1.0", rows[0].codes["code"]),
         ("0.1.0", "0" * 24),
-        ("9.0", rows[0].codes["code"]),
+        ("9.0", "9" * 24),
     }
     assert all(len(one.lines) == 2 for one in tables)
 
@@ -102,7 +113,7 @@ def test_a_failed_run_is_counted_as_one(frozen, rows, tmp_path):
     assert (one.entry.submission.name, one.standing.planner, one.standing.failed) == ("Mine", "spiral", 1)
 
 
-def test_what_is_refused_is_told_and_the_others_go_on(frozen, rows, tmp_path, capsys):
+def test_what_is_refused_is_told_and_the_others_go_on(at_once, frozen, rows, tmp_path, capsys):
     (tmp_path / "bad.zip").write_bytes(b"PK\x03\x04 no archive")
     better = [structs.replace(row, score=-0.001) for row in rows]
     lies = pack_of(better, tmp_path / "lies.zip")
@@ -121,18 +132,22 @@ def test_what_is_refused_is_told_and_the_others_go_on(frozen, rows, tmp_path, ca
     assert main(["bench", "board", str(tmp_path / "bad.zip")]) == 2
 
 
-def test_rows_are_flown_again_and_own_code_is_not(frozen, rows, tmp_path, capsys):
-    own = [structs.replace(row, codes=row.codes | {"planner": "f" * 24}) for row in seeds(rows, 0)]
-    mine = pack_of(own, tmp_path / "mine.zip")
+def test_rows_are_flown_again_and_own_code_is_not(at_once, frozen, rows, tmp_path, capsys):
+    own = [told_of(row, codes=row.codes | {"planner": "f" * 24}) for row in rows if row.planner == "spiral"]
+    mine = pack_of([*own, *(row for row in rows if row.planner != "spiral")], tmp_path / "mine.zip")
     found = board(frozen, mine, verify=2)
-    again = {entry.submission.name: entry.verification for entry in found.entries}
-    assert (str(again["Baselines"]), str(again["Some"])) == ("2 equal", "no")
-    assert again["Some"].left_out in [f"own code of {name} is not run" for name in ("lawnmower", "spiral")]
-    counted = [board_values(found)["tables"][0]["methods"][k]["flown_again"] for k in (0, 1)]
-    assert sorted(counted) == ["1 equal", "1 equal"]  # each method comes once before one comes twice
+    again = {entry.submission.name: str(entry.verification) for entry in found.entries}
+    assert again["Baselines"] == "4 equal", "two of each method"
+    assert again["Some"] == "2 equal; not flown (1 of 2 methods): own code is not run"
+    (counted,) = (one for one in board_values(found)["tables"][0]["methods"] if one["own_code"])
+    assert (counted["name"], counted["flown_again"]) == ("Some", "not flown: own code is not run")
+    assert main(["bench", "board", str(mine)]) == 0
+    told = capsys.readouterr()
+    assert f"{mine}: flown again: 1 equal; not flown (1 of 2 methods): own code is not run" in told.err
+    assert "flown again" in told.out
 
 
-def test_a_row_that_differs_is_told_on_the_board(rows, tmp_path, capsys):
+def test_a_row_that_differs_is_told_on_the_board(at_once, rows, tmp_path, capsys):
     def worse(row):
         scores = 2.0 * np.array(row.scores)
         history = {name: type(one)("d", 2.0 * np.array(one)) for name, one in row.history.items()}
@@ -149,35 +164,110 @@ def test_a_row_that_differs_is_told_on_the_board(rows, tmp_path, capsys):
     assert main(["bench", "board", str(path), "--verify", "1"]) == 1
     assert " then, " in capsys.readouterr().err
     (entry,) = board(path, verify=1).entries
-    assert str(entry.verification) == "1 differ"
+    assert str(entry.verification) == "2 differ"
 
 
 def test_a_run_without_end_does_not_hold_up_the_board(frozen, rows, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(audit, "_MOST_S", 0.01)
+    monkeypatch.setattr(verification, "_MOST_S", 0.01)
     mine = pack_of(rows, tmp_path / "mine.zip", name="Mine")
     assert main(["bench", "board", str(frozen), str(mine)]) == 1
-    assert capsys.readouterr().err.count("was not flown again in 0.01 s") == 1
+    assert capsys.readouterr().err.count("was not flown again in 0.01 s") == 2
     told = {one.submission.name: str(one.verification) for one in board(frozen, mine, verify=None).entries}
-    assert told == {"Baselines": "no", "Mine": "3 not ended"}
+    assert told == {"Baselines": "not asked", "Mine": "2 not ended"}
 
 
 @pytest.mark.parametrize("label", ["gp:cache=/tmp/elsewhere", "gp:cache=here"])
 def test_no_row_names_files_of_the_one_who_checks(label, rows):
-    one = fly_again([structs.replace(row, estimator=label) for row in rows], 1)
+    given = [told_of(row, estimator=label) for row in rows]
+    one = fly_again(given, 1)
     assert not one.rows
-    assert "names files of a machine" in one.left_out
+    assert [why for _, why in one.left_out] == ["its parameters name files of a machine"] * 2
+    with pytest.raises(ResultError, match=r"estimator gp:cache.*: its parameters name files of a machine"):
+        require_whole(given)
+
+
+NAMELESS = "begins without a name"
+NO_VALUES = "its history has values that are no losses"
+
+
+def history(row, change):
+    """Return the values of a row whose history is another one, and agrees with itself."""
+    scores = change(np.array(row.scores))
+    losses = {name: change(np.array(one)) for name, one in row.history.items()}
+    floats = type(row.scores)
+    return {
+        "scores": floats("d", scores),
+        "history": {name: floats("d", one) for name, one in losses.items()},
+        "score": float(np.mean(scores)),
+        "final_score": scores[-1],
+        "losses": {name: one[-1] for name, one in losses.items()},
+    }
+
+
+@pytest.mark.parametrize(
+    ("values", "why"),
+    [
+        ({"planner": "super-greedy"}, "no policy is named 'super-greedy'"),
+        ({"planner": "greedy:nothing=1"}, "policy greedy has no parameter 'nothing'"),
+        ({"planner": ""}, NAMELESS),
+        ({"estimator": ":"}, NAMELESS),
+        ({"codes": {"planner": ""}}, "its digest is none of own code"),
+        ({"codes": {"planner": "gp" * 12}}, "its digest is none of own code"),
+        ({"versions": {"wbf-mission": "9.9"}}, "tells version 9.9 of code that is that of"),
+        ({"bad_answers": {"crashed": -5}}, "it counts answers below zero"),
+        (lambda row: {"times_s": row.times_s[::-1]}, "its times go back"),
+        (lambda row: history(row, lambda values: values * 1e300), NO_VALUES),
+        (lambda row: {"key": "0" * len(row.key)}, "its key is not that of its run"),
+    ],
+)
+def test_what_no_run_can_have_told_is_refused(values, why, rows):
+    def changed(row):
+        given = dict(values(row) if callable(values) else values)
+        for name in ("codes", "versions"):
+            given[name] = getattr(row, name) | given.get(name, {})
+        return structs.replace(row, **given) if "key" in given else told_of(row, **given)
+
+    with pytest.raises(ResultError, match=why):
+        require_whole([changed(row) for row in rows])
+
+
+def test_small_differences_are_those_of_numbers_only(at_once, rows):
+    def verified(**values):
+        return str(fly_again([structs.replace(rows[0], **values)], 1))
+
+    assert verified(**history(rows[0], lambda values: values * (1.0 + 1e-9))) == "1 within 1e-06"
+    for values in ({"outcome": "landed on the moon"}, {"observations": 1}, {"path_length_m": 1.0}):
+        assert verified(**values) == "1 differ", values
+    assert verified(**history(rows[0], lambda values: values[::-1])) == "1 differ"
+    assert verified(**history(rows[0], lambda values: values[1:])) == "1 differ"
+
+
+def test_who_makes_a_board_draws_the_rows(at_once, rows):
+    drawn = [tuple(one.seed for one in fly_again(rows, 1, salt=bytes([k])).rows) for k in (1, 1, 2, 3, 4)]
+    assert drawn[0] == drawn[1]
+    assert len(set(drawn)) > 1
+    assert all(len(one) == 2 for one in drawn), "one of each method"
+
+
+def test_a_pack_of_very_many_methods_is_refused(rows):
+    many = [
+        told_of(rows[0], planner=f"p{k}", codes=rows[0].codes | {"planner": "f" * 24}) for k in range(301)
+    ]
+    with pytest.raises(ResultError, match="has 301 methods on 1 environments, more than"):
+        require_whole(many)
 
 
 def test_rows_of_other_code_are_not_compared(rows):
     other = [structs.replace(row, codes=row.codes | {"code": "0" * 24}) for row in rows]
     found = fly_again(other, 3)
-    assert (found.rows, found.left_out) == ((), "another state of the code flew them")
+    assert not found.rows
+    assert str(found) == "not flown: another state of the code flew it"
 
 
 def test_held_out_environments_are_those_of_the_seal(rows, tmp_path):
     secret = Secret(secret="ab" * 32, environments=2, scenarios=[], made="")
     number = dict(enumerate(secret.seeds()))
-    sealed = [structs.replace(row, seed=number[row.seed]) for row in seeds(rows, 0, 1)]
+    sealed = [told_of(row, seed=number[row.seed]) for row in seeds(rows, 0, 1)]
     paths = [pack_of(sealed, tmp_path / "held.zip"), pack_of(rows, tmp_path / "open.zip")]
     first, second = board(*paths, secret=secret).tables
     assert (first.held_out, first.environments) == (True, "2 held-out environments")
@@ -187,7 +277,7 @@ def test_held_out_environments_are_those_of_the_seal(rows, tmp_path):
     assert [one.held_out for one in board(*paths, secret=elsewhere).tables] == [False, False]
 
 
-def test_the_page_holds_names_as_texts(rows, tmp_path):
+def test_the_page_holds_names_as_texts(at_once, rows, tmp_path):
     packs = [pack_of(rows, tmp_path / "a.zip", name=MARKUP), pack_of(rows, tmp_path / "b.zip", by=MARKUP)]
     assert main(["bench", "board", *map(str, packs), "--out", str(tmp_path / "board"), "--quiet"]) == 0
     assert sorted(one.name for one in (tmp_path / "board").iterdir()) == [

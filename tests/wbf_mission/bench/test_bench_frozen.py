@@ -5,10 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from wbf_mission.bench.audit import fly_again, require_whole
+from wbf_mission.bench.audit import require_whole
 from wbf_mission.bench.board import packs_of
 from wbf_mission.bench.meaning import built_in_digest
 from wbf_mission.bench.submission import read_pack
+from wbf_mission.bench.verification import fly_again
 from wbf_mission.cli.app import main
 
 RESULTS = Path(__file__).parents[3] / "results"

@@ -85,7 +85,7 @@ def test_equal_content_gives_equal_bytes(folder, tmp_path, capsys):
 def test_rows_are_flown_again_to_the_bit(folder, tmp_path, capsys):
     code, told = submit(folder, tmp_path / "mine.zip", "--verify", "2", "--json", capsys=capsys)
     assert code == 0
-    assert json.loads(told.out)["flown_again"] == "2 equal"
+    assert json.loads(told.out)["flown_again"] == "4 equal"
     assert len(read_pack(tmp_path / "mine.zip").rows) == 6
 
 
@@ -167,7 +167,7 @@ def test_a_seed_that_others_have_is_missed_without_a_specification(folder, tmp_p
     there = changed(folder, tmp_path / "changed", lambda number, row: None if number == 1 else row)
     code, told = submit(there, tmp_path / "mine.zip", capsys=capsys)
     assert code == 2
-    assert "lawnmower, point: seeds 1..1 of the others are missing" in told.err
+    assert "lawnmower, point: lacks rows that others have, of seeds 1; fly them, too" in told.err
 
 
 def test_rows_that_are_not_what_is_flown_are_found_out(folder, tmp_path, capsys):
@@ -186,7 +186,7 @@ def test_rows_that_are_not_what_is_flown_are_found_out(folder, tmp_path, capsys)
     there = changed(folder, tmp_path / "changed", better)
     code, told = submit(there, tmp_path / "mine.zip", "--verify", "2", capsys=capsys)
     assert code == 2
-    assert "2 of 2 rows are not what is flown again" in told.err
+    assert "4 of 4 rows are not what is flown again" in told.err
     assert submit(there, tmp_path / "mine.zip", "--verify", "0", capsys=capsys)[0] == 0
 
 
@@ -207,7 +207,7 @@ def test_own_code_is_packed_and_flown_again_by_its_author(tmp_path, capsys):
     capsys.readouterr()
     code, told = submit(tmp_path / "r", tmp_path / "a.zip", "--code", str(file), "--json", capsys=capsys)
     assert code == 0
-    assert json.loads(told.out)["flown_again"] == "2 equal"
+    assert json.loads(told.out)["flown_again"] == "1 equal"
     (own,) = read_pack(tmp_path / "a.zip").submission.own
     assert (own.kind, own.name) == ("planner", "zigzag")
     assert members_of(tmp_path / "a.zip")["code/mine.py"] == OWN.encode()

@@ -35,7 +35,8 @@ def updates(address):
 
 @pytest.mark.slow
 def test_a_page_follows_the_flight_and_stays_until_it_is_ended(tmp_path):
-    words = command(*FLY, "--vehicle", "quad", "--budget", "60s", "--speed", "30", "--live", "0", "--json")
+    # Faster, and on a busy machine it has landed before the page is open.
+    words = command(*FLY, "--vehicle", "quad", "--budget", "60s", "--speed", "10", "--live", "0", "--json")
     with running(words, tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         seen = list(updates(told_address(process)))
         states = [time_s for one in seen if "states" in one for time_s in one["states"]["1"]["time_s"]]

@@ -14,6 +14,8 @@ _SEED = 0
 _PART_VALUES = 200_000
 _LEAST_ERROR = 1e-9
 _FEWEST_TO_RESAMPLE = 7
+_SMALL = 1e-3
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +99,20 @@ def ratio_interval(values: NDArray[np.float64], others: NDArray[np.float64]) -> 
         np.divide(above, below, out=ratios[begin : begin + len(part)], where=below > 0.0)
     low, high = np.quantile(ratios, [0.025, 0.975], method="nearest")
     return Interval(ratio, float(low), float(high))
+
+
+def score_text(value: float) -> str:
+    """Return a score or a loss in four decimals, and a small one in two digits that count; "-" of nan.
+
+    >>> [score_text(one) for one in (-0.12345, -0.0008, -3.83e-6, -1e-17, float("nan"))]
+    ['-0.1235', '-0.00080', '-3.8e-6', '0.0000', '-']
+    """
+    if np.isnan(value):
+        return "-"
+    size = abs(value)
+    if size < _ROUNDING:
+        return f"{0.0:.4f}"
+    return f"{value:.4f}" if size >= _SMALL else f"{value:#.2g}".replace("e-0", "e-")
 
 
 def verdict(difference: Interval) -> str:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from wbf_mission.bench.asked import AskedFor
 from wbf_mission.bench.cards import known_cards
 from wbf_mission.bench.environments import Scored, scored
-from wbf_mission.bench.intervals import Interval, mean_interval, students_reach
+from wbf_mission.bench.intervals import Interval, mean_interval, score_text, students_reach
 from wbf_mission.bench.page import Listing, Page, Picture, Section, Table
 from wbf_mission.bench.rows import BenchRow, by_pair
 from wbf_mission.bench.standings import Ratio, Standing, by_fixed, standings_of
@@ -66,7 +66,7 @@ def field_table(found: Sequence[Standing]) -> Table:
         (
             _name(one),
             *(
-                _number(losses.get(name, math.nan), 4)
+                score_text(losses.get(name, math.nan))
                 for name in fields
                 for losses in (one.losses_over_run, one.losses)
             ),
@@ -82,7 +82,7 @@ def _name(one: Standing | Ratio) -> str:
 
 
 def _by_fixed(ratios: Sequence[Ratio], when: str) -> Table:
-    """Return losses by those of the best fixed planner, which stands in a line of its own."""
+    """Return losses divided by those of the best fixed planner, which stands in a line of its own."""
     names = list(ratios[0].ratios) if ratios else []
     lines: list[tuple[str, ...]] = []
     estimators: set[str] = set()
@@ -91,7 +91,7 @@ def _by_fixed(ratios: Sequence[Ratio], when: str) -> Table:
             estimators.add(one.estimator)
             lines.append((f"the best fixed planner, {one.estimator}", *(one.best[name] for name in names)))
         lines.append((_name(one), *(_ratio(one.ratios[name]) for name in names)))
-    title = f"Losses by those of the best fixed planner of each column, {when} (below 1 is better)"
+    title = f"Losses divided by those of the best fixed planner of each column, {when} (below 1 is better)"
     return Table(title, ("planner, estimator", *names), tuple(lines))
 
 
@@ -328,7 +328,8 @@ def _failures(rows: Sequence[BenchRow]) -> Table:
 
 
 def _interval(one: Interval) -> tuple[str, str]:
-    return _number(one.mean, 4), "-" if math.isnan(one.low) else f"{one.low:.4f} to {one.high:.4f}"
+    limits = "-" if math.isnan(one.low) else f"{score_text(one.low)} to {score_text(one.high)}"
+    return score_text(one.mean), limits
 
 
 def _number(value: float, digits: int) -> str:

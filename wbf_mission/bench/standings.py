@@ -1,4 +1,4 @@
-"""What the rows of a benchmark tell: standings, differences, and losses by those of fixed planners."""
+"""What rows of a benchmark tell: standings, differences, and losses divided by those of fixed planners."""
 
 from __future__ import annotations
 
@@ -174,7 +174,7 @@ WHOLE = "whole"
 
 @dataclass(frozen=True, slots=True)
 class Ratio:
-    """The losses of a planner or policy by those of the best fixed planner with the same estimator.
+    """The losses of a planner or policy divided by those of the best fixed planner with the same estimator.
 
     Parameters
     ----------
@@ -183,7 +183,7 @@ class Ratio:
     ratios : dict of str to Interval
         Of the `WHOLE` and of each field; below 1 is better.
     best : dict of str to str
-        The fixed planner by whose loss each is: the best in this alone.
+        The fixed planner by whose loss each is divided: the best in this alone.
     """
 
     planner: str
@@ -194,7 +194,7 @@ class Ratio:
 
 
 def by_fixed(group: Scored, *, over_run: bool) -> list[Ratio]:
-    """Return the losses of all by those of the best fixed planner, the smallest first.
+    """Return the losses of all divided by those of the best fixed planner, the smallest first.
 
     Each field has a best fixed planner of its own. With an estimator without fixed planners there are none.
     """

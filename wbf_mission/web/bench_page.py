@@ -5,6 +5,7 @@ Without scripts the same tables are there, unsorted.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from html import escape
@@ -23,6 +24,9 @@ from wbf_mission.web.document import document
 _NAMES = 3
 _OF_TEXTS = 2
 _EXACT = 2**53
+_NUMBER = re.compile(r"[+-]?\d|-$")
+# A name breaks behind these signs only, and where it has none for long.
+_PIECE = re.compile(r"[^\s/:,=-]{1,24}[/:,=-]*|[/:,=-]+|\s+")
 
 
 def write_bench_page(path: Path, page: Page, folder: Path, rows: Sequence[BenchRow] = ()) -> None:
@@ -92,8 +96,10 @@ def _table(table: Table, label: str, *, name: str = "") -> Iterator[str]:
     names = len(table.header) if len(table.header) == _OF_TEXTS else table.texts
 
     def cells(row: Sequence[str], tag: str) -> str:
-        # An interval stands in one line, unless it follows its mean.
-        texts = [escape(one).replace(" to ", " to&nbsp;" if "(" in one else "&nbsp;to&nbsp;") for one in row]
+        # A planner may stand in a column of numbers, too.
+        texts = [
+            _numbers(one) if k >= names and _NUMBER.match(one) else _name(one) for k, one in enumerate(row)
+        ]
         kinds = [' class="text"' if k < names else "" for k in range(len(row))]
         made = (f"<{tag}{kind}>{text}</{tag}>" for kind, text in zip(kinds, texts, strict=True))
         return f"<tr>{''.join(made)}</tr>"
@@ -103,3 +109,13 @@ def _table(table: Table, label: str, *, name: str = "") -> Iterator[str]:
     yield from ("<thead>", cells(table.header, "th"), "</thead><tbody>")
     yield from (cells(row, "td") for row in table.rows)
     yield "</tbody></table></div>"
+
+
+def _name(text: str) -> str:
+    """Return a name or words with the places where they may break."""
+    return "<wbr>".join(map(escape, _PIECE.findall(text)))
+
+
+def _numbers(text: str) -> str:
+    """Return numbers; an interval stands in one line, unless it follows its mean."""
+    return escape(text).replace(" to ", " to&nbsp;" if "(" in text else "&nbsp;to&nbsp;")

@@ -196,7 +196,7 @@ def _about(report: FieldReport) -> str:
         "" if one.low is None or one.high is None else f"{write(one.low)} to {write(one.high)}"
         for one in report.blocks
     ]
-    seen = f"{report.seen:,} of {report.cells:,} plants were looked at"
+    seen = f"{report.seen:,} of {report.cells:,} {'plants' if disease else 'cells'} were looked at"
     if disease:
         seen += f", {report.seen_sick:,} of these were sick"
     rows = "".join(

@@ -10,6 +10,7 @@ from bench_rows import made_row
 from live_page import chromium
 from PIL import Image
 
+from wbf_mission.bench.intervals import score_text
 from wbf_mission.bench.page import Page, Section, Table
 from wbf_mission.bench.report import report_page
 from wbf_mission.cli.app import main
@@ -24,6 +25,22 @@ ASKED = {
     "headings": "[...document.querySelectorAll('h2')].map(one => one.textContent)",
     "bold": "document.querySelectorAll('b').length",
 }
+# The parts of names, up to a sign at which they may break, that stand in more than one line.
+BROKEN = r"""() => {
+    const found = [];
+    for (const cell of document.querySelectorAll("#standings td.text")) {
+        const walk = document.createTreeWalker(cell, NodeFilter.SHOW_TEXT);
+        while (walk.nextNode()) {
+            for (const part of walk.currentNode.data.matchAll(/[^\s\/:,=-]+[\/:,=-]*/g)) {
+                const range = document.createRange();
+                range.setStart(walk.currentNode, part.index);
+                range.setEnd(walk.currentNode, part.index + part[0].length);
+                if (new Set([...range.getClientRects()].map(one => one.top)).size > 1) found.push(part[0]);
+            }
+        }
+    }
+    return found;
+}"""
 LOOKS = [(1200, False), (1200, True), (400, False), (400, True)]
 
 
@@ -105,6 +122,39 @@ def test_a_page_is_whole_and_no_wider_than_its_window(name, width, dark, browser
     assert seen.values["pictures"] == [True] * {"report": 1, "paper": 4}[name]
     assert seen.values["tables"] > 4
     assert light_of(seen) < 60 if dark else light_of(seen) > 200
+
+
+def test_names_break_at_their_signs_only_and_no_table_scrolls(browser, tmp_path):
+    draw = np.random.default_rng(5)
+    planners = ["adaptive-lawnmower:min_spacing_m=0.9144", "lawnmower:direction=1.5707963267948966", "greedy"]
+    estimators = ["adaptive-disk", "epidemic"]
+    rows = [
+        row(planner, seed, draw, estimator=estimator)
+        for planner in planners
+        for estimator in estimators
+        for seed in range(8)
+    ]
+    page = browser.new_page(viewport={"width": 1200, "height": 800})
+    page.goto(written(rows, tmp_path).as_uri())
+    names = page.locator("#standings td:first-child").all_text_contents()
+    assert names == ["WBF/Miniberry-30-Sweep-v1"] * 6
+    assert page.evaluate("document.querySelector('#standings td').getBoundingClientRect().height") > 40
+    assert page.evaluate(BROKEN) == []
+    wide = "[...document.querySelectorAll('.wide')].filter(one => one.scrollWidth > one.clientWidth)"
+    assert page.evaluate(f"{wide}.map(one => one.ariaLabel)") == []
+    page.close()
+
+
+def test_small_scores_of_seeds_are_told_apart(browser, tmp_path):
+    scores = [-0.12345, -0.00081, -6.1e-6, -3.8e-6, 0.0]
+    rows = [made_row("greedy", seed, [score], losses={"soil": -score}) for seed, score in enumerate(scores)]
+    page = browser.new_page()
+    page.goto(written(rows, tmp_path).as_uri())
+    page.locator(".opener").click()
+    told = page.locator(".seeds td:nth-child(2)").all_text_contents()
+    page.close()
+    assert told == ["-0.1235", "-0.00081", "-6.1e-6", "-3.8e-6", "0.0000"]
+    assert told == [score_text(one) for one in scores]
 
 
 def test_titles_are_shown_as_they_are(browser, report):

@@ -84,10 +84,28 @@ def test_a_report_says_which_losses_are_larger_with_policies(tmp_path):
 
     markdown, _ = markdown_of([*made("rows", 1.0, 1), *made("greedy", 1.7, 9)], tmp_path)
     assert "8 environments count (seeds 0..7)." in markdown
+    assert (
+        "### Losses divided by those of the best fixed planner of each column, over the run (below"
+        in markdown
+    )
     assert "ccr with greedy, gp (1.70 times rows)" in markdown
     assert "| greedy, gp | 1.70 | 1.70 | 1.70 |" in markdown
     assert "| the best fixed planner, gp | rows | rows | rows |" in markdown
     assert "| planner, estimator | tylcv, run | tylcv, end | ccr, run | ccr, end |" in markdown
+
+
+def test_what_is_near_0_is_told_apart(tmp_path):
+    rows = [
+        made_row(planner, seed, [score * (1.0 + 0.01 * seed)], losses={"soil": -score})
+        for planner, score in (("greedy", -6.1e-6), ("spiral", -8.0e-4), ("rows", -0.24))
+        for seed in range(2)
+    ]
+    markdown, _ = markdown_of(rows, tmp_path)
+    assert "| greedy, gp | -6.1e-6 | -6.5e-6 to -5.7e-6 | " in markdown
+    assert "| greedy, gp | 6.1e-6 |" in markdown.replace(" - |", "")
+    assert "| spiral, gp | -0.00080 | " in markdown
+    assert "| rows, gp | -0.2412 | " in markdown
+    assert "0.0000 " not in markdown.split("### Behind")[0]
 
 
 def test_a_report_can_be_repeated_from(tmp_path):

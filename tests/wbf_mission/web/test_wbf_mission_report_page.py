@@ -218,6 +218,9 @@ def test_the_summary_tells_what_the_result_tells(file: Path, result: Result) -> 
             assert f"{block.latitude_deg:.5f}, {block.longitude_deg:.5f}" in words
     assert f"{result.score:.5f} over the run" in words
     assert f"{len(result.observations):,} readings" in words
+    looked = {one.name: f"{one.seen:,} of {one.cells:,}" for one in result.report.fields}
+    assert f"{looked['ccr']} plants were looked at" in words
+    assert f"{looked['soil']} cells were looked at" in words
 
 
 def test_names_of_files_and_vehicles_are_text(tmp_path: Path, browser: Browser) -> None:

@@ -80,9 +80,9 @@ function show(table: HTMLTableElement, seeds: Run[][]): void {
   for (const row of rows) {
     const cell = row.cells[1];
     if (!cell) continue;
-    const name = cell.textContent ?? "";
-    const opener = button(name, () => open(row), { "aria-expanded": "false", class: "opener", title: "Scores by seed" });
-    cell.replaceChildren(opener);
+    const opener = button("", () => open(row), { "aria-expanded": "false", class: "opener", title: "Scores by seed" });
+    opener.append(...cell.childNodes); // with the places where the name may break
+    cell.append(opener);
   }
   const open = (row: HTMLTableRowElement): void => {
     const detail = detailOf(row);
@@ -105,6 +105,14 @@ function text(row: HTMLTableRowElement, column: number): string {
   return row.cells[column]?.textContent ?? "";
 }
 
+/** A score as `score_text` of `wbf_mission/bench/intervals.py` writes it. */
+function told(score: number): string {
+  const size = Math.abs(score);
+  if (size >= 1e-3) return score.toFixed(4);
+  if (size < 1e-9) return "0.0000";
+  return size < 1e-4 ? score.toExponential(1) : score.toPrecision(2);
+}
+
 /** The scores over the run, a dot a seed, above those of the others in the same scenario. */
 function strip(own: Run[], others: Run[]): SVGElement {
   const scores = [...own, ...others].map((run) => run[1]);
@@ -119,13 +127,13 @@ function strip(own: Run[], others: Run[]): SVGElement {
   }
   for (const run of own) {
     const dot = svg("circle", { class: "own", cx: at(run[1]), cy: "12", r: "4" });
-    dot.append(svg("title", {}, `seed ${run[0]}: ${run[1].toFixed(4)}`));
+    dot.append(svg("title", {}, `seed ${run[0]}: ${told(run[1])}`));
     drawn.append(dot);
   }
   const ends: [number, string][] = [[low, "start"], [high, "end"]];
   for (const [score, anchor] of ends) {
     const x = anchor === "start" ? "0" : String(WIDTH);
-    drawn.append(svg("text", { x, y: String(HEIGHT - 3), "text-anchor": anchor }, score.toFixed(4)));
+    drawn.append(svg("text", { x, y: String(HEIGHT - 3), "text-anchor": anchor }, told(score)));
   }
   return drawn;
 }
@@ -134,7 +142,7 @@ function seedTable(runs: Run[]): HTMLElement {
   const row = (tag: "td" | "th", ...cells: string[]): HTMLElement =>
     element("tr", {}, ...cells.map((cell) => element(tag, {}, cell)));
   const body = element("tbody", {});
-  body.append(...runs.map(([seed, run, end, failed, key]) => row("td", String(seed), run.toFixed(4), end.toFixed(4), key, failed)));
+  body.append(...runs.map(([seed, run, end, failed, key]) => row("td", String(seed), told(run), told(end), key, failed)));
   return element("table", { class: "seeds" }, element("thead", {}, row("th", "seed", "run", "end", "key", "why it failed")), body);
 }
 

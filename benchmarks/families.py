@@ -92,13 +92,15 @@ def found_in(rows: Sequence[BenchRow], scenario: str, family: Family) -> Found |
 
 def markdown(rows: Sequence[BenchRow]) -> Iterator[str]:
     """Yield the lines of the page."""
-    behind: list[Found] = []
-    yield _HEAD
-    for family in families():
-        found = [one for name in family.scenarios if (one := found_in(rows, name, family)) is not None]
+    by_family = [
+        (family, [one for name in family.scenarios if (one := found_in(rows, name, family)) is not None])
+        for family in families()
+    ]
+    every = [one for _, found in by_family for one in found]
+    yield from (_HEAD, _wrapped(_in_short(every)), "")
+    for family, found in by_family:
         if not found:
             continue
-        behind += [one for one in found if not one.led_by_us]
         yield from (
             f"## {family.title}",
             "",
@@ -110,6 +112,7 @@ def markdown(rows: Sequence[BenchRow]) -> Iterator[str]:
         yield from (_line(one) for one in found)
         yield from ("", _wrapped(f"Mean ranks over the scenarios: {_ranks(found)}."), "")
     yield from ("## Where ours does not lead", "")
+    behind = [one for one in every if not one.led_by_us]
     if not behind:
         yield "It leads in every scenario that was flown."
     for one in behind:
@@ -118,6 +121,19 @@ def markdown(rows: Sequence[BenchRow]) -> Iterator[str]:
             ours = f"{_name(one.ours)} is behind by {_told(one.ours.behind)}: {_verdict(one)}"
         yield _wrapped(f"- {one.scenario}: {_name(one.table[0])} leads; {ours}.", "  ")
     yield from _calibration(rows)
+
+
+def _in_short(every: Sequence[Found]) -> str:
+    """Count where ours leads, and where that is more than chance."""
+    told = {one.scenario: _verdict(one) for one in every}
+    leads = sum(one.led_by_us for one in every)
+    better = sum(text == "better" for text in told.values())
+    worse = [name for name, text in told.items() if text == "worse"]
+    where = f" ({', '.join(worse)})" if worse else ""
+    return (
+        f"In short: ours has the best mean in {leads} of {len(every)} scenarios, in {better} by more than"
+        f" chance; it is behind by more than chance in {len(worse)}{where}."
+    )
 
 
 def _calibration(rows: Sequence[BenchRow]) -> Iterator[str]:

@@ -1,6 +1,7 @@
 """The packs of frozen baselines in ``results``: each holds what it says, and all make the published board."""
 
 import json
+import random
 from pathlib import Path
 
 import pytest
@@ -14,7 +15,7 @@ from wbf_mission.cli.app import main
 
 RESULTS = Path(__file__).parents[3] / "results"
 PACKS = [path for path, _ in packs_of([RESULTS])]
-FLOWN, SHORT_S = 3, 2.0
+FLOWN, SHORT_S = 1, 4.0
 
 
 @pytest.fixture(params=PACKS, ids=[path.relative_to(RESULTS).as_posix() for path in PACKS])
@@ -31,13 +32,16 @@ def test_a_pack_holds_what_it_says(pack):
 
 def test_rows_that_the_present_code_flew_come_out_equal(pack):
     read, _ = pack
-    short = [row for row in read.rows if row.cpu_time_s < SHORT_S]
-    found = fly_again(short, FLOWN)
+    # What epidemic learns on a farm takes minutes where nobody has learned it before.
+    good = [row for row in read.rows if row.error is None and row.estimator != "epidemic"]
+    short = [row for row in good if row.cpu_time_s < SHORT_S]
+    drawn = random.Random(read.digest).sample(short, FLOWN)
+    found = fly_again(drawn, FLOWN)
     if read.submission.code != built_in_digest():
         assert not found.rows
         pytest.skip(f"flown by another state of the code, {read.submission.code[:8]}")
     assert not found.differing
-    assert len(found.rows) == min(FLOWN, len(short))
+    assert len(found.rows) == FLOWN
 
 
 def test_they_are_small():

@@ -2,10 +2,8 @@
 
 import os
 import signal
-import subprocess
 import sys
 
-import pytest
 from hypothesis import settings
 
 settings.register_profile("default", deadline=None)
@@ -31,28 +29,3 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
-
-COMPILING = pytest.StashKey[subprocess.Popen[bytes]]()
-
-
-@pytest.hookimpl(optionalhook=True)
-def pytest_xdist_setupnodes(config):
-    """Compile once, while the workers collect, what each of them would compile for itself."""
-    if not config.option.collectonly and not os.environ.get("NUMBA_DISABLE_JIT"):
-        code = "from sim_vehicle.prediction.compile_ahead import compile_all; compile_all()"
-        quiet = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-        config.stash[COMPILING] = subprocess.Popen([sys.executable, "-c", code], cwd=config.rootpath, **quiet)
-
-
-@pytest.hookimpl(optionalhook=True)
-def pytest_xdist_node_collection_finished(node):
-    """Begin no test before it is compiled; what fails here is told by the tests that need it."""
-    if COMPILING in node.config.stash:
-        node.config.stash[COMPILING].wait()
-
-
-def pytest_unconfigure(config):
-    """Leave nothing running where the tests were ended before they began."""
-    if COMPILING in config.stash:
-        config.stash[COMPILING].kill()
-        config.stash[COMPILING].wait()

@@ -76,7 +76,7 @@ class Verification:
             reasons = ", ".join(dict.fromkeys(why for _, why in self.left_out))
             flown = len({one.method for one in self.rows})
             of = f" ({len(self.left_out)} of {flown + len(self.left_out)} methods)" if flown else ""
-            told.append(f"not flown{of}: {reasons}")
+            told.append(f"not flown again{of}: {reasons}")
         return "; ".join(told) or "not asked"
 
 

@@ -157,7 +157,7 @@ def submit_command(
 
 def _warn_of(output: Output, rows: Sequence[BenchRow], found: Verification) -> None:
     if found.left_out:
-        output.warn(f"flown again: {found}")
+        output.warn(str(found))
     failed = [row for row in rows if row.error is not None]
     for row in failed[:_SHOWN]:
         output.warn(f"{row.named} failed: {row.error}")
@@ -247,7 +247,7 @@ def board_command(
         for again in entry.verification.differing[:_SHOWN]:
             output.warn(f"{entry.path}: {again.why}")
         if entry.verification.left_out:
-            output.warn(f"{entry.path}: flown again: {entry.verification}")
+            output.warn(f"{entry.path}: {entry.verification}")
     return ExitCode.NOT_GOOD if board.refused or differing else ExitCode.GOOD
 
 

@@ -138,12 +138,12 @@ def test_rows_are_flown_again_and_own_code_is_not(at_once, frozen, rows, tmp_pat
     found = board(frozen, mine, verify=2)
     again = {entry.submission.name: str(entry.verification) for entry in found.entries}
     assert again["Baselines"] == "4 equal", "two of each method"
-    assert again["Some"] == "2 equal; not flown (1 of 2 methods): own code is not run"
+    assert again["Some"] == "2 equal; not flown again (1 of 2 methods): own code is not run"
     (counted,) = (one for one in board_values(found)["tables"][0]["methods"] if one["own_code"])
-    assert (counted["name"], counted["flown_again"]) == ("Some", "not flown: own code is not run")
+    assert (counted["name"], counted["flown_again"]) == ("Some", "not flown again: own code is not run")
     assert main(["bench", "board", str(mine)]) == 0
     told = capsys.readouterr()
-    assert f"{mine}: flown again: 1 equal; not flown (1 of 2 methods): own code is not run" in told.err
+    assert f"{mine}: 1 equal; not flown again (1 of 2 methods): own code is not run" in told.err
     assert "flown again" in told.out
 
 
@@ -260,7 +260,7 @@ def test_rows_of_other_code_are_not_compared(rows):
     other = [structs.replace(row, codes=row.codes | {"code": "0" * 24}) for row in rows]
     found = fly_again(other, 3)
     assert not found.rows
-    assert str(found) == "not flown: another state of the code flew it"
+    assert str(found) == "not flown again: another state of the code flew it"
 
 
 def test_held_out_environments_are_those_of_the_seal(rows, tmp_path):

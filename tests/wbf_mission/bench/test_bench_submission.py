@@ -212,8 +212,8 @@ def test_own_code_is_packed_and_flown_again_by_its_author(tmp_path, capsys):
     assert (own.kind, own.name) == ("planner", "zigzag")
     assert members_of(tmp_path / "a.zip")["code/mine.py"] == OWN.encode()
     code, told = submit(tmp_path / "r", tmp_path / "b.zip", "--json", capsys=capsys)
-    assert json.loads(told.out)["flown_again"] == "no"
-    assert "own code of zigzag is not run" in told.err
+    assert json.loads(told.out)["flown_again"] == "not flown again: own code is not run"
+    assert told.err == "warning: not flown again: own code is not run\n"
 
 
 def test_a_folder_of_code_is_packed_without_what_is_hidden(tmp_path):

@@ -172,7 +172,7 @@ def show(rows: Sequence[BenchRow], peers: Sequence[str], seconds: dict[tuple[str
         table = Table(title=f"{best} less each of them: above 0 is better")
         for name in ("planner", "run", "", "end", " "):
             table.add_column(name, no_wrap=True)
-        for pair in compare(some, [best], others):
+        for pair in compare(some, best, others):
             cells = [
                 text
                 for v in (pair.score, pair.final_score)

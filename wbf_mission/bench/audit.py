@@ -15,18 +15,19 @@ from numpy.typing import NDArray
 
 from geo.errors import WbfMissionError
 from geo.texts import one_line
-from mission.planners.registry import make_planner
 from mission.policies.policy import make_policy
-from sensors.estimators.base import make_estimator
+from sensors.field_files import load_field_set
 from sensors.fields import FieldSet
 from sensors.scoring.score import ScoreWeights
 from wbf_mission.bench.asked import read_asked
 from wbf_mission.bench.meaning import built_in_digest, meaning_of
 from wbf_mission.bench.rows import BenchRow, by_pair, by_scenario
 from wbf_mission.bench.spec import run_keys, seed_ranges, seeds_of
+from wbf_mission.planning import planner_of
 from wbf_mission.planning.plan import farm_of
 from wbf_mission.results.storage import ResultError
-from wbf_mission.scenario import load_scenario, scenario_ids
+from wbf_mission.run.estimation import estimator_of
+from wbf_mission.scenario import Choice, load_scenario, scenario_ids
 from wbf_mission.scenario.choice import choose, names_of
 from wbf_mission.version import __version__
 
@@ -35,6 +36,7 @@ _MOST_LOSS = 1e6
 _MOST_ROWS, _MOST_METHODS, _MOST_SEEDS = 100_000, 300, 10_000
 _DIGEST = re.compile(r"[0-9a-f]{24}")
 _KINDS = ("planner", "estimator")
+FILES = "its parameters name files of a machine"
 
 
 def require_asked(rows: Sequence[BenchRow], folder: Path) -> None:
@@ -119,10 +121,10 @@ def _require_methods(scenario: str, rows: Sequence[BenchRow]) -> None:
     if len(pairs) > _MOST_METHODS or len(seeds) > _MOST_SEEDS:
         msg = f"{scenario} has {len(pairs)} methods on {len(seeds)} environments"
         raise ResultError(f"{msg}, more than {_MOST_METHODS} on {_MOST_SEEDS}; make several submissions")
-    fields = farm_of(load_scenario(scenario).farm)[1]
+    fields = load_field_set(load_scenario(scenario).farm.fields)
     for kind in _KINDS:
         for label, code in dict.fromkeys((getattr(row, kind), row.codes.get(kind)) for row in rows):
-            why = unusable(kind, label, fields) if code is None else ""
+            why = _unusable(kind, label, fields) if code is None else ""
             if code is not None and not _DIGEST.fullmatch(code):
                 why = "its digest is none of own code"
             if why:
@@ -130,19 +132,21 @@ def _require_methods(scenario: str, rows: Sequence[BenchRow]) -> None:
                 raise ResultError(msg)
 
 
-def unusable(kind: str, label: str, fields: FieldSet) -> str:
-    """Return why a name of a row is no built-in planner, policy or estimator; empty if it is one.
+def names_files(choice: Choice) -> bool:
+    """Return whether parameters name files or folders: a row of somebody else's is not to reach these."""
+    return any(key == "cache" or "/" in str(value) for key, value in choice.params.items())
 
-    Parameters that name files or folders are none: a row of somebody else's is not to reach these.
-    """
+
+def _unusable(kind: str, label: str, fields: FieldSet) -> str:
+    """Return why a name of a row is no built-in planner, policy or estimator; empty if it is one."""
     try:
         choice = choose(label, kind)
-        if any(key == "cache" or "/" in str(value) for key, value in choice.params.items()):
-            return "its parameters name files of a machine"
+        if names_files(choice):
+            return FILES
         if kind == "estimator":
-            make_estimator(choice.name, fields=fields, **choice.params)
+            estimator_of(choice, 0, fields)
         elif choice.name.lower() in names_of("planner"):
-            make_planner(choice.name, **choice.params)
+            planner_of(choice)
         else:
             make_policy(choice.name, **choice.params)
     except WbfMissionError as error:

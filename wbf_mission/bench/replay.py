@@ -155,21 +155,37 @@ def _pooled(acquisition: AcquisitionMap) -> AcquisitionMap:
     return AcquisitionMap(parts.max(axis=(1, 3)), acquisition.cell_m * blocks)
 
 
-def differences(row: BenchRow, again: BenchRow) -> Iterator[str]:
-    """Yield in which values that the run decides two rows differ to the bit, in words."""
+def differences(row: BenchRow, again: BenchRow, near: float = 0.0) -> Iterator[str]:
+    """Yield in which values that the run decides two rows differ, in words.
+
+    They are compared to the bit, or within `near` where they are no whole numbers: relatively, and near 0
+    absolutely.
+    """
     for name in _VALUES:
         old, new = getattr(row, name), getattr(again, name)
-        if old != new:
+        if old != new and not (isinstance(old, float) and isinstance(new, float) and _near(old, new, near)):
             yield f"{name} ({old!r} then, {new!r} now)"
-    if row.losses != again.losses:
+    losses, others = row.losses, again.losses
+    if losses != others and (
+        losses.keys() != others.keys()
+        or not all(_near(one, others[name], near) for name, one in losses.items())
+    ):
         yield "losses"
     pairs = [(name, getattr(row, name), getattr(again, name)) for name in _LISTS]
     fields = dict.fromkeys([*row.history, *again.history])
     pairs += [(f"history of {name}", row.history.get(name), again.history.get(name)) for name in fields]
     for name, old, new in pairs:
+        if old is None or new is None:
+            yield name
         # Bytes: what is no number is equal to itself, and 0.0 is not -0.0.
-        if old is None or new is None or old.tobytes() != new.tobytes():
-            yield name if old is None or new is None else f"{name} ({_where(old, new)})"
+        elif old.tobytes() != new.tobytes() and not _near(old, new, near):
+            yield f"{name} ({_where(old, new)})"
+
+
+def _near(old: float | Sequence[float], new: float | Sequence[float], near: float) -> bool:
+    """Return whether numbers, or lists of as many, differ by no more than this; within 0 none do."""
+    same_size = np.shape(old) == np.shape(new)
+    return near > 0.0 and same_size and np.allclose(old, new, rtol=near, atol=near, equal_nan=True)
 
 
 def _where(old: Sequence[float], new: Sequence[float]) -> str:

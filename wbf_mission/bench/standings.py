@@ -136,17 +136,18 @@ class Comparison:
     """The part of the environments on which the score over the run is better."""
 
 
-def compare(rows: Sequence[BenchRow], mine: Sequence[str], against: Sequence[str]) -> list[Comparison]:
-    """Compare each of some with each of others, by scenario and estimator, on the same environments.
+def compare(rows: Sequence[BenchRow], mine: str | Sequence[str], against: Sequence[str]) -> list[Comparison]:
+    """Compare one, or each of several, with others, by scenario and estimator, on the same environments.
 
     Environments and failed runs count as in the `standings`; rows of different code are not compared with
     each other, but by code (`apart`).
     """
     found = []
+    several = [mine] if isinstance(mine, str) else mine
     for group in scored(apart(rows)):
         place = {pair: k for k, pair in enumerate(group.pairs)}
         for estimator in sorted({estimator for _, estimator in group.pairs}):
-            for each, other in itertools.product(mine, against):
+            for each, other in itertools.product(several, against):
                 both = (each, estimator), (other, estimator)
                 known = all(pair in place for pair in both)
                 one, two = (place[pair] for pair in both) if known else (0, 0)

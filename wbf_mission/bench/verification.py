@@ -14,15 +14,15 @@ import numpy as np
 from geo.errors import WbfMissionError
 from geo.texts import one_line
 from geo.workers import Processes
-from wbf_mission.bench.audit import unusable
+from wbf_mission.bench.audit import FILES, names_files
 from wbf_mission.bench.engine import fly_run
 from wbf_mission.bench.meaning import built_in_digest
 from wbf_mission.bench.replay import causes, differences, run_of
 from wbf_mission.bench.rows import BenchRow
 from wbf_mission.bench.spec import BenchRun
-from wbf_mission.planning.plan import farm_of
 from wbf_mission.progress import Progress, silent
-from wbf_mission.scenario import Choice, load_scenario
+from wbf_mission.scenario import Choice
+from wbf_mission.scenario.choice import choose
 
 VERIFIED = 1
 """So many rows of each method of a submission are flown again where nobody says how many."""
@@ -31,8 +31,6 @@ NEAR = 1e-6
 EQUAL, CLOSE, OTHER, ENDLESS = "equal", f"within {NEAR:g}", "differ", "not ended"
 OTHER_CODE = "another state of the code flew it"
 _MOST_S = 600.0
-_SAME = ("outcome", "error", "observations", "decisions")
-_NUMBERS = ("score", "final_score", "path_length_m")
 Method = tuple[str, str, str]
 """A scenario, a planner (or policy) and an estimator."""
 
@@ -149,7 +147,7 @@ def _compared(row: BenchRow, again: BenchRow | None) -> FlownAgain:
         same, why = ENDLESS, f"{one_line(row.named, 200)}: was not flown again in {_MOST_S:g} s"
     elif not (found := list(differences(row, again))):
         same = EQUAL
-    elif _is_near(row, again):
+    elif not list(differences(row, again, NEAR)):
         same = CLOSE
     else:
         same = OTHER
@@ -159,42 +157,19 @@ def _compared(row: BenchRow, again: BenchRow | None) -> FlownAgain:
     return FlownAgain((row.scenario, row.planner, row.estimator), row.seed, same, why)
 
 
-def _is_near(row: BenchRow, again: BenchRow) -> bool:
-    """Tell whether all that the run decides is the same, but for the last digits of numbers."""
-    if any(getattr(row, name) != getattr(again, name) for name in _SAME):
-        return False
-    if row.losses.keys() != again.losses.keys() or row.history.keys() != again.history.keys():
-        return False
-    pairs = [
-        *((getattr(row, name), getattr(again, name)) for name in _NUMBERS),
-        *((row.losses[name], again.losses[name]) for name in row.losses),
-        *((row.history[name], again.history[name]) for name in row.history),
-        (row.times_s, again.times_s),
-        (row.scores, again.scores),
-    ]
-    return all(
-        one is not None
-        and two is not None
-        and np.shape(one) == np.shape(two)
-        and np.allclose(one, two, rtol=NEAR, atol=NEAR, equal_nan=True)
-        for one, two in pairs
-    )
-
-
 def _run_of(row: BenchRow, own: Mapping[str, Choice]) -> BenchRun | str:
     """Return the run of a row; if it cannot be flown here, why."""
     if row.codes.get("code") != built_in_digest():
         return OTHER_CODE
     given: dict[str, Choice | None] = {}
     try:
-        fields = farm_of(load_scenario(row.scenario).farm)[1]
         for kind in ("planner", "estimator"):
             code = row.codes.get(kind)
             if code is not None and code not in own:
                 return "own code is not run"
             given[kind] = None if code is None else own[code]
-            if code is None and (why := unusable(kind, getattr(row, kind), fields)):
-                return why
+            if code is None and names_files(choose(getattr(row, kind), kind)):
+                return FILES
         run = run_of(row, **given)
     except WbfMissionError as error:
         return one_line(str(error), 200)

@@ -266,7 +266,7 @@ def compare_command(
     wanted = BenchSpec.of(**selected | {"planners": _choices(f"{mine},{against}", "planner")})
     rows, interrupted = flying.rows(output, wanted, out, context)
     first, *others = (str(one) for one in wanted.planners)
-    found = compare(rows, [first], others)
+    found = compare(rows, first, others)
     values = [
         asdict(one) | {"verdict": verdict(one.score), "final_verdict": verdict(one.final_score)}
         for one in found

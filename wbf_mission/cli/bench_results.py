@@ -45,6 +45,7 @@ wbf-mission bench run --sealed round.secret --scenarios WBF/Miniberry-30-v1 --ou
 _CHECKED = "What is checked"
 _SHOWN = 5
 
+_VERIFY = "Fly so many rows of each method again and compare them; 0: none."
 _rows = options.whole_number_in(0, 10_000_000)
 SealFile = Annotated[
     Path | None, option("The seal of a round that has ended; with --secret.", panel=_CHECKED)
@@ -77,9 +78,7 @@ def submit_command(
     out: Annotated[Path | None, option("The pack.  [default: the name, in small letters, .zip]")] = None,
     verify: Annotated[
         int,
-        option(
-            "Fly so many rows of each method again and compare them; 0: none.", panel=_CHECKED, parser=_rows
-        ),
+        option(_VERIFY, panel=_CHECKED, parser=_rows),
     ] = 1,
     seal: SealFile = None,
     secret: SecretFile = None,
@@ -203,7 +202,7 @@ def board_command(
     verify: Annotated[
         int | None,
         option(
-            "Fly so many rows of each method again and compare them; 0: none.",
+            _VERIFY,
             panel=_CHECKED,
             parser=_rows,
             show_default="1 of submissions, none of the frozen baselines",

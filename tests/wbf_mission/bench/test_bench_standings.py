@@ -120,7 +120,7 @@ def test_only_environments_count_that_all_have_in_common():
         ("both", -2.0, 1.0),
         ("half", -2.0, 1.0),
     ]
-    (compared,) = compare(told, ["both"], ["half"])
+    (compared,) = compare(told, "both", ["half"])
     assert compared.environments == 2
 
 
@@ -197,15 +197,15 @@ def test_a_comparison_is_made_in_pairs():
     hard = np.array([-9.0, -1.0, -5.0, -3.0, -7.0, -2.0, -8.0, -4.0])
     gain = np.array([0.1, 0.2, 0.15, 0.05, 0.1, 0.2, 0.1, 0.15])
     told = [*rows("mine", hard + gain), *rows("theirs", hard), *rows("frail", hard - 1.0, error=range(1, 8))]
-    theirs, frail = compare(told, ["mine"], ["theirs", "frail"])
+    theirs, frail = compare(told, "mine", ["theirs", "frail"])
     assert (theirs.environments, theirs.better, verdict(theirs.score)) == (8, 1.0, "better")
     assert theirs.score.mean == pytest.approx(gain.mean())
     assert theirs.score.low > 0.05
     assert theirs.final_score.mean == pytest.approx(gain.mean() / 2)
     assert (frail.environments, verdict(frail.score)) == (8, "better")
-    (back,) = compare(told, ["theirs"], ["mine"])
+    (back,) = compare(told, "theirs", ["mine"])
     assert verdict(back.score) == "worse"
-    (none,) = compare(told, ["mine"], ["nobody"])
+    (none,) = compare(told, "mine", ["nobody"])
     assert none.environments == 0
     assert math.isnan(none.better)
 

@@ -78,7 +78,7 @@ def test_versions_are_not_compared_with_each_other():
         *(flown(name, 0) for name in "ab"),
         *(flown(name, 0, code="d1" * 12, commit=NEW) for name in "ab"),
     ]
-    assert [(one.scenario, one.environments) for one in compare(told, ["a"], ["b"])] == [
+    assert [(one.scenario, one.environments) for one in compare(told, "a", ["b"])] == [
         ("WBF/Some-v1 [0.1.0, 4622a3d6]", 1),
         ("WBF/Some-v1 [0.1.0, 5d01c2b3]", 1),
     ]

@@ -40,8 +40,8 @@ class Interfaces:
 def interfaces() -> tuple[Interfaces, ...]:
     """Return what holds of each id of the catalogue, in their order.
 
-    >>> print(interfaces()[0])
-    WBF/Miniberry-10-v1: make, make_vec, parallel_env
+    >>> [str(one) for one in interfaces() if one.name == "WBF/Miniberry-10-v1"]
+    ['WBF/Miniberry-10-v1: make, make_vec, parallel_env']
     """
     return tuple(interfaces_of(name) for name in scenario_ids())
 

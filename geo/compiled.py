@@ -19,7 +19,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal, TypeVar, overload
 
-from geo.user_cache import user_cache_folder
+from geo.user_cache import made_by_one, user_cache_folder
 
 _Inline = Literal["never", "always", "late"]
 _Function = TypeVar("_Function", bound=Callable[..., Any])
@@ -103,7 +103,32 @@ def compiled(
         _without_literals(dispatcher)
         # As numba's ``enable_caching`` does it.
         dispatcher._cache = _cache_class()(function)
+        _one_process_at_a_time(dispatcher)
     return dispatcher
+
+
+def _one_process_at_a_time(dispatcher: Any) -> None:
+    """Let one process compile a function, while others that need it wait, and find it in the cache then.
+
+    Which functions call which has no circle, so no two wait for each other; numba's own lock, which is taken
+    first, keeps the threads of a process in turn.
+    """
+    own_lock = import_module("numba.core.compiler_lock").global_compiler_lock
+    compile_it = dispatcher.compile
+    running: list[Any] = []
+
+    def compile_alone(signature: Any) -> Any:
+        with own_lock:
+            if running:  # for other arguments of its own
+                return compile_it(signature)
+            running.append(signature)
+            try:
+                with made_by_one(dispatcher._cache.path_of_function()):
+                    return compile_it(signature)
+            finally:
+                running.clear()
+
+    dispatcher.compile = compile_alone
 
 
 def _without_literals(dispatcher: Any) -> None:
@@ -201,6 +226,11 @@ def _cache_class() -> Any:
             # numba tells a compiled function by a number, which is another in each process.
             names = tuple(f"{one.__module__}.{one.__qualname__}" for one in over)
             return signature, codegen.magic_tuple(), names
+
+        def path_of_function(self) -> Path:
+            with suppress(OSError):  # a folder that cannot be written to is told of when something is kept
+                self._impl.locator.ensure_cache_path()
+            return Path(self._cache_path, self._py_func.__qualname__)
 
         def load_overload(self, signature: Any, context: Any) -> Any:
             try:

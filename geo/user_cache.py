@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import fcntl
 import warnings
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import platformdirs
@@ -30,6 +33,22 @@ def user_cache_folder(name: str) -> Path:
     if not root.is_absolute():
         root = Path.home() / ".cache" / "wbf-mission"
     return root / name
+
+
+@contextmanager
+def made_by_one(path: Path) -> Iterator[None]:
+    """Keep other processes that make the same file waiting: they look for it again, and find it.
+
+    The lock is on a file beside it. Where nothing can be written, or a disk has no locks, nobody waits.
+    """
+    with ExitStack() as stack:
+        with suppress(OSError):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            lock = stack.enter_context(path.with_name(f"{path.name}.lock").open("ab"))
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            # Closing it is not enough where another thread has forked meanwhile.
+            stack.callback(fcntl.flock, lock, fcntl.LOCK_UN)
+        yield
 
 
 def warn_of_cache(folder: Path, error: Exception) -> None:

@@ -4,6 +4,7 @@ import importlib
 import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -81,6 +82,13 @@ def imported(package, monkeypatch):
 
     yield run_here
     forget()
+
+
+def test_of_several_processes_at_once_one_compiles(package):
+    with ThreadPoolExecutor(4) as pool:
+        ran = list(pool.map(lambda _: run(package), range(4)))
+    assert [result for result, _, _ in ran] == [6.0] * 4
+    assert sum(compiles for _, compiles, _ in ran) == 1
 
 
 def test_what_one_process_compiles_the_next_finds(package):

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Self, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from geo.user_cache import made_by_one
 from geo.workers import CallsAhead
 from sensors.dynamics.soil import SoilParameters
 from sensors.errors import EstimatorError
@@ -26,6 +27,7 @@ from sensors.estimators.epidemic.training import (
     keep_network,
     known_network,
     learn,
+    network_file,
     shared_task,
 )
 from sensors.fields import PAPER_FIELDS, FieldSet
@@ -51,13 +53,25 @@ def learn_all(wanted: Sequence[Wanted], folder: str | os.PathLike[str] | None, s
     `step` is called with the part that is done, 0..1, unless there are all networks already.
     """
     shared = [(shared_task(task, hosts), hosts) for task, hosts in wanted]
-    missing = {
-        task.key(hosts): (task, hosts) for task, hosts in shared if known_network(task, hosts, folder) is None
-    }
-    if not missing:
+    if all(known_network(task, hosts, folder) is not None for task, hosts in shared):
         return
-    open_tasks = list(missing.values())
     step(0.0)
+    with contextlib.ExitStack() as stack:
+        # In one order, so that no two processes wait for each other.
+        for path in sorted({network_file(task, hosts, folder) for task, hosts in shared}):
+            stack.enter_context(made_by_one(path))
+        missing = {
+            task.key(hosts): (task, hosts)
+            for task, hosts in shared
+            if known_network(task, hosts, folder) is None
+        }
+        _learn_missing(list(missing.values()), folder, step)
+    if not missing:
+        step(1.0)  # another process has learned them
+
+
+def _learn_missing(open_tasks: Sequence[Wanted], folder: str | os.PathLike[str] | None, step: Step) -> None:
+    """Learn what there is not yet."""
     done = 0
     if len(open_tasks) > 1 and all(_is_long(task) for task, _ in open_tasks) and _may_have_children():
         for number, network in _in_processes(open_tasks):

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from geo.atomic import atomic_write
 from geo.seeds import stream
-from geo.user_cache import user_cache_folder, warn_of_cache
+from geo.user_cache import made_by_one, user_cache_folder, warn_of_cache
 from sensors.dynamics.epidemic import MAX_DAYS, NEVER, EpidemicParameters, simulate_outbreak, value_table
 from sensors.errors import EstimatorError
 from sensors.estimators.base import Step, no_step
@@ -130,8 +130,11 @@ def network_for(
     task = shared_task(task, hosts)
     network = known_network(task, hosts, folder)
     if network is None:
-        network = learn(task, hosts)
-        keep_network(network, task, hosts, folder)
+        with made_by_one(network_file(task, hosts, folder)):
+            network = known_network(task, hosts, folder)
+            if network is None:
+                network = learn(task, hosts)
+                keep_network(network, task, hosts, folder)
     return network
 
 
@@ -142,13 +145,18 @@ def shared_task(task: TrainingTask, hosts: NDArray[np.bool_]) -> TrainingTask:
     return replace(task, day=first_day(task.day, hosts))
 
 
+def network_file(task: TrainingTask, hosts: NDArray[np.bool_], folder: str | os.PathLike[str] | None) -> Path:
+    """Return where the network of a shared task is kept."""
+    return cache_folder(folder) / f"{task.key(hosts)}.npz"
+
+
 def known_network(
     task: TrainingTask, hosts: NDArray[np.bool_], folder: str | os.PathLike[str] | None
 ) -> Network | None:
     """Return the network of a shared task from memory or from its file; None if it has to be trained."""
     key = task.key(hosts)
     if key not in _in_memory:
-        network = load_network(cache_folder(folder) / f"{key}.npz")
+        network = load_network(network_file(task, hosts, folder))
         if network is None:
             return None
         _in_memory[key] = network
@@ -159,9 +167,8 @@ def keep_network(
     network: Network, task: TrainingTask, hosts: NDArray[np.bool_], folder: str | os.PathLike[str] | None
 ) -> None:
     """Keep the network of a shared task in memory and in its file."""
-    key = task.key(hosts)
-    save_network(network, cache_folder(folder) / f"{key}.npz")
-    _in_memory[key] = network
+    save_network(network, network_file(task, hosts, folder))
+    _in_memory[task.key(hosts)] = network
 
 
 def save_network(network: Network, path: Path) -> None:

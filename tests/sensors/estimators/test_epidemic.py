@@ -281,7 +281,7 @@ def test_what_was_learned_is_kept_and_damage_is_repaired(tmp_path, monkeypatch):
     task = TrainingTask(CCR, 6, outbreaks=15, epochs=1, seed=5)
     monkeypatch.setattr(training, "_in_memory", {})
     learned = network_for(task, hosts, tmp_path)
-    (path,) = tmp_path.iterdir()
+    (path,) = tmp_path.glob("*.npz")
     kept = path.read_bytes()
     trained = []
     real = training.learn

@@ -213,6 +213,12 @@ class GroundStation:
         return self._monitor.state
 
     @property
+    def is_told_anew(self) -> bool:
+        """Whether the vehicle has told its mode and its item since it was silent: it may have gone home."""
+        told_s = self._monitor.mode_heard_s, self._monitor.item_heard_s
+        return self._back_s == math.inf or all(one >= self._back_s or one == -math.inf for one in told_s)
+
+    @property
     def mode(self) -> str:
         """Name of the vehicle's flight mode; empty before it was heard."""
         return self._monitor.mode

@@ -51,8 +51,8 @@ class Status(Enum):
     CHANGING = "changing"
     """On its path, while another one is on its way to it; that one has to arrive first."""
     SILENT = "silent"
-    """On its path as far as is known, but not heard of for a while: it flies its plan and cannot be told of
-    another one."""
+    """On its path as far as is known, but not heard of for a while, or not yet how far it is since then: it
+    flies its plan and cannot be told of another one."""
     RETURNING = "returning"
     """On its way home, or landing; its path cannot be changed any more."""
     PILOTED = "piloted"
@@ -88,6 +88,24 @@ class TravelCost(Protocol):
         """
 
 
+@dataclass(frozen=True, slots=True)
+class ContactArea:
+    """Where a vehicle is surely heard, and told of another path: a circle over ground.
+
+    Examples
+    --------
+    >>> ContactArea((0.0, 0.0), 4.0).away_m((3.0, 4.0))
+    1.0
+    """
+
+    center_m: tuple[float, float]  # In metres of the farm frame
+    radius_m: float
+
+    def away_m(self, point_m: tuple[float, float] | NDArray[np.float64]) -> float:
+        """Return how far a point is from it; 0 within."""
+        return max(0.0, math.dist(point_m, self.center_m) - self.radius_m)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class VehicleReport:
     """One vehicle, as its telemetry told of it last.
@@ -114,6 +132,8 @@ class VehicleReport:
         Fraction of the battery that is left; None if nobody told.
     delay_s : float
         Seconds from an answer until the vehicle turns, as measured so far.
+    contact : ContactArea or None
+        Where a path has to end, if another one is to follow it; None: anywhere.
     """
 
     system_id: int
@@ -127,6 +147,7 @@ class VehicleReport:
     travel_cost: TravelCost
     battery: float | None = None
     delay_s: float = 0.0
+    contact: ContactArea | None = None
 
     def __post_init__(self) -> None:
         rest = np.array(self.rest_m, dtype=np.float64).reshape(-1, 2)

@@ -4,22 +4,24 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from geo.named import ParameterError
-from mission.planners.path import Points
+from mission.planners.path import Points, path_length
 from mission.policies.acquisition import Acquisition, ValueMap
 from mission.policies.decision import AcquisitionMap, Alternative, Decision
-from mission.policies.observation import Event, PolicyObservation, Status, VehicleReport
+from mission.policies.observation import ContactArea, Event, PolicyObservation, Status, VehicleReport
 from mission.policies.planning_grid import LegCosts, PlanningGrid
 from mission.policies.route_search import take_leg
 
 _LEAST_LEG = 1e-3
 _STAY: Points = np.empty((0, 2))
+_OUT_BY_BACK, _MOST_ONWARD = 6.0, 12
+"""Beyond the radio's range, so much longer than the way back a path becomes by so many searches at most."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -168,6 +170,8 @@ class Steering:
                 vehicle, planning_grid, pooled[planning_grid].copy(), observation, promised
             )
             routes = search(problem)
+            if vehicle.contact is not None and routes:
+                routes = [_out_and_back(problem, routes[0], search, vehicle.contact), *routes[1:]]
             paths = [
                 planning_grid.inside(vehicle.position_m, route.corners * planning_grid.cell_m)
                 for route in routes
@@ -271,6 +275,51 @@ def _pays_for_change(problem: RouteProblem, points_m: Points) -> bool:
             budget -= cost
         gains.append(float(problem.values.sum(dtype=np.float64) - left.sum(dtype=np.float64)))
     return gains[1] > gains[0]
+
+
+def _out_and_back(problem: RouteProblem, first: Route, search: Search, contact: ContactArea) -> Route:
+    """Return a route that ends where another one can be told, the first one flown to its end.
+
+    Beyond, the vehicle would have nothing to fly, and flies home. So from there routes are searched as if
+    nothing were found, until the way back is short against what is flown outside.
+    """
+    cell_m, vehicle = problem.planning_grid.cell_m, problem.vehicle
+    route, left = Route(np.array([[problem.x, problem.y]]), 0.0), problem.values.copy()
+    onward = [first]
+    for _ in range(_MOST_ONWARD):
+        for begin, end in itertools.pairwise(np.vstack((route.corners[-1:], onward[0].corners))):
+            take_leg(left, problem.shares, *begin, *end)
+        route = Route(np.vstack((route.corners, onward[0].corners)), route.value + onward[0].value)
+        path_m = route.corners * cell_m
+        away_m = contact.away_m(path_m[-1])
+        if away_m == 0.0 or path_length(path_m) > _OUT_BY_BACK * away_m:
+            break
+        if vehicle.travel_cost.rest([path_m[1:]])[0] > most_payable(vehicle):
+            break
+        x, y = route.corners[-1].tolist()
+        onward = list(search(replace(problem, values=left.copy(), x=x, y=y)))
+        if not onward:
+            break
+    back = _nearest_in(contact, problem.planning_grid, route.corners[-1])
+    return Route(np.vstack((route.corners[1:], back)), route.value)
+
+
+def _nearest_in(contact: ContactArea, grid: PlanningGrid, corner: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the nearest place of an area to which a straight leg leads, float64[1, 2] in cells of the grid.
+
+    None, float64[0, 2], where the corner lies in it, or it cannot be seen from there.
+    """
+    if contact.away_m(corner * grid.cell_m) == 0.0:
+        return _STAY
+    places = np.argwhere(grid.free).astype(np.float64) + 0.5
+    apart = np.hypot(*(places * grid.cell_m - contact.center_m).T)
+    within: NDArray[np.float64] = places[apart <= max(contact.radius_m, float(apart.min()))]
+    order = np.argsort(np.hypot(*(within - corner).T), kind="stable")
+    x_m, y_m = (corner * grid.cell_m).tolist()
+    for k in order:
+        if len(grid.inside((x_m, y_m), within[k : k + 1] * grid.cell_m)):
+            return within[k : k + 1]
+    return _STAY
 
 
 def far_route(problem: RouteProblem) -> list[Route]:

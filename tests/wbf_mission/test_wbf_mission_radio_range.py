@@ -13,8 +13,9 @@ from mission.policies.decision import NO_CHANGE, Decision
 from mission.policies.observation import Event, Status
 from mission.policies.policy import FixedPlan, Triggers
 from wbf_mission import Scenario, fly
+from wbf_mission.planning.station_range import SLOWER, SPARE_S, StationRange
 from wbf_mission.run.resolve import resolve
-from wbf_mission.run.sortie import SILENT_S, SLOWER, SPARE_S, StationRange
+from wbf_mission.run.sortie import SILENT_S
 from wbf_mission.scenario import ScenarioError
 
 ROWS = {
@@ -29,7 +30,7 @@ RANGES_M = (1.0, 4.0, 6.0)
 
 
 def test_reach_tells_how_long_a_plan_explains_silence():
-    station = StationRange(5.0, (0.0, 0.0), 3.0, 2.5, 2.0)
+    station = StationRange(5.0, (0.0, 0.0), 3.0, 2.5)
     assert station.radius_m == pytest.approx(4.0)
     there = np.array([[20.0, 0.0], [0.0, 0.0]])
 
@@ -37,15 +38,15 @@ def test_reach_tells_how_long_a_plan_explains_silence():
         return pytest.approx(SLOWER * length_m / 2.0 + SPARE_S, abs=0.5)
 
     # Out along x and well in again: 16 m there, 16.9 m back.
-    assert station.absence_s((4.0, 0.0), there) == seconds(32.9)
+    assert station.absence_s((4.0, 0.0), there, 2.0) == seconds(32.9)
     # Inside first, out and in again, and the end of a path that does not come back.
-    assert station.absence_s((0.0, 0.0), there) == seconds(36.9)
-    assert station.absence_s((4.0, 0.0), there[:1]) == seconds(16.0)
+    assert station.absence_s((0.0, 0.0), there, 2.0) == seconds(36.9)
+    assert station.absence_s((4.0, 0.0), there[:1], 2.0) == seconds(16.0)
     # Heard well inside, with nothing to fly: it should be heard all the time.
-    assert station.absence_s((1.0, 0.0), np.empty((0, 2))) == SPARE_S
-    assert StationRange(2.0, (0.0, 0.0), 3.0, 2.0, 2.0).radius_m == 0.0
+    assert station.absence_s((1.0, 0.0), np.empty((0, 2)), 2.0) == SPARE_S
+    assert StationRange(2.0, (0.0, 0.0), 3.0, 2.0).radius_m == 0.0
     assert station.is_near_border((0.0, 0.0), 8.0)
-    assert not StationRange(50.0, (0.0, 0.0), 3.0, 2.0, 2.0).is_near_border((9.0, 0.0), 8.0)
+    assert not StationRange(50.0, (0.0, 0.0), 3.0, 2.0).is_near_border((9.0, 0.0), 8.0)
 
 
 @pytest.mark.parametrize("autopilot", AUTOPILOTS)

@@ -120,6 +120,7 @@ class VehicleAssignment:
             rest_m=np.empty((0, 2)),
             travel_cost=StartTravelCost(self.request, self.builder, steered),
             battery=None if self.builder.vehicle.battery is None else 1.0,
+            contact=None if (reaches := self.builder.station_range) is None else reaches.contact_area(),
         )
 
     def travel_cost_in_flight(self, first_m: Points) -> Callable[[InFlight, Points, bool], TravelCost]:

@@ -44,6 +44,7 @@ from wbf_mission.planning.coverage import image_places, predicted_coverage
 from wbf_mission.planning.fence import border_fence, rally_items
 from wbf_mission.planning.imaging import imaging_of, imaging_summary, level_of, require_height
 from wbf_mission.planning.keep_out import KeepOut, probe_path, stray_m
+from wbf_mission.planning.station_range import StationRange
 from wbf_mission.planning.terrain import FarmGround, above_terrain
 from wbf_mission.scenario import MissionOptions, ScenarioError, VehicleOptions, WeatherOptions
 from wbf_mission.scenario.parts import VehicleParts
@@ -202,6 +203,9 @@ class MissionBuilder:
     imaging: Imaging | None = None  # A camera by its sensor and lens; None: the leaf camera
     ground: FarmGround | None = None  # Which the flight follows; None: flat, at the height of home
     follows_terrain: bool = False  # Whether the autopilot does that by itself
+    station_range: StationRange | None = (
+        None  # How far the radio at the farm's home reaches; None: everywhere
+    )
 
     @classmethod
     def of(cls, one: VehicleParts, farm: Farm, home_m: tuple[float, float] | None = None) -> MissionBuilder:
@@ -229,6 +233,9 @@ class MissionBuilder:
             ground=FarmGround.read(farm, home, mission.terrain) if mission.terrain else None,
             follows_terrain=mission.terrain_frame,
         )
+        if options.radio_range_m is not None:
+            reaches = StationRange.of(options.radio_range_m, farm.home_m, made.level, vehicle)
+            made = replace(made, station_range=reaches)
         check_wind(made)
         lowest_m = made.level.altitude_m - separation_margin_m(height_error_m(options, vehicle), 0.0)
         barred = [

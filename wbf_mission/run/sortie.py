@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from statistics import median
 
 import numpy as np
@@ -29,87 +29,19 @@ from sensors.camera.leaf_camera import Camera
 from sensors.camera.wire import ObservationAssembler
 from sensors.observations import Observations
 from sim_vehicle.prediction.onward import InFlight
-from wbf_mission.planning import PlanResult, VehicleAssignment
+from wbf_mission.planning import PlanResult
 from wbf_mission.planning.assignment import SortieNumber
 from wbf_mission.planning.budget import is_same_path
 from wbf_mission.planning.fleet import Vehicle
+from wbf_mission.planning.station_range import ENDING_S
 from wbf_mission.replanning.record import FLOWN_ALREADY, PathChange
 from wbf_mission.run.record import FlightRecord
-from wbf_mission.scenario import VehicleOptions
 from wbf_mission.scenario.parts import MOST_VEHICLES
 
-SLOWER, SPARE_S = 1.2, 5.0
-"""A flight beyond the range may take so much longer than expected, in parts and in seconds."""
-_STEP_M, _MOST_STEPS = 0.5, 20_000
-_WELL_INSIDE = 0.9
-_SLOWEST_M_S = 0.1
-ASIDE_S, WHOLE_S = 8.0, 2.0
-"""So long may a change of the mission take, aside from it or as a whole; meanwhile it has to be in range."""
-
-
-@dataclass(frozen=True, slots=True)
-class StationRange:
-    """The range of the ground station's radio, as far as plans over ground go."""
-
-    range_m: float  # In space
-    station_xy_m: tuple[float, float]  # Where the ground station stands, in metres of the farm frame
-    height_m: float  # At which the vehicle flies above it
-    speed_m_s: float  # At which it flies
-    mean_speed_m_s: float  # Of its planned flight, turns included
-
-    @property
-    def radius_m(self) -> float:
-        """How far it reaches over ground at the height of the flight; 0 if not so high."""
-        return float(np.sqrt(max(self.range_m**2 - self.height_m**2, 0.0)))
-
-    def absence_s(self, position_m: tuple[float, float], onward_m: Points) -> float:
-        """Return after how long at most a vehicle that was heard here last is in range again.
-
-        Examples
-        --------
-        >>> station = StationRange(10.0, (0.0, 0.0), 0.0, 2.5, 2.0)
-        >>> round(station.absence_s((10.0, 0.0), np.array([[20.0, 0.0], [0.0, 0.0]])))
-        18
-        """
-        path = np.vstack((position_m, np.asarray(onward_m, np.float64).reshape(-1, 2)))
-        along_m = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))))
-        total_m = float(along_m[-1])
-        flown_m = np.linspace(0.0, total_m, 2 + int(total_m / max(_STEP_M, total_m / _MOST_STEPS)))
-        x, y = (np.interp(flown_m, along_m, path[:, axis]) for axis in range(2))
-        away_m = np.hypot(x - self.station_xy_m[0], y - self.station_xy_m[1])
-        outside = away_m > self.radius_m
-        length_m = 0.0
-        if outside.any():
-            left = int(np.argmax(outside))
-            # Where it only grazes the border nothing may be heard of it.
-            back = np.flatnonzero(away_m[left:] < _WELL_INSIDE * self.radius_m - _STEP_M)
-            length_m = float(flown_m[left + back[0]]) if len(back) else total_m
-        return SLOWER * length_m / self.mean_speed_m_s + SPARE_S
-
-    def is_near_border(self, position_m: tuple[float, float], within_s: float) -> bool:
-        """Return whether a vehicle may leave the range within some seconds."""
-        distance_m = float(np.hypot(*np.subtract(position_m, self.station_xy_m)))
-        return distance_m + within_s * self.speed_m_s > self.radius_m
-
-
-def station_range_of(
-    options: VehicleOptions, task: VehicleAssignment, plan: PlanResult
-) -> StationRange | None:
-    """Return how far the ground station at the farm's home reaches for a vehicle; None: everywhere."""
-    if options.radio_range_m is None:
-        return None
-    level = task.builder.level
-    speed_m_s = min(level.speed_m_s, task.builder.vehicle.top_speed_m_s)
-    mean_m_s = max(plan.prediction.path_length_m / plan.prediction.duration_s, _SLOWEST_M_S)
-    home_m = plan.farm.home_m
-    return StationRange(options.radio_range_m, home_m, level.altitude_m, speed_m_s, min(mean_m_s, speed_m_s))
-
-
+_SLOWEST_FLIGHT_M_S = 0.1
 SILENT_S = 30.0
 """A vehicle that is not heard of for so long is lost, as far as decisions go; beyond the radio's range it is
 for so long after it should have been back."""
-ENDING_S = 3.0
-"""A policy is asked so long before a path ends."""
 SLOWEST_M_S = 0.3
 _REAL_GROUNDS = (GROUND_STATION[1], *range(m.MAV_COMP_ID_USER1, m.MAV_COMP_ID_USER1 + MOST_VEHICLES))
 """Real vehicles expect their ground station to be system 255 (ArduPilot: MAV_GCS_SYSID); where several fly,
@@ -139,7 +71,9 @@ class Sortie:
         place: int = 0,
     ) -> None:
         task = vehicle.task
-        self._station_range = station_range_of(vehicle.vehicle, task, plan)
+        self._station_range = task.builder.station_range
+        planned = plan.prediction
+        self._mean_speed_m_s = max(planned.path_length_m / planned.duration_s, _SLOWEST_FLIGHT_M_S)
         farm = plan.farm
         self.start_delay_s = start_delay_s
         self.number, self.task, self.plan = number, task, plan
@@ -297,6 +231,7 @@ class Sortie:
             travel_cost=self._travel_cost(in_flight, rest_m, self.ground.changes_aside),
             battery=state.battery.remaining,
             delay_s=self._delay_s,
+            contact=None if self._station_range is None else self._station_range.contact_area(self._delay_s),
         )
 
     def status(self, now_s: float) -> Status:
@@ -309,7 +244,7 @@ class Sortie:
         silent_s = now_s - state.heard_s
         if silent_s > SILENT_S + self._absence_s(silent_s):
             return Status.LOST
-        if silent_s > SILENCE_S:
+        if silent_s > SILENCE_S or not ground.is_told_anew:
             return Status.SILENT
         if ground.pilot.taken_out:
             return Status.PILOTED
@@ -325,9 +260,8 @@ class Sortie:
         if self._station_range is None or not SILENT_S < silent_s < math.inf:
             return 0.0
         onward = np.vstack((self._rest_points(), self._end_m()))
-        return self._station_range.absence_s(
-            self.ground.vehicle_state.position_m(self.plan.farm.frame), onward
-        )
+        here_m = self.ground.vehicle_state.position_m(self.plan.farm.frame)
+        return self._station_range.absence_s(here_m, onward, self._mean_speed_m_s)
 
     def _end_m(self) -> Points:
         """Return where the vehicle flies after its path: home, or nowhere."""
@@ -372,8 +306,8 @@ class Sortie:
         if ground.changes_aside and is_same_path(points_m, self._rest_points()):
             change.outcome = FLOWN_ALREADY
             return change
-        within_s = (ASIDE_S if ground.changes_aside else WHOLE_S) + self._delay_s
-        if self._station_range is not None and self._station_range.is_near_border(position_m, within_s):
+        station = self._station_range
+        if station is not None and station.is_near_border(position_m, self._delay_s):
             change.outcome = "not sent: it might leave the radio's range before the change is over"
             return change
         builder = self.task.builder

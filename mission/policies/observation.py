@@ -99,7 +99,12 @@ class ContactArea:
     """
 
     center_m: tuple[float, float]  # In metres of the farm frame
-    radius_m: float
+    radius_m: float  # Below 0 there is no such place
+
+    @property
+    def is_nowhere(self) -> bool:
+        """Whether it is nowhere sure that another path arrives."""
+        return self.radius_m < 0.0
 
     def away_m(self, point_m: tuple[float, float] | NDArray[np.float64]) -> float:
         """Return how far a point is from it; 0 within."""
@@ -133,7 +138,7 @@ class VehicleReport:
     delay_s : float
         Seconds from an answer until the vehicle turns, as measured so far.
     contact : ContactArea or None
-        Where a path has to end, if another one is to follow it; None: anywhere.
+        Where a path has to end so that another one can follow it; None: anywhere.
     """
 
     system_id: int

@@ -22,6 +22,8 @@ _LEAST_LEG = 1e-3
 _STAY: Points = np.empty((0, 2))
 _OUT_BY_BACK, _MOST_ONWARD = 6.0, 12
 """Beyond the radio's range, so much longer than the way back a path becomes by so many searches at most."""
+_MOST_BY_BUDGET = 200
+"""By so many, where nothing can be told in flight."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -170,7 +172,7 @@ class Steering:
                 vehicle, planning_grid, pooled[planning_grid].copy(), observation, promised
             )
             routes = search(problem)
-            if vehicle.contact is not None and routes:
+            if vehicle.contact is not None and routes and _leads_out(vehicle.contact, observation.event):
                 routes = [_out_and_back(problem, routes[0], search, vehicle.contact), *routes[1:]]
             paths = [
                 planning_grid.inside(vehicle.position_m, route.corners * planning_grid.cell_m)
@@ -277,30 +279,36 @@ def _pays_for_change(problem: RouteProblem, points_m: Points) -> bool:
     return gains[1] > gains[0]
 
 
+def _leads_out(contact: ContactArea, event: Event) -> bool:
+    """Return whether paths are to be planned on: where none can be told in flight, only the first one is."""
+    return event is Event.START or not contact.is_nowhere
+
+
 def _out_and_back(problem: RouteProblem, first: Route, search: Search, contact: ContactArea) -> Route:
     """Return a route that ends where another one can be told, the first one flown to its end.
 
     Beyond, the vehicle would have nothing to fly, and flies home. So from there routes are searched as if
-    nothing were found, until the way back is short against what is flown outside.
+    nothing were found, until the way back is short against what is flown outside; where nothing can be told
+    anywhere, until the budget is used up.
     """
     cell_m, vehicle = problem.planning_grid.cell_m, problem.vehicle
     route, left = Route(np.array([[problem.x, problem.y]]), 0.0), problem.values.copy()
     onward = [first]
-    for _ in range(_MOST_ONWARD):
+    for _ in range(_MOST_BY_BUDGET if contact.is_nowhere else _MOST_ONWARD):
         for begin, end in itertools.pairwise(np.vstack((route.corners[-1:], onward[0].corners))):
             take_leg(left, problem.shares, *begin, *end)
         route = Route(np.vstack((route.corners, onward[0].corners)), route.value + onward[0].value)
         path_m = route.corners * cell_m
-        away_m = contact.away_m(path_m[-1])
-        if away_m == 0.0 or path_length(path_m) > _OUT_BY_BACK * away_m:
-            break
         if vehicle.travel_cost.rest([path_m[1:]])[0] > most_payable(vehicle):
+            break
+        away_m = contact.away_m(path_m[-1])
+        if not contact.is_nowhere and (away_m == 0.0 or path_length(path_m) > _OUT_BY_BACK * away_m):
             break
         x, y = route.corners[-1].tolist()
         onward = list(search(replace(problem, values=left.copy(), x=x, y=y)))
         if not onward:
             break
-    back = _nearest_in(contact, problem.planning_grid, route.corners[-1])
+    back = _STAY if contact.is_nowhere else _nearest_in(contact, problem.planning_grid, route.corners[-1])
     return Route(np.vstack((route.corners[1:], back)), route.value)
 
 

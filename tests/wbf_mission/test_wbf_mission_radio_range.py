@@ -117,6 +117,47 @@ def test_observations_come_when_it_is_in_range_again_and_not_before():
         assert len(after) - len(before) == np.count_nonzero(since), "all that was seen meanwhile has come"
 
 
+@pytest.mark.parametrize("autopilot", AUTOPILOTS)
+@pytest.mark.parametrize("speed_m_s", [2.0, 5.0])
+@pytest.mark.parametrize("policy", ["greedy", "rolling-horizon"])
+def test_beyond_the_range_a_policy_flies_all_that_its_budget_pays_for(policy, speed_m_s, autopilot):
+    rows = {"farm": "miniberry-100", "estimator": "adaptive-disk", "estimate_errors": False}
+    slow = {"cruise_speed_m_s": speed_m_s, "budget": "150s", "radio_range_m": 30.0}
+    scenario = Scenario(**rows, **slow, autopilot=autopilot, policy=policy)
+    result = fly(scenario)
+    assert result.outcome is Outcome.COMPLETED, result.reason
+    assert result.flights[0].flight_time_s > 120.0
+    farm, seen = resolve(scenario).farm, result.observations
+    x_m, y_m = (farm.cell_size_m * (one + 0.5) for one in (seen.x, seen.y))
+    assert np.hypot(x_m - farm.home_m[0], y_m - farm.home_m[1]).max() > 30.0, "it flies beyond, too"
+    changes = [one for record in result.decisions[1:] for one in record.changes]
+    # A fast vehicle that leaves its mission for a change may be out of range before that is over.
+    sure = autopilot == "px4" or speed_m_s < 5.0
+    assert (sum(one.outcome == "flown" for one in changes) >= 2) == sure
+
+
+class GoneTooFar(Watching):
+    """Ends its path beyond the range, and wants to fly on when it is heard again."""
+
+    def decide(self, observation):
+        self.observations.append(observation)
+        return Decision({1: [[8.5, 8.5], [8.5, 7.5]] if len(self.observations) == 1 else [[4.5, 4.5]]})
+
+
+@pytest.mark.parametrize("autopilot", AUTOPILOTS)
+def test_a_mission_that_ended_unheard_is_completed_and_not_changed_on_the_way_home(autopilot):
+    policy = GoneTooFar()
+    policy.triggers = Triggers(period_s=0.5)
+    scenario = {key: value for key, value in ROWS.items() if key != "planner"}
+    options = {**scenario, "budget": "200m", "autopilot": autopilot, "estimate_errors": False}
+    result = fly(Scenario(**options, radio_range_m=7.0), policy=policy)
+    assert result.outcome is Outcome.COMPLETED, result.reason
+    last = policy.observations[-1]
+    assert last.vehicle(1).status is Status.FLYING and last.time_s < 0.5 * result.flights[0].flight_time_s
+    outcomes = {one.outcome.partition(":")[0] for record in result.decisions[1:] for one in record.changes}
+    assert outcomes <= {"not sent", "flown", "flown already"}
+
+
 class NearAndFar(Watching):
     """The first vehicle stays near home for long, the second flies far out and back once."""
 

@@ -83,12 +83,13 @@ class StationRange:
         return distance_m + (self._change_s + delay_s) * self.speed_m_s > self.radius_m
 
     def contact_area(self, delay_s: float = 0.0) -> ContactArea:
-        """Return where a path has to end so that its vehicle is surely heard and told of another one there.
+        """Return where a path has to end so that its vehicle is heard and told of another one before.
 
-        It is asked for a moment before the end, and must have been in range for as long as a change takes.
+        It is asked for a moment before the end. Then the vehicle must have come into range, and must not be
+        able to leave it while the change lasts.
         """
-        deep_s = ENDING_S + _HEARD_S + self._change_s + 2.0 * delay_s
-        return ContactArea(self.station_xy_m, max(0.0, self.radius_m - deep_s * self.speed_m_s))
+        deep_s = ENDING_S + max(self._change_s + 2.0 * delay_s, _HEARD_S)
+        return ContactArea(self.station_xy_m, self.radius_m - deep_s * self.speed_m_s)
 
     @property
     def _change_s(self) -> float:

@@ -15,20 +15,18 @@ from numpy.typing import NDArray
 
 from geo.errors import WbfMissionError
 from geo.texts import one_line
-from mission.policies.policy import make_policy
 from sensors.field_files import load_field_set
 from sensors.fields import FieldSet
 from sensors.scoring.score import ScoreWeights
 from wbf_mission.bench.asked import read_asked
 from wbf_mission.bench.meaning import built_in_digest, meaning_of
 from wbf_mission.bench.rows import BenchRow, by_pair, by_scenario
-from wbf_mission.bench.spec import run_keys, seed_ranges, seeds_of
-from wbf_mission.planning import planner_of
+from wbf_mission.bench.spec import require_mover, run_keys, seed_ranges, seeds_of
 from wbf_mission.planning.plan import farm_of
 from wbf_mission.results.storage import ResultError
 from wbf_mission.run.estimation import estimator_of
 from wbf_mission.scenario import Choice, load_scenario, scenario_ids
-from wbf_mission.scenario.choice import choose, names_of
+from wbf_mission.scenario.choice import choose
 from wbf_mission.version import __version__
 
 _LEAST_ERROR = 1e-9
@@ -145,10 +143,8 @@ def _unusable(kind: str, label: str, fields: FieldSet) -> str:
             return FILES
         if kind == "estimator":
             estimator_of(choice, 0, fields)
-        elif choice.name.lower() in names_of("planner"):
-            planner_of(choice)
         else:
-            make_policy(choice.name, **choice.params)
+            require_mover(choice)
     except WbfMissionError as error:
         return one_line(str(error), 200)
     except (TypeError, ValueError) as error:  # what a class says of its parameters

@@ -116,7 +116,7 @@ class BenchSpec:
             msg = f"these are {len(self)} runs; at most {_MOST_RUNS} can be kept together: make several"
             raise ScenarioError(msg)
         for choice in self.planners:
-            _require_mover(choice)
+            require_mover(choice)
         for (_, scenario), choice in itertools.product(self.scenarios, self.estimators):
             estimator_of(choice, 0, load_field_set(scenario.farm.fields))
 
@@ -331,7 +331,7 @@ def _code_of(choice: Choice, what: str) -> str:
     return ""
 
 
-def _require_mover(choice: Choice) -> None:
+def require_mover(choice: Choice) -> None:
     """Raise an error if there is no such planner or policy, or it has no such parameter."""
     if _is_planner(choice):
         planner_of(choice)

@@ -101,6 +101,8 @@ def submit_command(
     path = out or Path(re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-") or "submission").with_suffix(
         SUFFIX
     )
+    if path.suffix.lower() != SUFFIX:
+        raise ResultError(f"--out {path}: a pack is a {SUFFIX} file; give a name that ends so")
     options.refuse_overwrite(path, suffixes=(SUFFIX,))
     opened = _secret(seal, secret)
     try:

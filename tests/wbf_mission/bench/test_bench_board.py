@@ -207,7 +207,7 @@ def history(row, change):
 @pytest.mark.parametrize(
     ("values", "why"),
     [
-        ({"planner": "super-greedy"}, "no policy is named 'super-greedy'"),
+        ({"planner": "super-greedy"}, "unknown planner or policy 'super-greedy'"),
         ({"planner": "greedy:nothing=1"}, "policy greedy has no parameter 'nothing'"),
         ({"planner": ""}, NAMELESS),
         ({"estimator": ":"}, NAMELESS),

@@ -199,6 +199,13 @@ def test_failed_runs_are_packed_and_told(folder, tmp_path, capsys):
     assert "failed: it fell" in told.err
 
 
+def test_a_pack_has_its_suffix(folder, tmp_path, capsys):
+    code, told = submit(folder, tmp_path / "mine.txt", capsys=capsys)
+    assert code == 2
+    assert told.err.endswith("mine.txt: a pack is a .zip file; give a name that ends so\n")
+    assert told.err.count("\n") == 1 and not (tmp_path / "mine.txt").exists()
+
+
 def test_own_code_is_packed_and_flown_again_by_its_author(tmp_path, capsys):
     file = tmp_path / "mine.py"
     file.write_text(OWN)

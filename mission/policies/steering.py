@@ -291,18 +291,19 @@ def _out_and_back(problem: RouteProblem, first: Route, search: Search, contact: 
     nothing were found, until the way back is short against what is flown outside; where nothing can be told
     anywhere, until the budget is used up.
     """
-    cell_m, vehicle = problem.planning_grid.cell_m, problem.vehicle
+    cell_m, costs = problem.planning_grid.cell_m, problem.costs
     route, left = Route(np.array([[problem.x, problem.y]]), 0.0), problem.values.copy()
     onward = [first]
     for _ in range(_MOST_BY_BUDGET if contact.is_nowhere else _MOST_ONWARD):
         for begin, end in itertools.pairwise(np.vstack((route.corners[-1:], onward[0].corners))):
             take_leg(left, problem.shares, *begin, *end)
         route = Route(np.vstack((route.corners, onward[0].corners)), route.value + onward[0].value)
-        path_m = route.corners * cell_m
-        if vehicle.travel_cost.rest([path_m[1:]])[0] > most_payable(vehicle):
+        length = path_length(route.corners)
+        # Roughly; the exact price, which takes longer, is asked for once.
+        if length * costs.per_cell + (len(route.corners) - 1) * costs.turn > problem.vehicle.left:
             break
-        away_m = contact.away_m(path_m[-1])
-        if not contact.is_nowhere and (away_m == 0.0 or path_length(path_m) > _OUT_BY_BACK * away_m):
+        away_m = contact.away_m(route.corners[-1] * cell_m)
+        if not contact.is_nowhere and (away_m == 0.0 or length * cell_m > _OUT_BY_BACK * away_m):
             break
         x, y = route.corners[-1].tolist()
         onward = list(search(replace(problem, values=left.copy(), x=x, y=y)))

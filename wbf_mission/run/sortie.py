@@ -73,7 +73,8 @@ class Sortie:
         task = vehicle.task
         self._station_range = task.builder.station_range
         planned = plan.prediction
-        self._mean_speed_m_s = max(planned.path_length_m / planned.duration_s, _SLOWEST_FLIGHT_M_S)
+        mean_m_s = planned.path_length_m / planned.duration_s if planned.duration_s > 0.0 else 0.0
+        self._mean_speed_m_s = max(mean_m_s, _SLOWEST_FLIGHT_M_S)
         farm = plan.farm
         self.start_delay_s = start_delay_s
         self.number, self.task, self.plan = number, task, plan

@@ -129,10 +129,10 @@ def _in_short(every: Sequence[Found]) -> str:
     leads = sum(one.led_by_us for one in every)
     better = sum(text == "better" for text in told.values())
     worse = [name for name, text in told.items() if text == "worse"]
-    where = f" ({', '.join(worse)})" if worse else ""
+    where = f"in {len(worse)} ({', '.join(worse)})" if worse else "nowhere"
     return (
         f"In short: ours has the best mean in {leads} of {len(every)} scenarios, in {better} by more than"
-        f" chance; it is behind by more than chance in {len(worse)}{where}."
+        f" chance; it is behind by more than chance {where}."
     )
 
 

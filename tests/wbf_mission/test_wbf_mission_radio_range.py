@@ -122,8 +122,8 @@ def test_observations_come_when_it_is_in_range_again_and_not_before():
 @pytest.mark.parametrize("policy", ["greedy", "rolling-horizon"])
 def test_beyond_the_range_a_policy_flies_all_that_its_budget_pays_for(policy, speed_m_s, autopilot):
     rows = {"farm": "miniberry-100", "estimator": "adaptive-disk", "estimate_errors": False}
-    slow = {"cruise_speed_m_s": speed_m_s, "budget": "150s", "radio_range_m": 30.0}
-    scenario = Scenario(**rows, **slow, autopilot=autopilot, policy=policy)
+    limits = {"cruise_speed_m_s": speed_m_s, "budget": "150s", "radio_range_m": 30.0}
+    scenario = Scenario(**rows, **limits, autopilot=autopilot, policy=policy)
     result = fly(scenario)
     assert result.outcome is Outcome.COMPLETED, result.reason
     assert result.flights[0].flight_time_s > 120.0

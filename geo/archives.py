@@ -33,7 +33,7 @@ class Archive(Closing):
     Attributes
     ----------
     names : list of str
-        Of its members, in their order.
+        Of its members, in their order, without what macOS adds (``__MACOSX/``, ``._x``).
     room : int
         What is left of it.
 
@@ -51,10 +51,11 @@ class Archive(Closing):
             self._zip = zipfile.ZipFile(io.BytesIO(source) if isinstance(source, bytes) else source)
         except _UNREADABLE as error:
             raise _damaged(error) from None
-        self.names = self._zip.namelist()
-        if len(self.names) > MAX_MEMBERS:
+        names = self._zip.namelist()
+        if len(names) > MAX_MEMBERS:
             self.close()
-            raise ArchiveError(f"holds {len(self.names)} files, more than {MAX_MEMBERS}")
+            raise ArchiveError(f"holds {len(names)} files, more than {MAX_MEMBERS}")
+        self.names = [name for name in names if not _added(name)]
 
     def read(self, name: str) -> bytes:
         """Return what a member holds; ArchiveError if it is damaged, or larger than the room that is left."""
@@ -71,6 +72,15 @@ class Archive(Closing):
     def close(self) -> None:
         """Close the file."""
         self._zip.close()
+
+
+def _added(name: str) -> bool:
+    """Tell whether macOS has added a member; it is called as the one that it is of.
+
+    >>> [_added(name) for name in ("__MACOSX/My Farm/._a.shp", "My Farm/._a.shp", "My Farm/a.shp")]
+    [True, True, False]
+    """
+    return name.startswith("__MACOSX/") or name.rpartition("/")[2].startswith("._")
 
 
 def _damaged(error: Exception) -> ArchiveError:

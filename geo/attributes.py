@@ -28,6 +28,13 @@ ATTRIBUTES: Mapping[str, tuple[str, ...]] = {
     "margin_m": ("margin_m", "margin"),
 }
 """The properties of a farm file, and the names, in any case, under which other files have them."""
+LATITUDES = ("latitude", "lat", "latitude_deg", "lat_deg", "gps_latitude", "gpslatitude", "gps_lat")
+LONGITUDES = (
+    *("longitude", "lon", "lng", "long", "longitude_deg", "lon_deg", "gps_longitude", "gpslongitude"),
+    *("gps_lon", "gps_lng", "gps_long"),
+)
+"""Columns of tables that hold positions, as `column_name` returns them."""
+DEGREES = ("", "deg", "degrees", "°")
 KNOWN = frozenset(name for names in ATTRIBUTES.values() for name in names)
 _KINDS = {
     "no-fly": r"no[-_ ]?fly([-_ ]zones?)?",
@@ -37,6 +44,17 @@ _KINDS = {
 }
 _WORDS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 _MAX_TEXT = 200
+
+
+def column_name(text: str) -> tuple[str, str]:
+    """Return the name of a table's column in one word of small letters, and its unit.
+
+    >>> column_name(" Rel Alt (m)"), column_name("Lat")
+    (('rel_alt', 'm'), ('lat', ''))
+    """
+    found = re.fullmatch(r"([^(\[]*)[(\[]?([^)\]]*)[)\]]?", text.strip().lower())
+    name, unit = (found[1], found[2].strip()) if found else (text.strip().lower(), "")
+    return re.sub(r"[\s-]+", "_", name.strip()), unit
 
 
 def kind_of(text: object) -> str:

@@ -30,7 +30,9 @@ from geo.features import (
 from geo.frame import LocalFrame
 from geo.geojson import read_geojson
 from geo.grid import CROP_NAMES, is_crop_name
-from geo.repair import mended
+from geo.poly import read_poly
+from geo.repair import closed, mended
+from geo.texts import one_line
 from geo.units import FOOT_M
 
 MAX_RALLY = 100
@@ -53,7 +55,7 @@ def load_farm(
     crs: str | None = None,
     repair: bool = False,
 ) -> Farm:
-    """Read a farm from a file: GeoJSON, or what `geo.vector_files` reads.
+    """Read a farm from a file: GeoJSON, Mission Planner's ``.poly``, or what `geo.vector_files` reads.
 
     Parameters
     ----------
@@ -81,7 +83,12 @@ def load_farm(
 
             document = read_vector(file, layer, crs)
         elif layer is not None:
-            raise FarmError(f"GeoJSON has no layers; leave |{layer} out")
+            what = "a .poly" if file.suffix.lower() == POLY_SUFFIX else "GeoJSON"
+            raise FarmError(f"{what} has no layers; leave |{layer} out")
+        elif file.suffix.lower() == POLY_SUFFIX:
+            if crs is not None:
+                raise FarmError(f"a .poly is in degrees of WGS 84; leave out that it is {crs!r:.60}")
+            document = read_poly(file)
         else:
             document = read_geojson(file, crs)
         return _farm_of(document, file.stem, crop, repair=repair)
@@ -92,7 +99,12 @@ def load_farm(
 
 VECTOR_SUFFIXES = (".kml", ".kmz", ".shp", ".zip", ".gpkg", ".gpx")
 """Of the files that `geo.vector_files` reads."""
-FARM_SUFFIXES = (".geojson", ".json", *VECTOR_SUFFIXES)
+POLY_SUFFIX = ".poly"
+FARM_SUFFIXES = (
+    *(".geojson", ".json", ".geojsonl", ".geojsons", ".ndjson", ".jsonl"),
+    *VECTOR_SUFFIXES,
+    POLY_SUFFIX,
+)
 
 
 def split_layer(text: str) -> tuple[Path, str | None]:
@@ -112,7 +124,7 @@ def _farm_of(document: Document, default_name: str, crop: str | None, *, repair:
     name = text_member(members, "name", default_name, "the farm")
     features, places = _contents(document, repair=repair)
     home = _home(document, places)
-    features = _near(features, home, notes, repair=repair)
+    features = [closed(feature, notes) for feature in _near(features, home, notes, repair=repair)]
     if repair:
         features = [part for feature in features for part in mended(feature, notes)]
     systems = dict.fromkeys(entry.crs for entry in document.entries if entry.crs is not None)
@@ -163,8 +175,14 @@ def _contents(document: Document, *, repair: bool) -> tuple[list[Feature], list[
     features: list[Feature] = []
     places: list[Place] = []
     vertices = 0
+    left_out: dict[tuple[str, str], list[str]] = {}
     for entry in document.entries:
         found = read_entry(entry, document.notes, repair=repair)
+        if isinstance(found, str):
+            called = entry.properties.get("name")
+            name = called if isinstance(called, str) and called else f"feature {entry.number}"
+            left_out.setdefault((entry.layer, found), []).append(name)
+            continue
         if isinstance(found, Place):
             places.append(found)
             continue
@@ -173,8 +191,12 @@ def _contents(document: Document, *, repair: bool) -> tuple[list[Feature], list[
         if vertices > MAX_VERTICES:
             msg = f"{features[-1].where}: more than {MAX_VERTICES} vertices up to here; simplify the polygons"
             raise FarmError(msg)
+    for (layer, reason), names in left_out.items():
+        some = ", ".join(one_line(name, 40) for name in names[:5]) + (", ..." if len(names) > 5 else "")
+        document.notes.append(f"{layer}{len(names)} left out, {reason}: {some}")
     if not features:
-        raise FarmError("has points only, no patch with a crop")
+        why = "; ".join(document.notes[:3])
+        raise FarmError(f"holds no polygons{': ' if why else ''}{why}; draw the fields as polygons")
     return features, places
 
 

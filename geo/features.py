@@ -15,6 +15,7 @@ from geo.grid import Crop, is_crop_name
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+MAX_FEATURES = 10_000
 MAX_VERTICES = 100_000
 MAX_LATITUDE_DEG = 75.0
 DEFAULT_CROP = "crop"
@@ -25,11 +26,17 @@ DEFAULT_OWNER = "owner"
 class Entry:
     """A feature as the file has it, not checked: its geometry is one of GeoJSON."""
 
-    where: str
     number: int  # In its layer, from 1
     properties: dict[str, Any]
-    geometry: object
+    geometry: object  # None: the file says that it has none
     crs: Coordinates | None = None  # None: WGS 84
+    layer: str = ""  # Begins what its layer is called by in messages
+    useless: str = ""  # Why it is no part of a farm, where the reader knows
+
+    @property
+    def where(self) -> str:
+        """How messages call it."""
+        return f"{self.layer}feature {self.number}"
 
 
 @dataclass(slots=True)
@@ -65,24 +72,34 @@ class Place:
     position: tuple[float, float]
 
 
-def read_entry(entry: Entry, notes: list[str], *, repair: bool) -> list[Feature] | Place:
-    """Return the polygons of a feature, or the place that it is; FarmError, naming it, if it is neither.
+_WITHOUT = "without geometry"
+_NO_AREA = {
+    **dict.fromkeys(("Point", "MultiPoint"), "points that are neither home nor rally"),
+    **dict.fromkeys(("LineString", "MultiLineString"), "lines"),
+}
+_AREAS = ("Polygon", "MultiPolygon")
+GEOMETRIES = (*_NO_AREA, *_AREAS, "GeometryCollection")
 
-    With `repair` rings may be open, and what has latitude and longitude swapped is turned.
+
+def read_entry(entry: Entry, notes: list[str], *, repair: bool) -> list[Feature] | Place | str:
+    """Return the polygons of a feature, the place that it is, or why it is no part of a farm.
+
+    FarmError, naming it, if it cannot be read. With `repair` what has latitude and longitude swapped is
+    turned. Rings may be open (`geo.repair.closed`).
     """
+    if entry.useless or entry.geometry is None:
+        return entry.useless or _WITHOUT
     properties = meant(entry.properties, literal=True)
+    geometry = entry.geometry if isinstance(entry.geometry, dict) else {}
+    kind, called = kind_of(properties.get("kind")), properties.get("name")
+    is_place = geometry.get("type") == "Point" and (kind or kind_of(called)) in ("home", "rally")
+    if not is_place and (reason := _no_area(geometry)):
+        return reason
     name = text_member(properties, "name", f"patch {entry.number}", entry.where)
     where = f"{entry.where} ({name!r})"
-    kind = kind_of(properties.get("kind"))
-    geometry = entry.geometry if isinstance(entry.geometry, dict) else {}
-    if geometry.get("type") == "Point":
-        kind = kind or kind_of(name)
-        if kind not in ("home", "rally"):
-            raise FarmError(
-                f"{where}: geometry is 'Point', not a Polygon; a point is the home or a rally point: "
-                'give it "kind": "home" or "rally"'
-            )
-        return Place(where, kind, position_of(geometry.get("coordinates"), where, entry.crs))
+    if is_place:
+        position = position_of(geometry.get("coordinates"), where, entry.crs)
+        return Place(where, kind or kind_of(called), position)
     obstacle, no_fly = (_flag(properties, key, kind, where) for key in ("obstacle", "no_fly"))
     height_m = number_member(properties, "height_m", None, 0.0, 1000.0, f"{where}: property")
     margin_m = number_member(properties, "margin_m", None, 0.0, 1000.0, f"{where}: property")
@@ -101,7 +118,7 @@ def read_entry(entry: Entry, notes: list[str], *, repair: bool) -> list[Feature]
     found = []
     for number, part in enumerate(parts, 1):
         at, called = (where, name) if len(parts) == 1 else (f"{where}, part {number}", f"{name} {number}")
-        rings = [_ring(ring, at, entry.crs, repair=repair) for ring in part]
+        rings = [_ring(ring, at, entry.crs) for ring in part]
         if repair and entry.crs is None and _only_swapped(rings):
             rings = [ring[:, ::-1].copy() for ring in rings]
             notes.append(f"{at}: latitude and longitude were swapped")
@@ -119,15 +136,33 @@ def _flag(properties: dict[str, Any], key: str, kind: str, where: str) -> bool:
     return value
 
 
+def _members(geometry: dict[str, Any]) -> list[dict[str, Any]] | None:
+    """Return the geometries of a collection; None if it is none."""
+    inner = geometry.get("geometries")
+    if geometry.get("type") != "GeometryCollection" or not isinstance(inner, list):
+        return None
+    return [member if isinstance(member, dict) else {} for member in inner]
+
+
+def _no_area(geometry: dict[str, Any]) -> str:
+    """Return why a geometry is no land, as a reason to leave it out; empty if it is, or is broken."""
+    inner = _members(geometry)
+    if inner is not None:
+        reasons = [_NO_AREA.get(str(member.get("type")), "") for member in inner]
+        return next(iter(reasons), _WITHOUT) if all(reasons) else ""
+    if geometry.get("coordinates") == [] and geometry.get("type") in (*_NO_AREA, *_AREAS):
+        return _WITHOUT
+    return _NO_AREA.get(str(geometry.get("type")), "")
+
+
 def _parts(geometry: dict[str, Any], where: str) -> list[list[Any]]:
-    """Return the coordinates of each polygon of a geometry."""
-    kind = geometry.get("type")
+    """Return the coordinates of each polygon of a geometry; points and lines of a collection are no land."""
+    kind, inner = geometry.get("type"), _members(geometry)
     parts: list[Any]
-    if kind == "GeometryCollection" and isinstance(geometry.get("geometries"), list):
-        inner = [one if isinstance(one, dict) else {} for one in geometry["geometries"]]
-        if any(one.get("type") == "GeometryCollection" for one in inner):
+    if inner is not None:
+        if any(member.get("type") == "GeometryCollection" for member in inner):
             raise FarmError(f"{where}: a collection of geometries holds another; make it one")
-        parts = [part for one in inner for part in _parts(one, where)]
+        parts = [part for member in inner if not _no_area(member) for part in _parts(member, where)]
     elif kind == "MultiPolygon":
         given = geometry.get("coordinates")
         parts = given if isinstance(given, list) else []
@@ -141,17 +176,17 @@ def _parts(geometry: dict[str, Any], where: str) -> list[list[Any]]:
     return parts
 
 
-def _ring(ring: object, where: str, crs: Coordinates | None, *, repair: bool) -> NDArray[np.float64]:
-    if not isinstance(ring, list) or len(ring) < (3 if repair else 4):
-        raise FarmError(f"{where}: a ring has fewer than four positions")
+def _ring(ring: object, where: str, crs: Coordinates | None) -> NDArray[np.float64]:
+    if not isinstance(ring, list) or not ring:
+        raise FarmError(f"{where}: a ring is no list of positions")
     if len(ring) > MAX_VERTICES:
         msg = f"{where}: a ring of {len(ring)} positions is longer than {MAX_VERTICES}; simplify it"
         raise FarmError(msg)
     positions = np.array([_numbers(position, where) for position in ring])
     if crs is not None:
         positions = _converted(positions, where, crs)
-    if not repair and not np.array_equal(positions[0], positions[-1]):
-        raise FarmError(f"{where}: a ring is not closed (its last position must repeat the first)")
+    if len(positions) < 3 + np.array_equal(positions[0], positions[-1]):
+        raise FarmError(f"{where}: a ring has fewer than three corners")
     return positions
 
 

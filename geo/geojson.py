@@ -1,8 +1,13 @@
-"""Farm files as GeoJSON documents (RFC 7946): read into entries, written; see docs/farm-files.md."""
+"""Farm files as GeoJSON documents (RFC 7946): read into entries, written; see docs/farm-files.md.
+
+A file may hold a feature collection, a feature or a geometry, or one after the other, a line each or parted
+by record separators (RFC 8142; GDAL's GeoJSONSeq, ``.geojsonl``).
+"""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,59 +17,87 @@ import shapely
 from shapely.geometry.polygon import orient
 
 from geo.atomic import atomic_write
-from geo.coordinates import coordinates_of, member_crs
+from geo.coordinates import Coordinates, coordinates_of, member_crs
 from geo.errors import FarmError
 from geo.farm import Farm
-from geo.features import Document, Entry
+from geo.features import GEOMETRIES, MAX_FEATURES, Document, Entry, shortened
 from geo.frame import LocalFrame
-from geo.reading import UnreadableError, not_json, read_text
+from geo.reading import UnreadableError, json_texts, not_json, read_text
 
 MAX_FILE_BYTES = 32 * 2**20
 
 
 def read_geojson(path: Path, crs: str | None = None) -> Document:
-    """Return what a feature collection holds; ``crs`` is that of a file that does not tell its own.
+    """Return what a GeoJSON file holds; ``crs`` is that of a file that does not tell its own.
 
-    FarmError if the file holds no feature collection, or tells another coordinate system.
+    FarmError if the file is no GeoJSON, or tells another coordinate system.
     """
-    document = _members(path)
-    if crs is not None and document.get("crs") is not None:
-        raise FarmError(f"has a coordinate system of its own; leave out that it is {crs!r:.60}")
-    own = member_crs(document, "the file", None if crs is None else coordinates_of(crs))
-    raw = document.pop("features", None)
-    if not isinstance(raw, list) or not raw:
+    given = None if crs is None else coordinates_of(crs)
+    members: dict[str, Any] = {}
+    entries: list[Entry] = []
+    own = None
+    for document in _documents(path):
+        if crs is not None and document.get("crs") is not None:
+            raise FarmError(f"has a coordinate system of its own; leave out that it is {crs!r:.60}")
+        features = _features(document)
+        own = given if features is None else member_crs(document, "the file", given)
+        if features is not None:
+            members = {**document, **members}
+        is_geometry = document["type"] in GEOMETRIES
+        found = features or [{"type": "Feature", "geometry": document} if is_geometry else document]
+        if len(entries) + len(found) > MAX_FEATURES:
+            raise FarmError(f"has more than {MAX_FEATURES} features; take those of one farm")
+        entries += [_entry(one, number, own) for number, one in enumerate(found, len(entries) + 1)]
+    return Document(members, entries, own)
+
+
+def _features(document: dict[str, Any]) -> list[Any] | None:
+    """Return the features of a collection, which it then lacks; None if the document is none."""
+    if document.get("type") != "FeatureCollection":
+        return None
+    features = document.pop("features", None)
+    if not isinstance(features, list) or not features:
         raise FarmError('has no "features"')
-    entries = []
-    for number, one in enumerate(raw, 1):
-        where = f"feature {number}"
-        if not isinstance(one, dict) or one.get("type") != "Feature":
-            raise FarmError(f'{where}: is not a GeoJSON "Feature"')
-        properties = one.get("properties")
-        if not isinstance(properties, dict):
-            raise FarmError(f'{where}: has no "properties" with crop and owner')
-        name = properties.get("name")
-        named = f"{where} ({name!r:.60})" if isinstance(name, str) else where
-        entry_crs = member_crs(one, named, own)
-        geometry = one.get("geometry")
-        if isinstance(geometry, dict):
-            entry_crs = member_crs(geometry, named, entry_crs)
-        entries.append(Entry(where, number, properties, geometry, entry_crs))
-    return Document(document, entries, own)
+    return features
 
 
-def _members(path: Path) -> dict[str, Any]:
+def _entry(one: Any, number: int, own: Coordinates | None) -> Entry:
+    where = f"feature {number}"
+    if not isinstance(one, dict) or one.get("type") != "Feature":
+        raise FarmError(f'{where}: is not a GeoJSON "Feature"')
+    properties = one.get("properties")
+    if not isinstance(properties, dict | None):
+        raise FarmError(f'{where}: its "properties" are {shortened(properties)}, no names with values')
+    if "geometry" not in one:
+        raise FarmError(f'{where}: has no "geometry"; write null where there is none')
+    properties = properties or {}
+    name = properties.get("name")
+    named = f"{where} ({name!r:.60})" if isinstance(name, str) else where
+    crs, geometry = member_crs(one, named, own), one["geometry"]
+    if isinstance(geometry, dict):
+        crs = member_crs(geometry, named, crs)
+    return Entry(number, properties, geometry, crs)
+
+
+def _documents(path: Path) -> Iterator[dict[str, Any]]:
     try:
-        text = read_text(path, MAX_FILE_BYTES)
-        document = msgspec.json.decode(text)
+        data = read_text(path, MAX_FILE_BYTES).encode()
     except UnreadableError as error:
         raise FarmError(f"cannot be read: {error}") from None
-    except RecursionError:
-        raise FarmError("is nested too deeply") from None
-    except msgspec.DecodeError as error:
-        raise FarmError(f"is not JSON ({not_json(error, text.encode())})") from None
-    if not isinstance(document, dict) or document.get("type") != "FeatureCollection":
-        raise FarmError('is not a GeoJSON "FeatureCollection"')
-    return document
+    for line, text in json_texts(data):
+        try:
+            document = msgspec.json.decode(text)
+        except RecursionError:
+            raise FarmError("is nested too deeply") from None
+        except msgspec.DecodeError as error:
+            raise FarmError(f"is not JSON ({not_json(error, text, line)})") from None
+        if not isinstance(document, dict) or document.get("type") not in (
+            "FeatureCollection",
+            "Feature",
+            *GEOMETRIES,
+        ):
+            raise FarmError('is not a GeoJSON "FeatureCollection", "Feature" or geometry')
+        yield document
 
 
 def save_farm(farm: Farm, path: str | os.PathLike[str]) -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +28,7 @@ _TYPES = {
     "bool": "true or false",
     "null": "null",
 }
+_SEPARATOR = b"\x1e"
 _NO_NUMBER = re.compile(rb"-?(NaN|nan|Infinity|inf)\b")
 _BYTE = re.compile(r"\(byte (\d+)\)")
 _SYNTAX = {
@@ -88,8 +90,8 @@ def misfit(error: msgspec.ValidationError, path: str = "") -> str:
     return one_line(f"{place}: {text}" if place else text)
 
 
-def not_json(error: msgspec.DecodeError | ValueError, data: bytes) -> str:
-    r"""Return why a document cannot be read as JSON, and where.
+def not_json(error: msgspec.DecodeError | ValueError, data: bytes, line: int = 1) -> str:
+    r"""Return why a document cannot be read as JSON, and where, if it begins on a line of its file.
 
     The error is DecodeError or UnicodeDecodeError of `msgspec.json.decode`.
 
@@ -108,13 +110,13 @@ def not_json(error: msgspec.DecodeError | ValueError, data: bytes) -> str:
         return "it holds bytes that are no UTF-8 text; save it as UTF-8"
     found = _BYTE.search(str(error))
     if found is None:
-        lines = data.count(b"\n") + 1
+        lines = data.count(b"\n") + line
         return f"line {lines}: it ends in the middle"
     at = int(found[1])
     what = str(error).removeprefix("JSON is malformed: ").removesuffix(found[0]).strip()
     if what == "trailing characters" or data[at - 1 : at] == b"-":
         at -= 1  # msgspec has read one more
-    line, column = data.count(b"\n", 0, at) + 1, at - data.rfind(b"\n", 0, at)
+    line, column = data.count(b"\n", 0, at) + line, at - data.rfind(b"\n", 0, at)
     number = _NO_NUMBER.match(data, at)
     if number is not None:
         text = f"{number[0].decode()} is no number in JSON; write null"
@@ -167,6 +169,35 @@ def _in_words(text: str) -> str:
         is_now = "a number with a fraction" if (got, wanted) == ("float", "int") else _TYPES.get(got, got)
         return f"it is {is_now}; give {give}"
     return "it is out of range" if text.endswith("out of range") else text.replace("`", "")
+
+
+def json_texts(data: bytes) -> Iterator[tuple[int, bytes]]:
+    r"""Yield the JSON texts of a file, mostly one, each with the line on which it begins.
+
+    There are several if the first line is a text of its own, or where record separators part them (RFC 8142).
+
+    Examples
+    --------
+    >>> list(json_texts(b'{"a":\n 1}')), list(json_texts(b'{"a": 1}\r\n\n{"b": 2}\n'))
+    ([(1, b'{"a":\n 1}')], [(1, b'{"a": 1}\r'), (3, b'{"b": 2}')])
+    """
+    import msgspec
+
+    separator = _SEPARATOR if data.lstrip().startswith(_SEPARATOR) else b"\n"
+    if separator == b"\n":
+        first, _, others = data.lstrip().partition(b"\n")
+        try:
+            msgspec.json.decode(first, type=msgspec.Raw)
+        except (ValueError, RecursionError):
+            others = b""
+        if not others.strip():
+            yield 1, data
+            return
+    line = 1
+    for part in data.split(separator):
+        if part.strip():
+            yield line, part
+        line += part.count(b"\n") + (separator == b"\n")
 
 
 MAX_TEXT_BYTES = 1 << 20

@@ -1,11 +1,13 @@
 """Broken polygons, mended where it is plain what they should be; what changes is told, a line a feature.
 
-A ring that is not closed gets the side that is missing, if that is no longer than its longest one. A ring
-that crosses or touches itself becomes the land within it (GEOS's "structure": nodes are set where sides
-cross, spikes without width vanish); holes are joined where they overlap, and end where the land ends. Corners
-are then on whole millimetres. Parts below a thousandth of the land are left out. All that, added up, changes
-at most a hundredth of the land, or the polygon is refused: corners in a wrong order, say, are no slip that
-can be mended.
+Many programs leave out the last position of a ring, which repeats the first (DJI Pilot 2, scripts): it is
+added. A side that is more than twice as long as the longest one is no slip: part of the ring is missing.
+
+The rest is mended only if asked for. A ring that crosses or touches itself becomes the land within it (GEOS's
+"structure": nodes are set where sides cross, spikes without width vanish); holes are joined where they
+overlap, and end where the land ends. Corners are then on whole millimetres. Parts below a thousandth of the
+land are left out. All that, added up, changes at most a hundredth of the land, or the polygon is refused:
+corners in a wrong order, say, are no slip that can be mended.
 """
 
 from __future__ import annotations
@@ -26,19 +28,40 @@ if TYPE_CHECKING:
 
 MAX_CHANGE = 0.01
 """The part of the land that mending may change."""
+MAX_MISSING = 2.0
+"""By how much the side that an open ring lacks may be longer than its longest one."""
 _LEFT_OUT = 0.001
 _GRID_M = 1e-3
 
 
-def mended(feature: Feature, notes: list[str]) -> list[Feature]:
-    """Return a feature as it is if it is valid, else its parts, mended; FarmError if that is not safe.
+def closed(feature: Feature, notes: list[str]) -> Feature:
+    """Return a feature with its rings closed; FarmError if part of one is missing."""
+    if all(np.array_equal(ring[0], ring[-1]) for ring in feature.rings):
+        return feature
+    rings = []
+    for ring in feature.rings:
+        steps_m = np.hypot(*np.diff(_metres(np.vstack([ring, ring[:1]]), _frame(ring)), axis=0).T)
+        gap_m, longest_m = steps_m[-1], steps_m[:-1].max()
+        if gap_m > MAX_MISSING * longest_m:
+            raise FarmError(
+                f"{feature.where}: a ring is open over {gap_m:.1f} m, and its longest side has "
+                f"{longest_m:.1f} m: part of it is missing; draw it anew"
+            )
+        is_open = not np.array_equal(ring[0], ring[-1])
+        if is_open:
+            notes.append(f"{feature.where}: a ring was open, closed over {gap_m:.2f} m")
+        rings.append(np.vstack([ring, ring[:1]]) if is_open else ring)
+    return replace(feature, rings=tuple(rings))
 
-    The area does not change by more than `MAX_CHANGE`, beside what closing a ring adds.
+
+def mended(feature: Feature, notes: list[str]) -> list[Feature]:
+    """Return a feature, whose rings are closed, as it is if it is valid, else its parts, mended.
+
+    The area does not change by more than `MAX_CHANGE`; FarmError if it would.
     """
-    longitude_deg, latitude_deg = feature.rings[0][0].tolist()
-    frame = LocalFrame(latitude_deg, longitude_deg)
+    frame = _frame(feature.rings[0])
     told: list[str] = []
-    rings = [_closed(_metres(ring, frame), feature.where, told) for ring in feature.rings]
+    rings = [_metres(ring, frame) for ring in feature.rings]
     holes = [ring for ring in rings[1:] if len(np.unique(ring, axis=0)) >= 3]
     if len(holes) < len(rings) - 1:
         told.append("holes without area are left out")
@@ -67,6 +90,11 @@ def mended(feature: Feature, notes: list[str]) -> list[Feature]:
     ]
 
 
+def _frame(ring: NDArray[np.float64]) -> LocalFrame:
+    longitude_deg, latitude_deg = ring[0].tolist()
+    return LocalFrame(latitude_deg, longitude_deg)
+
+
 def _metres(ring: NDArray[np.float64], frame: LocalFrame) -> NDArray[np.float64]:
     return np.column_stack(frame.from_wgs84(ring[:, 1].copy(), ring[:, 0].copy()))
 
@@ -77,20 +105,6 @@ def _degrees(ring: shapely.LinearRing, frame: LocalFrame) -> NDArray[np.float64]
     positions = np.column_stack([longitude_deg, latitude_deg])
     positions[-1] = positions[0]
     return positions
-
-
-def _closed(ring: NDArray[np.float64], where: str, told: list[str]) -> NDArray[np.float64]:
-    gap_m = float(np.hypot(*(ring[-1] - ring[0])))
-    if gap_m == 0.0:
-        return ring
-    longest_m = float(np.hypot(*np.diff(ring, axis=0).T).max())
-    if gap_m > longest_m * (1 + 1e-6):
-        raise FarmError(
-            f"{where}: a ring is open over {gap_m:.1f} m, more than its longest side ({longest_m:.1f} m): "
-            "part of it is missing; draw it anew"
-        )
-    told.append(f"a ring closed over {gap_m:.2f} m")
-    return np.vstack([ring, ring[:1]])
 
 
 def _parts(shell: NDArray[np.float64], holes: list[NDArray[np.float64]], where: str) -> list[shapely.Polygon]:

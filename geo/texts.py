@@ -50,6 +50,17 @@ def parse_number(text: str) -> float:
     return _parsed(text, float, "a number")
 
 
+def decimal_point(text: str) -> str:
+    """Return a number with a decimal comma with a point; any other text as it is.
+
+    >>> decimal_point("-33,508"), decimal_point("1,5,2")
+    ('-33.508', '1,5,2')
+    """
+    whole, comma, decimals = text.partition(",")
+    digits = whole.removeprefix("-") + decimals
+    return f"{whole}.{decimals}" if comma and decimals and digits.isdecimal() else text
+
+
 def parse_whole(text: str) -> int:
     """Return the whole number that a text is; ValueError as of `parse_number`.
 

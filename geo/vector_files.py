@@ -27,7 +27,7 @@ from geo.archives import Archive, ArchiveError
 from geo.attributes import KNOWN, kind_of, meant
 from geo.coordinates import EXAMPLE_CRS, Coordinates, coordinates_of
 from geo.errors import FarmError
-from geo.features import MAX_VERTICES, Document, Entry
+from geo.features import MAX_FEATURES, MAX_VERTICES, Document, Entry
 from geo.frame import LocalFrame
 from geo.imports import load_extra
 from geo.reading import UnreadableError, read_file
@@ -38,12 +38,13 @@ if TYPE_CHECKING:
 
 MAX_BYTES = 128 * 2**20
 MAX_XML_BYTES = 32 * 2**20
-MAX_FEATURES = 10_000
 MAX_GAP_M = 5.0
 """A track or a path whose ends are not farther apart is the border of a field."""
 _MAX_LAYERS = 100
 _MAX_DEPTH = 100
 _SHAPEFILE = (".shp", ".shx", ".dbf", ".prj", ".cpg")
+_WKB = dict(enumerate(("Point", "LineString", "Polygon", "MultiPoint", "MultiLineString", "MultiPolygon"), 1))
+_WKB[7] = "GeometryCollection"
 _GPX_LAYERS = ("routes", "tracks", "waypoints")
 
 
@@ -89,8 +90,6 @@ def read_vector(path: Path, layer: str | None = None, crs: str | None = None) ->
             text = "it holds bytes that are no text" if bytes_told else str(error) or type(error).__name__
             told = one_line(text.replace(str(plain), path.name), 200)
             raise FarmError(f"cannot be read: {told}; save it anew in the program that wrote it") from error
-    if not document.entries:
-        raise FarmError(f"holds no polygons{': ' if document.notes else ''}{'; '.join(document.notes[:3])}")
     return document
 
 
@@ -186,7 +185,8 @@ def _unpacked(path: Path, folder: Path) -> tuple[Path, str]:
             mains = [one for one in archive.names if one.lower().endswith(wanted[0])]
             mains.sort(key=lambda one: Path(one).name.lower() != "doc.kml")
             if not mains or (len(mains) > 1 and not kmz):
-                raise FarmError(f"holds {len(mains)} files {wanted[0]}; one is wanted")
+                named = f" ({one_line(', '.join(mains), 100)})" if mains else ""
+                raise FarmError(f"holds {len(mains)} files {wanted[0]}{named}; give an archive of one")
             main = mains[0][:-4]
             for name in archive.names:
                 suffix = name[-4:].lower()
@@ -250,65 +250,57 @@ def _read_layer(
     own = _coordinates(meta["crs"], crs, shapes, name, document)
     takes_lines = plain.suffix.lower() in (".kml", ".gpx")
     kind = kind_of(name)
-    left_out: dict[str, list[str]] = {}
     for row, shape in enumerate(shapes):
         values = (_value(column[row]) for column in columns)
         properties = meant(dict(zip(map(str, meta["fields"]), values, strict=True)), literal=False)
         if kind:
             properties.setdefault("kind", kind)
-        called = properties.get("name", "")
-        geometry, reason = _geometry(shape, kind_of(properties.get("kind")) or kind_of(called), takes_lines)
+        geometry: dict[str, Any] | None = None
+        said = useless = ""
         if shape is not None and shapely.from_wkb(geometries[row], on_invalid="ignore") is None:
-            geometry = _unclosed(geometries[row], f"{where}feature {row + 1}")
-        if geometry is None:
-            left_out.setdefault(reason, []).append(called or f"feature {row + 1}")
+            geometry, _ = _as_written(geometries[row], 0)
+        elif shape is not None and not shape.is_empty:
+            if takes_lines and shape.geom_type in ("LineString", "MultiLineString"):
+                shape, said, useless = _border(shape)
+            geometry = msgspec.json.decode(shapely.to_geojson(shape))
+        entry = Entry(row + 1, properties, geometry, own, where, useless)
+        document.entries.append(entry)
+        if said:
+            called = properties.get("name", "")
+            document.notes.append(f"{entry.where}{f' ({called!r:.60})' if called else ''}: {said}")
+
+
+def _border(line: Any) -> tuple[Any, str, str]:
+    """Return the polygon about which a line leads, and what is to be said of that; else why there is none."""
+    xy = np.concatenate([shapely.get_coordinates(part) for part in shapely.get_parts(line)])
+    east_m, north_m = LocalFrame(xy[0, 1], xy[0, 0]).from_wgs84(float(xy[-1, 1]), float(xy[-1, 0]))
+    gap_m = float(np.hypot(east_m, north_m))
+    if len(xy) < 4 or not gap_m <= MAX_GAP_M:
+        return line, "", f"lines that are open by more than {MAX_GAP_M:g} m"
+    said = f"a line, closed over {gap_m:.1f} m" if gap_m > 0.05 else ""
+    return shapely.Polygon(xy), said, ""
+
+
+def _as_written(wkb: bytes, at: int) -> tuple[dict[str, Any], int]:
+    """Return a geometry of well-known binary in GeoJSON's form, and where it ends; rings may be open."""
+    order = "<>"[wkb[at] == 0]
+    kind, count = struct.unpack_from(f"{order}II", wkb, at + 1)
+    name = _WKB.get(kind, "")
+    if name == "Point":
+        return {"type": name, "coordinates": list(struct.unpack_from(f"{order}2d", wkb, at + 5))}, at + 21
+    parts: list[Any] = []
+    at += 5 if name == "LineString" else 9
+    for _ in range(1 if name == "LineString" else count):
+        if name in ("LineString", "Polygon"):
+            (length,) = struct.unpack_from(f"{order}I", wkb, at)
+            parts.append(np.frombuffer(wkb, f"{order}f8", 2 * length, at + 4).reshape(-1, 2).tolist())
+            at += 4 + 16 * length
         else:
-            entry = Entry(f"{where}feature {row + 1}", row + 1, properties, geometry, own)
-            document.entries.append(entry)
-            if reason:
-                document.notes.append(f"{entry.where}{f' ({called!r:.60})' if called else ''}: {reason}")
-    for reason, names in left_out.items():
-        some = ", ".join(one_line(one, 40) for one in names[:5]) + (", ..." if len(names) > 5 else "")
-        document.notes.append(f"{where}{len(names)} left out, {reason}: {some}")
-
-
-def _geometry(shape: Any, kind: str, takes_lines: bool) -> tuple[dict[str, Any] | None, str]:
-    """Return the geometry in GeoJSON's form and what is to be said of it, or None and why it is left out."""
-    what = "" if shape is None or shape.is_empty else shape.geom_type
-    if not what:
-        return None, "without geometry"
-    if what == "Point" and kind not in ("home", "rally"):
-        return None, "points that are neither home nor rally"
-    if what in ("LineString", "MultiLineString") and takes_lines:
-        xy = np.concatenate([shapely.get_coordinates(part) for part in shapely.get_parts(shape)])
-        east_m, north_m = LocalFrame(xy[0, 1], xy[0, 0]).from_wgs84(float(xy[-1, 1]), float(xy[-1, 0]))
-        gap_m = float(np.hypot(east_m, north_m))
-        if len(xy) < 4 or not gap_m <= MAX_GAP_M:
-            return None, f"lines that are open by more than {MAX_GAP_M:g} m"
-        said = f"a line, closed over {gap_m:.1f} m" if gap_m > 0.05 else ""
-        ring = xy if gap_m == 0.0 else np.vstack([xy, xy[:1]])
-        return {"type": "Polygon", "coordinates": [ring.tolist()]}, said
-    if what == "GeometryCollection":
-        shape = shapely.MultiPolygon(
-            [part for part in shapely.get_parts(shape) if part.geom_type == "Polygon"]
-        )
-    if what not in ("Point", "Polygon", "MultiPolygon") and (what != "GeometryCollection" or shape.is_empty):
-        return None, f"{what} is no polygon"
-    made: dict[str, Any] = msgspec.json.decode(shapely.to_geojson(shape))
-    return made, ""
-
-
-def _unclosed(wkb: bytes, where: str) -> dict[str, Any]:
-    """Return a polygon with rings that are not closed as it is, for which shapely has no shape."""
-    order, kind, rings = struct.unpack_from("<BII", wkb)
-    if (order, kind) != (1, 3):
-        raise FarmError(f"{where}: a ring in one of several parts is not closed; make each part a feature")
-    at, found = 9, []
-    for _ in range(rings):
-        (count,) = struct.unpack_from("<I", wkb, at)
-        found.append(np.frombuffer(wkb, "<f8", 2 * count, at + 4).reshape(-1, 2).tolist())
-        at += 4 + 16 * count
-    return {"type": "Polygon", "coordinates": found}
+            part, at = _as_written(wkb, at)
+            parts.append(part if name == "GeometryCollection" else part["coordinates"])
+    if name == "GeometryCollection":
+        return {"type": name, "geometries": parts}, at
+    return {"type": name, "coordinates": parts[0] if name == "LineString" else parts}, at
 
 
 def _value(value: Any) -> Any:

@@ -158,6 +158,7 @@ def test_members_and_defaults(tmp_path: Path) -> None:
 
 BOW_TIE = [[[LON, LAT], [LON + 0.001, LAT + 0.001], [LON + 0.001, LAT], [LON, LAT + 0.001], [LON, LAT]]]
 FLAT = [[[LON, LAT], [LON + 0.001, LAT], [LON + 0.002, LAT], [LON, LAT]]]
+NARROW = [[LON + 0.0001 * k, LAT + 0.0000001 * k * k] for k in range(11)]
 SWAPPED = [[[lat, lon] for lon, lat in ring()]]
 
 
@@ -166,19 +167,20 @@ SWAPPED = [[[lat, lon] for lon, lat in ring()]]
     [
         (feature(BOW_TIE), "not valid: Self-intersection near ["),
         (feature(BOW_TIE), "]; --repair mends what is safe to mend"),
-        (feature([]), "the polygon is empty"),
         (feature([[]]), "the polygon is empty"),
-        (feature([ring()[:3]]), "fewer than four positions"),
-        (feature([ring()[:4]]), "not closed"),
+        (feature([ring()[:2]]), "fewer than three corners"),
+        (feature([[*ring()[:2], ring()[0]]]), "fewer than three corners"),
+        (
+            feature([NARROW]),
+            "a ring is open over 98.3 m, and its longest side has 9.8 m: part of it is missing",
+        ),
         (feature(FLAT), "the polygon"),
         (feature([[[LON, LAT]] * 4]), "the polygon"),
         (feature([ring(), ring(0.1, 0.1, 0.001)]), "not valid: Hole lies outside"),
-        (feature([LON, LAT], "Point"), "geometry is 'Point', not a Polygon"),
-        (feature([], "MultiPolygon"), "the polygon is empty"),
+        (feature([LON], "Point", kind="home"), "is not a position"),
         (feature([[ring()], []], "MultiPolygon"), "the polygon is empty"),
-        (feature([[ring()], [ring()[:4]]], "MultiPolygon"), "part 2: a ring is not closed"),
-        (feature([[LON, LAT]], "LineString"), "geometry is 'LineString', not a Polygon or MultiPolygon"),
-        ({**feature(), "geometry": None}, "geometry is 'nothing'"),
+        (feature([[ring()], [NARROW]], "MultiPolygon"), "part 2: a ring is open"),
+        (feature([[LON, LAT]], "Curve"), "geometry is 'Curve', not a Polygon or MultiPolygon"),
         ({**feature(), "geometry": []}, "geometry is 'nothing'"),
         (feature([[[LON, 95.0], *ring()[1:4], [LON, 95.0]]]), "latitude 95 is outside"),
         (feature([[[190.0, LAT], *ring()[1:4], [190.0, LAT]]]), "longitude 190 is outside"),

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import re
+import tempfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import shapely
-from hypothesis import HealthCheck, example, given, settings
+from hypothesis import HealthCheck, assume, example, given, settings
 from hypothesis import strategies as st
 
 from geo import Farm, FarmError, LocalFrame, load_farm, save_farm
@@ -53,8 +54,6 @@ BREAKAGES: dict[str, tuple[list[list[tuple[float, float]]], int]] = {
         [[(0, 0), (100, 0), (100, 100), (99.5, 101), (100.5, 101), (0, 100), (0, 0)]],
         1,
     ),
-    "a ring whose last position is missing": ([SQUARE[:4]], 1),
-    "a ring that ends half a metre short": ([[*SQUARE[:4], (0, 0.5)]], 1),
     "a spike without width": (
         [[(0, 0), (100, 0), (100, 50), (150, 50), (100, 50), (100, 100), (0, 100), (0, 0)]],
         1,
@@ -126,9 +125,9 @@ def test_what_is_mended(name: str, tmp_path: Path) -> None:
         ([SQUARE, hole(-10, -10, 200)], "cannot be mended safely"),
         (
             [[(k, 10 * (k % 2)) for k in range(30)]],
-            "a ring is open over 30.7 m, more than its longest side (10.0 m): part of it is missing",
+            "a ring is open over 30.7 m, and its longest side has 10.0 m: part of it is missing",
         ),
-        ([[(0, 0), (100, 0)]], "fewer than four positions"),
+        ([[(0, 0), (100, 0)]], "fewer than three corners"),
     ],
 )
 def test_what_is_not_safe_is_refused(rings: Any, text: str, tmp_path: Path) -> None:
@@ -137,6 +136,50 @@ def test_what_is_not_safe_is_refused(rings: Any, text: str, tmp_path: Path) -> N
         load_farm(path, repair=True)
     assert "feature 1 ('acker')" in str(caught.value)
     assert text in str(caught.value)
+
+
+@pytest.mark.parametrize("repair", [False, True])
+@pytest.mark.parametrize(
+    ("ring", "gap"),
+    [
+        (SQUARE[:4], "100.00"),
+        ([*SQUARE[:4], (0, 0.5)], "0.50"),
+        ([(0, 0), (100, 0), (0, 100)], "100.00"),
+        # As somebody draws it who begins with a short side, and with the side that is missing longer by a bit.
+        ([(0, 0), (100, 0), (100, 400), (0, 401)], "401.00"),
+    ],
+)
+def test_what_an_open_ring_lacks_is_added(ring: Any, gap: str, repair: bool, tmp_path: Path) -> None:
+    farm = load_farm(write(tmp_path, field(ring)), repair=repair)
+    assert farm.notes == (f"feature 1 ('acker'): a ring was open, closed over {gap} m",)
+    assert farm.patches[0].polygon.area == pytest.approx(shapely.Polygon(ring).area, rel=1e-6)
+    save_farm(farm, tmp_path / "saved.geojson")
+    assert load_farm(tmp_path / "saved.geojson").notes == ()
+
+
+@given(st.integers(3, 40), st.floats(10.0, 500.0), st.integers(1, 39), st.booleans())
+def test_a_ring_is_closed_or_refused_by_what_it_lacks(
+    corners: int, radius_m: float, missing: int, closed_end: bool
+) -> None:
+    angles = np.arange(corners) * 2 * np.pi / corners
+    ring = np.column_stack([radius_m * np.cos(angles), radius_m * np.sin(angles)])[
+        : max(corners - missing, 3)
+    ]
+    side_m = 2 * radius_m * np.sin(np.pi / corners)
+    gap_m = float(np.hypot(*(ring[-1] - ring[0])))
+    given_ring = [*map(tuple, ring), *([tuple(ring[0])] if closed_end else [])]
+    assume(abs(gap_m - 2 * side_m) > 1e-3)
+    with tempfile.TemporaryDirectory() as folder:
+        path = write(Path(folder), field(given_ring))
+        if not closed_end and gap_m > 2 * side_m:
+            with pytest.raises(
+                FarmError, match=r"a ring is open over .* part of it is missing; draw it anew"
+            ):
+                load_farm(path)
+            return
+        farm = load_farm(path)
+    assert len(farm.notes) == (not closed_end)
+    assert farm.patches[0].polygon.area == pytest.approx(shapely.Polygon(ring).area, rel=1e-4)
 
 
 def turned(feature: dict[str, Any]) -> dict[str, Any]:

@@ -246,15 +246,13 @@ def test_kml_as_google_earth_writes_it(tmp_path: Path) -> None:
     )
 
 
-def test_rings_that_are_not_closed_are_refused_or_mended(tmp_path: Path) -> None:
+@pytest.mark.parametrize("repair", [False, True])
+def test_rings_that_are_not_closed_are_closed_and_told(repair: bool, tmp_path: Path) -> None:
     path = tmp_path / "farm.kml"
     path.write_text(GOOGLE_EARTH.format(last=""), encoding="utf-8")
-    with pytest.raises(FarmError, match=r"feature 1 \('Lower & upper'\): a ring is not closed"):
-        load_farm(path)
-    farm = load_farm(path, repair=True)
-    assert any(
-        "feature 1 ('Lower & upper'): mended (a ring closed over 110.82 m)" in one for one in farm.notes
-    )
+    farm = load_farm(path, repair=repair)
+    told = "layer 'Fields', feature 1 ('Lower & upper'): a ring was open, closed over 110.82 m"
+    assert told in farm.notes
     assert farm.patches[0].polygon.area == pytest.approx(98.36 * 110.82, rel=1e-3)
 
 
@@ -269,17 +267,20 @@ GPX = """<?xml version="1.0"?>
 """
 
 
-def test_an_open_ring_in_one_of_several_parts_is_named(tmp_path: Path) -> None:
+@pytest.mark.parametrize("point", ["", "<Point><coordinates>-82.15,28.05</coordinates></Point>"])
+def test_an_open_ring_in_one_of_several_parts_is_named(point: str, tmp_path: Path) -> None:
     polygon = POLYGON[len("<Placemark>") : -len("</Placemark>")]
     opened = polygon.replace(" -82.15,28.05</coord", "</coord").replace(
         "-82.149,28.051", "-82.149,28.051 -82.15,28.051"
     )
-    text = f"<Placemark><name>x</name><MultiGeometry>{polygon}{opened}</MultiGeometry></Placemark>"
+    text = f"<Placemark><name>x</name><MultiGeometry>{polygon}{point}{opened}</MultiGeometry></Placemark>"
     path = tmp_path / "farm.kml"
     path.write_text(f'<kml xmlns="http://www.opengis.net/kml/2.2"><Document>{text}</Document></kml>')
-    for repair in (False, True):
-        with pytest.raises(FarmError, match="feature 1: a ring in one of several parts is not closed"):
-            load_farm(path, repair=repair)
+    farm = load_farm(path)
+    assert "feature 1 ('x'), part 2: a ring was open, closed over 110.82 m" in farm.notes
+    assert [one.polygon.area for one in farm.patches] == pytest.approx(
+        [98.36 * 110.82 / 2, 98.36 * 110.82], rel=1e-3
+    )
 
 
 def test_gpx_of_garmin_and_osmand(tmp_path: Path) -> None:
@@ -403,7 +404,7 @@ def archive(path: Path, members: dict[str, bytes]) -> bytes:
         ("a.kmz", {"doc.kml": BOMB.encode()}, "document type with entities"),
         ("a.kmz", {"doc.kml": b" " * (33 * 2**20)}, "unpacks to more than 32 MiB"),
         ("a.kmz", {f"{k}.txt": b"" for k in range(1001)}, "holds 1001 files, more than 1000"),
-        ("a.zip", {"a.shp": b"", "b.shp": b""}, "holds 2 files .shp"),
+        ("a.zip", {"a.shp": b"", "b.shp": b""}, "holds 2 files .shp (a.shp, b.shp); give an archive of one"),
         ("a.zip", {"../a.shp": VRT.encode(), "../a.shx": b""}, "is no Shapefile"),
         ("a.zip", {"a.shp": b"\0\0\x27\x0a"}, "its .shx is missing"),
     ],

@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Any, TypeAlias, TypeVar
 
 import msgspec
 
-from geo.reading import misfit, not_json
+from geo.reading import json_texts, misfit, not_json
 from geo.texts import one_line
 from mission.errors import MissionError, MissionFileError
 from mission.model import Command, GeoPoint, Mission, MissionItem
@@ -24,6 +24,9 @@ KML_KIND = "a KML file"
 KMZ_KIND = "a ZIP archive (KMZ, perhaps)"
 GPX_KIND = "a GPX file"
 GEOJSON_KIND = "a GeoJSON file"
+FENCE_KIND = "a fence file of MAVProxy or Mission Planner"
+RALLY_KIND = "a rally file of MAVProxy or Mission Planner"
+OLD_MISSION_KIND = "a mission of QGroundControl 3 (.mission)"
 TEXT_KIND = "a text file of another kind"
 UTF_16_KIND = "UTF-16 text (save it as UTF-8)"
 _SUFFIX_OF_KIND = {
@@ -34,10 +37,19 @@ _SUFFIX_OF_KIND = {
     KMZ_KIND: ".kmz",
     GPX_KIND: ".gpx",
     GEOJSON_KIND: ".geojson",
+    FENCE_KIND: ".fen",
+    RALLY_KIND: ".ral",
 }
+_TEXT_KINDS = {
+    rb"qgc\s+wpl\b.*": WAYPOINTS_KIND,
+    rb"rally\s.*": RALLY_KIND,
+    rb"[-+]?\d[\d.,e+-]*\s+[-+]?\d[\d.,e+-]*": FENCE_KIND,
+}
+"""The first line of texts of a kind that is no comment, in lower case."""
 _XML_KINDS = {b"kml": KML_KIND, b"gpx": GPX_KIND, b"html": "an HTML page"}
 _XML_PROLOGUE = 100_000
-_BOM = b"\xef\xbb\xbf"
+BOM = b"\xef\xbb\xbf"
+_BEFORE_JSON = b"\x1e \t\r\n"
 _UTF_16_BOMS = (b"\xff\xfe", b"\xfe\xff")
 
 T = TypeVar("T")
@@ -67,6 +79,8 @@ class _Header(msgspec.Struct):
     file_type: msgspec.Raw = msgspec.field(default=msgspec.Raw(b"null"), name="fileType")
     format: msgspec.Raw = msgspec.Raw(b"null")
     type: msgspec.Raw = msgspec.Raw(b"null")
+    home: msgspec.Raw = msgspec.field(default=msgspec.Raw(b""), name="plannedHomePosition")
+    items: msgspec.Raw = msgspec.Raw(b"")
 
 
 _HEADER = msgspec.json.Decoder(_Header)
@@ -74,13 +88,13 @@ _ANY_JSON = msgspec.json.Decoder(msgspec.Raw)
 
 
 def is_json(data: bytes) -> bool:
-    """Tell whether the content starts like a JSON object or array."""
-    return data[:1000].removeprefix(_BOM).lstrip()[:1] in (b"{", b"[")
+    """Tell whether the content starts like a JSON object or array, perhaps of several (RFC 8142)."""
+    return data[:1000].removeprefix(BOM).lstrip(_BEFORE_JSON)[:1] in (b"{", b"[")
 
 
 def kind_of(data: bytes) -> str:
     """Say in words what kind of file the content is, as far as its first characters and keys tell."""
-    start = data[:2000].removeprefix(_BOM).lstrip().lower()
+    start = data[:2000].removeprefix(BOM).lstrip().lower()
     is_utf_16 = data.startswith(_UTF_16_BOMS)
     if is_utf_16:
         start = data[:4000].decode("utf-16", "ignore").encode().lstrip().lower()
@@ -91,13 +105,15 @@ def kind_of(data: bytes) -> str:
         return _XML_KINDS.get(root[1].lower() if root else b"", "an XML file")
     if is_utf_16:
         return UTF_16_KIND
-    if re.match(rb"qgc\s+wpl\b", start):
-        return WAYPOINTS_KIND
     if start.startswith(b"pk\x03\x04"):
         return KMZ_KIND
-    if start.startswith((b"{", b"[")):
+    if is_json(data):
         return _kind_of_json(data)
-    return "a binary file" if b"\0" in start else TEXT_KIND
+    if b"\0" in start:
+        return "a binary file"
+    lines = (line.strip() for line in start.splitlines())
+    first = next((line for line in lines if line and not line.startswith(b"#")), b"")
+    return next((kind for begin, kind in _TEXT_KINDS.items() if re.fullmatch(begin, first)), TEXT_KIND)
 
 
 def decode_text(data: bytes) -> str:
@@ -111,7 +127,7 @@ def decode_text(data: bytes) -> str:
 
 def _kind_of_json(data: bytes) -> str:
     try:
-        header = _HEADER.decode(data.removeprefix(_BOM))
+        header = _HEADER.decode(next(text for _, text in json_texts(data.removeprefix(BOM))))
     except (ValueError, RecursionError):
         return "a JSON file of another kind"
     if bytes(header.file_type) == b'"Plan"':
@@ -120,6 +136,8 @@ def _kind_of_json(data: bytes) -> str:
         return f"a file with fileType {one_line(bytes(header.file_type)[:80].decode(errors='replace'))}"
     if bytes(header.format) == b'"wbf-mission"':
         return NATIVE_KIND
+    if bytes(header.home) and bytes(header.items):
+        return OLD_MISSION_KIND
     return GEOJSON_KIND if bytes(header.type) in _GEOJSON_TYPES else "a JSON file of another kind"
 
 
@@ -127,16 +145,23 @@ def wrong_kind(data: bytes, expected: str) -> MissionFileError:
     """Make the error for content that is not of the expected kind."""
     found = kind_of(data)
     suffix = _SUFFIX_OF_KIND.get(found)
-    advice = f"rename it to end in {suffix}" if suffix else "give a mission, such as a .plan or .waypoints"
+    advice = f"rename it to end in {suffix}" if suffix else advice_for(found)
     return MissionFileError(f"this is {found}, not {expected}; {advice}")
 
 
-def decode_json(data: bytes, decoder: msgspec.json.Decoder[T], path: str = "") -> T:
-    """Decode strict JSON (no NaN, no Infinity, no comments): a file, or the part of it that stands at a path.
+def advice_for(kind: str) -> str:
+    """Say what to do with a file of a kind that is not read."""
+    if kind == OLD_MISSION_KIND:
+        return "open it in QGroundControl 4 and save it as a .plan"
+    return "give a mission, such as a .plan or .waypoints"
+
+
+def decode_json(data: bytes, decoder: msgspec.json.Decoder[T], path: str = "", line: int = 1) -> T:
+    """Decode strict JSON (no NaN, Infinity or comments): a file, or its part that stands at a path or a line.
 
     MissionFileError names the line of a syntax error, or the path of a value of the wrong type.
     """
-    data = data.removeprefix(_BOM)
+    data = data.removeprefix(BOM)
     try:
         return decoder.decode(data)
     except msgspec.ValidationError as error:
@@ -144,7 +169,7 @@ def decode_json(data: bytes, decoder: msgspec.json.Decoder[T], path: str = "") -
     except RecursionError:
         raise MissionFileError("the JSON is nested too deeply; no mission file is") from None
     except ValueError as error:  # msgspec.DecodeError and UnicodeDecodeError
-        raise MissionFileError(f"{not_json(error, data)}; the file is damaged or no JSON") from None
+        raise MissionFileError(f"{not_json(error, data, line)}; the file is damaged or no JSON") from None
 
 
 def check_json(data: bytes, expected: str) -> None:
@@ -152,7 +177,8 @@ def check_json(data: bytes, expected: str) -> None:
     if is_json(data) and kind_of(data) == expected:
         return
     if is_json(data):
-        decode_json(data, _ANY_JSON)
+        line, text = next(json_texts(data.removeprefix(BOM)))
+        decode_json(text, _ANY_JSON, line=line)
     raise wrong_kind(data, expected)
 
 
@@ -227,6 +253,14 @@ def check_jumps(mission: Mission) -> None:
                     f" {len(mission.items)}"
                 )
                 raise MissionFileError(msg)
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """A mission, and how its file was understood where that is not plain."""
+
+    mission: Mission
+    notes: tuple[str, ...]
 
 
 def home_for_file(mission: Mission) -> GeoPoint:

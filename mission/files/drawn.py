@@ -97,8 +97,8 @@ class Drawing:
             raise MissionFileError(one_line(f"{len(paths)} paths: {known}; choose one (convert --path NAME)"))
         if self.areas:
             msg = (
-                f"{self.areas} areas (polygons) and no path; to plan a flight over a field make a farm file"
-                " of it (wbf-mission plan --farm FILE)"
+                f"{self.areas} areas (polygons) and no path; to plan a flight over a field give the file as a"
+                " farm (wbf-mission plan --farm FILE)"
             )
             raise MissionFileError(msg)
         raise MissionFileError("there is no path in it; draw a line, or give a mission")

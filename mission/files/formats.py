@@ -12,13 +12,13 @@ from geo.atomic import atomic_write
 from geo.reading import UnreadableError, read_file
 from geo.texts import one_line
 from mission.errors import MissionFileError
-from mission.files import dji, geojson, gpx, kml, native, plan, table, waypoints
-from mission.files.common import MAX_BYTES, Firmware
+from mission.files import dji, geojson, gpx, kml, native, plan, points, table, waypoints
+from mission.files.common import MAX_BYTES, OLD_MISSION_KIND, Firmware, Told, advice_for
 from mission.files.comparison import Loss, differences
 from mission.files.drawn import Drawing
 from mission.model import Mission
 
-Loads: TypeAlias = Callable[[bytes], Mission | Drawing]
+Loads: TypeAlias = Callable[[bytes], Mission | Told | Drawing]
 Dumps: TypeAlias = Callable[[Mission, Firmware], str | bytes]
 
 
@@ -33,7 +33,8 @@ class MissionFormat:
     suffixes : tuple of str
         In lower case, with the dot; the first is the usual one.
     loads : callable or None
-        Makes a mission, or the drawing of one, from the content of a file; None if it is only written.
+        Makes a mission, perhaps with notes, or the drawing of one, from the content of a file; None if it is
+        only written.
     dumps : callable or None
         Makes the content of a file from a mission and a firmware; None if the format is only read.
     hold : callable or None
@@ -51,6 +52,12 @@ class MissionFormat:
 
 
 _FORMATS: dict[str, MissionFormat] = {}
+_FARM = "this is a farm file, no mission; plan a flight over it (wbf-mission plan --farm FILE)"
+_FOREIGN = {
+    ".mission": f"this is {OLD_MISSION_KIND}; {advice_for(OLD_MISSION_KIND)}",
+    **dict.fromkeys((".poly", ".shp", ".zip", ".gpkg", ".ndjson", ".jsonl"), _FARM),
+}
+"""What to do with files that are not read as missions, by their ending."""
 
 
 def register_format(mission_format: MissionFormat) -> None:
@@ -63,7 +70,7 @@ def mission_formats() -> tuple[MissionFormat, ...]:
     """Return the known formats.
 
     >>> [mission_format.suffixes[0] for mission_format in mission_formats()]
-    ['.plan', '.waypoints', '.json', '.kml', '.kmz', '.geojson', '.gpx', '.csv', '.wpml.kmz']
+    ['.plan', '.waypoints', '.fen', '.json', '.kml', '.kmz', '.geojson', '.gpx', '.csv', '.wpml.kmz']
     """
     return tuple(dict.fromkeys(_FORMATS.values()))
 
@@ -73,10 +80,11 @@ for _format in (
     MissionFormat(
         "QGC WPL 110", (".waypoints", ".wpl", ".txt"), waypoints.loads, waypoints.dumps, waypoints.one_plan
     ),
+    MissionFormat("fence or rally text", (".fen", ".ral"), points.loads),
     MissionFormat("wbf-mission JSON", (".json",), native.loads, native.dumps),
     MissionFormat("KML", (".kml",), kml.loads, kml.dumps),
     MissionFormat("KMZ", (".kmz",), kml.kmz_loads, kml.kmz_dumps),
-    MissionFormat("GeoJSON", (".geojson",), geojson.loads, geojson.dumps),
+    MissionFormat("GeoJSON", (".geojson", ".geojsonl", ".geojsons"), geojson.loads, geojson.dumps),
     MissionFormat("GPX", (".gpx",), gpx.loads, gpx.dumps),
     MissionFormat("CSV", (".csv",), table.loads, table.dumps),
     MissionFormat("DJI WPML", (".wpml.kmz",), None, dji.dumps, losses=dji.losses),
@@ -107,6 +115,8 @@ def _found(path: str | os.PathLike[str], *, writing: bool) -> MissionFormat:
         does, ways = ("writer", "written to") if writing else ("reader", "read from")
         problem = f"no {does} for {found.name} files" if found else f"unknown suffix {ending(path)!r}"
         msg = f"{path}: {problem}; missions are {ways} {_suffixes(writing=writing)}"
+        if not writing and ending(path) in _FOREIGN:
+            msg = f"{path}: {_FOREIGN[ending(path)]}"
         raise MissionFileError(one_line(msg))
     return found
 
@@ -157,12 +167,14 @@ def read_mission(
 def open_mission(
     path: str | os.PathLike[str], *, altitude_m: float | None = None, drawn_path: str | None = None
 ) -> tuple[Mission, list[str]]:
-    """Read a mission file as `read_mission` does, and tell what was made of a drawn path."""
+    """Read a mission file as `read_mission` does, and tell how it was understood, or a path was drawn."""
     loads = reader_for(path)
     try:
         found = loads(read_file(Path(path), MAX_BYTES))
         if isinstance(found, Drawing):
             return found.mission(altitude_m, drawn_path)
+        notes = list(found.notes) if isinstance(found, Told) else []
+        found = found.mission if isinstance(found, Told) else found
     except UnreadableError as error:
         raise MissionFileError(one_line(f"{path}: cannot be read as a mission: {error}")) from error
     except MissionFileError as error:
@@ -170,7 +182,7 @@ def open_mission(
     if altitude_m is not None or drawn_path is not None:
         msg = f"{path}: this is a mission, which has altitudes and one path; leave --altitude and --path out"
         raise MissionFileError(one_line(msg))
-    return found, []
+    return found, notes
 
 
 def losses(

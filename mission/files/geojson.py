@@ -7,9 +7,10 @@ from typing import Any
 
 import msgspec
 
+from geo.reading import json_texts
 from geo.texts import one_line
 from mission.errors import MissionFileError
-from mission.files.common import GEOJSON_KIND, Firmware, check_json, decode_json
+from mission.files.common import BOM, GEOJSON_KIND, Firmware, check_json, decode_json
 from mission.files.drawn import Drawing, DrawnPath, Point
 from mission.files.records import PATH, LatLon, Record, are_ours, is_flown, mission_of, records_of
 from mission.model import Mission
@@ -41,15 +42,19 @@ def loads(data: bytes) -> Mission | Drawing:
     A farm file, and coordinates that are not longitude and latitude of WGS 84, are refused.
     """
     check_json(data, GEOJSON_KIND)
-    file = decode_json(data, _FILE)
-    features = file.features
-    if file.type == "Feature":
-        features = [file]
-    elif file.type != "FeatureCollection":
-        shape = {"type": file.type, "coordinates": file.coordinates, "geometries": file.geometries}
-        features = [_Feature("Feature", None, shape)]
-    for number, feature in enumerate((file, *features)):
-        _check_crs(f"feature {number}" if number else "the file", feature.crs)
+    features: list[_Feature] = []
+    for line, text in json_texts(data.removeprefix(BOM)):
+        file = decode_json(text, _FILE, line=line)
+        _check_crs("the file", file.crs)
+        if file.type == "FeatureCollection":
+            features += file.features
+        elif file.type == "Feature":
+            features.append(file)
+        else:
+            shape = {"type": file.type, "coordinates": file.coordinates, "geometries": file.geometries}
+            features.append(_Feature("Feature", None, shape))
+    for number, feature in enumerate(features, 1):
+        _check_crs(f"feature {number}", feature.crs)
     records = [
         Record(feature.properties or {}, (), _where(number, feature))
         for number, feature in enumerate(features, 1)

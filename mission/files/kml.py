@@ -198,7 +198,10 @@ def kmz_loads(data: bytes) -> Mission | Drawing:
     try:
         with Archive(data, MAX_BYTES) as archive:
             if any(name.lower().endswith(".wpml") for name in archive.names):
-                msg = "this is a DJI wayline file (WPML), which is written, not read; give another format"
+                msg = (
+                    "this is a DJI wayline file (WPML), which is written, not read; give another format, or"
+                    " plan a flight over its mapping area (wbf-mission plan --farm FILE)"
+                )
                 raise MissionFileError(msg)
             found = next((name for name in archive.names if name.lower().endswith(".kml")), None)
             if found is None:

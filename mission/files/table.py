@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import csv
 import io
-import re
 from typing import Any
 
+from geo.attributes import DEGREES, LATITUDES, LONGITUDES, column_name
+from geo.texts import decimal_point
 from mission.errors import MissionFileError
 from mission.files.common import TEXT_KIND, UTF_16_KIND, Firmware, decode_text, kind_of, wrong_kind
 from mission.files.drawn import Drawing, DrawnPath, Point
@@ -18,8 +19,8 @@ _COLUMNS = (
     *("param1", "param2", "param3", "param4", "param5", "param6", "param7", "autocontinue"),
     *("version", "cruise_speed_m_s", "hover_speed_m_s"),
 )
-_LATITUDES = ("latitude", "lat", "latitude_deg", "y")
-_LONGITUDES = ("longitude", "lon", "lng", "long", "longitude_deg", "x")
+_LATITUDES = (*LATITUDES, "y")
+_LONGITUDES = (*LONGITUDES, "x")
 _ALTITUDES = {
     Frame.GLOBAL_RELATIVE_ALT: (
         "altitude_m",
@@ -33,7 +34,7 @@ _ALTITUDES = {
     ),
     Frame.GLOBAL: ("amsl", "msl", "alt_msl", "alt_amsl", "altitude_amsl", "altitude_msl", "elevation", "ele"),
 }
-_METRES = ("", "m", "metre", "metres", "meter", "meters", "deg", "degrees", "°")
+_METRES = ("m", "metre", "metres", "meter", "meters")
 _LONGEST_LINE = 10_000
 _MOST_LINES = 2_000_000
 
@@ -59,7 +60,7 @@ def loads(data: bytes) -> Mission | Drawing:
             raise MissionFileError(f"line {line}: {len(words)} columns, but the header names {len(header)}")
         texts = dict(zip(header, (word.strip() for word in words), strict=False))
         if comma:
-            texts = {name: re.sub(r"^(-?\d*),(\d+)$", r"\1.\2", text) for name, text in texts.items()}
+            texts = {name: decimal_point(text) for name, text in texts.items()}
         records.append(Record({name: text for name, text in texts.items() if name}, (), f"line {line}"))
     if "command" in header:
         return mission_of([_placed(record, latitude, longitude) for record in records])
@@ -111,11 +112,9 @@ def _plain(name: str, line: int) -> str:
     >>> _plain("Altitude (m)", 1), _plain("Rel Alt", 1)
     ('altitude', 'rel_alt')
     """
-    found = re.fullmatch(r"([^(\[]*)[(\[]?([^)\]]*)[)\]]?", name.strip().lower())
-    plain, unit = (found[1], found[2].strip()) if found else (name.strip().lower(), "")
-    plain = re.sub(r"[\s-]+", "_", plain.strip())
+    plain, unit = column_name(name)
     known = {*_LATITUDES, *_LONGITUDES, *(one for names in _ALTITUDES.values() for one in names)}
-    if plain in known and unit not in _METRES:
+    if plain in known and unit not in (*DEGREES, *_METRES):
         raise MissionFileError(
             f"line {line}: column {name.strip()[:40]!r} is not in metres or degrees; convert it"
         )

@@ -21,11 +21,15 @@ import numpy as np
 
 from geo.texts import parse_number
 from mission.errors import MissionFileError
+from mission.files import points
 from mission.files.common import (
+    FENCE_KIND,
+    RALLY_KIND,
     WAYPOINTS_KIND,
     Firmware,
     Parameters,
     Place,
+    Told,
     check_jumps,
     decode_text,
     file_parameters,
@@ -73,37 +77,48 @@ class _Row:
         )
 
 
-def loads(data: bytes) -> Mission:
+def loads(data: bytes) -> Mission | Told:
     """Read a mission, a fence or rally points from the content of a file.
 
-    Read are also: comments (``#``), any white space between columns, CRLF, the header of version 100, files
-    with and without a home row, gaps in seq, a home row with command 0, and commands without a position in
-    frame 0 or 3. The first row is home when its seq is 0 and it is a waypoint in frame 0 (or has command 0).
+    Read are also: comments (``#``), any white space between columns, CRLF, the headers of versions 100 and
+    120, files with and without a home row, gaps in seq, a home row with command 0, commands without a
+    position in frame 0 or 3, and files of `mission.files.points`. The first row is home when its seq is 0 and
+    it is a waypoint in frame 0 (or has command 0). Old QGroundControls write version 120, which has no home:
+    there it has to be the only row in frame 0, too, as other programs write it.
 
     Jump targets are indices of the mission's items.
 
     MissionFileError names the line and the column of what is something else, damaged or impossible.
     """
-    if kind_of(data) != WAYPOINTS_KIND:
+    kind = kind_of(data)
+    if kind in (FENCE_KIND, RALLY_KIND):
+        return points.loads(data)
+    if kind != WAYPOINTS_KIND:
         raise wrong_kind(data, WAYPOINTS_KIND)
     if data.count(b"\n") + data.count(b"\r") > _MOST_LINES:
         raise MissionFileError(
             f"more than {_MOST_LINES} lines; no mission of {MAX_ITEMS} items needs so many"
         )
-    rows = _rows(decode_text(data))
-    home = None
+    version, rows = _rows(decode_text(data))
+    home, notes = None, list[str]()
     if rows and _is_home(rows[0]):
-        home = _home(rows.pop(0))
+        alone = not any(row.frame == Frame.GLOBAL and any(row.place[:2]) for row in rows[1:])
+        if alone or version != "120":
+            home = _home(rows.pop(0))
+        if version == "120":
+            meaning = "home" if alone else "the first waypoint, as QGroundControl reads it, not home"
+            notes.append(f"version 120 has no home of its own: row 0 is taken for {meaning}")
     flown = [row for row in rows if row.command not in _FENCE | _RALLY]
-    return make_mission(
+    mission = make_mission(
         resolve_jumps([row.seq for row in flown], ((f"line {row.line}", row.item()) for row in flown), "seq"),
         home,
         fence=tuple(row.item() for row in rows if row.command in _FENCE),
         rally=tuple(row.item() for row in rows if row.command in _RALLY),
     )
+    return Told(mission, tuple(notes)) if notes else mission
 
 
-def _rows(text: str) -> list[_Row]:
+def _rows(text: str) -> tuple[str, list[_Row]]:
     rows: list[_Row] = []
     version = ""
     for number, line in enumerate(io.StringIO(text, newline=None), start=1):
@@ -115,8 +130,11 @@ def _rows(text: str) -> list[_Row]:
             continue
         if not version:
             version = words[2] if len(words) == 3 else ""
-            if version not in ("100", "110"):
-                msg = f"line {number}: version {' '.join(words)[:40]!r}; only QGC WPL 110 and 100 are read"
+            if version not in ("100", "110", "120"):
+                msg = (
+                    f"line {number}: version {' '.join(words)[:40]!r}; QGC WPL 100, 110 and 120 are read:"
+                    " save it as one of these"
+                )
                 raise MissionFileError(msg)
             continue
         if len(rows) > MAX_ITEMS:
@@ -125,7 +143,7 @@ def _rows(text: str) -> list[_Row]:
         if version == "100" and len(words) == 13:
             words = _columns_of_100(words, number)
         rows.append(_row(words, number))
-    return rows
+    return version, rows
 
 
 def _columns_of_100(words: list[str], line: int) -> list[str]:

@@ -145,7 +145,7 @@ def test_what_is_not_safe_is_refused(rings: Any, text: str, tmp_path: Path) -> N
         (SQUARE[:4], "100.00"),
         ([*SQUARE[:4], (0, 0.5)], "0.50"),
         ([(0, 0), (100, 0), (0, 100)], "100.00"),
-        # As somebody draws it who begins with a short side, and with the side that is missing longer by a bit.
+        # The side that is missing is the longest by a bit: somebody began with a short one.
         ([(0, 0), (100, 0), (100, 400), (0, 401)], "401.00"),
     ],
 )

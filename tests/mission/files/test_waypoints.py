@@ -172,7 +172,7 @@ def test_bad_rows_are_named(row, part):
     assert part in str(caught.value)
 
 
-@pytest.mark.parametrize("header", ["QGC WPL 120\n", "QGC WPL PB 110\n", "QGC WPL\n", "QGC WPL 110 5\n"])
+@pytest.mark.parametrize("header", ["QGC WPL 130\n", "QGC WPL PB 110\n", "QGC WPL\n", "QGC WPL 110 5\n"])
 def test_other_versions_are_refused(header):
     with pytest.raises(MissionFileError, match="line 1: version"):
         read(HOME, header=header)

@@ -132,7 +132,7 @@ def test_pictures_tell_places_and_utc(tmp_path):
     assert track.images.utc_s[:2].tolist() == [UTC_S + 30.5, UTC_S]
     assert np.isnan(track.of_images()[0]).tolist() == [False, False, True]
     assert track.notes[0].startswith("1 of 4 pictures cannot be read, the first d.jpg: ")
-    assert track.notes[1:] == ("1 of 4 pictures have no position",)
+    assert track.notes[1:] == ("1 of 4 pictures have no position: c.jpeg",)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,111 @@
+"""Fences and rally points as MAVProxy and Mission Planner have saved them: a line of text for each point.
+
+The first point of a fence (``.fen``, MAVProxy's ``fence.txt``) is where the vehicle returns to, the others
+are corners, of which the first stands at the end again. A rally point (``.ral``, ``rally.txt``) is ``RALLY``,
+latitude, longitude, altitude above home, break altitude, landing direction, flags; the last three have no
+place in a MAVLink item. Sources: pymavlink, mavwp.py; ArduPilot/MissionPlanner, FlightPlanner.cs.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+
+from geo.texts import decimal_point, parse_number
+from mission.errors import MissionFileError
+from mission.files.common import (
+    FENCE_KIND,
+    RALLY_KIND,
+    Told,
+    decode_text,
+    kind_of,
+    make_item,
+    make_mission,
+    wrong_kind,
+)
+from mission.files.fence import GeoFence, Polygon, fence_items
+from mission.model import MAX_ITEMS, Command, Frame, MissionItem
+
+_LONGEST_LINE = 2000
+_MOST_LINES = 500_000
+_RALLY_WORDS = (4, 7)
+
+
+def loads(data: bytes) -> Told:
+    """Read a fence or rally points; MissionFileError names the line of what is something else."""
+    kind = kind_of(data)
+    if kind == FENCE_KIND:
+        return _fence([_numbers(words, number, 2) for number, words in _lines(data)])
+    if kind == RALLY_KIND:
+        return _rally(data)
+    raise wrong_kind(data, "a fence or rally file")
+
+
+def _lines(data: bytes) -> Iterator[tuple[int, list[str]]]:
+    """Yield the words of each line that is no comment, with its number."""
+    for number, line in enumerate(io.StringIO(decode_text(data), newline=None), start=1):
+        if len(line) > _LONGEST_LINE or number > _MOST_LINES:
+            raise MissionFileError(f"line {number}: longer than such a file is; it is damaged")
+        words = line.split()
+        if words and not words[0].startswith("#"):
+            yield number, words
+
+
+def _numbers(words: list[str], line: int, count: int) -> list[float]:
+    if len(words) != count:
+        raise MissionFileError(
+            f"line {line}: {len(words)} numbers instead of {count}; correct or remove the line"
+        )
+    try:
+        return [parse_number(decimal_point(word)) for word in words]
+    except ValueError as error:
+        raise MissionFileError(f"line {line}: {error}; give degrees and metres") from None
+
+
+def _fence(points: list[list[float]]) -> Told:
+    corners, back = points[1:], points[0]
+    if points[0] == points[-1]:
+        corners, note = points[:-1], "the fence has no return point: its first corner stands at the end again"
+    else:
+        if corners[0] == corners[-1]:
+            del corners[-1]
+        note = f"the first point, {back[0]:.6f}, {back[1]:.6f}, is the fence's return point"
+    if len(corners) < 3:
+        raise MissionFileError(f"{len(points)} points; a fence has a return point and at least 3 corners")
+    fence = GeoFence(
+        [Polygon([(latitude_deg, longitude_deg) for latitude_deg, longitude_deg in corners])],
+        breach_return=None if corners[0] is back else (back[0], back[1], 0.0),
+    )
+    note += f"; {len(corners)} corners are an inclusion zone"
+    return Told(make_mission([], None, fence=fence_items(fence)), (note,))
+
+
+def _rally(data: bytes) -> Told:
+    items: list[MissionItem] = []
+    lost = 0
+    for number, words in _lines(data):
+        if words[0].lower() != "rally" or not _RALLY_WORDS[0] <= len(words) <= _RALLY_WORDS[1]:
+            raise MissionFileError(
+                f"line {number}: no RALLY with latitude, longitude and altitude; correct or remove the line"
+            )
+        numbers = _numbers(words[1:], number, len(words) - 1)
+        if len(items) >= MAX_ITEMS:
+            raise MissionFileError(
+                f"line {number}: more than {MAX_ITEMS} points, which MAVLink cannot number"
+            )
+        place = (numbers[0], numbers[1], numbers[2])
+        lost += any(numbers[3:])
+        items.append(
+            make_item(
+                f"line {number}",
+                Command.NAV_RALLY_POINT,
+                Frame.GLOBAL_RELATIVE_ALT,
+                (0.0, 0.0, 0.0, 0.0),
+                place,
+                autocontinue=False,
+            )
+        )
+    notes = [f"{len(items)} rally points, altitudes above home"]
+    if lost:
+        notes.append(f"break altitudes, landing directions and flags of {lost} rally points are left out")
+    return Told(make_mission([], None, rally=items), tuple(notes))

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo import Farm
+from geo.attributes import DEGREES, LATITUDES, LONGITUDES, column_name
 from geo.reading import UnreadableError, read_text
 from geo.texts import parse_number, parse_whole
 from mission.logs import LogTrack
@@ -111,14 +112,29 @@ def _comma(header: list[str]) -> str:
 
 
 def _header(path: Path) -> tuple[list[str], Any]:
-    """Return the names in the first line in lower case, and the reader of the others."""
+    """Return the names in the first line, and the reader of the others."""
     try:
         lines = csv.reader(io.StringIO(read_text(path, _MOST_BYTES), newline=""), strict=True)
-        return [name.strip().lower() for name in next(lines, [])], lines
+        return _named(next(lines, [])), lines
     except UnreadableError as error:
         raise ObservationError(f"{path}: cannot be read: {error}") from None
     except csv.Error as error:
         raise ObservationError(f"{path}: is no CSV file ({error})") from None
+
+
+def _named(header: list[str]) -> list[str]:
+    """Return names in lower case; positions have those of `KEYS`, however they are spelt.
+
+    >>> _named(["Lon", "Lat (deg)", "tylcv"]), _named(["lat", "latitude"])
+    (['longitude', 'latitude', 'tylcv'], ['lat', 'latitude'])
+    """
+    names = [name.strip().lower() for name in header]
+    for key, spellings in (("latitude", LATITUDES), ("longitude", LONGITUDES)):
+        plain = (column_name(name) for name in names)
+        found = [k for k, (name, unit) in enumerate(plain) if name in spellings and unit in DEGREES]
+        if found and key not in names:
+            names[found[0]] = key
+    return names
 
 
 def _value(where: str, field: Field, text: str) -> float:

@@ -1,4 +1,4 @@
-"""Folders of geotagged pictures: position and time of their EXIF data, by Pillow."""
+"""Folders of geotagged pictures: position and time of their EXIF data, or DJI's XMP, by Pillow."""
 
 from __future__ import annotations
 
@@ -18,13 +18,21 @@ _LATITUDE_REF, _LATITUDE, _LONGITUDE_REF, _LONGITUDE = 1, 2, 3, 4
 _GPS_TIME, _GPS_DATE = 7, 29
 _TAKEN, _ZONE = 0x9003, 0x9011
 _NOWHERE = float("nan")
+_XMP_TAG = 700
+_MOST_XMP = 1 << 20
+_DJI = re.compile(
+    rb"drone-dji:gps(lat|long?t?)itude\s*(?:=\s*[\"']|>)\s*([-+]?\d+(?:\.\d*)?)\s*[\"'<]", re.IGNORECASE
+)
+"""A position in DJI's XMP, an attribute or an element; older drones write GpsLongtitude."""
+_SHOWN = 5
 
 
 def read_pictures(path: Path) -> LogTrack:
     """Read a folder of JPEG or TIFF pictures, sorted by name; the images are numbered from 0 in this order.
 
-    The time is GPSDateStamp with GPSTimeStamp, which are UTC, else DateTimeOriginal with its
-    OffsetTimeOriginal; without an offset the time is not known. The pixels are not read.
+    The position is that of EXIF, else of DJI's XMP. The time is GPSDateStamp with GPSTimeStamp, which are
+    UTC, else DateTimeOriginal with its OffsetTimeOriginal; without an offset the time is not known. The
+    pixels are not read.
     """
     files = sorted(one for one in path.iterdir() if one.suffix.lower() in _SUFFIXES and one.is_file())
     if not files:
@@ -32,22 +40,26 @@ def read_pictures(path: Path) -> LogTrack:
     if len(files) > _MOST_PICTURES:
         raise LogError(f"{path}: holds {len(files)} pictures, more than {_MOST_PICTURES}; give them in parts")
     rows: list[tuple[float, ...]] = []
-    names, notes, unread, placeless = [], [], [], 0
+    names: list[str] = []
+    notes, unread, placeless = [], [], []
     for one in files:
         try:
             latitude, longitude, utc_s = _exif(one)
         except Exception as error:  # whatever Pillow's parsers find
             unread.append(f"{one.name}: {one_line(str(error), 120)}")
             continue
-        placeless += latitude != latitude
+        if latitude != latitude:
+            placeless.append(one.name)
         rows.append((len(rows), _NOWHERE, utc_s, latitude, longitude))
         names.append(one.name)
     if unread:
         notes.append(f"{len(unread)} of {len(files)} pictures cannot be read, the first {unread[0]}")
     if placeless:
-        notes.append(f"{placeless} of {len(files)} pictures have no position")
-    if len(unread) + placeless == len(files):
-        raise LogError(f"{path}: {'; '.join(notes)}; give pictures with GPS positions (EXIF)")
+        some = ", ".join(one_line(name, 60) for name in placeless[:_SHOWN])
+        some += ", ..." if len(placeless) > _SHOWN else ""
+        notes.append(f"{len(placeless)} of {len(files)} pictures have no position: {some}")
+    if len(unread) + len(placeless) == len(files):
+        raise LogError(f"{path}: {'; '.join(notes)}; give pictures with GPS positions (EXIF, or DJI's XMP)")
     images = LogImages.of(rows, tuple(names))
     by_time = sorted(row[2:] for row in rows if row[2] == row[2])
     track = [(_NOWHERE, *row) for row in by_time]
@@ -63,11 +75,26 @@ def _exif(path: Path) -> tuple[float, float, float]:
         with Image.open(path, formats=("JPEG", "TIFF", "MPO")) as picture:
             exif = picture.getexif()
             gps, taken = exif.get_ifd(_GPS_IFD), exif.get_ifd(_EXIF_IFD)
+            xmp = picture.info.get("xmp") or exif.get(_XMP_TAG)
     latitude = _degrees(gps.get(_LATITUDE), gps.get(_LATITUDE_REF), "S")
     longitude = _degrees(gps.get(_LONGITUDE), gps.get(_LONGITUDE_REF), "W")
-    if not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0):
+    if not _is_place(latitude, longitude):
+        latitude, longitude = _of_dji(xmp)
+    if not _is_place(latitude, longitude):
         latitude = longitude = _NOWHERE
     return latitude, longitude, _utc_s(gps, taken)
+
+
+def _is_place(latitude: float, longitude: float) -> bool:
+    # A receiver without a fix says 0, 0.
+    return abs(latitude) <= 90.0 and abs(longitude) <= 180.0 and (latitude, longitude) != (0.0, 0.0)
+
+
+def _of_dji(xmp: Any) -> tuple[float, float]:
+    """Return the position that DJI's drones write into XMP; NaN without one."""
+    packet = xmp[:_MOST_XMP] if isinstance(xmp, bytes) else b""
+    found = {name.lower()[:3]: float(number) for name, number in _DJI.findall(packet)}
+    return found.get(b"lat", _NOWHERE), found.get(b"lon", _NOWHERE)
 
 
 def _degrees(parts: Any, reference: Any, negative: str) -> float:

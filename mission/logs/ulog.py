@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 
 from geo.imports import load_extra
-from mission.logs.track import Floats, LogError, LogImages, LogTrack, parsing
+from mission.logs.track import Floats, LogError, LogImages, LogTrack, is_position, parsing
 
 _POSITION, _CAPTURE, _TRIGGER = "vehicle_global_position", "camera_capture", "camera_trigger"
 _GPS = ("vehicle_gps_position", "sensor_gps")
 _TOPICS = (_POSITION, _CAPTURE, _TRIGGER, *_GPS)
+_FIX_3D = 3
 _MOST_FIELDS = 4096
 _DEEPEST = 8
 _LEAST_UTC_US = 1e15
@@ -21,7 +22,8 @@ _LEAST_UTC_US = 1e15
 def read_ulog(path: Path) -> LogTrack:
     """Read a PX4 .ulg: `vehicle_global_position`, and `camera_capture` or `camera_trigger` for the images.
 
-    UTC is that of the satellite receiver (`time_utc_usec`), carried to all times of the log's own clock.
+    A log that lacks the first has the positions that its satellite receiver told with a 3D fix. UTC is the
+    receiver's (`time_utc_usec`), carried to all times of the log's own clock.
     """
     ULog = load_extra("pyulog.core", "gis", f"{path}: logs of PX4 need", LogError).ULog
     with parsing(path, "PX4 log"):
@@ -31,14 +33,38 @@ def read_ulog(path: Path) -> LogTrack:
         log = ULog(str(path), list(_TOPICS))
         topics = {one.name: one.data for one in log.data_list if one.multi_id == 0}
         offset_s = _utc_offset_s(topics)
-        rows = np.empty((0, 4))
+        rows, notes = np.empty((0, 4)), []
         if _POSITION in topics:
-            data = topics[_POSITION]
-            time_s = data["timestamp"] / 1e6
-            rows = np.column_stack((time_s, time_s + offset_s, data["lat"], data["lon"]))
+            rows = _rows(topics[_POSITION], offset_s)
+        if not is_position(rows[:, 2], rows[:, 3]).any() and (receiver := _receiver(topics)) is not None:
+            rows = _rows(receiver, offset_s)
+            notes.append(f"the log has no {_POSITION}: the positions are the receiver's own (GPS)")
         images = LogImages.of(_images(topics, offset_s))
-    notes = ("the log is damaged or breaks off: it is read as far as it makes sense",) * log.file_corruption
-    return LogTrack.of("PX4 log", rows, images, notes)
+    if log.file_corruption:
+        notes.append("the log is damaged or breaks off: it is read as far as it makes sense")
+    return LogTrack.of("PX4 log", rows, images, tuple(notes))
+
+
+def _rows(data: Any, offset_s: float) -> Floats:
+    time_s = data["timestamp"] / 1e6
+    return np.column_stack((time_s, time_s + offset_s, data["lat"], data["lon"]))
+
+
+def _receiver(topics: dict[str, Any]) -> Any:
+    """Return what a satellite receiver told while it had a 3D fix; None if nothing."""
+    for name in _GPS:
+        data = topics.get(name, {})
+        if "latitude_deg" in data:  # PX4 1.14 and later
+            places = data["latitude_deg"], data["longitude_deg"]
+        elif "lat" in data:
+            places = data["lat"] / 1e7, data["lon"] / 1e7
+        else:
+            continue
+        fixed = data["fix_type"] >= _FIX_3D if "fix_type" in data else np.ones(len(places[0]), np.bool_)
+        if fixed.any():
+            named = zip(("timestamp", "lat", "lon"), (data["timestamp"], *places), strict=True)
+            return {key: column[fixed] for key, column in named}
+    return None
 
 
 def _images(topics: dict[str, Any], offset_s: float) -> Any:

@@ -61,11 +61,20 @@ def _ulog_message(kind, body):
     return struct.pack("<HB", len(body), ord(kind)) + body
 
 
-def write_ulog(path, fixes, images=(), *, formats=(), cut=None):
+_CLOCK = b"uint64_t timestamp;uint64_t time_utc_usec;"
+_RECEIVERS = {
+    "clock": (_CLOCK, "<QQ"),
+    "1.13": (_CLOCK + b"int32_t lat;int32_t lon;uint8_t fix_type;", "<QQiiB"),
+    "1.14": (_CLOCK + b"double latitude_deg;double longitude_deg;uint8_t fix_type;", "<QQddB"),
+}
+"""What PX4's satellite receiver tells by the versions that tell it: the time only, or positions, too."""
+
+
+def write_ulog(path, fixes, images=(), *, formats=(), cut=None, receiver="clock", with_position=True):
     """A PX4 .ulg: as `write_dataflash`; images with a position of NaN are bare triggers."""
     topics = {
         b"vehicle_global_position": (b"uint64_t timestamp;double lat;double lon;float alt;", "<Qddf"),
-        b"vehicle_gps_position": (b"uint64_t timestamp;uint64_t time_utc_usec;", "<QQ"),
+        b"vehicle_gps_position": _RECEIVERS[receiver],
         b"camera_capture": (
             b"uint64_t timestamp;uint64_t timestamp_utc;uint32_t seq;double lat;double lon;float alt;"
             b"float ground_distance;float[4] q;int8_t result;",
@@ -82,16 +91,21 @@ def write_ulog(path, fixes, images=(), *, formats=(), cut=None):
         data += _ulog_message("F", name + b":" + columns)
     data += b"".join(_ulog_message("F", text) for text in formats)
     used = [one for one in topics if one != b"camera_capture" or any(i[2] == i[2] for i in images)]
+    used = used[not with_position :]
     for name in used:
         data += _ulog_message("A", struct.pack("<BH", 0, number[name]) + name)
 
     def record(name, *values):
         return _ulog_message("D", struct.pack("<H", number[name]) + struct.pack(topics[name][1], *values))
 
-    for boot_s, latitude, longitude in fixes:
+    for boot_s, latitude, longitude, *status in fixes:
         us = round(boot_s * 1e6)
-        data += record(b"vehicle_global_position", us, latitude, longitude, 50.0)
-        data += record(b"vehicle_gps_position", us, round((UTC_S + boot_s) * 1e6))
+        if with_position:
+            data += record(b"vehicle_global_position", us, latitude, longitude, 50.0)
+        scale = 1e7 if receiver == "1.13" else 1
+        place = [round(one * scale) if scale > 1 else one for one in (latitude, longitude)]
+        told = [] if receiver == "clock" else [*place, *(status or [3])]
+        data += record(b"vehicle_gps_position", us, round((UTC_S + boot_s) * 1e6), *told)
     for index, boot_s, latitude, longitude, *result in images:
         us = round(boot_s * 1e6)
         if latitude == latitude:
@@ -132,8 +146,8 @@ def write_telemetry(path, fixes, images=(), *, system=1):
     return path
 
 
-def write_picture(path, latitude=None, longitude=None, *, utc=None, taken=None, kind="JPEG"):
-    """A picture with EXIF: utc is ((h, m, s), "2026:05:01"), taken (DateTimeOriginal, offset)."""
+def write_picture(path, latitude=None, longitude=None, *, utc=None, taken=None, kind="JPEG", xmp=None):
+    """A picture with EXIF: utc is ((h, m, s), "2026:05:01"), taken (DateTimeOriginal, offset), and XMP."""
     picture, exif = Image.new("RGB", (8, 6), (40, 120, 40)), Image.Exif()
     if latitude is not None:
         gps = exif.get_ifd(0x8825)
@@ -152,7 +166,9 @@ def write_picture(path, latitude=None, longitude=None, *, utc=None, taken=None, 
         tags = TiffImagePlugin.ImageFileDirectory_v2()
         for number in (0x8825, 0x8769):
             tags[number] = dict(exif.get_ifd(number))
+        if xmp is not None:
+            tags.tagtype[700], tags[700] = 1, xmp
         picture.save(path, kind, tiffinfo=tags)
     else:
-        picture.save(path, kind, exif=exif)
+        picture.save(path, kind, exif=exif, **({} if xmp is None else {"xmp": xmp}))
     return path

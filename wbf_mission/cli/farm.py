@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import replace
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -17,6 +17,7 @@ from wbf_mission.cli.options import Overwrite, option, refuse_overwrite
 from wbf_mission.cli.output import Output
 from wbf_mission.exit_codes import ExitCode
 from wbf_mission.scenario import FarmOptions, ScenarioError
+from wbf_mission.scenario.option import options_of
 
 if TYPE_CHECKING:
     from geo.farm import Farm
@@ -29,32 +30,24 @@ app = typer.Typer(
 FarmArgument = Annotated[
     str,
     typer.Argument(
-        help="Name of a farm, or a file: GeoJSON, KML/KMZ, Shapefile, GeoPackage, GPX.",
+        help=f"{options_of(FarmOptions)['name'].help}.",
         autocompletion=options.complete("farm"),
     ),
 ]
 
 
-@dataclass(frozen=True, slots=True)
-class FarmFile:
-    """How a farm file is read, as the options of a run of the same names say it."""
+_READS_FARM = options.scenario_options(
+    FarmOptions, without=(*options.OF_DAYS, "farm", "fields", "seed", "scenario")
+)
+"""Gives a command, whose farm is an argument, the options that say how it is read."""
 
-    crop: Annotated[str | None, option("Crop of those patches that tell none.")] = None
-    farm_crs: Annotated[
-        str | None, option("Coordinate system of a file that does not tell its own, such as EPSG:32617.")
-    ] = None
-    repair: Annotated[bool, option("Mend broken polygons where that is safe, and say what.", "--repair")] = (
-        False
-    )
 
-    def load(self, name: str, output: Output) -> Farm:
-        """Return the farm, and say what its user should know of how it was read."""
-        from geo import get_farm
-
-        farm = get_farm(name, crop=self.crop, crs=self.farm_crs, repair=self.repair)
-        for note in farm.notes:
-            output.note(f"note: {note}")
-        return farm
+def _load(given: options.Given, name: str, output: Output) -> Farm:
+    """Return the farm, and say what its user should know of how it was read."""
+    farm = replace(given.scenario().farm, name=name).load()
+    for note in farm.notes:
+        output.note(f"note: {note}")
+    return farm
 
 
 @app.command("list", cls=HelpCommand)
@@ -87,14 +80,14 @@ def _values(farm: Any, *names: str) -> dict[str, Any]:
 
 
 @app.command("show", cls=HelpCommand, epilog="Example\n\nwbf-mission farm show waterberry")
-@options.gives("file", FarmFile)
+@_READS_FARM
 @options.speaks()
-def show_command(output: Output, farm: FarmArgument, file: FarmFile) -> None:
+def show_command(given: options.Given, output: Output, *, farm: FarmArgument) -> None:
     """Show a farm's size, position, patches, crops and obstacles."""
     import numpy as np
     import shapely
 
-    shown = file.load(farm, output)
+    shown = _load(given, farm, output)
     grid = shown.grid()
     counts = {
         crop: {
@@ -158,18 +151,19 @@ def show_command(output: Output, farm: FarmArgument, file: FarmFile) -> None:
 @app.command(
     "draw", cls=HelpCommand, epilog="Example\n\nwbf-mission farm draw waterberry --out waterberry.png"
 )
-@options.gives("file", FarmFile)
+@_READS_FARM
 @options.speaks()
 def draw_command(
+    given: options.Given,
     output: Output,
+    *,
     farm: FarmArgument,
-    file: FarmFile,
     out: Annotated[Path | None, option("PNG file.  [default: FARM.png]")] = None,
 ) -> None:
     """Draw a farm's crops, the owner's border, obstacles and home as a PNG picture."""
     from wbf_mission.pictures.plots import plot_farm
 
-    shown = file.load(farm, output)
+    shown = _load(given, farm, output)
     target = out or _file_name(shown.name)
     refuse_overwrite(target, [farm])
     _require_suffix(target, ".png")
@@ -180,12 +174,13 @@ def draw_command(
 @app.command(
     "save", cls=HelpCommand, epilog="Example\n\nwbf-mission farm save miniberry-30 --out my-farm.geojson"
 )
-@options.gives("file", FarmFile)
+@_READS_FARM
 @options.speaks()
 def save_command(
+    given: options.Given,
     output: Output,
+    *,
     farm: FarmArgument,
-    file: FarmFile,
     out: Annotated[Path, option("GeoJSON file.")],
     overwrite: Overwrite = False,
 ) -> None:
@@ -194,7 +189,7 @@ def save_command(
 
     refuse_overwrite(out, [farm], suffixes=(".geojson",), overwrite=overwrite)
     _require_suffix(out, ".geojson", ".json")
-    shown = file.load(farm, output)
+    shown = _load(given, farm, output)
     save_farm(shown, out)
     output.result({"file": str(out)}, title="Saved")
 
@@ -207,7 +202,7 @@ wbf-mission farm generate --farm waterberry --keep 6 --count 8 --jobs 2 --out en
 
 
 @app.command("generate", cls=HelpCommand, epilog=GENERATE_EXAMPLES)
-@options.scenario_options(FarmOptions, without=("day", "days", "flights_per_day", "world"))
+@options.scenario_options(FarmOptions, without=options.OF_DAYS)
 @options.speaks()
 def generate_command(
     given: options.Given,

@@ -62,8 +62,8 @@ _JSON_LINES = Annotated[
 
 @options.scenario_options(
     FarmOptions,
-    without=("day", "days", "flights_per_day", "fields", "world", "seed"),
-    defaults={"farm": ""},
+    without=(*options.OF_DAYS, "fields", "seed"),
+    defaults={"farm": None},
 )
 @options.speaks(json=_JSON_LINES)
 @options.gives("page", LivePage)
@@ -126,17 +126,15 @@ def monitor_command(
 
 def _watched_farm(given: options.Given, page: LivePage) -> Farm | None:
     """Return the farm over which vehicles are shown, if one is given; ScenarioError if it has no use."""
-    from wbf_mission.scenario import Scenario, ScenarioError
+    from wbf_mission.scenario import ScenarioError
 
-    if given.file is None and not given.changes:
+    farm = given.farm(None if given.file is None else given.scenario().farm.name)
+    if farm is None:
         return None
     if not page.wanted:
         msg = "a farm is for the page: give --live PORT, too, or leave it out"
         raise ScenarioError(msg)
-    if given.file is None and "farm" not in given.changes:
-        msg = "--crop, --farm-crs and --repair are of a farm file: give --farm, too"
-        raise ScenarioError(msg)
-    return (given.change(Scenario()) if given.file is None else given.scenario()).farm.load()
+    return farm.load()
 
 
 def _named(heard: Contact) -> tuple[str, str]:

@@ -12,7 +12,8 @@ import inspect
 import types
 import typing
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias, TypeVar
 
@@ -21,7 +22,7 @@ import typer
 from geo.errors import WbfMissionError
 from geo.texts import parse_number, parse_whole
 from wbf_mission.cli.output import Output
-from wbf_mission.scenario import Scenario, ScenarioError, load_scenario, scenario_with
+from wbf_mission.scenario import FarmOptions, Scenario, ScenarioError, load_scenario, scenario_with
 from wbf_mission.scenario.option import Option, Part, options_of
 from wbf_mission.scenario.parts import RUN
 from wbf_mission.scenario.scenario import all_options
@@ -199,7 +200,20 @@ class Given:
 
         ScenarioError if the file or an option is wrong, or an option was given that has no effect.
         """
-        return self.change(load_scenario(self.file) if self.file else Scenario(**self.defaults))
+        defaults = {key: one for key, one in self.defaults.items() if one is not None}
+        return self.change(load_scenario(self.file) if self.file else Scenario(**defaults))
+
+    def farm(self, name: str | None = None) -> FarmOptions | None:
+        """Return how the farm that is named is read, for a command that may do without; None if none is.
+
+        ScenarioError if options are given that say how a farm is read, and no farm.
+        """
+        name = self.changes.get("farm", name)
+        how = [key for key in READS_FARM if key in self.changes]
+        if name is None and how:
+            flag = _flag_of(how[0]).flag
+            raise ScenarioError(f"{flag} has an effect only with --farm: give that, too, or leave it out")
+        return None if name is None else replace(self.scenario().farm, name=name)
 
     def change(self, base: Scenario) -> Scenario:
         """Return a scenario with what was given; ScenarioError if part of that is wrong or has no effect."""
@@ -223,6 +237,12 @@ class Given:
                     raise ScenarioError(msg)
 
 
+OF_DAYS = ("day", "days", "flights_per_day", "world")
+"""The options of `FarmOptions` that say what happens on the farm."""
+READS_FARM = tuple(
+    one.key for one in options_of(FarmOptions).values() if one.key not in ("farm", "fields", *OF_DAYS)
+)
+"""The options that say how a farm's file is read, which every command has that reads one."""
 Command: TypeAlias = Callable[..., Any]
 
 
@@ -298,7 +318,8 @@ def scenario_options(
 
     The first parameter of the command is called ``given`` and takes a `Given`. Options stand in ``--help`` in
     the order of the parts; `more` are parts that are no part of a `Scenario`, `without` keys that have no
-    meaning for the command, `defaults` those of this command that are not those of the options.
+    meaning for the command (``scenario`` among them), `defaults` those of this command that are not those of
+    the options; None for nothing unless it is given.
     """
     known = {
         str(one.flag).removeprefix("--").replace("-", "_"): (part, one)
@@ -319,6 +340,8 @@ def scenario_options(
         return Given(scenario, changes, others, defaults)
 
     made = {name: (_annotation(one, flags, defaults), None) for name, (_, one) in known.items()}
+    if "scenario" in without:
+        return gives("given", partial(given, None), made)
     return gives("given", given, {**made, "scenario": (ScenarioFile, None)})
 
 
@@ -340,9 +363,11 @@ def _flag_of(key: str) -> Option:
 def _annotation(one: Option, flags: set[str], defaults: Mapping[str, Any]) -> Any:
     """Return the annotation of a command's parameter; `flags` are all that the command has."""
     wanted = _command_line_type(one)
-    name = str(one.flag)
+    name, default = str(one.flag), defaults.get(one.key, one.initial)
+    if default is None and one.key in defaults:
+        default = "none"
     made = option(
-        _help(one, defaults.get(one.key, one.initial), flags),
+        _help(one, default, flags),
         f"{name}/--no-{name.removeprefix('--')}" if wanted is bool else name,
         panel=one.panel,
         metavar=one.metavar,

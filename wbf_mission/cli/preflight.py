@@ -12,7 +12,14 @@ from wbf_mission.cli import options
 from wbf_mission.cli.options import option
 from wbf_mission.cli.output import Output
 from wbf_mission.exit_codes import ExitCode
-from wbf_mission.scenario import CameraOptions, MissionOptions, ScenarioError, VehicleOptions, WeatherOptions
+from wbf_mission.scenario import (
+    CameraOptions,
+    FarmOptions,
+    MissionOptions,
+    ScenarioError,
+    VehicleOptions,
+    WeatherOptions,
+)
 
 if TYPE_CHECKING:
     from mission.model import Mission
@@ -22,11 +29,13 @@ if TYPE_CHECKING:
     from wbf_mission.preflight.subject import Circumstances
 
 CHECKED = options.scenario_options(
+    FarmOptions,
     MissionOptions,
     VehicleOptions,
     WeatherOptions,
     CameraOptions,
     without=(
+        *options.OF_DAYS,
         "planner",
         "policy",
         "budget",
@@ -54,22 +63,15 @@ CHECKED = options.scenario_options(
         "camera_fields",
         "seed",
     ),
+    defaults={"farm": None},
 )
-"""Gives a command the margin, the camera, and the vehicle and the air that a plan is checked for."""
+"""Gives a command the farm, the margin, the camera, the vehicle and the air that a plan is checked for."""
 
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
     """What a plan is checked for besides the options of a run."""
 
-    farm: Annotated[
-        str | None,
-        option(
-            "Farm whose obstacles count and whose land is to be seen: a name or a file.  [default: none]",
-            panel=options.CHECK_PANEL,
-            autocompletion=options.complete("farm"),
-        ),
-    ] = None
     camera_interval: Annotated[
         float | None,
         option(
@@ -80,18 +82,21 @@ class Surroundings:
         ),
     ] = None
 
-    def circumstances(self, given: options.Given, mission: Mission) -> Circumstances:
-        """Return what a plan is checked for, by the command line."""
-        from geo import get_farm
+    def circumstances(self, given: options.Given, mission: Mission, output: Output) -> Circumstances:
+        """Return what a plan is checked for, by the command line, and say how the farm's file was read."""
         from sim_vehicle.camera.component import MIN_INTERVAL_S
         from wbf_mission.planning.imaging import imaging_of
+        from wbf_mission.planning.plan import farm_of
         from wbf_mission.preflight.subject import Circumstances, level_of_plan
 
         interval_s = self.camera_interval
         if interval_s is not None and not 0.0 < interval_s <= 3600.0:
             msg = f"--camera-interval {interval_s:g} is out of range: give seconds above 0, up to 3600"
             raise ScenarioError(msg)
-        chosen = given.scenario()
+        chosen, named = given.scenario(), given.farm()
+        farm = None if named is None else farm_of(named)[0]
+        for note in () if farm is None else farm.notes:
+            output.note(f"note: farm: {note}")
         imaging = None
         if chosen.camera.model is not None:
             imaging = imaging_of(chosen.camera, chosen.mission, level_of_plan(mission, chosen.vehicle))
@@ -100,7 +105,7 @@ class Surroundings:
         return Circumstances(
             chosen.vehicle,
             chosen.weather,
-            None if self.farm is None else get_farm(self.farm),
+            farm,
             chosen.mission.margin_m,
             MIN_INTERVAL_S if interval_s is None else interval_s,
             footprint=chosen.camera.footprint,
@@ -113,7 +118,7 @@ Examples
 wbf-mission preflight spiral.plan
 wbf-mission preflight rows.waypoints --vehicle mapping-quad --autopilot ardupilot --wind 5,270,1
 wbf-mission preflight spiral.plan --farm my-farm.geojson --margin 5
-wbf-mission preflight survey.plan --farm my-farm.geojson --camera dji-p1-35
+wbf-mission preflight survey.plan --farm my-farm.kml --crop wheat --camera dji-p1-35
 wbf-mission preflight spiral.plan --connect udpin:127.0.0.1:14550 --json
 """
 _HEADER = ["", "item", "finding"]
@@ -136,15 +141,14 @@ def preflight_command(
     Each finding has a code, which docs/preflight.md explains. Exit code 1 tells that there are errors;
     warnings and notes are none.
     """
-    from mission.files import read_mission
     from wbf_mission.preflight.inquiry import ask_vehicle
     from wbf_mission.preflight.run import check_mission
 
     if system_id is not None and connect is None:
         msg = "--system-id goes with --connect: give the link to the vehicle, or leave it out"
         raise ScenarioError(msg)
-    mission = read_mission(file)
-    circumstances = around.circumstances(given, mission)
+    mission = read_and_tell(file, output)
+    circumstances = around.circumstances(given, mission, output)
     if connect is not None:
         snapshot = ask_vehicle(connect, wait_s=wait, system_id=system_id, note=output.note)
         circumstances = fitted_circumstances(circumstances, given, snapshot)
@@ -154,6 +158,16 @@ def preflight_command(
         progress("predicting", 1, 1)
     _show(output, file, checked)
     return ExitCode.NOT_GOOD if checked.report.has_errors else ExitCode.GOOD
+
+
+def read_and_tell(file: Path, output: Output) -> Mission:
+    """Return the mission of a file, and say how it was understood."""
+    from mission.files import open_mission
+
+    mission, notes = open_mission(file)
+    for note in notes:
+        output.note(f"note: {file.name}: {note}")
+    return mission
 
 
 def fitted_circumstances(

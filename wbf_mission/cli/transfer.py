@@ -13,7 +13,13 @@ from wbf_mission.cli import options
 from wbf_mission.cli.convert import write_and_tell
 from wbf_mission.cli.options import MISSION_SUFFIXES, Force, Overwrite, option, refuse_overwrite
 from wbf_mission.cli.output import Output
-from wbf_mission.cli.preflight import CHECKED, Surroundings, fitted_circumstances, show_findings
+from wbf_mission.cli.preflight import (
+    CHECKED,
+    Surroundings,
+    fitted_circumstances,
+    read_and_tell,
+    show_findings,
+)
 from wbf_mission.exit_codes import ExitCode
 
 Connect = Annotated[str, options.link("The vehicle")]
@@ -49,12 +55,11 @@ def upload_command(
     that is heard. Exit code 5 tells that the vehicle refused it, or stored it and
     would not fly it.
     """
-    from mission.files import read_mission
     from wbf_mission.live.link import via_named
     from wbf_mission.live.uploading import upload_checked
 
-    mission = read_mission(file)
-    circumstances = around.circumstances(given, mission)
+    mission = read_and_tell(file, output)
+    circumstances = around.circumstances(given, mission, output)
     with output.progress() as progress:
         report, checked = upload_checked(
             mission,

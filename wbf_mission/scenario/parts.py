@@ -47,7 +47,8 @@ class FarmOptions(Part):
 
     name: str = option(
         "miniberry-30",
-        "Farm: a name (see 'wbf-mission farm list') or a file: GeoJSON, KML/KMZ, Shapefile, GeoPackage, GPX",
+        "Farm: a name (see 'wbf-mission farm list') or a file: GeoJSON, KML/KMZ, Shapefile, GeoPackage, GPX,"
+        " Mission Planner's .poly",
         RUN,
         key="farm",
         kind="farm",

@@ -5,6 +5,8 @@ import math
 import numpy as np
 import pytest
 from flight_logs import UTC_S, write_dataflash, write_picture, write_telemetry, write_ulog
+from hypothesis import given
+from hypothesis import strategies as st
 
 from mission.logs import LogError, read_track
 from mission.logs.track import LONGEST_GAP_S
@@ -110,6 +112,30 @@ def test_without_pos_the_receiver_is_taken(tmp_path):
     assert "receiver's own" in track.notes[0]
 
 
+@pytest.mark.parametrize("receiver", ["1.13", "1.14"])
+def test_without_a_global_position_px4s_receiver_is_taken(receiver, tmp_path):
+    bad = [(9.0, -27.0, 150.0, 2), (9.5, 0.0, 0.0, 3)]
+    path = write_ulog(tmp_path / "x", [*bad, *FIXES], TRIGGERS, receiver=receiver, with_position=False)
+    track = read_track(path)
+    assert np.allclose(track.boot_s, [row[0] for row in FIXES])
+    assert np.allclose(track.utc_s, [UTC_S + row[0] for row in FIXES], atol=2e-3)
+    assert np.allclose(track.latitude_deg, [row[1] for row in FIXES], atol=1e-7)
+    assert np.allclose(track.longitude_deg, [row[2] for row in FIXES], atol=1e-7)
+    assert track.notes == (
+        "the log has no vehicle_global_position: the positions are the receiver's own (GPS)",
+    )
+    latitude, _ = track.of_images()
+    assert np.allclose(latitude, [-28.05 + 2.5e-5, -28.05 + 4e-5], atol=2e-7)
+
+
+def test_a_global_position_goes_before_px4s_receiver(tmp_path):
+    path = write_ulog(tmp_path / "x", [(one[0], one[1] + 1e-3, one[2]) for one in FIXES], receiver="1.14")
+    assert read_track(path).notes == ()
+    nowhere = write_ulog(tmp_path / "y", [(one[0], NAN, NAN) for one in FIXES], receiver="clock")
+    with pytest.raises(LogError, match="the PX4 log tells no position"):
+        read_track(nowhere)
+
+
 def test_a_log_that_breaks_off_is_read_up_to_the_break(write, tmp_path):
     path = write(FIXES, IMAGES)
     whole = path.read_bytes()
@@ -117,6 +143,52 @@ def test_a_log_that_breaks_off_is_read_up_to_the_break(write, tmp_path):
     track = read_track(path)
     assert 3 < len(track.boot_s) <= len(FIXES)
     assert np.allclose(track.boot_s, [row[0] for row in FIXES[: len(track.boot_s)]])
+
+
+def dji(form, latitude, longitude, name="GpsLongitude"):
+    """XMP as DJI's drones write it: attributes, or elements after a program has changed it."""
+    values = {"AbsoluteAltitude": "+52.30", "GpsLatitude": f"{latitude:+.9f}", name: f"{longitude:+.9f}"}
+    texts = [form.format(name=f"drone-dji:{name}", value=value) for name, value in values.items()]
+    space = b'xmlns:drone-dji="http://www.dji.com/drone-dji/1.0/"'
+    head = b'<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:Description ' + space + b" "
+    return head + " ".join(texts).encode() + b"/></x:xmpmeta>"
+
+
+FORMS = ['{name}="{value}"', "{name} = '{value}'", "<{name}>{value}</{name}>", "<{name}> {value} </{name}>"]
+
+
+@given(
+    st.sampled_from(FORMS),
+    st.floats(-89.0, 89.0).filter(lambda value: abs(value) > 1e-3),
+    st.floats(-179.0, 179.0).filter(lambda value: abs(value) > 1e-3),
+    st.sampled_from(["GpsLongitude", "GpsLongtitude", "GPSLongitude"]),
+    st.sampled_from(["JPEG", "TIFF"]),
+)
+def test_pictures_of_dji_have_their_places_in_xmp(tmp_path_factory, form, latitude, longitude, name, kind):
+    folder = tmp_path_factory.mktemp("pictures")
+    suffix = {"JPEG": "jpg", "TIFF": "tif"}[kind]
+    write_picture(folder / f"DJI_0001.{suffix}", kind=kind, xmp=dji(form, latitude, longitude, name))
+    track = read_track(folder)
+    assert track.notes == ()
+    assert track.images.latitude_deg[0] == pytest.approx(latitude, abs=1e-8)
+    assert track.images.longitude_deg[0] == pytest.approx(longitude, abs=1e-8)
+
+
+def test_exif_goes_before_xmp_and_what_is_no_place_is_named(tmp_path):
+    write_picture(tmp_path / "a.jpg", 1.0, 2.0, xmp=dji(FORMS[0], 3.0, 4.0))
+    write_picture(tmp_path / "b.jpg", 0.0, 0.0, xmp=dji(FORMS[0], 3.0, 4.0))
+    for k, (latitude, longitude) in enumerate([(0.0, 0.0), (91.0, 4.0), (3.0, 181.0)]):
+        write_picture(tmp_path / f"c{k}.jpg", xmp=dji(FORMS[0], latitude, longitude))
+    for k, xmp in enumerate([b"", b"\0" * 99, b'drone-dji:GpsLatitude="', b'drone-dji:GpsLatitude="+1.5" ']):
+        write_picture(tmp_path / f"d{k}.jpg", xmp=xmp)
+    track = read_track(tmp_path)
+    assert track.images.latitude_deg[:2].tolist() == [1.0, 3.0]
+    assert np.isnan(track.images.latitude_deg[2:]).all()
+    assert track.notes == ("7 of 9 pictures have no position: c0.jpg, c1.jpg, c2.jpg, d0.jpg, d1.jpg, ...",)
+    for one in ("a.jpg", "b.jpg"):
+        (tmp_path / one).unlink()
+    with pytest.raises(LogError, match=r"7 of 7 pictures have no position: c0\.jpg, .*; give pictures with"):
+        read_track(tmp_path)
 
 
 def test_pictures_tell_places_and_utc(tmp_path):

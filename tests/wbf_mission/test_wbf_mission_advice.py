@@ -1,0 +1,164 @@
+"""Commands that read a farm read it alike, and say nothing that the user cannot do."""
+
+import ast
+import json
+from pathlib import Path
+
+import pytest
+from advice import FLAG, commands, flags_of, misadvice, named_in
+
+import geo
+from mission.files import write_mission
+from mission.model import Mission, MissionItem
+from wbf_mission.cli.app import main
+from wbf_mission.cli.options import READS_FARM
+
+DATA = Path(__file__).parents[1] / "data" / "foreign"
+ROOT = Path(geo.__file__).parents[1]
+HOW = {"--" + key.replace("_", "-") for key in READS_FARM}
+READERS = {
+    "plan": [],
+    "fly": ["--no-files"],
+    "map": ["--out", "{folder}/map", "--observations", "{folder}/leaves.csv"],
+    "sim": [],
+    "studio": [],
+    "monitor": ["udpin:127.0.0.1:0", "--live", "0", "--duration", "0.1"],
+    "preflight": ["{folder}/a.plan"],
+    "upload": ["{folder}/a.plan"],
+    "farm show": [],
+    "farm draw": ["--out", "{folder}/farm.png"],
+    "farm save": ["--out", "{folder}/farm.geojson"],
+    "farm generate": ["--out", "{folder}/environments"],
+}
+"""The commands that read a farm, with what they need besides."""
+
+
+def square(x=0.0, **properties):
+    ring = [[10 + x, 50], [10.002 + x, 50], [10.002 + x, 50.002], [10 + x, 50.002], [10 + x, 50]]
+    return {
+        "type": "Feature",
+        "properties": properties,
+        "geometry": {"type": "Polygon", "coordinates": [ring]},
+    }
+
+
+def farm_file(*features, **members):
+    return json.dumps({"type": "FeatureCollection", **members, "features": features})
+
+
+BOW_TIE = square(crop="rye")
+BOW_TIE["geometry"]["coordinates"][0][1:3] = BOW_TIE["geometry"]["coordinates"][0][2:0:-1]
+FAR = square(crop="rye")
+FAR["geometry"]["coordinates"] = [[[5e5, 5e6], [5e5 + 80, 5e6], [5e5 + 80, 5e6 + 80], [5e5, 5e6]]]
+FOREIGN = {"--porcelain", "--no-optional-locks", "--nthreads"}  # of git and Dask
+BAD = {
+    "some patches without a crop": farm_file(square(crop="wheat"), square(0.002)),
+    "some without an owner": farm_file(square(crop="rye", owner="me"), square(0.002, crop="rye")),
+    "a bow tie": farm_file(BOW_TIE),
+    "no coordinate system": farm_file(FAR),
+    "labels only": farm_file({"type": "Feature", "properties": {}, "geometry": None}),
+    "cells too small": farm_file(square(crop="rye"), cell_size_m=0.01),
+    "no JSON": "{",
+}
+
+
+@pytest.fixture
+def folder(tmp_path):
+    write_mission(Mission((MissionItem.waypoint(50.001, 10.001, 10.0),)), tmp_path / "a.plan")
+    (tmp_path / "leaves.csv").write_text("lat,lon,soil\n50.001,10.001,0.5\n")
+    return tmp_path
+
+
+def words(name, farm, folder):
+    rest = [one.format(folder=folder) for one in READERS[name]]
+    is_argument = any(
+        param.name == "farm" for param in commands()[name].params if not param.opts[0].startswith("-")
+    )
+    return [*name.split(), *([] if is_argument else ["--farm"]), str(farm), *rest]
+
+
+def test_every_command_that_reads_a_farm_reads_it_alike():
+    reads = {name for name in commands() if "--farm" in flags_of(name)}
+    reads |= {name for name, one in commands().items() if any(param.name == "farm" for param in one.params)}
+    assert reads == set(READERS)
+    assert {"--crop", "--farm-crs", "--repair"} <= HOW
+    assert {name: HOW - flags_of(name) for name in READERS} == {name: set() for name in READERS}
+
+
+@pytest.mark.parametrize("bad", BAD)
+@pytest.mark.parametrize("name", READERS)
+def test_what_is_wrong_with_a_farm_is_told_in_a_line(name, bad, folder, capsys):
+    (folder / "fields.json").write_text(BAD[bad])
+    arguments = words(name, folder / "fields.json", folder)
+    before = sorted(folder.iterdir())
+    assert main(arguments) == 2
+    told = capsys.readouterr()
+    (line,) = told.err.splitlines()
+    assert line.startswith(f"error: farm file {folder / 'fields.json'}: ")
+    assert not misadvice(arguments, line)
+    assert told.out == ""
+    assert sorted(folder.iterdir()) == before
+
+
+@pytest.mark.parametrize("name", ["preflight", "farm show", "farm save"])
+@pytest.mark.parametrize(
+    ("bad", "how"),
+    [
+        ("some patches without a crop", ["--crop", "rye"]),
+        ("no coordinate system", ["--farm-crs", "EPSG:32632"]),
+    ],
+)
+def test_what_is_advised_helps(name, bad, how, folder, capsys):
+    (folder / "fields.json").write_text(BAD[bad])
+    assert main([*words(name, folder / "fields.json", folder), *how]) in (0, 1)
+    assert "error: farm file" not in capsys.readouterr().err
+
+
+def test_preflight_checks_the_plan_of_plan_over_the_same_farm(folder, capsys):
+    farm = ["--farm", str(DATA / "part_crop.geojson"), "--crop", "rye"]
+    made = folder / "made.plan"
+    assert (
+        main(["plan", *farm, "--planner", "lawnmower", "--budget", "5min", "--out", str(made), "--json"]) == 0
+    )
+    planned = json.loads(capsys.readouterr().out)
+    assert main(["preflight", str(made), *farm, "--json"]) == 0
+    told = capsys.readouterr()
+    assert json.loads(told.out)["coverage"] == pytest.approx(planned["coverage"], rel=1e-3)
+    assert main(["preflight", str(made), "--farm", str(DATA / "label.geojson"), "--json"]) in (0, 1)
+    assert "note: farm: 1 left out, points that are neither home nor rally: Silo" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["preflight", "upload", "monitor"])
+@pytest.mark.parametrize("how", [["--crop", "rye"], ["--farm-crs", "EPSG:32617"], ["--repair"]])
+def test_how_a_farm_is_read_needs_one(name, how, folder, capsys):
+    rest = [one.format(folder=folder) for one in READERS[name]]
+    assert main([name, *rest, *how]) == 2
+    assert f"error: {how[0]} has an effect only with --farm: give that, too" in capsys.readouterr().err
+
+
+def texts_of(module):
+    """The texts in a module that are no docstrings, with the lines on which they begin."""
+    tree = ast.parse(module.read_text(encoding="utf-8"))
+    bare = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    for node in ast.walk(tree):
+        if id(node) in bare:
+            continue
+        if isinstance(node, ast.JoinedStr):
+            bare |= {id(part) for part in node.values}
+            yield node.lineno, "".join(str(getattr(part, "value", "{}")) for part in node.values)
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            yield node.lineno, node.value
+
+
+def test_every_option_that_a_text_names_is_one_of_some_command():
+    known = set().union({"--version"}, FOREIGN, *map(flags_of, commands()))
+    wrong = []
+    for package in geo.errors.PACKAGES:
+        for module in (ROOT / package).rglob("*.py"):
+            for line, text in texts_of(module):
+                for found in FLAG.finditer(text):
+                    whose = named_in(text[: found.start()].rpartition("wbf-mission ")[2])
+                    there = known if whose is None else flags_of(whose)
+                    if found[0] not in there:
+                        wrong.append(f"{module.relative_to(ROOT)}:{line}: {whose or ''} {found[0]}")
+    assert not wrong

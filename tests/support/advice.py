@@ -7,7 +7,7 @@ import typer.main
 
 from wbf_mission.cli.app import app
 
-FLAG = re.compile(r"(?<![\w-])--[a-z][a-z0-9-]*[a-z0-9]")
+FLAG = re.compile(r"(?<![\w-])--[a-z][a-z0-9-]*(?![\w{-])")
 
 
 @cache

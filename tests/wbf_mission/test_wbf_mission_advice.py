@@ -145,7 +145,8 @@ def texts_of(module):
             continue
         if isinstance(node, ast.JoinedStr):
             bare |= {id(part) for part in node.values}
-            yield node.lineno, "".join(str(getattr(part, "value", "{}")) for part in node.values)
+            parts = (part.value if isinstance(part, ast.Constant) else "{}" for part in node.values)
+            yield node.lineno, "".join(map(str, parts))
         elif isinstance(node, ast.Constant) and isinstance(node.value, str):
             yield node.lineno, node.value
 
@@ -162,3 +163,17 @@ def test_every_option_that_a_text_names_is_one_of_some_command():
                     if found[0] not in there:
                         wrong.append(f"{module.relative_to(ROOT)}:{line}: {whose or ''} {found[0]}")
     assert not wrong
+
+
+@pytest.mark.parametrize("name", sorted(set(READERS) - {"fly", "sim", "studio", "upload", "farm generate"}))
+def test_what_is_left_out_of_a_farm_is_told(name, folder, capsys):
+    place = [[10.0005, 50.0005], [10.0015, 50.0005], [10.0015, 50.0015], [10.0005, 50.0015]]
+    field = {"type": "Polygon", "coordinates": [place]}
+    label = {"type": "Point", "coordinates": place[0]}
+    geometries = [(field, {"crop": "tomato"}), (label, {"name": "Silo"})]
+    lines = [json.dumps({"type": "Feature", "properties": p, "geometry": g}) for g, p in geometries]
+    (folder / "fields.geojsonl").write_text("\n".join(lines))
+    assert main(words(name, folder / "fields.geojsonl", folder)) in (0, 1, 3)
+    told = capsys.readouterr().err
+    assert "1 left out, points that are neither home nor rally: Silo" in told
+    assert "feature 1 ('patch 1'): a ring was open, closed over " in told

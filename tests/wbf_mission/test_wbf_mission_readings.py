@@ -70,6 +70,39 @@ def test_each_key_finds_the_cells(keys, table, track):
     assert seen.time_s[0] == 0.0
 
 
+@pytest.mark.parametrize(
+    ("header", "swapped"),
+    [
+        ("lat,lon,soil", False),
+        ("LAT,LNG,soil", False),
+        ("Lat,Long,soil", False),
+        ("Latitude,Longitude,soil", False),
+        ("lon,lat,soil", True),
+        (" Longitude (deg) , Latitude [°] ,soil", True),
+        ("GPSLongitude,GPSLatitude,soil", True),
+        ("gps lon,gps-lat,soil", True),
+        ("\ufefflat,lon,soil", False),
+        ("lng,lat,latitude_note,soil", True),
+    ],
+)
+def test_positions_are_found_however_their_columns_are_spelt(header, swapped, table):
+    more = "," * (header.count(",") - 2)
+    rows = "".join(
+        f"{','.join(map(repr, map(float, place[::-1] if swapped else place)))}{more},0.5\n"
+        for place in places()
+    )
+    readings = read_readings(table(f"{header}\n{rows}"), PAPER_FIELDS)
+    assert readings.key == ("latitude", "longitude")
+    seen, notes = join(readings, None, FARM, NAMES, 1, 6)
+    assert (sorted(cells_of(seen)), notes) == (sorted(CELLS), ())
+
+
+@pytest.mark.parametrize("header", ["lat,soil", "lat (rad),lon (rad),soil", "x,y,soil", "flat,lone,soil"])
+def test_other_columns_are_no_positions(header, table):
+    with pytest.raises(ObservationError, match="no column tells where a reading belongs"):
+        read_readings(table(f"{header}\n1,2,0.5\n"), PAPER_FIELDS)
+
+
 def test_pictures_are_found_by_name(tmp_path, table):
     folder = tmp_path / "pictures"
     folder.mkdir()

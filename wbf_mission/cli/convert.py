@@ -45,14 +45,14 @@ def write_and_tell(
     return kept, lost
 
 
-_READ = ".plan, .waypoints, .json, .kml, .kmz, .geojson, .gpx or .csv"
+_READ = ".plan, .waypoints, .fen, .ral, .json, .kml, .kmz, .geojson, .gpx or .csv"
 
 
 @options.speaks()
 def convert_command(
     output: Output,
     source: Annotated[Path, typer.Argument(help=f"A mission or a drawn path: {_READ}.")],
-    target: Annotated[Path, typer.Argument(help="The file to write: one of these, or .wpml.kmz for DJI.")],
+    target: Annotated[Path, typer.Argument(help="The file to write: such a mission, or .wpml.kmz for DJI.")],
     autopilot: Annotated[
         Literal["px4", "ardupilot"], option("Whose numbers a .plan or .waypoints holds.", "--autopilot")
     ] = "px4",
@@ -74,8 +74,7 @@ def convert_command(
     mission, notes = open_mission(source, altitude_m=altitude, drawn_path=path)
     firmware = Firmware[autopilot.upper()]
     kept, lost = write_and_tell(output, mission, target, firmware)
-    for note in notes:
-        output.note(f"note: {note}")
+    output.notes(notes)
     waypoints = sum(item.command == Command.NAV_WAYPOINT for item in kept.items)
     home = None if kept.home is None else astuple(kept.home)
     values = {

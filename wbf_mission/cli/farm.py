@@ -45,8 +45,7 @@ _READS_FARM = options.scenario_options(
 def _load(given: options.Given, name: str, output: Output) -> Farm:
     """Return the farm, and say what its user should know of how it was read."""
     farm = replace(given.scenario().farm, name=name).load()
-    for note in farm.notes:
-        output.note(f"note: {note}")
+    output.notes(farm.notes)
     return farm
 
 
@@ -233,6 +232,7 @@ def generate_command(
     options.require_processes(jobs)
     scenario = given.scenario()
     shown = scenario.farm.load()
+    output.notes(shown.notes, "farm")
     kept = None if keep is None else _days(keep)
     if kept is not None and days is not None and max(kept) > days:
         msg = f"--keep {keep} is beyond --days {days}: leave --days out, or keep days up to {days}"

@@ -329,8 +329,7 @@ def _show(
     output: Output, result: Result, summary: dict[str, Any], *, interrupted: bool, simulated: bool
 ) -> None:
     """Print what a run gave, and what its user should know."""
-    for note in result.farm.notes:
-        output.note(f"note: farm: {note}")
+    output.notes(result.farm.notes, "farm")
     for warning in result.warnings:
         output.warn(warning)
     if interrupted:

@@ -182,6 +182,7 @@ def map_command(
     _check_next(given, next_plan, inputs, overwrite=overwrite)
     with _folder(out, inputs, overwrite=overwrite) as folder, output.progress() as progress:
         of, scenario = _treatment(given, log, observations, costs, progress)
+        output.notes(of.farm.notes, "farm")
         for note in of.notes:
             output.warn(note)
         flight = None

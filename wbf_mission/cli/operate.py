@@ -94,6 +94,7 @@ def monitor_command(
         msg = "--interval takes 0.05 to 3600 seconds, --duration up to 10000000"
         raise ScenarioError(msg)
     farm = _watched_farm(given, page)
+    output.notes(() if farm is None else farm.notes, "farm")
     orders = page.orders(output)
     watch = FleetWatch(output.warn if page.wanted else None)
     told = _Told(output, watch)

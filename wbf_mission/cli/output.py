@@ -7,7 +7,7 @@ import errno
 import math
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from datetime import timedelta
 from string import Formatter
@@ -67,6 +67,11 @@ class Output:
             self.events.tell(Noted(text))
         if not self.quiet:
             self._say(text)
+
+    def notes(self, notes: Iterable[str], of: str = "") -> None:
+        """Say how an input was understood, a line each; `of` names it."""
+        for text in notes:
+            self.note(f"note: {of}{': ' if of else ''}{text}")
 
     def warn(self, text: str) -> None:
         """Say something that went wrong but does not end the command."""

@@ -140,11 +140,9 @@ def plan_command(
     every = [plan for plans in flown for plan in plans]
     for warning in dict.fromkeys(warning for plan in every for warning in plan.warnings):
         output.warn(warning)
-    for told in results[0].farm.notes:
-        output.note(f"note: farm: {told}")
+    output.notes(results[0].farm.notes, "farm")
     notes = [one for plan in every for one in plan.rendered.remarks if one.severity is Severity.NOTE]
-    for note in dict.fromkeys(str(one) for one in notes):
-        output.note(f"note: {note}")
+    output.notes(dict.fromkeys(str(one) for one in notes))
     for plan, path in zip(every, chain.from_iterable(files), strict=True):
         if path is not None:
             write_and_tell(output, plan.mission, path, Firmware(plan.mav_autopilot))

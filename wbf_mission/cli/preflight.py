@@ -95,8 +95,7 @@ class Surroundings:
             raise ScenarioError(msg)
         chosen, named = given.scenario(), given.farm()
         farm = None if named is None else farm_of(named)[0]
-        for note in () if farm is None else farm.notes:
-            output.note(f"note: farm: {note}")
+        output.notes(() if farm is None else farm.notes, "farm")
         imaging = None
         if chosen.camera.model is not None:
             imaging = imaging_of(chosen.camera, chosen.mission, level_of_plan(mission, chosen.vehicle))
@@ -165,8 +164,7 @@ def read_and_tell(file: Path, output: Output) -> Mission:
     from mission.files import open_mission
 
     mission, notes = open_mission(file)
-    for note in notes:
-        output.note(f"note: {file.name}: {note}")
+    output.notes(notes, file.name)
     return mission
 
 

@@ -134,6 +134,7 @@ def sim_command(
             cold=chosen.boot == "cold",
             progress=progress,
         )
+    output.notes(simulated.farm.notes, "farm")
     cleanup = ExitStack()
     log: TlogWriter | None = None
 

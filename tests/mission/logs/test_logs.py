@@ -257,6 +257,31 @@ def test_types_of_px4_that_hold_each_other_without_end_are_refused(formats, told
         read_track(write_ulog(tmp_path / "x.ulg", FIXES, formats=formats))
 
 
+@given(
+    st.sampled_from(["ulg", "bin", "tlog", "jpg"]),
+    st.lists(st.tuples(st.floats(0.0, 1.0), st.binary(min_size=1, max_size=4)), max_size=6),
+    st.floats(0.1, 1.0),
+)
+def test_a_damaged_log_is_read_or_refused_in_a_line(tmp_path_factory, kind, changes, part):
+    folder = tmp_path_factory.mktemp("damaged")
+    path = folder / f"x.{kind}"
+    if kind == "jpg":
+        write_picture(path, xmp=dji(FORMS[0], 3.0, 4.0))
+    elif kind == "ulg":
+        write_ulog(path, FIXES, IMAGES, receiver="1.14", with_position=False)
+    else:
+        WRITERS[kind](path, FIXES, IMAGES)
+    data = bytearray(path.read_bytes())
+    for at, new in changes:
+        start = int(at * len(data))
+        data[start : start + len(new)] = new
+    path.write_bytes(data[: int(part * len(data))])
+    try:
+        read_track(folder if kind == "jpg" else path)
+    except LogError as error:
+        assert str(error).startswith(str(folder)) and "\n" not in str(error) and len(str(error)) < 600
+
+
 def test_pictures_are_not_decoded(tmp_path):
     # A header that claims two billion pixels; nothing of them is there.
     write_picture(tmp_path / "a.jpg", 1.0, 2.0)

@@ -18,7 +18,6 @@ _LATITUDE_REF, _LATITUDE, _LONGITUDE_REF, _LONGITUDE = 1, 2, 3, 4
 _GPS_TIME, _GPS_DATE = 7, 29
 _TAKEN, _ZONE = 0x9003, 0x9011
 _NOWHERE = float("nan")
-_XMP_TAG = 700
 _MOST_XMP = 1 << 20
 _DJI = re.compile(
     rb"drone-dji:gps(lat|long?t?)itude\s*(?:=\s*[\"']|>)\s*([-+]?\d+(?:\.\d*)?)\s*[\"'<]", re.IGNORECASE
@@ -75,7 +74,7 @@ def _exif(path: Path) -> tuple[float, float, float]:
         with Image.open(path, formats=("JPEG", "TIFF", "MPO")) as picture:
             exif = picture.getexif()
             gps, taken = exif.get_ifd(_GPS_IFD), exif.get_ifd(_EXIF_IFD)
-            xmp = picture.info.get("xmp") or exif.get(_XMP_TAG)
+            xmp = picture.info.get("xmp")
     latitude = _degrees(gps.get(_LATITUDE), gps.get(_LATITUDE_REF), "S")
     longitude = _degrees(gps.get(_LONGITUDE), gps.get(_LONGITUDE_REF), "W")
     if not _is_place(latitude, longitude):

@@ -20,7 +20,7 @@ FILES = ("pipe", "folder", "zero", "loop", "deep", "large", "bytes")
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    for suffix in ("toml", "plan", "geojson"):
+    for suffix in ("toml", "plan", "geojson", "geojsonl", "poly", "kmz", "zip", "fen", "waypoints"):
         os.mkfifo(f"pipe.{suffix}")
         (tmp_path / f"folder.{suffix}").mkdir()
         (tmp_path / f"zero.{suffix}").symlink_to("/dev/zero")
@@ -98,6 +98,8 @@ def test_odd_values(capsys, tmp_path, monkeypatch, arguments, value):
         (["plan", "--farm"], "geojson"),
         (["fly", "--no-files", "--mission"], "plan"),
         (["upload"], "plan"),
+        *((["farm", "show"], suffix) for suffix in ("geojsonl", "poly", "kmz", "zip")),
+        *((["preflight"], suffix) for suffix in ("fen", "waypoints", "kmz")),
     ],
     ids=str,
 )

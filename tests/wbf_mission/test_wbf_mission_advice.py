@@ -114,8 +114,9 @@ def test_what_is_advised_helps(name, bad, how, folder, capsys):
     assert "error: farm file" not in capsys.readouterr().err
 
 
-def test_preflight_checks_the_plan_of_plan_over_the_same_farm(folder, capsys):
-    farm = ["--farm", str(DATA / "part_crop.geojson"), "--crop", "rye"]
+@pytest.mark.parametrize("crop", ["rye", "tomato"])  # of wheat and tomato only tomato is to be seen
+def test_preflight_checks_the_plan_of_plan_over_the_same_farm(crop, folder, capsys):
+    farm = ["--farm", str(DATA / "part_crop.geojson"), "--crop", crop]
     made = folder / "made.plan"
     assert (
         main(["plan", *farm, "--planner", "lawnmower", "--budget", "5min", "--out", str(made), "--json"]) == 0

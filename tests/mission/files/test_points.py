@@ -181,6 +181,13 @@ def test_a_mission_of_qgroundcontrol_3_is_told_what_to_do(name, tmp_path):
         read_mission(tmp_path / name)
 
 
+@pytest.mark.parametrize("text", ['{"items": []}', '{"plannedHomePosition": [1, 2, 3]}', '{"version": 2}'])
+def test_other_json_is_none_of_it(text, tmp_path):
+    (tmp_path / "a.plan").write_text(text)
+    with pytest.raises(MissionFileError, match="this is a JSON file of another kind"):
+        read_mission(tmp_path / "a.plan")
+
+
 @pytest.mark.parametrize("name", ["a.poly", "a.shp", "a.zip", "a.gpkg", "a.ndjson"])
 def test_a_farm_file_is_sent_to_plan(name):
     with pytest.raises(MissionFileError, match=rf"{name}: this is a farm file.*wbf-mission plan --farm FILE"):

@@ -137,11 +137,18 @@ def _flag(properties: dict[str, Any], key: str, kind: str, where: str) -> bool:
 
 
 def _members(geometry: dict[str, Any]) -> list[dict[str, Any]] | None:
-    """Return the geometries of a collection; None if it is none."""
-    inner = geometry.get("geometries")
-    if geometry.get("type") != "GeometryCollection" or not isinstance(inner, list):
-        return None
-    return [member if isinstance(member, dict) else {} for member in inner]
+    """Return the geometries of a collection, and of those in it; None if it is none."""
+    found, left = [], [geometry]
+    while left:
+        one = left.pop()
+        inner = one.get("geometries") if isinstance(one, dict) else None
+        if isinstance(inner, list) and one.get("type") == "GeometryCollection":
+            left.extend(reversed(inner))
+        elif one is geometry:
+            return None
+        else:
+            found.append(one if isinstance(one, dict) else {})
+    return found
 
 
 def _no_area(geometry: dict[str, Any]) -> str:
@@ -160,8 +167,6 @@ def _parts(geometry: dict[str, Any], where: str) -> list[list[Any]]:
     kind, inner = geometry.get("type"), _members(geometry)
     parts: list[Any]
     if inner is not None:
-        if any(member.get("type") == "GeometryCollection" for member in inner):
-            raise FarmError(f"{where}: a collection of geometries holds another; make it one")
         parts = [part for member in inner if not _no_area(member) for part in _parts(member, where)]
     elif kind == "MultiPolygon":
         given = geometry.get("coordinates")

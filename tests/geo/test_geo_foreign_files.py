@@ -127,6 +127,13 @@ def test_features_one_after_the_other_are_a_farm(
         polygon(),
         {"type": "MultiPolygon", "coordinates": [[square()], [square(0.002)]]},
         {"type": "GeometryCollection", "geometries": [polygon(), polygon(0.002)]},
+        {
+            "type": "GeometryCollection",
+            "geometries": [
+                {"type": "GeometryCollection", "geometries": [polygon()]},
+                {"type": "MultiPolygon", "coordinates": [[square(0.002)]]},
+            ],
+        },
     ],
 )
 def test_a_geometry_alone_is_a_farm(geometry: dict[str, Any]) -> None:

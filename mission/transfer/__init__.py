@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from mission.transfer.events import TransferFailed as TransferFailed
     from mission.transfer.events import TransferStarted as TransferStarted
     from mission.transfer.events import TransferStatistics as TransferStatistics
+    from mission.transfer.events import UploadBegunAnew as UploadBegunAnew
     from mission.transfer.events import UploadComplete as UploadComplete
     from mission.transfer.events import UploadVerified as UploadVerified
     from mission.transfer.remarks import Remark as Remark

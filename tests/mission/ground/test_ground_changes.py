@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from geo.farms import get_farm
 from geo.frame import LocalFrame
 from mission import outcome
+from mission.autopilots import ARDUPILOT, PX4
 from mission.autopilots.profile import NeededParameter
 from mission.errors import MissionError
 from mission.ground.change import ChangeOutcome
@@ -483,6 +484,24 @@ def test_a_refused_item_leaves_the_old_mission(autopilot):
     assert flight.lists == {keys(planned())}
     check_safe(flight)
     assert flight.misses(OLD) < 2.5
+
+
+@pytest.mark.parametrize("autopilot", AUTOPILOTS)
+@pytest.mark.parametrize("begin_s", [0.06, 0.12, 0.3])
+def test_a_change_that_the_vehicle_gives_up_is_sent_anew(autopilot, begin_s):
+    """The link is dead for as long as the vehicle waits for an item; the operator reads one line of it."""
+    abort_s = {"px4": PX4, "ardupilot": ARDUPILOT}[autopilot].abort_s
+    impairment = Impairment(delay_s=0.05, seed=3)
+    flight = Flight(autopilot, other_path(NEW), at_item(5), impairment, dead=(begin_s, abort_s + 1.0)).fly()
+    check_safe(flight)
+    [record] = flight.station.changes
+    assert record.outcome is ChangeOutcome.DONE, record
+    assert flight.misses(NEW) < 2.5
+    told = [text for _, _, text in flight.station.texts if text.startswith("change not accepted")]
+    assert len(told) == len(set(told)) <= 1
+    if autopilot == "px4":
+        assert told == ["change not accepted, the old path is flown, trying again"] or begin_s != 0.12
+    assert record.retries >= len(told)
 
 
 def test_a_mission_that_cannot_be_put_back_is_flown_home_from():

@@ -3,6 +3,7 @@
 import pytest
 
 from mission.errors import TransferError
+from mission.ground.arming_gate import ArmingGate
 from mission.ground.station import GroundStation
 from mission.link.codec.dialect import mavlink as m
 from mission.link.endpoint import MavlinkEndpoint
@@ -151,7 +152,7 @@ def test_the_ground_station_clears_what_a_vehicle_holds():
     driver.wait_for_vehicle()
     driver.upload(OLD)
     link.close()
-    station = GroundStation(NEW)
+    station = GroundStation(NEW, arming_gate=ArmingGate((1, 1), agreed=True))
     flight = Simulation([vehicle, station])
     flight.run(until=lambda _now_s: station.done, limit_s=300.0)
     assert station.outcome is Outcome.COMPLETED, station.reason

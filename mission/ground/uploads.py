@@ -10,8 +10,8 @@ from mission.ground.contact import Contact
 from mission.link.codec.dialect import Message
 from mission.model import Mission, MissionType
 from mission.transfer import (
-    FailureReason,
     NO_MISSION_LEFT,
+    FailureReason,
     LocalTransferError,
     Output,
     Progress,

@@ -146,8 +146,9 @@ class MissionUpload(ClientTransfer):
 
     def _input_of(self, message: Message, now_s: float) -> ClientInput:
         if wire.is_request(message) and self._state is not CLEARING:
-            # A vehicle asks for one item after the other: what skips some is of an upload that is over.
-            if message.seq >= len(self._wire) or message.seq > self._highest + 1:
+            # What skips items where an upload begins, or begins anew, is of one that is over.
+            skips = message.seq > self._highest + 1 and (self._highest < 0 or self._begun_s is not None)
+            if message.seq >= len(self._wire) or skips:
                 return _I.STRAY
             answers = self._answers[message.seq]
             if answers is None:

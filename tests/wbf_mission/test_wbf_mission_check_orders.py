@@ -28,8 +28,8 @@ FAILED_BY_CHANCE = (
 class RealPx4(SimVehicle):
     """A PX4 as the real one behaves at the edges of a transfer.
 
-    After a COUNT of 0, and where the last ACK of a download gets lost, it answers every COUNT with ERROR and no
-    CLEAR_ALL at all until its timeout of 5 s.
+    After a COUNT of 0, and where the last ACK of a download gets lost, it answers every COUNT with ERROR and
+    no CLEAR_ALL at all until its timeout of 5 s.
     """
 
     def __init__(self, chance):

@@ -5,20 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from mission.check.peer import (
-    ACK,
-    ANSWERS,
-    MISSION,
-    RE_REQUEST_S,
-    FailedError,
-    Peer,
-    Sender,
-    SkippedError,
-    needed,
-    require_accepted,
-    told,
-)
+from mission.check.peer import ACK, ANSWERS, MISSION, RE_REQUEST_S, FailedError, Peer, SkippedError, needed
 from mission.check.registry import Checks
+from mission.check.sender import Sender, require_accepted, told
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Frame, GeoPoint, MissionItem, MissionType
 from mission.transfer import result_text, wire

@@ -5,21 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from mission.check.peer import (
-    ACK,
-    ANSWERS,
-    MISSION,
-    RE_REQUEST_S,
-    REQUESTS,
-    FailedError,
-    Peer,
-    Sender,
-    cancelling,
-    needed,
-    require_accepted,
-    told,
-)
+from mission.check.peer import ACK, ANSWERS, MISSION, RE_REQUEST_S, REQUESTS, FailedError, Peer, needed
 from mission.check.registry import Checks
+from mission.check.sender import Sender, cancelling, require_accepted, told
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import is_a

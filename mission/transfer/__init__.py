@@ -37,16 +37,16 @@ if TYPE_CHECKING:
     from mission.transfer.round_trip import RoundTrip as RoundTrip
     from mission.transfer.server import MissionServer as MissionServer
     from mission.transfer.server_session import StoredPlan as StoredPlan
+    from mission.transfer.upload import NO_MISSION_LEFT as NO_MISSION_LEFT
     from mission.transfer.upload import MissionClear as MissionClear
     from mission.transfer.upload import MissionUpload as MissionUpload
     from mission.transfer.upload import check_plan as check_plan
-    from mission.transfer.verified import NO_MISSION_LEFT as NO_MISSION_LEFT
+    from mission.transfer.upload import gives_up_mission as gives_up_mission
     from mission.transfer.verified import OWN_TRANSFERS as OWN_TRANSFERS
     from mission.transfer.verified import Difference as Difference
     from mission.transfer.verified import TransferMaker as TransferMaker
     from mission.transfer.verified import VerifiedUpload as VerifiedUpload
     from mission.transfer.verified import compare_plans as compare_plans
-    from mission.transfer.verified import gives_up_mission as gives_up_mission
     from mission.transfer.wire import CLIENT_MESSAGES as CLIENT_MESSAGES
     from mission.transfer.wire import SERVER_MESSAGES as SERVER_MESSAGES
     from mission.transfer.wire import item_from_message as item_from_message

@@ -27,9 +27,9 @@ from mission.transfer.events import (
 )
 from mission.transfer.rendering import Rendered, refuse_errors, render
 from mission.transfer.round_trip import RoundTrip
-from mission.transfer.upload import MissionClear
+from mission.transfer.upload import NO_MISSION_LEFT, MissionClear, gives_up_mission
 from mission.transfer.vehicles import Vehicle, VehicleSearch, vehicle_of
-from mission.transfer.verified import NO_MISSION_LEFT, OWN_TRANSFERS, TransferMaker, gives_up_mission
+from mission.transfer.verified import OWN_TRANSFERS, TransferMaker
 
 OnEvent = Callable[[Event], None]
 OnText = Callable[[mavlink.MAVLink_statustext_message, float], None]

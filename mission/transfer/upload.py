@@ -4,13 +4,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from mission.autopilots.profile import Profile
 from mission.link.codec.dialect import Message, mavlink
 from mission.link.codec.typed import is_a
-from mission.model import GeoPoint, MissionItem, MissionType, plan_of
+from mission.model import GeoPoint, Mission, MissionItem, MissionType, plan_of
 from mission.transfer import wire
 from mission.transfer.client import MORE_OPENINGS, ClientTransfer
 from mission.transfer.client_table import (
@@ -320,3 +321,19 @@ class MissionClear(ClientTransfer):
 
     def _plan_state(self, reason: FailureReason, result: int | None) -> PlanState:
         return PlanState.UNKNOWN if self._openings else PlanState.OLD
+
+
+NO_MISSION_LEFT = "the old mission was cleared before: it holds none"
+"""What is told of a vehicle that gave its mission up for an upload that failed."""
+
+
+def gives_up_mission(
+    mission: Mission, kinds: Collection[MissionType], profile: Profile, *, armed: bool
+) -> bool:
+    """Whether a vehicle's old mission is cleared before new plans of these kinds go up.
+
+    Only on the ground, and only where it would be checked against a fence that is not its own: with the new
+    fence and without a mission the vehicle flies nothing, should the upload break off.
+    """
+    both = {MissionType.MISSION, MissionType.FENCE} <= set(kinds)
+    return profile.checks_stored_mission and both and bool(mission.fence) and not armed

@@ -16,7 +16,7 @@ the reading.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 from mission.autopilots import GENERIC
 from mission.autopilots.profile import Profile
 from mission.link.codec.dialect import Message
-from mission.model import Command, GeoPoint, Mission, MissionItem, MissionType, plan_of
+from mission.model import Command, GeoPoint, MissionItem, MissionType, plan_of
 from mission.transfer import wire
 from mission.transfer.download import MissionDownload
 from mission.transfer.errors import LocalTransferError
@@ -379,22 +379,6 @@ def _told_of_held(sent: Sequence[MissionItem], held: Sequence[MissionItem], prof
         return "the vehicle now holds no items"
     told = "none" if not new else "all" if new == len(held) else f"the first {new}"
     return f"the vehicle now holds {len(held)} items, {told} as sent: upload again before flying"
-
-
-NO_MISSION_LEFT = "the old mission was cleared before: it holds none"
-"""What is told of a vehicle that gave its mission up for an upload that failed."""
-
-
-def gives_up_mission(
-    mission: Mission, kinds: Collection[MissionType], profile: Profile, *, armed: bool
-) -> bool:
-    """Whether a vehicle's old mission is cleared before new plans of these kinds go up.
-
-    Only on the ground, and only where it would be checked against a fence that is not its own: with the new
-    fence and without a mission the vehicle flies nothing, should the upload break off.
-    """
-    both = {MissionType.MISSION, MissionType.FENCE} <= set(kinds)
-    return profile.checks_stored_mission and both and bool(mission.fence) and not armed
 
 
 class TransferMaker(NamedTuple):

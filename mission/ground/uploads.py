@@ -100,6 +100,7 @@ class PlanUploads:
         state = contact.monitor.state
         # A simulated vehicle holds what it tells, and nothing before that.
         holds = state.total > 0 if state.total is not None else contact.round_trip is not None
+        holds &= contact.clears
         if holds and gives_up_mission(self.mission, self._kinds, contact.profile, armed=state.armed):
             self._clears = True
             self._transfer = contact.upload((), MissionType.MISSION, round_trip=contact.round_trip)

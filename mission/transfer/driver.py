@@ -281,7 +281,10 @@ class TransferDriver(Closing):
             refuse_errors(rendered)
         chosen_kinds = [kind for kind in _ORDER if kind in chosen]
         costs: list[TransferStatistics] = []
-        cleared = gives_up_mission(rendered.mission, chosen, vehicle.profile, armed=vehicle.armed)
+        # MAVSDK answers a clear in ways of its own.
+        cleared = self._maker is OWN_TRANSFERS and gives_up_mission(
+            rendered.mission, chosen, vehicle.profile, armed=vehicle.armed
+        )
         if cleared:
             self.run(self._maker.upload((), MissionType.MISSION, **options))
         uploads = [

@@ -278,7 +278,8 @@ class VerifiedUpload:
             if self._is_given_up(failed, now_s) or (self._is_bad_luck(failed) and self._under_way):
                 return self._send_again(failed, now_s)
             # Who took no item and fell silent would not be read either.
-            worth_reading = self._under_way or failed.reason is not FailureReason.TIMEOUT
+            tells = bool(self.items) and isinstance(self._upload, MissionUpload)  # how many items it took
+            worth_reading = self._under_way or failed.reason is not FailureReason.TIMEOUT or not tells
             if failed.vehicle_plan is PlanState.UNKNOWN and not self._cancelled and worth_reading:
                 self._refusal = None if failed.reason is FailureReason.TIMEOUT else failed
                 return self._read_back(now_s)

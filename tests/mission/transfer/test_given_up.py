@@ -307,6 +307,21 @@ def test_an_upload_that_never_gets_under_way_ends_within_30_s(profile, vehicle, 
     assert "\n" not in last.text
 
 
+def test_answers_to_repetitions_do_not_put_the_end_off():
+    """An ArduPilot that answers each repeated item with INVALID_SEQUENCE and asks for nothing."""
+    upload = MissionUpload(make_items(5, 1), source=GROUND, profile=ARDUPILOT)
+    upload.start(0.0)
+    upload.receive(request(0), 0.1)
+    upload.receive(request(1), 0.2)
+    now_s = 0.2
+    while not upload.done:
+        now_s = upload.next_deadline()
+        for sent in names(upload.poll(now_s)):
+            if sent == "ITEM_INT":
+                upload.receive(ack(m.MAV_MISSION_INVALID_SEQUENCE), now_s + 0.05)
+        assert now_s < 6.0
+
+
 def test_an_item_that_the_vehicle_does_not_take_is_sent_twice_at_most():
     """PX4 answers with the same ERROR, but nothing had to be repeated: time was not what it wanted."""
     items = make_items(5, 1)
@@ -324,6 +339,16 @@ def test_an_item_that_the_vehicle_does_not_take_is_sent_twice_at_most():
     assert counts == 1
     assert (failed.reason, failed.result, failed.item) == (FailureReason.REFUSED, ERROR, 2)
     assert upload.done
+
+
+def test_a_plan_that_is_emptied_in_silence_is_read():
+    upload = VerifiedUpload((), source=GROUND, profile=PX4)
+    upload.start(0.0)
+    sent = []
+    while "REQUEST_LIST" not in sent:
+        sent += names(upload.poll(upload.next_deadline()))
+    (end,) = upload.receive(from_vehicle(m.MAVLink_mission_count_message(*GROUND, 0, 0)), 12.0).events
+    assert isinstance(end, UploadVerified)
 
 
 def test_what_was_sent_again_is_counted():

@@ -263,6 +263,8 @@ class Profile:
     """MISSION_WRITE_PARTIAL_LIST works."""
     partial_result: int | None = m.MAV_MISSION_ERROR
     """ACK for a part that is not taken, None for none."""
+    checks_stored_mission: bool = False
+    """The mission that it holds is checked, aloud, against a fence that comes."""
     empty_hold_s: float = 0.0
     """After a COUNT of 0 every COUNT is refused for so long."""
     received_texts: tuple[str, str, str] | None = None

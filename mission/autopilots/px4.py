@@ -168,6 +168,7 @@ PX4 = Profile(
     unplaced=_UNPLACED,
     capacity=(MAX_ITEMS - 1, MAX_ITEMS, MAX_ITEMS),
     partial_result=None,
+    checks_stored_mission=True,
     empty_hold_s=5.0,
     text_prefix="WPM: ",
     usual_limits=(500, 64, 32),

@@ -5,20 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from mission.check.peer import (
-    ACK,
-    ANSWERS,
-    MISSION,
-    RE_REQUEST_S,
-    FailedError,
-    Peer,
-    Sender,
-    SkippedError,
-    needed,
-    require_accepted,
-    told,
-)
+from mission.check.peer import ACK, ANSWERS, MISSION, RE_REQUEST_S, FailedError, Peer, SkippedError, needed
 from mission.check.registry import Checks
+from mission.check.sender import Sender, require_accepted, told
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Frame, GeoPoint, MissionItem, MissionType
 from mission.transfer import result_text, wire
@@ -131,9 +120,10 @@ def home(peer: Peer) -> str:
 def clear_all(peer: Peer) -> str:
     """MISSION_CLEAR_ALL of all plans is answered, and done where it is accepted."""
     peer.upload(peer.items(4))
-    answer = needed(peer.ask(wire.clear_all(peer.address, wire.ALL_TYPES), ACK), "no MISSION_ACK")
+    answer = needed(peer.opened(wire.clear_all(peer.address, wire.ALL_TYPES), ACK), "no MISSION_ACK")
     accepted = answer.type == wire.ACCEPTED
-    left, expected = len(peer.download()), 0 if accepted else 4
+    expected = 0 if accepted else 4
+    left = peer.left(expected)
     if left != expected:
         raise FailedError(f"{told(answer)}, and {left} items are left")
     if accepted:
@@ -175,8 +165,12 @@ def part(peer: Peer) -> str:
 def total(peer: Peer) -> str:
     """MISSION_CURRENT tells how many items there are, without home."""
     peer.upload(peer.items(7))
-    peer.sleep(1.0)
-    message = needed(peer.request(m.MAVLink_mission_current_message), "no MISSION_CURRENT")
+    end_s = peer.now() + 4.0
+    while True:
+        message = needed(peer.request(m.MAVLink_mission_current_message), "no MISSION_CURRENT")
+        if message.total == 7 or peer.now() >= end_s:
+            break
+        peer.sleep(0.5)
     if message.total != 7:
         raise FailedError(f"total is {message.total} with 7 items")
     return f"total {message.total}, state {message.mission_state}"

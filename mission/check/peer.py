@@ -5,18 +5,20 @@ from __future__ import annotations
 import math
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from typing import TypeAlias, TypeVar
 
 from geo.errors import WbfMissionError
 from mission.autopilots.profile import Profile
+from mission.errors import TransferError
 from mission.link.address import Link
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import is_a
 from mission.link.endpoint import MavlinkEndpoint
 from mission.model import Command, GeoPoint, Mission, MissionItem, MissionType
-from mission.transfer import RoundTrip, VerifiedUpload, compare_plans, result_text, wire
+from mission.transfer import RoundTrip, VerifiedUpload, compare_plans, wire
 from mission.transfer.driver import TransferDriver, wait_readable
 from mission.transfer.vehicles import Vehicle
 
@@ -39,6 +41,10 @@ Ack: TypeAlias = m.MAVLink_command_ack_message
 _LONGEST_WAIT_S = 0.1
 _ANSWER_S = 1.5
 _TRIES = 3
+BUSY_S = 12.0
+"""No autopilot holds a transfer, or refuses the next one, for longer than this: PX4 5 s, ArduPilot 8 s."""
+_SLOW_S = 3.0
+_SPARE_S = 0.3
 _SOMEWHERE = GeoPoint(47.397742, 8.545594, 488.0)
 
 
@@ -75,6 +81,8 @@ class Peer:
         self._queue: deque[tuple[float, Message]] = deque()
         self._beat_s = -math.inf
         self._round_trip = RoundTrip()
+        self._others: set[int] = set()
+        self._unsettled = False
 
     def now(self) -> float:
         """Seconds of the clock."""
@@ -103,11 +111,14 @@ class Peer:
     def send(self, *messages: Message) -> None:
         """Send messages."""
         for message in messages:
+            self._unsettled |= type(message).id in wire.SERVER_MESSAGES
             self.endpoint.send(message)
 
     def send_as(self, system_id: int, *messages: Message) -> None:
         """Send messages as another ground station."""
         other = MavlinkEndpoint(self.endpoint.link, system_id, self.endpoint.component_id)
+        self._others.add(system_id)
+        self._unsettled = True
         for message in messages:
             other.send(message)
 
@@ -161,10 +172,18 @@ class Peer:
         kinds: type[M] | tuple[type[M], ...],
         seconds: float = _ANSWER_S,
         where: Callable[[M], bool] = lambda _: True,
+        *,
+        to: int | None = None,
     ) -> M | None:
-        """Wait for a message of one of these kinds; None if it does not come."""
+        """Wait for a message of one of these kinds; None if it does not come.
+
+        What goes to another station of ours counts only where ``to`` is its system.
+        """
         wanted = kinds if isinstance(kinds, tuple) else (kinds,)
         for _, message in self.heard(seconds):
+            target = getattr(message, "target_system", None)
+            if target != to if to is not None else target in self._others:
+                continue
             for kind in wanted:
                 if is_a(message, kind) and where(message):
                     return message
@@ -186,6 +205,17 @@ class Peer:
             if answer is not None:
                 return answer
         return None
+
+    def opened(self, question: Message, kinds: type[M] | tuple[type[M], ...]) -> M | None:
+        """Ask for as long as a vehicle may be busy with what was before."""
+        return self.ask(question, kinds, tries=math.ceil(BUSY_S / _ANSWER_S))
+
+    def left(self, expected: int) -> int:
+        """Return how many items the mission has, when it has as many as expected or some seconds are over."""
+        end_s = self.now() + _SLOW_S
+        while (found := len(self.download())) != expected and self.now() < end_s:
+            self.sleep(0.5)
+        return found
 
     def command(
         self, command: int, *params: float, tries: int = _TRIES, seconds: float = _ANSWER_S
@@ -271,6 +301,24 @@ class Peer:
         if differences:
             raise FailedError(f"the mission is another: {differences[0]}")
 
+    def settle(self) -> None:
+        """Leave nothing of a check to the next: break off what runs, and wait until an upload works again."""
+        self.texts.clear()
+        if not self._unsettled:
+            return
+        off = [wire.ack(self.address, wire.OPERATION_CANCELLED, kind) for kind in MissionType]
+        self.send(*off)
+        for system_id in self._others:
+            self.send_as(system_id, *off)
+        end_s, quiet_s = self.now() + BUSY_S, self.profile.re_request_s + _SPARE_S
+        while self.now() < end_s and self.expect(MISSION_ANSWERS, quiet_s) is not None:
+            pass
+        self._others.clear()
+        # An upload is tried for longer than a vehicle is busy.
+        with suppress(TransferError):
+            self.upload(self.items(1))
+        self._unsettled = False
+
     def plans(self) -> Mission:
         """Read all plans; RemoteTransferError if that fails."""
         return self.driver.download()[0]
@@ -314,88 +362,11 @@ REQUESTS: tuple[type[wire.RequestMessage], ...] = (
     m.MAVLink_mission_request_int_message,
 )
 ANSWERS: tuple[type[wire.RequestMessage | wire.AckMessage], ...] = (*REQUESTS, ACK)
+MISSION_ANSWERS: tuple[type[Message], ...] = (
+    *ANSWERS,
+    m.MAVLink_mission_count_message,
+    m.MAVLink_mission_item_message,
+    m.MAVLink_mission_item_int_message,
+)
 RE_REQUEST_S = 4.0
 MISSION = int(MissionType.MISSION)
-_SETTLE_S = 1.0  # what is still on its way over a slow radio belongs to the check before
-
-
-class Sender:
-    """An upload by hand: each message is ours to send, to leave out, or to send wrong."""
-
-    def __init__(self, peer: Peer, items: Sequence[MissionItem]) -> None:
-        home = [
-            MissionItem(16, 0, x=peer.home.latitude_deg, y=peer.home.longitude_deg, z=peer.home.altitude_m)
-        ]
-        self.peer = peer
-        self.items = [*home, *items] if peer.profile.home_at_zero else list(items)
-
-    @classmethod
-    def begun(cls, peer: Peer, items: Sequence[MissionItem]) -> Sender:
-        """Return an upload whose item 0 is asked for."""
-        sender = cls(peer, items)
-        sender.begin()
-        return sender
-
-    def begin(self, kind: int = MISSION) -> None:
-        """Send COUNT until item 0 is asked for; FailedError if it is not."""
-        question = m.MAVLink_mission_count_message(*self.peer.address, len(self.items), kind)
-        for _ in range(4):
-            answer = self.peer.ask(question, ANSWERS, tries=2)
-            if answer is not None and wire.is_request(answer) and answer.seq == 0:
-                return
-            # An earlier transfer may still be running out.
-            self.peer.sleep(2.0)
-        raise FailedError("COUNT is not answered by a request for item 0" if answer is None else told(answer))
-
-    def message(self, number: int, kind: int = MISSION) -> wire.ItemMessage:
-        """Return the message with one item."""
-        return wire.item_to_message(self.items[number], number, kind, self.peer.address, current=number == 0)
-
-    def send(self, number: int) -> None:
-        """Send one item."""
-        self.peer.send(self.message(number))
-
-    def finish(self, first: int = 0) -> wire.AckMessage:
-        """Answer requests until the last ACK, and return that."""
-        self.send(first)
-        asked = first
-        for _ in range(4 * len(self.items) + 20):
-            answer = self.peer.expect(ANSWERS, RE_REQUEST_S)
-            if answer is None:
-                raise FailedError("the vehicle falls silent in the middle of the upload")
-            if is_a(answer, ACK):
-                if answer.type == self.peer.profile.order_result:
-                    continue
-                return answer
-            if answer.seq >= len(self.items):
-                raise FailedError(f"item {answer.seq} of {len(self.items)} is asked for")
-            if answer.seq > asked + 1:
-                self.cancel()
-                raise FailedError(f"item {answer.seq} is asked for after item {asked}")
-            asked = answer.seq
-            self.send(asked)
-        self.cancel()
-        raise FailedError(f"the vehicle does not come to an end; it asks for item {asked}")
-
-    def cancel(self) -> None:
-        """Break off, and wait until the vehicle has."""
-        self.peer.send(cancelling(self.peer))
-        self.peer.sleep(_SETTLE_S)
-
-
-def cancelling(peer: Peer) -> Message:
-    """Return the message that breaks a transfer of the mission off."""
-    return wire.ack(peer.address, wire.OPERATION_CANCELLED, MISSION)
-
-
-def told(message: wire.RequestMessage | wire.AckMessage) -> str:
-    """Return in words what the vehicle answered."""
-    if is_a(message, ACK):
-        return f"the vehicle answers: {result_text(message.type)}"
-    return f"the vehicle asks for item {message.seq}"
-
-
-def require_accepted(answer: wire.AckMessage) -> None:
-    """Raise FailedError unless the upload was accepted."""
-    if answer.type != wire.ACCEPTED:
-        raise FailedError(told(answer))

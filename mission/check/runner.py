@@ -170,6 +170,8 @@ def check_vehicle(
                 kept = True
                 _keep_plans(peer, stack, warnings)
             result = _run(one, peer)
+            if one.group in _MISSION_GROUPS:
+                peer.settle()
             results.append(result)
             if on_result is not None:
                 on_result(result)

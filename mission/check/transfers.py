@@ -5,21 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from mission.check.peer import (
-    ACK,
-    ANSWERS,
-    MISSION,
-    RE_REQUEST_S,
-    REQUESTS,
-    FailedError,
-    Peer,
-    Sender,
-    cancelling,
-    needed,
-    require_accepted,
-    told,
-)
+from mission.check.peer import ACK, ANSWERS, MISSION, RE_REQUEST_S, REQUESTS, FailedError, Peer, needed
 from mission.check.registry import Checks
+from mission.check.sender import Sender, cancelling, require_accepted, told
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import is_a
@@ -151,7 +139,7 @@ def cancel(peer: Peer) -> None:
 def cancel_download(peer: Peer) -> None:
     """After OPERATION_CANCELLED in a download a new transfer works."""
     peer.upload(peer.items(4))
-    peer.ask(_listing(peer), _COUNT)
+    peer.opened(_listing(peer), _COUNT)
     peer.send(cancelling(peer))
     peer.upload(peer.items(3))
 
@@ -266,7 +254,7 @@ def nan(peer: Peer) -> str:
 def too_many(peer: Peer) -> str:
     """A COUNT of 65535 is refused or can be broken off."""
     question = _COUNT(*peer.address, 65535, MISSION)
-    answer = peer.ask(question, ANSWERS)
+    answer = peer.opened(question, ANSWERS)
     Sender(peer, ()).cancel()
     if answer is None:
         raise FailedError("no answer")
@@ -279,11 +267,9 @@ def too_many(peer: Peer) -> str:
 def count_zero(peer: Peer) -> None:
     """COUNT 0 clears the mission."""
     peer.upload(peer.items(4))
-    answer = needed(peer.ask(_COUNT(*peer.address, 0, MISSION), ACK), "no MISSION_ACK")
+    answer = needed(peer.opened(_COUNT(*peer.address, 0, MISSION), ACK), "no MISSION_ACK")
     require_accepted(answer)
-    # PX4 refuses the next uploads for some seconds.
-    peer.sleep(6.0)
-    left = len(peer.download())
+    left = peer.left(0)
     if left:
         raise FailedError(f"{left} items are left")
 
@@ -291,7 +277,7 @@ def count_zero(peer: Peer) -> None:
 @check("transfer.unknown-type", required=False, suffers="clients with plans of a later protocol")
 def unknown_type(peer: Peer) -> str:
     """A COUNT with a plan type that does not exist is refused."""
-    answer = peer.ask(_COUNT(*peer.address, 3, 77), ANSWERS)
+    answer = peer.opened(_COUNT(*peer.address, 3, 77), ANSWERS)
     Sender(peer, ()).cancel()
     if answer is None:
         raise FailedError("no answer")
@@ -304,7 +290,7 @@ def unknown_type(peer: Peer) -> str:
 def request_beyond(peer: Peer) -> None:
     """A request beyond the mission is not answered by an item."""
     peer.upload(peer.items(3))
-    peer.ask(_listing(peer), _COUNT)
+    peer.opened(_listing(peer), _COUNT)
     peer.forget()
     peer.send(m.MAVLink_mission_request_int_message(*peer.address, 300, MISSION))
     answer = peer.expect(_ITEMS, 1.0)
@@ -318,7 +304,7 @@ def request_beyond(peer: Peer) -> None:
 def re_read(peer: Peer) -> None:
     """A request that comes again is answered again."""
     peer.upload(peer.items(3))
-    peer.ask(_listing(peer), _COUNT)
+    peer.opened(_listing(peer), _COUNT)
     question = m.MAVLink_mission_request_int_message(*peer.address, 0, MISSION)
     for number in (1, 2):
         if peer.ask(question, m.MAVLink_mission_item_int_message, where=lambda a: a.seq == 0) is None:
@@ -335,7 +321,7 @@ def second_station(peer: Peer) -> str:
     peer.expect(REQUESTS, RE_REQUEST_S, lambda a: a.seq == 1)
     peer.forget()
     peer.send_as(_OTHER_GROUND, _COUNT(*peer.address, 2, MISSION))
-    answer = peer.expect(ANSWERS, where=lambda a: a.target_system == _OTHER_GROUND)
+    answer = peer.expect(ANSWERS, to=_OTHER_GROUND)
     if answer is not None and not (is_a(answer, ACK) and answer.type != wire.ACCEPTED):
         peer.send_as(_OTHER_GROUND, cancelling(peer))
         # Not all know cancelling: what is left of it runs out.
@@ -351,7 +337,7 @@ def components(peer: Peer) -> None:
     """A request for component 0 or 190 of the vehicle's system is answered."""
     for component in (0, int(m.MAV_COMP_ID_MISSIONPLANNER)):
         question = m.MAVLink_mission_request_list_message(peer.address[0], component, MISSION)
-        if peer.ask(question, _COUNT) is None:
+        if peer.opened(question, _COUNT) is None:
             raise FailedError(f"no MISSION_COUNT for component {component}")
         peer.send(cancelling(peer))
 

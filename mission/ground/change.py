@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 
 from mission.ground.contact import Contact
 from mission.ground.guard import FailsafeGuard
 from mission.link.codec.dialect import Message
+from mission.link.codec.dialect import mavlink as m
 from mission.model import Mission, MissionItem, MissionType
-from mission.transfer import Output, RoundTrip, Transfer, VerifiedUpload
+from mission.transfer import Event, Output, RoundTrip, Transfer, UploadBegunAnew, VerifiedUpload
 
 __all__ = ["ChangeOutcome", "ChangeRecord", "ChangeRequest", "ChangeSession"]
 
@@ -143,7 +145,18 @@ class ChangeSession(ABC):
             self.held = self.request.new
         self.record.outcome, self.record.text, self.record.ended_s = outcome, text, now_s
 
-    def _upload(self, items: tuple[MissionItem, ...], start_sequence: int | None) -> VerifiedUpload:
+    _flown_meanwhile = ""
+    """What the vehicle does while a change that it did not take is sent again, for the operator."""
+
+    def _note_begun_anew(self, event: Event, now_s: float) -> None:
+        """Tell the operator that the vehicle gave the upload up, and that it is sent again."""
+        if isinstance(event, UploadBegunAnew):
+            text = f"change not accepted, {self._flown_meanwhile}, trying again"
+            self._contact.texts.note(text, now_s, m.MAV_SEVERITY_NOTICE)
+
+    def _upload(
+        self, items: tuple[MissionItem, ...], start_sequence: int | Callable[[], int] | None
+    ) -> VerifiedUpload:
         """Return an upload of a mission."""
         way = {"home": self.request.old.home, "round_trip": self._round_trip}
         return self._contact.upload(items, MissionType.MISSION, start_sequence=start_sequence, **way)

@@ -91,6 +91,8 @@ class AsideChange(ChangeSession):
         self._why = ""
         self._refused = False
 
+    _flown_meanwhile = "it flies to the next point in the guided mode"
+
     # What the station calls.
 
     def start(self, now_s: float) -> list[Message]:
@@ -291,6 +293,7 @@ class AsideChange(ChangeSession):
     def _take(self, output: Output, now_s: float) -> list[Message]:
         out = list(output.messages)
         for event in output.events:
+            self._note_begun_anew(event, now_s)
             if not isinstance(event, UploadVerified | TransferFailed):
                 continue
             assert isinstance(self._transfer, VerifiedUpload)

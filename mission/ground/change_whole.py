@@ -40,8 +40,8 @@ class WholeListChange(ChangeSession):
 
     def __init__(self, request: ChangeRequest) -> None:
         super().__init__(request)
-        self._target, self._passed = self._next_then(), request.item
-        self._mark = item_to_mark(request.old, request.item, request.new, self._target)
+        self._passed, self._mark = request.item, 0
+        self._target = request.resume_at
         self._upload_sent: VerifiedUpload | None = None
         self._verified = False
         self._due_s = math.inf
@@ -49,11 +49,24 @@ class WholeListChange(ChangeSession):
         self._why = ""
         self._id = 0
 
+    _flown_meanwhile = "the old path is flown"
+
+    def _item_now(self) -> int:
+        """Return the item to mark as current in an upload that begins now."""
+        self._target = self._next_then()
+        self._mark = item_to_mark(self.request.old, self._passed, self.request.new, self._target)
+        return self._mark
+
     def _next_then(self) -> int:
         """Return the item to fly to when the upload ends: what is passed until then is not flown back to."""
         request = self.request
         old, new, state = request.old.items, request.new.items, self._monitor.state
         item, target = request.item, request.resume_at
+        # What was passed while an earlier upload was tried is passed, too.
+        while item < (onward := next_flown_to(old, item)) <= self._passed:
+            if not same_position(old[item], new[target]):
+                break
+            item, target = onward, next_flown_to(new, target)
         if not same_position(old[item], new[target]) or not math.isfinite(state.latitude_deg):
             return target
         # Of the time that an item took, one half was for the reading back.
@@ -72,7 +85,7 @@ class WholeListChange(ChangeSession):
     def start(self, now_s: float) -> list[Message]:
         """Begin the upload."""
         self.record.asked_s = self.record.sent_s = now_s
-        self._transfer = self._upload_sent = self._upload(self.request.new.items, self._mark)
+        self._transfer = self._upload_sent = self._upload(self.request.new.items, self._item_now)
         return self._take(self._transfer.start(now_s), now_s)
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
@@ -112,6 +125,7 @@ class WholeListChange(ChangeSession):
         if sent is not None and self.record.acknowledged_s is None:
             self.record.acknowledged_s = sent.confirmed_s
         for event in output.events:
+            self._note_begun_anew(event, now_s)
             if isinstance(event, UploadVerified):
                 self._finish_transfer(now_s)
                 self._verified = True

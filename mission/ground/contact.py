@@ -52,6 +52,11 @@ class Contact:
         if isinstance(message, m.MAVLink_statustext_message):
             self.texts.on_text(message, now_s)
 
+    @property
+    def clears(self) -> bool:
+        """Whether a plan is cleared by our own transfers; MAVSDK answers a clear in ways of its own."""
+        return self._maker is OWN_TRANSFERS
+
     def order(self, command: int, *params: float, **options: Any) -> Order:
         """Return a command to it; the options are those of `Order`."""
         return Order(self.vehicle, int(command), *params, round_trip=self.round_trip, **options)

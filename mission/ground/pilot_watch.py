@@ -11,6 +11,9 @@ from mission.link.codec.dialect import mavlink as m
 __all__ = ["PilotWatch"]
 
 _TAKEN = "taken out of its mission"
+_STOPPED = "stopped on its way home"
+_HOMEWARD = frozenset({"RTL", "SMART_RTL", "LAND", "QRTL", "QLAND", "PRECLAND", "FOLLOW_ME_LAND", "AUTOLAND"})
+"""Modes in which a vehicle comes home or down, whoever chose them."""
 _RESTARTED = "its autopilot has started again"
 _DOUBT_S = 5.0
 """Messages of one moment may come in any order, up to 3 s late, and the first of each may be lost."""
@@ -35,6 +38,7 @@ class PilotWatch:
         self.mission_over = False  # Whether the vehicle has told that it has flown its mission to the end
         self._over_s = -math.inf
         self._doubt: tuple[float, str] | None = None
+        self._is_stopped = False
 
     @property
     def in_doubt(self) -> bool:
@@ -67,18 +71,22 @@ class PilotWatch:
         now_s: float,
         *,
         expects_change: bool,
+        flies_home: bool = False,
         unsure: bool = False,
         ends_in: Collection[str] = (),
     ) -> None:
         """Take a HEARTBEAT of the vehicle in flight.
 
         With `expects_change` the vehicle may be out of its mission now: that is being changed, or it is on
-        the way home. `unsure`: it was silent, and has not told its clock since, so what it does may come
-        from a restart; what happened is told by `settle` or `on_restart`. To the modes `ends_in` leads the
-        mission's own end: such a mode is left open until the vehicle tells that its mission is over, or five
-        seconds have passed.
+        the way home (`flies_home`), where only a mode that leads neither home nor down is told. `unsure`: it
+        was silent, and has not told its clock since, so what it does may come from a restart; what happened
+        is told by `settle` or `on_restart`. To the modes `ends_in` leads the mission's own end: such a mode
+        is left open until the vehicle tells that its mission is over, or five seconds have passed.
         """
-        self._follow(message, now_s, expects_change=expects_change or self.mission_over, ends_in=ends_in)
+        flies_home |= self.mission_over
+        if flies_home and self.ordered is None and not unsure:
+            self._follow_home(message, now_s, ends_in)
+        self._follow(message, now_s, expects_change=expects_change or flies_home, ends_in=ends_in)
         if self._restarted:
             self._tell_restart(message, now_s)
         elif not unsure:
@@ -146,6 +154,18 @@ class PilotWatch:
         if out or disarmed:
             self.ended_by_restart = text
         self.events.append((now_s, text))
+
+    def _follow_home(
+        self, message: m.MAVLink_heartbeat_message, now_s: float, ends_in: Collection[str]
+    ) -> None:
+        """Tell when somebody stops the vehicle on its way home, and when it goes on."""
+        mode = mode_name(message)
+        goes = is_in_mission(message) or mode in _HOMEWARD or mode in ends_in
+        if not message.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED or self._in_mission is not True:
+            return
+        if self._is_stopped is goes:
+            self._is_stopped = not goes
+            self.events.append((now_s, f"{'goes on home' if goes else _STOPPED}: mode {mode}"))
 
     def _follow(
         self,

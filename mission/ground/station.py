@@ -23,9 +23,9 @@ from mission.ground.vehicle_state import Battery, VehicleState
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import handler
-from mission.model import Mission
+from mission.model import Mission, MissionType
 from mission.outcome import Outcome, Phase
-from mission.transfer import CLIENT_MESSAGES, OWN_TRANSFERS, TransferMaker
+from mission.transfer import CLIENT_MESSAGES, OWN_TRANSFERS, TransferMaker, TransferStatistics
 from mission.transfer.wire import GROUND_STATION, command_long
 from sensors.camera.wire import ObservationAssembler
 
@@ -192,6 +192,13 @@ class GroundStation:
     def mission(self) -> Mission:
         """What the vehicle holds, or is to hold."""
         return self._changes.held
+
+    @property
+    def all_transfers(self) -> list[TransferStatistics]:
+        """Those before the flight, and what was sent again for the changes in flight."""
+        again = sum(change.retries for change in self.changes)
+        changes = TransferStatistics(MissionType.MISSION, 0, 0, 0, again, 0.0, verified=True)
+        return [*self.transfers, *([changes] if again else [])]
 
     @property
     def flight_time_s(self) -> float:
@@ -384,6 +391,7 @@ class GroundStation:
                     message,
                     now_s,
                     expects_change=self.changing or self.flies_home,
+                    flies_home=self.flies_home,
                     unsure=now_s < self._unsure_s,
                     ends_in=self._monitor.modes.ends(last),
                 )

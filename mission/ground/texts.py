@@ -42,10 +42,10 @@ class TextLog:
             self.texts.append((now_s, message.severity, said))
         self._chunk = (number, chunk)
 
-    def note(self, text: str, now_s: float) -> None:
-        """Add a warning of the ground station's own."""
+    def note(self, text: str, now_s: float, severity: int = _WARNING) -> None:
+        """Add a text of the ground station's own; below a warning it explains no failure."""
         if len(self.texts) < _MOST_TEXTS:
-            self.texts.append((now_s, _WARNING, text))
+            self.texts.append((now_s, severity, text))
 
     def warnings(self, since: int = 0) -> list[str]:
         """The different texts that warn or worse, from the one with number `since` on."""

@@ -10,6 +10,7 @@ from mission.ground.contact import Contact
 from mission.link.codec.dialect import Message
 from mission.model import Mission, MissionType
 from mission.transfer import (
+    NO_MISSION_LEFT,
     FailureReason,
     LocalTransferError,
     Output,
@@ -19,6 +20,7 @@ from mission.transfer import (
     TransferFailed,
     TransferStatistics,
     UploadVerified,
+    gives_up_mission,
     refuse_errors,
     render,
 )
@@ -57,6 +59,7 @@ class PlanUploads:
             for kind in (MissionType.FENCE, MissionType.RALLY, MissionType.MISSION)
             if mission.plan(kind) or kind is MissionType.MISSION
         )
+        self._clears = False  # The old mission is being cleared, or was
         self._transfer: Transfer | None = None
 
     @property
@@ -94,6 +97,14 @@ class PlanUploads:
             self._kinds.clear()
             self.failure = str(error)
             return []
+        state = contact.monitor.state
+        # A simulated vehicle holds what it tells, and nothing before that.
+        holds = state.total > 0 if state.total is not None else contact.round_trip is not None
+        holds &= contact.clears
+        if holds and gives_up_mission(self.mission, self._kinds, contact.profile, armed=state.armed):
+            self._clears = True
+            self._transfer = contact.upload((), MissionType.MISSION, round_trip=contact.round_trip)
+            return self._take(self._transfer.start(now_s), now_s)
         return self._next(now_s)
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
@@ -141,7 +152,8 @@ class PlanUploads:
                 self._end_transfer(now_s)
                 # The vehicle's text about it may come after its answer.
                 self._kinds.clear()
-                self._ending = (event.text, now_s + _LAST_WORDS_S)
+                text = event.text + f"; {NO_MISSION_LEFT}" * (self._clears and len(self.statistics) > 1)
+                self._ending = (text, now_s + _LAST_WORDS_S)
                 self.fell_silent = event.reason is FailureReason.TIMEOUT
         return out
 

@@ -15,7 +15,7 @@ from mission.link.address import LinkAddress
 
 _DATAGRAM_BYTES = 65536
 _BATCH = 256
-_BUFFER_BYTES = 1 << 20
+_BUFFER_BYTES = 4 << 20
 _BACKLOG_BYTES = 1 << 20
 _Peer = Any
 T = TypeVar("T")

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from mission.transfer.events import TransferFailed as TransferFailed
     from mission.transfer.events import TransferStarted as TransferStarted
     from mission.transfer.events import TransferStatistics as TransferStatistics
+    from mission.transfer.events import UploadBegunAnew as UploadBegunAnew
     from mission.transfer.events import UploadComplete as UploadComplete
     from mission.transfer.events import UploadVerified as UploadVerified
     from mission.transfer.remarks import Remark as Remark
@@ -36,9 +37,11 @@ if TYPE_CHECKING:
     from mission.transfer.round_trip import RoundTrip as RoundTrip
     from mission.transfer.server import MissionServer as MissionServer
     from mission.transfer.server_session import StoredPlan as StoredPlan
+    from mission.transfer.upload import NO_MISSION_LEFT as NO_MISSION_LEFT
     from mission.transfer.upload import MissionClear as MissionClear
     from mission.transfer.upload import MissionUpload as MissionUpload
     from mission.transfer.upload import check_plan as check_plan
+    from mission.transfer.upload import gives_up_mission as gives_up_mission
     from mission.transfer.verified import OWN_TRANSFERS as OWN_TRANSFERS
     from mission.transfer.verified import Difference as Difference
     from mission.transfer.verified import TransferMaker as TransferMaker

@@ -34,8 +34,8 @@ from mission.transfer.round_trip import RoundTrip
 
 _I = ClientInput
 _TROUBLE = frozenset({wire.ERROR, wire.INVALID_SEQUENCE, wire.DENIED})
-_MORE_OPENINGS = 3
-"""So many times as often is the opening message repeated where frames are lost."""
+MORE_OPENINGS = 3
+"""Where frames are lost the opening message is repeated this many times as often."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,7 +207,7 @@ class ClientTransfer(ABC):
         """When the opening message has been repeated in vain for long enough."""
         timers = self.timers
         each_s = self.round_trip.wait(timers.reply_s, timers.reply_s, timers.reply_s)
-        tries = (timers.retries + 1) * (_MORE_OPENINGS if self.round_trip.is_lossy else 1)
+        tries = (timers.retries + 1) * (MORE_OPENINGS if self.round_trip.is_lossy else 1)
         return self._opened_s + tries * each_s
 
     def _silence_s(self) -> float:
@@ -219,7 +219,7 @@ class ClientTransfer(ABC):
     def _give_up_s(self) -> float:
         return self._opening_limit_s()
 
-    def _plan_state(self) -> PlanState:
+    def _plan_state(self, reason: FailureReason, result: int | None) -> PlanState:
         return PlanState.OLD
 
     # The machinery.
@@ -273,18 +273,25 @@ class ClientTransfer(ABC):
             self.round_trip.limit(now_s - self._opened_s)
 
     def _note_trouble(self, message: wire.AckMessage, now_s: float) -> Output:
-        self._trouble = (message.type, now_s)
+        """Note it with the time of the first one: each answer to a repetition would put the end off."""
+        self._trouble = (message.type, now_s if self._trouble is None else self._trouble[1])
         return NOTHING
 
     def _failed(self, reason: FailureReason, text: str, result: int | None, *, tell: bool) -> Output:
         item = self._refused_item() if reason is FailureReason.REFUSED else None
-        failed = TransferFailed(self.mission_type, reason, text, result, self._plan_state(), item)
+        held = self._plan_state(reason, result)
+        failed = TransferFailed(self.mission_type, reason, text, result, held, item)
         messages = (wire.ack(self.target, wire.OPERATION_CANCELLED, self.mission_type),) if tell else ()
         return Output(messages, (failed,))
 
     def _fail_refused(self, message: wire.AckMessage, now_s: float) -> Output:
         text = f"{self._what()} was refused{self._at()}: {wire.result_text(message.type)}"
         return self._failed(FailureReason.REFUSED, text, message.type, tell=False)
+
+    def _fail_given_up(self, message: wire.AckMessage, now_s: float) -> Output:
+        """End as after a refusal, and cancel: a vehicle that goes on in spite of it takes no new COUNT."""
+        refused = self._fail_refused(message, now_s)
+        return Output((wire.ack(self.target, wire.OPERATION_CANCELLED, self.mission_type),)) + refused
 
     def _fail_silent(self, message: None, now_s: float) -> Output:
         where = self._where()

@@ -3,7 +3,8 @@
 Each row reads: in this state, on this input, do this (the method of that name) and go there. An input is a
 message already judged against the state, or a timer, or a call of the owner. After
 https://mavlink.io/en/services/mission.html; where real autopilots answer errors and carry on (ArduPilot: out
-of order; PX4: busy), such an ACK is only trouble, which ends the transfer if nothing better follows.
+of order; PX4: busy before an upload begins), such an ACK is only trouble, which ends the transfer if nothing
+better follows. An ERROR after an item was sent ends an upload at once: PX4 has given it up.
 """
 
 from __future__ import annotations
@@ -42,6 +43,7 @@ class ClientInput(Enum):
     ITEM_BROKEN = "an item with impossible values"
     ACK_ACCEPTED = "ACK ACCEPTED"
     ACK_TROUBLE = "ACK ERROR, INVALID_SEQUENCE or DENIED"
+    ACK_GIVEN_UP = "ACK ERROR after an item was sent"
     ACK_REFUSED = "any other ACK"
     STRAY = "anything else: echoes, other plan types, ACCEPTED too early"
     RETRY = "retry timer"
@@ -74,6 +76,7 @@ CLIENT_TABLE: Final[dict[tuple[ClientState, ClientInput], tuple[str, ClientState
     (UPLOADING, _I.REQUEST_LAST): ("send item", CONFIRMING),
     (UPLOADING, _I.REQUEST_REPEATED): ("note request", UPLOADING),
     (UPLOADING, _I.ACK_TROUBLE): ("note trouble", UPLOADING),
+    (UPLOADING, _I.ACK_GIVEN_UP): ("fail given up", FAILED),
     (UPLOADING, _I.ACK_REFUSED): ("fail refused", FAILED),
     (UPLOADING, _I.STRAY): ("ignore", UPLOADING),
     (UPLOADING, _I.RETRY): ("repeat item", UPLOADING),
@@ -84,6 +87,7 @@ CLIENT_TABLE: Final[dict[tuple[ClientState, ClientInput], tuple[str, ClientState
     (CONFIRMING, _I.REQUEST_REPEATED): ("note request", CONFIRMING),
     (CONFIRMING, _I.ACK_ACCEPTED): ("complete", COMPLETE),
     (CONFIRMING, _I.ACK_TROUBLE): ("note trouble", CONFIRMING),
+    (CONFIRMING, _I.ACK_GIVEN_UP): ("fail given up", FAILED),
     (CONFIRMING, _I.ACK_REFUSED): ("fail refused", FAILED),
     (CONFIRMING, _I.STRAY): ("ignore", CONFIRMING),
     (CONFIRMING, _I.RETRY): ("repeat item", CONFIRMING),

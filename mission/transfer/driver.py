@@ -27,8 +27,8 @@ from mission.transfer.events import (
 )
 from mission.transfer.rendering import Rendered, refuse_errors, render
 from mission.transfer.round_trip import RoundTrip
-from mission.transfer.upload import MissionClear
-from mission.transfer.vehicles import Vehicle, VehicleSearch
+from mission.transfer.upload import NO_MISSION_LEFT, MissionClear, gives_up_mission
+from mission.transfer.vehicles import Vehicle, VehicleSearch, vehicle_of
 from mission.transfer.verified import OWN_TRANSFERS, TransferMaker
 
 OnEvent = Callable[[Event], None]
@@ -178,7 +178,7 @@ class TransferDriver(Closing):
         last: Event | None = None
         self._measure_loss()
         for message in self.endpoint.receive():
-            self._note_text(message)
+            self._note(message)
             last = self._hand_on(transfer.receive(message, self._clock())) or last
         now_s = self._clock()
         last = self._hand_on(transfer.poll(now_s)) or last
@@ -188,8 +188,11 @@ class TransferDriver(Closing):
             self._wait(self.endpoint.link, min(max(deadline_s - now_s, 0.0), _LONGEST_WAIT_S))
         return last
 
-    def _note_text(self, message: Message) -> None:
-        """Hand on what the vehicle says in words."""
+    def _note(self, message: Message) -> None:
+        """Take whether the vehicle is armed; hand on what it says in words."""
+        heard = vehicle_of(message)
+        if heard is not None and heard == self.vehicle:
+            self.vehicle = heard
         if (
             self._on_text is not None
             and self.vehicle is not None
@@ -204,7 +207,7 @@ class TransferDriver(Closing):
         while self._on_text is not None and (rest_s := end_s - self._clock()) > 0.0:
             self._wait(self.endpoint.link, rest_s)
             for message in self.endpoint.receive():
-                self._note_text(message)
+                self._note(message)
 
     def _hand_on(self, output: Output) -> Event | None:
         for message in output.messages:
@@ -248,7 +251,8 @@ class TransferDriver(Closing):
         """Send the plans of a mission, read them back and compare.
 
         They are sent as the vehicle's autopilot takes them (`render`). Fence and rally points go first, so
-        that the mission is never checked against an old fence.
+        that the mission is never checked against an old fence; nor is the old mission against the new fence:
+        a vehicle that would do so (PX4) gives it up before, unless it is armed.
 
         Parameters
         ----------
@@ -271,9 +275,18 @@ class TransferDriver(Closing):
         wanted = {MissionType.MISSION, *(kind for kind in _ORDER if mission.plan(kind))}
         chosen = wanted if types is None else set(types)
         options = self._options()
+        vehicle = self.vehicle or self.wait_for_vehicle()
         rendered = self.render(mission, parameters=parameters)
         if not force:
             refuse_errors(rendered)
+        chosen_kinds = [kind for kind in _ORDER if kind in chosen]
+        costs: list[TransferStatistics] = []
+        # MAVSDK answers a clear in ways of its own.
+        cleared = self._maker is OWN_TRANSFERS and gives_up_mission(
+            rendered.mission, chosen, vehicle.profile, armed=vehicle.armed
+        )
+        if cleared:
+            self.run(self._maker.upload((), MissionType.MISSION, **options))
         uploads = [
             self._maker.upload(
                 rendered.mission.plan(kind),
@@ -282,20 +295,15 @@ class TransferDriver(Closing):
                 origins=rendered.origins_of(kind),
                 **options,
             )
-            for kind in _ORDER
-            if kind in chosen
+            for kind in chosen_kinds
         ]
-        costs: list[TransferStatistics] = []
         for upload in uploads:
             try:
                 costs.append(self.run(upload)[1])
             except RemoteTransferError as error:
-                if not costs:
-                    raise
                 new = " and ".join(cost.mission_type.name.lower() for cost in costs)
-                raise RemoteTransferError(
-                    f"{error}; the vehicle holds the new {new}", error.failure
-                ) from error
+                told = [f"the vehicle holds the new {new}"] * bool(new) + [NO_MISSION_LEFT] * cleared
+                raise RemoteTransferError("; ".join([str(error), *told]), error.failure) from error
         return tuple(costs)
 
     def mission_state(self, listen_s: float = 1.0) -> int | None:
@@ -317,7 +325,7 @@ class TransferDriver(Closing):
             self._beat(now_s)
             self._wait(self.endpoint.link, min(end_s - now_s, _LONGEST_WAIT_S))
             for message in self.endpoint.receive():
-                self._note_text(message)
+                self._note(message)
                 if (
                     is_a(message, mavlink.MAVLink_mission_current_message)
                     and message.get_srcSystem() == vehicle.system_id

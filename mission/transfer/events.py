@@ -47,6 +47,13 @@ class Progress(Event):
 
 
 @dataclass(frozen=True, slots=True)
+class UploadBegunAnew(Event):
+    """Client: the vehicle gave the upload up, and it is sent once more; ``text`` is the failure."""
+
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
 class UploadComplete(Event):
     """Client: the vehicle has confirmed the whole plan of ``count`` items."""
 
@@ -173,7 +180,8 @@ class TransferStatistics:
     messages_sent, messages_received : int
         Mission messages of this transfer.
     retries : int
-        Messages sent again because no answer came in time, and requests answered again.
+        Messages sent again because no answer came in time, requests answered again, and transfers that were
+        begun anew.
     duration_s : float
         From the start to the end.
     verified : bool

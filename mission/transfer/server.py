@@ -56,6 +56,7 @@ class _Refusal(NamedTuple):
     result: Callable[[Profile], int | None]
     text: str = ""
     silent_text: str = ""
+    prefixed: bool = True  # The text begins as the autopilot's texts about commands do
 
 
 def _always(result: int) -> Callable[[Profile], int]:
@@ -72,7 +73,7 @@ _REFUSALS = {
     "refuse busy": _Refusal(lambda profile: profile.busy_result, "REJ. CMD: Busy"),
     "refuse type": _Refusal(lambda profile: profile.type_result),
     "refuse partial": _Refusal(lambda profile: profile.partial_result),
-    "refuse unexpected item": _Refusal(_always(wire.ERROR), "REJ. item: no transfer is running"),
+    "refuse unexpected item": _Refusal(_always(wire.ERROR), "IGN MISSION_ITEM: No transfer", prefixed=False),
     "refuse item type": _Refusal(_always(wire.ERROR)),
     "refuse foreign item": _Refusal(_where_denied(wire.DENIED), silent_text=_IGNORED),
     "answer order": _Refusal(lambda profile: profile.order_result),
@@ -261,7 +262,8 @@ class MissionServer(ServerInputs):
     def _refuse(self, refusal: _Refusal, message: wire.MissionMessage, sender: _Sender) -> Output:
         result = refusal.result(self.profile)
         text = refusal.silent_text if result is None else refusal.text
-        said = (self._status(text),) if text else ()
+        prefix = self.profile.text_prefix if refusal.prefixed else ""
+        said = (self._status(prefix + text),) if text else ()
         if result is None:
             return Output(events=said)
         return self._answer(result, message.mission_type, sender, *said)
@@ -273,8 +275,7 @@ class MissionServer(ServerInputs):
         return Output((wire.ack(target, result, mission_type, opaque_id),), events)
 
     def _status(self, text: str) -> StatusText:
-        """A warning, as this autopilot begins its texts."""
-        return StatusText(self._session.type, _WARNING, self.profile.text_prefix + text)
+        return StatusText(self._session.type, _WARNING, text)
 
     def _warn_of_floats(
         self, text: str, message: wire.ItemMessage | wire.RequestMessage, old: int
@@ -510,7 +511,7 @@ class MissionServer(ServerInputs):
     def _refuse_jump(self, message: wire.RequestMessage, sender: _Sender, now_s: float) -> Output:
         """End the download: an item was asked for before the one that comes next."""
         following = self._session.next
-        said = self._status(f"REJ. request of {message.seq}: next is {following}")
+        said = self._status(self.profile.text_prefix + f"REJ. request of {message.seq}: next is {following}")
         text = f"item {message.seq} was requested, {following} is next"
         failed = self._failed(FailureReason.BROKEN, text)
         return self._answer(wire.ERROR, message.mission_type, sender, failed, said)

@@ -4,16 +4,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from mission.autopilots.profile import Profile
 from mission.link.codec.dialect import Message, mavlink
 from mission.link.codec.typed import is_a
-from mission.model import GeoPoint, MissionItem, MissionType, plan_of
+from mission.model import GeoPoint, Mission, MissionItem, MissionType, plan_of
 from mission.transfer import wire
-from mission.transfer.client import ClientTransfer
-from mission.transfer.client_table import CLEARING, CONFIRMING, COUNTING, UPLOADING, ClientInput
+from mission.transfer.client import MORE_OPENINGS, ClientTransfer
+from mission.transfer.client_table import (
+    CLEARING,
+    COMPLETE,
+    CONFIRMING,
+    COUNTING,
+    UPLOADING,
+    ClientInput,
+)
 from mission.transfer.errors import LocalTransferError
 from mission.transfer.events import (
     NOTHING,
@@ -29,6 +37,9 @@ from mission.transfer.wire import to_wire_order
 
 _I = ClientInput
 _SHORTEST_TRIP_S = 0.02
+START_S = 30.0
+_START_TRIPS = 6.6
+"""Six round trips, each with a margin of a tenth; they count where they take longer than `START_S`."""
 
 
 @dataclass(slots=True)
@@ -83,6 +94,8 @@ class MissionUpload(ClientTransfer):
         The item to mark as current, None for none.
     origins : sequence of int, optional
         For each item its number, from 0, in the plan that the user knows; without, its own.
+    begun_s : float, optional
+        When the first upload of this plan was started, if this is a further one.
     **options
         See `mission.transfer.client.ClientTransfer`.
 
@@ -103,6 +116,7 @@ class MissionUpload(ClientTransfer):
         home: GeoPoint | None = None,
         start_sequence: int | None = 0,
         origins: Sequence[int] | None = None,
+        begun_s: float | None = None,
         **options: Any,
     ) -> None:
         super().__init__(mission_type, **options)
@@ -115,7 +129,13 @@ class MissionUpload(ClientTransfer):
         self._unsent = len(self._wire)
         self._highest = -1
         self._last = -1
+        self._begun_s = begun_s
         self._opening_input = _I.START_UPLOAD if self._wire else _I.START_CLEAR
+
+    @property
+    def under_way(self) -> bool:
+        """Whether the vehicle has shown that it took an item."""
+        return self._highest > 0 or self._state in (CONFIRMING, COMPLETE)
 
     def _item_count(self) -> int:
         return len(self.items)
@@ -127,13 +147,17 @@ class MissionUpload(ClientTransfer):
 
     def _input_of(self, message: Message, now_s: float) -> ClientInput:
         if wire.is_request(message) and self._state is not CLEARING:
-            if message.seq >= len(self._wire):
+            # What skips items where an upload begins, or begins anew, is of one that is over.
+            skips = message.seq > self._highest + 1 and (self._highest < 0 or self._begun_s is not None)
+            if message.seq >= len(self._wire) or skips:
                 return _I.STRAY
             answers = self._answers[message.seq]
             if answers is None:
                 return _I.REQUEST_LAST if self._unsent == 1 else _I.REQUEST
             return _I.REQUEST if self._is_worth_sending(answers, now_s) else _I.REQUEST_REPEATED
         if is_a(message, mavlink.MAVLink_mission_ack_message):
+            if message.type == wire.ERROR and self._state in (UPLOADING, CONFIRMING):
+                return _I.ACK_GIVEN_UP
             return self._input_of_ack(message, accepted=self._state in (CONFIRMING, CLEARING))
         return _I.STRAY
 
@@ -208,10 +232,25 @@ class MissionUpload(ClientTransfer):
             return self._sent_s + max(self.timers.reply_s, self._retry_wait_s())
         return super()._retry_s()
 
+    def _retry_wait_s(self) -> float:
+        wait_s = super()._retry_wait_s()
+        if self._state is COUNTING and self.round_trip.is_lossy:
+            return max(self.timers.reply_s, wait_s / MORE_OPENINGS)
+        return wait_s
+
+    def _start_limit_s(self) -> float:
+        """When an upload that did not get under way is given up, however often it was begun."""
+        trips_s = _START_TRIPS * (self.round_trip.known_s or 0.0)
+        return (self._started_s if self._begun_s is None else self._begun_s) + max(START_S, trips_s)
+
     def _give_up_s(self) -> float:
-        if self._state in (COUNTING, CLEARING):
+        if self._state is CLEARING:
             return self._opening_limit_s()
+        if self._state is COUNTING:
+            return min(self._opening_limit_s(), self._start_limit_s())
         limit_s = self._progress_s + self._silence_s()
+        if not self.under_way:
+            limit_s = min(limit_s, self._start_limit_s())
         if self._trouble is not None:
             trip_s = self.round_trip.known_s or 0.0
             limit_s = min(limit_s, self._trouble[1] + 2.0 * (self.timers.reply_s + trip_s))
@@ -220,10 +259,13 @@ class MissionUpload(ClientTransfer):
     def _complete(self, message: wire.AckMessage, now_s: float) -> Output:
         return Output(events=(UploadComplete(self.mission_type, len(self.items), message.opaque_id),))
 
-    def _plan_state(self) -> PlanState:
+    def _plan_state(self, reason: FailureReason, result: int | None) -> PlanState:
         if self._state is CONFIRMING or self._state is CLEARING:
             return PlanState.UNKNOWN
-        return PlanState.OLD if self.profile.atomic or self._highest < 0 else PlanState.UNKNOWN
+        # A vehicle that overwrites in place cuts its plan at a smaller COUNT, whose answer may be lost.
+        refused = reason is FailureReason.REFUSED and result != wire.OPERATION_CANCELLED
+        untouched = self._highest < 0 and refused
+        return PlanState.OLD if self.profile.atomic or untouched else PlanState.UNKNOWN
 
     def _where(self) -> str:
         if self._state is CONFIRMING:
@@ -277,5 +319,21 @@ class MissionClear(ClientTransfer):
     def _complete(self, message: wire.AckMessage, now_s: float) -> Output:
         return Output(events=(ClearComplete(self.mission_type),))
 
-    def _plan_state(self) -> PlanState:
+    def _plan_state(self, reason: FailureReason, result: int | None) -> PlanState:
         return PlanState.UNKNOWN if self._openings else PlanState.OLD
+
+
+NO_MISSION_LEFT = "the old mission was cleared before: it holds none"
+"""What is told of a vehicle that gave its mission up for an upload that failed."""
+
+
+def gives_up_mission(
+    mission: Mission, kinds: Collection[MissionType], profile: Profile, *, armed: bool
+) -> bool:
+    """Whether a vehicle's old mission is cleared before new plans of these kinds go up.
+
+    Only on the ground, and only where it would be checked against a fence that is not its own: with the new
+    fence and without a mission the vehicle flies nothing, should the upload break off.
+    """
+    both = {MissionType.MISSION, MissionType.FENCE} <= set(kinds)
+    return profile.checks_stored_mission and both and bool(mission.fence) and not armed

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from mission.autopilots.profile import Profile
 from mission.autopilots.registry import profile_for
@@ -16,12 +16,13 @@ __all__ = ["Vehicle", "VehicleSearch", "vehicle_of"]
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """A vehicle that was heard: ids of its autopilot, MAV_AUTOPILOT and MAV_TYPE."""
+    """A vehicle that was heard: ids of its autopilot, MAV_AUTOPILOT and MAV_TYPE, and whether it is armed."""
 
     system_id: int
     component_id: int
     autopilot: int
     vehicle_type: int
+    armed: bool = field(default=False, compare=False)
 
     @property
     def profile(self) -> Profile:
@@ -41,7 +42,10 @@ def vehicle_of(message: Message) -> Vehicle | None:
         return None
     if message.type == mavlink.MAV_TYPE_GCS or message.get_srcSystem() == 0:
         return None
-    return Vehicle(message.get_srcSystem(), message.get_srcComponent(), message.autopilot, message.type)
+    armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+    return Vehicle(
+        message.get_srcSystem(), message.get_srcComponent(), message.autopilot, message.type, armed
+    )
 
 
 class VehicleSearch:

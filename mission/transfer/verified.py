@@ -36,14 +36,16 @@ from mission.transfer.events import (
     FailureReason,
     Output,
     PlanState,
+    Progress,
     Transfer,
     TransferFailed,
     TransferStatistics,
+    UploadBegunAnew,
     UploadComplete,
     UploadVerified,
 )
 from mission.transfer.round_trip import RoundTrip
-from mission.transfer.upload import MissionUpload
+from mission.transfer.upload import START_S, MissionUpload
 
 _PLACE_DEG = 2.5e-7
 _ALTITUDE_M = 0.011
@@ -145,13 +147,17 @@ _GIVEN_UP = frozenset({wire.ERROR, wire.OPERATION_CANCELLED})
 class VerifiedUpload:
     """Sends a plan, reads it back and compares; used like any other transfer.
 
-    Over a link that loses so much that a vehicle may give up by bad luck (`RoundTrip.copies`), an upload or
-    a reading that was given up is made again, five times at most.
+    An upload that the vehicle gives up is sent again, five times at most, with the event `UploadBegunAnew`;
+    so is a transfer that fell silent over a link that loses so much that this may be bad luck
+    (`RoundTrip.copies`). An upload that has not got under way within 30 s is not sent again, nor one that is
+    refused twice at the same item without any sign of a bad link.
 
     Takes what `MissionUpload` takes, besides:
 
     Parameters
     ----------
+    start_sequence : int, None, or callable
+        The item to mark as current, None for none; a callable is asked each time that the plan is sent.
     readings : int
         How often to read back before a difference is believed (an echo of an older transfer can spoil one).
     send, read : callable
@@ -173,7 +179,7 @@ class VerifiedUpload:
         mission_type: MissionType = MissionType.MISSION,
         *,
         home: GeoPoint | None = None,
-        start_sequence: int | None = 0,
+        start_sequence: int | Callable[[], int | None] | None = 0,
         origins: Sequence[int] | None = None,
         readings: int = 2,
         send: Callable[..., Transfer] = MissionUpload,
@@ -187,13 +193,16 @@ class VerifiedUpload:
         self._profile: Profile = options.get("profile", GENERIC)
         self._round_trip: RoundTrip = options.get("round_trip") or RoundTrip()
         options["round_trip"] = self._round_trip
-        told = {"home": home, "start_sequence": start_sequence, "origins": origins}
-        self._send = partial(send, self.items, mission_type, **told, **options)
+        self._marked = start_sequence if callable(start_sequence) else lambda: start_sequence
+        self._make = partial(send, self.items, mission_type, home=home, origins=origins, **options)
         self._read = partial(read, mission_type, **options)
         self._part = self._upload = self._send()
         self._parts = [self._upload]
         self._readings = readings
         self._restarts = _RESTARTS
+        self._started_s = 0.0
+        self._sent = 0
+        self._refused_at: tuple[int | None] | None = None
         self._cancelled = self._verified = False
         self._refusal: TransferFailed | None = None
         self._origins = range(len(self.items)) if origins is None else origins
@@ -205,6 +214,7 @@ class VerifiedUpload:
 
     def start(self, now_s: float) -> Output:
         """Begin the upload."""
+        self._started_s = now_s
         return self._part.start(now_s)
 
     def receive(self, message: Message, now_s: float) -> Output:
@@ -235,13 +245,16 @@ class VerifiedUpload:
             len(self.items),
             sum(part.messages_sent for part in parts),
             sum(part.messages_received for part in parts),
-            sum(part.retries for part in parts),
+            sum(part.retries for part in parts) + _RESTARTS - self._restarts,
             sum(part.duration_s for part in parts),
             self._verified,
         )
 
     def _go_on(self, output: Output, now_s: float) -> Output:
         """Replace the end of a part by what follows from it."""
+        for event in output.events:
+            if isinstance(event, Progress) and self._part is self._upload:
+                self._sent = event.done
         if not self._part.done or not output.events:
             return output
         *events, end = output.events
@@ -262,9 +275,12 @@ class VerifiedUpload:
 
     def _after_failure(self, failed: TransferFailed, now_s: float) -> Output:
         if self._part is self._upload:
-            if self._is_bad_luck(failed):
-                return self._send_again(now_s)
-            if failed.vehicle_plan is PlanState.UNKNOWN and not self._cancelled:
+            if self._is_given_up(failed, now_s) or (self._is_bad_luck(failed) and self._under_way):
+                return self._send_again(failed, now_s)
+            # Who took no item and fell silent would not be read either.
+            tells = bool(self.items) and isinstance(self._upload, MissionUpload)  # how many items it took
+            worth_reading = self._under_way or failed.reason is not FailureReason.TIMEOUT or not tells
+            if failed.vehicle_plan is PlanState.UNKNOWN and not self._cancelled and worth_reading:
                 self._refusal = None if failed.reason is FailureReason.TIMEOUT else failed
                 return self._read_back(now_s)
             return Output(events=(failed,))
@@ -278,17 +294,45 @@ class VerifiedUpload:
         return Output(events=(replace(failed, text=text, vehicle_plan=PlanState.UNKNOWN),))
 
     def _is_bad_luck(self, failed: TransferFailed) -> bool:
-        """Whether the vehicle may have given up because too many frames in a row were lost."""
+        """Whether too many frames in a row may have been lost."""
         copies, _ = self._round_trip.copies(self._profile.abort_s)
         gave_up = failed.reason is FailureReason.TIMEOUT or failed.result in _GIVEN_UP
-        was_heard = self._upload.statistics().messages_received > 0
-        return copies > 1 and gave_up and was_heard and self._restarts > 0
+        return copies > 1 and gave_up and self._restarts > 0
 
-    def _send_again(self, now_s: float) -> Output:
+    @property
+    def _under_way(self) -> bool:
+        """Whether the vehicle asked for a second item of this upload; it has none where all are sent."""
+        return self._sent > 1 or self._sent == len(self.items) > 0
+
+    def _is_given_up(self, failed: TransferFailed, now_s: float) -> bool:
+        """Whether the vehicle gave up an upload that is worth sending again.
+
+        PX4 answers so, too, to an item that it does not take: that one is refused again where nothing had to
+        be repeated.
+        """
+        # An ERROR before any item was sent comes from a vehicle that is busy.
+        gave_up = failed.result == wire.OPERATION_CANCELLED or (failed.result == wire.ERROR and self._sent)
+        if not gave_up or self._restarts <= 0:
+            return False
+        before = self._refused_at
+        self._refused_at = None if self._upload.statistics().retries else (failed.item,)
+        begins = self._under_way or now_s < self._started_s + START_S
+        return begins and (before is None or before != self._refused_at)
+
+    def _send(self, begun_s: float | None = None) -> Transfer:
+        """Make the upload; a further one knows when the first one was begun."""
+        further = {} if begun_s is None else {"begun_s": begun_s}
+        return self._make(start_sequence=self._marked(), **further)
+
+    def _send_again(self, failed: TransferFailed, now_s: float) -> Output:
         self._restarts -= 1
-        self._part = self._upload = self._send()
+        # Only a vehicle that never takes an item makes the limit run on.
+        self._started_s = now_s if self._under_way else self._started_s
+        self._sent = 0
+        self._part = self._upload = self._send(self._started_s)
         self._parts.append(self._upload)
-        return self._upload.start(now_s)
+        anew = UploadBegunAnew(self.mission_type, failed.text)
+        return Output(events=(anew,)) + self._upload.start(now_s)
 
     def _read_back(self, now_s: float) -> Output:
         self._part = self._read()

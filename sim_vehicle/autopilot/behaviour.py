@@ -195,6 +195,8 @@ class MissionBehaviour:
     # What is said when the present item is gone, and when the mission was cleared; empty for nothing.
     restart_failed_text: str = ""
     no_mission_text: str = ""
+    outside_text: str = ""
+    """What is said of a waypoint outside the fence, besides the rejection; ``{}`` is its number (PX4)."""
     empty_mission_text: str = ""
     """Why a vehicle whose mission mode was taken without a mission does not arm (ArduPilot); where it is
     empty, the mode is refused."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING
@@ -49,6 +50,8 @@ __all__ = ["Pilot"]
 # Modes that end on the ground by themselves, where the autopilot disarms without waiting.
 _LANDS = (Mode.MISSION, Mode.RTL, Mode.LAND)
 _MODES = {Action.HOLD: Mode.HOLD, Action.RETURN: Mode.RTL, Action.LAND: Mode.LAND}
+
+_OUTSIDE = re.compile(r"item (\d+) .*outside the fence")
 
 
 class Pilot(Controls):
@@ -176,7 +179,7 @@ class Pilot(Controls):
             self.note(Severity.INFO, "Take-off items have no effect on a rover")
         if mission.problems:
             self._end(Outcome.MISSION_REJECTED, mission.problems[0])
-            self.note(Severity.CRITICAL, f"Mission rejected: {mission.problems[0]}")
+            self._tell_rejection(mission.problems[0])
         elif self.outcome in (Outcome.MISSION_REJECTED, Outcome.COMPLETED, Outcome.FLIGHT_ABORTED):
             self._end(Outcome.RUNNING, "")
 
@@ -222,7 +225,13 @@ class Pilot(Controls):
             return
         problem = self.mission.check_again()
         if problem is not None:
-            self.note(Severity.CRITICAL, f"Mission rejected: {problem}")
+            self._tell_rejection(problem)
+
+    def _tell_rejection(self, problem: str) -> None:
+        outside = _OUTSIDE.match(problem)
+        if outside is not None and self.behaviour.outside_text:
+            self.note(Severity.CRITICAL, self.behaviour.outside_text.format(outside.group(1)))
+        self.note(Severity.CRITICAL, f"Mission rejected: {problem}")
 
     # Orders.
 

@@ -409,7 +409,7 @@ telemetry.mission-current telemetry.interval
         ),
         (AsksInAnotherOrder, SENDS_BY_HAND, "item 2 is asked for after item 0"),
         (NeverAsksAgain, "transfer.asks-again", "it is not asked for again"),
-        (WaitsForEver, "transfer.silence", "did not an"),
+        (WaitsForEver, "transfer.silence", "busy with another transfer"),
         (LetsASecondStationIn, "transfer.second-station", "item 0 of the second station"),
         (DeniesNobody, "transfer.second-station", "item 0 of the second station"),
         (SendsWhatIsNotThere, "transfer.request-beyond", "item 300 comes"),

@@ -49,6 +49,17 @@ def test_they_are_those_of_the_mission(before_m, item, after_m, later, images):
     assert images_in(silence, PLAN, later) == pytest.approx(images, abs=1)
 
 
+@pytest.mark.parametrize(
+    ("reach_m", "images"),
+    [(60.0, 30), (40.0, 20), (10.0, 5)],
+)
+def test_no_more_than_the_vehicle_can_have_flown_past(reach_m, images):
+    """Of a mission that was changed meanwhile the items say that more was flown than the time allows."""
+    plan = mission([(0.0, 0), (100.0, (DISTANCE, 2.0)), (0.0, 0), (100.0, 0), (0.0, 0)])
+    silence = Silence(at(50.0), at(60.0), 2, 20.0, Shots(), reach_m)
+    assert images_in(silence, plan, 5) == pytest.approx(images, abs=1)
+
+
 def test_images_by_time_are_spread_over_the_way():
     plan = mission([(0.0, 0), (100.0, (INTERVAL, 500.0)), (150.0, (INTERVAL, 0.0))])
     silence = Silence(at(50.0), at(125.0), 2, 15.0, Shots())

@@ -77,6 +77,7 @@ class Silence:
     item: int  # Of the mission, that was flown before; -1 if none was
     seconds: float
     shots: Shots
+    reach_m: float = math.inf  # How far it can have flown, by the greatest speed that it told
 
 
 def images_in(silence: Silence, mission: Mission, item: int) -> int:
@@ -90,7 +91,7 @@ def images_in(silence: Silence, mission: Mission, item: int) -> int:
     first, last = silence.item, min(item, len(mission.items) - 1)
     if first < 0:
         # Outside a mission the camera does what somebody told it.
-        return _images([(apart_m(silence.before, silence.after), silence.shots)], silence.seconds)
+        return _images([(apart_m(silence.before, silence.after), silence.shots)], silence)
     legs: list[tuple[float, Shots]] = []
     here = silence.before
     for k in range(first, last + 1):
@@ -107,19 +108,23 @@ def images_in(silence: Silence, mission: Mission, item: int) -> int:
     if not legs:
         # It hovers, or another mission has taken the place of the one before.
         legs = [(apart_m(silence.before, silence.after), shots_before(mission.items, last) or silence.shots)]
-    return _images(legs, silence.seconds)
+    return _images(legs, silence)
 
 
-def _images(legs: list[tuple[float, Shots]], seconds: float) -> int:
-    """Return how many images are taken on legs of a length each."""
+def _images(legs: list[tuple[float, Shots]], silence: Silence) -> int:
+    """Return how many images are taken on legs of a length each.
+
+    Legs that it cannot have flown in the time, as of a mission that was changed meanwhile, are shortened.
+    """
     whole_m = sum(length_m for length_m, _ in legs)
+    flown = min(1.0, silence.reach_m / whole_m) if whole_m > 0.0 else 1.0
     images = 0.0
     for length_m, shots in legs:
         share = length_m / whole_m if whole_m > 0.0 else 1.0 / len(legs)
         if shots.distance_m > 0.0:
-            images += length_m / shots.distance_m
+            images += flown * length_m / shots.distance_m
         elif shots.interval_ms > 0.0:
-            images += 1000.0 * share * seconds / shots.interval_ms
+            images += 1000.0 * share * silence.seconds / shots.interval_ms
     return int(images)
 
 
@@ -170,6 +175,7 @@ class RidingCamera:
         self._item = self._item_then = -1
         self._did_then = Shots()
         self._silence: Silence | None = None
+        self._fastest_m_s = 0.0
         self.missed = 0
 
     def next_deadline(self) -> float:
@@ -242,6 +248,7 @@ class RidingCamera:
         # The item may be told before the position when the vehicle is heard again.
         before, item, did = self._before, self._item_then, self._did_then
         self._before, self._item_then, self._did_then = message, self._item, self._does
+        self._fastest_m_s = max(self._fastest_m_s, math.hypot(message.vx, message.vy) / 100.0)
         restarts = self._clock.restarts
         before_ms = 0 if before is None else before.time_boot_ms + self._clock.offset_ms
         time_ms = self._clock.take(message.time_boot_ms, now_s)
@@ -251,7 +258,8 @@ class RidingCamera:
             # What was flown of the mission meanwhile is known when the vehicle tells its item.
             places = [(one.lat / 1e7, one.lon / 1e7) for one in (before, message)]
             seconds = (time_ms - before_ms) / 1000.0
-            self._silence = Silence(places[0], places[1], item, seconds, did)
+            reach_m = max(self._fastest_m_s * seconds, apart_m(*places))
+            self._silence = Silence(places[0], places[1], item, seconds, did, reach_m)
 
     @property
     def _does(self) -> Shots:

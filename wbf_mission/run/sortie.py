@@ -375,7 +375,7 @@ class Sortie:
             track=replace(track, time_s=track.time_s + ground.clock_offset_s),
             true_track=ground.tracks.true_track(frame),
             camera=self.assembler.statistics,
-            transfers=ground.transfers,
+            transfers=ground.all_transfers,
             battery_used=used,
             flight_time_s=ground.flight_time_s,
             texts=ground.texts,

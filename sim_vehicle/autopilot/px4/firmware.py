@@ -224,6 +224,7 @@ MISSION = MissionBehaviour(
     finished_texts=("Mission finished, loitering", "Mission finished, landed"),
     return_text="Returning to launch",
     no_mission_text="No valid mission available, loitering",
+    outside_text="Geofence violation for waypoint {}",
     unknown_current_s=0.5,
     refuses=px4_takeoff_and_landing,
 )

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from geo.farms import get_farm
 from geo.frame import LocalFrame
 from mission import outcome
+from mission.autopilots import ARDUPILOT, PX4
 from mission.autopilots.profile import NeededParameter
 from mission.errors import MissionError
 from mission.ground.change import ChangeOutcome
@@ -483,6 +484,39 @@ def test_a_refused_item_leaves_the_old_mission(autopilot):
     assert flight.lists == {keys(planned())}
     check_safe(flight)
     assert flight.misses(OLD) < 2.5
+
+
+@pytest.mark.parametrize("autopilot", AUTOPILOTS)
+@pytest.mark.parametrize("after", [1, 3, 5])
+def test_a_change_that_the_vehicle_gives_up_is_sent_anew(autopilot, after):
+    """The link is dead for as long as the vehicle waits for an item; the operator reads one line of it."""
+    abort_s = {"px4": PX4, "ardupilot": ARDUPILOT}[autopilot].abort_s
+    flight = Flight(autopilot, other_path(NEW), at_item(5), Impairment(delay_s=0.05, seed=3))
+    send, poll, sent = flight.far._sent, flight.far.poll, []
+
+    def send_until_it_breaks(messages):
+        if flight.asked_s is not None:
+            sent.extend(one for one in messages if one.get_type() == "MISSION_ITEM_INT")
+        return send(messages)
+
+    def poll_and_break(now_s):
+        if len(sent) >= after and math.isinf(flight.far.dead[0]):
+            flight.far.dead = (now_s, now_s + abort_s + 1.0)
+        return poll(now_s)
+
+    flight.far._sent, flight.far.poll = send_until_it_breaks, poll_and_break
+    flight.fly()
+    check_safe(flight)
+    [record] = flight.station.changes
+    assert record.outcome is ChangeOutcome.DONE, record
+    assert flight.misses(NEW) < 2.5
+    told = [text for _, _, text in flight.station.texts if text.startswith("change not accepted")]
+    if autopilot == "px4":
+        assert told == ["change not accepted, the old path is flown, trying again"]
+    else:
+        assert len(told) <= 1
+    assert record.retries >= max(1, len(told))
+    assert sum(one.retries for one in flight.station.all_transfers) >= record.retries
 
 
 def test_a_mission_that_cannot_be_put_back_is_flown_home_from():

@@ -89,6 +89,30 @@ def flying_watch():
     return watch
 
 
+def test_a_hold_on_the_way_home_is_told_and_ends_nothing():
+    """Another station stopped a vehicle in its landing, and the operator read nothing of it."""
+    watch, home = flying_watch(), {"expects_change": True, "flies_home": True}
+    for now_s, mode in ((1.0, AUTO), (2.0, RTL), (3.0, LOITER), (4.0, LOITER), (5.0, RTL), (6.0, RTL)):
+        watch.on_heartbeat(beat(mode), now_s, **home)
+    watch.on_heartbeat(beat(LOITER, armed=False), 7.0, **home)
+    assert watch.events == [
+        (3.0, "stopped on its way home: mode LOITER"),
+        (5.0, "goes on home: mode RTL"),
+    ]
+    assert not watch.somebody_else_flies
+
+
+def test_what_leads_home_or_was_ordered_is_no_hold():
+    home = {"expects_change": True, "flies_home": True}
+    watch = flying_watch()
+    watch.on_heartbeat(beat(LOITER), 1.0, ends_in=("LOITER",), **home)
+    watch.on_heartbeat(beat(LOITER), 2.0, expects_change=True)  # the mission is being changed
+    assert watch.events == []
+    watch.order(Maneuver.HOLD)
+    watch.on_heartbeat(beat(LOITER), 3.0, **home)
+    assert watch.events == []
+
+
 @pytest.mark.parametrize("clock_first", [True, False])
 def test_a_restart_is_told_once_with_what_it_changed(clock_first):
     watch, up = flying_watch(), beat(LOITER, armed=False)

@@ -85,9 +85,7 @@ def test_an_answer_to_the_question_before_does_not_answer_the_next_one():
     orders.ask("sortie 2 of 3?", ("battery changed", "no more"))
     orders.ask("sortie 3 of 3?", ("battery changed", "no more"))
     first, second = (one.number for one in heard)
-    assert orders.answer("battery changed", first) == (
-        "the question is another one by now: look at the page"
-    )
+    assert orders.answer("battery changed", first) == ("the question is another one by now: look at the page")
     assert orders.answered() is None
     assert orders.answer("battery changed", second) == ""
 

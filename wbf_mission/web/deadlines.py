@@ -56,8 +56,11 @@ class HurriedProtocol(H11Protocol):
             return
         limit_s = HEAD_S if missing is h11.IDLE else BODY_S
         self._deadline = self.loop.call_later(limit_s, self.transport.abort)
-        waiting = [
-            one for one in self.connections if isinstance(one, HurriedProtocol) and one.missing is h11.IDLE
-        ]
+        waiting = [one for one in self.connections if isinstance(one, HurriedProtocol) and one.waits]
         if len(waiting) > MAX_WAITING:
             min(waiting, key=lambda one: one.since_s).transport.abort()
+
+    @property
+    def waits(self) -> bool:
+        """Whether it waits for the headers of a request."""
+        return self.missing is h11.IDLE and not self.transport.is_closing()

@@ -345,4 +345,3 @@ class Answer(Struct, forbid_unknown_fields=True):
     answer: Annotated[str, Meta(max_length=200)]
     question: Annotated[int, Meta(ge=0, le=2**53)]
     given: Given
-

@@ -28,6 +28,7 @@ export class Controls {
   /** Whether what the dialog asks about may still be ordered. */
   private stillMay = (): boolean => true;
   private known = new Set<string>();
+  private wasFresh = false;
   private shape = "";
   private asked = "";
   private hide = 0;
@@ -65,14 +66,17 @@ export class Controls {
     this.say(error ? `${what}: not done: ${error}` : `${what}: sent`, error !== "");
   }
 
-  /** The connection is gone: what was not answered will not be, and what was said before is over. */
-  lose(): void {
+  /** The program is gone: what was not answered will not be, and what was said before is over. */
+  private lose(): void {
     this.say("", false);
     for (const number of [...this.open.keys()]) this.giveUp(number);
   }
 
   show(): void {
     const orders = this.model.status?.orders ?? [];
+    const isFresh = this.isFresh();
+    if (this.wasFresh && !isFresh) this.lose();
+    this.wasFresh = isFresh;
     this.element.hidden = !orders.length;
     for (const order of orders) this.known.add(order);
     const shape = JSON.stringify([[...this.known], this.vehicles]);
@@ -80,10 +84,10 @@ export class Controls {
       this.shape = shape;
       this.build();
     }
-    const may = this.isFresh() && this.meant.length > 0;
+    const may = isFresh && this.meant.length > 0;
     for (const one of this.buttons.querySelectorAll("button"))
       one.disabled = !may || !orders.includes(one.dataset["order"]!);
-    for (const one of this.question.querySelectorAll("button")) one.disabled = !this.isFresh();
+    for (const one of this.question.querySelectorAll("button")) one.disabled = !isFresh;
     if (this.dialog.open && !this.stillMay()) {
       this.dialog.close();
       this.say("Nothing was sent: what was asked about is over", true);

@@ -75,7 +75,6 @@ class App {
   private chartsAt_ms = 0;
   private panelsAt_ms = 0;
   private stale = true;
-  private wasFresh = true;
   private scale: number | undefined;
 
   constructor() {
@@ -264,7 +263,6 @@ class App {
 
   private takeLink(state: Link): void {
     [this.state, this.since_ms] = [state, performance.now()];
-    if (state === "lost") this.parts?.controls?.lose();
     this.look();
   }
 
@@ -299,8 +297,6 @@ class App {
     else if (isOld) warns = "Nothing comes from the program: what is shown is old, and it takes no orders.";
     setText(this.lost, warns);
     this.root.classList.toggle("old", isOld);
-    if (isOld && !isLost && this.wasFresh) this.parts?.controls?.lose();
-    this.wasFresh = !isOld;
     this.parts?.controls?.show();
     if (age_s !== null && age_s >= 1 && !ended) this.dirty = true; // What is heard gets older
     if (!this.root.contains(this.link))

@@ -81,6 +81,8 @@ class App {
     addEventListener("beforeprint", () => this.print(true));
     addEventListener("afterprint", () => this.print(false));
     requestAnimationFrame((now_ms) => this.frame(now_ms));
+    // A report opens at its summary, also when it is loaded again.
+    if (!this.send && !location.hash) history.scrollRestoration = "manual";
     if (this.send) setInterval(() => this.look(), LOOK_MS);
   }
 
@@ -212,8 +214,10 @@ class App {
     const urgent = element(
       "div",
       { class: "urgent" },
+      // Orders first: what comes and goes moves none of them under a finger.
+      ...(controls ? [controls.element] : []),
       this.lost,
-      ...(controls ? [controls.question, controls.element, controls.became] : []),
+      ...(controls ? [controls.question, controls.became] : []),
     );
     const main = element(
       "main",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import signal
@@ -342,3 +343,130 @@ def test_live_ends_with_the_run_and_a_failure_is_not_green(browser: Browser, out
         )
         assert (green > red and green > blue) == (outcome == "completed")
         assert not re.search(r"\bLive\b|\bnow\b", all_text(page))
+
+
+CLOCKS = """() => {
+    window.ahead = { performance: 0, date: 0 };
+    const [now, date] = [performance.now.bind(performance), Date.now];
+    performance.now = () => now() + ahead.performance;
+    Date.now = () => date() + ahead.date;
+}"""
+
+
+class Told:
+    """A page whose program is played by hand: its beats come when the test sends them."""
+
+    def __init__(self, browser: Browser, url: str, view: View) -> None:
+        self.asked: list[dict[str, Any]] = []
+        self.sockets: list[Any] = []
+        self.page = browser.new_page()
+        self.page.add_init_script(f"({CLOCKS})()")
+        self._update = view.update(None)[0].json().decode()
+        self.page.route_web_socket(re.compile("/live"), self._open)
+        self.page.goto(url)
+
+    def _open(self, socket: Any) -> None:
+        self.sockets.append(socket)
+        socket.on_message(lambda text: self.asked.append(json.loads(text)))
+        socket.send(self._update)
+
+    def beats(self, time_s: float) -> None:
+        self.sockets[-1].send(json.dumps({"time_s": 1.0, "beat": {"time_s": time_s, "silent_s": {}}}))
+
+    def passes(self, ms: float, *clocks: str) -> None:
+        for name in clocks or ("performance", "date"):
+            self.page.evaluate(f"ahead.{name} += {ms}")
+
+    @property
+    def pill(self) -> Any:
+        return self.page.locator(".connection")
+
+
+@contextmanager
+def played(browser: Browser) -> Iterator[Told]:
+    view = View()
+    two(view, "hold")
+    with LiveServer(view) as server:
+        one = Told(browser, server.url, view)
+        try:
+            yield one
+        finally:
+            one.page.close()
+
+
+def test_nothing_is_live_before_the_first_beat(browser: Browser) -> None:
+    with played(browser) as one:
+        expect(one.page.locator(".card")).to_have_count(2)
+        expect(one.pill).to_have_text("Connecting …")
+        one.page.get_by_label("Orders go to").select_option("drone-1")
+        expect(order(one.page, "Hold")).to_be_disabled()
+        one.beats(0.0)
+        expect(one.pill).to_have_text("Live")
+        expect(order(one.page, "Hold")).to_be_enabled()
+
+
+@pytest.mark.parametrize("clocks", [("performance",), ("date",), ("performance", "date")])
+def test_a_page_that_slept_is_old_whichever_clock_went_on(browser: Browser, clocks: tuple[str, ...]) -> None:
+    with played(browser) as one:
+        one.beats(0.0)
+        expect(one.pill).to_have_text("Live")
+        one.passes(30_000, *clocks)
+        expect(one.pill).to_have_text(re.compile("No news for 0:3"))
+
+
+def test_beats_that_a_sleeping_page_kept_are_old_when_it_wakes(browser: Browser) -> None:
+    with played(browser) as one:
+        one.beats(100.0)
+        expect(one.pill).to_have_text("Live")
+        one.passes(30_000)
+        for kept_s in (101.0, 102.0, 103.0):
+            one.beats(kept_s)
+        expect(one.pill).to_have_text(re.compile("No news for 0:2"))
+        one.beats(130.0)
+        expect(one.pill).to_have_text("Live")
+
+
+def test_clocks_that_drift_apart_make_nothing_old(browser: Browser) -> None:
+    with played(browser) as one:
+        one.beats(0.0)
+        for hours in range(1, 10):
+            one.passes(3_600_500)  # Half a second an hour faster than the program's
+            one.beats(3_600.0 * hours)
+        expect(one.pill).to_have_text("Live")
+
+
+def test_an_order_carries_the_newest_beat_and_the_time_since(browser: Browser) -> None:
+    with played(browser) as one:
+        one.beats(50.0)
+        one.page.get_by_label("Orders go to").select_option("drone-2")
+        one.passes(1_500)
+        order(one.page, "Hold").click()
+        expect(one.page.locator(".became")).to_have_text("Hold, drone-2 …")
+        one.beats(51.0)
+        order(one.page, "Hold").click()
+        first, second = one.asked
+        assert (first["system_ids"], first["given"]["beat_s"]) == ([2], 50.0)
+        assert 1.5 <= first["given"]["after_s"] <= 3.0
+        assert second["given"]["beat_s"] == 51.0 and second["given"]["number"] > first["given"]["number"]
+        expect(one.page.locator(".became")).to_have_text(
+            "Hold, drone-2: not answered: nobody knows whether it arrived"
+        )
+
+
+def test_nothing_that_was_ordered_is_sent_again_over_the_next_connection(browser: Browser) -> None:
+    with played(browser) as one:
+        one.beats(0.0)
+        one.page.get_by_label("Orders go to").select_option("drone-1")
+        order(one.page, "Hold").click()
+        expect(one.page.locator(".became")).to_have_text("Hold, drone-1 …")
+        one.sockets[-1].close()
+        expect(one.page.locator(".became")).to_have_text(
+            "Hold, drone-1: not answered: nobody knows whether it arrived"
+        )
+        expect(order(one.page, "Hold")).to_be_disabled()
+        while len(one.sockets) < 2:
+            one.page.wait_for_timeout(50)
+        one.beats(0.0)
+        expect(one.page.get_by_label("Orders go to")).to_have_value("1")
+        expect(order(one.page, "Hold")).to_be_enabled()
+        assert len(one.asked) == 1

@@ -59,13 +59,13 @@ function connect(receiver: Receiver, heart: Heart): Send {
       if (first) {
         heart.stop();
         receiver.begin(1);
-        receiver.link("live");
       }
-      first = false;
       wait_ms = 250;
       const update = JSON.parse(message.data) as Update;
       if (update.beat) heart.beat(update.beat);
       receiver.take(update, 0);
+      if (first) receiver.link("live");
+      first = false;
     };
     socket.onclose = () => {
       receiver.link("lost");

@@ -1,4 +1,4 @@
-"""A live page in a process of its own, which can be stopped: it prints its address, then what it is ordered."""
+"""A live page in a process of its own, which can be stopped: it tells its address, then what it is ordered."""
 
 from __future__ import annotations
 
@@ -14,16 +14,22 @@ from wbf_mission.web.server import LiveServer
 from wbf_mission.web.view import View
 
 
+def say(*words: object) -> None:
+    """Write a line."""
+    sys.stdout.write(" ".join(map(str, words)) + "\n")
+    sys.stdout.flush()
+
+
 def main() -> None:
     """Fly two vehicles in circles until the input ends."""
     stream, view = EventStream(), View()
-    orders = Orders(stream, lambda text: None, lambda text: print("warned:", text, flush=True))
+    orders = Orders(stream, lambda text: None, lambda text: say("warned:", text))
     stream.listen(view.take)
     vehicles = tuple(VehicleInfo(number, f"drone-{number}", "copter") for number in (1, 2))
     stream.tell(RunBegun("a flight", get_farm("miniberry-10"), PAPER_FIELDS, vehicles, simulated=False))
     orders.allow(("arm", "hold", "resume", "return", "land"), {1, 2})
     with LiveServer(view, orders=orders) as server:
-        print(server.url, flush=True)
+        say(server.url)
         for step in itertools.count():
             for number in (1, 2):
                 place = 1.0 + 0.02 * (step % 50), float(number)
@@ -32,7 +38,7 @@ def main() -> None:
                 )
                 stream.tell(moved)
             for order in orders.taken():
-                print("taken:", order.order, *order.system_ids, flush=True)
+                say("taken:", order.order, *order.system_ids)
             time.sleep(0.1)
 
 

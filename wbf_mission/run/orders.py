@@ -162,7 +162,7 @@ class Orders:
         return ""
 
     def answer(self, text: str, question: int, *, age_s: float = 0.0) -> str:
-        """Take the answer to the question with this number; return why it is refused, empty if it is taken."""
+        """Take the answer to the question of this number; return why it is refused, empty if it is not."""
         with self._lock:
             if question != self._question.number:
                 return "the question is another one by now: look at the page"

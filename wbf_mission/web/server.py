@@ -4,9 +4,9 @@ The run tells its view what happens, and never waits for this server. Ten times 
 each browser is sent what it does not know; those that know the same share the bytes. One that does not read
 is sent nothing until it does, and is let go after some seconds.
 
-Once a second each browser is sent a beat after what was new, so that it knows how old is what it shows. What it
-asks for carries the newest beat that it had and the time since then on its own clock. From these the server
-knows how old the request is at most: the clocks of two machines are never compared.
+Once a second each browser is sent a beat after what was new, so that it knows how old is what it shows. Its
+requests carry the newest beat that it had and the time since then on its own clock. From these the server
+knows how old a request is at most: the clocks of two machines are never compared.
 """
 
 from __future__ import annotations

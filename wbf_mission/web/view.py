@@ -211,7 +211,7 @@ class View:
         return round(self._time_s, 2)
 
     def silent_s(self) -> dict[str, float]:
-        """Return how old the newest state of each vehicle is; of none in a simulation, whose time may stand."""
+        """Return the age of each vehicle's newest state; of none in a simulation, whose time may stand."""
         if self._run is None or self._run.simulated or self._status.outcome != _RUNNING:
             return {}
         with self._lock:

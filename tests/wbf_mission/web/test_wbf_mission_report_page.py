@@ -265,7 +265,7 @@ def test_it_opens_at_its_summary_and_ends_with_a_vehicle_that_is_disarmed(
             expect(page.get_by_role("heading", name="what the flight found")).to_be_in_viewport()
             card = page.locator(".card")
             expect(card).to_contain_text(f"{states['mode'][-1]} · disarmed")
-            assert card.locator(".heard dd").inner_text() == "–", "nobody hears it now"
+            assert card.locator(".heard dd").inner_text() == "\N{EN DASH}", "nobody hears it now"
             expect(page.locator(".top .connection")).to_have_text("Recording")
             expect(page.locator(".top .outcome")).to_have_attribute("data-state", "good")
             page.locator(".card").scroll_into_view_if_needed()

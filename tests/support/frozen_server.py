@@ -1,4 +1,4 @@
-"""A live page in a process of its own, which can be stopped: it tells its address, then what it is ordered."""
+"""A live page as a process of its own, which can be stopped: it tells its address, then what is ordered."""
 
 from __future__ import annotations
 

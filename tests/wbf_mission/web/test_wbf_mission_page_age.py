@@ -1,4 +1,4 @@
-"""The page in a browser shows nothing old as the present; its orders go once, fresh, to whom they are meant."""
+"""The page in a browser shows nothing old as the present; orders go once, fresh, to whom they are meant."""
 
 from __future__ import annotations
 

@@ -125,7 +125,7 @@ export class Controls {
   }
 
   private buttonOf(order: string): HTMLElement {
-    const kind = STARTS_MOTORS.has(order) ? "starts" : ENDS_FLIGHT.has(order) ? "ends" : "";
+    const kind = STARTS_MOTORS.has(order) ? "starts" : ENDS_FLIGHT.has(order) ? "comes-down" : "";
     return button(capital(order), () => this.give(order), { class: kind, "data-order": order });
   }
 

@@ -294,7 +294,7 @@ class LiveServer:
             given = msgspec.json.decode(text or "", type=kind)
         except msgspec.ValidationError as error:
             return Reply("", f"no request: {misfit(error)}")
-        except (msgspec.DecodeError, UnicodeError, RecursionError):
+        except (msgspec.DecodeError, RecursionError):
             return Reply("", "no request: it is no JSON")
         name, number = given.order if isinstance(given, Order) else "answer", given.given.number
         age_s, refused = visit.age_of(given.given)

@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 from starlette.routing import Route
 from viewer import Viewer
@@ -500,6 +500,7 @@ NO_REQUESTS = [
     '{"order":' + "[" * 4000,
     '{"answer":' * 400,
     '{"order":"\\ud8"}',
+    '{"order":"\\ud800","system_ids":[1]}',
     '{"order":"\x00"}',
 ]
 
@@ -628,34 +629,73 @@ UNFINISHED = {
 }
 
 
-@pytest.mark.parametrize("kind", UNFINISHED)
-def test_a_request_that_never_ends_is_let_go(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(deadlines, "HEAD_S", 0.3)
-    monkeypatch.setattr(deadlines, "BODY_S", 0.3)
-    with LiveServer(View()) as server, socket.create_connection(("127.0.0.1", server.port)) as connection:
-        connection.sendall(UNFINISHED[kind])
-        until_closed(connection)
-        with watching(server) as client:
-            client.recv(timeout=10)
-            time.sleep(0.5)
-            beat(client)  # Who is let in stays
+async def read_body(request: Request) -> Response:
+    try:
+        return Response(await request.body())
+    except ClientDisconnect:
+        return Response(status_code=400)
 
 
-@pytest.mark.parametrize(
-    "start", [b"GET / HTTP/1.1\r\nX: ", b"POST / HTTP/1.1\r\nContent-Length: 999\r\n\r\n"]
-)
-def test_a_request_that_comes_a_byte_at_a_time_gets_no_more_time(
-    start: bytes, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def posting(server: LiveServer, more: str) -> bytes:
+    here = f"127.0.0.1:{server.port}"
+    return f"POST /read HTTP/1.1\r\nHost: {here}\r\nOrigin: http://{here}\r\n{more}".encode()
+
+
+@contextmanager
+def hurried(monkeypatch: pytest.MonkeyPatch) -> Iterator[LiveServer]:
+    """A server that waits shortly, and reads bodies."""
     monkeypatch.setattr(deadlines, "HEAD_S", 0.5)
     monkeypatch.setattr(deadlines, "BODY_S", 0.5)
-    with LiveServer(View()) as server, socket.create_connection(("127.0.0.1", server.port)) as connection:
-        connection.sendall(start)
+    with LiveServer(View(), routes=[Route("/read", read_body, methods=["POST"])]) as server:
+        yield server
+
+
+@pytest.mark.parametrize("kind", [*UNFINISHED, "a body that is read", "a body in parts that is read"])
+def test_a_request_that_never_ends_is_let_go(
+    kind: str, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with (
+        hurried(monkeypatch) as server,
+        watching(server) as client,
+        socket.create_connection(("127.0.0.1", server.port)) as connection,
+    ):
+        parts = {
+            "a body that is read": posting(server, "Content-Length: 10\r\n\r\n12"),
+            "a body in parts that is read": posting(server, "Transfer-Encoding: chunked\r\n\r\n5\r\n12"),
+        }
+        connection.sendall((UNFINISHED | parts)[kind])
+        until_closed(connection)
+        beat(client)
+        beat(client)  # Who is let in stays
+        assert ask(server, "/")[0].status == 200
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("kind", ["headers", "a body"])
+def test_a_request_that_comes_a_byte_at_a_time_gets_no_more_time(
+    kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with hurried(monkeypatch) as server, socket.create_connection(("127.0.0.1", server.port)) as connection:
+        connection.sendall(posting(server, "X: " if kind == "headers" else "Content-Length: 999999\r\n\r\n"))
         end_s = time.monotonic() + LONG_S
         with pytest.raises(OSError):
             while time.monotonic() < end_s:
                 connection.sendall(b"x")
                 time.sleep(0.02)
+
+
+def test_requests_one_after_the_other_each_have_their_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    with hurried(monkeypatch) as server:
+        here = f"127.0.0.1:{server.port}"
+        connection = http.client.HTTPConnection(here, timeout=LONG_S)
+        connection.connect()
+        same = connection.sock
+        began_s = time.monotonic()
+        while time.monotonic() < began_s + 1.5:
+            connection.request("POST", "/read", b"ok", {"Origin": f"http://{here}"})
+            assert connection.getresponse().read() == b"ok" and connection.sock is same
+            time.sleep(0.05)
+        connection.close()
 
 
 @pytest.mark.parametrize("kind", ["nothing", "headers", "half a handshake"])

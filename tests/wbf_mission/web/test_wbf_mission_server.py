@@ -644,8 +644,8 @@ def posting(server: LiveServer, more: str) -> bytes:
 @contextmanager
 def hurried(monkeypatch: pytest.MonkeyPatch) -> Iterator[LiveServer]:
     """A server that waits shortly, and reads bodies."""
-    monkeypatch.setattr(deadlines, "HEAD_S", 0.5)
-    monkeypatch.setattr(deadlines, "BODY_S", 0.5)
+    monkeypatch.setattr(deadlines, "HEAD_S", 1.0)
+    monkeypatch.setattr(deadlines, "BODY_S", 1.0)
     with LiveServer(View(), routes=[Route("/read", read_body, methods=["POST"])]) as server:
         yield server
 
@@ -691,7 +691,7 @@ def test_requests_one_after_the_other_each_have_their_time(monkeypatch: pytest.M
         connection.connect()
         same = connection.sock
         began_s = time.monotonic()
-        while time.monotonic() < began_s + 1.5:
+        while time.monotonic() < began_s + 2.5:
             connection.request("POST", "/read", b"ok", {"Origin": f"http://{here}"})
             assert connection.getresponse().read() == b"ok" and connection.sock is same
             time.sleep(0.05)

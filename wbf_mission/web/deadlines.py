@@ -17,7 +17,10 @@ MAX_WAITING = 50
 
 
 class HurriedProtocol(H11Protocol):
-    """uvicorn's HTTP with deadlines: by itself it waits for the rest of a request for good."""
+    """uvicorn's HTTP with deadlines: by itself it waits for the rest of a request for good.
+
+    A connection on which nothing follows an answer it lets go itself.
+    """
 
     missing: type | None = None  # h11's state of a client that has to send more
     since_s = 0.0
@@ -36,11 +39,6 @@ class HurriedProtocol(H11Protocol):
     def handle_events(self) -> None:
         """Take what came, and wait for what is missing."""
         super().handle_events()
-        self._hurry()
-
-    def on_response_complete(self) -> None:
-        """Wait for the next request."""
-        super().on_response_complete()
         self._hurry()
 
     def _hurry(self) -> None:

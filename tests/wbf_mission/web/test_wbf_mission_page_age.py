@@ -444,6 +444,10 @@ def test_an_order_carries_the_newest_beat_and_the_time_since(browser: Browser) -
         expect(one.page.locator(".became")).to_have_text("Hold, drone-2 …")
         one.beats(51.0)
         order(one.page, "Hold").click()
+        for half in range(8):  # It lives, and does not answer
+            one.beats(51.0 + half / 2)
+            one.page.wait_for_timeout(500)
+        expect(one.pill).to_have_text("Live")
         first, second = one.asked
         assert (first["system_ids"], first["given"]["beat_s"]) == ([2], 50.0)
         assert 1.5 <= first["given"]["after_s"] <= 3.0
@@ -466,6 +470,7 @@ def test_nothing_that_was_ordered_is_sent_again_over_the_next_connection(browser
         expect(order(one.page, "Hold")).to_be_disabled()
         while len(one.sockets) < 2:
             one.page.wait_for_timeout(50)
+        one.passes(60_000)  # The next connection has beats of its own
         one.beats(0.0)
         expect(one.page.get_by_label("Orders go to")).to_have_value("1")
         expect(order(one.page, "Hold")).to_be_enabled()

@@ -9,7 +9,7 @@ of the farm frame.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 if TYPE_CHECKING:
@@ -195,6 +195,8 @@ class Asked:
 
     question: str
     answers: tuple[str, ...] = ()
+    # An answer names it: one to the question before does not answer this one.
+    number: int = field(default=0, compare=False)
 
 
 @dataclass(frozen=True, slots=True)

@@ -127,13 +127,18 @@ def states_in(path: Path, begins_s: Sequence[float]) -> dict[tuple[int, int], To
             key = message.get_srcSystem(), bisect.bisect_right(begins_s, time_s + _SAME_S) - 1
             monitor = monitors.get(key) or monitors.setdefault(key, VehicleMonitor())
             monitor.receive(message, time_s)
-            if is_a(message, m.MAVLink_global_position_int_message):
-                found.setdefault(key, []).append((time_s, monitor.state, monitor.mode))
+            rows = found.setdefault(key, [])
+            told = monitor.state, monitor.mode
+            # Between positions, where it arms, disarms or changes its mode: the last thing may be that.
+            changes = bool(rows) and (rows[-1][1].armed, rows[-1][2]) != (told[0].armed, told[1])
+            if changes or is_a(message, m.MAVLink_global_position_int_message):
+                rows.append((time_s, *told))
     except LinkError as error:
         raise LogError(str(error)) from None
     return {
         key: ToldStates(np.array([one[0] for one in rows]), [one[1:] for one in rows])
         for key, rows in found.items()
+        if rows
     }
 
 

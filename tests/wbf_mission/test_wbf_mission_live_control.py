@@ -4,6 +4,7 @@ import json
 import re
 import signal
 import subprocess
+import time
 from contextlib import ExitStack, contextmanager
 from threading import Thread
 
@@ -23,12 +24,15 @@ class Page:
 
     def __init__(self, socket):
         self.updates, self.replies, self._socket = [], [], socket
+        self._beat, self._sent = None, 0
         Thread(target=self._read, daemon=True).start()
 
     def _read(self):
         try:
             for text in self._socket:
                 update = json.loads(text)
+                if "beat" in update:
+                    self._beat = update["beat"]["time_s"], time.monotonic()
                 (self.replies if "reply" in update else self.updates).append(update)
         except ConnectionClosed:
             return
@@ -54,10 +58,13 @@ class Page:
             lambda page: order in (page.last("status") or {}).get("orders", ()), f"{order} is not possible"
         )
 
-    def orders(self, order, **more):
+    def orders(self, order, system_id=1, **more):
         """Order something; return why it is refused."""
-        count = len(self.replies)
-        self._socket.send(json.dumps({"order": order, "system_id": None, **more}))
+        self.wait(lambda page: page._beat, "the program does not live")
+        count, (beat_s, came_s) = len(self.replies), self._beat
+        self._sent += 1
+        given = {"number": self._sent, "beat_s": beat_s, "after_s": time.monotonic() - came_s}
+        self._socket.send(json.dumps({"order": order, "system_ids": [system_id], "given": given, **more}))
         self.wait(lambda page: len(page.replies) > count, "no reply")
         return self.replies[-1]["reply"]["error"]
 

@@ -73,7 +73,7 @@ class Page:
             self.asked.append(event)
         if self._steps and self._steps[0][0](event):
             _, *given = self._steps.pop(0)
-            assert self.orders.take(None, *given) == ""
+            assert self.orders.take([1], *given) == ""
 
     def fly(self, url, **options):
         connect = LiveLink(url, TerminalConsole(self.output, self.orders), note=self.output.note)
@@ -135,9 +135,9 @@ def test_a_page_does_not_start_what_it_was_asked_about(typed, capsys):
 
     def look(event):
         if event.answers:
-            refused.append(page.orders.take(None, "start"))
-            refused.append(page.orders.answer("y"))
-            assert page.orders.answer("do not start") == ""
+            refused.append(page.orders.take([1], "start"))
+            refused.append(page.orders.answer("y", event.number))
+            assert page.orders.answer("do not start", event.number) == ""
 
     page.output.events.listen(look, Asked)
     with stand_in() as (url, made):
@@ -153,8 +153,8 @@ def test_a_page_says_that_the_battery_is_changed(typed):
     console = TerminalConsole(page.output, page.orders)
     assert console.goes_on("sortie 2 of 3?") is None
     assert page.asked == [Asked("sortie 2 of 3?", ("battery changed", "no more"))]
-    assert page.orders.answer("battery changed") == ""
+    assert page.orders.answer("battery changed", page.asked[-1].number) == ""
     assert console.goes_on("sortie 2 of 3?") is True
     assert console.goes_on("sortie 3 of 3?") is None
-    page.orders.answer("no more")
+    page.orders.answer("no more", page.asked[-1].number)
     assert console.goes_on("sortie 3 of 3?") is False

@@ -1,11 +1,13 @@
 """What who watches a flight orders: refused or taken at once, carried out by who flies."""
 
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
 
 from mission.outcome import Outcome
 from wbf_mission import fly
 from wbf_mission.events import Asked, Decided, EventStream, Noted, Orderable, VehicleMoved
-from wbf_mission.run.orders import Orders
+from wbf_mission.run.orders import LIFE_S, Orders
 from wbf_mission.scenario import Scenario
 
 
@@ -16,44 +18,47 @@ def heard_orders():
 
 
 @pytest.mark.parametrize(
-    ("given", "text"),
+    ("asked", "text"),
     [
-        ((1, "jump"), "'jump' cannot be ordered now"),
-        ((1, "return"), "'return' cannot be ordered now"),
-        ((7, "hold"), "there is no vehicle 7 to take it"),
-        ((1, "start"), "start starts motors: it has to be confirmed"),
-        ((1, "arm", "", "yes"), "arm starts motors: it has to be confirmed"),
-        ((1, "takeoff", "10"), "takeoff starts motors: it has to be confirmed"),
-        ((1, "takeoff", "2000", True), "takeoff 2000: give a height above home of 1 to 1000 metres"),
-        ((1, "set item", "0"), "set-item 0: give the number of an item, counted from 1"),
-        ((1, "set item", "1e3"), "set-item 1e3: give the number of an item, counted from 1"),
-        ((1, "hold", "now"), "hold now: hold takes nothing more; leave 'now' out"),
+        (([1], "jump"), "'jump' cannot be ordered now"),
+        (([1], "return"), "'return' cannot be ordered now"),
+        (([7], "hold"), "there is no vehicle 7 to take it"),
+        (([], "hold"), "there is no vehicle named to take it"),
+        (([1], "start"), "start starts motors: it has to be confirmed"),
+        (([1], "arm", "", "yes"), "arm starts motors: it has to be confirmed"),
+        (([1], "takeoff", "10"), "takeoff starts motors: it has to be confirmed"),
+        (([1], "takeoff", "2000", True), "takeoff 2000: give a height above home of 1 to 1000 metres"),
+        (([1], "set item", "0"), "set-item 0: give the number of an item, counted from 1"),
+        (([1], "set item", "1e3"), "set-item 1e3: give the number of an item, counted from 1"),
+        (([1], "hold", "now"), "hold now: hold takes nothing more; leave 'now' out"),
+        (([1, 2], "land"), "land is for 2 vehicles: it has to be confirmed"),
+        (([2, 1], "land", "", "yes"), "land is for 2 vehicles: it has to be confirmed"),
     ],
 )
-def test_what_may_not_be_ordered_is_refused_at_once(given, text):
+def test_what_may_not_be_ordered_is_refused_at_once(asked, text):
     orders, _ = heard_orders()
-    orders.allow(("start", "arm", "takeoff", "hold", "set item"), {1, 2})
-    assert orders.take(*given) == text
+    orders.allow(("start", "arm", "takeoff", "hold", "set item", "land"), {1, 2})
+    assert orders.take(*asked) == text
     assert orders.taken() == [] and not orders.waits
 
 
 def test_nothing_may_be_ordered_before_somebody_flies():
     orders, heard = heard_orders()
-    assert orders.take(None, "hold") == "'hold' cannot be ordered now"
+    assert orders.take([1], "hold") == "'hold' cannot be ordered now"
     orders.allow(("hold",), {1})
     orders.allow(("hold",), {1, 2})
     assert heard == [Orderable(("hold",))], "told when it changes"
-    assert orders.take(2, "hold") == ""
+    assert orders.take([2], "hold") == ""
     assert [one.is_for(1) for one in orders.taken()] == [False]
     for _ in range(200):
-        last = orders.take(None, "hold")
+        last = orders.take([1, 2], "hold")
     assert last == "too many orders wait already", "a page that floods does not fill the memory"
 
 
 def test_an_order_that_came_too_late_is_not_for_the_next_flight():
     orders, _ = heard_orders()
     orders.allow(("hold",), {1})
-    assert orders.take(None, "hold") == ""
+    assert orders.take([1], "hold") == ""
     orders.allow((), ())
     orders.allow(("hold",), {1})
     assert orders.taken() == []
@@ -61,17 +66,64 @@ def test_an_order_that_came_too_late_is_not_for_the_next_flight():
 
 def test_only_the_words_of_the_open_question_answer_it():
     orders, heard = heard_orders()
-    assert orders.answer("no more") == "'no more' answers nothing"
+    assert orders.answer("no more", 0) == "'no more' answers nothing"
     orders.ask("change the battery", ("battery changed", "no more"))
     orders.ask("change the battery", ("battery changed", "no more"))
-    assert orders.answer("y") == "'y' answers nothing: give battery changed or no more"
-    assert orders.answer("no more") == ""
+    (number,) = [one.number for one in heard if isinstance(one, Asked)]
+    assert orders.answer("y", number) == "'y' answers nothing: give battery changed or no more"
+    assert orders.answer("no more", number) == ""
     assert orders.answered() == "no more"
     assert orders.answered() is None
-    orders.answer("battery changed")
+    assert orders.answer("battery changed", number) == ""
     orders.ask("")
     assert orders.answered() is None, "an answer is to the question for which it was given"
     assert [one.question for one in heard if isinstance(one, Asked)] == ["change the battery", ""]
+
+
+def test_an_answer_to_the_question_before_does_not_answer_the_next_one():
+    orders, heard = heard_orders()
+    orders.ask("sortie 2 of 3?", ("battery changed", "no more"))
+    orders.ask("sortie 3 of 3?", ("battery changed", "no more"))
+    first, second = (one.number for one in heard)
+    assert orders.answer("battery changed", first) == ("the question is another one by now: look at the page")
+    assert orders.answered() is None
+    assert orders.answer("battery changed", second) == ""
+
+
+@given(
+    ages=st.lists(st.tuples(st.floats(0.0, 10.0), st.floats(0.0, 10.0)), min_size=1, max_size=8),
+)
+@example(ages=[(0.0, LIFE_S + 0.01)])
+@example(ages=[(LIFE_S + 0.01, 0.0)])
+@example(ages=[(LIFE_S, 0.0)])
+def test_what_is_older_than_two_seconds_is_not_carried_out_whereever_it_got_old(ages):
+    now_s, warned = [1e6], []
+    orders = Orders(EventStream(), warn=warned.append, clock=lambda: now_s[0])
+    orders.allow(("hold",), {1})
+    orders.ask("?", ("yes",))
+    for on_the_way_s, waiting_s in ages:
+        warned.clear()
+        refused = orders.take([1], "hold", age_s=on_the_way_s)
+        unanswered = orders.answer("yes", 1, age_s=on_the_way_s)
+        assert bool(refused) is bool(unanswered) is (on_the_way_s > LIFE_S)
+        now_s[0] += waiting_s
+        age_s = on_the_way_s + waiting_s
+        taken, answered = orders.taken(), orders.answered()
+        if abs(age_s - LIFE_S) > 1e-6:
+            assert bool(taken) is (answered == "yes") is (age_s < LIFE_S)
+            late = on_the_way_s <= LIFE_S < age_s
+            assert len(warned) == 2 * late and all("too late: it was given" in one for one in warned)
+        assert orders.taken() == [] and orders.answered() is None
+
+
+def test_an_order_is_for_the_vehicles_that_were_there_when_it_was_given():
+    orders, _ = heard_orders()
+    orders.allow(("hold",), {1, 2})
+    assert orders.take([2, 1], "hold") == ""
+    orders.allow(("hold",), {1, 2, 3})
+    (order,) = orders.taken()
+    assert [order.is_for(number) for number in (1, 2, 3)] == [True, True, False]
+    assert orders.take([3, 9], "hold") == "", "who is there takes it"
 
 
 class Watcher:
@@ -88,7 +140,7 @@ class Watcher:
             self.modes.append(moved.mode)
         if self._steps and self._steps[0][0](moved):
             _, order, value = self._steps.pop(0)
-            assert self.orders.take(None, order, value) == ""
+            assert self.orders.take([1], order, value) == ""
 
     def fly(self, **options):
         given = {"farm": "miniberry-10", "budget": "2min", "estimator": "point"}
@@ -167,7 +219,7 @@ def test_one_of_two_vehicles_is_ordered_alone():
 
     def order(moved):
         if moved.system_id == 2 and (moved.item or 0) >= 3 and not done:
-            done.append(watcher.orders.take(2, "return"))
+            done.append(watcher.orders.take([2], "return"))
 
     watcher.stream.listen(order, VehicleMoved)
     result = watcher.fly(vehicles=2)

@@ -135,6 +135,11 @@ def test_a_log_tells_more_of_the_vehicles(told: tuple[list[Event], Result], log:
         assert ours.mode and ours.heading_rad is not None and ours.battery is not None
     same = [(one.mode, one.armed, one.items) == (ours.mode, ours.armed, ours.items) for one, ours in both]
     assert sum(same) > 0.9 * len(both)
+    for system_id in (1, 2):
+        for day in (6, 7):
+            last = [one for one in again.values() if (one.system_id, one.day) == (system_id, day)][-1]
+            end = [one for one in of(live, VehicleMoved) if (one.system_id, one.day) == (system_id, day)][-1]
+            assert (last.armed, last.mode) == (end.armed, end.mode) == (False, last.mode), "it has landed"
     bare = of(list(events_of(result)), VehicleMoved)
     assert {(one.battery, one.mode, one.heading_rad) for one in bare} == {(None, "", None)}
     speeds = [(one.speed_m_s, again[one.system_id, round(one.time_s, 2)].speed_m_s) for one in bare]

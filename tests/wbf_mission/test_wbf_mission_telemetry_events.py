@@ -68,11 +68,11 @@ def watched_sim(autopilot="px4", *, count=1, speed=10.0, **more):
             thread.join(60.0)
 
 
-def ordered(heard, order, value="", *, of=None, confirmed=False):
+def ordered(heard, order, value="", *, of=1, confirmed=False):
     """Order something, and wait until it is told what came of it."""
     before = len(heard.texts())
     assert wait_until(lambda: heard.of(Orderable), "nothing can be ordered")
-    assert heard.orders.take(of, order, value, confirmed) == ""
+    assert heard.orders.take([of], order, value, confirmed) == ""
 
     def told():
         return [one for one in heard.texts()[before:] if "ordered by the page" not in one]
@@ -135,7 +135,7 @@ def test_who_watches_a_simulation_orders_what_a_command_would(autopilot):
         assert text == "system 1: takeoff 5: the motors stand still; arm first (order arm)"
         for number in (1, 2):
             upload(plan(heard.given).mission, heard.url, system_id=number)
-        assert heard.orders.take(1, "start") == "start starts motors: it has to be confirmed"
+        assert heard.orders.take([1], "start") == "start starts motors: it has to be confirmed"
         assert not heard.made.vehicles[0].pilot.armed
         assert (
             ordered(heard, "start", of=1, confirmed=True)[0]
@@ -159,8 +159,8 @@ def test_who_orders_anew_has_the_order_before_dropped():
     with watched_sim(speed=1.0) as heard:
         upload(plan(heard.given).mission, heard.url)
         ordered(heard, "start", confirmed=True)
-        heard.orders.take(None, "set item", "8")
-        heard.orders.take(None, "hold")
+        heard.orders.take([1], "set item", "8")
+        heard.orders.take([1], "hold")
         (text,) = ordered(heard, "return")
     assert text == "return is carried out (mode RTL)"
 

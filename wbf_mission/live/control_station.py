@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from mission.ground.command import OperatorCommand
@@ -13,7 +14,7 @@ from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.transfer.wire import GROUND_STATION
 from wbf_mission.live.command_session import CommandSession
-from wbf_mission.run.orders import IN_FLIGHT, START, Orders, WatchersOrder
+from wbf_mission.run.orders import IN_FLIGHT, LIFE_S, START, Orders, WatchersOrder, steady_s
 
 __all__ = ["ControlStation", "commands_of"]
 
@@ -52,21 +53,24 @@ class ControlStation:
 
     A vehicle that is told something new is told nothing more of what it was told before. It says nothing to
     vehicles before the first order; from then on it sends a heartbeat, for a vehicle may miss one that it
-    has once heard.
+    has once heard. After a time in which this program stood still, by `clock`, it carries on with no order:
+    nobody knows what has become of the vehicles meanwhile.
     """
 
     # Another component than who watches on the same link.
     system_id, component_id = GROUND_STATION[0], int(m.MAV_COMP_ID_USER1)
     wanted: frozenset[int] | None = None
 
-    def __init__(self, orders: Orders) -> None:
-        self._orders = orders
+    def __init__(self, orders: Orders, clock: Callable[[], float] = steady_s) -> None:
+        self._orders, self._clock = orders, clock
+        self._awake_s = clock()
         self._vehicles: dict[int, _Vehicle] = {}
         self._heartbeat: Heartbeat | None = None
         self._look_s = -math.inf
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
         """Take one message."""
+        self._look_at_clock()
         if message.get_srcComponent() != _AUTOPILOT:
             return []
         number = message.get_srcSystem()
@@ -83,6 +87,7 @@ class ControlStation:
 
     def poll(self, now_s: float) -> list[Message]:
         """Take what was ordered, and send what is due."""
+        self._look_at_clock()
         self._look_s = now_s + _LOOK_S
         for order in self._orders.taken():
             for number, one in self._vehicles.items():
@@ -99,6 +104,17 @@ class ControlStation:
         """When `poll` has something to do."""
         sessions = (one.session for one in self._vehicles.values())
         return min([self._look_s, *(one.next_deadline() for one in sessions if one is not None)])
+
+    def _look_at_clock(self) -> None:
+        """Drop what is under way if nobody has called for a while."""
+        before_s, self._awake_s = self._awake_s, self._clock()
+        stood_s = self._awake_s - before_s
+        for one in self._vehicles.values():
+            if stood_s > LIFE_S and one.order is not None:
+                text = f"{one.order.order} is dropped: the program stood still for {stood_s:.0f} s"
+                self._orders.warn(f"{self._at(one)}{text}; see what the vehicle does, and order it again")
+                one.order, one.session = None, None
+                one.left.clear()
 
     def _begin(self, one: _Vehicle, order: WatchersOrder) -> None:
         self._heartbeat = self._heartbeat or Heartbeat()

@@ -152,7 +152,8 @@ class TelemetryEvents:
             (now_s, self._day, max(1, told.flight), number),
             mode=monitor.mode,
             link_quality=contact.link.quality,
-            silent_s=max(0.0, now_s - max(contact.link.heard_s, monitor.position_heard_s)),
+            # Where it was when its place came last: that it is heard otherwise makes that no newer.
+            silent_s=max(0.0, now_s - monitor.position_heard_s),
         )
         before = told.moved
         # Who stands still, and tells nothing new, is told of now and then.

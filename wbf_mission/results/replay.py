@@ -212,7 +212,10 @@ def _changed(record: FlightRecord, change: PathChange) -> Mission:
 
 
 def _moved(flight: _Flight, record: FlightRecord, step: int, told: ToldStates | None) -> Iterator[_Timed]:
-    """Yield where a vehicle was, with what it told of itself; without that its speed is that of its track."""
+    """Yield where a vehicle was, with what it told of itself; without that its speed is that of its track.
+
+    Its last place is told with what it told last: that it is disarmed.
+    """
     track, last = record.track, len(record.track.time_s) - 1
     if last < 0:
         return
@@ -222,7 +225,7 @@ def _moved(flight: _Flight, record: FlightRecord, step: int, told: ToldStates | 
     )
     took_s = np.maximum(np.diff(time_s, prepend=time_s[0]), 1e-3)
     speed_m_s = np.hypot(np.diff(x_m, prepend=x_m[0]), np.diff(y_m, prepend=y_m[0])) / took_s
-    states = [None] * len(rows) if told is None else told.at(time_s)
+    states = [None] * len(rows) if told is None else [*told.at(time_s[:-1]), told.states[-1]]
     columns = (one.tolist() for one in (time_s, x_m, y_m, height_m, speed_m_s))
     for at_s, x, y, height, speed, known in zip(*columns, states, strict=True):
         moved = VehicleMoved(at_s, record.day, record.flight, record.system_id, x, y, height, speed)

@@ -3,41 +3,63 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
+from functools import partial
 
 from geo.texts import one_line
 from mission.ground.command import OperatorCommand, OrderError
 from wbf_mission.events import Asked, EventStream, Noted, Orderable
 
-__all__ = ["IN_FLIGHT", "START", "Orders", "WatchersOrder"]
+__all__ = ["IN_FLIGHT", "LIFE_S", "START", "Orders", "WatchersOrder", "steady_s", "too_late"]
 
 START = "start"
 """Starts a mission: arms the vehicle, too, where its motors stand."""
 STARTS_MOTORS = frozenset({START, "arm", "takeoff"})
+ENDS_FLIGHT = frozenset({"return", "land"})
+"""For more than one vehicle these are confirmed, as is what starts motors."""
+LIFE_S = 2.0
+"""An order or an answer that is older is not carried out: who gave it did not see what is now."""
 IN_FLIGHT = ("hold", "resume", "return", "land", "set item")
 """The words that a page shows; a command's are the same with hyphens."""
 _MOST_WAITING = 100
 
+# Nobody sets this clock. On Linux it goes on while the machine sleeps, which `time.monotonic` does not.
+steady_s: Callable[[], float] = (
+    partial(time.clock_gettime, time.CLOCK_BOOTTIME) if hasattr(time, "CLOCK_BOOTTIME") else time.monotonic
+)
+
+
+def too_late(age_s: float) -> str:
+    """Return why what was given so long ago is refused, empty if it is not.
+
+    >>> too_late(1.9), too_late(14.2)
+    ('', 'too late: it was given 14 s ago; look at the page, and give it again')
+    """
+    if age_s <= LIFE_S:
+        return ""
+    return f"too late: it was given {age_s:.0f} s ago; look at the page, and give it again"
+
 
 @dataclass(frozen=True, slots=True)
 class WatchersOrder:
-    """An order; `system_id` None is for every vehicle.
+    """An order to the vehicles with these system ids, and to no other one that is heard later.
 
     Examples
     --------
-    >>> str(WatchersOrder("set item", "3"))
+    >>> str(WatchersOrder("set item", "3", (1,)))
     'ordered by the page: set item 3'
     """
 
     order: str
-    value: str = ""
-    system_id: int | None = None
+    value: str
+    system_ids: tuple[int, ...]
 
     def is_for(self, system_id: int) -> bool:
         """Return whether it is for a vehicle."""
-        return self.system_id in (None, system_id)
+        return system_id in self.system_ids
 
     def __str__(self) -> str:
         return f"ordered by the page: {self.order} {one_line(self.value, 40)}".rstrip()
@@ -60,15 +82,17 @@ class Orders:
         Takes what may be ordered, and the questions.
     note, warn : callable, optional
         Take lines for the operator: what was ordered and what came of it; without, `events` does.
+    clock : callable, optional
+        Returns seconds: what waits longer than `LIFE_S` to be taken is not handed on.
 
     Examples
     --------
     >>> orders = Orders(EventStream())
     >>> orders.allow(("hold", "start"), {1})
-    >>> orders.take(None, "start")
+    >>> orders.take([1], "start")
     'start starts motors: it has to be confirmed'
-    >>> orders.take(1, "hold"), orders.taken()
-    ('', [WatchersOrder(order='hold', value='', system_id=1)])
+    >>> orders.take([1], "hold"), orders.taken()
+    ('', [WatchersOrder(order='hold', value='', system_ids=(1,))])
     """
 
     def __init__(
@@ -76,57 +100,78 @@ class Orders:
         events: EventStream,
         note: Callable[[str], None] | None = None,
         warn: Callable[[str], None] | None = None,
+        clock: Callable[[], float] = steady_s,
     ) -> None:
-        self._events = events
+        self._events, self._clock = events, clock
         self.note = note or (lambda text: events.tell(Noted(text)))
         self.warn = warn or (lambda text: events.tell(Noted(text, warns=True)))
         self._lock = threading.Lock()
         self._orders: tuple[str, ...] = ()
         self._vehicles: frozenset[int] = frozenset()
-        self._waiting: deque[WatchersOrder] = deque()
+        # With the time at which each was given
+        self._waiting: deque[tuple[float, WatchersOrder]] = deque()
         self._question = Asked("")
-        self._answer: str | None = None
+        self._answer: tuple[float, str] | None = None
 
     # What who watches calls.
 
-    def take(self, system_id: int | None, order: str, value: str = "", confirmed: bool = False) -> str:
+    def take(
+        self,
+        system_ids: Collection[int],
+        order: str,
+        value: str = "",
+        confirmed: bool = False,
+        *,
+        age_s: float = 0.0,
+    ) -> str:
         """Take an order; return why it is refused, empty if it is taken.
 
         Parameters
         ----------
-        system_id : int or None
-            Of the vehicle; None for all.
+        system_ids : collection of int
+            Of the vehicles that are meant. Those of them take it that can.
         order, value : str
             One of those that are possible now, and what it takes: a takeoff a height above home in metres,
             "set item" the number of an item, from 1.
         confirmed : bool
-            Who watches has said twice that motors may start.
+            Who watches has said twice that motors may start, or that more than one vehicle is to come down.
+        age_s : float
+            How long ago it was given.
         """
         with self._lock:
             if order not in self._orders:
                 return f"{one_line(order, 40)!r} cannot be ordered now"
-            if system_id is not None and system_id not in self._vehicles:
-                return f"there is no vehicle {system_id} to take it"
+            if self._vehicles.isdisjoint(system_ids):
+                named = ", ".join(map(str, sorted(system_ids)[:3])) or "named"
+                return f"there is no vehicle {named} to take it"
             if order in STARTS_MOTORS and confirmed is not True:
                 return f"{order} starts motors: it has to be confirmed"
-            given = WatchersOrder(order, value, system_id)
+            if order in ENDS_FLIGHT and len(system_ids) > 1 and confirmed is not True:
+                return f"{order} is for {len(system_ids)} vehicles: it has to be confirmed"
+            given = WatchersOrder(order, value, tuple(sorted(system_ids)))
             try:
                 if order != START:
                     _ = given.command
             except OrderError as error:
                 return str(error)
+            if refused := too_late(age_s):
+                return refused
             if len(self._waiting) >= _MOST_WAITING:
                 return "too many orders wait already"
-            self._waiting.append(given)
+            self._waiting.append((self._clock() - age_s, given))
         return ""
 
-    def answer(self, text: str) -> str:
-        """Take the answer to the question that is open; return why it is refused, empty if it is taken."""
+    def answer(self, text: str, question: int, *, age_s: float = 0.0) -> str:
+        """Take the answer to the question of this number; return why it is refused, empty if it is not."""
         with self._lock:
+            if question != self._question.number:
+                return "the question is another one by now: look at the page"
             if text not in self._question.answers:
                 known = " or ".join(self._question.answers)
                 return f"{one_line(text, 40)!r} answers nothing" + f": give {known}" * bool(known)
-            self._answer = text
+            if refused := too_late(age_s):
+                return refused
+            self._answer = self._clock() - age_s, text
         return ""
 
     # What who flies calls.
@@ -148,16 +193,22 @@ class Orders:
         return bool(self._waiting)
 
     def taken(self) -> list[WatchersOrder]:
-        """Take the orders that came since the last call."""
+        """Take the orders that came since the last call; one that waited too long is told and left out."""
         with self._lock:
             waiting = list(self._waiting)
             self._waiting.clear()
-        return waiting
+        fresh, now_s = [], self._clock()
+        for given_s, order in waiting:
+            if refused := too_late(now_s - given_s):
+                self.warn(f"{order}: {refused}")
+            else:
+                fresh.append(order)
+        return fresh
 
     def ask(self, question: str, answers: Collection[str] = ()) -> None:
         """Ask a question that these words answer, in place of the one before; an empty one ends it."""
-        asked = Asked(question, tuple(answers))
         with self._lock:
+            asked = Asked(question, tuple(answers), self._question.number + 1)
             changed = self._question != asked
             if changed:
                 self._question, self._answer = asked, None
@@ -165,7 +216,13 @@ class Orders:
             self._events.tell(asked)
 
     def answered(self) -> str | None:
-        """Take the answer, None while there is none."""
+        """Take the answer, None while there is none; one that waited too long is told and left out."""
         with self._lock:
             answer, self._answer = self._answer, None
-        return answer
+        if answer is None:
+            return None
+        given_s, text = answer
+        if refused := too_late(self._clock() - given_s):
+            self.warn(f"answered by the page: {text}: {refused}")
+            return None
+        return text

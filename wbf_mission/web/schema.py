@@ -6,10 +6,10 @@ What is not finite is null.
 
 from __future__ import annotations
 
-from typing import Any, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import msgspec
-from msgspec import UNSET, Struct, UnsetType
+from msgspec import UNSET, Meta, Struct, UnsetType
 
 Ring: TypeAlias = list[float]
 """Points, x and y in turn."""
@@ -224,6 +224,7 @@ class Question(Struct):
 
     text: str
     answers: tuple[str, ...]
+    number: int
 
 
 class Status(Struct):
@@ -259,10 +260,18 @@ class Background(Struct):
 
 
 class Reply(Struct):
-    """What became of a page's last request; that page alone is told."""
+    """What became of the request with this number; its page alone is told."""
 
     order: str
     error: str
+    number: int = 0
+
+
+class Beat(Struct):
+    """A sign of life of the program, once a second, after all that was new."""
+
+    time_s: float
+    silent_s: dict[str, float]
 
 
 class Update(Struct, omit_defaults=True):
@@ -282,6 +291,7 @@ class Update(Struct, omit_defaults=True):
     status: Status | UnsetType = UNSET
     background: Background | UnsetType | None = UNSET
     reply: Reply | UnsetType = UNSET
+    beat: Beat | UnsetType = UNSET
 
     def json(self) -> bytes:
         """Return it as a page reads it."""
@@ -307,16 +317,31 @@ class Recording(Update, kw_only=True):
     moments: list[Moment]
 
 
-class Order(Struct, forbid_unknown_fields=True):
-    """What a page orders: of one vehicle, or of all."""
+Positive: TypeAlias = Annotated[float, Meta(ge=0.0, le=1e9)]
+Number: TypeAlias = Annotated[int, Meta(ge=1, le=2**53)]
 
-    order: str
-    system_id: int | None
-    value: str = ""
+
+class Given(Struct, forbid_unknown_fields=True):
+    """When a page gave a request: by the newest beat that it had, on its own clock since that came."""
+
+    number: Number
+    beat_s: Positive
+    after_s: Positive
+
+
+class Order(Struct, forbid_unknown_fields=True):
+    """What a page orders, and of which vehicles."""
+
+    order: Annotated[str, Meta(min_length=1, max_length=40)]
+    system_ids: Annotated[list[Annotated[int, Meta(ge=0, le=255)]], Meta(min_length=1, max_length=256)]
+    given: Given
+    value: Annotated[str, Meta(max_length=200)] = ""
     confirmed: bool = False
 
 
 class Answer(Struct, forbid_unknown_fields=True):
-    """What a page answers to the operator's question."""
+    """What a page answers to the operator's question with this number."""
 
-    answer: str
+    answer: Annotated[str, Meta(max_length=200)]
+    question: Annotated[int, Meta(ge=0, le=2**53)]
+    given: Given

@@ -3,6 +3,10 @@
 The run tells its view what happens, and never waits for this server. Ten times a second, if there is news,
 each browser is sent what it does not know; those that know the same share the bytes. One that does not read
 is sent nothing until it does, and is let go after some seconds.
+
+Once a second each browser is sent a beat after what was new, so that it knows how old is what it shows. Its
+requests carry the newest beat that it had and the time since then on its own clock. From these the server
+knows how old a request is at most: the clocks of two machines are never compared.
 """
 
 from __future__ import annotations
@@ -16,16 +20,15 @@ import secrets
 import socket
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from functools import partial
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Protocol, Self
+from typing import Protocol, Self
 
 import msgspec
 import uvicorn
-from msgspec import Meta
 from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import Response
@@ -34,12 +37,17 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from geo.reading import misfit
 from mission.errors import LinkError
+from wbf_mission.run.orders import steady_s, too_late
+from wbf_mission.web.deadlines import HurriedProtocol
 from wbf_mission.web.guard import Guard, is_loopback, own_names
-from wbf_mission.web.schema import Answer, Background, Order, Reply, Update
+from wbf_mission.web.schema import Answer, Background, Beat, Given, Order, Reply, Update
 from wbf_mission.web.tiles import MapTiles
 from wbf_mission.web.view import Cursor, View
 
 INTERVAL_S = 0.1
+BEAT_S = 1.0
+OLD_S = 3.0
+"""A page whose newest beat is so old shows what is old, and gives no order."""
 STALLED_S = 10.0
 """How long a browser may take nothing at all of what is sent to it (where TCP can tell: on Linux)."""
 SEND_TIMEOUT_S = 20.0
@@ -47,22 +55,21 @@ SEND_TIMEOUT_S = 20.0
 MAX_REQUEST_BYTES = 4096
 MAX_CONNECTIONS = 200
 _ENDING_S = 2.0
+_ROUNDED_S = 0.25
+"""Browsers round their clocks, and these drift."""
 _TYPES = {"html": "text/html", "js": "text/javascript", "css": "text/css", "txt": "text/plain"}
 
 
 class Orders(Protocol):
     """Takes what pages ask for; called in the server's thread, and quick."""
 
-    def take(self, system_id: int | None, order: str, value: str, confirmed: bool) -> str:
-        """Take an order to a vehicle, or to all (None); return why it is refused, or an empty text."""
+    def take(
+        self, system_ids: Collection[int], order: str, value: str, confirmed: bool, *, age_s: float
+    ) -> str:
+        """Take an order to vehicles, given so long ago; return why it is refused, or an empty text."""
 
-    def answer(self, text: str) -> str:
+    def answer(self, text: str, question: int, *, age_s: float) -> str:
         """Take the answer to the operator's question; return why it is refused, or an empty text."""
-
-
-class _Order(Order):
-    order: Annotated[str, Meta(max_length=40)]
-    value: Annotated[str, Meta(max_length=200)] = ""
 
 
 class LiveServer:
@@ -90,6 +97,8 @@ class LiveServer:
         Bodies are not limited: who reads one does that.
     home : str
         The page of ``static/`` that "/" shows, without ".html".
+    clock : callable, optional
+        Returns seconds, by which beats are sent and requests get old.
 
     Raises
     ------
@@ -116,7 +125,9 @@ class LiveServer:
         tiles: Path | None = None,
         routes: Sequence[BaseRoute] = (),
         home: str = "live",
+        clock: Callable[[], float] = steady_s,
     ) -> None:
+        self._clock = clock
         self._host, self._port, self._orders = host, port, orders
         self._token = secrets.token_urlsafe() if token is None and not is_loopback(host) else token
         self._tiles = None if tiles is None else MapTiles(tiles)
@@ -135,6 +146,7 @@ class LiveServer:
         config = uvicorn.Config(
             Guard(app, own_names(host), self._token),
             loop="asyncio",
+            http=HurriedProtocol,
             ws="websockets-sansio",
             ws_max_size=MAX_REQUEST_BYTES,
             ws_per_message_deflate=False,  # Each viewer would take time of its own
@@ -217,7 +229,8 @@ class LiveServer:
         """Serve one page: tell it what is new, and hear what it asks for, until either ends."""
         await websocket.accept()
         self._viewers += 1
-        tasks = {asyncio.create_task(part(websocket)) for part in (self._tell, self._hear)}
+        visit = _Visit(self._clock)
+        tasks = {asyncio.create_task(part(websocket, visit)) for part in (self._tell, self._hear)}
         try:
             done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
             for task in done:
@@ -233,7 +246,7 @@ class LiveServer:
             async with asyncio.timeout(1.0):
                 await websocket.close(1001)
 
-    async def _tell(self, websocket: WebSocket) -> None:
+    async def _tell(self, websocket: WebSocket, visit: _Visit) -> None:
         view, cursor, now_s = self._view, None, asyncio.get_running_loop().time
         while True:
             if cursor is None or view.cursor > cursor:
@@ -242,6 +255,10 @@ class LiveServer:
                     await websocket.send_text(text)
             elif self._ending or view is not self._view:
                 return
+            if visit.beat_is_due:
+                beat = Update(view.time_s, beat=Beat(visit.next_beat(), view.silent_s()))
+                async with asyncio.timeout(SEND_TIMEOUT_S):
+                    await websocket.send_text(beat.json().decode())
             await asyncio.sleep(INTERVAL_S - now_s() % INTERVAL_S)  # All at the same times, to share
 
     async def _update(self, view: View, cursor: Cursor | None) -> tuple[str, Cursor]:
@@ -257,31 +274,36 @@ class LiveServer:
                 shared = self._shared[cursor] = _Shared(view, until_s, text, after)
             return shared.text, shared.cursor
 
-    async def _hear(self, websocket: WebSocket) -> None:
+    async def _hear(self, websocket: WebSocket, visit: _Visit) -> None:
         while True:
             message = await websocket.receive()
             if message["type"] == "websocket.disconnect":
                 return
-            reply = Update(self._view.time_s, reply=self._ask(message.get("text") or ""))
+            reply = Update(self._view.time_s, reply=self._ask(message.get("text"), visit))
             async with asyncio.timeout(SEND_TIMEOUT_S):
                 await websocket.send_text(reply.json().decode())
 
-    def _ask(self, text: str) -> Reply:
-        """Hand a page's request on; return what became of it."""
+    def _ask(self, text: str | None, visit: _Visit) -> Reply:
+        """Hand a page's request on, once and while it is fresh; return what became of it."""
         if self._orders is None:
             return Reply("", "this page only shows: orders are not allowed")
         try:
-            answer = msgspec.json.decode(text, type=Answer)
-        except msgspec.ValidationError:
-            try:
-                order = msgspec.json.decode(text, type=_Order)
-            except msgspec.ValidationError as error:
-                return Reply("", f"no request: {misfit(error)}")
-            refused = self._orders.take(order.system_id, order.order, order.value, order.confirmed)
-            return Reply(order.order, refused)
-        except msgspec.DecodeError:
+            # Its fields first, so that an error is about the kind of request that is meant.
+            fields = msgspec.json.decode(text or "", type=dict[str, msgspec.Raw])
+            kind: type[Answer | Order] = Answer if "answer" in fields else Order
+            given = msgspec.json.decode(text or "", type=kind)
+        except msgspec.ValidationError as error:
+            return Reply("", f"no request: {misfit(error)}")
+        except (msgspec.DecodeError, RecursionError):
             return Reply("", "no request: it is no JSON")
-        return Reply("answer", self._orders.answer(answer.answer))
+        name, number = given.order if isinstance(given, Order) else "answer", given.given.number
+        age_s, refused = visit.age_of(given.given)
+        if refused:
+            return Reply(name, refused, number)
+        if isinstance(given, Answer):
+            return Reply(name, self._orders.answer(given.answer, given.question, age_s=age_s), number)
+        refused = self._orders.take(given.system_ids, name, given.value, given.confirmed, age_s=age_s)
+        return Reply(name, refused, number)
 
     # Files
 
@@ -297,6 +319,41 @@ class LiveServer:
 def _is_ours(record: logging.LogRecord) -> bool:
     """Return whether a line of the log is worth the terminal: what clients send is not."""
     return not record.getMessage().startswith("Invalid UTF-8")
+
+
+class _Visit:
+    """One page's connection: its beats, and how old what it asks for is."""
+
+    def __init__(self, clock: Callable[[], float]) -> None:
+        self._clock, self._begun_s = clock, clock()
+        self._beat_s = -BEAT_S
+        self._number = 0
+
+    @property
+    def _now_s(self) -> float:
+        return self._clock() - self._begun_s
+
+    @property
+    def beat_is_due(self) -> bool:
+        return self._now_s >= self._beat_s + BEAT_S
+
+    def next_beat(self) -> float:
+        self._beat_s = self._now_s
+        return self._beat_s
+
+    def age_of(self, given: Given) -> tuple[float, str]:
+        """Return how old a request is at most, and why it is refused, empty if it is not."""
+        beat_s, number = given.beat_s, given.number
+        # It was given after the beat had left, and then so long after it had arrived.
+        age_s = self._now_s - beat_s - given.after_s
+        if number <= self._number:
+            return age_s, "it was given before: each order is carried out once"
+        self._number = number
+        if beat_s > self._beat_s or age_s < -_ROUNDED_S:
+            return age_s, "its time is none: load the page again"
+        if given.after_s > OLD_S:
+            return age_s, f"it was given by what the page had shown for {given.after_s:.0f} s: look again"
+        return max(age_s, 0.0), too_late(age_s)
 
 
 @dataclass(frozen=True, slots=True)

@@ -42,6 +42,7 @@ from wbf_mission.events import (
     VehicleSaid,
 )
 from wbf_mission.replanning.record import DecisionRecord
+from wbf_mission.run.orders import steady_s
 from wbf_mission.web import schema
 from wbf_mission.web.layers import LONGEST, Layers, Pixels
 from wbf_mission.web.shapes import farm_shape, plan_shape, ring
@@ -63,6 +64,7 @@ MAX_CANDIDATES = 40
 """Of a decision, the best first."""
 _MAX_TEXT = 500
 _WARNING, _INFO = 4, 6  # MAV_SEVERITY
+_RUNNING = "running"
 _UNDER_WAY = "sent"  # The outcome of a change of a path that is not over
 
 # Tuples of plain values: unlike other objects they cost the garbage collector nothing.
@@ -150,6 +152,8 @@ class View:
         left out, but for the last one of a flight. 1 draws every one, for a recording.
     longest : int
         Pixels of the layers along the farm's longer side, at most.
+    clock : callable, optional
+        Returns seconds, by which what vehicles told gets old.
 
     Examples
     --------
@@ -160,8 +164,10 @@ class View:
     ('the vehicle is heard', b'{"time_s":0.0}')
     """
 
-    def __init__(self, *, share: float = 0.2, longest: int = LONGEST) -> None:
-        self._share, self._longest = share, longest
+    def __init__(
+        self, *, share: float = 0.2, longest: int = LONGEST, clock: Callable[[], float] = steady_s
+    ) -> None:
+        self._share, self._longest, self._clock = share, longest, clock
         # Who draws holds the first, as long as that takes; the second is held briefly, by all who read or
         # change what follows it.
         self._drawing, self._lock = threading.RLock(), threading.RLock()
@@ -177,10 +183,11 @@ class View:
         self._replaced: dict[str, int] = {}  # The versions of what is replaced as a whole
         self._time_s = 0.0
         self._run: schema.Run | None = None
-        self._status = schema.Status("running", "", None, None, ())
+        self._status = schema.Status(_RUNNING, "", None, None, ())
         self._background: schema.Background | None = None
         self._plans = _Rows[schema.Plan]("plans", MAX_PLANS)
         self._states: dict[int, _Rows[_State]] = {}
+        self._heard_s: dict[int, float] = {}  # When vehicles told their latest states, by the clock
         self._readings = _Readings()
         self._scores = _Rows[_Scored]("scores", MAX_STATES, thins=True)
         self._decisions = _Rows[schema.Decision]("decisions", MAX_DECISIONS)
@@ -202,6 +209,14 @@ class View:
     def time_s(self) -> float:
         """When what was heard last happened."""
         return round(self._time_s, 2)
+
+    def silent_s(self) -> dict[str, float]:
+        """Return the age of each vehicle's newest state; of none in a simulation, whose time may stand."""
+        if self._run is None or self._run.simulated or self._status.outcome != _RUNNING:
+            return {}
+        with self._lock:
+            now_s = self._clock()
+            return {str(number): round(now_s - heard_s, 1) for number, heard_s in self._heard_s.items()}
 
     def update(self, cursor: Cursor | None) -> tuple[schema.Update, Cursor]:
         """Return what a viewer does not know, and its next cursor; with None, everything."""
@@ -264,6 +279,8 @@ class View:
                 self._add(self._plans, plan_shape(event, farm), event.time_s)
             case VehicleMoved():
                 if math.isfinite(event.x_m) and math.isfinite(event.y_m):
+                    with self._lock:
+                        self._heard_s[event.system_id] = self._clock() - event.silent_s
                     self._add(self._states_of(event.system_id), _state_of(event), event.time_s)
             case VehicleSaid():
                 self._say(event.text, event.severity, event.system_id, event.time_s)
@@ -289,7 +306,7 @@ class View:
             case Noted():
                 self._say(event.text, _WARNING if event.warns else _INFO, 0, self._time_s)
             case Asked():
-                question = schema.Question(event.question, event.answers)
+                question = schema.Question(event.question, event.answers, event.number)
                 self._tell(question=question if event.question else None)
             case Orderable():
                 self._tell(orders=event.orders)

@@ -124,12 +124,12 @@ class Taking:
     def __init__(self) -> None:
         self.taken: list[tuple[Any, ...]] = []
 
-    def take(self, *order: Any) -> str:
+    def take(self, *order: Any, age_s: float) -> str:
         self.taken.append(order)
         return "it is not flying" if order[1] == "land" else ""
 
-    def answer(self, text: str) -> str:
-        self.taken.append((text,))
+    def answer(self, *answer: Any, age_s: float) -> str:
+        self.taken.append(answer)
         return ""
 
 
@@ -265,12 +265,11 @@ def test_orders_are_sent_as_they_are_given_and_motors_start_only_after_a_second_
     orders = Taking()
     told(view, *a_flight(("one", "two")), Orderable(("start", "hold", "land", "set item")))
     with LiveServer(view, orders=orders) as server, page_at(browser, server.url) as page:
-        page.get_by_role("button", name="Hold").click()
         page.get_by_label("Orders go to").select_option("two")
         page.get_by_role("button", name="Hold").click()
-        expect(page.locator(".became")).to_have_text("Hold: sent")
+        expect(page.locator(".became")).to_have_text("Hold, two: sent")
         page.get_by_role("button", name="Land").click()
-        expect(page.locator(".became")).to_have_text("Not done: it is not flying")
+        expect(page.locator(".became")).to_have_text("Land, two: not done: it is not flying")
         page.get_by_role("button", name="Start").click()
         dialog = page.get_by_role("dialog")
         expect(dialog).to_contain_text("Start: two")
@@ -280,17 +279,16 @@ def test_orders_are_sent_as_they_are_given_and_motors_start_only_after_a_second_
         page.get_by_role("button", name="Set item").click()
         dialog.get_by_label("Item number").fill("3")
         page.keyboard.press("Enter")
-        told(view, Asked("start the motors?", ("yes", "no")))
+        told(view, Asked("start the motors?", ("yes", "no"), 5))
         page.get_by_role("button", name="No", exact=True).click()
         told(view, Asked(""))
         expect(page.locator(".question")).to_be_hidden()
     assert orders.taken == [
-        (None, "hold", "", False),
-        (2, "hold", "", False),
-        (2, "land", "", False),
-        (2, "start", "", True),
-        (2, "set item", "3", False),
-        ("no",),
+        ([2], "hold", "", False),
+        ([2], "land", "", False),
+        ([2], "start", "", True),
+        ([2], "set item", "3", False),
+        ("no", 5),
     ]
 
 
@@ -328,7 +326,7 @@ def test_cards_tell_how_each_vehicle_is_and_messages_what_it_said(browser: Brows
         first, second = page.locator(".card").all()
         for text in ("one", "75 %", "AUTO", "5.0 m", "2.5 m/s"):
             expect(first).to_contain_text(text.replace(" %", "\u00a0%"))
-        expect(second).to_contain_text("nothing heard for 0:09")
+        expect(second).to_contain_text("no news for 0:09")
         expect(second).to_have_class(re.compile("silent.*low"))
         view.take(replace(moved(12.0), phase="waiting until the vehicle can arm"))
         expect(first).to_contain_text("waiting until")
@@ -352,7 +350,7 @@ def test_dragging_goes_back_in_a_run_that_goes_on_and_live_returns(browser: Brow
         expect(clock).to_have_text("0:01 / 0:20")
         slider.press("ArrowRight")
         expect(clock).to_have_text("0:06 / 0:20")
-        page.get_by_role("button", name="Live").click()
+        page.get_by_role("button", name="Latest").click()
         expect(clock).to_have_text("0:20 / 0:20")
         told(view, moved(25.0))
         expect(clock).to_have_text("0:25 / 0:25")
@@ -502,7 +500,7 @@ def test_everything_is_reached_by_keys_and_seen_when_it_is(browser: Browser, vie
         names = " | ".join(name for name, _ in reached)
         for name in ("Hold", "Zoom in", "Vehicle one", "Layers", "TYLCV", "Estimate", "Opacity", "Crops"):
             assert name in names
-        for name in ("Show all", "Play", "Time of the run", "Speed of playing", "Live", "two", "Messages"):
+        for name in ("Show all", "Play", "Time of the run", "Speed of playing", "Latest", "two", "Messages"):
             assert name in names
         assert [
             name for name, is_seen in reached if not is_seen and name != page.locator("body").text_content()

@@ -22,6 +22,7 @@ from single_page import SinglePage
 
 from geo import save_farm
 from geo.farms import get_farm
+from mission.outcome import Outcome
 from wbf_mission.cli.app import main
 from wbf_mission.flight import fly
 from wbf_mission.maps.field_maps import FieldMap
@@ -252,6 +253,35 @@ def place(page: Page) -> tuple[float, float]:
     box = page.locator(".vehicle").first.bounding_box()
     assert box is not None
     return box["x"], box["y"]
+
+
+def test_it_opens_at_its_summary_and_ends_with_a_vehicle_that_is_disarmed(
+    browser: Browser, file: Path, recording: dict[str, Any], result: Result
+) -> None:
+    states = recording["states"]["1"]
+    assert True in states["armed"] and states["armed"][-1] is False
+    with page_at(browser, file.as_uri()) as page:
+        for _ in range(2):
+            expect(page.get_by_role("heading", name="what the flight found")).to_be_in_viewport()
+            card = page.locator(".card")
+            expect(card).to_contain_text(f"{states['mode'][-1]} · disarmed")
+            assert card.locator(".heard dd").inner_text() == "\N{EN DASH}", "nobody hears it now"
+            expect(page.locator(".top .connection")).to_have_text("Recording")
+            expect(page.locator(".top .outcome")).to_have_attribute("data-state", "good")
+            page.locator(".card").scroll_into_view_if_needed()
+            page.reload()
+        page.get_by_label("Time of the run").fill("30")
+        expect(card).to_contain_text("· armed")
+
+
+def test_without_a_log_nobody_says_whether_it_is_armed(
+    browser: Browser, result: Result, tmp_path: Path
+) -> None:
+    crashed = replace(result, flights=[replace(result.flights[0], outcome=Outcome.CRASHED)])
+    write_report(tmp_path / "report.html", [crashed])
+    with page_at(browser, (tmp_path / "report.html").as_uri()) as page:
+        expect(page.locator(".card .mode")).to_be_empty()
+        expect(page.locator(".top .outcome")).to_have_attribute("data-state", "bad")
 
 
 def test_the_slider_moves_the_vehicle_and_the_layers(browser: Browser, file: Path) -> None:

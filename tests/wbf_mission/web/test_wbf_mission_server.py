@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import http.client
 import itertools
 import json
@@ -12,12 +13,15 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from starlette.requests import Request
+from hypothesis import example, given
+from hypothesis import strategies as st
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 from starlette.routing import Route
 from viewer import Viewer
@@ -38,8 +42,11 @@ from wbf_mission.events import (
     VehicleMoved,
     VehicleSaid,
 )
+from wbf_mission.run.orders import LIFE_S, Orders
+from wbf_mission.web import deadlines, schema
 from wbf_mission.web import server as served
 from wbf_mission.web.guard import HEADERS
+from wbf_mission.web.schema import Update
 from wbf_mission.web.server import LiveServer
 from wbf_mission.web.view import View
 
@@ -83,13 +90,53 @@ class Taking:
     def __init__(self) -> None:
         self.taken: list[tuple[Any, ...]] = []
 
-    def take(self, *order: Any) -> str:
+    def take(self, *order: Any, age_s: float) -> str:
         self.taken.append(order)
         return "" if order[1] == "hold" else f"{order[1]} cannot be ordered now"
 
-    def answer(self, text: str) -> str:
-        self.taken.append((text,))
+    def answer(self, *answer: Any, age_s: float) -> str:
+        self.taken.append(answer)
         return ""
+
+
+class Clock:
+    """A clock that somebody sets."""
+
+    now_s = 1000.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+GIVEN = {"number": 1, "beat_s": 0.0, "after_s": 0.0}
+HOLD = {"order": "hold", "system_ids": [1], "given": GIVEN}
+
+
+def news(client: ClientConnection, timeout_s: float = 10.0) -> dict[str, Any]:
+    """Return the next update that is no beat."""
+    end_s = time.monotonic() + timeout_s
+    while True:
+        update: dict[str, Any] = json.loads(client.recv(timeout=end_s - time.monotonic()))
+        if "beat" not in update:
+            return update
+
+
+def beat(client: ClientConnection) -> dict[str, Any]:
+    """Return the next beat."""
+    while True:
+        update: dict[str, Any] = json.loads(client.recv(timeout=10))
+        if "beat" in update:
+            found: dict[str, Any] = update["beat"]
+            return found
+
+
+def asked(client: ClientConnection, request: dict[str, Any]) -> dict[str, Any]:
+    """Ask, and return the reply."""
+    client.send(json.dumps(request))
+    while "reply" not in (update := news(client)):
+        pass
+    reply: dict[str, Any] = update["reply"]
+    return reply
 
 
 def moved(k: int, vehicle: int = 1) -> VehicleMoved:
@@ -105,10 +152,10 @@ def test_a_page_is_told_everything_and_then_what_is_new() -> None:
         first = viewer.take(client.recv(timeout=10))
         assert [one["text"] for one in first["said"]] == ["before"] and first["status"]["orders"] == []
         stream.tell(moved(1))
-        second = viewer.take(client.recv(timeout=10))
+        second = viewer.take(json.dumps(news(client)))
         assert set(second) == {"time_s", "states"} and second["states"]["1"]["x"] == [1.0]
         with pytest.raises(TimeoutError):  # Nothing new, nothing sent
-            client.recv(timeout=0.5)
+            news(client, 0.5)
 
 
 def test_a_page_is_told_the_end_before_the_server_is_gone() -> None:
@@ -263,7 +310,7 @@ def test_another_view_is_shown_to_pages_that_come_again() -> None:
             client.recv(timeout=10)
             server.show(second)
             with pytest.raises(ConnectionClosed):
-                client.recv(timeout=10)
+                news(client)
         with watching(server) as client:
             assert json.loads(client.recv(timeout=10))["said"][0]["text"] == "second"
 
@@ -271,8 +318,7 @@ def test_another_view_is_shown_to_pages_that_come_again() -> None:
 def test_orders_are_off_by_default() -> None:
     with LiveServer(View()) as server, watching(server) as client:
         client.recv(timeout=10)
-        client.send('{"order":"hold","system_id":1}')
-        assert json.loads(client.recv(timeout=10))["reply"]["error"].startswith("this page only shows")
+        assert asked(client, HOLD)["error"].startswith("this page only shows")
 
 
 def test_orders_are_handed_on_and_their_page_alone_hears_what_became_of_them() -> None:
@@ -281,52 +327,387 @@ def test_orders_are_handed_on_and_their_page_alone_hears_what_became_of_them() -
     with LiveServer(view, orders=orders) as server, watching(server) as client, watching(server) as other:
         assert json.loads(client.recv(timeout=10))["status"]["orders"] == ["hold", "land"]
         other.recv(timeout=10)
-        replies = []
-        for request in (
-            {"order": "hold", "system_id": 1},
-            {"order": "set-item", "system_id": None, "value": "3", "confirmed": True},
-            {"answer": "yes"},
-        ):
-            client.send(json.dumps(request))
-            replies.append(json.loads(client.recv(timeout=10))["reply"])
-        assert replies == [
-            {"order": "hold", "error": ""},
-            {"order": "set-item", "error": "set-item cannot be ordered now"},
-            {"order": "answer", "error": ""},
+        beat(client)
+        replies = [
+            asked(client, request | {"given": GIVEN | {"number": number}})
+            for number, request in (
+                (1, HOLD),
+                (2, {"order": "set-item", "system_ids": [2, 1], "value": "3", "confirmed": True}),
+                (9, {"answer": "yes", "question": 4}),
+            )
         ]
-        assert orders.taken == [(1, "hold", "", False), (None, "set-item", "3", True), ("yes",)]
+        assert replies == [
+            {"order": "hold", "error": "", "number": 1},
+            {"order": "set-item", "error": "set-item cannot be ordered now", "number": 2},
+            {"order": "answer", "error": "", "number": 9},
+        ]
+        assert orders.taken == [([1], "hold", "", False), ([2, 1], "set-item", "3", True), ("yes", 4)]
         with pytest.raises(TimeoutError):
-            other.recv(timeout=0.3)
+            news(other, 0.3)
+
+
+def test_a_beat_comes_once_a_second_after_what_is_new_and_says_how_old_the_vehicles_states_are() -> None:
+    clock = Clock()
+    view = View(clock=clock)
+    view.take(RunBegun("", None, None, simulated=False))
+    view.take(replace(moved(1), silent_s=0.5))
+    with LiveServer(view, clock=clock) as server, watching(server) as client:
+        assert "states" in json.loads(client.recv(timeout=10))
+        assert json.loads(client.recv(timeout=10)) == {
+            "time_s": 0.1,
+            "beat": {"time_s": 0.0, "silent_s": {"1": 0.5}},
+        }
+        clock.now_s += 0.9
+        with pytest.raises(TimeoutError):
+            client.recv(timeout=0.5)
+        clock.now_s += 0.2
+        assert beat(client) == {"time_s": pytest.approx(1.1), "silent_s": {"1": pytest.approx(1.6)}}
+        view.take(moved(20, 2))
+        clock.now_s += 1.0
+        assert "states" in json.loads(client.recv(timeout=10)), "what is new comes first"
+        assert set(beat(client)["silent_s"]) == {"1", "2"}
+        view.take(RunEnded(7.0, "completed", ""))
+        clock.now_s += 1.0
+        news(client)
+        assert beat(client)["silent_s"] == {}, "nothing gets older after the end"
+
+
+def test_an_order_that_the_network_or_a_stopped_program_kept_is_refused() -> None:
+    orders, clock = Taking(), Clock()
+    with LiveServer(View(), orders=orders, clock=clock) as server, watching(server) as client:
+        beat(client)
+        clock.now_s += 1.5
+        beat_s = beat(client)["time_s"]
+        # Given 0.5 s after the beat, and kept until the program goes on: the page has closed nothing.
+        clock.now_s += 30.0
+        reply = asked(client, HOLD | {"given": {"number": 1, "beat_s": beat_s, "after_s": 0.5}})
+        assert reply["error"] == "too late: it was given 30 s ago; look at the page, and give it again"
+        answer = {"answer": "yes", "question": 1, "given": {"number": 2, "beat_s": beat_s, "after_s": 0.5}}
+        assert asked(client, answer)["error"].startswith("too late: it was given 30 s ago")
+        assert orders.taken == []
+        beat_s = beat(client)["time_s"]
+        fresh = HOLD | {"given": {"number": 3, "beat_s": beat_s, "after_s": 0.0}}
+        assert asked(client, fresh)["error"] == ""
+        assert asked(client, fresh)["error"] == "it was given before: each order is carried out once"
+        assert len(orders.taken) == 1
+
+
+@given(
+    beats=st.lists(st.floats(1.0, 100.0), min_size=1, max_size=5),
+    came_s=st.floats(0.0, 30.0),
+    looked_s=st.floats(0.0, 30.0),
+    kept_s=st.floats(0.0, 30.0),
+)
+@example(beats=[1.0], came_s=0.0, looked_s=0.0, kept_s=LIFE_S + 0.01)
+@example(beats=[1.0], came_s=LIFE_S + 0.01, looked_s=0.0, kept_s=0.0)
+@example(beats=[1.0], came_s=0.0, looked_s=served.OLD_S + 0.01, kept_s=0.0)
+@example(beats=[1.0], came_s=0.0, looked_s=served.OLD_S - 0.01, kept_s=LIFE_S - 0.01)
+def test_whatever_the_network_does_nothing_older_than_two_seconds_is_taken(
+    beats: list[float], came_s: float, looked_s: float, kept_s: float
+) -> None:
+    clock = Clock()
+    visit = served._Visit(clock)
+    for apart_s in beats:
+        clock.now_s += apart_s
+        beat_s = visit.next_beat()
+    clock.now_s += came_s  # The beat was on its way
+    clock.now_s += looked_s  # Somebody looked at the page
+    clock.now_s += kept_s / 2  # The order was on its way, and so was the next beat
+    visit.next_beat()
+    clock.now_s += kept_s / 2
+    age_s, refused = visit.age_of(schema.Given(1, beat_s, looked_s))
+    assert age_s >= kept_s - 1e-6
+    if kept_s > LIFE_S or looked_s > served.OLD_S:
+        assert refused
+    elif came_s + kept_s < LIFE_S - 1e-6:
+        assert not refused
+    assert visit.age_of(schema.Given(1, beat_s, looked_s))[1].startswith("it was given before")
 
 
 @pytest.mark.parametrize(
-    "request_text",
+    ("given_", "why"),
     [
-        "",
-        "no json",
-        "[]",
-        "{}",
-        '{"order":"hold"}',
-        '{"order":"hold","system_id":"1"}',
-        '{"order":"hold","system_id":1,"confirmed":1}',
-        '{"order":"hold","system_id":1,"more":1}',
-        '{"order":"hold","system_id":1,"answer":"y"}',
-        '{"answer":1}',
-        '{"order":"' + "h" * 41 + '","system_id":1}',
-        '{"order":"hold","system_id":1,"value":"' + "v" * 201 + '"}',
-        "[" * 2000,
+        ({"beat_s": 5.0}, "its time is none"),
+        ({"beat_s": 0.2}, "its time is none"),
+        ({"after_s": 2.9}, "its time is none"),
+        ({"after_s": 1e9}, "its time is none"),
+        ({"after_s": 1e10}, "no request: given, after_s: it is out of range"),
+        ({"beat_s": -1.0}, "no request: given, beat_s: it is out of range"),
+        ({"number": 0}, "no request: given, number: it is out of range"),
+        ({"number": 10**30}, "no request: "),
+        ({"number": 1.5}, "no request: "),
+        ({"beat_s": None}, "no request: "),
+        ({"beat_s": "1"}, "no request: "),
+        ({"more": 1}, "no request: "),
     ],
 )
-def test_what_is_no_request_is_refused(request_text: str) -> None:
+def test_an_order_with_a_time_that_is_none_is_refused(given_: dict[str, Any], why: str) -> None:
+    orders, clock = Taking(), Clock()
+    with LiveServer(View(), orders=orders, clock=clock) as server, watching(server) as client:
+        beat(client)
+        assert asked(client, HOLD | {"given": GIVEN | given_})["error"].startswith(why)
+        for left_out in ("number", "beat_s", "after_s"):
+            some = {name: value for name, value in GIVEN.items() if name != left_out}
+            assert asked(client, HOLD | {"given": some})["error"].startswith("no request: ")
+    assert orders.taken == []
+
+
+def ordering(**more: Any) -> str:
+    return json.dumps(HOLD | more)
+
+
+NO_REQUESTS = [
+    "",
+    "no json",
+    "[]",
+    "{}",
+    "null",
+    "1e999",
+    "NaN",
+    '{"order":"hold"}',
+    '{"order":"hold","system_ids":[1]}',
+    '{"order":"hold","system_ids":[1],}',
+    '{"order":"x"*3}',
+    '{"answer":"yes",',
+    '{"answer":"yes"',
+    '{"answer":1}',
+    '{"answer":"yes","question":1}',
+    '{"order":NaN,"system_ids":[1]}',
+    ordering(system_ids="1"),
+    ordering(system_ids=["1"]),
+    ordering(system_ids=[]),
+    ordering(system_ids=[-1]),
+    ordering(system_ids=[256]),
+    ordering(system_ids=[1e300]),
+    ordering(system_ids=[10**400]),
+    ordering(system_ids=[float("nan")]),
+    ordering(system_ids=[True]),
+    ordering(system_ids=1),
+    ordering(system_ids=None),
+    ordering(confirmed=1),
+    ordering(more=1),
+    ordering(answer="y"),
+    ordering(order="h" * 41),
+    ordering(order=""),
+    ordering(order=["hold"]),
+    ordering(value="v" * 201),
+    ordering(value={"a": 1}),
+    ordering(given=None),
+    ordering(given=[]),
+    ordering(given="now"),
+    "[" * 4000,
+    '{"a":' * 700,
+    '{"order":' + "[" * 4000,
+    '{"answer":' * 400,
+    '{"order":"\\ud8"}',
+    '{"order":"\\ud800","system_ids":[1]}',
+    '{"order":"\x00"}',
+]
+
+
+def the_reply(client: ClientConnection) -> dict[str, Any]:
+    while "reply" not in (update := news(client)):
+        pass
+    reply: dict[str, Any] = update["reply"]
+    return reply
+
+
+def test_what_is_no_request_is_refused_in_one_line_and_leaves_nothing_on_the_terminal(
+    capfd: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
+) -> None:
     orders = Taking()
     with LiveServer(View(), orders=orders) as server, watching(server) as client:
-        client.recv(timeout=10)
-        client.send(request_text)
-        reply = json.loads(client.recv(timeout=10))["reply"]
-        assert reply["error"].startswith("no request: ") and "\n" not in reply["error"]
-        client.send(b'{"order":"hold","system_id":1}')  # Bytes are no text
-        assert json.loads(client.recv(timeout=10))["reply"]["error"].startswith("no request: ")
+        for text in NO_REQUESTS:
+            for given_ in (text, text.encode()):
+                client.send(given_)
+                error = the_reply(client)["error"]
+                assert error.startswith("no request: ") and "\n" not in error, text
+        client.send(ordering().encode())
+        assert the_reply(client)["error"].startswith("no request: "), "bytes are no text"
     assert orders.taken == []
+    assert capfd.readouterr() == ("", "") and caplog.records == []
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
+    lambda inner: (
+        st.lists(inner) | st.dictionaries(st.sampled_from([*HOLD, *GIVEN, "answer", "x"]) | st.text(), inner)
+    ),
+    max_leaves=12,
+)
+
+
+@given(st.text() | st.binary().map(lambda some: some.decode("latin-1")) | JSON.map(json.dumps))
+def test_whatever_a_page_sends_is_answered(text: str) -> None:
+    orders = Taking()
+    server = LiveServer(View(), orders=orders)
+    reply = server._ask(text, served._Visit(Clock()))
+    Update(0.0, reply=reply).json()
+    assert reply.error and "\n" not in reply.error and orders.taken == []
+
+
+@given(st.fixed_dictionaries({"order": st.text(), "system_ids": st.lists(st.integers())}), st.text())
+def test_words_that_are_no_text_do_not_reach_the_terminal(order: dict[str, Any], value: str) -> None:
+    orders = Orders(EventStream())
+    orders.allow(("hold", "set item"), range(256))
+    server = LiveServer(View(), orders=orders)
+    visit = served._Visit(Clock())
+    visit.next_beat()
+    for name in (order["order"], "hold", "set item"):
+        given_ = GIVEN | {"number": visit._number + 1}
+        text = json.dumps(order | {"order": name, "value": value, "given": given_})
+        Update(0.0, reply=server._ask(text, visit)).json()
+    for one in orders.taken():
+        str(one).encode()
+
+
+FRAMES = {
+    "text that is no UTF-8": b"\x81\x82\0\0\0\0\xff\xfe",
+    "a half of a character": b"\x81\x81\0\0\0\0\xc3",
+    "no UTF-8 in parts": b"\x01\x81\0\0\0\0\xff" + b"\x80\x81\0\0\0\0\xff",
+    "not masked": b"\x81\x01x",
+    "an unknown opcode": b"\x83\x80\0\0\0\0",
+    "reserved bits": b"\xf1\x80\0\0\0\0",
+    "a part without a beginning": b"\x80\x80\0\0\0\0",
+    "a long ping": b"\x89\xfe\x01\x00\0\0\0\0" + b"x" * 256,
+    "a ping in parts": b"\x09\x80\0\0\0\0",
+    "a length of 2**63": b"\x81\xff" + b"\xff" * 8 + b"\0\0\0\0",
+    "an end with half a code": b"\x88\x81\0\0\0\0\x03",
+    "an end with a wrong code": b"\x88\x82\0\0\0\0\x00\x01",
+    "an end with a reason that is no text": b"\x88\x84\0\0\0\0\x03\xe8\xff\xff",
+    "HTTP": b"GET / HTTP/1.1\r\n\r\n",
+}
+
+
+def handshake(server: LiveServer, more: str = "") -> bytes:
+    here = f"127.0.0.1:{server.port}"
+    return (
+        f"GET /live HTTP/1.1\r\nHost: {here}\r\nOrigin: http://{here}\r\nConnection: Upgrade\r\n"
+        f"Upgrade: websocket\r\nSec-WebSocket-Version: 13\r\n{more}"
+        "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n"
+    ).encode()
+
+
+def until_closed(connection: socket.socket) -> bytes:
+    """Read until the other side closes; a limit against hanging, not a measure."""
+    connection.settimeout(LONG_S)
+    found = b""
+    with contextlib.suppress(ConnectionResetError):
+        while part := connection.recv(65536):
+            found += part
+    return found
+
+
+def test_frames_that_are_none_end_their_connection_and_leave_nothing_on_the_terminal(
+    capfd: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
+) -> None:
+    with LiveServer(View(), orders=Taking()) as server:
+        for name, frame in FRAMES.items():
+            with socket.create_connection(("127.0.0.1", server.port)) as connection:
+                connection.sendall(handshake(server))
+                assert b" 101 " in connection.recv(4096), name
+                connection.sendall(frame)
+                connection.shutdown(socket.SHUT_WR)
+                until_closed(connection)
+        for more in ("Sec-WebSocket-Protocol: \xff\r\n", "Sec-WebSocket-Extensions: ;;;\r\n", "X: \xff\r\n"):
+            with socket.create_connection(("127.0.0.1", server.port)) as connection:
+                connection.sendall(handshake(server, more))
+                assert connection.recv(4096).startswith(b"HTTP/1.1 ")
+        with watching(server) as client:
+            beat(client)
+    assert capfd.readouterr() == ("", "") and caplog.records == []
+
+
+UNFINISHED = {
+    "nothing": b"",
+    "a line": b"GET / HTTP/1.1\r\n",
+    "headers": b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX: y",
+    "a second request": b"GET /nothing HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\nGET / HTTP/1.1\r\n",
+    "a body": b"POST / HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 10\r\n\r\n12",
+    "a body in parts": b"POST / HTTP/1.1\r\nHost: 127.0.0.1\r\nTransfer-Encoding: chunked\r\n\r\n5\r\n12",
+    "half a handshake": b"GET /live HTTP/1.1\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n",
+}
+
+
+async def read_body(request: Request) -> Response:
+    try:
+        return Response(await request.body())
+    except ClientDisconnect:
+        return Response(status_code=400)
+
+
+def posting(server: LiveServer, more: str) -> bytes:
+    here = f"127.0.0.1:{server.port}"
+    return f"POST /read HTTP/1.1\r\nHost: {here}\r\nOrigin: http://{here}\r\n{more}".encode()
+
+
+@contextmanager
+def hurried(monkeypatch: pytest.MonkeyPatch) -> Iterator[LiveServer]:
+    """A server that waits shortly, and reads bodies."""
+    monkeypatch.setattr(deadlines, "HEAD_S", 1.0)
+    monkeypatch.setattr(deadlines, "BODY_S", 1.0)
+    with LiveServer(View(), routes=[Route("/read", read_body, methods=["POST"])]) as server:
+        yield server
+
+
+@pytest.mark.parametrize("kind", [*UNFINISHED, "a body that is read", "a body in parts that is read"])
+def test_a_request_that_never_ends_is_let_go(
+    kind: str, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with (
+        hurried(monkeypatch) as server,
+        watching(server) as client,
+        socket.create_connection(("127.0.0.1", server.port)) as connection,
+    ):
+        parts = {
+            "a body that is read": posting(server, "Content-Length: 10\r\n\r\n12"),
+            "a body in parts that is read": posting(server, "Transfer-Encoding: chunked\r\n\r\n5\r\n12"),
+        }
+        connection.sendall((UNFINISHED | parts)[kind])
+        until_closed(connection)
+        beat(client)
+        beat(client)  # Who is let in stays
+        assert ask(server, "/")[0].status == 200
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("kind", ["headers", "a body"])
+def test_a_request_that_comes_a_byte_at_a_time_gets_no_more_time(
+    kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with hurried(monkeypatch) as server, socket.create_connection(("127.0.0.1", server.port)) as connection:
+        connection.sendall(posting(server, "X: " if kind == "headers" else "Content-Length: 999999\r\n\r\n"))
+        end_s = time.monotonic() + LONG_S
+        with pytest.raises(OSError):
+            while time.monotonic() < end_s:
+                connection.sendall(b"x")
+                time.sleep(0.02)
+
+
+def test_requests_one_after_the_other_each_have_their_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    with hurried(monkeypatch) as server:
+        here = f"127.0.0.1:{server.port}"
+        connection = http.client.HTTPConnection(here, timeout=LONG_S)
+        connection.connect()
+        same = connection.sock
+        began_s = time.monotonic()
+        while time.monotonic() < began_s + 2.5:
+            connection.request("POST", "/read", b"ok", {"Origin": f"http://{here}"})
+            assert connection.getresponse().read() == b"ok" and connection.sock is same
+            time.sleep(0.05)
+        connection.close()
+
+
+@pytest.mark.parametrize("kind", ["nothing", "headers", "half a handshake"])
+def test_half_open_connections_do_not_keep_others_out(kind: str) -> None:
+    with LiveServer(View()) as server, contextlib.ExitStack() as stack:
+        for _ in range(270):
+            one = stack.enter_context(socket.create_connection(("127.0.0.1", server.port)))
+            with contextlib.suppress(OSError):  # Let go already
+                one.sendall(UNFINISHED[kind])
+        assert ask(server, "/")[0].status == 200
+        with watching(server) as client:
+            client.recv(timeout=10)
 
 
 def test_what_is_no_text_ends_the_connection_quietly(caplog: pytest.LogCaptureFixture) -> None:
@@ -334,7 +715,7 @@ def test_what_is_no_text_ends_the_connection_quietly(caplog: pytest.LogCaptureFi
         client.recv(timeout=10)
         client.send(b"\xff\xfe", text=True)
         with pytest.raises(ConnectionClosed):
-            client.recv(timeout=10)
+            news(client)
         garbage = socket.create_connection(("127.0.0.1", server.port))
         garbage.sendall(b"\x16\x03\x01 no HTTP\r\n\r\n")
         assert b"400" in garbage.recv(1000)
@@ -348,7 +729,7 @@ def test_a_request_that_is_too_large_ends_the_connection() -> None:
         client.recv(timeout=10)
         client.send('{"answer":"' + "y" * 10_000 + '"}')
         with pytest.raises(ConnectionClosed) as closed:
-            client.recv(timeout=10)
+            news(client)
         assert closed.value.rcvd is not None and closed.value.rcvd.code == 1009
     assert orders.taken == []
 

@@ -515,3 +515,14 @@ print(*sorted({"numba", "scipy", "matplotlib", "pyarrow", "sklearn"} & set(sys.m
 """
     done = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True)
     assert done.stdout == "\n" and done.stderr == ""
+
+
+@pytest.mark.parametrize("simulated", [False, True])
+def test_what_a_vehicle_told_gets_old_but_not_in_a_simulation(simulated: bool) -> None:
+    now_s = [50.0]
+    view = View(clock=lambda: now_s[0])
+    assert view.silent_s() == {}
+    view.take(RunBegun("", None, None, simulated=simulated))
+    view.take(VehicleMoved(1.0, 1, 1, 7, 0.0, 0.0, 0.0, 0.0, silent_s=1.0))
+    now_s[0] += 20.0
+    assert view.silent_s() == ({} if simulated else {"7": 21.0})

@@ -3,6 +3,7 @@ import { Charts } from "./charts.js";
 import { forgetTheme } from "./colours.js";
 import { Controls } from "./controls.js";
 import { button, element, setText } from "./dom.js";
+import { Heart, OLD_S, TOLD_S } from "./heart.js";
 import { LayerPanel } from "./layers.js";
 import { MapView, type Choice } from "./map.js";
 import { Decisions, Messages } from "./messages.js";
@@ -15,6 +16,9 @@ import { scoreLine, Vehicles } from "./vehicles.js";
 
 const CHARTS_MS = 400;
 const PANELS_MS = 200;
+const LOOK_MS = 250;
+/** How the pill of an outcome looks that is neither good nor bad; any other one is bad. */
+const LOOKS: Record<string, string> = { completed: "good", running: "running", ended: "running", interrupted: "warn" };
 const LOST_MS = 600;
 const LINKS: Record<Link, string> = {
   connecting: "Connecting …",
@@ -39,17 +43,22 @@ class App {
   private parts: Parts | null = null;
   private readonly root = document.getElementById("app")!;
   private readonly title = element("h1");
-  private readonly link = element("span", { class: "pill connection", role: "status" });
+  private readonly link = element("span", { class: "pill connection" });
   private readonly outcome = element("span", { class: "pill outcome" });
   private readonly progress = element("span", { class: "progress" });
   private readonly lost = element("p", { class: "lost", role: "alert" });
   private readonly under = element("output", { class: "under-pointer", "aria-live": "off" });
-  private telling = 0;
-  private readonly send = open({
-    begin: (runs) => this.begin(runs),
-    take: (update, run) => this.take(update, run),
-    link: (state) => this.takeLink(state),
-  });
+  private state: Link = "connecting";
+  private since_ms = 0;
+  private readonly heart = new Heart();
+  private readonly send = open(
+    {
+      begin: (runs) => this.begin(runs),
+      take: (update, run) => this.take(update, run),
+      link: (state) => this.takeLink(state),
+    },
+    this.heart,
+  );
   private readonly choice: Choice = {
     field: "",
     kind: "value",
@@ -72,6 +81,9 @@ class App {
     addEventListener("beforeprint", () => this.print(true));
     addEventListener("afterprint", () => this.print(false));
     requestAnimationFrame((now_ms) => this.frame(now_ms));
+    // A report opens at its summary, also when it is loaded again.
+    if (!this.send && !location.hash) history.scrollRestoration = "manual";
+    if (this.send) setInterval(() => this.look(), LOOK_MS);
   }
 
   /** Lay the page out for paper: maps and charts are drawn for the room that they have there. */
@@ -84,11 +96,11 @@ class App {
 
   /** Everything comes anew; the reader goes on looking at the same part of it. */
   private begin(runs: number): void {
-    if (this.models.length === runs) for (const model of this.models) Object.assign(model, new Model(model.letter));
-    else {
-      this.models = Array.from({ length: runs }, (_, k) => new Model(runs > 1 ? String.fromCharCode(65 + k) : ""));
-      this.build();
-    }
+    const isBuilt = this.models.length === runs;
+    if (isBuilt) for (const model of this.models) Object.assign(model, new Model(model.letter));
+    else this.models = Array.from({ length: runs }, (_, k) => new Model(runs > 1 ? String.fromCharCode(65 + k) : ""));
+    if (this.send) this.models[0]?.follow(() => this.heart.age_s ?? 0);
+    if (!isBuilt) this.build();
   }
 
   private take(update: Update, run: number): void {
@@ -98,6 +110,7 @@ class App {
     const fields = this.models[0]?.fields ?? [];
     if (!fields.some((one) => one.name === this.choice.field)) this.choice.field = fields[0]?.name ?? "";
     if (update.reply) this.parts?.controls?.reply(update.reply);
+    if (update.beat) this.look();
     this.dirty = this.stale = true;
   }
 
@@ -126,7 +139,15 @@ class App {
     );
     const charts = new Charts(models, (time_s) => time.seek(time_s));
     const layers = new LayerPanel(models, choice, changed);
-    const controls = this.send && models[0] ? new Controls(models[0], this.send) : null;
+    const controls =
+      this.send && models[0]
+        ? new Controls(
+            models[0],
+            this.send,
+            () => this.isFresh,
+            (id) => vehicles.choose(models[0]!, id),
+          )
+        : null;
     this.parts = { time, vehicles, messages, decisions, charts, layers, controls };
 
     const stage = element("div", { class: "stage" });
@@ -193,8 +214,10 @@ class App {
     const urgent = element(
       "div",
       { class: "urgent" },
+      // Orders first: what comes and goes moves none of them under a finger.
+      ...(controls ? [controls.element] : []),
       this.lost,
-      ...(controls ? [controls.question, controls.element] : []),
+      ...(controls ? [controls.question, controls.became] : []),
     );
     const main = element(
       "main",
@@ -242,21 +265,57 @@ class App {
       });
   }
 
-  /** A connection that comes back at once was not lost. */
   private takeLink(state: Link): void {
-    clearTimeout(this.telling);
-    this.telling = setTimeout(() => this.showLink(state), state === "lost" ? LOST_MS : 0);
+    [this.state, this.since_ms] = [state, performance.now()];
+    this.look();
   }
 
-  private showLink(state: Link): void {
-    const over = this.models[0]?.status?.outcome;
-    const ended = over !== undefined && over !== "running";
-    setText(this.link, state === "lost" && ended ? "Ended" : LINKS[state]);
-    this.link.dataset["state"] = state === "lost" && ended ? "recording" : state;
-    const text = ended ? "" : "The connection to the program is lost: what is shown is old. Trying again …";
-    setText(this.lost, state === "lost" ? text : "");
+  /** Whether what is shown is what is, so that orders may be given by it. */
+  private get isFresh(): boolean {
+    return this.state === "live" && this.heart.isFresh;
+  }
+
+  /** Say how old it is what is shown, by the clock and not by what comes: nothing may. */
+  private look(): void {
+    const { state } = this;
+    const model = this.models[0];
+    const age_s = this.heart.age_s;
+    const ended = model?.status && !model.runs;
+    // A connection that comes back at once was not lost.
+    const isLost = state === "lost" && performance.now() - this.since_ms >= LOST_MS;
+    const isOld = state !== "recording" && !ended && (isLost || (age_s !== null && age_s >= OLD_S));
+    const quiet = isOld || !model?.runs ? [] : this.quiet(model);
+    let words = LINKS[state === "lost" && !isLost ? "live" : state];
+    if (state === "recording") words = LINKS.recording;
+    else if (ended) words = "Ended";
+    else if (isOld) words = age_s === null ? LINKS.lost : `No news for ${clock(age_s)}`;
+    else if (age_s === null) words = LINKS.connecting;
+    else if (quiet.length) words = "Vehicle not heard";
+    else if (age_s >= TOLD_S || state === "lost") words = `${Math.floor(age_s)} s old`;
+    setText(this.link, words);
+    const isBad = isOld || quiet.length > 0;
+    this.link.dataset["state"] = isBad ? "lost" : words === LINKS.live ? "live" : "recording";
+    // Read aloud when it changes: the seconds stand elsewhere.
+    let warns = quiet.length ? `No news of ${quiet.join(", ")}: what is shown is old.` : "";
+    if (isLost && isOld) warns = "The connection to the program is lost: what is shown is old. Trying again …";
+    else if (isOld) warns = "Nothing comes from the program: what is shown is old, and it takes no orders.";
+    setText(this.lost, warns);
+    this.root.classList.toggle("old", isOld);
+    this.parts?.controls?.show();
+    if (age_s !== null && age_s >= 1 && !ended) this.dirty = true; // What is heard gets older
     if (!this.root.contains(this.link))
       this.root.replaceChildren(element("header", { class: "top" }, this.title, this.link), this.lost);
+  }
+
+  /** Vehicles of which nothing is known any more, though the program lives: those that fly, or all. */
+  private quiet(model: Model): string[] {
+    const known = (model.run?.vehicles ?? []).flatMap(({ system_id }) => {
+      const moment = model.vehicleAt(system_id, model.end_s);
+      return moment ? [{ system_id, moment }] : [];
+    });
+    const quiet = known.filter(({ moment }) => moment.silent);
+    const told = quiet.length === known.length ? quiet : quiet.filter(({ moment }) => moment.armed);
+    return told.map(({ system_id }) => model.nameOf(system_id));
   }
 
   private frame(now_ms: number): void {
@@ -309,10 +368,11 @@ class App {
     const words = over ? [status.outcome, status.reason] : [scoreLine(model, time_s)];
     const several = this.models.length > 1 ? [] : words;
     setText(this.outcome, capital([...several, model.dayAt(time_s)].filter(Boolean).join(" · ")));
-    this.outcome.dataset["state"] = over ? status.outcome : "running";
+    this.outcome.dataset["state"] = over ? (LOOKS[status.outcome] ?? "bad") : "running";
     const doing = status?.progress;
     setText(this.progress, doing ? `${capital(doing.what)} ${percent(doing.done / (doing.total || 1))}` : "");
-    document.title = [clock(time_s), titles.join(" | ")].filter(Boolean).join(" · ");
+    const isOld = this.root.classList.contains("old") ? "Old" : "";
+    document.title = [isOld, clock(time_s), titles.join(" | ")].filter(Boolean).join(" · ");
   }
 }
 

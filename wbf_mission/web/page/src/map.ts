@@ -73,7 +73,7 @@ class VehicleMark {
     const classes = this.marker.getElement()!.classList;
     classes.toggle("silent", moment.silent);
     classes.toggle("selected", selected);
-    setText(this.note, moment.silent ? `nothing heard for ${Math.round(moment.silent_s)} s` : "");
+    setText(this.note, moment.silent ? `no news for ${Math.round(moment.silent_s)} s` : "");
   }
 }
 

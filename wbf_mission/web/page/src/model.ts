@@ -14,7 +14,8 @@ import type {
 } from "./schema.js";
 import { Tiles } from "./tiles.js";
 
-const SILENT_S = 5;
+/** From this age on a vehicle is shown as one that is not known any more. */
+export const SILENT_S = 3;
 
 /** How many of ascending times are not after a time. */
 export function upTo(times: number[], time_s: number): number {
@@ -83,6 +84,8 @@ export interface Moment {
   armed: boolean;
   silent_s: number;
   silent: boolean;
+  /** Whether this is the vehicle as it is, not as it was. */
+  present: boolean;
 }
 
 export class Model {
@@ -99,9 +102,23 @@ export class Model {
   tiles = new Tiles();
   /** The time up to which anything is known. */
   end_s = 0;
+  /** How old the newest states were by the program's last beat, and how old that is. */
+  private beat_s: Record<string, number> = {};
+  private age_s: () => number = () => 0;
+  private isLive = false;
 
   /** A letter stands for it where several runs are shown. */
   constructor(readonly letter = "") {}
+
+  /** Whether it happens, so that what is newest is the present; a recording never does. */
+  get runs(): boolean {
+    return this.isLive && this.status?.outcome === "running";
+  }
+
+  /** It is shown while it happens, by what came so long ago. */
+  follow(age_s: () => number): void {
+    [this.isLive, this.age_s] = [true, age_s];
+  }
 
   take(update: Update): void {
     this.end_s = Math.max(this.end_s, update.time_s);
@@ -112,6 +129,7 @@ export class Model {
     this.plans.push(...(update.plans ?? []));
     for (const [id, states] of Object.entries(update.states ?? {}))
       extend((this.states[id] ??= {} as States) as unknown as Columns, states as unknown as Columns);
+    if (update.beat) this.beat_s = update.beat.silent_s;
     if (update.readings) this.takeReadings(update.readings);
     if (update.scores) {
       extendByField(this.scores.losses, update.scores.losses, this.scores.time_s.length, update.scores.time_s.length);
@@ -158,7 +176,9 @@ export class Model {
     if (!states || last < 0) return null;
     const at = <T>(column: T[]): T => column[last]!;
     const since_s = time_s - at(states.time_s);
-    const silent_s = at(states.silent_s) + (this.status?.outcome === "running" ? since_s : 0);
+    const present = this.runs && time_s >= this.end_s;
+    const now_s = present ? (this.beat_s[system_id] ?? 0) + this.age_s() : 0;
+    const silent_s = Math.max(at(states.silent_s) + (this.status?.outcome === "running" ? since_s : 0), now_s);
     const moment: Moment = {
       x: at(states.x),
       y: at(states.y),
@@ -177,6 +197,7 @@ export class Model {
       armed: at(states.armed),
       silent_s,
       silent: silent_s > SILENT_S,
+      present,
     };
     const flown = states.flight[last + 1] === moment.flight;
     for (const name of BETWEEN) {

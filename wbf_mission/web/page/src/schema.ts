@@ -145,7 +145,7 @@ export interface Status {
   outcome: string;
   reason: string;
   progress: { what: string; done: number; total: number } | null;
-  question: { text: string; answers: string[] } | null;
+  question: { text: string; answers: string[]; number: number } | null;
   /** Orders that this page may give; none where it only shows. */
   orders: string[];
 }
@@ -160,6 +160,13 @@ export interface Run {
   fields: FieldInfo[];
   raster: Raster | null;
   vehicles: VehicleInfo[];
+}
+
+export interface Beat {
+  /** On the program's own clock, since this page was connected. */
+  time_s: number;
+  /** How old the newest state of each vehicle is, by system id; of none in a simulation, whose time may stand. */
+  silent_s: Record<string, number>;
 }
 
 /** What is new; what is missing did not change. Lists and columns are appended to what there is, the others
@@ -183,8 +190,11 @@ export interface Update {
   status?: Status;
   /** The tiles background that the server has, if any. */
   background?: { attribution: string; min_zoom: number; max_zoom: number } | null;
-  /** What became of this page's last request, which no other page is told: no error, and it was taken. */
-  reply?: { order: string; error: string };
+  /** What became of this page's request with this number, which no other page is told: no error, and it was
+   * taken. */
+  reply?: { order: string; error: string; number: number };
+  /** The program lives: once a second, after all that was new. */
+  beat?: Beat;
 }
 
 /** A finished run in a page of its own: all of it, and the layers as they were at some moments. */
@@ -200,7 +210,18 @@ export interface Recording extends Update {
   }[];
 }
 
-/** What the page sends, over the same WebSocket: an order to one vehicle or all, or the answer to a question. */
-export type Request =
-  | { order: string; system_id: number | null; value?: string; confirmed?: boolean }
-  | { answer: string };
+/** When a request was given: by the newest beat that had come, on the page's clock since then. */
+export interface Given {
+  /** Greater than those before: each request counts once. */
+  number: number;
+  beat_s: number;
+  after_s: number;
+}
+
+/** What the page asks for: an order to vehicles, or the answer to a question. */
+export type Wish =
+  | { order: string; system_ids: number[]; value?: string; confirmed?: boolean }
+  | { answer: string; question: number };
+
+/** What it sends, over the same WebSocket. */
+export type Request = Wish & { given: Given };

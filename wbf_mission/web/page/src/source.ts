@@ -8,7 +8,8 @@
 //
 // A page has, in its body: <section id="summary"> (optional, above: any HTML, it is printed), and
 // <div id="app">, in which the view is built. It loads page.css and, deferred, live.js.
-import type { Recording, Request, Update } from "./schema.js";
+import type { Heart } from "./heart.js";
+import type { Recording, Request, Update, Wish } from "./schema.js";
 import { inflate } from "./tiles.js";
 
 const LONGEST_WAIT_MS = 5000;
@@ -22,8 +23,11 @@ export interface Receiver {
   link(state: Link): void;
 }
 
-/** Begin to receive; returns what sends requests, null for a recording. */
-export function open(receiver: Receiver): ((request: Request) => void) | null {
+/** Sends a wish at once, and returns its number; null where it cannot be sent: nothing is sent later. */
+export type Send = (wish: Wish) => number | null;
+
+/** Begin to receive; returns what sends wishes, null for a recording. */
+export function open(receiver: Receiver, heart: Heart): Send | null {
   const kept = document.getElementById("recording");
   if (kept) {
     void read(kept).then((runs) => {
@@ -33,7 +37,7 @@ export function open(receiver: Receiver): ((request: Request) => void) | null {
     });
     return null;
   }
-  return connect(receiver);
+  return connect(receiver, heart);
 }
 
 async function read(kept: HTMLElement): Promise<Recording[]> {
@@ -43,7 +47,7 @@ async function read(kept: HTMLElement): Promise<Recording[]> {
   return (Array.isArray(read) ? read : [read]) as Recording[];
 }
 
-function connect(receiver: Receiver): (request: Request) => void {
+function connect(receiver: Receiver, heart: Heart): Send {
   let socket: WebSocket;
   let wait_ms = 250;
   const begin = (): void => {
@@ -53,12 +57,15 @@ function connect(receiver: Receiver): (request: Request) => void {
     socket = new WebSocket(address);
     socket.onmessage = (message: MessageEvent<string>) => {
       if (first) {
+        heart.stop();
         receiver.begin(1);
-        receiver.link("live");
       }
-      first = false;
       wait_ms = 250;
-      receiver.take(JSON.parse(message.data) as Update, 0);
+      const update = JSON.parse(message.data) as Update;
+      if (update.beat) heart.beat(update.beat);
+      receiver.take(update, 0);
+      if (first) receiver.link("live");
+      first = false;
     };
     socket.onclose = () => {
       receiver.link("lost");
@@ -68,7 +75,10 @@ function connect(receiver: Receiver): (request: Request) => void {
   };
   receiver.link("connecting");
   begin();
-  return (request) => {
-    if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(request));
+  return (wish) => {
+    if (socket.readyState !== WebSocket.OPEN || !heart.isFresh) return null;
+    const request: Request = { ...wish, given: heart.give() };
+    socket.send(JSON.stringify(request));
+    return request.given.number;
   };
 }

@@ -19,7 +19,7 @@ export class Time {
   private last_ms = 0;
   private readonly slider = element("input", { type: "range", min: "0", step: "0.1", "aria-label": "Time of the run" });
   private readonly play = button("", () => this.toggle(), { class: "play", "aria-label": "Play" });
-  private readonly now = button("Live", () => this.follow(), { class: "now" });
+  private readonly now = button("Latest", () => this.follow(), { class: "now" });
   private readonly text = element("output", { class: "clock" });
   private readonly speeds = element("select", { "aria-label": "Speed of playing" });
 

@@ -1,6 +1,7 @@
 // A card for each vehicle: what an operator looks at first.
 import { vehicleColour } from "./colours.js";
 import { element, setText } from "./dom.js";
+import { TOLD_S } from "./heart.js";
 import type { Model, Moment } from "./model.js";
 import type { VehicleInfo } from "./schema.js";
 import { clock, fixed, metres, percent } from "./text.js";
@@ -64,8 +65,9 @@ class Card {
       setText(this.phase, "not heard yet");
       return;
     }
-    setText(this.phase, moment.silent ? `nothing heard for ${clock(moment.silent_s)}` : moment.phase);
-    setText(this.mode, [moment.mode, moment.armed ? "armed" : "disarmed"].filter(Boolean).join(" · "));
+    setText(this.phase, moment.silent ? `no news for ${clock(moment.silent_s)}` : moment.phase);
+    // Without a log nobody knows either.
+    setText(this.mode, moment.mode && `${moment.mode} · ${moment.armed ? "armed" : "disarmed"}`);
     setText(this.battery, moment.battery === null ? "" : percent(moment.battery));
     this.bar.style.setProperty("--part", `${100 * (moment.battery ?? 0)}%`);
     const plan = this.model.planAt(this.info.system_id, time_s);
@@ -78,7 +80,9 @@ class Card {
     setText(at, item === null ? "–" : `${item + 1}${items === null ? "" : ` of ${items}`}`);
     setText(link, percent(moment.link));
     link.classList.toggle("bad", (moment.link ?? 1) < POOR_LINK);
-    setText(heard, moment.silent_s < 1 ? "now" : `${Math.round(moment.silent_s)} s ago`);
+    const ago = `${Math.round(moment.silent_s)} s`;
+    if (moment.present) setText(heard, moment.silent_s < TOLD_S ? "now" : `${ago} ago`);
+    else setText(heard, moment.silent_s < TOLD_S ? "–" : `${ago} before`);
     setText(flight, `${moment.day ? `day ${moment.day}, ` : ""}no. ${moment.flight}`);
     const parts =
       plan &&
@@ -101,10 +105,15 @@ export class Vehicles {
     private readonly chosen: (model: Model, id: number | null) => void,
   ) {}
 
+  /** Choose a vehicle; the one that is chosen is let go. */
   select(model: Model, system_id: number): void {
     const same = this.selected?.model === model && this.selected.system_id === system_id;
-    this.selected = same ? null : { model, system_id };
-    this.chosen(model, same ? null : system_id);
+    this.choose(model, same ? null : system_id);
+  }
+
+  choose(model: Model, system_id: number | null): void {
+    this.selected = system_id === null ? null : { model, system_id };
+    this.chosen(model, system_id);
   }
 
   show(time_s: number): void {

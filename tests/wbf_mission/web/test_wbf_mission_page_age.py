@@ -1,0 +1,477 @@
+"""The page in a browser shows nothing old as the present; orders go once, fresh, to whom they are meant."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from queue import Queue
+from threading import Thread
+from typing import Any
+
+import frozen_server
+import pytest
+from live_page import chromium, page_at
+from playwright.sync_api import Browser, Page, expect
+
+from geo.farms import get_farm
+from sensors.fields import PAPER_FIELDS
+from wbf_mission.events import Asked, Orderable, RunBegun, RunEnded, VehicleInfo, VehicleMoved
+from wbf_mission.web.server import LiveServer
+from wbf_mission.web.view import View
+
+LONG_S = 60.0  # A limit against hanging, not a measure
+HEAR = """() => {
+    const pill = document.querySelector(".connection");
+    window.heard = [];
+    new MutationObserver(() => heard.push(pill.textContent)).observe(pill, { childList: true });
+}"""
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium() as started:
+        yield started
+
+
+class Program:
+    """A live page's program as a process that can be stopped."""
+
+    def __init__(self) -> None:
+        path = os.pathsep.join(
+            [str(Path(__file__).parents[3]), *filter(None, [os.environ.get("PYTHONPATH")])]
+        )
+        self.process = subprocess.Popen(
+            [sys.executable, frozen_server.__file__],
+            stdout=subprocess.PIPE,
+            text=True,
+            env={**os.environ, "PYTHONPATH": path},
+        )
+        self.said: Queue[str] = Queue()
+        Thread(target=self._read, daemon=True).start()
+        self.url = self.said.get(timeout=LONG_S).strip()
+
+    def _read(self) -> None:
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            self.said.put(line.strip())
+
+    def stop(self) -> None:
+        self.process.send_signal(signal.SIGSTOP)
+
+    def go_on(self) -> None:
+        self.process.send_signal(signal.SIGCONT)
+
+
+@contextmanager
+def program() -> Iterator[Program]:
+    one = Program()
+    try:
+        yield one
+    finally:
+        one.go_on()
+        one.process.kill()
+        one.process.wait(LONG_S)
+
+
+def order(page: Page, name: str) -> Any:
+    return (
+        page.get_by_role("group", name="Orders")
+        .or_(page.locator(".controls"))
+        .get_by_role("button", name=name, exact=True)
+    )
+
+
+def all_text(page: Page) -> str:
+    return page.locator("body").inner_text()
+
+
+@pytest.mark.parametrize("width", [1280, 390])
+def test_a_page_whose_program_stands_still_says_so_and_gives_no_order(browser: Browser, width: int) -> None:
+    with program() as one, page_at(browser, one.url, viewport={"width": width, "height": 800}) as page:
+        pill, card = page.locator(".connection"), page.locator(".card").first
+        expect(pill).to_have_text("Live")
+        expect(card).to_contain_text("now")
+        page.get_by_label("Orders go to").select_option("drone-1")
+        expect(order(page, "Hold")).to_be_enabled()
+        page.evaluate(HEAR)
+        one.stop()
+        expect(pill).to_have_text(re.compile(r"No news for 0:0\d"))
+        expect(page.locator(".lost")).to_have_text(
+            "Nothing comes from the program: what is shown is old, and it takes no orders."
+        )
+        for name in ("Arm", "Hold", "Resume", "Return", "Land"):
+            expect(order(page, name)).to_be_disabled()
+        expect(card).to_contain_text(re.compile(r"no news for 0:0\d"))
+        assert (
+            page.locator(".card .body").first.evaluate("one => getComputedStyle(one).filter")
+            == "grayscale(1)"
+        )
+        assert not re.search(r"\bLive\b|\bnow\b", all_text(page))
+        assert page.title().startswith("Old · ")
+        assert page.evaluate("heard").index("2 s old") < page.evaluate("heard").index("No news for 0:03")
+        one.go_on()
+        expect(pill).to_have_text("Live")
+        expect(page.locator(".lost")).to_be_empty()
+        expect(card).to_contain_text("now")
+        expect(order(page, "Hold")).to_be_enabled()
+        assert page.locator(".card .body").first.evaluate("one => getComputedStyle(one).filter") == "none"
+        order(page, "Hold").click()
+        expect(page.locator(".became")).to_have_text("Hold, drone-1: sent")
+        assert one.said.get(timeout=LONG_S) == "taken: hold 1"
+
+
+def test_what_was_ordered_while_the_program_stood_still_is_not_carried_out_when_it_goes_on(
+    browser: Browser,
+) -> None:
+    with program() as one, page_at(browser, one.url) as page:
+        expect(page.locator(".connection")).to_have_text("Live")
+        page.get_by_label("Orders go to").select_option("drone-1")
+        order(page, "Arm").click()
+        one.stop()
+        # Before the page can know it.
+        page.get_by_role("dialog").get_by_role("button", name="Yes").click()
+        expect(page.locator(".became")).to_have_text(
+            "Arm, drone-1: not answered: nobody knows whether it arrived"
+        )
+        expect(page.locator(".connection")).to_have_text(re.compile("No news for"))
+        one.go_on()
+        expect(page.locator(".became")).to_have_text(re.compile("Arm: not done: too late: it was given"))
+        expect(page.locator(".connection")).to_have_text("Live")
+        order(page, "Resume").click()
+        expect(page.locator(".became")).to_have_text("Resume, drone-1: sent")
+        assert one.said.get(timeout=LONG_S) == "taken: resume 1", "the order before was carried out late"
+        assert one.said.empty()
+
+
+def test_a_question_that_stood_open_when_the_program_stopped_is_taken_away(browser: Browser) -> None:
+    with program() as one, page_at(browser, one.url) as page:
+        page.get_by_label("Orders go to").select_option("drone-1")
+        order(page, "Hold").click()
+        expect(page.locator(".became")).to_have_text("Hold, drone-1: sent")
+        order(page, "Arm").click()
+        expect(page.get_by_role("dialog")).to_be_visible()
+        one.stop()
+        expect(page.get_by_role("dialog")).to_be_hidden()
+        expect(page.locator(".became")).to_have_text("Nothing was sent: what was asked about is over")
+        one.go_on()
+        expect(page.locator(".connection")).to_have_text("Live")
+        order(page, "Resume").click()
+        expect(page.locator(".became")).to_have_text("Resume, drone-1: sent")
+        assert [one.said.get(timeout=LONG_S) for _ in "12"] == ["taken: hold 1", "taken: resume 1"]
+
+
+def test_a_connection_that_is_lost_ends_orders_and_the_line_of_the_last_one(browser: Browser) -> None:
+    with program() as one:
+        page = browser.new_page()
+        page.goto(one.url)
+        page.get_by_label("Orders go to").select_option("drone-2")
+        order(page, "Hold").click()
+        expect(page.locator(".became")).to_have_text("Hold, drone-2: sent")
+        one.process.kill()
+        expect(order(page, "Hold")).to_be_disabled()
+        expect(page.locator(".became")).to_be_empty()
+        expect(page.locator(".connection")).to_have_text(re.compile("Connection lost|No news for"))
+        assert not re.search(r"\bLive\b|\bnow\b", all_text(page))
+        page.close()
+
+
+def two(view: View, *orders: str, simulated: bool = False) -> None:
+    vehicles = tuple(VehicleInfo(number, f"drone-{number}", "copter") for number in (1, 2))
+    view.take(RunBegun("a flight", get_farm("miniberry-10"), PAPER_FIELDS, vehicles, simulated=simulated))
+    for number in (1, 2):
+        view.take(moved(1.0, number))
+    view.take(Orderable(orders))
+
+
+def moved(time_s: float, number: int, **more: Any) -> VehicleMoved:
+    known: dict[str, Any] = {"battery": 0.75, "mode": "AUTO", "armed": True}
+    return VehicleMoved(time_s, 1, 1, number, 1.0, 1.0, 5.0, 3.0, **(known | more))
+
+
+class Taking:
+    """Orders as whoever flies takes them."""
+
+    def __init__(self) -> None:
+        self.taken: list[tuple[Any, ...]] = []
+
+    def take(self, *order: Any, age_s: float) -> str:
+        self.taken.append(order)
+        return ""
+
+    def answer(self, *answer: Any, age_s: float) -> str:
+        self.taken.append(answer)
+        return ""
+
+
+class Clock:
+    """A clock that somebody sets."""
+
+    now_s = 100.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+def test_a_vehicle_that_is_not_heard_is_told_while_the_program_lives(browser: Browser) -> None:
+    clock = Clock()
+    view = View(clock=clock)
+    two(view)
+    # The server's own clock goes on, and its beats with it; the vehicles' news get older by hand.
+    with LiveServer(view) as server, page_at(browser, server.url) as page:
+        expect(page.locator(".connection")).to_have_text("Live")
+        view.take(moved(2.0, 1))
+        clock.now_s += 8.0
+        view.take(moved(3.0, 2))
+        first, second = page.locator(".card").all()
+        expect(first).to_contain_text(re.compile(r"no news for 0:0[89]"))
+        expect(second).not_to_contain_text("no news")
+        expect(page.locator(".lost")).to_have_text("No news of drone-1: what is shown is old.")
+        expect(page.locator(".connection")).to_have_text("Vehicle not heard")
+        view.take(moved(4.0, 1))
+        expect(page.locator(".lost")).to_be_empty()
+        expect(page.locator(".connection")).to_have_text("Live")
+
+
+def test_orders_go_to_the_vehicle_that_is_chosen_and_to_none_before(browser: Browser) -> None:
+    view, orders = View(), Taking()
+    two(view, "hold", "resume", "return", "land", simulated=True)
+    with LiveServer(view, orders=orders) as server, page_at(browser, server.url) as page:
+        expect(page.locator(".connection")).to_have_text("Live")
+        target = page.get_by_label("Orders go to")
+        expect(target).to_have_value("")
+        for name in ("Hold", "Return", "Land"):
+            expect(order(page, name)).to_be_disabled()
+        page.locator(".card .head").nth(1).click()
+        expect(target).to_have_value("2")
+        order(page, "Land").click()
+        expect(page.locator(".became")).to_have_text("Land, drone-2: sent")
+        target.select_option("drone-1")
+        expect(page.locator(".card").first).to_have_class(re.compile("selected"))
+        order(page, "Hold").click()
+        expect(page.locator(".became")).to_have_text("Hold, drone-1: sent")
+        page.locator(".card .head").first.click()
+        expect(target).to_have_value("")
+        expect(order(page, "Hold")).to_be_disabled()
+    assert orders.taken == [([2], "land", "", False), ([1], "hold", "", False)]
+
+
+def test_several_vehicles_are_brought_down_only_after_a_second_word(browser: Browser) -> None:
+    view, orders = View(), Taking()
+    two(view, "hold", "return", "land", simulated=True)
+    with LiveServer(view, orders=orders) as server, page_at(browser, server.url) as page:
+        page.get_by_label("Orders go to").select_option("All 2 vehicles")
+        order(page, "Hold").click()
+        expect(page.locator(".became")).to_have_text("Hold, All 2 vehicles: sent")
+        for name in ("Return", "Land"):
+            order(page, name).click()
+            dialog = page.get_by_role("dialog")
+            expect(dialog).to_contain_text("It goes to 2 vehicles: drone-1, drone-2.")
+            dialog.get_by_role("button", name="Cancel").click()
+            order(page, name).click()
+            dialog.get_by_role("button", name="Yes").click()
+            expect(page.locator(".became")).to_have_text(f"{name}, All 2 vehicles: sent")
+        view.take(Asked("vehicles fly", ("hold", "return"), 7))
+        question = page.locator(".question")
+        question.get_by_role("button", name="Return").click()
+        dialog.get_by_role("button", name="Yes").click()
+        expect(page.locator(".became")).to_have_text("Answer “return”: sent")
+    assert orders.taken == [
+        ([1, 2], "hold", "", False),
+        ([1, 2], "return", "", True),
+        ([1, 2], "land", "", True),
+        ("return", 7),
+    ]
+
+
+@pytest.mark.parametrize("width", [1280, 700, 360])
+@pytest.mark.parametrize(
+    "orders",
+    [
+        ("hold", "resume", "return", "land", "set item"),
+        ("start", "arm", "takeoff", "hold", "resume", "return", "land", "set item"),
+    ],
+)
+def test_land_does_not_stand_beside_resume_and_no_order_moves(
+    browser: Browser, width: int, orders: tuple[str, ...]
+) -> None:
+    view = View()
+    two(view, *orders, simulated=True)
+    with (
+        LiveServer(view, orders=Taking()) as server,
+        page_at(browser, server.url, viewport={"width": width, "height": 800}) as page,
+    ):
+        boxes = {name: order(page, name.capitalize()).bounding_box() for name in orders}
+        land, resume = boxes["land"], boxes["resume"]
+        assert land is not None and resume is not None
+        # A finger's breadth between them, whichever way.
+        across = max(land["x"] - resume["x"] - resume["width"], resume["x"] - land["x"] - land["width"])
+        along = max(land["y"] - resume["y"] - resume["height"], resume["y"] - land["y"] - land["height"])
+        assert max(across, along) >= 50 or (across >= 0 and along >= 10), (land, resume)
+        view.take(Orderable(("hold", "land")))
+        expect(order(page, "Resume")).to_be_disabled()
+        assert {name: order(page, name.capitalize()).bounding_box() for name in orders} == boxes
+
+
+@pytest.mark.parametrize(
+    ("outcome", "look"),
+    [
+        ("completed", "good"),
+        ("failed", "bad"),
+        ("crashed", "bad"),
+        ("interrupted", "warn"),
+        ("ended", "running"),
+    ],
+)
+def test_live_ends_with_the_run_and_a_failure_is_not_green(browser: Browser, outcome: str, look: str) -> None:
+    view = View()
+    two(view, "hold")
+    with LiveServer(view) as server, page_at(browser, server.url) as page:
+        expect(page.locator(".connection")).to_have_text("Live")
+        view.take(RunEnded(9.0, outcome, ""))
+        expect(page.locator(".connection")).to_have_text("Ended")
+        pill = page.locator(".top .outcome")
+        expect(pill).to_have_attribute("data-state", look)
+        red, green, blue = map(
+            int, re.findall(r"\d+", pill.evaluate("one => getComputedStyle(one).backgroundColor"))[:3]
+        )
+        assert (green > red and green > blue) == (outcome == "completed")
+        assert not re.search(r"\bLive\b|\bnow\b", all_text(page))
+
+
+CLOCKS = """() => {
+    window.ahead = { performance: 0, date: 0 };
+    const [now, date] = [performance.now.bind(performance), Date.now];
+    performance.now = () => now() + ahead.performance;
+    Date.now = () => date() + ahead.date;
+}"""
+
+
+class Told:
+    """A page whose program is played by hand: its beats come when the test sends them."""
+
+    def __init__(self, browser: Browser, url: str, view: View) -> None:
+        self.asked: list[dict[str, Any]] = []
+        self.sockets: list[Any] = []
+        self.page = browser.new_page()
+        self.page.add_init_script(f"({CLOCKS})()")
+        self._update = view.update(None)[0].json().decode()
+        self.page.route_web_socket(re.compile("/live"), self._open)
+        self.page.goto(url)
+
+    def _open(self, socket: Any) -> None:
+        self.sockets.append(socket)
+        socket.on_message(lambda text: self.asked.append(json.loads(text)))
+        socket.send(self._update)
+
+    def beats(self, time_s: float) -> None:
+        self.sockets[-1].send(json.dumps({"time_s": 1.0, "beat": {"time_s": time_s, "silent_s": {}}}))
+
+    def passes(self, ms: float, *clocks: str) -> None:
+        for name in clocks or ("performance", "date"):
+            self.page.evaluate(f"ahead.{name} += {ms}")
+
+    @property
+    def pill(self) -> Any:
+        return self.page.locator(".connection")
+
+
+@contextmanager
+def played(browser: Browser) -> Iterator[Told]:
+    view = View()
+    two(view, "hold")
+    with LiveServer(view) as server:
+        one = Told(browser, server.url, view)
+        try:
+            yield one
+        finally:
+            one.page.close()
+
+
+def test_nothing_is_live_before_the_first_beat(browser: Browser) -> None:
+    with played(browser) as one:
+        expect(one.page.locator(".card")).to_have_count(2)
+        expect(one.pill).to_have_text("Connecting …")
+        one.page.get_by_label("Orders go to").select_option("drone-1")
+        expect(order(one.page, "Hold")).to_be_disabled()
+        one.beats(0.0)
+        expect(one.pill).to_have_text("Live")
+        expect(order(one.page, "Hold")).to_be_enabled()
+
+
+@pytest.mark.parametrize("clocks", [("performance",), ("date",), ("performance", "date")])
+def test_a_page_that_slept_is_old_whichever_clock_went_on(browser: Browser, clocks: tuple[str, ...]) -> None:
+    with played(browser) as one:
+        one.beats(0.0)
+        expect(one.pill).to_have_text("Live")
+        one.passes(30_000, *clocks)
+        expect(one.pill).to_have_text(re.compile("No news for 0:3"))
+
+
+def test_beats_that_a_sleeping_page_kept_are_old_when_it_wakes(browser: Browser) -> None:
+    with played(browser) as one:
+        one.beats(100.0)
+        expect(one.pill).to_have_text("Live")
+        one.passes(30_000)
+        for kept_s in (101.0, 102.0, 103.0):
+            one.beats(kept_s)
+        expect(one.pill).to_have_text(re.compile("No news for 0:2"))
+        one.beats(130.0)
+        expect(one.pill).to_have_text("Live")
+
+
+def test_clocks_that_drift_apart_make_nothing_old(browser: Browser) -> None:
+    with played(browser) as one:
+        one.beats(0.0)
+        for hours in range(1, 10):
+            one.passes(3_600_500)  # Half a second an hour faster than the program's
+            one.beats(3_600.0 * hours)
+        expect(one.pill).to_have_text("Live")
+
+
+def test_an_order_carries_the_newest_beat_and_the_time_since(browser: Browser) -> None:
+    with played(browser) as one:
+        one.beats(50.0)
+        one.page.get_by_label("Orders go to").select_option("drone-2")
+        one.passes(1_500)
+        order(one.page, "Hold").click()
+        expect(one.page.locator(".became")).to_have_text("Hold, drone-2 …")
+        one.beats(51.0)
+        order(one.page, "Hold").click()
+        for half in range(8):  # It lives, and does not answer
+            one.beats(51.0 + half / 2)
+            one.page.wait_for_timeout(500)
+        expect(one.pill).to_have_text("Live")
+        first, second = one.asked
+        assert (first["system_ids"], first["given"]["beat_s"]) == ([2], 50.0)
+        assert 1.5 <= first["given"]["after_s"] <= 3.0
+        assert second["given"]["beat_s"] == 51.0 and second["given"]["number"] > first["given"]["number"]
+        expect(one.page.locator(".became")).to_have_text(
+            "Hold, drone-2: not answered: nobody knows whether it arrived"
+        )
+
+
+def test_nothing_that_was_ordered_is_sent_again_over_the_next_connection(browser: Browser) -> None:
+    with played(browser) as one:
+        one.beats(0.0)
+        one.page.get_by_label("Orders go to").select_option("drone-1")
+        order(one.page, "Hold").click()
+        expect(one.page.locator(".became")).to_have_text("Hold, drone-1 …")
+        one.sockets[-1].close()
+        expect(one.page.locator(".became")).to_have_text(
+            "Hold, drone-1: not answered: nobody knows whether it arrived"
+        )
+        expect(order(one.page, "Hold")).to_be_disabled()
+        while len(one.sockets) < 2:
+            one.page.wait_for_timeout(50)
+        one.passes(60_000)  # The next connection has beats of its own
+        one.beats(0.0)
+        expect(one.page.get_by_label("Orders go to")).to_have_value("1")
+        expect(order(one.page, "Hold")).to_be_enabled()
+        assert len(one.asked) == 1

@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,9 +16,11 @@ from processes import environment
 from mission.link.codec.dialect import mavlink as m
 from mission.link.tlog import read_tlog
 from mission.outcome import Outcome
+from wbf_mission import flight
 from wbf_mission.cli import signals
 from wbf_mission.cli.app import main
 from wbf_mission.results.result import load_result
+from wbf_mission.run.joint_flight import JointFlight
 
 LONG_S = 120.0  # a limit against hanging, not a measure
 
@@ -135,6 +138,7 @@ def test_a_flight_says_what_it_still_does_and_ends_at_the_second_ctrl_c(tmp_path
     process.send_signal(signal.SIGINT)
     line = process.stderr.readline()
     assert "saved in run" in line
+    time.sleep(1.1)  # within a second it would repeat the first
     process.send_signal(signal.SIGINT)
     end(process)
     assert process.returncode == 130
@@ -166,18 +170,23 @@ def test_an_interrupted_wait_for_a_vehicle_is_one_line(tmp_path):
 
 
 @pytest.fixture
-def installed():
+def installed(monkeypatch):
+    now_s = [100.0]
+    monkeypatch.setattr("geo.interrupts.time", SimpleNamespace(monotonic=lambda: now_s[0]))
     signals.install()
-    yield
+    yield now_s
     signals.restore()
 
 
-@pytest.mark.usefixtures("installed")
-def test_the_first_signal_counts_and_the_third_is_the_systems():
+def test_the_first_signal_counts_and_the_third_is_the_systems(installed):
     assert signals.exit_code(0) == 0
     with pytest.raises(KeyboardInterrupt):
         signal.raise_signal(signal.SIGTERM)
     assert signals.exit_code(0) == 143
+    installed[0] += 0.9
+    signal.raise_signal(signal.SIGINT)  # repeats the first
+    assert signal.getsignal(signal.SIGINT) not in (signal.SIG_DFL, signal.SIG_IGN)
+    installed[0] += 0.1
     assert signal.getsignal(signal.SIGINT) not in (signal.SIG_DFL, signal.SIG_IGN)
     with pytest.raises(KeyboardInterrupt):
         signal.raise_signal(signal.SIGINT)
@@ -197,10 +206,21 @@ def test_what_is_ignored_stays_ignored_and_all_is_put_back():
         signal.signal(signal.SIGHUP, before)
 
 
-@pytest.mark.usefixtures("installed")
-def test_an_announcement_is_said_at_once_and_once(capfd):
+def test_a_deferred_signal_that_repeats_is_still_deferred(installed):
+    signals.defer(True)
+    signal.raise_signal(signal.SIGTERM)
+    installed[0] += 0.01
+    signal.raise_signal(signal.SIGTERM)
+    assert signals.came()
+    installed[0] += 5.0
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGTERM)
+
+
+def test_an_announcement_is_said_at_once_and_once(capfd, installed):
     with signals.announcing("saving the run"):
         for _ in range(2):
+            installed[0] += 2.0
             with pytest.raises(KeyboardInterrupt):
                 signal.raise_signal(signal.SIGINT)
     assert capfd.readouterr().err == "saving the run\n"
@@ -220,6 +240,33 @@ def test_ctrl_c_while_planning_does_not_promise_a_result(tmp_path, monkeypatch, 
     assert main(["fly", "--farm", "miniberry-10", "--out", str(tmp_path / "run")]) == 130
     assert capfd.readouterr().err == "error: interrupted\n"
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("apart_s", "saved"), [(0.01, True), (0.9, True), (1.0, False)])
+def test_a_signal_that_is_sent_twice_at_once_saves_the_flight_as_promised(
+    tmp_path, monkeypatch, installed, capfd, apart_s, saved
+):
+    """GNU `timeout` sends SIGTERM to the process and to its group; the second one comes wherever it wants."""
+    learn, gather = JointFlight.learn, flight._result  # noqa: SLF001
+    sent = []
+
+    def first(self):
+        if self.now_s > 10.0 and not sent:
+            sent.append(signal.raise_signal(signal.SIGTERM))
+        learn(self)
+
+    def second(campaign):
+        installed[0] += apart_s
+        signal.raise_signal(signal.SIGTERM)
+        return gather(campaign)
+
+    monkeypatch.setattr(JointFlight, "learn", first)
+    monkeypatch.setattr(flight, "_result", second)
+    arguments = ["--farm", "miniberry-10", "--estimator", "point", "--vehicle", "quad", "--no-plots"]
+    code = main(["fly", *arguments, "--speed", "1e6", "--json", "--out", str(tmp_path / "run")])
+    assert "saved in" in capfd.readouterr().err
+    assert code == 143
+    assert (tmp_path / "run" / "summary.json").is_file() is saved
 
 
 SMALL_RUN = ["fly", "--farm", "miniberry-10", "--planner", "lawnmower", "--estimator", "point", "-q"]

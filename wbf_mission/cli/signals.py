@@ -39,6 +39,7 @@ def restore() -> None:
     for number, handler in _before.items():
         signal.signal(number, handler)  # type: ignore[arg-type]
     _before.clear()
+    forget()
 
 
 def defer(wanted: bool) -> None:

@@ -247,7 +247,7 @@ def test_a_signal_that_is_sent_twice_at_once_saves_the_flight_as_promised(
     tmp_path, monkeypatch, installed, capfd, apart_s, saved
 ):
     """GNU `timeout` sends SIGTERM to the process and to its group; the second one comes wherever it wants."""
-    learn, gather = JointFlight.learn, flight._result  # noqa: SLF001
+    learn, gather = JointFlight.learn, flight._result
     sent = []
 
     def first(self):

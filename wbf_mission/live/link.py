@@ -33,6 +33,7 @@ from wbf_mission.preflight.subject import Circumstances
 from wbf_mission.run.hosting import Hosting
 from wbf_mission.run.joint_flight import OperatorConsole
 from wbf_mission.run.orders import Orders
+from wbf_mission.run.record import FlightRecord
 from wbf_mission.scenario import Scenario
 from wbf_mission.scenario.values import LAYERS
 
@@ -176,7 +177,7 @@ class LiveLink:
         if refusals:
             raise refusals[0]
 
-    def change_battery(self, vehicle: Vehicle, plan: PlanResult, *, used: float | None, which: str) -> str:
+    def change_battery(self, vehicle: Vehicle, plan: PlanResult, *, last: FlightRecord, which: str) -> str:
         """Wait until the battery is changed, and check the next sortie; why it is not flown, empty if it is.
 
         Without an operator who says so (`agreed`) the reading has to rise within `change_s`.
@@ -189,7 +190,7 @@ class LiveLink:
         why = BatteryWait(
             needed_fraction(plan),
             None if self.agreed else partial(self.console.goes_on, question),
-            risen_fraction(used),
+            risen_fraction(*last.battery_readings),
             self.change_s,
             self.note,
         ).wait(url, number)

@@ -55,6 +55,8 @@ class FlightRecord:
         Statistics of the mission transfers.
     battery_used : float or None
         Fraction of the battery, from the vehicle's telemetry.
+    battery_readings : tuple of float or None
+        What the battery read at the mission's start, and the lowest reading with the motors running.
     flight_time_s : float
         Simulated seconds from the mission's start to its end.
     link : LinkReport or None
@@ -85,6 +87,7 @@ class FlightRecord:
     transfers: list[Any]
     battery_used: float | None
     flight_time_s: float
+    battery_readings: tuple[float | None, float | None] = (None, None)
     link: LinkReport | None = None
     missing_images: int = 0
     seen_before: int = 0

@@ -1,12 +1,14 @@
 """Ctrl-C, SIGTERM and SIGHUP, sent to real processes."""
 
 import json
+import shlex
 import shutil
 import signal
 import socket
 import subprocess
 import sys
 import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,12 +16,13 @@ import pytest
 from processes import environment
 
 from mission.link.codec.dialect import mavlink as m
-from mission.link.tlog import read_tlog
+from mission.link.tlog import TlogWriter, read_tlog
 from mission.outcome import Outcome
 from wbf_mission import flight
 from wbf_mission.cli import signals
 from wbf_mission.cli.app import main
 from wbf_mission.results.result import load_result
+from wbf_mission.results.writing import ResultFolder
 from wbf_mission.run.joint_flight import JointFlight
 
 LONG_S = 120.0  # a limit against hanging, not a measure
@@ -310,6 +313,54 @@ def test_a_run_that_is_ended_at_any_time_leaves_a_whole_result(tmp_path):
     assert main([*SMALL_RUN, "--seed", "2", "--out", str(run), "--overwrite"]) == 0
     assert load_result(run).scenario.seed == 2
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
+
+
+def test_the_log_of_a_killed_flight_is_kept_beside_and_is_made_a_map_of(tmp_path, capfd):
+    run, logs = tmp_path / "my run", []
+    arguments = [*SMALL_RUN, "--vehicle", "quad", "--no-plots", "--out", "my run"]
+    log = tmp_path / ".my run.partial" / "flight.tlog"
+    for earlier in range(2):
+        process = start(*arguments, "--speed", "5", cwd=tmp_path)
+        wait_for(lambda number=earlier: len(list(tmp_path.glob("my run.killed*"))) == number, process)
+        wait_for(lambda: log.exists() and log.stat().st_size > 60_000, process)
+        process.kill()
+        end(process)
+        logs.append(log.read_bytes())
+        capfd.readouterr()
+    with ResultFolder(run, scenario={"farm": "miniberry-10"}, warn=(told := []).append):
+        pass
+    kept = [tmp_path / "my run.killed.tlog", tmp_path / "my run.killed-2.tlog"]
+    assert [path.read_bytes() for path in kept] == logs, "the first one is not overwritten"
+    assert "my run.killed-2.tlog" in told[0]
+    command = shlex.split(told[0].partition("'")[2].rpartition("'")[0])
+    assert command[0] == "wbf-mission"
+    assert main(command[1:]) == 0
+    assert list(Path(command[-1]).glob("*.html"))
+
+
+@pytest.mark.parametrize(("real", "kept"), [(True, True), (False, False)])
+def test_the_log_of_a_real_flight_outlives_an_error(tmp_path, real, kept):
+    """A simulated one is flown again by its seed."""
+    with pytest.raises(OSError, match="full"), ResultFolder(tmp_path / "run", real=real) as folder:
+        with TlogWriter(folder.tlog) as log:
+            beat = m.MAVLink_heartbeat_message(2, 12, m.MAV_MODE_FLAG_SAFETY_ARMED, 0, 4, 3)
+            log.write(beat.pack(m.MAVLink(None)), 1.0)
+        raise OSError("full")
+    assert (tmp_path / "run.killed.tlog").is_file() is kept
+
+
+@pytest.mark.parametrize(
+    "data", [b"", m.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3).pack(m.MAVLink(None)), None]
+)
+def test_a_log_in_which_nothing_flew_is_not_kept(tmp_path, data):
+    left = tmp_path / ".run.partial"
+    left.mkdir()
+    if data is not None:
+        (left / "flight.tlog").write_bytes(bytes(8) + data)
+    with ResultFolder(tmp_path / "run", warn=(told := []).append):
+        pass
+    assert not told
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_second_run_into_a_folder_fails_at_once(tmp_path):

@@ -187,7 +187,9 @@ class _Saving:
             return False
         return True
 
-    def folder(self, given: options.Given, chosen: Scenario) -> ResultFolder | None:
+    def folder(
+        self, given: options.Given, chosen: Scenario, output: Output, *, real: bool
+    ) -> ResultFolder | None:
         """Return the folder of the run, which holds nothing that it reads."""
         if not self.files:
             return None
@@ -196,7 +198,9 @@ class _Saving:
 
         inputs = [given.file, chosen.farm.name, *chosen.farm.fields, chosen.mission.file, chosen.vehicle.name]
         path, asked = self.out or Path("runs") / run_name(chosen), resolved(chosen).to_dict()
-        return ResultFolder(path, inputs=inputs, scenario=asked, overwrite=self.overwrite)
+        return ResultFolder(
+            path, inputs=inputs, scenario=asked, overwrite=self.overwrite, real=real, warn=output.warn
+        )
 
 
 @options.scenario_options(
@@ -284,7 +288,7 @@ def fly_command(
     events = output.events
     with page.serve(output, events, orders):
         with contextlib.ExitStack() as stack:
-            folder = saving.folder(given, chosen)
+            folder = saving.folder(given, chosen, output, real=live is not None)
             if folder is not None:
                 stack.enter_context(folder)
             if folder is not None and live is None:

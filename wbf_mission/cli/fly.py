@@ -366,11 +366,9 @@ def _rows(result: Result, summary: Mapping[str, Any], *, simulated: bool) -> dic
     losses = ", ".join(
         f"{name} {value:.4g}" for name, value in summary["losses"].items() if value is not None
     )
-    flown = f"{distance(summary['path_length_m'])} in {duration(summary['flight_time_s'])}"
-    predicted = ""
-    if result.scenario.mission.policy is None:  # of a policy only the first path is known before
-        flown += f" (predicted {duration(summary['predicted_time_s'])})"
-        predicted = told(" (predicted {predicted_coverage:.2%})", summary)
+    # Of a policy only the first path is known before.
+    plans = result.scenario.mission.policy is None
+    predicted = told(" (predicted {predicted_coverage:.2%})", summary) if plans else ""
     rows = {
         "outcome": in_words(result.outcome, result.reason),
         "score": told("{score:.5f} over the run, {final_score:.5f} at the end (0 is perfect)", summary),
@@ -378,7 +376,7 @@ def _rows(result: Result, summary: Mapping[str, Any], *, simulated: bool) -> dic
         **(result.report.rows() if result.report is not None else {}),
         "observations": told("{observations}, of {cells_observed} different cells", summary),
         "coverage": told("{coverage:.2%} of the land to be seen", summary) + predicted,
-        "flown": flown,
+        "flown": result.flown(predicted=plans),
         **_sortie_rows(result),
         **_decision_rows(result),
         "battery used": told("{battery_used:.1%}", summary),

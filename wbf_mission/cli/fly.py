@@ -335,6 +335,8 @@ def _show(
     """Print what a run gave, and what its user should know."""
     for note in result.farm.notes:
         output.note(f"note: farm: {note}")
+    if simulated and (left := result.budget_left):
+        output.note(f"note: {left}")
     for warning in result.warnings:
         output.warn(warning)
     if interrupted:

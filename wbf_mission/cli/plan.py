@@ -91,6 +91,7 @@ def plan_command(
     from mission.transfer import Severity
     from wbf_mission.flight import check_flight
     from wbf_mission.planning.batteries import batteries_in, plan_for_batteries
+    from wbf_mission.planning.builder import budget_left, not_used
     from wbf_mission.planning.fleet import single_vehicles
     from wbf_mission.planning.plan import plan_fleet
     from wbf_mission.preflight.run import check_plans
@@ -142,6 +143,12 @@ def plan_command(
         output.warn(warning)
     for told in results[0].farm.notes:
         output.note(f"note: farm: {told}")
+    if chosen.mission.policy is None:
+        unused = [budget_left(plans) for plans in flown]
+        if batteries is not None and len(flown[0]) < batteries:
+            unused = [not_used(str(len(flown[0])), results[0].budget_text)]
+        for left in filter(None, dict.fromkeys(unused)):
+            output.note(f"note: {left}")
     notes = [one for plan in every for one in plan.rendered.remarks if one.severity is Severity.NOTE]
     for note in dict.fromkeys(str(one) for one in notes):
         output.note(f"note: {note}")

@@ -135,7 +135,9 @@ class LiveLink:
     def _standing(self, one: Vehicle) -> Vehicle:
         """Ask a vehicle where it stands, and let it start from there."""
         task = one.task
-        stands = self._asked(task.system_id).position
+        stands, who = self._asked(task.system_id, placed=True).position, self._who(task.system_id)
+        if stands is None:
+            self.note(f"{who}it does not say where it stands: planned from the start of the farm")
         if stands is None or one.mission.file is not None:
             return one
         planned_m, frame = task.builder.home_m, task.builder.farm.frame
@@ -143,16 +145,21 @@ class LiveLink:
         away_m = math.dist(here_m, planned_m)
         if not _NEAR_M < away_m <= FARTHEST_M:
             return one
-        who = f"vehicle {task.system_id}: " if len(self._heard) > 1 else ""
         self.note(f"{who}it stands {away_m:.0f} m from the start of the farm: planned from where it stands")
         return one.starting_at((float(here_m[0]), float(here_m[1])))
 
-    def _asked(self, number: int) -> VehicleSnapshot:
-        """Ask a vehicle for what a plan assumes."""
-        url, _ = self._heard[number]
-        who = f"vehicle {number}: " if len(self._heard) > 1 else ""
-        self.note(f"{who}asking the vehicle on {url}")
-        return ask_vehicle(url, wait_s=self.wait_s, system_id=number)
+    def _who(self, number: int) -> str:
+        """Return how lines about a vehicle begin."""
+        return f"vehicle {number}: " if len(self._heard) > 1 else ""
+
+    def _asked(self, number: int, *, placed: bool = False) -> VehicleSnapshot:
+        """Ask a vehicle for what a plan assumes; `placed` as of `Inquiry`."""
+        (url, _), who = self._heard[number], self._who(number)
+
+        def note(text: str) -> None:
+            self.note(who + text)
+
+        return ask_vehicle(url, wait_s=self.wait_s, system_id=number, note=note, placed=placed)
 
     def check(self, planned: Iterable[tuple[Vehicle, PlanResult]]) -> None:
         """Check plans before they go up, and ask each vehicle for what its plan assumes.
@@ -164,8 +171,7 @@ class LiveLink:
         refusals = []
         for vehicle, plan in planned:
             number = vehicle.task.system_id
-            who = f"vehicle {number}: " if len(self._heard) > 1 else ""
-            snapshot = self._asked(number)
+            who, snapshot = self._who(number), self._asked(number)
             report = check_mission(plan.mission, Circumstances.of(vehicle, plan.farm, snapshot)).report
             if who and vehicle.vehicle.keeps.kind == LAYERS:
                 report = Report(tuple(map(_in_a_layer, report.findings)))

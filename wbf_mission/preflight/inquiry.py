@@ -110,6 +110,7 @@ STATE_MESSAGES = (
     int(m.MAVLINK_MSG_ID_BATTERY_STATUS),
 )
 """What every vehicle is asked for."""
+_PLACE_MESSAGES = (int(m.MAVLINK_MSG_ID_GPS_RAW_INT), int(m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT))
 ESTIMATES = (int(m.MAVLINK_MSG_ID_ESTIMATOR_STATUS), int(m.MAVLINK_MSG_ID_EKF_STATUS_REPORT))
 """What tells of the estimator: on most autopilots, and on ArduPilot."""
 
@@ -150,6 +151,7 @@ _TRIES = 4
 _LONGEST_S = 30.0
 _LONGEST_SILENCE_S = 8.0
 _REASONS_S = 1.5
+_PLACE_S, _PLACE_AGAIN_S = 180.0, 1.0
 _INTEGERS = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}
 
 
@@ -158,6 +160,9 @@ class Inquiry:
 
     What is not answered is asked again, at the pace of the link: as long as the first answer took. A
     parameter that a vehicle does not have is never answered; it is given up after some tries.
+
+    With `placed` it goes on until the vehicle knows where it is, for three minutes at most: ArduCopter tells
+    positions before it does, for 40 s after its boot.
     """
 
     system_id, component_id = GROUND_STATION
@@ -171,8 +176,10 @@ class Inquiry:
         }
     )
 
-    def __init__(self, *, system_id: int | None = None) -> None:
+    def __init__(self, *, system_id: int | None = None, placed: bool = False) -> None:
         self.done = False
+        self.waits_for_place = False  # All is answered but where the vehicle is, which does not know it yet
+        self._placed = placed
         self.search = VehicleSearch(system_id)
         self._monitor = VehicleMonitor()
         self._ids: set[int] = set()
@@ -276,6 +283,11 @@ class Inquiry:
                 out.append(m.MAVLink_param_request_read_message(*self.vehicle, one.encode(), -1))
             else:
                 out.append(self._command(int(m.MAV_CMD_REQUEST_MESSAGE), float(one)))
+        if self.waits_for_place:
+            self._due_s = now_s + max(_PLACE_AGAIN_S, pace_s)
+            # What it said before tells nothing of now.
+            asked = (*_PLACE_MESSAGES, self._profile.estimator_message)
+            out += [self._command(int(m.MAV_CMD_REQUEST_MESSAGE), float(one)) for one in asked]
         return out
 
     def _command(self, command: int, first: float) -> Message:
@@ -322,6 +334,10 @@ class Inquiry:
             return
         longest_s = _LONGEST_SILENCE_S if self._answer_s is None else _LONGEST_S
         if self._settled_s is None and (not self._open or now_s >= self._begun_s + longest_s):
+            knows = self._monitor.knows_position or now_s >= self._begun_s + _PLACE_S
+            self.waits_for_place = self._placed and not knows
+            if self.waits_for_place:
+                return
             ready = self._told.get("sensors_health", _PREARM) & _PREARM
             self._settled_s = now_s + (0.0 if ready or self._monitor.state.armed else _REASONS_S)
         if self._settled_s is not None and now_s >= self._settled_s:
@@ -355,17 +371,22 @@ def ask_vehicle(
     wait_s: float = 10.0,
     system_id: int | None = None,
     note: Callable[[str], None] = _silent,
+    placed: bool = False,
 ) -> VehicleSnapshot:
     """Wait for the vehicle behind a link, and ask it for what a plan assumes; nothing is changed on it.
 
-    LinkError without a link, NoVehicleError if nobody is heard, KeyboardInterrupt at Ctrl-C.
+    `placed` as of `Inquiry`. LinkError without a link, NoVehicleError if nobody is heard, KeyboardInterrupt
+    at Ctrl-C.
     """
-    inquiry = Inquiry(system_id=system_id)
+    inquiry = Inquiry(system_id=system_id, placed=placed)
     with Server([inquiry], [url]) as server:
         name = server.urls[0]
         note(f"asking the vehicle on {name}")
         reason = server.run(until=lambda _now_s: inquiry.vehicle is not None, limit_s=wait_s)
         if reason is StopReason.FINISHED:
+            reason = server.run(until=lambda _now_s: inquiry.done or inquiry.waits_for_place)
+        if reason is StopReason.FINISHED and not inquiry.done:
+            note("waiting until the vehicle knows where it is")
             reason = server.run(until=lambda _now_s: inquiry.done)
     if reason is StopReason.STOPPED:
         raise KeyboardInterrupt

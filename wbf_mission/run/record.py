@@ -24,6 +24,7 @@ from sensors.scoring.information import InformationModel
 from wbf_mission.maps.field_maps import FieldMap
 from wbf_mission.maps.report import FarmReport, report_of_maps
 from wbf_mission.planning import PlanResult
+from wbf_mission.planning.builder import budget_left
 from wbf_mission.planning.coverage import coverage_from, image_places, seen_share
 from wbf_mission.replanning.record import SKIPPED, DecisionRecord
 from wbf_mission.scenario import Scenario
@@ -392,6 +393,16 @@ class RunRecord:
             return f"{way} in {over}"
         together = time(self.air_time_s, self.predicted_air_time_s)
         return f"{way} by {vehicles} vehicles in {together} added up; over after {over}"
+
+    @property
+    def budget_left(self) -> str:
+        """Say how much less than its budget a planner's first mission takes; empty where that is little."""
+        if self.scenario.mission.policy is not None:  # Only its first path is known before
+            return ""
+        day, system_id = self.flights[0].day, self.flights[0].system_id
+        flown = [one.plan for one in self.flights if (one.day, one.system_id) == (day, system_id)]
+        again = self.scenario.farm.flights_per_day
+        return budget_left(flown[: max(1, len(flown) // again)])
 
     @property
     def predicted_coverage(self) -> float:

@@ -11,6 +11,7 @@ from pathlib import Path
 from geo.errors import WbfMissionError
 from mission.ground.arming_gate import FARTHEST_M
 from mission.ground.link import find_vehicles
+from mission.model import GeoPoint
 from mission.transfer.vehicles import Vehicle as HeardVehicle
 from wbf_mission.live.battery_change import BatteryWait, needed_fraction, risen_fraction
 from wbf_mission.live.discovery import LiveFlightError, fitted_to, require_single_flight, wanted_vehicles
@@ -34,7 +35,7 @@ from wbf_mission.run.hosting import Hosting
 from wbf_mission.run.joint_flight import OperatorConsole
 from wbf_mission.run.orders import Orders
 from wbf_mission.run.record import FlightRecord
-from wbf_mission.scenario import Scenario
+from wbf_mission.scenario import Scenario, VehicleOptions
 from wbf_mission.scenario.values import LAYERS
 
 __all__ = ["LiveLink", "via_named"]
@@ -87,6 +88,8 @@ class LiveLink:
     via: Via = field(default_factory=Via)
     change_s: float = CHANGE_S
     _heard: dict[int, tuple[str, HeardVehicle]] = field(default_factory=dict, init=False)
+    # Vehicles as plans assume them, before they were asked
+    _assumed: dict[int, VehicleOptions] = field(default_factory=dict, init=False)
 
     def fitted(self, scenario: Scenario) -> Scenario:
         """Wait for the vehicles; return the scenario by the rules of their autopilots.
@@ -133,20 +136,35 @@ class LiveLink:
         )
 
     def _standing(self, one: Vehicle) -> Vehicle:
-        """Ask a vehicle where it stands, and let it start from there."""
+        """Ask a vehicle where it stands and what is set on it; let it start from there, and fly like that."""
         task = one.task
-        stands, who = self._asked(task.system_id, placed=True).position, self._who(task.system_id)
+        snapshot, who = self._asked(task.system_id, placed=True), self._who(task.system_id)
+        self._assumed[task.system_id], own = one.vehicle, snapshot.as_set(one.vehicle)
+        if changed := {
+            key: own.parameters[key]
+            for key in own.parameters
+            if own.parameters[key] != one.vehicle.parameters.get(key)
+        }:
+            told = ", ".join(f"{name} {value:g}" for name, value in changed.items())
+            self.note(f"{who}planned with its own parameters: {told}")
+        home_m = self._start_of(one, snapshot.position, who)
+        if own is one.vehicle and home_m == task.builder.home_m:
+            return one
+        return replace(one, vehicle=own).starting_at(home_m)
+
+    def _start_of(self, one: Vehicle, stands: GeoPoint | None, who: str) -> tuple[float, float]:
+        """Return where a vehicle's flight begins, in metres of the farm frame."""
+        planned_m, frame = one.task.builder.home_m, one.task.builder.farm.frame
         if stands is None:
             self.note(f"{who}it does not say where it stands: planned from the start of the farm")
         if stands is None or one.mission.file is not None:
-            return one
-        planned_m, frame = task.builder.home_m, task.builder.farm.frame
-        here_m = frame.from_wgs84(stands.latitude_deg, stands.longitude_deg)
-        away_m = math.dist(here_m, planned_m)
+            return planned_m
+        x_m, y_m = map(float, frame.from_wgs84(stands.latitude_deg, stands.longitude_deg))
+        away_m = math.dist((x_m, y_m), planned_m)
         if not _NEAR_M < away_m <= FARTHEST_M:
-            return one
+            return planned_m
         self.note(f"{who}it stands {away_m:.0f} m from the start of the farm: planned from where it stands")
-        return one.starting_at((float(here_m[0]), float(here_m[1])))
+        return x_m, y_m
 
     def _who(self, number: int) -> str:
         """Return how lines about a vehicle begin."""
@@ -172,8 +190,12 @@ class LiveLink:
         for vehicle, plan in planned:
             number = vehicle.task.system_id
             who, snapshot = self._who(number), self._asked(number)
-            report = check_mission(plan.mission, Circumstances.of(vehicle, plan.farm, snapshot)).report
-            if who and vehicle.vehicle.keeps.kind == LAYERS:
+            given = Circumstances.of(vehicle, plan.farm, snapshot)
+            layered = bool(who) and vehicle.vehicle.keeps.kind == LAYERS
+            if layered:  # It should return at the height of its layer, whatever it was planned with
+                given = replace(given, vehicle=self._assumed.get(number, vehicle.vehicle))
+            report = check_mission(plan.mission, given).report
+            if layered:
                 report = Report(tuple(map(_in_a_layer, report.findings)))
             counted = report.about(Concern.PLAN, Concern.PARAMETERS, Concern.STATE)
             refused = None if self.force else counted.refusal("nothing was sent")

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
-from mission.autopilots.profile import Meaning, Profile, Questions, answer_to
+from mission.autopilots.profile import Meaning, Motion, Profile, Questions, answer_to
 from mission.autopilots.registry import profile_for
 from mission.errors import MissionError
 from mission.ground.arming_gate import ArmingGate
@@ -21,8 +21,12 @@ from mission.link.codec.dialect import mavlink as m
 from mission.model import DEGREES_E7, GeoPoint
 from mission.transfer.vehicles import VehicleSearch
 from mission.transfer.wire import GROUND_STATION
+from sim_vehicle.airframe.parameters import parameter_value
+from sim_vehicle.autopilot import firmware_of
 from sim_vehicle.host.server import Server
 from sim_vehicle.host.simulation import StopReason
+from wbf_mission.planning.builder import flown_vehicle
+from wbf_mission.scenario import VehicleOptions
 
 _KINDS = {0: "dev", 64: "alpha", 128: "beta", 192: "rc", 255: ""}
 
@@ -97,6 +101,27 @@ class VehicleSnapshot:
     def told(self, meaning: Meaning) -> tuple[str, float] | None:
         """Return the name and the value of a parameter, if the vehicle told it."""
         return answer_to(meaning, self.questions, self.parameters)
+
+    def as_set(self, options: VehicleOptions) -> VehicleOptions:
+        """Return a vehicle with its own parameters in place of those that a prediction would assume.
+
+        Those that its model of motion does not know, or not with such a value, are left out.
+        """
+        spec = flown_vehicle(options)
+        firmware = firmware_of(spec)
+        table = {} if firmware is None else firmware.procedures.parameters
+        found = {}
+        for name, names in profile_for(self.autopilot).settings.motion_of(self.vehicle_type).items():
+            told = next(
+                (factor * self.parameters[one] for one, factor in names.items() if one in self.parameters),
+                None,
+            )
+            if told is None or (known := table.get(name)) is None or not known.low <= told <= known.high:
+                continue
+            # On the link a parameter has the digits of a float of four bytes.
+            if not math.isclose(told, parameter_value(spec, name, table), rel_tol=1e-6, abs_tol=1e-9):
+                found[name] = round(told) if known.integer else float(f"{told:.7g}")
+        return replace(options, parameters={**options.parameters, **found}) if found else options
 
 
 _UNKNOWN = 65535
@@ -187,6 +212,7 @@ class Inquiry:
         self._texts = TextLog()
         self._reasons: ArmingGate | None = None
         self._questions: Questions = {}
+        self._motion: Motion = {}
         self._parameters: dict[str, float] = {}
         self._tries: dict[str | int, int] = {}
         self._begun_s = math.inf
@@ -253,18 +279,17 @@ class Inquiry:
         self._begun_s = now_s
         self._reasons = ArmingGate(self.vehicle)
         self._questions = self._profile.settings.asked_of(self._monitor.vehicle_type)
+        self._motion = self._profile.settings.motion_of(self._monitor.vehicle_type)
         checks = self._command(int(m.MAV_CMD_RUN_PREARM_CHECKS), 0.0)
         return [*self._ask(now_s), *([] if self._monitor.state.armed else [checks])]
 
     @property
     def _open(self) -> list[str | int]:
         """Names of parameters and ids of messages that are not answered and not given up."""
-        names = [
-            name
-            for names in self._questions.values()
-            if self._parameters.keys().isdisjoint(names)
-            for name in names
-        ]
+        groups = [*self._questions.values(), *self._motion.values()]
+        names = dict.fromkeys(
+            name for names in groups if self._parameters.keys().isdisjoint(names) for name in names
+        )
         messages = [one for one in (*STATE_MESSAGES, self._profile.estimator_message) if one not in self._ids]
         every: list[str | int] = [*names, *messages]
         return [one for one in every if self._answer_s is None or self._tries.get(one, 0) <= _TRIES]
@@ -311,7 +336,7 @@ class Inquiry:
 
     def _on_parameter(self, message: m.MAVLink_param_value_message, now_s: float) -> None:
         name = str(message.param_id)
-        if not any(name in names for names in self._questions.values()):
+        if not any(name in names for names in (*self._questions.values(), *self._motion.values())):
             return
         value = decoded(message.param_value, message.param_type, bytewise=self._profile.bytewise)
         if value is not None:

@@ -60,6 +60,13 @@ def test_what_is_not_used_of_a_budget_is_said(small, budget, capsys):
     assert len(said) == (budget != "30s"), said
 
 
+@pytest.mark.parametrize(("budget", "said"), [("100m", 1), ("30m", 0)])
+def test_a_flight_says_it_too(budget, said, capsys):
+    arguments = ["--farm", "miniberry-10", "--planner", "lawnmower", "--estimator", "point", "--no-files"]
+    assert main(["fly", *arguments, "--budget", budget]) == 0
+    assert capsys.readouterr().err.count("of its budget of") == said
+
+
 def test_a_fleet_is_not_cut_to_a_battery_without_a_word(small):
     fleet = planned(small, "10min", vehicles=2)
     assert all(not one.prediction.feasible for one in plan_fleet(fleet))

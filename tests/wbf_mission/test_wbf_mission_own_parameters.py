@@ -6,6 +6,7 @@ from stand_in import scenario, stand_in
 from mission.outcome import Outcome
 from wbf_mission.flight import fly
 from wbf_mission.live.link import LiveLink
+from wbf_mission.planning.builder import budget_left
 
 
 class Nobody:
@@ -36,6 +37,7 @@ def test_its_return_and_landing_count_in_the_predicted_time(autopilot, parameter
     assert len(said) == bool(parameters)
     assert all(f"{name} {value:g}" in said[0] for name, value in parameters.items())
     assert result.plan.prediction.duration_s <= 180.0, "the budget pays for it, too"
+    assert (left := budget_left([result.plan])) == "" or left in told
 
 
 def test_in_a_fleet_one_that_leaves_its_layer_is_predicted_so_and_warned_of():

@@ -88,7 +88,8 @@ class FlightRecord:
     transfers: list[Any]
     battery_used: float | None
     flight_time_s: float
-    battery_readings: tuple[float | None, float | None] = (None, None)
+    # Of use while the run goes on only: not saved
+    battery_readings: tuple[float | None, float | None] = field(default=(None, None), compare=False)
     link: LinkReport | None = None
     missing_images: int = 0
     seen_before: int = 0

@@ -88,8 +88,7 @@ class FlightRecord:
     transfers: list[Any]
     battery_used: float | None
     flight_time_s: float
-    # Of use while the run goes on only: not saved
-    battery_readings: tuple[float | None, float | None] = field(default=(None, None), compare=False)
+    battery_readings: tuple[float | None, float | None] = (None, None)
     link: LinkReport | None = None
     missing_images: int = 0
     seen_before: int = 0

@@ -148,12 +148,21 @@ class AtomicFolder:
 
     The folder may be missing, and so may its parents. One that is a mount, or in which this process works,
     stays, and its content is replaced. `mark` is a file that whole content holds; `is_part` tells whether a
-    name belongs to what is replaced. FolderError on entering, if another process has the folder, or it cannot
+    name belongs to what is replaced; `rescue` is called on entering, before what a killed process has left in
+    `filled` is removed. FolderError on entering, if another process has the folder, or it cannot
     be written.
     """
 
-    def __init__(self, path: Path, mark: str, is_part: Callable[[str], bool]) -> None:
+    def __init__(
+        self,
+        path: Path,
+        mark: str,
+        is_part: Callable[[str], bool],
+        *,
+        rescue: Callable[[], None] = lambda: None,
+    ) -> None:
         self.target = path.resolve()
+        self._rescue = rescue
         self._mark, self._is_part = mark, is_part
         name = self.target.name
         if len(os.fsencode(name)) > _LONGEST_NAME:
@@ -183,6 +192,8 @@ class AtomicFolder:
             parent.mkdir(parents=True, exist_ok=True)
             self._take_lock()
             self.settle()
+            if self.filled.is_dir():
+                self._rescue()
             shutil.rmtree(self.filled, ignore_errors=True)
             self.filled.mkdir()
         except OSError as error:

@@ -21,6 +21,7 @@ from wbf_mission.events import EventStream, RunBegun, RunEnded, VehicleInfo
 from wbf_mission.live.battery_change import REAL_FULL
 from wbf_mission.live.link import LiveLink
 from wbf_mission.maps.field_maps import FieldMap, true_map
+from wbf_mission.planning.builder import budget_left
 from wbf_mission.planning.sorties import CHANGE_S
 from wbf_mission.preflight.finding import ShowFindings, show_nobody
 from wbf_mission.preflight.run import check_plans
@@ -218,6 +219,10 @@ def _check(campaign: Campaign, connect: LiveLink | None, *, force: bool, tell: S
             connect.note(campaign.cut.told())
             later = [(plan, planned[0][0]) for plan in campaign.sorties[1:]]
             check_plans(later, "nothing was sent", force=force, show=tell)
+        if not campaign.run.decider.steers:
+            missions = [[plan] for _, plan in planned] if campaign.cut is None else [campaign.sorties]
+            for left in filter(None, dict.fromkeys(map(budget_left, missions))):
+                connect.note(left)
         connect.check(planned)
     campaign.watch.lap("preflight")
 

@@ -29,6 +29,7 @@ from mission.autopilots.profile import (
     CardRoom,
     FlightModes,
     Meaning,
+    Motion,
     NeededParameter,
     Profile,
     Questions,
@@ -197,6 +198,21 @@ _ROVER: Questions = {
     Meaning.LINK_LOST: {"FS_GCS_ENABLE": 1.0},
     **_ANY,
 }
+# What decides how long climbs, the return and the landing take; 4.7 has SI units and other names.
+_MOTION: Motion = {
+    "WPNAV_SPEED": {"WP_SPD": 100.0, "WPNAV_SPEED": 1.0},
+    "WPNAV_SPEED_UP": {"WP_SPD_UP": 100.0, "WPNAV_SPEED_UP": 1.0},
+    "WPNAV_SPEED_DN": {"WP_SPD_DN": 100.0, "WPNAV_SPEED_DN": 1.0},
+    "WPNAV_RADIUS": {"WP_RADIUS_M": 100.0, "WPNAV_RADIUS": 1.0},
+    "RTL_ALT": {"RTL_ALT_M": 100.0, "RTL_ALT": 1.0},
+    "RTL_SPEED": {"RTL_SPEED_MS": 100.0, "RTL_SPEED": 1.0},
+    "RTL_CLIMB_MIN": {"RTL_CLIMB_MIN_M": 100.0, "RTL_CLIMB_MIN": 1.0},
+    "RTL_CONE_SLOPE": {"RTL_CONE_SLOPE": 1.0},
+    "RTL_LOIT_TIME": {"RTL_LOIT_TIME": 1.0},
+    "LAND_SPEED": {"LAND_SPD_MS": 100.0, "LAND_SPEED": 1.0},
+    "LAND_SPEED_HIGH": {"LAND_SPD_HIGH_MS": 100.0, "LAND_SPEED_HIGH": 1.0},
+    "LAND_ALT_LOW": {"LAND_ALT_LOW_M": 100.0, "LAND_ALT_LOW": 1.0},
+}
 # A copter in LOITER without a stick in the middle sinks.
 _HOLD: Mapping[int | None, str] = {FIXED_WING: "LOITER", ROVER: "HOLD", None: "BRAKE"}
 
@@ -291,7 +307,9 @@ ARDUPILOT = Profile(
     modes=_MODES,
     # FS_GCS_ENABLE 2 of old ArduCopters.
     settings=VehicleSettings(
-        {FIXED_WING: _PLANE, ROVER: _ROVER, None: _COPTER}, link_goes_on=frozenset({0.0, 2.0})
+        {FIXED_WING: _PLANE, ROVER: _ROVER, None: _COPTER},
+        {FIXED_WING: {}, ROVER: {}, None: _MOTION},
+        link_goes_on=frozenset({0.0, 2.0}),
     ),
     takeoff_needs_arming=True,
     takeoff_above_sea=False,

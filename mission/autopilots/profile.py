@@ -15,6 +15,7 @@ __all__ = [
     "CardRoom",
     "FlightModes",
     "Meaning",
+    "Motion",
     "NeededParameter",
     "Profile",
     "Questions",
@@ -146,12 +147,19 @@ Questions: TypeAlias = Mapping[Meaning, Mapping[str, float]]
 many SI units are in a unit of each."""
 
 
+Motion: TypeAlias = Mapping[str, Mapping[str, float]]
+"""Parameters that decide how a vehicle flies, by the names of the simulated autopilot: their names in
+versions of the real one, the newest first, and by what a value is multiplied."""
+
+
 @dataclass(frozen=True, slots=True)
 class VehicleSettings:
     """The parameters of an autopilot that a plan depends on, and what some of their values mean."""
 
     questions: Mapping[int | None, Questions] = field(default_factory=dict)
     """What is asked, by MAV_TYPE; None for any other."""
+    motion: Mapping[int | None, Motion] = field(default_factory=dict)
+    """What a prediction of its flight goes by, likewise."""
     link_goes_on: frozenset[float] = frozenset({0.0})
     """Values of `Meaning.LINK_LOST` with which a mission is flown on."""
     fence_off: frozenset[float] = frozenset()
@@ -162,6 +170,10 @@ class VehicleSettings:
     def asked_of(self, vehicle_type: int) -> Questions:
         """Return what is asked of a vehicle (MAV_TYPE)."""
         return self.questions.get(vehicle_type, self.questions.get(None, {}))
+
+    def motion_of(self, vehicle_type: int) -> Motion:
+        """Return what a prediction goes by, for a vehicle (MAV_TYPE)."""
+        return self.motion.get(vehicle_type, self.motion.get(None, {}))
 
 
 def answer_to(

@@ -21,7 +21,7 @@ from mission.autopilots.dialect import (
     ReadBack,
     Severity,
 )
-from mission.autopilots.profile import FlightModes, Meaning, Profile, Questions, VehicleSettings
+from mission.autopilots.profile import FlightModes, Meaning, Motion, Profile, Questions, VehicleSettings
 from mission.link.codec.dialect import mavlink as m
 from mission.model import MAX_ITEMS, Command, MissionType
 
@@ -126,6 +126,16 @@ _WING: Questions = {
     Meaning.FASTEST: {"FW_AIRSPD_MAX": 1.0},
     **_ANY,
 }
+# What decides how long climbs, the return and the landing take.
+_MOTION: Motion = {
+    name: {name: 1.0}
+    for name in (
+        *("MPC_XY_CRUISE", "NAV_ACC_RAD", "MIS_TAKEOFF_ALT", "MPC_TKO_SPEED"),
+        *("MPC_Z_V_AUTO_UP", "MPC_Z_V_AUTO_DN", "MPC_Z_VEL_MAX_UP", "MPC_Z_VEL_MAX_DN"),
+        *("RTL_RETURN_ALT", "RTL_CONE_ANG", "RTL_MIN_DIST", "RTL_DESCEND_ALT", "RTL_LAND_DELAY"),
+        *("MPC_LAND_SPEED", "MPC_LAND_ALT1", "MPC_LAND_ALT2", "LNDMC_TRIG_TIME", "COM_DISARM_LAND"),
+    )
+}
 _HOLD = "LOITER"
 
 
@@ -179,6 +189,7 @@ PX4 = Profile(
     modes=_MODES,
     settings=VehicleSettings(
         {FIXED_WING: _WING, ROVER: _ANY, None: _COPTER},
+        {FIXED_WING: {}, ROVER: {}, None: _MOTION},
         fence_off=frozenset({0.0}),
         fence_tells=frozenset({1.0}),
     ),

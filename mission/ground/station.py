@@ -215,6 +215,11 @@ class GroundStation:
         return self.started_s - self._started_boot_s
 
     @property
+    def battery_lowest(self) -> Battery:
+        """The lowest reading of the battery with the motors running, since the mission's start."""
+        return self._monitor.lowest_battery
+
+    @property
     def vehicle_state(self) -> VehicleState:
         """What the vehicle told of itself last."""
         return self._monitor.state
@@ -522,6 +527,7 @@ class GroundStation:
                 # A real vehicle's clock began long before ours.
                 self._started_boot_s = self._monitor.boot_s
             self.battery_before = self._monitor.battery
+            self._monitor.begin_flight()
             self._silences.on_message(now_s)
             self._texts_before = len(self.texts)
         return out

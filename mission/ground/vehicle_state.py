@@ -65,6 +65,20 @@ class Battery:
     remaining: float | None = None
     consumed_wh: float | None = None
 
+    def drained(self, reading: Battery, *, armed: bool) -> Battery:
+        """Return the lowest reading with the motors running, and the most energy used.
+
+        On the ground a battery recovers, or is changed: PX4's simulator fills it when it disarms.
+
+        Examples
+        --------
+        >>> Battery(0.9).drained(Battery(0.5), armed=True).drained(Battery(0.98), armed=False)
+        Battery(remaining=0.5, consumed_wh=None)
+        """
+        known = [one for one in (self.remaining, reading.remaining if armed else None) if one is not None]
+        used = [one for one in (self.consumed_wh, reading.consumed_wh) if one is not None]
+        return Battery(min(known, default=None), max(used, default=None))
+
     def used_since(self, before: Battery, capacity_wh: float) -> float | None:
         """Return what was used since an earlier state, as a fraction: by the energy, else by what is left.
 
@@ -144,6 +158,7 @@ class VehicleMonitor:
         self.satellites: int | None = None
         self._estimate: int | None = None
         self.battery = Battery()
+        self.lowest_battery = Battery()  # Since `begin_flight`
         self._has_battery = False
         # Whether it is off the ground, as EXTENDED_SYS_STATE tells; None when it is not told
         self.flies: bool | None = None
@@ -201,12 +216,26 @@ class VehicleMonitor:
             remaining = message.battery_remaining / 100.0
         if message.energy_consumed >= 0:
             consumed_wh = message.energy_consumed * 100.0 / 3600.0
-        self.battery = Battery(remaining, consumed_wh)
+        self._note_battery(Battery(remaining, consumed_wh))
 
     def _on_sys_status(self, message: m.MAVLink_sys_status_message, _now_s: float) -> None:
         """Take what is left of the battery from a vehicle that tells nothing of it otherwise."""
         if message.battery_remaining >= 0 and not self._has_battery:
-            self.battery = replace(self.battery, remaining=message.battery_remaining / 100.0)
+            self._note_battery(replace(self.battery, remaining=message.battery_remaining / 100.0))
+
+    def _note_battery(self, reading: Battery) -> None:
+        self.battery = reading
+        self.lowest_battery = self.lowest_battery.drained(reading, armed=self.is_armed)
+
+    def begin_flight(self) -> None:
+        """Begin with the present reading of the battery; its lowest one is kept from now on."""
+        self.lowest_battery = self.battery
+
+    @property
+    def is_armed(self) -> bool:
+        """Whether its motors are running, as its heartbeat says."""
+        heartbeat = self.heartbeat
+        return heartbeat is not None and bool(heartbeat.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED)
 
     @property
     def knows_position(self) -> bool:
@@ -276,7 +305,7 @@ class VehicleMonitor:
         values: dict[str, Any] = {"battery": self.battery}
         heartbeat, position, current = self.heartbeat, self._position, self._current
         if heartbeat is not None:
-            values["armed"] = bool(heartbeat.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED)
+            values["armed"] = self.is_armed
             values["custom_mode"] = heartbeat.custom_mode
         if position is not None:
             values |= {

@@ -7,10 +7,11 @@ import subprocess
 import sys
 import threading
 import time
+from types import SimpleNamespace
 
 import pytest
 
-from geo.interrupts import ignore_interrupts, interrupts_held, interrupts_noted
+from geo.interrupts import INTERRUPTS, ignore_interrupts, interrupts_held, interrupts_noted
 
 
 @pytest.fixture
@@ -18,6 +19,14 @@ def handler():
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """What time it is for repeated signals: seconds, in a list of one."""
+    now_s = [100.0]
+    monkeypatch.setattr("geo.interrupts.time", SimpleNamespace(monotonic=lambda: now_s[0]))
+    return now_s
 
 
 @pytest.mark.usefixtures("handler")
@@ -71,11 +80,15 @@ def test_a_process_that_starts_meanwhile_survives_ctrl_c():
     assert child.returncode == 0
 
 
-@pytest.mark.usefixtures("handler")
-def test_a_worker_leaves_it_to_its_parent():
-    ignore_interrupts()
-    os.kill(os.getpid(), signal.SIGINT)
-    assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+def test_a_worker_leaves_all_of_them_to_its_parent():
+    before = {number: signal.getsignal(number) for number in INTERRUPTS}
+    try:
+        ignore_interrupts()
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            os.kill(os.getpid(), number)
+    finally:
+        for number, old in before.items():
+            signal.signal(number, old)
 
 
 class Deaf:
@@ -114,14 +127,30 @@ def test_what_nobody_asked_for_is_raised_at_the_end_and_wakes():
 
 
 @pytest.mark.usefixtures("handler")
-def test_the_second_one_is_raised_at_once():
+@pytest.mark.parametrize("apart_s", [1.0, 20.0])
+def test_the_second_one_is_raised_at_once(clock, apart_s):
     done = []
     with pytest.raises(KeyboardInterrupt), interrupts_noted():
         os.kill(os.getpid(), signal.SIGINT)
         done.append("first")
+        clock[0] += apart_s
         os.kill(os.getpid(), signal.SIGINT)
         done.append("second")  # pragma: no cover
     assert done == ["first"]
+
+
+@pytest.mark.usefixtures("handler")
+@pytest.mark.parametrize("at_once", [False, True])
+def test_what_comes_within_a_second_repeats_the_first(clock, at_once):
+    done = []
+    with pytest.raises(KeyboardInterrupt), interrupts_noted(at_once=at_once):
+        with contextlib.nullcontext() if not at_once else contextlib.suppress(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGINT)
+        for _ in range(3):
+            clock[0] += 0.3
+            os.kill(os.getpid(), signal.SIGINT)
+        done.append("all of it")
+    assert done == ["all of it"]
 
 
 @pytest.mark.usefixtures("handler")
@@ -135,11 +164,12 @@ def test_the_first_one_can_be_raised_at_once():
 
 @pytest.mark.usefixtures("handler")
 @pytest.mark.parametrize("at_once", [False, True])
-def test_what_is_raised_at_once_is_raised_again_where_it_was_lost(at_once):
+def test_what_is_raised_at_once_is_raised_again_where_it_was_lost(clock, at_once):
     done = []
     with pytest.raises(KeyboardInterrupt), interrupts_noted(at_once=at_once) as answer:
         if not at_once:
             os.kill(os.getpid(), signal.SIGINT)  # only noted: the second one is raised
+            clock[0] += 2.0
         # As compiled code may do that asks for an attribute.
         with contextlib.suppress(KeyboardInterrupt):
             os.kill(os.getpid(), signal.SIGINT)

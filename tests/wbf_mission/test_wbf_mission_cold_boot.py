@@ -1,10 +1,13 @@
 """A vehicle that boots when it is spoken to, as ArduCopter does, and one that refuses to arm at first."""
 
+import itertools
+import math
 import re
 
 import pytest
 from stand_in import scenario, stand_in
 
+from geo import get_farm
 from geo.errors import WbfMissionError
 from mission.ground.arming_gate import ArmingGate
 from mission.ground.station import GroundStation
@@ -18,6 +21,7 @@ from sim_vehicle.host.simulation import Simulation
 from sim_vehicle.mavlink import SimVehicle
 from wbf_mission.flight import fly
 from wbf_mission.live.link import LiveLink
+from wbf_mission.preflight.inquiry import Inquiry
 
 HOME = GeoPoint(28.05, -82.15, 30.0)
 MISSION = Mission(
@@ -136,6 +140,74 @@ def test_the_whole_job_with_one_that_boots():
     with stand_in("ardupilot", cold=True, speed=10.0) as (url, _):
         result = fly(scenario(), connect=LiveLink(url, Nobody(), agreed=True))
     assert result.outcome is Outcome.COMPLETED
+
+
+@pytest.mark.parametrize("aside_m", [0.0, 60.0, 222.0])
+def test_one_that_boots_is_planned_from_where_it_stands(aside_m):
+    """It is asked as soon as it boots, and knows its place 40 s later."""
+    told = []
+    given = {"budget": "4min"}
+    frame, (x_m, y_m) = get_farm("miniberry-10").frame, get_farm("miniberry-10").home_m
+    latitude, longitude = frame.to_wgs84(x_m - aside_m, y_m)
+    homes = [(GeoPoint(float(latitude), float(longitude), frame.altitude_m), 0.0)]
+    with stand_in("ardupilot", cold=True, speed=20.0, homes=homes, **given) as (url, _):
+        result = fly(scenario(**given), connect=LiveLink(url, Nobody(), agreed=True, note=told.append))
+    assert result.outcome is Outcome.COMPLETED, result.reason
+    assert told.count("waiting until the vehicle knows where it is") == 1
+    assert any(f"it stands {aside_m:.0f} m from the start" in text for text in told) == (aside_m > 5.0)
+    flown, planned = result.summary()["path_length_m"], result.plan.length_m
+    assert flown == pytest.approx(planned, rel=0.12)
+    assert planned > 2.0 * aside_m
+
+
+def boots(now_s, *, estimates=True):
+    """Return what a real ArduCopter tells of its place at a time since its boot."""
+    lat, lon = (280500000, -821500000) if now_s >= 10.0 else (0, 0)
+    fix = 6 if now_s >= 10.2 else 1 if now_s >= 10.0 else 0
+    flags = 831 if now_s >= 40.0 else 167
+    told = [
+        m.MAVLink_global_position_int_message(0, lat, lon, 0, 0, 0, 0, 0, 0),
+        m.MAVLink_gps_raw_int_message(0, fix, 1, 1, 0, 0, 0, 0, 0, 9),
+    ]
+    return [*told, m.MAVLink_ekf_status_report_message(flags, 0, 0, 0, 0, 0)] if estimates else told
+
+
+@pytest.mark.parametrize(
+    ("placed", "knows_s", "settled_s"),
+    [
+        (False, 40.0, (0.0, 35.0)),  # who only checks takes what is told
+        (True, 40.0, (40.0, 45.0)),
+        (True, math.inf, (180.0, 190.0)),  # and is not waited for without end
+    ],
+)
+def test_an_inquiry_waits_for_the_place_of_a_vehicle_that_boots(placed, knows_s, settled_s):
+    inquiry, asked = Inquiry(placed=placed), []
+    now_s = 0.0
+    while not inquiry.done:
+        assert now_s < 400.0
+        if now_s % 1.0 == 0.0:
+            inquiry.receive(sent(m.MAVLink_heartbeat_message(2, 3, 0, 0, 3, 3)), now_s)
+        for message in inquiry.poll(now_s):
+            if message.get_type() != "COMMAND_LONG" or message.command != 512:
+                continue
+            asked.append((now_s, message.param1))
+            # Before it knows its place it goes on telling what it told at the beginning.
+            for answer in boots(now_s if now_s >= knows_s else min(now_s, 39.0)):
+                if answer.get_msgId() == message.param1:
+                    inquiry.receive(sent(answer), now_s)
+        now_s += 0.25
+    assert settled_s[0] <= now_s <= settled_s[1]
+    if placed:
+        again = [time_s for time_s, kind in asked if kind == m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT]
+        assert min(b - a for a, b in itertools.pairwise(again)) >= 0.5, "not more often than it can answer"
+        known = inquiry.snapshot().position
+        assert known is not None and known.latitude_deg == 28.05
+
+
+def sent(message):
+    message.pack(m.MAVLink(None, srcSystem=1, srcComponent=1))
+    message._header.srcSystem, message._header.srcComponent = 1, 1
+    return message
 
 
 def test_a_cold_boot_that_is_not_known_is_refused():

@@ -7,6 +7,7 @@ import pytest
 
 from geo import get_farm
 from geo.errors import WbfMissionError
+from geo.texts import duration
 from mission.files import read_mission
 from mission.outcome import Outcome
 from sim_vehicle.faults.fault import FaultError
@@ -154,6 +155,29 @@ def test_the_papers_robots_fly_in_any_number(count):
 def test_more_robots_score_better():
     scores = [fly(Scenario(**ROBOTS, vehicles=count, budget="36steps")).score for count in (1, 3)]
     assert scores[1] > scores[0]
+
+
+@pytest.mark.parametrize("vehicles", [1, 2, 3])
+def test_what_a_fleet_flew_stands_beside_what_was_predicted_of_the_same(vehicles):
+    result = fly(Scenario(**QUADS, vehicles=vehicles, budget="100m", separation="layers:2m"))
+    told, flights = result.summary(), result.flights
+    planned = [one.plan for one in flights]
+    assert told["air_time_s"] == sum(one.flight_time_s for one in flights)
+    assert told["predicted_air_time_s"] == sum(one.prediction.duration_s for one in planned)
+    assert told["air_time_s"] == pytest.approx(told["predicted_air_time_s"], rel=0.1)
+    assert told["flight_time_s"] == max(one.flight_time_s for one in flights)
+    assert told["predicted_battery_used"] == max(one.battery_used for one in planned)
+    assert told["coverage"] == pytest.approx(told["predicted_coverage"], abs=0.1)
+    words = result.flown(predicted=True)
+    if vehicles == 1:
+        assert told["predicted_coverage"] == planned[0].coverage
+        assert "vehicles" not in words
+    else:
+        assert told["predicted_coverage"] > 1.5 * planned[0].coverage
+        parts = (told["air_time_s"], told["predicted_air_time_s"])
+        first = "{} (predicted {})".format(*map(duration, parts))
+        last = "{} (predicted {})".format(*map(duration, (told["flight_time_s"], told["predicted_time_s"])))
+        assert words.endswith(f"by {vehicles} vehicles in {first} added up; over after {last}")
 
 
 def test_a_fleet_is_loaded_as_it_was_saved(tmp_path):

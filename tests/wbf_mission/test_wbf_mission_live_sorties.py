@@ -22,7 +22,7 @@ from wbf_mission.cli.operator_console import TerminalConsole
 from wbf_mission.cli.output import Output
 from wbf_mission.exit_codes import ExitCode, exit_code_of_flight
 from wbf_mission.flight import fly
-from wbf_mission.live.battery_change import BatteryWait
+from wbf_mission.live.battery_change import BatteryWait, needed_fraction, risen_fraction
 from wbf_mission.live.link import LiveLink
 from wbf_mission.live.watching import WatchedVehicle
 from wbf_mission.planning import plan
@@ -248,6 +248,31 @@ def test_when_a_vehicle_flies_on(vehicle, said, risen, settled, told):
     wait = BatteryWait(0.8, asks, risen, 60.0, notes.append)
     assert wait._settled(vehicle, 1.0) == settled
     assert told in "; ".join(notes) and bool(told) == bool(notes)
+
+
+@pytest.mark.parametrize(
+    ("before", "lowest", "reads", "changed"),
+    [
+        (1.0, 0.51, 99, True),
+        (1.0, 0.51, 80, True),
+        (1.0, 0.10, 60, True),
+        (1.0, 0.51, 56, False),  # it recovers without a load
+        (0.8, 0.60, 95, True),
+        (0.8, 0.75, 77, False),  # half of what was taken, though it was little
+        (0.8, 0.75, 90, True),  # a battery that never reads full
+        (0.8, None, 99, False),
+    ],
+)
+def test_a_battery_is_changed_when_half_of_what_was_taken_is_there_again(before, lowest, reads, changed):
+    wait = BatteryWait(0.5, None, risen_fraction(before, lowest), 60.0, [].append)
+    assert wait._settled(watched(reads), 1.0) == ("" if changed else None)
+
+
+def test_a_sortie_needs_its_most_and_the_reserve(small):
+    one = plan(asked(small, budget="60m"))
+    battery, most_wh = one.vehicle.battery, one.prediction.most_wh
+    assert needed_fraction(one) == pytest.approx(most_wh / 6.0 + battery.reserve_fraction)
+    assert battery.reserve_fraction == 0.2
 
 
 def test_a_vehicle_that_tells_no_reading_is_believed_with_a_note():

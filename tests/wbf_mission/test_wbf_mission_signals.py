@@ -1,23 +1,29 @@
 """Ctrl-C, SIGTERM and SIGHUP, sent to real processes."""
 
 import json
+import shlex
 import shutil
 import signal
 import socket
 import subprocess
 import sys
 import time
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from processes import environment
 
 from mission.link.codec.dialect import mavlink as m
-from mission.link.tlog import read_tlog
+from mission.link.tlog import TlogWriter, read_tlog
 from mission.outcome import Outcome
+from wbf_mission import flight
 from wbf_mission.cli import signals
 from wbf_mission.cli.app import main
 from wbf_mission.results.result import load_result
+from wbf_mission.results.writing import ResultFolder
+from wbf_mission.run.joint_flight import JointFlight
 
 LONG_S = 120.0  # a limit against hanging, not a measure
 
@@ -135,6 +141,7 @@ def test_a_flight_says_what_it_still_does_and_ends_at_the_second_ctrl_c(tmp_path
     process.send_signal(signal.SIGINT)
     line = process.stderr.readline()
     assert "saved in run" in line
+    time.sleep(1.1)  # within a second it would repeat the first
     process.send_signal(signal.SIGINT)
     end(process)
     assert process.returncode == 130
@@ -166,18 +173,23 @@ def test_an_interrupted_wait_for_a_vehicle_is_one_line(tmp_path):
 
 
 @pytest.fixture
-def installed():
+def installed(monkeypatch):
+    now_s = [100.0]
+    monkeypatch.setattr("geo.interrupts.time", SimpleNamespace(monotonic=lambda: now_s[0]))
     signals.install()
-    yield
+    yield now_s
     signals.restore()
 
 
-@pytest.mark.usefixtures("installed")
-def test_the_first_signal_counts_and_the_third_is_the_systems():
+def test_the_first_signal_counts_and_the_third_is_the_systems(installed):
     assert signals.exit_code(0) == 0
     with pytest.raises(KeyboardInterrupt):
         signal.raise_signal(signal.SIGTERM)
     assert signals.exit_code(0) == 143
+    installed[0] += 0.9
+    signal.raise_signal(signal.SIGINT)  # repeats the first
+    assert signal.getsignal(signal.SIGINT) not in (signal.SIG_DFL, signal.SIG_IGN)
+    installed[0] += 0.1
     assert signal.getsignal(signal.SIGINT) not in (signal.SIG_DFL, signal.SIG_IGN)
     with pytest.raises(KeyboardInterrupt):
         signal.raise_signal(signal.SIGINT)
@@ -197,10 +209,21 @@ def test_what_is_ignored_stays_ignored_and_all_is_put_back():
         signal.signal(signal.SIGHUP, before)
 
 
-@pytest.mark.usefixtures("installed")
-def test_an_announcement_is_said_at_once_and_once(capfd):
+def test_a_deferred_signal_that_repeats_is_still_deferred(installed):
+    signals.defer(True)
+    signal.raise_signal(signal.SIGTERM)
+    installed[0] += 0.01
+    signal.raise_signal(signal.SIGTERM)
+    assert signals.came()
+    installed[0] += 5.0
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGTERM)
+
+
+def test_an_announcement_is_said_at_once_and_once(capfd, installed):
     with signals.announcing("saving the run"):
         for _ in range(2):
+            installed[0] += 2.0
             with pytest.raises(KeyboardInterrupt):
                 signal.raise_signal(signal.SIGINT)
     assert capfd.readouterr().err == "saving the run\n"
@@ -220,6 +243,33 @@ def test_ctrl_c_while_planning_does_not_promise_a_result(tmp_path, monkeypatch, 
     assert main(["fly", "--farm", "miniberry-10", "--out", str(tmp_path / "run")]) == 130
     assert capfd.readouterr().err == "error: interrupted\n"
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("apart_s", "saved"), [(0.01, True), (0.9, True), (1.0, False)])
+def test_a_signal_that_is_sent_twice_at_once_saves_the_flight_as_promised(
+    tmp_path, monkeypatch, installed, capfd, apart_s, saved
+):
+    """GNU `timeout` sends SIGTERM to the process and to its group; the second one comes wherever it wants."""
+    learn, gather = JointFlight.learn, flight._result
+    sent = []
+
+    def first(self):
+        if self.now_s > 10.0 and not sent:
+            sent.append(signal.raise_signal(signal.SIGTERM))
+        learn(self)
+
+    def second(campaign):
+        installed[0] += apart_s
+        signal.raise_signal(signal.SIGTERM)
+        return gather(campaign)
+
+    monkeypatch.setattr(JointFlight, "learn", first)
+    monkeypatch.setattr(flight, "_result", second)
+    arguments = ["--farm", "miniberry-10", "--estimator", "point", "--vehicle", "quad", "--no-plots"]
+    code = main(["fly", *arguments, "--speed", "1e6", "--json", "--out", str(tmp_path / "run")])
+    assert "saved in" in capfd.readouterr().err
+    assert code == 143
+    assert (tmp_path / "run" / "summary.json").is_file() is saved
 
 
 SMALL_RUN = ["fly", "--farm", "miniberry-10", "--planner", "lawnmower", "--estimator", "point", "-q"]
@@ -263,6 +313,54 @@ def test_a_run_that_is_ended_at_any_time_leaves_a_whole_result(tmp_path):
     assert main([*SMALL_RUN, "--seed", "2", "--out", str(run), "--overwrite"]) == 0
     assert load_result(run).scenario.seed == 2
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
+
+
+def test_the_log_of_a_killed_flight_is_kept_beside_and_is_made_a_map_of(tmp_path, capfd):
+    run, logs = tmp_path / "my run", []
+    arguments = [*SMALL_RUN, "--vehicle", "quad", "--no-plots", "--out", "my run"]
+    log = tmp_path / ".my run.partial" / "flight.tlog"
+    for earlier in range(2):
+        process = start(*arguments, "--speed", "5", cwd=tmp_path)
+        wait_for(lambda number=earlier: len(list(tmp_path.glob("my run.killed*"))) == number, process)
+        wait_for(lambda: log.exists() and log.stat().st_size > 60_000, process)
+        process.kill()
+        end(process)
+        logs.append(log.read_bytes())
+        capfd.readouterr()
+    with ResultFolder(run, scenario={"farm": "miniberry-10"}, warn=(told := []).append):
+        pass
+    kept = [tmp_path / "my run.killed.tlog", tmp_path / "my run.killed-2.tlog"]
+    assert [path.read_bytes() for path in kept] == logs, "the first one is not overwritten"
+    assert "my run.killed-2.tlog" in told[0]
+    command = shlex.split(told[0].partition("'")[2].rpartition("'")[0])
+    assert command[0] == "wbf-mission"
+    assert main(command[1:]) == 0
+    assert list(Path(command[-1]).glob("*.html"))
+
+
+@pytest.mark.parametrize(("real", "kept"), [(True, True), (False, False)])
+def test_the_log_of_a_real_flight_outlives_an_error(tmp_path, real, kept):
+    """A simulated one is flown again by its seed."""
+    with pytest.raises(OSError, match="full"), ResultFolder(tmp_path / "run", real=real) as folder:
+        with TlogWriter(folder.tlog) as log:
+            beat = m.MAVLink_heartbeat_message(2, 12, m.MAV_MODE_FLAG_SAFETY_ARMED, 0, 4, 3)
+            log.write(beat.pack(m.MAVLink(None)), 1.0)
+        raise OSError("full")
+    assert (tmp_path / "run.killed.tlog").is_file() is kept
+
+
+@pytest.mark.parametrize(
+    "data", [b"", m.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3).pack(m.MAVLink(None)), None]
+)
+def test_a_log_in_which_nothing_flew_is_not_kept(tmp_path, data):
+    left = tmp_path / ".run.partial"
+    left.mkdir()
+    if data is not None:
+        (left / "flight.tlog").write_bytes(bytes(8) + data)
+    with ResultFolder(tmp_path / "run", warn=(told := []).append):
+        pass
+    assert not told
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_second_run_into_a_folder_fails_at_once(tmp_path):

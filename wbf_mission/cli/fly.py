@@ -187,7 +187,9 @@ class _Saving:
             return False
         return True
 
-    def folder(self, given: options.Given, chosen: Scenario) -> ResultFolder | None:
+    def folder(
+        self, given: options.Given, chosen: Scenario, output: Output, *, real: bool
+    ) -> ResultFolder | None:
         """Return the folder of the run, which holds nothing that it reads."""
         if not self.files:
             return None
@@ -196,7 +198,9 @@ class _Saving:
 
         inputs = [given.file, chosen.farm.name, *chosen.farm.fields, chosen.mission.file, chosen.vehicle.name]
         path, asked = self.out or Path("runs") / run_name(chosen), resolved(chosen).to_dict()
-        return ResultFolder(path, inputs=inputs, scenario=asked, overwrite=self.overwrite)
+        return ResultFolder(
+            path, inputs=inputs, scenario=asked, overwrite=self.overwrite, real=real, warn=output.warn
+        )
 
 
 @options.scenario_options(
@@ -284,7 +288,7 @@ def fly_command(
     events = output.events
     with page.serve(output, events, orders):
         with contextlib.ExitStack() as stack:
-            folder = saving.folder(given, chosen)
+            folder = saving.folder(given, chosen, output, real=live is not None)
             if folder is not None:
                 stack.enter_context(folder)
             if folder is not None and live is None:
@@ -330,6 +334,8 @@ def _show(
 ) -> None:
     """Print what a run gave, and what its user should know."""
     output.notes(result.farm.notes, "farm")
+    if simulated and (left := result.budget_left):
+        output.notes([left])
     for warning in result.warnings:
         output.warn(warning)
     if interrupted:
@@ -361,11 +367,9 @@ def _rows(result: Result, summary: Mapping[str, Any], *, simulated: bool) -> dic
     losses = ", ".join(
         f"{name} {value:.4g}" for name, value in summary["losses"].items() if value is not None
     )
-    flown = f"{distance(summary['path_length_m'])} in {duration(summary['flight_time_s'])}"
-    predicted = ""
-    if result.scenario.mission.policy is None:  # of a policy only the first path is known before
-        flown += f" (predicted {duration(summary['predicted_time_s'])})"
-        predicted = told(" (predicted {predicted_coverage:.2%})", summary)
+    # Of a policy only the first path is known before.
+    plans = result.scenario.mission.policy is None
+    predicted = told(" (predicted {predicted_coverage:.2%})", summary) if plans else ""
     rows = {
         "outcome": in_words(result.outcome, result.reason),
         "score": told("{score:.5f} over the run, {final_score:.5f} at the end (0 is perfect)", summary),
@@ -373,7 +377,7 @@ def _rows(result: Result, summary: Mapping[str, Any], *, simulated: bool) -> dic
         **(result.report.rows() if result.report is not None else {}),
         "observations": told("{observations}, of {cells_observed} different cells", summary),
         "coverage": told("{coverage:.2%} of the land to be seen", summary) + predicted,
-        "flown": flown,
+        "flown": result.flown(predicted=plans),
         **_sortie_rows(result),
         **_decision_rows(result),
         "battery used": told("{battery_used:.1%}", summary),

@@ -19,9 +19,9 @@ from wbf_mission.progress import Progress as ProgressCallback
 from wbf_mission.progress import silent
 
 if TYPE_CHECKING:
-    from rich.progress import Progress
     from rich.table import Table
 
+    from wbf_mission.cli.bars import Bars
     from wbf_mission.cli.console import PlainConsole
 
 _LEARNING = "training the estimator"  # as sensors.estimators.base.LEARNING, which would load numpy
@@ -59,7 +59,7 @@ class Output:
         self.quiet = quiet
         self.events = EventStream()  # Takes each line for the user, too
         self._stderr = PlainConsole(sys.stderr, wrap=False)
-        self._bars: Progress | None = None
+        self._bars: Bars | None = None
 
     def note(self, text: str, *, tells: bool = True) -> None:
         """Say something that a script does not need; `tells` not where an event tells it already."""
@@ -145,7 +145,7 @@ class Output:
 
     @contextmanager
     def progress(self, every_s: float | None = None) -> Iterator[ProgressCallback]:
-        """Show bars with the time left; the callback takes (what is being done, done, total).
+        """Show a bar with the time left; the callback takes (what is being done, done, total).
 
         Without a terminal, only what may take a minute is told, in a line: training when it begins, planning
         when it is not over after some seconds; with `every_s` a line after each so many seconds instead.
@@ -172,42 +172,19 @@ class Output:
 
             yield announce
             return
-        from rich.progress import (
-            BarColumn,
-            Progress,
-            TaskProgressColumn,
-            TextColumn,
-            TimeElapsedColumn,
-            TimeRemainingColumn,
-        )
+        from wbf_mission.cli.bars import Bars
 
-        columns = (
-            TextColumn("{task.description:24}", markup=False),
-            BarColumn(),
-            TaskProgressColumn(),
-            TimeElapsedColumn(),
-            TimeRemainingColumn(),
-            TextColumn("left"),
-        )
-        with Progress(*columns, console=self._stderr, transient=True) as bars:
-            self._bars = bars
-            tasks: dict[str, Any] = {}
-
-            def update(what: str, done: float, total: float) -> None:
-                if what not in tasks:
-                    tasks[what] = bars.add_task(printable(what), total=max(total, 1e-9))
-                bars.update(tasks[what], completed=done, total=max(total, 1e-9))
-
-            try:
-                yield update
-            finally:
-                self._bars = None
+        self._bars = bars = Bars(self._stderr)
+        try:
+            yield bars.update
+        finally:
+            bars.show(False)
+            self._bars = None
 
     def show_bars(self, wanted: bool) -> None:
-        """Show the bars, or take them away while somebody is asked something on the same terminal."""
-        bars = self._bars
-        if bars is not None and bars.live.is_started != wanted:
-            bars.start() if wanted else bars.stop()
+        """Show the bar, or take it away while somebody is asked something on the same terminal."""
+        if self._bars is not None:
+            self._bars.show(wanted)
 
 
 class _Lines:

@@ -91,6 +91,7 @@ def plan_command(
     from mission.transfer import Severity
     from wbf_mission.flight import check_flight
     from wbf_mission.planning.batteries import batteries_in, plan_for_batteries
+    from wbf_mission.planning.builder import budget_left, not_used
     from wbf_mission.planning.fleet import single_vehicles
     from wbf_mission.planning.plan import plan_fleet
     from wbf_mission.preflight.run import check_plans
@@ -141,6 +142,11 @@ def plan_command(
     for warning in dict.fromkeys(warning for plan in every for warning in plan.warnings):
         output.warn(warning)
     output.notes(results[0].farm.notes, "farm")
+    if chosen.mission.policy is None:
+        unused = [budget_left(plans) for plans in flown]
+        if batteries is not None and len(flown[0]) < batteries:
+            unused = [not_used(str(len(flown[0])), results[0].budget_text)]
+        output.notes(filter(None, dict.fromkeys(unused)))
     notes = [one for plan in every for one in plan.rendered.remarks if one.severity is Severity.NOTE]
     output.notes(dict.fromkeys(str(one) for one in notes))
     for plan, path in zip(every, chain.from_iterable(files), strict=True):

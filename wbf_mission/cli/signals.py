@@ -8,23 +8,26 @@ import signal
 from collections.abc import Callable, Iterator
 from types import FrameType
 
-# A command in the background of a script ignores SIGINT, one under nohup SIGHUP: those stay ignored.
-_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+from geo.interrupts import INTERRUPTS, Repeats
+
 _before: dict[int, object] = {}
 _received: list[int] = []
 _announced: list[tuple[str, Callable[[], bool]]] = []
 _deferred: list[bool] = [False]
+_repeats: list[Repeats] = [Repeats()]
 
 
 def install() -> None:
     """Make the signals raise KeyboardInterrupt in the main thread.
 
     The first one lets a command close its files and tell what it has; the second ends that, too; the third
-    ends the process on the spot.
+    ends the process on the spot. What comes within a second of another one repeats it.
     """
     _received.clear()
+    _repeats[0] = Repeats()
     defer(False)
-    for number in _SIGNALS:
+    # A command in the background of a script ignores SIGINT, one under nohup SIGHUP: those stay ignored.
+    for number in INTERRUPTS:
         handler = signal.getsignal(number)
         if handler is not signal.SIG_IGN and handler is not None:
             _before[number] = handler
@@ -36,6 +39,7 @@ def restore() -> None:
     for number, handler in _before.items():
         signal.signal(number, handler)  # type: ignore[arg-type]
     _before.clear()
+    forget()
 
 
 def defer(wanted: bool) -> None:
@@ -69,6 +73,8 @@ def announcing(text: str, when: Callable[[], bool] = lambda: True) -> Iterator[N
 
 
 def _interrupt(number: int, _frame: FrameType | None) -> None:
+    if _repeats[0].is_repeat():
+        return
     _received.append(number)
     if _deferred[0] and len(_received) == 1:
         return

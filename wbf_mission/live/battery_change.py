@@ -34,13 +34,15 @@ def needed_fraction(plan: PlanResult) -> float | None:
     return plan.prediction.most_wh / battery.capacity_wh + battery.reserve_fraction
 
 
-def risen_fraction(used: float | None) -> float | None:
-    """Return what a changed battery reads at least, where the last sortie took a part of the one before.
+def risen_fraction(before: float | None, lowest: float | None) -> float | None:
+    """Return what a changed battery reads at least: half of what the last sortie took is there again.
 
-    >>> risen_fraction(0.6), risen_fraction(None)
-    (0.7, None)
+    None if the vehicle did not tell its readings before the last sortie, and the lowest of it.
+
+    >>> risen_fraction(0.75, 0.25), risen_fraction(None, 0.5)
+    (0.5, None)
     """
-    return None if used is None else 1.0 - _BACK * used
+    return None if before is None or lowest is None else lowest + _BACK * (before - lowest)
 
 
 @dataclass(slots=True)

@@ -11,6 +11,7 @@ from pathlib import Path
 from geo.errors import WbfMissionError
 from mission.ground.arming_gate import FARTHEST_M
 from mission.ground.link import find_vehicles
+from mission.model import GeoPoint
 from mission.transfer.vehicles import Vehicle as HeardVehicle
 from wbf_mission.live.battery_change import BatteryWait, needed_fraction, risen_fraction
 from wbf_mission.live.discovery import LiveFlightError, fitted_to, require_single_flight, wanted_vehicles
@@ -33,7 +34,8 @@ from wbf_mission.preflight.subject import Circumstances
 from wbf_mission.run.hosting import Hosting
 from wbf_mission.run.joint_flight import OperatorConsole
 from wbf_mission.run.orders import Orders
-from wbf_mission.scenario import Scenario
+from wbf_mission.run.record import FlightRecord
+from wbf_mission.scenario import Scenario, VehicleOptions
 from wbf_mission.scenario.values import LAYERS
 
 __all__ = ["LiveLink", "via_named"]
@@ -86,6 +88,8 @@ class LiveLink:
     via: Via = field(default_factory=Via)
     change_s: float = CHANGE_S
     _heard: dict[int, tuple[str, HeardVehicle]] = field(default_factory=dict, init=False)
+    # Vehicles as plans assume them, before they were asked
+    _assumed: dict[int, VehicleOptions] = field(default_factory=dict, init=False)
 
     def fitted(self, scenario: Scenario) -> Scenario:
         """Wait for the vehicles; return the scenario by the rules of their autopilots.
@@ -132,26 +136,48 @@ class LiveLink:
         )
 
     def _standing(self, one: Vehicle) -> Vehicle:
-        """Ask a vehicle where it stands, and let it start from there."""
+        """Ask a vehicle where it stands and what is set on it; let it start from there, and fly like that."""
         task = one.task
-        stands = self._asked(task.system_id).position
-        if stands is None or one.mission.file is not None:
+        snapshot, who = self._asked(task.system_id, placed=True), self._who(task.system_id)
+        self._assumed[task.system_id], own = one.vehicle, snapshot.as_set(one.vehicle)
+        if changed := {
+            key: own.parameters[key]
+            for key in own.parameters
+            if own.parameters[key] != one.vehicle.parameters.get(key)
+        }:
+            told = ", ".join(f"{name} {value:g}" for name, value in changed.items())
+            self.note(f"{who}planned with its own parameters: {told}")
+        home_m = self._start_of(one, snapshot.position, who)
+        if own is one.vehicle and home_m == task.builder.home_m:
             return one
-        planned_m, frame = task.builder.home_m, task.builder.farm.frame
-        here_m = frame.from_wgs84(stands.latitude_deg, stands.longitude_deg)
-        away_m = math.dist(here_m, planned_m)
-        if not _NEAR_M < away_m <= FARTHEST_M:
-            return one
-        who = f"vehicle {task.system_id}: " if len(self._heard) > 1 else ""
-        self.note(f"{who}it stands {away_m:.0f} m from the start of the farm: planned from where it stands")
-        return one.starting_at((float(here_m[0]), float(here_m[1])))
+        return replace(one, vehicle=own).starting_at(home_m)
 
-    def _asked(self, number: int) -> VehicleSnapshot:
-        """Ask a vehicle for what a plan assumes."""
-        url, _ = self._heard[number]
-        who = f"vehicle {number}: " if len(self._heard) > 1 else ""
-        self.note(f"{who}asking the vehicle on {url}")
-        return ask_vehicle(url, wait_s=self.wait_s, system_id=number)
+    def _start_of(self, one: Vehicle, stands: GeoPoint | None, who: str) -> tuple[float, float]:
+        """Return where a vehicle's flight begins, in metres of the farm frame."""
+        planned_m, frame = one.task.builder.home_m, one.task.builder.farm.frame
+        if stands is None:
+            self.note(f"{who}it does not say where it stands: planned from the start of the farm")
+        if stands is None or one.mission.file is not None:
+            return planned_m
+        x_m, y_m = map(float, frame.from_wgs84(stands.latitude_deg, stands.longitude_deg))
+        away_m = math.dist((x_m, y_m), planned_m)
+        if not _NEAR_M < away_m <= FARTHEST_M:
+            return planned_m
+        self.note(f"{who}it stands {away_m:.0f} m from the start of the farm: planned from where it stands")
+        return x_m, y_m
+
+    def _who(self, number: int) -> str:
+        """Return how lines about a vehicle begin."""
+        return f"vehicle {number}: " if len(self._heard) > 1 else ""
+
+    def _asked(self, number: int, *, placed: bool = False) -> VehicleSnapshot:
+        """Ask a vehicle for what a plan assumes; `placed` as of `Inquiry`."""
+        (url, _), who = self._heard[number], self._who(number)
+
+        def note(text: str) -> None:
+            self.note(who + text)
+
+        return ask_vehicle(url, wait_s=self.wait_s, system_id=number, note=note, placed=placed)
 
     def check(self, planned: Iterable[tuple[Vehicle, PlanResult]]) -> None:
         """Check plans before they go up, and ask each vehicle for what its plan assumes.
@@ -163,10 +189,13 @@ class LiveLink:
         refusals = []
         for vehicle, plan in planned:
             number = vehicle.task.system_id
-            who = f"vehicle {number}: " if len(self._heard) > 1 else ""
-            snapshot = self._asked(number)
-            report = check_mission(plan.mission, Circumstances.of(vehicle, plan.farm, snapshot)).report
-            if who and vehicle.vehicle.keeps.kind == LAYERS:
+            who, snapshot = self._who(number), self._asked(number)
+            given = Circumstances.of(vehicle, plan.farm, snapshot)
+            layered = bool(who) and vehicle.vehicle.keeps.kind == LAYERS
+            if layered:  # It should return at the height of its layer, whatever it was planned with
+                given = replace(given, vehicle=self._assumed.get(number, vehicle.vehicle))
+            report = check_mission(plan.mission, given).report
+            if layered:
                 report = Report(tuple(map(_in_a_layer, report.findings)))
             counted = report.about(Concern.PLAN, Concern.PARAMETERS, Concern.STATE)
             refused = None if self.force else counted.refusal("nothing was sent")
@@ -176,7 +205,7 @@ class LiveLink:
         if refusals:
             raise refusals[0]
 
-    def change_battery(self, vehicle: Vehicle, plan: PlanResult, *, used: float | None, which: str) -> str:
+    def change_battery(self, vehicle: Vehicle, plan: PlanResult, *, last: FlightRecord, which: str) -> str:
         """Wait until the battery is changed, and check the next sortie; why it is not flown, empty if it is.
 
         Without an operator who says so (`agreed`) the reading has to rise within `change_s`.
@@ -189,7 +218,7 @@ class LiveLink:
         why = BatteryWait(
             needed_fraction(plan),
             None if self.agreed else partial(self.console.goes_on, question),
-            risen_fraction(used),
+            risen_fraction(*last.battery_readings),
             self.change_s,
             self.note,
         ).wait(url, number)

@@ -96,9 +96,17 @@ class FlightBudget:
 
 
 def flight_budget(
-    limit: float, unit: str, builder: MissionBuilder, reserve: ReserveCharge | None = None
+    limit: float,
+    unit: str,
+    builder: MissionBuilder,
+    reserve: ReserveCharge | None = None,
+    *,
+    one_battery: bool = True,
 ) -> FlightBudget:
-    """Return a budget in "s" or "Wh" that is charged by predicted flights, and what the reserve asks for."""
+    """Return a budget in "s" or "Wh" that is charged by predicted flights, and what the reserve asks for.
+
+    Beyond one battery a path is priced as if it were endless: its mission is flown in sorties.
+    """
 
     def mission_of(path_xy_m: NDArray[np.float64]) -> Mission:
         points = np.asarray(path_xy_m, dtype=np.float64).reshape(-1, 2)
@@ -112,7 +120,12 @@ def flight_budget(
         new = {key: path for key, path in zip(keys, paths_xy_m, strict=True) if key not in known}
         costs = {key: known[key] for key in keys if key in known}
         missions = [mission_of(path) for path in new.values()]
-        prices = [price_of(one) for one in builder.price(missions)] if new else []
+        flown = builder.price(missions) if new else []
+        if not one_battery:
+            short = [k for k, one in enumerate(flown) if is_short_of_battery(one)]
+            for k, one in zip(short, builder.price([missions[k] for k in short], endless=True), strict=True):
+                flown[k] = one
+        prices = [price_of(one) for one in flown]
         if reserve is not None:
             prices = charged(reserve, missions, prices)
         costs |= zip(new, prices, strict=True)
@@ -134,8 +147,12 @@ def flight_budget(
             reserve.learn(missions[best], prices[best])
         return [one * (reserve.factor or 1.0) for one in prices]
 
+    def is_short_of_battery(prediction: Prediction) -> bool:
+        battery = builder.vehicle.battery
+        return battery is not None and prediction.battery_fraction < battery.reserve_fraction
+
     def explain(path_xy_m: NDArray[np.float64]) -> str:
-        (prediction,) = builder.price([mission_of(path_xy_m)])
+        (prediction,) = builder.price([mission_of(path_xy_m)], endless=not one_battery)
         return "" if prediction.feasible else str(prediction.reason)
 
     def onward(path_xy_m: NDArray[np.float64]) -> Callable[[float], float]:
@@ -202,7 +219,24 @@ def make_budget(text: str | None, builder: MissionBuilder, *, steered: bool = Fa
     if unit == "Wh" and vehicle.power is None:
         msg = f"budget {text}: vehicle {vehicle.name} uses no energy; give metres, minutes or steps"
         raise ScenarioError(msg)
-    return flight_budget(value, unit, builder), f"{value:g} {unit}"
+    # What is decided in flight goes home on the battery that it has.
+    words = f"{value:g} {unit}"
+    if steered and (lasts := _battery_in(unit, builder)) < value:
+        words += f" (a battery less its reserve lasts for about {lasts:.3g} {unit})"
+    return flight_budget(value, unit, builder, one_battery=steered), words
+
+
+def _battery_in(unit: str, builder: MissionBuilder) -> float:
+    """Return about what a battery less its reserve lasts for, in "s" or "Wh"."""
+    battery = builder.vehicle.battery
+    if battery is None or builder.vehicle.power is None:
+        return math.inf
+    usable_wh = battery.capacity_wh * (1.0 - battery.reserve_fraction)
+    return (
+        usable_wh
+        if unit == "Wh"
+        else usable_wh / _watt_hours_a_second(builder.vehicle, builder.level.speed_m_s)
+    )
 
 
 # Of the time to brake from cruise speed to rest: what a turn costs on average, braking and speeding up again.

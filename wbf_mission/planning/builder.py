@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from geo import Farm, Obstacle
 from mission.autopilots import GENERIC, PX4
+from mission.errors import PlanningError
 from mission.ground.items import shots_ordered
 from mission.model import GeoPoint, Mission, MissionItem
-from mission.planners import PlannedPath, WingPattern, build_mission
+from mission.planners import PlannedPath, WingPattern, build_mission, parse_budget
 from mission.planners.cornering import Cornering, Waypoints
 from mission.planners.path import Area, Points
 from mission.transfer import Rendered, Severity, render
@@ -172,10 +173,36 @@ class PlanResult:
         }
 
 
+def budget_left(sorties: Sequence[PlanResult]) -> str:
+    """Say how much less than its budget a mission takes, in one sortie or several; empty if it is little."""
+    text = sorties[0].budget_text
+    try:
+        value, unit = parse_budget(text)
+    except PlanningError:
+        return ""
+    length_m = sum(one.length_m for one in sorties)
+    taken = {
+        "m": length_m,
+        "steps": length_m / sorties[0].farm.cell_size_m,
+        "s": sum(one.prediction.duration_s for one in sorties),
+        "Wh": sum(one.prediction.energy_wh for one in sorties),
+    }[unit]
+    if taken > _USED * value or not all(one.prediction.feasible for one in sorties):
+        return ""
+    return not_used(f"{taken:.3g} {unit}", text)
+
+
+def not_used(taken: str, budget: str) -> str:
+    """Say how much of its budget a mission takes."""
+    return f"the plan takes {taken} of its budget of {budget}: the planner finds no longer path within it"
+
+
 # Where a fixed wing's climb-out leads to, and the height of its final approach.
 CLIMB_OUT_M = 150.0
 APPROACH_ALTITUDE_M = 30.0
 _MOST_THREADS = 4
+# Of a budget: planners that add row by row leave a tenth of it.
+_USED = 0.85
 _PROBE_STEP_S, _OFF_THE_GROUND_M = 0.2, 0.3
 
 

@@ -42,7 +42,11 @@ def predicted_coverage(
 
     Its images show so many cells a side, or what a camera by its sensor and lens shows.
     """
-    places = image_places(farm, mission, prediction)
+    return coverage_from(farm, image_places(farm, mission, prediction), footprint, imaging)
+
+
+def coverage_from(farm: Farm, places: Points, footprint: int, imaging: Imaging | None) -> float:
+    """Return the coverage of images from several places, of one flight or of those of a fleet."""
     if not len(places):
         return 0.0
     if imaging is not None:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
-from mission.autopilots.profile import Meaning, Profile, Questions, answer_to
+from mission.autopilots.profile import Meaning, Motion, Profile, Questions, answer_to
 from mission.autopilots.registry import profile_for
 from mission.errors import MissionError
 from mission.ground.arming_gate import ArmingGate
@@ -21,8 +21,12 @@ from mission.link.codec.dialect import mavlink as m
 from mission.model import DEGREES_E7, GeoPoint
 from mission.transfer.vehicles import VehicleSearch
 from mission.transfer.wire import GROUND_STATION
+from sim_vehicle.airframe.parameters import parameter_value
+from sim_vehicle.autopilot import firmware_of
 from sim_vehicle.host.server import Server
 from sim_vehicle.host.simulation import StopReason
+from wbf_mission.planning.builder import flown_vehicle
+from wbf_mission.scenario import VehicleOptions
 
 _KINDS = {0: "dev", 64: "alpha", 128: "beta", 192: "rc", 255: ""}
 
@@ -98,6 +102,27 @@ class VehicleSnapshot:
         """Return the name and the value of a parameter, if the vehicle told it."""
         return answer_to(meaning, self.questions, self.parameters)
 
+    def as_set(self, options: VehicleOptions) -> VehicleOptions:
+        """Return a vehicle with its own parameters in place of those that a prediction would assume.
+
+        Those that its model of motion does not know, or not with such a value, are left out.
+        """
+        spec = flown_vehicle(options)
+        firmware = firmware_of(spec)
+        table = {} if firmware is None else firmware.procedures.parameters
+        found = {}
+        for name, names in profile_for(self.autopilot).settings.motion_of(self.vehicle_type).items():
+            told = next(
+                (factor * self.parameters[one] for one, factor in names.items() if one in self.parameters),
+                None,
+            )
+            if told is None or (known := table.get(name)) is None or not known.low <= told <= known.high:
+                continue
+            # On the link a parameter has the digits of a float of four bytes.
+            if not math.isclose(told, parameter_value(spec, name, table), rel_tol=1e-6, abs_tol=1e-9):
+                found[name] = round(told) if known.integer else float(f"{told:.7g}")
+        return replace(options, parameters={**options.parameters, **found}) if found else options
+
 
 _UNKNOWN = 65535
 _UNKNOWN_SATELLITES = 255
@@ -110,6 +135,7 @@ STATE_MESSAGES = (
     int(m.MAVLINK_MSG_ID_BATTERY_STATUS),
 )
 """What every vehicle is asked for."""
+_PLACE_MESSAGES = (int(m.MAVLINK_MSG_ID_GPS_RAW_INT), int(m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT))
 ESTIMATES = (int(m.MAVLINK_MSG_ID_ESTIMATOR_STATUS), int(m.MAVLINK_MSG_ID_EKF_STATUS_REPORT))
 """What tells of the estimator: on most autopilots, and on ArduPilot."""
 
@@ -150,6 +176,7 @@ _TRIES = 4
 _LONGEST_S = 30.0
 _LONGEST_SILENCE_S = 8.0
 _REASONS_S = 1.5
+_PLACE_S, _PLACE_AGAIN_S = 180.0, 1.0
 _INTEGERS = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}
 
 
@@ -158,6 +185,9 @@ class Inquiry:
 
     What is not answered is asked again, at the pace of the link: as long as the first answer took. A
     parameter that a vehicle does not have is never answered; it is given up after some tries.
+
+    With `placed` it goes on until the vehicle knows where it is, for three minutes at most: ArduCopter tells
+    positions before it does, for 40 s after its boot.
     """
 
     system_id, component_id = GROUND_STATION
@@ -171,8 +201,10 @@ class Inquiry:
         }
     )
 
-    def __init__(self, *, system_id: int | None = None) -> None:
+    def __init__(self, *, system_id: int | None = None, placed: bool = False) -> None:
         self.done = False
+        self.waits_for_place = False  # All is answered but where the vehicle is, which does not know it yet
+        self._placed = placed
         self.search = VehicleSearch(system_id)
         self._monitor = VehicleMonitor()
         self._ids: set[int] = set()
@@ -180,6 +212,7 @@ class Inquiry:
         self._texts = TextLog()
         self._reasons: ArmingGate | None = None
         self._questions: Questions = {}
+        self._motion: Motion = {}
         self._parameters: dict[str, float] = {}
         self._tries: dict[str | int, int] = {}
         self._begun_s = math.inf
@@ -246,18 +279,17 @@ class Inquiry:
         self._begun_s = now_s
         self._reasons = ArmingGate(self.vehicle)
         self._questions = self._profile.settings.asked_of(self._monitor.vehicle_type)
+        self._motion = self._profile.settings.motion_of(self._monitor.vehicle_type)
         checks = self._command(int(m.MAV_CMD_RUN_PREARM_CHECKS), 0.0)
         return [*self._ask(now_s), *([] if self._monitor.state.armed else [checks])]
 
     @property
     def _open(self) -> list[str | int]:
         """Names of parameters and ids of messages that are not answered and not given up."""
-        names = [
-            name
-            for names in self._questions.values()
-            if self._parameters.keys().isdisjoint(names)
-            for name in names
-        ]
+        groups = [*self._questions.values(), *self._motion.values()]
+        names = dict.fromkeys(
+            name for names in groups if self._parameters.keys().isdisjoint(names) for name in names
+        )
         messages = [one for one in (*STATE_MESSAGES, self._profile.estimator_message) if one not in self._ids]
         every: list[str | int] = [*names, *messages]
         return [one for one in every if self._answer_s is None or self._tries.get(one, 0) <= _TRIES]
@@ -276,6 +308,11 @@ class Inquiry:
                 out.append(m.MAVLink_param_request_read_message(*self.vehicle, one.encode(), -1))
             else:
                 out.append(self._command(int(m.MAV_CMD_REQUEST_MESSAGE), float(one)))
+        if self.waits_for_place:
+            self._due_s = now_s + max(_PLACE_AGAIN_S, pace_s)
+            # What it said before tells nothing of now.
+            asked = (*_PLACE_MESSAGES, self._profile.estimator_message)
+            out += [self._command(int(m.MAV_CMD_REQUEST_MESSAGE), float(one)) for one in asked]
         return out
 
     def _command(self, command: int, first: float) -> Message:
@@ -299,7 +336,7 @@ class Inquiry:
 
     def _on_parameter(self, message: m.MAVLink_param_value_message, now_s: float) -> None:
         name = str(message.param_id)
-        if not any(name in names for names in self._questions.values()):
+        if not any(name in names for names in (*self._questions.values(), *self._motion.values())):
             return
         value = decoded(message.param_value, message.param_type, bytewise=self._profile.bytewise)
         if value is not None:
@@ -322,6 +359,10 @@ class Inquiry:
             return
         longest_s = _LONGEST_SILENCE_S if self._answer_s is None else _LONGEST_S
         if self._settled_s is None and (not self._open or now_s >= self._begun_s + longest_s):
+            knows = self._monitor.knows_position or now_s >= self._begun_s + _PLACE_S
+            self.waits_for_place = self._placed and not knows
+            if self.waits_for_place:
+                return
             ready = self._told.get("sensors_health", _PREARM) & _PREARM
             self._settled_s = now_s + (0.0 if ready or self._monitor.state.armed else _REASONS_S)
         if self._settled_s is not None and now_s >= self._settled_s:
@@ -355,17 +396,22 @@ def ask_vehicle(
     wait_s: float = 10.0,
     system_id: int | None = None,
     note: Callable[[str], None] = _silent,
+    placed: bool = False,
 ) -> VehicleSnapshot:
     """Wait for the vehicle behind a link, and ask it for what a plan assumes; nothing is changed on it.
 
-    LinkError without a link, NoVehicleError if nobody is heard, KeyboardInterrupt at Ctrl-C.
+    `placed` as of `Inquiry`. LinkError without a link, NoVehicleError if nobody is heard, KeyboardInterrupt
+    at Ctrl-C.
     """
-    inquiry = Inquiry(system_id=system_id)
+    inquiry = Inquiry(system_id=system_id, placed=placed)
     with Server([inquiry], [url]) as server:
         name = server.urls[0]
         note(f"asking the vehicle on {name}")
         reason = server.run(until=lambda _now_s: inquiry.vehicle is not None, limit_s=wait_s)
         if reason is StopReason.FINISHED:
+            reason = server.run(until=lambda _now_s: inquiry.done or inquiry.waits_for_place)
+        if reason is StopReason.FINISHED and not inquiry.done:
+            note("waiting until the vehicle knows where it is")
             reason = server.run(until=lambda _now_s: inquiry.done)
     if reason is StopReason.STOPPED:
         raise KeyboardInterrupt

@@ -228,8 +228,8 @@ RULES: Mapping[Concern, Mapping[str, Rule]] = {
         ),
         "other-speed": Rule(
             _WARNING,
-            "{name}: the plan is predicted with another speed",
-            "set {name}, order the speed in the mission, or predict with --param",
+            "{name}: plans assume another speed",
+            "set {name}, order the speed in the mission, or plan with --param",
             _planned("m/s"),
         ),
         "speed-limit": Rule(
@@ -240,8 +240,8 @@ RULES: Mapping[Concern, Mapping[str, Rule]] = {
         ),
         "other-radius": Rule(
             _WARNING,
-            "{name}: the plan is predicted with another acceptance radius",
-            "set {name}, or predict with --param",
+            "{name}: plans assume another acceptance radius",
+            "set {name}, or plan with --param",
             _planned("m"),
         ),
         "high-return": Rule(
@@ -251,7 +251,7 @@ RULES: Mapping[Concern, Mapping[str, Rule]] = {
             _most("height above home", "m"),
         ),
         "other-return": Rule(
-            _NOTE, "{name}: the plan is predicted with another height of the return", measured=_planned("m")
+            _NOTE, "{name}: plans assume another height of the return", measured=_planned("m")
         ),
         "circles-at-home": Rule(
             _WARNING,

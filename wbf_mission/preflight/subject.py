@@ -157,7 +157,8 @@ class Subject:
 
     mission: Mission  # With home, if that is known from anywhere
     given: Circumstances
-    vehicle: VehicleSpec  # As its autopilot flies it
+    vehicle: VehicleSpec  # As its autopilot flies it, with the parameters that it told
+    planned: VehicleSpec  # With those that plans assume
     profile: Profile  # How that autopilot speaks the mission protocol
     wind: Wind
     frame: LocalFrame  # East and north about home
@@ -217,7 +218,8 @@ def subject_of(mission: Mission, given: Circumstances) -> Subject:
     if len(given.vehicle.fleet) > 1:
         msg = f"vehicle {given.vehicle.name}: a plan is one vehicle's; name one"
         raise PreflightError(msg)
-    placed, vehicle = _with_home(mission, given), flown_vehicle(given.vehicle)
+    options = given.vehicle if given.snapshot is None else given.snapshot.as_set(given.vehicle)
+    placed, vehicle = _with_home(mission, given), flown_vehicle(options)
     frame = home_frame(placed)
     flown = replace(placed, items=tuple(_predictable(item) for item in placed.items))
     positions = tuple(item_positions(flown.items, frame))
@@ -228,6 +230,7 @@ def subject_of(mission: Mission, given: Circumstances) -> Subject:
         mission=placed,
         given=given,
         vehicle=vehicle,
+        planned=flown_vehicle(given.vehicle),
         profile=profile if given.snapshot is None else profile_for(given.snapshot.autopilot),
         wind=wind_of(given.weather, level_of_plan(mission, given.vehicle)),
         frame=frame,

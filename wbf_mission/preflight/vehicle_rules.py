@@ -43,7 +43,7 @@ def check_unread(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Findin
         yield found(subject, "parameter-unread", names=", ".join(missing))
 
 
-# What the prediction flies with unless a parameter decides it, and by which part and by how much more the
+# What plans assume unless a parameter decides it, and by which part and by how much more the
 # vehicle's may differ
 _ASSUMED = {
     "other-speed": (Meaning.CRUISE_SPEED, "cruise_speed_m_s", _NOTICEABLE, 0.0),
@@ -53,22 +53,22 @@ _ASSUMED = {
 
 
 def _other(subject: Subject, snapshot: VehicleSnapshot, code: str) -> Iterator[Finding]:
-    """Yield that a parameter is another than the one that the prediction flies with."""
+    """Yield that a parameter is another than the one that plans assume."""
     meaning, attribute, part, more = _ASSUMED[code]
     if (told := snapshot.told(meaning)) is None:
         return
     name, value = told
-    assumed: float = getattr(subject.vehicle, attribute)
-    firmware = firmware_of(subject.vehicle)
+    assumed: float = getattr(subject.planned, attribute)
+    firmware = firmware_of(subject.planned)
     if firmware is not None and name in firmware.procedures.parameters:
         unit = snapshot.questions[meaning][name]
-        assumed = unit * parameter_value(subject.vehicle, name, firmware.procedures.parameters)
+        assumed = unit * parameter_value(subject.planned, name, firmware.procedures.parameters)
     if abs(value - assumed) > part * assumed + more:
         yield found(subject, code, measured=(value, assumed), name=name)
 
 
 def check_motion_settings(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
-    """Speeds and acceptance radius other than those that the prediction flies with."""
+    """Speeds and acceptance radius other than those that plans assume."""
     items, legs = subject.items, legs_of(subject)
     first_order = next((k for k, one in enumerate(items) if one.command == Command.DO_CHANGE_SPEED), math.inf)
     if any(leg.item < first_order and leg.length_m > 1.0 for leg in legs):

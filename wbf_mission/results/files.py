@@ -87,6 +87,7 @@ _SAME = (
     "camera",
     "transfers",
     "battery_used",
+    "battery_readings",
     "flight_time_s",
     "link",
     "missing_images",
@@ -120,6 +121,7 @@ class FlightEntry(msgspec.Struct, forbid_unknown_fields=True):
     begun_s: float = 0.0
     link: LinkReport | None = None
     missing_images: int = 0
+    battery_readings: tuple[float | None, float | None] = (None, None)
 
 
 def plan_name(number: int, flight: FlightRecord | FlightEntry) -> str:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import itertools
 import re
-from collections.abc import Iterable, Iterator
+import shlex
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
 from functools import partial
 from pathlib import Path
@@ -16,7 +18,10 @@ import numpy as np
 
 from geo.atomic import DISK_ERRORS, AtomicFolder, FolderError, settle
 from geo.interrupts import interrupts_noted
+from mission.errors import LinkError
 from mission.ground.tracks import joined
+from mission.link.codec.dialect import mavlink as m
+from mission.link.tlog import read_tlog
 from mission.outcome import Outcome
 from wbf_mission.progress import Progress, silent
 from wbf_mission.results.files import (
@@ -52,6 +57,9 @@ class ResultFolder:
     The folder must hold none of the `inputs`. An older result of the same `scenario` (`Scenario.to_dict`) is
     replaced; with `overwrite` any, also among other files, which stay. ResultError if the folder must not be
     written; on entering, if it cannot be, or another run writes it.
+
+    The log of a flight that was killed, or of a `real` one that ends with an error, is kept beside the
+    folder; `warn` takes a line on it.
     """
 
     def __init__(
@@ -61,6 +69,8 @@ class ResultFolder:
         inputs: Iterable[str | Path | None] = (),
         scenario: dict[str, Any] | None = None,
         overwrite: bool = False,
+        real: bool = False,
+        warn: Callable[[str], None] = lambda _text: None,
     ) -> None:
         self.path = path
         """Where the result is or will be."""
@@ -69,7 +79,9 @@ class ResultFolder:
         settle_result(path)
         self._check = partial(_check_target, inputs=list(inputs), scenario=scenario, overwrite=overwrite)
         self._check(path)
-        self._folder = AtomicFolder(path, RECORD, _is_ours)
+        self._folder = AtomicFolder(path, RECORD, _is_ours, rescue=self._keep_log)
+        self._real, self._warn = real, warn
+        self._farm = "FARM" if scenario is None else str(scenario["farm"])
 
     @property
     def tlog(self) -> Path:
@@ -87,6 +99,9 @@ class ResultFolder:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
+        if self._real and not self.is_written:
+            with contextlib.suppress(OSError):  # the error that ended the flight is told
+                self._keep_log()
         self._folder.__exit__()
         if isinstance(error, OSError):
             self._name(error)
@@ -150,6 +165,32 @@ class ResultFolder:
         if interrupted is not None:
             raise interrupted
         return [self.path / path.name for path in written]
+
+    def _keep_log(self) -> None:
+        """Give the log of a flight that was not saved a name beside the folder, and say how to use it."""
+        if not _has_flown(self.tlog):
+            return
+        name = f"{self._folder.filled.name[1:].removesuffix('.partial')}{_KEPT}"
+        names = (name if number == 1 else f"{name}-{number}" for number in itertools.count(1))
+        kept = next(
+            path for one in names if not (path := self._folder.filled.with_name(f"{one}.tlog")).exists()
+        )
+        self.tlog.rename(kept)
+        # As the user named the folder.
+        shown = self.path.with_name(kept.name) if kept.parent == self.path.resolve().parent else kept
+        words = (
+            "wbf-mission map --log",
+            str(shown),
+            "--farm",
+            self._farm,
+            "--out",
+            f"{shown.with_suffix('')}-map",
+        )
+        command = " ".join([words[0], *map(shlex.quote, words[1:])])
+        self._warn(
+            f"a flight into {self.path} was not saved; its telemetry log is kept as {shown}."
+            f" Make its map with '{command}'"
+        )
 
     def _put_in_place(self, *, beside: bool) -> None:
         """Give the temporary folder the target's name, or that of a neighbour of it."""
@@ -242,7 +283,7 @@ def _check_target(
         msg = f"{path}: is a file, not a folder for the results; give another name"
         raise ResultError(msg)
     ours = AtomicFolder(path, RECORD, _is_ours).hidden_names
-    if overwrite or all(entry.name in ours for entry in path.iterdir()):
+    if overwrite or all(entry.name in ours or _KEPT in entry.name for entry in path.iterdir()):
         return
     if not (path / RECORD).is_file():
         what = "holds other files and no result; give another folder, or write among them"
@@ -258,6 +299,23 @@ def _scenario_in(path: Path) -> Any:
     with contextlib.suppress(OSError, ValueError, RecursionError, AttributeError):
         return msgspec.json.decode((path / RECORD).read_bytes()).get("scenario")
     return None
+
+
+_KEPT = ".killed"
+
+
+def _has_flown(tlog: Path) -> bool:
+    """Return whether a log, which may break off anywhere, shows motors running; one too large to read may."""
+    if not tlog.is_file():
+        return False
+    try:
+        return any(
+            isinstance(message, m.MAVLink_heartbeat_message)
+            and bool(message.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED)
+            for _, message in read_tlog(tlog)
+        )
+    except LinkError:
+        return True
 
 
 def _is_ours(name: str) -> bool:

@@ -24,10 +24,10 @@ _MOST_IN_VAIN = 2
 class BatteryChanger(Protocol):
     """Sees to the battery of a real vehicle between two sorties."""
 
-    def change_battery(self, vehicle: Vehicle, plan: PlanResult, *, used: float | None, which: str) -> str:
+    def change_battery(self, vehicle: Vehicle, plan: PlanResult, *, last: FlightRecord, which: str) -> str:
         """Wait until the vehicle has the battery for a sortie; return why it has not, empty once it has.
 
-        The last sortie took the part `used` of its battery; `which` names the next one.
+        `last` is the sortie before, with that battery's readings; `which` names the next one.
         """
 
 
@@ -89,7 +89,7 @@ class RealSorties:
         why = self._changer.change_battery(
             self._vehicle,
             self.cut.plans[flight],
-            used=record.battery_used,
+            last=record,
             which=f"sortie {flight + 1} of {count}",
         )
         self.changed_s = time.monotonic() - begun_s

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo import Farm
-from geo.texts import one_line
+from geo.texts import distance, duration, one_line
 from mission.ground.link_state import LinkReport
 from mission.ground.tracks import Track, joined
 from mission.link.tlog import FrameLog
@@ -24,7 +24,8 @@ from sensors.scoring.information import InformationModel
 from wbf_mission.maps.field_maps import FieldMap
 from wbf_mission.maps.report import FarmReport, report_of_maps
 from wbf_mission.planning import PlanResult
-from wbf_mission.planning.coverage import seen_share
+from wbf_mission.planning.builder import budget_left
+from wbf_mission.planning.coverage import coverage_from, image_places, seen_share
 from wbf_mission.replanning.record import SKIPPED, DecisionRecord
 from wbf_mission.scenario import Scenario
 
@@ -55,6 +56,8 @@ class FlightRecord:
         Statistics of the mission transfers.
     battery_used : float or None
         Fraction of the battery, from the vehicle's telemetry.
+    battery_readings : tuple of float or None
+        What the battery read at the mission's start, and the lowest reading with the motors running.
     flight_time_s : float
         Simulated seconds from the mission's start to its end.
     link : LinkReport or None
@@ -85,6 +88,7 @@ class FlightRecord:
     transfers: list[Any]
     battery_used: float | None
     flight_time_s: float
+    battery_readings: tuple[float | None, float | None] = (None, None)
     link: LinkReport | None = None
     missing_images: int = 0
     seen_before: int = 0
@@ -368,6 +372,58 @@ class RunRecord:
         """What `flight_time_s` was expected to be before take-off."""
         return self._time_together_s([one.plan.prediction.duration_s for one in self.flights])
 
+    @property
+    def air_time_s(self) -> float:
+        """Simulated seconds in the air of all vehicles, added up."""
+        return sum(one.flight_time_s for one in self.flights)
+
+    @property
+    def predicted_air_time_s(self) -> float:
+        """What `air_time_s` was expected to be before take-off."""
+        return sum(one.plan.prediction.duration_s for one in self.flights)
+
+    def flown(self, *, predicted: bool) -> str:
+        """Say how far and how long was flown, each beside its own prediction if that is wanted."""
+
+        def time(flown_s: float, expected_s: float) -> str:
+            return duration(flown_s) + f" (predicted {duration(expected_s)})" * predicted
+
+        way, over = distance(self.track.length_m), time(self.flight_time_s, self.predicted_time_s)
+        if (vehicles := len({one.system_id for one in self.flights})) == 1:
+            return f"{way} in {over}"
+        together = time(self.air_time_s, self.predicted_air_time_s)
+        return f"{way} by {vehicles} vehicles in {together} added up; over after {over}"
+
+    @property
+    def budget_left(self) -> str:
+        """Say how much less than its budget a planner's first mission takes; empty where that is little."""
+        if self.scenario.mission.policy is not None:  # Only its first path is known before
+            return ""
+        day, system_id = self.flights[0].day, self.flights[0].system_id
+        flown = [one.plan for one in self.flights if (one.day, one.system_id) == (day, system_id)]
+        again = self.scenario.farm.flights_per_day
+        return budget_left(flown[: max(1, len(flown) // again)])
+
+    @property
+    def predicted_coverage(self) -> float:
+        """The coverage expected before take-off of the first flight of all vehicles."""
+        first = [
+            one.plan
+            for one in self.flights
+            if (one.day, one.flight) == (self.flights[0].day, self.flights[0].flight)
+        ]
+        if len(first) == 1:
+            return first[0].coverage
+        places = [image_places(one.farm, one.mission, one.prediction) for one in first]
+        return coverage_from(self.farm, np.vstack(places), self.scenario.camera.footprint, first[0].imaging)
+
+    @property
+    def predicted_battery_used(self) -> float | None:
+        """What `battery_used` was expected to be before take-off."""
+        return max(
+            (used for one in self.flights if (used := one.plan.battery_used) is not None), default=None
+        )
+
     def _time_together_s(self, times_s: list[float]) -> float:
         longest: dict[tuple[int, int], float] = {}
         for one, time_s in zip(self.flights, times_s, strict=True):
@@ -476,10 +532,12 @@ class RunRecord:
             "planned_length_m": sum(one.plan.length_m for one in self.flights),
             "flight_time_s": self.flight_time_s,
             "predicted_time_s": self.predicted_time_s,
+            "air_time_s": self.air_time_s,
+            "predicted_air_time_s": self.predicted_air_time_s,
             "battery_used": self.battery_used,
-            "predicted_battery_used": self.plan.battery_used,
+            "predicted_battery_used": self.predicted_battery_used,
             "coverage": seen_share(self.farm, seen.x, seen.y),
-            "predicted_coverage": self.plan.coverage,
+            "predicted_coverage": self.predicted_coverage,
             "spacing_m": self.plan.spacing_m,
             "budget": self.plan.budget_text,
             "least_distance_m": self.least_distance_m,

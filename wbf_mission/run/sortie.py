@@ -360,9 +360,9 @@ class Sortie:
     def record(self) -> FlightRecord:
         """Return what the flight gave."""
         ground, battery = self.ground, self.plan.vehicle.battery
-        used = None
+        before, lowest, used = ground.battery_before, ground.battery_lowest, None
         if battery is not None:
-            used = ground.vehicle_state.battery.used_since(ground.battery_before, battery.capacity_wh)
+            used = lowest.used_since(before, battery.capacity_wh)
         frame = self.plan.farm.frame
         track = ground.tracks.track(frame)
         return FlightRecord(
@@ -377,6 +377,7 @@ class Sortie:
             camera=self.assembler.statistics,
             transfers=ground.all_transfers,
             battery_used=used,
+            battery_readings=(before.remaining, lowest.remaining),
             flight_time_s=ground.flight_time_s,
             texts=ground.texts,
             link=ground.link_report,

@@ -11,7 +11,6 @@ from html import escape
 import numpy as np
 from numpy.typing import NDArray
 
-from geo.texts import distance, duration
 from sensors.fields import Field
 from wbf_mission.maps.farm_drawing import FarmDrawing
 from wbf_mission.maps.field_maps import FieldMap
@@ -121,7 +120,8 @@ def _told(record: RunRecord, *, short: bool = False) -> dict[str, str]:
         "when": f"day {days[0]}" if len(days) == 1 else f"days {days[0]} to {days[-1]}",
         "flights": f"{flights}",
         "outcome": f"{record.outcome.value} ({record.reason})" if record.reason else record.outcome.value,
-        "flown": f"{distance(summary['path_length_m'])} in {duration(summary['flight_time_s'])}",
+        # Of a policy only the first path is known before.
+        "flown": record.flown(predicted=not short and scenario.mission.policy is None),
         "battery": _battery(record),
         "seen": f"{summary['observations']:,} readings, {seen}",
         "estimator": record.estimator,
@@ -133,8 +133,6 @@ def _told(record: RunRecord, *, short: bool = False) -> dict[str, str]:
         if short and value is not None:
             told[f"loss a cell, {name}"] = f"{value:.4g}"
     if not short:
-        if scenario.mission.policy is None:  # Of a policy only the first path is known before
-            told["flown"] += f" (predicted {duration(summary['predicted_time_s'])})"
         for path, name in (("seed", "estimator"), ("flights", "when")):
             also = told.pop(path)
             told[name] += (

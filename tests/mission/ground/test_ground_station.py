@@ -3,6 +3,8 @@
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from mission.ground.modes import Maneuver
 from mission.ground.station import GroundStation, NotFlyingError
@@ -251,6 +253,56 @@ def test_a_battery_is_told_by_sys_status_where_nothing_else_tells_it() -> None:
     monitor.receive(m.MAVLink_battery_status_message(0, 0, 0, 0, [65535] * 10, -1, -1, -1, 54), 0.0)
     monitor.receive(status(80), 0.0)
     assert monitor.battery == Battery(0.54), "BATTERY_STATUS counts first"
+
+
+ARMED = m.MAV_MODE_FLAG_SAFETY_ARMED
+
+
+def beat(*, armed: bool) -> Any:
+    return m.MAVLink_heartbeat_message(2, 12, ARMED if armed else 0, 0, 3, 3)
+
+
+def reads(percent: int, used_hj: int = -1) -> Any:
+    return m.MAVLink_battery_status_message(0, 0, 0, 0, [65535] * 10, -1, -1, used_hj, percent)
+
+
+def test_what_a_flight_took_of_a_battery_that_is_full_again_once_it_is_disarmed() -> None:
+    """PX4's simulator fills it then; this is the order in which a real one tells it."""
+    monitor = VehicleMonitor()
+    told = [beat(armed=False), reads(100), beat(armed=True), reads(98)]
+    for message in told:
+        monitor.receive(message, 0.0)
+    before = monitor.battery
+    monitor.begin_flight()
+    for message in [reads(70), reads(49), reads(51), beat(armed=False), reads(93), reads(100)]:
+        monitor.receive(message, 1.0)
+    assert monitor.lowest_battery == Battery(0.49)
+    assert monitor.lowest_battery.used_since(before, 80.0) == pytest.approx(0.49)
+    assert monitor.battery == Battery(1.0), "the next sortie goes by what it reads now"
+
+
+@given(
+    st.lists(
+        st.tuples(st.booleans(), st.integers(-1, 100), st.one_of(st.just(-1), st.integers(0, 10**6))),
+        max_size=20,
+    )
+)
+def test_the_lowest_reading_with_running_motors_and_the_most_energy_count(
+    told: list[tuple[bool, int, int]],
+) -> None:
+    monitor, left, used = VehicleMonitor(), [], []
+    monitor.receive(reads(90, 5), 0.0)
+    monitor.begin_flight()
+    known = (90, 5)
+    for armed, percent, hectojoules in told:
+        monitor.receive(beat(armed=armed), 1.0)
+        monitor.receive(reads(percent, hectojoules), 1.0)
+        known = (percent if percent >= 0 else known[0], hectojoules if hectojoules >= 0 else known[1])
+        left += [known[0] / 100.0] * armed
+        used.append(known[1] / 36.0)
+    lowest = monitor.lowest_battery
+    assert lowest.remaining == min([0.9, *left])
+    assert lowest.consumed_wh == pytest.approx(max([5 / 36.0, *used]))
 
 
 # What the operator may order of a vehicle in flight: out of its mission and back, and another item of it.

@@ -29,7 +29,8 @@ class Answering:
 
     def __init__(self, autopilot=PX4, parameters=None, *, ready=True):
         self.autopilot = autopilot
-        names = [list(one)[-1] for one in profile_for(autopilot).settings.asked_of(2).values()]
+        asked = profile_for(autopilot).settings
+        names = [list(one)[-1] for one in (*asked.asked_of(2).values(), *asked.motion_of(2).values())]
         self.parameters = dict.fromkeys(names, 7.0) if parameters is None else parameters
         self.asked = []
         self.ready = ready

@@ -22,6 +22,7 @@ from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Frame, GeoPoint, Mission, MissionItem
 from wbf_mission.preflight.finding import Concern, Severity
 from wbf_mission.preflight.inquiry import FirmwareVersion, Gps, VehicleSnapshot
+from wbf_mission.scenario import VehicleOptions
 
 PX4, ARDUPILOT = 12, 3
 SENSORS = 1 | 2 | 4 | 8 | 32 | m.MAV_SYS_STATUS_AHRS | m.MAV_SYS_STATUS_PREARM_CHECK
@@ -254,3 +255,62 @@ def test_home_of_a_plan_without_one_is_where_the_vehicle_stands():
     mission = replace(good(), home=None)
     found = findings(mission, snapshot=vehicle(position=place(-1500.0)))
     assert found["far-start"].measure.value == pytest.approx(1500.0, abs=5.0)
+
+
+COPTER_4_7 = {
+    "WP_SPD": 8.0,
+    "RTL_ALT_M": 40.0,
+    "RTL_SPEED_MS": 3.0,
+    "RTL_CONE_SLOPE": 0.0,
+    "LAND_SPD_MS": 0.30000001192092896,
+    "LAND_ALT_LOW_M": 10.0,
+}
+
+
+@pytest.mark.parametrize(
+    ("told", "options", "wanted"),
+    [
+        (vehicle(parameters={}), {"autopilot": "px4"}, {}),
+        (px4(RTL_RETURN_ALT=60.0, RTL_CONE_ANG=90.0), {}, {"RTL_RETURN_ALT": 60.0, "RTL_CONE_ANG": 90}),
+        (px4(MPC_LAND_SPEED=0.699999988079071), {}, {}),  # the default, in four bytes
+        (px4(RTL_RETURN_ALT=1e6, MPC_LAND_SPEED=-1.0), {}, {}),  # nothing that the model can fly
+        (px4(), {"parameters": {"RTL_RETURN_ALT": 12.0}}, {"RTL_RETURN_ALT": 30.0}),
+        (
+            vehicle(ARDUPILOT, parameters=COPTER_4_7),
+            COPTER,
+            {
+                "WPNAV_SPEED": 800.0,
+                "RTL_ALT": 4000,
+                "RTL_SPEED": 300,
+                "RTL_CONE_SLOPE": 0.0,
+                "LAND_SPEED": 30,
+            },
+        ),
+        (copter(RTL_ALT=4000.0, RTL_ALT_M=20.0), COPTER, {"RTL_ALT": 2000}),  # the newest name counts
+        (plane(RTL_ALTITUDE=80.0), PLANE, {}),
+    ],
+)
+def test_a_vehicle_is_predicted_with_what_is_set_on_it(told, options, wanted):
+    named = {"name" if key == "vehicle" else key: value for key, value in options.items()}
+    given = VehicleOptions(**{"name": "quad", "autopilot": "px4", **named})
+    set_on_it = told.as_set(given).parameters
+    assert set_on_it == {**given.parameters, **wanted}
+    assert (told.as_set(given) is given) == (not wanted)
+
+
+@pytest.mark.parametrize(
+    ("snapshot", "longer_s", "options"),
+    [
+        (px4(RTL_RETURN_ALT=60.0), 20.0, {}),
+        (copter(RTL_ALT=6000.0, RTL_CONE_SLOPE=0.0), 20.0, COPTER),
+        (copter(LAND_SPEED=30.0), 10.0, COPTER),
+        (px4(RTL_LAND_DELAY=40.0), 30.0, {}),
+    ],
+)
+def test_the_check_predicts_the_return_and_the_landing_that_the_vehicle_flies(snapshot, longer_s, options):
+    plain = px4() if snapshot.autopilot == PX4 else copter()
+    times = [
+        checked(good(), snapshot=one, **options).subject.prediction.duration_s for one in (plain, snapshot)
+    ]
+    assert times[1] > times[0] + longer_s
+    assert checked(good(), **options).subject.prediction.duration_s == pytest.approx(times[0], abs=0.1)

@@ -1,0 +1,84 @@
+"""Budgets beyond a battery: one rule for all units, and what is not used of them is said."""
+
+import pytest
+
+from wbf_mission import Scenario
+from wbf_mission.cli.app import main
+from wbf_mission.cli.sorties import SortieOptions
+from wbf_mission.planning.builder import budget_left
+from wbf_mission.planning.fleet import single_vehicles
+from wbf_mission.planning.plan import plan, plan_fleet
+from wbf_mission.preflight.finding import PreflightError
+
+SMALL = 'base = "quad"\nkind = "multirotor"\n[battery]\ncapacity_wh = 9.0\n'
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    file = tmp_path_factory.mktemp("vehicles") / "small.toml"
+    file.write_text(SMALL)
+    return str(file)
+
+
+def planned(small, budget, **more):
+    given = {"farm": "miniberry-100", "planner": "spiral", "autopilot": "px4", **more}
+    return Scenario(vehicle=small, budget=budget, **given)
+
+
+def cut_of(scenario):
+    whole = plan(scenario)
+    (one,) = single_vehicles(scenario)
+    cut = SortieOptions().cut(whole, one)
+    return [whole] if cut is None else list(cut.plans)
+
+
+def test_budgets_of_all_units_are_flown_in_sorties_alike(small):
+    """Each unit's budget is what the sorties of the same mission take."""
+    metres = cut_of(planned(small, "400m"))
+    seconds = sum(one.prediction.duration_s for one in metres)
+    watt_hours = sum(one.prediction.energy_wh for one in metres)
+    assert len(metres) > 1
+    for budget in (f"{seconds:.0f}s", f"{seconds / 60.0:.2f}min", f"{watt_hours:.1f}Wh"):
+        plans = cut_of(planned(small, budget))
+        assert len(plans) >= len(metres), budget
+        assert all(one.prediction.feasible for one in plans)
+        assert sum(one.length_m for one in plans) > 0.95 * sum(one.length_m for one in metres), budget
+        assert budget_left(plans) == ""
+
+
+@pytest.mark.parametrize("budget", ["2min", "5Wh", "150m"])
+def test_within_a_battery_nothing_is_priced_anew(small, budget):
+    large = plan(planned("quad", budget))
+    assert plan(planned(small, budget)).mission.items == large.mission.items
+
+
+@pytest.mark.parametrize("budget", ["40s", "10min", "100Wh", "3000m", "3 batteries"])
+def test_what_is_not_used_of_a_budget_is_said(small, budget, capsys):
+    arguments = ["--farm", "miniberry-10", "--planner", "lawnmower", "--vehicle", small]
+    assert main(["plan", *arguments, "--budget", budget]) == 0
+    said = [line for line in capsys.readouterr().err.splitlines() if "of its budget of" in line]
+    assert len(said) == (budget != "40s"), said
+
+
+@pytest.mark.parametrize(("budget", "said"), [("100m", 1), ("30m", 0)])
+def test_a_flight_says_it_too(budget, said, capsys):
+    arguments = ["--farm", "miniberry-10", "--planner", "lawnmower", "--estimator", "point", "--no-files"]
+    assert main(["fly", *arguments, "--budget", budget]) == 0
+    assert capsys.readouterr().err.count("of its budget of") == said
+
+
+def test_a_fleet_is_not_cut_to_a_battery_without_a_word(small):
+    fleet = planned(small, "10min", vehicles=2)
+    assert all(not one.prediction.feasible for one in plan_fleet(fleet))
+    from wbf_mission.flight import fly
+
+    with pytest.raises(PreflightError, match="battery"):
+        fly(fleet)
+
+
+def test_a_policy_that_goes_home_on_one_battery_says_so(small):
+    (one,) = plan_fleet(Scenario(vehicle=small, farm="miniberry-30", policy="greedy", budget="10min"))
+    assert "600 s (a battery less its reserve lasts for about" in one.budget_text
+    assert one.prediction.feasible
+    (short,) = plan_fleet(Scenario(vehicle=small, farm="miniberry-30", policy="greedy", budget="1min"))
+    assert short.budget_text == "60 s"

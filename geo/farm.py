@@ -108,6 +108,9 @@ class Farm:
         The crops that somebody wants to see; empty: all that the owner grows.
     rally_m : tuple of tuple of float
         Places where a vehicle may land when it cannot come home, metres of the frame.
+    degrees : float64[n, 2]
+        Longitude and latitude of corners, home and rally points as the farm's file has them; `geo.save_farm`
+        writes them again. No part of what the farm is.
     notes : tuple of str
         What was decided or mended when the farm was read from a file; no part of what the farm is.
 
@@ -128,6 +131,7 @@ class Farm:
     obstacles: tuple[Obstacle, ...] = ()
     rally_m: tuple[tuple[float, float], ...] = ()
     scouted: tuple[str, ...] = ()
+    degrees: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 2)), compare=False, repr=False)
     notes: tuple[str, ...] = field(default=(), compare=False, repr=False)
 
     def __post_init__(self) -> None:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import shapely
+from shapely.geometry.polygon import orient
 
 from geo.errors import FarmError
 from geo.farm import MAX_CELLS, Farm, Obstacle, Patch
@@ -161,14 +162,16 @@ def _farm_of(document: Document, default_name: str, crop: str | None, *, repair:
         for feature, polygon in zip(features, polygons, strict=True)
         if feature.obstacle
     )
-    rally_m = _rally(document, places, frame)
+    rally = _rally(document, places, frame)
+    rally_m = tuple(frame.from_wgs84(latitude_deg, longitude_deg) for longitude_deg, latitude_deg in rally)
     farm = Farm(name, frame, width, height, kept, owner, (0.0, 0.0), cell_size_m, obstacles, rally_m)
-    if home is not None:
-        home_m = frame.from_wgs84(home[1], home[0])
-    else:
+    if home is None:
         nearest = shapely.shortest_line(farm.owner_area, shapely.Point(0.0, 0.0))
-        home_m = (float(nearest.coords[0][0]), float(nearest.coords[0][1])) if nearest else (0.0, 0.0)
-    return replace(farm, home_m=home_m, notes=tuple(notes))
+        latitude_deg, longitude_deg = frame.to_wgs84(*(nearest.coords[0] if nearest else (0.0, 0.0)))
+        home = longitude_deg, latitude_deg
+    degrees = np.concatenate([*(ring for feature in features for ring in feature.rings), [home, *rally]])
+    home_m = frame.from_wgs84(home[1], home[0])
+    return replace(farm, home_m=home_m, degrees=degrees, notes=tuple(notes))
 
 
 def _contents(document: Document, *, repair: bool) -> tuple[list[Feature], list[Place]]:
@@ -248,8 +251,8 @@ def _cell_size(members: dict[str, Any], bounds: Any, notes: list[str]) -> float:
     return size_m
 
 
-def _rally(document: Document, places: list[Place], frame: LocalFrame) -> tuple[tuple[float, float], ...]:
-    """Return the rally points, in metres of the farm's frame."""
+def _rally(document: Document, places: list[Place], frame: LocalFrame) -> list[tuple[float, float]]:
+    """Return longitude and latitude of the rally points."""
     given = document.members.get("rally", [])
     points = [place for place in places if place.kind == "rally"]
     if not isinstance(given, list) or len(given) + len(points) > MAX_RALLY:
@@ -258,12 +261,10 @@ def _rally(document: Document, places: list[Place], frame: LocalFrame) -> tuple[
     named = [(f'member "rally", entry {k}', one) for k, one in enumerate(given, 1)]
     positions = [(where, position_of(one, where, document.crs)) for where, one in named]
     positions += [(place.where, place.position) for place in points]
-    rally_m = []
     for where, (longitude_deg, latitude_deg) in positions:
-        rally_m.append(frame.from_wgs84(latitude_deg, longitude_deg))
-        if not math.hypot(*rally_m[-1]) <= 2 * MAX_SPAN_M:
+        if not math.hypot(*frame.from_wgs84(latitude_deg, longitude_deg)) <= 2 * MAX_SPAN_M:
             raise FarmError(f"{where}: lies more than {2 * MAX_SPAN_M / 1000:g} km from the farm")
-    return tuple(rally_m)
+    return [position for _, position in positions]
 
 
 def _near(
@@ -347,7 +348,7 @@ def _polygon(feature: Feature, frame: LocalFrame) -> shapely.Polygon:
         )
     if polygon.area <= _THIN_M * polygon.length:
         raise FarmError(f"{feature.where}: the polygon has no area")
-    return polygon
+    return orient(polygon)
 
 
 def _at(point: str, frame: LocalFrame) -> str:

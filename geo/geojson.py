@@ -7,7 +7,7 @@ by record separators (RFC 8142; GDAL's GeoJSONSeq, ``.geojsonl``).
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,6 @@ from geo.coordinates import Coordinates, coordinates_of, member_crs
 from geo.errors import FarmError
 from geo.farm import Farm
 from geo.features import GEOMETRIES, MAX_FEATURES, Document, Entry, shortened
-from geo.frame import LocalFrame
 from geo.reading import UnreadableError, json_texts, not_json, read_text
 
 MAX_FILE_BYTES = 32 * 2**20
@@ -118,14 +117,14 @@ def save_farm(farm: Farm, path: str | os.PathLike[str]) -> None:
 
 def farm_document(farm: Farm) -> dict[str, Any]:
     """Return what `save_farm` writes."""
-    frame = farm.frame
+    frame, degrees_of = farm.frame, _DegreesOf(farm)
     patches = [
-        _feature(farm, patch.polygon, name=patch.name, crop=str(patch.crop), owner=patch.owner)
+        _feature(degrees_of, patch.polygon, name=patch.name, crop=str(patch.crop), owner=patch.owner)
         for patch in farm.patches
     ]
     obstacles = [
         _feature(
-            farm,
+            degrees_of,
             one.polygon,
             name=one.name or f"obstacle {number}",
             obstacle=True,
@@ -143,25 +142,35 @@ def farm_document(farm: Farm) -> dict[str, Any]:
         "ground_altitude_m": frame.altitude_m,
         "rotation_deg": frame.rotation_deg,
         "size_cells": [farm.width_cells, farm.height_cells],
-        "home": _position(frame, farm.home_m),
-        **({"rally": [_position(frame, place) for place in farm.rally_m]} if farm.rally_m else {}),
+        "home": degrees_of(farm.home_m)[0],
+        **({"rally": degrees_of(*farm.rally_m)} if farm.rally_m else {}),
         "features": patches + obstacles,
     }
 
 
-def _position(frame: LocalFrame, place_m: tuple[float, float]) -> list[float]:
-    latitude_deg, longitude_deg = frame.to_wgs84(*place_m)
-    return [longitude_deg, latitude_deg]
+class _DegreesOf:
+    """Longitude and latitude of places of a farm: as its file has them, if they come from one.
+
+    A projection and its inverse differ by a nanometre, and for less a planner's comparison ends otherwise.
+    """
+
+    def __init__(self, farm: Farm) -> None:
+        self._frame = farm.frame
+        known = farm.degrees.copy()
+        x_m, y_m = self._frame.from_wgs84(known[:, 1].copy(), known[:, 0].copy())
+        self._known = dict(zip(zip(x_m.tolist(), y_m.tolist(), strict=True), known.tolist(), strict=True))
+
+    def __call__(self, *places_m: Sequence[float]) -> list[list[float]]:
+        places = np.array(places_m)
+        latitude_deg, longitude_deg = self._frame.to_wgs84(places[:, 0].copy(), places[:, 1].copy())
+        made = np.column_stack([longitude_deg, latitude_deg]).tolist()
+        return [self._known.get((x, y), new) for (x, y), new in zip(places.tolist(), made, strict=True)]
 
 
-def _feature(farm: Farm, polygon: shapely.Polygon, **properties: object) -> dict[str, object]:
-    rings = []
+def _feature(degrees_of: _DegreesOf, polygon: shapely.Polygon, **properties: object) -> dict[str, object]:
     # Right-hand rule of RFC 7946: the exterior anticlockwise, holes clockwise.
     oriented = orient(polygon)
-    for ring in (oriented.exterior, *oriented.interiors):
-        xy = shapely.get_coordinates(ring)
-        latitude_deg, longitude_deg = farm.frame.to_wgs84(xy[:, 0].copy(), xy[:, 1].copy())
-        rings.append(np.column_stack([longitude_deg, latitude_deg]).tolist())
+    rings = [degrees_of(*ring.coords) for ring in (oriented.exterior, *oriented.interiors)]
     return {
         "type": "Feature",
         "properties": properties,

@@ -5,13 +5,14 @@ from __future__ import annotations
 import copy
 import json
 import math
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import shapely
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from geo import Crop, Farm, FarmError, LocalFrame, Obstacle, Patch, get_farm, load_farm, save_farm
@@ -99,6 +100,73 @@ def test_rotated_farms_round_trip(rotation: float, latitude: float, longitude: f
     )
     save_farm(farm, tmp_path / "t.json")
     same(load_farm(tmp_path / "t.json"), farm)
+
+
+def coordinates_of(farm: Farm) -> list[Any]:
+    shapes = [*farm.patches, *farm.obstacles]
+    return [farm.home_m, farm.rally_m, *(shapely.to_wkb(one.polygon) for one in shapes)]
+
+
+@given(
+    latitude=st.floats(-74, 74),
+    longitude=st.floats(-179.9, 179.9),
+    rotation=st.just(0.0) | st.floats(-360, 360),
+    corners=st.lists(st.floats(0.3, 1.0), min_size=4, max_size=9),
+    clockwise=st.booleans(),
+    has_home=st.booleans(),
+    has_origin=st.booleans(),
+    digits=st.integers(6, 16),
+)
+@example(28.03, -82.11, 0.0, [1.0, 0.5, 0.8, 1.0], True, False, False, 16)
+@example(0.0, 0.0, 0.0, [1.0, 0.5, 0.8, 1.0], False, False, False, 16)
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_a_file_s_farm_saved_is_the_same_to_the_last_bit(
+    tmp_path: Path,
+    latitude: float,
+    longitude: float,
+    rotation: float,
+    corners: list[float],
+    clockwise: bool,
+    has_home: bool,
+    has_origin: bool,
+    digits: int,
+) -> None:
+    def around(size: float, *, backwards: bool) -> list[list[float]]:
+        turns = [2 * math.pi * k / len(corners) for k in range(len(corners))]
+        ring = [
+            [
+                round(longitude + size * far * math.cos(turn), digits),
+                round(latitude + size * far * math.sin(turn), digits),
+            ]
+            for turn, far in zip(turns, corners, strict=True)
+        ]
+        return [*ring, ring[0]][:: -1 if backwards else 1]
+
+    rings = [around(0.004, backwards=clockwise), around(0.001, backwards=clockwise)]
+    pole = feature([around(0.0003, backwards=clockwise)], obstacle=True)
+    members: dict[str, Any] = {"rotation_deg": rotation, "rally": [[longitude + 0.0021, latitude - 0.0017]]}
+    if has_home:
+        members["home"] = [longitude - 0.0043, latitude + 0.0001]
+    if has_origin:
+        members["origin"] = [longitude - 0.0051, latitude - 0.0052]
+        members["rotation_deg"] = 0.0
+    first = load_farm(write(tmp_path, document(feature(rings), pole, **members)))
+    save_farm(first, tmp_path / "saved.geojson")
+    second = load_farm(tmp_path / "saved.geojson")
+    assert coordinates_of(second) == coordinates_of(first)
+    assert (second.frame, second.width_cells, second.height_cells) == (
+        first.frame,
+        first.width_cells,
+        first.height_cells,
+    )
+
+
+@pytest.mark.parametrize("name", ["bays", "bend", "islands", "pair", "strip", "wing"])
+def test_the_catalogue_s_farms_saved_are_the_same_to_the_last_bit(name: str, tmp_path: Path) -> None:
+    folder = resources.files("wbf_mission.scenario.catalogue") / "WBF" / "farms"
+    first = load_farm(Path(str(folder / f"{name}.geojson")))
+    save_farm(first, tmp_path / "saved.geojson")
+    assert coordinates_of(load_farm(tmp_path / "saved.geojson")) == coordinates_of(first)
 
 
 def test_written_rings_follow_the_right_hand_rule(tmp_path: Path) -> None:

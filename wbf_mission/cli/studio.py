@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -26,6 +27,7 @@ wbf-mission studio --farm my-farm.geojson --vehicle mapping-quad --open
 wbf-mission studio --farm miniberry-100 --planner lawnmower --budget 10min --port 8080
 """
 _PAGE = "The page"
+_USUAL_PORT = 8735
 
 
 @options.scenario_options(
@@ -44,13 +46,14 @@ def studio_command(
     output: Output,
     *,
     port: Annotated[
-        int,
+        int | None,
         option(
-            "Where the page is served, 0 for any free port.",
+            f"Where the page is served, 0 for any free port; by default {_USUAL_PORT} or, if taken, any:"
+            " browsers keep drafts by the port.",
             panel=_PAGE,
             parser=options.whole_number_in(0, 65_535),
         ),
-    ] = 0,
+    ] = None,
     open_page: Annotated[
         bool, option("Open the page in the browser.", "--open/--no-open", panel=_PAGE)
     ] = False,
@@ -65,6 +68,7 @@ def studio_command(
     """
     import webbrowser
 
+    from mission.errors import LinkError
     from wbf_mission.web.server import LiveServer
     from wbf_mission.web.studio import Studio
     from wbf_mission.web.view import View
@@ -72,11 +76,16 @@ def studio_command(
     start = given.scenario()
     start.farm.load()  # What cannot be read is told here
     studio = Studio(start)
-    with (
-        contextlib.suppress(KeyboardInterrupt),
-        LiveServer(View(), port=port, tiles=tiles, routes=studio.routes(), home="studio") as server,
-        contextlib.closing(studio),
-    ):
+    serve = partial(LiveServer, View(), tiles=tiles, routes=studio.routes(), home="studio")
+    with contextlib.ExitStack() as ends:
+        ends.enter_context(contextlib.suppress(KeyboardInterrupt))
+        try:
+            server = ends.enter_context(serve(port=_USUAL_PORT if port is None else port))
+        except LinkError:
+            if port is not None:
+                raise
+            server = ends.enter_context(serve(port=0))
+        ends.callback(studio.close)
         studio.begin(server)
         output.result({"url": server.url}, {"page": server.url, "end": "Ctrl-C"}, title="Studio")
         if open_page:

@@ -36,10 +36,9 @@ from wbf_mission.scenario import Scenario, scenario_with
 from wbf_mission.scenario.choice import names_of
 from wbf_mission.scenario.option import Option
 from wbf_mission.scenario.scenario import all_options
+from wbf_mission.web.newest import NewestOnly
 
 MAX_BODY_BYTES = MAX_FILE_BYTES
-PATIENCE_S = 3.0
-"""A plan that nobody waits for any more holds up the next one for so long at most."""
 _KEPT = 8
 """So many plans and farms are kept: what was just undone is there again at once."""
 _FIXED = ("farm", "farm_crs", "crop", "repair", "mission", "terrain", "days", "flights_per_day")
@@ -49,87 +48,6 @@ T = TypeVar("T")
 
 class DraftError(WbfMissionError, ValueError):
     """A draft that cannot be read, or asks for what a page must not."""
-
-
-class SupersededError(WbfMissionError, RuntimeError):
-    """What was asked for is not wanted any more, because a newer draft came."""
-
-
-class NewestOnly(Generic[T]):
-    """Works at one thing at a time, in a thread of its own; what is newer takes its place.
-
-    What is not wanted any more is told so at once; its thread ends when it tells how far it is, and is waited
-    for `PATIENCE_S` seconds at most.
-
-    Examples
-    --------
-    >>> NewestOnly[int]().do("a sum", lambda progress: 3 + 4)
-    7
-    """
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._job: _Job[T] | None = None
-
-    def do(self, what: str, work: Callable[[Progress], T]) -> T:
-        """Return what the work finds, or raise its error; who asks for the same shares it.
-
-        SupersededError as soon as something else is asked for, or nothing any more (`stop`).
-        """
-        with self._lock:
-            job = self._job
-            if job is None or job.what != what:
-                job = self._job = _Job(what, work, job)
-        return job.result()
-
-    def stop(self) -> None:
-        """End what is under way."""
-        with self._lock:
-            if self._job is not None:
-                self._job.stop()
-            self._job = None
-
-
-class _Job(Generic[T]):
-    def __init__(self, what: str, work: Callable[[Progress], T], before: _Job[T] | None) -> None:
-        self.what, self._work, self._before = what, work, before
-        self._found: list[T] = []
-        self._error: BaseException | None = None
-        self._ended, self._idle = threading.Event(), threading.Event()
-        if before is not None:
-            before.stop()
-        threading.Thread(target=self._run, name="studio plan", daemon=True).start()
-
-    def result(self) -> T:
-        self._ended.wait()
-        if self._error is not None:
-            raise self._error
-        return self._found[0]
-
-    def stop(self) -> None:
-        """Tell who waits."""
-        if not self._ended.is_set():
-            self._error = SupersededError("superseded: a newer draft is planned in its place")
-            self._ended.set()
-
-    def _go_on(self, _what: str, _done: float, _total: float) -> None:
-        """End the work where it tells how far it is, if nobody waits for it any more."""
-        if self._ended.is_set():
-            raise SupersededError
-
-    def _run(self) -> None:
-        if self._before is not None:
-            # Two plans at once would each take longer; one that does not end is left to itself.
-            self._before._idle.wait(PATIENCE_S)
-            self._before = None
-        if not self._ended.is_set():
-            try:
-                self._found.append(self._work(self._go_on))
-            except BaseException as error:  # It is raised where the result is waited for
-                if not self._ended.is_set():
-                    self._error = error
-        self._ended.set()
-        self._idle.set()
 
 
 class _Body(msgspec.Struct, forbid_unknown_fields=True):
@@ -190,15 +108,38 @@ class PlannedDraft:
             raise DraftError(f"mission {number}: there are {len(self.missions)}, counted from 0")
         return self.missions[number]
 
+    @property
+    def surveys(self) -> bool:
+        """Whether it is planned for a camera by sensor and lens, which flights do not simulate."""
+        return self.draft.scenario.camera.model is not None
+
+    @property
+    def not_flown(self) -> str:
+        """Why the simulator cannot fly it; empty if it can."""
+        mission = self.draft.scenario.mission
+        if self.surveys and mission.policy is not None:
+            return (
+                f"the policy {mission.policy} decides by the leaf camera: fly a planner with a survey camera"
+            )
+        if self.surveys and len(self.vehicles) > 1:
+            return "with a survey camera the simulator flies one vehicle: plan for one, or save the files"
+        return ""
+
     def flown(self, folder: Path) -> Scenario:
-        """Return the scenario that flies what was planned: a number of batteries is only planned for."""
+        """Return the scenario that flies what was planned; DraftError if there is none.
+
+        A number of batteries and a survey camera are only planned for: the mission with its images is flown.
+        """
         scenario = self.draft.scenario
-        if batteries_in(scenario.mission.budget) is None:
+        if self.not_flown:
+            raise DraftError(self.not_flown)
+        if batteries_in(scenario.mission.budget) is None and not self.surveys:
             return scenario
         path = folder / f"{hashlib.sha256(self.draft.key.encode()).hexdigest()[:32]}.plan"
         whole = self.results[0]
         write_mission(whole.mission, path, firmware=Firmware(whole.mav_autopilot))
-        return scenario_with(without_budget(scenario), {"mission": str(path)})
+        leaf = replace(scenario.camera, model=None)
+        return scenario_with(replace(without_budget(scenario), camera=leaf), {"mission": str(path)})
 
     def file(self, number: int, suffix: str, folder: Path) -> tuple[str, bytes]:
         """Return name and content of a mission's file; WbfMissionError if no such file can hold it."""
@@ -238,7 +179,13 @@ class Drafts:
         self._own.cleanup()
 
     def farm_of_file(
-        self, content: bytes, name: str, *, crop: str | None, crs: str | None, repair: bool
+        self,
+        content: bytes,
+        name: str,
+        *,
+        crop: str | None = None,
+        crs: str | None = None,
+        repair: bool = False,
     ) -> tuple[Farm, bytes]:
         """Return the farm of a file's content, and its GeoJSON; FarmError, naming the feature, if bad."""
         suffix = Path(name).suffix.lower()
@@ -346,6 +293,11 @@ def known_names(key: str) -> tuple[str, ...]:
 def draft_options() -> dict[str, Option]:
     """Return the options of a draft by their keys, in the order of their parts."""
     return {key: one for key, (_, _, one) in all_options().items() if key not in _FIXED}
+
+
+def drawn_farm(body: bytes) -> bytes:
+    """Return the farm of a draft that was read, as the page sent it."""
+    return bytes(msgspec.json.decode(body, type=_Body).farm)
 
 
 def planned(draft: Draft, progress: Progress) -> PlannedDraft:

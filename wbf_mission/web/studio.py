@@ -7,7 +7,6 @@ import inspect
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import partial
 from typing import Any, TypeAlias, get_args
 from urllib.parse import quote
 
@@ -18,15 +17,14 @@ from starlette.responses import Response
 from starlette.routing import Route
 
 from geo import Farm
-from geo.errors import WbfMissionError
+from geo.errors import FarmError, WbfMissionError
 from geo.grid import Crop
-from geo.texts import one_line, parse_number
+from geo.texts import parse_number
 from mission.planners import make_planner
 from mission.planners.registry import planner_parameters
 from mission.policies.policy import policy_parameters
 from mission.transfer.vehicles import Vehicle
-from wbf_mission.events import EventStream, Planned, Progressed, RunEnded, VehicleMoved
-from wbf_mission.flight import fly
+from wbf_mission.events import Planned
 from wbf_mission.live.discovery import fitted_to
 from wbf_mission.live.uploading import upload_checked
 from wbf_mission.preflight.inquiry import VehicleSnapshot
@@ -41,20 +39,26 @@ from wbf_mission.web.drafts import (
     Drafts,
     PlannedDraft,
     PlannedMission,
-    SupersededError,
     draft_options,
+    drawn_farm,
     known_names,
     written_suffixes,
 )
+from wbf_mission.web.newest import SupersededError
 from wbf_mission.web.schema import Background
 from wbf_mission.web.server import LiveServer
 from wbf_mission.web.shapes import farm_shape, plan_shape
-from wbf_mission.web.view import View
+from wbf_mission.web.studio_flight import StudioFlight
+from wbf_mission.web.words import worded
 
 _FIRST = ("planner", "policy", "budget", "vehicle", "autopilot", "wind_speed_m_s", "wind_direction_deg")
 """Options that everybody looks at; the others are in their panels."""
 _LONGEST_END_S = 5.0
 _TYPES = {bool: "flag", int: "whole", float: "number"}
+_REMEDIES = {"repair": "--repair", "crop": "--crop", "crs": "--farm-crs"}
+_SURVEY_FLOWN = (
+    "flown with the images of the survey camera; at each the simulator's leaf camera looks at the ground"
+)
 Handler: TypeAlias = Callable[[Request, bytes], Any]
 
 
@@ -69,7 +73,7 @@ class Studio:
 
     def __init__(self, start: Scenario) -> None:
         self.drafts = Drafts(start)
-        self._flight = _Flight()
+        self._flight = StudioFlight()
         self._background: Background | None = None
 
     def begin(self, server: LiveServer) -> None:
@@ -98,6 +102,7 @@ class Studio:
             Route("/api/upload", _answering(self.upload), methods=["POST"]),
             Route("/api/fly", _answering(self.fly), methods=["POST"]),
             Route("/api/stop", _answering(self.stop), methods=["POST"]),
+            Route("/api/flight", _answering(self.flight), methods=["GET"]),
         ]
 
     def options(self, _request: Request, _body: bytes) -> Any:
@@ -125,22 +130,23 @@ class Studio:
     def farm(self, request: Request, body: bytes) -> Any:
         """Return the farm of a file's content."""
         asked = request.query_params
-        return _farm(
-            *self.drafts.farm_of_file(
-                body,
-                asked.get("name", "farm.geojson"),
-                crop=asked.get("crop") or None,
-                crs=asked.get("crs") or None,
-                repair=asked.get("repair") == "true",
-            )
-        )
+        name = asked.get("name", "farm.geojson")
+        how = {"crop": asked.get("crop") or None, "crs": asked.get("crs") or None}
+        try:
+            return _farm(*self.drafts.farm_of_file(body, name, **how, repair=asked.get("repair") == "true"))
+        except FarmError as error:
+            return self._refused(error, body, name, how)
 
     def plan(self, _request: Request, body: bytes) -> Any:
         """Plan and check a draft."""
-        found = self.drafts.plan(self.drafts.draft(body))
+        try:
+            draft = self.drafts.draft(body)
+        except FarmError as error:
+            return self._refused(error, drawn_farm(body), "farm.geojson", {})
+        found = self.drafts.plan(draft)
         return {
             "farm": farm_shape(found.draft.farm),
-            "notes": list(found.draft.farm.notes),
+            "notes": [worded(one) for one in found.draft.farm.notes],
             "missions": [_mission(one) for one in found.missions],
             "vehicles": [
                 result.summary() if cut is None else cut.summary()
@@ -148,6 +154,8 @@ class Studio:
             ],
             "plan_s": found.plan_s,
             "check_s": found.check_s,
+            "not_flown": found.not_flown,
+            "flown_note": _SURVEY_FLOWN if found.surveys else "",
         }
 
     def cancel(self, _request: Request, _body: bytes) -> Any:
@@ -184,6 +192,21 @@ class Studio:
         """End the flight."""
         return {"stopped": self._flight.stop()}
 
+    def flight(self, _request: Request, _body: bytes) -> Any:
+        """Return what became of the flight."""
+        return self._flight.state
+
+    def _refused(self, error: FarmError, content: bytes, name: str, how: Mapping[str, Any]) -> Any:
+        """Return why a farm is refused, and what the page can offer: "repair", "crop" or "crs"."""
+        told = str(error)
+        remedy = next((one for one, flag in _REMEDIES.items() if flag in told), "")
+        if remedy == "repair":
+            try:
+                self.drafts.farm_of_file(content, name, **how, repair=True)
+            except FarmError as unmended:
+                told, remedy = str(unmended), ""
+        return {"error": worded(told), "remedy": remedy}
+
     def _given(self) -> dict[str, Any]:
         """Return the options of the beginning that are not at their defaults, as the page gives them."""
         usual, start = Scenario(), self.drafts.start
@@ -192,53 +215,6 @@ class Studio:
     def _plan_quietly(self, body: bytes) -> None:
         with contextlib.suppress(WbfMissionError):
             self.drafts.plan(self.drafts.draft(body))
-
-
-class _Flight:
-    """The flight in the simulator: one is shown, and what it replaces ends as soon as it notices."""
-
-    def __init__(self) -> None:
-        self.show: Callable[[View], None] = lambda _view: None
-        self._thread: threading.Thread | None = None
-        self._stopping = threading.Event()
-        self._lock = threading.Lock()
-
-    def start(self, scenario: Scenario, pace: float | None) -> None:
-        """Fly, in place of what flies now."""
-        with self._lock:
-            self._stopping.set()
-            view, self._stopping = View(), threading.Event()
-            self.show(view)
-            work = partial(_fly, scenario, pace, view, self._stopping)
-            self._thread = threading.Thread(target=work, name="studio flight", daemon=True)
-            self._thread.start()
-
-    def stop(self, wait_s: float = 0.0) -> bool:
-        """End the flight, and wait for that; return whether there was one."""
-        with self._lock:
-            self._stopping.set()
-            flies = self._thread is not None and self._thread.is_alive()
-            if self._thread is not None:
-                self._thread.join(wait_s)
-            return flies
-
-
-def _fly(scenario: Scenario, pace: float | None, view: View, stopping: threading.Event) -> None:
-    """Fly until the end, or until it is to stop: what was flown is estimated then, as at Ctrl-C."""
-    events = EventStream()
-    events.listen(view.take)
-
-    def check(_event: object) -> None:
-        if stopping.is_set():
-            raise KeyboardInterrupt
-
-    events.listen(check, VehicleMoved, Progressed)
-    try:
-        fly(scenario, events=events, pace=pace)
-    except WbfMissionError as error:
-        view.take(RunEnded(0.0, "failed", one_line(str(error))))
-    except KeyboardInterrupt:
-        view.take(RunEnded(0.0, "interrupted", "stopped before the start"))
 
 
 def _answering(work: Handler) -> Callable[[Request], Any]:
@@ -257,11 +233,11 @@ def _answering(work: Handler) -> Callable[[Request], Any]:
                     return _json({"error": told}, 413)
             found = await run_in_threadpool(work, request, bytes(body))
         except SupersededError as error:
-            return _json({"error": str(error), "superseded": True})
+            return _json({"error": str(error), "superseded": error.why})
         except WbfMissionError as error:
-            return _json({"error": one_line(str(error))})
+            return _json({"error": worded(error)})
         except OSError as error:  # Of the files for drafts: the disk is full, for one
-            return _json({"error": one_line(f"files for drafts: {error}")})
+            return _json({"error": worded(f"files for drafts: {error}")})
         except ClientDisconnect:
             return Response(status_code=400)  # Nobody is there to read it
         return found if isinstance(found, Response) else _json(found)
@@ -275,7 +251,11 @@ def _json(value: Any, status: int = 200) -> Response:
 
 def _farm(farm: Farm, document: bytes) -> dict[str, Any]:
     """Return a farm as it is drawn, and as it is edited."""
-    return {"farm": farm_shape(farm), "document": msgspec.Raw(document), "notes": list(farm.notes)}
+    return {
+        "farm": farm_shape(farm),
+        "document": msgspec.Raw(document),
+        "notes": [worded(one) for one in farm.notes],
+    }
 
 
 def _mission(one: PlannedMission) -> dict[str, Any]:
@@ -293,9 +273,16 @@ def _mission(one: PlannedMission) -> dict[str, Any]:
         "battery_used": plan.battery_used,
         "energy_wh": prediction.energy_wh,
         # What the check finds, too, is told once.
-        "warnings": [text for text in plan.warnings if not any(each.text in text for each in found)],
+        "warnings": [worded(text) for text in plan.warnings if not any(each.text in text for each in found)],
         "findings": [
-            {**each.summary(), "where": each.where, "told": str(each), "place_m": one.place_of(each)}
+            {
+                **each.summary(),
+                "text": worded(each.text),
+                "fix": worded(each.fix) or None,
+                "where": each.where,
+                "told": worded(each),
+                "place_m": one.place_of(each),
+            }
             for each in found
         ],
     }
@@ -315,7 +302,11 @@ def _upload(found: PlannedDraft, one: PlannedMission, link: str, system_id: int 
         report, checked = upload_checked(one.plan.mission, link, around, system_id=system_id)
     except KeyboardInterrupt:
         raise DraftError("the upload was interrupted") from None
-    return {**report.summary(), "vehicle": report.vehicle, "findings": [str(one) for one in checked.findings]}
+    return {
+        **report.summary(),
+        "vehicle": report.vehicle,
+        "findings": [worded(one) for one in checked.findings],
+    }
 
 
 def _told(key: str, one: Option) -> dict[str, Any]:
@@ -325,16 +316,17 @@ def _told(key: str, one: Option) -> dict[str, Any]:
     names = known_names(key) if one.kind or key in NAMED else one.choices
     return {
         **{name: getattr(one, name) for name in _TOLD},
+        "help": worded(one.help),
         "key": key,
         "type": "text" if is_text or not kinds else _TYPES[kinds[0]],
         "choices": names,
-        "default": one.default or _default(one.initial),
+        "default": worded(one.default or _default(one.initial)),
         "first": key in _FIRST,
         "several": one.each or one.wanted not in (str, str | None, Any),
     }
 
 
-_TOLD = ("label", "help", "panel", "unit", "low", "high", "kind", "needs", "not_with", "needs_fleet")
+_TOLD = ("label", "panel", "unit", "low", "high", "kind", "needs", "not_with", "needs_fleet")
 
 
 def _default(initial: Any) -> str:

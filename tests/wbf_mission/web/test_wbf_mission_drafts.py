@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import math
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -9,15 +10,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
 
 from geo import get_farm, save_farm
 from geo.errors import FarmError, WbfMissionError
 from mission.planners import PlannedPath, PlanningRequest
 from wbf_mission.cli.app import main
-from wbf_mission.planning import plan
+from wbf_mission.planning import PlanResult, plan
 from wbf_mission.progress import Progress
 from wbf_mission.scenario import Scenario
-from wbf_mission.web.drafts import DraftError, Drafts, NewestOnly, SupersededError
+from wbf_mission.web.drafts import DraftError, Drafts
+from wbf_mission.web.newest import NewestOnly, SupersededError
 
 
 @pytest.fixture(scope="module")
@@ -54,6 +58,80 @@ def test_a_drawn_farm_is_planned_as_its_file(drafts: Drafts, tmp_path: Path) -> 
     path.write_text(json.dumps(farm))
     wanted = plan(Scenario(farm=str(path), planner="lawnmower", budget="4min"))
     assert np.array_equal(found.missions[0].plan.path_m, wanted.path_m)
+
+
+def kml(rings: dict[str, list[tuple[float, float]]], home: tuple[float, float] | None) -> bytes:
+    places = [f"<Point><coordinates>{home[0]},{home[1]}</coordinates></Point>"] if home else []
+    marks = [f"<Placemark><name>home</name>{place}</Placemark>" for place in places]
+    for name, ring in rings.items():
+        corners = " ".join(f"{lon!r},{lat!r},0" for lon, lat in [*ring, ring[0]])
+        marks.append(
+            f"<Placemark><name>{name}</name><Polygon><outerBoundaryIs><LinearRing><coordinates>{corners}"
+            "</coordinates></LinearRing></outerBoundaryIs></Polygon></Placemark>"
+        )
+    return f'<kml xmlns="http://www.opengis.net/kml/2.2"><Document>{"".join(marks)}</Document></kml>'.encode()
+
+
+@given(
+    planner=st.sampled_from(
+        [{"planner": one} for one in ("spiral", "lawnmower", "adaptive-lawnmower")]
+        + [{"policy": one} for one in ("greedy", "orienteering")]
+    ),
+    place=st.tuples(st.floats(-170, 170), st.floats(-60, 60)),
+    corners=st.lists(st.floats(0.4, 1.0), min_size=4, max_size=7),
+    clockwise=st.booleans(),
+    has_home=st.booleans(),
+    digits=st.sampled_from([7, 15]),
+)
+@settings(
+    max_examples=12,
+    deadline=None,
+    phases=[Phase.explicit, Phase.generate],  # A plan takes too long to look for a simpler one
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+def test_a_file_that_is_opened_is_planned_as_the_command_line_plans_it(
+    drafts: Drafts,
+    tmp_path: Path,
+    planner: dict[str, str],
+    place: tuple[float, float],
+    corners: list[float],
+    clockwise: bool,
+    has_home: bool,
+    digits: int,
+) -> None:
+    turns = [2 * math.pi * k / len(corners) for k in range(len(corners))][:: -1 if clockwise else 1]
+    ring = [
+        (
+            round(place[0] + 0.0004 * far * math.cos(turn), digits),
+            round(place[1] + 0.0004 * far * math.sin(turn), digits),
+        )
+        for turn, far in zip(turns, corners, strict=True)
+    ]
+    path = tmp_path / "mine.kml"
+    path.write_bytes(kml({"block": ring}, place if has_home else None))
+    _, document = drafts.farm_of_file(path.read_bytes(), path.name, crop=None, crs=None, repair=False)
+    given_here = body(json.loads(document), budget="4min", **planner)
+    here = in_short(lambda: drafts.plan(drafts.draft(given_here)).missions[0].plan)
+    assert here == in_short(lambda: plan(Scenario(farm=str(path), budget="4min", **planner)))
+
+
+def in_short(make: Callable[[], PlanResult]) -> object:
+    """Return a plan's path and mission, or why there is none."""
+    try:
+        made = make()
+    except WbfMissionError as error:
+        return str(error)
+    return made.path_m.tolist(), made.mission
+
+
+@pytest.mark.parametrize("planner", ["spiral", "lawnmower"])
+def test_the_example_s_file_is_planned_as_the_command_line_plans_it(drafts: Drafts, planner: str) -> None:
+    path = Path(__file__).parents[3] / "missions" / "strawberry-field.kml"
+    _, document = drafts.farm_of_file(path.read_bytes(), path.name, crop=None, crs=None, repair=False)
+    found = drafts.plan(drafts.draft(body(json.loads(document), planner=planner)))
+    wanted = plan(Scenario(farm=str(path), planner=planner))
+    assert found.results[0].length_m == wanted.length_m
+    assert np.array_equal(found.results[0].path_m, wanted.path_m)
 
 
 @pytest.mark.parametrize("suffix", [".plan", ".waypoints", ".json", ".kml", ".wpml.kmz"])
@@ -193,7 +271,7 @@ def test_what_is_newer_ends_what_is_under_way() -> None:
 
 
 def test_what_does_not_tell_how_far_it_is_holds_nobody_up_for_long(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("wbf_mission.web.drafts.PATIENCE_S", 0.2)
+    monkeypatch.setattr("wbf_mission.web.newest.PATIENCE_S", 0.2)
     begun, go_on = threading.Event(), threading.Event()
 
     def stubborn(_progress: Progress) -> str:

@@ -1,7 +1,9 @@
 """The studio's requests over real sockets: what they answer, and what they refuse."""
 
+import contextlib
 import http.client
 import json
+import re
 import signal
 import socket
 import subprocess
@@ -20,13 +22,16 @@ from websockets.sync.client import connect
 from geo import get_farm, save_farm
 from mission.ground.link import download
 from wbf_mission.cli.app import main
+from wbf_mission.cli.studio import _USUAL_PORT
 from wbf_mission.planning import plan
 from wbf_mission.scenario import Scenario
 from wbf_mission.scenario.scenario import all_options
 from wbf_mission.web.drafts import MAX_BODY_BYTES
 from wbf_mission.web.server import LiveServer
 from wbf_mission.web.studio import Studio
+from wbf_mission.web.studio_flight import Flown
 from wbf_mission.web.view import View
+from wbf_mission.web.words import worded
 
 START = {"planner": "spiral", "budget": "3min"}
 
@@ -96,7 +101,7 @@ def test_options_are_those_of_a_scenario(server: LiveServer) -> None:
     for one in found["options"]:
         option = known[one["key"]][2]
         assert (one["help"], one["low"], one["high"], one["unit"]) == (
-            option.help,
+            worded(option.help),
             option.low,
             option.high,
             option.unit,
@@ -249,7 +254,21 @@ def test_a_newer_draft_takes_the_place_of_older_ones(server: LiveServer) -> None
     assert answers[7]["missions"]
     superseded = [one for one in answers.values() if one.get("superseded")]
     assert superseded
-    assert superseded[0]["error"].startswith("superseded")
+    assert {one["superseded"] for one in superseded} == {"another page"}
+
+
+def test_what_is_given_up_is_told_as_that(server: LiveServer) -> None:
+    answers: list[Any] = []
+    options = {"planner": "lawnmower", "budget": "9km", "seed": 77}
+    body = json.dumps({"farm": "waterberry", "options": options}).encode()
+    asker = threading.Thread(
+        target=lambda: answers.append(json.loads(ask(server, "POST", "/api/plan", body)[1]))
+    )
+    asker.start()
+    while asker.is_alive():
+        told(server, "/api/cancel")
+        asker.join(0.05)
+    assert answers[0]["superseded"] == "given up"
 
 
 def test_a_flight_is_watched_and_stopped(server: LiveServer) -> None:
@@ -270,18 +289,131 @@ def test_a_flight_is_watched_and_stopped(server: LiveServer) -> None:
     assert viewer.status["outcome"] == "interrupted"
 
 
-def test_what_cannot_be_flown_is_told_on_the_live_page(server: LiveServer) -> None:
-    told(server, "/api/fly", options={**START, "camera_model": "dji-p1-35", "gsd_cm": 0.6})
+def ended(server: LiveServer) -> Any:
+    """Wait for the end of the flight; return what became of it."""
+    while (state := told(server, "/api/flight", method="GET"))["outcome"] in ("preparing", "flying"):
+        time.sleep(0.1)
+    return state
+
+
+def test_a_flight_stopped_in_the_air_is_told_as_that(server: LiveServer) -> None:
+    told(server, "/api/fly?pace=20", options={**START, "estimator": "point"})
+    while told(server, "/api/flight", method="GET")["outcome"] == "preparing":
+        time.sleep(0.05)
+    assert told(server, "/api/stop") == {"stopped": True}
+    state = ended(server)
+    assert state["outcome"] == "interrupted"
+    assert re.fullmatch(r"stopped after \d+ simulated seconds", state["reason"])
+
+
+def test_a_flight_stopped_before_it_begins_is_told_as_that() -> None:
+    flown = Flown(View())
+    flown.stopping.set()
+    flown.fly(Scenario(farm="miniberry-30", **START), None)
+    assert (flown.state.outcome, flown.state.reason) == ("interrupted", "stopped before the start")
+
+
+SURVEY = {"planner": "lawnmower", "camera_model": "dji-p1-35", "gsd_cm": 0.1}
+
+
+def test_a_plan_for_a_survey_camera_is_flown_with_its_images(server: LiveServer) -> None:
+    options = {**SURVEY, "estimator": "point"}
+    found = told(server, "/api/plan", farm="miniberry-100", options=options)
+    assert found["not_flown"] == ""
+    assert "survey camera" in found["flown_note"]
+    told(server, "/api/fly", farm="miniberry-100", options=options)
+    assert ended(server) == {"outcome": "completed", "reason": ""}
     address = f"127.0.0.1:{server.port}"
     viewer = Viewer()
     with connect(
         f"ws://{address}/live", origin=f"http://{address}", max_size=None, compression=None
     ) as client:  # type: ignore[arg-type]
-        begun_s = time.monotonic()
-        while viewer.status.get("outcome", "running") == "running" and time.monotonic() < begun_s + 60:
-            viewer.take(client.recv(60))
-    assert viewer.status["outcome"] == "failed"
-    assert "leaf camera" in viewer.status["reason"]
+        viewer.take(client.recv(30))
+    images = found["vehicles"][0]["camera"]["images"]
+    assert images > 3
+    assert len(viewer.readings["time_s"]) == images
+    assert max(viewer.states["1"]["height_m"]) > 7.0
+
+
+@pytest.mark.parametrize(
+    ("options", "wanted"),
+    [
+        ({**SURVEY, "planner": "", "policy": "greedy", "budget": "2min"}, "the policy greedy decides by"),
+        ({**SURVEY, "vehicles": 2, "gsd_cm": "", "altitude_m": 9, "budget": "2min"}, "flies one vehicle"),
+    ],
+)
+def test_what_cannot_be_flown_is_told_with_the_plan(
+    server: LiveServer, options: dict[str, Any], wanted: str
+) -> None:
+    found = told(server, "/api/plan", farm="miniberry-100", options=options)
+    assert wanted in found["not_flown"]
+    assert told(server, "/api/fly", farm="miniberry-100", options=options)["error"] == found["not_flown"]
+
+
+def test_what_fails_on_the_way_is_told(server: LiveServer) -> None:
+    crop = {"type": "FeatureCollection", "features": [patch([(0, 0), (4, 0), (4, 4), (0, 4)], crop="maize")]}
+    told(server, "/api/fly", farm=crop, options={**START, "fields": "tylcv"})
+    state = ended(server)
+    assert state["outcome"] == "failed"
+    assert state["reason"].endswith("name fields of its crops ('Fields')")
+
+
+def patch(corners: list[tuple[float, float]], **properties: Any) -> dict[str, Any]:
+    """Return a field of a farm file; corners are in ten-thousandths of a degree."""
+    ring = [[-82.15 + 1e-4 * x, 28.05 + 1e-4 * y] for x, y in [*corners, corners[0]]]
+    given = {"name": "north", "owner": "me", **properties}
+    return {
+        "type": "Feature",
+        "properties": given,
+        "geometry": {"type": "Polygon", "coordinates": [ring]},
+    }
+
+
+SPIKE = [(0, 0), (9, 0), (9, 9), (8.9, 9.2), (9.1, 9.2), (9, 9.01), (0, 9)]
+
+
+@pytest.mark.parametrize(
+    ("farm", "remedy", "wanted"),
+    [
+        ([patch([(0, 9), (9, 0), (9, 9), (0, 0)], crop="tomato")], "", "corners in order?"),
+        ([patch(SPIKE, crop="tomato")], "repair", "'Mend it' mends"),
+        ([patch([(0, 0), (9, 0), (9, 9)], crop="tomato"), patch([(0, 0), (9, 9), (0, 9)])], "crop", "'Crop'"),
+        ([patch([(0, 0), (9, 0), (9, 0)], crop="tomato")], "", "no area"),
+    ],
+)
+def test_a_farm_is_refused_with_what_can_be_done(
+    server: LiveServer, farm: list[dict[str, Any]], remedy: str, wanted: str
+) -> None:
+    document = {"type": "FeatureCollection", "features": farm}
+    opened = json.loads(ask(server, "POST", "/api/farm?name=a.geojson", json.dumps(document).encode())[1])
+    drawn = told(server, "/api/plan", farm=document)
+    for answer in (opened, drawn):
+        assert answer["remedy"] == remedy
+        assert wanted in answer["error"]
+
+
+def test_no_mending_is_offered_for_a_bow_tie(server: LiveServer) -> None:
+    content = (Path(__file__).parents[2] / "data" / "studio" / "bowtie.geojson").read_bytes()
+    answer = json.loads(ask(server, "POST", "/api/farm?name=bowtie.geojson", content)[1])
+    assert answer["remedy"] == ""
+    assert "cannot be mended safely" in answer["error"]
+
+
+def test_nothing_on_the_page_is_named_as_on_the_command_line(server: LiveServer) -> None:
+    chosen: list[dict[str, Any]] = [
+        {"camera_model": "dji-p1-35"},
+        {"height_above_ground_m": 10},
+        {"vehicle": "fixed-wing"},
+        {"vehicle": "ideal", "budget": "", "planner": "survey"},
+        {"margin_m": 50, "wind_speed_m_s": 20},
+        {"parameters": "nonsense"},
+        {"turbulence": "much"},
+    ]
+    answers = [told(server, "/api/options", method="GET")]
+    answers += [told(server, "/api/plan", options=options) for options in chosen]
+    answers.append(told(server, "/api/plan", farm={"type": "FeatureCollection", "features": [patch(SPIKE)]}))
+    for answer in answers:
+        assert re.findall(r"[^\s-]*--[a-z]+", json.dumps(answer)) == []
 
 
 def test_the_command_serves_until_it_is_interrupted() -> None:
@@ -298,6 +430,21 @@ def test_the_command_serves_until_it_is_interrupted() -> None:
         connection.close()
         process.send_signal(signal.SIGINT)
         assert process.wait(30) == 0
+
+
+def test_the_command_takes_another_port_where_the_usual_one_is_taken() -> None:
+    with contextlib.ExitStack() as ends:
+        with contextlib.suppress(OSError):  # Another program has it
+            ends.enter_context(socket.create_server(("127.0.0.1", _USUAL_PORT)))
+        command = [sys.executable, "-m", "wbf_mission", "studio", "--farm", "miniberry-10", "--json"]
+        process = ends.enter_context(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
+        assert process.stdout is not None
+        text = ""
+        while not text.rstrip().endswith("}"):
+            text += process.stdout.readline()
+        process.send_signal(signal.SIGINT)
+        assert process.wait(30) == 0
+    assert f":{_USUAL_PORT}/" not in json.loads(text)["url"]
 
 
 @pytest.mark.parametrize(

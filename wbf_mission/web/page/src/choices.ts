@@ -36,9 +36,21 @@ export class Choices {
   constructor(
     private readonly options: OptionInfo[],
     private readonly parameters: Parameters,
-    readonly values: Values,
+    public values: Values,
     private readonly changed: () => void,
   ) {
+    this.build();
+  }
+
+  /** Show other values. */
+  take(values: Values): void {
+    this.values = values;
+    this.element.replaceChildren();
+    this.build();
+  }
+
+  private build(): void {
+    const { options } = this;
     const panels = [...new Set(options.map(({ panel }) => panel))];
     this.element.append(...options.filter(({ first }) => first).map((one) => this.row(one)));
     for (const panel of panels) {

@@ -46,7 +46,19 @@ export interface Planned {
   vehicles: Summary[];
   plan_s: number;
   check_s: number;
+  /** Why the simulator cannot fly it; empty if it can. */
+  not_flown: string;
+  flown_note: string;
 }
+
+/** What became of the latest flight: "none", "preparing", "flying" or an outcome. */
+export interface FlightState {
+  outcome: string;
+  reason: string;
+}
+
+/** What can be done about a refused farm. */
+export type Remedy = "" | "repair" | "crop" | "crs";
 
 export interface Options {
   options: OptionInfo[];
@@ -81,7 +93,7 @@ export interface Draft {
 
 /** What the program would not do, in a line. */
 export class Refused extends Error {
-  constructor(message: string, readonly superseded: boolean) {
+  constructor(message: string, readonly superseded: "" | "here" | "given up" | "another page" = "", readonly remedy: Remedy = "") {
     super(message);
   }
 }
@@ -90,21 +102,22 @@ async function ask(path: string, init: RequestInit = {}): Promise<Response> {
   try {
     return await fetch(path, init);
   } catch (error) {
-    if (error instanceof DOMException && error.name === "AbortError") throw new Refused("superseded", true);
-    throw new Refused("The program does not answer: is it still running?", false);
+    if (error instanceof DOMException && error.name === "AbortError") throw new Refused("superseded", "here");
+    throw new Refused("The program does not answer: is it still running?");
   }
 }
 
 async function json<T>(asked: Promise<Response>): Promise<T> {
   const response = await asked;
   const text = await response.text();
-  let told: T & { error?: string; superseded?: boolean };
+  let told: T & { error?: string; superseded?: "given up" | "another page"; remedy?: Remedy };
   try {
     told = JSON.parse(text) as typeof told;
   } catch {
-    throw new Refused(text || response.statusText, false);
+    throw new Refused(text || response.statusText);
   }
-  if (told.error !== undefined) throw new Refused(told.error, told.superseded === true);
+  if (told.superseded === "another page") throw new Refused("another page of the studio took over: ask again here", told.superseded);
+  if (told.error !== undefined) throw new Refused(told.error, told.superseded, told.remedy);
   return told;
 }
 
@@ -119,8 +132,8 @@ const post = (draft: Draft, signal?: AbortSignal): RequestInit => ({
 export const desk = {
   options: (): Promise<Options> => json(ask("api/options")),
   farm: (name: string): Promise<FarmAnswer> => json(ask(`api/farm?${query({ name })}`)),
-  read: (file: File, repair = false): Promise<FarmAnswer> =>
-    json(ask(`api/farm?${query({ name: file.name, repair: String(repair) })}`, { method: "POST", body: file })),
+  read: (file: File, how: Record<string, string> = {}): Promise<FarmAnswer> =>
+    json(ask(`api/farm?${query({ name: file.name, ...how })}`, { method: "POST", body: file })),
   plan: (draft: Draft, signal: AbortSignal): Promise<Planned> => json(ask("api/plan", post(draft, signal))),
   cancel: (): Promise<unknown> => json(ask("api/cancel", { method: "POST" })),
   file: async (draft: Draft, mission: number, format: string): Promise<{ name: string; content: Blob }> => {
@@ -132,6 +145,7 @@ export const desk = {
   upload: (draft: Draft, mission: number, link: string, system_id: string): Promise<Uploaded> =>
     json(ask(`api/upload?${query({ mission: String(mission), link, system_id, confirmed: "true" })}`, post(draft))),
   fly: (draft: Draft, pace: string): Promise<unknown> => json(ask(`api/fly?${query({ pace })}`, post(draft))),
+  flight: (): Promise<FlightState> => json(ask("api/flight")),
   stop: (): Promise<{ stopped: boolean }> => json(ask("api/stop", { method: "POST" })),
 };
 

@@ -1,5 +1,6 @@
 // Drawing and editing of a farm's shapes on a map, by pointer or by keys.
 import * as L from "leaflet";
+import { crossings } from "./crossings.js";
 import { cropColour, themed } from "./colours.js";
 import { element } from "./dom.js";
 import {
@@ -11,11 +12,15 @@ export type Tool = "select" | "field" | "hole" | "pond" | "obstacle" | "no-fly" 
 
 /** Where a ring is to be closed, so near its first corner. */
 const CLOSE_PX = 14;
+/** A click so near the last corner is the second one of a double click. */
+const SAME_PX = 4;
 /** Of longer rings only corners can be moved; of still longer ones the table has them. */
 const [MOST_MIDDLES, MOST_CORNERS] = [150, 600];
 /** An arrow key moves a corner so many pixels. */
 const STEP_PX = 4;
 const LONG_PRESS_MS = 650;
+const MOST_MARKS = 50;
+const CROSSES = "The border crosses itself at the mark";
 
 export interface EditorHost {
   readonly sketch: Sketch;
@@ -42,6 +47,8 @@ export class Editor {
   private drawn: Position[] = [];
   private readonly shapes = L.layerGroup();
   private readonly handles = L.layerGroup();
+  private readonly crossed = L.layerGroup();
+  private standing: Position[] = [];
   private readonly rubber = L.polyline([], { className: "rubber", interactive: false, dashArray: "6 5", weight: 2 });
   private polygons: L.Polygon[] = [];
 
@@ -49,8 +56,10 @@ export class Editor {
     this.shapes.addTo(map);
     this.rubber.addTo(map);
     this.handles.addTo(map);
+    this.crossed.addTo(map);
     map.doubleClickZoom.disable();
     map.on("click", (event) => this.click(event.latlng));
+    map.on("dblclick", () => this.drawing && this.close());
     map.on("mousemove", (event) => this.follow(event.latlng));
     map.getContainer().addEventListener("keydown", (event) => this.key(event));
   }
@@ -96,6 +105,19 @@ export class Editor {
     }
     this.showHandles();
     this.showRubber();
+    this.markAll();
+  }
+
+  /** Mark where the borders of shapes and the line that is drawn cross themselves. */
+  private markAll(rings = this.host.sketch.shapes.flatMap((shape) => shape.rings)): void {
+    this.standing = rings.flatMap((ring) => crossings(ring, true));
+    this.mark(this.drawn);
+  }
+
+  private mark(line: Position[]): void {
+    this.crossed.clearLayers();
+    for (const place of [...this.standing, ...crossings(line, false)].slice(0, MOST_MARKS))
+      L.circleMarker(latLng(place), { radius: 9, weight: 3, color: themed("danger"), fill: false, interactive: false, className: "crossing" }).addTo(this.crossed);
   }
 
   /** A corner in the map's middle with the space bar; Enter finishes, Backspace takes back, Escape ends. */
@@ -126,29 +148,34 @@ export class Editor {
   private click(place: L.LatLng): void {
     const { sketch } = this.host;
     if (this.tool === "select") return this.host.select(null);
-    if (this.tool === "home") {
-      this.host.edit(changed(sketch, { home: position(place) }), "Home placed");
-      return this.host.toolDone();
+    if (this.tool === "home" || this.tool === "rally") {
+      const isHome = this.tool === "home";
+      this.host.toolDone();
+      const change = isHome ? { home: position(place) } : { rally: [...sketch.rally, position(place)] };
+      return this.host.edit(changed(sketch, change), isHome ? "Home placed" : "Rally point placed");
     }
-    if (this.tool === "rally") {
-      this.host.edit(changed(sketch, { rally: [...sketch.rally, position(place)] }), "Rally point placed");
-      return this.host.toolDone();
-    }
-    const first = this.drawn[0];
-    const near = first && this.map.latLngToContainerPoint(latLng(first)).distanceTo(this.map.latLngToContainerPoint(place)) <= CLOSE_PX;
+    const [first, last] = [this.drawn[0], this.drawn.at(-1)];
+    const near = first && this.distance_px(first, place) <= CLOSE_PX;
     if (near && this.drawn.length >= 3) return this.close();
-    if (near && this.drawn.length > 0) return;
+    if (near || (last && this.distance_px(last, place) <= SAME_PX)) return;
     this.setDrawn([...this.drawn, position(place)]);
+  }
+
+  private distance_px(corner: Position, place: L.LatLng): number {
+    return this.map.latLngToContainerPoint(latLng(corner)).distanceTo(this.map.latLngToContainerPoint(place));
   }
 
   private setDrawn(ring: Position[]): void {
     this.drawn = ring;
-    this.host.tell(ring.length < 3 ? `${ring.length} of at least 3 corners` : `${ring.length} corners; Enter or the first corner closes`);
+    const count = ring.length < 3 ? `${ring.length} of at least 3 corners` : `${ring.length} corners; Enter, a double click or the first corner closes`;
+    this.host.tell(crossings(ring, false).length ? `${CROSSES}: Backspace takes the corner back` : count);
     this.show();
   }
 
   private follow(place: L.LatLng): void {
-    if (this.drawing) this.rubber.setLatLngs([...this.drawn.map(latLng), place]);
+    if (!this.drawing) return;
+    this.rubber.setLatLngs([...this.drawn.map(latLng), place]);
+    this.mark([...this.drawn, position(place)]);
   }
 
   private close(): void {
@@ -161,14 +188,16 @@ export class Editor {
         this.show();
         return this.host.tell("A hole begins on a field: there is none at its first corner");
       }
+      this.host.toolDone();
       this.host.edit(withShape(sketch, number, { rings: [...sketch.shapes[number]!.rings, ring] }), "Hole drawn");
       this.host.select(number);
     } else {
       const shape = this.shapeOf(ring);
-      this.host.edit(changed(sketch, { shapes: [...sketch.shapes, shape] }), `${shape.name} drawn`);
+      const told = crossings(ring, true).length ? `${CROSSES}: move a corner, or Undo` : `${shape.name} drawn`;
+      this.host.toolDone();
+      this.host.edit(changed(sketch, { shapes: [...sketch.shapes, shape] }), told);
       this.host.select(sketch.shapes.length);
     }
-    this.host.toolDone();
   }
 
   private shapeOf(ring: Position[]): Shape {
@@ -254,6 +283,7 @@ export class Editor {
   private preview(number: number, r: number, ring: Position[]): void {
     const rings = this.host.sketch.shapes[number]!.rings.map((one, k) => (k === r ? ring : one));
     this.polygons[number]?.setLatLngs(rings.map((one) => one.map(latLng)));
+    this.markAll(rings);
   }
 }
 
@@ -261,7 +291,7 @@ const ARROWS: Record<string, L.PointTuple> = {
   ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1],
 };
 
-const RING = "click its corners, then the first one again, or Enter; Backspace takes one back, Escape ends";
+const RING = "click its corners, then the first one again, a double click or Enter; Backspace takes one back, Escape ends";
 const HINTS: Record<Tool, string> = {
   select: "",
   field: `Field: ${RING}`,

@@ -146,9 +146,9 @@ export class History {
 
   constructor(public now: Sketch) {}
 
-  /** Go on with another farm. */
-  restart(sketch: Sketch): void {
-    [this.past, this.future, this.now] = [[], [], sketch];
+  /** There is nothing before or after what is now. */
+  forget(): void {
+    [this.past, this.future] = [[], []];
   }
 
   push(sketch: Sketch): void {

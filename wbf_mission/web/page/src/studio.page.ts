@@ -4,6 +4,8 @@ import { Answer } from "./answer.js";
 import { Choices } from "./choices.js";
 import { desk, keep, Refused, type Draft, type FarmAnswer, type Options, type Planned } from "./desk.js";
 import { button, element, setText } from "./dom.js";
+import { keepDraft, keptDraft } from "./kept.js";
+import { placeOf } from "./place.js";
 import { Editor, type EditorHost, type Tool } from "./editor.js";
 import { showTiles } from "./map.js";
 import { Outline } from "./outline.js";
@@ -35,9 +37,15 @@ class Studio implements EditorHost {
   private readonly title = element("h1", {}, "Studio");
   private readonly hint = element("output", { class: "hint", "aria-live": "polite" });
   private readonly state = element("span", { class: "pill", role: "status" });
-  private readonly problem = element("p", { class: "lost", role: "alert" });
-  private readonly mend = button("Mend it", () => this.mending?.(), { class: "mend", hidden: "" });
-  private mending: (() => void) | null = null;
+  private readonly problem = element("p", { class: "lost problem", role: "alert" });
+  private readonly mend = button("Mend it", () => void this.mendDrawn(), { class: "mend", hidden: "" });
+  private readonly again = button("Plan here", () => void this.plan(), { hidden: "" });
+  /** Why a file or a farm could not be opened, and what can be done about it: what is open stays. */
+  private readonly unopened = element("div", { class: "unopened", role: "alert" });
+  /** What is in a file, or nobody drew. */
+  private saved: Sketch;
+  private keeps = true;
+  private begun = false;
   private readonly results = element("section", { class: "results", "aria-label": "The plan" });
   private readonly tools = new Map<Tool, HTMLButtonElement>();
   private readonly undoButton = button("Undo", () => this.travel("undo"), { title: "Ctrl+Z" });
@@ -50,7 +58,8 @@ class Studio implements EditorHost {
   constructor(private readonly root: HTMLElement, private readonly options: Options) {
     const room = element("div", { class: "map", tabindex: "0", role: "application", "aria-label": "Map of the farm; arrow keys move it, plus and minus zoom, with a tool the space bar sets a corner in its middle" });
     const stage = element("div", { class: "stage" }, room, this.hint);
-    this.results.append(this.problem, this.mend);
+    this.results.append(this.unopened, this.problem, this.mend);
+    this.saved = this.sketch;
     this.choices = new Choices(options.options, options.parameters, { ...options.start.options }, () => this.planSoon());
     this.takeaway = new Takeaway(() => this.draft, options);
     this.outline = new Outline(this, options.crops);
@@ -61,7 +70,7 @@ class Studio implements EditorHost {
       panel("Plan", this.choices.element),
       panel("Take it along", this.takeaway.element));
     root.replaceChildren(
-      element("header", { class: "top" }, this.title, this.undoButton, this.redoButton, this.giveUp, this.state),
+      element("header", { class: "top" }, this.title, this.undoButton, this.redoButton, this.giveUp, this.again, this.state),
       element("main", { class: "middle" }, stage, this.results),
       side,
     );
@@ -78,7 +87,42 @@ class Studio implements EditorHost {
     this.dropping();
     new ResizeObserver(() => this.map.invalidateSize({ animate: false })).observe(room);
     this.take("select");
-    void this.open(() => desk.farm(options.start.farm), options.start.farm);
+    window.addEventListener("beforeunload", (event) => this.unsaved && event.preventDefault());
+    window.addEventListener("pagehide", () => this.keep());
+    void this.begin();
+  }
+
+  /** Begin with the farm of the program, and on top of it what was drawn before. */
+  private async begin(): Promise<void> {
+    const kept = keptDraft(this.options.options);
+    await this.open(() => desk.farm(this.options.start.farm), this.options.start.farm);
+    this.history.forget();
+    this.saved = this.sketch;
+    this.begun = true;
+    if (!kept) return this.show();
+    const goesOn = kept.start === this.start;
+    const { sketch } = kept;
+    if (goesOn) this.choices.take(kept.values);
+    const drawn = sketch.known === null && sketch.shapes.length > 0;
+    if (!(drawn || (goesOn && sketch.known !== null && sketch.known !== this.sketch.known))) return this.show();
+    this.goOn(sketch, !kept.unsaved, "Here is what you had drawn before; Undo shows the farm with which the program began");
+    this.fit();
+  }
+
+  /** With what the program began. */
+  private get start(): string {
+    return JSON.stringify(this.options.start);
+  }
+
+  private get unsaved(): boolean {
+    return this.editor.drawing || (this.sketch.known === null && this.sketch.shapes.length > 0 && this.sketch !== this.saved);
+  }
+
+  private keep(): void {
+    if (!this.begun) return;
+    const kept = keepDraft({ sketch: this.sketch, values: this.choices.values, start: this.start, unsaved: this.unsaved });
+    if (this.keeps && !kept) this.tell("The browser does not keep this draft: save the farm before you leave");
+    this.keeps = kept;
   }
 
   // --- What the editor and the list of shapes ask for ---
@@ -88,6 +132,7 @@ class Studio implements EditorHost {
   }
 
   edit(sketch: Sketch, told: string): void {
+    this.unopened.replaceChildren();
     this.history.push(sketch);
     this.tell(told);
     this.show();
@@ -111,11 +156,13 @@ class Studio implements EditorHost {
 
   private farmLine(file: HTMLInputElement): HTMLElement {
     this.farms.addEventListener("change", () => void this.open(() => desk.farm(this.farms.value), this.farms.value));
-    const fresh = button("New farm", () => this.begin(emptySketch("new farm"), []), { title: "Begin with an empty map, here" });
+    const fresh = button("New farm", () => this.goOn(emptySketch("new farm"), true, ""), { title: "Begin with an empty map, here" });
     const load = button("Open file …", () => file.click());
     const save = button("Save farm", () => {
       const text = JSON.stringify(documentOf(this.sketch), null, 1);
       keep(`${this.sketch.name.replace(/[^\p{L}\p{N}-]+/gu, "-") || "farm"}.geojson`, new Blob([text], { type: "application/geo+json" }));
+      this.saved = this.sketch;
+      this.keep();
     });
     const place = element("input", { type: "text", id: "go-to", placeholder: "28.05, -82.15", autocomplete: "off" });
     place.addEventListener("change", () => this.goTo(place.value));
@@ -126,11 +173,11 @@ class Studio implements EditorHost {
   }
 
   private goTo(text: string): void {
-    const [lat, lon] = text.split(/[\s,;]+/).filter(Boolean).map(Number);
-    if (lat === undefined || lon === undefined || !(Math.abs(lat) <= 85 && Math.abs(lon) <= 180))
-      return this.tell("A place is latitude and longitude in degrees, such as 28.05, -82.15");
-    this.map.setView([lat, lon], 17, { animate: false });
-    this.tell(`${lat}, ${lon}`);
+    if (!text.trim()) return;
+    const place = placeOf(text);
+    if (typeof place === "string") return this.tell(place);
+    this.map.setView([place.lat, place.lon], 17, { animate: false });
+    this.tell(`${Number(place.lat.toFixed(7))}, ${Number(place.lon.toFixed(7))}`);
   }
 
   private filePicker(): HTMLInputElement {
@@ -153,42 +200,64 @@ class Studio implements EditorHost {
   }
 
   private read(file: File): void {
-    void this.open(() => desk.read(file), null, () => void this.open(() => desk.read(file, true), null));
+    void this.open(() => desk.read(file), null, file);
   }
 
-  private async open(load: () => Promise<FarmAnswer>, known: string | null, mend: (() => void) | null = null): Promise<void> {
+  private async open(load: () => Promise<FarmAnswer>, known: string | null, file: File | null = null): Promise<void> {
+    this.unopened.replaceChildren();
     try {
       const { document, notes } = await load();
-      this.begin(sketchOf(document, known), notes);
+      this.goOn(sketchOf(document, known), true, notes.join("; "));
       this.fit();
     } catch (error) {
-      this.refused(error, mend);
+      if (!(error instanceof Refused)) throw error;
+      this.show();
+      this.unopened.replaceChildren(element("p", { class: "lost" }, capital(error.message)), ...(file ? this.remedies(error, file) : []));
     }
+  }
+
+  /** What can be done about a file that is refused. */
+  private remedies({ remedy }: Refused, file: File): HTMLElement[] {
+    const again = (how: Record<string, string>): void => void this.open(() => desk.read(file, how), null, file);
+    if (remedy === "repair") return [button("Mend it", () => again({ repair: "true" }))];
+    if (remedy === "crop") return [button(`Crop: ${this.crop}`, () => again({ crop: this.crop }))];
+    if (remedy !== "crs") return [];
+    const system = element("input", { type: "text", placeholder: "EPSG:32617", autocomplete: "off" });
+    return [element("label", { class: "crop" }, "Coordinate system", system), button("Open it", () => again({ crs: system.value.trim() }))];
   }
 
   /** Mend what is drawn, such as a ring that crosses itself; it can be undone. */
   private async mendDrawn(): Promise<void> {
     try {
       const file = new File([JSON.stringify(documentOf(this.sketch))], "farm.geojson");
-      const { document, notes } = await desk.read(file, true);
+      const { document, notes } = await desk.read(file, { repair: "true" });
       this.selected = null;
       this.edit(sketchOf(document, null), notes.join("; "));
     } catch (error) {
-      this.refused(error, null);
+      this.refused(error);
     }
   }
 
-  private begin(sketch: Sketch, notes: string[]): void {
-    this.history.restart(sketch);
+  /** Go on with another farm; it can be undone. */
+  private goOn(sketch: Sketch, isSaved: boolean, told: string): void {
+    this.unopened.replaceChildren();
+    this.history.push(sketch);
+    if (isSaved) this.saved = sketch;
     this.selected = null;
     this.take(sketch.shapes.length ? "select" : "field");
-    if (notes.length) this.tell(notes.join("; "));
+    if (told) this.tell(told);
     this.planSoon();
   }
 
   private fit(): void {
     const corners = this.sketch.shapes.flatMap(({ rings }) => rings[0]!.map(([lon, lat]) => L.latLng(lat, lon)));
     if (corners.length) this.map.fitBounds(L.latLngBounds(corners), { padding: [30, 30], maxZoom: CLOSEST - 2, animate: false });
+  }
+
+  private fitIfAway(): void {
+    const seen = this.map.getBounds();
+    const corners = this.sketch.shapes.flatMap(({ rings }) => rings[0]!);
+    if (!corners.some(([lon, lat]) => seen.contains([lat, lon]))) this.fit();
   }
 
   private toolbar(): HTMLElement {
@@ -216,7 +285,9 @@ class Studio implements EditorHost {
     this.history[way]();
     if (this.selected !== null && this.selected >= this.sketch.shapes.length) this.selected = null;
     this.tell(way === "undo" ? "Undone" : "Done again");
+    this.unopened.replaceChildren();
     this.show();
+    this.fitIfAway();
     this.planSoon();
   }
 
@@ -249,12 +320,17 @@ class Studio implements EditorHost {
   private planSoon(): void {
     clearTimeout(this.timer);
     this.root.classList.add("stale");
-    this.timer = window.setTimeout(() => void this.plan(), WAIT_MS);
+    this.timer = window.setTimeout(() => {
+      this.keep();
+      void this.plan();
+    }, WAIT_MS);
   }
 
   private async plan(): Promise<void> {
     this.asking?.abort();
     this.takeaway.show(null);
+    this.again.hidden = true;
+    delete this.state.dataset["state"];
     if (!this.sketch.shapes.some(({ kind }) => kind === "field")) {
       this.answer.clear();
       this.solved();
@@ -273,7 +349,7 @@ class Studio implements EditorHost {
       const planned = await desk.plan(this.draft, asking.signal);
       if (asking === this.asking) this.showPlan(planned);
     } catch (error) {
-      if (asking === this.asking) this.refused(error, () => void this.mendDrawn());
+      if (asking === this.asking) this.refused(error);
     } finally {
       clearInterval(clock);
       if (asking === this.asking) this.giveUp.hidden = true;
@@ -294,14 +370,17 @@ class Studio implements EditorHost {
     this.mend.hidden = true;
   }
 
-  private refused(error: unknown, mend: (() => void) | null): void {
+  private refused(error: unknown): void {
     if (!(error instanceof Refused)) throw error;
-    if (error.superseded) return setText(this.state, "given up, or another page plans");
+    if (error.superseded) {
+      this.again.hidden = false;
+      return setText(this.state, error.superseded === "another page" ? "another page of the studio plans now" : "given up");
+    }
     this.answer.clear();
     setText(this.state, "no plan");
+    this.state.dataset["state"] = "bad";
     setText(this.problem, capital(error.message));
-    this.mending = mend;
-    this.mend.hidden = mend === null || !error.message.includes("--repair");
+    this.mend.hidden = error.remedy !== "repair";
   }
 }
 

@@ -3,6 +3,7 @@ import { desk, keep, Refused, type Draft, type Options, type Planned } from "./d
 import { button, element, setText } from "./dom.js";
 import { capital } from "./text.js";
 
+const FOLLOW_MS = 500;
 const LINK = "udpin:127.0.0.1:14550";
 
 export class Takeaway {
@@ -13,8 +14,12 @@ export class Takeaway {
   private readonly told = element("p", { class: "told", role: "status" });
   private readonly buttons: HTMLButtonElement[];
   private readonly watch = element("a", { class: "watch", href: "live", target: "wbf-mission-live", hidden: "" }, "Watch the flight");
-  private readonly stop = button("Stop", () => void this.act("", async () => ((await desk.stop()).stopped ? "The flight is stopped" : "Nothing flies")), { hidden: "" });
+  private readonly stop = button("Stop", () => void this.act("", async () => ((await desk.stop()).stopped ? "The flight is being stopped …" : "Nothing flies")), { hidden: "" });
+  private readonly flyButton = button("Fly it in the simulator", () => void this.act("Preparing the flight …", () => this.fly()), { class: "main" });
+  private readonly how = element("p", { class: "how", id: "how-flown" });
   private planned: Planned | null = null;
+  private following = 0;
+  private followed = "";
 
   constructor(private readonly draft: () => Draft, { formats }: Options) {
     this.format = element("select", { "aria-label": "Format of the file" }, ...formats.map(({ name, suffix }) => element("option", { value: suffix }, `${name} (${suffix})`)));
@@ -23,12 +28,13 @@ export class Takeaway {
     this.pace.value = "10";
     const save = button("Save file", () => void this.act("", () => this.save()));
     const upload = button("Upload to a vehicle …", () => this.askUpload());
-    const fly = button("Fly it in the simulator", () => void this.act("Preparing the flight …", () => this.fly()), { class: "main" });
-    this.buttons = [save, upload, fly];
+    this.buttons = [save, upload];
+    this.flyButton.setAttribute("aria-describedby", this.how.id);
     this.element.append(
       element("div", { class: "line" }, this.mission, this.format, save),
       element("div", { class: "line" }, upload),
-      element("div", { class: "line" }, element("label", { for: "pace" }, "Speed"), this.pace, fly, this.watch, this.stop),
+      element("div", { class: "line" }, element("label", { for: "pace" }, "Speed"), this.pace, this.flyButton, this.watch, this.stop),
+      this.how,
       this.told,
     );
     this.show(null);
@@ -41,6 +47,8 @@ export class Takeaway {
     if (Number(chosen) < (planned?.missions.length ?? 0)) this.mission.value = chosen;
     this.mission.hidden = (planned?.missions.length ?? 0) < 2;
     for (const one of this.buttons) one.disabled = planned === null;
+    this.flyButton.disabled = planned === null || planned.not_flown !== "";
+    setText(this.how, capital(planned?.not_flown || planned?.flown_note || ""));
   }
 
   private get number(): number {
@@ -69,7 +77,33 @@ export class Takeaway {
     await desk.fly(this.draft(), this.pace.value);
     this.watch.hidden = this.stop.hidden = false;
     this.watch.focus();
-    return "It flies: watch it on the live page.";
+    this.followed = "";
+    clearInterval(this.following);
+    this.following = window.setInterval(() => void this.follow(), FOLLOW_MS);
+    return "Preparing the flight …";
+  }
+
+  /** Tell what becomes of the flight. */
+  private async follow(): Promise<void> {
+    let told: string;
+    let bad = false;
+    try {
+      const { outcome, reason } = await desk.flight();
+      if (outcome === "preparing") return;
+      const over = outcome !== "flying";
+      told = over ? `The flight: ${outcome}${reason ? `, ${reason}` : ""}` : "It flies: watch it on the live page.";
+      bad = over && outcome !== "completed" && outcome !== "interrupted";
+      if (over) clearInterval(this.following);
+      this.stop.hidden = over;
+    } catch (error) {
+      if (!(error instanceof Refused)) throw error;
+      clearInterval(this.following);
+      [told, bad] = [error.message, true];
+    }
+    if (told === this.followed) return;
+    this.followed = told;
+    this.told.classList.toggle("bad", bad);
+    setText(this.told, told);
   }
 
   private askUpload(): void {

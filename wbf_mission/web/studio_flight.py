@@ -1,0 +1,91 @@
+"""The flight of the studio in the simulator: begun, stopped, and what became of it."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from functools import partial
+
+import msgspec
+
+from geo.errors import WbfMissionError
+from wbf_mission.events import Event, EventStream, Progressed, RunEnded, VehicleMoved
+from wbf_mission.flight import fly
+from wbf_mission.scenario import Scenario
+from wbf_mission.web.view import View
+from wbf_mission.web.words import worded
+
+
+class FlightState(msgspec.Struct, frozen=True):
+    """What became of the latest flight: "none", "preparing", "flying" or an outcome, with its reason."""
+
+    outcome: str = "none"
+    reason: str = ""
+
+
+class StudioFlight:
+    """The flight in the simulator: one is shown, and what it replaces ends as soon as it notices."""
+
+    def __init__(self) -> None:
+        self.show: Callable[[View], None] = lambda _view: None
+        self._thread: threading.Thread | None = None
+        self._flown = Flown(View())
+        self._lock = threading.Lock()
+
+    def start(self, scenario: Scenario, pace: float | None) -> None:
+        """Fly, in place of what flies now."""
+        with self._lock:
+            self._flown.stopping.set()
+            view = View()
+            self._flown = Flown(view, FlightState("preparing"))
+            self.show(view)
+            work = partial(self._flown.fly, scenario, pace)
+            self._thread = threading.Thread(target=work, name="studio flight", daemon=True)
+            self._thread.start()
+
+    @property
+    def state(self) -> FlightState:
+        """What became of the latest one."""
+        return self._flown.state
+
+    def stop(self, wait_s: float = 0.0) -> bool:
+        """End the flight, and wait for that; return whether there was one."""
+        with self._lock:
+            self._flown.stopping.set()
+            flies = self._thread is not None and self._thread.is_alive()
+            if self._thread is not None:
+                self._thread.join(wait_s)
+            return flies
+
+
+class Flown:
+    """One flight, which a view shows and which can be stopped."""
+
+    def __init__(self, view: View, state: FlightState = FlightState()) -> None:  # noqa: B008
+        self._view, self.state, self.stopping = view, state, threading.Event()
+
+    def fly(self, scenario: Scenario, pace: float | None) -> None:
+        """Fly until the end, or until it is to stop: what was flown is estimated then, as at Ctrl-C."""
+        events = EventStream()
+        events.listen(self._take)
+        events.listen(self._stop_if_asked, VehicleMoved, Progressed)
+        try:
+            fly(scenario, events=events, pace=pace)
+        except WbfMissionError as error:
+            self._take(RunEnded(0.0, "failed", worded(error)))
+        except KeyboardInterrupt:
+            begun = self.state.outcome == "flying"
+            why = "stopped while its readings were evaluated" if begun else "stopped before the start"
+            self._take(RunEnded(0.0, "interrupted", why))
+
+    def _take(self, event: Event) -> None:
+        self._view.take(event)
+        if isinstance(event, RunEnded):
+            self.state = FlightState(event.outcome, event.reason)
+        elif isinstance(event, VehicleMoved) and self.state.outcome == "preparing":
+            self.state = FlightState("flying")
+
+    def _stop_if_asked(self, _event: object) -> None:
+        if self.stopping.is_set():
+            self.stopping.clear()  # Once: what was flown is still told and estimated
+            raise KeyboardInterrupt

@@ -223,7 +223,9 @@ class MissionUpload(ClientTransfer):
     def _plan_state(self) -> PlanState:
         if self._state is CONFIRMING or self._state is CLEARING:
             return PlanState.UNKNOWN
-        return PlanState.OLD if self.profile.atomic or self._highest < 0 else PlanState.UNKNOWN
+        # Who overwrites in place shortens its plan at the COUNT, unless it answers that with a refusal.
+        untouched = not self._openings or (self._highest < 0 and self._trouble is not None)
+        return PlanState.OLD if self.profile.atomic or untouched else PlanState.UNKNOWN
 
     def _where(self) -> str:
         if self._state is CONFIRMING:
@@ -233,6 +235,7 @@ class MissionUpload(ClientTransfer):
         return f"after item {self._named_item()}, {len(self._wire) - self._unsent} of {len(self._wire)} sent"
 
     def _fail_refused(self, message: wire.AckMessage, now_s: float) -> Output:
+        self._trouble = message.type, now_s
         if message.type != wire.NO_SPACE or self.profile.card is None:
             return super()._fail_refused(message, now_s)
         fix = longer_plan_fix(len(self.items), self.mission_type, self.profile)

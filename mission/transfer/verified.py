@@ -10,7 +10,7 @@ two generals' problem). Reading the plan back decides it. The outcomes are:
   place (ArduPilot) said no; the text tells what it holds now.
 - `TransferFailed` with reason DIFFERENT: it was read back and is not the plan that was sent.
 - `TransferFailed` with ``vehicle_plan`` UNKNOWN: the vehicle fell silent after the last item, or during
-the reading.
+the reading; one that overwrites in place also after the first message, which shortens its plan.
 """
 
 from __future__ import annotations
@@ -264,7 +264,7 @@ class VerifiedUpload:
         if self._part is self._upload:
             if self._is_bad_luck(failed):
                 return self._send_again(now_s)
-            if failed.vehicle_plan is PlanState.UNKNOWN and not self._cancelled:
+            if failed.vehicle_plan is PlanState.UNKNOWN and self._was_heard and not self._cancelled:
                 self._refusal = None if failed.reason is FailureReason.TIMEOUT else failed
                 return self._read_back(now_s)
             return Output(events=(failed,))
@@ -281,8 +281,12 @@ class VerifiedUpload:
         """Whether the vehicle may have given up because too many frames in a row were lost."""
         copies, _ = self._round_trip.copies(self._profile.abort_s)
         gave_up = failed.reason is FailureReason.TIMEOUT or failed.result in _GIVEN_UP
-        was_heard = self._upload.statistics().messages_received > 0
-        return copies > 1 and gave_up and was_heard and self._restarts > 0
+        return copies > 1 and gave_up and self._was_heard and self._restarts > 0
+
+    @property
+    def _was_heard(self) -> bool:
+        """Whether the vehicle has answered the upload at all."""
+        return self._upload.statistics().messages_received > 0
 
     def _send_again(self, now_s: float) -> Output:
         self._restarts -= 1

@@ -1,5 +1,6 @@
 """The reserve of a battery: no real vehicle starts a sortie without it, and no policy plans it away."""
 
+import math
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -8,17 +9,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from stand_in import scenario
 
+from mission.ground.vehicle_state import Battery
 from mission.link.codec.dialect import mavlink as m
 from sim_vehicle.airframe.catalog import get_vehicle, vehicle_names
 from wbf_mission.cli.operator_console import TerminalConsole
 from wbf_mission.cli.output import Output
 from wbf_mission.live import link as live
-from wbf_mission.live.battery_change import REAL_FULL, BatteryWait, needed_fraction, risen_fraction
+from wbf_mission.live.battery_change import REAL_FULL, BatteryWait, needed_fraction
 from wbf_mission.live.link import LiveLink
 from wbf_mission.live.watching import WatchedVehicle
 from wbf_mission.planning import MissionBuilder, plan
 from wbf_mission.planning.budget import ReserveCharge, make_budget
 from wbf_mission.planning.sorties import is_too_long
+from wbf_mission.run.sortie import Sortie
 
 parts = st.floats(0.01, 0.99)
 
@@ -63,13 +66,13 @@ def test_a_vehicle_without_a_battery_needs_none(planned):
 
 
 @settings(deadline=None)
-@given(part=st.floats(0.05, 0.75), used=parts, percent=st.integers(0, 100), alone=st.booleans())
-def test_no_sortie_starts_with_less_than_it_takes_and_the_reserve(planned, part, used, percent, alone):
+@given(part=st.floats(0.05, 0.75), risen=parts, percent=st.integers(0, 100), alone=st.booleans())
+def test_no_sortie_starts_with_less_than_it_takes_and_the_reserve(planned, part, risen, percent, alone):
     """With an operator who says that the battery is changed, and without."""
-    needs, risen = needed_fraction(taking(planned, part)), risen_fraction(used)
+    needs = needed_fraction(taking(planned, part))
     wait = BatteryWait(needs, None if alone else lambda: True, risen, 60.0, lambda _text: None)
     starts = wait._settled(read(percent), 1.0) == ""
-    assert starts is (percent / 100.0 >= part + 0.2 and (not alone or percent / 100.0 >= 1.0 - used / 2.0))
+    assert starts is (percent / 100.0 >= part + 0.2 and (not alone or percent / 100.0 >= risen))
 
 
 @pytest.mark.parametrize("agreed", [True, False])
@@ -78,7 +81,7 @@ def test_a_link_waits_for_what_the_next_plan_takes_and_the_reserve(planned, agre
 
     class Wait(BatteryWait):
         def wait(self, url, system_id):
-            waits.append((self.needs, self.risen, self.asks is None, url, system_id))
+            waits.append((self.needs, self.asks is None, url, system_id))
             return ""
 
     monkeypatch.setattr(live, "BatteryWait", Wait)
@@ -88,7 +91,7 @@ def test_a_link_waits_for_what_the_next_plan_takes_and_the_reserve(planned, agre
     link._heard = {1: ("tcp:there:1", None)}
     vehicle, after = SimpleNamespace(task=SimpleNamespace(system_id=1)), taking(planned, 0.6)
     assert link.change_battery(vehicle, after, used=0.5, which="sortie 2 of 3") == ""
-    assert waits == [(pytest.approx(0.8), pytest.approx(0.75), agreed, "tcp:there:1", 1)]
+    assert waits == [(pytest.approx(0.8), agreed, "tcp:there:1", 1)]
     assert checked == [[(vehicle, after)]]
 
 
@@ -138,3 +141,51 @@ def test_what_is_charged_for_a_flight_and_its_rest_is_what_it_may_take(mean_wh, 
     assert charge.rest(calm * mean_wh) == pytest.approx(full.most_wh)
     of_rest = charge.rest(rest * calm * mean_wh)
     assert rest * full.most_wh - 1e-9 <= of_rest <= full.most_wh + 1e-9
+
+
+def spent_wh(planned, before, now, *, limit_wh, flown_s=60.0):
+    """Return what a policy is told that a real vehicle has spent, of a battery of 50 Wh and 10 Wh reserve."""
+    ground = SimpleNamespace(
+        arming_gate=object(),
+        battery_before=Battery(*before),
+        vehicle_state=SimpleNamespace(battery=Battery(*now)),
+        started_s=0.0,
+        flight_time_s=0.0,
+    )
+    task = SimpleNamespace(request=SimpleNamespace(budget=SimpleNamespace(limit=limit_wh, unit="Wh")))
+    sortie = SimpleNamespace(ground=ground, task=task, plan=taking(planned, 0.5))
+    sortie._drawn_wh = lambda seconds: Sortie._drawn_wh(sortie, seconds)
+    return Sortie._spent(sortie, flown_s)
+
+
+percents = st.integers(25, 100).map(lambda one: one / 100.0)
+
+
+@settings(deadline=None)
+@given(start=percents, drawn=st.floats(0.0, 12.0), boot_wh=st.floats(0.0, 30.0), tells=st.integers(1, 3))
+def test_a_policy_on_a_real_vehicle_leaves_the_reserve_in_the_battery(planned, start, drawn, boot_wh, tells):
+    """Whatever it tells: PX4 percent only, others energy since they booted, too."""
+    drawn = min(drawn, 50.0 * start - 10.0)
+    percent, energy = bool(tells & 1), bool(tells & 2)
+    before = start if percent else None, boot_wh if energy else None
+    left = math.ceil(100.0 * (start - drawn / 50.0) - 1e-9) / 100.0
+    now = left if percent else None, boot_wh + drawn if energy else None
+    spent = spent_wh(planned, before, now, limit_wh=40.0)
+    assert spent >= drawn - (0.0 if energy else 0.5) - 1e-9, "a percent is rounded up"
+    if percent:
+        assert 40.0 - spent <= 50.0 * left - 10.0 + 1e-9, "what is left of the budget is above the reserve"
+    # A budget that is less than the battery holds is that of this flight.
+    assert spent_wh(planned, before, now, limit_wh=min(5.0, 50.0 * start - 10.0)) == pytest.approx(
+        drawn, abs=0.51
+    )
+
+
+def test_a_vehicle_that_tells_nothing_of_its_battery_is_charged_as_planned(planned):
+    prediction = taking(planned, 0.5).prediction
+    half_s = 0.5 * prediction.duration_s
+    spent = spent_wh(planned, (None, None), (None, None), limit_wh=40.0, flown_s=half_s)
+    assert spent == pytest.approx(0.5 * prediction.energy_wh)
+
+
+def test_an_autopilot_that_starts_again_in_flight_does_not_give_energy_back(planned):
+    assert spent_wh(planned, (0.9, 8.0), (0.6, 0.0), limit_wh=20.0) == pytest.approx(15.0)

@@ -39,7 +39,10 @@ class Parameters:
 def guarded(vehicle, needed, *, late_s=0.0):
     """Let a guard do its work over a link whose answers come late."""
     notes, arrivals, now_s = [], [], 0.0
-    guard = FailsafeGuard(needed, Contact((1, 1), is_real=False), notes)
+    contact = Contact((1, 1), is_real=True)
+    if late_s:
+        contact.round_trip.sample(late_s)
+    guard = FailsafeGuard(needed, contact, notes)
     out = guard.begin(now_s)
     while not (guard.ready or guard.refused):
         arrivals += [(now_s + late_s, answer) for message in out for answer in vehicle.receive(message)]

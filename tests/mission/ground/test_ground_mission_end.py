@@ -297,3 +297,20 @@ def test_a_mission_that_is_flown_on_long_after_an_end_was_told_is_not_over():
     assert not ground.pilot.mission_over
     ground.receive(from_vehicle(beat(HOLD)), 47.0)
     assert ground.pilot.somebody_else_flies
+
+
+def test_a_vehicle_that_a_pilot_has_landed_is_not_back_in_its_mission():
+    """A PX4 that was taken out goes back to its mission's mode when it is disarmed."""
+    ground = flying(HOMEWARD)
+    ground.receive(from_vehicle(beat(MISSION)), 11.0)
+    ground.receive(from_vehicle(current(2, ACTIVE)), 11.1)
+    ground.receive(from_vehicle(beat(HOLD)), 20.0)
+    assert ground.pilot.somebody_else_flies
+    ground.receive(from_vehicle(beat(MISSION, armed=False)), 40.0)
+    assert ground.pilot.somebody_else_flies
+    for tenth in range(400, 500):
+        ground.poll(tenth / 10)
+    assert (ground.outcome, ground.reason) == (
+        Outcome.PILOT_TOOK_OVER,
+        "taken out of its mission: mode LOITER",
+    )

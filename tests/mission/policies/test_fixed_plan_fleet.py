@@ -9,7 +9,7 @@ import shapely
 from geo import get_farm
 from geo.named import ParameterError
 from mission.planners import PlanningRequest, StepBudget
-from mission.policies.allocation import PARTITION_NAMES, reach_m, shared
+from mission.policies.allocation import PARTITION_NAMES, _pieces, reach_m, shared
 from mission.policies.decision import NO_CHANGE
 from mission.policies.observation import Event, GeometricTravelCost, PolicyObservation, Status, VehicleReport
 from mission.policies.policy import FixedPlan
@@ -210,3 +210,16 @@ def test_who_flew_its_path_to_the_end_leaves_nothing_and_takes_over_what_others_
     fleet.flown[1], fleet.rest[1] = np.vstack((fleet.flown[1], fleet.rest[1])), fleet.rest[1][:0]
     assert 1 in fleet.lose(2).paths
     assert fleet.unseen() < 0.05
+
+
+def test_who_has_more_to_spare_takes_over_more():
+    land = shapely.box(0.0, 0.0, 8.0, 4.0)
+    rich, poor = vehicle(1, 400.0), vehicle(2, 400.0, spent=300.0, rest=[(20.0, 0.0)])
+    pieces = _pieces(land, [rich, poor])
+    assert pieces[0].area > 1.5 * pieces[1].area
+    alike = _pieces(land, [rich, vehicle(2, 400.0)])
+    assert alike[0].area == pytest.approx(alike[1].area, rel=0.05)
+    # What is too little to be divided is one vehicle's.
+    sliver = shapely.box(0.0, 0.0, 1e-9, 1e-9)
+    shares = _pieces(sliver, [rich, vehicle(2, position=(5.0, 5.0))])
+    assert sum(not one.is_empty for one in shares) == 1 and not shares[0].is_empty

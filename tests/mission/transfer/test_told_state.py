@@ -168,3 +168,37 @@ def test_over_a_good_link_an_upload_that_the_vehicle_gives_up_is_not_made_again(
     radio = Radio(holding_old(PX4), lambda _radio, message: message.get_type() == "MISSION_ITEM_INT")
     end = radio.carry(VerifiedUpload(NEW, profile=PX4, round_trip=RoundTrip()))
     assert end.vehicle_plan is PlanState.OLD and radio.now_s < 30.0
+
+
+@PROFILES
+def test_a_first_reading_that_an_echo_has_spoiled_is_made_again(profile):
+    server = holding_old(profile)
+    stored = []
+
+    def is_lost(radio, message):
+        reads = radio.kinds.count("MISSION_REQUEST_LIST")
+        if message.get_type() == "MISSION_REQUEST_LIST" and reads == 1 and not stored:
+            stored.append(server.plan(KIND).items)
+            server.set_plan(KIND, OLD)
+        elif message.get_type() == "MISSION_REQUEST_LIST" and reads == 2:
+            server.set_plan(KIND, stored[0])
+        return False
+
+    radio = Radio(server, is_lost)
+    assert isinstance(radio.carry(VerifiedUpload(NEW, profile=profile)), UploadVerified)
+    assert radio.kinds.count("MISSION_REQUEST_LIST") == 2
+
+
+def test_a_difference_is_told_by_the_number_that_the_user_knows():
+    """Items that the autopilot does not take were left out before."""
+    server = holding_old(PX4)
+
+    def is_lost(radio, _message):
+        if "MISSION_REQUEST_LIST" in radio.kinds:
+            server.set_plan(KIND, (*NEW[:2], OLD[2], NEW[3]))
+        return False
+
+    upload = VerifiedUpload(NEW, profile=PX4, origins=(0, 2, 5, 7))
+    end = Radio(server, is_lost).carry(upload)
+    assert {one.sequence for one in upload.differences} == {5}
+    assert "item 6: " in end.text

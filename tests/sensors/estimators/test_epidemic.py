@@ -928,8 +928,8 @@ def test_a_plant_seen_healthy_counts_as_healthy_until_a_day_later(beliefs, ago):
 
 @settings(max_examples=25, deadline=None)
 @given(dx=st.integers(-12, 12), dy=st.integers(-12, 12), ago=st.integers(0, 3), since=st.integers(0, 3))
-@example(dx=4, dy=-3, ago=1, since=0)
-@example(dx=0, dy=5, ago=1, since=0)
+@example(dx=2, dy=-1, ago=1, since=0)
+@example(dx=0, dy=3, ago=1, since=0)
 def test_it_is_doubted_where_the_disease_may_have_come_from_a_sick_plant(beliefs, dx, dy, ago, since):
     """The disease leaps as far as its kernel reaches each day, and once more on the day of the reading."""
     assume((dx, dy) != (0, 0))

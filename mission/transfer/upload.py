@@ -264,7 +264,7 @@ class MissionUpload(ClientTransfer):
             return PlanState.UNKNOWN
         # A vehicle that overwrites in place cuts its plan at a smaller COUNT, whose answer may be lost.
         refused = reason is FailureReason.REFUSED and result != wire.OPERATION_CANCELLED
-        untouched = self._highest < 0 and refused
+        untouched = not self._openings or (self._highest < 0 and refused)
         return PlanState.OLD if self.profile.atomic or untouched else PlanState.UNKNOWN
 
     def _where(self) -> str:
@@ -275,6 +275,7 @@ class MissionUpload(ClientTransfer):
         return f"after item {self._named_item()}, {len(self._wire) - self._unsent} of {len(self._wire)} sent"
 
     def _fail_refused(self, message: wire.AckMessage, now_s: float) -> Output:
+        self._trouble = message.type, now_s
         if message.type != wire.NO_SPACE or self.profile.card is None:
             return super()._fail_refused(message, now_s)
         fix = longer_plan_fix(len(self.items), self.mission_type, self.profile)

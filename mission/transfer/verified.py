@@ -10,7 +10,7 @@ two generals' problem). Reading the plan back decides it. The outcomes are:
   place (ArduPilot) said no; the text tells what it holds now.
 - `TransferFailed` with reason DIFFERENT: it was read back and is not the plan that was sent.
 - `TransferFailed` with ``vehicle_plan`` UNKNOWN: the vehicle fell silent after the last item, or during
-the reading.
+the reading; one that overwrites in place also after the first message, which shortens its plan.
 """
 
 from __future__ import annotations

@@ -122,3 +122,18 @@ def test_what_tells_nothing_is_refused():
         log.beat()
         with pytest.raises(MissionError, match=text):
             log.progress.place()
+
+
+def test_a_vehicle_whose_mission_is_suspended_flies_something_else():
+    """It shows its mission's mode still, as while it goes home by itself; MISSION_CURRENT says so."""
+    log = Log()
+    log.beat()
+    log.be(3, 40.0, 0.0)
+    log.beat()
+    flown = log.progress.place()
+    log._tell(m.MAVLink_mission_current_message(3, len(ITEMS), 4, 2))
+    latitude, longitude = FRAME.to_wgs84(90.0, 0.0)
+    place = (round(latitude * 1e7), round(longitude * 1e7))
+    log._tell(m.MAVLink_global_position_int_message(0, *place, 40000, 10000, 0, 0, 0, 0))
+    log.beat()
+    assert log.progress.place() == flown

@@ -6,9 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mission.files import write_mission
 from mission.outcome import Outcome
 from sensors.environment import cache
 from wbf_mission.flight import fly
+from wbf_mission.planning import plan
 from wbf_mission.results.result import Result
 from wbf_mission.run.reuse import FlightMemory
 from wbf_mission.scenario import Scenario, scenario_with
@@ -76,6 +78,20 @@ def test_other_missions_and_vehicles_are_other_flights() -> None:
     ):
         before = len(memory)
         fly(scenario_with(BASE, changes), memory=memory)
+        assert len(memory) == before + 1, changes
+
+
+@pytest.mark.parametrize("vehicle", ["ideal", "quad"])
+def test_equal_missions_under_other_cameras_are_other_flights(vehicle: str, tmp_path: Path) -> None:
+    """A mission of a file is the same whatever the camera sees; what it reads is not."""
+    path = str(tmp_path / "rows.plan")
+    write_mission(plan(BASE).mission, path)
+    memory = FlightMemory()
+    given = {"mission": path, "planner": None, "budget": None, "vehicle": vehicle, "estimator": "point"}
+    base = scenario_with(BASE, {**given, "estimate_errors": False})
+    for changes in ({}, {"camera_footprint": 3}, {"fields": ["tylcv", "soil"]}):
+        scenario, before = scenario_with(base, changes), len(memory)
+        assert_alike(fly(scenario, memory=memory), fly(scenario))
         assert len(memory) == before + 1, changes
 
 

@@ -290,8 +290,28 @@ class Sortie:
         if budget.unit == "steps":
             return math.floor(flown_s / vehicle.step_s + 1e-6)
         if budget.unit == "Wh":
-            return ground.vehicle_state.battery.consumed_wh or 0.0
+            return self._drawn_wh(flown_s)
         return flown_s
+
+    def _drawn_wh(self, flown_s: float) -> float:
+        """Return what the flight has drawn of the battery, and what that lacked of the budget at its start.
+
+        A real PX4 tells no energy, only percent; a real battery may be put in half full.
+        """
+        ground, battery, planned = self.ground, self.plan.vehicle.battery, self.plan.prediction
+        before, now = ground.battery_before, ground.vehicle_state.battery
+        if ground.arming_gate is None or battery is None:
+            return now.consumed_wh or 0.0
+        full = 1.0 if before.remaining is None else before.remaining
+        known = []
+        if now.remaining is not None:
+            known.append((full - now.remaining) * battery.capacity_wh)
+        if now.consumed_wh is not None and before.consumed_wh is not None:
+            known.append(now.consumed_wh - before.consumed_wh)
+        mean_w = planned.energy_wh / planned.duration_s if planned.duration_s > 0.0 else 0.0
+        held_wh = (full - battery.reserve_fraction) * battery.capacity_wh
+        lacked_wh = max(0.0, self.task.request.budget.limit - held_wh)
+        return max(known, default=mean_w * flown_s) + lacked_wh
 
     @property
     def _delay_s(self) -> float:

@@ -264,3 +264,53 @@ def test_a_mission_that_ends_while_another_is_sent_is_over():
     assert ground.change(other, 2, 12.0) and ground.changing
     ground.receive(from_vehicle(m.MAVLink_statustext_message(6, b"Mission finished, loitering\t")), 12.1)
     assert ground.pilot.mission_over and ground.flies_home
+
+
+@settings(max_examples=30, deadline=None)
+@given(late_s=st.floats(0.0, 5.0), item=st.integers(1, 3), came=st.integers(1, 4))
+@example(late_s=5.0, item=2, came=1)
+def test_what_was_sent_before_the_end_and_comes_after_it_undoes_no_end(late_s, item, came):
+    """HEARTBEATs come once a second: the last one that was heard is of the mission's mode still."""
+    ground = flying(HOMEWARD)
+    ground.receive(from_vehicle(beat(MISSION)), 39.5)
+    ground.receive(from_vehicle(current(3, ACTIVE)), 39.6)
+    ground.receive(from_vehicle(m.MAVLink_statustext_message(6, b"Mission finished, loitering\t")), 40.0)
+    for number in range(came):
+        ground.receive(from_vehicle(current(item, ACTIVE)), 40.0 + late_s * (number + 1) / came)
+    assert ground.pilot.mission_over and ground.flies_home
+    # So the return that follows is the mission's own, and no pilot's.
+    ground.receive(from_vehicle(beat(RTL)), 45.1)
+    ground.poll(60.0)
+    assert not ground.pilot.events and not ground.pilot.taken_out
+
+
+def test_a_mission_that_is_flown_on_long_after_an_end_was_told_is_not_over():
+    """A vehicle that shows its mission's mode, and items left, flies them: a return then is a pilot's."""
+    ground = flying(HOMEWARD)
+    ground.receive(from_vehicle(beat(MISSION)), 39.5)
+    ground.receive(from_vehicle(m.MAVLink_statustext_message(6, b"Mission finished, loitering\t")), 40.0)
+    ground.receive(from_vehicle(beat(RTL)), 45.0)
+    ground.receive(from_vehicle(current(2, ACTIVE)), 45.2)
+    assert ground.pilot.mission_over, "on its way home it tells an item, too"
+    ground.receive(from_vehicle(beat(MISSION)), 46.0)
+    ground.receive(from_vehicle(current(2, ACTIVE)), 46.1)
+    assert not ground.pilot.mission_over
+    ground.receive(from_vehicle(beat(HOLD)), 47.0)
+    assert ground.pilot.somebody_else_flies
+
+
+def test_a_vehicle_that_a_pilot_has_landed_is_not_back_in_its_mission():
+    """A PX4 that was taken out goes back to its mission's mode when it is disarmed."""
+    ground = flying(HOMEWARD)
+    ground.receive(from_vehicle(beat(MISSION)), 11.0)
+    ground.receive(from_vehicle(current(2, ACTIVE)), 11.1)
+    ground.receive(from_vehicle(beat(HOLD)), 20.0)
+    assert ground.pilot.somebody_else_flies
+    ground.receive(from_vehicle(beat(MISSION, armed=False)), 40.0)
+    assert ground.pilot.somebody_else_flies
+    for tenth in range(400, 500):
+        ground.poll(tenth / 10)
+    assert (ground.outcome, ground.reason) == (
+        Outcome.PILOT_TOOK_OVER,
+        "taken out of its mission: mode LOITER",
+    )

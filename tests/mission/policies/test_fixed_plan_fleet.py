@@ -9,7 +9,7 @@ import shapely
 from geo import get_farm
 from geo.named import ParameterError
 from mission.planners import PlanningRequest, StepBudget
-from mission.policies.allocation import PARTITION_NAMES, reach_m, shared
+from mission.policies.allocation import PARTITION_NAMES, _pieces, reach_m, shared
 from mission.policies.decision import NO_CHANGE
 from mission.policies.observation import Event, GeometricTravelCost, PolicyObservation, Status, VehicleReport
 from mission.policies.policy import FixedPlan
@@ -138,3 +138,88 @@ def test_nobody_takes_over_what_nobody_shares_or_can_pay():
     gone = [vehicle(one.system_id, status=Status.LOST, position=one.position_m) for one in now]
     assert policy.decide(observation(gone, Event.LOST)) is NO_CHANGE
     assert policy.decide(observation([vehicle(1)], Event.PERIOD)) is NO_CHANGE
+
+
+class Fleet:
+    """Robots that fly what a fixed plan answers, and fail one after the other."""
+
+    def __init__(self, policy, steps):
+        self.policy, self.steps = policy, steps
+        self.paths = policy.decide(observation([vehicle(number, steps) for number in (1, 2, 3)])).paths
+        self.rest = dict(self.paths)
+        self.flown = {number: np.zeros((1, 2)) for number in self.paths}
+        self.lost = set()
+
+    def fly(self, points):
+        for number in set(self.rest) - self.lost:
+            self.flown[number] = np.vstack((self.flown[number], self.rest[number][:points]))
+            self.rest[number] = self.rest[number][points:]
+
+    def lose(self, number):
+        self.lost.add(number)
+        reports = [
+            vehicle(
+                one,
+                self.steps,
+                status=Status.LOST if one in self.lost else Status.FLYING,
+                position=tuple(self.flown[one][-1]),
+                spent=StepBudget(self.steps).cost(self.flown[one]),
+                rest=self.rest[one],
+            )
+            for one in self.rest
+        ]
+        answer = self.policy.decide(observation(reports, Event.LOST))
+        for one in reports:
+            if one.system_id in answer.paths:
+                assert one.travel_cost.rest([answer.paths[one.system_id]])[0] <= one.left
+        self.rest.update(answer.paths)
+        return answer
+
+    def unseen(self):
+        """Return the part of the land that nobody has seen, or will see."""
+        ways = [self.flown[one] for one in self.lost]
+        ways += [np.vstack((self.flown[one], self.rest[one])) for one in set(self.rest) - self.lost]
+        seen = shapely.union_all([seen_by(way, 0.62) for way in ways if len(way) > 1])
+        return 1.0 - seen.intersection(FARM.owner_area).area / FARM.owner_area.area
+
+
+@pytest.mark.parametrize("order", [(1, 2), (1, 3), (2, 1), (2, 3), (3, 1), (3, 2)])
+@pytest.mark.parametrize("partition", ["strips", "voronoi"])
+def test_land_that_was_taken_over_is_handed_on_when_its_taker_is_lost_too(order, partition):
+    """The last one of three sees what two others leave, as far as they came between."""
+    fleet = Fleet(FixedPlan("lawnmower", partition), 900.0)
+    assert fleet.unseen() < 0.05
+    fleet.fly(3)
+    assert set(fleet.lose(order[0]).paths) == {1, 2, 3} - {order[0]}
+    assert fleet.unseen() < 0.05
+    fleet.fly(2)
+    (last,) = {1, 2, 3} - set(order)
+    second = fleet.lose(order[1])
+    assert set(second.paths) == {last} and f"lost vehicle {order[1]} is" in second.reason
+    assert fleet.unseen() < 0.05
+    fleet.fly(500)
+    assert fleet.lose(last) is NO_CHANGE
+
+
+def test_who_flew_its_path_to_the_end_leaves_nothing_and_takes_over_what_others_leave():
+    fleet = Fleet(FixedPlan("lawnmower"), 900.0)
+    before = {number: len(path) for number, path in fleet.rest.items()}
+    fleet.fly(before[1])
+    assert fleet.lose(1) is NO_CHANGE
+    fleet = Fleet(FixedPlan("lawnmower"), 900.0)
+    fleet.flown[1], fleet.rest[1] = np.vstack((fleet.flown[1], fleet.rest[1])), fleet.rest[1][:0]
+    assert 1 in fleet.lose(2).paths
+    assert fleet.unseen() < 0.05
+
+
+def test_who_has_more_to_spare_takes_over_more():
+    land = shapely.box(0.0, 0.0, 8.0, 4.0)
+    rich, poor = vehicle(1, 400.0), vehicle(2, 400.0, spent=300.0, rest=[(20.0, 0.0)])
+    pieces = _pieces(land, [rich, poor])
+    assert pieces[0].area > 1.5 * pieces[1].area
+    alike = _pieces(land, [rich, vehicle(2, 400.0)])
+    assert alike[0].area == pytest.approx(alike[1].area, rel=0.05)
+    # What is too little to be divided is one vehicle's.
+    sliver = shapely.box(0.0, 0.0, 1e-9, 1e-9)
+    shares = _pieces(sliver, [rich, vehicle(2, position=(5.0, 5.0))])
+    assert sum(not one.is_empty for one in shares) == 1 and not shares[0].is_empty

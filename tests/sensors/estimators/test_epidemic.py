@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from geo.farms import get_farm
@@ -23,6 +23,8 @@ from sensors.estimators.epidemic.features import (
     N_CONTEXT,
     N_FEATURES,
     REACH,
+    SEEN_SUSCEPTIBLE,
+    UNKNOWN,
     Rings,
     cells_in_reach,
     context_features,
@@ -891,3 +893,70 @@ def test_a_process_that_dies_costs_time_and_no_network(tmp_path, two_tasks, monk
     )
     ahead.learn_all(two_tasks, tmp_path, lambda part: None)
     assert len(weights_of(two_tasks, tmp_path)) == 18
+
+
+@pytest.fixture(scope="module")
+def beliefs(cache):
+    """Beliefs of a disease that nothing was read of yet, with a network that learned little."""
+
+    def made():
+        hosts = np.ones((27, 27), bool)
+        task = TrainingTask(TYLCV, 6, outbreaks=20, epochs=1)
+        return belief_module.DiseaseBelief(
+            hosts, task, too_healthy=10.0, too_sick=1.0, misreading_rate=0.0, cache=cache
+        )
+
+    return made
+
+
+def codes_after(belief, readings, day=8):
+    """Return what stands for each reading (x, y, day, value) in what the network looks at."""
+    x, y, days, values = np.array(readings, float).T
+    cells = np.stack([x, y], axis=1).astype(np.int32)
+    belief.update(day, cells, days.astype(np.int32), values)
+    return inner(belief._codes)[cells[:, 0], cells[:, 1]].tolist()
+
+
+@pytest.mark.parametrize("ago", [0, 1, 2, 3])
+def test_a_plant_seen_healthy_counts_as_healthy_until_a_day_later(beliefs, ago):
+    """Where nothing sick is near, today and yesterday; what was seen before that is looked at again."""
+    trusted = SEEN_SUSCEPTIBLE if ago <= 1 else UNKNOWN
+    assert codes_after(beliefs(), [(13, 13, 8 - ago, 1.0)]) == [trusted]
+    far = codes_after(beliefs(), [(13, 13, 8 - ago, 1.0), (26, 26, 8 - ago, 0.5), (0, 0, 8, 0.0)])
+    assert far[0] == trusted and min(far[1:]) > SEEN_SUSCEPTIBLE
+
+
+@settings(max_examples=25, deadline=None)
+@given(dx=st.integers(-12, 12), dy=st.integers(-12, 12), ago=st.integers(0, 3), since=st.integers(0, 3))
+@example(dx=2, dy=-1, ago=1, since=0)
+@example(dx=0, dy=3, ago=1, since=0)
+def test_it_is_doubted_where_the_disease_may_have_come_from_a_sick_plant(beliefs, dx, dy, ago, since):
+    """The disease leaps as far as its kernel reaches each day, and once more on the day of the reading."""
+    assume((dx, dy) != (0, 0))
+    belief = beliefs()
+    healthy, sick = codes_after(belief, [(13, 13, 8 - ago, 1.0), (13 + dx, 13 + dy, 8 - since, 0.5)])
+    leap = TYLCV.infection_rule((27, 27)).kernel.radius
+    near = max(abs(dx), abs(dy)) <= leap * (ago + 1)
+    doubted = ago > 0 and (near or ago > 1)
+    assert healthy == (UNKNOWN if doubted else SEEN_SUSCEPTIBLE) and sick > SEEN_SUSCEPTIBLE
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(st.tuples(st.integers(0, 3), st.integers(5, 8), st.sampled_from([0.0, 0.5, 1.0])), max_size=12),
+    st.integers(0, 12),
+)
+def test_of_several_readings_of_a_plant_the_last_one_counts(readings, cut):
+    """Whether they come together or in two parts."""
+    readings = sorted(readings, key=lambda one: one[1])
+    cells = np.array([(one[0], 0) for one in readings], np.int32).reshape(-1, 2)
+    days = np.array([one[1] for one in readings], np.int32)
+    values = np.array([one[2] for one in readings], float)
+    last = belief_module.LastReadings(np.ones((4, 1), bool))
+    for end in (min(cut, len(readings)), len(readings)):
+        last.follow(cells[:end], days[:end], values[:end])
+    expected = {cell: (day, value) for cell, day, value in readings}
+    flat, classes, since = last.known()
+    assert flat.tolist() == sorted(expected)
+    assert since.tolist() == [expected[cell][0] for cell in sorted(expected)]
+    assert CLASS_VALUES[classes].tolist() == [expected[cell][1] for cell in sorted(expected)]

@@ -120,3 +120,39 @@ def test_a_breach_is_told_once_and_ends():
     assert watch.count == 2
     watch.change(Fence())
     assert not watch.check((103.0, 25.0, 9.0), 70.0, (0.0, 0.0), 7.0)
+
+
+PLACES = st.tuples(COORDINATE, COORDINATE, st.floats(0.0, 60.0))
+FENCES = st.sampled_from(
+    [
+        (polygon(SQUARE), Bounds()),
+        (circle(0.0, 0.0, 60.0), Bounds(ceiling_m=40.0)),
+        (circle(20.0, 20.0, 30.0, inclusion=False), Bounds(radius_m=80.0)),
+        (polygon(SQUARE), Bounds(areas=False)),
+        (polygon(SQUARE), Bounds(40.0, 80.0, areas=False)),
+        ([], Bounds(40.0, 80.0)),
+        ([], Bounds()),
+    ]
+)
+
+
+@given(st.lists(st.tuples(PLACES, st.one_of(st.none(), FENCES)), min_size=2, max_size=12), FENCES)
+def test_a_fence_that_looks_seldom_sees_what_one_that_always_looks_sees(steps, first):
+    """Whatever way is flown, and whichever fence or bounds come meanwhile: they hold at once."""
+    watch, flown_m, before_m, breached = FenceWatch(), 0.0, None, False
+    for place_m, other in [(steps[0][0], first), *steps]:
+        if other is not None:
+            watch.change(Fence.of(other[0], FRAME), other[1])
+        if before_m is not None:
+            flown_m += math.dist(before_m, place_m)
+        before_m = place_m
+        told = watch.check(place_m, flown_m, (0.0, 0.0), flown_m)
+        breach, reason, _ = watch.evaluate(place_m, (0.0, 0.0))
+        assert (watch.breach, watch.reason) == (breach, reason)
+        assert told is (breach is not Breach.NONE and not breached)
+        breached = breach is not Breach.NONE
+
+
+def test_zones_of_a_plan_that_are_switched_off_do_not_count():
+    watch = FenceWatch(Fence.of(polygon(SQUARE), FRAME), Bounds(ceiling_m=40.0, areas=False))
+    assert watch.evaluate((-50.0, 0.0, 10.0), (0.0, 0.0)) == (Breach.NONE, "", 30.0)

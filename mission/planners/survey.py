@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
@@ -18,7 +19,7 @@ from mission.planners.request import PlanningRequest
 from mission.planners.search import cannot_be_flown, is_number, too_small
 from mission.planners.spiral import ring_from
 from mission.planners.strips import Swath, ring_strips, rows_that_see
-from mission.planners.terrain import Terrain, parts_of
+from mission.planners.terrain import Terrain, parts_of, smoothed
 from mission.planners.tour import fly_cells
 
 NAME = "survey"
@@ -35,6 +36,8 @@ _TURN_M = 20.0
 # Half the width of a row itself.
 _ROW_M = 0.01
 _FINALISTS = 3
+# Of what an image shows: so much of borders of very many vertices may be smoothed away.
+_SMOOTHED = 0.125
 _MOST_TOGGLED = 6
 
 
@@ -88,6 +91,7 @@ def survey(
     """
     _check(angle, headland_passes, headland, border)
     swath = _swath(request, spacing_m, overshoot_m, border)
+    request = _smooth(request, swath)
     plans = _Plans(request, swath, headland_passes, last=headland == "last")
     layouts = _Search(plans).best() if angle == BEST else [plans.common(request.area, _radians(angle))]
     finals = [
@@ -120,6 +124,16 @@ def _swath(request: PlanningRequest, spacing_m: float | None, overshoot_m: float
     if border == OVERLAP:
         return Swath(min(request.footprint_m, spacing), 0.0, spacing, overshoot_m, _ROW_M)
     return Swath(request.footprint_m, along, spacing, overshoot_m)
+
+
+def _smooth(request: PlanningRequest, swath: Swath) -> PlanningRequest:
+    """Return a request over land whose borders have not more vertices than its rows can tell apart."""
+    most_m = _SMOOTHED * min(swath.across_m, swath.along_m or swath.across_m, swath.spacing_m)
+    area = smoothed(request.area, most_m)
+    if request.passable is None:
+        return replace(request, area=area)
+    passable = with_gaps(smoothed(request.passable, most_m), parts_of(area))
+    return replace(request, area=area, passable=passable)
 
 
 def _check(angle: str | float, headland_passes: int, headland: str, border: str) -> None:

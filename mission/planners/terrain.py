@@ -71,8 +71,13 @@ def inset(area: Area, distance_m: float) -> Area:
         while not left and margin > distance_m * 2.0**-30:
             left = [piece for piece in parts_of(_shrunk(part, margin)) if piece.area > 0]
             margin /= 2
-        pieces += [smooth for piece in left or [part] for smooth in _smoothed(piece, distance_m)]
-    return area_of(pieces)
+        pieces += left or [part]
+    return smoothed(area_of(pieces), distance_m)
+
+
+def smoothed(area: Area, most_m: float) -> Area:
+    """Return an area within itself, smoothed by at most so much where a border has more than 500 vertices."""
+    return area_of([piece for part in parts_of(area) for piece in _smoothed(part, most_m)])
 
 
 def _smoothed(part: Polygon, most_m: float) -> Sequence[Polygon]:

@@ -35,7 +35,7 @@ _HULL_ANGLES = 6
 # Paths beyond this length are compared by their lengths and turns: to fly them all would take minutes.
 _PRICED_M = 400_000.0
 _TURN_M = 20.0
-# Longer ones than this many times the shortest are not priced.
+# Rows that take more than this many times the fewest, with their turns, are not looked at.
 _LONGER = 2.5
 # A layout that sees so much less of the area than another is not chosen, whatever it costs.
 _AS_MUCH = 0.02
@@ -215,6 +215,16 @@ class _Plans:
             raise PlanningError(msg)
         return drop_coincident(self._terrain.join(pieces, start), 1e-6)
 
+    def rough_m(self, layout: Layout) -> float:
+        """Return about how long the rows of a layout are, with what their turns cost."""
+        length_m = 0.0
+        for part, angle in layout:
+            across = np.array([-math.sin(angle), math.cos(angle)])
+            rows = np.ptp(shapely.get_coordinates(part) @ across) / self.swath.spacing_m + 1.0
+            length_m += part.area / self.swath.spacing_m
+            length_m += 0.0 if self.is_narrow(part) else 2.0 * _TURN_M * float(rows)
+        return length_m
+
     def seen_share(self, path: Points) -> float:
         """Return which share of the area is seen from a path, images as wide as long."""
         line = shapely.LineString(path) if len(path) > 1 else shapely.Point(path[0])
@@ -278,19 +288,17 @@ class _Search:
 
     def _price(self, layouts: Sequence[Layout]) -> None:
         new = [one for one in dict.fromkeys(layouts) if one and one not in self._known]
+        rough_m = [self._plans.rough_m(one) for one in new]
+        self._shortest_m = min([self._shortest_m, *rough_m])
+        # Very many short rows are never the cheapest, and to order them takes long.
+        new = [one for one, m in zip(new, rough_m, strict=True) if m <= _LONGER * self._shortest_m]
         paths = [self._plans.path(one) for one in new]
         if not self._known:
             self._rough = max(map(path_length, paths), default=0.0) > _PRICED_M
-        lengths = [path_length(one) + _TURN_M * len(one) for one in paths]
-        self._shortest_m = min([self._shortest_m, *lengths])
         if self._rough:
-            costs = lengths
+            costs = [path_length(one) + _TURN_M * len(one) for one in paths]
         else:
-            # Very many short rows are not worth their prices: they take long to find.
-            short = [k for k, length_m in enumerate(lengths) if length_m <= _LONGER * self._shortest_m]
-            costs = [math.inf] * len(new)
-            for k, cost in zip(short, self._request.costs([paths[k] for k in short]), strict=True):
-                costs[k] = cost
+            costs = self._request.costs(paths)
         self._known.update(zip(new, costs, strict=True))
         self._seen.update(zip(new, map(self._plans.seen_share, paths), strict=True))
         done = len(self._known)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -167,16 +167,14 @@ class _Tour:
         return order
 
 
-def _neighbours(order: list[int]) -> list[list[int]]:
-    """Return the orders with one piece turned round, and those with one cell elsewhere."""
+def _neighbours(order: list[int]) -> Iterator[list[int]]:
+    """Yield the orders with one piece turned round, then those with one cell elsewhere."""
     count = len(order)
-    turned = [
-        order[:begin] + order[begin:end][::-1] + order[end:]
-        for begin in range(count - 1)
-        for end in range(begin + 2, count + 1)
-    ]
-    moved = []
+    for begin in range(count - 1):
+        for end in range(begin + 2, count + 1):
+            yield order[:begin] + order[begin:end][::-1] + order[end:]
     for one in range(count):
         rest = order[:one] + order[one + 1 :]
-        moved += [[*rest[:to], order[one], *rest[to:]] for to in range(count) if to not in (one - 1, one)]
-    return turned + moved
+        for to in range(count):
+            if to not in (one - 1, one):
+                yield [*rest[:to], order[one], *rest[to:]]

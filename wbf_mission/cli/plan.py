@@ -91,6 +91,7 @@ def plan_command(
     from mission.transfer import Severity
     from wbf_mission.flight import check_flight
     from wbf_mission.planning.batteries import batteries_in, plan_for_batteries
+    from wbf_mission.planning.coverage import too_little_seen
     from wbf_mission.planning.fleet import single_vehicles
     from wbf_mission.planning.plan import plan_fleet
     from wbf_mission.preflight.run import check_plans
@@ -140,6 +141,9 @@ def plan_command(
     every = [plan for plans in flown for plan in plans]
     for warning in dict.fromkeys(warning for plan in every for warning in plan.warnings):
         output.warn(warning)
+    whole = results[0].planner is not None and results[0].planner.partition(":")[0] == "survey"
+    if unseen := too_little_seen(sum(result.coverage for result in results), whole=whole):
+        output.warn(unseen)
     for told in results[0].farm.notes:
         output.note(f"note: farm: {told}")
     notes = [one for plan in every for one in plan.rendered.remarks if one.severity is Severity.NOTE]

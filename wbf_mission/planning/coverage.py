@@ -22,6 +22,8 @@ from sim_vehicle.prediction.flight import Prediction, home_frame
 from wbf_mission.planning.imaging import shown_share
 
 _REPORT_S = 0.1
+LEAST_OF_WHOLE = 0.95
+"""What of the land a survey shows at least, or it is said."""
 
 
 def seen_share(farm: Farm, x: NDArray[np.integer], y: NDArray[np.integer]) -> float:
@@ -52,6 +54,18 @@ def predicted_coverage(
     x, y = farm.cell_of(places[:, 0], places[:, 1])
     aside, along = footprint_offsets(footprint)
     return seen_share(farm, (x[:, None] + aside).ravel(), (y[:, None] + along).ravel())
+
+
+def too_little_seen(coverage: float, *, whole: bool) -> str:
+    """Return what is to be said of a coverage that is below what was asked for: nothing, or a line.
+
+    The `whole` land is asked for by a survey; of any other plan that something of it is seen.
+    """
+    if coverage <= 0.0:
+        return "no image shows the land that is to be seen"
+    if whole and coverage < LEAST_OF_WHOLE:
+        return f"the images show {coverage:.1%} of the land to be seen, and the whole was asked for"
+    return ""
 
 
 def image_places(farm: Farm, mission: Mission, prediction: Prediction) -> Points:

@@ -14,6 +14,7 @@ from mission.transfer.rendering import render
 from mission.transfer.wire import command_name
 from sim_vehicle.execution.items import DO_COMMANDS, NAV_COMMANDS, Settings, do_items
 from sim_vehicle.motion.legs import Position
+from wbf_mission.planning.coverage import LEAST_OF_WHOLE, too_little_seen
 from wbf_mission.preflight.finding import Concern, Finding, Hit, Severity, worst_of
 from wbf_mission.preflight.rules import first, found, worst
 from wbf_mission.preflight.subject import (
@@ -316,6 +317,14 @@ def check_camera(subject: Subject) -> Iterator[Finding]:
         yield found(subject, "camera-left-on", item=on)
     if on is None and all(shots_ordered(item) in (None, Shots()) for item in subject.items):
         yield found(subject, "no-camera")
+
+
+def check_coverage(subject: Subject) -> Iterator[Finding]:
+    """Images that show less of the farm than was asked for: nothing, or with a mapping camera a part."""
+    coverage, whole = subject.coverage, subject.given.imaging is not None
+    if coverage is not None and too_little_seen(coverage, whole=whole):
+        least = 100.0 * LEAST_OF_WHOLE if whole else 0.0
+        yield found(subject, "unseen", measured=(100.0 * coverage, least))
 
 
 _HIGHEST_M = 120.0

@@ -123,6 +123,12 @@ RULES: Mapping[Concern, Mapping[str, Rule]] = {
             "fly round it",
             _least("distance from the obstacle", "m"),
         ),
+        "unseen": Rule(
+            _WARNING,
+            "the images show less of the farm's land than a survey of it would",
+            "is it a part of a survey, the right --farm and --camera? Otherwise plan it again",
+            _least("coverage", "%"),
+        ),
         "too-high": Rule(
             _WARNING,
             "higher above home than most rules allow above the ground",

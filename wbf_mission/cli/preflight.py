@@ -102,6 +102,7 @@ class Surroundings:
             chosen.weather,
             None if self.farm is None else get_farm(self.farm),
             chosen.mission.margin_m,
+            chosen.mission.max_altitude_m,
             MIN_INTERVAL_S if interval_s is None else interval_s,
             footprint=chosen.camera.footprint,
             imaging=imaging,

@@ -13,9 +13,9 @@ from mission.planners.path import Points
 from sensors.camera.optics import Imaging, get_camera
 from wbf_mission.planning.conditions import FlightLevel
 from wbf_mission.scenario import CameraOptions, MissionOptions, ScenarioError
-from wbf_mission.scenario.option import options_of
 
 _SAME_HEIGHT = 0.01
+_LOWEST_M = 2.0  # Below it preflight warns
 _MOST_CELLS = 200_000
 
 
@@ -46,19 +46,18 @@ def imaging_of(camera: CameraOptions, mission: MissionOptions, level: FlightLeve
     asked = mission.height_above_ground_m or mission.altitude_m
     if camera.gsd_cm is not None:
         height = model.height_m(0.01 * camera.gsd_cm)
-        limits = options_of(MissionOptions)["altitude_m"]
         if asked is not None and abs(asked - height) > _SAME_HEIGHT * height:
             msg = (
                 f"gsd {camera.gsd_cm:g} cm: camera {model.name} has that at {height:.1f} m, not at the"
                 f" altitude of {asked:g} m ({100.0 * model.gsd_m(asked):.3g} cm); give one of them"
             )
             raise ScenarioError(msg)
-        assert limits.low is not None
-        assert limits.high is not None
-        if not limits.low <= height <= limits.high:
+        low, high = (100.0 * model.gsd_m(end) for end in (_LOWEST_M, mission.max_altitude_m))
+        if not _LOWEST_M <= height <= mission.max_altitude_m:
             msg = (
-                f"gsd {camera.gsd_cm:g} cm: camera {model.name} has that at {height:.1f} m, but flights are"
-                f" {limits.allowed} high; give another, or another camera"
+                f"gsd {camera.gsd_cm:g} cm: camera {model.name} has that at {height:.3g} m, but flights are"
+                f" {_LOWEST_M:g} to {mission.max_altitude_m:g} m high; give {low:.2g} to {high:.3g} cm, or"
+                " another camera"
             )
             raise ScenarioError(msg)
     made = Imaging(model, height, camera.front_overlap, camera.side_overlap, camera.orientation == "portrait")

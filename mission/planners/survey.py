@@ -135,10 +135,10 @@ def _swath(request: PlanningRequest, spacing_m: float | None, overshoot_m: float
 def _smooth(request: PlanningRequest, swath: Swath) -> PlanningRequest:
     """Return a request over land whose borders have not more vertices than its rows can tell apart."""
     most_m = _SMOOTHED * min(swath.across_m, swath.along_m or swath.across_m, swath.spacing_m)
-    area = smoothed(request.area, most_m)
+    area = smoothed(request.area, most_m, request.least_leg_m)
     if request.passable is None:
         return replace(request, area=area)
-    passable = with_gaps(smoothed(request.passable, most_m), parts_of(area))
+    passable = with_gaps(smoothed(request.passable, most_m, request.least_leg_m), parts_of(area))
     return replace(request, area=area, passable=passable)
 
 

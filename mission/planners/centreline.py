@@ -15,7 +15,7 @@ from mission.planners.strips import Swath
 from mission.planners.sweep import rotation
 from mission.planners.terrain import TOLERANCE_M, polygons_of
 
-# Between points of the border of such a distance, of the width of the land, the middle is found; at most so many.
+# The middle is found between points of the border: their distance, of the width of the land; their number.
 _STEP, _MOST_POINTS = 0.5, 3000
 # How much the line leaves the middle, of what is seen across: the most that sees as much as the finest.
 _COARSENESS = (0.5, 0.25, 0.12, 0.06, 0.03, 0.015)
@@ -28,18 +28,19 @@ def is_narrow(part: Polygon, swath: Swath) -> bool:
 
     Examples
     --------
-    >>> is_narrow(shapely.box(0, 0, 100, 9), Swath(10, 8, 5)), is_narrow(shapely.box(0, 0, 100, 11), Swath(10, 8, 5))
-    (True, False)
+    >>> [is_narrow(shapely.box(0, 0, 100, width_m), Swath(10, 8, 5)) for width_m in (9, 11)]
+    [True, False]
     """
     return bool(shapely.buffer(part, -0.5 * swath.across_m).is_empty)
 
 
 def strip_lines(part: Polygon, room: Area, swath: Swath) -> list[Points]:
-    """Return the rows of a narrow part, float64[n, 2] each: one, and one for each branch that it does not see.
+    """Return the rows of a narrow part, float64[n, 2] each: one, and one for each branch it does not see.
 
     Examples
     --------
-    >>> [line.tolist() for line in strip_lines(shapely.box(0, 0, 100, 4), shapely.box(0, 0, 100, 4), Swath(10, 8, 5))]
+    >>> strip = shapely.box(0, 0, 100, 4)
+    >>> [line.tolist() for line in strip_lines(strip, strip, Swath(10, 8, 5))]
     [[[4.0, 2.0], [96.0, 2.0]]]
     """
     tolerant = shapely.buffer(room, TOLERANCE_M, join_style="mitre")
@@ -105,11 +106,11 @@ def _middle(part: Polygon) -> LineString:
     begin, end = -1, int(np.flatnonzero(component == longest)[0])
     for _ in range(2):
         begin = end
-        ways, came = dijkstra(graph, directed=False, indices=begin, return_predecessors=True)
-        end = int(np.argmax(np.where(np.isfinite(ways), ways, -1.0)))
+        ways, came = dijkstra(graph, directed=False, indices=np.array([begin]), return_predecessors=True)
+        end = int(np.argmax(np.where(np.isfinite(ways[0]), ways[0], -1.0)))
     way = [end]
     while way[-1] != begin:
-        way.append(int(came[way[-1]]))
+        way.append(int(came[0, way[-1]]))
     return LineString(nodes[way]) if len(way) > 1 else _straight(part)
 
 

@@ -47,7 +47,8 @@ def hull_angles(area: Area) -> list[float]:
 
 def _long_edges(points: Points, shortest_m: float) -> Points:
     edges = np.diff(points, axis=0)
-    return edges[np.hypot(*edges.T) > shortest_m]
+    kept: Points = edges[np.hypot(*edges.T) > shortest_m]
+    return kept
 
 
 def width(part: Polygon) -> float:

@@ -88,7 +88,7 @@ def smoothed(area: Area, most_m: float, least_leg_m: float = 0.0) -> Area:
 
 
 def _has_many(parts: Sequence[Polygon]) -> bool:
-    return sum(shapely.get_num_coordinates(part) for part in parts) > MAX_VERTICES
+    return int(np.sum(shapely.get_num_coordinates(parts))) > MAX_VERTICES
 
 
 def _is_rough(parts: Sequence[Polygon], least_leg_m: float) -> bool:
@@ -101,9 +101,7 @@ def _is_rough(parts: Sequence[Polygon], least_leg_m: float) -> bool:
     return False
 
 
-def _smoothed(
-    part: Polygon, most_m: float, needs: Callable[[Sequence[Polygon]], bool]
-) -> Sequence[Polygon]:
+def _smoothed(part: Polygon, most_m: float, needs: Callable[[Sequence[Polygon]], bool]) -> Sequence[Polygon]:
     """Return the part with fewer vertices, within itself: what is cut off is at most twice the limit wide."""
     tolerance = most_m / 64
     pieces: Sequence[Polygon] = [part]

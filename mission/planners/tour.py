@@ -51,7 +51,9 @@ def fly_cells(
     corners = np.array([_corners(cell) for cell in cells])
     places = np.vstack((corners.reshape(-1, 2), start_m, home))
     ways = terrain.lengths(places) if exact else straight_lengths(places)
-    tour = _Tour(ways, [_exits(1 if _is_line(cell) else len(cell)) for cell in cells], returns=home_m is not None)
+    tour = _Tour(
+        ways, [_exits(1 if _is_line(cell) else len(cell)) for cell in cells], returns=home_m is not None
+    )
     few = len(cells) <= (MOST_EXACT if exact else _ROUGHLY_EXACT)
     order = tour.best() if few else tour.good(_TRIALS if exact else _ROUGH_TRIALS)
     entries = tour.entries(order)

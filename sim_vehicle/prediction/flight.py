@@ -16,7 +16,13 @@ from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.execution.feasibility import mission_problems
 from sim_vehicle.execution.items import item_positions
-from sim_vehicle.execution.state import BatteryDepleted, CameraCommand, CannotFly, CurrentChanged, MissionComplete
+from sim_vehicle.execution.state import (
+    BatteryDepleted,
+    CameraCommand,
+    CannotFly,
+    CurrentChanged,
+    MissionComplete,
+)
 from sim_vehicle.motion.model import MotionEvent
 
 if TYPE_CHECKING:

@@ -141,8 +141,8 @@ def plan_command(
     every = [plan for plans in flown for plan in plans]
     for warning in dict.fromkeys(warning for plan in every for warning in plan.warnings):
         output.warn(warning)
-    whole = results[0].planner is not None and results[0].planner.partition(":")[0] == "survey"
-    if unseen := too_little_seen(sum(result.coverage for result in results), whole=whole):
+    asked_whole = (results[0].planner or "").partition(":")[0] == "survey"
+    if unseen := too_little_seen(sum(result.coverage for result in results), whole=asked_whole):
         output.warn(unseen)
     for told in results[0].farm.notes:
         output.note(f"note: farm: {told}")

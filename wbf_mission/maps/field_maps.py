@@ -91,8 +91,10 @@ def field_maps(
     """Sum an estimate, float32[n, W, H] in the order of `fields`, by pixels.
 
     One whose values are not means needs its class probabilities. `states_deviation` tells whether its
-    uncertainty is a standard deviation. With `only_seen` the cells that were not observed are left out. The last reading of a cell on the day of the estimate counts; by
-    default that is the latest day that was observed. The pixels are those of `grid`, else of the pictures.
+    uncertainty is a standard deviation.
+    With `only_seen` the cells that were not observed are left out. The last reading of a cell on the day of
+    the estimate counts; by default that is the latest day that was observed. The pixels are those of `grid`,
+    else of the pictures.
     """
     grid, cells = grid or MapGrid.of(farm), farm.grid()
     if day is None:

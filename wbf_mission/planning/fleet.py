@@ -130,8 +130,8 @@ def single_vehicles(options: VehicleParts) -> tuple[SingleVehicle, ...]:
     if separation.kind == LAYERS and len(vehicles) > 1:
         if options.camera.gsd_cm is not None and sum(flies(get_vehicle(one.name)) for one in vehicles) > 1:
             msg = (
-                f"gsd {options.camera.gsd_cm:g} cm: {len(vehicles)} vehicles keep apart by layers, and only one"
-                " height has that; give the altitude of the lowest layer, or keep them apart by distance"
+                f"gsd {options.camera.gsd_cm:g} cm: {len(vehicles)} vehicles keep apart by layers, and only"
+                " one height has that; give the altitude of the lowest layer, or keep them apart by distance"
             )
             raise ScenarioError(msg)
         below_m, below_error_m = -math.inf, 0.0

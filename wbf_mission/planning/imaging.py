@@ -86,9 +86,10 @@ def check_extent(farm: Farm, imaging: Imaging, level: FlightLevel) -> None:
     hours = rows_m / level.speed_m_s / 3600.0
     if hours > _LONGEST_H:
         msg = (
-            f"camera {imaging.camera.name} at {imaging.height_m:.3g} m ({100.0 * imaging.gsd_m:.2g} cm a pixel):"
-            f" rows {imaging.row_spacing_m:.2g} m apart over farm {farm.name} are {rows_m / 1000.0:.0f} km long,"
-            f" {hours:.0f} hours in the air at {level.speed_m_s:.2g} m/s; fly higher, or see less of the farm"
+            f"camera {imaging.camera.name} at {imaging.height_m:.3g} m ({100.0 * imaging.gsd_m:.2g} cm a"
+            f" pixel): rows {imaging.row_spacing_m:.2g} m apart over farm {farm.name} are"
+            f" {rows_m / 1000.0:.0f} km long, {hours:.0f} hours in the air at {level.speed_m_s:.2g} m/s;"
+            " fly higher, or see less of the farm"
         )
         raise ScenarioError(msg)
 

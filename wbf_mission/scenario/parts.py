@@ -255,9 +255,10 @@ class MissionOptions(Part):
         for name in ("altitude_m", "height_above_ground_m"):
             height_m = getattr(self, name)
             if height_m is not None and height_m > self.max_altitude_m:
+                what = name.removesuffix("_m").replace("_", " ")
                 msg = (
-                    f"{name.removesuffix('_m').replace('_', ' ')} {height_m:g} m is above {self.max_altitude_m:g}"
-                    " m: fly lower, or with a permission give a greater max altitude"
+                    f"{what} {height_m:g} m is above {self.max_altitude_m:g} m: fly lower, or with a"
+                    " permission give a greater max altitude"
                 )
                 raise ScenarioError(msg)
         endless = self.budget is not None and self.budget.strip().lower() == UNLIMITED

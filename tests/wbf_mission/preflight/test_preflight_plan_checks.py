@@ -173,6 +173,13 @@ CASES = {
         {"farm": (farm_with_obstacle(10, 41.5, 20, 45), farm_with_obstacle(10, 44, 20, 46))},
     ),
     "too-high": (good(at(40, 0), at(40, 40, 130.0)), good(), "warning", 5, {}),
+    "with-permission": (
+        good(at(40, 0), at(40, 40, 130.0)),
+        good(),
+        "note",
+        5,
+        {"max_altitude_m": (150.0, 150.0)},
+    ),
     "too-low": (good(at(40, 0), at(40, 40, 1.0)), good(), "warning", 5, {}),
     "far-start": (good(at(1200, 0), at(1100, 0)), good(at(1200, 0), at(900, 0)), "warning", 5, {}),
     "zero-leg": (good(at(40, 0), at(40, 0)), good(at(40, 0), at(40, 1, param2=0.5)), "warning", 5, {}),

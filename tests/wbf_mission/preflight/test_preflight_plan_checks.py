@@ -173,6 +173,13 @@ CASES = {
         {"farm": (farm_with_obstacle(10, 41.5, 20, 45), farm_with_obstacle(10, 44, 20, 46))},
     ),
     "too-high": (good(at(40, 0), at(40, 40, 130.0)), good(), "warning", 5, {}),
+    "unseen": (
+        Mission((takeoff(), *LAST, RTL), HOME),
+        good(),
+        "warning",
+        None,
+        {"farm": farm_with_obstacle(150, 150, 160, 160)},
+    ),
     "with-permission": (
         good(at(40, 0), at(40, 40, 130.0)),
         good(),

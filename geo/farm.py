@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 MAX_CELLS = 200_000_000
 """The largest grid that is accepted: six times Waterberry; a map of it takes 0.4 GB."""
+_NOT_SEEN = "not to be seen, as none of the fields is of that crop; name a field of it to have it flown"
 _SNAP_M = 1e-6
 _ARC_SEGMENTS = 16  # Of a quarter: off by a thousandth of the radius
 _EDGE_CELLS = 1e-9
@@ -172,7 +173,13 @@ class Farm:
         scouted = tuple(crop for crop in self.grown if crop in wanted)
         if len(scouted) in (0, len(self.grown)):
             scouted = ()
-        return self if scouted == self.scouted else replace(self, scouted=scouted)
+        if scouted == self.scouted:
+            return self
+        notes = [note for note in self.notes if not note.endswith(_NOT_SEEN)]
+        if scouted:
+            others = ", ".join(crop for crop in self.grown if crop not in scouted)
+            notes.append(f"{others}: {_NOT_SEEN}")
+        return replace(self, scouted=scouted, notes=tuple(notes))
 
     @cached_property
     def scouted_area(self) -> shapely.Polygon | shapely.MultiPolygon:

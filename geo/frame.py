@@ -96,7 +96,7 @@ class LocalFrame:
         longitude_deg, latitude_deg = _projection(self.latitude_deg, self.longitude_deg).transform(
             x_m, y_m, direction=_INVERSE
         )
-        return latitude_deg, longitude_deg
+        return latitude_deg, _within_date_line(longitude_deg)
 
     @overload
     def from_wgs84(self, latitude_deg: float, longitude_deg: float) -> tuple[float, float]: ...
@@ -138,6 +138,13 @@ class LocalFrame:
             with np.errstate(invalid="ignore"):
                 return east * self._cos + north * self._sin, north * self._cos - east * self._sin
         return east, north
+
+
+def _within_date_line(longitude_deg: Any) -> Any:
+    """Return longitudes from -180 to 180: PROJ leaves those of the date line up to 6e-11 degrees beyond."""
+    if isinstance(longitude_deg, np.ndarray):
+        return np.clip(longitude_deg, -180.0, 180.0)
+    return min(max(longitude_deg, -180.0), 180.0)
 
 
 Quaternion = tuple[float, float, float, float]

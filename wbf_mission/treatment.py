@@ -105,6 +105,7 @@ def treatment_of_log(
         block_m,
         " and ".join(one.name for one in (log, observations) if one is not None),
         notes,
+        knows_only_seen=getattr(estimator, "knows_only_seen", False),
     )
 
 
@@ -132,6 +133,7 @@ def treatment_of_result(
         costs_of(result.fields, costs or {}),
         block_m,
         source,
+        knows_only_seen=getattr(estimator, "knows_only_seen", False),
     )
 
 

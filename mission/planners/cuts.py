@@ -20,6 +20,7 @@ _CANDIDATES = 2
 # A cut is worth its turns if it saves so much of the width that rows have to cover.
 _WORTH = 0.97
 _SHORTEST_EDGE = 1e-3
+_MOST_OF_IT = 0.9
 
 
 def hull_angles(area: Area) -> list[float]:
@@ -33,12 +34,21 @@ def hull_angles(area: Area) -> list[float]:
     [1.571, 0.0]
     """
     hull = area.convex_hull
+    shortest_m = _SHORTEST_EDGE * math.sqrt(hull.area)
     points = shapely.get_coordinates(hull)
-    edges = np.diff(points, axis=0)
-    edges = edges[np.hypot(*edges.T) > _SHORTEST_EDGE * math.sqrt(hull.area)]
+    edges = _long_edges(points, shortest_m)
+    # Of an outline of very many vertices too little would be left.
+    if np.hypot(*edges.T).sum() < _MOST_OF_IT * hull.length:
+        edges = _long_edges(shapely.get_coordinates(shapely.simplify(hull, shortest_m)), shortest_m)
     angles = np.unique(np.round(np.arctan2(edges[:, 1], edges[:, 0]) % math.pi, 9) % round(math.pi, 9))
     widths = np.ptp(points @ np.stack((-np.sin(angles), np.cos(angles))), axis=0)
     return [float(one) for one in angles[np.argsort(np.round(widths, 9), kind="stable")]]
+
+
+def _long_edges(points: Points, shortest_m: float) -> Points:
+    edges = np.diff(points, axis=0)
+    kept: Points = edges[np.hypot(*edges.T) > shortest_m]
+    return kept
 
 
 def width(part: Polygon) -> float:

@@ -64,7 +64,7 @@ def _rows(
 ) -> PlannedPath:
     """Return as many rows over the land as the budget allows."""
     least, most = limits
-    terrain = Terrain(land, request.footprint_m, request.passable)
+    terrain = Terrain(land, request.footprint_m, request.passable, request.least_leg_m)
     sweep = Sweep(terrain.flyable, least, sweep_angle(terrain.flyable, direction), max_spacing_m=most)
 
     def build(rows: int) -> Points:
@@ -119,7 +119,7 @@ def adaptive_lawnmower(
     lands = [land for crop in (Crop.TOMATO, Crop.STRAWBERRY) if (land := _land(request, crop)) is not None]
     plan = _Plan(
         request,
-        Terrain(request.area, request.footprint_m, request.passable),
+        Terrain(request.area, request.footprint_m, request.passable, request.least_leg_m),
         [_sweep(land, request.footprint_m, least, direction) for land in lands or [request.area]],
     )
     if len(plan.sweeps) == 1:

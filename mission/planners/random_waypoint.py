@@ -71,7 +71,7 @@ class _Walk:
     """The endless walk, as far as it is known."""
 
     def __init__(self, request: PlanningRequest) -> None:
-        self._terrain = Terrain(request.area, request.footprint_m, request.passable)
+        self._terrain = Terrain(request.area, request.footprint_m, request.passable, request.least_leg_m)
         self._rng = np.random.default_rng(request.seed)
         self._drawn = np.empty((0, 2))
         start = Point(request.start_xy_m)

@@ -76,6 +76,8 @@ class PlanningRequest:
         None: a footprint.
     footprint_along_m : float, optional
         Length, in the direction of the flight, of what the camera sees at once. None: as its width.
+    least_leg_m : float
+        Several legs in a row that are shorter are not flown, but left out by the autopilot.
 
     Raises
     ------
@@ -93,6 +95,7 @@ class PlanningRequest:
     passable: Area | None = None
     row_spacing_m: float | None = None
     footprint_along_m: float | None = None
+    least_leg_m: float = 0.0
 
     def __post_init__(self) -> None:
         check_area(self.area, "area")

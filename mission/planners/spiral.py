@@ -67,7 +67,7 @@ def spiral(
 def _spiral(request: PlanningRequest, land: Area, limits: tuple[float, float]) -> PlannedPath:
     """Return rings over the land as near to each other as the budget allows."""
     least, most = limits
-    terrain = Terrain(land, request.footprint_m, request.passable)
+    terrain = Terrain(land, request.footprint_m, request.passable, request.least_leg_m)
     widest = max(_half_width(part) for part in parts_of(terrain.flyable))
     tightest = min(max(least, widest * _SMALLEST), widest)
     highest = _steps(widest / tightest)

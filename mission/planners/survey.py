@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 from shapely.geometry import Polygon
 
 from mission.errors import PlanningError
+from mission.planners.centreline import is_narrow, strip_lines
 from mission.planners.cuts import cut_parts, hull_angles
 from mission.planners.gaps import gaps_of, swept_lands, with_gaps
 from mission.planners.path import Area, PlannedPath, Points, drop_coincident, path_length
@@ -18,7 +21,7 @@ from mission.planners.request import PlanningRequest
 from mission.planners.search import cannot_be_flown, is_number, too_small
 from mission.planners.spiral import ring_from
 from mission.planners.strips import Swath, ring_strips, rows_that_see
-from mission.planners.terrain import Terrain, parts_of
+from mission.planners.terrain import Terrain, parts_of, smoothed
 from mission.planners.tour import fly_cells
 
 NAME = "survey"
@@ -32,9 +35,15 @@ _HULL_ANGLES = 6
 # Paths beyond this length are compared by their lengths and turns: to fly them all would take minutes.
 _PRICED_M = 400_000.0
 _TURN_M = 20.0
+# Rows that take more than this many times the fewest, with their turns, are not looked at.
+_LONGER = 2.5
+# A layout that sees so much less of the area than another is not chosen, whatever it costs.
+_AS_MUCH = 0.02
 # Half the width of a row itself.
 _ROW_M = 0.01
 _FINALISTS = 3
+# Of what an image shows: so much of borders of very many vertices may be smoothed away.
+_SMOOTHED = 0.125
 _MOST_TOGGLED = 6
 
 
@@ -88,6 +97,7 @@ def survey(
     """
     _check(angle, headland_passes, headland, border)
     swath = _swath(request, spacing_m, overshoot_m, border)
+    request = _smooth(request, swath)
     plans = _Plans(request, swath, headland_passes, last=headland == "last")
     layouts = _Search(plans).best() if angle == BEST else [plans.common(request.area, _radians(angle))]
     finals = [
@@ -120,6 +130,16 @@ def _swath(request: PlanningRequest, spacing_m: float | None, overshoot_m: float
     if border == OVERLAP:
         return Swath(min(request.footprint_m, spacing), 0.0, spacing, overshoot_m, _ROW_M)
     return Swath(request.footprint_m, along, spacing, overshoot_m)
+
+
+def _smooth(request: PlanningRequest, swath: Swath) -> PlanningRequest:
+    """Return a request over land whose borders have not more vertices than its rows can tell apart."""
+    most_m = _SMOOTHED * min(swath.across_m, swath.along_m or swath.across_m, swath.spacing_m)
+    area = smoothed(request.area, most_m, request.least_leg_m)
+    if request.passable is None:
+        return replace(request, area=area)
+    passable = with_gaps(smoothed(request.passable, most_m, request.least_leg_m), parts_of(area))
+    return replace(request, area=area, passable=passable)
 
 
 def _check(angle: str | float, headland_passes: int, headland: str, border: str) -> None:
@@ -155,23 +175,36 @@ class _Plans:
         self._passes, self._last = passes, last
         self._room = _room(request.room, swath.overshoot_m)
         self._terrain = Terrain(self._room, 0.0)
+        self._strips: dict[Polygon, list[Points] | None] = {}
         self._ring_lines = ring_strips(request.area, swath, passes)[0]
 
     def common(self, land: Area, angle_rad: float) -> Layout:
         """Return the layout of a land with rows in one direction."""
-        return tuple((part, angle_rad) for part in self.core(land))
+        return tuple((part, 0.0 if self.is_narrow(part) else angle_rad) for part in self.core(land))
 
     def core(self, land: Area) -> list[Polygon]:
         """Return the parts of a land that are left for rows."""
         return ring_strips(land, self.swath, self._passes)[1]
 
+    def is_narrow(self, part: Polygon) -> bool:
+        """Return whether a part is a strip, whose row has no direction to choose."""
+        return self._lines_of(part) is not None
+
+    def _lines_of(self, part: Polygon) -> list[Points] | None:
+        if part not in self._strips:
+            narrow = is_narrow(part, self.swath)
+            self._strips[part] = strip_lines(part, self._room, self.swath) if narrow else None
+        return self._strips[part]
+
+    def _rows(self, part: Polygon, angle: float) -> list[NDArray[np.float64]]:
+        lines = self._lines_of(part)
+        return rows_that_see(part, self._room, self.swath, angle) if lines is None else lines
+
     def path(self, layout: Layout, *, exact: bool = False, returns: bool = True) -> Points:
         """Return the path of a layout; ``exact`` and ``returns`` as of `fly_cells`."""
         start = np.asarray(self.request.start_xy_m)
         pieces = [] if self._last else self._rings(start)
-        cells = [
-            rows for part, angle in layout for rows in rows_that_see(part, self._room, self.swath, angle)
-        ]
+        cells = [rows for part, angle in layout for rows in self._rows(part, angle)]
         if cells:
             here = pieces[-1][-1] if pieces else start
             pieces += fly_cells(cells, self._terrain, here, home_m=start if returns else None, exact=exact)
@@ -181,6 +214,22 @@ class _Plans:
             msg = f"{NAME}: no row of the area lies where the path may lead"
             raise PlanningError(msg)
         return drop_coincident(self._terrain.join(pieces, start), 1e-6)
+
+    def rough_m(self, layout: Layout) -> float:
+        """Return about how long the rows of a layout are, with what their turns cost."""
+        length_m = 0.0
+        for part, angle in layout:
+            across = np.array([-math.sin(angle), math.cos(angle)])
+            rows = np.ptp(shapely.get_coordinates(part) @ across) / self.swath.spacing_m + 1.0
+            length_m += part.area / self.swath.spacing_m
+            length_m += 0.0 if self.is_narrow(part) else 2.0 * _TURN_M * float(rows)
+        return length_m
+
+    def seen_share(self, path: Points) -> float:
+        """Return which share of the area is seen from a path, images as wide as long."""
+        line = shapely.LineString(path) if len(path) > 1 else shapely.Point(path[0])
+        seen = shapely.buffer(line, 0.5 * self.swath.across_m, quad_segs=2)
+        return float(shapely.intersection(self.request.area, seen).area / self.request.area.area)
 
     def _rings(self, start_m: Points) -> list[Points]:
         """Return the rings of the headland as turns, the nearest first."""
@@ -208,27 +257,41 @@ class _Search:
     def __init__(self, plans: _Plans) -> None:
         self._plans, self._request = plans, plans.request
         self._known: dict[Layout, float] = {}
-        self._rough = False
+        self._seen: dict[Layout, float] = {}  # What share of the area each layout sees
+        self._rough, self._shortest_m = False, math.inf
 
     def best(self) -> list[Layout]:
         """Return the cheapest layouts, of which the best order of cells is still to be found."""
         lands = swept_lands(self._request)
         self._price([self._plans.common(lands[0], angle) for angle in self._angles(lands[0])])
         self._refine(lands[0])
-        angle = self._best()[0][1]
+        angle = self._angle(self._best())
         for land in lands[1:]:
             self._price([self._plans.common(land, one) for one in {angle, *hull_angles(land)[:1]}])
         if len(lands) > 1:
             self._toggle_gaps(lands[0], angle)
         self._turn_parts()
         self._cut()
-        return sorted(self._known, key=lambda one: self._known[one])[:_FINALISTS]
+        return self._ranked()[:_FINALISTS]
 
     def _best(self) -> Layout:
-        return min(self._known, key=lambda one: self._known[one])
+        return self._ranked()[0]
+
+    def _ranked(self) -> list[Layout]:
+        """Return the layouts that see about as much as any, the cheapest first, then the others."""
+        enough = max(self._seen.values(), default=0.0) - _AS_MUCH
+        return sorted(self._known, key=lambda one: (self._seen[one] < enough, self._known[one]))
+
+    def _angle(self, layout: Layout) -> float:
+        """Return the direction of the rows of a layout's first part that is no strip."""
+        return next((angle for part, angle in layout if not self._plans.is_narrow(part)), 0.0)
 
     def _price(self, layouts: Sequence[Layout]) -> None:
         new = [one for one in dict.fromkeys(layouts) if one and one not in self._known]
+        rough_m = [self._plans.rough_m(one) for one in new]
+        self._shortest_m = min([self._shortest_m, *rough_m])
+        # Very many short rows are never the cheapest, and to order them takes long.
+        new = [one for one, m in zip(new, rough_m, strict=True) if m <= _LONGER * self._shortest_m]
         paths = [self._plans.path(one) for one in new]
         if not self._known:
             self._rough = max(map(path_length, paths), default=0.0) > _PRICED_M
@@ -237,6 +300,7 @@ class _Search:
         else:
             costs = self._request.costs(paths)
         self._known.update(zip(new, costs, strict=True))
+        self._seen.update(zip(new, map(self._plans.seen_share, paths), strict=True))
         done = len(self._known)
         self._request.progress(done, done + len(new))
 
@@ -248,7 +312,7 @@ class _Search:
     def _refine(self, land: Area) -> None:
         """Look for a better direction near the best one."""
         for step in _FINER_DEG:
-            angle = self._best()[0][1]
+            angle = self._angle(self._best())
             beside = (angle - math.radians(step), angle + math.radians(step))
             self._price([self._plans.common(land, one % math.pi) for one in beside])
 
@@ -267,8 +331,7 @@ class _Search:
         """Give parts that do not hang together directions of their own."""
         for number in range(min(len(self._best()), _MOST_TOGGLED)):
             layout = self._best()
-            if number < len(layout) > 1:
-                part = layout[number][0]
+            if number < len(layout) > 1 and not self._plans.is_narrow(part := layout[number][0]):
                 self._price(
                     [
                         (*layout[:number], (part, angle), *layout[number + 1 :])
@@ -279,9 +342,11 @@ class _Search:
     def _cut(self) -> None:
         """Cut concave parts into parts with directions of their own."""
         layout = self._best()
-        angle = layout[0][1]
+        angle = self._angle(layout)
         found: list[Layout] = []
         for number, (part, _) in enumerate(layout[:_MOST_TOGGLED]):
+            if self._plans.is_narrow(part):
+                continue
             for parts in cut_parts(part, self._plans.swath.spacing_m):
                 own = tuple((piece, hull_angles(piece)[0]) for piece in parts)
                 mixed = tuple((piece, angle) for piece in parts)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Sequence
-from functools import cached_property
+from collections.abc import Callable, Sequence
+from functools import cached_property, partial
+from operator import is_
 
 import numpy as np
 import shapely
@@ -48,10 +49,11 @@ def is_rectangle(area: Area) -> bool:
     return bool(box - area.area <= 1e-9 * box)
 
 
-def inset(area: Area, distance_m: float) -> Area:
+def inset(area: Area, distance_m: float, least_leg_m: float = 0.0) -> Area:
     """Return the area less a margin along its border.
 
-    A border of more than 500 vertices is smoothed, inward, by no more than the distance.
+    A border of more than 500 vertices is smoothed, inward, by no more than the distance; one that has several
+    edges in a row shorter than the least leg by no more than half of that.
 
     A part that is too narrow for the margin gets half of it, and half again, until something is left; so
     every part can be visited. Convex corners stay sharp, reflex ones are bevelled inward, so the result
@@ -63,7 +65,7 @@ def inset(area: Area, distance_m: float) -> Area:
     (1.0, 1.0, 9.0, 3.0)
     """
     if distance_m <= 0:
-        return area
+        return smoothed(area, 0.0, least_leg_m)
     pieces: list[Polygon] = []
     for part in parts_of(area):
         margin = distance_m
@@ -71,23 +73,45 @@ def inset(area: Area, distance_m: float) -> Area:
         while not left and margin > distance_m * 2.0**-30:
             left = [piece for piece in parts_of(_shrunk(part, margin)) if piece.area > 0]
             margin /= 2
-        pieces += [smooth for piece in left or [part] for smooth in _smoothed(piece, distance_m)]
-    return area_of(pieces)
+        pieces += left or [part]
+    return smoothed(area_of(pieces), distance_m, least_leg_m)
 
 
-def _smoothed(part: Polygon, most_m: float) -> Sequence[Polygon]:
+def smoothed(area: Area, most_m: float, least_leg_m: float = 0.0) -> Area:
+    """Return an area within itself, smoothed as `inset` does; itself if there is nothing to smooth."""
+    parts = parts_of(area)
+    found = [piece for part in parts for piece in _smoothed(part, most_m, _has_many)]
+    if least_leg_m > 0.0:
+        rough = partial(_is_rough, least_leg_m=least_leg_m)
+        found = [piece for part in found for piece in _smoothed(part, 0.5 * least_leg_m, rough)]
+    return area if len(found) == len(parts) and all(map(is_, found, parts)) else area_of(found)
+
+
+def _has_many(parts: Sequence[Polygon]) -> bool:
+    return int(np.sum(shapely.get_num_coordinates(parts))) > MAX_VERTICES
+
+
+def _is_rough(parts: Sequence[Polygon], least_leg_m: float) -> bool:
+    """Return whether two edges in a row are shorter than a leg should be."""
+    for part in parts:
+        for ring in (part.exterior, *part.interiors):
+            short = np.hypot(*np.diff(shapely.get_coordinates(ring), axis=0).T) < least_leg_m
+            if (short & np.roll(short, 1)).any():
+                return True
+    return False
+
+
+def _smoothed(part: Polygon, most_m: float, needs: Callable[[Sequence[Polygon]], bool]) -> Sequence[Polygon]:
     """Return the part with fewer vertices, within itself: what is cut off is at most twice the limit wide."""
     tolerance = most_m / 64
     pieces: Sequence[Polygon] = [part]
-    while shapely.get_num_coordinates(part) > MAX_VERTICES and tolerance <= most_m:
+    while needs(pieces) and 0.0 < tolerance <= most_m:
         # What simplify moves by no more than the tolerance stays within what was shrunk by it.
         simple = shapely.simplify(shapely.buffer(part, -tolerance, quad_segs=2), tolerance)
         found = [piece for piece in parts_of(simple) if piece.area > 0]
         if not found:
             break
         pieces = found
-        if sum(shapely.get_num_coordinates(piece) for piece in pieces) <= MAX_VERTICES:
-            break
         tolerance *= 2
     return pieces
 
@@ -266,11 +290,15 @@ class Terrain:
     Ways between its pieces may lead over more land, if that is `passable`.
     """
 
-    def __init__(self, area: Area, footprint_m: float, passable: Area | None = None) -> None:
+    def __init__(
+        self, area: Area, footprint_m: float, passable: Area | None = None, least_leg_m: float = 0.0
+    ) -> None:
         self.area = area
-        self.flyable = inset(area, footprint_m / 2)
+        self.flyable = inset(area, footprint_m / 2, least_leg_m)
         self._room = area if passable is None else passable
-        self._inner = _Regions(self.flyable if passable is None else inset(passable, footprint_m / 2))
+        self._inner = _Regions(
+            self.flyable if passable is None else inset(passable, footprint_m / 2, least_leg_m)
+        )
 
     @cached_property
     def _outer(self) -> _Regions:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,8 +31,8 @@ def fly_cells(
 
     Parameters
     ----------
-    cells : sequence of float64[n, 2, 2]
-        The rows of each cell: row, end, (x, y).
+    cells : sequence of float64[n, 2, 2] or float64[n, 2]
+        The rows of each cell: row, end, (x, y); or the points of a line that is flown from either end.
     terrain : Terrain
         In which the ways between cells lead.
     start_m : float64[2]
@@ -44,24 +44,39 @@ def fly_cells(
 
     Returns
     -------
-    list of float64[2, 2]
-        The rows in the order and direction of the flight.
+    list of float64[n, 2]
+        The rows and lines in the order and direction of the flight.
     """
     home = start_m if home_m is None else home_m
-    corners = np.array([[cell[0, 0], cell[0, 1], cell[-1, 0], cell[-1, 1]] for cell in cells])
+    corners = np.array([_corners(cell) for cell in cells])
     places = np.vstack((corners.reshape(-1, 2), start_m, home))
     ways = terrain.lengths(places) if exact else straight_lengths(places)
-    tour = _Tour(ways, [_exits(len(cell)) for cell in cells], returns=home_m is not None)
+    tour = _Tour(
+        ways, [_exits(1 if _is_line(cell) else len(cell)) for cell in cells], returns=home_m is not None
+    )
     few = len(cells) <= (MOST_EXACT if exact else _ROUGHLY_EXACT)
     order = tour.best() if few else tour.good(_TRIALS if exact else _ROUGH_TRIALS)
     entries = tour.entries(order)
     return [
-        row
+        piece
         for index, entry in zip(order, entries, strict=True)
-        for row in boustrophedon(cells[index], from_last=entry >= 2, from_right=bool(entry % 2)).reshape(
-            -1, 2, 2
-        )
+        for piece in _flown(cells[index], from_last=entry >= 2, from_right=bool(entry % 2))
     ]
+
+
+def _is_line(cell: NDArray[np.float64]) -> bool:
+    return cell.ndim == 2
+
+
+def _corners(cell: NDArray[np.float64]) -> list[Points]:
+    ends = 2 * [cell] if _is_line(cell) else [cell[0], cell[-1]]
+    return [place for end in ends for place in (end[0], end[-1])]
+
+
+def _flown(cell: NDArray[np.float64], *, from_last: bool, from_right: bool) -> list[Points]:
+    if _is_line(cell):
+        return [cell[::-1] if from_right else cell]
+    return list(boustrophedon(cell, from_last=from_last, from_right=from_right).reshape(-1, 2, 2))
 
 
 def _exits(rows: int) -> list[int]:
@@ -154,16 +169,14 @@ class _Tour:
         return order
 
 
-def _neighbours(order: list[int]) -> list[list[int]]:
-    """Return the orders with one piece turned round, and those with one cell elsewhere."""
+def _neighbours(order: list[int]) -> Iterator[list[int]]:
+    """Yield the orders with one piece turned round, then those with one cell elsewhere."""
     count = len(order)
-    turned = [
-        order[:begin] + order[begin:end][::-1] + order[end:]
-        for begin in range(count - 1)
-        for end in range(begin + 2, count + 1)
-    ]
-    moved = []
+    for begin in range(count - 1):
+        for end in range(begin + 2, count + 1):
+            yield order[:begin] + order[begin:end][::-1] + order[end:]
     for one in range(count):
         rest = order[:one] + order[one + 1 :]
-        moved += [[*rest[:to], order[one], *rest[to:]] for to in range(count) if to not in (one - 1, one)]
-    return turned + moved
+        for to in range(count):
+            if to not in (one - 1, one):
+                yield [*rest[:to], order[one], *rest[to:]]

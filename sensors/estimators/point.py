@@ -36,6 +36,8 @@ class PointEstimator(BaseEstimator):
     Readings beyond 0..1, which noise makes, are taken as 0 and 1: no field has such values.
     """
 
+    knows_only_seen = True
+
     cells_: list[NDArray[np.intp]]
     values_: list[NDArray[np.float32]]
     days_: list[NDArray[np.int32]]

@@ -16,7 +16,13 @@ from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.execution.feasibility import mission_problems
 from sim_vehicle.execution.items import item_positions
-from sim_vehicle.execution.state import BatteryDepleted, CannotFly, CurrentChanged, MissionComplete
+from sim_vehicle.execution.state import (
+    BatteryDepleted,
+    CameraCommand,
+    CannotFly,
+    CurrentChanged,
+    MissionComplete,
+)
 from sim_vehicle.motion.model import MotionEvent
 
 if TYPE_CHECKING:
@@ -73,6 +79,8 @@ class Prediction:
     """What one flight takes at most, with `sim_vehicle.prediction.predict.BOUND_PROBABILITY`."""
     items: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
     """int64[n]: the item, from 0, that is flown at each position; empty where that is not known."""
+    camera_orders: tuple[tuple[float, int], ...] = ()
+    """When the camera is given an order, and by which item, from 0."""
 
     @property
     def ground_length_m(self) -> float:
@@ -171,6 +179,9 @@ class PredictedFlight:
             feasible=not reason,
             reason=reason,
             items=self._items(motion.track_points),
+            camera_orders=tuple(
+                (event.time_s, event.seq) for event in self.events if isinstance(event, CameraCommand)
+            ),
         )
 
     def _items(self, points: int) -> NDArray[np.int64]:

@@ -525,3 +525,26 @@ def test_mutated_files_load_or_are_refused_in_one_line(data: st.DataObject, tmp_
         load_farm(write(tmp_path, mutant))
     except FarmError as error:
         assert "\n" not in str(error)
+
+
+def test_a_field_that_is_split_at_the_date_line_is_one(tmp_path: Path) -> None:
+    """As RFC 7946, 3.1.9, asks for."""
+    south, north = -16.8, -16.797
+    halves = [
+        [[[west, south], [east, south], [east, north], [west, north], [west, south]]]
+        for west, east in ((179.998, 180.0), (-180.0, -179.998))
+    ]
+    path = tmp_path / "split.geojson"
+    features = [feature(halves, "MultiPolygon")]
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    farm = load_farm(path)
+    assert farm.owner_area.geom_type == "Polygon"
+    x, y = shapely.get_coordinates(farm.owner_area).T
+    latitude, longitude = farm.frame.to_wgs84(x, y)
+    assert np.abs(longitude).max() <= 180.0
+    assert all(
+        abs(farm.frame.to_wgs84(float(one), float(other))[1]) <= 180.0
+        for one, other in zip(x, y, strict=True)
+    )
+    assert np.unique(np.sign(longitude)).tolist() == [-1.0, 1.0]
+    assert latitude.min() == pytest.approx(south, abs=1e-6)

@@ -43,18 +43,21 @@ def flown(places_m, items, orders):
     track = np.array([(x, y, 10.0) for x, y in places_m])
     waypoint = MissionItem.waypoint(28.05, -82.15, 10.0)
     mission = Mission(tuple(orders.get(k, waypoint) for k in range(max(items) + 1)), GeoPoint(28.05, -82.15))
-    made = Prediction(0.0, 0.0, 1.0, 0.0, track, 1.0, feasible=True, reason="", items=np.array(items))
+    # An order is given where the last item before it ends.
+    given = tuple((float(max(sum(item < k for item in items), 1)), k) for k in sorted(orders))
+    made = Prediction(0.0, 0.0, 1.0, 0.0, track, 1.0, feasible=True, reason="", camera_orders=given)
     return mission, made
 
 
-def by_distance(metres):
-    return MissionItem(Command.DO_SET_CAM_TRIGG_DIST, param1=metres)
+def by_distance(metres, at_once=1.0):
+    return MissionItem(Command.DO_SET_CAM_TRIGG_DIST, param1=metres, param3=at_once)
 
 
 @pytest.mark.parametrize(
     ("order", "places"),
     [
         (by_distance(2.0), [0, 2, 4, 6]),
+        (by_distance(2.0, 0.0), [2, 4, 6]),
         (by_distance(0.0), []),
         (MissionItem(Command.DO_SET_CAM_TRIGG_INTERVAL, param1=500.0), [0, 1.5, 3, 4.5, 6]),
         (MissionItem(Command.IMAGE_START_CAPTURE, param2=2.0), [0, 6]),

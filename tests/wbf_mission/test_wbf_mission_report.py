@@ -14,7 +14,7 @@ from sensors.scoring.information import InformationModel
 from wbf_mission.maps import block_sums, blocks
 from wbf_mission.maps.blocks import MapGrid
 from wbf_mission.maps.field_maps import FieldMap, field_maps, true_map
-from wbf_mission.maps.report import farm_report, gamma_interval, report_of_maps
+from wbf_mission.maps.report import brief, farm_report, gamma_interval, report_of_maps
 from wbf_mission.pictures import plots
 
 FARM = get_farm("miniberry-30")
@@ -205,3 +205,17 @@ def test_cells_that_err_as_one_are_no_more_than_there_are():
     )
     # A block of 4 cells is sick or healthy as a whole; in one of 100 there are four that differ.
     np.testing.assert_allclose(one.deviation, [[0.5, 0.25]])
+
+
+def test_what_nobody_saw_is_no_part_of_a_report_of_what_was_seen():
+    """The point estimator has no opinion of other plants: none is healthy because nobody looked."""
+    cells = np.argwhere(FARM.grid().owned)[:4]
+    seen = look(cells, [[0.5, 0.5, 0.3]] * 4)
+    report = farm_report(FARM, model_of(healthy()), seen, only_seen=True)
+    assert report.fields
+    for field in report.fields:
+        assert 0 < field.cells == field.seen <= 4
+        assert "looked at" in report.rows()[field.title]
+        assert "of what was seen" in brief(field)
+    nothing = farm_report(FARM, model_of(healthy()), look([], []), only_seen=True)
+    assert not nothing.fields

@@ -55,6 +55,7 @@ _LATER_OPTIONS = {
     "estimate_errors": False,
     "margin_m": 2.0,
     "fence_m": None,
+    "max_altitude_m": 120.0,
     "height_above_ground_m": None,
     "terrain": (),
     "terrain_frame": False,

@@ -106,6 +106,7 @@ class Surroundings:
             chosen.weather,
             farm,
             chosen.mission.margin_m,
+            chosen.mission.max_altitude_m,
             MIN_INTERVAL_S if interval_s is None else interval_s,
             footprint=chosen.camera.footprint,
             imaging=imaging,

@@ -84,14 +84,17 @@ def field_maps(
     *,
     fields: FieldSet = PAPER_FIELDS,
     states_deviation: bool = True,
+    only_seen: bool = False,
     day: int | None = None,
     grid: MapGrid | None = None,
 ) -> tuple[FieldMap, ...]:
     """Sum an estimate, float32[n, W, H] in the order of `fields`, by pixels.
 
     One whose values are not means needs its class probabilities. `states_deviation` tells whether its
-    uncertainty is a standard deviation. The last reading of a cell on the day of the estimate counts; by
-    default that is the latest day that was observed. The pixels are those of `grid`, else of the pictures.
+    uncertainty is a standard deviation.
+    With `only_seen` the cells that were not observed are left out. The last reading of a cell on the day of
+    the estimate counts; by default that is the latest day that was observed. The pixels are those of `grid`,
+    else of the pictures.
     """
     grid, cells = grid or MapGrid.of(farm), farm.grid()
     if day is None:
@@ -104,6 +107,9 @@ def field_maps(
         outbreak = outbreak_of(field.epidemic, cells.shape, day) if field.kind == "disease" else None
         known = np.isfinite(readings[:, k]) & mask[x, y]
         seen_x, seen_y, seen = x[known], y[known], readings[known, k]
+        if only_seen:
+            mask = np.zeros_like(mask)
+            mask[seen_x, seen_y] = True
         may_be = None
         if field.name in probabilities:
             healthy = probabilities[field.name][0]

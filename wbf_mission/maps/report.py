@@ -53,7 +53,7 @@ class FieldReport:
     name: str
     title: str
     kind: str
-    cells: int  # The owner's cells with its crops
+    cells: int  # The owner's cells with its crops of which there is an estimate
     # How many were observed, and how many of those were sick (0 of a continuous field)
     seen: int
     seen_sick: int
@@ -65,6 +65,11 @@ class FieldReport:
     unit: str = ""  # Of the values of a continuous field that has a range of its own
     # Of a disease how many plants that nobody looked at may be sick: as few as hold 90 % of the sick ones
     may_be_sick: int | None = None
+
+    @property
+    def is_of_seen(self) -> bool:
+        """Whether all of it was looked at: its numbers are counts, and say nothing of other plants."""
+        return self.seen >= self.cells
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +102,7 @@ def farm_report(
     *,
     fields: FieldSet = PAPER_FIELDS,
     states_deviation: bool = True,
+    only_seen: bool = False,
 ) -> FarmReport:
     """Tell what an estimate says of the farm; parameters as of `field_maps`."""
     maps = field_maps(
@@ -105,6 +111,7 @@ def farm_report(
         observations,
         fields=fields,
         states_deviation=states_deviation,
+        only_seen=only_seen,
     )
     return report_of_maps(farm, maps)
 
@@ -197,6 +204,8 @@ def gamma_interval(mean: float, variance: float) -> tuple[float, float]:
 def brief(field: FieldReport) -> str:
     """Return how much of a field is sick, or its mean value, with the 90 % interval where it is known."""
     write = _percent if field.kind == "disease" else _value_of(field)
+    if field.is_of_seen:
+        return f"{write(field.expected)} of what was seen"
     if field.low is None or field.high is None:
         return write(field.expected)
     return f"{write(field.expected)} ({write(field.low)} to {write(field.high)})"
@@ -218,6 +227,11 @@ def _number(count: int) -> str:
 
 def _sentence(field: FieldReport) -> str:
     """Return a field's report as a farmer reads it."""
+    if field.kind == "disease" and field.is_of_seen:
+        text = f"{_number(field.seen_sick)} of the {_number(field.seen)} plants that were looked at are sick"
+        text += f" ({_percent(field.expected)}); of plants that nobody looked at nothing is known"
+        worst = [f"{_where(block)} {_percent(block.expected)}" for block in field.blocks]
+        return f"{text}; worst blocks {', '.join(worst)}" if worst else text
     if field.kind == "disease":
         plants = "plant" if field.seen_sick == 1 else "plants"
         text = f"{_percent(field.expected)} of {_number(field.cells)} plants expected sick"
@@ -230,7 +244,8 @@ def _sentence(field: FieldReport) -> str:
         worst = [f"{_where(block)} {_percent(block.expected)}" for block in field.blocks]
         return f"{text}; worst blocks {', '.join(worst)}" if worst else text
     write = _value_of(field)
-    text = f"{write(field.expected)} on average"
+    where = f" in the {_number(field.seen)} cells that were looked at" if field.is_of_seen else ""
+    text = f"{write(field.expected)} on average{where}"
     if field.low is not None and field.high is not None:
         text += f" (90 %: {write(field.low)} to {write(field.high)})"
     lowest = [f"{_where(block)} {write(block.expected)}" for block in field.blocks]

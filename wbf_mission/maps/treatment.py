@@ -56,6 +56,7 @@ class TreatmentMap:
     block_m: float | None = None
     source: str = ""
     notes: tuple[str, ...] = ()
+    knows_only_seen: bool = False  # Whether the estimate is of the cells that were observed alone
 
     @cached_property
     def report(self) -> FarmReport:
@@ -86,6 +87,7 @@ class TreatmentMap:
             self.observations,
             fields=self.fields,
             states_deviation=self.states_deviation,
+            only_seen=self.knows_only_seen,
             day=self.day,
             **how,
         )

@@ -89,6 +89,7 @@ class VehicleAssignment:
             }
         request = PlanningRequest(
             **camera,
+            least_leg_m=builder.cornering.radius_m,
             crop_areas=tuple(
                 CropArea(crop, land) for crop in farm.grown if not (land := farm.crop_area(crop)).is_empty
             ),

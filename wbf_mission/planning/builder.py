@@ -43,7 +43,13 @@ from wbf_mission.planning.conditions import (
 )
 from wbf_mission.planning.coverage import image_places, predicted_coverage
 from wbf_mission.planning.fence import border_fence, rally_items
-from wbf_mission.planning.imaging import imaging_of, imaging_summary, level_of, require_height
+from wbf_mission.planning.imaging import (
+    check_extent,
+    imaging_of,
+    imaging_summary,
+    level_of,
+    require_height,
+)
 from wbf_mission.planning.keep_out import KeepOut, probe_path, stray_m
 from wbf_mission.planning.station_range import StationRange
 from wbf_mission.planning.terrain import FarmGround, above_terrain
@@ -244,6 +250,14 @@ class MissionBuilder:
         level = flight_level(mission, options)
         require_height(camera, mission)
         imaging = imaging_of(camera, mission, level)
+        if imaging is not None and vehicle.drives:
+            msg = (
+                f"camera {imaging.camera.name} takes images from the air, and vehicle {vehicle.name} drives:"
+                " give a vehicle that flies, or leave the camera out"
+            )
+            raise ScenarioError(msg)
+        if imaging is not None and mission.file is None and mission.planner.chosen == "survey":
+            check_extent(farm, imaging, level_of(imaging, level))
         home = farm.home_m if home_m is None else home_m
         leaf_spacing_m = camera.spacing_m or farm.cell_size_m * camera.footprint
         made = cls(

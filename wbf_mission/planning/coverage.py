@@ -13,13 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo import Farm
-from mission.ground.items import Shots, shots_ordered
+from mission.ground.items import shots_ordered
 from mission.model import Mission
 from mission.planners.path import Points
 from sensors.camera.leaf_camera import footprint_offsets
 from sensors.camera.optics import Imaging
 from sim_vehicle.prediction.flight import Prediction, home_frame
 from wbf_mission.planning.imaging import shown_share
+
+_REPORT_S = 0.1
+LEAST_OF_WHOLE = 0.95
+"""What of the land a survey shows at least, or it is said."""
 
 
 def seen_share(farm: Farm, x: NDArray[np.integer], y: NDArray[np.integer]) -> float:
@@ -56,33 +60,48 @@ def coverage_from(farm: Farm, places: Points, footprint: int, imaging: Imaging |
     return seen_share(farm, (x[:, None] + aside).ravel(), (y[:, None] + along).ravel())
 
 
+def too_little_seen(coverage: float, *, whole: bool) -> str:
+    """Return what is to be said of a coverage that is below what was asked for: nothing, or a line.
+
+    The `whole` land is asked for by a survey; of any other plan that something of it is seen.
+    """
+    if coverage <= 0.0:
+        return "no image shows the land that is to be seen"
+    if whole and coverage < LEAST_OF_WHOLE:
+        return f"the images show {coverage:.1%} of the land to be seen, and the whole was asked for"
+    return ""
+
+
 def image_places(farm: Farm, mission: Mission, prediction: Prediction) -> Points:
     """Return where the images of a predicted flight are taken, float64[n, 2], metres of the farm's frame."""
     about_home = home_frame(mission)
     track_m = np.column_stack(farm.frame.from_wgs84(*about_home.to_wgs84(*prediction.track_m[:, :2].T)))
-    orders = [Shots()]
-    for item in mission.items:
-        now = shots_ordered(item)
-        orders.append(orders[-1] if now is None else now)
-    # Of each position what holds while its item is flown, by where that was ordered.
-    begun = np.array([k if k and one is not orders[k - 1] else 0 for k, one in enumerate(orders)])
-    since = np.maximum.accumulate(begun)[np.minimum(prediction.items, len(mission.items))]
-    changes = np.flatnonzero(np.diff(since)) + 1
+    orders = [
+        (time_s, item, shots)
+        for time_s, seq in prediction.camera_orders
+        if (shots := shots_ordered(item := mission.items[seq])) is not None
+    ]
+    times_s = prediction.track_step_s * np.arange(1, len(track_m) + 1)
+    # The camera knows where it is from reports: orders begin and end at the last one before them.
+    begins_s = [math.floor(time_s / _REPORT_S + 1e-6) * _REPORT_S for time_s, *_ in orders]
+    ends_s = [*begins_s[1:], float(times_s[-1])]
     places = [np.empty((0, 2))]
-    for first, end in zip((0, *changes), (*changes, len(since)), strict=True):
-        if end == first or (shots := orders[since[first]]).is_off:
+    for (_, item, shots), begin_s, end_s in zip(orders, begins_s, ends_s[: len(orders)], strict=True):
+        if shots.is_off:
             continue
-        stretch = track_m[max(first - 1, 0) : end]
+        within = times_s[(times_s > begin_s) & (times_s < end_s)]
+        when_s = np.array((begin_s, *within, max(begin_s, end_s)))
+        stretch = np.column_stack([np.interp(when_s, times_s, along) for along in track_m.T])
         if shots.distance_m > 0.0:
-            steps = np.hypot(*np.diff(stretch, axis=0).T)
-            places.append(_every(np.concatenate(([0.0], np.cumsum(steps))), stretch, shots.distance_m))
+            reach = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(stretch, axis=0).T))))
+            first = 0.0 if item.param3 == 1.0 else shots.distance_m
+            places.append(_every(reach, stretch, first, shots.distance_m))
         else:
-            times_ms = 1000.0 * prediction.track_step_s * np.arange(len(stretch))
-            places.append(_every(times_ms, stretch, shots.interval_ms))
+            places.append(_every(1000.0 * (when_s - begin_s), stretch, 0.0, shots.interval_ms))
     return np.vstack(places)
 
 
-def _every(at: NDArray[np.floating[Any]], places: Points, step: float) -> Points:
-    """Return the places at 0, one step, two steps ... of a quantity that grows along them."""
-    wanted = np.arange(0.0, at[-1] + 1e-9, step) if math.isfinite(step) else np.zeros(1)
+def _every(at: NDArray[np.floating[Any]], places: Points, first: float, step: float) -> Points:
+    """Return the places at the first, one step more, two steps ... of a quantity that grows along them."""
+    wanted = np.arange(first, at[-1] + 1e-9, step) if math.isfinite(step) else np.array([first])
     return np.column_stack([np.interp(wanted, at, along) for along in places.T])

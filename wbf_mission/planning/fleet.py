@@ -36,7 +36,6 @@ from wbf_mission.scenario import (
 from wbf_mission.scenario.parts import VehicleParts
 from wbf_mission.scenario.values import DISTANCE, LAYERS
 
-HIGHEST_M = 120.0
 # Columns in which vehicles climb and land stand so much farther apart than the vehicles have to be.
 _ROW_FACTOR = 1.5
 
@@ -129,6 +128,12 @@ def single_vehicles(options: VehicleParts) -> tuple[SingleVehicle, ...]:
     ]
     missions = [mission] * len(vehicles)
     if separation.kind == LAYERS and len(vehicles) > 1:
+        if options.camera.gsd_cm is not None and sum(flies(get_vehicle(one.name)) for one in vehicles) > 1:
+            msg = (
+                f"gsd {options.camera.gsd_cm:g} cm: {len(vehicles)} vehicles keep apart by layers, and only"
+                " one height has that; give the altitude of the lowest layer, or keep them apart by distance"
+            )
+            raise ScenarioError(msg)
         below_m, below_error_m = -math.inf, 0.0
         for k, one in enumerate(vehicles):
             spec = get_vehicle(one.name)
@@ -137,10 +142,10 @@ def single_vehicles(options: VehicleParts) -> tuple[SingleVehicle, ...]:
             error_m = height_error_m(one, spec)
             lowest_m = below_m + separation.metres + separation_margin_m(below_error_m, error_m)
             height_m = max(mission.altitude_m or spec.takeoff_altitude_m, round(lowest_m, 2))
-            if height_m > HIGHEST_M:
+            if height_m > mission.max_altitude_m:
                 msg = (
                     f"separation layers: vehicle {k + 1} would fly at {height_m:g} m, above"
-                    f" {HIGHEST_M:g} m; give thinner layers or a lower altitude"
+                    f" {mission.max_altitude_m:g} m; give thinner layers or a lower altitude"
                 )
                 raise ScenarioError(msg)
             below_m, below_error_m = height_m, error_m

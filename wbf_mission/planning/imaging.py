@@ -13,10 +13,11 @@ from mission.planners.path import Points
 from sensors.camera.optics import Imaging, get_camera
 from wbf_mission.planning.conditions import FlightLevel
 from wbf_mission.scenario import CameraOptions, MissionOptions, ScenarioError
-from wbf_mission.scenario.option import options_of
 
 _SAME_HEIGHT = 0.01
+_LOWEST_M = 2.0  # Below it preflight warns
 _MOST_CELLS = 200_000
+_LONGEST_H = 24.0
 
 
 def require_height(camera: CameraOptions, mission: MissionOptions) -> None:
@@ -46,19 +47,18 @@ def imaging_of(camera: CameraOptions, mission: MissionOptions, level: FlightLeve
     asked = mission.height_above_ground_m or mission.altitude_m
     if camera.gsd_cm is not None:
         height = model.height_m(0.01 * camera.gsd_cm)
-        limits = options_of(MissionOptions)["altitude_m"]
         if asked is not None and abs(asked - height) > _SAME_HEIGHT * height:
             msg = (
                 f"gsd {camera.gsd_cm:g} cm: camera {model.name} has that at {height:.1f} m, not at the"
                 f" altitude of {asked:g} m ({100.0 * model.gsd_m(asked):.3g} cm); give one of them"
             )
             raise ScenarioError(msg)
-        assert limits.low is not None
-        assert limits.high is not None
-        if not limits.low <= height <= limits.high:
+        low, high = (100.0 * model.gsd_m(end) for end in (_LOWEST_M, mission.max_altitude_m))
+        if not _LOWEST_M <= height <= mission.max_altitude_m:
             msg = (
-                f"gsd {camera.gsd_cm:g} cm: camera {model.name} has that at {height:.1f} m, but flights are"
-                f" {limits.allowed} high; give another, or another camera"
+                f"gsd {camera.gsd_cm:g} cm: camera {model.name} has that at {height:.3g} m, but flights are"
+                f" {_LOWEST_M:g} to {mission.max_altitude_m:g} m high; give {low:.2g} to {high:.3g} cm, or"
+                " another camera"
             )
             raise ScenarioError(msg)
     made = Imaging(model, height, camera.front_overlap, camera.side_overlap, camera.orientation == "portrait")
@@ -78,6 +78,20 @@ def level_of(imaging: Imaging | None, level: FlightLevel) -> FlightLevel:
     if imaging is None:
         return level
     return FlightLevel(imaging.height_m, min(level.speed_m_s, imaging.top_speed_m_s))
+
+
+def check_extent(farm: Farm, imaging: Imaging, level: FlightLevel) -> None:
+    """Refuse a survey that would be in the air for days, before it is planned for minutes."""
+    rows_m = farm.scouted_area.area / imaging.row_spacing_m
+    hours = rows_m / level.speed_m_s / 3600.0
+    if hours > _LONGEST_H:
+        msg = (
+            f"camera {imaging.camera.name} at {imaging.height_m:.3g} m ({100.0 * imaging.gsd_m:.2g} cm a"
+            f" pixel): rows {imaging.row_spacing_m:.2g} m apart over farm {farm.name} are"
+            f" {rows_m / 1000.0:.0f} km long, {hours:.0f} hours in the air at {level.speed_m_s:.2g} m/s;"
+            " fly higher, or see less of the farm"
+        )
+        raise ScenarioError(msg)
 
 
 def shown_share(farm: Farm, places: Points, imaging: Imaging) -> float:

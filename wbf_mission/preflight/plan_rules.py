@@ -14,6 +14,7 @@ from mission.transfer.rendering import render
 from mission.transfer.wire import command_name
 from sim_vehicle.execution.items import DO_COMMANDS, NAV_COMMANDS, Settings, do_items
 from sim_vehicle.motion.legs import Position
+from wbf_mission.planning.coverage import LEAST_OF_WHOLE, too_little_seen
 from wbf_mission.preflight.finding import Concern, Finding, Hit, Severity, worst_of
 from wbf_mission.preflight.rules import first, found, worst
 from wbf_mission.preflight.subject import (
@@ -26,6 +27,7 @@ from wbf_mission.preflight.subject import (
     never_ends,
     reachable,
 )
+from wbf_mission.scenario.parts import MAX_ALTITUDE_M
 
 _FLOWN_TO = PLACED | {int(Command.NAV_LAND)}
 _PASSED = frozenset({int(Command.NAV_WAYPOINT), int(Command.NAV_SPLINE_WAYPOINT)})
@@ -318,13 +320,19 @@ def check_camera(subject: Subject) -> Iterator[Finding]:
         yield found(subject, "no-camera")
 
 
-_HIGHEST_M = 120.0
-"""Open category (EU 2019/947); 400 ft of 14 CFR 107.51 are 122 m."""
+def check_coverage(subject: Subject) -> Iterator[Finding]:
+    """Images that show less of the farm than was asked for: nothing, or with a mapping camera a part."""
+    coverage, whole = subject.coverage, subject.given.imaging is not None
+    if coverage is not None and too_little_seen(coverage, whole=whole):
+        least = 100.0 * LEAST_OF_WHOLE if whole else 0.0
+        yield found(subject, "unseen", measured=(100.0 * coverage, least))
+
+
 _LOWEST_M = 2.0
 
 
 def check_heights(subject: Subject) -> Iterator[Finding]:
-    """Positions above 120 m and below 2 m, and a path that gets higher than its positions."""
+    """Positions above the allowed height and below 2 m, and a path that gets higher than its positions."""
     if subject.vehicle.drives or subject.vehicle.is_ideal:
         return
     heights = [
@@ -337,9 +345,16 @@ def check_heights(subject: Subject) -> Iterator[Finding]:
         for track in subject.tracks
         for k in [int(track.points_m[:, 2].argmax())]
     ]
-    high = [hit for hit in heights if hit.value > _HIGHEST_M]
-    # A return may climb to a height of its own; half a metre above a waypoint is the controller's.
-    high = high or [hit for hit in flown if hit.value > _HIGHEST_M + 1.0]
-    yield from worst(subject, "too-high", high, _HIGHEST_M)
+
+    def above(height_m: float) -> list[Hit]:
+        # A return may climb to a height of its own; half a metre above a waypoint is the controller's.
+        high = [hit for hit in heights if hit.value > height_m]
+        return high or [hit for hit in flown if hit.value > height_m + 1.0]
+
+    allowed_m = subject.given.max_altitude_m
+    if high := above(allowed_m):
+        yield from worst(subject, "too-high", high, allowed_m)
+    elif allowed_m > MAX_ALTITUDE_M:
+        yield from worst(subject, "with-permission", above(MAX_ALTITUDE_M), MAX_ALTITUDE_M)
     low = [hit for hit in heights if 0.0 < hit.value < _LOWEST_M]
     yield from worst(subject, "too-low", low, _LOWEST_M)

@@ -123,10 +123,22 @@ RULES: Mapping[Concern, Mapping[str, Rule]] = {
             "fly round it",
             _least("distance from the obstacle", "m"),
         ),
+        "unseen": Rule(
+            _WARNING,
+            "the images show less of the farm's land than a survey of it would",
+            "is it a part of a survey, the right --farm and --camera? Otherwise plan it again",
+            _least("coverage", "%"),
+        ),
+        "with-permission": Rule(
+            _NOTE,
+            "higher above home than is allowed without a permission",
+            "carry the permission; mind where the ground falls",
+            _most("height above home", "m"),
+        ),
         "too-high": Rule(
             _WARNING,
-            "higher above home than most rules allow above the ground",
-            "fly lower, or with a permission; mind where the ground falls",
+            "higher above home than is allowed above the ground",
+            "fly lower, or with a permission give --max-altitude; mind where the ground falls",
             _most("height above home", "m"),
         ),
         "too-low": Rule(

@@ -40,6 +40,7 @@ PLAN_CHECKS: tuple[Callable[[Subject], Iterable[Finding]], ...] = (
     flight_rules.check_wind,
     flight_rules.check_battery,
     plan_rules.check_camera,
+    plan_rules.check_coverage,
 )
 """Each takes a plan and yields what it finds in it, by the table of `wbf_mission.preflight.rules`."""
 VEHICLE_CHECKS: tuple[Callable[[Subject, VehicleSnapshot], Iterable[Finding]], ...] = (

@@ -130,6 +130,7 @@ class Circumstances:
     farm: Farm | None = None  # Whose obstacles count
     # How far the flown path has to stay away from fence and obstacles
     margin_m: float = MissionOptions().margin_m
+    max_altitude_m: float = MissionOptions().max_altitude_m  # What is allowed, above home
     image_interval_s: float = MIN_INTERVAL_S  # The camera's shortest interval
     assumed: bool = False  # Nobody said what vehicle it is: what depends on that is no error
     snapshot: VehicleSnapshot | None = None  # What the vehicle told of itself
@@ -146,6 +147,7 @@ class Circumstances:
             one.weather,
             farm,
             one.mission.margin_m,
+            one.mission.max_altitude_m,
             snapshot=snapshot,
             footprint=one.camera.footprint,
         )

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 _NOTICEABLE = 0.05
 _NOTICEABLE_RADIUS_M = 0.5
 _NOTICEABLE_HEIGHT_M = 1.0
-_HIGHEST_M = 120.0
 _CEILING_BIT, _RADIUS_BIT = 1, 2  # FENCE_TYPE of ArduPilot
 _CONTINUES_BIT = 2  # FS_OPTIONS of ArduCopter: a mission goes on without a ground station
 
@@ -87,8 +86,9 @@ def check_return_height(subject: Subject, snapshot: VehicleSnapshot) -> Iterator
     told = snapshot.told(Meaning.RETURN_HEIGHT)
     if told is None or subject.vehicle.drives:
         return
-    if told[1] > _HIGHEST_M:
-        yield found(subject, "high-return", measured=(told[1], _HIGHEST_M), name=told[0])
+    highest_m = subject.given.max_altitude_m
+    if told[1] > highest_m:
+        yield found(subject, "high-return", measured=(told[1], highest_m), name=told[0])
     else:
         yield from _other(subject, snapshot, "other-return")
 

@@ -238,6 +238,7 @@ class Campaign:
                 self.evidence.observations(),
                 fields=self.run.fields,
                 states_deviation=getattr(estimate.estimator, "states_deviation", False),
+                only_seen=getattr(estimate.estimator, "knows_only_seen", False),
                 day=estimate.day,
             )
         report = report_of_maps(self.run.farm, self.maps) if model is not None else None

@@ -39,6 +39,9 @@ CAMERA_OF_PLANS = ("camera_model", "gsd_cm", "front_overlap", "side_overlap", "c
 """The options of a camera by sensor and lens, which only plans have: flights have the leaf camera."""
 LEVELS = ("light", "moderate", "severe", "wind")
 """The words for turbulence; wind: as strong as the mean wind makes it."""
+MAX_ALTITUDE_M = 120.0
+"""Open category (EU 2019/947); 400 ft of 14 CFR 107.51 are 122 m."""
+_CEILING_M = 3000.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,7 +176,7 @@ class MissionOptions(Part):
         "Flight height above home",
         VEHICLE,
         low=0.5,
-        high=120.0,
+        high=_CEILING_M,
         default="the vehicle's",
         not_with=("mission",),
     )
@@ -182,9 +185,16 @@ class MissionOptions(Part):
         "Flight height above the ground, which --terrain tells, or the autopilot knows (--terrain-frame)",
         VEHICLE,
         low=0.5,
-        high=120.0,
+        high=_CEILING_M,
         default="as --altitude above home",
         not_with=("mission", "altitude_m"),
+    )
+    max_altitude_m: float = option(
+        MAX_ALTITUDE_M,
+        "Greatest height of a flight that your permission allows; most rules allow 120 m without one",
+        VEHICLE,
+        low=1.0,
+        high=_CEILING_M,
     )
     terrain: tuple[str, ...] = option(
         (),
@@ -243,6 +253,15 @@ class MissionOptions(Part):
                 " ground's heights, or --terrain-frame for an autopilot that knows them"
             )
             raise ScenarioError(msg)
+        for name in ("altitude_m", "height_above_ground_m"):
+            height_m = getattr(self, name)
+            if height_m is not None and height_m > self.max_altitude_m:
+                what = name.removesuffix("_m").replace("_", " ")
+                msg = (
+                    f"{what} {height_m:g} m is above {self.max_altitude_m:g} m: fly lower, or with a"
+                    " permission give a greater max altitude"
+                )
+                raise ScenarioError(msg)
         endless = self.budget is not None and self.budget.strip().lower() == UNLIMITED
         if endless and (self.policy is not None or self.planner.chosen in _USE_UP):
             who = f"planner {self.planner}" if self.policy is None else f"policy {self.policy}"
@@ -633,6 +652,7 @@ class ScenarioKeywords(TypedDict, total=False):
     terrain_frame: bool
     cruise_speed_m_s: float | None
     acceptance_radius_m: float | None
+    max_altitude_m: float
     margin_m: float
     fence_m: float | None
     vehicle: str | VehicleOptions

@@ -189,7 +189,11 @@ def _about(report: FieldReport) -> str:
     sure = "how sure that is, the estimator does not tell"
     if report.low is not None and report.high is not None:
         sure = f"90 % sure: {write(report.low)} to {write(report.high)}"
-    main = f"{write(report.expected)} {'of the plants are expected sick' if disease else 'on average'}"
+    what = "of the plants are expected sick" if disease else "on average"
+    if report.is_of_seen:
+        what = "of the plants that were looked at are sick" if disease else "on average of what was looked at"
+        sure = "of what nobody looked at nothing is known"
+    main = f"{write(report.expected)} {what}"
     interval = [
         "" if one.low is None or one.high is None else f"{write(one.low)} to {write(one.high)}"
         for one in report.blocks

@@ -9,18 +9,19 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from shapely import affinity
 from shapely.geometry import MultiPolygon, Polygon
 from swath import seen_share
 
 from mission.errors import PlanningError
-from mission.planners import LengthBudget, PlanningRequest, check_planner
+from mission.planners import LengthBudget, PlanningRequest, check_planner, make_planner
 from mission.planners.cuts import cut_parts, hull_angles, width
 from mission.planners.path import Area, path_length
 from mission.planners.strips import Swath, ring_strips, rows_that_see
 from mission.planners.survey import survey
-from mission.planners.terrain import Terrain
+from mission.planners.terrain import Terrain, inset
 from mission.planners.tour import fly_cells
 
 L = Polygon([(0, 0), (200, 0), (200, 50), (50, 50), (50, 200), (0, 200)])
@@ -243,3 +244,112 @@ def test_hull_angles_begin_with_the_narrowest() -> None:
 
 def test_survey_conforms() -> None:
     check_planner(survey, spacing_m=8.0, angle=20.0)
+
+
+def ask_high(area: Area) -> PlanningRequest:
+    """Ask for a survey by a mapping camera at 50 m."""
+    more: dict[str, Any] = {"footprint_m": 51.3, "row_spacing_m": 15.4, "footprint_along_m": 17.1}
+    return PlanningRequest(area, HOME, LengthBudget(1e7), **more)
+
+
+def turned(area: Area, degrees: float) -> Area:
+    return affinity.rotate(area, degrees, origin=(0.0, 0.0))
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.floats(60.0, 900.0), st.floats(0.5, 50.0), st.floats(0.0, 180.0))
+@example(854.0, 3.0, 17.5)
+@example(854.0, 10.0, 57.0)
+def test_a_strip_is_one_row_in_any_direction(length_m: float, width_m: float, degrees: float) -> None:
+    strip = turned(shapely.box(0.0, 0.0, length_m, width_m), degrees)
+    path = survey(ask_high(strip))
+    longer_m = max(length_m, width_m)
+    assert len(path.points_m) == 2
+    assert path.length_m == pytest.approx(longer_m - 17.1, abs=0.1)
+    assert seen_share(path, strip, 51.3) > 0.99 and inside(path.points_m, strip)
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.floats(2.0, 30.0), st.floats(80.0, 500.0), st.floats(80.0, 500.0), st.floats(0.0, 180.0))
+def test_a_bent_strip_is_flown_along_its_middle(
+    width_m: float, one_m: float, other_m: float, degrees: float
+) -> None:
+    line = shapely.LineString([(0.0, 0.0), (one_m, 0.0), (one_m, other_m)])
+    strip = turned(line.buffer(0.5 * width_m, cap_style="flat", join_style="mitre"), degrees)
+    path = survey(ask_high(strip))
+    assert len(path.points_m) <= 5
+    assert seen_share(path, strip, 51.3) > 0.99 and inside(path.points_m, strip)
+    assert path.length_m < 1.1 * (one_m + other_m)
+
+
+@pytest.mark.parametrize(
+    ("line", "most"),
+    [
+        (shapely.LineString([(x, 60.0 * math.sin(x / 255.0)) for x in range(0, 801, 10)]), 10),
+        (shapely.LineString([(x, 100.0 * math.sin(x / 48.0)) for x in range(0, 601, 5)]), 24),
+        (shapely.MultiLineString([[(0, 0), (400, 0)], [(200, 0), (200, 200)]]), 6),
+        (shapely.MultiLineString([[(0, 0), (300, 0)], [(0, 90), (300, 120)]]), 4),
+        (shapely.box(0, 0, 300, 200).exterior, 9),
+    ],
+    ids=["curve", "waves", "branch", "parts", "ring"],
+)
+def test_strips_of_any_form(line: shapely.Geometry, most: int) -> None:
+    strip = line.buffer(3.0)
+    path = survey(ask_high(strip))
+    assert len(path.points_m) <= most
+    assert seen_share(path, strip, 51.3) > 0.99
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.floats(0.5, 17.0), st.floats(0.5, 17.0), st.floats(0.0, 180.0))
+def test_a_patch_smaller_than_an_image_has_one_point_above_it(
+    length_m: float, width_m: float, degrees: float
+) -> None:
+    patch = turned(shapely.box(0.0, 0.0, length_m, width_m), degrees)
+    (point,) = survey(ask_high(patch)).points_m
+    assert shapely.distance(patch.centroid, shapely.Point(point)) < 1e-3
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.floats(60.0, 400.0), st.floats(60.0, 400.0), st.floats(0.0, 180.0))
+def test_a_turned_rectangle_is_seen_wholly(length_m: float, width_m: float, degrees: float) -> None:
+    field = turned(shapely.box(0.0, 0.0, length_m, width_m), degrees)
+    assert seen_share(survey(ask_high(field)), field, 51.3) > 0.98
+
+
+def test_a_layout_that_leaves_land_unseen_is_not_chosen() -> None:
+    """Rows across a land hardly wider than an image are cheaper here, and do not see its ends."""
+    for width_m in (52.0, 60.0, 70.0):
+        strip = turned(shapely.box(0.0, 0.0, 400.0, width_m), 21.0)
+        assert seen_share(survey(ask_high(strip)), strip, 51.3) > 0.98
+
+
+@pytest.mark.parametrize("count", [4000, 20000])
+@pytest.mark.parametrize("hole_m", [0.0, 50.0])
+@pytest.mark.parametrize(
+    "planner", ["survey", "spiral", "lawnmower", "adaptive-lawnmower", "random-waypoint"]
+)
+def test_every_planner_takes_rings_of_very_many_vertices(planner: str, count: int, hole_m: float) -> None:
+    angles = np.linspace(0.0, 2.0 * math.pi, count, endpoint=False)
+    circle = np.column_stack((np.cos(angles), np.sin(angles)))
+    area = Polygon(200.0 * circle, [hole_m * circle] if hole_m else [])
+    asked = ask_high(area) if planner == "survey" else PlanningRequest(area, HOME, LengthBudget(9000.0))
+    path = make_planner(planner)(asked)
+    assert inside(path.points_m, area)
+    assert planner != "survey" or seen_share(path, area, 51.3) > 0.98
+
+
+def test_borders_rougher_than_the_autopilot_flies_are_smoothed() -> None:
+    """Several legs in a row below its acceptance radius count as flown at once."""
+    angles = np.linspace(0.0, 2.0 * math.pi, 400, endpoint=False)
+    radii = 40.0 + 3.0 * np.random.default_rng(1).random(400)
+    area = Polygon(np.column_stack((radii * np.cos(angles), radii * np.sin(angles))))
+
+    def left_out(land: Area) -> int:
+        short = np.hypot(*np.diff(shapely.get_coordinates(land), axis=0).T) < 2.0
+        return int(np.count_nonzero(short[1:] & short[:-1]))
+
+    land = inset(area, 0.15, 2.0)
+    assert left_out(inset(area, 0.15)) > 100 and left_out(land) < 5
+    assert shapely.covers(area, land) and land.area > 0.9 * area.area
+    assert len(shapely.get_coordinates(inset(area, 0.15))) > 300

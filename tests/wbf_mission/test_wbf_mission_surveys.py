@@ -1,0 +1,112 @@
+"""Surveys of odd fields, and what is said where a plan shows less than was asked."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import shapely
+
+from geo import Crop, Farm, LocalFrame, Patch, save_farm
+from mission.model import Command, MissionItem
+from wbf_mission.planning.coverage import image_places, too_little_seen
+from wbf_mission.planning.plan import plan, plan_fleet
+from wbf_mission.preflight.run import check_mission
+from wbf_mission.preflight.subject import Circumstances
+from wbf_mission.scenario import Scenario, ScenarioError, scenario_with
+
+SURVEY = {"planner": "survey", "camera_model": "dji-p1-35", "budget": "unlimited"}
+
+
+def farm_file(folder: Path, *lands: tuple[str, shapely.Polygon]) -> str:
+    bounds = shapely.total_bounds([land for _, land in lands])
+    patches = tuple(Patch(crop, crop, "me", land) for crop, land in lands)
+    size = (int(bounds[2] / 0.5) + 1, int(bounds[3] / 0.5) + 1)
+    save_farm(
+        Farm("odd", LocalFrame(28.03, -82.11), *size, patches, "me", (0.0, 0.0), 0.5), folder / "f.geojson"
+    )
+    return str(folder / "f.geojson")
+
+
+def asked(file: str, **options: object) -> Scenario:
+    return scenario_with(Scenario(), {"farm": file, **SURVEY, "altitude_m": 50.0, **options})
+
+
+def test_a_patch_smaller_than_an_image_has_an_image(tmp_path: Path) -> None:
+    made = plan(asked(farm_file(tmp_path, (Crop.TOMATO, shapely.box(0, 0, 10, 10)))))
+    assert made.camera is not None
+    assert (made.camera["images"], made.coverage) == (1, 1.0)
+
+
+def test_what_shows_less_than_was_asked_is_told(tmp_path: Path) -> None:
+    file = farm_file(tmp_path, (Crop.TOMATO, shapely.box(0, 0, 100, 80)))
+    made = plan(asked(file))
+    assert made.coverage > 0.99
+    blind = tuple(item for item in made.mission.items if item.command != Command.DO_SET_CAM_TRIGG_DIST)
+    half = list(made.mission.items)
+    half.insert(5, MissionItem(Command.DO_SET_CAM_TRIGG_DIST))
+
+    def codes(items: tuple[MissionItem, ...], *, mapping: bool = True) -> set[str]:
+        given = Circumstances(farm=made.farm, imaging=made.imaging if mapping else None)
+        found = check_mission(replace(made.mission, items=items), given).report.findings
+        return {one.code for one in found}
+
+    assert "unseen" not in codes(made.mission.items)
+    assert "unseen" in codes(blind) and "unseen" in codes(blind, mapping=False)
+    assert "unseen" in codes(tuple(half)) and "unseen" not in codes(tuple(half), mapping=False)
+
+
+def test_a_survey_asks_for_the_whole_and_other_plans_for_something() -> None:
+    assert too_little_seen(0.0, whole=False) and too_little_seen(0.9, whole=True)
+    assert not too_little_seen(0.01, whole=False) and not too_little_seen(0.96, whole=True)
+
+
+def test_images_of_a_plan_without_one_at_once(tmp_path: Path) -> None:
+    made = plan(asked(farm_file(tmp_path, (Crop.TOMATO, shapely.box(0, 0, 100, 80)))))
+    with_it = len(image_places(made.farm, made.mission, made.prediction))
+    items = [replace(item, param3=0.0) if item.command == 206 else item for item in made.mission.items]
+    without = image_places(made.farm, replace(made.mission, items=tuple(items)), made.prediction)
+    assert len(without) == with_it - 1
+
+
+def test_reasons_that_are_true(tmp_path: Path) -> None:
+    file = farm_file(tmp_path, (Crop.TOMATO, shapely.box(0, 0, 100, 80)))
+    none = {"altitude_m": None}
+    base = scenario_with(Scenario(), {"farm": file, **SURVEY})
+    for changes, reason in (
+        ({"gsd_cm": 1.0, "vehicles": 2}, "only one height has that"),
+        ({"altitude_m": 50.0, "vehicle": "rover"}, "takes images from the air"),
+        ({"gsd_cm": 0.01}, "give 0.025 to 1.51 cm"),
+    ):
+        with pytest.raises(ScenarioError, match=reason):
+            plan_fleet(scenario_with(base, {**none, **changes}))
+    apart = {"gsd_cm": 1.0, "vehicles": 2, "separation": "distance:5m"}
+    assert len(plan_fleet(scenario_with(base, apart))) == 2
+
+
+def test_a_survey_of_days_is_refused_at_once(tmp_path: Path) -> None:
+    file = farm_file(tmp_path, (Crop.TOMATO, shapely.box(0, 0, 800, 600)))
+    with pytest.raises(ScenarioError, match="hours in the air"):
+        plan(scenario_with(Scenario(), {"farm": file, **SURVEY, "gsd_cm": 0.05}))
+
+
+def test_higher_than_120_m_takes_a_permission(tmp_path: Path) -> None:
+    file = farm_file(tmp_path, (Crop.TOMATO, shapely.box(0, 0, 100, 80)))
+    with pytest.raises(ScenarioError, match="150 m is above 120 m"):
+        asked(file, altitude_m=150.0)
+    made = plan(asked(file, altitude_m=150.0, max_altitude_m=150.0))
+    assert max(item.z for item in made.mission.items) == 150.0
+    with pytest.raises(ScenarioError, match="160 m is above 150 m"):
+        asked(file, altitude_m=160.0, max_altitude_m=150.0)
+
+
+def test_a_crop_that_no_field_is_of_is_named(tmp_path: Path) -> None:
+    left, right = shapely.box(0, 0, 30, 30), shapely.box(30, 0, 60, 30)
+    file = farm_file(tmp_path, (Crop.TOMATO, left), ("wheat", right))
+    changes = {"farm": file, "planner": "lawnmower", "budget": "5min"}
+    notes = plan(scenario_with(Scenario(), changes)).farm.notes
+    assert [note for note in notes if note.startswith("wheat: not to be seen")]
+    (tmp_path / "one").mkdir()
+    alone = farm_file(tmp_path / "one", ("wheat", right))
+    assert not plan(scenario_with(Scenario(), {**changes, "farm": alone})).farm.notes

@@ -101,9 +101,9 @@ class Pilot(Controls):
         self.failsafe = Failsafe(self)
         self.mission = MissionStatus(self, self.failsafe)
         self.arming = ArmingChecks(self, self.failsafe)
-        self.setpoints = SetpointFollower(self, self.failsafe)
-        self.auto_yaw = AutoYaw(self)
         self.attitude = AttitudePilot(self)
+        self.setpoints = SetpointFollower(self, self.failsafe, self.attitude)
+        self.auto_yaw = AutoYaw(self)
         self._returns_s = math.inf
         self._sticks = flown = None if firmware.sticks is None else StickPilot(self, firmware.sticks)
         self.modes = ModeControl(self, self.mission, self.setpoints, self.attitude, flown)
@@ -424,7 +424,9 @@ class Pilot(Controls):
             self.setpoints.fly()
 
     def take_attitude(self, target: AttitudeTarget | None) -> None:
-        """Fly an attitude in the guided modes, None stops."""
+        """Fly an attitude in the guided modes, None stops; where a mode needs a stream, it is kept for it."""
+        if target is not None and self.rules.needs_stream:
+            self.setpoints.take(target)
         if self.mode not in (Mode.GUIDED, Mode.TAKEOFF, Mode.ATTITUDE) or not self.armed:
             return
         if self.mode is Mode.TAKEOFF:

@@ -103,7 +103,8 @@ COPTER_MAVLINK = MavlinkProfile(
     unsupported=_UNSUPPORTED | {int(m.MAV_CMD_DO_GO_AROUND)},
     int_only=frozenset({int(m.MAV_CMD_DO_REPOSITION)}),
     takeoff_needs_arming=True,
-    flies_attitudes=True,
+    hover_thrust=Setting("MOT_THST_HOVER", 0.39),
+    thrust_climbs=True,
     guided_items=True,
     packed_parameters=True,
     packed_plans=True,
@@ -135,7 +136,7 @@ _PLAIN_MAVLINK = replace(
         capabilities=_CAPABILITIES,
         banner="ArduRover V4.6.0",
     ),
-    flies_attitudes=False,
+    hover_thrust=None,
     # SITL gives copters a mount, planes and rovers none until it is set.
     gimbal=Setting("MNT1_TYPE", 0.0),
 )

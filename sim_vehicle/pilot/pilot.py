@@ -176,7 +176,7 @@ class Pilot(Controls):
             self.note(Severity.INFO, "Take-off items have no effect on a rover")
         if mission.problems:
             self._end(Outcome.MISSION_REJECTED, mission.problems[0])
-            self.note(Severity.CRITICAL, f"Mission rejected: {mission.problems[0]}")
+            self.note(Severity.CRITICAL, self.behaviour.rejected_text.format(mission.problems[0]))
         elif self.outcome in (Outcome.MISSION_REJECTED, Outcome.COMPLETED, Outcome.FLIGHT_ABORTED):
             self._end(Outcome.RUNNING, "")
 
@@ -222,7 +222,7 @@ class Pilot(Controls):
             return
         problem = self.mission.check_again()
         if problem is not None:
-            self.note(Severity.CRITICAL, f"Mission rejected: {problem}")
+            self.note(Severity.CRITICAL, self.behaviour.rejected_text.format(problem))
 
     # Orders.
 
@@ -256,6 +256,7 @@ class Pilot(Controls):
             self._sticks.forget()
         self._end(Outcome.RUNNING, "")
         self.note(Severity.INFO, told or self.rules.armed)
+        self.note(Severity.INFO, self.firmware.mavlink.modes.armed_texts.get(self.arming.custom_mode(), ""))
         if self.mode is Mode.MISSION and self.mission.why_not is not None:
             self.modes.override(Mode.HOLD)
         elif self.mode in (Mode.MISSION, Mode.TAKEOFF):
@@ -275,8 +276,9 @@ class Pilot(Controls):
     def set_mode(self, mode: Mode) -> None:
         """Change the mode; armed, the vehicle does it at once."""
         text = self.behaviour.empty_mission_text
-        if text and mode is Mode.MISSION and not self.mission.items and not self.armed:
-            self.note(Severity.CRITICAL, f"{self.rules.preflight}: {text}")
+        if text and mode is Mode.MISSION and not self.armed:
+            if not self.mission.items:
+                self.note(Severity.CRITICAL, f"{self.rules.preflight}: {text}")
         else:
             self.modes.check(mode)
         if self.behaviour.stays_after_last and mode is self.mode is Mode.MISSION and self.mission.waits:

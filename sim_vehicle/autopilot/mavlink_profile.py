@@ -131,6 +131,9 @@ class MavlinkProfile:
     home."""
     reposition_turns: bool = False
     """DO_REPOSITION's yaw is followed (PX4)."""
+    camera_by_default: bool = True
+    """The simulator gives it a camera component unasked. An ArduPilot gets none: DroneKit takes the camera's
+    heartbeat for the autopilot's."""
     hover_thrust: Setting | None = None
     """Thrust of SET_ATTITUDE_TARGET (0 to 1) that holds the height; None where attitudes are not flown."""
     thrust_climbs: bool = False

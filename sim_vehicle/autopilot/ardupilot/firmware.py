@@ -108,6 +108,7 @@ COPTER_MAVLINK = MavlinkProfile(
     unsupported=_UNSUPPORTED | {int(m.MAV_CMD_DO_GO_AROUND)},
     int_only=frozenset({int(m.MAV_CMD_DO_REPOSITION)}),
     takeoff_needs_arming=True,
+    camera_by_default=False,
     hover_thrust=Setting("MOT_THST_HOVER", 0.39),
     thrust_climbs=True,
     guided_items=True,

@@ -105,15 +105,15 @@ def make_components(
     homes: Sequence[tuple[GeoPoint, float]] = (),
     spacing_m: float = SPACING_M,
     first_system: int = 1,
-    with_camera: bool = True,
+    with_camera: bool | None = True,
     cold: bool = False,
     progress: Callable[[str, float, float], None] | None = None,
 ) -> Simulated:
     """Make vehicles, each with its camera, by a scenario's farm, vehicle, weather, seed, day and camera.
 
     `count` are as many as there are `homes` (places and headings), else one; without homes they stand around
-    the farm's, `spacing_m` apart where they share one. Without cameras no environment is generated. `cold`
-    autopilots boot when they are first spoken to; otherwise they are up.
+    the farm's, `spacing_m` apart where they share one. Without cameras no environment is generated; None is
+    as their autopilot has it. `cold` autopilots boot when they are first spoken to; otherwise they are up.
 
     WbfMissionError if a name is unknown or an option out of range.
     """
@@ -139,6 +139,8 @@ def make_components(
     warm_up(spec)
     cameras: list[LeafCameraComponent] = []
     environment = None
+    if with_camera is None:
+        with_camera = fleet.vehicles[0].firmware.mavlink.camera_by_default
     if with_camera:
         environment = make_environment(scenario, farm, progress)
         fields = load_field_set(scenario.farm.fields)

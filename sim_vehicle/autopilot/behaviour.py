@@ -200,6 +200,11 @@ class MissionBehaviour:
     empty_mission_text: str = ""
     """Why a vehicle whose mission mode was taken without a mission does not arm (ArduPilot); where it is
     empty, the mode is refused."""
+    rejected_text: str = "Mission rejected: {}"
+    """What is said of a mission that cannot be flown; empty where it is stored without a word, and its mode
+    is entered all the same (ArduPilot)."""
+    no_takeoff_text: str = ""
+    """What is said when a mission without a take-off item is to begin on the ground with the motors on."""
     refuses: MissionRule = no_rule
     """Why a mission that could be flown is refused when it comes (PX4)."""
     refuses_to_arm: MissionRule = no_rule

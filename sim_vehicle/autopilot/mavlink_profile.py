@@ -131,8 +131,13 @@ class MavlinkProfile:
     home."""
     reposition_turns: bool = False
     """DO_REPOSITION's yaw is followed (PX4)."""
-    flies_attitudes: bool = False
-    """SET_ATTITUDE_TARGET is flown (ArduCopter)."""
+    camera_by_default: bool = True
+    """The simulator gives it a camera component unasked. An ArduPilot gets none: DroneKit takes the camera's
+    heartbeat for the autopilot's."""
+    hover_thrust: Setting | None = None
+    """Thrust of SET_ATTITUDE_TARGET (0 to 1) that holds the height; None where attitudes are not flown."""
+    thrust_climbs: bool = False
+    """That thrust is a climb rate unless GUID_OPTIONS says otherwise (ArduCopter)."""
     guided_items: bool = False
     """A mission item with ``current`` 2 is flown to at once in the guided mode (ArduPilot)."""
     tells_remaining_time: bool = False

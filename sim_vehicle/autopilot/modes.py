@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import TYPE_CHECKING
 
 from mission.link.codec.dialect import mavlink as m
+
+if TYPE_CHECKING:
+    from sim_vehicle.autopilot.parameters import RuntimeParameters, Setting
 
 __all__ = ["BaseModes", "Mode", "ModeTable", "px4_custom_mode"]
 
@@ -80,6 +85,15 @@ class ModeTable:
     """What the base mode of the heartbeat says of them."""
     flips_from: frozenset[int] = frozenset()
     """The custom modes that FLIP is entered from."""
+    unready: Mapping[int, tuple[str, str]] = field(default_factory=dict)
+    """Custom modes whose init fails here: name, and what is said before it (empty for nothing)."""
+    not_armable: frozenset[int] = frozenset()
+    """Custom modes in which the vehicle does not arm."""
+    not_armable_text: str = "{name} mode not armable"
+    arms_in_mission: Setting | None = None
+    """The parameter whose lowest bit lets it arm in the mission mode all the same."""
+    armed_texts: Mapping[int, str] = field(default_factory=dict)
+    """What is said besides when it arms in a custom mode."""
     refused_text: str = "Mode {name} refused"
     """What is said of a mode that is not entered: ``{name}`` is its name, ``{reason}`` ArduCopter's
     reason."""
@@ -111,10 +125,24 @@ class ModeTable:
 
     def refusal(self, number: int, *, has_position: bool = True) -> str:
         """What is said when the custom mode with this number is not entered."""
-        names = (name or mode.value for known, mode, name in self.rows if known == number)
-        name = next(names, str(number))
         reason = "init failed" if has_position else "requires position"
-        return self.refused_text.format(name=name, reason=reason)
+        return self.refused_text.format(name=self.name_of(number), reason=reason)
+
+    def name_of(self, number: int) -> str:
+        """The firmware's name of a custom mode; the number of one that it does not have."""
+        if number in self.unready:
+            return self.unready[number][0]
+        return next((name or mode.value for known, mode, name in self.rows if known == number), str(number))
+
+    def why_not_arm(self, number: int, parameters: RuntimeParameters) -> str | None:
+        """Why the vehicle does not arm in a custom mode; None when the mode lets it."""
+        setting = self.arms_in_mission if number == self.numbers.get(Mode.MISSION) else None
+        if setting is not None and int(setting.of(parameters)) & 1:
+            return None
+        if number not in self.not_armable:
+            return None
+        # The real one writes it without the underscore ("SMARTRTL").
+        return self.not_armable_text.format(name=self.name_of(number).replace("_", ""))
 
     def ignores(self, number: int) -> bool:
         """Whether a mode that there is not is passed over without a refusal, as PX4 does with main modes."""

@@ -128,6 +128,10 @@ def set_custom_mode(vehicle: CommandedVehicle, number: int) -> None:
     if mode is Mode.FLIP and vehicle.state.custom_mode not in modes.flips_from:
         told = modes.refusal(number)
         raise RefusedError(told, told=told)
+    if number in modes.unready:
+        vehicle.pilot.warn(modes.unready[number][1])
+        told = modes.refusal(number)
+        raise RefusedError(told, told=told)
     if mode is None and modes.ignores(number):
         return
     if mode is None:

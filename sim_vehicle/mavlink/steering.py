@@ -15,9 +15,11 @@ from typing import TYPE_CHECKING, TypeAlias
 from geo.frame import angles_of
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import is_a
+from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.autopilot.parameters import Setting
 from sim_vehicle.autopilot.stick_rules import StickRules, Sticks
 from sim_vehicle.motion.legs import KEEP, Heading
+from sim_vehicle.motion.model import attitude_of
 from sim_vehicle.pilot.controls import RefusedError
 from sim_vehicle.pilot.guided import AttitudeTarget, Setpoint
 
@@ -42,6 +44,11 @@ _MIDDLE_US = 1500
 _RELEASED, _KEPT = 0, 65535
 _IGNORE_POSITION, _IGNORE_FORCE, _FORCE, _IGNORE_YAW, _IGNORE_TURN = 7, 448, 512, 1024, 2048
 _IGNORE_RATES, _IGNORE_THRUST, _IGNORE_ATTITUDE = 7, 64, 128
+_IGNORE_MOTION = 63
+# MPC_THR_HOVER and MOT_THST_HOVER begin at 0.1 and 0.125.
+_LEAST_HOVER = 0.1
+# A vehicle that accelerates downwards keeps some thrust (m/s^2), to be steered by; all it has is 2 hovers.
+_LEAST_LIFT, _MOST_THRUST = 1.0, 2.0
 # How far the length of a quaternion may be from 1.
 _UNIT = 2e-3
 _LOCAL, _LOCAL_OFFSET, _BODY, _BODY_OFFSET, _BODY_FRD = 1, 7, 8, 9, 12
@@ -81,15 +88,22 @@ class Steering:
         """Take SET_POSITION_TARGET_LOCAL_NED, SET_POSITION_TARGET_GLOBAL_INT or SET_ATTITUDE_TARGET."""
         pilot = self._pilot
         if is_a(message, m.MAVLink_set_attitude_target_message):
-            if not self._state.mavlink.flies_attitudes:
+            mavlink = self._state.mavlink
+            if mavlink.hover_thrust is None:
                 pilot.setpoints.complain("Setpoint refused: attitudes are not flown")
                 return
-            thrust = bool(int(_GUIDED_OPTIONS.of(pilot.parameters)) & _THRUST_AS_THRUST)
+            climbs = mavlink.thrust_climbs
+            climbs &= not int(_GUIDED_OPTIONS.of(pilot.parameters)) & _THRUST_AS_THRUST
+            hover = mavlink.hover_thrust.of(pilot.parameters)
             with suppress(RefusedError):
-                pilot.take_attitude(_attitude_of(message, pilot.spec, by_thrust=thrust))
+                pilot.take_attitude(_attitude_of(message, pilot.spec, hover, climbs=climbs))
         elif pilot.setpoints.listens_in(pilot.mode):
             try:
-                pilot.take_setpoint(self._setpoint_of(message))
+                setpoint = self._setpoint_of(message)
+                if isinstance(setpoint, AttitudeTarget):
+                    pilot.take_attitude(setpoint)
+                else:
+                    pilot.take_setpoint(setpoint)
             except RefusedError as refusal:
                 pilot.setpoints.complain(str(refusal))
 
@@ -123,12 +137,13 @@ class Steering:
         )
         return Sticks(-back, right, up, turn)
 
-    def _setpoint_of(self, message: PositionTarget) -> Setpoint:
+    def _setpoint_of(self, message: PositionTarget) -> Setpoint | AttitudeTarget:
         """Read a position target; RefusedError for a frame that is not flown, a force, or no numbers."""
         kind, mask = int(message.coordinate_frame), int(message.type_mask)
         if mask & _FORCE and mask & _IGNORE_FORCE != _IGNORE_FORCE:
             raise RefusedError("Setpoint refused: forces are not flown", denied=True)
-        numbers = [message.vx, message.vy, message.vz]
+        by_acceleration = mask & _IGNORE_MOTION == _IGNORE_MOTION and mask & _IGNORE_FORCE != _IGNORE_FORCE
+        numbers = [message.vx, message.vy, message.vz, message.afx, message.afy, message.afz]
         numbers += (
             [message.x, message.y, message.z]
             if is_a(message, m.MAVLink_set_position_target_local_ned_message)
@@ -159,6 +174,9 @@ class Steering:
         if mask & _IGNORE_YAW or not math.isfinite(heading):
             heading = math.nan
         turn = math.nan if mask & _IGNORE_TURN else float(message.yaw_rate)
+        if by_acceleration and self._state.mavlink.hover_thrust is not None:
+            east, north, up = _enu(message.afx, message.afy, message.afz, yaw if turned else 0.0)
+            return _leaning((east, north, up), heading, turn, yaw)
         setpoint = Setpoint(_masked(position, mask), _masked(velocity, mask >> 3), heading, turn)
         if all(map(math.isnan, (*setpoint.position_m, *setpoint.velocity_m_s, heading, turn))):
             raise RefusedError("Setpoint refused: neither position nor velocity", denied=True)
@@ -171,11 +189,12 @@ def _axis(value: int, middle: float = 0.0) -> float:
 
 
 def _attitude_of(
-    message: m.MAVLink_set_attitude_target_message, spec: VehicleSpec, *, by_thrust: bool
+    message: m.MAVLink_set_attitude_target_message, spec: VehicleSpec, hover: float, *, climbs: bool
 ) -> AttitudeTarget | None:
     """Read SET_ATTITUDE_TARGET as ArduCopter does; None is what makes it stop.
 
-    A thrust of 1 and 0 is the vehicle's climb and descent speed, unless it is a thrust (GUID_OPTIONS).
+    Where the thrust ``climbs``, 1 and 0 are the vehicle's climb and descent speed; otherwise ``hover`` is the
+    thrust of a hover.
     """
     mask = int(message.type_mask)
     rates = [message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate]
@@ -201,10 +220,22 @@ def _attitude_of(
         roll,
         pitch,
         heading,
-        math.nan if by_thrust else climb,
+        climb if climbs else math.nan,
         (rates[0], rates[1]),
-        thrust,
+        thrust / max(hover, _LEAST_HOVER),
     )
+
+
+def _leaning(acceleration: Position, heading: float, turn: float, yaw: float) -> AttitudeTarget:
+    """Attitude and thrust of an acceleration (east, north, up); a component that is no number is 0."""
+    east, north, up = (0.0 if math.isnan(part) else part for part in acceleration)
+    up = max(up, _LEAST_LIFT - GRAVITY_M_S2) + GRAVITY_M_S2
+    roll, pitch = attitude_of(east, north, up, yaw if math.isnan(heading) else heading)
+    nose = KEEP if math.isnan(heading) else Heading.fixed(heading)
+    if math.isfinite(turn):
+        nose = Heading.turning(turn)
+    thrust = min(math.hypot(east, north, up) / GRAVITY_M_S2, _MOST_THRUST)
+    return AttitudeTarget(roll, pitch, nose, math.nan, thrust=thrust)
 
 
 def _enu(north: float, east: float, down: float, yaw: float) -> Position:

@@ -85,6 +85,7 @@ class WireState:
         self._boot_us = 0
         self._unknown_until_us = 0
         self._asked: tuple[Mode, int] | None = None
+        pilot.arming.custom_mode = lambda: self.custom_mode
         self._attitude: Vector = (-math.inf, 0.0, 0.0)
         self._rates = (0.0, 0.0, 0.0)
 

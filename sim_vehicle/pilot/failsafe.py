@@ -301,11 +301,13 @@ class Failsafe:
 class ArmingChecks:
     """The checks before the motors may run.
 
-    `block` is a reason from outside not to arm, to be assigned.
+    `block` is a reason from outside not to arm, to be assigned; `custom_mode` the number of the flight mode
+    as peers know it, likewise.
     """
 
     def __init__(self, controls: Controls, failsafe: Failsafe) -> None:
         self.block: str | None = None
+        self.custom_mode: Callable[[], int] = lambda: controls.firmware.mavlink.modes[controls.mode]
         self._controls = controls
         self._failsafe = failsafe
 
@@ -329,7 +331,13 @@ class ArmingChecks:
         problem = self.health_problem()
         if problem is not None:
             return problem
-        if mode in (Mode.RTL, Mode.LAND, Mode.CIRCLE, Mode.FLIP):
+        controls = self._controls
+        if mode is Mode.MISSION and not controls.executor.mission.items:
+            return mission_problem
+        by_mode = controls.firmware.mavlink.modes.why_not_arm(self.custom_mode(), controls.parameters)
+        if by_mode is not None:
+            return by_mode
+        if mode in (Mode.RTL, Mode.LAND, Mode.FLIP):
             return f"mode {mode.value}: choose another first"
         return mission_problem if mode is Mode.MISSION else None
 

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 __all__ = ["AttitudePilot", "AttitudeTarget", "AutoYaw", "Setpoint", "SetpointFollower"]
 
 _SLOWEST_M_S = 0.05
+# A setpoint no higher above a vehicle on the ground leaves it there: its height is rounded on the wire.
+_STANDS_M = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,16 +57,21 @@ class Setpoint:
         """Whether no horizontal position is asked for, but a velocity."""
         return math.isnan(self.position_m[0]) and not all(math.isnan(v) for v in self.velocity_m_s)
 
+    def lifts_from(self, height_m: float) -> bool:
+        """Whether a multirotor that stands there takes off (PX4's ``MulticopterPositionControl::Run``)."""
+        return self.position_m[2] > height_m + _STANDS_M or self.velocity_m_s[2] > 0.0
+
 
 class SetpointFollower:
     """Flies the latest setpoint and tells when setpoints have stopped to flow."""
 
-    def __init__(self, controls: Controls, failsafe: Failsafe) -> None:
+    def __init__(self, controls: Controls, failsafe: Failsafe, attitude: AttitudePilot) -> None:
         self._controls = controls
         self._parameters = controls.parameters
         self._failsafe = failsafe
+        self._attitude = attitude
         self._rules = controls.rules
-        self._latest: Setpoint | None = None
+        self._latest: Setpoint | AttitudeTarget | None = None
         self._taken_s = -math.inf
         self._flown: Setpoint | None = None
         self._complaint = ""
@@ -83,7 +90,7 @@ class SetpointFollower:
         """Whether setpoints are taken in a mode, be it only to be flown later."""
         return self._rules.needs_stream or mode in (Mode.GUIDED, Mode.TAKEOFF)
 
-    def take(self, setpoint: Setpoint) -> None:
+    def take(self, setpoint: Setpoint | AttitudeTarget) -> None:
         """Keep a setpoint to fly it."""
         self._latest = setpoint
         self._taken_s = self._controls.now_s
@@ -117,12 +124,24 @@ class SetpointFollower:
         setpoint = self._latest
         if setpoint is None or setpoint == self._flown:
             return
+        if isinstance(setpoint, AttitudeTarget):
+            self._attitude.take(setpoint)
+            return
+        if self._stands and not setpoint.lifts_from(self._controls.state.position_m[2]):
+            return
         try:
             self._fly(setpoint)
         except VehicleError as error:
             raise RefusedError(f"Setpoint refused: {error}") from None
         self._flown = setpoint
         self._complaint = ""
+
+    @property
+    def _stands(self) -> bool:
+        """Whether the vehicle waits on the ground for a setpoint that lifts it (PX4)."""
+        controls = self._controls
+        on_ground = controls.landed is LandedState.ON_GROUND and not controls.spec.drives
+        return on_ground and self._rules.needs_stream
 
     def complain(self, text: str) -> None:
         """Tell the operator why a setpoint is not flown, but the same thing only once in a row."""
@@ -161,7 +180,7 @@ _STEP_S = 0.02
 _MOST_LEAN = Setting("ANGLE_MAX", 3000.0, math.radians(0.01))
 _LAG = Setting("ATC_INPUT_TC", 0.15)
 _ROLL_ACCELERATION = Setting("ATC_ACCEL_R_MAX", 110_000.0, math.radians(0.01))
-# MOT_THST_HOVER of ArduPilot's simulator.
+# MOT_THST_HOVER of ArduPilot's simulator, of whose throttle FLIP takes its shares.
 _HOVER = 0.39
 # FLIP_ROTATION_RATE, FLIP_THR_INC, FLIP_THR_DEC, FLIP_RECOVERY_ANGLE, FLIP_TIMEOUT_MS; ATC_ANG_RLL_P.
 _FLIP_RAD_S, _FLIP_MORE, _FLIP_LESS, _FLIP_DONE_RAD, _FLIP_LONGEST_S = (
@@ -186,8 +205,8 @@ class AttitudeTarget:
     """NaN where a thrust is asked for."""
     rates_rad_s: tuple[float, float] = (0.0, 0.0)
     """Of roll and pitch, without angles."""
-    thrust: float = _HOVER
-    """0 to 1."""
+    thrust: float = 1.0
+    """In parts of that of a hover."""
 
 
 _LEVEL = AttitudeTarget(0.0, 0.0, KEEP, 0.0)
@@ -239,8 +258,9 @@ class AttitudePilot:
             # GUID_TIMEOUT: level, at this height.
             target = _LEVEL
         if controls.landed is LandedState.ON_GROUND:
-            lifts = target.climb_m_s > 0.0 or (math.isnan(target.climb_m_s) and target.thrust > _HOVER)
-            self._flown_s = controls.now_s
+            lifts = target.climb_m_s > 0.0 or (math.isnan(target.climb_m_s) and target.thrust > 1.0)
+            # The ground holds it until now; the first step lifts it.
+            self._flown_s, self._velocity_m_s = controls.now_s - _STEP_S, (0.0, 0.0, 0.0)
             if not lifts:
                 controls.flown_attitude = None
                 return False
@@ -276,7 +296,7 @@ class AttitudePilot:
         self._pitch += share * (pitch - self._pitch)
         upright = math.cos(self._roll) * math.cos(self._pitch)
         if math.isnan(target.climb_m_s):
-            self._move(target.thrust / _HOVER, step_s)
+            self._move(target.thrust, step_s)
         else:
             self._move(1.0 / upright, step_s)
             self._velocity_m_s = (*self._velocity_m_s[:2], target.climb_m_s)

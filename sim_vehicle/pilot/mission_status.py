@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from enum import Enum
 from typing import TYPE_CHECKING
 
+from mission.model import Command
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.execution.feasibility import check_mission
-from sim_vehicle.execution.state import FlightPhase
-from sim_vehicle.pilot.controls import MissionState
+from sim_vehicle.execution.state import FlightPhase, LandedState
+from sim_vehicle.pilot.controls import MissionState, Severity
 
 if TYPE_CHECKING:
     from mission.model import MissionItem
@@ -98,6 +99,17 @@ class MissionStatus:
             if refusal is not None:
                 self.problems += (refusal,)
 
+    def why_not_begin(self) -> str | None:
+        """Why the mission cannot be begun now; in the air it needs no take-off."""
+        controls = self._controls
+        in_air = controls.landed is not LandedState.ON_GROUND
+        if self.problems and in_air and not self._in_air:
+            self.check(self.items, in_air=True)
+        first = self.items[0].command if self.items else None
+        if self.why_not is not None and not in_air and first != Command.NAV_TAKEOFF:
+            controls.note(Severity.CRITICAL, controls.behaviour.no_takeoff_text)
+        return self.why_not
+
     def check_on_ground(self) -> None:
         """Check a mission that came in the air as one that begins on the ground."""
         if self._in_air:
@@ -115,7 +127,7 @@ class MissionStatus:
     def state(self) -> MissionState:
         """Progress of the mission."""
         controls = self._controls
-        if not self.items or self.problems:
+        if not self.items or (self.problems and controls.behaviour.rejected_text):
             return MissionState.NO_MISSION
         if self.complete or self.returns:
             return MissionState.COMPLETE

@@ -65,8 +65,8 @@ class ModeControl:
             raise RefusedError(f"Mode {mode.value} refused: {why}")
         if controls.rules.any_mode_disarmed and not controls.armed:
             return
-        if mode is Mode.MISSION and self._mission.why_not is not None:
-            raise RefusedError(f"Mission mode refused: {self._mission.why_not}")
+        if mode is Mode.MISSION and (problem := self._mission.why_not_begin()) is not None:
+            raise RefusedError(f"Mission mode refused: {problem}")
         if mode is Mode.FLIP and not self._may_flip:
             raise RefusedError("Mode flip refused: not flying by hand")
         if mode not in _WITHOUT_POSITION and not controls.position_ok:

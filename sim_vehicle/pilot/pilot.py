@@ -104,9 +104,9 @@ class Pilot(Controls):
         self.failsafe = Failsafe(self)
         self.mission = MissionStatus(self, self.failsafe)
         self.arming = ArmingChecks(self, self.failsafe)
-        self.setpoints = SetpointFollower(self, self.failsafe)
-        self.auto_yaw = AutoYaw(self)
         self.attitude = AttitudePilot(self)
+        self.setpoints = SetpointFollower(self, self.failsafe, self.attitude)
+        self.auto_yaw = AutoYaw(self)
         self._returns_s = math.inf
         self._sticks = flown = None if firmware.sticks is None else StickPilot(self, firmware.sticks)
         self.modes = ModeControl(self, self.mission, self.setpoints, self.attitude, flown)
@@ -231,7 +231,7 @@ class Pilot(Controls):
         outside = _OUTSIDE.match(problem)
         if outside is not None and self.behaviour.outside_text:
             self.note(Severity.CRITICAL, self.behaviour.outside_text.format(outside.group(1)))
-        self.note(Severity.CRITICAL, f"Mission rejected: {problem}")
+        self.note(Severity.CRITICAL, self.behaviour.rejected_text.format(problem))
 
     # Orders.
 
@@ -265,6 +265,7 @@ class Pilot(Controls):
             self._sticks.forget()
         self._end(Outcome.RUNNING, "")
         self.note(Severity.INFO, told or self.rules.armed)
+        self.note(Severity.INFO, self.firmware.mavlink.modes.armed_texts.get(self.arming.custom_mode(), ""))
         if self.mode is Mode.MISSION and self.mission.why_not is not None:
             self.modes.override(Mode.HOLD)
         elif self.mode in (Mode.MISSION, Mode.TAKEOFF):
@@ -284,8 +285,9 @@ class Pilot(Controls):
     def set_mode(self, mode: Mode) -> None:
         """Change the mode; armed, the vehicle does it at once."""
         text = self.behaviour.empty_mission_text
-        if text and mode is Mode.MISSION and not self.mission.items and not self.armed:
-            self.note(Severity.CRITICAL, f"{self.rules.preflight}: {text}")
+        if text and mode is Mode.MISSION and not self.armed:
+            if not self.mission.items:
+                self.note(Severity.CRITICAL, f"{self.rules.preflight}: {text}")
         else:
             self.modes.check(mode)
         if self.behaviour.stays_after_last and mode is self.mode is Mode.MISSION and self.mission.waits:
@@ -433,7 +435,9 @@ class Pilot(Controls):
             self.setpoints.fly()
 
     def take_attitude(self, target: AttitudeTarget | None) -> None:
-        """Fly an attitude in the guided modes, None stops."""
+        """Fly an attitude in the guided modes, None stops; where a mode needs a stream, it is kept for it."""
+        if target is not None and self.rules.needs_stream:
+            self.setpoints.take(target)
         if self.mode not in (Mode.GUIDED, Mode.TAKEOFF, Mode.ATTITUDE) or not self.armed:
             return
         if self.mode is Mode.TAKEOFF:

@@ -73,7 +73,7 @@ def simulator(cwd, *options, autopilot="px4", speed=5, listen=("tcpin:127.0.0.1:
         "sim", *FARM, "--autopilot", autopilot, "--speed", speed, "--ready-file", ready, *links, *options
     )
     with (cwd / "sim.err").open("w") as log:
-        extra = [] if camera else ["--no-camera"]
+        extra = ["--camera" if camera else "--no-camera"]
         with running([*words, *extra], cwd, stdout=subprocess.DEVNULL, stderr=log) as process:
             wait_until(lambda: ready.exists() or process.poll() is not None, "the simulator does not start")
             assert process.poll() is None, (cwd / "sim.err").read_text()

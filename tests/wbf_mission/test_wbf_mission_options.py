@@ -48,7 +48,7 @@ def test_help_shows_defaults_and_dependence(capsys: pytest.CaptureFixture[str], 
 def test_help_names_no_types_of_python(capsys: pytest.CaptureFixture[str]) -> None:
     text = helped(capsys, "sim")
     assert "--fault TEXT" in text
-    assert "[default: camera]" in text
+    assert "[default: camera; with ArduPilot no-camera" in text
     assert "True" not in text and "list[" not in text
 
 

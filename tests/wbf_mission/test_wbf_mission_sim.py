@@ -152,3 +152,31 @@ def test_bad_files(tmp_path, text, message):
 def test_speeds():
     assert parse_speed("0.1") == 0.1
     assert parse_speed("MAX") == float("inf")
+
+
+@pytest.mark.parametrize(
+    ("options", "carries"),
+    [
+        (["--autopilot", "ardupilot"], False),
+        (["--autopilot", "ardupilot", "--camera"], True),
+        (["--autopilot", "ardupilot", "--camera-footprint", "3"], True),
+        (["--autopilot", "px4"], True),
+        (["--autopilot", "px4", "--no-camera"], False),
+    ],
+)
+def test_an_arducopter_carries_a_camera_only_when_asked(options, carries, tmp_path, capsys):
+    log = tmp_path / "sim.tlog"
+    words = [
+        "sim",
+        "--farm",
+        "miniberry-10",
+        "--listen",
+        "udpin:127.0.0.1:0",
+        "--speed",
+        "max",
+        "--duration",
+        "3",
+    ]
+    assert main([*words, *options, "--tlog", str(log), "-q"]) == 0
+    heard = {message.get_srcComponent() for _, message in read_tlog(log) if message.get_type() == "HEARTBEAT"}
+    assert (100 in heard) is carries

@@ -116,7 +116,7 @@ def sim_command(
     base, in_file, planned = (Scenario(), SimOptions(), ()) if given.file is None else load_sim(given.file)
     faults = [*planned, *(parse_fault(text) for text in fault or ())]
     chosen = replace(in_file, **given.others)
-    _check_camera(given, camera=chosen.camera)
+    with_camera = _with_camera(given, chosen.camera)
     scenario = given.change(base)
     inputs = [given.file, scenario.farm.name, scenario.vehicle.name]
     refuse_overwrite(tlog, inputs, suffixes=(".tlog",), overwrite=overwrite)
@@ -130,7 +130,7 @@ def sim_command(
             homes=homes,
             spacing_m=chosen.spacing_m,
             first_system=chosen.system_id,
-            with_camera=chosen.camera,
+            with_camera=with_camera,
             cold=chosen.boot == "cold",
             progress=progress,
         )
@@ -223,14 +223,13 @@ class _Followed:
         return telemetry.look
 
 
-def _check_camera(given: options.Given, *, camera: bool) -> None:
-    """Refuse options of the camera where there is none."""
-    if camera:
-        return
-    for one in options_of(CameraOptions).values():
-        if one.key in given.changes:
-            msg = f"{one.flag} has no effect without the camera: leave it or --no-camera out"
-            raise ScenarioError(msg)
+def _with_camera(given: options.Given, chosen: bool | None) -> bool | None:
+    """Whether the vehicles carry a camera, None as their autopilot has it; its options ask for one."""
+    asked = next((one.flag for one in options_of(CameraOptions).values() if one.key in given.changes), None)
+    if chosen is False and asked is not None:
+        msg = f"{asked} has no effect without the camera: leave it or --no-camera out"
+        raise ScenarioError(msg)
+    return chosen if asked is None else True
 
 
 def _rows(simulated: Simulated, values: Mapping[str, Any]) -> dict[str, str]:

@@ -76,7 +76,12 @@ class SimOptions(Part):
         LINKS,
         default="until Ctrl-C",
     )
-    camera: bool = option(True, "Carry the leaf camera", CAMERA)
+    camera: bool | None = option(
+        None,
+        "Carry the leaf camera, a MAVLink component of its own",
+        CAMERA,
+        default="camera; with ArduPilot no-camera, unless an option of the camera is given",
+    )
 
     def check(self) -> None:
         """Refuse speeds, durations and kinds of boot that cannot be."""

@@ -62,7 +62,7 @@ ARDUPILOT = Autopilot(
             profile=_COPTER_PROFILE,
             parameter_table=copter_parameters,
             procedures=ARDUCOPTER,
-            behaviour=MISSION,
+            behaviour=replace(MISSION, rejected_text="", no_takeoff_text="Auto: Missing Takeoff Cmd"),
             cold_boot=COLD_BOOT,
             reference=partial(reference_parameters, "arducopter"),
             sticks=COPTER_STICKS,

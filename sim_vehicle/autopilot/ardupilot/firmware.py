@@ -76,8 +76,8 @@ COPTER_MAVLINK = MavlinkProfile(
             (20, Mode.ATTITUDE, "GUIDED_NOGPS"),
             (1, Mode.MANUAL, "ACRO"),
             (11, Mode.ALTITUDE, "DRIFT"),
-            (13, Mode.ALTITUDE, "SPORT"),
             (17, Mode.HOLD, "BRAKE"),
+            (18, Mode.MANUAL, "THROW"),
             (21, Mode.RTL, "SMART_RTL"),
             (24, Mode.POSITION, "ZIGZAG"),
             (27, Mode.RTL, "AUTO RTL"),
@@ -85,6 +85,11 @@ COPTER_MAVLINK = MavlinkProfile(
         own_hold=17,
         # STABILIZE, ACRO, ALT_HOLD.
         flips_from=frozenset({0, 1, 2}),
+        unready={15: ("AUTOTUNE", ""), 22: ("FLOWHOLD", ""), 23: ("FOLLOW", "Set FOLL_ENABLE = 1")},
+        # AUTO, RTL, CIRCLE, LAND, BRAKE, SMART_RTL, AUTO RTL (``Mode::allows_arming``, and as seen).
+        not_armable=frozenset({3, 6, 7, 9, 17, 21, 27}),
+        arms_in_mission=Setting("AUTO_OPTIONS", 0.0),
+        armed_texts={18: "waiting for throw"},
         refused_text="Mode change to {name} failed: {reason}",
         unknown_text="No such mode {}",
         boot=Mode.MANUAL,
@@ -103,7 +108,9 @@ COPTER_MAVLINK = MavlinkProfile(
     unsupported=_UNSUPPORTED | {int(m.MAV_CMD_DO_GO_AROUND)},
     int_only=frozenset({int(m.MAV_CMD_DO_REPOSITION)}),
     takeoff_needs_arming=True,
-    flies_attitudes=True,
+    camera_by_default=False,
+    hover_thrust=Setting("MOT_THST_HOVER", 0.39),
+    thrust_climbs=True,
     guided_items=True,
     packed_parameters=True,
     packed_plans=True,
@@ -124,6 +131,10 @@ _PLAIN_MODES = replace(
     COPTER_MAVLINK.modes,
     own_hold=None,
     flips_from=frozenset(),
+    unready={},
+    not_armable=frozenset(),
+    arms_in_mission=None,
+    armed_texts={},
     refused_text="Flight mode change failed",
     base=BaseModes(),
 )
@@ -135,7 +146,7 @@ _PLAIN_MAVLINK = replace(
         capabilities=_CAPABILITIES,
         banner="ArduRover V4.6.0",
     ),
-    flies_attitudes=False,
+    hover_thrust=None,
     # SITL gives copters a mount, planes and rovers none until it is set.
     gimbal=Setting("MNT1_TYPE", 0.0),
 )
@@ -403,7 +414,7 @@ ROVER_RULES = replace(
 )
 
 
-_BRAKE, _DRIFT = 17, 11
+_BRAKE, _DRIFT, _THROW = 17, 11, 18
 _RELEASE = Setting("RC_OVERRIDE_TIME", 3.0)
 # RCn_DZ: 30 of the 400 microseconds to either side.
 _DEADZONE = Axis(0.075)
@@ -422,7 +433,7 @@ COPTER_STICKS = StickRules(
     turn_rate=Setting("PILOT_Y_RATE", 202.5, math.radians(1.0)),
     climb=Setting("PILOT_SPEED_UP", 250.0, 0.01),
     descent=Setting("PILOT_SPEED_DN", 0.0, 0.01),
-    without=frozenset({_BRAKE}),
+    without=frozenset({_BRAKE, _THROW}),
     coordinated=frozenset({_DRIFT}),
     # SITL's receiver has its throttle at 1000 microseconds (AP_RCProtocol_UDP.cpp).
     receiver=Sticks(up=-1.0),

@@ -81,6 +81,7 @@ _MODES = ModeTable(
     unknown_text="Unsupported auto mode",
     main_and_sub=True,
 )
+_HOVER_THRUST = Setting("MPC_THR_HOVER", 0.6)
 
 
 def mavlink_profile(mav_type: int) -> MavlinkProfile:
@@ -117,6 +118,7 @@ def mavlink_profile(mav_type: int) -> MavlinkProfile:
         silent=frozenset({int(m.MAV_CMD_INJECT_FAILURE)}),
         takeoff_above_sea=True,
         reposition_turns=True,
+        hover_thrust=_HOVER_THRUST if mav_type == m.MAV_TYPE_QUADROTOR else None,
         tells_remaining_time=True,
         component_metadata=partial(parameter_details, "px4"),
         tells_calibration=True,
@@ -300,7 +302,7 @@ COPTER_STICKS = StickRules(
         roll_rate=Setting("MC_ACRO_R_MAX", 100.0, _DEGREE),
         pitch_rate=Setting("MC_ACRO_P_MAX", 100.0, _DEGREE),
         yaw_rate=Setting("MC_ACRO_Y_MAX", 100.0, _DEGREE),
-        hover_thrust=Setting("MPC_THR_HOVER", 0.6),
+        hover_thrust=_HOVER_THRUST,
         least_thrust=Setting("MPC_MANTHR_MIN", 0.08),
         most_thrust=Setting("MPC_THR_MAX", 1.0),
         hold_below=Setting("MPC_HOLD_MAX_Z", 0.6),

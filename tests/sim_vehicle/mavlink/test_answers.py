@@ -15,6 +15,7 @@ from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.mavlink.vehicle import SimVehicle
 from sim_vehicle.weather.wind import Wind
+from tests.support.mission_items import RTL, takeoff, wp
 from tests.support.peer import Peer as GroundPeer
 
 HOME = GeoPoint(28.05, -82.15, 10.0)
@@ -57,6 +58,65 @@ def test_ardupilot_takes_auto_without_a_mission_and_does_not_arm():
     assert "Mode requires mission" in peer.texts()[-1]
     assert not peer.vehicle.pilot.armed
     assert peer.result(300) == 4
+
+
+# A real ArduCopter 4.7 on the ground with a mission: answers to DO_SET_MODE and to arming, and the text.
+ARMS = {
+    **dict.fromkeys((0, 1, 2, 4, 5, 11, 16, 20, 24), (0, 0, "Arming motors")),
+    18: (0, 0, "waiting for throw"),
+    3: (0, 4, "Arm: AUTO mode not armable"),
+    6: (0, 4, "Arm: RTL mode not armable"),
+    7: (0, 4, "Arm: CIRCLE mode not armable"),
+    9: (0, 4, "Arm: LAND mode not armable"),
+    17: (0, 4, "Arm: BRAKE mode not armable"),
+    21: (0, 4, "Arm: SMARTRTL mode not armable"),
+    13: (4, None, "No such mode 13"),
+    14: (4, None, "Mode change to FLIP failed: init failed"),
+    15: (4, None, "Mode change to AUTOTUNE failed: init failed"),
+    22: (4, None, "Mode change to FLOWHOLD failed: init failed"),
+    23: (4, None, "Mode change to FOLLOW failed: init failed"),
+}
+
+
+@pytest.mark.parametrize(("number", "answers"), ARMS.items())
+def test_arducopter_arms_in_the_modes_of_the_real_one(number, answers):
+    peer = Peer("ardupilot")
+    entered, armed, text = answers
+    peer.vehicle.pilot.load((takeoff(), RTL))
+    assert peer.result(176, 1.0, float(number)) == entered
+    assert (peer.result(400, 1.0) if entered == 0 else None) == armed
+    peer.wait(0.1)
+    assert peer.texts()[-1] == text
+    assert peer.vehicle.pilot.armed is (armed == 0)
+
+
+def test_arducopter_arms_in_auto_where_auto_options_allow_it():
+    peer = Peer("ardupilot")
+    peer.vehicle.pilot.load((takeoff(), RTL))
+    peer.vehicle.pilot.parameters.stored.update(AUTO_OPTIONS=1.0)
+    assert peer.result(176, 1.0, 3.0) == 0
+    assert peer.result(400, 1.0) == 0
+    assert peer.vehicle.pilot.armed
+
+
+def test_arducopter_stores_a_mission_without_a_take_off_and_flies_it_in_the_air():
+    peer = Peer("ardupilot")
+    pilot = peer.vehicle.pilot
+    pilot.load((wp(30, 0), wp(30, 30)))
+    peer.wait(0.2)
+    assert not peer.texts()
+    assert peer.result(176, 1.0, 3.0) == 0
+    assert peer.result(400, 1.0) == 4
+    assert peer.result(176, 1.0, 4.0) == 0
+    assert peer.result(400, 1.0) == 0
+    assert peer.result(176, 1.0, 3.0) == 4
+    assert peer.texts()[-2:] == ["Auto: Missing Takeoff Cmd", "Mode change to AUTO failed: init failed"]
+    assert peer.result(22, 0, 0, 0, NAN, NAN, NAN, 10.0) == 0
+    peer.wait(10.0)
+    assert peer.result(176, 1.0, 3.0) == 0
+    peer.wait(30.0)
+    assert pilot.mission.complete
+    assert pilot.mode is Mode.MISSION
 
 
 def test_auto_without_a_mission_is_refused_in_flight():

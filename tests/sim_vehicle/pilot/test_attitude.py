@@ -11,7 +11,7 @@ from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.execution.state import FlightPhase
 from tests.sim_vehicle.pilot.test_setpoints import HERE, POSITION, Rig, local
 
-GUIDED_NOGPS, CIRCLE, FLIP, DRIFT, SPORT, ZIGZAG = 20, 7, 14, 11, 13, 24
+GUIDED_NOGPS, CIRCLE, FLIP, DRIFT, ZIGZAG = 20, 7, 14, 11, 24
 
 
 def attitude(roll_deg=0.0, pitch_deg=0.0, yaw_deg=0.0, thrust=0.5, mask=7, rates=(0.0, 0.0, 0.0), scale=1.0):
@@ -122,11 +122,42 @@ def test_guided_nogps_needs_no_position_and_takes_attitudes_only():
     assert ground.mode(GUIDED_NOGPS) == 0
 
 
-def test_px4_flies_no_attitudes():
-    rig = Copter(PX4).guided(HERE)
-    rig.tell(attitude(roll_deg=10.0))
-    rig.run(0.2)
-    assert "Setpoint refused: attitudes are not flown" in rig.texts
+def test_px4_flies_attitudes_by_thrust():
+    """MAVSDK's `offboard_attitude` begins on the ground; MPC_THR_HOVER of thrust holds the height."""
+    rig = Copter(PX4)
+    rig.pilot.arm()
+    rig.run(0.5, stream=attitude(thrust=0.0))
+    rig.pilot.set_mode(Mode.GUIDED)
+    rig.run(2.0, stream=attitude(thrust=0.0))
+    assert rig.place == (0.0, 0.0, 0.0)
+    rig.run(4.0, stream=attitude(thrust=0.7))
+    assert rig.place[2] > 2.0
+    rig.run(3.0, stream=attitude(thrust=0.6, roll_deg=20.0))
+    assert rig.roll == pytest.approx(20.0, abs=0.5)
+    assert rig.velocity[0] > 2.0, "to its right, the east"
+    rig.run(1.0, stream=attitude(thrust=0.6 / math.cos(math.radians(20.0)), roll_deg=20.0))
+    climb = rig.velocity[2]
+    rig.run(1.0, stream=attitude(thrust=0.6 / math.cos(math.radians(20.0)), roll_deg=20.0))
+    assert rig.velocity[2] == pytest.approx(climb, abs=0.05)
+    # Silence for COM_OF_LOSS_T: the way home.
+    rig.run(3.0)
+    assert rig.pilot.mode is Mode.RTL
+    assert not rig.pilot.attitude.active
+
+
+@pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
+def test_accelerations_lean(autopilot):
+    rig = Copter(autopilot).guided(HERE)
+    accelerate = m.MAVLink_set_position_target_local_ned_message(
+        0, 1, 1, 1, 0b110000111111, *[0.0] * 6, 0.0, 1.5, 0.0, 0.0, 0.0
+    )
+    rig.run(3.0, stream=accelerate)
+    assert 2.0 < rig.velocity[0] < 4.6
+    assert rig.velocity[1:] == pytest.approx((0.0, 0.0), abs=0.3)
+    accelerate.afy, accelerate.afz = 0.0, -1.0
+    before = rig.velocity[2]
+    rig.run(1.0, stream=accelerate)
+    assert rig.velocity[2] - before == pytest.approx(1.0, abs=0.3)
 
 
 def test_circle_flies_a_circle_ahead_with_the_nose_to_its_centre():
@@ -160,7 +191,7 @@ def test_circle_flies_a_circle_ahead_with_the_nose_to_its_centre():
 def test_flip_rolls_once_round_and_goes_back_to_its_mode():
     rig = Copter().guided(HERE)
     assert rig.mode(FLIP) == 4, "only from STABILIZE, ACRO and ALT_HOLD"
-    for mode in (SPORT, DRIFT):
+    for mode in (ZIGZAG, DRIFT):
         assert rig.mode(mode) == 0
         assert rig.mode(FLIP) == 4
     assert rig.mode(2) == 0
@@ -187,7 +218,7 @@ def test_flip_rolls_once_round_and_goes_back_to_its_mode():
     assert Copter().mode(FLIP) == 4
 
 
-def test_drift_turns_with_the_stick_to_the_right_and_sport_and_zigzag_fly_by_sticks():
+def test_drift_turns_with_the_stick_to_the_right_and_zigzag_flies_by_sticks():
     rig = Copter().guided(HERE)
     assert rig.mode(DRIFT) == 0
     rig.run(1.0, stream=rig.sticks())
@@ -195,13 +226,12 @@ def test_drift_turns_with_the_stick_to_the_right_and_sport_and_zigzag_fly_by_sti
     rig.run(1.0, stream=rig.sticks(right=400))
     assert 10.0 < (rig.yaw - start) % 360.0 < 180.0
     assert rig.number == DRIFT
-    for number in (SPORT, ZIGZAG):
-        assert rig.mode(number) == 0
-        start = rig.yaw
-        rig.run(3.0, stream=rig.sticks(forward=500))
-        assert math.hypot(*rig.velocity[:2]) > 1.0
-        assert rig.yaw == pytest.approx(start, abs=40.0)
-        assert rig.number == number
+    assert rig.mode(ZIGZAG) == 0
+    start = rig.yaw
+    rig.run(3.0, stream=rig.sticks(forward=500))
+    assert math.hypot(*rig.velocity[:2]) > 1.0
+    assert rig.yaw == pytest.approx(start, abs=40.0)
+    assert rig.number == ZIGZAG
 
 
 def test_a_radius_of_nothing_turns_on_the_spot():

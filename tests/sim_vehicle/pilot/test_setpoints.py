@@ -218,6 +218,35 @@ def test_ardupilot_listens_in_guided_only():
     assert rig.texts.count("Guided timeout: stopping") == 0
 
 
+STANDING = [
+    local(VELOCITY),
+    local(YAW & VELOCITY),
+    local(VELOCITY, vx=2.0),
+    local(VELOCITY, vz=1.0),
+    local(POSITION),
+    local(POSITION, 5.0, 5.0, 0.0),
+    local(POSITION, 0.0, 0.0, 3.0),
+]
+
+
+@pytest.mark.parametrize("standing", STANDING)
+def test_offboard_begins_on_the_ground_with_any_setpoint_and_lifts_with_one_that_climbs(standing):
+    """PX4 looks at the age of the setpoints only; MAVSDK's examples begin with one that stands."""
+    rig = Rig(PX4)
+    rig.pilot.arm()
+    rig.run(0.5, stream=standing)
+    rig.pilot.set_mode(Mode.GUIDED)
+    rig.run(2.0, stream=standing)
+    assert rig.place == (0.0, 0.0, 0.0)
+    assert rig.pilot.landed is LandedState.ON_GROUND
+    assert rig.pilot.armed
+    assert not [text for text in rig.texts if "refused" in text or "not available" in text]
+    rig.run(15.0, stream=local(POSITION, 0.0, 0.0, -5.0))
+    assert rig.place == pytest.approx((0.0, 0.0, 5.0), abs=0.1)
+    rig.run(3.0, stream=local(VELOCITY))
+    assert rig.place == pytest.approx((0.0, 0.0, 5.0), abs=0.3)
+
+
 REFUSED = [
     (local(POSITION, 1.0, 1.0, -5.0, frame=20), "frame 20"),
     (world(POSITION, 1, 1, 5.0, frame=11), "frame 11"),

@@ -157,7 +157,7 @@ def fly(
         environments = None if memory is None else memory.environments
         environment, cached = run.environment(progress, use_cache=use_cache, memory=environments)
         watch.lap("environment")
-        # One BLAS thread: sums do not depend on the number of cores then, and small matrices are faster.
+        # One BLAS thread: so sums of code of the user's own do not depend on the number of cores, either.
         with threadpool_limits(1, user_api="blas"):
             campaign.learn_from(environment, ready)
             if run.decider.steers:

@@ -181,7 +181,7 @@ def _estimate(
     estimator = estimator_of(scenario.estimate.estimator, scenario.seed, fields)
     require_run_memory(farm, estimator, len(seen))
     first = int(seen.day.min())
-    # As in a flight: sums do not depend on the number of cores then.
+    # As in a flight: sums of code of the user's own do not depend on the number of cores then.
     with threadpool_limits(1, user_api="blas"), attribute_errors_to(estimator):
         estimator.fit(farm.grid())
         prepare_days(estimator, first, int(seen.day.max()) - first + 1, progress)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.frame import LocalFrame
+from geo.linear_algebra import cos, sin
 from mission.errors import MissionFileError
 from mission.files.common import make_item
 from mission.model import Command, Frame, MissionItem
@@ -146,7 +147,7 @@ def fence_rings(items: Sequence[MissionItem], frame: LocalFrame) -> list[tuple[N
     around = np.linspace(0.0, 2.0 * np.pi, CIRCLE_CORNERS, endpoint=False)
     for circle in fence["circles"]:
         centre = np.array(frame.from_wgs84(*circle["circle"]["center"]))
-        corners = centre + circle["circle"]["radius"] * np.stack([np.cos(around), np.sin(around)], 1)
+        corners = centre + circle["circle"]["radius"] * np.stack([cos(around), sin(around)], 1)
         found.append((corners, circle["inclusion"]))
     return [(ring, inclusion) for ring, inclusion in found if np.isfinite(ring).all()]
 

@@ -9,6 +9,7 @@ import shapely
 from shapely.geometry import LineString, Polygon
 from shapely.ops import substring
 
+from geo.linear_algebra import product
 from mission.planners.cuts import hull_angles
 from mission.planners.path import Area, Points
 from mission.planners.strips import Swath
@@ -76,10 +77,10 @@ def _seen(line: LineString, swath: Swath) -> shapely.Geometry:
 def _straight(part: Polygon) -> LineString:
     """Return the line along the middle of the narrowest rectangle about a part."""
     turn = rotation(hull_angles(part)[0])
-    turned = shapely.get_coordinates(part) @ turn.T
+    turned = product(shapely.get_coordinates(part), turn.T)
     (left, low), (right, high) = turned.min(axis=0), turned.max(axis=0)
     middle = 0.5 * (low + high)
-    return LineString(np.array([(left, middle), (right, middle)]) @ turn)
+    return LineString(product(np.array([(left, middle), (right, middle)]), turn))
 
 
 def _middle(part: Polygon) -> LineString:

@@ -11,6 +11,7 @@ from shapely.geometry import Polygon
 from shapely.geometry.polygon import orient
 from shapely.ops import split
 
+from geo.linear_algebra import arctan2, cos, product, sin
 from mission.planners.path import Area, Points
 from mission.planners.terrain import parts_of, polygons_of
 
@@ -40,8 +41,8 @@ def hull_angles(area: Area) -> list[float]:
     # Of an outline of very many vertices too little would be left.
     if np.hypot(*edges.T).sum() < _MOST_OF_IT * hull.length:
         edges = _long_edges(shapely.get_coordinates(shapely.simplify(hull, shortest_m)), shortest_m)
-    angles = np.unique(np.round(np.arctan2(edges[:, 1], edges[:, 0]) % math.pi, 9) % round(math.pi, 9))
-    widths = np.ptp(points @ np.stack((-np.sin(angles), np.cos(angles))), axis=0)
+    angles = np.unique(np.round(arctan2(edges[:, 1], edges[:, 0]) % math.pi, 9) % round(math.pi, 9))
+    widths = np.ptp(product(points, np.stack((-sin(angles), cos(angles)))), axis=0)
     return [float(one) for one in angles[np.argsort(np.round(widths, 9), kind="stable")]]
 
 
@@ -54,7 +55,9 @@ def _long_edges(points: Points, shortest_m: float) -> Points:
 def width(part: Polygon) -> float:
     """Return how wide a part is where it is narrowest: rows along that direction are the fewest."""
     angle = hull_angles(part)[0]
-    return float(np.ptp(shapely.get_coordinates(part) @ np.array([-math.sin(angle), math.cos(angle)])))
+    return float(
+        np.ptp(product(shapely.get_coordinates(part), np.array([-math.sin(angle), math.cos(angle)])))
+    )
 
 
 def cut_parts(part: Polygon, spacing_m: float) -> list[list[Polygon]]:

@@ -11,6 +11,7 @@ import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
 
+from geo.linear_algebra import product
 from mission.errors import PlanningError
 from mission.planners.path import Area, Points
 from mission.planners.terrain import area_of, polygons_of
@@ -41,7 +42,7 @@ def strips(area: Area, shares: Sequence[float]) -> list[Area]:
     """
     shares = _checked(shares)
     across, along = _axes(area)
-    turned = shapely.transform(area, lambda points: points @ np.column_stack((along, across)))
+    turned = shapely.transform(area, lambda points: product(points, np.column_stack((along, across))))
     low, _, high, _ = turned.bounds
     cuts = [_cut(turned, low, high, share) for share in np.cumsum(shares)[:-1]]
     edges = [-math.inf, *cuts, math.inf]
@@ -169,7 +170,7 @@ def _slab(
     low, below, high, above = turned.bounds
     begin, end = max(begin, low - 1.0), min(end, high + 1.0)
     corners = np.array([[begin, below - 1.0], [end, below - 1.0], [end, above + 1.0], [begin, above + 1.0]])
-    return shapely.Polygon(corners @ np.vstack((along, across)))
+    return shapely.Polygon(product(corners, np.vstack((along, across))))
 
 
 def _samples(area: Area) -> Points:
@@ -253,7 +254,7 @@ def _power_cell(area: Area, sites: Points, weights: NDArray[np.float64], k: int)
             continue
         # Nearer to the site than to the other one: normal . x <= bound.
         normal = 2.0 * (sites[other] - sites[k])
-        bound = float(sites[other] @ sites[other] - sites[k] @ sites[k] - weights[other] + weights[k])
+        bound = float((sites[other] ** 2).sum() - (sites[k] ** 2).sum() - weights[other] + weights[k])
         ring = _clipped(ring, normal, bound)
     return shapely.Polygon(ring) if len(ring) > 2 else shapely.Polygon()
 
@@ -262,7 +263,7 @@ def _clipped(ring: list[NDArray[np.float64]], normal: NDArray[np.float64], bound
     """Return the convex ring on one side of a line (Sutherland and Hodgman 1974)."""
     kept: list[Points] = []
     for here, there in zip(ring, [*ring[1:], ring[0]], strict=True):
-        before, after = float(normal @ here) - bound, float(normal @ there) - bound
+        before, after = (float((normal * end).sum()) - bound for end in (here, there))
         if before <= 0.0:
             kept.append(here)
         if (before < 0.0 < after) or (after < 0.0 < before):

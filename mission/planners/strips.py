@@ -10,6 +10,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry import Polygon
 
+from geo.linear_algebra import product
 from mission.planners.path import Area
 from mission.planners.sweep import rotation, row_chains
 from mission.planners.terrain import parts_of, polygons_of
@@ -71,10 +72,10 @@ def rows_that_see(part: Polygon, room: Area, swath: Swath, angle_rad: float) -> 
         The rows of each cell: row, end, (x, y).
     """
     turn = rotation(angle_rad)
-    turned, turned_room = (shapely.transform(one, lambda xy: xy @ turn.T) for one in (part, room))
+    turned, turned_room = (shapely.transform(one, lambda xy: product(xy, turn.T)) for one in (part, room))
     heights, bounds = _heights(turned, swath)
     row, left, right, y = _intervals(turned, turned_room, swath, heights, bounds)
-    ends = np.stack((np.stack((left, y), axis=-1), np.stack((right, y), axis=-1)), axis=1) @ turn
+    ends = product(np.stack((np.stack((left, y), axis=-1), np.stack((right, y), axis=-1)), axis=1), turn)
     return [ends[chain] for chain in row_chains(row, left, right)]
 
 

@@ -12,6 +12,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry import Polygon
 
+from geo.linear_algebra import product
 from mission.errors import PlanningError
 from mission.planners.centreline import is_narrow, strip_lines
 from mission.planners.cuts import cut_parts, hull_angles
@@ -220,7 +221,7 @@ class _Plans:
         length_m = 0.0
         for part, angle in layout:
             across = np.array([-math.sin(angle), math.cos(angle)])
-            rows = np.ptp(shapely.get_coordinates(part) @ across) / self.swath.spacing_m + 1.0
+            rows = np.ptp(product(shapely.get_coordinates(part), across)) / self.swath.spacing_m + 1.0
             length_m += part.area / self.swath.spacing_m
             length_m += 0.0 if self.is_narrow(part) else 2.0 * _TURN_M * float(rows)
         return length_m

@@ -10,6 +10,7 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 from shapely.geometry import Polygon
 
+from geo.linear_algebra import arctan2, cos, product, sin
 from mission.errors import PlanningError
 from mission.planners.path import Area, Points
 from mission.planners.search import is_number
@@ -74,8 +75,8 @@ class Sweep:
             found = part.cells(min(count, self._most_rows(part.height_m)))
             cells += found
             owners += [number] * len(found)
-        start = np.asarray(start_m, dtype=np.float64) @ self._turn.T
-        ordered = np.vstack(order_cells(cells, owners, start)) @ self._turn
+        start = product(np.asarray(start_m, dtype=np.float64), self._turn.T)
+        ordered = product(np.vstack(order_cells(cells, owners, start)), self._turn)
         return list(ordered.reshape(-1, 2, 2))
 
 
@@ -84,7 +85,7 @@ class _Part:
 
     def __init__(self, polygon: Polygon, turn: NDArray[np.float64]) -> None:
         rings = (polygon.exterior, *polygon.interiors)
-        turned = [shapely.get_coordinates(ring) @ turn.T for ring in rings]
+        turned = [product(shapely.get_coordinates(ring), turn.T) for ring in rings]
         self._from = np.vstack([ring[:-1] for ring in turned])
         self._to = np.vstack([ring[1:] for ring in turned])
         self._low, self._high = self._from.min(axis=0), self._from.max(axis=0)
@@ -224,7 +225,7 @@ def sweep_angle(area: Area, direction: str | float | None = None) -> float:
     else:
         rings = [part.convex_hull.exterior for part in parts_of(area)]
     edges = np.vstack([np.diff(shapely.get_coordinates(ring), axis=0) for ring in rings])
-    angles = np.round(np.arctan2(edges[:, 1], edges[:, 0]) % math.pi, 12)
+    angles = np.round(arctan2(edges[:, 1], edges[:, 0]) % math.pi, 12)
     angles[angles >= round(math.pi, 12)] = 0.0
     if direction == "longest-side":
         return float(angles[np.argmax(np.round(np.hypot(*edges.T), 9))])
@@ -233,8 +234,8 @@ def sweep_angle(area: Area, direction: str | float | None = None) -> float:
         edges_rad = candidates + math.pi * np.round((angle - candidates) / math.pi)
         nearest = float(edges_rad[np.argmin(np.abs(edges_rad - angle))])
         return nearest if abs(nearest - angle) <= _ROUNDED_RAD else angle
-    across = np.stack((-np.sin(candidates), np.cos(candidates)))
-    heights = sum(np.ptp(shapely.get_coordinates(ring) @ across, axis=0) for ring in rings)
+    across = np.stack((-sin(candidates), cos(candidates)))
+    heights = sum(np.ptp(product(shapely.get_coordinates(ring), across), axis=0) for ring in rings)
     return float(candidates[np.argmin(np.round(heights, 9))])
 
 

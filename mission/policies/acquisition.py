@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.grid import FarmGrid
+from geo.linear_algebra import exp, log
 from mission.errors import PlanningError
 from mission.policies.observation import PolicyObservation
 from sensors.fields import Field
@@ -59,8 +60,8 @@ def entropy(observation: PolicyObservation) -> ValueMap:
         classes = _classes(observation.model, field.name)
         if classes is None:
             deviation = np.maximum(observation.model.uncertainty[k], np.float32(0.01))
-            return np.asarray(np.log(deviation / np.float32(0.01)))
-        return np.asarray(-np.sum(classes * np.log(np.maximum(classes, 1e-12)), axis=0))
+            return np.asarray(log(deviation / np.float32(0.01)))
+        return np.asarray(-np.sum(classes * log(np.maximum(classes, 1e-12)), axis=0))
 
     return _weighted(observation, of_field)
 
@@ -116,7 +117,7 @@ class WithCoverage:
             far = np.ones(unseen.shape, np.float32)
         else:
             distance = ndimage.distance_transform_edt(unseen).astype(np.float32)
-            far = 1.0 - np.exp(-((distance / np.float32(self.reach)) ** 4))
+            far = 1.0 - exp(-np.square(np.square(distance / np.float32(self.reach))))
         far *= np.float32(self.caution)
         return values + _weighted(
             observation, lambda _k, field: far if field.kind == "disease" else 0.0 * far

@@ -9,6 +9,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from geo.linear_algebra import cos, sin
 from mission.planners.path import Area, Points
 from mission.planners.terrain import TOLERANCE_M, is_rectangle
 from mission.policies.acquisition import ValueMap
@@ -102,7 +103,7 @@ class LegCosts:
     def of(cls, vehicle: VehicleReport, cell_m: float) -> LegCosts:
         """Take the costs from the vehicle's travel costs, by legs of two lengths in each direction."""
         angle = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
-        rays = np.stack((np.cos(angle), np.sin(angle)), axis=1) * cell_m
+        rays = np.stack((cos(angle), sin(angle)), axis=1) * cell_m
         here = np.asarray(vehicle.position_m)
         short, long = (vehicle.travel_cost.legs(here[None], here + rays * cells)[0] for cells in _PROBE_CELLS)
         slopes = np.maximum((long - short) / (_PROBE_CELLS[1] - _PROBE_CELLS[0]), 1e-9)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.compiled import compiled
+from geo.linear_algebra import exp
 
 
 @compiled(inline="late")
@@ -91,7 +92,7 @@ def neighbour_shares(share: float, spread: float, radius: int) -> NDArray[np.flo
     """
     axis = np.arange(-radius, radius + 1)
     squares = axis[:, None] ** 2 + axis[None, :] ** 2
-    shares = (share * np.exp(-squares / spread)).astype(np.float32)
+    shares: NDArray[np.float32] = (share * exp(-squares / spread)).astype(np.float32)
     shares[radius, radius] = 1.0
     return shares
 

@@ -27,6 +27,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from geo.linear_algebra import exp
 from geo.seeds import stream
 from sensors.dynamics.infection import DistanceKernel, InfectionFront, make_kernel
 from sensors.errors import EnvironmentDataError
@@ -251,7 +252,7 @@ def _draw_cluster(
     hosts = np.flatnonzero(susceptible)
     x, y = np.divmod(hosts, susceptible.shape[1])
     x0, y0 = divmod(int(first[0]), susceptible.shape[1])
-    weight = np.cumsum(np.exp(-((x - x0) ** 2 + (y - y0) ** 2) / (2.0 * spread_cells**2)))
+    weight = np.cumsum(exp(-((x - x0) ** 2 + (y - y0) ** 2) / (2.0 * spread_cells**2)))
     others = np.searchsorted(weight, rng.random(count - 1) * weight[-1], side="right")
     seeds: NDArray[np.intp] = np.union1d(first, hosts[others])
     return seeds

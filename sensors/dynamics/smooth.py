@@ -17,6 +17,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from geo.linear_algebra import exp
 from sensors.dynamics.continuous import ContinuousDynamics
 from sensors.errors import EnvironmentDataError
 
@@ -65,22 +66,25 @@ class SmoothParameters(ContinuousDynamics):
 
     def days(self, shape: tuple[int, int], rng: Generator) -> Iterator[NDArray[np.floating]]:
         """Yield the same field on every day; see `ContinuousDynamics.days`."""
-        from scipy.ndimage import gaussian_filter
+        from scipy.ndimage import correlate1d
 
         widths = [cells * self.correlation_length / math.sqrt(2.0) for cells in shape]
         margins = [math.ceil(_TRUNCATED_AT * width) for width in widths]
         noise = rng.standard_normal([n + 2 * margin for n, margin in zip(shape, margins, strict=True)])
-        smoothed = gaussian_filter(noise, widths, mode="constant", truncate=_TRUNCATED_AT)
+        smoothed = noise
+        for axis, width in enumerate(widths):
+            smoothed = correlate1d(smoothed, _weights(width), axis, mode="constant")
         inner = smoothed[tuple(slice(m, m + n) for m, n in zip(margins, shape, strict=True))]
         # What the smoothing leaves of a variance of 1.
-        left = math.prod(_squares(width) for width in widths)
+        left = math.prod(float(np.square(_weights(width)).sum()) for width in widths)
         field = np.clip(self.mean + self.spread / math.sqrt(left) * inner, 0.0, 1.0)
         while True:
             yield field
 
 
-def _squares(width: float) -> float:
-    """Return the sum of the squared weights of the smoothing along an axis."""
+def _weights(width: float) -> NDArray[np.float64]:
+    """Return the weights of the smoothing along an axis."""
     reach = int(_TRUNCATED_AT * width + 0.5)
-    weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / width) ** 2)
-    return float(np.square(weights / weights.sum()).sum())
+    weights: NDArray[np.float64] = exp(-0.5 * (np.arange(-reach, reach + 1) / width) ** 2)
+    weights /= weights.sum()
+    return weights

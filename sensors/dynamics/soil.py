@@ -21,6 +21,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from geo.linear_algebra import exp, product
 from sensors.dynamics.continuous import ContinuousDynamics
 from sensors.errors import EnvironmentDataError
 
@@ -142,7 +143,7 @@ def _profiles(corners: NDArray[np.int64], cells: int, side: int, spread: float) 
     """Return the normal density of each hump along one axis, cut to the farm: float64[cells, k]."""
     deviation = side * spread
     offset = np.linspace(0.0, side, side) - side / 2.0
-    density = np.exp(-0.5 * (offset / deviation) ** 2) / (math.sqrt(2.0 * math.pi) * deviation)
+    density = exp(-0.5 * (offset / deviation) ** 2) / (math.sqrt(2.0 * math.pi) * deviation)
     profiles = np.zeros((cells, corners.size))
     for column, corner in enumerate(corners.tolist()):
         first, stop = max(corner, 0), min(corner + side, cells)
@@ -169,7 +170,7 @@ def rain_factors(
     None if all humps lie beside the farm: then no rain falls.
     """
     along_x, along_y = hump_factors(shower.corners, shape, parameters)
-    fallen = float(along_x.sum(axis=0) @ along_y.sum(axis=1))
+    fallen = float(product(along_x.sum(axis=0), along_y.sum(axis=1)))
     if fallen <= 0.0:
         return None
     return along_x * (shower.mean_rain * shape[0] * shape[1] / fallen), along_y
@@ -183,7 +184,8 @@ def soil_step(
     factors = None if shower is None else rain_factors(shower, (after.shape[0], after.shape[1]), parameters)
     if factors is None:
         return after
-    return np.minimum(after + factors[0] @ factors[1], 1.0)
+    rain: NDArray[np.float64] = product(*factors)
+    return np.minimum(after + rain, 1.0)
 
 
 class SoilCourse:
@@ -216,7 +218,7 @@ class SoilCourse:
     def begin(self, rows: slice, out: NDArray[np.float32]) -> None:
         """Compute a block before the warm-up: day `first_day`."""
         assert self._start is not None
-        np.matmul(self._start[0][rows], self._start[1], out=out)
+        product(self._start[0][rows], self._start[1], out=out)
 
     def advance(
         self, rows: slice, block: NDArray[np.float32], day: int, until: int, out: NDArray[np.float32]
@@ -229,7 +231,7 @@ class SoilCourse:
         for factors in self._rains[day - self.first_day : until - self.first_day]:
             block = np.multiply(block, self._remaining, out=out)
             if factors is not None:
-                np.matmul(factors[0][rows], factors[1], out=rain)
+                product(factors[0][rows], factors[1], out=rain)
                 out += rain
                 np.minimum(out, np.float32(1.0), out=out)
 

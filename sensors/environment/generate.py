@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Self, TypeVar
 import numpy as np
 from numpy.random import SeedSequence
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
 from geo.memory import NotEnoughMemoryError, require_memory
 from geo.seeds import root_seed, stream
@@ -265,8 +264,6 @@ class _Work:
 
     def __enter__(self) -> Self:
         with self._stack:
-            # One BLAS thread: the soil does not depend on the number of cores then.
-            self._stack.enter_context(threadpool_limits(1, user_api="blas"))
             self._pool: Executor | None = None
             if self._threads > 1 and self._task.fields.diseases:
                 self._pool = self._stack.enter_context(ThreadPoolExecutor(_OUTBREAKS_AT_ONCE))

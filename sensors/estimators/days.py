@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.grid import FarmGrid
+from geo.linear_algebra import solve_positive
 from geo.seeds import stream
 from sensors.dynamics.continuous import ContinuousDynamics
 from sensors.dynamics.epidemic import MAX_DAYS, EpidemicParameters, simulate_outbreak, value_table
@@ -198,7 +199,7 @@ def pass_day(precision: _Floats, response: _Floats, correlation: float | _Floats
     together = precision.copy()
     together[np.diag_indices_from(together)] += kept**2 / change
     ratio = kept / change
-    solved = np.linalg.solve(together, np.column_stack([np.diag(ratio), response.reshape(len(kept), -1)]))
+    solved = solve_positive(together, np.column_stack([np.diag(ratio), response.reshape(len(kept), -1)]))
     later = -ratio[:, None] * solved[:, : len(kept)]
     later[np.diag_indices_from(later)] += 1.0 / change
     return 0.5 * (later + later.T), (ratio[:, None] * solved[:, len(kept) :]).reshape(response.shape)

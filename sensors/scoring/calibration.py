@@ -20,6 +20,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from geo.linear_algebra import log
 from sensors.errors import EstimatorError
 from sensors.fields import FieldSet
 from sensors.scoring.information import InformationModel, least_sick
@@ -116,7 +117,7 @@ def of_classes(probability: NDArray[np.floating], sick: NDArray[np.bool_]) -> di
     held = p >= least_sick(probability)
     return {
         "brier": float(np.mean((p - is_sick) ** 2)),
-        "log_loss": float(-np.mean(np.log(np.maximum(likely, _LEAST)))),
+        "log_loss": float(-np.mean(log(np.maximum(likely, _LEAST)))),
         "ece": float(np.abs(gaps).sum() / len(p)),
         "sick_held": float(held[sick].mean()) if sick.any() else float("nan"),
         "healthy_held": float(held[~sick].mean()) if not sick.all() else float("nan"),

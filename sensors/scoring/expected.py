@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from geo.linear_algebra import product
 from sensors.scoring.score import PAPER_WEIGHTS, ScoreWeights
 
 
@@ -96,6 +97,6 @@ def standard_deviation(probabilities: NDArray[np.floating]) -> NDArray[np.float6
     [0.0, 0.5]
     """
     p = np.asarray(probabilities, np.float64)
-    mean = p @ CLASS_VALUES
-    deviation: NDArray[np.float64] = np.sqrt(np.maximum(p @ CLASS_VALUES**2 - mean**2, 0.0))
+    mean = product(p, CLASS_VALUES)
+    deviation: NDArray[np.float64] = np.sqrt(np.maximum(product(p, CLASS_VALUES**2) - mean**2, 0.0))
     return deviation

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from geo.linear_algebra import product
 from sensors.errors import EstimatorError
 from sensors.fields import PAPER_FIELDS, FieldSet
 from sensors.scoring.information import InformationModel
@@ -237,20 +238,21 @@ class RunningScore:
             )
             for k, part in enumerate(self._fields)
         ]
-        loss = float(np.dot(self._weight, [s.loss for s in sums]) / self._weight.sum())
+        loss = float(product(self._weight, np.array([s.loss for s in sums])) / self._weight.sum())
         if not np.isfinite(loss):
             bad = ", ".join(self._names[k] for k, s in enumerate(sums) if not np.isfinite(s.loss))
             msg = f"score: the estimate (or the truth) of {bad} is not finite in every relevant cell"
             raise EstimatorError(msg)
         if isinstance(estimate, InformationModel):
             self._summed = value, estimate.revision
+        axis_max = np.array([s.axis_max for s in sums])
         return Score(
             loss=loss,
             field_loss=tuple([s.loss for s in sums]),
             field_mse=tuple([s.mse for s in sums]),
             field_mae=tuple([s.mae for s in sums]),
             field_weighted_mae=tuple([s.weighted_mae for s in sums]),
-            authors_axis_max=float(np.dot(self.weights.field, [s.axis_max for s in sums])),
+            authors_axis_max=float(product(np.array(self.weights.field), axis_max)),
             fields=self._names,
         )
 
@@ -355,7 +357,7 @@ class _ScoredField:
             worst = low * self._below.max(axis=0) + high * self._above.max(axis=0)
             # A line without relevant cells may have no number at all.
             worst[self._line_cells == 0] = 0.0
-            out.axis_max = -float(self._line_cells @ worst) / self.cells
+            out.axis_max = -float(product(self._line_cells, worst)) / self.cells
         return out
 
     def _sum_tiles(

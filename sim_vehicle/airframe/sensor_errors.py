@@ -25,6 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from geo.linear_algebra import exp, expm1
 from geo.seeds import child_seed, stream
 from sim_vehicle.airframe.estimate_errors import EstimateErrors
 from sim_vehicle.airframe.power_spec import within
@@ -148,8 +149,8 @@ class NavigationErrors:
         self.noise = noise
         sizes = np.array([noise.gps_m, noise.gps_m, VERTICAL * noise.gps_m, noise.barometer_m])
         times = np.array([TIME_CONSTANT_S] * 3 + [BAROMETER_TIME_CONSTANT_S])
-        self._decay = np.exp(-GRID_S / times)
-        self._drive = sizes * np.sqrt(-np.expm1(-2.0 * GRID_S / times))
+        self._decay = exp(-GRID_S / times)
+        self._drive = sizes * np.sqrt(-expm1(-2.0 * GRID_S / times))
         self._white = sizes * np.array([WHITE, WHITE, WHITE_UP, BAROMETER_WHITE])
         self._random = (stream(noise.seed, "gps"), stream(noise.seed, "barometer"))
         self._slow = sizes * self._normal(1)[0, :4]

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from geo.frame import LocalFrame
+from geo.linear_algebra import product
 from mission.model import Command, Frame, MissionItem
 from mission.planners.cornering import Cornering
 from sim_vehicle.autopilot import flight_procedures
@@ -163,8 +164,8 @@ class OnwardPredictor:
         if not all(map(math.isfinite, numbers)):
             msg = f"vehicle {self.spec.name}: its position and velocity must be finite, not {numbers}"
             raise VehicleError(msg)
-        x, y = (self._axes @ (np.array(state.position_m) - self.home_m)).tolist()
-        east, north = (self._axes @ np.array(state.velocity_m_s)).tolist()
+        x, y = product(self._axes, np.array(state.position_m) - self.home_m).tolist()
+        east, north = product(self._axes, np.array(state.velocity_m_s)).tolist()
         heading = state.heading_rad
         if heading is None:
             heading = math.atan2(east, north)
@@ -182,7 +183,7 @@ class OnwardPredictor:
         points, radius_m = sent.points_m, sent.radius_m or self.spec.acceptance_radius_m
         count = len(points)
         places = np.empty((count, 3))
-        places[:, :2] = (points - self.home_m) @ self._axes.T
+        places[:, :2] = product(points - self.home_m, self._axes.T)
         places[:, 2] = self._altitude_m
         if self.spec.circles:
             waypoint = MissionItem(

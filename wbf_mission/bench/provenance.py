@@ -71,8 +71,8 @@ def _installed() -> str:
 def hardware() -> dict[str, str]:
     """Return what is known of the machine, and of the kernels by which linear algebra is done on it.
 
-    That is the processor's model, its cores, the memory in GB and the system. Results may depend on the
-    kernels by the last bits of sums.
+    That is the processor's model, its cores, the memory in GB and the system. Results of code that calls
+    numpy's linear algebra may depend on the kernels by the last bits of sums.
     """
     found = {
         "processor": _processor(),

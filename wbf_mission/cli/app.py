@@ -6,10 +6,8 @@ import contextlib
 import errno
 import logging
 import os
-import platform
 import sys
 import warnings
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -41,9 +39,6 @@ from wbf_mission.cli import map as treatment_map
 from wbf_mission.cli.help import HelpCommand, HelpGroup
 from wbf_mission.cli.output import StdoutError, to_stdout
 from wbf_mission.exit_codes import ExitCode, exit_code_of
-
-_CPUS = Path("/proc/cpuinfo")
-_CPU_BYTES = 4096
 
 EXIT_CODES = """
 Exit codes
@@ -118,7 +113,6 @@ def main(arguments: list[str] | None = None) -> int:
     The exit codes are those of `wbf_mission.exit_codes`.
     """
     warnings.formatwarning = _one_line_warning
-    _choose_kernels()
     _silence_asyncio()
     try:
         code = _run(sys.argv[1:] if arguments is None else arguments)
@@ -130,19 +124,6 @@ def main(arguments: list[str] | None = None) -> int:
             return ExitCode.OUTPUT_CLOSED
         return _complain(f"stdout cannot be written to: {error}", ExitCode.BAD_INPUT)
     return signals.exit_code(code) if code == ExitCode.INTERRUPTED else code
-
-
-def _choose_kernels() -> None:
-    """Have OpenBLAS add up alike on all x86-64 processors of the last ten years, before numpy loads it.
-
-    By itself it takes the kernels that suit the processor, and what `epidemic` learns depends on their last
-    bits.
-    """
-    if platform.machine() == "x86_64" and _CPUS.is_file():
-        with _CPUS.open(encoding="utf-8", errors="replace") as file:
-            flags = file.read(_CPU_BYTES).split()
-        if {"avx2", "fma"} <= set(flags):
-            os.environ.setdefault("OPENBLAS_CORETYPE", "Haswell")
 
 
 def _silence_asyncio() -> None:

@@ -133,7 +133,7 @@ def _report(farm: Farm, of: FieldMap) -> FieldReport:
     # A corner of a field is no block to send anybody to.
     large = by_cells >= min(_LEAST_PART_OF_A_BLOCK * grid.block**2, by_cells.max())
     worse = share if field.kind == "disease" else -share
-    order = np.argsort(np.where(large, worse, -np.inf), axis=None)[::-1][:_TOLD_BLOCKS]
+    order = np.argsort(-np.where(large, worse, -np.inf), axis=None, kind="stable")[:_TOLD_BLOCKS]
     blocks = []
     for i, j in zip(*np.unravel_index(order, share.shape), strict=True):
         if not large[i, j]:

@@ -11,6 +11,7 @@ import shapely
 from numpy.typing import NDArray
 
 from geo import Farm, Obstacle
+from geo.linear_algebra import cos, sin
 from mission.planners.path import Area, Points
 from mission.planners.terrain import Terrain, area_of, parts_of, polygons_of
 from wbf_mission.scenario import ScenarioError
@@ -99,7 +100,7 @@ def probe_path(start_m: tuple[float, float], speed_m_s: float) -> Points:
     """Return a path of turns by many angles, float64[n, 2], with legs long enough to come up to the speed."""
     length_m = max(_SHORTEST_PROBE_M, _PROBE_S * speed_m_s)
     heading = np.radians(np.cumsum((0.0, *_TURNS_DEG)))
-    steps = length_m * np.column_stack((np.cos(heading), np.sin(heading)))
+    steps = length_m * np.column_stack((cos(heading), sin(heading)))
     first = (start_m[0] + length_m, start_m[1])
     return np.vstack((first, first + np.cumsum(steps, axis=0)))
 

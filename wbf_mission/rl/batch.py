@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from geo.linear_algebra import product
 from geo.seeds import stream
 from sensors.estimators.disk.disks import adaptive_radius, half_widths
 from sensors.scoring.score import ScoreWeights
@@ -159,6 +160,5 @@ class Batch:
         means = self._runs.sums[runs, number] / np.maximum(self._field_cells, 1)[:, None]
         squares, worse_squares = means[..., 0], means[..., 1]
         by_field = self._low * (squares - worse_squares) + self._high * worse_squares
-        total = self._weight.sum()
-        # One after the other: a product of matrices may add in another order.
-        return np.array([float(np.dot(self._weight, one) / total) for one in by_field])
+        losses: NDArray[np.float64] = product(by_field, self._weight) / self._weight.sum()
+        return losses

@@ -42,8 +42,8 @@ class _Rows:
         if not len(self.rest):
             return self.rest
         leg = self.rest[0] - self.begin
-        length = float(leg @ leg)
-        part = float(np.clip((from_m - self.begin) @ leg / length, 0.0, 1.0)) if length > 0.0 else 0.0
+        length = float((leg * leg).sum())
+        part = float(np.clip(((from_m - self.begin) * leg).sum() / length, 0.0, 1.0)) if length > 0.0 else 0.0
         return np.vstack((self.begin + part * leg, self.rest))
 
 

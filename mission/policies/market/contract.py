@@ -100,7 +100,7 @@ def _rest_of(row: Row, end_m: Points, here_m: tuple[float, float]) -> Row:
     """Return what is left of a row that is flown towards one of its ends."""
     low, high = row.ends_m
     along = high - low
-    share = float(np.clip(np.dot(np.asarray(here_m) - low, along) / np.dot(along, along), 0.0, 1.0))
+    share = float(np.clip(((np.asarray(here_m) - low) * along).sum() / (along * along).sum(), 0.0, 1.0))
     here = low + share * along
     towards_high = np.hypot(*(end_m - high)) < np.hypot(*(end_m - low))
     return Row(np.stack((here, high)) if towards_high else np.stack((low, here)), row.line)

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from geo.linear_algebra import exp, log
 from sensors.estimators.epidemic.features import (
     N_FEATURES,
     REACH,
@@ -324,18 +325,18 @@ class DiseaseBelief:
         noise = float(np.sqrt(np.mean(off**2))) if len(off) else 0.0
         single = self._single(day, days, values, classes, noise)
         distinct, inverse = np.unique(flat, return_inverse=True)
-        logs = np.log(single + _TINY)
-        total = np.stack([np.bincount(inverse, log, len(distinct)) for log in logs.T], axis=1)
+        logs = log(single + _TINY)
+        total = np.stack([np.bincount(inverse, of_class, len(distinct)) for of_class in logs.T], axis=1)
         latest = np.zeros(len(distinct), np.int32)
         np.maximum.at(latest, inverse, days)
-        return distinct, np.exp(total - total.max(axis=1, keepdims=True)), day - latest, False
+        return distinct, exp(total - total.max(axis=1, keepdims=True)), day - latest, False
 
     def _single(
         self, day: int, days: NDArray[np.int32], values: Floats, classes: NDArray[np.int8], noise: float
     ) -> Floats:
         """Return the likelihood of each class today from every reading on its own, float64[n, 3]."""
         if noise > EXACT:
-            shown = np.exp(-0.5 * ((values[:, None] - CLASS_VALUES) / noise) ** 2)
+            shown = exp(-0.5 * ((values[:, None] - CLASS_VALUES) / noise) ** 2)
         else:
             shown = np.eye(len(CLASS_VALUES))[classes]
         rate = self._misreading_rate

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.compiled import compiled
+from geo.linear_algebra import log
 
 REACH = 8
 """Rings lie within so many cells along each axis."""
@@ -286,7 +287,7 @@ def context_features(
     out = np.empty((len(x), N_CONTEXT), np.float32)
     out[:, :-_OWN_AND_OVERALL] = _RINGS.sums(expected, x, y).T
     own = out[:, -_OWN_AND_OVERALL:]
-    own[:, :2] = _LOG_SCALE * np.log(probabilities[:, 1:] + np.float32(_LEAST))
+    own[:, :2] = _LOG_SCALE * log(probabilities[:, 1:] + np.float32(_LEAST))
     own[:, 2] = totals[0] / max(len(unknown), 1)
     own[:, 3] = totals[1] / max(seeds, 1)
     own[:, 4] = np.count_nonzero(codes == SEEN_REMOVED) / max(seeds, 1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from geo.linear_algebra import exp, product
 from sensors.estimators.epidemic.features import (
     N_FEATURES,
     N_LOCAL,
@@ -79,7 +81,7 @@ class Network:
 
     def _forward(self, inputs: Floats32) -> list[Floats32]:
         """Return what goes into each layer, and the probabilities last."""
-        values = inputs @ self.weights[0]
+        values = product(inputs, self.weights[0])
         values += self.biases[0]
         return [inputs, *self._continue([values])]
 
@@ -87,13 +89,13 @@ class Network:
         """Go on from the sums of the first layer, in place."""
         for weight, bias in zip(self.weights[1:], self.biases[1:], strict=True):
             np.maximum(layers[-1], 0.0, out=layers[-1])
-            values = layers[-1] @ weight
+            values = product(layers[-1], weight)
             values += bias
             layers.append(values)
         scores = layers[-1]
         scores -= np.maximum.reduce(list(scores.T))[:, None]
-        np.exp(scores, out=scores)
-        scores /= (scores @ np.ones(scores.shape[1], scores.dtype))[:, None]
+        exp(scores, out=scores)
+        scores /= np.add.reduce(list(scores.T))[:, None]
         return layers
 
     def _gradients(
@@ -106,10 +108,10 @@ class Network:
         of_weights: list[Floats32] = []
         of_biases: list[Floats32] = []
         for number in range(len(self.weights) - 1, -1, -1):
-            of_weights.append(layers[number].T @ slope)
+            of_weights.append(product(layers[number].T, slope))
             of_biases.append(slope.sum(axis=0))
             if number:
-                slope = (slope @ self.weights[number].T) * (layers[number] > 0.0)
+                slope = product(slope, self.weights[number].T) * (layers[number] > 0.0)
         return of_weights[::-1] + of_biases[::-1]
 
 
@@ -137,7 +139,7 @@ def train(
             rows = order[start : start + size]
             gradients = network._gradients(inputs[rows], classes[rows], sample_weights[rows])
             step += 1
-            cosine = 0.5 + 0.5 * np.cos(np.pi * step / (epochs * batches))
+            cosine = 0.5 + 0.5 * math.cos(math.pi * step / (epochs * batches))
             rate = learning_rate * min(1.0, step / _WARM_UP_STEPS) * cosine
             corrected = rate / (1.0 - _MOMENTS[0] ** step)
             root = 1.0 / np.sqrt(1.0 - _MOMENTS[1] ** step)
@@ -176,7 +178,7 @@ class FieldClassifier:
         seen = np.zeros((len(rows), N_FEATURES), np.float32)
         local_features(self._codes, self._x[rows], self._y[rows], seen)
         for kept, stage in zip(self._local, self._stages, strict=True):
-            kept[rows] = seen[:, :N_LOCAL] @ stage.weights[0][:N_LOCAL]
+            kept[rows] = product(seen[:, :N_LOCAL], stage.weights[0][:N_LOCAL])
 
     def probabilities(self, overall: Floats32 | None = None, found: Floats32 | None = None) -> Floats32:
         """Return what is believed of the cells without their own readings, float32[n, 3].
@@ -188,10 +190,10 @@ class FieldClassifier:
             overall = overall_features(self._codes, len(self._x), self._seeds, self._day)
         for kept, stage in zip(self._local, self._stages, strict=True):
             first = stage.weights[0]
-            values = kept + (overall @ first[N_LOCAL:N_FEATURES] + stage.biases[0])
+            values = kept + (product(overall, first[N_LOCAL:N_FEATURES]) + stage.biases[0])
             if found is not None:
                 context = context_features(self._codes, self._x, self._y, found, self._seeds)
-                values += context @ first[N_FEATURES:]
+                values += product(context, first[N_FEATURES:])
             found = stage.after_first(values)
         assert found is not None
         return found

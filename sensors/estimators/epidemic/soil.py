@@ -25,9 +25,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-# Loaded with this module: a limit on the threads of linear algebra finds only what is there by then.
-from scipy.linalg import lapack
-
+from geo.linear_algebra import exp, inverse_positive, product, sin, solve_positive
 from geo.seeds import stream
 from sensors.dynamics.soil import SoilParameters
 from sensors.estimators.days import Crowding, continuous_transition, pass_day
@@ -167,7 +165,7 @@ class SoilField:
             while start < len(x):
                 part = slice(start, start + min(_BATCH, sums.until_due))
                 functions = self._functions(x[part], y[part])
-                readings = values[part] - functions @ self._prior(day).mean
+                readings = values[part] - product(functions, self._prior(day).mean)
                 sums.add(functions, readings, weights[part])
                 learned.append((day, functions, readings, weights[part]))
                 start = part.stop
@@ -217,15 +215,17 @@ class SoilField:
         if posterior is None or posterior.is_outdated(day, self._noise_from(day)):
             posterior = self._posterior = self._solve(day)
         weights = prior.mean + posterior.weights
-        table = (self._x.functions @ weights[1:].reshape(2 * (self._functions_an_axis,))).astype(np.float32)
-        np.matmul(table, self._y.functions.T.astype(np.float32), out=value)
+        table = product(self._x.functions, weights[1:].reshape(2 * (self._functions_an_axis,))).astype(
+            np.float32
+        )
+        product(table, self._y.functions.T.astype(np.float32), out=value)
         value += np.float32(weights[0])
         np.clip(value, 0.0, 1.0, out=value)
         shape = len(self._x.nodes), len(self._y.nodes)
         spread = max(posterior.shown, _MISFIT)
         deviation = np.sqrt(np.maximum(posterior.variance, 0.0) + spread).reshape(shape)
-        between = (self._x.between @ deviation).astype(np.float32)
-        np.matmul(between, self._y.between.T.astype(np.float32), out=uncertainty)
+        between = product(self._x.between, deviation).astype(np.float32)
+        product(between, self._y.between.T.astype(np.float32), out=uncertainty)
         return float(np.sqrt(posterior.shown))
 
     def _prior(self, day: int) -> _WeightsPrior:
@@ -243,16 +243,17 @@ class SoilField:
         along_x, along_y = (axis.at(where) for axis, where in zip((self._x, self._y), places, strict=True))
         functions = _products(np.repeat(along_x, len(along_y), axis=0), np.tile(along_y, (len(along_x), 1)))
         # The functions alone let the farm's mean vary, too: the constant has what they leave of that.
-        own = float(self._spectrum @ functions[:, 1:].mean(axis=0) ** 2)
-        everywhere = float(np.mean(functions[:, 1:] ** 2 @ self._spectrum))
+        own = float(product(self._spectrum, functions[:, 1:].mean(axis=0) ** 2))
+        everywhere = float(np.mean(product(functions[:, 1:] ** 2, self._spectrum)))
         shape = prior.shape / (everywhere - own) + _SMALLEST_VARIANCE
         level = max(prior.level - shape * own, _SMALLEST_VARIANCE)
         variance = np.concatenate([[level], shape * self._spectrum])
         # The functions' likeliest weights under the mean field, which is read with little noise.
         mean = np.zeros(len(variance))
         mean[0] = prior.mean.mean()
-        precision = np.diag(1.0 / variance) + functions.T @ functions / _MEAN_NOISE
-        mean += np.linalg.solve(precision, functions.T @ (prior.mean.ravel() - mean[0]) / _MEAN_NOISE)
+        precision = np.diag(1.0 / variance) + product(functions.T, functions) / _MEAN_NOISE
+        response = product(prior.mean.ravel() - mean[0], functions) / _MEAN_NOISE
+        mean += solve_positive(precision, response)
         return _WeightsPrior(mean, variance)
 
     def _functions(self, x: NDArray[np.integer], y: NDArray[np.integer]) -> Floats:
@@ -269,9 +270,15 @@ class SoilField:
         noise = max(shown, self._least_noise(day))
         sums = self._sums.get(day)
         precision, response = self._precision(day, noise, None if sums is None else sums.now)
-        covariance = _inverse(precision)
+        covariance = inverse_positive(precision)
         return _Posterior(
-            day, noise, shown, self._noise_from(day), covariance, covariance @ response, self._at_nodes
+            day,
+            noise,
+            shown,
+            self._noise_from(day),
+            covariance,
+            product(response, covariance),
+            self._at_nodes,
         )
 
     def _least_noise(self, day: int) -> float:
@@ -291,12 +298,12 @@ class SoilField:
         today = self._sums[day].due
         for _ in range(_NOISE_ROUNDS - 1):
             precision, response = self._precision(day, noise, today)
-            covariance = _inverse(precision)
-            weights = covariance @ response
-            fitted = float(np.vdot(covariance, today.squares)) / noise
+            covariance = inverse_positive(precision)
+            weights = product(response, covariance)
+            fitted = float((covariance * today.squares).sum()) / noise
             if today.weight - fitted < 0.1 * today.weight:
                 break
-            left = today.power - 2.0 * weights @ today.response + weights @ today.squares @ weights
+            left = today.power - product(weights, 2.0 * today.response - product(weights, today.squares))
             # MacKay's rule: the data that the functions did not use up tell the noise.
             noise = max(_LEAST_NOISE, float(left / (today.weight - fitted)))
         self._noises[key] = noise
@@ -356,7 +363,7 @@ class _Posterior:
     variance: Floats = field(init=False)
 
     def __post_init__(self) -> None:
-        self.variance = np.einsum("ij,ij->i", self.at_nodes @ self.covariance, self.at_nodes)
+        self.variance = (product(self.at_nodes, self.covariance) * self.at_nodes).sum(axis=1)
 
     def is_outdated(self, day: int, noise_from: int) -> bool:
         """Return whether it is of another day, or of a noise estimated from other readings."""
@@ -369,27 +376,13 @@ class _Posterior:
     def learn(self, functions: Floats, readings: Floats, counted: Floats) -> None:
         """Take further readings of its day, each for a part of one."""
         # Woodbury's identity.
-        moved = self.covariance @ functions.T
-        within = functions @ moved
+        moved = product(self.covariance, functions.T)
+        within = product(functions, moved)
         within[np.diag_indices_from(within)] += self.noise / counted
-        gain = np.linalg.solve(within, moved.T)
-        self.weights = self.weights + gain.T @ (readings - functions @ self.weights)
-        self.variance -= np.einsum("ij,ji->i", self.at_nodes @ moved, gain @ self.at_nodes.T)
-        self.covariance -= moved @ gain
-
-
-def _inverse(positive: Floats) -> Floats:
-    """Invert a symmetric positive definite matrix by its Cholesky factor."""
-    # LAPACK counts along columns first: the transposed one, which is the same, it need not turn.
-    factor, failed = lapack.dpotrf(positive.T, lower=1)
-    if failed:
-        general: Floats = np.linalg.inv(positive).astype(np.float64)
-        return general
-    # Above the diagonal there are zeros.
-    half, _ = lapack.dpotri(factor, lower=1, overwrite_c=1)
-    inverse: Floats = half + half.T
-    inverse[np.diag_indices_from(inverse)] = half.diagonal()
-    return inverse
+        gain = solve_positive(within, moved.T)
+        self.weights = self.weights + product(readings - product(functions, self.weights), gain)
+        self.variance -= (product(self.at_nodes, moved) * product(self.at_nodes, gain.T)).sum(axis=1)
+        self.covariance -= product(moved, gain)
 
 
 @dataclass(frozen=True, slots=True)
@@ -423,11 +416,11 @@ class _Sums:
         """Add at most `until_due` readings, each for a part of one."""
         due = len(values) == self.until_due
         counted = weights[:, None] * functions
-        self.now.squares.__iadd__(counted.T @ functions)
-        self.now.response.__iadd__(counted.T @ values)
+        self.now.squares.__iadd__(product(counted.T, functions))
+        self.now.response.__iadd__(product(values, counted))
         self.now = replace(
             self.now,
-            power=self.now.power + float(weights @ values**2),
+            power=self.now.power + float(product(weights, values**2)),
             weight=self.now.weight + float(weights.sum()),
             count=self.now.count + len(values),
         )
@@ -456,7 +449,7 @@ class _Axis:
         self.shortest = float(np.pi / self._frequency[-1])
         # Spectral density of the squared exponential covariance, for the smooth and the rough part.
         scales = length * np.array([[1.0], [_ROUGH_LENGTH]])
-        self.spectrum: Floats = np.sqrt(2.0 * np.pi) * scales * np.exp(-0.5 * (scales * self._frequency) ** 2)
+        self.spectrum: Floats = np.sqrt(2.0 * np.pi) * scales * exp(-0.5 * (scales * self._frequency) ** 2)
         self.nodes = np.unique(np.linspace(0, cells - 1, min(cells, _NODES)).round().astype(np.intp))
         self.between: Floats = np.stack(
             [np.interp(np.arange(cells), self.nodes, unit) for unit in np.eye(len(self.nodes))], axis=1
@@ -465,5 +458,5 @@ class _Axis:
     def at(self, places: NDArray[np.integer] | Floats) -> Floats:
         """Return the functions in the middle of cells, or between, float64[n, functions]."""
         position = places + 0.5 - self._half
-        values: Floats = np.sin(self._frequency * (position[:, None] + self._reach)) / np.sqrt(self._reach)
+        values: Floats = sin(self._frequency * (position[:, None] + self._reach)) / np.sqrt(self._reach)
         return values

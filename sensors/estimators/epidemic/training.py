@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
+import math
 import os
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -45,6 +46,8 @@ from sensors.estimators.epidemic.paths import chasing_path, random_path
 
 VERSION = 5
 """Part of the names of files; it has to grow with every change of the training."""
+SUMS = 2
+"""Part of the names of files, too: it grows with a change of the arithmetic that leaves the draws alone."""
 WHOLE_FARM_CELLS = 128 * 128
 """On farms with more cells the training sees windows; features of the whole field are not used."""
 LAYERS = (N_FEATURES, 64, 32, 3)
@@ -147,7 +150,7 @@ def shared_task(task: TrainingTask, hosts: NDArray[np.bool_]) -> TrainingTask:
 
 def network_file(task: TrainingTask, hosts: NDArray[np.bool_], folder: str | os.PathLike[str] | None) -> Path:
     """Return where the network of a shared task is kept."""
-    return cache_folder(folder) / f"{task.key(hosts)}.npz"
+    return cache_folder(folder) / f"{task.key(hosts)}-{SUMS}.npz"
 
 
 def known_network(
@@ -217,30 +220,24 @@ def _read(file: Mapping[str, NDArray[np.float32]], number: int, layers: Sequence
 
 def learn(task: TrainingTask, hosts: NDArray[np.bool_], step: Step = no_step) -> Network:
     """Simulate, observe and train; `step` is called with the part that is done, 0..1."""
-    from threadpoolctl import threadpool_limits
-
     rng = stream(task.seed, "epidemic-estimator", task.key(hosts))
-    # One BLAS thread: the sums do not depend on the number of cores then.
-    with threadpool_limits(1, user_api="blas"):
-        whole = hosts.size <= WHOLE_FARM_CELLS
-        steps = 2 + 2 * whole * _FURTHER
-        done = itertools.count(1)
-        looks = draw_looks(task, hosts, rng)
-        samples = samples_of(looks)
+    whole = hosts.size <= WHOLE_FARM_CELLS
+    steps = 2 + 2 * whole * _FURTHER
+    done = itertools.count(1)
+    looks = draw_looks(task, hosts, rng)
+    samples = samples_of(looks)
+    step(next(done) / steps)
+    network = train(Network.draw(LAYERS, rng), *samples, epochs=task.epochs, rng=rng)
+    step(next(done) / steps)
+    refinement = _Refinement(looks, hosts, task.parameters.seed_count(hosts.shape))
+    last = network
+    for _ in range(whole * _FURTHER):
+        refined = refinement.refine(last, samples[0])
         step(next(done) / steps)
-        network = train(Network.draw(LAYERS, rng), *samples, epochs=task.epochs, rng=rng)
+        last = train(Network.draw(FURTHER_LAYERS, rng), refined, *samples[1:], epochs=task.epochs, rng=rng)
+        network = replace(network, further=(*network.further, last))
         step(next(done) / steps)
-        refinement = _Refinement(looks, hosts, task.parameters.seed_count(hosts.shape))
-        last = network
-        for _ in range(whole * _FURTHER):
-            refined = refinement.refine(last, samples[0])
-            step(next(done) / steps)
-            last = train(
-                Network.draw(FURTHER_LAYERS, rng), refined, *samples[1:], epochs=task.epochs, rng=rng
-            )
-            network = replace(network, further=(*network.further, last))
-            step(next(done) / steps)
-        return network
+    return network
 
 
 def classes_of(values: NDArray[np.floating]) -> NDArray[np.int8]:
@@ -407,12 +404,12 @@ class _Fields:
         rng = self._rng
         land = self._window()
         expected = self.seeds * np.count_nonzero(land) / self.hosts
-        none = float(np.exp(-expected))
+        none = math.exp(-expected)
         if rng.random() >= _WITH_SEEDS_SHARE:
             return land, np.full(land.shape, NEVER, np.int8), REACH, none / (1.0 - _WITH_SEEDS_SHARE)
         # Outbreaks are rare on a large farm: windows with at least one are drawn oftener and count less.
         # Their number is that of the arrivals of a Poisson process that has its first arrival before time 1.
-        first = -np.log1p(-float(rng.random()) * (1.0 - none)) / max(expected, 1e-300)
+        first = -math.log1p(-float(rng.random()) * (1.0 - none)) / max(expected, 1e-300)
         later = int(rng.poisson(expected * max(0.0, 1.0 - first)))
         weight = (1.0 - none) / _WITH_SEEDS_SHARE
         return land, self._simulate(land, 1 + later), REACH, weight

@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.compiled import compiled
+from geo.linear_algebra import cholesky, product, solve_lower
 from sensors.estimators.append_buffer import GrowingArray
-from sensors.estimators.gp.rbf import Cells, Floats, RbfKernel, solve_lower
+from sensors.estimators.gp.rbf import Cells, Floats, RbfKernel
 
 
 class CellPosterior(ABC):
@@ -100,13 +101,13 @@ class ExactPosterior(CellPosterior):
         factor_y = self.kernel.along_y(y, np.arange(height))
         covariance = (factor_x[:, :, None] * factor_y[:, None, :]).reshape(len(x), -1)
         for block in self._filled():
-            covariance -= block[:, cells].T @ block
-        factor = np.linalg.cholesky(covariance[:, cells] + np.diag(noise))
+            covariance -= product(block[:, cells].T, block)
+        factor = cholesky(covariance[:, cells] + np.diag(noise))
         rows = solve_lower(factor, covariance)
         surprise = np.stack([values, np.ones_like(values)], axis=1) - self.response[:, cells].T
         weights = solve_lower(factor, np.ascontiguousarray(surprise))
-        self.response += weights.T @ rows
-        self.variance -= np.einsum("ij,ij->j", rows, rows)
+        self.response += product(weights.T, rows)
+        self.variance -= (rows * rows).sum(axis=0)
         self._store(rows)
 
     def _filled(self) -> list[Floats]:

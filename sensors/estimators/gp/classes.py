@@ -14,6 +14,7 @@ lost: it follows from i0 and p0.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -21,7 +22,8 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from sensors.estimators.gp.rbf import Cells, Floats, RbfKernel, solve_lower
+from geo.linear_algebra import cholesky, exp, log, product, solve_lower
+from sensors.estimators.gp.rbf import Cells, Floats, RbfKernel
 
 Values = NDArray[np.float32]
 
@@ -69,9 +71,9 @@ class ClassLink:
         """
         logit = _log_excess(1.0 - mean.astype(np.float32), self.illness)
         logit *= np.float32(self.slope)
-        logit += np.float32(np.log(self.sick / (1.0 - self.sick)))
+        logit += np.float32(math.log(self.sick / (1.0 - self.sick)))
         np.negative(logit, out=logit)
-        np.exp(logit, out=logit)
+        exp(logit, out=logit)
         logit += np.float32(1.0)
         sick: Values = np.reciprocal(logit, out=logit)
         return sick
@@ -82,7 +84,7 @@ def _log_excess(illness: NDArray[np.floating], prior: float) -> Values:
     excess = np.maximum(illness, 0.0, dtype=np.float32)
     excess *= np.float32(1.0 / (prior * (1.0 + _FLOOR)))
     excess += np.float32(_FLOOR / (1.0 + _FLOOR))
-    logarithm: Values = np.log(excess, out=excess)
+    logarithm: Values = log(excess, out=excess)
     return logarithm
 
 
@@ -215,7 +217,7 @@ def link_slope(
     excess, ill, weight = (
         np.concatenate(part) for part in zip(*_judged(kernel, illness, fields), strict=True)
     )
-    first = float(np.log(sick / (1.0 - sick)))
+    first = math.log(sick / (1.0 - sick))
 
     def cost(slope: float) -> float:
         logit = first + slope * excess
@@ -264,10 +266,10 @@ def _means(kernel: RbfKernel, prior: float, seen: Cells, readings: Floats, x: Ce
         return np.full((len(x), readings.shape[1]), prior)
     covariance = kernel.between(*seen.T)
     covariance[np.diag_indices(len(seen))] += kernel.noise
-    factor = np.linalg.cholesky(covariance)
+    factor = cholesky(covariance)
     across = kernel.amplitude * kernel.along_x(seen[:, 0], x) * kernel.along_y(seen[:, 1], y)
     known = solve_lower(factor, np.ascontiguousarray(readings - prior))
-    means: Floats = prior + solve_lower(factor, across).T @ known
+    means: Floats = prior + product(solve_lower(factor, across).T, known)
     return means
 
 

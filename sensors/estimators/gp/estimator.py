@@ -21,7 +21,6 @@ from sensors.estimators.gp.cell_posterior import MOST_CELLS as WINDOWED_CELLS
 from sensors.estimators.gp.classes import ClassLink, ClassMap
 from sensors.estimators.gp.field import FieldProcess
 from sensors.estimators.gp.rbf import RbfKernel, fit_kernel
-from sensors.estimators.gp.threads import one_blas_thread
 from sensors.fields import PAPER_FIELDS, Field, FieldSet
 from sensors.scoring.expected import loss_of_deviation
 from sensors.scoring.information import InformationModel, LazyProbabilities
@@ -351,16 +350,15 @@ class GaussianProcessEstimator(BaseEstimator):
     def _fit_kernel(
         self, x: NDArray[np.int32], y: NDArray[np.int32], residuals: NDArray[np.float64]
     ) -> RbfKernel:
-        with one_blas_thread():
-            return fit_kernel(
-                x,
-                y,
-                residuals,
-                starts=(self.kernel,),
-                length_bounds=self.length_bounds,
-                noise_bounds=self.noise_bounds,
-                amplitude_bounds=self.amplitude_bounds,
-            )
+        return fit_kernel(
+            x,
+            y,
+            residuals,
+            starts=(self.kernel,),
+            length_bounds=self.length_bounds,
+            noise_bounds=self.noise_bounds,
+            amplitude_bounds=self.amplitude_bounds,
+        )
 
     @property
     def _window_bytes(self) -> float:

@@ -44,7 +44,7 @@ def lagrange_weights(step: int) -> Values:
     return weights.astype(np.float32)
 
 
-@compiled(nogil=True, fastmath=True)
+@compiled(nogil=True)
 def write_from_nodes(
     posterior: Values,
     weights_x: Values,

@@ -15,11 +15,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from geo.linear_algebra import cholesky, exp, product, solve_lower
 from sensors.estimators.days import pass_day
 from sensors.estimators.gp import tile as gp_tile
 from sensors.estimators.gp.lattice import NodeLattice
 from sensors.estimators.gp.rbf import Cells, Floats, RbfKernel
-from sensors.estimators.gp.threads import in_parallel, one_blas_thread
+from sensors.estimators.gp.threads import in_parallel
 
 TILE_LENGTHS = 8.0
 REACH_LENGTHS = 7.0
@@ -62,7 +63,7 @@ class Spectrum:
             self.terms = np.zeros((1, 2), np.int64)
         root = (2.0 * math.pi) ** 0.25
         x, y = (
-            root * math.sqrt(length) * np.exp(-0.25 * angle**2)
+            root * math.sqrt(length) * exp(-0.25 * angle**2)
             for length, angle in zip(lengths, angles, strict=True)
         )
         self.roots: tuple[Floats, Floats] = (x * math.sqrt(kernel.amplitude), y)
@@ -201,7 +202,7 @@ class WholePosterior:
                     functions = self._functions(x[part], y[part])
                     data = np.stack([values[part], np.ones(len(functions))], axis=1)
                     counted = functions if weights is None else weights[part, None] * functions
-                    found[begin] = counted.T @ functions, counted.T @ data
+                    found[begin] = product(counted.T, functions), product(counted.T, data)
 
             in_parallel(work, range(start, min(start + _BATCH * _BATCHES, len(x)), _BATCH))
             # In this order, whatever was ready first: the sums do not depend on the number of cores.
@@ -212,8 +213,7 @@ class WholePosterior:
 
     def pass_day(self, correlation: float) -> None:
         """Go on to a later day, on which the field has this correlation with itself (0..1)."""
-        with one_blas_thread():
-            self._precision, self._response = pass_day(self._precision, self._response, correlation)
+        self._precision, self._response = pass_day(self._precision, self._response, correlation)
         self._waiting = True
 
     def solve(self) -> None:
@@ -221,10 +221,8 @@ class WholePosterior:
         if not self._waiting:
             return
         self._waiting = False
-        with one_blas_thread():
-            factor = np.linalg.cholesky(self._precision)
-        weights = self._response.copy()
-        gp_tile.substitute_forward(factor, weights, 2)
+        factor = cholesky(self._precision)
+        weights = solve_lower(factor, self._response.copy())
         along_x, along_y = (
             self._sines(axis.places, k) for k, axis in enumerate((self.lattice.x, self.lattice.y))
         )

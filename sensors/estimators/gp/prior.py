@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from geo.atomic import atomic_write
 from geo.grid import FarmGrid
+from geo.linear_algebra import cholesky, exp, inverse_of_factor, log, product
 from geo.seeds import stream
 from geo.user_cache import warn_of_cache
 from sensors.dynamics.continuous import ContinuousDynamics
@@ -30,11 +31,10 @@ from sensors.dynamics.measured import Measured
 from sensors.errors import EstimatorError
 from sensors.estimators.base import Step, no_step
 from sensors.estimators.gp.classes import ClassLink, link_slope, window_of
-from sensors.estimators.gp.rbf import Floats, RbfKernel, kernel_gradient
-from sensors.estimators.gp.threads import one_blas_thread
+from sensors.estimators.gp.rbf import Floats, RbfKernel, kernel_gradient, least_in_box
 from sensors.fields import Field, FieldSet
 
-VERSION = 2
+VERSION = 3
 """Part of the names of files; it has to grow with every change of what is learned."""
 _WINDOW = 1000
 _SIMULATED_CELLS = 8_000_000
@@ -164,8 +164,7 @@ def disease_prior(
     if not 0.0 < part < 1.0:
         return FieldPrior(1.0 - mean, kernel)
     outbreaks = _outbreaks(land, parameters, values, day, seed, name)
-    with one_blas_thread():
-        slope = link_slope(kernel, float(mean), part, outbreaks)
+    slope = link_slope(kernel, float(mean), part, outbreaks)
     return FieldPrior(1.0 - mean, kernel, ClassLink(float(mean), part, slope))
 
 
@@ -206,7 +205,7 @@ def continuous_prior(
     x, y = (part.ravel() for part in np.meshgrid(*lattice, indexing="ij"))
     mean = float(fields.mean())
     seen = fields[:, x, y] - mean
-    kernel = _nearest_kernel(x, y, seen.T @ seen / len(seen), _LENGTH_BOUNDS)
+    kernel = _nearest_kernel(x, y, product(seen.T, seen) / len(seen), _LENGTH_BOUNDS)
     length_x, length_y = (
         length * side / cells
         for length, side, cells in zip((kernel.length_x, kernel.length_y), shape, coarse, strict=True)
@@ -220,7 +219,7 @@ def _lagged_products(field: Floats, lags: int) -> Floats:
 
     shape = [fft.next_fast_len(side + lags, real=True) for side in field.shape]
     spectrum = fft.rfft2(field, shape)
-    products: Floats = fft.irfft2(np.abs(spectrum) ** 2, shape)[:lags, :lags]
+    products: Floats = fft.irfft2(spectrum.real**2 + spectrum.imag**2, shape)[:lags, :lags]
     return products
 
 
@@ -234,8 +233,6 @@ def _nearest_kernel(
     x: NDArray[np.integer], y: NDArray[np.integer], moments: Floats, length_bounds: tuple[float, float]
 ) -> RbfKernel:
     """Return the kernel whose process at some positions is nearest to one with given moments."""
-    from scipy.optimize import minimize
-
     variance = float(np.trace(moments)) / len(moments)
     if variance < 2 * _LEAST_VARIANCE:
         return RbfKernel(2.0, 2.0, _LEAST_VARIANCE, _LEAST_VARIANCE)
@@ -244,38 +241,27 @@ def _nearest_kernel(
     length = (math.log(length_bounds[0]), math.log(length_bounds[1]))
     best, least = np.empty(4), np.inf
     for start in (1.5, 6.0):
-        first = np.log([start, start, 0.2, 0.8])
-        with one_blas_thread():
-            found = minimize(
-                _divergence,
-                first,
-                (dx2, dy2, moments / variance),
-                method="L-BFGS-B",
-                jac=True,
-                bounds=[length, length, part, part],
-            )
+        first = log([start, start, 0.2, 0.8])
+        found = least_in_box(_divergence, first, (dx2, dy2, moments / variance), [length, length, part, part])
         if found.fun < least:
             best, least = found.x, found.fun
-    length_x, length_y, noise, amplitude = np.exp(best).tolist()
+    length_x, length_y, noise, amplitude = exp(best).tolist()
     return RbfKernel(length_x, length_y, noise * variance, amplitude * variance)
 
 
 def _divergence(theta: Floats, dx2: Floats, dy2: Floats, moments: Floats) -> tuple[float, Floats]:
     """Half of ``log det K + trace(K^-1 S)``, and its gradient ``trace((K^-1 - K^-1 S K^-1) dK) / 2``."""
-    from scipy.linalg import lapack
-
-    length_x, length_y, noise, amplitude = np.exp(theta)
-    smooth = amplitude * np.exp(-0.5 * (dx2 / length_x**2 + dy2 / length_y**2))
+    length_x, length_y, noise, amplitude = exp(theta)
+    smooth = amplitude * exp(-0.5 * (dx2 / length_x**2 + dy2 / length_y**2))
     covariance = smooth + noise * np.eye(len(moments))
-    factor, failed = lapack.dpotrf(covariance, lower=1)
-    if failed:
+    try:
+        factor = cholesky(covariance)
+    except np.linalg.LinAlgError:
         return 1e25, np.zeros(len(theta))
-    lower, _ = lapack.dpotri(factor, lower=1)
-    lower = np.tril(lower)
-    inverse = lower + np.tril(lower, -1).T
-    explained = inverse @ moments
-    cost = float(np.log(factor.diagonal()).sum() + 0.5 * np.trace(explained))
-    inner = inverse - explained @ inverse
+    inverse = inverse_of_factor(factor)
+    explained = product(inverse, moments)
+    cost = float(log(factor.diagonal()).sum() + 0.5 * np.trace(explained))
+    inner = inverse - product(explained, inverse)
     return cost, 0.5 * kernel_gradient(theta, smooth, inner, dx2, dy2)
 
 

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from geo.linear_algebra import cholesky, exp, inverse_of_factor, log, product
 from sensors.errors import EstimatorError
 
 Floats = NDArray[np.float64]
 Cells = NDArray[np.int32]
+
+_CONVERGED: Any = {"ftol": 1e-10, "xtol": 1e-8, "gtol": 1e-7, "maxfun": 2000}
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,17 +71,8 @@ class RbfKernel:
 def _factor(a: NDArray[Any], b: NDArray[Any], length: float) -> Floats:
     # Distances on a grid are small whole numbers: a table saves the exponentials.
     distance = np.abs(np.subtract.outer(a.astype(np.intp), b.astype(np.intp)))
-    table: Floats = np.exp(-0.5 * (np.arange(int(distance.max(initial=0)) + 1) / length) ** 2)
+    table: Floats = exp(-0.5 * (np.arange(int(distance.max(initial=0)) + 1) / length) ** 2)
     return table[distance]
-
-
-def solve_lower(factor: NDArray[np.floating], right: Floats) -> Floats:
-    """Solve ``factor x = right`` for a lower triangular factor, in the memory of `right` (C order)."""
-    from scipy.linalg.blas import dtrsm
-
-    # Seen from BLAS, C order is transposed: x' U = right' with U = factor'. No copy is made.
-    solved: Floats = dtrsm(1.0, factor.T, right.T, side=1, overwrite_b=1).T
-    return solved
 
 
 def fit_kernel(
@@ -90,51 +85,59 @@ def fit_kernel(
     noise_bounds: tuple[float, float],
     amplitude_bounds: tuple[float, float],
 ) -> RbfKernel:
-    """Fit the kernel by maximum marginal likelihood (L-BFGS-B with gradients).
+    """Fit the kernel by maximum marginal likelihood (a truncated Newton method with gradients).
 
     The best optimum of all starts is taken, the first start if none is found; equal limits fix a parameter.
     """
-    from scipy.optimize import minimize
-
     dx2 = np.subtract.outer(x, x).astype(np.float64) ** 2
     dy2 = np.subtract.outer(y, y).astype(np.float64) ** 2
-    limits = np.log([length_bounds, length_bounds, noise_bounds, amplitude_bounds])
+    limits = log([length_bounds, length_bounds, noise_bounds, amplitude_bounds])
     bounds: list[tuple[float, float]] = [(low, high) for low, high in limits.tolist()]
     best, best_cost = starts[0], np.inf
     for start in starts:
         first = np.clip(
-            np.log([start.length_x, start.length_y, start.noise, start.amplitude]), limits[:, 0], limits[:, 1]
+            log([start.length_x, start.length_y, start.noise, start.amplitude]), limits[:, 0], limits[:, 1]
         )
-        found = minimize(_cost, first, (dx2, dy2, residuals), method="L-BFGS-B", jac=True, bounds=bounds)
+        found = least_in_box(_cost, first, (dx2, dy2, residuals), bounds)
         if found.fun < best_cost:
-            best, best_cost = RbfKernel(*np.exp(found.x).tolist()), float(found.fun)
+            best, best_cost = RbfKernel(*exp(found.x).tolist()), float(found.fun)
     return best
+
+
+def least_in_box(
+    cost: Callable[..., Any],
+    first: Floats,
+    arguments: tuple[Floats, ...],
+    bounds: list[tuple[float, float]],
+) -> Any:
+    """Find the least cost within bounds, from a function that returns it with its gradient."""
+    from scipy.optimize import minimize
+
+    # L-BFGS-B would leave its sums to the processor's kernels; these are its own.
+    return minimize(cost, first, arguments, method="TNC", jac=True, bounds=bounds, options=_CONVERGED)
 
 
 def _cost(theta: Floats, dx2: Floats, dy2: Floats, residuals: Floats) -> tuple[float, Floats]:
     """The negative log marginal likelihood and its gradient (Rasmussen & Williams 2006, eq. 5.8 and 5.9)."""
-    from scipy.linalg import lapack
-
-    length_x, length_y, noise, amplitude = np.exp(theta)
-    smooth = amplitude * np.exp(-0.5 * (dx2 / length_x**2 + dy2 / length_y**2))
+    length_x, length_y, noise, amplitude = exp(theta)
+    smooth = amplitude * exp(-0.5 * (dx2 / length_x**2 + dy2 / length_y**2))
     covariance = smooth.copy()
     covariance.flat[:: len(residuals) + 1] += noise
-    factor, failed = lapack.dpotrf(covariance.T, lower=1, overwrite_a=1)
-    if failed:
+    try:
+        factor = cholesky(covariance)
+    except np.linalg.LinAlgError:
         return 1e25, np.zeros(len(theta))
-    weights, _ = lapack.dpotrs(factor, residuals, lower=1)
-    cost = 0.5 * residuals @ weights + np.log(factor.diagonal()).sum()
-    inverse, _ = lapack.dpotri(factor, lower=1, overwrite_c=1)
-    lower = np.tril(inverse, -1)
-    # The derivative by K is -(w w' - K^-1) / 2; dpotri fills the lower triangle of the inverse only.
-    inner = np.outer(weights, weights) - lower - lower.T
-    inner.flat[:: len(residuals) + 1] -= inverse.diagonal()
+    inverse = inverse_of_factor(factor)
+    weights = product(residuals, inverse)
+    cost = 0.5 * product(residuals, weights) + log(factor.diagonal()).sum()
+    # The derivative by K is -(w w' - K^-1) / 2.
+    inner = np.outer(weights, weights) - inverse
     return float(cost), -0.5 * kernel_gradient(theta, smooth, inner, dx2, dy2)
 
 
 def kernel_gradient(theta: Floats, smooth: Floats, inner: Floats, dx2: Floats, dy2: Floats) -> Floats:
     """Return ``trace(inner dK)`` by the logarithms of the parameters, `theta`; `smooth` has no noise."""
-    length_x, length_y, noise, _ = np.exp(theta)
+    length_x, length_y, noise, _ = exp(theta)
     by_smooth = inner * smooth
-    by_x, by_y = np.vdot(by_smooth, dx2) / length_x**2, np.vdot(by_smooth, dy2) / length_y**2
+    by_x, by_y = (by_smooth * dx2).sum() / length_x**2, (by_smooth * dy2).sum() / length_y**2
     return np.array([by_x, by_y, noise * np.trace(inner), by_smooth.sum()])

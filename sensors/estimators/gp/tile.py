@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.compiled import compiled
+from geo.linear_algebra_kernels import add_product, factor_of, substitute_forward
 
 Floats = NDArray[np.floating]
 Places = NDArray[np.int64]
@@ -77,33 +78,6 @@ def gather(index: NDArray[np.int32], sums: Floats, box: Any) -> Floats:
                 out[found, 2], out[found, 3] = sums[row, 0], sums[row, 1] / sums[row, 0]
                 found += 1
     return out
-
-
-@compiled(nogil=True, fastmath=True)
-def _subtract_products(rows: Floats, weights: Floats, i: int, columns: int) -> None:
-    """Subtract ``weights[j] * rows[j]`` for all j < i from ``rows[i]``."""
-    target = rows[i]
-    j = 0
-    while j + 4 <= i:
-        a, b, c, d = weights[j], weights[j + 1], weights[j + 2], weights[j + 3]
-        for p in range(columns):
-            target[p] -= a * rows[j, p] + b * rows[j + 1, p] + c * rows[j + 2, p] + d * rows[j + 3, p]
-        j += 4
-    while j < i:
-        a = weights[j]
-        for p in range(columns):
-            target[p] -= a * rows[j, p]
-        j += 1
-
-
-@compiled(nogil=True)
-def substitute_forward(factor: Floats, right: Floats, columns: int) -> None:
-    """Solve ``factor x = right`` for the first `columns` columns, in place."""
-    for i in range(len(factor)):
-        _subtract_products(right, factor[i], i, columns)
-        inverse = 1.0 / factor[i, i]
-        for p in range(columns):
-            right[i, p] *= inverse
 
 
 @compiled(nogil=True)
@@ -204,10 +178,10 @@ def _precision(
 ) -> Floats:
     """Return the precision of the weights of sine functions, float64[m, m]; add the data to `weights`."""
     m = len(terms)
-    precision, product = np.zeros((m, m)), np.empty((m, m))
+    precision = np.zeros((m, m))
     for i in range(m):
         precision[i, i] = 1.0
-    batch = np.empty((m, _BATCH))
+    batch = np.empty((_BATCH, m))
     place_x, place_y = np.empty(_BATCH), np.empty(_BATCH)
     for start in range(0, len(seen), _BATCH):
         count = min(_BATCH, len(seen) - start)
@@ -215,17 +189,13 @@ def _precision(
             place_x[p], place_y[p] = seen[start + p, 0], seen[start + p, 1]
         along_x = sines(place_x[:count], span_x[0], span_x[1], spectrum[0])
         along_y = sines(place_y[:count], span_y[0], span_y[1], spectrum[1])
-        batch[:] = 0.0
         for p in range(count):
             root = np.sqrt(seen[start + p, 2] / noise)
             for i in range(m):
-                batch[i, p] = root * along_x[terms[i, 0], p] * along_y[terms[i, 1], p]
-                weights[i, 0] += batch[i, p] * root * seen[start + p, 3]
-                weights[i, 1] += batch[i, p] * root
-        np.dot(batch, batch.T, product)
-        for i in range(m):
-            for j in range(m):
-                precision[i, j] += product[i, j]
+                batch[p, i] = root * along_x[terms[i, 0], p] * along_y[terms[i, 1], p]
+                weights[i, 0] += batch[p, i] * root * seen[start + p, 3]
+                weights[i, 1] += batch[p, i] * root
+        add_product(1.0, batch.T, batch, precision, 0, m, 0, count, 0, m)
     return precision
 
 
@@ -318,7 +288,9 @@ def solve_tiles(
             matrix = _precision(seen, kernel[2], spectrum, terms, span_x, span_y, weights)
             along_x = sines(node_x, span_x[0], span_x[1], spectrum[0])
             along_y = sines(node_y, span_y[0], span_y[1], spectrum[1])
-        factor = np.linalg.cholesky(matrix)
+        factor = factor_of(matrix)
+        if not factor[0, 0] > 0.0:
+            raise np.linalg.LinAlgError("the covariance of the observations is singular")
         substitute_forward(factor, weights, 2)
         part = posterior[:, i0:i1, j0:j1]
         fill_nodes(factor, weights, along_x, along_y, products, part)

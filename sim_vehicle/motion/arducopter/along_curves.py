@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -85,9 +86,9 @@ class AlongCurves(CompiledMotion):
         guide, head, curve = self.guide, self.heads[1], self.curves[1]
         here, velocity = self.state[col.POSITION], self.state[col.VELOCITY]
         end = row[: Leg.Z + 1]
-        left = float(np.linalg.norm(end - here))
-        speed = float(np.linalg.norm(velocity))
-        along = float(velocity @ (end - here)) / left if left > 0.0 else 0.0
+        left = math.sqrt(((end - here) ** 2).sum())
+        speed = math.sqrt((velocity**2).sum())
+        along = float((velocity * (end - here)).sum()) / left if left > 0.0 else 0.0
         if int(row[Leg.KIND]) not in (LegKind.WAYPOINT, LegKind.HOME) or along < _STEADY * max(speed, 0.5):
             return at.ANEW
         guide[Guide.LEVEL] = row[Leg.SPEED] if row[Leg.SPEED] >= at.LEAST_SPEED else guide[Guide.LEVEL]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import inf, isnan, pi, sqrt
+from math import atan2, inf, isnan, pi, sqrt
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -208,7 +208,7 @@ def prepare_velocity(
     if np.isfinite(heading_rad):
         row.heading = heading_rad % (2.0 * np.pi)
     elif np.isnan(heading_rad) and speed > 0.1:
-        row.heading = np.arctan2(ux, uy) % (2.0 * np.pi)
+        row.heading = atan2(ux, uy) % (2.0 * np.pi)
     row.acceleration_along, row.jerk_along = ALONG * limits.acceleration_max, ALONG * limits.jerk_max
     row.acceleration_across, row.jerk_across = ACROSS * limits.acceleration_max, ACROSS * limits.jerk_max
     row.acceleration_normal, row.jerk_normal = limits.vertical_acceleration, limits.vertical_jerk

@@ -207,7 +207,7 @@ class Px4Multirotor(Multirotor):
         )
         g[Guide.INTEGRAL_Z] = 0.0
         thrust[2] += GRAVITY_M_S2
-        g[Guide.THRUST] = max(float(np.linalg.norm(thrust)), 1e-3)
+        g[Guide.THRUST] = max(math.sqrt((thrust * thrust).sum()), 1e-3)
         g[Guide.THRUST_X : Guide.THRUST_RATE_X] = thrust[:2] / g[Guide.THRUST]
         g[Guide.THRUST_RATE_X : Guide.THRUST] = 0.0
         g[Guide.FILTERED_AX : Guide.TURN] = state[col.ACCELERATION]

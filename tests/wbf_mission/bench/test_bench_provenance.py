@@ -12,7 +12,6 @@ import pytest
 from wbf_mission.bench import provenance
 from wbf_mission.bench.provenance import hardware, in_words, versions
 from wbf_mission.bench.rows import read_rows
-from wbf_mission.cli import app
 
 
 class UCB:
@@ -115,27 +114,6 @@ def test_the_machine_is_told_without_its_name():
     told = hardware()
     assert int(told["cores"]) >= 1
     assert set(told) <= {"processor", "cores", "memory_gb", "system", "kernels"}
-
-
-@pytest.mark.parametrize(
-    ("flags", "given", "taken"),
-    [
-        ("flags : sse avx2 fma", None, "Haswell"),
-        ("flags : sse avx2 fma", "Zen", "Zen"),
-        ("flags : sse avx", None, None),
-        (None, None, None),
-    ],
-)
-def test_the_command_line_adds_up_alike_on_all_processors(flags, given, taken, monkeypatch, tmp_path):
-    monkeypatch.setattr(app, "_CPUS", tmp_path / "cpuinfo")
-    monkeypatch.setattr(app.platform, "machine", lambda: "x86_64")
-    monkeypatch.setenv("OPENBLAS_CORETYPE", given or "")
-    if flags is not None:
-        (tmp_path / "cpuinfo").write_text(flags)
-    if given is None:
-        monkeypatch.delenv("OPENBLAS_CORETYPE")
-    app._choose_kernels()
-    assert os.environ.get("OPENBLAS_CORETYPE") == taken
 
 
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="other processors have other kernels")

@@ -1,0 +1,138 @@
+"""Linear algebra and elementary functions with the same last bits on every processor.
+
+OpenBLAS and numpy choose code by the processor, and each adds up in another order or rounds otherwise. Here a
+sum is the plain one, term after term in the order of the index, and a function is that of the library of C.
+Blocks change what is in the cache, not a bit of the result: a product of some rows is those rows of the
+product. Whoever computes what is recorded uses these.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Floats = NDArray[Any]
+_Values = TypeVar("_Values", bound=NDArray[Any])
+
+# Small ones need no compiled code, which takes milliseconds to load.
+_SHALLOW = 4
+_FEW = 64
+
+
+def _kernels() -> Any:
+    from geo import linear_algebra_kernels
+
+    return linear_algebra_kernels
+
+
+def product(a: Floats, b: Floats, out: _Values | None = None) -> Any:
+    """Return ``a @ b`` in float32 or float64 for a stack of vectors `a`, and a vector or matrix `b`.
+
+    It is written to `out` if that is given, [n, m] in C order.
+
+
+    >>> product(np.array([[1.0, 2.0], [3.0, 4.0]]), np.array([10.0, 1.0])).tolist()
+    [12.0, 34.0]
+    """
+    kind = np.result_type(a, b)
+    left = np.ascontiguousarray(a.reshape(-1, a.shape[-1]), kind)
+    right = np.ascontiguousarray(b[:, None] if b.ndim == 1 else b, kind)
+    if left.shape[1] != right.shape[0]:
+        raise ValueError(f"a product of {a.shape} and {b.shape}")
+    found = np.empty((len(left), right.shape[1]), kind) if out is None else out
+    found[...] = 0.0
+    if len(right) <= _SHALLOW:
+        for k, row in enumerate(right):
+            found += left[:, k, None] * row
+    else:
+        add = _kernels().add_product
+        add(kind.type(1.0), left, right, found, 0, len(left), 0, len(right), 0, right.shape[1])
+    if out is not None:
+        return out
+    shaped = found.reshape(a.shape[:-1] + b.shape[1:])
+    return shaped if shaped.ndim else shaped[()]
+
+
+def cholesky(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the lower Cholesky factor of a symmetric matrix, or raise `numpy.linalg.LinAlgError`."""
+    factor: NDArray[np.float64] = _kernels().factor_of(np.ascontiguousarray(matrix, np.float64))
+    if len(factor) and not factor[0, 0] > 0.0:
+        raise np.linalg.LinAlgError("the matrix is not positive definite")
+    return factor
+
+
+def solve_lower(factor: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Solve ``factor x = right`` for a lower triangular factor, float64[n, k] in C order, in its memory."""
+    _kernels().substitute_forward(factor, right, right.shape[1])
+    return right
+
+
+def solve_positive(matrix: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Solve ``matrix x = right``, a vector or matrix, for a symmetric positive definite matrix.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If it is not positive definite.
+    """
+    factor = cholesky(matrix)
+    columns = np.array(right[:, None] if right.ndim == 1 else right, np.float64, order="C")
+    solve_lower(factor, columns)
+    # Its transpose is solved from the last row up: in reversed order it is lower triangular as well.
+    turned = np.ascontiguousarray(factor.T[::-1, ::-1])
+    found = solve_lower(turned, np.ascontiguousarray(columns[::-1]))[::-1]
+    return np.ascontiguousarray(found).reshape(right.shape)
+
+
+def inverse_of_factor(factor: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the inverse of the matrix with this lower Cholesky factor."""
+    inverse: NDArray[np.float64] = _kernels().inverse_of_factor(factor)
+    return inverse
+
+
+def inverse_positive(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the inverse of a symmetric positive definite matrix, or raise `numpy.linalg.LinAlgError`."""
+    return inverse_of_factor(cholesky(matrix))
+
+
+def _elementwise(function: Callable[[float], float], kernel: str = "") -> Callable[..., Any]:
+    """Make a function of arrays of one of `math`; without a kernel, of few numbers."""
+
+    def of_arrays(x: ArrayLike, out: NDArray[Any] | None = None) -> Any:
+        values = np.asarray(x)
+        if values.dtype != np.float32:
+            values = values.astype(np.float64)
+        found = np.empty(values.shape, values.dtype)
+        if kernel and (values.size > _FEW or values.dtype == np.float32 or not _tame(values)):
+            getattr(_kernels(), kernel)(np.ascontiguousarray(values).reshape(-1), found.reshape(-1))
+        else:
+            found.reshape(-1)[:] = [function(one) for one in values.reshape(-1).tolist()]
+        if out is not None:
+            out[...] = found
+            return out
+        return found if found.ndim else found[()]
+
+    of_arrays.__name__ = function.__name__
+    of_arrays.__doc__ = f"Return ``math.{function.__name__}`` of each number of an array, in its precision."
+    return of_arrays
+
+
+def _tame(values: Floats) -> bool:
+    """Return whether `math` returns a number for all of them, and raises no error."""
+    return bool((np.abs(values) < 700.0).all()) and bool((values != 0.0).all())
+
+
+def arctan2(y: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return ``math.atan2`` of each pair of numbers of two vectors."""
+    return np.array([math.atan2(*pair) for pair in zip(y.tolist(), x.tolist(), strict=True)])
+
+
+exp = _elementwise(math.exp, "each_exp")
+log = _elementwise(math.log, "each_log")
+sin = _elementwise(math.sin, "each_sin")
+cos = _elementwise(math.cos)
+expm1 = _elementwise(math.expm1)

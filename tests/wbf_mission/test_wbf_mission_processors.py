@@ -1,0 +1,146 @@
+"""Results do not depend on the processor's kernels, nor on who asks for them: docs/decisions/0029."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import msgspec
+import pytest
+from threadpoolctl import threadpool_info
+
+from geo.compiled import compiled_folder
+from wbf_mission import BenchSpec, Scenario, benchmark, fly, load_result
+from wbf_mission.bench.rows import read_rows
+
+CPUS = Path("/proc/cpuinfo")
+FLAGS = frozenset(CPUS.read_text().split()) if CPUS.is_file() else frozenset()
+AVX512 = ("avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl")
+NEEDED = {"Sandybridge": ("avx",), "Haswell": ("avx2", "fma"), "Zen": ("avx2", "fma"), "SkylakeX": AVX512}
+KERNELS = [name for name, flags in NEEDED.items() if FLAGS.issuperset(flags)]
+VARIABLES = ("OPENBLAS_CORETYPE", "NPY_DISABLE_CPU_FEATURES", "OPENBLAS_NUM_THREADS")
+
+EPIDEMIC = "epidemic:outbreaks=20,epochs=1"
+# Days, soil and the infected of a whole flight; a world of smooth fields; a kernel fitted in flight.
+FLOWN = """
+import hashlib, json, sys
+import numpy as np
+from wbf_mission import Scenario, fly
+from numpy._core._multiarray_umath import __cpu_features__
+
+def digest(*arrays):
+    return hashlib.sha256(b"".join(np.ascontiguousarray(one).tobytes() for one in arrays)).hexdigest()[:16]
+
+told = {}
+for name, options in json.loads(sys.argv[1]).items():
+    flown = fly(Scenario(farm="miniberry-10", **options))
+    seen = flown.observations
+    told[name] = {
+        "truth": digest(flown.truth),
+        "track": digest(*(getattr(flown.track, name) for name in ("time_s", "x_m", "y_m", "altitude_m"))),
+        "observations": digest(seen.x, seen.y, seen.time_s, seen.values),
+        "estimate": digest(flown.model.value, flown.model.uncertainty),
+        "score": [flown.score.hex(), flown.final_score.hex()],
+    }
+print(json.dumps({"told": told, "features": [name for name, on in __cpu_features__.items() if on]}))
+"""
+RUNS = {
+    "gp": {"policy": "rolling-horizon", "estimator": "gp", "days": 2, "budget": "60s"},
+    "gp in tiles": {"policy": "orienteering", "estimator": "gp:method=local", "budget": "60s"},
+    "gp of the flight": {"planner": "spiral", "estimator": "gp:learn_from=observations"},
+    "epidemic": {"policy": "greedy", "estimator": EPIDEMIC, "days": 2, "budget": "60s"},
+    "adaptive-disk": {"planner": "lawnmower", "estimator": "adaptive-disk", "gps_noise_m": 0.5},
+}
+
+
+def environment_of(folder, **forced):
+    kept = {name: value for name, value in os.environ.items() if name not in VARIABLES}
+    # What one process learned must not serve the others; compiled code does not depend on those kernels.
+    caches = {"XDG_CACHE_HOME": str(folder), "NUMBA_CACHE_DIR": str(compiled_folder())}
+    return kept | caches | forced
+
+
+def flown(folder, **forced):
+    command = [sys.executable, "-W", "ignore", "-c", FLOWN, json.dumps(RUNS)]
+    done = subprocess.run(
+        command, env=environment_of(folder, **forced), check=True, capture_output=True, text=True
+    )
+    return json.loads(done.stdout)
+
+
+def disabled(*parts):
+    from numpy._core._multiarray_umath import __cpu_dispatch__, __cpu_features__
+
+    names = [one for one in __cpu_dispatch__ if __cpu_features__.get(one)]
+    return {"NPY_DISABLE_CPU_FEATURES": " ".join(one for one in names if one.startswith(parts))}
+
+
+@pytest.fixture(scope="module")
+def by_itself(tmp_path_factory):
+    return flown(tmp_path_factory.mktemp("cache"))
+
+
+# With each kernel another part of what numpy chooses by the processor is switched off.
+SWITCHED_OFF = {"Sandybridge": ("",), "Haswell": ("X86_V4", "AVX512")}
+
+
+@pytest.mark.skipif(not KERNELS, reason="no kernels to choose from")
+@pytest.mark.parametrize("kernel", KERNELS)
+def test_no_kernel_changes_a_bit(kernel, by_itself, tmp_path):
+    off = disabled(*SWITCHED_OFF[kernel]) if kernel in SWITCHED_OFF else {}
+    found = flown(tmp_path, OPENBLAS_CORETYPE=kernel, **off)
+    assert found["told"] == by_itself["told"]
+    names = set(off.get("NPY_DISABLE_CPU_FEATURES", "").split())
+    assert names.isdisjoint(found["features"])
+    assert names <= set(by_itself["features"])
+
+
+SPEC = {"planners": ["spiral", "greedy"], "estimators": ["gp", "adaptive-disk"], "seeds": 1}
+COSTS = ("wall_time_s", "cpu_time_s", "timings_s", "hardware", "versions")
+
+
+def decided(rows):
+    return sorted(
+        ({k: v for k, v in msgspec.structs.asdict(one).items() if k not in COSTS} for one in rows),
+        key=lambda one: one["key"],
+    )
+
+
+def command_line(folder, *words, **forced):
+    command = [sys.executable, "-m", "wbf_mission", *words]
+    done = subprocess.run(
+        command, env=environment_of(folder, **forced), check=True, capture_output=True, text=True
+    )
+    return done.stdout
+
+
+def test_the_command_line_flies_the_rows_that_python_flies(tmp_path):
+    words = ["--scenarios", "WBF/Miniberry-10-v1", "--seeds", "1"]
+    words += ["--planners", "spiral,greedy", "--estimators", "gp,adaptive-disk", "--jobs", "2"]
+    command_line(tmp_path, "bench", "run", *words, "--out", str(tmp_path / "out"), **disabled(""))
+    here = benchmark(BenchSpec.of(["WBF/Miniberry-10-v1"], **SPEC))
+    assert decided(read_rows(tmp_path / "out")) == decided(here)
+
+
+def test_the_command_line_flies_what_python_flies(tmp_path):
+    words = ["--farm", "miniberry-10", "--policy", "greedy", "--estimator", "gp", "--no-plots", "--quiet"]
+    forced = {"OPENBLAS_CORETYPE": "Sandybridge"} if "Sandybridge" in KERNELS else {}
+    command_line(tmp_path, "fly", *words, "--out", str(tmp_path / "run"), **forced)
+    there = load_result(tmp_path / "run")
+    here = fly(Scenario(farm="miniberry-10", policy="greedy", estimator="gp"))
+    assert (there.score, there.final_score, there.losses) == (here.score, here.final_score, here.losses)
+    assert there.track.x_m.tolist() == here.track.x_m.tolist()
+
+
+def test_kernels_can_be_forced(tmp_path):
+    """Without that the comparisons above would compare nothing."""
+    for kernel in KERNELS:
+        command = [sys.executable, "-c", "import numpy, threadpoolctl as t; print(t.threadpool_info())"]
+        told = subprocess.run(
+            command, env=environment_of(tmp_path, OPENBLAS_CORETYPE=kernel), check=True, capture_output=True
+        )
+        # OpenBLAS has Haswell's kernels for Zen, and tells one name or the other.
+        names = {kernel, "Haswell"} if kernel == "Zen" else {kernel}
+        found = told.stdout.decode()
+        assert any(name in found for name in names) or "openblas" not in str(threadpool_info())

@@ -54,7 +54,7 @@
     +-- wbf_mission.web.tiles.MapTilesError              a file of map tiles
     +-- wbf_mission.web.report.ReportError               runs of which no report can be made
     +-- wbf_mission.web.drafts.DraftError                a draft of the studio
-    +-- wbf_mission.web.drafts.SupersededError           work in whose place newer work is done
+    +-- wbf_mission.web.newest.SupersededError           work in whose place newer work is done
     +-- wbf_mission.cli.options.TargetError              a file or folder to be written
 """
 

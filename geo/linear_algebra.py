@@ -9,6 +9,7 @@ product. Whoever computes what is recorded uses these.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -18,8 +19,9 @@ from numpy.typing import ArrayLike, NDArray
 Floats = NDArray[Any]
 _Values = TypeVar("_Values", bound=NDArray[Any])
 
-# Small ones need no compiled code, which takes milliseconds to load.
+# Small ones need no compiled code; until somebody loads it, which takes a moment, larger ones do without.
 _SHALLOW = 4
+_LIGHT = 100_000
 _FEW = 64
 
 
@@ -27,6 +29,10 @@ def _kernels() -> Any:
     from geo import linear_algebra_kernels
 
     return linear_algebra_kernels
+
+
+def _are_loaded() -> bool:
+    return "geo.linear_algebra_kernels" in sys.modules
 
 
 def product(a: Floats, b: Floats, out: _Values | None = None) -> Any:
@@ -45,7 +51,7 @@ def product(a: Floats, b: Floats, out: _Values | None = None) -> Any:
         raise ValueError(f"a product of {a.shape} and {b.shape}")
     found = np.empty((len(left), right.shape[1]), kind) if out is None else out
     found[...] = 0.0
-    if len(right) <= _SHALLOW:
+    if len(right) <= _SHALLOW or (found.size * len(right) <= _LIGHT and not _are_loaded()):
         for k, row in enumerate(right):
             found += left[:, k, None] * row
     else:

@@ -13,8 +13,10 @@ a (k, H) matrix, and its sum over the farm needs the sums of the columns and row
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import reduce
 from typing import ClassVar
 
 import numpy as np
@@ -170,7 +172,9 @@ def rain_factors(
     None if all humps lie beside the farm: then no rain falls.
     """
     along_x, along_y = hump_factors(shower.corners, shape, parameters)
-    fallen = float(product(along_x.sum(axis=0), along_y.sum(axis=1)))
+    # A plain sum of few terms needs no compiled code; `sum` adds up otherwise since Python 3.12.
+    terms = map(operator.mul, along_x.sum(axis=0).tolist(), along_y.sum(axis=1).tolist())
+    fallen = reduce(operator.add, terms, 0.0)
     if fallen <= 0.0:
         return None
     return along_x * (shower.mean_rain * shape[0] * shape[1] / fallen), along_y

@@ -66,6 +66,16 @@ def test_a_wide_product_is_the_plain_sum():
     assert np.array_equal(la.product(a, b), plain_product(a, b))
 
 
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+def test_without_compiled_code_the_sum_is_the_same(kind, monkeypatch):
+    rng = np.random.default_rng(2)
+    a, b = rng.standard_normal((30, 40)).astype(kind), rng.standard_normal((40, 30)).astype(kind)
+    compiled = la.product(a, b)
+    monkeypatch.setattr(la, "_are_loaded", lambda: False)
+    monkeypatch.setattr(la, "_kernels", None)
+    assert np.array_equal(la.product(a, b), compiled)
+
+
 def test_what_does_not_fit_is_refused():
     with pytest.raises(ValueError, match=r"a product of \(2, 3\) and \(2,\)"):
         la.product(np.ones((2, 3)), np.ones(2))

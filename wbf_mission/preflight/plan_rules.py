@@ -324,8 +324,8 @@ def check_coverage(subject: Subject) -> Iterator[Finding]:
     """Images that show less of the farm than was asked for: nothing, or with a mapping camera a part."""
     coverage, whole = subject.coverage, subject.given.imaging is not None
     if coverage is not None and too_little_seen(coverage, whole=whole):
-        least = 100.0 * LEAST_OF_WHOLE if whole else 0.0
-        yield found(subject, "unseen", measured=(100.0 * coverage, least))
+        measured = (100.0 * coverage, 100.0 * LEAST_OF_WHOLE) if whole else None
+        yield found(subject, "unseen", measured=measured)
 
 
 _LOWEST_M = 2.0

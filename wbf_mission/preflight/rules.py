@@ -125,7 +125,7 @@ RULES: Mapping[Concern, Mapping[str, Rule]] = {
         ),
         "unseen": Rule(
             _WARNING,
-            "the images show less of the farm's land than a survey of it would",
+            "the images show less of the farm's land than was asked for",
             "is it a part of a survey, the right --farm and --camera? Otherwise plan it again",
             _least("coverage", "%"),
         ),

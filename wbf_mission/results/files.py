@@ -77,6 +77,7 @@ class PredictionEntry(msgspec.Struct, forbid_unknown_fields=True):
     energy_interval_wh: tuple[float, float] | None = None
     energy_bound_wh: float | None = None
     items: list[int] = msgspec.field(default_factory=list)
+    camera_orders: tuple[tuple[float, int], ...] = ()
 
 
 _SAME = (

@@ -180,7 +180,7 @@ class PlanResult:
 
 
 def budget_left(sorties: Sequence[PlanResult]) -> str:
-    """Say how much less than its budget a mission takes, in one sortie or several; empty if it is little."""
+    """Say that a mission takes much less than its budget, or its sorties take more; else empty."""
     text = sorties[0].budget_text
     try:
         value, unit = parse_budget(text)
@@ -193,9 +193,15 @@ def budget_left(sorties: Sequence[PlanResult]) -> str:
         "s": sum(one.prediction.duration_s for one in sorties),
         "Wh": sum(one.prediction.energy_wh for one in sorties),
     }[unit]
-    if taken > _USED * value or not all(one.prediction.feasible for one in sorties):
+    if not all(one.prediction.feasible for one in sorties):
         return ""
-    return not_used(f"{taken:.3g} {unit}", text)
+    shown = f"{taken:.0f} {unit}" if taken >= 100.0 else f"{taken:.3g} {unit}"
+    if taken > _OVER * value and len(sorties) > 1:
+        return (
+            f"the {len(sorties)} sorties take {shown}: the budget of {text} is that of the path before it is"
+            " cut, without the ways to and from each sortie"
+        )
+    return "" if taken > _USED * value else not_used(shown, text)
 
 
 def not_used(taken: str, budget: str) -> str:
@@ -209,6 +215,7 @@ APPROACH_ALTITUDE_M = 30.0
 _MOST_THREADS = 4
 # Of a budget: planners that add row by row leave a tenth of it.
 _USED = 0.85
+_OVER = 1.05
 _PROBE_STEP_S, _OFF_THE_GROUND_M = 0.2, 0.3
 
 

@@ -149,8 +149,8 @@ class MissionOptions(Part):
     )
     budget: str | None = option(
         None,
-        "How much each vehicle may fly in each flight: 8000m, 2.5km, 25min, 1500s, 50Wh or 360steps;"
-        " unlimited: as much as a survey takes, whatever the battery holds",
+        "How much each vehicle may fly, before it is cut into sorties for its batteries: 8000m, 2.5km, 25min,"
+        " 1500s, 50Wh or 360steps; unlimited: as much as a survey takes, whatever the battery holds",
         RUN,
         default="the battery less its reserve; ideal: 0.4 x the owner's cells in steps",
         example="60s",

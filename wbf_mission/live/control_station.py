@@ -9,12 +9,13 @@ from dataclasses import dataclass, field
 
 from mission.ground.command import OperatorCommand
 from mission.ground.contact import Contact, Heartbeat
+from mission.ground.standstill import Standstill
 from mission.ground.vehicle_state import VehicleMonitor
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.transfer.wire import GROUND_STATION
 from wbf_mission.live.command_session import CommandSession
-from wbf_mission.run.orders import IN_FLIGHT, LIFE_S, START, Orders, WatchersOrder, steady_s
+from wbf_mission.run.orders import IN_FLIGHT, START, Orders, WatchersOrder, steady_s
 
 __all__ = ["ControlStation", "commands_of"]
 
@@ -62,8 +63,7 @@ class ControlStation:
     wanted: frozenset[int] | None = None
 
     def __init__(self, orders: Orders, clock: Callable[[], float] = steady_s) -> None:
-        self._orders, self._clock = orders, clock
-        self._awake_s = clock()
+        self._orders, self._standstill = orders, Standstill(clock)
         self._vehicles: dict[int, _Vehicle] = {}
         self._heartbeat: Heartbeat | None = None
         self._look_s = -math.inf
@@ -107,14 +107,15 @@ class ControlStation:
 
     def _look_at_clock(self) -> None:
         """Drop what is under way if nobody has called for a while."""
-        before_s, self._awake_s = self._awake_s, self._clock()
-        stood_s = self._awake_s - before_s
-        for one in self._vehicles.values():
-            if stood_s > LIFE_S and one.order is not None:
-                text = f"{one.order.order} is dropped: the program stood still for {stood_s:.0f} s"
-                self._orders.warn(f"{self._at(one)}{text}; see what the vehicle does, and order it again")
-                one.order, one.session = None, None
-                one.left.clear()
+        stood_s = self._standstill.look()
+        if stood_s == 0.0:
+            return
+        for vehicle in self._vehicles.values():
+            if vehicle.order is not None:
+                text = f"{vehicle.order.order} is dropped: the program stood still for {stood_s:.0f} s"
+                self._orders.warn(f"{self._at(vehicle)}{text}; see what the vehicle does, and order it again")
+                vehicle.order, vehicle.session = None, None
+                vehicle.left.clear()
 
     def _begin(self, one: _Vehicle, order: WatchersOrder) -> None:
         self._heartbeat = self._heartbeat or Heartbeat()

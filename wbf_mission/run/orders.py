@@ -11,6 +11,7 @@ from functools import partial
 
 from geo.texts import one_line
 from mission.ground.command import OperatorCommand, OrderError
+from mission.ground.standstill import LIFE_S
 from wbf_mission.events import Asked, EventStream, Noted, Orderable
 
 __all__ = ["IN_FLIGHT", "LIFE_S", "START", "Orders", "WatchersOrder", "steady_s", "too_late"]
@@ -20,8 +21,6 @@ START = "start"
 STARTS_MOTORS = frozenset({START, "arm", "takeoff"})
 ENDS_FLIGHT = frozenset({"return", "land"})
 """For more than one vehicle these are confirmed, as is what starts motors."""
-LIFE_S = 2.0
-"""An order or an answer that is older is not carried out: who gave it did not see what is now."""
 IN_FLIGHT = ("hold", "resume", "return", "land", "set item")
 """The words that a page shows; a command's are the same with hyphens."""
 _MOST_WAITING = 100

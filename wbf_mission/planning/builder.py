@@ -180,20 +180,20 @@ class PlanResult:
 
 
 def budget_left(sorties: Sequence[PlanResult]) -> str:
-    """Say how much less than its budget a mission takes, in one sortie or several; empty if it is little."""
+    """Return a note on the unused part of the budget, over all sorties; empty if that is small."""
     text = sorties[0].budget_text
     try:
         value, unit = parse_budget(text)
     except PlanningError:
         return ""
-    length_m = sum(one.length_m for one in sorties)
+    length_m = sum(sortie.length_m for sortie in sorties)
     taken = {
         "m": length_m,
         "steps": length_m / sorties[0].farm.cell_size_m,
-        "s": sum(one.prediction.duration_s for one in sorties),
-        "Wh": sum(one.prediction.energy_wh for one in sorties),
+        "s": sum(sortie.prediction.duration_s for sortie in sorties),
+        "Wh": sum(sortie.prediction.energy_wh for sortie in sorties),
     }[unit]
-    if taken > _USED * value or not all(one.prediction.feasible for one in sorties):
+    if taken > _USED * value or not all(sortie.prediction.feasible for sortie in sorties):
         return ""
     return not_used(f"{taken:.3g} {unit}", text)
 

@@ -32,7 +32,7 @@ steady_s: Callable[[], float] = (
 
 
 def too_late(age_s: float) -> str:
-    """Return why what was given so long ago is refused, empty if it is not.
+    """Return why an order or answer of this age is refused, empty if it is not.
 
     >>> too_late(1.9), too_late(14.2)
     ('', 'too late: it was given 14 s ago; look at the page, and give it again')
@@ -192,7 +192,7 @@ class Orders:
         return bool(self._waiting)
 
     def taken(self) -> list[WatchersOrder]:
-        """Take the orders that came since the last call; one that waited too long is told and left out."""
+        """Return the orders since the last call; warn of those that waited too long, and leave them out."""
         with self._lock:
             waiting = list(self._waiting)
             self._waiting.clear()
@@ -215,7 +215,7 @@ class Orders:
             self._events.tell(asked)
 
     def answered(self) -> str | None:
-        """Take the answer, None while there is none; one that waited too long is told and left out."""
+        """Return the answer, None while there is none; warn of one that waited too long, and leave it out."""
         with self._lock:
             answer, self._answer = self._answer, None
         if answer is None:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable
 from enum import Enum
 
+from mission.ground.standstill import Standstill
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.transfer.wire import command_long
@@ -37,16 +39,20 @@ class ArmingGate:
 
     The vehicle's word is the bit PREARM_CHECK of the healthy parts in SYS_STATUS, as ArduPilot and PX4 send
     it, in the mode in which it is to arm: in others it may not need a position. An autopilot that does not
-    know the bit is taken as ready; none is before it knows where it is.
+    know the bit is taken as ready; none is before it knows where it is. With a `clock`, an agreement ends
+    when the program stands still.
     """
 
-    def __init__(self, vehicle: tuple[int, int], *, agreed: bool = False) -> None:
+    def __init__(
+        self, vehicle: tuple[int, int], *, agreed: bool = False, clock: Callable[[], float] | None = None
+    ) -> None:
         self.stage = Stage.CHECKING
         self.reasons: list[str] = []  # Why the vehicle would not arm, in its own words, the latest last
         self.told = 0  # How often it gave a reason
         self._due_s = -math.inf
         self._vehicle = vehicle
         self._agreed = agreed
+        self._standstill = None if clock is None else Standstill(clock)
         self._held = False
 
     def poll(self, now_s: float) -> list[Message]:
@@ -84,6 +90,11 @@ class ArmingGate:
             reason = match.group(1).strip()
             self.told += 1
             self.reasons = [*(one for one in self.reasons if one != reason), reason][-_MOST_REASONS:]
+
+    def outlived_s(self) -> float:
+        """Return for how long the program stood still after the agreement; 0 if it did not."""
+        stood_s = 0.0 if self._standstill is None else self._standstill.look()
+        return stood_s if self._agreed else 0.0
 
     def check_again(self, now_s: float) -> None:
         """Begin again after the vehicle has refused to arm; the operator's word still counts."""

@@ -20,6 +20,8 @@ _READY_S = 180.0
 _AGAIN_S = 3.0
 _LAST_WORDS_S = 0.5
 """ArduPilot says why after its answer."""
+_LATE_ANSWER_S = 1.0
+"""An answer that came while the program stood still is read in that time."""
 _MODE_SHOWN_S = 2.5
 _MODE_SETTLES_S = 1.0
 """So long after its mode has changed the vehicle's own checks may be those for the mode before."""
@@ -43,6 +45,7 @@ class MissionStart:
         self._arm_s = self._ready_s = math.inf
         self._mode_s = self._again_s = -math.inf
         self._texts_before = self._reasons_before = 0
+        self._repeats = True
 
     def begin(self, home: GeoPoint | None, texts_before: int, now_s: float) -> list[Message]:
         """Begin; the plan's home is where the vehicle has to stand, what it said before does not count."""
@@ -67,8 +70,26 @@ class MissionStart:
             out += self._pass_gate(gate, now_s)
         order = self._order
         if order is not None and now_s >= order.due_s:
-            out += self._give_up(now_s) if order.is_given_up else order.send(now_s)
+            out += self._give_up(now_s) if order.is_given_up or not self._repeats else order.send(now_s)
         return out
+
+    def look_at_clock(self, now_s: float) -> list[Message]:
+        """End the start if the program stood still: nobody saw what became of the vehicle meanwhile."""
+        stood_s = 0.0 if self._gate is None else self._gate.outlived_s()
+        if stood_s == 0.0 or self.failure is not None:
+            return []
+        order, self._order = self._order, None
+        if self.phase is Phase.START and order is not None:
+            # The order was given in time: its answer counts, but it is not given once more.
+            self._order, self._repeats = order, False
+            order.due_s = max(order.due_s, now_s + _LATE_ANSWER_S)
+            return []
+        stood = f"the program stood still for {stood_s:.0f} s before the start"
+        self.failure = Outcome.NOT_STARTED, f"{stood}: look at the vehicle, and start again"
+        if self.phase is not Phase.ARM or order is None:
+            return []
+        # It may have armed.
+        return self._contact.order(m.MAV_CMD_COMPONENT_ARM_DISARM, 0.0).send(now_s)
 
     def next_deadline(self) -> float:
         """When `poll` has something to do."""

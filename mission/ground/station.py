@@ -34,6 +34,7 @@ _STATE_S, _STATE_BEHIND_LINK_S = 2.5, 5.0
 """The state of the mission is told so long after the disarming."""
 _CLOCK_S = 5.0
 """After a silence the vehicle tells its clock within this time and some round trips."""
+_BEFORE_FLIGHT = frozenset({Phase.CONTACT, Phase.UPLOAD}) | STARTING
 _STREAM_HZ = 4
 _NAV_LAST = 95
 """MAV_CMDs beyond this are flown to nowhere."""
@@ -281,6 +282,8 @@ class GroundStation:
         number, is_autopilot = type(message).id, self._is_autopilot(message)
         if self.arming_gate is not None and is_autopilot:
             self.link.receive(message, now_s)
+            if given_up := self._look_at_clock(now_s):
+                return given_up
         handle = self._handlers.get(number)
         if handle is None or message.get_srcSystem() != self.vehicle_system_id:
             return []
@@ -300,6 +303,7 @@ class GroundStation:
             self._first_s = now_s
         if not self.done:
             out += self.link.poll(now_s)
+        out += self._look_at_clock(now_s)
         if self.phase is Phase.CONTACT and now_s - self._first_s > _CONTACT_S:
             why = f"no heartbeat of system {self.vehicle_system_id} in {_CONTACT_S:.0f} s"
             self._end(Outcome.NO_CONTACT, why, now_s)
@@ -514,6 +518,13 @@ class GroundStation:
         elif self._uploads.done:
             out += self._after_start(self._start.begin(self.mission.home, self._texts_before, now_s), now_s)
         return out
+
+    def _look_at_clock(self, now_s: float) -> list[Message]:
+        """End a start that was agreed to before the program stood still."""
+        if self.arming_gate is None or self.phase not in _BEFORE_FLIGHT:
+            return []
+        out = self._start.look_at_clock(now_s)
+        return out if self._start.failure is None else self._after_start(out, now_s)
 
     def _after_start(self, out: list[Message], now_s: float) -> list[Message]:
         """Take how far the start is; go on when the vehicle flies its mission."""

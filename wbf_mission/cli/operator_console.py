@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from geo.texts import distance
 from mission.ground.arming_gate import Stage
 from mission.ground.modes import Maneuver
+from mission.ground.standstill import Standstill
 from mission.ground.station import NotFlyingError
 from mission.ground.status_text import doing
 from mission.outcome import Phase
@@ -20,6 +21,7 @@ from sim_vehicle.mavlink.fleet import SPACING_M
 from wbf_mission.cli import signals
 from wbf_mission.cli.output import Output
 from wbf_mission.events import Asked
+from wbf_mission.run.orders import steady_s
 
 if TYPE_CHECKING:
     from wbf_mission.run.joint_flight import JointFlight
@@ -188,9 +190,17 @@ class TerminalConsole:
         self._asked = False
         self._stopping = False
         self._question_between = ""
+        self._standstill = Standstill(steady_s)
 
     def tend(self, flight: JointFlight) -> None:
         """Say what is new, and take an answer if there is one."""
+        if (stood_s := self._standstill.look()) and self._words and sys.stdin.isatty():
+            while _line():
+                pass
+            self._output.warn(f"the program stood still for {stood_s:.0f} s: what was typed is not read")
+            self._asked = False
+            if self._stopping:
+                self._output.note(self._question)
         if [one.sortie for one in self._vehicles] != list(flight.sorties):
             self._asked = self._stopping = False
             alone = len(flight.sorties) == 1

@@ -9,12 +9,13 @@ from dataclasses import dataclass, field
 
 from mission.ground.command import OperatorCommand
 from mission.ground.contact import Contact, Heartbeat
+from mission.ground.standstill import Standstill
 from mission.ground.vehicle_state import VehicleMonitor
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.transfer.wire import GROUND_STATION
 from wbf_mission.live.command_session import CommandSession
-from wbf_mission.run.orders import IN_FLIGHT, LIFE_S, START, Orders, WatchersOrder, steady_s
+from wbf_mission.run.orders import IN_FLIGHT, START, Orders, WatchersOrder, steady_s
 
 __all__ = ["ControlStation", "commands_of"]
 
@@ -40,7 +41,7 @@ def commands_of(order: WatchersOrder, heard: VehicleMonitor) -> list[OperatorCom
 
 @dataclass(slots=True)
 class _Vehicle:
-    """A vehicle that is heard, and what it is being told."""
+    """A vehicle that is heard, and the order under way."""
 
     contact: Contact
     order: WatchersOrder | None = None
@@ -51,10 +52,10 @@ class _Vehicle:
 class ControlStation:
     """A component that carries out what is ordered (`Orders`), by one `CommandSession` after the other.
 
-    A vehicle that is told something new is told nothing more of what it was told before. It says nothing to
-    vehicles before the first order; from then on it sends a heartbeat, for a vehicle may miss one that it
-    has once heard. After a time in which this program stood still, by `clock`, it carries on with no order:
-    nobody knows what has become of the vehicles meanwhile.
+    A new order to a vehicle takes the place of the one before. The station says nothing to vehicles before
+    the first order; from then on it sends a heartbeat, for a vehicle may miss one that it has once heard.
+    After a time in which this program stood still, by `clock`, it drops the orders under way: nobody knows
+    what has become of the vehicles meanwhile.
     """
 
     # Another component than who watches on the same link.
@@ -62,8 +63,7 @@ class ControlStation:
     wanted: frozenset[int] | None = None
 
     def __init__(self, orders: Orders, clock: Callable[[], float] = steady_s) -> None:
-        self._orders, self._clock = orders, clock
-        self._awake_s = clock()
+        self._orders, self._standstill = orders, Standstill(clock)
         self._vehicles: dict[int, _Vehicle] = {}
         self._heartbeat: Heartbeat | None = None
         self._look_s = -math.inf
@@ -74,73 +74,73 @@ class ControlStation:
         if message.get_srcComponent() != _AUTOPILOT:
             return []
         number = message.get_srcSystem()
-        one = self._vehicles.get(number)
-        if one is None:
+        vehicle = self._vehicles.get(number)
+        if vehicle is None:
             is_beat = isinstance(message, m.MAVLink_heartbeat_message)
             if not is_beat or len(self._vehicles) >= _MOST_VEHICLES:
                 return []
-            one = self._vehicles[number] = _Vehicle(Contact((number, _AUTOPILOT)))
+            vehicle = self._vehicles[number] = _Vehicle(Contact((number, _AUTOPILOT)))
             self._orders.allow(_ORDERS, self._vehicles)
-        one.contact.receive(message, now_s)
-        out = [] if one.session is None else one.session.receive(message, now_s)
-        return out + self._go_on(one, now_s)
+        vehicle.contact.receive(message, now_s)
+        out = [] if vehicle.session is None else vehicle.session.receive(message, now_s)
+        return out + self._go_on(vehicle, now_s)
 
     def poll(self, now_s: float) -> list[Message]:
         """Take what was ordered, and send what is due."""
         self._look_at_clock()
         self._look_s = now_s + _LOOK_S
         for order in self._orders.taken():
-            for number, one in self._vehicles.items():
+            for number, vehicle in self._vehicles.items():
                 if order.is_for(number):
-                    self._begin(one, order)
+                    self._begin(vehicle, order)
         out = [] if self._heartbeat is None else self._heartbeat.poll(now_s)
-        for one in self._vehicles.values():
-            if one.session is not None:
-                out += one.session.poll(now_s)
-            out += self._go_on(one, now_s)
+        for vehicle in self._vehicles.values():
+            if vehicle.session is not None:
+                out += vehicle.session.poll(now_s)
+            out += self._go_on(vehicle, now_s)
         return out
 
     def next_deadline(self) -> float:
         """When `poll` has something to do."""
-        sessions = (one.session for one in self._vehicles.values())
-        return min([self._look_s, *(one.next_deadline() for one in sessions if one is not None)])
+        sessions = (vehicle.session for vehicle in self._vehicles.values())
+        return min([self._look_s, *(session.next_deadline() for session in sessions if session is not None)])
 
     def _look_at_clock(self) -> None:
         """Drop what is under way if nobody has called for a while."""
-        before_s, self._awake_s = self._awake_s, self._clock()
-        stood_s = self._awake_s - before_s
-        for one in self._vehicles.values():
-            if stood_s > LIFE_S and one.order is not None:
-                text = f"{one.order.order} is dropped: the program stood still for {stood_s:.0f} s"
-                self._orders.warn(f"{self._at(one)}{text}; see what the vehicle does, and order it again")
-                one.order, one.session = None, None
-                one.left.clear()
+        stood_s = self._standstill.look()
+        if stood_s == 0.0:
+            return
+        for vehicle in self._vehicles.values():
+            if vehicle.order is not None:
+                text = f"{vehicle.order.order} is dropped: the program stood still for {stood_s:.0f} s"
+                self._orders.warn(f"{self._at(vehicle)}{text}; see what the vehicle does, and order it again")
+                vehicle.order, vehicle.session = None, None
+                vehicle.left.clear()
 
-    def _begin(self, one: _Vehicle, order: WatchersOrder) -> None:
+    def _begin(self, vehicle: _Vehicle, order: WatchersOrder) -> None:
         self._heartbeat = self._heartbeat or Heartbeat()
-        self._orders.note(f"{self._at(one)}{order}")
-        one.order, one.session = order, None
-        one.left = deque(commands_of(order, one.contact.monitor))
+        self._orders.note(f"{self._at(vehicle)}{order}")
+        vehicle.order, vehicle.session = order, None
+        vehicle.left = deque(commands_of(order, vehicle.contact.monitor))
 
-    def _go_on(self, one: _Vehicle, now_s: float) -> list[Message]:
+    def _go_on(self, vehicle: _Vehicle, now_s: float) -> list[Message]:
         """Begin with the next command where one is over; say what came of it all."""
-        session = one.session
+        session = vehicle.session
         if session is not None and not session.done:
             return []
         if session is not None and session.error is not None:
             # Errors name the vehicle.
             self._orders.warn(str(session.error))
-            one.order, one.session = None, None
-            one.left.clear()
-        elif one.left:
-            one.session = CommandSession(one.left.popleft(), contact=one.contact)
-            return one.session.poll(now_s)
-        elif session is not None and one.order is not None:
-            self._orders.note(
-                f"{self._at(one)}{one.order.order} is carried out (mode {one.contact.monitor.mode})"
-            )
-            one.order, one.session = None, None
+            vehicle.order, vehicle.session = None, None
+            vehicle.left.clear()
+        elif vehicle.left:
+            vehicle.session = CommandSession(vehicle.left.popleft(), contact=vehicle.contact)
+            return vehicle.session.poll(now_s)
+        elif session is not None and vehicle.order is not None:
+            mode = vehicle.contact.monitor.mode
+            self._orders.note(f"{self._at(vehicle)}{vehicle.order.order} is carried out (mode {mode})")
+            vehicle.order, vehicle.session = None, None
         return []
 
-    def _at(self, one: _Vehicle) -> str:
-        return f"vehicle {one.contact.vehicle[0]}: " if len(self._vehicles) > 1 else ""
+    def _at(self, vehicle: _Vehicle) -> str:
+        return f"vehicle {vehicle.contact.vehicle[0]}: " if len(self._vehicles) > 1 else ""

@@ -23,7 +23,7 @@ from sim_vehicle.host.server import Server, ServerUrl
 from sim_vehicle.host.simulation import StopReason
 from wbf_mission.live.riding_camera import RidingCamera
 from wbf_mission.run.hosting import tap_of
-from wbf_mission.run.orders import Orders
+from wbf_mission.run.orders import Orders, steady_s
 from wbf_mission.run.sortie import Sortie
 from wbf_mission.scenario import Scenario
 
@@ -60,7 +60,7 @@ class LinkHosting:
 
     def arming_gate(self, system_id: int) -> ArmingGate:
         """Return what has to hold before the motors start: the vehicle's own checks, and the operator."""
-        return ArmingGate((system_id, _AUTOPILOT), agreed=self.agreed)
+        return ArmingGate((system_id, _AUTOPILOT), agreed=self.agreed, clock=steady_s)
 
     def open(
         self,

@@ -180,20 +180,20 @@ class PlanResult:
 
 
 def budget_left(sorties: Sequence[PlanResult]) -> str:
-    """Say that a mission takes much less than its budget, or its sorties take more; else empty."""
+    """Return a note on a budget that is much larger or smaller than all sorties together; else empty."""
     text = sorties[0].budget_text
     try:
         value, unit = parse_budget(text)
     except PlanningError:
         return ""
-    length_m = sum(one.length_m for one in sorties)
+    length_m = sum(sortie.length_m for sortie in sorties)
     taken = {
         "m": length_m,
         "steps": length_m / sorties[0].farm.cell_size_m,
-        "s": sum(one.prediction.duration_s for one in sorties),
-        "Wh": sum(one.prediction.energy_wh for one in sorties),
+        "s": sum(sortie.prediction.duration_s for sortie in sorties),
+        "Wh": sum(sortie.prediction.energy_wh for sortie in sorties),
     }[unit]
-    if not all(one.prediction.feasible for one in sorties):
+    if not all(sortie.prediction.feasible for sortie in sorties):
         return ""
     shown = f"{taken:.0f} {unit}" if taken >= 100.0 else f"{taken:.3g} {unit}"
     if taken > _OVER * value and len(sorties) > 1:

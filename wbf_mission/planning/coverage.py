@@ -23,7 +23,7 @@ from wbf_mission.planning.imaging import shown_share
 
 _REPORT_S = 0.1
 LEAST_OF_WHOLE = 0.95
-"""What of the land a survey shows at least, or it is said."""
+"""A survey that shows a smaller part of the land says so."""
 
 
 def seen_share(farm: Farm, x: NDArray[np.integer], y: NDArray[np.integer]) -> float:
@@ -61,7 +61,7 @@ def coverage_from(farm: Farm, places: Points, footprint: int, imaging: Imaging |
 
 
 def too_little_seen(coverage: float, *, whole: bool) -> str:
-    """Return what is to be said of a coverage that is below what was asked for: nothing, or a line.
+    """Return a warning if the coverage is below the one that was asked for, else an empty text.
 
     The `whole` land is asked for by a survey; of any other plan that something of it is seen.
     """

@@ -310,7 +310,7 @@ class Inquiry:
                 out.append(self._command(int(m.MAV_CMD_REQUEST_MESSAGE), float(one)))
         if self.waits_for_place:
             self._due_s = now_s + max(_PLACE_AGAIN_S, pace_s)
-            # What it said before tells nothing of now.
+            # An earlier answer says nothing about now.
             asked = (*_PLACE_MESSAGES, self._profile.estimator_message)
             out += [self._command(int(m.MAV_CMD_REQUEST_MESSAGE), float(one)) for one in asked]
         return out

@@ -130,7 +130,7 @@ class Circumstances:
     farm: Farm | None = None  # Whose obstacles count
     # How far the flown path has to stay away from fence and obstacles
     margin_m: float = MissionOptions().margin_m
-    max_altitude_m: float = MissionOptions().max_altitude_m  # What is allowed, above home
+    max_altitude_m: float = MissionOptions().max_altitude_m  # The highest allowed, above home
     image_interval_s: float = MIN_INTERVAL_S  # The camera's shortest interval
     assumed: bool = False  # Nobody said what vehicle it is: what depends on that is no error
     snapshot: VehicleSnapshot | None = None  # What the vehicle told of itself
@@ -159,7 +159,7 @@ class Subject:
 
     mission: Mission  # With home, if that is known from anywhere
     given: Circumstances
-    vehicle: VehicleSpec  # As its autopilot flies it, with the parameters that it told
+    vehicle: VehicleSpec  # As its autopilot flies it, with the parameters that it sent
     planned: VehicleSpec  # With those that plans assume
     profile: Profile  # How that autopilot speaks the mission protocol
     wind: Wind

@@ -212,9 +212,9 @@ def _changed(record: FlightRecord, change: PathChange) -> Mission:
 
 
 def _moved(flight: _Flight, record: FlightRecord, step: int, told: ToldStates | None) -> Iterator[_Timed]:
-    """Yield where a vehicle was, with what it told of itself; without that its speed is that of its track.
+    """Yield a vehicle's places with the states that it sent; without these its speed is that of its track.
 
-    Its last place is told with what it told last: that it is disarmed.
+    The last place has the last state that it sent, in which it is disarmed.
     """
     track, last = record.track, len(record.track.time_s) - 1
     if last < 0:

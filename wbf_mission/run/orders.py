@@ -11,6 +11,7 @@ from functools import partial
 
 from geo.texts import one_line
 from mission.ground.command import OperatorCommand, OrderError
+from mission.ground.standstill import LIFE_S
 from wbf_mission.events import Asked, EventStream, Noted, Orderable
 
 __all__ = ["IN_FLIGHT", "LIFE_S", "START", "Orders", "WatchersOrder", "steady_s", "too_late"]
@@ -20,8 +21,6 @@ START = "start"
 STARTS_MOTORS = frozenset({START, "arm", "takeoff"})
 ENDS_FLIGHT = frozenset({"return", "land"})
 """For more than one vehicle these are confirmed, as is what starts motors."""
-LIFE_S = 2.0
-"""An order or an answer that is older is not carried out: who gave it did not see what is now."""
 IN_FLIGHT = ("hold", "resume", "return", "land", "set item")
 """The words that a page shows; a command's are the same with hyphens."""
 _MOST_WAITING = 100
@@ -33,7 +32,7 @@ steady_s: Callable[[], float] = (
 
 
 def too_late(age_s: float) -> str:
-    """Return why what was given so long ago is refused, empty if it is not.
+    """Return why an order or answer of this age is refused, empty if it is not.
 
     >>> too_late(1.9), too_late(14.2)
     ('', 'too late: it was given 14 s ago; look at the page, and give it again')
@@ -193,7 +192,7 @@ class Orders:
         return bool(self._waiting)
 
     def taken(self) -> list[WatchersOrder]:
-        """Take the orders that came since the last call; one that waited too long is told and left out."""
+        """Return the orders since the last call; warn of those that waited too long, and leave them out."""
         with self._lock:
             waiting = list(self._waiting)
             self._waiting.clear()
@@ -216,7 +215,7 @@ class Orders:
             self._events.tell(asked)
 
     def answered(self) -> str | None:
-        """Take the answer, None while there is none; one that waited too long is told and left out."""
+        """Return the answer, None while there is none; warn of one that waited too long, and leave it out."""
         with self._lock:
             answer, self._answer = self._answer, None
         if answer is None:

@@ -375,12 +375,12 @@ class RunRecord:
     @property
     def air_time_s(self) -> float:
         """Simulated seconds in the air of all vehicles, added up."""
-        return sum(one.flight_time_s for one in self.flights)
+        return sum(flight.flight_time_s for flight in self.flights)
 
     @property
     def predicted_air_time_s(self) -> float:
         """What `air_time_s` was expected to be before take-off."""
-        return sum(one.plan.prediction.duration_s for one in self.flights)
+        return sum(flight.plan.prediction.duration_s for flight in self.flights)
 
     def flown(self, *, predicted: bool) -> str:
         """Say how far and how long was flown, each beside its own prediction if that is wanted."""
@@ -389,7 +389,7 @@ class RunRecord:
             return duration(flown_s) + f" (predicted {duration(expected_s)})" * predicted
 
         way, over = distance(self.track.length_m), time(self.flight_time_s, self.predicted_time_s)
-        if (vehicles := len({one.system_id for one in self.flights})) == 1:
+        if (vehicles := len({flight.system_id for flight in self.flights})) == 1:
             return f"{way} in {over}"
         together = time(self.air_time_s, self.predicted_air_time_s)
         return f"{way} by {vehicles} vehicles in {together} added up; over after {over}"
@@ -400,9 +400,9 @@ class RunRecord:
         if self.scenario.mission.policy is not None:  # Only its first path is known before
             return ""
         day, system_id = self.flights[0].day, self.flights[0].system_id
-        flown = [one.plan for one in self.flights if (one.day, one.system_id) == (day, system_id)]
+        plans = [flight.plan for flight in self.flights if (flight.day, flight.system_id) == (day, system_id)]
         again = self.scenario.farm.flights_per_day
-        return budget_left(flown[: max(1, len(flown) // again)])
+        return budget_left(plans[: max(1, len(plans) // again)])
 
     @property
     def predicted_coverage(self) -> float:
@@ -421,7 +421,7 @@ class RunRecord:
     def predicted_battery_used(self) -> float | None:
         """What `battery_used` was expected to be before take-off."""
         return max(
-            (used for one in self.flights if (used := one.plan.battery_used) is not None), default=None
+            (used for flight in self.flights if (used := flight.plan.battery_used) is not None), default=None
         )
 
     def _time_together_s(self, times_s: list[float]) -> float:

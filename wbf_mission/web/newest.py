@@ -1,4 +1,4 @@
-"""One thing is worked at at a time: the newest."""
+"""Runs one job at a time; a newer one takes its place."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from geo.errors import WbfMissionError
 from wbf_mission.progress import Progress
 
 ANOTHER_PAGE, GIVEN_UP = "another page", "given up"
-"""Why a draft is not planned on; the page that asked has a newer one itself, or these."""
+"""Why the planning of a draft ended."""
 PATIENCE_S = 3.0
-"""A plan that nobody waits for any more holds up the next one for so long at most."""
+"""The next plan waits at most this long for one that is not wanted any more."""
 T = TypeVar("T")
 
 
 class SupersededError(WbfMissionError, RuntimeError):
-    """What was asked for is not wanted any more: a newer draft came, or it was given up."""
+    """The job is not wanted any more: a newer draft came, or the user gave it up."""
 
     def __init__(self, why: str = ANOTHER_PAGE) -> None:
         super().__init__(f"superseded: {why}")
@@ -25,10 +25,10 @@ class SupersededError(WbfMissionError, RuntimeError):
 
 
 class NewestOnly(Generic[T]):
-    """Works at one thing at a time, in a thread of its own; what is newer takes its place.
+    """Runs one job at a time in a thread of its own; a newer one takes its place.
 
-    What is not wanted any more is told so at once; its thread ends when it tells how far it is, and is waited
-    for `PATIENCE_S` seconds at most.
+    Who waits for the older job gets an error at once. Its thread ends at its next report of progress;
+    the newer job waits for that for `PATIENCE_S` seconds at most.
 
     Examples
     --------
@@ -82,7 +82,7 @@ class _Job(Generic[T]):
             self._ended.set()
 
     def _go_on(self, _what: str, _done: float, _total: float) -> None:
-        """End the work where it tells how far it is, if nobody waits for it any more."""
+        """End the work at a report of its progress, if nobody waits for it any more."""
         if self._ended.is_set():
             raise SupersededError
 

@@ -260,7 +260,7 @@ class Background(Struct):
 
 
 class Reply(Struct):
-    """What became of the request with this number; its page alone is told."""
+    """The outcome of the request with this number, sent to its page only."""
 
     order: str
     error: str
@@ -322,7 +322,7 @@ Number: TypeAlias = Annotated[int, Meta(ge=1, le=2**53)]
 
 
 class Given(Struct, forbid_unknown_fields=True):
-    """When a page gave a request: by the newest beat that it had, on its own clock since that came."""
+    """The time of a request: the newest beat of the page, and the seconds since then on its own clock."""
 
     number: Number
     beat_s: Positive
@@ -330,7 +330,7 @@ class Given(Struct, forbid_unknown_fields=True):
 
 
 class Order(Struct, forbid_unknown_fields=True):
-    """What a page orders, and of which vehicles."""
+    """An order of a page to vehicles."""
 
     order: Annotated[str, Meta(min_length=1, max_length=40)]
     system_ids: Annotated[list[Annotated[int, Meta(ge=0, le=255)]], Meta(min_length=1, max_length=256)]
@@ -340,7 +340,7 @@ class Order(Struct, forbid_unknown_fields=True):
 
 
 class Answer(Struct, forbid_unknown_fields=True):
-    """What a page answers to the operator's question with this number."""
+    """An answer of a page to the operator's question with this number."""
 
     answer: Annotated[str, Meta(max_length=200)]
     question: Annotated[int, Meta(ge=0, le=2**53)]

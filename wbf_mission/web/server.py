@@ -47,7 +47,7 @@ from wbf_mission.web.view import Cursor, View
 INTERVAL_S = 0.1
 BEAT_S = 1.0
 OLD_S = 3.0
-"""A page whose newest beat is so old shows what is old, and gives no order."""
+"""A page whose newest beat is older shows its data as old, and gives no orders."""
 STALLED_S = 10.0
 """How long a browser may take nothing at all of what is sent to it (where TCP can tell: on Linux)."""
 SEND_TIMEOUT_S = 20.0
@@ -284,7 +284,7 @@ class LiveServer:
                 await websocket.send_text(reply.json().decode())
 
     def _ask(self, text: str | None, visit: _Visit) -> Reply:
-        """Hand a page's request on, once and while it is fresh; return what became of it."""
+        """Hand a page's request on, once and while it is fresh; return the reply."""
         if self._orders is None:
             return Reply("", "this page only shows: orders are not allowed")
         try:
@@ -322,7 +322,7 @@ def _is_ours(record: logging.LogRecord) -> bool:
 
 
 class _Visit:
-    """One page's connection: its beats, and how old what it asks for is."""
+    """One page's connection: its beats, and the age of its requests."""
 
     def __init__(self, clock: Callable[[], float]) -> None:
         self._clock, self._begun_s = clock, clock()

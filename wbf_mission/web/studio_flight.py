@@ -1,4 +1,4 @@
-"""The flight of the studio in the simulator: begun, stopped, and what became of it."""
+"""The studio's flight in the simulator: its start, its end and its outcome."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from wbf_mission.web.words import worded
 
 
 class FlightState(msgspec.Struct, frozen=True):
-    """What became of the latest flight: "none", "preparing", "flying" or an outcome, with its reason."""
+    """State of the latest flight: "none", "preparing", "flying" or an outcome, with its reason."""
 
     outcome: str = "none"
     reason: str = ""
 
 
 class StudioFlight:
-    """The flight in the simulator: one is shown, and what it replaces ends as soon as it notices."""
+    """Shows one flight in the simulator; a flight that it replaces ends as soon as it notices."""
 
     def __init__(self) -> None:
         self.show: Callable[[View], None] = lambda _view: None
@@ -45,7 +45,7 @@ class StudioFlight:
 
     @property
     def state(self) -> FlightState:
-        """What became of the latest one."""
+        """State of the latest flight."""
         return self._flown.state
 
     def stop(self, wait_s: float = 0.0) -> bool:

@@ -153,7 +153,7 @@ class View:
     longest : int
         Pixels of the layers along the farm's longer side, at most.
     clock : callable, optional
-        Returns seconds, by which what vehicles told gets old.
+        Returns seconds; the age of vehicles' states is measured by it.
 
     Examples
     --------
@@ -187,7 +187,7 @@ class View:
         self._background: schema.Background | None = None
         self._plans = _Rows[schema.Plan]("plans", MAX_PLANS)
         self._states: dict[int, _Rows[_State]] = {}
-        self._heard_s: dict[int, float] = {}  # When vehicles told their latest states, by the clock
+        self._heard_s: dict[int, float] = {}  # When vehicles sent their latest states, by the clock
         self._readings = _Readings()
         self._scores = _Rows[_Scored]("scores", MAX_STATES, thins=True)
         self._decisions = _Rows[schema.Decision]("decisions", MAX_DECISIONS)

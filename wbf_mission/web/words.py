@@ -1,4 +1,4 @@
-"""What the program says, worded for a page: by the page's inputs, not by the command line's options."""
+"""Texts of the program, worded for a page: with its inputs in place of the command line's options."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-// How old what is shown is, by the beats of the program: on this page's own clocks, for others differ from them.
+// The age of the data that the page shows, from the program's beats and this page's own clocks: others differ.
 import type { Beat, Given } from "./schema.js";
 
-/** From this age on it is told, and from the second on what is shown is old: orders are not given by it. */
+/** The page shows an age from TOLD_S on; from OLD_S on its data are old, and it gives no orders. */
 export const TOLD_S = 2;
 export const OLD_S = 3;
 /** Clocks of two machines drift apart by less than this part. */
@@ -11,7 +11,7 @@ export class Heart {
   private sent_s: number | null = null;
   private arrived_ms = 0;
   private arrivedByDate_ms = 0;
-  /** How much later than the quickest beat the newest one came, and what the clocks differ by that one. */
+  /** Delay of the newest beat against the quickest one, and the difference of the clocks by the quickest. */
   private late_ms = 0;
   private apart_ms = Infinity;
   private number = 0;

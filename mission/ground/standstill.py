@@ -1,0 +1,32 @@
+"""Notices that this program stood still: it was stopped, or its machine slept."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+__all__ = ["LIFE_S", "Standstill"]
+
+LIFE_S = 2.0
+"""An older order, answer or agreement is not carried out: who gave it did not see what is now."""
+
+
+class Standstill:
+    """Measures the time between two looks, by a clock that goes on while the machine sleeps.
+
+    Examples
+    --------
+    >>> times_s = iter([0.0, 1.0, 15.0, 15.5])
+    >>> standstill = Standstill(lambda: next(times_s))
+    >>> [standstill.look() for _ in range(4)]
+    [0.0, 0.0, 14.0, 0.0]
+    """
+
+    def __init__(self, clock: Callable[[], float]) -> None:
+        self._clock = clock
+        self._looked_s: float | None = None
+
+    def look(self) -> float:
+        """Return for how long the program stood still since the last look; 0 for up to `LIFE_S`."""
+        before_s, self._looked_s = self._looked_s, self._clock()
+        stood_s = 0.0 if before_s is None else self._looked_s - before_s
+        return stood_s if stood_s > LIFE_S else 0.0

@@ -272,7 +272,8 @@ class TransferDriver(Closing):
 
         They are sent as the vehicle's autopilot takes them (`render`). Fence and rally points go first, so
         that the mission is never checked against an old fence; nor is the old mission against the new fence:
-        a vehicle that would do so (PX4) gives it up before, unless it is armed.
+        the old mission of a vehicle that would do so (PX4) is cleared first, if a fresh heartbeat says that
+        the vehicle is disarmed.
 
         Parameters
         ----------

@@ -29,7 +29,7 @@ MAX_FILE_BYTES = 32 * 2**20
 def read_geojson(path: Path, crs: str | None = None) -> Document:
     """Return what a GeoJSON file holds; ``crs`` is that of a file that does not tell its own.
 
-    FarmError if the file is no GeoJSON, or tells another coordinate system.
+    FarmError if the file is no GeoJSON, or names another coordinate system.
     """
     given = None if crs is None else coordinates_of(crs)
     members: dict[str, Any] = {}

@@ -73,7 +73,7 @@ def interrupts_noted(
             raise noted.pop()
 
     if threading.current_thread() is threading.main_thread():
-        before = {one: handler for one in INTERRUPTS if callable(handler := signal.getsignal(one))}
+        before = {number: handler for number in INTERRUPTS if callable(handler := signal.getsignal(number))}
         for number in before:
             signal.signal(number, note)
     try:

@@ -116,7 +116,7 @@ def _elementwise(function: Callable[[float], float], kernel: str = "") -> Callab
         if kernel and (values.size > _FEW or values.dtype == np.float32 or not _tame(values)):
             getattr(_kernels(), kernel)(np.ascontiguousarray(values).reshape(-1), found.reshape(-1))
         else:
-            found.reshape(-1)[:] = [function(one) for one in values.reshape(-1).tolist()]
+            found.reshape(-1)[:] = [function(value) for value in values.reshape(-1).tolist()]
         if out is not None:
             out[...] = found
             return out

@@ -75,8 +75,8 @@ class Battery:
         >>> Battery(0.9).drained(Battery(0.5), armed=True).drained(Battery(0.98), armed=False)
         Battery(remaining=0.5, consumed_wh=None)
         """
-        known = [one for one in (self.remaining, reading.remaining if armed else None) if one is not None]
-        used = [one for one in (self.consumed_wh, reading.consumed_wh) if one is not None]
+        known = [part for part in (self.remaining, reading.remaining if armed else None) if part is not None]
+        used = [energy for energy in (self.consumed_wh, reading.consumed_wh) if energy is not None]
         return Battery(min(known, default=None), max(used, default=None))
 
     def used_since(self, before: Battery, capacity_wh: float) -> float | None:

@@ -52,7 +52,7 @@ def strip_lines(part: Polygon, room: Area, swath: Swath) -> list[Points]:
         lines.append(shapely.get_coordinates(line))
         unseen = polygons_of(shapely.difference(piece, _seen(line, swath)), swath.least_m2)
         # A line that sees nothing new would be found again.
-        waiting += [one for one in unseen if one.area < 0.99 * piece.area]
+        waiting += [rest for rest in unseen if rest.area < 0.99 * piece.area]
     return lines
 
 

@@ -289,7 +289,7 @@ class _Search:
 
     def _price(self, layouts: Sequence[Layout]) -> None:
         new = [one for one in dict.fromkeys(layouts) if one and one not in self._known]
-        rough_m = [self._plans.rough_m(one) for one in new]
+        rough_m = [self._plans.rough_m(layout) for layout in new]
         self._shortest_m = min([self._shortest_m, *rough_m])
         # Very many short rows are never the cheapest, and to order them takes long.
         new = [one for one, m in zip(new, rough_m, strict=True) if m <= _LONGER * self._shortest_m]

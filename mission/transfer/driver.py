@@ -40,6 +40,7 @@ _STATUSTEXT = mavlink.MAVLINK_MSG_ID_STATUSTEXT
 _HEARTBEAT_S = 1.0
 _LAST_WORDS_S = 0.5
 _LONGEST_WAIT_S = 0.25
+_BEAT_WAIT_S = 2.5
 _FEWEST_FRAMES = 5
 _ORDER = (MissionType.FENCE, MissionType.RALLY, MissionType.MISSION)
 
@@ -201,6 +202,25 @@ class TransferDriver(Closing):
         ):
             self._on_text(message, self._clock())
 
+    def _armed_now(self) -> bool:
+        """Whether the vehicle is armed by a heartbeat that comes now; a silent vehicle counts as armed.
+
+        What waits on the link may be minutes old, as where an operator was asked between.
+        """
+        end_s = self._clock() + _BEAT_WAIT_S
+        fresh = False
+        while self._clock() < end_s:
+            messages = self.endpoint.receive()
+            for message in messages:
+                self._note(message)
+            if fresh and any(vehicle_of(message) == self.vehicle for message in messages):
+                return self.vehicle is None or self.vehicle.armed
+            if not messages:
+                fresh = True
+                self._beat(self._clock())
+                self._wait(self.endpoint.link, _LONGEST_WAIT_S)
+        return True
+
     def _hear_last_words(self) -> None:
         """Wait a moment for what the vehicle says about a failure: its text may come after its answer."""
         end_s = self._clock() + _LAST_WORDS_S
@@ -252,7 +272,8 @@ class TransferDriver(Closing):
 
         They are sent as the vehicle's autopilot takes them (`render`). Fence and rally points go first, so
         that the mission is never checked against an old fence; nor is the old mission against the new fence:
-        a vehicle that would do so (PX4) gives it up before, unless it is armed.
+        the old mission of a vehicle that would do so (PX4) is cleared first, if a fresh heartbeat says that
+        the vehicle is disarmed.
 
         Parameters
         ----------
@@ -282,8 +303,10 @@ class TransferDriver(Closing):
         chosen_kinds = [kind for kind in _ORDER if kind in chosen]
         costs: list[TransferStatistics] = []
         # MAVSDK answers a clear in ways of its own.
-        cleared = self._maker is OWN_TRANSFERS and gives_up_mission(
-            rendered.mission, chosen, vehicle.profile, armed=vehicle.armed
+        cleared = (
+            self._maker is OWN_TRANSFERS
+            and gives_up_mission(rendered.mission, chosen, vehicle.profile, armed=False)
+            and not self._armed_now()
         )
         if cleared:
             self.run(self._maker.upload((), MissionType.MISSION, **options))

@@ -325,7 +325,7 @@ class MissionClear(ClientTransfer):
 
 
 NO_MISSION_LEFT = "the old mission was cleared before: it holds none"
-"""What is told of a vehicle that gave its mission up for an upload that failed."""
+"""Said of a vehicle whose mission was cleared for an upload that failed."""
 
 
 def gives_up_mission(

@@ -142,6 +142,22 @@ def test_in_flight_nothing_is_cleared():
     assert ground.vehicle.pilot.mode is Mode.MISSION
 
 
+def test_a_vehicle_that_armed_since_it_was_heard_keeps_its_mission():
+    """The heartbeats that say so still wait on the link when the upload begins."""
+    ground = Ground()
+    ground.driver.upload(OLD)
+    assert not ground.driver.vehicle.armed
+    ground.vehicle.pilot.set_mode(Mode.MISSION)
+    ground.vehicle.pilot.arm()
+    for _ in range(12):
+        ground.link.link.wait(ground.link.link, 0.25)
+    ground.link.kind, ground.link.after = m.MAVLINK_MSG_ID_MISSION_ITEM_INT, 2
+    with pytest.raises(TransferError, match="upload of the fence") as error:
+        ground.driver.upload(NEW)
+    assert "cleared" not in str(error.value)
+    assert ground.driver.vehicle.armed
+
+
 def test_the_ground_station_clears_what_a_vehicle_holds():
     """The second of two flights of one vehicle, each with its own fence."""
     spec = with_autopilot(get_vehicle("quad"), "px4")

@@ -207,8 +207,16 @@ class Peer:
         return None
 
     def opened(self, question: Message, kinds: type[M] | tuple[type[M], ...]) -> M | None:
-        """Ask for as long as a vehicle may be busy with what was before."""
-        return self.ask(question, kinds, tries=math.ceil(BUSY_S / _ANSWER_S))
+        """Ask until the vehicle is no longer busy with an earlier transfer: silent, or answering ERROR."""
+        end_s = self.now() + BUSY_S
+        while True:
+            answer = self.ask(question, kinds, tries=1)
+            if answer is not None and not (is_a(answer, ACK) and answer.type == wire.ERROR):
+                return answer
+            if self.now() >= end_s:
+                return answer
+            if answer is not None:
+                self.sleep(_ANSWER_S)
 
     def left(self, expected: int) -> int:
         """Return how many items the mission has, when it has as many as expected or some seconds are over."""

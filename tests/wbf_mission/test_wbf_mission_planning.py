@@ -270,9 +270,10 @@ def test_a_battery_that_is_too_small_for_a_thousand_patches_is_told_as_that(
         rf"error: budget of 71\.36 Wh is too small: {planner} with .* needs at least (\S+) Wh .*", error
     )
     assert told is not None and float(told[1]) > 89.2, error
-    assert main([*command, "--budget", "400Wh"]) == 2
-    _, error = capsys.readouterr().err.splitlines()
-    assert re.search(r"cannot be flown: the battery is empty after \d+ s, at item \d+", error), error
+    # A budget beyond the battery is flown in sorties.
+    assert main([*command, "--budget", "400Wh"]) == 0
+    said = capsys.readouterr()
+    assert "sortie" in said.out.lower()
 
 
 def test_a_file_for_ardupilot_holds_no_nan(tmp_path: Path) -> None:

@@ -353,3 +353,14 @@ def test_borders_rougher_than_the_autopilot_flies_are_smoothed() -> None:
     assert left_out(inset(area, 0.15)) > 100 and left_out(land) < 5
     assert shapely.covers(area, land) and land.area > 0.9 * area.area
     assert len(shapely.get_coordinates(inset(area, 0.15))) > 300
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(15, 90), st.integers(15, 90))
+def test_rows_of_a_rectangle_of_few_rows_lie_along_a_side(width, height):
+    """Images are square: the corners of a small field are seen."""
+    request = PlanningRequest(
+        shapely.box(0, 0, width, height), (0, 0), LengthBudget(10_000.0), footprint_m=10.0
+    )
+    steps = np.abs(np.diff(survey(request).points_m, axis=0))
+    assert (steps.min(axis=1) < 1e-6).all(), survey(request).points_m

@@ -40,7 +40,8 @@ def product(a: Floats, b: Floats, out: _Values | None = None) -> Any:
 
     It is written to `out` if that is given, [n, m] in C order.
 
-
+    Examples
+    --------
     >>> product(np.array([[1.0, 2.0], [3.0, 4.0]]), np.array([10.0, 1.0])).tolist()
     [12.0, 34.0]
     """

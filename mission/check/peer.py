@@ -206,14 +206,20 @@ class Peer:
                 return answer
         return None
 
-    def opened(self, question: Message, kinds: type[M] | tuple[type[M], ...]) -> M | None:
-        """Ask until the vehicle is no longer busy with an earlier transfer: silent, or answering ERROR."""
+    def opened(
+        self,
+        question: Message,
+        kinds: type[M] | tuple[type[M], ...],
+        where: Callable[[M], bool] = lambda answer: not (is_a(answer, ACK) and answer.type == wire.ERROR),
+    ) -> M | None:
+        """Ask until the vehicle is no longer busy with an earlier transfer: silent, or answering otherwise.
+
+        The answer after which it is still busy at the end is returned as well.
+        """
         end_s = self.now() + BUSY_S
         while True:
             answer = self.ask(question, kinds, tries=1)
-            if answer is not None and not (is_a(answer, ACK) and answer.type == wire.ERROR):
-                return answer
-            if self.now() >= end_s:
+            if (answer is not None and where(answer)) or self.now() >= end_s:
                 return answer
             if answer is not None:
                 self.sleep(_ANSWER_S)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from mission.check.peer import ACK, ANSWERS, BUSY_S, MISSION, RE_REQUEST_S, FailedError, Peer
+from mission.check.peer import ACK, ANSWERS, MISSION, RE_REQUEST_S, FailedError, Peer
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import is_a
@@ -34,16 +34,11 @@ class Sender:
     def begin(self, kind: int = MISSION) -> None:
         """Send COUNT until item 0 is asked for; FailedError if it is not."""
         question = m.MAVLink_mission_count_message(*self.peer.address, len(self.items), kind)
-        end_s = self.peer.now() + BUSY_S
-        while True:
-            answer = self.peer.ask(question, ANSWERS, tries=1)
-            if answer is not None and wire.is_request(answer) and answer.seq == 0:
-                return
-            if self.peer.now() >= end_s:
-                break
-            # An earlier transfer may still be running out.
-            self.peer.sleep(1.0)
-        raise FailedError("COUNT is not answered by a request for item 0" if answer is None else told(answer))
+        answer = self.peer.opened(question, ANSWERS, _asks_for_the_first)
+        if answer is None:
+            raise FailedError("COUNT is not answered by a request for item 0")
+        if not _asks_for_the_first(answer):
+            raise FailedError(told(answer))
 
     def message(self, number: int, kind: int = MISSION) -> wire.ItemMessage:
         """Return the message with one item."""
@@ -79,6 +74,10 @@ class Sender:
         """Break off, and wait until the vehicle has."""
         self.peer.send(cancelling(self.peer))
         self.peer.sleep(_SETTLE_S)
+
+
+def _asks_for_the_first(answer: wire.RequestMessage | wire.AckMessage) -> bool:
+    return wire.is_request(answer) and answer.seq == 0
 
 
 def cancelling(peer: Peer) -> Message:

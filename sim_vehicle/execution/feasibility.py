@@ -66,7 +66,7 @@ def check_mission(
     *,
     needs_takeoff: bool = True,
     outside: Callable[[Position], str | None] | None = None,
-) -> list[str]:
+) -> list[ItemProblem]:
     """List what the vehicle could not fly, each with its item; empty when all is well.
 
     Checked are commands, frames, parameters, altitudes, distances from home, jumps and the take-off; not the
@@ -82,18 +82,18 @@ def check_mission(
     >>> from mission.model import MissionItem
     >>> from sim_vehicle.airframe.catalog import get_vehicle
     >>> items = [MissionItem.waypoint(28.05, -82.15, 10.0)]
-    >>> check_mission(items, LocalFrame(28.05, -82.15), get_vehicle("quad"))
+    >>> [str(one) for one in check_mission(items, LocalFrame(28.05, -82.15), get_vehicle("quad"))]
     ['item 1 (NAV_WAYPOINT): no take-off before it']
     """
     positions = item_positions(items, frame)
-    problems = [str(one) for one in mission_problems(items, positions, spec, needs_takeoff=needs_takeoff)]
+    problems = mission_problems(items, positions, spec, needs_takeoff=needs_takeoff)
     if outside is not None and not problems:
         for seq, (item, position) in enumerate(zip(items, positions, strict=True)):
             reason = (
                 outside(position) if item.command in PLACED_COMMANDS and not math.isnan(position[0]) else None
             )
             if reason is not None:
-                problems.append(f"item {seq + 1} ({_name(item.command)}): outside the fence, {reason}")
+                problems.append(ItemProblem(seq, item.command, "fence", f"outside the fence, {reason}"))
     return problems
 
 

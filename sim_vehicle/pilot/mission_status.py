@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from mission.model import Command
 from sim_vehicle.autopilot.modes import Mode
-from sim_vehicle.execution.feasibility import check_mission
+from sim_vehicle.execution.feasibility import ItemProblem, check_mission
 from sim_vehicle.execution.state import FlightPhase, LandedState
 from sim_vehicle.pilot.controls import MissionState, Severity
 
@@ -34,7 +34,7 @@ class MissionStatus:
 
     def __init__(self, controls: Controls, failsafe: Failsafe) -> None:
         # What cannot be flown.
-        self.problems: tuple[str, ...] = ()
+        self.problems: tuple[ItemProblem, ...] = ()
         # Whether it was begun since the vehicle was armed, and flown to its end; and whether all that is left
         # of it is the way home, which is no part of it (PX4).
         self.started = self.complete = self.returns = False
@@ -78,7 +78,7 @@ class MissionStatus:
         """Why the mission cannot be flown; None when it can."""
         if not self.items:
             return "no mission"
-        return self.problems[0] if self.problems else None
+        return str(self.problems[0]) if self.problems else None
 
     def check(self, items: Sequence[MissionItem], *, in_air: bool = False) -> None:
         """Find what in a mission cannot be flown; in the air it needs no take-off."""
@@ -97,7 +97,7 @@ class MissionStatus:
             )
             refusal = self._controls.behaviour.refuses(items, self._controls.parameters)
             if refusal is not None:
-                self.problems += (refusal,)
+                self.problems += (ItemProblem(None, 0, "firmware", refusal),)
 
     def why_not_begin(self) -> str | None:
         """Why the mission cannot be begun now; in the air it needs no take-off."""
@@ -115,7 +115,7 @@ class MissionStatus:
         if self._in_air:
             self.check(self.items)
 
-    def check_again(self) -> str | None:
+    def check_again(self) -> ItemProblem | None:
         """Check the mission after fence or parameters have changed; a problem that is new, None for none."""
         if not self.items:
             return None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING
@@ -43,6 +42,7 @@ if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.autopilot.autopilot import Firmware
     from sim_vehicle.autopilot.stick_rules import Sticks
+    from sim_vehicle.execution.feasibility import ItemProblem
     from sim_vehicle.weather.wind import Wind
 
 __all__ = ["Pilot"]
@@ -50,8 +50,6 @@ __all__ = ["Pilot"]
 # Modes that end on the ground by themselves, where the autopilot disarms without waiting.
 _LANDS = (Mode.MISSION, Mode.RTL, Mode.LAND)
 _MODES = {Action.HOLD: Mode.HOLD, Action.RETURN: Mode.RTL, Action.LAND: Mode.LAND}
-
-_OUTSIDE = re.compile(r"item (\d+) .*outside the fence")
 
 
 class Pilot(Controls):
@@ -178,7 +176,7 @@ class Pilot(Controls):
         if self.spec.drives and any(item.command == Command.NAV_TAKEOFF for item in items):
             self.note(Severity.INFO, "Take-off items have no effect on a rover")
         if mission.problems:
-            self._end(Outcome.MISSION_REJECTED, mission.problems[0])
+            self._end(Outcome.MISSION_REJECTED, str(mission.problems[0]))
             self._tell_rejection(mission.problems[0])
         elif self.outcome in (Outcome.MISSION_REJECTED, Outcome.COMPLETED, Outcome.FLIGHT_ABORTED):
             self._end(Outcome.RUNNING, "")
@@ -227,10 +225,9 @@ class Pilot(Controls):
         if problem is not None:
             self._tell_rejection(problem)
 
-    def _tell_rejection(self, problem: str) -> None:
-        outside = _OUTSIDE.match(problem)
-        if outside is not None and self.behaviour.outside_text:
-            self.note(Severity.CRITICAL, self.behaviour.outside_text.format(outside.group(1)))
+    def _tell_rejection(self, problem: ItemProblem) -> None:
+        if problem.code == "fence" and problem.item is not None:
+            self.note(Severity.CRITICAL, self.behaviour.outside_text.format(problem.item + 1))
         self.note(Severity.CRITICAL, self.behaviour.rejected_text.format(problem))
 
     # Orders.

@@ -221,7 +221,8 @@ def subject_of(mission: Mission, given: Circumstances) -> Subject:
         msg = f"vehicle {given.vehicle.name}: a plan is one vehicle's; name one"
         raise PreflightError(msg)
     options = given.vehicle if given.snapshot is None else given.snapshot.as_set(given.vehicle)
-    placed, vehicle = _with_home(mission, given), flown_vehicle(options)
+    placed, planned = _with_home(mission, given), flown_vehicle(given.vehicle)
+    vehicle = planned if options == given.vehicle else flown_vehicle(options)
     frame = home_frame(placed)
     flown = replace(placed, items=tuple(_predictable(item) for item in placed.items))
     positions = tuple(item_positions(flown.items, frame))
@@ -232,7 +233,7 @@ def subject_of(mission: Mission, given: Circumstances) -> Subject:
         mission=placed,
         given=given,
         vehicle=vehicle,
-        planned=flown_vehicle(given.vehicle),
+        planned=planned,
         profile=profile if given.snapshot is None else profile_for(given.snapshot.autopilot),
         wind=wind_of(given.weather, level_of_plan(mission, given.vehicle)),
         frame=frame,

@@ -17,9 +17,10 @@ from mission.errors import PlanningError
 from mission.planners.centreline import is_narrow, strip_lines
 from mission.planners.cuts import cut_parts, hull_angles
 from mission.planners.gaps import gaps_of, swept_lands, with_gaps
-from mission.planners.path import Area, PlannedPath, Points, drop_coincident, path_length
+from mission.planners.path import Area, PlannedPath, Points, distinct, path_length
 from mission.planners.request import PlanningRequest
 from mission.planners.search import cannot_be_flown, is_number, too_small
+from mission.planners.short_legs import without_short_legs
 from mission.planners.spiral import ring_from
 from mission.planners.strips import Swath, ring_strips, rows_that_see
 from mission.planners.terrain import Terrain, parts_of, smoothed
@@ -214,7 +215,15 @@ class _Plans:
         if not pieces:
             msg = f"{NAME}: no row of the area lies where the path may lead"
             raise PlanningError(msg)
-        return drop_coincident(self._terrain.join(pieces, start), 1e-6)
+        legs, least_m = self._terrain.legs(pieces, start), self.request.least_leg_m
+        points = np.vstack(legs)
+        kept = distinct(points, 1e-6)
+        if not exact or least_m <= 0.0:
+            return points[kept]
+        corner = np.concatenate(
+            [np.arange(len(leg)) < len(leg) - len(piece) for leg, piece in zip(legs, pieces, strict=True)]
+        )
+        return without_short_legs(points[kept], corner[kept], least_m, self._terrain)
 
     def rough_m(self, layout: Layout) -> float:
         """Return about how long the rows of a layout are, with what their turns cost."""

@@ -111,7 +111,6 @@ class _Walk:
             self._lengths.append(self._lengths[-1] + path_length(way))
             self.legs.append(leg)
 
-
     def _places(self, count: int) -> Points:
         """Return the next places that are drawn, float64[n, 2]."""
         while len(self._drawn) < count:

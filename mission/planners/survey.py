@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TypeAlias
 
@@ -14,7 +14,7 @@ from shapely.geometry import Polygon
 
 from geo.linear_algebra import product
 from mission.errors import PlanningError
-from mission.planners.centreline import is_narrow, strip_lines
+from mission.planners.centreline import is_narrow, strip_lines, without_arms
 from mission.planners.cuts import cut_parts, hull_angles
 from mission.planners.gaps import gaps_of, swept_lands, with_gaps
 from mission.planners.path import Area, PlannedPath, Points, distinct, path_length
@@ -284,7 +284,8 @@ class _Search:
         if len(lands) > 1:
             self._toggle_gaps(lands[0], angle)
         self._turn_parts()
-        self._cut()
+        self._cut(lambda part: [pieces] if (pieces := without_arms(part, self._plans.swath)) else [])
+        self._cut(lambda part: cut_parts(part, self._plans.swath.spacing_m))
         return self._ranked()[:_FINALISTS]
 
     def _best(self) -> Layout:
@@ -352,15 +353,15 @@ class _Search:
                     ]
                 )
 
-    def _cut(self) -> None:
-        """Cut concave parts into parts with directions of their own."""
+    def _cut(self, ways: Callable[[Polygon], list[list[Polygon]]]) -> None:
+        """Cut parts, in one of the ways, into parts with directions of their own."""
         layout = self._best()
         angle = self._angle(layout)
         found: list[Layout] = []
         for number, (part, _) in enumerate(layout[:_MOST_TOGGLED]):
             if self._plans.is_narrow(part):
                 continue
-            for parts in cut_parts(part, self._plans.swath.spacing_m):
+            for parts in ways(part):
                 own = tuple((piece, hull_angles(piece)[0]) for piece in parts)
                 mixed = tuple((piece, angle) for piece in parts)
                 found += [(*layout[:number], *pieces, *layout[number + 1 :]) for pieces in (own, mixed)]

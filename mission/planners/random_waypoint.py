@@ -31,7 +31,8 @@ def random_waypoint(request: PlanningRequest, /, *, waypoints: int | None = None
 
     Where the straight leg would leave the area, the leg is the shortest way inside. The last leg is cut so
     that the budget is used up. The same seed gives the same positions in the same order whatever the budget.
-    On land so small that legs would often be shorter than the autopilot flies, nearer positions are passed over.
+    On land so small that legs would often be shorter than the autopilot flies, near positions are passed
+    over.
 
     The path begins at the start, or, if that is outside, at the nearest place of the (inset) area.
 

@@ -92,7 +92,7 @@ def _changed(
 
 
 def _moved(before: Points, way: Points, after: Points, least_m: float, terrain: Terrain) -> Points:
-    """Return places for the one corner of a way in place of several, not too near to its ends, float64[n, 2]."""
+    """Return places for one corner in place of those of a way, not too near to its ends, float64[n, 2]."""
     along = after - before
     along = along / max(float(np.hypot(*along)), 1e-9)
     across = np.array((-along[1], along[0]))

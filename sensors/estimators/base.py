@@ -103,8 +103,8 @@ class BaseEstimator(ABC):
     incremental: ClassVar[bool] = False
     """Whether a model after some further observations takes little time on a farm of any size."""
     states_deviation: ClassVar[bool] = False
-    """Whether the model's uncertainty is the standard deviation of the true values: a report of one without has
-    no figures but of cells that were observed."""
+    """Whether the model's uncertainty is the standard deviation of the true values. Reports of an estimator
+    without it count what was observed."""
     knows_only_seen: ClassVar[bool] = False
     """Whether it has no opinion of cells that were not observed: no map shows these."""
     unbounded: ClassVar[bool] = False

@@ -204,7 +204,7 @@ def test_cells_that_err_as_one_are_no_more_than_there_are():
 
 @pytest.mark.parametrize("estimator", ["point", "adaptive-disk", "authors-ad"])
 def test_who_does_not_say_how_sure_it_is_has_no_figure_of_what_nobody_saw(estimator):
-    """None is healthy, and none sick, because nobody looked; a disk speaks of its neighbours, not of a farm."""
+    """None is healthy, and none sick, because nobody looked; a disk speaks of its neighbours."""
     tomatoes = np.argwhere(PAPER_FIELDS["tylcv"].mask(FARM.grid()))
     seen = look(tomatoes[:4], [[1.0, 1, 0.1], [0.5, 1, 0.2], [1.0, 1, 0.3], [1.0, 1, 0.8]])
     made = make_estimator(estimator).fit(FARM.grid(), seen)

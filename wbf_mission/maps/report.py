@@ -110,7 +110,7 @@ def farm_report(
 
 
 def report_of_maps(farm: Farm, maps: tuple[FieldMap, ...]) -> FarmReport:
-    """Tell what the maps of the fields say, where the estimator knows how sure that is; else what was seen."""
+    """Tell what the maps of the fields say, where the estimator knows how sure it is; else what was seen."""
     told = tuple(_report(farm, one) for one in map(_told, maps) if one.cells.any())
     return FarmReport(farm.name, MapGrid.of(farm).block * farm.cell_size_m, told)
 

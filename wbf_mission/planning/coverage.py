@@ -61,10 +61,21 @@ def coverage_from(farm: Farm, places: Points, footprint: int, imaging: Imaging |
     return seen_share(farm, (x[:, None] + aside).ravel(), (y[:, None] + along).ravel())
 
 
+def asks_whole(imaging: Imaging | None, planner: str | None = None) -> bool:
+    """Return whether a plan asks for the whole land: with a mapping camera, or by the survey.
+
+    Examples
+    --------
+    >>> asks_whole(None, "survey:angle=30"), asks_whole(None, "lawnmower"), asks_whole(None)
+    (True, False, False)
+    """
+    return imaging is not None or (planner or "").partition(":")[0] == "survey"
+
+
 def too_little_seen(coverage: float, *, whole: bool) -> str:
     """Return a warning if the coverage is below the one that was asked for, else an empty text.
 
-    The `whole` land is asked for by a survey; of any other plan that something of it is seen.
+    Of a plan that does not ask for the `whole` land something of it is to be seen.
     """
     if coverage <= 0.0:
         return "no image shows the land that is to be seen"

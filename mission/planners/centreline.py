@@ -71,7 +71,7 @@ def strip_lines(part: Polygon, room: Area, swath: Swath) -> list[Points]:
         piece = waiting.pop(0)
         line = _best_line(piece, tolerant, swath)
         lines.append(shapely.get_coordinates(line))
-        unseen = polygons_of(shapely.difference(piece, _seen(line, swath)), swath.least_m2)
+        unseen = polygons_of(shapely.difference(piece, swath.seen_from(lines[-1])), swath.least_m2)
         # A line that sees nothing new would be found again.
         waiting += [rest for rest in unseen if rest.area < 0.99 * piece.area]
     return lines
@@ -84,15 +84,11 @@ def _best_line(part: Polygon, room: Area, swath: Swath) -> LineString:
     lines = [one for one in (_shortened(line, swath.end_m) for line in lines) if shapely.covers(room, one)]
     if not lines:
         return _shortened(middle, swath.end_m)
-    unseen = [float(shapely.difference(part, _seen(line, swath)).area) for line in lines]
+    unseen = [
+        float(shapely.difference(part, swath.seen_from(shapely.get_coordinates(line))).area) for line in lines
+    ]
     enough = min(unseen) + _AS_MUCH * part.area
     return next(line for line, area in zip(lines, unseen, strict=True) if area <= enough)
-
-
-def _seen(line: LineString, swath: Swath) -> shapely.Geometry:
-    if line.length < TOLERANCE_M:
-        line = shapely.Point(line.coords[0])
-    return shapely.buffer(line, 0.5 * swath.across_m, cap_style="square", join_style="mitre")
 
 
 def _straight(part: Polygon) -> LineString:

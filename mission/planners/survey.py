@@ -236,12 +236,8 @@ class _Plans:
         return length_m
 
     def seen_share(self, path: Points) -> float:
-        """Return which share of the area is seen from a path, images as wide as long."""
-        line = shapely.LineString(path) if len(path) > 1 else shapely.Point(path[0])
-        # Square at its ends and at right angles, as images are; sharper turns are cut off.
-        seen = shapely.buffer(
-            line, 0.5 * self.swath.across_m, cap_style="square", join_style="mitre", mitre_limit=1.5
-        )
+        """Return which share of the area is seen from a path."""
+        seen = self.swath.seen_from(path)
         return float(shapely.intersection(self.request.area, seen).area / self.request.area.area)
 
     def _rings(self, start_m: Points) -> list[Points]:

@@ -81,6 +81,8 @@ def test_reasons_that_are_true(tmp_path: Path) -> None:
     for changes, reason in (
         ({"gsd_cm": 1.0, "vehicles": 2}, "only one height has that"),
         ({"altitude_m": 50.0, "vehicle": "rover"}, "takes images from the air"),
+        ({"gsd_cm": 1.0, "vehicle": "quad,rover"}, "vehicle rover drives"),
+        ({"gsd_cm": 1.0, "vehicle": "quad,rover,quad"}, "vehicle rover drives"),
         ({"gsd_cm": 0.01}, "give 0.025 to 1.51 cm"),
     ):
         with pytest.raises(ScenarioError, match=reason):

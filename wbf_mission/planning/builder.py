@@ -48,6 +48,7 @@ from wbf_mission.planning.imaging import (
     imaging_of,
     imaging_summary,
     level_of,
+    require_flight,
     require_height,
 )
 from wbf_mission.planning.keep_out import KeepOut, probe_path, stray_m
@@ -274,12 +275,7 @@ class MissionBuilder:
         level = flight_level(mission, options)
         require_height(camera, mission)
         imaging = imaging_of(camera, mission, level)
-        if imaging is not None and vehicle.drives:
-            msg = (
-                f"camera {imaging.camera.name} takes images from the air, and vehicle {vehicle.name} drives:"
-                " give a vehicle that flies, or leave the camera out"
-            )
-            raise ScenarioError(msg)
+        require_flight(camera, vehicle)
         if imaging is not None and mission.file is None and mission.planner.chosen == "survey":
             check_extent(farm, imaging, level_of(imaging, level))
         home = farm.home_m if home_m is None else home_m

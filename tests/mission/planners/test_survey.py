@@ -425,6 +425,17 @@ def test_an_arm_narrower_than_an_image_is_one_row(degrees: float, width_m: float
     assert seen_share(path, field, 51.3) > 0.98 and inside(path.points_m, field)
 
 
+def test_what_is_seen_from_a_path_is_one_thing() -> None:
+    """Square about its ends and right-angled corners; of a sharper corner the tip is not seen."""
+    swath = Swath(10.0, 8.0, 5.0)
+    above = [(0.0, 0.0)], [(0.0, 0.0), (1e-9, 0.0)]
+    assert [swath.seen_from(np.array(path)).bounds for path in above] == [(-5.0, -5.0, 5.0, 5.0)] * 2
+    corner = swath.seen_from(np.array([(0.0, 0.0), (50.0, 0.0), (50.0, 50.0)]))
+    assert shapely.covers(corner, shapely.box(-5, -5, 55, 5) | shapely.box(45, -5, 55, 55))
+    sharp = swath.seen_from(np.array([(0.0, 0.0), (50.0, 0.0), (0.0, 20.0)]))
+    assert sharp.bounds[2] < 60.0
+
+
 def test_a_field_without_arms_is_not_cut_and_one_with_them_wholly() -> None:
     swath = Swath(20.0, 10.0, 8.0)
     assert without_arms(FIELD, swath) == without_arms(L, swath) == []

@@ -18,8 +18,8 @@ MAX_WAYPOINTS = 30_000
 _FIRST_BLOCK = 16
 _CUTS = 10
 _UNUSED = 1e-6
-# Where more than this part of the places lies within the least leg of one, near places are passed over, at most
-# this many in a row: then the farthest is taken. On larger land the few short legs stay.
+# Where more than this part of the places lies within the least leg of one, near places are passed over, as
+# many as this in a row: then the farthest is taken. On larger land the few short legs stay.
 _OFTEN = 1 / 6
 _MOST_PASSED = 64
 # Nor is it turned straight back there: the two waypoints of such a corner would be one.

@@ -24,8 +24,8 @@ _NAMED = ("planner, estimator", "submission", "kind")
 _ABOUT = (
     "Scores: 0 is perfect; the mean over the run and at its end, each with its interval of 95 % over the"
     " environments. Difference: of the scores over the run to those of the best frozen baseline, in pairs on"
-    " the same environments; positive is better, and the intervals of a table hold together, all at once in 95"
-    " of 100 cases. Failed: runs without a result, which count as the worst"
+    " the same environments; positive is better; the intervals of a table hold all at once in 95 of"
+    " 100 cases. Failed: runs without a result, which count as the worst"
     " score. Bad: the share of a policy's answers that were not flown, or came too late. Flown again:"
     " how many rows were flown again for this board, and whether they came out the same; a method of which"
     " none was is what its submission says. In brackets after a name: digests of own code. A baseline is a"
@@ -89,7 +89,7 @@ def title_of(table: BoardTable) -> str:
 
 def _flown_by(table: BoardTable) -> str:
     flown_by = f"Flown by wbf-mission {table.version}, code {table.code[:SHOWN_DIGEST]}."
-    return f"{flown_by} {doubt_in_words(table.environments)}"
+    return f"{flown_by} {doubt_in_words(len(table.seeds))}"
 
 
 def board_table(table: BoardTable) -> Table:

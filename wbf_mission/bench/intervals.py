@@ -31,7 +31,8 @@ _SEED = 0
 _MISSED = 0.05
 _FEWEST_TO_RESAMPLE = 5
 FEWEST_FOR_A_RATIO = 8
-_FEWEST_FOR_SKEW = 20
+# From how many environments, and in how many of 100 cases, an interval holds a mean with 10 % rare outbreaks.
+_HELD_WITH_RARE = ((40, None), (20, 75), (0, 50))
 _NONE = 1e-12  # spread by size of the values: equal but for rounding
 _SMALL = 1e-3
 _ROUNDING = 1e-9
@@ -171,17 +172,15 @@ def doubt_in_words(count: int) -> str:
     """
     if count < 2:
         return "One environment has no interval." if count else ""
-    rare = 1.0 - _MISSED ** (1.0 / count)
-    told = f"What befalls fewer than {rare:.0%}".replace("%", " %") + (
-        f" of environments may be missing among {count}, and no interval covers it."
-    )
+    rare = 100.0 * (1.0 - _MISSED ** (1.0 / count))
+    unseen = f"What befalls fewer than {rare:.0f} % of environments may be missing among {count}"
+    told = [f"{unseen}, and no interval covers it."]
+    held = next((held for fewest, held in _HELD_WITH_RARE if count >= fewest), None)
+    if held is not None:
+        told.append(f"Where few decide a mean, 95 % intervals may hold in {held} of 100 cases only.")
     if count < FEWEST_FOR_A_RATIO:
-        return (
-            f"{told} Too few for intervals of ratios; those of means are right for evenly spread scores only."
-        )
-    if count < _FEWEST_FOR_SKEW:
-        return f"{told} Where few of {count} lie far off, 95 % intervals hold in 80 to 90 of 100 cases."
-    return told
+        told.append(f"Ratios over fewer than {FEWEST_FOR_A_RATIO} have no interval.")
+    return " ".join(told)
 
 
 def score_text(value: float) -> str:

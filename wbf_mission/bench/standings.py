@@ -187,7 +187,7 @@ class Ratio:
     fixed : bool
         Whether it is a fixed planner itself: one that decides once, before the flight.
     ratios : dict of str to Interval
-        Of the `WHOLE` and of each field; below 1 is better. The intervals of a scenario hold together.
+        Of the `WHOLE` and of each field; below 1 is better. The intervals with an estimator hold together.
     best : dict of str to str
         The fixed planner by whose loss each is divided: the best in this alone.
     """
@@ -206,26 +206,25 @@ def by_fixed(group: Scored, *, over_run: bool) -> list[Ratio]:
     """
     scores, losses = (group.scores, group.losses) if over_run else (group.final_scores, group.final_losses)
     tables = {WHOLE: -scores, **losses}
-    against: list[tuple[int, bool, dict[str, int]]] = []
+    found = []
     for estimator in sorted({estimator for _, estimator in group.pairs}):
         places = [k for k, pair in enumerate(group.pairs) if pair[1] == estimator]
         fixed = [k for k in places if _is_fixed(group.rows[k])]
         if not fixed:
             continue
         best = {name: fixed[_least([one[k].mean() for k in fixed])] for name, one in tables.items()}
-        against += [(k, k in fixed, best) for k in places]
-    pairs = [(one[k], one[best[name]]) for k, _, best in against for name, one in tables.items()]
-    ratios = iter(ratio_intervals(pairs, together=True))
-    found = [
-        Ratio(
-            planner=group.pairs[k][0],
-            estimator=group.pairs[k][1],
-            fixed=is_fixed,
-            ratios={name: next(ratios) for name in tables},
-            best={name: group.pairs[which][0] for name, which in best.items()},
-        )
-        for k, is_fixed, best in against
-    ]
+        pairs = [(one[k], one[best[name]]) for k in places for name, one in tables.items()]
+        ratios = iter(ratio_intervals(pairs, together=True))
+        found += [
+            Ratio(
+                planner=group.pairs[k][0],
+                estimator=estimator,
+                fixed=k in fixed,
+                ratios={name: next(ratios) for name in tables},
+                best={name: group.pairs[which][0] for name, which in best.items()},
+            )
+            for k in places
+        ]
     return sorted(found, key=lambda one: (one.estimator, one.ratios[WHOLE].mean))
 
 

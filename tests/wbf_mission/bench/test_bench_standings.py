@@ -106,9 +106,12 @@ def test_a_ratio_by_what_may_be_nothing_has_no_upper_limit():
 
 def test_few_environments_are_said_to_be_few():
     assert "31 %" in doubt_in_words(8)
-    assert "80 to 90" in doubt_in_words(8)
-    assert "Too few for intervals of ratios" in doubt_in_words(5)
-    assert "Too few" not in doubt_in_words(40)
+    assert "may hold in 50 of 100" in doubt_in_words(8)
+    assert "may hold in 75 of 100" in doubt_in_words(20)
+    assert "may hold" not in doubt_in_words(40)
+    assert "Ratios" in doubt_in_words(7)
+    assert "Ratios" not in doubt_in_words(8)
+    assert doubt_in_words(1) == "One environment has no interval."
 
 
 def test_one_of_five_that_is_far_off_makes_the_interval_long_on_its_side():

@@ -88,7 +88,7 @@ def title_of(table: BoardTable) -> str:
 
 
 def _flown_by(table: BoardTable) -> str:
-    flown_by = f"Flown by wbf-mission {table.version}, code {table.code[:SHOWN_DIGEST]}."
+    flown_by = f"Flown by wbf-mission {', '.join(table.versions)}, behaviour {table.code}."
     return f"{flown_by} {doubt_in_words(len(table.seeds))}"
 
 
@@ -191,7 +191,7 @@ def board_values(board: Board) -> dict[str, Any]:
         "tables": [
             {
                 "scenario": table.scenario,
-                "version": table.version,
+                "versions": list(table.versions),
                 "code": table.code,
                 "seeds": seeds_text(table.seeds),
                 "environments": len(table.seeds),

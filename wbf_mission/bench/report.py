@@ -27,13 +27,13 @@ if TYPE_CHECKING:
 READING = (
     "Scores: 0 is perfect; the mean over the run and at its end, each with its interval of 95 % over the "
     "environments. The intervals of a table of differences hold together, all at once in 95 of 100 cases; so "
-    "do those of ratios with one estimator. Only environments count of which all have a row; a run that failed "
-    "counts as the worst "
-    "score and the worst losses that any row has on its environment. Losses are means a cell. Rank: the mean "
-    "place among all rows on the same environment. Wins: on how many a row was the best, shared ones in "
-    "parts. Bad answers: the share of a policy's answers that were not flown, or came too late. How sure, "
-    "how right: of the last estimate, on relevant cells that nobody looked at. Sick held is the part of the "
-    "sick plants among those that may be sick, meant to be 90 %; healthy held, that of the healthy ones."
+    "do those of ratios with one estimator. Only environments count of which all have a row; a run that "
+    "failed counts as the worst score and the worst losses that any row has on its environment. Losses are "
+    "means a cell. Rank: the mean place among all rows on the same environment. Wins: on how many a row was "
+    "the best, shared ones in parts. Bad answers: the share of a policy's answers that were not flown, or "
+    "came too late. How sure, how right: of the last estimate, on relevant cells that nobody looked at. Sick "
+    "held is the part of the sick plants among those that may be sick, meant to be 90 %; healthy held, that "
+    "of the healthy ones."
 )
 SCORES = "Scores over the run and at its end"
 _POINTS = 200

@@ -128,9 +128,7 @@ def _drawn(
     t = np.empty((len(many), _DRAWS))
     sums, squares, weights = np.zeros_like(t), np.zeros_like(t), np.zeros(_DRAWS)
     for place in range(counts.max()):
-        # The square of a coordinate of points in a disc is distributed as Beta(1/2, 3/2).
-        x, y = 2.0 * draw.random((2, 2 * _DRAWS)) - 1.0
-        weight = (x * x)[x * x + y * y < 1.0][:_DRAWS]
+        weight = _weights(draw)
         weights += weight
         has = np.flatnonzero(counts[many] > place)
         values = np.array([residuals[many[k]][place] for k in has])[:, None]
@@ -141,6 +139,12 @@ def _drawn(
         errors = np.sqrt(np.maximum(squares[ends] / weights - means * means, np.finfo(float).tiny))
         t[ends] = means * math.sqrt(place + 1) / errors
     return t
+
+
+def _weights(draw: np.random.Generator) -> NDArray[np.float64]:
+    """Return draws from Beta(1/2, 3/2): the squares of a coordinate of points in a disc."""
+    x, y = 2.0 * draw.random((2, 2 * _DRAWS)) - 1.0
+    return np.asarray((x * x)[x * x + y * y < 1.0][:_DRAWS])
 
 
 def _fieller(

@@ -6,10 +6,12 @@ from array import array
 import numpy as np
 import pytest
 from msgspec import structs
+from scipy import stats
 
 from wbf_mission.bench.environments import scored
 from wbf_mission.bench.intervals import (
     Interval,
+    _weights,
     doubt_in_words,
     mean_interval,
     mean_intervals,
@@ -96,6 +98,12 @@ def test_one_interval_together_is_that_alone():
     assert mean_intervals([values], together=True) == [mean_interval(values)]
     # What is the same to all counts once, and what does not differ not at all.
     assert mean_intervals([values, values, np.zeros(10)], together=True)[:2] == [mean_interval(values)] * 2
+
+
+def test_resamples_weigh_environments_by_a_beta_distribution():
+    draw = np.random.default_rng(1)
+    weights = np.concatenate([_weights(draw) for _ in range(20)])
+    assert stats.kstest(weights, stats.beta(0.5, 1.5).cdf).pvalue > 0.01
 
 
 def test_a_ratio_by_what_may_be_nothing_has_no_upper_limit():

@@ -11,6 +11,7 @@ from scipy import stats
 from wbf_mission.bench.environments import scored
 from wbf_mission.bench.intervals import (
     Interval,
+    _drawn,
     _weights,
     doubt_in_words,
     mean_interval,
@@ -104,6 +105,16 @@ def test_resamples_weigh_environments_by_a_beta_distribution():
     draw = np.random.default_rng(1)
     weights = np.concatenate([_weights(draw) for _ in range(20)])
     assert stats.kstest(weights, stats.beta(0.5, 1.5).cdf).pvalue > 0.01
+
+
+def test_t_of_resamples_is_that_of_weighed_means():
+    residuals = np.array([-1.0, 0.5, 2.0, -0.25, -1.25, 0.0])
+    draw = np.random.default_rng(0)
+    weights = np.array([_weights(draw) for _ in residuals])
+    means = np.average(np.broadcast_to(residuals[:, None], weights.shape), axis=0, weights=weights)
+    spreads = np.average((residuals[:, None] - means) ** 2, axis=0, weights=weights)
+    found = _drawn([residuals], np.array([0]), np.array([6]))[0]
+    assert found == pytest.approx(means / np.sqrt(spreads / 6.0))
 
 
 def test_a_ratio_by_what_may_be_nothing_has_no_upper_limit():

@@ -63,7 +63,8 @@ def _bad(points: Points, corner: NDArray[np.bool_], least_m: float) -> NDArray[n
     beside = corner[:-1] | corner[1:]
     beside[1:] |= short[:-1]
     beside[:-1] |= short[1:]
-    return short & beside
+    bad: NDArray[np.bool_] = short & beside
+    return bad
 
 
 def _changed(
@@ -108,7 +109,8 @@ def _moved(before: Points, way: Points, after: Points, least_m: float, terrain: 
     places = places[far]
     seen = terrain.sees(np.broadcast_to(before, places.shape), places)
     seen &= terrain.sees(places, np.broadcast_to(after, places.shape))
-    return places[seen]
+    found: Points = places[seen]
+    return found
 
 
 def _distance(point: Points, start: Points, end: Points) -> float:

@@ -4,14 +4,15 @@ A cell stands for a plant. Everything is told for the owner's cells of the field
 and by blocks (`wbf_mission.maps.blocks.MapGrid`).
 
 How much is sick, and how far that may be wrong, is summed in `maps.field_maps`. The 90 % intervals are
-those of a gamma distribution with the mean and variance of the plants that were not observed.
+those of a gamma distribution with the mean and variance of the plants that were not observed. An estimator
+that does not say how sure it is has no figure of what nobody looked at: only what was seen is counted.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -102,24 +103,28 @@ def farm_report(
     *,
     fields: FieldSet = PAPER_FIELDS,
     states_deviation: bool = True,
-    only_seen: bool = False,
 ) -> FarmReport:
     """Tell what an estimate says of the farm; parameters as of `field_maps`."""
-    maps = field_maps(
-        farm,
-        model,
-        observations,
-        fields=fields,
-        states_deviation=states_deviation,
-        only_seen=only_seen,
-    )
+    maps = field_maps(farm, model, observations, fields=fields, states_deviation=states_deviation)
     return report_of_maps(farm, maps)
 
 
 def report_of_maps(farm: Farm, maps: tuple[FieldMap, ...]) -> FarmReport:
-    """Tell what the maps of the fields say."""
-    told = tuple(_report(farm, one) for one in maps if one.cells.any())
+    """Tell what the maps of the fields say, where the estimator knows how sure it is; else what was seen."""
+    told = tuple(_report(farm, one) for one in map(_told, maps) if one.cells.any())
     return FarmReport(farm.name, MapGrid.of(farm).block * farm.cell_size_m, told)
+
+
+def _told(of: FieldMap) -> FieldMap:
+    """Return the map whose figures may be stated: without a variance that of the cells that were observed."""
+    if of.variance is not None:
+        return of
+    total = of.seen_sick if of.field.kind == "disease" else of.seen_total
+    return (
+        replace(of, cells=np.zeros_like(of.seen))
+        if total is None
+        else replace(of, cells=of.seen, total=total)
+    )
 
 
 def _report(farm: Farm, of: FieldMap) -> FieldReport:

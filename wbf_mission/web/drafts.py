@@ -26,6 +26,7 @@ from sensors.camera.optics import camera_names
 from sensors.field_files import field_names
 from wbf_mission.planning import PlanResult
 from wbf_mission.planning.batteries import batteries_in, plan_for_batteries
+from wbf_mission.planning.builder import coverage_together
 from wbf_mission.planning.fleet import SingleVehicle, single_vehicles
 from wbf_mission.planning.plan import plan_fleet
 from wbf_mission.planning.sorties import SortiePlan, is_too_long, sorties_of
@@ -107,6 +108,11 @@ class PlannedDraft:
         if not 0 <= number < len(self.missions):
             raise DraftError(f"mission {number}: there are {len(self.missions)}, counted from 0")
         return self.missions[number]
+
+    @property
+    def coverage(self) -> float:
+        """What all of them show together of the land to be seen."""
+        return coverage_together(self.results, self.draft.scenario.camera.footprint)
 
     @property
     def surveys(self) -> bool:
@@ -318,12 +324,13 @@ def planned(draft: Draft, progress: Progress) -> PlannedDraft:
         whole, sorties = plan_for_batteries(endless, batteries, cut)
         results, cuts = (whole,), (sorties,)
     planned_s, missions = time.perf_counter(), []
+    coverage = coverage_together(results, scenario.camera.footprint)
     for number, (result, pieces, one) in enumerate(zip(results, cuts, vehicles, strict=True), start=1):
         plans = (result,) if pieces is None else pieces.plans
         for sortie, plan in enumerate(plans, start=1):
             which = [f"vehicle {number}"] * (len(results) > 1) + [f"sortie {sortie}"] * (len(plans) > 1)
             progress("checking", sortie, len(plans))
-            missions.append(PlannedMission(", ".join(which), number, plan, check_plan(plan, one)))
+            missions.append(PlannedMission(", ".join(which), number, plan, check_plan(plan, one, coverage)))
     ended_s = time.perf_counter()
     return PlannedDraft(
         draft, results, cuts, vehicles, tuple(missions), planned_s - begun_s, ended_s - planned_s

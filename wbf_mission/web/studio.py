@@ -296,7 +296,8 @@ def _upload(found: PlannedDraft, one: PlannedMission, link: str, system_id: int 
         heard = Vehicle(snapshot.system_id, 1, snapshot.autopilot, snapshot.vehicle_type)
         named = {"vehicle": vehicle.vehicle.name, "autopilot": vehicle.vehicle.autopilot, "vehicles": 1}
         fitted = fitted_to(scenario_with(found.draft.scenario, named), heard)
-        return replace(Circumstances.of(fitted, one.plan.farm, snapshot), imaging=one.plan.imaging)
+        given = Circumstances.of(fitted, one.plan.farm, snapshot)
+        return replace(given, imaging=one.plan.imaging, planner=one.plan.planner, coverage=found.coverage)
 
     try:
         report, checked = upload_checked(one.plan.mission, link, around, system_id=system_id)

@@ -11,6 +11,7 @@ from html import escape
 import numpy as np
 from numpy.typing import NDArray
 
+from mission.outcome import in_words
 from sensors.fields import Field
 from wbf_mission.maps.farm_drawing import FarmDrawing
 from wbf_mission.maps.field_maps import FieldMap
@@ -119,7 +120,7 @@ def _told(record: RunRecord, *, short: bool = False) -> dict[str, str]:
         "vehicle": f"{count} x {', '.join(vehicles)}" if count > 1 else ", ".join(vehicles),
         "when": f"day {days[0]}" if len(days) == 1 else f"days {days[0]} to {days[-1]}",
         "flights": f"{flights}",
-        "outcome": f"{record.outcome.value} ({record.reason})" if record.reason else record.outcome.value,
+        "outcome": in_words(record.outcome, record.reason),
         # Of a policy only the first path is known before.
         "flown": record.flown(predicted=not short and scenario.mission.policy is None),
         "battery": _battery(record),

@@ -25,7 +25,16 @@ from playwright.sync_api import Browser, Page, expect
 from geo.farms import get_farm
 from mission.outcome import in_words
 from sensors.fields import PAPER_FIELDS
-from wbf_mission.events import Asked, Orderable, Progressed, RunBegun, RunEnded, VehicleInfo, VehicleMoved
+from wbf_mission.events import (
+    Asked,
+    Noted,
+    Orderable,
+    Progressed,
+    RunBegun,
+    RunEnded,
+    VehicleInfo,
+    VehicleMoved,
+)
 from wbf_mission.web.server import LiveServer
 from wbf_mission.web.view import View
 
@@ -545,6 +554,24 @@ STAND = """() => {
     performance.now = () => now + ahead.performance;
     Date.now = () => date + ahead.date;
 }"""
+
+def test_what_an_order_came_to_is_told_below_it(browser: Browser) -> None:
+    view = View()
+    two(view, "takeoff", "hold", simulated=True)
+    view.take(Noted("a warning of before", warns=True))
+    with LiveServer(view, orders=Taking()) as server, page_at(browser, server.url) as page:
+        page.get_by_label("Orders go to").select_option("drone-1")
+        view.take(Noted("a warning of nothing that was ordered", warns=True))
+        expect(page.locator("ol.messages")).to_contain_text("nothing that was ordered")
+        order(page, "Hold").click()
+        expect(page.locator(".became")).to_have_text("Hold, drone-1: sent")
+        view.take(Noted("vehicle 1: hold is carried out"))
+        expect(page.locator("ol.messages")).to_contain_text("carried out")
+        expect(page.locator(".became")).to_have_text("Hold, drone-1: sent")
+        view.take(Noted("vehicle 1: hold: it is not flying", warns=True))
+        expect(page.locator(".became.refused")).to_have_text("vehicle 1: hold: it is not flying")
+
+
 LONG = "a title that is as long as those of policies with many parameters, and of farms with long names"
 BOXES = """() => [...document.querySelectorAll("[data-order]")].map((one) => {
     const { x, y, width, height } = one.getBoundingClientRect();

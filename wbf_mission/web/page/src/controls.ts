@@ -1,7 +1,7 @@
 // Orders to vehicles, where this page may give them, and the answers to what the operator is asked.
 import { button, element, setText } from "./dom.js";
 import type { Model } from "./model.js";
-import type { Wish } from "./schema.js";
+import type { Said, Wish } from "./schema.js";
 import type { Send } from "./source.js";
 import { capital } from "./text.js";
 
@@ -23,6 +23,9 @@ const REPLY_SHOWN_MS = 8000;
 /** After this long no answer comes any more: the program carries out nothing that is older than 2 s. */
 const ANSWER_MS = 3000;
 
+const WARNING = 4;
+const isWarning = ({ system_id, severity }: Said): boolean => !system_id && severity <= WARNING;
+
 export class Controls {
   readonly element = element("section", { class: "controls", "aria-label": "Orders" });
   readonly question = element("div", { class: "question", role: "alert" });
@@ -42,6 +45,8 @@ export class Controls {
   private hide = 0;
   /** What was sent and not answered yet, in words, by its number. */
   private readonly open = new Map<number, string>();
+  /** The newest warning of the program's before the last order; null where none was given. */
+  private before: string | null = null;
 
   constructor(
     private readonly model: Model,
@@ -104,6 +109,16 @@ export class Controls {
       this.say("Nothing was sent: what was asked about is over", true);
     }
     this.showQuestion();
+    // What was sent may be refused later, and messages are in another panel on a phone.
+    const warning = this.warning;
+    if (this.before === null || warning === this.before || !this.model.runs) return;
+    this.before = warning;
+    this.say(this.model.said.findLast(isWarning)?.text ?? "", true);
+  }
+
+  private get warning(): string {
+    const { time_s, text } = this.model.said.findLast(isWarning) ?? {};
+    return `${time_s} ${text}`;
   }
 
   private reason(orders: string[]): string {
@@ -203,6 +218,7 @@ export class Controls {
     const number = this.send(wish);
     if (number === null) return this.say(`${what}: not sent: the program does not answer`, true);
     this.open.set(number, what);
+    this.before = this.warning;
     this.say(`${what} …`, false);
     setTimeout(() => this.giveUp(number), ANSWER_MS);
   }

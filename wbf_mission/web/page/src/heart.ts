@@ -33,6 +33,7 @@ export class Heart {
   }
 
   set link(state: Link) {
+    if (state === this.state) return; // Another try that failed
     [this.state, this.since_ms] = [state, performance.now()];
   }
 

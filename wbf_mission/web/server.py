@@ -91,9 +91,10 @@ class LiveServer:
     tiles : path or None
         The user's map tiles, which are shown behind the farm (`wbf_mission.web.tiles.MapTiles`).
     routes : sequence of Starlette routes
-        More that is served, before what is here: paths may be any but "/live", "/beats" and "/tiles/...". The guard
-        (`wbf_mission.web.guard`) lies before them, too: nothing but GET and HEAD comes from elsewhere than
-        this server's pages, who asks has the token, and the answers have the policy of `guard.HEADERS`.
+        More that is served, before what is here: paths may be any but "/live", "/beats" and "/tiles/...".
+        The guard (`wbf_mission.web.guard`) lies before them, too: nothing but GET and HEAD comes from
+        elsewhere than this server's pages, who asks has the token, and the answers have the policy of
+        `guard.HEADERS`.
         Bodies are not limited: who reads one does that.
     home : str
         The page of ``static/`` that "/" shows, without ".html".

@@ -274,7 +274,11 @@ ENERGIES = st.none() | st.floats(0.0, 1e4)
 @example(1.0, 0.0, 0.0, 80.8, 80.0)
 @example(0.5, None, 0.6, None, 80.0)
 def test_a_flight_takes_between_none_and_all_of_a_battery(
-    before: float | None, first_wh: float | None, after: float | None, last_wh: float | None, capacity_wh: float
+    before: float | None,
+    first_wh: float | None,
+    after: float | None,
+    last_wh: float | None,
+    capacity_wh: float,
 ) -> None:
     used = Battery(after, last_wh).used_since(Battery(before, first_wh), capacity_wh)
     assert used is None or 0.0 <= used <= 1.0

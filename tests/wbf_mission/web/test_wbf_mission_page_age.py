@@ -555,6 +555,7 @@ STAND = """() => {
     Date.now = () => date + ahead.date;
 }"""
 
+
 def test_what_an_order_came_to_is_told_below_it(browser: Browser) -> None:
     view = View()
     two(view, "takeoff", "hold", simulated=True)
@@ -609,7 +610,9 @@ def test_no_order_moves_whatever_the_page_says(browser: Browser, width: int) -> 
 
         stays("it is live")
         says(begun(LONG, vehicles=vehicles))
-        says(begun("a flight", vehicles=vehicles), Progressed("uploading the mission and its fence", 3.0, 10.0))
+        says(
+            begun("a flight", vehicles=vehicles), Progressed("uploading the mission and its fence", 3.0, 10.0)
+        )
         says(Orderable(("hold", "resume", "set item", "return", "land")))
         says(Asked(f"{LONG}?", ("hold", "return"), 7))
         says(Asked(""), Progressed("uploading", 10.0, 10.0))
@@ -620,11 +623,15 @@ def test_no_order_moves_whatever_the_page_says(browser: Browser, width: int) -> 
         one.page.get_by_label("Orders go to").select_option("2")
         order(one.page, "Hold").click()
         stays("an order is on its way")
+        says(Asked("the battery is low: what now?", ("hold", "return"), 8))
+        answer = one.page.locator(".question").get_by_role("button", name="Return")
+        place = answer.bounding_box()
         one.passes(2_200)
         stays("2 s old")
         one.passes(30_000)
         expect(one.page.locator(".lost")).not_to_be_empty()
         stays("old, with a banner")
+        assert answer.bounding_box() == place
         one.beats(32.2)
         expect(one.page.locator(".lost")).to_be_empty()
         stays("live again")

@@ -128,9 +128,9 @@ class Studio:
         return _farm(farm, self.drafts.document(farm))
 
     def farm(self, request: Request, body: bytes) -> Any:
-        """Return the farm of a file's content."""
+        """Return the farm of a file's content, or of what is drawn, which has no name of a file."""
         asked = request.query_params
-        name = asked.get("name", "farm.geojson")
+        name = asked.get("name", "")
         how = {"crop": asked.get("crop") or None, "crs": asked.get("crs") or None}
         try:
             return _farm(*self.drafts.farm_of_file(body, name, **how, repair=asked.get("repair") == "true"))
@@ -142,7 +142,7 @@ class Studio:
         try:
             draft = self.drafts.draft(body)
         except FarmError as error:
-            return self._refused(error, drawn_farm(body), "farm.geojson", {})
+            return self._refused(error, drawn_farm(body), "", {})
         found = self.drafts.plan(draft)
         return {
             "farm": farm_shape(found.draft.farm),
@@ -185,7 +185,7 @@ class Studio:
         """Fly a draft in the simulator; the live page shows it."""
         pace = _number(request, "pace", 0.01, 1e6)
         found = self.drafts.plan(self.drafts.draft(body))
-        self._flight.start(found.flown(self.drafts.folder), pace)
+        self._flight.start(found.flown(self.drafts.folder), pace, found.decider)
         return {}
 
     def stop(self, _request: Request, _body: bytes) -> Any:

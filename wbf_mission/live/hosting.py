@@ -54,6 +54,11 @@ class LinkHosting:
         return
 
     @property
+    def waits_for_decisions(self) -> bool:
+        """Real vehicles fly on."""
+        return False
+
+    @property
     def transfers(self) -> TransferMaker:
         """Who carries the plans up to the vehicles."""
         return self.via.transfers

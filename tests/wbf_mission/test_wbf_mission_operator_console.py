@@ -174,7 +174,7 @@ class Thoughtful:
         self.go_on = threading.Event()
 
     def start(self):
-        self.asked, self.came = 0, False
+        self.asked, self.came, self.kept = 0, False, False
 
     def decide(self, observation):
         left, low, right, high = observation.vehicles[0].request.area.bounds
@@ -185,7 +185,9 @@ class Thoughtful:
         self.asked += 1
         if self.asked > 1:
             return Decision({})
+        before = observation.model.value.copy()
         self.came = self.go_on.wait(30.0)  # A limit against hanging, not a measure
+        self.kept = np.array_equal(before, observation.model.value)
         return Decision({1: path[::-1]})
 
 
@@ -208,6 +210,7 @@ def test_orders_are_obeyed_while_a_policy_decides_and_its_answer_is_dropped(monk
         result = page.fly(url, policy=policy, autopilot="px4")
     told = capsys.readouterr().err
     assert policy.came, "the vehicle was heard, and held, before the policy had decided"
+    assert policy.kept, "what it was told stays as it was"
     assert result.outcome is Outcome.COMPLETED, told
     assert "the vehicle holds (mode LOITER)" in told and "too late" not in told
     (first, *_) = [one for one in result.decisions if one.event != "start"]

@@ -254,3 +254,16 @@ def test_two_components_with_one_address_are_refused():
 def test_default_addresses_are_those_of_the_simulators():
     assert PX4.simulator_urls(2)[1] == "udpout:127.0.0.1:14542,14582"
     assert ARDUPILOT.simulator_urls(0) == ("tcpin:127.0.0.1:5760",)
+
+
+def test_datagrams_that_it_could_not_keep_are_counted(monkeypatch):
+    monkeypatch.setattr("mission.link.sockets._KEPT_BYTES", 1000)
+    with Server([], ["udpin:127.0.0.1:0"]) as server:
+        host, port = server.urls[0].split(":")[1:]
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            for _ in range(10):
+                sender.sendto(bytes(244), (host, int(port)))
+        end_s = time.monotonic() + 30.0
+        while server.dropped < 8 and time.monotonic() < end_s:
+            time.sleep(0.01)
+        assert server.dropped == 8

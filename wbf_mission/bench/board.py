@@ -153,7 +153,7 @@ def board_of(
 def _entry(path: Path, *, frozen: bool, verify: int | None, progress: Progress) -> Entry:
     pack = read_pack(path)
     try:
-        require_whole(pack.rows)
+        require_whole(pack.rows, sealed=bool(pack.submission.seal))
     except ResultError as error:
         raise ResultError(f"{path}: {error}") from None
     count = verify if verify is not None else 0 if frozen else VERIFIED

@@ -107,7 +107,7 @@ def submit_command(
     opened = _secret(seal, secret)
     try:
         require_asked(rows, folder)
-        require_whole(rows)
+        require_whole(rows, sealed=opened is not None)
         if opened is not None:
             require_seeds(opened, rows)
     except ResultError as error:

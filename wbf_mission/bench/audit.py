@@ -58,8 +58,9 @@ def require_asked(rows: Sequence[BenchRow], folder: Path) -> None:
 def require_whole(rows: Sequence[BenchRow], *, sealed: bool = False) -> None:
     """Raise ResultError unless rows can be published: of one code, complete, possible and consistent.
 
-    The seeds of each scenario are all from the first to the last, but those of a `sealed` round. The text is one line that begins with what is wrong, and says what to do. Rows of runs that failed are in
-    order: they are told as failed.
+    The seeds of each scenario are all from the first to the last, but those of a `sealed` round. The text is
+    one line that begins with what is wrong, and says what to do. Rows of runs that failed are in order: they
+    are told as failed.
     """
     _require_one_code(rows)
     if len(rows) > _MOST_ROWS:

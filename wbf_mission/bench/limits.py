@@ -14,12 +14,13 @@ from mission.planners.budget import parse_budget
 from sensors.estimators import Estimator
 from sensors.scoring.score import ScoreWeights
 from wbf_mission.bench.rows import BenchRow
-from wbf_mission.planning.budget import PAPER_STEPS_PER_CELL, UNLIMITED, make_budget
+from wbf_mission.planning.budget import PAPER_STEPS_PER_CELL, make_budget
 from wbf_mission.planning.fleet import vehicles_of
 from wbf_mission.planning.plan import farm_of
 from wbf_mission.run.estimation import readings_a_score
 from wbf_mission.run.record import MOST_BAD
 from wbf_mission.scenario import Scenario, load_scenario
+from wbf_mission.scenario.parts import UNLIMITED
 
 # What flights take beyond what was predicted: in wind, in gusts, for arming and landing.
 _SLACK, _SLACK_S, _SLACK_M = 1.5, 60.0, 30.0

@@ -179,11 +179,10 @@ def differences(row: BenchRow, again: BenchRow, near: float = 0.0) -> Iterator[s
         old, new = getattr(row, name), getattr(again, name)
         if old != new and not (isinstance(old, float) and isinstance(new, float) and _near(old, new, near)):
             yield f"{name} ({old!r} then, {new!r} now)"
-    counts = [
-        {kind: one for kind, one in each.bad_answers.items() if kind != TOO_LATE} for each in (row, again)
-    ]
-    if counts[0] != counts[1]:  # how long an answer takes is the machine's
-        yield f"bad_answers ({counts[0]} then, {counts[1]} now)"
+    # How long an answer takes is the machine's.
+    then, now = ({**each.bad_answers, TOO_LATE: 0} for each in (row, again))
+    if then != now:
+        yield f"bad_answers ({row.bad_answers} then, {again.bad_answers} now)"
     losses, others = row.losses, again.losses
     if losses != others and (
         losses.keys() != others.keys()

@@ -195,22 +195,16 @@ MADE_UP = {
     "many readings": (lambda row: structs.replace(row, observations=10**9), "readings are more than"),
     "many cells": (lambda row: structs.replace(row, cells_observed=200), "200 cells observed are not"),
     "no cells": (lambda row: structs.replace(row, cells_observed=0), "0 cells observed are not"),
-    "no readings said": (
-        lambda row: structs.replace(row, observations=None),
-        "does not say its observations",
-    ),
+    "no readings": (lambda row: structs.replace(row, observations=None), "not say its observations"),
     "another budget": (lambda row: structs.replace(row, budget="9999 steps"), "its budget is 9999 steps"),
     "a long flight": (lambda row: structs.replace(row, flight_time_s=1e9), "it flew for 1e+09 s"),
     "a fast flight": (lambda row: structs.replace(row, path_length_m=13.0), "no vehicle of it flies 13 m"),
-    "many bad answers": (
-        lambda row: structs.replace(row, bad_answers={"crashed": 2}),
-        "2 bad answers among 1",
-    ),
+    "bad answers": (lambda row: structs.replace(row, bad_answers={"crashed": 2}), "2 bad answers among"),
     "bad answers for nothing": (
         lambda row: structs.replace(row, decisions=20, bad_answers={"crashed": 9}),
         "9 of 20 answers were bad, and it did not fail",
     ),
-    "an outcome that is none": (
+    "another outcome": (
         lambda row: structs.replace(row, outcome="crashed"),
         "its outcome is crashed",
     ),

@@ -19,6 +19,7 @@ from sensors.field_files import load_field_set
 from sensors.fields import FieldSet
 from sensors.scoring.score import ScoreWeights
 from wbf_mission.bench.asked import read_asked
+from wbf_mission.bench.frozen import version_of
 from wbf_mission.bench.limits import impossible
 from wbf_mission.bench.meaning import built_in_digest, meaning_of
 from wbf_mission.bench.rows import BenchRow, by_pair, by_scenario
@@ -90,8 +91,9 @@ def _require_one_code(rows: Sequence[BenchRow]) -> None:
             several = ", ".join(sorted(values)[:3])
             raise ResultError(f"rows of {len(values)} {what} ({several}); fly all of them into a new folder")
     version, code = rows[0].versions.get("wbf-mission", ""), rows[0].codes["code"]
-    if code == built_in_digest() and version != __version__:
-        msg = f"tells version {one_line(version, 40)} of code that is that of {__version__}; fly it again"
+    right = __version__ if code == built_in_digest() else version_of(code)
+    if right not in (None, version):
+        msg = f"tells version {one_line(version, 40)} of code that is that of {right}; fly it again"
         raise ResultError(msg)
     names: dict[tuple[str, str, str], set[str]] = {}
     for row in rows:

@@ -5,13 +5,18 @@ import random
 from pathlib import Path
 
 import pytest
+from bench_packs import pack_of
+from msgspec import structs
+from write_frozen_sums import table
 
 from wbf_mission.bench.audit import require_whole
-from wbf_mission.bench.board import packs_of
+from wbf_mission.bench.board import board_of, packs_of
+from wbf_mission.bench.frozen import TABLE, frozen_packs
 from wbf_mission.bench.meaning import built_in_digest
 from wbf_mission.bench.submission import read_pack
 from wbf_mission.bench.verification import fly_again
 from wbf_mission.cli.app import main
+from wbf_mission.results.storage import ResultError
 
 RESULTS = Path(__file__).parents[3] / "results"
 PACKS = [path for path, _ in packs_of([RESULTS])]
@@ -42,6 +47,33 @@ def test_rows_that_the_present_code_flew_come_out_equal(pack):
         pytest.skip(f"flown by another state of the code, {read.submission.code[:8]}")
     assert not found.differing
     assert len(found.rows) == FLOWN
+
+
+def test_the_package_has_their_sums():
+    # python tools/write_frozen_sums.py writes them.
+    assert TABLE.read_bytes() == table()
+    assert set(frozen_packs()) == {path.relative_to(RESULTS).as_posix() for path in PACKS}
+
+
+def test_a_pack_that_only_has_the_name_of_a_frozen_one_is_left_out(tmp_path):
+    (folder := tmp_path / "0.1.0").mkdir()
+    read = read_pack(RESULTS / "0.1.0/WBF-Miniberry-10-v1.zip")
+    rows = [row for row in read.rows if row.planner != "spiral"]
+    pack_of(rows, folder / "WBF-Miniberry-10-v1.zip")
+    (why,) = board_of(packs_of([tmp_path]), verify=0).refused.values()
+    assert "is not the frozen 0.1.0/WBF-Miniberry-10-v1.zip, whose SHA-256 is another" in why
+    # Under another name it is a baseline that nobody knows, whose rows are flown again.
+    (folder / "WBF-Miniberry-10-v1.zip").rename(folder / "mine.zip")
+    (entry,) = board_of(packs_of([tmp_path])).entries
+    assert entry.frozen
+    assert str(entry.verification) != "not asked"
+
+
+def test_code_of_a_frozen_pack_has_one_version():
+    read = read_pack(RESULTS / "0.1.0/WBF-Miniberry-10-v1.zip")
+    rows = [structs.replace(row, versions=row.versions | {"wbf-mission": "0.0.9"}) for row in read.rows]
+    with pytest.raises(ResultError, match=r"tells version 0\.0\.9 of code that is that of 0\.1\.0"):
+        require_whole(rows)
 
 
 def test_they_are_small():

@@ -214,10 +214,7 @@ def read_pack(path: Path) -> Pack:
 
     ResultError if it is none, is too large, is damaged, or tells something else than its rows.
     """
-    try:
-        data = read_file(path, MAX_PACK_BYTES)
-    except UnreadableError as error:
-        raise ResultError(f"{path}: {error}") from None
+    data = _content(path)
     members = _members(path, data)
     told = _told(path, members.pop(ABOUT))
     digests = {name: hashlib.sha256(content).hexdigest() for name, content in members.items()}
@@ -240,6 +237,29 @@ def read_pack(path: Path) -> Pack:
         if getattr(told, field) != getattr(again, field):
             raise ResultError(f"{path}: {ABOUT} tells other {field} than the rows; pack it again")
     return Pack(told, rows, hashlib.sha256(data).hexdigest())
+
+
+def unpack_code(path: Path, folder: Path) -> None:
+    """Write the own code of a submission into an empty folder, for who wants to run it.
+
+    ResultError if it has none, or cannot be read.
+    """
+    members = {
+        name: one for name, one in _members(path, _content(path)).items() if name.startswith(_CODE + "/")
+    }
+    if not members:
+        raise ResultError("holds no code; it is packed by 'bench submit --code FILE|DIR'")
+    for name, content in members.items():
+        file = folder.joinpath(*name.split("/")[1:])  # of plain names alone (`_CODE_NAME`)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes(content)
+
+
+def _content(path: Path) -> bytes:
+    try:
+        return read_file(path, MAX_PACK_BYTES)
+    except UnreadableError as error:
+        raise ResultError(f"{path}: {error}") from None
 
 
 def _members(path: Path, data: bytes) -> dict[str, bytes]:

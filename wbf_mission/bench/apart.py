@@ -112,7 +112,7 @@ class Apart(Closing):
         )
         try:
             self.said = self.call("make", str(folder), kind, label, digest)
-        except WbfMissionError as error:
+        except (WbfMissionError, _OwnCodeError) as error:
             self.close()
             raise ResultError(str(error)) from None
         except BaseException:

@@ -145,7 +145,7 @@ def _welch(old: Sequence[float], new: Sequence[float], methods: int) -> Interval
     mean = float(np.mean(new) - np.mean(old))
     if min(len(old), len(new)) < 2:
         return Interval(mean, np.nan, np.nan)
-    if np.ptp(old) == np.ptp(new) == 0.0:
+    if np.ptp(old) == np.ptp(new) == 0.0:  # as where all failed
         return Interval(mean, mean, mean)
     found = stats.ttest_ind(new, old, equal_var=False).confidence_interval(1.0 - _CHANCE / methods)
     return Interval(mean, float(found.low), float(found.high))

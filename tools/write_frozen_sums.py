@@ -13,14 +13,14 @@ from pathlib import Path
 import msgspec
 
 from geo.atomic import atomic_write
-from wbf_mission.bench.frozen import TABLE, table_of
+from wbf_mission.bench.frozen import TABLE, sums_of
 
 RESULTS = Path(__file__).parents[1] / "results"
 
 
 def table() -> bytes:
     """Return the table of what is in ``results`` now."""
-    return msgspec.json.format(msgspec.json.encode(table_of(RESULTS.glob("*/*.zip")))) + b"\n"
+    return msgspec.json.format(msgspec.json.encode(sums_of(RESULTS.glob("*/*.zip")))) + b"\n"
 
 
 def main() -> None:

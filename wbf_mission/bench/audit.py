@@ -19,9 +19,8 @@ from sensors.field_files import load_field_set
 from sensors.fields import FieldSet
 from sensors.scoring.score import ScoreWeights
 from wbf_mission.bench.asked import read_asked
-from wbf_mission.bench.frozen import version_of
 from wbf_mission.bench.limits import impossible
-from wbf_mission.bench.meaning import built_in_digest, meaning_of
+from wbf_mission.bench.meaning import meaning_of
 from wbf_mission.bench.rows import BenchRow, by_pair, by_scenario
 from wbf_mission.bench.spec import require_mover, run_keys, seed_ranges, seeds_of
 from wbf_mission.planning.plan import farm_of
@@ -29,7 +28,6 @@ from wbf_mission.results.storage import ResultError
 from wbf_mission.run.estimation import estimator_of
 from wbf_mission.scenario import Choice, load_scenario, scenario_ids
 from wbf_mission.scenario.choice import choose, names_of, registered_elsewhere
-from wbf_mission.version import __version__
 
 _LEAST_ERROR = 1e-9
 _MOST_LOSS = 1e6
@@ -57,13 +55,13 @@ def require_asked(rows: Sequence[BenchRow], folder: Path) -> None:
 
 
 def require_whole(rows: Sequence[BenchRow], *, sealed: bool = False) -> None:
-    """Raise ResultError unless rows can be published: of one code, complete, possible and consistent.
+    """Raise ResultError unless rows can be published: of one behaviour, complete, possible and consistent.
 
     The seeds of each scenario are all from the first to the last, but those of a `sealed` round. The text is
     one line that begins with what is wrong, and says what to do. Rows of runs that failed are in order: they
     are told as failed.
     """
-    _require_one_code(rows)
+    _require_one_behaviour(rows)
     if len(rows) > _MOST_ROWS:
         raise ResultError(f"holds {len(rows)} rows, more than {_MOST_ROWS}; make several submissions")
     scenarios = by_scenario(rows)
@@ -80,20 +78,13 @@ def require_whole(rows: Sequence[BenchRow], *, sealed: bool = False) -> None:
                 raise ResultError(f"{one_line(row.named)}: {why}; fly it again into a new folder")
 
 
-def _require_one_code(rows: Sequence[BenchRow]) -> None:
+def _require_one_behaviour(rows: Sequence[BenchRow]) -> None:
     if not all({"code", "scenario"} <= row.codes.keys() for row in rows):
         raise ResultError("some rows do not tell which code flew them; fly them again into a new folder")
-    for what, values in (
-        ("versions of wbf-mission", {row.versions.get("wbf-mission", "") for row in rows}),
-        ("states of its code", {row.codes["code"] for row in rows}),
-    ):
-        if len(values) > 1:
-            several = ", ".join(sorted(values)[:3])
-            raise ResultError(f"rows of {len(values)} {what} ({several}); fly all of them into a new folder")
-    version, code = rows[0].versions.get("wbf-mission", ""), rows[0].codes["code"]
-    right = __version__ if code == built_in_digest() else version_of(code)
-    if right not in (None, version):
-        msg = f"tells version {one_line(version, 40)} of code that is that of {right}; fly it again"
+    behaviours = {row.codes["code"] for row in rows}
+    if len(behaviours) > 1:
+        several = ", ".join(sorted(behaviours)[:3])
+        msg = f"rows of {len(behaviours)} behaviours ({several}); fly all of them into a new folder"
         raise ResultError(msg)
     names: dict[tuple[str, str, str], set[str]] = {}
     for row in rows:

@@ -17,7 +17,6 @@ from geo.texts import one_line
 from wbf_mission.bench.apart import Apart, EstimatorApart, PlannerApart, PolicyApart
 from wbf_mission.bench.engine import failed_row, flown
 from wbf_mission.bench.intervals import Interval
-from wbf_mission.bench.meaning import built_in_digest
 from wbf_mission.bench.rows import BenchRow
 from wbf_mission.bench.spec import BenchRun, BenchSpec
 from wbf_mission.bench.verification import OTHER_CODE, Method
@@ -25,6 +24,7 @@ from wbf_mission.progress import Progress, silent
 from wbf_mission.results.storage import ResultError
 from wbf_mission.scenario import Choice
 from wbf_mission.scenario.choice import choose
+from wbf_mission.version import behaviour
 
 _SEED_BITS = 63
 _CHANCE = 0.05
@@ -80,7 +80,7 @@ def fly_fresh(
     gaps, left_out, done = [], [], 0
     for method, own in sorted(methods.items()):
         try:
-            if own[0].codes.get("code") != built_in_digest():
+            if own[0].codes.get("code") != behaviour():
                 raise ResultError(OTHER_CODE)
             fresh = []
             for row in _flown(own[0], folder, seeds[method[0]]):

@@ -1,4 +1,4 @@
-"""The frozen baselines that come with this version: the SHA-256 of each pack, and what flew it."""
+"""The frozen baselines that come with this version: the SHA-256 of each pack."""
 
 from __future__ import annotations
 
@@ -14,18 +14,10 @@ from wbf_mission.results.storage import ResultError
 TABLE = Path(__file__).with_name("frozen.json")
 
 
-class FrozenPack(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The SHA-256 of a pack's file, the version and the state of the code that flew it."""
-
-    sha256: str
-    version: str
-    code: str
-
-
 @functools.cache
-def frozen_packs() -> Mapping[str, FrozenPack]:
-    """Return what is known of each frozen pack, by its folder and name, such as ``0.1.0/own.zip``."""
-    return msgspec.json.decode(TABLE.read_bytes(), type=dict[str, FrozenPack])
+def frozen_sums() -> Mapping[str, str]:
+    """Return the SHA-256 of each frozen pack by its folder and name, such as ``0.1.0/own.zip``."""
+    return msgspec.json.decode(TABLE.read_bytes(), type=dict[str, str])
 
 
 def is_frozen(path: Path, digest: str) -> bool:
@@ -33,25 +25,16 @@ def is_frozen(path: Path, digest: str) -> bool:
 
     ResultError if it only has the name of one.
     """
-    name = "/".join(path.resolve().parts[-2:])
-    known = frozen_packs()
-    if name in known and known[name].sha256 != digest:
+    name = _name(path)
+    if frozen_sums().get(name, digest) != digest:
         raise ResultError(f"{path}: is not the frozen {name}, whose SHA-256 is another; get the file again")
-    return any(pack.sha256 == digest for pack in known.values())
+    return digest in frozen_sums().values()
 
 
-def version_of(code: str) -> str | None:
-    """Return the version of a state of the code that flew a frozen pack; None if it flew none."""
-    return next((pack.version for pack in frozen_packs().values() if pack.code == code), None)
+def sums_of(packs: Iterable[Path]) -> dict[str, str]:
+    """Return the table of packs, for `TABLE`; ResultError if one cannot be read."""
+    return {_name(path): read_pack(path).digest for path in sorted(packs)}
 
 
-def table_of(packs: Iterable[Path]) -> dict[str, FrozenPack]:
-    """Return the table of packs; ResultError if one cannot be read, or is not of its folder's version."""
-    found = {}
-    for path in sorted(packs):
-        pack = read_pack(path)
-        if pack.submission.version != path.resolve().parent.name:
-            raise ResultError(f"{path}: is of version {pack.submission.version}; put it into its folder")
-        told = pack.submission
-        found["/".join(path.resolve().parts[-2:])] = FrozenPack(pack.digest, told.version, told.code)
-    return found
+def _name(path: Path) -> str:
+    return "/".join(path.resolve().parts[-2:])

@@ -71,9 +71,9 @@ def check_policy(policy: str | Policy, **parameters: Any) -> PolicyCheck:
     starts inside and outside, with budgets of steps and of metres with the way home. Every answer must name
     only vehicles that can be steered, every vehicle is named at each start, a path of the first one has a
     length, each path lies in the area of its vehicle's task and costs no more than is left. The same flight
-    twice has the same answers. On a farm that differs only where nobody looked the answers are the same, too: whoever
-    decides otherwise knows the truth. It answers sensibly when nothing was seen, when all is known, and when
-    a vehicle is lost. It leaves what it is told and numpy's global generator alone.
+    twice has the same answers. On a farm that differs only where nobody looked the answers are the same, too:
+    whoever decides otherwise knows the truth. It answers sensibly when nothing was seen, when all is known,
+    and when a vehicle is lost. It leaves what it is told and numpy's global generator alone.
 
     Parameters
     ----------

@@ -1,20 +1,24 @@
 """Own code that is flown apart: the same rows, no way to the run, and what it gains on open environments."""
 
 import json
+import math
 from pathlib import Path
 
 import pytest
 from bench_packs import SCENARIO, told_of
 from msgspec import structs
 from policy_observations import observation, report
+from scipy import stats
 
 from wbf_mission.bench import fresh
 from wbf_mission.bench.apart import PolicyApart
 from wbf_mission.bench.fresh import fly_fresh
+from wbf_mission.bench.intervals import Interval
 from wbf_mission.bench.meaning import own_digest
 from wbf_mission.bench.replay import differences
 from wbf_mission.bench.rows import read_rows
 from wbf_mission.bench.submission import unpack_code
+from wbf_mission.bench.verification import OTHER_CODE
 from wbf_mission.cli.app import main
 from wbf_mission.own_code import own_choice
 from wbf_mission.results.storage import ResultError
@@ -53,8 +57,8 @@ class Asked(Peeper):
 
     def decide(self, observation):
         print("this is no answer")
-        told = [sorted(os.environ), os.getcwd(), sys.argv, os.listdir(os.environ["HOME"])]
-        return Decision({1: [[0.2, 0.2]]}, reason=repr(told)[:150])
+        told = ["SEEDS_OF_THE_RUN" in os.environ, sys.argv, os.path.basename(os.getcwd())]
+        return Decision({1: [[0.2, 0.2]]}, reason=repr(told))
 '''
 
 
@@ -129,9 +133,7 @@ def test_its_process_has_no_more_than_python_needs(code, monkeypatch):
     with PolicyApart(code, "policy", "Asked", own_digest(made)) as apart:
         apart.start()
         reason = apart.decide(observation(report())).reason
-    assert "SEEDS_OF_THE_RUN" not in reason
-    assert str(code) in reason
-    assert "'-c'], []]" in reason  # no arguments, and an empty home
+    assert reason == "[False, ['-c'], 'code']"
 
 
 @pytest.mark.parametrize(
@@ -162,12 +164,21 @@ def test_code_that_ends_its_process_is_a_failure_of_its_runs(tmp_path, code, cap
     assert max(gap.fresh_scores) <= min(gap.open_scores)
 
 
+def test_the_interval_is_welchs():
+    old, new = [-1.0, -2.0, -1.5, -1.2], [-3.0, -2.0, -2.5]
+    found = stats.ttest_ind(new, old, equal_var=False).confidence_interval(0.95)
+    assert (fresh._welch(old, new, 1).low, fresh._welch(old, new, 1).high) == pytest.approx(tuple(found))
+    assert fresh._welch(old, new, 5).low < found.low
+    assert fresh._welch([-1.0, -1.0], [-2.0, -2.0], 1) == Interval(-1.0, -1.0, -1.0)
+    assert math.isnan(fresh._welch([-1.0], [-2.0], 1).low)
+
+
 def test_what_cannot_be_verified_is_one_line(tmp_path, code, capsys):
     _, rows = packed(tmp_path, code / "cheat.py", "Peeper")
     with pytest.raises(ResultError, match="holds no own code"):
         fly_fresh([told_of(row, planner="spiral", codes={"code": "1"}) for row in rows], code, 2)
     older = [told_of(structs.replace(row, codes=row.codes | {"code": "0" * 24})) for row in rows]
-    assert fly_fresh(older, code, 2).left_out[0][1] == "another state of the code flew it"
+    assert fly_fresh(older, code, 2).left_out[0][1] == OTHER_CODE
     who = ["--name", "Mine", "--by", "Me", "--verify", "0", "--quiet", "--out", str(tmp_path / "n.zip")]
     assert main(["bench", "submit", str(tmp_path / "r"), *who]) == 0
     capsys.readouterr()

@@ -318,8 +318,12 @@ def test_a_folder_of_code_is_packed_without_what_is_hidden(tmp_path):
         code_files([tmp_path / "src"])
     with pytest.raises(ResultError, match="no such file"):
         code_files([tmp_path / "nothing.py"])
+    (tmp_path / "a.py").write_text("2")
     with pytest.raises(ResultError, match=r"cannot be packed as code/a\.py"):
-        code_files([tmp_path / "src" / "a.py", tmp_path / "src" / "a.py"])
+        code_files([tmp_path / "src" / "a.py", tmp_path / "a.py"])
+    assert code_files([tmp_path / "a.py", tmp_path / "a.py"]) == {
+        "code/a.py": b"2"
+    }  # as of one that imports it
 
 
 @pytest.mark.parametrize(

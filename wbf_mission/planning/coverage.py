@@ -113,12 +113,13 @@ def image_places(farm: Farm, mission: Mission, prediction: Prediction) -> Points
 def _smooth(when_s: NDArray[np.floating[Any]], times_s: NDArray[np.floating[Any]], places: Points) -> Points:
     """Return where a track is at some times, bent as it is at its points: chords would shorten the way."""
     step_s, most = times_s[1] - times_s[0], len(times_s) - 1
-    speeds = np.gradient(places, step_s, axis=0)
+    speeds: Points = np.gradient(places, step_s, axis=0)
     past = np.clip((when_s - times_s[0]) / step_s, 0.0, most)
     k = np.minimum(past.astype(np.int64), most - 1)
     u = (past - k)[:, None]
     leave, arrive = u * (1.0 - u) ** 2 * speeds[k], u**2 * (1.0 - u) * speeds[k + 1]
-    return places[k] + u**2 * (3.0 - 2.0 * u) * (places[k + 1] - places[k]) + step_s * (leave - arrive)
+    between: Points = places[k] + u**2 * (3.0 - 2.0 * u) * (places[k + 1] - places[k])
+    return between + step_s * (leave - arrive)
 
 
 def _by_distance(reports_deg: Points, distance_m: float, *, at_once: bool) -> Points:

@@ -43,6 +43,8 @@ class Identity:
     """Major, minor, patch in AUTOPILOT_VERSION."""
     capabilities: int
     """MAV_PROTOCOL_CAPABILITY bits."""
+    custom_version: bytes = bytes(8)
+    """The source's git hash in AUTOPILOT_VERSION, eight bytes; zeros for none."""
     banner: str = ""
     """Status text that follows a request for all parameters (ArduPilot); empty for none."""
 

@@ -242,7 +242,7 @@ def _autopilot_version(source: WireState) -> Message:
         identity.capabilities,
         identity.flight_sw_version,
         *(0, 0, 0),
-        *([0] * 8, [0] * 8, [0] * 8),
+        *(list(identity.custom_version), [0] * 8, [0] * 8),
         *(0, 0, system_id),
         [system_id] + [0] * 17,
     )

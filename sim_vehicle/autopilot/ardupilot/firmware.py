@@ -47,6 +47,8 @@ _CAPABILITIES = COMMON_CAPABILITIES | int(
     | m.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT
     | m.MAV_PROTOCOL_CAPABILITY_FLIGHT_TERMINATION
 )
+# Of the release 4.7.0 of all vehicles; ArduPilot sends it as text.
+_GIT_HASH = b"1511f271"
 _BY_STICKS = int(m.MAV_MODE_FLAG_STABILIZE_ENABLED | m.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED)
 _GUIDED = _BY_STICKS | int(m.MAV_MODE_FLAG_GUIDED_ENABLED)
 
@@ -57,7 +59,8 @@ COPTER_MAVLINK = MavlinkProfile(
     identity=Identity(
         mav_autopilot=int(m.MAV_AUTOPILOT_ARDUPILOTMEGA),
         mav_type=int(m.MAV_TYPE_QUADROTOR),
-        version=(4, 6, 0),
+        version=(4, 7, 0),
+        custom_version=_GIT_HASH,
         capabilities=_CAPABILITIES | int(m.MAV_PROTOCOL_CAPABILITY_SET_ATTITUDE_TARGET),
     ),
     modes=ModeTable(
@@ -144,7 +147,7 @@ _PLAIN_MAVLINK = replace(
         COPTER_MAVLINK.identity,
         mav_type=int(m.MAV_TYPE_GROUND_ROVER),
         capabilities=_CAPABILITIES,
-        banner="ArduRover V4.6.0",
+        banner="ArduRover V4.7.0 (1511f271)",
     ),
     hover_thrust=None,
     # SITL gives copters a mount, planes and rovers none until it is set.
@@ -155,8 +158,7 @@ PLANE_MAVLINK = replace(
     identity=replace(
         _PLAIN_MAVLINK.identity,
         mav_type=int(m.MAV_TYPE_FIXED_WING),
-        version=(4, 7, 0),
-        banner="ArduPlane V4.7.0",
+        banner="ArduPlane V4.7.0 (1511f271)",
     ),
     modes=replace(
         _PLAIN_MODES,

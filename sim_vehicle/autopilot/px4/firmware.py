@@ -82,6 +82,8 @@ _MODES = ModeTable(
     main_and_sub=True,
 )
 _HOVER_THRUST = Setting("MPC_THR_HOVER", 0.6)
+# Of the tag v1.17.0 (d6f12ad1c4f70ad3...), as ``px4_firmware_version_binary`` has it: lowest byte first.
+_GIT_HASH = 0xD6F12AD1C4F70AD3.to_bytes(8, "little")
 
 
 def mavlink_profile(mav_type: int) -> MavlinkProfile:
@@ -91,6 +93,7 @@ def mavlink_profile(mav_type: int) -> MavlinkProfile:
             mav_autopilot=int(m.MAV_AUTOPILOT_PX4),
             mav_type=int(mav_type),
             version=(1, 17, 0),
+            custom_version=_GIT_HASH,
             capabilities=COMMON_CAPABILITIES | int(m.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE),
         ),
         modes=_MODES,

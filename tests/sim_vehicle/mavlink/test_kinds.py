@@ -198,8 +198,8 @@ def test_a_rover_drives_a_mission(autopilot):
 @pytest.mark.parametrize(
     ("name", "table", "banner"),
     [
-        ("fixed-wing", "apm", "ArduPlane V4.7.0"),
-        ("rover", "rover", "ArduRover V4.6.0"),
+        ("fixed-wing", "apm", "ArduPlane V4.7.0 (1511f271)"),
+        ("rover", "rover", "ArduRover V4.7.0 (1511f271)"),
     ],
 )
 def test_modes_and_parameters_are_those_of_the_autopilot(name, table, banner):

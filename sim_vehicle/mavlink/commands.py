@@ -55,8 +55,12 @@ class CommandedVehicle(Protocol):
 
     pilot: Pilot
     state: WireState
-    schedule: Schedule
     has_camera: bool
+
+    @property
+    def schedule(self) -> Schedule:
+        """Message intervals on the link of the command."""
+        ...
 
     def command_camera(self, command: int, params: tuple[float, ...]) -> None:
         """Send a command to the camera."""

@@ -275,6 +275,21 @@ def _highres_imu(source: WireState) -> Message:
     )
 
 
+def _state_for_gimbals(source: WireState) -> Message:
+    """AUTOPILOT_STATE_FOR_GIMBAL_DEVICE; PX4 says of taking off and landing nothing here."""
+    on_ground = source.pilot.landed is LandedState.ON_GROUND
+    return m.MAVLink_autopilot_state_for_gimbal_device_message(
+        *(0, 0, source.boot_ms * 1000),
+        source.quaternion,
+        0,
+        *source.ned_m_s,
+        0,
+        source.turning_rad_s[2],
+        _ESTIMATES_OK if source.pilot.position_ok else _ESTIMATES_BLIND,
+        m.MAV_LANDED_STATE_ON_GROUND if on_ground else m.MAV_LANDED_STATE_IN_AIR,
+    )
+
+
 def _pressure_hpa(source: WireState) -> float:
     """Pressure of the ICAO standard atmosphere at the vehicle's height above the sea."""
     height_m = min(11_000.0, _barometer_m(source))
@@ -372,6 +387,9 @@ BUILDERS: dict[int, Callable[[WireState], Message | None]] = {
         s.boot_ms, _pressure_hpa(s), 0.0, 2500
     ),
     m.MAVLINK_MSG_ID_HIGHRES_IMU: _highres_imu,
+    m.MAVLINK_MSG_ID_AUTOPILOT_STATE_FOR_GIMBAL_DEVICE: _state_for_gimbals,
+    m.MAVLINK_MSG_ID_TIMESYNC: lambda s: m.MAVLink_timesync_message(0, s.unix_us * 1000),
+    m.MAVLINK_MSG_ID_PING: lambda s: m.MAVLink_ping_message(s.unix_us, s.next_ping(), 0, 0),
     m.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: lambda s: m.MAVLink_gps_global_origin_message(*s.home_e7, s.unix_us),
     **ARDUPILOT_BUILDERS,
     **GIMBAL_BUILDERS,

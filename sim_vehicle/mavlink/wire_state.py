@@ -86,6 +86,7 @@ class WireState:
         self._unknown_until_us = 0
         self._asked: tuple[Mode, int] | None = None
         pilot.arming.custom_mode = lambda: self.custom_mode
+        self._pings = 0
         self._attitude: Vector = (-math.inf, 0.0, 0.0)
         self._rates = (0.0, 0.0, 0.0)
 
@@ -103,6 +104,11 @@ class WireState:
         if mode is Mode.HOLD and self.pilot.modes.by_itself and modes.own_hold is not None:
             return modes.own_hold
         return modes[mode] if self._asked is None else self._asked[1]
+
+    def next_ping(self) -> int:
+        """Number of a PING of its own, counted from 0."""
+        self._pings += 1
+        return self._pings - 1
 
     def forget_item(self, until_s: float) -> None:
         """Tell no item in MISSION_CURRENT until a time."""

@@ -52,6 +52,27 @@ _GIT_HASH = b"1511f271"
 _BY_STICKS = int(m.MAV_MODE_FLAG_STABILIZE_ENABLED | m.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED)
 _GUIDED = _BY_STICKS | int(m.MAV_MODE_FLAG_GUIDED_ENABLED)
 
+# MOT_SPIN_ARM, MOT_SPIN_MIN, MOT_SPIN_MAX, MOT_THST_EXPO.
+_SPIN_ARMED, _SPIN_LEAST, _SPIN_MOST, _EXPO = 0.1, 0.15, 0.95, 0.65
+
+
+def _motor_us(share: float | None, armed: bool) -> float:
+    if share is None:
+        return 1000.0 + 1000.0 * _SPIN_ARMED * armed
+    curve = (_EXPO - 1.0 + math.sqrt((1.0 - _EXPO) ** 2 + 4.0 * _EXPO * min(share, 1.0))) / (2.0 * _EXPO)
+    return 1000.0 + 1000.0 * (_SPIN_LEAST + (_SPIN_MOST - _SPIN_LEAST) * curve)
+
+
+# Of the first link; SR0_ in place of MAV1_ before 4.7.
+_STREAM_PARAMETERS = {
+    "RAW_SENSORS": "MAV1_RAW_SENS",
+    "EXTENDED_STATUS": "MAV1_EXT_STAT",
+    "RC_CHANNELS": "MAV1_RC_CHAN",
+    "POSITION": "MAV1_POSITION",
+    "EXTRA1": "MAV1_EXTRA1",
+    "EXTRA2": "MAV1_EXTRA2",
+    "EXTRA3": "MAV1_EXTRA3",
+}
 _UNSUPPORTED = frozenset(
     map(int, (m.MAV_CMD_DO_ORBIT, m.MAV_CMD_DO_CHANGE_ALTITUDE, m.MAV_CMD_DO_SET_ACTUATOR))
 )
@@ -104,6 +125,10 @@ COPTER_MAVLINK = MavlinkProfile(
     data_streams=True,
     rates_hz={m.MAVLINK_MSG_ID_HEARTBEAT: 1.0},
     truth_message=int(m.MAVLINK_MSG_ID_SIM_STATE),
+    stream_parameters=_STREAM_PARAMETERS,
+    motor_us=_motor_us,
+    # MOT_THST_HOVER of ArduPilot's simulator.
+    hover_share=0.39,
     gps_fix=6,
     refused_result=int(m.MAV_RESULT_FAILED),
     unknown_message_result=int(m.MAV_RESULT_FAILED),

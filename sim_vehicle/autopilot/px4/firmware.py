@@ -31,6 +31,7 @@ from sim_vehicle.autopilot.mavlink_profile import (
 from sim_vehicle.autopilot.modes import Mode, ModeTable, px4_custom_mode
 from sim_vehicle.autopilot.parameters import MavParameter, Setting, parameter_details
 from sim_vehicle.autopilot.px4.copter import drag_of
+from sim_vehicle.autopilot.px4.streams import LIGHT_LINKS, SITL_LINKS
 from sim_vehicle.autopilot.stick_rules import Axis, StickLoss, StickRules, TiltSticks, WingSticks, bits
 
 if TYPE_CHECKING:
@@ -101,6 +102,8 @@ def mavlink_profile(mav_type: int) -> MavlinkProfile:
         data_streams=False,
         rates_hz=_RATES_HZ,
         truth_message=int(m.MAVLINK_MSG_ID_HIL_STATE_QUATERNION),
+        link_rates_hz=LIGHT_LINKS,
+        sitl_rates_hz=SITL_LINKS,
         reached_repeats=10,
         reached_merged=True,
         no_mission_total=65535,

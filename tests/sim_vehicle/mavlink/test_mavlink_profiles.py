@@ -370,3 +370,80 @@ def test_the_nan_of_a_yaw_is_kept_by_px4_only():
             item = peer.tell(m.MAVLink_mission_request_int_message(1, 1, seq, 0))[0]
         assert math.isnan(item.param4) is kept
         assert item.frame == (6 if autopilot is PX4 else 3)
+
+
+def rates_of(vehicle, link="", seconds=20):
+    """How often a vehicle sends what it sends unasked, on a link."""
+    counts = {}
+    vehicle.open_links(frozenset({link} - {""}))
+    while (now_s := vehicle.next_deadline()) < seconds:
+        polled = vehicle.poll(now_s)
+        streamed = dict(vehicle.streamed()) if link else {link: polled}
+        for message in streamed.get(link, []):
+            counts[message.get_type()] = counts.get(message.get_type(), 0) + 1
+    return {name: count / seconds for name, count in counts.items()}
+
+
+@pytest.mark.parametrize(
+    ("link", "expected", "absent"),
+    [
+        (
+            "",
+            {"ATTITUDE": 100, "GLOBAL_POSITION_INT": 50, "ODOMETRY": 30, "HIGHRES_IMU": 50, "TIMESYNC": 10},
+            {"DISTANCE_SENSOR", "RC_CHANNELS"},
+        ),
+        (
+            "ground",
+            {
+                "ATTITUDE": 50,
+                "GLOBAL_POSITION_INT": 50,
+                "SERVO_OUTPUT_RAW": 50,
+                "VFR_HUD": 4,
+                "VIBRATION": 0.1,
+            },
+            {"HIGHRES_IMU", "ODOMETRY", "TIMESYNC", "SYSTEM_TIME"},
+        ),
+        # 4000 bytes a second carry about a sixth of what an onboard link has.
+        ("payload", {"HEARTBEAT": 1, "GPS_RAW_INT": 8, "ATTITUDE": 15.8, "ODOMETRY": 4.75}, set()),
+        ("gimbal", {"HEARTBEAT": 1, "AUTOPILOT_STATE_FOR_GIMBAL_DEVICE": 20}, {"ATTITUDE"}),
+    ],
+)
+def test_px4_streams_what_its_simulator_does(link, expected, absent):
+    rates = rates_of(SimVehicle(get_vehicle("quad"), HOME, sitl_rates=True), link)
+    assert {name: rates.get(name) for name in expected} == pytest.approx(expected, rel=0.05, abs=0.06)
+    assert not absent & rates.keys()
+    size = {kind.msgname: kind.unpacker.size + 12 for kind in m.mavlink_map.values()}
+    if link == "payload":
+        assert sum(size[name] * rate for name, rate in rates.items()) == pytest.approx(4000, rel=0.15)
+
+
+@pytest.mark.parametrize(("kind", "hz"), [("quad", None), ("fixed-wing", 1.0), ("rover", 1.0)])
+def test_ardupilot_streams_what_its_simulator_does(kind, hz):
+    vehicle = SimVehicle(get_vehicle(kind), HOME, autopilot=ARDUPILOT, sitl_rates=True)
+    rates = rates_of(vehicle)
+    told = ("ATTITUDE", "GLOBAL_POSITION_INT", "VFR_HUD", "SYS_STATUS", "RAW_IMU", "SERVO_OUTPUT_RAW")
+    assert [rates.get(name) for name in told] == [hz] * len(told)
+    assert rates["HEARTBEAT"] == 1.0
+
+
+@pytest.mark.parametrize("link", ["payload", "gimbal"])
+def test_what_else_is_on_board_hears_a_heartbeat_where_little_is_sent(link):
+    assert rates_of(SimVehicle(get_vehicle("quad"), HOME), link) == {"HEARTBEAT": 1.0}
+
+
+def test_messages_of_px4s_simulator_tell_what_is_so():
+    peer = Peer(PX4)
+    pings = [peer.asked(4) for _ in range(3)]
+    assert [ping.seq for ping in pings] == [0, 1, 2]
+    assert {(ping.target_system, ping.target_component) for ping in pings} == {(0, 0)}
+    sync = peer.asked(111)
+    assert (sync.tc1, sync.ts1) == (0, peer.vehicle.state.unix_us * 1000)
+    on_ground, servo = peer.asked(286), peer.asked(36)
+    assert on_ground.landed_state == m.MAV_LANDED_STATE_ON_GROUND
+    assert servo.servo1_raw == 900, "motors off"
+    peer.start()
+    peer.wait(12.0)
+    flying, servo, attitude = peer.asked(286), peer.asked(36), peer.asked(31)
+    assert flying.landed_state == m.MAV_LANDED_STATE_IN_AIR
+    assert flying.q == pytest.approx([attitude.q1, attitude.q2, attitude.q3, attitude.q4])
+    assert 1300 < servo.servo1_raw < 1700

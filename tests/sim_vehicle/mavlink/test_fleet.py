@@ -332,7 +332,7 @@ def test_each_link_of_px4_has_its_own_messages_rates_and_sequence_numbers():
         for end, expected in ((api, -1), (gimbal, 100_000)):
             end.send(m.MAVLink_command_long_message(1, 1, 510, 0, interval, *[0.0] * 6))
             heard = told_at(end, 1000 if end is api else 20)
-            assert [x.interval_us for x in heard if x.get_type() == "MESSAGE_INTERVAL"] == [expected]
+            assert [x.interval_us for x in heard if x.get_type() == "MESSAGE_INTERVAL"][-1] == expected
         told += heard
         numbers = [x.get_seq() for x in told]
         assert numbers == [(numbers[0] + k) % 256 for k in range(len(numbers))], "nothing seems lost"

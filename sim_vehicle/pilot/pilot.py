@@ -31,6 +31,7 @@ from sim_vehicle.motion.legs import ALONG, Heading
 from sim_vehicle.pilot.controls import Controls, RefusedError, Severity
 from sim_vehicle.pilot.failsafe import ArmingChecks, Failsafe, IdleWatch, Reaction
 from sim_vehicle.pilot.fence import Fence
+from sim_vehicle.pilot.follow import FollowPilot
 from sim_vehicle.pilot.guided import AttitudePilot, AttitudeTarget, AutoYaw, Setpoint, SetpointFollower
 from sim_vehicle.pilot.mission_status import MissionChange, MissionStatus
 from sim_vehicle.pilot.mode_control import ModeControl
@@ -105,9 +106,10 @@ class Pilot(Controls):
         self.attitude = AttitudePilot(self)
         self.setpoints = SetpointFollower(self, self.failsafe, self.attitude)
         self.auto_yaw = AutoYaw(self)
+        self.follow = FollowPilot(self)
         self._returns_s = math.inf
         self._sticks = flown = None if firmware.sticks is None else StickPilot(self, firmware.sticks)
-        self.modes = ModeControl(self, self.mission, self.setpoints, self.attitude, flown)
+        self.modes = ModeControl(self, self.mission, self.setpoints, self.attitude, self.follow, flown)
         self._idle = None
         if self.rules.idle is not None:
             self._idle = IdleWatch(self, self.rules.idle, lambda: flown is None or flown.throttle_down)

@@ -592,6 +592,19 @@ class MAVLink_file_transfer_protocol_message(MAVLink_message):
     target_component: int
     payload: Sequence[int]
 
+class MAVLink_follow_target_message(MAVLink_message):
+    timestamp: int
+    est_capabilities: int
+    lat: int
+    lon: int
+    alt: float
+    vel: Sequence[float]
+    acc: Sequence[float]
+    attitude_q: Sequence[float]
+    rates: Sequence[float]
+    position_cov: Sequence[float]
+    custom_state: int
+
 class MAVLink_gimbal_device_attitude_status_message(MAVLink_message):
     target_system: int
     target_component: int

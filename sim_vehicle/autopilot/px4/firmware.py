@@ -69,6 +69,7 @@ _MODES = ModeTable(
         (px4_custom_mode(4, 4), Mode.MISSION, "Mission"),
         (px4_custom_mode(4, 5), Mode.RTL, "Return"),
         (px4_custom_mode(4, 6), Mode.LAND, "Land"),
+        (px4_custom_mode(4, 8), Mode.FOLLOW, "Follow Me"),
         (px4_custom_mode(6), Mode.GUIDED, "Offboard"),
         (px4_custom_mode(4, 1), Mode.HOLD, "Hold"),
         (px4_custom_mode(5), Mode.MANUAL, "Acro"),
@@ -82,6 +83,8 @@ _MODES = ModeTable(
     unknown_text="Unsupported auto mode",
     main_and_sub=True,
 )
+# Only multirotors follow.
+_MODES_OF_OTHERS = replace(_MODES, rows=tuple(row for row in _MODES.rows if row[1] is not Mode.FOLLOW))
 _HOVER_THRUST = Setting("MPC_THR_HOVER", 0.6)
 # Of the tag v1.17.0 (d6f12ad1c4f70ad3...), as ``px4_firmware_version_binary`` has it: lowest byte first.
 _GIT_HASH = 0xD6F12AD1C4F70AD3.to_bytes(8, "little")
@@ -97,7 +100,7 @@ def mavlink_profile(mav_type: int) -> MavlinkProfile:
             custom_version=_GIT_HASH,
             capabilities=COMMON_CAPABILITIES | int(m.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE),
         ),
-        modes=_MODES,
+        modes=_MODES if mav_type == m.MAV_TYPE_QUADROTOR else _MODES_OF_OTHERS,
         parameter_encoding="bytewise",
         data_streams=False,
         rates_hz=_RATES_HZ,

@@ -147,6 +147,8 @@ class MavlinkProfile:
     takeoff_above_sea: bool = False
     """The altitude of NAV_TAKEOFF counts from mean sea level unless its frame says otherwise (PX4), not from
     home."""
+    home_above_sea: bool = False
+    """The altitude of DO_SET_HOME counts from mean sea level whatever its frame says (PX4)."""
     reposition_turns: bool = False
     """DO_REPOSITION's yaw is followed (PX4)."""
     camera_by_default: bool = True

@@ -174,7 +174,7 @@ class Steering:
             if kind not in _GLOBAL:
                 raise RefusedError(f"Setpoint refused: frame {kind}", denied=True)
             x_m, y_m = frame.from_wgs84(message.lat_int / 1e7, message.lon_int / 1e7)
-            position = (x_m, y_m, message.alt - (0.0 if _GLOBAL[kind] else frame.altitude_m))
+            position = (x_m, y_m, self._state.above_start(message.alt, kind))
         elif kind in (_LOCAL, _LOCAL_OFFSET, _BODY, _BODY_OFFSET, _BODY_FRD):
             asked = mask & _IGNORE_POSITION != _IGNORE_POSITION
             # Only ArduPilot takes positions that are offsets from the vehicle.

@@ -119,7 +119,7 @@ def _global_position_int(source: WireState) -> Message:
     return m.MAVLink_global_position_int_message(
         source.boot_ms,
         *source.position_e7,
-        round(1000.0 * source.sensed.believed_m[2]),
+        round(1000.0 * (source.sensed.believed_m[2] - source.pilot.home_m[2])),
         *int16_vector(source.ned_m_s, 100.0),
         centidegrees(source.pilot.state.yaw_rad),
     )
@@ -159,7 +159,8 @@ def _vfr_hud(source: WireState) -> Message:
 
 def _altitude(source: WireState) -> Message:
     up, amsl = source.sensed.believed_m[2], source.altitude_m
-    return m.MAVLink_altitude_message(source.boot_ms * 1000, amsl, amsl, up, up, up, up)
+    above_home = up - source.pilot.home_m[2]
+    return m.MAVLink_altitude_message(source.boot_ms * 1000, amsl, amsl, up, above_home, up, up)
 
 
 def _fence_status(source: WireState) -> Message:
@@ -390,7 +391,9 @@ BUILDERS: dict[int, Callable[[WireState], Message | None]] = {
     m.MAVLINK_MSG_ID_AUTOPILOT_STATE_FOR_GIMBAL_DEVICE: _state_for_gimbals,
     m.MAVLINK_MSG_ID_TIMESYNC: lambda s: m.MAVLink_timesync_message(0, s.unix_us * 1000),
     m.MAVLINK_MSG_ID_PING: lambda s: m.MAVLink_ping_message(s.unix_us, s.next_ping(), 0, 0),
-    m.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: lambda s: m.MAVLink_gps_global_origin_message(*s.home_e7, s.unix_us),
+    m.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: lambda s: m.MAVLink_gps_global_origin_message(
+        *s.e7_of((0.0, 0.0, 0.0)), s.unix_us
+    ),
     **ARDUPILOT_BUILDERS,
     **GIMBAL_BUILDERS,
 }

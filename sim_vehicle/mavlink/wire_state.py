@@ -210,9 +210,9 @@ class WireState:
             )
         return self._rates
 
-    def above_home(self, altitude_m: float, frame: int) -> float:
-        """Height above home of an altitude in a MAV_FRAME, which counts from there or from the sea."""
-        return altitude_m - (0.0 if frame in RELATIVE_FRAMES else self.home.altitude_m)
+    def above_start(self, altitude_m: float, frame: int) -> float:
+        """Height above the start of an altitude in a MAV_FRAME, which counts from home or from the sea."""
+        return altitude_m + (self.pilot.home_m[2] if frame in RELATIVE_FRAMES else -self.home.altitude_m)
 
     def e7_of(self, position_m: Vector) -> tuple[int, int, int]:
         """A position about home in the units of the wire; its height counts from the sea."""
@@ -221,9 +221,10 @@ class WireState:
 
     def move_home(self) -> GeoPoint:
         """Take over where the pilot's home is now."""
-        latitude, longitude = self.pilot.frame.to_wgs84(*self.pilot.home_m)
-        self.home_e7 = _e7(latitude, longitude, self.home.altitude_m)
-        return GeoPoint(latitude, longitude, self.home.altitude_m)
+        east, north, up = self.pilot.home_m
+        latitude, longitude = self.pilot.frame.to_wgs84(east, north)
+        self.home_e7 = _e7(latitude, longitude, self.home.altitude_m + up)
+        return GeoPoint(latitude, longitude, self.home.altitude_m + up)
 
     def reboot(self) -> None:
         """Count the time since boot from now on, and tell no ids of plans until they come anew."""

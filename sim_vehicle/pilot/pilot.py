@@ -202,14 +202,16 @@ class Pilot(Controls):
             position for position in positions if not math.isnan(position[0])
         )
 
-    def set_home(self, latitude_deg: float, longitude_deg: float) -> None:
-        """Move home; its altitude stays that of the ground."""
+    def set_home(self, latitude_deg: float, longitude_deg: float, up_m: float) -> None:
+        """Move home, at a height above the start."""
         x_m, y_m = self.frame.from_wgs84(latitude_deg, longitude_deg)
         if not math.hypot(x_m, y_m) <= self.spec.max_distance_m:
             raise RefusedError(
                 f"Home refused: more than {self.spec.max_distance_m:.0f} m from the start", denied=True
             )
-        self.executor.mission.return_points.home_m = (x_m, y_m)
+        if not abs(up_m) <= self.spec.max_altitude_m:
+            raise RefusedError(f"Home refused: {up_m:.0f} m above the start", denied=True)
+        self.executor.mission.move_home((x_m, y_m, up_m))
         self.failsafe.apply_parameters()
 
     def apply_parameters(self) -> None:

@@ -126,6 +126,7 @@ def mavlink_profile(mav_type: int) -> MavlinkProfile:
         ),
         silent=frozenset({int(m.MAV_CMD_INJECT_FAILURE)}),
         takeoff_above_sea=True,
+        home_above_sea=True,
         reposition_turns=True,
         hover_thrust=_HOVER_THRUST if mav_type == m.MAV_TYPE_QUADROTOR else None,
         tells_remaining_time=True,

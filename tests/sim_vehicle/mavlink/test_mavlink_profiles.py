@@ -447,3 +447,73 @@ def test_messages_of_px4s_simulator_tell_what_is_so():
     assert flying.landed_state == m.MAV_LANDED_STATE_IN_AIR
     assert flying.q == pytest.approx([attitude.q1, attitude.q2, attitude.q3, attitude.q4])
     assert 1300 < servo.servo1_raw < 1700
+
+
+def home_at(peer, altitude, frame, x=28.0501, y=-82.1499):
+    numbers = (round(x * 1e7), round(y * 1e7), altitude)
+    message = m.MAVLink_command_int_message(1, 1, frame, 179, 0, 0, *[0.0] * 4, *numbers)
+    return next(answer.result for answer in peer.tell(message) if answer.get_type() == "COMMAND_ACK")
+
+
+@BOTH
+@pytest.mark.parametrize(("frame", "expected"), [(0, 35_000), (3, 55_000)], ids=["sea", "home"])
+def test_home_takes_its_own_altitude(autopilot, frame, expected):
+    peer = Peer(autopilot)
+    if autopilot is PX4:
+        expected = 35_000  # whatever the frame says
+    assert home_at(peer, 35.0, frame) == 0
+    told = peer.of("HOME_POSITION")[-1]
+    assert (told.latitude, told.longitude, told.altitude) == (280_501_000, -821_499_000, expected)
+    up_mm = expected - 20_000
+    assert peer.asked(33).relative_alt == -up_mm, "it stands below home"
+    assert peer.asked(33).alt == 20_000
+    altitude = peer.asked(141)
+    assert (altitude.altitude_local, altitude.altitude_relative) == (0.0, -up_mm / 1000.0)
+    assert peer.asked(49).altitude == 20_000, "the origin stays"
+
+
+@BOTH
+def test_altitudes_above_a_home_that_moved_count_from_there(autopilot):
+    peer = Peer(autopilot)
+    assert home_at(peer, 25.0, 0) == 0
+    # 10 m above home are 15 m above the ground.
+    items = (TAKEOFF, MissionItem.waypoint(28.0502, -82.15, 10.0), BACK)
+    peer.upload(tuple(_plain(item) for item in items))
+    assert peer.result(400, 1.0) == 0
+    assert peer.result(300) == 0
+    heights = []
+    while peer.vehicle.pilot.mission.current_seq < 2 and peer.now_s < 90.0:
+        peer.wait(1.0)
+        heights.append(peer.vehicle.pilot.state.position_m[2])
+    assert heights[-1] == pytest.approx(15.0, abs=0.7)
+    top = 0.0
+    while not peer.vehicle.finished and peer.now_s < 400.0:
+        peer.wait(1.0)
+        top = max(top, peer.vehicle.pilot.state.position_m[2])
+    name, scale = ("RTL_RETURN_ALT", 1.0) if autopilot is PX4 else ("RTL_ALT", 0.01)
+    return_m = peer.vehicle._parameters.value(name) * scale
+    assert top == pytest.approx(max(return_m + 5.0, 15.0), abs=1.0)
+    x, y, z = peer.vehicle.pilot.state.position_m
+    assert math.hypot(x - 9.8, y - 11.1) < 2.5
+    assert z == pytest.approx(0.0, abs=0.1)
+
+
+@BOTH
+def test_home_here_in_the_air_is_as_high_as_the_vehicle(autopilot):
+    peer = Peer(autopilot)
+    peer.start()
+    peer.wait(20.0)
+    height = peer.vehicle.pilot.state.position_m[2]
+    assert height > 3.0
+    assert peer.result(179, 1.0) == 0
+    assert peer.of("HOME_POSITION")[-1].altitude == pytest.approx(1000.0 * (20.0 + height), abs=50.0)
+
+
+@BOTH
+def test_a_home_without_an_altitude_is_refused(autopilot):
+    peer = Peer(autopilot)
+    assert home_at(peer, math.nan, 0) == 2
+    assert home_at(peer, 1e9, 0) == 2
+    here = home_at(peer, 33.0, 0, 0.0, 0.0)
+    assert here == (2 if autopilot is PX4 else 0), "ArduPilot takes zeros for here"
+    assert peer.asked(242).altitude == 20_000

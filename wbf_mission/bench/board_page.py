@@ -87,7 +87,7 @@ def title_of(table: BoardTable) -> str:
 
 
 def _flown_by(table: BoardTable) -> str:
-    return f"Flown by wbf-mission {table.version}, code {table.code[:SHOWN_DIGEST]}."
+    return f"Flown by wbf-mission {', '.join(table.versions)}, behaviour {table.code}."
 
 
 def board_table(table: BoardTable) -> Table:
@@ -189,7 +189,7 @@ def board_values(board: Board) -> dict[str, Any]:
         "tables": [
             {
                 "scenario": table.scenario,
-                "version": table.version,
+                "versions": list(table.versions),
                 "code": table.code,
                 "seeds": seeds_text(table.seeds),
                 "environments": len(table.seeds),

@@ -118,8 +118,9 @@ class Steering:
         ):
             return
         east, north = pilot.frame.from_wgs84(latitude, longitude)
-        known = all(map(math.isfinite, message.vel))
-        velocity = _enu(*message.vel, 0.0) if known else None
+        v_north, v_east, v_down = message.vel
+        known = math.isfinite(v_north + v_east + v_down)
+        velocity = (v_east, v_north, -v_down) if known else None
         pilot.follow.take((east, north, message.alt - pilot.frame.altitude_m), velocity)
 
     def _read_sticks(self, message: StickMessage, rules: StickRules) -> Sticks | None:

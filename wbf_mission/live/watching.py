@@ -143,7 +143,7 @@ class WatchedVehicle(Contact):
         super().receive(message, now_s)
         if isinstance(message, _OF_NUMBERS):
             kind = message.get_type()
-            for name in message.get_fieldnames():
+            for name in m.mavlink_map[type(message).id].fieldnames:
                 value = getattr(message, name)
                 if isinstance(value, float) and not math.isfinite(value):
                     self._no_numbers[f"{kind}.{name}"] = value

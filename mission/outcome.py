@@ -4,7 +4,31 @@ from __future__ import annotations
 
 from enum import Enum
 
-__all__ = ["Outcome", "Phase"]
+__all__ = ["Outcome", "Phase", "in_words"]
+
+_WORDS = {
+    "cannot_fly_item": "an item cannot be flown",
+    "battery_depleted": "battery empty in the air",
+    "fence_breached": "geofence left",
+    "flight_aborted": "landed before the mission's end",
+    "no_contact": "no vehicle heard",
+    "time_limit": "time limit passed",
+    "pilot_took_over": "a pilot took over",
+    "autopilot_restarted": "autopilot restarted in flight",
+}
+"""Of outcomes that their name with spaces does not describe to everybody."""
+
+
+def in_words(outcome: Outcome | str, reason: str = "") -> str:
+    """Return an outcome, by its value, as people read it, with its reason.
+
+    Examples
+    --------
+    >>> in_words(Outcome.BATTERY_DEPLETED), in_words("arming_refused", "denied")
+    ('battery empty in the air', 'arming refused: denied')
+    """
+    value = outcome.value if isinstance(outcome, Outcome) else outcome
+    return ": ".join(filter(None, (_WORDS.get(value, value.replace("_", " ")), reason)))
 
 
 class Outcome(Enum):

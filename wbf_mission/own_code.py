@@ -6,6 +6,7 @@ Only who types a command names code: scenario files, specifications and results 
 from __future__ import annotations
 
 import hashlib
+import importlib
 import importlib.util
 import inspect
 import re
@@ -16,8 +17,10 @@ from types import ModuleType
 
 from geo.named import ParameterError, format_named, parse_named
 from geo.texts import one_line
+from wbf_mission.beside import neighbours
 from wbf_mission.scenario import Choice, ScenarioError
 
+_PREFIX = "own_"
 _OWN = re.compile(r"(?P<file>.+\.py):(?P<name>[^\W\d]\w*)(?::(?P<parameters>.*))?", re.DOTALL)
 
 
@@ -60,9 +63,10 @@ def _run(path: Path, what: str) -> ModuleType:
     if not path.is_file():
         msg = f"{what}: there is no file {path}; give FILE.py:NAME"
         raise ScenarioError(msg)
-    name = f"own_{hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:12]}_{path.stem}"
+    name = f"{_PREFIX}{hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:12]}_{path.stem}"
     if name in sys.modules:
         return sys.modules[name]
+    _find_neighbours(path, what)
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
         msg = f"{what}: {path} cannot be loaded as Python"
@@ -77,6 +81,39 @@ def _run(path: Path, what: str) -> ModuleType:
         raise ScenarioError(msg) from None
     _send_by_value(module)
     return module
+
+
+def below_own_code(path: str) -> str:
+    """Return a path relative to the folder of own code that holds it, which may move; any other as it is."""
+    files = (
+        getattr(module, "__file__", None)
+        for name, module in list(sys.modules.items())
+        if name.startswith(_PREFIX)
+    )
+    folders = {
+        parent
+        for file in files
+        if file
+        for parent in (Path(file).absolute().parent, Path(file).resolve().parent)
+    }
+    inside = [folder for folder in folders if Path(path).is_relative_to(folder)]
+    return str(Path(path).relative_to(max(inside, key=lambda folder: len(folder.parts)))) if inside else path
+
+
+def _find_neighbours(path: Path, what: str) -> None:
+    """Let a file import the modules beside it; ScenarioError if one has the name of another module."""
+    file = path.resolve()
+    if (folder := str(file.parent)) not in sys.path:
+        sys.path.append(folder)  # behind all others: nothing beside the file gets in the way of a library
+    importlib.invalidate_caches()
+    for name, beside in neighbours(file).items():
+        known = sys.modules.get(name)
+        spec = importlib.util.find_spec(name) if known is None else None
+        found = getattr(known, "__file__", None) if spec is None else spec.origin
+        if found is None or Path(found).resolve() != beside:
+            other = found or "another"
+            msg = f"{what}: {path} imports {name} beside it, but there is {other}, too; rename yours"
+            raise ScenarioError(msg)
 
 
 def _send_by_value(module: ModuleType) -> None:

@@ -13,7 +13,7 @@ from geo.reading import UnreadableError, read_file
 from geo.texts import one_line
 from mission.errors import MissionFileError
 from mission.files import dji, geojson, gpx, kml, native, plan, points, table, waypoints
-from mission.files.common import MAX_BYTES, OLD_MISSION_KIND, Firmware, Told, advice_for
+from mission.files.common import MAX_BYTES, Firmware, Told, wrong_kind
 from mission.files.comparison import Loss, differences
 from mission.files.drawn import Drawing
 from mission.model import Mission
@@ -53,11 +53,14 @@ class MissionFormat:
 
 _FORMATS: dict[str, MissionFormat] = {}
 _FARM = "this is a farm file, no mission; plan a flight over it (wbf-mission plan --farm FILE)"
-_FOREIGN = {
-    ".mission": f"this is {OLD_MISSION_KIND}; {advice_for(OLD_MISSION_KIND)}",
-    **dict.fromkeys((".poly", ".shp", ".zip", ".gpkg", ".ndjson", ".jsonl"), _FARM),
-}
+_FOREIGN = dict.fromkeys((".poly", ".shp", ".zip", ".gpkg", ".ndjson", ".jsonl"), _FARM)
 """What to do with files that are not read as missions, by their ending."""
+_OLD = ".mission"
+
+
+def _refuse(data: bytes) -> Mission:
+    """Say what a file is that may be a mission of QGroundControl 3."""
+    raise wrong_kind(data, "a mission of a kind that is read")
 
 
 def register_format(mission_format: MissionFormat) -> None:
@@ -123,6 +126,8 @@ def _found(path: str | os.PathLike[str], *, writing: bool) -> MissionFormat:
 
 def reader_for(path: str | os.PathLike[str]) -> Loads:
     """Return the function that reads files of this name, or raise MissionFileError."""
+    if ending(path) == _OLD:
+        return _refuse
     loads = _found(path, writing=False).loads
     assert loads is not None
     return loads

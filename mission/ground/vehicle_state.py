@@ -58,6 +58,11 @@ UNKNOWN_ITEM = 65535
 _NO_HEADING = 65535
 
 
+def _share(percent: int) -> float:
+    """Return a percentage of the wire, whose byte reaches to 127, as a share."""
+    return min(percent, 100) / 100.0
+
+
 @dataclass(frozen=True, slots=True)
 class Battery:
     """What the vehicle told of its battery: fraction left and energy used; None for what it never told."""
@@ -92,10 +97,13 @@ class Battery:
         True
         """
         if self.consumed_wh is not None:
-            return (self.consumed_wh - (before.consumed_wh or 0.0)) / capacity_wh
-        if self.remaining is None or before.remaining is None:
+            used = (self.consumed_wh - (before.consumed_wh or 0.0)) / capacity_wh
+        elif self.remaining is None or before.remaining is None:
             return None
-        return before.remaining - self.remaining
+        else:
+            used = before.remaining - self.remaining
+        # Energies are rounded, and a battery may hold more than it should: nobody uses more than one.
+        return min(max(used, 0.0), 1.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,7 +221,7 @@ class VehicleMonitor:
         remaining, consumed_wh = self.battery.remaining, self.battery.consumed_wh
         if message.battery_remaining >= 0:
             self._has_battery = True
-            remaining = message.battery_remaining / 100.0
+            remaining = _share(message.battery_remaining)
         if message.energy_consumed >= 0:
             consumed_wh = message.energy_consumed * 100.0 / 3600.0
         self._note_battery(Battery(remaining, consumed_wh))
@@ -221,7 +229,7 @@ class VehicleMonitor:
     def _on_sys_status(self, message: m.MAVLink_sys_status_message, _now_s: float) -> None:
         """Take what is left of the battery from a vehicle that tells nothing of it otherwise."""
         if message.battery_remaining >= 0 and not self._has_battery:
-            self._note_battery(replace(self.battery, remaining=message.battery_remaining / 100.0))
+            self._note_battery(replace(self.battery, remaining=_share(message.battery_remaining)))
 
     def _note_battery(self, reading: Battery) -> None:
         self.battery = reading

@@ -5,10 +5,13 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import selectors
 import socket
+import threading
 from abc import ABC, abstractmethod
+from collections import deque
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any
 
 from mission.errors import LinkError, LinkLostError, NoPeerError
 from mission.link.address import LinkAddress
@@ -16,9 +19,11 @@ from mission.link.address import LinkAddress
 _DATAGRAM_BYTES = 65536
 _BATCH = 256
 _BUFFER_BYTES = 4 << 20
+_KEPT_BYTES, _OVERHEAD_BYTES = 32 << 20, 256
+"""Memory for datagrams that nobody has taken yet; a short one costs much more than its bytes."""
+_REST_S = 0.1
 _BACKLOG_BYTES = 1 << 20
 _Peer = Any
-T = TypeVar("T")
 
 
 def _why(address: LinkAddress, error: OSError) -> LinkError:
@@ -87,19 +92,100 @@ class _OnSocket:
         """Return an address with the port that the system chose."""
         return LinkAddress(address.scheme, address.host, int(self._socket.getsockname()[1]))
 
-    def _arrived(self, take: Callable[[int], T], address: LinkAddress) -> list[T]:
-        """Return the datagrams that have arrived (at most 256 a call)."""
-        arrived: list[T] = []
+
+class _Datagrams(_OnSocket):
+    """A socket whose datagrams are taken at once by a thread of its own, and kept until `_arrived`.
+
+    The system keeps few of them (Linux: 208 KiB with its bookkeeping, some 330), which is less than a second
+    of a vehicle's telemetry and images; who waits for the descriptor may be busy for longer than that.
+    Attribute ``dropped``: how many came while as many as may be were kept already.
+    """
+
+    def __init__(self, made: socket.socket, take: Callable[[int], Any], address: LinkAddress) -> None:
+        super().__init__(made)
+        self.dropped = 0
+        self._take, self._from = take, address
+        self._kept: deque[tuple[int, Any]] = deque()
+        self._kept_bytes = 0
+        self._error: OSError | None = None
+        self._lock = threading.Lock()
+        self._closing = threading.Event()
+        self._ready, self._signal = socket.socketpair()
+        self._is_signalled = False
+        self._stop, self._stopped = socket.socketpair()
+        self._thread = threading.Thread(target=self._keep_reading, name=f"link {address}", daemon=True)
+        self._thread.start()
+
+    def fileno(self) -> int | None:
+        """Return a descriptor that is readable while datagrams are kept, None once closed."""
+        number = self._ready.fileno()
+        return None if number < 0 else number
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._closing.set()
+        with contextlib.suppress(OSError):
+            self._stopped.send(b"\0")
+        self._thread.join()
+        for one in (self._ready, self._signal, self._stop, self._stopped):
+            one.close()
+        super().close()
+
+    def _keep_reading(self) -> None:
+        with selectors.DefaultSelector() as selector:
+            selector.register(self._socket, selectors.EVENT_READ)
+            selector.register(self._stop, selectors.EVENT_READ)
+            while not self._closing.is_set():
+                selector.select()
+                with self._lock:
+                    self._read()
+                    self._show()
+                if self._error is not None:
+                    self._closing.wait(_REST_S)
+
+    def _read(self) -> None:
+        """Take what the system has, with the lock."""
         for _ in range(_BATCH):
             try:
-                arrived.append(take(_DATAGRAM_BYTES))
+                datagram = self._take(_DATAGRAM_BYTES)
             except BlockingIOError:
-                break
+                return
             except ConnectionError:
                 continue
             except OSError as error:
-                raise _why(address, error) from error
-        return arrived
+                self._error = error
+                return
+            size = len(datagram[0] if isinstance(datagram, tuple) else datagram) + _OVERHEAD_BYTES
+            if self._kept_bytes + size > _KEPT_BYTES:
+                self.dropped += 1
+                continue
+            self._kept_bytes += size
+            self._kept.append((size, datagram))
+
+    def _show(self) -> None:
+        """Make the descriptor readable while there is something to take, with the lock."""
+        holds = bool(self._kept) or self._error is not None
+        if holds and not self._is_signalled:
+            self._signal.send(b"\0")
+        elif self._is_signalled and not holds:
+            self._ready.recv(1)
+        self._is_signalled = holds
+
+    def _arrived(self) -> list[Any]:
+        """Return the datagrams that have arrived (at most 256 a call); LinkError if the socket fails."""
+        if self._closing.is_set():
+            raise _why(self._from, OSError(errno.EBADF, os.strerror(errno.EBADF)))
+        with self._lock:
+            self._read()
+            taken = [self._kept.popleft() for _ in range(min(_BATCH, len(self._kept)))]
+            self._kept_bytes -= sum(size for size, _ in taken)
+            error = None
+            if not taken:
+                error, self._error = self._error, None
+            self._show()
+        if error is not None:
+            raise _why(self._from, error) from error
+        return [datagram for _, datagram in taken]
 
 
 def _bind_datagrams(made: socket.socket, where: Any) -> None:
@@ -118,14 +204,15 @@ def _listen(made: socket.socket, where: Any) -> None:
     made.listen(16)
 
 
-class UdpSocket(_OnSocket):
+class UdpSocket(_Datagrams):
     """A bound UDP socket that any number of peers may call; the piece that multi-client hosts build on.
 
     LinkError if it cannot be bound; port 0 lets the system choose.
     """
 
     def __init__(self, address: LinkAddress) -> None:
-        super().__init__(_open(address, socket.SOCK_DGRAM, _bind_datagrams))
+        made = _open(address, socket.SOCK_DGRAM, _bind_datagrams)
+        super().__init__(made, made.recvfrom, address)
         self.address = self._bound(address)
         self.name = str(self.address)
 
@@ -136,7 +223,7 @@ class UdpSocket(_OnSocket):
 
     def receive_from(self) -> list[tuple[bytes, _Peer]]:
         """Return the datagrams that have arrived (at most 256 a call) with their senders."""
-        return self._arrived(self._socket.recvfrom, self.address)
+        return self._arrived()
 
 
 class UdpInLink(UdpSocket):
@@ -159,12 +246,12 @@ class UdpInLink(UdpSocket):
         return [data for data, _ in arrived]
 
 
-class UdpOutLink(_OnSocket):
+class UdpOutLink(_Datagrams):
     """A UDP link that calls a host and hears only that host."""
 
     def __init__(self, address: LinkAddress) -> None:
-        super().__init__(_open(address, socket.SOCK_DGRAM, _connect_datagrams))
-        self._address = address
+        made = _open(address, socket.SOCK_DGRAM, _connect_datagrams)
+        super().__init__(made, made.recv, address)
         self.name = str(address)
 
     def send(self, data: bytes) -> None:
@@ -174,7 +261,7 @@ class UdpOutLink(_OnSocket):
 
     def receive(self) -> list[bytes]:
         """Return the datagrams that have arrived (at most 256 a call)."""
-        return self._arrived(self._socket.recv, self._address)
+        return self._arrived()
 
 
 class Stream(ABC):

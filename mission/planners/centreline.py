@@ -22,6 +22,8 @@ _STEP, _MOST_POINTS = 0.5, 3000
 _COARSENESS = (0.5, 0.25, 0.12, 0.06, 0.03, 0.015)
 _AS_MUCH = 0.003
 _MOST_BRANCHES = 100
+# Of the width of an image: an arm is as long, else rows of the land beside it see it, too.
+_ARM = 2.0
 
 
 def is_narrow(part: Polygon, swath: Swath) -> bool:
@@ -33,6 +35,25 @@ def is_narrow(part: Polygon, swath: Swath) -> bool:
     [True, False]
     """
     return bool(shapely.buffer(part, -0.5 * swath.across_m).is_empty)
+
+
+def without_arms(part: Polygon, swath: Swath) -> list[Polygon]:
+    """Return a part in what is wider than an image and in narrow arms; nothing if it has no arms.
+
+    Examples
+    --------
+    >>> field = shapely.union(shapely.box(0, 0, 50, 50), shapely.box(50, 20, 120, 26))
+    >>> [piece.bounds for piece in without_arms(field, Swath(10, 8, 5))]
+    [(0.0, 0.0, 50.0, 50.0), (50.0, 20.0, 120.0, 26.0)]
+    """
+    half_m = 0.5 * swath.across_m
+    inner = shapely.buffer(part, -half_m, join_style="mitre")
+    wide = shapely.buffer(inner, half_m, join_style="mitre", mitre_limit=2.0)
+    narrow = polygons_of(shapely.difference(part, wide), swath.least_m2)
+    arms = [rest for rest in narrow if 0.5 * rest.length > _ARM * swath.across_m]
+    if inner.is_empty or not arms:
+        return []
+    return [*polygons_of(shapely.difference(part, shapely.union_all(arms)), swath.least_m2), *arms]
 
 
 def strip_lines(part: Polygon, room: Area, swath: Swath) -> list[Points]:
@@ -50,7 +71,7 @@ def strip_lines(part: Polygon, room: Area, swath: Swath) -> list[Points]:
         piece = waiting.pop(0)
         line = _best_line(piece, tolerant, swath)
         lines.append(shapely.get_coordinates(line))
-        unseen = polygons_of(shapely.difference(piece, _seen(line, swath)), swath.least_m2)
+        unseen = polygons_of(shapely.difference(piece, swath.seen_from(lines[-1])), swath.least_m2)
         # A line that sees nothing new would be found again.
         waiting += [rest for rest in unseen if rest.area < 0.99 * piece.area]
     return lines
@@ -63,15 +84,11 @@ def _best_line(part: Polygon, room: Area, swath: Swath) -> LineString:
     lines = [one for one in (_shortened(line, swath.end_m) for line in lines) if shapely.covers(room, one)]
     if not lines:
         return _shortened(middle, swath.end_m)
-    unseen = [float(shapely.difference(part, _seen(line, swath)).area) for line in lines]
+    unseen = [
+        float(shapely.difference(part, swath.seen_from(shapely.get_coordinates(line))).area) for line in lines
+    ]
     enough = min(unseen) + _AS_MUCH * part.area
     return next(line for line, area in zip(lines, unseen, strict=True) if area <= enough)
-
-
-def _seen(line: LineString, swath: Swath) -> shapely.Geometry:
-    if line.length < TOLERANCE_M:
-        line = shapely.Point(line.coords[0])
-    return shapely.buffer(line, 0.5 * swath.across_m, cap_style="square", join_style="mitre")
 
 
 def _straight(part: Polygon) -> LineString:

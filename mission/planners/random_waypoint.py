@@ -18,6 +18,12 @@ MAX_WAYPOINTS = 30_000
 _FIRST_BLOCK = 16
 _CUTS = 10
 _UNUSED = 1e-6
+# Where more than this part of the places lies within the least leg of one, near places are passed over, as
+# many as this in a row: then the farthest is taken. On larger land the few short legs stay.
+_OFTEN = 1 / 6
+_MOST_PASSED = 64
+# Nor is it turned straight back there: the two waypoints of such a corner would be one.
+_BACK = 0.03
 
 
 def random_waypoint(request: PlanningRequest, /, *, waypoints: int | None = None) -> PlannedPath:
@@ -25,6 +31,8 @@ def random_waypoint(request: PlanningRequest, /, *, waypoints: int | None = None
 
     Where the straight leg would leave the area, the leg is the shortest way inside. The last leg is cut so
     that the budget is used up. The same seed gives the same positions in the same order whatever the budget.
+    On land so small that legs would often be shorter than the autopilot flies, near positions are passed
+    over.
 
     The path begins at the start, or, if that is outside, at the nearest place of the (inset) area.
 
@@ -76,6 +84,8 @@ class _Walk:
         self._drawn = np.empty((0, 2))
         start = Point(request.start_xy_m)
         flyable = self._terrain.flyable
+        least_m = request.least_leg_m
+        self._apart_m = least_m if math.pi * least_m**2 > _OFTEN * flyable.area else 0.0
         line = shapely.shortest_line(start, flyable)
         entry = shapely.get_coordinates(line)[-1]
         self._start = np.asarray(request.start_xy_m, dtype=np.float64)
@@ -96,13 +106,34 @@ class _Walk:
         missing = waypoints + 1 - len(self.legs)
         if missing <= 0:
             return
-        while len(self._drawn) < missing:
-            self._drawn = np.vstack((self._drawn, draw_places(self._terrain.flyable, missing, self._rng)))
-        places, self._drawn = self._drawn[:missing], self._drawn[missing:]
+        places = self._places(missing) if self._apart_m == 0.0 else self._places_apart(missing)
         for leg in self._terrain.legs(list(places[:, None, :]), self.legs[-1][-1]):
             way = np.vstack((self.legs[-1][-1], leg))
             self._lengths.append(self._lengths[-1] + path_length(way))
             self.legs.append(leg)
+
+    def _places(self, count: int) -> Points:
+        """Return the next places that are drawn, float64[n, 2]."""
+        while len(self._drawn) < count:
+            self._drawn = np.vstack((self._drawn, draw_places(self._terrain.flyable, count, self._rng)))
+        places, self._drawn = self._drawn[:count], self._drawn[count:]
+        return places
+
+    def _places_apart(self, count: int) -> Points:
+        """Return the next places that are not too near to the one before each."""
+        found = [self.legs[-2][-1] if len(self.legs) > 1 else self._start, self.legs[-1][-1]]
+        while len(found) < count + 2:
+            drawn = self._places(_MOST_PASSED)
+            steps, come = drawn - found[-1], found[-1] - found[-2]
+            away_m = np.hypot(*steps.T)
+            turn = steps / np.maximum(away_m, 1e-9)[:, None] + come / max(math.hypot(*come), 1e-9)
+            away_m[np.hypot(*turn.T) < _BACK] = 0.0
+            far = np.flatnonzero(away_m >= self._apart_m)
+            taken = int(far[0] if len(far) else np.argmax(away_m))
+            found.append(drawn[taken])
+            # Those behind a place that is far enough are still to come.
+            self._drawn = np.vstack((drawn[taken + 1 :] if len(far) else drawn[:0], self._drawn))
+        return np.array(found[2:])
 
 
 def _use_up(request: PlanningRequest, points: Points, leg: Points, spent: float) -> Points:

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from shapely.geometry import Polygon
 
 from geo.linear_algebra import product
-from mission.planners.path import Area
+from mission.planners.path import Area, Points, path_length
 from mission.planners.sweep import rotation, row_chains
-from mission.planners.terrain import parts_of, polygons_of
+from mission.planners.terrain import TOLERANCE_M, parts_of, polygons_of
 
 _LEAST_M2 = 1e-9
 # Of a square of the spacing, or of a footprint: less is not worth a row.
@@ -41,6 +41,13 @@ class Swath:
     def least_m2(self) -> float:
         """What of a strip is worth a row of its own."""
         return _LEAST_UNSEEN * max(self.across_m, self.spacing_m) * max(self.along_m, self.spacing_m)
+
+    def seen_from(self, path: Points) -> shapely.Geometry:
+        """Return what is seen from a path, images as long as wide; at turns sharper than 97 degrees less."""
+        line = shapely.LineString(path) if path_length(path) > TOLERANCE_M else shapely.Point(path[0])
+        return shapely.buffer(
+            line, 0.5 * self.across_m, cap_style="square", join_style="mitre", mitre_limit=1.5
+        )
 
     def seen_along(self, left: float, right: float, y: float) -> Polygon:
         """Return what a horizontal row is for: what is seen along it, or its strip if that is wider."""

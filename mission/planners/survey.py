@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TypeAlias
 
@@ -14,12 +14,13 @@ from shapely.geometry import Polygon
 
 from geo.linear_algebra import product
 from mission.errors import PlanningError
-from mission.planners.centreline import is_narrow, strip_lines
+from mission.planners.centreline import is_narrow, strip_lines, without_arms
 from mission.planners.cuts import cut_parts, hull_angles
 from mission.planners.gaps import gaps_of, swept_lands, with_gaps
-from mission.planners.path import Area, PlannedPath, Points, drop_coincident, path_length
+from mission.planners.path import Area, PlannedPath, Points, distinct, path_length
 from mission.planners.request import PlanningRequest
 from mission.planners.search import cannot_be_flown, is_number, too_small
+from mission.planners.short_legs import without_short_legs
 from mission.planners.spiral import ring_from
 from mission.planners.strips import Swath, ring_strips, rows_that_see
 from mission.planners.terrain import Terrain, parts_of, smoothed
@@ -214,7 +215,15 @@ class _Plans:
         if not pieces:
             msg = f"{NAME}: no row of the area lies where the path may lead"
             raise PlanningError(msg)
-        return drop_coincident(self._terrain.join(pieces, start), 1e-6)
+        legs, least_m = self._terrain.legs(pieces, start), self.request.least_leg_m
+        points = np.vstack(legs)
+        kept = distinct(points, 1e-6)
+        if not exact or least_m <= 0.0:
+            return points[kept]
+        corner = np.concatenate(
+            [np.arange(len(leg)) < len(leg) - len(piece) for leg, piece in zip(legs, pieces, strict=True)]
+        )
+        return without_short_legs(points[kept], corner[kept], least_m, self._terrain)
 
     def rough_m(self, layout: Layout) -> float:
         """Return about how long the rows of a layout are, with what their turns cost."""
@@ -227,12 +236,8 @@ class _Plans:
         return length_m
 
     def seen_share(self, path: Points) -> float:
-        """Return which share of the area is seen from a path, images as wide as long."""
-        line = shapely.LineString(path) if len(path) > 1 else shapely.Point(path[0])
-        # Square at its ends and at right angles, as images are; sharper turns are cut off.
-        seen = shapely.buffer(
-            line, 0.5 * self.swath.across_m, cap_style="square", join_style="mitre", mitre_limit=1.5
-        )
+        """Return which share of the area is seen from a path."""
+        seen = self.swath.seen_from(path)
         return float(shapely.intersection(self.request.area, seen).area / self.request.area.area)
 
     def _rings(self, start_m: Points) -> list[Points]:
@@ -275,7 +280,8 @@ class _Search:
         if len(lands) > 1:
             self._toggle_gaps(lands[0], angle)
         self._turn_parts()
-        self._cut()
+        self._cut(lambda part: [pieces] if (pieces := without_arms(part, self._plans.swath)) else [])
+        self._cut(lambda part: cut_parts(part, self._plans.swath.spacing_m))
         return self._ranked()[:_FINALISTS]
 
     def _best(self) -> Layout:
@@ -343,15 +349,15 @@ class _Search:
                     ]
                 )
 
-    def _cut(self) -> None:
-        """Cut concave parts into parts with directions of their own."""
+    def _cut(self, ways: Callable[[Polygon], list[list[Polygon]]]) -> None:
+        """Cut parts, in one of the ways, into parts with directions of their own."""
         layout = self._best()
         angle = self._angle(layout)
         found: list[Layout] = []
         for number, (part, _) in enumerate(layout[:_MOST_TOGGLED]):
             if self._plans.is_narrow(part):
                 continue
-            for parts in cut_parts(part, self._plans.swath.spacing_m):
+            for parts in ways(part):
                 own = tuple((piece, hull_angles(piece)[0]) for piece in parts)
                 mixed = tuple((piece, angle) for piece in parts)
                 found += [(*layout[:number], *pieces, *layout[number + 1 :]) for pieces in (own, mixed)]

@@ -326,6 +326,10 @@ class Terrain:
             for piece, straight, leave, enter in zip(pieces, direct, leaves, enters, strict=True)
         ]
 
+    def sees(self, starts_m: Points, ends_m: Points) -> NDArray[np.bool_]:
+        """Return for each pair of points, float64[n, 2], whether the straight leg stays in the inset land."""
+        return self._inner.sees(np.atleast_2d(starts_m), np.atleast_2d(ends_m))
+
     def lengths(self, places_m: Points) -> NDArray[np.float64]:
         """Return the lengths of the shortest ways between places, float64[n, n].
 

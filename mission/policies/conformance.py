@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from geo.farm import Farm
 from geo.farms import get_farm
 from geo.grid import Crop
+from geo.seeds import sealed_seed
 from mission.errors import AnswerError, PlanningError
 from mission.planners.budget import LengthBudget, StepBudget
 from mission.planners.path import Area, Points
@@ -68,11 +69,11 @@ def check_policy(policy: str | Policy, **parameters: Any) -> PolicyCheck:
 
     It flies vehicles of one cell a step, alone and several, over areas with a pond and in two parts, from
     starts inside and outside, with budgets of steps and of metres with the way home. Every answer must name
-    only vehicles that can be steered, every vehicle has a path at the first start and is named at later ones,
-    each path lies in the area of its vehicle's task and costs no more than is left. The same flight twice has
-    the same answers. On a farm that differs only where nobody looked the answers are the same, too: whoever
-    decides otherwise knows the truth. It answers sensibly when nothing was seen, when all is known, and when
-    a vehicle is lost. It leaves what it is told and numpy's global generator alone.
+    only vehicles that can be steered, every vehicle is named at each start, a path of the first one has a
+    length, each path lies in the area of its vehicle's task and costs no more than is left. The same flight
+    twice has the same answers. On a farm that differs only where nobody looked the answers are the same, too:
+    whoever decides otherwise knows the truth. It answers sensibly when nothing was seen, when all is known,
+    and when a vehicle is lost. It leaves what it is told and numpy's global generator alone.
 
     Parameters
     ----------
@@ -206,6 +207,8 @@ class _Flight:
             _require(named, case.name, f"vehicle {vehicle.system_id} is not named at the start")
         self._vehicles = [one for one in self._vehicles if len(one.rest)]
         _require(bool(self._vehicles), case.name, "no vehicle has a path at the start of the first flight")
+        farthest_m = max(float(np.abs(one.rest - one.here).max()) for one in self._vehicles)
+        _require(farthest_m > 0.0, case.name, "no path of the first flight has a length: it has no score")
         triggers, fresh, step = policy.triggers, 0, 0
         lose_at = round(_LOST_AFTER * case.budget.limit / self._step_cost) if case.loses_one else -1
         while any(len(one.rest) and not one.lost for one in self._vehicles):
@@ -331,7 +334,9 @@ def _request(farm: Farm, case: _Case) -> PlanningRequest:
         for crop in (Crop.TOMATO, Crop.STRAWBERRY)
         if not (land := shapely.intersection(farm.crop_area(crop), case.area)).is_empty
     )
-    return PlanningRequest(case.area, case.start_m, case.budget, farm.cell_size_m, crops, seed=11)
+    # Another one in each case: a policy may look at it.
+    seed = sealed_seed(11, case.name)
+    return PlanningRequest(case.area, case.start_m, case.budget, farm.cell_size_m, crops, seed=seed)
 
 
 def _observation(

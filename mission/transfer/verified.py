@@ -140,7 +140,7 @@ def compare_plans(
 
 
 _RESTARTS = 5
-_STUCK_S = 15.0
+_STUCK_S, _QUICK_S = 15.0, 1.0
 # What vehicles answer when they gave an upload up: PX4 to the items that come then, ArduPilot by itself.
 _GIVEN_UP = frozenset({wire.ERROR, wire.OPERATION_CANCELLED})
 
@@ -318,7 +318,9 @@ class VerifiedUpload:
         """
         # An ERROR before any item was sent comes from a vehicle that is busy.
         gave_up = failed.result == wire.OPERATION_CANCELLED or (failed.result == wire.ERROR and self._sent)
-        is_stuck = not self._round_trip.is_lossy and now_s >= self._most_s + _STUCK_S
+        trip = self._round_trip
+        is_good = not trip.is_lossy and (trip.known_s or 0.0) <= _QUICK_S
+        is_stuck = is_good and now_s >= self._most_s + _STUCK_S
         if not gave_up or self._restarts <= 0 or is_stuck:
             return False
         before = self._refused_at

@@ -103,9 +103,10 @@ class BaseEstimator(ABC):
     incremental: ClassVar[bool] = False
     """Whether a model after some further observations takes little time on a farm of any size."""
     states_deviation: ClassVar[bool] = False
-    """Whether the model's uncertainty is the standard deviation of the true values."""
+    """Whether the model's uncertainty is the standard deviation of the true values. Reports of an estimator
+    without it count what was observed."""
     knows_only_seen: ClassVar[bool] = False
-    """Whether it has no opinion of cells that were not observed: no report speaks of these."""
+    """Whether it has no opinion of cells that were not observed: no map shows these."""
     unbounded: ClassVar[bool] = False
     """Whether values may lie outside 0 to 1, as those that a Gaussian process extrapolates."""
 

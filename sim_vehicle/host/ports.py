@@ -130,6 +130,10 @@ class _UdpPort:
                     del self._peers[peer]
         return list(self._peers.values())
 
+    @property
+    def dropped(self) -> int:
+        return self._socket.dropped
+
     def close(self) -> None:
         self._socket.close()
 
@@ -319,6 +323,11 @@ class PortSelector:
         self._ports += [(_LinkPort(link), ServerUrl(link.name)) for link in links]
         self.urls = tuple(port.name for port, _ in self._ports)
         self.refresh()
+
+    @property
+    def dropped(self) -> int:
+        """How many datagrams were dropped because too many waited to be received."""
+        return sum(port.dropped for port, _ in self._ports if isinstance(port, _UdpPort))
 
     def wake(self) -> None:
         """End a `wait`; may be called from another thread."""

@@ -160,6 +160,11 @@ class Server(Closing):
         """Names of the clients that are there now."""
         return tuple(client.name for client in self._clients)
 
+    @property
+    def dropped(self) -> int:
+        """How many datagrams were dropped because too many waited to be received."""
+        return self._selector.dropped
+
     def run(self, until: Callable[[float], bool] | None = None, limit_s: float = NEVER) -> StopReason:
         """Serve until a condition holds, `limit_s` seconds (of the components) passed, `stop` or Ctrl-C."""
         end_s = self.now_s + limit_s

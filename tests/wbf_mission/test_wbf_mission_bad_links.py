@@ -47,9 +47,9 @@ CASES = {
     "the autopilot is silent": ("silence=1,at=airborne,from=12,for=18", (0, "completed"), ""),
     "it starts again": ("reboot,at=airborne,from=15", (0, "completed"), "its autopilot has started again"),
     "no position": ("gps-loss,at=airborne,from=15", (1, "position_lost"), "position_lost: position lost"),
-    "a low battery": ("low-battery=0.08,at=airborne,from=12", (1, "battery_low"), "battery_low: battery"),
-    "it does not arm": ("refuse=400", (5, "arming_refused"), "arming_refused: denied"),
-    "it does not start": ("refuse=300", (5, "mission_rejected"), "mission_rejected: denied"),
+    "a low battery": ("low-battery=0.08,at=airborne,from=12", (1, "battery_low"), "battery low: battery"),
+    "it does not arm": ("refuse=400", (5, "arming_refused"), "arming refused: denied"),
+    "it does not start": ("refuse=300", (5, "mission_rejected"), "mission rejected: denied"),
     "it takes no mission": ("no-count", (4, "no_answer"), "the vehicle did not answer"),
     "it never answers": ("drop=COMMAND_ACK,direction=down", (4, "no_answer"), "no answer while"),
 }

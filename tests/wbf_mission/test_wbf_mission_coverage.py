@@ -1,5 +1,6 @@
 """Coverage: one number, that of a plan, of its check and of what was flown."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from geo import Crop, Farm, FarmError, LocalFrame, Obstacle, Patch, save_farm
+from mission.files import write_mission
 from mission.model import Command, GeoPoint, Mission, MissionItem
 from sim_vehicle.prediction.flight import Prediction
 from wbf_mission.flight import fly
@@ -56,8 +58,8 @@ def by_distance(metres, at_once=1.0):
 @pytest.mark.parametrize(
     ("order", "places"),
     [
-        (by_distance(2.0), [0, 2, 4, 6]),
-        (by_distance(2.0, 0.0), [2, 4, 6]),
+        (by_distance(1.9), [0, 1.9, 3.8, 5.7]),
+        (by_distance(1.9, 0.0), [1.9, 3.8, 5.7]),
         (by_distance(0.0), []),
         (MissionItem(Command.DO_SET_CAM_TRIGG_INTERVAL, param1=500.0), [0, 1.5, 3, 4.5, 6]),
         (MissionItem(Command.IMAGE_START_CAPTURE, param2=2.0), [0, 6]),
@@ -68,14 +70,14 @@ def test_images_are_where_the_camera_fires(order, places):
     # Item 0 turns the camera on, item 1 is flown, 2 turns it off, 3 is flown.
     mission, made = flown([(0, 5), (3, 5), (6, 5), (9, 5)], [1, 1, 1, 3], {0: order, 2: by_distance(0.0)})
     found = image_places(POTATOES, mission, made)
-    assert found == pytest.approx(np.array([(x, 5.0) for x in places]).reshape(-1, 2), abs=1e-3)
+    assert found == pytest.approx(np.array([(x, 5.0) for x in places]).reshape(-1, 2), abs=0.02)
 
 
 def test_a_second_order_begins_anew_and_stopping_ends():
     orders = {0: by_distance(2.0), 2: by_distance(5.0), 4: MissionItem(Command.IMAGE_STOP_CAPTURE)}
     mission, made = flown([(0, 0), (7, 0), (14, 0), (20, 0)], [1, 1, 3, 5], orders)
     found = image_places(POTATOES, mission, made)[:, 0]
-    assert found == pytest.approx([0, 2, 4, 6, 7, 12], abs=1e-3)
+    assert found == pytest.approx([0, 2, 4, 6, 7, 12], abs=0.02)
     mission, made = flown([(0, 0), (7, 0)], [1, 1], {})
     assert (
         not len(image_places(POTATOES, mission, made))
@@ -101,6 +103,29 @@ def test_cells_count_once(cells):
     wanted = {(x, y) for x, y in cells if 0 <= x < 20 and 0 <= y < 10 and POTATOES.scouted_cells[x, y]}
     x, y = np.array(cells, dtype=np.int64).reshape(-1, 2).T
     assert seen_share(POTATOES, x, y) == pytest.approx(len(wanted) / 150)
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "metres"), [("ardupilot", 1.0), ("ardupilot", 0.5), ("px4", 1.0), ("px4", 3.0)]
+)
+def test_a_plan_counts_the_images_that_the_trigger_takes(tmp_path, autopilot, metres):
+    """Orders for each row, an image at once: rows are about as long as a whole number of distances."""
+    flies = {"farm": "miniberry-30", "autopilot": autopilot, "estimate_errors": False}
+    rows = plan(Scenario(**flies, planner="lawnmower", budget="120m")).mission
+    items, ends = [], itertools.cycle([by_distance(metres), by_distance(0.0, 0.0)])
+    for item in rows.items:
+        if item.command != Command.DO_SET_CAM_TRIGG_DIST:
+            items += [item, next(ends)] if item.command == Command.NAV_WAYPOINT else [item]
+    for number, mission in enumerate((replace(rows, items=tuple(items)), rows)):
+        file = tmp_path / f"{number}.plan"
+        write_mission(mission, file)
+        scenario = Scenario(**flies, mission=str(file), estimator="point")
+        made, flown = plan(scenario), fly(scenario)
+        assert flown.flights[0].camera.images == pytest.approx(planned_images(made), abs=number)
+
+
+def planned_images(made):
+    return len(image_places(made.farm, made.mission, made.prediction))
 
 
 @pytest.mark.parametrize(

@@ -41,7 +41,7 @@ class FastVehicle:
     def __init__(self, made):
         self.made = made
         self.pace, self.tlog, self.transfers, self.force = None, None, OWN_TRANSFERS, False
-        self.orders = None
+        self.orders, self.waits_for_decisions = None, True
         self.console = self
 
     # The link.

@@ -1,5 +1,7 @@
 """Budgets beyond a battery: one rule for all units, and what is not used of them is said."""
 
+from dataclasses import replace
+
 import pytest
 
 from wbf_mission import Scenario
@@ -63,6 +65,30 @@ def test_what_is_not_used_of_a_budget_is_said(small, budget, capsys):
     assert main(["plan", *arguments, "--budget", budget]) == 0
     said = [line for line in capsys.readouterr().err.splitlines() if "of its budget of" in line]
     assert len(said) == (budget != "40s"), said
+
+
+@pytest.mark.parametrize(
+    ("length_m", "says"),
+    [
+        (849.0, "takes 849 m of its budget of 1000 m"),
+        (50.0, "takes 50 m of its budget"),
+        (851.0, ""),
+        (1000.0, ""),
+    ],
+)
+def test_a_seventh_of_a_budget_is_left_without_a_word(length_m, says):
+    """Planners that add row by row leave as much."""
+    made = replace(plan(planned("quad", "400m")), budget_text="1000 m", length_m=length_m)
+    left = budget_left([made])
+    assert says in left and bool(left) is bool(says)
+    assert budget_left([replace(made, length_m=0.5 * length_m)] * 2) == left
+
+
+@pytest.mark.parametrize(("length_m", "is_over"), [(1049.0, False), (1051.0, True)])
+def test_sorties_say_that_they_take_a_twentieth_more_than_the_budget(length_m, is_over):
+    made = replace(plan(planned("quad", "400m")), budget_text="1000 m", length_m=0.5 * length_m)
+    assert ("the 2 sorties take" in budget_left([made, made])) is is_over
+    assert budget_left([replace(made, length_m=length_m)]) == ""
 
 
 @pytest.mark.parametrize(("budget", "said"), [("100m", 1), ("30m", 0)])

@@ -2,11 +2,16 @@
 
 import io
 import os
+import threading
 
+import numpy as np
 import pytest
 from stand_in import scenario, stand_in
 
 from mission.outcome import Outcome
+from mission.policies.decision import Decision
+from mission.policies.observation import Event
+from mission.policies.policy import Triggers
 from wbf_mission.cli import operator_console, signals
 from wbf_mission.cli.operator_console import TerminalConsole
 from wbf_mission.cli.output import Output
@@ -75,9 +80,10 @@ class Page:
             _, *given = self._steps.pop(0)
             assert self.orders.take([1], *given) == ""
 
-    def fly(self, url, **options):
+    def fly(self, url, policy=None, **options):
         connect = LiveLink(url, TerminalConsole(self.output, self.orders), note=self.output.note)
-        return fly(scenario(**options), connect=connect, events=self.output.events, orders=self.orders)
+        given = {"connect": connect, "events": self.output.events, "orders": self.orders}
+        return fly(scenario(**options), **given, **({"policy": policy} if policy else {}))
 
 
 def may(order):
@@ -158,3 +164,55 @@ def test_a_page_says_that_the_battery_is_changed(typed):
     assert console.goes_on("sortie 3 of 3?") is None
     page.orders.answer("no more", page.asked[-1].number)
     assert console.goes_on("sortie 3 of 3?") is False
+
+
+class Thoughtful:
+    """A policy that turns over its first answer in flight until `go_on`, and never changes its mind after."""
+
+    def __init__(self):
+        self.triggers = Triggers(period_s=1.0)
+        self.go_on = threading.Event()
+
+    def start(self):
+        self.asked, self.came, self.kept = 0, False, False
+
+    def decide(self, observation):
+        left, low, right, high = observation.vehicles[0].request.area.bounds
+        x, y = np.linspace(left, right, 7)[1:-1], np.linspace(low, high, 7)[1:-1]
+        path = [(x[0], y[0]), (x[0], y[-1]), (x[2], y[-1]), (x[2], y[0]), (x[-1], y[0]), (x[-1], y[-1])]
+        if observation.event is Event.START:
+            return Decision({1: path})
+        self.asked += 1
+        if self.asked > 1:
+            return Decision({})
+        before = observation.model.value.copy()
+        self.came = self.go_on.wait(30.0)  # A limit against hanging, not a measure
+        self.kept = np.array_equal(before, observation.model.value)
+        return Decision({1: path[::-1]})
+
+
+def test_orders_are_obeyed_while_a_policy_decides_and_its_answer_is_dropped(monkeypatch, capsys):
+    monkeypatch.setattr(operator_console.sys, "stdin", io.StringIO())
+    policy = Thoughtful()
+    held = shows("LOITER")
+
+    def let_go_on(event):
+        if held(event):
+            policy.go_on.set()
+        return policy.go_on.is_set() and may("resume")(Orderable(("resume",)))
+
+    page = Page(
+        (may("start"), "start", "", True),
+        (lambda event: policy.asked > 0 and flies(event), "hold"),
+        (let_go_on, "resume"),
+    )
+    with stand_in("px4") as (url, _):
+        result = page.fly(url, policy=policy, autopilot="px4")
+    told = capsys.readouterr().err
+    assert policy.came, "the vehicle was heard, and held, before the policy had decided"
+    assert policy.kept, "what it was told stays as it was"
+    assert result.outcome is Outcome.COMPLETED, told
+    assert "the vehicle holds (mode LOITER)" in told and "too late" not in told
+    (first, *_) = [one for one in result.decisions if one.event != "start"]
+    outcomes = [change.outcome for change in first.changes]
+    assert outcomes == ["not sent: the vehicle was given an order while the policy decided"]

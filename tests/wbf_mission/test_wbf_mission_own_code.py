@@ -2,12 +2,15 @@
 
 import json
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from wbf_mission import BenchSpec, ScenarioError, benchmark, load_scenario
 from wbf_mission.bench.engine import fly_all
+from wbf_mission.bench.submission import code_files
 from wbf_mission.cli.app import main
 from wbf_mission.own_code import own_choice
 
@@ -92,6 +95,93 @@ def test_changed_code_is_another_run(tmp_path):
 
     assert keys(PLANNER, "one.py") == keys(PLANNER, "two.py")
     assert not keys(PLANNER, "one.py") & keys(PLANNER.replace("2.0", "2.5"), "three.py")
+
+
+LOADS = """
+import pathlib
+import helper
+from mission.planners import make_planner
+FOLDER = pathlib.Path(__file__).parent
+
+class Loads:
+    __name__ = "loads"
+
+    def __call__(self, request):
+        import later
+        spacing = float((FOLDER / "data" / "spacing.txt").read_text()) + helper.more() + later.MORE
+        numbers = [float(one.read_text()) for one in sorted(FOLDER.glob("more-*.txt"))]
+        return make_planner("spiral", max_spacing_m=spacing + sum(numbers))(request)
+"""
+
+
+def test_files_that_code_names_and_modules_beside_it_count_with_it(tmp_path, capsys):
+    (tmp_path / "data").mkdir()
+    files = {
+        "loads.py": LOADS,
+        "helper.py": "import deeper\ndef more():\n    return deeper.MORE\n",
+        "deeper.py": "MORE = 1.0\n",
+        "later.py": "MORE = 0.5\n",
+        "data/spacing.txt": "0.5",
+        "more-1.txt": "0",
+        "other.txt": "0",
+    }
+    for name, text in files.items():
+        (tmp_path / name).write_text(text)
+
+    def key(name=None, text=""):
+        """Ask a new process: this one has loaded the modules."""
+        if name is not None:
+            (tmp_path / name).write_text(text)
+        program = (
+            "from wbf_mission.own_code import own_choice; from wbf_mission.bench.meaning import own_digest;"
+            f"print(own_digest(own_choice({str(tmp_path / 'loads.py')!r} + ':Loads', 'policy').made))"
+        )
+        done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+        return done.stdout
+
+    keys = [
+        key(),
+        key("data/spacing.txt", "0.6"),
+        key("deeper.py", "MORE = 1.1\n"),
+        key("later.py", "MORE = 0.6\n"),
+        key("more-2.txt", "0.2"),
+        key("more-1.txt", "0.1"),
+    ]
+    assert len(set(keys)) == len(keys)
+    assert key("other.txt", "1") == key() == keys[-1]
+    assert set(code_files([tmp_path / "loads.py"])) == {
+        f"code/{name}" for name in [*files, "more-2.txt"] if name != "other.txt"
+    }
+    run = [
+        "--scenarios",
+        "WBF/Miniberry-10-v1",
+        "--planners",
+        f"{tmp_path / 'loads.py'}:Loads",
+        "--seeds",
+        "2",
+    ]
+    run += ["--estimators", "point", "--out", str(tmp_path / "r")]
+    assert main(["bench", "run", *run, "--jobs", "2", "--quiet"]) == 0
+    who = ["--name", "M", "--by", "M", "--code", str(tmp_path / "loads.py"), "--out", str(tmp_path / "p.zip")]
+    assert main(["bench", "submit", str(tmp_path / "r"), *who]) == 0
+    assert "1 equal" in capsys.readouterr().out
+    assert main(["bench", "verify", str(tmp_path / "p.zip"), "--environments", "2"]) == 0
+
+
+def test_a_module_beside_the_file_does_not_hide_another(tmp_path, capsys):
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "mine.py").write_text("import sameone\n" + PLANNER)
+        (tmp_path / folder / "sameone.py").write_text(f"NAME = {folder!r}")
+    assert own_choice(f"{tmp_path / 'a' / 'mine.py'}:wide", "planner").made
+    with pytest.raises(
+        ScenarioError, match=r"b/mine.py imports sameone beside it, but there is .*a/sameone.py"
+    ):
+        own_choice(f"{tmp_path / 'b' / 'mine.py'}:wide", "planner")
+    (tmp_path / "mine.py").write_text("import json\n" + PLANNER)
+    (tmp_path / "json.py").write_text("")
+    with pytest.raises(ScenarioError, match=r"imports json beside it, but there is .*, too; rename yours"):
+        own_choice(f"{tmp_path / 'mine.py'}:wide", "planner")
 
 
 def test_a_benchmark_takes_them_from_the_command_line(tmp_path, capsys):

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from geo.farms import get_farm
 from sensors.dynamics.epidemic import outbreak_of
+from sensors.estimators import make_estimator
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
@@ -137,12 +138,6 @@ def test_the_worst_block_is_told_with_its_name_and_place():
     assert f"worst blocks {worst.name} (" in report.rows()["TYLCV (tomato)"]
 
 
-def test_without_a_standard_deviation_no_interval_is_claimed():
-    report = farm_report(FARM, model_of(healthy()), look([], []), states_deviation=False)
-    assert all(field.low is None and field.high is None for field in report.fields)
-    assert "90 %" not in " ".join(report.rows().values())
-
-
 def test_a_report_is_plain_values():
     report = farm_report(FARM, model_of(healthy()), look([[3, 20]], [[0.5, 1, 0.3]]))
     told = json.loads(json.dumps(report.to_dict()))
@@ -207,15 +202,33 @@ def test_cells_that_err_as_one_are_no_more_than_there_are():
     np.testing.assert_allclose(one.deviation, [[0.5, 0.25]])
 
 
-def test_what_nobody_saw_is_no_part_of_a_report_of_what_was_seen():
-    """The point estimator has no opinion of other plants: none is healthy because nobody looked."""
-    cells = np.argwhere(FARM.grid().owned)[:4]
-    seen = look(cells, [[0.5, 0.5, 0.3]] * 4)
-    report = farm_report(FARM, model_of(healthy()), seen, only_seen=True)
-    assert report.fields
+@pytest.mark.parametrize("estimator", ["point", "adaptive-disk", "authors-ad"])
+def test_who_does_not_say_how_sure_it_is_has_no_figure_of_what_nobody_saw(estimator):
+    """None is healthy, and none sick, because nobody looked; a disk speaks of its neighbours."""
+    tomatoes = np.argwhere(PAPER_FIELDS["tylcv"].mask(FARM.grid()))
+    seen = look(tomatoes[:4], [[1.0, 1, 0.1], [0.5, 1, 0.2], [1.0, 1, 0.3], [1.0, 1, 0.8]])
+    made = make_estimator(estimator).fit(FARM.grid(), seen)
+    report = farm_report(FARM, made.predict(), seen, states_deviation=made.states_deviation)
+    told = {field.name: field for field in report.fields}
+    assert {name: field.cells for name, field in told.items()} == {"tylcv": 4, "soil": 4}
+    assert told["tylcv"].expected == 0.25 and told["soil"].expected == pytest.approx(0.35)
     for field in report.fields:
-        assert 0 < field.cells == field.seen <= 4
-        assert "looked at" in report.rows()[field.title]
+        assert field.low is None and field.high is None
+        assert sum(block.cells for block in field.blocks) <= field.seen == field.cells
+        assert "looked at" in report.rows()[field.title] and "90 %" not in report.rows()[field.title]
         assert "of what was seen" in brief(field)
-    nothing = farm_report(FARM, model_of(healthy()), look([], []), only_seen=True)
-    assert not nothing.fields
+    nothing = look([], [])
+    assert not farm_report(FARM, made.predict(), nothing, states_deviation=False).fields
+
+
+def test_readings_beyond_their_range_count_as_its_ends():
+    tomatoes = np.argwhere(PAPER_FIELDS["tylcv"].mask(FARM.grid()))
+    seen = look(tomatoes[:2], [[1.0, 1, 1.4], [1.0, 1, -0.4]])
+    report = farm_report(FARM, model_of(healthy()), seen, states_deviation=False)
+    assert report.fields[-1].expected == 0.5
+
+
+def test_all_that_was_looked_at_is_no_more_than_was_seen_where_doubt_is_stated():
+    tomatoes = np.argwhere(PAPER_FIELDS["tylcv"].mask(FARM.grid()))
+    report = farm_report(FARM, model_of(healthy()), look(tomatoes[:2], [[0.5, 1, 0.3]] * 2))
+    assert report.fields[0].cells == len(tomatoes) and report.fields[0].low is not None

@@ -1,13 +1,15 @@
 """A planner and an estimator that cheat: they walk over all that they can reach, and look for the truth."""
 
+import sys
 import types
+from importlib.metadata import EntryPoint, EntryPoints
 from typing import Any
 
 import numpy as np
 import pytest
 
 from geo import FarmGrid, get_farm
-from geo.seeds import child_seed
+from geo.seeds import child_seed, sealed_seed
 from mission.planners import PlannedPath, PlanningRequest, make_planner
 from mission.policies.decision import NO_CHANGE, Decision
 from mission.policies.observation import Event, PolicyObservation
@@ -15,6 +17,7 @@ from mission.policies.policy import Triggers
 from sensors.camera.leaf_camera import LeafCamera
 from sensors.environment import Environment
 from sensors.environment.cache import EnvironmentCache
+from sensors.estimators import base
 from sensors.estimators.point import PointEstimator
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
@@ -22,8 +25,11 @@ from sensors.scoring.score import RunningScore
 from sim_vehicle.mavlink import SimVehicle
 from wbf_mission.flight import fly
 from wbf_mission.planning import plan
+from wbf_mission.planning.assignment import SortieNumber
+from wbf_mission.planning.fleet import vehicles_of
+from wbf_mission.planning.plan import plan_fleet
 from wbf_mission.run.estimation import estimator_of
-from wbf_mission.scenario import Choice, Scenario
+from wbf_mission.scenario import Choice, Scenario, choice
 
 FORBIDDEN = (Environment, LeafCamera, RunningScore, SimVehicle, Scenario)
 RUN = Scenario(
@@ -87,6 +93,80 @@ def true_state(scenario: Scenario) -> tuple[FarmGrid, np.ndarray]:
     grid = get_farm(scenario.farm.name).grid()
     made, _ = EnvironmentCache.off().environment(grid, day=6, seed=child_seed(scenario.seed, "environment"))
     return grid, made.values(6)
+
+
+def plain(objects: list[Any]) -> list[Any]:
+    """Return the values among objects, in the order in which they were found."""
+    return [
+        (one.shape, one.tobytes()) if isinstance(one, np.ndarray) else one
+        for one in objects
+        if isinstance(one, (int, float, np.generic, np.ndarray))
+    ]
+
+
+ODD = {
+    "calm": {},
+    "gusts and errors": {
+        "wind_speed_m_s": 3.0,
+        "turbulence": "light",
+        "gps_noise_m": 0.5,
+        "baro_noise_m": 0.5,
+        "estimate_errors": True,
+    },
+    "two quads": {"vehicle": "quad,quad", "separation": "layers:3"},
+    "the paper's robot": {"vehicle": "ideal", "budget": None},
+    "several days": {"vehicle": "ideal", "budget": None, "days": 2, "estimator": "epidemic"},
+}
+
+
+@pytest.mark.parametrize("odd", ODD)
+@pytest.mark.parametrize("kind", ["policy", "planner"])
+def test_before_anything_was_seen_own_code_is_given_the_same_on_every_seed(odd: str, kind: str) -> None:
+    given = []
+    for seed in (RUN.seed, 1):
+        cheat: Any = CheatingPolicy() if kind == "policy" else CheatingPlanner()
+        shorter = {"budget": "1min", **ODD[odd]}
+        scenario = Scenario(**{**RUN.to_dict(), **shorter, "seed": seed, kind: cheat})
+        if kind == "policy":
+            fly(scenario)
+        else:
+            plan_fleet(scenario)
+        given.append(plain(cheat.seen or reachable(cheat.observations[0])))
+    assert len(given[0]) > 8
+    assert given[0] == given[1]
+
+
+def test_own_code_draws_from_a_seed_of_its_own_and_what_is_built_in_from_the_runs() -> None:
+    def request(seed: int, **given: Any) -> Any:
+        scenario = Scenario(**{**RUN.to_dict(), "seed": seed, **given})
+        (vehicle,) = vehicles_of(scenario, scenario.farm.load(), seed=seed, first_day=6)
+        later = vehicle.task.of_sortie(SortieNumber(7, 1, 1, 6))
+        return vehicle.task.request.seed.entropy, later.request.seed.entropy
+
+    mine, other = CheatingPolicy(), CheatingPolicy()
+    other.seed = 5
+    assert request(1, policy="greedy")[0] == request(1)[0] == sealed_seed(1, "planner").entropy
+    assert request(1, policy=mine) == request(2, policy=mine) != request(1, policy=other)
+    assert request(1, planner=CheatingPlanner()) == request(2, planner=CheatingPlanner())
+    assert request(1, policy=mine)[0] != request(1, policy=mine)[1]  # each flight draws anew
+
+
+def test_an_estimator_of_another_package_draws_from_a_seed_of_its_own(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    class Drawing(PointEstimator):
+        def __init__(self, random_state: Any = None) -> None:
+            super().__init__()
+            self.random_state = random_state
+
+    module = types.ModuleType("somebodys")
+    module.Drawing = Drawing  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "somebodys", module)
+    entry = EntryPoint("drawing", "somebodys:Drawing", "wbf_mission.estimators")
+    for where in (base, choice):
+        monkeypatch.setattr(where, "entry_points", lambda group: EntryPoints([entry]))
+    states: list[Any] = [estimator_of(Choice("drawing"), seed, PAPER_FIELDS) for seed in (1, 2)]
+    assert states[0].random_state.entropy == states[1].random_state.entropy
 
 
 class CheatingPlanner:
@@ -160,8 +240,11 @@ def test_an_estimator_that_draws_gets_a_sealed_seed(name: str) -> None:
 class CheatingPolicy:
     """Keeps every observation that it is told, and goes on along its first path."""
 
+    seed = 0
+
     def __init__(self) -> None:
         self.observations: list[PolicyObservation] = []
+        self.seen: list[Any] = []
 
     @property
     def triggers(self) -> Triggers:
@@ -173,7 +256,8 @@ class CheatingPolicy:
     def decide(self, observation: PolicyObservation) -> Decision:
         self.observations.append(observation)
         if observation.event is Event.START:
-            return Decision({1: [[0.5, 0.5], [2.5, 0.5], [2.5, 2.5]]})
+            path = [[0.5, 0.5], [2.5, 0.5], [2.5, 2.5]]
+            return Decision({one.system_id: path for one in observation.vehicles})
         return NO_CHANGE
 
 

@@ -10,9 +10,13 @@ import shapely
 
 from geo import Crop, Farm, LocalFrame, Patch, save_farm
 from mission.model import Command, MissionItem
+from wbf_mission.cli.app import main
+from wbf_mission.planning import PlanResult
+from wbf_mission.planning.builder import coverage_together
 from wbf_mission.planning.coverage import image_places, too_little_seen
+from wbf_mission.planning.fleet import single_vehicles
 from wbf_mission.planning.plan import plan, plan_fleet
-from wbf_mission.preflight.run import check_mission
+from wbf_mission.preflight.run import check_mission, check_plan
 from wbf_mission.preflight.subject import Circumstances
 from wbf_mission.scenario import Scenario, ScenarioError, scenario_with
 
@@ -77,6 +81,8 @@ def test_reasons_that_are_true(tmp_path: Path) -> None:
     for changes, reason in (
         ({"gsd_cm": 1.0, "vehicles": 2}, "only one height has that"),
         ({"altitude_m": 50.0, "vehicle": "rover"}, "takes images from the air"),
+        ({"gsd_cm": 1.0, "vehicle": "quad,rover"}, "vehicle rover drives"),
+        ({"gsd_cm": 1.0, "vehicle": "quad,rover,quad"}, "vehicle rover drives"),
         ({"gsd_cm": 0.01}, "give 0.025 to 1.51 cm"),
     ):
         with pytest.raises(ScenarioError, match=reason):
@@ -110,3 +116,56 @@ def test_a_crop_that_no_field_is_of_is_named(tmp_path: Path) -> None:
     (tmp_path / "one").mkdir()
     alone = farm_file(tmp_path / "one", ("wheat", right))
     assert not plan(scenario_with(Scenario(), {**changes, "farm": alone})).farm.notes
+
+
+def codes_of(*plans: PlanResult, scenario: Scenario) -> list[set[str]]:
+    coverage = coverage_together(plans, scenario.camera.footprint)
+    vehicles = single_vehicles(scenario)
+    return [
+        {one.code for one in check_plan(plan, vehicle, coverage).findings}
+        for plan, vehicle in zip(plans, vehicles, strict=True)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("options", "whole"),
+    [
+        ({}, True),
+        ({"planner": "lawnmower", "budget": "300m"}, True),
+        ({"camera_model": None, "altitude_m": None}, True),
+        ({"camera_model": None, "altitude_m": None, "planner": "lawnmower", "budget": "300m"}, False),
+    ],
+)
+def test_command_line_and_preflight_ask_for_the_whole_of_the_same_plans(
+    tmp_path: Path, options: dict[str, object], whole: bool
+) -> None:
+    """A survey, and any plan with a mapping camera; here its images show half of the land."""
+    file = farm_file(tmp_path, (Crop.TOMATO, shapely.box(0, 0, 40, 30)))
+    scenario = asked(file, **{"budget": "unlimited", **options})
+    made = plan(scenario)
+    assert made.asks_whole is whole
+    assert ("unseen" in codes_of(replace(made, coverage=0.5), scenario=scenario)[0]) is whole
+
+
+def test_a_plan_that_shows_less_than_was_asked_warns(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = farm_file(tmp_path, (Crop.TOMATO, shapely.box(0, 0, 100, 80)))
+    few = ["plan", "--farm", file, "--planner", "lawnmower", "--budget", "400m"]
+    assert main([*few, "--camera", "dji-p1-35", "--altitude", "20"]) == 0
+    assert "and the whole was asked for" in capsys.readouterr().err
+    assert main(few) == 0
+    assert "whole" not in capsys.readouterr().err
+
+
+def test_what_several_vehicles_show_counts_once(tmp_path: Path) -> None:
+    file = farm_file(tmp_path, (Crop.TOMATO, shapely.box(0, 0, 100, 80)))
+    scenario = asked(file, vehicles=2, separation="distance:5m", altitude_m=30.0)
+    first, second = plan_fleet(scenario)
+    assert max(first.coverage, second.coverage) < 0.9
+    together = coverage_together((first, second), scenario.camera.footprint)
+    assert 0.98 < together <= 1.0 < first.coverage + second.coverage
+    assert all("unseen" not in codes for codes in codes_of(first, second, scenario=scenario))
+    assert coverage_together((first, first), scenario.camera.footprint) == pytest.approx(
+        first.coverage, abs=1e-3
+    )

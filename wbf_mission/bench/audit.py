@@ -19,6 +19,7 @@ from sensors.field_files import load_field_set
 from sensors.fields import FieldSet
 from sensors.scoring.score import ScoreWeights
 from wbf_mission.bench.asked import read_asked
+from wbf_mission.bench.limits import impossible
 from wbf_mission.bench.meaning import meaning_of
 from wbf_mission.bench.rows import BenchRow, by_pair, by_scenario
 from wbf_mission.bench.spec import require_mover, run_keys, seed_ranges, seeds_of
@@ -26,7 +27,7 @@ from wbf_mission.planning.plan import farm_of
 from wbf_mission.results.storage import ResultError
 from wbf_mission.run.estimation import estimator_of
 from wbf_mission.scenario import Choice, load_scenario, scenario_ids
-from wbf_mission.scenario.choice import choose
+from wbf_mission.scenario.choice import choose, names_of, registered_elsewhere
 
 _LEAST_ERROR = 1e-9
 _MOST_LOSS = 1e6
@@ -53,11 +54,12 @@ def require_asked(rows: Sequence[BenchRow], folder: Path) -> None:
             raise ResultError(msg)
 
 
-def require_whole(rows: Sequence[BenchRow]) -> None:
-    """Raise ResultError unless rows can be published: of one behaviour, complete and consistent.
+def require_whole(rows: Sequence[BenchRow], *, sealed: bool = False) -> None:
+    """Raise ResultError unless rows can be published: of one behaviour, complete, possible and consistent.
 
-    The text is one line that begins with what is wrong, and says what to do. Rows of runs that failed are in
-    order: they are told as failed.
+    The seeds of each scenario are all from the first to the last, but those of a `sealed` round. The text is
+    one line that begins with what is wrong, and says what to do. Rows of runs that failed are in order: they
+    are told as failed.
     """
     _require_one_behaviour(rows)
     if len(rows) > _MOST_ROWS:
@@ -68,9 +70,11 @@ def require_whole(rows: Sequence[BenchRow]) -> None:
         _require_methods(scenario, here)
     for scenario, here in scenarios.items():
         _require_complete(scenario, here)
+        if not sealed:
+            _require_all_seeds(scenario, {row.seed for row in here})
         parts = _field_parts(scenario)
         for row in here:
-            if why := _stranger(row) or _inconsistency(row, parts):
+            if why := _stranger(row) or _inconsistency(row, parts) or impossible(row):
                 raise ResultError(f"{one_line(row.named)}: {why}; fly it again into a new folder")
 
 
@@ -102,6 +106,13 @@ def _require_meaning(scenario: str, meaning: str) -> None:
 
 
 @functools.cache
+def _built_in(kind: str) -> frozenset[str]:
+    kinds = (kind, "policy") if kind == "planner" else (kind,)
+    names = (name for one in kinds for name in names_of(one) if registered_elsewhere(name, one) is None)
+    return frozenset(name.lower() for name in names)
+
+
+@functools.cache
 def _meaning(scenario: str) -> str:
     return meaning_of(load_scenario(scenario))
 
@@ -118,6 +129,8 @@ def _require_methods(scenario: str, rows: Sequence[BenchRow]) -> None:
             why = _unusable(kind, label, fields) if code is None else ""
             if code is not None and not _DIGEST.fullmatch(code):
                 why = "its digest is none of own code"
+            elif code is not None and label.partition(":")[0].lower() in _built_in(kind):
+                why = "own code has a name of what is built in; give it another one"
             if why:
                 msg = f"{kind} {one_line(label, 60) or 'without a name'}: {why}; fly what all can fly again"
                 raise ResultError(msg)
@@ -158,6 +171,15 @@ def _require_complete(scenario: str, rows: Sequence[BenchRow]) -> None:
             raise ResultError(f"{label}: lacks rows that others have, of seeds {which}; fly them, too")
 
 
+def _require_all_seeds(scenario: str, seeds: set[int]) -> None:
+    """Raise ResultError if seeds were left out: they may be those on which a method did badly."""
+    first, last = min(seeds), max(seeds)
+    if last - first >= len(seeds):
+        which = one_line(seed_ranges(sorted(seeds)), 60)
+        msg = f"{scenario}: seeds {which} leave some out between {first} and {last}; fly these, too"
+        raise ResultError(msg)
+
+
 @dataclass(frozen=True, slots=True)
 class _Parts:
     """How much each field counts in the loss of a scenario: its weight times its cells, in parts of all."""
@@ -178,8 +200,6 @@ def _stranger(row: BenchRow) -> str:
     """Return what of a row no run tells; empty if nothing does."""
     if row.key not in run_keys(row):
         return "its key is not that of its run"
-    if any(count < 0 for count in row.bad_answers.values()):
-        return "it counts answers below zero"
     return ""
 
 

@@ -16,6 +16,7 @@ from msgspec import structs
 from geo.errors import WbfMissionError
 from geo.texts import one_line
 from wbf_mission.bench.audit import require_whole
+from wbf_mission.bench.frozen import is_frozen
 from wbf_mission.bench.rows import BenchRow, by_pair, by_scenario
 from wbf_mission.bench.sealed import Secret
 from wbf_mission.bench.spec import seed_ranges
@@ -128,8 +129,8 @@ def board_of(
     Parameters
     ----------
     verify : int, optional
-        How many rows of each method are flown again, by default `VERIFIED` of submissions and none of the
-        frozen baselines; own code is never run.
+        How many rows of each method are flown again, by default none of the frozen baselines that are
+        known by their SHA-256 and `VERIFIED` of all others; own code is never run.
     secret : Secret, optional
         Of a round that has ended: tables on its environments are held out.
     """
@@ -153,10 +154,12 @@ def board_of(
 def _entry(path: Path, *, frozen: bool, verify: int | None, progress: Progress) -> Entry:
     pack = read_pack(path)
     try:
-        require_whole(pack.rows)
+        require_whole(pack.rows, sealed=bool(pack.submission.seal))
     except ResultError as error:
         raise ResultError(f"{path}: {error}") from None
-    count = verify if verify is not None else 0 if frozen else VERIFIED
+    # Packs of a folder that are none of this version's frozen ones are baselines, too, but not believed.
+    listed = frozen and is_frozen(path, pack.digest)
+    count = verify if verify is not None else 0 if listed else VERIFIED
     verification = fly_again(pack.rows, count, progress=progress)
     return Entry(path, frozen, pack.submission, pack.rows, pack.digest, verification)
 

@@ -7,7 +7,7 @@ import pickle
 import sys
 import time
 from array import array
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
@@ -24,6 +24,7 @@ from mission.outcome import Outcome
 from mission.planners.budget import parse_budget
 from sensors.scoring.calibration import calibration
 from wbf_mission.bench.meaning import is_own
+from wbf_mission.bench.program import program, unlike
 from wbf_mission.bench.provenance import hardware, versions
 from wbf_mission.bench.rows import BenchRow
 from wbf_mission.bench.spec import BenchRun
@@ -33,7 +34,6 @@ from wbf_mission.results.result import Result
 from wbf_mission.run.record import RunRecord
 from wbf_mission.run.reuse import memory_of_process
 from wbf_mission.scenario import Scenario
-from wbf_mission.version import behaviour
 
 
 def fly_run(run: BenchRun) -> BenchRow:
@@ -324,7 +324,7 @@ def _row(run: BenchRun, given: _Flown) -> BenchRow:
     return failed_row(run, given) if isinstance(given, str) else given
 
 
-def _packed(run: BenchRun) -> tuple[bytes, str]:
+def _packed(run: BenchRun) -> tuple[bytes, Mapping[str, str]]:
     """Return what `_fly_packed` takes: code that the other process cannot import goes with it.
 
     Dask itself would send classes by their names.
@@ -340,19 +340,19 @@ def _packed(run: BenchRun) -> tuple[bytes, str]:
     for module in own:
         cloudpickle.register_pickle_by_value(module)
     try:
-        return cloudpickle.dumps((fly_run, run)), behaviour()
+        return cloudpickle.dumps((fly_run, run)), program()
     finally:
         for module in own:
             cloudpickle.unregister_pickle_by_value(module)
 
 
-def _fly_packed(sent: bytes, code: str) -> _Flown:
+def _fly_packed(sent: bytes, theirs: Mapping[str, str]) -> _Flown:
     """Fly a run that another process of the same user packed; return its row, or why it has none.
 
-    ClusterError if this process has other code than that one: its row would be another.
+    ClusterError if this process has another program than that one: its row would be another.
     """
-    if code != behaviour():
-        raise ClusterError("it has another wbf-mission; install the same version there")
+    if why := unlike(theirs):
+        raise ClusterError(why)
     try:
         function, run = pickle.loads(sent)  # noqa: S301 (of this command, over its own pool or scheduler)
     except Exception as error:

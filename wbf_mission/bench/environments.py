@@ -78,7 +78,7 @@ def scored(rows: Sequence[BenchRow]) -> Iterator[Scored]:
 
 def _scored(scenario: str, rows: Sequence[BenchRow]) -> Scored:
     pairs = tuple(sorted({(row.planner, row.estimator) for row in rows}))
-    at = {(row.planner, row.estimator, row.seed): row for row in rows if _is_told(row)}
+    at = {(row.planner, row.estimator, row.seed): row for row in rows}
     worst = _worst(rows)
     left_out: dict[int, tuple[Pair, ...]] = {}
     for seed in sorted({row.seed for row in rows}):
@@ -116,10 +116,6 @@ _SCORE = ""
 """Stands for the score among the names of fields; its loss is what it is below zero."""
 
 
-def _is_told(row: BenchRow) -> bool:
-    return row.error is not None or (row.score is not None and row.final_score is not None)
-
-
 def _value(row: BenchRow, name: str, over_run: bool) -> float:
     """Return the loss of a field, or of the score, of a run that went well."""
     if name == _SCORE:
@@ -139,7 +135,8 @@ def _worst(rows: Iterable[BenchRow]) -> dict[int, dict[str, float]]:
         for name in {*row.losses, *row.history}:
             told[name] = [*row.history.get(name, ()), *([row.losses[name]] if name in row.losses else [])]
         for name, values in told.items():
-            if values:
+            # No number: a failed run may have an estimate that is none.
+            if values := [one for one in values if np.isfinite(one)]:
                 of_seed = found.setdefault(row.seed, {})
                 of_seed[name] = max(of_seed.get(name, -np.inf), *values)
     return found

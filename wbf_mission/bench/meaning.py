@@ -12,7 +12,7 @@ import hashlib
 import sys
 from collections.abc import Iterable, Iterator
 from functools import cache
-from pathlib import Path
+from pathlib import Path, PurePath
 from types import CellType, CodeType, FunctionType, MappingProxyType, MethodType, ModuleType
 from typing import Any
 
@@ -25,6 +25,8 @@ from geo.errors import PACKAGES, is_users_file
 from sensors.field_files import field_to_table, load_field_set
 from sensors.fields import Field
 from sim_vehicle.airframe.catalog import get_vehicle
+from wbf_mission.beside import digest_beside
+from wbf_mission.own_code import below_own_code
 from wbf_mission.scenario import Scenario
 
 _ROWS = ("planner", "policy", "estimator", "seed")
@@ -118,6 +120,8 @@ class _Plain:
     def of(self, value: Any) -> Any:
         """Return the plain values of anything."""
         kind = type(value)
+        if isinstance(value, str | PurePath) and PurePath(value).is_absolute():
+            return [kind.__name__, below_own_code(str(value))]
         if value is None or kind in (bool, int, float, complex, str, bytes):
             return [kind.__name__, repr(value)]
         number = id(value)
@@ -172,8 +176,12 @@ class _Plain:
         """Return where code stands; what is installed or a user's also with its file."""
         top = module.partition(".")[0]
         file = None if top in PACKAGES or top in sys.stdlib_module_names else _file_of(module)
-        # A file of a user's has another module's name in each folder: it counts by what is in it.
-        return [name if is_own(module) else f"{module}.{name}", "" if file is None else _of_file(file)]
+        if not is_own(module):
+            return [f"{module}.{name}", "" if file is None else _of_file(file)]
+        # A file of a user's has another module's name in each folder: it counts by what is in it, and by what
+        # it uses of the files beside it. (A script may write files beside it.)
+        beside = "" if file is None or module in ("__main__", "__mp_main__") else digest_beside(file)
+        return [name, "" if file is None else _of_file(file), *([beside] if beside else [])]
 
     def _class(self, one: type) -> Any:
         where = self._where(one.__module__, one.__qualname__)

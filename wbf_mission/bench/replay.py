@@ -15,6 +15,7 @@ from wbf_mission.bench.provenance import KERNELS
 from wbf_mission.bench.rows import KEY_DIGITS, BenchRow
 from wbf_mission.bench.spec import BenchRun, BenchSpec
 from wbf_mission.events import Decided, EventStream
+from wbf_mission.replanning.loop import TOO_LATE
 from wbf_mission.results.result import Result
 from wbf_mission.results.storage import ResultError
 from wbf_mission.scenario import Choice, ScenarioError
@@ -22,7 +23,20 @@ from wbf_mission.scenario.choice import names_of
 
 _NAMED = 5
 _MOST_BLOCKS = 256
-_VALUES = ("outcome", "error", "score", "final_score", "observations", "path_length_m", "decisions")
+_VALUES = (
+    "outcome",
+    "error",
+    "score",
+    "final_score",
+    "observations",
+    "cells_observed",
+    "path_length_m",
+    "flight_time_s",
+    "predicted_time_s",
+    "budget",
+    "battery_used",
+    "decisions",
+)
 _LISTS = ("times_s", "scores")
 _CODES = {
     "code": "the program's behaviour",
@@ -165,6 +179,10 @@ def differences(row: BenchRow, again: BenchRow, near: float = 0.0) -> Iterator[s
         old, new = getattr(row, name), getattr(again, name)
         if old != new and not (isinstance(old, float) and isinstance(new, float) and _near(old, new, near)):
             yield f"{name} ({old!r} then, {new!r} now)"
+    # How long an answer takes is the machine's.
+    then, now = ({**each.bad_answers, TOO_LATE: 0} for each in (row, again))
+    if then != now:
+        yield f"bad_answers ({row.bad_answers} then, {again.bad_answers} now)"
     losses, others = row.losses, again.losses
     if losses != others and (
         losses.keys() != others.keys()

@@ -50,7 +50,7 @@ class BenchRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     key, scenario, planner, estimator, seed
         Which run (`wbf_mission.bench.spec.BenchRun`).
     error : str or None
-        Why it failed.
+        Why it failed; a run without a score has failed.
     score, final_score : float or None
         Over the run and at its end; 0 is perfect.
     losses : dict
@@ -109,6 +109,13 @@ class BenchRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     hardware: dict[str, str] = {}
     objects: dict[str, str] = {}
     bad_answers: dict[str, int] = {}
+
+    def __post_init__(self) -> None:
+        # A run without a score that were no failure would take its environment from all others.
+        known = (one is not None and np.isfinite(one) for one in (self.score, self.final_score))
+        if self.error is None and not all(known):
+            why = "no score" if self.observations else "no score: no cell of the farm was observed"
+            msgspec.structs.force_setattr(self, "error", why)
 
     @property
     def named(self) -> str:

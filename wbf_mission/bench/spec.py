@@ -9,13 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-from geo.errors import PACKAGES
-from geo.imports import entry_points
 from geo.texts import parse_whole
-from mission.planners.registry import ENTRY_POINT_GROUP as PLANNERS
-from mission.policies.policy import ENTRY_POINT_GROUP as POLICIES
 from mission.policies.policy import Policy, make_policy
-from sensors.estimators.base import ENTRY_POINT_GROUP as ESTIMATORS
 from sensors.field_files import load_field_set
 from wbf_mission.bench.meaning import digest, meaning_of, own_digest
 from wbf_mission.bench.provenance import in_words
@@ -29,7 +24,7 @@ from wbf_mission.scenario import (
     read_table,
     scenario_with,
 )
-from wbf_mission.scenario.choice import choose, names_of
+from wbf_mission.scenario.choice import choose, names_of, registered_elsewhere
 from wbf_mission.scenario.scenario import unknown_key
 from wbf_mission.version import behaviour
 
@@ -325,11 +320,8 @@ def _code_of(choice: Choice, what: str) -> str:
     """Return the digest of a user's object, or of what another package registered; empty if built in."""
     if choice.made is not None:
         return own_digest(choice.made)
-    group = {"planner": PLANNERS, "policy": POLICIES, "estimator": ESTIMATORS}[what]
-    for entry in entry_points(group=group):
-        if entry.name.lower() == choice.name.lower() and entry.module.partition(".")[0] not in PACKAGES:
-            return own_digest(entry.load())
-    return ""
+    entry = registered_elsewhere(choice.name, what)
+    return "" if entry is None else own_digest(entry.load())
 
 
 def require_mover(choice: Choice) -> None:

@@ -23,6 +23,7 @@ from geo.memory import memory_bounded
 from geo.reading import UnreadableError, misfit, not_json, read_file
 from wbf_mission.bench.rows import TABLE, BenchRow, by_pair, by_scenario, rows_of, rows_table
 from wbf_mission.bench.spec import seeds_text
+from wbf_mission.beside import files_beside
 from wbf_mission.results.storage import ResultError, table_bytes
 
 FORMAT = 1
@@ -186,17 +187,28 @@ def _flown(scenario: str, rows: Sequence[BenchRow]) -> Flown:
 def code_files(paths: Iterable[Path]) -> dict[str, bytes]:
     """Return files of own code by their names in a pack; of folders all but hidden ones and caches.
 
+    With a file go those beside it that count with it (`files_beside`).
+
     ResultError if there is none, or one is too large or of a name that is no plain one.
     """
     found: dict[str, bytes] = {}
+    taken: set[Path] = set()
     for given in paths:
-        inner = sorted(given.rglob("*")) if given.is_dir() else [given]
+        root = given.resolve() if given.is_dir() else given.resolve().parent
+        inner = (
+            sorted(root.rglob("*"))
+            if given.is_dir()
+            else [root / given.name, *files_beside(root / given.name)]
+        )
         for path in inner:
-            below = path.relative_to(given).parts if given.is_dir() else (path.name,)
+            below = path.relative_to(root).parts
             hidden = any(part.startswith(".") or part == "__pycache__" for part in below)
             if path.is_symlink() or hidden or (given.is_dir() and not path.is_file()):
                 continue
-            member = "/".join((_CODE, *((given.resolve().name,) if given.is_dir() else ()), *below))
+            member = "/".join((_CODE, *((root.name,) if given.is_dir() else ()), *below))
+            if path in taken:
+                continue
+            taken.add(path)
             if not _CODE_NAME.fullmatch(member) or member in found:
                 msg = f"{path}: cannot be packed as {member}; give it another name, of letters and digits"
                 raise ResultError(msg)
@@ -214,10 +226,7 @@ def read_pack(path: Path) -> Pack:
 
     ResultError if it is none, is too large, is damaged, or tells something else than its rows.
     """
-    try:
-        data = read_file(path, MAX_PACK_BYTES)
-    except UnreadableError as error:
-        raise ResultError(f"{path}: {error}") from None
+    data = _content(path)
     members = _members(path, data)
     told = _told(path, members.pop(ABOUT))
     digests = {name: hashlib.sha256(content).hexdigest() for name, content in members.items()}
@@ -240,6 +249,29 @@ def read_pack(path: Path) -> Pack:
         if getattr(told, field) != getattr(again, field):
             raise ResultError(f"{path}: {ABOUT} tells other {field} than the rows; pack it again")
     return Pack(told, rows, hashlib.sha256(data).hexdigest())
+
+
+def unpack_code(path: Path, folder: Path) -> None:
+    """Write the own code of a submission into an empty folder, for who wants to run it.
+
+    ResultError if it has none, or cannot be read.
+    """
+    members = {
+        name: one for name, one in _members(path, _content(path)).items() if name.startswith(_CODE + "/")
+    }
+    if not members:
+        raise ResultError("holds no code; it is packed by 'bench submit --code FILE|DIR'")
+    for name, content in members.items():
+        file = folder.joinpath(*name.split("/")[1:])  # of plain names alone (`_CODE_NAME`)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes(content)
+
+
+def _content(path: Path) -> bytes:
+    try:
+        return read_file(path, MAX_PACK_BYTES)
+    except UnreadableError as error:
+        raise ResultError(f"{path}: {error}") from None
 
 
 def _members(path: Path, data: bytes) -> dict[str, bytes]:

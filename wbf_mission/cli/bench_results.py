@@ -1,4 +1,4 @@
-"""``wbf-mission bench submit``, ``bench board`` and ``bench seal``: results that others can check.
+"""``wbf-mission bench submit``, ``board``, ``verify`` and ``seal``: results that others can check.
 
 They stand in the group of `wbf_mission.cli.bench`.
 """
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from wbf_mission.cli import options
+from wbf_mission.cli import bench_output, options
 from wbf_mission.cli.options import option
 from wbf_mission.cli.output import Output
 from wbf_mission.exit_codes import ExitCode
@@ -36,6 +36,11 @@ Examples
 wbf-mission bench board results
 wbf-mission bench board results ucb.zip --out board
 wbf-mission bench board baselines *.zip --seal round.seal.json --secret round.secret --out board
+"""
+VERIFY_EXAMPLES = """
+Examples
+wbf-mission bench verify ucb.zip
+wbf-mission bench verify ucb.zip --environments 100 --json
 """
 SEAL_EXAMPLES = """
 Examples
@@ -107,7 +112,7 @@ def submit_command(
     opened = _secret(seal, secret)
     try:
         require_asked(rows, folder)
-        require_whole(rows)
+        require_whole(rows, sealed=opened is not None)
         if opened is not None:
             require_seeds(opened, rows)
     except ResultError as error:
@@ -300,8 +305,74 @@ def seal_command(
     return ExitCode.GOOD
 
 
+@options.speaks()
+def verify_command(
+    output: Output,
+    pack: Annotated[Path, typer.Argument(help="A file of 'bench submit' with --code.")],
+    *,
+    environments: Annotated[
+        int,
+        option("How many fresh environments of each scenario.", parser=options.whole_number_in(2, 10_000)),
+    ] = 20,
+) -> int:
+    """Fly the own code of a submission on fresh environments, and compare its scores with those it has.
+
+    The seeds are drawn from the system's randomness, and told when all was flown. The code runs in a process
+    of its own that has neither the run nor its files: read it before, and see to it that it can do no harm
+    (a container without network). The exit code is 1 if a method is worse than its rows, or was not flown.
+    """
+    import tempfile
+
+    import msgspec
+    import numpy as np
+
+    from wbf_mission.bench.audit import require_whole
+    from wbf_mission.bench.fresh import fly_fresh
+    from wbf_mission.bench.intervals import score_text
+    from wbf_mission.bench.submission import read_pack, unpack_code
+    from wbf_mission.results.storage import ResultError
+
+    read = read_pack(pack)
+    try:
+        require_whole(read.rows, sealed=bool(read.submission.seal))
+        with tempfile.TemporaryDirectory() as folder, output.progress() as progress:
+            unpack_code(pack, Path(folder))
+            found = fly_fresh(read.rows, Path(folder), environments, progress=progress)
+    except ResultError as error:
+        raise ResultError(f"{pack}: {error}") from None
+    values = [msgspec.to_builtins(one) | {"verdict": one.verdict} for one in found.gaps]
+    table = [
+        [
+            ", ".join(one.method),
+            score_text(float(np.mean(one.open_scores))),
+            score_text(float(np.mean(one.fresh_scores)))
+            + (f", {len(one.failed)} failed" if one.failed else ""),
+            *bench_output.difference(one.gap),
+            one.verdict,
+        ]
+        for one in found.gaps
+    ]
+    header = ["scenario, planner, estimator", "open", "fresh", "gap", "95 %", "verdict"]
+    title = f"{pack}: scores on open environments and on {environments} fresh ones"
+    if output.as_json:
+        left = [{"method": method, "why": why} for method, why in found.left_out]
+        output.raw_json({"gaps": values, "seeds": found.seeds, "left_out": left})
+    else:
+        output.table(None, header, table, title=title)
+    for scenario, seeds in found.seeds.items():
+        output.note(f"{scenario}: the seeds were {','.join(map(str, seeds))}")
+    for one in found.gaps:
+        for why in dict.fromkeys(one.failed):
+            output.warn(f"{', '.join(one.method)}: {why}")
+    for method, why in found.left_out:
+        output.warn(f"{', '.join(method)}: not flown: {why}")
+    worse = any(one.gap.high < 0.0 for one in found.gaps)
+    return ExitCode.NOT_GOOD if worse or found.left_out else ExitCode.GOOD
+
+
 COMMANDS = (
     ("submit", submit_command, SUBMIT_EXAMPLES),
     ("board", board_command, BOARD_EXAMPLES),
+    ("verify", verify_command, VERIFY_EXAMPLES),
     ("seal", seal_command, SEAL_EXAMPLES),
 )

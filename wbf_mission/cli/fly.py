@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from geo.texts import distance, duration
+from mission.outcome import in_words
 from wbf_mission.cli import options, signals
 from wbf_mission.cli.live import SPEED, LivePage
 from wbf_mission.cli.options import Force, option
@@ -35,7 +36,6 @@ from wbf_mission.scenario import (
 from wbf_mission.scenario.parts import CAMERA_OF_PLANS
 
 if TYPE_CHECKING:
-    from mission.outcome import Outcome
     from wbf_mission.live.link import LiveLink
     from wbf_mission.maps.treatment import TreatmentMap
     from wbf_mission.results.result import Result
@@ -342,7 +342,7 @@ def _show(
         kept = "pictures may be missing" if summary["files"] else "nothing of this run is kept"
         output.warn(f"interrupted while the results were written: {kept}")
     if not result.outcome.is_good:
-        output.warn(f"{result.outcome.value}: {result.reason}")
+        output.warn(in_words(result.outcome, result.reason))
     elif not len(result.observations):
         output.warn(f"the mission saw nothing of the farm {result.farm.name}: no estimate and no score")
     if result.rest is not None and summary["files"]:
@@ -392,11 +392,6 @@ def _rows(result: Result, summary: Mapping[str, Any], *, simulated: bool) -> dic
     if summary["least_distance_m"] is not None:
         rows["nearest to each other"] = distance(summary["least_distance_m"])
     return rows
-
-
-def in_words(outcome: Outcome, reason: str) -> str:
-    """Return an outcome with its reason, if it has one."""
-    return f"{outcome.value} ({reason})" if reason else outcome.value
 
 
 def _sortie_rows(result: Result) -> dict[str, str]:

@@ -16,7 +16,7 @@ from mission.ground.modes import Maneuver
 from mission.ground.standstill import Standstill
 from mission.ground.station import NotFlyingError
 from mission.ground.status_text import doing
-from mission.outcome import Phase
+from mission.outcome import Phase, in_words
 from sim_vehicle.mavlink.fleet import SPACING_M
 from wbf_mission.cli import signals
 from wbf_mission.cli.output import Output
@@ -84,9 +84,7 @@ class _Vehicle:
             self._phase = ground.phase
             self._output.note(self.at + ground.phase.value)
             if ground.phase is Phase.DONE and self.at:
-                self._output.note(
-                    f"{self.at}{ground.outcome.value}" + f" ({ground.reason})" * bool(ground.reason)
-                )
+                self._output.note(self.at + in_words(ground.outcome, ground.reason))
         self._report_silence(now_s)
         for _, _, text in ground.texts[self._texts :]:
             self._output.note(f"{self.who.removeprefix('the ')}: {text}", tells=False)

@@ -91,7 +91,7 @@ def plan_command(
     from mission.transfer import Severity
     from wbf_mission.flight import check_flight
     from wbf_mission.planning.batteries import batteries_in, plan_for_batteries
-    from wbf_mission.planning.builder import budget_left, not_used
+    from wbf_mission.planning.builder import budget_left, coverage_together, not_used
     from wbf_mission.planning.coverage import too_little_seen
     from wbf_mission.planning.fleet import single_vehicles
     from wbf_mission.planning.plan import plan_fleet
@@ -142,8 +142,8 @@ def plan_command(
     every = [plan for plans in flown for plan in plans]
     for warning in dict.fromkeys(warning for plan in every for warning in plan.warnings):
         output.warn(warning)
-    asked_whole = (results[0].planner or "").partition(":")[0] == "survey"
-    if unseen := too_little_seen(sum(result.coverage for result in results), whole=asked_whole):
+    coverage = coverage_together(results, chosen.camera.footprint)
+    if unseen := too_little_seen(coverage, whole=results[0].asks_whole):
         output.warn(unseen)
     output.notes(results[0].farm.notes, "farm")
     if chosen.mission.policy is None:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from geo.texts import duration
+from mission.outcome import in_words
 from wbf_mission.cli import options, signals
 from wbf_mission.cli.live import LivePage
 from wbf_mission.cli.options import Overwrite, option, refuse_overwrite
@@ -243,7 +244,7 @@ def _rows(simulated: Simulated, values: Mapping[str, Any]) -> dict[str, str]:
         "log": values["tlog"] or "not written (give --tlog FILE)",
     }
     for one in simulated.vehicles:
-        rows[f"vehicle {one.system_id}"] = ": ".join(filter(None, (one.outcome.value, one.outcome_text)))
+        rows[f"vehicle {one.system_id}"] = in_words(one.outcome, one.outcome_text)
     return rows
 
 

@@ -24,6 +24,7 @@ from geo.atomic import atomic_write
 from geo.frame import quaternion_of
 from geo.geojson import farm_document
 from mission.files.fence import fence_rings
+from mission.outcome import in_words
 from sensors.fields import FieldSet
 from wbf_mission.events import (
     DayBegun,
@@ -176,7 +177,7 @@ class FoxgloveFile:
         self._write("/log", "foxglove.Log", time_s, {"timestamp": self._time(time_s), **line})
 
     def _end(self, time_s: float, name: str, outcome: str, reason: str) -> None:
-        self._log(time_s, _INFO, name, f"{outcome}: {reason}" if reason else outcome)
+        self._log(time_s, _INFO, name, in_words(outcome, reason))
 
     def _write_scene(self, topic: str, time_s: float, **entity: Any) -> None:
         """Write what takes the place of the scene before on a topic."""

@@ -15,6 +15,7 @@ from geo.atomic import atomic_path
 from geo.errors import WbfMissionError
 from geo.imports import load_extra
 from mission.files.fence import fence_rings
+from mission.outcome import in_words
 from wbf_mission.events import (
     DayBegun,
     Decided,
@@ -112,7 +113,7 @@ class RerunRecording:
         self._log(time_s, f"log/{who.replace(' ', '_')}", self._rr.TextLog(text, level=level))
 
     def _end(self, time_s: float, who: str, outcome: str, reason: str) -> None:
-        self._say(time_s, "INFO", who, f"{outcome}: {reason}" if reason else outcome)
+        self._say(time_s, "INFO", who, in_words(outcome, reason))
 
     def _places(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
         """Return points of the farm frame as latitude and longitude."""

@@ -22,6 +22,7 @@ from geo.geojson import farm_document
 from geo.texts import printable
 from mission.files.xml import add, decimal, document
 from mission.model import Command, Frame, Mission
+from mission.outcome import in_words
 from wbf_mission.events import Event, FlightEnded, Planned, RunBegun, Seen, VehicleMoved
 from wbf_mission.exports.looks import OBSTACLE, crop_colour, vehicle_colour
 
@@ -148,7 +149,7 @@ def write_gpx(record: RunRecord, files: tuple[Path, ...], events: Iterable[Event
     for flight in tracks.flown:
         track = add(gpx, "trk")
         add(track, "name", flight.name)
-        add(track, "desc", printable(flight.outcome))
+        add(track, "desc", printable(in_words(flight.outcome)))
         segment = add(track, "trkseg")
         for state, latitude, longitude, altitude_m in tracks.track(flight):
             point = add(segment, "trkpt", lat=decimal(latitude), lon=decimal(longitude))
@@ -175,7 +176,7 @@ def write_kml(record: RunRecord, files: tuple[Path, ...], events: Iterable[Event
             add(line, "coordinates", " ".join(_coordinate(*place) for place in waypoints))
     for flight in tracks.flown:
         mark = _mark(flown, flight.name, vehicle_colour(flight.system_id))
-        add(mark, "description", printable(flight.outcome))
+        add(mark, "description", printable(in_words(flight.outcome)))
         track = add(mark, "gx:Track")
         add(track, "altitudeMode", "relativeToGround")
         rows = tracks.track(flight)

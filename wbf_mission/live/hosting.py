@@ -54,6 +54,11 @@ class LinkHosting:
         return
 
     @property
+    def waits_for_decisions(self) -> bool:
+        """Real vehicles fly on."""
+        return False
+
+    @property
     def transfers(self) -> TransferMaker:
         """Who carries the plans up to the vehicles."""
         return self.via.transfers
@@ -96,10 +101,14 @@ class LinkHost(Closing):
     """
 
     def __init__(
-        self, server: Server, through: Callable[[Iterable[Message], float], Iterable[Message]] = _as_it_is
+        self,
+        server: Server,
+        through: Callable[[Iterable[Message], float], Iterable[Message]] = _as_it_is,
+        note: Note = lambda _text: None,
     ) -> None:
         self._server = server
         self._through = through
+        self._note = note
 
     @property
     def now_s(self) -> float:
@@ -124,6 +133,10 @@ class LinkHost(Closing):
 
     def close(self) -> None:
         """Close what it stands on."""
+        if dropped := self._server.dropped:
+            self._note(
+                f"{dropped} datagrams of the vehicle were dropped: this program was too busy to take them"
+            )
         self._server.close()
 
 
@@ -141,12 +154,12 @@ class Via:
         cameras: Sequence[Component],
         grounds: Sequence[GroundStation],
         tap: Tap | None,
-        note: Note,  # noqa: ARG002
+        note: Note,
     ) -> LinkHost:
         """Open the links of ground stations, and of the cameras beside them; LinkError if one cannot be."""
         pairs = zip(cameras, grounds, strict=True)
         components: list[Component] = [part for pair in pairs for part in pair]
-        return LinkHost(Server(components, links_of(heard), tap=tap))
+        return LinkHost(Server(components, links_of(heard), tap=tap), note=note)
 
     def driver(self, url: str, on_event: OnEvent, on_text: OnText | None = None) -> TransferDriver:
         """Open a link; return what transfers plans over it. LinkError if the link cannot be opened."""

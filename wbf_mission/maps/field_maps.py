@@ -52,6 +52,8 @@ class FieldMap:
     # The plants that nobody looked at and that may be sick (`InformationModel.may_be_sick`); None if the
     # estimator has no class probabilities
     may_be_sick: Floats | None = None
+    # Of a continuous field the sum of the readings of the observed cells; None where it was not kept
+    seen_total: Floats | None = None
 
     @property
     def share(self) -> Floats:
@@ -124,13 +126,27 @@ def field_maps(
         total, variance, count, least = made
         sick = (seen < SICK_BELOW) & (field.kind == "disease")
         at = (seen_x // grid.pixel, seen_y // grid.pixel)
-        all_seen, sick_seen = np.zeros(grid.pixels), np.zeros(grid.pixels)
+        all_seen, sick_seen, sum_seen = (np.zeros(grid.pixels) for _ in range(3))
         np.add.at(all_seen, at, 1.0)
         np.add.at(sick_seen, at, sick)
+        np.add.at(sum_seen, at, np.clip(seen, 0.0, 1.0))
         finds = np.stack([seen_x[sick], seen_y[sick]], axis=1).astype(np.int32)
         together = together_cells(float(count.sum()), float(all_seen.sum()), outbreak)
         maps.append(
-            FieldMap(field, grid, count, total, least, variance, all_seen, sick_seen, finds, together, may_be)
+            FieldMap(
+                field,
+                grid,
+                count,
+                total,
+                least,
+                variance,
+                all_seen,
+                sick_seen,
+                finds,
+                together,
+                may_be,
+                None if field.kind == "disease" else sum_seen,
+            )
         )
     return tuple(maps)
 

@@ -4,14 +4,15 @@ A cell stands for a plant. Everything is told for the owner's cells of the field
 and by blocks (`wbf_mission.maps.blocks.MapGrid`).
 
 How much is sick, and how far that may be wrong, is summed in `maps.field_maps`. The 90 % intervals are
-those of a gamma distribution with the mean and variance of the plants that were not observed.
+those of a gamma distribution with the mean and variance of the plants that were not observed. An estimator
+that does not say how sure it is has no figure of what nobody looked at: only what was seen is counted.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ from wbf_mission.maps.field_maps import FieldMap, field_maps
 _INTERVAL = (0.05, 0.95)
 _NORMAL_90 = 1.6449
 _LEAST_SHAPE = 1e-6
+_LEAST_TOLD = 1e-4
 _TOLD_BLOCKS = 3
 _LEAST_PART_OF_A_BLOCK = 0.1
 
@@ -102,24 +104,28 @@ def farm_report(
     *,
     fields: FieldSet = PAPER_FIELDS,
     states_deviation: bool = True,
-    only_seen: bool = False,
 ) -> FarmReport:
     """Tell what an estimate says of the farm; parameters as of `field_maps`."""
-    maps = field_maps(
-        farm,
-        model,
-        observations,
-        fields=fields,
-        states_deviation=states_deviation,
-        only_seen=only_seen,
-    )
+    maps = field_maps(farm, model, observations, fields=fields, states_deviation=states_deviation)
     return report_of_maps(farm, maps)
 
 
 def report_of_maps(farm: Farm, maps: tuple[FieldMap, ...]) -> FarmReport:
-    """Tell what the maps of the fields say."""
-    told = tuple(_report(farm, one) for one in maps if one.cells.any())
+    """Tell what the maps of the fields say, where the estimator knows how sure it is; else what was seen."""
+    told = tuple(_report(farm, one) for one in map(_told, maps) if one.cells.any())
     return FarmReport(farm.name, MapGrid.of(farm).block * farm.cell_size_m, told)
+
+
+def _told(of: FieldMap) -> FieldMap:
+    """Return the map whose figures may be stated: without a variance that of the cells that were observed."""
+    if of.variance is not None:
+        return of
+    total = of.seen_sick if of.field.kind == "disease" else of.seen_total
+    return (
+        replace(of, cells=np.zeros_like(of.seen))
+        if total is None
+        else replace(of, cells=of.seen, total=total)
+    )
 
 
 def _report(farm: Farm, of: FieldMap) -> FieldReport:
@@ -203,7 +209,7 @@ def gamma_interval(mean: float, variance: float) -> tuple[float, float]:
 
 def brief(field: FieldReport) -> str:
     """Return how much of a field is sick, or its mean value, with the 90 % interval where it is known."""
-    write = _percent if field.kind == "disease" else _value_of(field)
+    write = percent if field.kind == "disease" else _value_of(field)
     if field.is_of_seen:
         return f"{write(field.expected)} of what was seen"
     if field.low is None or field.high is None:
@@ -216,9 +222,15 @@ def _value_of(field: FieldReport) -> Callable[[float], str]:
     return (lambda value: f"{value:.3g} {field.unit}") if field.unit else "{:.2f}".format
 
 
-def _percent(share: float) -> str:
-    percent = 100.0 * share
-    return f"{percent:.2g} %" if percent < 10.0 else f"{percent:.0f} %"
+def percent(share: float) -> str:
+    """Return a share as people read it.
+
+    >>> percent(0.0), percent(9.4e-9), percent(0.0213), percent(0.213)
+    ('0 %', 'under 0.01 %', '2.1 %', '21 %')
+    """
+    if 0.0 < share < _LEAST_TOLD:
+        return f"under {100.0 * _LEAST_TOLD:g} %"
+    return f"{100.0 * share:.2g} %" if share < 0.1 else f"{100.0 * share:.0f} %"
 
 
 def _number(count: int) -> str:
@@ -229,19 +241,19 @@ def _sentence(field: FieldReport) -> str:
     """Return a field's report as a farmer reads it."""
     if field.kind == "disease" and field.is_of_seen:
         text = f"{_number(field.seen_sick)} of the {_number(field.seen)} plants that were looked at are sick"
-        text += f" ({_percent(field.expected)}); of plants that nobody looked at nothing is known"
-        worst = [f"{_where(block)} {_percent(block.expected)}" for block in field.blocks]
+        text += f" ({percent(field.expected)}); of plants that nobody looked at nothing is known"
+        worst = [f"{_where(block)} {percent(block.expected)}" for block in field.blocks]
         return f"{text}; worst blocks {', '.join(worst)}" if worst else text
     if field.kind == "disease":
         plants = "plant" if field.seen_sick == 1 else "plants"
-        text = f"{_percent(field.expected)} of {_number(field.cells)} plants expected sick"
+        text = f"{percent(field.expected)} of {_number(field.cells)} plants expected sick"
         if field.low is not None and field.high is not None:
-            text += f" (90 %: {_percent(field.low)} to {_percent(field.high)})"
+            text += f" (90 %: {percent(field.low)} to {percent(field.high)})"
         text += f"; {_number(field.seen_sick)} sick {plants} seen among {_number(field.seen)} looked at"
         # Where nearly all may be, it says nothing.
         if field.may_be_sick is not None and field.may_be_sick <= 0.5 * (field.cells - field.seen):
             text += f"; of those not seen {_number(field.may_be_sick)} may be sick"
-        worst = [f"{_where(block)} {_percent(block.expected)}" for block in field.blocks]
+        worst = [f"{_where(block)} {percent(block.expected)}" for block in field.blocks]
         return f"{text}; worst blocks {', '.join(worst)}" if worst else text
     write = _value_of(field)
     where = f" in the {_number(field.seen)} cells that were looked at" if field.is_of_seen else ""

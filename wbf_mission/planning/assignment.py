@@ -27,6 +27,7 @@ from wbf_mission.planning.builder import MissionBuilder, PlanResult
 from wbf_mission.planning.keep_out import land_of
 from wbf_mission.progress import Progress, silent
 from wbf_mission.scenario import MissionOptions
+from wbf_mission.scenario.choice import drawing_seed
 
 _LEAST_M = 1e-3
 
@@ -64,6 +65,7 @@ class VehicleAssignment:
     request: PlanningRequest  # What its planner is asked
     budget_text: str  # The budget in words
     seed: int  # The run's, for the record
+    drawing_seed: int  # From which its planner or policy draws
     footprint: int  # Cells on a side of what the camera sees
 
     @classmethod
@@ -87,17 +89,20 @@ class VehicleAssignment:
                 "footprint_along_m": max(over.sure_along_m, _LEAST_M),
                 "row_spacing_m": over.row_spacing_m,
             }
+        steers = mission.policy is not None
+        choice = mission.policy if mission.policy is not None else mission.planner
+        drawn = drawing_seed(choice, "policy" if steers else "planner", seed)
         request = PlanningRequest(
             **camera,
             least_leg_m=builder.cornering.radius_m,
             crop_areas=tuple(
                 CropArea(crop, land) for crop in farm.grown if not (land := farm.crop_area(crop)).is_empty
             ),
-            seed=_planner_seed(seed, number),
+            seed=_planner_seed(drawn, number),
             progress=lambda done, total: progress("planning", done, total),
             **means,
         )
-        return cls(number.system_id, builder, request, text, seed, footprint)
+        return cls(number.system_id, builder, request, text, seed, drawn, footprint)
 
     def moved(self, mission: MissionOptions, builder: MissionBuilder) -> VehicleAssignment:
         """Return the same task from where another builder has its home; errors as of `of`."""
@@ -106,7 +111,7 @@ class VehicleAssignment:
 
     def of_sortie(self, number: SortieNumber) -> VehicleAssignment:
         """Return the same task for another flight of the run, for which its planner draws anew."""
-        return replace(self, request=replace(self.request, seed=_planner_seed(self.seed, number)))
+        return replace(self, request=replace(self.request, seed=_planner_seed(self.drawing_seed, number)))
 
     def report(self, *, steered: bool = False) -> VehicleReport:
         """Return the vehicle as it stands at its start, for its first path; `steered` as of `plan_of`."""

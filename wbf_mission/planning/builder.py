@@ -41,13 +41,14 @@ from wbf_mission.planning.conditions import (
     separation_margin_m,
     wind_of,
 )
-from wbf_mission.planning.coverage import image_places, predicted_coverage
+from wbf_mission.planning.coverage import asks_whole, coverage_from, image_places, predicted_coverage
 from wbf_mission.planning.fence import border_fence, rally_items
 from wbf_mission.planning.imaging import (
     check_extent,
     imaging_of,
     imaging_summary,
     level_of,
+    require_flight,
     require_height,
 )
 from wbf_mission.planning.keep_out import KeepOut, probe_path, stray_m
@@ -125,11 +126,20 @@ class PlanResult:
         """What a camera by its sensor and lens shows; None for the leaf camera."""
         if self.imaging is None:
             return None
+        return imaging_summary(self.imaging, len(self.image_places), self.mission.cruise_speed_m_s)
+
+    @property
+    def image_places(self) -> Points:
+        """Where its images are taken, float64[n, 2], metres of the farm's frame."""
         placed = self.mission
         if placed.home is None:
             placed = replace(placed, home=home_of(placed, self.farm))
-        images = len(image_places(self.farm, placed, self.prediction))
-        return imaging_summary(self.imaging, images, placed.cruise_speed_m_s)
+        return image_places(self.farm, placed, self.prediction)
+
+    @property
+    def asks_whole(self) -> bool:
+        """Whether the whole land is to be seen (`wbf_mission.planning.coverage.asks_whole`)."""
+        return asks_whole(self.imaging, self.planner)
 
     @property
     def warnings(self) -> list[str]:
@@ -209,6 +219,14 @@ def not_used(taken: str, budget: str) -> str:
     return f"the plan takes {taken} of its budget of {budget}: the planner finds no longer path within it"
 
 
+def coverage_together(plans: Sequence[PlanResult], footprint: int) -> float:
+    """Return the coverage of the plans of vehicles that fly together: land that several see counts once."""
+    if len(plans) == 1:
+        return plans[0].coverage
+    places = np.vstack([plan.image_places for plan in plans])
+    return coverage_from(plans[0].farm, places, footprint, plans[0].imaging)
+
+
 # Where a fixed wing's climb-out leads to, and the height of its final approach.
 CLIMB_OUT_M = 150.0
 APPROACH_ALTITUDE_M = 30.0
@@ -257,12 +275,7 @@ class MissionBuilder:
         level = flight_level(mission, options)
         require_height(camera, mission)
         imaging = imaging_of(camera, mission, level)
-        if imaging is not None and vehicle.drives:
-            msg = (
-                f"camera {imaging.camera.name} takes images from the air, and vehicle {vehicle.name} drives:"
-                " give a vehicle that flies, or leave the camera out"
-            )
-            raise ScenarioError(msg)
+        require_flight(camera, vehicle)
         if imaging is not None and mission.file is None and mission.planner.chosen == "survey":
             check_extent(farm, imaging, level_of(imaging, level))
         home = farm.home_m if home_m is None else home_m

@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 
 from geo import Farm
 from mission.ground.items import shots_ordered
-from mission.model import Mission
+from mission.model import DEGREES_E7, Mission
 from mission.planners.path import Points
 from sensors.camera.leaf_camera import footprint_offsets
 from sensors.camera.optics import Imaging
+from sim_vehicle.camera.trigger import CameraTrigger, Exposure, Fix
 from sim_vehicle.prediction.flight import Prediction, home_frame
 from wbf_mission.planning.imaging import shown_share
 
@@ -60,10 +61,21 @@ def coverage_from(farm: Farm, places: Points, footprint: int, imaging: Imaging |
     return seen_share(farm, (x[:, None] + aside).ravel(), (y[:, None] + along).ravel())
 
 
+def asks_whole(imaging: Imaging | None, planner: str | None = None) -> bool:
+    """Return whether a plan asks for the whole land: with a mapping camera, or by the survey.
+
+    Examples
+    --------
+    >>> asks_whole(None, "survey:angle=30"), asks_whole(None, "lawnmower"), asks_whole(None)
+    (True, False, False)
+    """
+    return imaging is not None or (planner or "").partition(":")[0] == "survey"
+
+
 def too_little_seen(coverage: float, *, whole: bool) -> str:
     """Return a warning if the coverage is below the one that was asked for, else an empty text.
 
-    The `whole` land is asked for by a survey; of any other plan that something of it is seen.
+    Of a plan that does not ask for the `whole` land something of it is to be seen.
     """
     if coverage <= 0.0:
         return "no image shows the land that is to be seen"
@@ -75,33 +87,59 @@ def too_little_seen(coverage: float, *, whole: bool) -> str:
 def image_places(farm: Farm, mission: Mission, prediction: Prediction) -> Points:
     """Return where the images of a predicted flight are taken, float64[n, 2], metres of the farm's frame."""
     about_home = home_frame(mission)
-    track_m = np.column_stack(farm.frame.from_wgs84(*about_home.to_wgs84(*prediction.track_m[:, :2].T)))
+    track_deg = np.column_stack(about_home.to_wgs84(*prediction.track_m[:, :2].T))
     orders = [
         (time_s, item, shots)
         for time_s, seq in prediction.camera_orders
         if (shots := shots_ordered(item := mission.items[seq])) is not None
     ]
-    times_s = prediction.track_step_s * np.arange(1, len(track_m) + 1)
+    times_s = prediction.track_step_s * np.arange(1, len(track_deg) + 1)
     # The camera knows where it is from reports: orders begin and end at the last one before them.
-    begins_s = [math.floor(time_s / _REPORT_S + 1e-6) * _REPORT_S for time_s, *_ in orders]
-    ends_s = [*begins_s[1:], float(times_s[-1])]
+    begins = [math.floor(time_s / _REPORT_S + 1e-6) for time_s, *_ in orders]
+    ends = [*begins[1:], math.floor(times_s[-1] / _REPORT_S)] if orders else []
     places = [np.empty((0, 2))]
-    for (_, item, shots), begin_s, end_s in zip(orders, begins_s, ends_s[: len(orders)], strict=True):
-        if shots.is_off:
+    for (_, item, shots), begin, end in zip(orders, begins, ends[: len(orders)], strict=True):
+        if shots.is_off or len(times_s) < 2:
             continue
-        within = times_s[(times_s > begin_s) & (times_s < end_s)]
-        when_s = np.array((begin_s, *within, max(begin_s, end_s)))
-        stretch = np.column_stack([np.interp(when_s, times_s, along) for along in track_m.T])
+        when_s = _REPORT_S * np.arange(begin, max(begin, end) + 1)
         if shots.distance_m > 0.0:
-            reach = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(stretch, axis=0).T))))
-            first = 0.0 if item.param3 == 1.0 else shots.distance_m
-            places.append(_every(reach, stretch, first, shots.distance_m))
+            reports = _smooth(when_s, times_s, track_deg)
+            places.append(_by_distance(reports, shots.distance_m, at_once=item.param3 == 1.0))
         else:
-            places.append(_every(1000.0 * (when_s - begin_s), stretch, 0.0, shots.interval_ms))
-    return np.vstack(places)
+            places.append(_by_time(when_s[0], when_s[-1], shots.interval_ms, times_s, track_deg))
+    return np.column_stack(farm.frame.from_wgs84(*np.vstack(places).T))
 
 
-def _every(at: NDArray[np.floating[Any]], places: Points, first: float, step: float) -> Points:
-    """Return the places at the first, one step more, two steps ... of a quantity that grows along them."""
-    wanted = np.arange(first, at[-1] + 1e-9, step) if math.isfinite(step) else np.array([first])
-    return np.column_stack([np.interp(wanted, at, along) for along in places.T])
+def _smooth(when_s: NDArray[np.floating[Any]], times_s: NDArray[np.floating[Any]], places: Points) -> Points:
+    """Return where a track is at some times, bent as it is at its points: chords would shorten the way."""
+    step_s, most = times_s[1] - times_s[0], len(times_s) - 1
+    speeds = np.gradient(places, step_s, axis=0)
+    past = np.clip((when_s - times_s[0]) / step_s, 0.0, most)
+    k = np.minimum(past.astype(np.int64), most - 1)
+    u = (past - k)[:, None]
+    leave, arrive = u * (1.0 - u) ** 2 * speeds[k], u**2 * (1.0 - u) * speeds[k + 1]
+    return places[k] + u**2 * (3.0 - 2.0 * u) * (places[k + 1] - places[k]) + step_s * (leave - arrive)
+
+
+def _by_distance(reports_deg: Points, distance_m: float, *, at_once: bool) -> Points:
+    """Return where the camera fires along reported positions, float64[n, 2]: latitude, longitude."""
+    trigger, exposures = CameraTrigger(), list[Exposure]()
+    step_ms = round(1000.0 * _REPORT_S)
+    reports_e7 = np.rint(DEGREES_E7 * reports_deg).astype(np.int64).tolist()
+    for number, (latitude_e7, longitude_e7) in enumerate(reports_e7):
+        exposures += trigger.add(Fix(number * step_ms, latitude_e7, longitude_e7, 0, 0, 0.0, 0.0, 0))
+        if number == 0:
+            trigger.every_distance(distance_m)
+            if at_once and (here := trigger.here()) is not None:
+                exposures.append(here)
+    found = [(exposure.latitude_e7, exposure.longitude_e7) for exposure in exposures]
+    return np.array(found, np.float64).reshape(-1, 2) / DEGREES_E7
+
+
+def _by_time(
+    begin_s: float, end_s: float, interval_ms: float, times_s: NDArray[np.floating[Any]], track_deg: Points
+) -> Points:
+    """Return where the camera fires at the first and after every interval, degrees."""
+    count = 1 if math.isinf(interval_ms) else 1 + math.floor((end_s - begin_s) * 1000.0 / interval_ms + 1e-9)
+    wanted_s = begin_s + np.arange(count) * (interval_ms / 1000.0 if count > 1 else 0.0)
+    return np.column_stack([np.interp(wanted_s, times_s, along) for along in track_deg.T])

@@ -25,6 +25,7 @@ from wbf_mission.planning.conditions import (
     separation_margin_m,
     wind_of,
 )
+from wbf_mission.planning.imaging import require_flight
 from wbf_mission.progress import Progress, silent
 from wbf_mission.scenario import (
     CameraOptions,
@@ -126,6 +127,8 @@ def single_vehicles(options: VehicleParts) -> tuple[SingleVehicle, ...]:
         replace(asked, name=name, autopilot=autopilot, vehicles=None)
         for name, autopilot in zip(asked.fleet, asked.autopilots, strict=True)
     ]
+    for vehicle in vehicles:
+        require_flight(options.camera, get_vehicle(vehicle.name))
     missions = [mission] * len(vehicles)
     if separation.kind == LAYERS and len(vehicles) > 1:
         if options.camera.gsd_cm is not None and sum(flies(get_vehicle(one.name)) for one in vehicles) > 1:

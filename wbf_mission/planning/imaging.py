@@ -11,6 +11,7 @@ import shapely
 from geo import Farm
 from mission.planners.path import Points
 from sensors.camera.optics import Imaging, get_camera
+from sim_vehicle.airframe.spec import VehicleSpec
 from wbf_mission.planning.conditions import FlightLevel
 from wbf_mission.scenario import CameraOptions, MissionOptions, ScenarioError
 
@@ -71,6 +72,16 @@ def imaging_of(camera: CameraOptions, mission: MissionOptions, level: FlightLeve
         )
         raise ScenarioError(msg)
     return made
+
+
+def require_flight(camera: CameraOptions, vehicle: VehicleSpec) -> None:
+    """Refuse a mapping camera on a vehicle that drives."""
+    if camera.model is not None and vehicle.drives:
+        msg = (
+            f"camera {camera.model} takes images from the air, and vehicle {vehicle.name} drives:"
+            " give a vehicle that flies, or leave the camera out"
+        )
+        raise ScenarioError(msg)
 
 
 def level_of(imaging: Imaging | None, level: FlightLevel) -> FlightLevel:

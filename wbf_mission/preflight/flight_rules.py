@@ -217,7 +217,7 @@ def check_battery(subject: Subject) -> Iterator[Finding]:
     if battery is None or subject.stopped is not None:
         yield found(subject, "flight", flight=text)
         return
-    left, reserve = 1.0 - prediction.energy_wh / battery.capacity_wh, battery.reserve_fraction
+    left, reserve = max(0.0, 1.0 - prediction.energy_wh / battery.capacity_wh), battery.reserve_fraction
     code = "battery" if left < reserve else "battery-close" if left < reserve + _COMFORT else "flight"
     yield found(
         subject,

@@ -14,7 +14,7 @@ from mission.transfer.rendering import render
 from mission.transfer.wire import command_name
 from sim_vehicle.execution.items import DO_COMMANDS, NAV_COMMANDS, Settings, do_items
 from sim_vehicle.motion.legs import Position
-from wbf_mission.planning.coverage import LEAST_OF_WHOLE, too_little_seen
+from wbf_mission.planning.coverage import LEAST_OF_WHOLE, asks_whole, too_little_seen
 from wbf_mission.preflight.finding import Concern, Finding, Hit, Severity, worst_of
 from wbf_mission.preflight.rules import first, found, worst
 from wbf_mission.preflight.subject import (
@@ -321,8 +321,10 @@ def check_camera(subject: Subject) -> Iterator[Finding]:
 
 
 def check_coverage(subject: Subject) -> Iterator[Finding]:
-    """Images that show less of the farm than was asked for: nothing, or with a mapping camera a part."""
-    coverage, whole = subject.coverage, subject.given.imaging is not None
+    """Images that show less of the farm than was asked for: nothing, or of the whole land a part."""
+    given = subject.given
+    coverage = subject.coverage if given.coverage is None else given.coverage
+    whole = asks_whole(given.imaging, given.planner)
     if coverage is not None and too_little_seen(coverage, whole=whole):
         measured = (100.0 * coverage, 100.0 * LEAST_OF_WHOLE) if whole else None
         yield found(subject, "unseen", measured=measured)

@@ -91,11 +91,20 @@ def check_mission(mission: Mission, circumstances: Circumstances | None = None) 
     return Preflight(subject, Report(tuple(findings)))
 
 
-def check_plan(plan: PlanResult, one: VehicleParts) -> Report:
-    """Check a plan of one vehicle of a run; the paper's robot, which has no size, flies anything."""
+def check_plan(plan: PlanResult, one: VehicleParts, coverage: float | None = None) -> Report:
+    """Check a plan of one vehicle of a run; the paper's robot, which has no size, flies anything.
+
+    The `coverage` is that of all plans of the run; by default it is the only one.
+    """
     if plan.vehicle.is_ideal:
         return Report(())
-    given = replace(Circumstances.of(one, plan.farm), imaging=plan.imaging, prediction=plan.prediction)
+    given = replace(
+        Circumstances.of(one, plan.farm),
+        imaging=plan.imaging,
+        prediction=plan.prediction,
+        planner=plan.planner,
+        coverage=coverage,
+    )
     return check_mission(plan.mission, given).report.about(Concern.PLAN)
 
 

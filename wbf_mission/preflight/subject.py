@@ -138,6 +138,9 @@ class Circumstances:
     imaging: Imaging | None = None  # What takes the images, if it is no leaf camera
     # What planning has predicted of it, for this vehicle in this air; None: it is predicted
     prediction: Prediction | None = None
+    planner: str | None = None  # Who planned it, with its parameters; None: nobody knows
+    # What it shows of the farm together with the plans that are flown beside it; None: it is flown alone
+    coverage: float | None = None
 
     @classmethod
     def of(cls, one: VehicleParts, farm: Farm, snapshot: VehicleSnapshot | None = None) -> Self:

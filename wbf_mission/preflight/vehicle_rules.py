@@ -278,7 +278,7 @@ def check_battery_now(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[F
     if snapshot.battery is None:
         yield found(subject, "battery-unknown")
         return
-    left = snapshot.battery - subject.prediction.energy_wh / battery.capacity_wh
+    left = max(0.0, snapshot.battery - subject.prediction.energy_wh / battery.capacity_wh)
     reserve = battery.reserve_fraction
     if left < reserve:
         yield found(subject, "battery-now", measured=(100.0 * left, 100.0 * reserve), holds=snapshot.battery)

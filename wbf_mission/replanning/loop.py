@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Protocol
 
 from geo import Farm
@@ -34,6 +35,23 @@ class Answer:
     decision: Decision
     costs: dict[int, float]  # What each new rest of a path costs, in the unit of the vehicle's budget
     compute_s: float  # Seconds that it took, without those in which it waited for a core
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """When and why a policy is asked, and how the vehicles were then."""
+
+    event: Event
+    time_s: float  # Since the mission began
+    reports: tuple[VehicleReport, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Answered:
+    """What a policy was told, and its answer: None if no vehicle could be steered, or what was wrong."""
+
+    observation: PolicyObservation
+    answer: Answer | AnswerError | None
 
 
 def ask(policy: Policy, name: str, observation: PolicyObservation) -> Answer:
@@ -231,34 +249,61 @@ class DecisionLoop:
         now_s : float
             The host's clock.
         """
-        reports = [vehicle.report(now_s) for vehicle in vehicles]
+        return self.carry_out(self.answer(self.question(event, vehicles, time_s, now_s)), vehicles, now_s)
+
+    def question(self, event: Event, vehicles: Sequence[Steered], time_s: float, now_s: float) -> Question:
+        """Return a question with the vehicles as they are now."""
+        reports = tuple(vehicle.report(now_s) for vehicle in vehicles)
         self._asked_s = time_s
         self._reached = sum(one.waypoints_reached for one in vehicles)
         self._lost = frozenset(one.system_id for one in reports if one.status is Status.LOST)
-        observation = self._knowledge.observation(event, time_s, reports, self._compute_s)
-        self._observations = len(observation.observations)
+        return Question(event, time_s, reports)
+
+    def answer(self, question: Question) -> Answered:
+        """Ask the policy; may be called in another thread, while nobody learns."""
+        observation = self._knowledge.observation(
+            question.event, question.time_s, question.reports, self._compute_s
+        )
         if not observation.steerable:
+            return Answered(observation, None)
+        try:
+            return Answered(observation, ask(self._policy, self._name, observation))
+        except AnswerError as error:
+            return Answered(observation, error)
+
+    def carry_out(
+        self,
+        answered: Answered,
+        vehicles: Sequence[Steered],
+        now_s: float,
+        not_sent: Mapping[int, str] = MappingProxyType({}),
+    ) -> DecisionRecord | None:
+        """Send what was answered, and return the record of it; `not_sent` says why not, by system id."""
+        observation, answer = answered.observation, answered.answer
+        self._observations = len(observation.observations)
+        if answer is None:
             return None
         self.acquisition = None
-        try:
-            answer = ask(self._policy, self._name, observation)
-        except AnswerError as error:
+        event, time_s = observation.event, observation.time_s
+        if isinstance(answer, AnswerError):
             record = DecisionRecord(
                 observation.day,
                 self._flight,
                 time_s,
                 event.value,
                 self._observations,
-                refused=str(error),
-                fault=error.kind,
+                refused=str(answer),
+                fault=answer.kind,
             )
             self._records.append(record)
             return record
         record = self._note(event, time_s, observation, answer)
         by_id = {vehicle.system_id: vehicle for vehicle in vehicles}
-        refused = {}
+        refused: dict[int, str] = {}
         if self._kept_distance is not None:
-            refused = self._kept_distance.refusals(reports, answer.decision.paths)
+            now = [vehicle.report(now_s) for vehicle in vehicles]  # They may have flown on meanwhile
+            refused = self._kept_distance.refusals(now, answer.decision.paths)
+        refused = {**refused, **not_sent}
         for system_id, points in answer.decision.paths.items():
             if system_id in refused:
                 position_m, cost = observation.vehicle(system_id).position_m, answer.costs[system_id]

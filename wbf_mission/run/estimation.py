@@ -10,6 +10,7 @@ from sensors.estimators.base import estimator_memory
 from sensors.field_files import load_field_set
 from sensors.fields import PAPER_FIELDS, FieldSet
 from wbf_mission.scenario import Choice, Scenario, scenario_with
+from wbf_mission.scenario.choice import drawing_seed
 
 DEFAULT_SCORE_POINTS = 25
 SMALL_FARM_CELLS = 2500
@@ -44,9 +45,8 @@ def naming_estimator(scenario: Scenario, farm: Farm, fields: FieldSet) -> Scenar
 
 def estimator_of(choice: Choice, seed: int, fields: FieldSet) -> Estimator:
     """Return the estimator of a choice for these fields, with a seed that does not tell the run's."""
-    return make_estimator(
-        choice.chosen, fields=fields, random_state=sealed_seed(seed, "estimator"), **choice.params
-    )
+    drawn = sealed_seed(drawing_seed(choice, "estimator", seed), "estimator")
+    return make_estimator(choice.chosen, fields=fields, random_state=drawn, **choice.params)
 
 
 def score_points(farm: Farm, estimator: Estimator) -> int:

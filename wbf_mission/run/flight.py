@@ -193,6 +193,7 @@ def fly_once(
                 host,
                 offset_s=offset_s,
                 pace=hosting.pace,
+                waits_for_decisions=hosting.waits_for_decisions,
                 console=console,
                 orders=hosting.orders,
                 expected_s=expected_s,

@@ -54,6 +54,10 @@ class Hosting(Protocol):
         """Seconds of the host's clock in a second of wall time; None where the host decides."""
 
     @property
+    def waits_for_decisions(self) -> bool:
+        """Whether the vehicles stand still while a policy decides, as on a virtual clock."""
+
+    @property
     def tlog(self) -> Path | None:
         """Where every MAVLink frame is written; its folder is made when the first flight begins."""
 
@@ -106,6 +110,11 @@ class VirtualHosting:
     impairment: Impairment | None = None  # A bad radio between the ground stations and the vehicles
     faults: tuple[Fault, ...] = ()  # What goes wrong in each flight of the vehicles that are still there
     orders: Orders | None = None
+
+    @property
+    def waits_for_decisions(self) -> bool:
+        """A decision takes no simulated time."""
+        return True
 
     @property
     def transfers(self) -> TransferMaker:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future
 from functools import partial
+from threading import Thread
 from typing import Protocol
 
 from geo.interrupts import interrupts_noted
@@ -13,12 +15,13 @@ from mission.ground.modes import Maneuver
 from mission.ground.station import NotFlyingError
 from mission.ground.status_text import NotStartedError, doing, not_started
 from mission.outcome import Outcome, Phase
-from mission.policies.observation import Event
+from mission.policies.observation import Event, Status
 from sensors.estimation import Evidence
+from sensors.observations import Observations
 from sim_vehicle.host.simulation import StopReason
 from wbf_mission.events import Decided, EventStream, Seen
 from wbf_mission.progress import Stopwatch
-from wbf_mission.replanning.loop import DecisionLoop
+from wbf_mission.replanning.loop import Answered, DecisionLoop
 from wbf_mission.run.flight_events import FlightEvents
 from wbf_mission.run.hosting import FlightHost
 from wbf_mission.run.orders import IN_FLIGHT, START, Orders, WatchersOrder
@@ -26,6 +29,8 @@ from wbf_mission.run.record import Flight
 from wbf_mission.run.sortie import Sortie
 
 SLICE_S = 1.0
+_OVER = frozenset({Status.PILOTED, Status.ENDED, Status.LOST})
+"""Of a vehicle that was once one of these, no answer to an older question is flown."""
 _AHEAD_S = 0.02
 """The simulated clock waits for the wall clock when it is so far ahead."""
 FLIGHT_LIMIT_FACTOR = 3.0
@@ -59,6 +64,8 @@ class JointFlight:
         When the flight begins, in seconds since the beginning of the run.
     pace : float or None
         Simulated seconds per wall second.
+    waits_for_decisions : bool
+        The vehicles stand still while the policy decides; otherwise it decides in a thread of its own.
     console : OperatorConsole or None
         Who stands by; without, a flight that takes far too long is given up.
     orders : Orders or None
@@ -75,6 +82,7 @@ class JointFlight:
         expected_s: float,
         offset_s: float = 0.0,
         pace: float | None = None,
+        waits_for_decisions: bool = True,
         console: OperatorConsole | None = None,
         orders: Orders | None = None,
         events: EventStream,
@@ -85,6 +93,7 @@ class JointFlight:
         self._evidence = evidence
         self._offset_s = offset_s
         self._pace = pace
+        self._waits_for_decisions = waits_for_decisions
         self._console = console
         self._orders = orders
         self._events, self._watch = events, watch
@@ -101,6 +110,10 @@ class JointFlight:
         self._begun_s: float | None = None
         self._expected_s = expected_s
         self._event: Event | None = None
+        # The answer that a policy works on beside a real flight, and why some vehicles will not fly it
+        self._thinking: Future[Answered] | None = None
+        self._not_sent: dict[int, str] = {}
+        self._unlearned: list[Observations] = []
         self._begun_wall_s = 0.0
 
     @property
@@ -121,6 +134,7 @@ class JointFlight:
         """Take every vehicle that is not down out of its mission, or one of them."""
         for sortie in self.sorties if only is None else (only,):
             if not sortie.done:
+                self._outdate(sortie, "was given an order")
                 sortie.send(sortie.ground.maneuver(kind, self.now_s))
 
     def _obey(self, orders: Orders) -> None:
@@ -152,6 +166,7 @@ class JointFlight:
         command = order.command
         if command.order == "set-item":
             sortie.send(ground.choose_item(command.item, self.now_s))
+            self._outdate(sortie, "was given an order")
         else:
             self.maneuver(Maneuver(command.order), sortie)
         sortie.ordered.append(f"{order.order} {order.value}".rstrip() + f" at {ground.flight_time_s:.0f} s")
@@ -202,10 +217,14 @@ class JointFlight:
             for sortie in self.sorties:
                 sortie.note_changes()
                 sortie.give_up_lost(self.now_s)
-            self._decide()
+            if self._thinking is None:
+                self._decide()
+            else:
+                self._look_at_answer(self._thinking)
             if self._is_flying():
                 longest_s = max(sortie.ground.flight_time_s for sortie in self.sorties)
                 self._events.progress("flying", longest_s, self._expected_s)
+        self._await_answer()
         self._told.finish(self.now_s)
 
     def interrupt(self) -> None:
@@ -225,16 +244,20 @@ class JointFlight:
                 flew = f"left as it flew after {seconds:.0f} s: {doing(sortie.ground, self.now_s)}"
                 why = left[sortie.system_id] or flew
             sortie.ground.interrupt(Outcome.INTERRUPTED, why, self.now_s)
-        self.learn()
+        self._await_answer()
         self._told.finish(self.now_s)
 
     def learn(self) -> None:
-        """Hand on what was seen since the last call."""
+        """Hand on what was seen since the last call; while a policy decides, the estimate stays as it is."""
         for sortie in self.sorties:
             seen = sortie.take()
-            self._evidence.add(seen, offset_s=self._offset_s)
+            self._unlearned.append(seen)
             if len(seen) and self._events.wants(Seen):
                 self._events.tell(Seen(self._offset_s, seen))
+        if self._thinking is None:
+            unlearned, self._unlearned = self._unlearned, []
+            for seen in unlearned:
+                self._evidence.add(seen, offset_s=self._offset_s)
         self._watch.lap("estimate and score")
 
     @property
@@ -249,6 +272,8 @@ class JointFlight:
         self._keep_pace()
         if self._orders is not None and self._orders.waits:
             return True
+        if self._thinking is not None:
+            return self._thinking.done() or self._is_over()
         # Before and after the flight nobody is asked: to stop for that again and again would stop the time.
         if not self._decisions.asks_on_the_way or not self._is_flying():
             return self._is_over()
@@ -268,10 +293,42 @@ class JointFlight:
         if self._decisions.lost(self.sorties, self.now_s):
             event = Event.LOST
         if event is not None and self._is_flying():
-            record = self._decisions.decide(event, self.sorties, self._mission_s, self.now_s)
-            if record is not None:
-                self._events.tell(Decided(self._offset_s + self.now_s, record, self._decisions.acquisition))
-            self._watch.lap("decide")
+            question = self._decisions.question(event, self.sorties, self._mission_s, self.now_s)
+            if self._waits_for_decisions:
+                self._carry_out_answer(self._decisions.answer(question))
+            else:
+                self._not_sent = {}
+                self._thinking = _beside(partial(self._decisions.answer, question))
+
+    def _look_at_answer(self, thinking: Future[Answered]) -> None:
+        """Send the answer once it is there, unless the vehicles were taken over or came down meanwhile."""
+        done = thinking.done()
+        for sortie in self.sorties:
+            status = sortie.status(self.now_s)
+            if status in _OVER or (done and status not in (Status.READY, Status.FLYING)):
+                self._outdate(sortie, f"was {status.value}")
+        if done:
+            self._thinking = None
+            self._carry_out_answer(thinking.result())
+            self.learn()
+
+    def _outdate(self, sortie: Sortie, why: str) -> None:
+        """Keep a vehicle from flying the answer that is being worked on."""
+        if self._thinking is not None:
+            self._not_sent.setdefault(sortie.system_id, f"the vehicle {why} while the policy decided")
+
+    def _carry_out_answer(self, answered: Answered) -> None:
+        record = self._decisions.carry_out(answered, self.sorties, self.now_s, self._not_sent)
+        if record is not None:
+            self._events.tell(Decided(self._offset_s + self.now_s, record, self._decisions.acquisition))
+        self._watch.lap("decide")
+
+    def _await_answer(self) -> None:
+        """Wait until the policy no longer reads the estimate, drop its answer, and learn the rest."""
+        if self._thinking is not None:
+            self._thinking.exception()
+            self._thinking = None
+        self.learn()
 
     def _is_ending(self) -> bool:
         """Return whether a path is about to end; True once for each."""
@@ -323,3 +380,17 @@ class JointFlight:
             self._watch.lap("flight")
             time.sleep(ahead_s)
             self._watch.lap("waiting")
+
+
+def _beside(work: Callable[[], Answered]) -> Future[Answered]:
+    """Begin work in a thread that does not keep the program from ending."""
+    future: Future[Answered] = Future()
+
+    def run() -> None:
+        try:
+            future.set_result(work())
+        except BaseException as error:
+            future.set_exception(error)
+
+    Thread(target=run, name="policy", daemon=True).start()
+    return future

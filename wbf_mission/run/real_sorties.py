@@ -9,6 +9,7 @@ from typing import Protocol
 from mission.course import Course, Place
 from mission.errors import MissionError
 from mission.model import Mission
+from mission.outcome import in_words
 from mission.progress import MissionProgress
 from wbf_mission.planning import PlanResult
 from wbf_mission.planning.fleet import Vehicle
@@ -78,7 +79,7 @@ class RealSorties:
         if not good:
             lost = record.outcome.loses_vehicle or not record.flight_time_s
             if lost or self._in_vain == _MOST_IN_VAIN:
-                self.stopped = early + (record.reason or record.outcome.value)
+                self.stopped = early + (record.reason or in_words(record.outcome))
                 return False
             if not self._cut_again(flight, self._reached):
                 self.stopped = early + "no battery is enough for what is left"

@@ -24,8 +24,8 @@ from sensors.scoring.information import InformationModel
 from wbf_mission.maps.field_maps import FieldMap
 from wbf_mission.maps.report import FarmReport, report_of_maps
 from wbf_mission.planning import PlanResult
-from wbf_mission.planning.builder import budget_left
-from wbf_mission.planning.coverage import coverage_from, image_places, seen_share
+from wbf_mission.planning.builder import budget_left, coverage_together
+from wbf_mission.planning.coverage import seen_share
 from wbf_mission.replanning.record import SKIPPED, DecisionRecord
 from wbf_mission.scenario import Scenario
 
@@ -412,10 +412,7 @@ class RunRecord:
             for one in self.flights
             if (one.day, one.flight) == (self.flights[0].day, self.flights[0].flight)
         ]
-        if len(first) == 1:
-            return first[0].coverage
-        places = [image_places(one.farm, one.mission, one.prediction) for one in first]
-        return coverage_from(self.farm, np.vstack(places), self.scenario.camera.footprint, first[0].imaging)
+        return coverage_together(first, self.scenario.camera.footprint)
 
     @property
     def predicted_battery_used(self) -> float | None:

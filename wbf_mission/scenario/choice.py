@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from geo.errors import PACKAGES
 from geo.imports import entry_points
 from geo.named import ParameterError, format_named, parse_named, split_named
 from wbf_mission.scenario.option import ScenarioError
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,11 +71,46 @@ def choose(value: Any, what: str) -> Choice:
 
 
 _EXAMPLE = {"planner": "lawnmower", "policy": "greedy", "estimator": "gp"}
+_GROUPS = {
+    "planner": "wbf_mission.planners",
+    "policy": "wbf_mission.policies",
+    "estimator": "wbf_mission.estimators",
+}
 _OBJECT = {
     "planner": "a function that plans",
     "policy": "a policy (an object, not its class)",
     "estimator": "an estimator (an object, not its class)",
 }
+
+
+def drawing_seed(choice: Choice, kind: str, run_seed: int) -> int:
+    """Return the seed from which a planner, policy or estimator draws.
+
+    What is built in draws from the run's seed. Code of a user's, objects and what another package registered,
+    could find that by trying, and with it the truth: it draws from its own parameter or attribute ``seed``,
+    a whole number, by default 0.
+
+    Examples
+    --------
+    >>> drawing_seed(Choice("greedy"), "policy", 7)
+    7
+    >>> drawing_seed(Choice("mine", {"seed": 3}, made=len), "policy", 7)
+    3
+    """
+    if choice.made is None and registered_elsewhere(choice.name, kind) is None:
+        return run_seed
+    try:
+        return max(0, operator.index(choice.params.get("seed", getattr(choice.made, "seed", 0))))
+    except TypeError:
+        return 0
+
+
+def registered_elsewhere(name: str, kind: str) -> EntryPoint | None:
+    """Return the entry point of what another package registered under a name; None if it is built in."""
+    for entry in entry_points(group=_GROUPS[kind]):
+        if entry.name.lower() == name.lower() and entry.module.partition(".")[0] not in PACKAGES:
+            return entry
+    return None
 
 
 def split_choices(text: str, what: str) -> list[str]:
@@ -98,12 +138,8 @@ def names_of(kind: str) -> tuple[str, ...]:
         from geo.built_in import farm_names
 
         return farm_names()
-    if kind == "planner":
-        return _entry_points("wbf_mission.planners")
-    if kind == "policy":
-        return _entry_points("wbf_mission.policies")
-    if kind == "estimator":
-        return _entry_points("wbf_mission.estimators")
+    if kind in _GROUPS:
+        return _entry_points(_GROUPS[kind])
     if kind == "autopilot":
         from sim_vehicle.airframe.autopilot_names import autopilot_names
 

@@ -21,11 +21,13 @@ from geo.errors import FarmError, WbfMissionError
 from geo.farm_file import FARM_SUFFIXES
 from geo.geojson import MAX_FILE_BYTES
 from geo.named import parse_named
+from geo.texts import one_line
 from mission.files import Firmware, fitted, mission_formats, write_mission
 from sensors.camera.optics import camera_names
 from sensors.field_files import field_names
 from wbf_mission.planning import PlanResult
 from wbf_mission.planning.batteries import batteries_in, plan_for_batteries
+from wbf_mission.planning.builder import coverage_together
 from wbf_mission.planning.fleet import SingleVehicle, single_vehicles
 from wbf_mission.planning.plan import plan_fleet
 from wbf_mission.planning.sorties import SortiePlan, is_too_long, sorties_of
@@ -41,6 +43,9 @@ from wbf_mission.web.newest import NewestOnly
 MAX_BODY_BYTES = MAX_FILE_BYTES
 _KEPT = 8
 """So many plans and farms are kept: what was just undone is there again at once."""
+_DRAWN = "farm.geojson"
+"""The file of a farm that is drawn, of which nobody knows."""
+_LONGEST_NAME = 60
 _FIXED = ("farm", "farm_crs", "crop", "repair", "mission", "terrain", "days", "flights_per_day")
 """Options that are no part of a draft: its farm is drawn, and files are not named from a page."""
 T = TypeVar("T")
@@ -55,6 +60,12 @@ class _Body(msgspec.Struct, forbid_unknown_fields=True):
 
     farm: msgspec.Raw
     options: dict[str, Any] = {}
+
+
+class _Named(msgspec.Struct):
+    """What messages call a farm that is drawn."""
+
+    name: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,6 +118,17 @@ class PlannedDraft:
         if not 0 <= number < len(self.missions):
             raise DraftError(f"mission {number}: there are {len(self.missions)}, counted from 0")
         return self.missions[number]
+
+    @property
+    def coverage(self) -> float:
+        """What all of them show together of the land to be seen."""
+        return coverage_together(self.results, self.draft.scenario.camera.footprint)
+
+    @property
+    def decider(self) -> str:
+        """What planned it, a planner or a policy, with its parameters."""
+        mission = self.draft.scenario.mission
+        return str(mission.policy or mission.planner)
 
     @property
     def surveys(self) -> bool:
@@ -187,7 +209,11 @@ class Drafts:
         crs: str | None = None,
         repair: bool = False,
     ) -> tuple[Farm, bytes]:
-        """Return the farm of a file's content, and its GeoJSON; FarmError, naming the feature, if bad."""
+        """Return the farm of a file's content, and its GeoJSON; FarmError, naming the feature, if bad.
+
+        Without a name it is one that is drawn.
+        """
+        drawn, name = not name, name or _DRAWN
         suffix = Path(name).suffix.lower()
         if suffix not in FARM_SUFFIXES:
             raise FarmError(f"{name!r:.80} is no farm file: give one of {', '.join(FARM_SUFFIXES)}")
@@ -195,7 +221,7 @@ class Drafts:
         with tempfile.TemporaryDirectory(dir=self.folder) as own:
             path = Path(own) / f"{stem}{suffix}"
             path.write_bytes(content)
-            farm = self._loaded(path, crop=crop, crs=crs, repair=repair)
+            farm = self._loaded(path, drawn=drawn, crop=crop, crs=crs, repair=repair)
         return farm, self.document(farm)
 
     def document(self, farm: Farm) -> bytes:
@@ -227,7 +253,7 @@ class Drafts:
             content = bytes(given.farm)
             folder = self.folder / hashlib.sha256(content).hexdigest()[:32]
             folder.mkdir(exist_ok=True)
-            path = folder / "farm.geojson"
+            path = folder / _DRAWN
             if not path.exists():
                 path.write_bytes(content)
             options["farm"] = str(path)
@@ -246,13 +272,16 @@ class Drafts:
 
     def _farm(self, scenario: Scenario) -> Farm:
         own = Path(scenario.farm.name)
-        return self._loaded(own) if own.is_relative_to(self.folder) else scenario.farm.load()
+        return self._loaded(own, drawn=True) if own.is_relative_to(self.folder) else scenario.farm.load()
 
-    def _loaded(self, path: Path, **how: Any) -> Farm:
+    def _loaded(self, path: Path, *, drawn: bool, **how: Any) -> Farm:
         try:
             return load_farm(path, **how)
         except FarmError as error:
-            raise FarmError(str(error).replace(str(path), path.name)) from None
+            told = str(error)
+            if drawn:
+                told = told.replace(f"farm file {path}", _called(path.read_bytes()))
+            raise FarmError(told.replace(str(path), path.name)) from None
 
     def _option(self, key: str, given: Any) -> Any:
         found = all_options().get(key)
@@ -318,16 +347,26 @@ def planned(draft: Draft, progress: Progress) -> PlannedDraft:
         whole, sorties = plan_for_batteries(endless, batteries, cut)
         results, cuts = (whole,), (sorties,)
     planned_s, missions = time.perf_counter(), []
+    coverage = coverage_together(results, scenario.camera.footprint)
     for number, (result, pieces, one) in enumerate(zip(results, cuts, vehicles, strict=True), start=1):
         plans = (result,) if pieces is None else pieces.plans
         for sortie, plan in enumerate(plans, start=1):
             which = [f"vehicle {number}"] * (len(results) > 1) + [f"sortie {sortie}"] * (len(plans) > 1)
             progress("checking", sortie, len(plans))
-            missions.append(PlannedMission(", ".join(which), number, plan, check_plan(plan, one)))
+            missions.append(PlannedMission(", ".join(which), number, plan, check_plan(plan, one, coverage)))
     ended_s = time.perf_counter()
     return PlannedDraft(
         draft, results, cuts, vehicles, tuple(missions), planned_s - begun_s, ended_s - planned_s
     )
+
+
+def _called(document: bytes) -> str:
+    """Return what messages call a farm that is drawn."""
+    try:
+        name = one_line(msgspec.json.decode(document, type=_Named).name, _LONGEST_NAME)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        name = ""
+    return f"farm {name!r}" if name else "the farm"
 
 
 def written_suffixes() -> dict[str, str]:

@@ -230,7 +230,8 @@ class Question(Struct):
 class Status(Struct):
     """How the run is going."""
 
-    outcome: str
+    outcome: str  # "running", or how the run ended
+    words: str  # The same as people read it
     reason: str
     progress: Progress | None
     question: Question | None

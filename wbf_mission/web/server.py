@@ -20,12 +20,12 @@ import secrets
 import socket
 import threading
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Coroutine, Sequence
 from dataclasses import dataclass
 from functools import partial
 from importlib import resources
 from pathlib import Path
-from typing import Protocol, Self
+from typing import Any, Protocol, Self, TypeAlias
 
 import msgspec
 import uvicorn
@@ -91,9 +91,10 @@ class LiveServer:
     tiles : path or None
         The user's map tiles, which are shown behind the farm (`wbf_mission.web.tiles.MapTiles`).
     routes : sequence of Starlette routes
-        More that is served, before what is here: paths may be any but "/live" and "/tiles/...". The guard
-        (`wbf_mission.web.guard`) lies before them, too: nothing but GET and HEAD comes from elsewhere than
-        this server's pages, who asks has the token, and the answers have the policy of `guard.HEADERS`.
+        More that is served, before what is here: paths may be any but "/live", "/beats" and "/tiles/...".
+        The guard (`wbf_mission.web.guard`) lies before them, too: nothing but GET and HEAD comes from
+        elsewhere than this server's pages, who asks has the token, and the answers have the policy of
+        `guard.HEADERS`.
         Bodies are not limited: who reads one does that.
     home : str
         The page of ``static/`` that "/" shows, without ".html".
@@ -138,7 +139,8 @@ class LiveServer:
         app = Starlette(
             routes=[
                 *routes,
-                WebSocketRoute("/live", self._live),
+                WebSocketRoute("/live", partial(self._serve_page, self._tell)),
+                WebSocketRoute("/beats", partial(self._serve_page, self._tell_beats)),
                 Route("/tiles/{z:int}/{x:int}/{y:int}", self._tile),
                 *_static_routes(home),
             ]
@@ -225,12 +227,12 @@ class LiveServer:
 
     # Viewers
 
-    async def _live(self, websocket: WebSocket) -> None:
+    async def _serve_page(self, tell: _Telling, websocket: WebSocket) -> None:
         """Serve one page: tell it what is new, and hear what it asks for, until either ends."""
         await websocket.accept()
         self._viewers += 1
         visit = _Visit(self._clock)
-        tasks = {asyncio.create_task(part(websocket, visit)) for part in (self._tell, self._hear)}
+        tasks = {asyncio.create_task(part(websocket, visit)) for part in (tell, self._hear)}
         try:
             done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
             for task in done:
@@ -255,11 +257,14 @@ class LiveServer:
                     await websocket.send_text(text)
             elif self._ending or view is not self._view:
                 return
-            if visit.beat_is_due:
-                beat = Update(view.time_s, beat=Beat(visit.next_beat(), view.silent_s()))
-                async with asyncio.timeout(SEND_TIMEOUT_S):
-                    await websocket.send_text(beat.json().decode())
+            await _beat(websocket, visit, view)
             await asyncio.sleep(INTERVAL_S - now_s() % INTERVAL_S)  # All at the same times, to share
+
+    async def _tell_beats(self, websocket: WebSocket, visit: _Visit) -> None:
+        """Tell a page that shows no view whether the program lives."""
+        while not self._ending:
+            await _beat(websocket, visit, self._view)
+            await asyncio.sleep(INTERVAL_S)
 
     async def _update(self, view: View, cursor: Cursor | None) -> tuple[str, Cursor]:
         """Return what is new since a cursor; made once for all who ask within an interval."""
@@ -354,6 +359,17 @@ class _Visit:
         if given.after_s > OLD_S:
             return age_s, f"it was given by what the page had shown for {given.after_s:.0f} s: look again"
         return max(age_s, 0.0), too_late(age_s)
+
+
+_Telling: TypeAlias = Callable[[WebSocket, _Visit], Coroutine[Any, Any, None]]
+
+
+async def _beat(websocket: WebSocket, visit: _Visit, view: View) -> None:
+    """Send a beat if one is due."""
+    if visit.beat_is_due:
+        beat = Update(view.time_s, beat=Beat(visit.next_beat(), view.silent_s()))
+        async with asyncio.timeout(SEND_TIMEOUT_S):
+            await websocket.send_text(beat.json().decode())
 
 
 @dataclass(frozen=True, slots=True)

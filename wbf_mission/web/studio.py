@@ -128,9 +128,9 @@ class Studio:
         return _farm(farm, self.drafts.document(farm))
 
     def farm(self, request: Request, body: bytes) -> Any:
-        """Return the farm of a file's content."""
+        """Return the farm of a file's content, or of what is drawn, which has no name of a file."""
         asked = request.query_params
-        name = asked.get("name", "farm.geojson")
+        name = asked.get("name", "")
         how = {"crop": asked.get("crop") or None, "crs": asked.get("crs") or None}
         try:
             return _farm(*self.drafts.farm_of_file(body, name, **how, repair=asked.get("repair") == "true"))
@@ -142,7 +142,7 @@ class Studio:
         try:
             draft = self.drafts.draft(body)
         except FarmError as error:
-            return self._refused(error, drawn_farm(body), "farm.geojson", {})
+            return self._refused(error, drawn_farm(body), "", {})
         found = self.drafts.plan(draft)
         return {
             "farm": farm_shape(found.draft.farm),
@@ -185,7 +185,7 @@ class Studio:
         """Fly a draft in the simulator; the live page shows it."""
         pace = _number(request, "pace", 0.01, 1e6)
         found = self.drafts.plan(self.drafts.draft(body))
-        self._flight.start(found.flown(self.drafts.folder), pace)
+        self._flight.start(found.flown(self.drafts.folder), pace, found.decider)
         return {}
 
     def stop(self, _request: Request, _body: bytes) -> Any:
@@ -296,7 +296,8 @@ def _upload(found: PlannedDraft, one: PlannedMission, link: str, system_id: int 
         heard = Vehicle(snapshot.system_id, 1, snapshot.autopilot, snapshot.vehicle_type)
         named = {"vehicle": vehicle.vehicle.name, "autopilot": vehicle.vehicle.autopilot, "vehicles": 1}
         fitted = fitted_to(scenario_with(found.draft.scenario, named), heard)
-        return replace(Circumstances.of(fitted, one.plan.farm, snapshot), imaging=one.plan.imaging)
+        given = Circumstances.of(fitted, one.plan.farm, snapshot)
+        return replace(given, imaging=one.plan.imaging, planner=one.plan.planner, coverage=found.coverage)
 
     try:
         report, checked = upload_checked(one.plan.mission, link, around, system_id=system_id)

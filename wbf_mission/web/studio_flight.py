@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import msgspec
 
 from geo.errors import WbfMissionError
-from wbf_mission.events import Event, EventStream, Progressed, RunEnded, VehicleMoved
+from mission.outcome import in_words
+from wbf_mission.events import Event, EventStream, Progressed, RunBegun, RunEnded, VehicleMoved
 from wbf_mission.flight import fly
 from wbf_mission.scenario import Scenario
 from wbf_mission.web.view import View
@@ -17,10 +19,10 @@ from wbf_mission.web.words import worded
 
 
 class FlightState(msgspec.Struct, frozen=True):
-    """State of the latest flight: "none", "preparing", "flying" or an outcome, with its reason."""
+    """State of the latest flight: "none", "preparing", "flying" or an outcome, with that in words."""
 
     outcome: str = "none"
-    reason: str = ""
+    words: str = ""
 
 
 class StudioFlight:
@@ -32,12 +34,12 @@ class StudioFlight:
         self._flown = Flown(View())
         self._lock = threading.Lock()
 
-    def start(self, scenario: Scenario, pace: float | None) -> None:
-        """Fly, in place of what flies now."""
+    def start(self, scenario: Scenario, pace: float | None, decider: str) -> None:
+        """Fly what a planner or policy decided, in place of what flies now."""
         with self._lock:
             self._flown.stopping.set()
             view = View()
-            self._flown = Flown(view, FlightState("preparing"))
+            self._flown = Flown(view, FlightState("preparing"), decider)
             self.show(view)
             work = partial(self._flown.fly, scenario, pace)
             self._thread = threading.Thread(target=work, name="studio flight", daemon=True)
@@ -61,8 +63,14 @@ class StudioFlight:
 class Flown:
     """One flight, which a view shows and which can be stopped."""
 
-    def __init__(self, view: View, state: FlightState = FlightState()) -> None:  # noqa: B008
-        self._view, self.state, self.stopping = view, state, threading.Event()
+    def __init__(
+        self,
+        view: View,
+        state: FlightState = FlightState(),  # noqa: B008
+        decider: str = "",
+    ) -> None:
+        self._view, self.state, self._decider = view, state, decider
+        self.stopping = threading.Event()
 
     def fly(self, scenario: Scenario, pace: float | None) -> None:
         """Fly until the end, or until it is to stop: what was flown is estimated then, as at Ctrl-C."""
@@ -79,9 +87,13 @@ class Flown:
             self._take(RunEnded(0.0, "interrupted", why))
 
     def _take(self, event: Event) -> None:
+        if isinstance(event, RunBegun) and event.farm is not None:
+            # A mission that was planned here is flown from a file whose name nobody knows.
+            title = f"{event.farm.name}, {self._decider}"
+            event = replace(event, title=title, planner=self._decider)
         self._view.take(event)
         if isinstance(event, RunEnded):
-            self.state = FlightState(event.outcome, event.reason)
+            self.state = FlightState(event.outcome, in_words(event.outcome, event.reason))
         elif isinstance(event, VehicleMoved) and self.state.outcome == "preparing":
             self.state = FlightState("flying")
 

@@ -11,10 +11,11 @@ from html import escape
 import numpy as np
 from numpy.typing import NDArray
 
+from mission.outcome import in_words
 from sensors.fields import Field
 from wbf_mission.maps.farm_drawing import FarmDrawing
 from wbf_mission.maps.field_maps import FieldMap
-from wbf_mission.maps.report import FieldReport, brief
+from wbf_mission.maps.report import FieldReport, brief, percent
 from wbf_mission.run.record import RunRecord
 
 _BEGIN = '<section id="summary" aria-label="Summary">'
@@ -113,13 +114,13 @@ def _told(record: RunRecord, *, short: bool = False) -> dict[str, str]:
     count = summary["vehicles"]
     days = [one.day for one in record.days] or [scenario.farm.day]
     flights = len(record.flights)
-    seen = f"{_percent(summary['coverage'])} of the land to be seen"
+    seen = f"{percent(summary['coverage'])} of the land to be seen"
     told = {
         "path": _chooser(record),
         "vehicle": f"{count} x {', '.join(vehicles)}" if count > 1 else ", ".join(vehicles),
         "when": f"day {days[0]}" if len(days) == 1 else f"days {days[0]} to {days[-1]}",
         "flights": f"{flights}",
-        "outcome": f"{record.outcome.value} ({record.reason})" if record.reason else record.outcome.value,
+        "outcome": in_words(record.outcome, record.reason),
         # Of a policy only the first path is known before.
         "flown": record.flown(predicted=not short and scenario.mission.policy is None),
         "battery": _battery(record),
@@ -148,8 +149,8 @@ def _battery(record: RunRecord) -> str:
     if not used:
         return "not told"
     if len(used) == 1:
-        return f"{_percent(used[0])} of one"
-    return f"{len(used)} charges, at most {_percent(max(used))} of one; {sum(used):.1f} in all"
+        return f"{percent(used[0])} of one"
+    return f"{len(used)} charges, at most {percent(max(used))} of one; {sum(used):.1f} in all"
 
 
 def _facts(told: Mapping[str, str]) -> str:
@@ -218,12 +219,8 @@ def _about(report: FieldReport) -> str:
 def _writer(report: FieldReport) -> Callable[[float], str]:
     """Return what writes a field's numbers: a part of the plants, or a value in its unit."""
     if report.kind == "disease":
-        return _percent
+        return percent
     return lambda value: f"{value:.3g} {report.unit}".rstrip()
-
-
-def _percent(share: float) -> str:
-    return f"{100.0 * share:.2g} %" if share < 0.1 else f"{100.0 * share:.0f} %"
 
 
 def _map(
@@ -294,7 +291,7 @@ def _key(field: Field, scale: float, told: str = "") -> str:
     )
     bar = f'<svg viewBox="0 0 20 1" preserveAspectRatio="none" aria-hidden="true">{bars}</svg>'
     if field.kind == "disease":
-        low, high = "0 %", f"{_percent(scale)} sick"
+        low, high = "0 %", f"{percent(scale)} sick"
     else:
         low, high = (f"{field.to_unit(one):.3g}" for one in (0.0, scale))
         high = f"{high} {'' if field.range == (0.0, 1.0) else field.unit}".rstrip()

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from geo.errors import told_error
 from geo.grid import FarmGrid
+from mission.outcome import in_words
 from mission.policies.decision import AcquisitionMap
 from sensors.estimators.append_buffer import GrowingArray
 from sensors.fields import HEALTH_COLOURS, WATER_COLOURS, Field
@@ -183,7 +184,7 @@ class View:
         self._replaced: dict[str, int] = {}  # The versions of what is replaced as a whole
         self._time_s = 0.0
         self._run: schema.Run | None = None
-        self._status = schema.Status(_RUNNING, "", None, None, ())
+        self._status = schema.Status(_RUNNING, in_words(_RUNNING), "", None, None, ())
         self._background: schema.Background | None = None
         self._plans = _Rows[schema.Plan]("plans", MAX_PLANS)
         self._states: dict[int, _Rows[_State]] = {}
@@ -297,8 +298,7 @@ class View:
                 self._decide(event.time_s, event.record)
             case FlightEnded():
                 self._draw_skipped()
-                how = f"flight {event.flight}: {event.outcome}"
-                text = f"{how}: {event.reason}" if event.reason else how
+                text = f"flight {event.flight}: {in_words(event.outcome, event.reason)}"
                 self._say(text, _INFO, event.system_id, event.time_s)
             case Progressed():
                 over = 0.0 < event.total <= event.done
@@ -313,7 +313,7 @@ class View:
             case RunEnded():
                 self._draw_skipped()
                 self._hear(event.time_s)
-                ended = {"outcome": event.outcome, "reason": event.reason}
+                ended = {"outcome": event.outcome, "words": in_words(event.outcome), "reason": event.reason}
                 self._tell(progress=None, question=None, **ended)
 
     def _hear(self, time_s: float) -> int:

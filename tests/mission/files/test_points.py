@@ -188,6 +188,31 @@ def test_other_json_is_none_of_it(text, tmp_path):
         read_mission(tmp_path / "a.plan")
 
 
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        ('{"foo": 1}', "this is a JSON file of another kind, .*; give a mission, such as a .plan"),
+        (
+            '{"type": "FeatureCollection", "features": []}',
+            "this is a GeoJSON file, .*rename it to end in .geojson",
+        ),
+        ("some words", "this is a text file of another kind"),
+        ("", "this is an empty file"),
+    ],
+)
+def test_only_what_is_a_mission_of_qgroundcontrol_3_is_called_one(content, says, tmp_path):
+    (tmp_path / "a.mission").write_text(content)
+    with pytest.raises(MissionFileError, match=rf"a\.mission: {says}") as told:
+        read_mission(tmp_path / "a.mission")
+    assert "QGroundControl 3" not in str(told.value)
+
+
+def test_a_mission_of_qgroundcontrol_3_that_is_not_there():
+    with pytest.raises(MissionFileError, match=r"nowhere\.mission") as told:
+        read_mission("nowhere.mission")
+    assert "QGroundControl 3" not in str(told.value)
+
+
 @pytest.mark.parametrize("name", ["a.poly", "a.shp", "a.zip", "a.gpkg", "a.ndjson"])
 def test_a_farm_file_is_sent_to_plan(name):
     with pytest.raises(MissionFileError, match=rf"{name}: this is a farm file.*wbf-mission plan --farm FILE"):

@@ -3,7 +3,7 @@
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from mission.ground.modes import Maneuver
@@ -253,6 +253,35 @@ def test_a_battery_is_told_by_sys_status_where_nothing_else_tells_it() -> None:
     monitor.receive(m.MAVLink_battery_status_message(0, 0, 0, 0, [65535] * 10, -1, -1, -1, 54), 0.0)
     monitor.receive(status(80), 0.0)
     assert monitor.battery == Battery(0.54), "BATTERY_STATUS counts first"
+
+
+@pytest.mark.parametrize("message", [m.MAVLink_sys_status_message, m.MAVLink_battery_status_message])
+def test_a_battery_holds_no_more_than_all_of_it(message: Any) -> None:
+    """The byte of the wire reaches to 127."""
+    monitor = VehicleMonitor()
+    of_battery = ([65535] * 10, -1, -1, -1)
+    more = (0, 0, 0, 0, *of_battery) if message is m.MAVLink_battery_status_message else (0,) * 6
+    rest = () if message is m.MAVLink_battery_status_message else (0,) * 6
+    monitor.receive(message(*more, 127, *rest), 0.0)
+    assert monitor.battery.remaining == 1.0
+
+
+SOME = st.none() | st.floats(0.0, 1.0)
+ENERGIES = st.none() | st.floats(0.0, 1e4)
+
+
+@given(SOME, ENERGIES, SOME, ENERGIES, st.floats(0.1, 1e3))
+@example(1.0, 0.0, 0.0, 80.8, 80.0)
+@example(0.5, None, 0.6, None, 80.0)
+def test_a_flight_takes_between_none_and_all_of_a_battery(
+    before: float | None,
+    first_wh: float | None,
+    after: float | None,
+    last_wh: float | None,
+    capacity_wh: float,
+) -> None:
+    used = Battery(after, last_wh).used_since(Battery(before, first_wh), capacity_wh)
+    assert used is None or 0.0 <= used <= 1.0
 
 
 ARMED = m.MAV_MODE_FLAG_SAFETY_ARMED

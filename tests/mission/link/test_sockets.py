@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import select
 import socket
 import time
 
@@ -223,3 +225,39 @@ def test_a_closed_memory_link_refuses_to_send():
         one.send(b"y")
     assert other.receive() == [b"x"]
     assert one.fileno() is None
+
+
+@pytest.mark.parametrize("scheme", ["udpin", "udpout"])
+def test_a_loop_that_stands_still_loses_no_datagram(scheme, monkeypatch):
+    """Far more than the system keeps come while nobody receives."""
+    monkeypatch.setattr("mission.link.sockets._BUFFER_BYTES", 106_496)  # As where Linux allows no more
+    sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    sender.bind(("127.0.0.1", 0))
+    near = ("127.0.0.1", 0) if scheme == "udpin" else sender.getsockname()
+    link = open_link(f"{scheme}:{near[0]}:{near[1]}")
+    with contextlib.closing(link), sender:
+        there = link._socket.getsockname()
+        for number in range(5000):
+            sender.sendto(number.to_bytes(4, "big") * 10, there)
+            if number % 50 == 0:
+                time.sleep(0.002)  # As fast as a thread can read, not as fast as the loopback device
+        came = []
+        while select.select([link.fileno()], [], [], 1.0)[0]:
+            came += [int.from_bytes(data[:4], "big") for data in link.receive()]
+        assert came == list(range(5000)), "all, in their order; the descriptor shows what is kept"
+        assert link.dropped == 0
+
+
+def test_what_a_link_keeps_is_bounded_and_what_it_drops_is_counted(monkeypatch):
+    monkeypatch.setattr("mission.link.sockets._KEPT_BYTES", 10_000)
+    with contextlib.closing(open_link("udpin:127.0.0.1:0")) as link:
+        sender = open_link(link.name.replace("udpin", "udpout"))
+        for number in range(100):
+            sender.send(bytes([number]) * 744)
+        until(lambda: link.dropped == 90)
+        assert [data[0] for data in link.receive()] == list(range(10))
+        assert not select.select([link.fileno()], [], [], 0.0)[0], "nothing is kept any more"
+        sender.send(b"again")
+        assert select.select([link.fileno()], [], [], 30.0)[0]
+        assert link.receive() == [b"again"]
+        sender.close()

@@ -1,6 +1,7 @@
 """Logs of autopilots and folders of pictures: where the camera was."""
 
 import math
+import os
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from flight_logs import UTC_S, write_dataflash, write_picture, write_telemetry, 
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mission.logs import LogError, read_track
+from mission.logs import LogError, read_track, reading
 from mission.logs.track import LONGEST_GAP_S
 
 NAN = math.nan
@@ -291,3 +292,22 @@ def test_pictures_are_not_decoded(tmp_path):
     (tmp_path / "a.jpg").write_bytes(bytes(data))
     with pytest.raises(LogError, match=r"1 of 1 pictures cannot be read, the first a\.jpg: .*pixels"):
         read_track(tmp_path)
+
+
+def test_a_log_beyond_the_limit_is_refused_before_it_is_read(write, monkeypatch):
+    assert reading.MAX_LOG_BYTES == 2**30
+    path = write(FIXES)
+    size = path.stat().st_size
+    monkeypatch.setattr(reading, "MAX_LOG_BYTES", size)
+    assert len(read_track(path).latitude_deg) == len(FIXES)
+    monkeypatch.setattr(reading, "MAX_LOG_BYTES", size - 1)
+    with pytest.raises(LogError, match=r"flight\.log: cannot be read: it is larger than [0-9.e-]+ MiB"):
+        read_track(path)
+
+
+def test_a_log_of_more_than_1_gib_is_refused(tmp_path):
+    path = tmp_path / "huge.BIN"
+    path.write_bytes(b"\xa3\x95\x80")
+    os.truncate(path, 2**30 + 1)  # of which the disk holds a block
+    with pytest.raises(LogError, match="it is larger than 1024 MiB"):
+        read_track(path)

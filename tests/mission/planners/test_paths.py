@@ -348,3 +348,36 @@ def test_hostile_areas(name):
         path = make_planner(name)(PlanningRequest(area, start, budget, footprint_m=1.0, seed=2))
         assert budget.cost(np.vstack((start, path.points_m))) <= limit, what
         assert area.buffer(1e-6).covers(line_of(path)), what
+
+
+@pytest.mark.parametrize("side_m", [3.0, 5.0, 8.0])
+@given(seed=st.integers(0, 1000))
+@settings(max_examples=10)
+def test_random_waypoints_of_a_small_patch_are_not_left_out(side_m, seed):
+    def walk(limit, least_leg_m):
+        area, budget = shapely.box(0, 0, side_m, side_m), LengthBudget(limit)
+        return random_waypoint(PlanningRequest(area, (0, 0), budget, seed=seed, least_leg_m=least_leg_m))
+
+    path = walk(200.0, 2.0).points_m
+    legs_m = np.hypot(*np.diff(path, axis=0).T)[:-1]
+    assert not ((legs_m[1:] < 2.0) & (legs_m[:-1] < 2.0)).any()
+    assert (legs_m < 2.0).sum() <= (0.2 * len(legs_m) if side_m < 4.0 else 0)
+    # The same places in the same order, whatever the budget.
+    shorter = walk(90.0, 2.0).points_m
+    np.testing.assert_array_equal(shorter[:-1], path[: len(shorter) - 1])
+    assert len(walk(200.0, 0.0).points_m) > len(path)
+
+
+def test_random_waypoints_of_a_large_patch_are_as_drawn():
+    """The benchmark's rows of Miniberry-30 are flown by PX4, which turns within two metres."""
+    area, budget = get_farm("miniberry-30").owner_area, LengthBudget(400.0)
+    drawn, asked = (
+        random_waypoint(PlanningRequest(area, (0, 0), budget, seed=3, least_leg_m=m)) for m in (0.0, 2.0)
+    )
+    np.testing.assert_array_equal(drawn.points_m, asked.points_m)
+
+
+def test_random_waypoints_of_a_patch_smaller_than_a_leg_are_found():
+    area = shapely.box(0, 0, 1, 1)
+    path = random_waypoint(PlanningRequest(area, (0, 0), LengthBudget(30.0), seed=1, least_leg_m=2.0))
+    assert path.length_m > 29.0 and np.hypot(*np.diff(path.points_m, axis=0).T)[:-1].min() > 0.1

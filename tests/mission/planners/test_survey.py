@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,8 +18,11 @@ from swath import seen_share
 
 from mission.errors import PlanningError
 from mission.planners import LengthBudget, PlanningRequest, check_planner, make_planner
+from mission.planners.centreline import without_arms
+from mission.planners.cornering import Cornering
 from mission.planners.cuts import cut_parts, hull_angles, width
 from mission.planners.path import Area, path_length
+from mission.planners.short_legs import without_short_legs
 from mission.planners.strips import Swath, ring_strips, rows_that_see
 from mission.planners.survey import survey
 from mission.planners.terrain import Terrain, inset
@@ -364,3 +368,81 @@ def test_rows_of_a_rectangle_of_few_rows_lie_along_a_side(width, height):
     )
     steps = np.abs(np.diff(survey(request).points_m, axis=0))
     assert (steps.min(axis=1) < 1e-6).all(), survey(request).points_m
+
+
+def rough_field(seed: int, corners: int, roughness: float) -> Polygon:
+    rng = np.random.default_rng(seed)
+    angles = np.linspace(0.0, 2.0 * math.pi, corners, endpoint=False)
+    radii = 40.0 * (1.0 + roughness * rng.standard_normal(corners))
+    return Polygon(np.column_stack((1.3 * radii * np.cos(angles), radii * np.sin(angles)))).buffer(0)
+
+
+def left_out_legs(path: np.ndarray) -> int:
+    """Count the legs between the waypoints of a path that are short, one after the other."""
+    sent = Cornering(2.0, overshoots=True).waypoints(path, HOME).points_m
+    short = np.hypot(*np.diff(sent, axis=0).T) < 2.0
+    return int(np.count_nonzero(short[1:] & short[:-1]))
+
+
+@pytest.mark.parametrize(("seed", "corners", "roughness"), [(2, 60, 0.05), (3, 150, 0.03), (0, 200, 0.02)])
+def test_no_two_legs_in_a_row_are_left_out_on_a_rough_border(
+    monkeypatch: pytest.MonkeyPatch, seed: int, corners: int, roughness: float
+) -> None:
+    field = rough_field(seed, corners, roughness)
+    asked = ask(field, 4.0, budget=LengthBudget(1e6), least_leg_m=2.0)
+    path = survey(asked)
+    monkeypatch.setattr("mission.planners.survey.without_short_legs", lambda points, *_: points)
+    before = survey(asked)
+    assert left_out_legs(before.points_m) > 0 == left_out_legs(path.points_m)
+    assert inside(path.points_m, field)
+    assert seen_share(path, field, 12.0) > seen_share(before, field, 12.0) - 0.01
+    assert path.length_m < 1.02 * before.length_m
+
+
+def test_a_corner_of_a_way_is_moved_into_the_land_and_what_is_passed_is_left_out() -> None:
+    terrain = Terrain(shapely.box(-10, -10, 60, 20), 0.0)
+    path = np.array([(0.0, 0.0), (50.0, 0.0), (51.0, 1.0), (50.5, 2.5), (0.0, 2.5)])
+    corner = np.array([False, False, True, False, False])
+    found = without_short_legs(path, corner, 2.0, terrain)
+    assert len(found) <= 5 and (np.hypot(*np.diff(found, axis=0).T) >= 2.0).all()
+    passed = np.array([(0.0, 0.0), (50.0, 0.0), (50.2, 0.7), (50.0, 1.4), (0.0, 1.4)])
+    rows = np.zeros(5, np.bool_)
+    assert len(without_short_legs(passed, rows, 2.0, terrain)) == 4
+    assert without_short_legs(passed, rows, 0.5, terrain) is passed
+    # Nowhere to go: the path stays.
+    narrow = Terrain(shapely.buffer(shapely.LineString(path), 0.05), 0.0)
+    assert without_short_legs(path, corner, 2.0, narrow) is path
+
+
+@pytest.mark.parametrize("degrees", [0.0, 33.0, 61.0])
+@pytest.mark.parametrize("width_m", [3.0, 9.0])
+def test_an_arm_narrower_than_an_image_is_one_row(degrees: float, width_m: float) -> None:
+    arm = affinity.rotate(shapely.box(190, 70 - width_m / 2, 420, 70 + width_m / 2), degrees, (190.0, 70.0))
+    field = shapely.union(FIELD, arm)
+    path = survey(replace(ask_high(field), budget=WindBudget(0.0)))
+    outside = path.points_m[shapely.distance(shapely.points(path.points_m), FIELD) > 1e-6]
+    assert 1 <= len(outside) <= 4
+    assert seen_share(path, field, 51.3) > 0.98 and inside(path.points_m, field)
+
+
+def test_what_is_seen_from_a_path_is_one_thing() -> None:
+    """Square about its ends and right-angled corners; of a sharper corner the tip is not seen."""
+    swath = Swath(10.0, 8.0, 5.0)
+    above = [(0.0, 0.0)], [(0.0, 0.0), (1e-9, 0.0)]
+    assert [swath.seen_from(np.array(path)).bounds for path in above] == [(-5.0, -5.0, 5.0, 5.0)] * 2
+    corner = swath.seen_from(np.array([(0.0, 0.0), (50.0, 0.0), (50.0, 50.0)]))
+    assert shapely.covers(corner, shapely.box(-5, -5, 55, 5) | shapely.box(45, -5, 55, 55))
+    sharp = swath.seen_from(np.array([(0.0, 0.0), (50.0, 0.0), (0.0, 20.0)]))
+    assert sharp.bounds[2] < 60.0
+
+
+def test_a_field_without_arms_is_not_cut_and_one_with_them_wholly() -> None:
+    swath = Swath(20.0, 10.0, 8.0)
+    assert without_arms(FIELD, swath) == without_arms(L, swath) == []
+    assert without_arms(shapely.box(0, 0, 100, 5), swath) == []  # which is a strip
+    arms = [shapely.box(200, 20, 300, 28), shapely.box(90, 150, 95, 260)]
+    field = shapely.union_all([FIELD, *arms, shapely.box(0, 150, 10, 155)])
+    parts = without_arms(field, swath)
+    assert len(parts) == 3
+    assert sum(part.area for part in parts) == pytest.approx(field.area)
+    assert [round(part.area) for part in parts[1:]] == [round(arm.area) for arm in arms]

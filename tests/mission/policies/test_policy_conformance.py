@@ -67,6 +67,15 @@ class _StaysAtHome(_Rows):
         return Decision({one.system_id: np.empty((0, 2)) for one in observation.steerable})
 
 
+class _GoesNowhere(_Rows):
+    """Has a path of no length where it does not like its seed."""
+
+    def decide(self, observation):
+        if observation.event is Event.START and observation.vehicles[0].request.seed.entropy % 2:
+            return Decision({one.system_id: [one.request.start_xy_m] for one in observation.vehicles})
+        return super().decide(observation)
+
+
 class _LastOneStays(_Rows):
     """Of a fleet, the last vehicle has nothing to do that is worth it."""
 
@@ -142,6 +151,7 @@ class _Seer(_Rows):
         (_Outside(), "leaves its area"),
         (_NoPath(), "vehicle 1 is not named at the start"),
         (_StaysAtHome(), "no vehicle has a path at the start of the first flight"),
+        (_GoesNowhere(), "no path of the first flight has a length"),
         (_Silent(), "vehicle 1 gets neither a path nor one without points"),
         (_Strangers(), "no vehicle has the system id 99"),
         (_Restless(), "twice has different answers"),

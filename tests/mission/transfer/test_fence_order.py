@@ -173,3 +173,49 @@ def test_the_ground_station_clears_what_a_vehicle_holds():
     flight.run(until=lambda _now_s: station.done, limit_s=300.0)
     assert station.outcome is Outcome.COMPLETED, station.reason
     assert not outside(text for _, _, text in station.texts)
+
+
+class Losing:
+    """A component whose messages of one kind are lost after so many of them."""
+
+    def __init__(self, component, kind, after):
+        self._component, self._kind, self._after = component, kind, after
+
+    def __getattr__(self, name):
+        return getattr(self._component, name)
+
+    def _kept(self, messages):
+        kept = []
+        for message in messages:
+            counts = message.get_msgId() == self._kind
+            self._after -= counts
+            if not counts or self._after >= 0:
+                kept.append(message)
+        return kept
+
+    def receive(self, message, now_s):
+        return self._kept(self._component.receive(message, now_s))
+
+    def poll(self, now_s):
+        return self._kept(self._component.poll(now_s))
+
+
+@pytest.mark.parametrize(
+    ("mission", "kind", "after", "said"),
+    [
+        (NEW, m.MAVLINK_MSG_ID_MISSION_ITEM_INT, 2, True),  # In the fence
+        (NEW, m.MAVLINK_MSG_ID_MISSION_ITEM_INT, 6, True),  # In the mission
+        (NEW, m.MAVLINK_MSG_ID_MISSION_CLEAR_ALL, 0, False),  # Nothing was cleared
+        (Mission(NEW.items, HOME), m.MAVLINK_MSG_ID_MISSION_ITEM_INT, 2, False),  # Nothing is to be cleared
+    ],
+)
+def test_the_ground_station_says_when_the_vehicle_is_left_without_a_mission(mission, kind, after, said):
+    vehicle = Ground()
+    vehicle.driver.upload(OLD)
+    vehicle.link.close()
+    station = GroundStation(mission, arming_gate=ArmingGate((1, 1), agreed=True))
+    flight = Simulation([vehicle.vehicle, Losing(station, kind, after)])
+    flight.run(until=lambda _now_s: station.done, limit_s=300.0)
+    assert station.outcome is not Outcome.COMPLETED
+    assert ("the old mission was cleared before: it holds none" in station.reason) is said
+    assert not vehicle.vehicle.pilot.armed

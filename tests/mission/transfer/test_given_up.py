@@ -422,3 +422,47 @@ def test_a_vehicle_that_never_finishes_an_upload_is_given_up_within_30_s(result,
             output = upload.poll(now_s)
         assert now_s < 30.0
     assert any(isinstance(event, TransferFailed) for event in output.events)
+
+
+def counts(output):
+    return [one.get_type() for one in output.messages].count("MISSION_COUNT")
+
+
+@pytest.mark.parametrize(("answer_s", "begins"), [(29.0, 1), (31.0, 0), (60.0, 0)])
+def test_on_a_slow_link_an_upload_that_took_no_second_item_begins_anew_for_30_s_only(answer_s, begins):
+    trip = RoundTrip()
+    trip.sample(12.0)
+    upload = VerifiedUpload(make_items(5, 1), source=GROUND, profile=PX4, round_trip=trip)
+    upload.start(0.0)
+    upload.receive(request(0), 5.0)
+    assert counts(upload.receive(ack(CANCELLED), answer_s)) == begins
+    assert upload.done is not bool(begins)
+
+
+@pytest.mark.parametrize("answer", [ERROR, CANCELLED])
+def test_an_upload_that_was_under_way_has_its_time_again_where_it_begins_anew(answer):
+    upload = VerifiedUpload(make_items(8, 1), source=GROUND, profile=PX4)
+    upload.start(0.0)
+    for begun_s in (0.0, 50.0, 100.0):
+        for seq in range(5):
+            upload.receive(request(seq), begun_s + 1.0 + 8.0 * seq)
+        assert counts(upload.receive(ack(answer), begun_s + 42.0)) == 1
+        # The vehicle takes the new COUNT five seconds later; meanwhile it is asked for in vain.
+        while (due_s := upload.next_deadline()) < begun_s + 47.0:
+            upload.poll(due_s)
+        (item,) = upload.receive(request(0), begun_s + 47.0).messages
+        assert item.seq == 0 and not upload.done
+        upload.receive(request(1), begun_s + 47.5)
+
+
+def test_an_upload_begins_anew_five_times_and_no_more():
+    upload = VerifiedUpload(make_items(20, 1), source=GROUND, profile=PX4)
+    upload.start(now_s := 0.0)
+    begun = 0
+    while not upload.done:
+        # At another item each time, so that it is no item that the vehicle does not take.
+        for seq in range(2 + begun):
+            upload.receive(request(seq), now_s := now_s + 0.1)
+        begun += counts(upload.receive(ack(CANCELLED), now_s := now_s + 0.1))
+        assert begun <= 5
+    assert begun == 5

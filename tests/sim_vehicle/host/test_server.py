@@ -272,3 +272,16 @@ def test_a_port_serves_64_peers_at_most_and_again_when_one_has_gone():
         assert peers[-1].recv(100)
         for peer in (*peers, refused):
             peer.close()
+
+
+def test_datagrams_that_it_could_not_keep_are_counted(monkeypatch):
+    monkeypatch.setattr("mission.link.sockets._KEPT_BYTES", 1000)
+    with Server([], ["udpin:127.0.0.1:0"]) as server:
+        host, port = server.urls[0].split(":")[1:]
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            for _ in range(10):
+                sender.sendto(bytes(244), (host, int(port)))
+        end_s = time.monotonic() + 30.0
+        while server.dropped < 8 and time.monotonic() < end_s:
+            time.sleep(0.01)
+        assert server.dropped == 8

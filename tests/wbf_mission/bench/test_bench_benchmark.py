@@ -14,12 +14,13 @@ from processes import environment
 
 from mission.planners import planner_names
 from sensors.estimators.point import PointEstimator
-from wbf_mission import benchmark
+from wbf_mission import Decision, Triggers, benchmark
 from wbf_mission.bench import engine
 from wbf_mission.bench.benchmark import BenchmarkInterrupted
 from wbf_mission.bench.engine import fly_all, fly_run
 from wbf_mission.bench.rows import BenchStore, read_rows
 from wbf_mission.bench.spec import BenchSpec
+from wbf_mission.bench.standings import standings
 from wbf_mission.bench.versions import build_of
 from wbf_mission.cli.app import main
 
@@ -129,6 +130,28 @@ def test_a_run_that_fails_is_kept_with_the_cause_and_the_others_go_on(tmp_path, 
     assert flown == []
     benchmark(mixed, out=tmp_path, retry=True)
     assert flown == ["Broken", "Broken"]
+
+
+class GoesNowhere:
+    """Has a path of no length on some environments, here all."""
+
+    triggers = Triggers()
+
+    def start(self):
+        pass
+
+    def decide(self, observation):
+        return Decision({one.system_id: [one.request.start_xy_m] for one in observation.vehicles})
+
+
+def test_a_flight_that_sees_nothing_is_a_failure_and_counts_as_the_worst():
+    rows = benchmark(BenchSpec.of(TEN, [GoesNowhere(), "spiral"], ["point"], 2))
+    assert [row.error for row in rows if row.planner == "GoesNowhere"] == [
+        "no score: no cell of the farm was observed"
+    ] * 2
+    best, nowhere = standings(rows)
+    assert (best.planner, best.environments, best.failed) == ("spiral", 2, 0)
+    assert (nowhere.environments, nowhere.failed) == (2, 2)
 
 
 def test_what_cannot_be_sent_is_a_row_that_says_so():

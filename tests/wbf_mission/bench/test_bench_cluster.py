@@ -13,6 +13,7 @@ import pytest
 from wbf_mission.bench import engine
 from wbf_mission.bench.benchmark import benchmark
 from wbf_mission.bench.engine import ClusterError, fly_all
+from wbf_mission.bench.program import program, unlike
 from wbf_mission.bench.spec import BenchSpec
 from wbf_mission.cli.app import main
 from wbf_mission.own_code import own_choice
@@ -188,13 +189,22 @@ def test_own_code_on_a_cluster_of_this_machine(tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_a_worker_with_other_code_is_refused(monkeypatch):
-    monkeypatch.setattr(engine, "behaviour", lambda: "other")
+@pytest.mark.parametrize("what", ["code of wbf-mission", "wbf-mission", "numpy", "Python", "C library"])
+def test_a_worker_with_another_program_is_refused(what, monkeypatch):
+    monkeypatch.setattr(engine, "program", lambda: {**program(), what: "another"})
     runs = list(BenchSpec.of(TEN, planners=["spiral"], estimators=["point"], seeds=1).runs())
     with pytest.raises(
-        ClusterError, match="a worker cannot fly: it has another wbf-mission; install the same"
+        ClusterError, match=f"a worker cannot fly: it has {what} .* in place of another; inst"
     ):
         list(fly_all(runs, jobs=1, dask="local"))
+
+
+def test_what_differs_between_programs_is_told():
+    assert not unlike(program())
+    other = {**program(), "numpy": "1.0", "code of wbf-mission": "0"}
+    assert unlike(other).count("in place of") == 1
+    assert "in place of 0" in unlike({**program(), "code of wbf-mission": "0"})
+    assert "numba" in unlike({key: one for key, one in program().items() if key != "numba"})
 
 
 @pytest.mark.slow

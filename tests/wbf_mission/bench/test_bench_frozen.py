@@ -5,9 +5,12 @@ import random
 from pathlib import Path
 
 import pytest
+from bench_packs import pack_of
+from write_frozen_sums import table
 
 from wbf_mission.bench.audit import require_whole
-from wbf_mission.bench.board import packs_of
+from wbf_mission.bench.board import board_of, packs_of
+from wbf_mission.bench.frozen import TABLE, frozen_sums
 from wbf_mission.bench.submission import read_pack
 from wbf_mission.bench.verification import fly_again
 from wbf_mission.cli.app import main
@@ -40,6 +43,26 @@ def test_rows_that_the_present_code_flew_come_out_equal(pack):
     found = fly_again(drawn, FLOWN)
     assert not found.differing
     assert len(found.rows) == FLOWN
+
+
+def test_the_package_has_their_sums():
+    # python tools/write_frozen_sums.py writes them.
+    assert TABLE.read_bytes() == table()
+    assert set(frozen_sums()) == {path.relative_to(RESULTS).as_posix() for path in PACKS}
+
+
+def test_a_pack_that_only_has_the_name_of_a_frozen_one_is_left_out(tmp_path):
+    (folder := tmp_path / "0.1.0").mkdir()
+    read = read_pack(RESULTS / "0.1.0/WBF-Miniberry-10-v1.zip")
+    rows = [row for row in read.rows if row.planner != "spiral"]
+    pack_of(rows, folder / "WBF-Miniberry-10-v1.zip")
+    (why,) = board_of(packs_of([tmp_path]), verify=0).refused.values()
+    assert "is not the frozen 0.1.0/WBF-Miniberry-10-v1.zip, whose SHA-256 is another" in why
+    # Under another name it is a baseline that nobody knows, whose rows are flown again.
+    (folder / "WBF-Miniberry-10-v1.zip").rename(folder / "mine.zip")
+    (entry,) = board_of(packs_of([tmp_path])).entries
+    assert entry.frozen
+    assert str(entry.verification) != "not asked"
 
 
 def test_they_are_small():

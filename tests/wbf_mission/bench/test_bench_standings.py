@@ -222,6 +222,22 @@ def test_an_environment_on_which_nobody_has_a_score_does_not_count():
     assert "nobody has a score there (seed 1)" in group.environments_in_words()
 
 
+@pytest.mark.parametrize("score", [None, math.nan, math.inf, -math.inf])
+def test_a_run_without_a_score_failed_and_takes_no_environment_from_the_others(score):
+    good = rows("good", [-1.0, -2.0], scores=array("d", [-9.0, math.nan]))
+    odd = rows("odd", [-1.0, -1.0])
+    odd[1] = structs.replace(odd[1], score=score, final_score=-1.0, scores=array("d", [math.nan]))
+    assert odd[1].error == "no score: no cell of the farm was observed"
+    (group,) = scored([*good, *odd])
+    assert group.seeds == (0, 1)
+    found = {one.planner: one for one in standings([*good, *odd])}
+    assert (found["odd"].failed, found["odd"].score.mean) == (1, (-1.0 - 9.0) / 2)
+    assert (found["good"].failed, found["good"].score.mean) == (0, -1.5)
+    # Whoever comes first.
+    (turned,) = scored([*odd[::-1], *good[::-1]])
+    assert (turned.scores == group.scores).all()
+
+
 def test_the_share_of_bad_answers_is_that_of_all_answers():
     policy = rows("policy", [-1.0, -1.0], decisions=20, bad_answers={"crashed": 1})
     found = {one.planner: one for one in standings([*policy, *rows("fixed", [-1.0, -1.0], decisions=1)])}

@@ -40,6 +40,7 @@ ROWS = st.builds(
 
 
 def row(number=0, **given):
+    given = {"final_score": given.get("score")} | given
     return BenchRow(key=f"{number:04x}", scenario="s", planner="p", estimator="e", seed=number, **given)
 
 

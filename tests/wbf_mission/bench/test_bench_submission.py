@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import re
 import sys
 import warnings
 
@@ -18,6 +19,7 @@ from bench_packs import (
     flown,
     members_of,
     pack_of,
+    told_of,
     told_otherwise,
     written,
 )
@@ -29,6 +31,7 @@ from wbf_mission.bench import submission
 from wbf_mission.bench.audit import require_whole
 from wbf_mission.bench.rows import read_rows
 from wbf_mission.bench.submission import code_files, read_pack
+from wbf_mission.bench.verification import fly_again
 from wbf_mission.cli.app import main
 from wbf_mission.results import storage
 from wbf_mission.results.storage import ResultError
@@ -127,7 +130,7 @@ WRONG = {
     "better losses": (other(losses=dict.fromkeys(("tylcv", "ccr", "soil"), 0.0)), "its loss tylcv is not"),
     "other fields": (other(losses={"rust": 0.0}), "its losses are not those of tylcv, ccr, soil"),
     "a score without losses": (other(history={}), "its losses are not those"),
-    "no score": (other(score=None, final_score=None), "no score and no error"),
+    "no score": (other(score=None, final_score=None), "it has a history and no score"),
     "a short list": (other(times_s=floats([1.0])), "lists of several lengths"),
     "better scores throughout": (
         lambda n, row: structs.replace(
@@ -154,6 +157,87 @@ def test_what_is_wrong_is_told_in_a_line(what, folder, tmp_path, capsys):
     assert why in told.err
     assert told.err.count("\n") == 1
     assert not (tmp_path / "mine.zip").exists()
+
+
+def scaled(row, factor, keep=slice(None), **values):
+    """Return a row whose losses are others, consistent in itself."""
+    history = {name: floats(np.array(one)[keep] * factor) for name, one in row.history.items()}
+    scores = floats(np.array(row.scores)[keep] * factor)
+    return structs.replace(
+        row,
+        scores=scores,
+        history=history,
+        times_s=floats(np.array(row.times_s)[keep]),
+        score=float(np.mean(scores)),
+        final_score=scores[-1],
+        losses={name: one[-1] for name, one in history.items()},
+        **values,
+    )
+
+
+MADE_UP = {
+    "the end alone": (lambda row: scaled(row, 1.0, slice(-1, None)), "1 scored times, its readings give"),
+    "the later half": (lambda row: scaled(row, 1.0, slice(16, None)), "scored times, its readings give"),
+    "more than all": (
+        lambda row: scaled(row, 1.0, np.sort(np.tile(np.arange(33), 4))),
+        "scored times, its readings give",
+    ),
+    "no loss": (lambda row: scaled(row, 0.0), "an estimate is perfect, with"),
+    "losses beyond all": (lambda row: scaled(row, 1e5), "a loss tylcv is not between 0 and 250"),
+    "times before the flight": (
+        lambda row: structs.replace(row, times_s=floats(np.array(row.times_s) - 9)),
+        "its scored times do not go on",
+    ),
+    "no time": (lambda row: structs.replace(row, cpu_time_s=-5.0), "its cpu_time_s is -5"),
+    "a part of no time": (lambda row: structs.replace(row, timings_s={"plan": -1.0}), "less than no time"),
+    "no length": (lambda row: structs.replace(row, path_length_m=-1.0), "its path_length_m is -1"),
+    "many readings": (lambda row: structs.replace(row, observations=10**9), "readings are more than"),
+    "many cells": (lambda row: structs.replace(row, cells_observed=200), "200 cells observed are not"),
+    "no cells": (lambda row: structs.replace(row, cells_observed=0), "0 cells observed are not"),
+    "no readings": (lambda row: structs.replace(row, observations=None), "not say its observations"),
+    "another budget": (lambda row: structs.replace(row, budget="9999 steps"), "its budget is 9999 steps"),
+    "a long flight": (lambda row: structs.replace(row, flight_time_s=1e9), "it flew for 1e+09 s"),
+    "a fast flight": (lambda row: structs.replace(row, path_length_m=13.0), "no vehicle of it flies 13 m"),
+    "bad answers": (lambda row: structs.replace(row, bad_answers={"crashed": 2}), "2 bad answers among"),
+    "bad answers for nothing": (
+        lambda row: structs.replace(row, decisions=20, bad_answers={"crashed": 9}),
+        "9 of 20 answers were bad, and it did not fail",
+    ),
+    "another outcome": (
+        lambda row: structs.replace(row, outcome="crashed"),
+        "its outcome is crashed",
+    ),
+    "a failure with a history": (
+        lambda row: structs.replace(row, error="no", score=None, final_score=None),
+        "it has a history and no score",
+    ),
+    "a built-in name": (
+        lambda row: told_of(row, codes=row.codes | {"planner": "b" * 24}),
+        "own code has a name of what is built in",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", MADE_UP)
+def test_what_no_run_of_the_scenario_gives_is_refused(what, rows):
+    change, why = MADE_UP[what]
+    (spiral,) = (row for row in rows if (row.planner, row.seed) == ("spiral", 0))
+    require_whole([spiral])
+    with pytest.raises(ResultError, match=re.escape(why)):
+        require_whole([change(spiral)])
+
+
+def test_environments_that_were_chosen_are_refused(rows):
+    with pytest.raises(ResultError, match="seeds 0,2 leave some out between 0 and 2"):
+        require_whole([row for row in rows if row.seed != 1])
+    require_whole([row for row in rows if row.seed != 1], sealed=True)
+    require_whole([row for row in rows if row.seed])
+
+
+def test_answers_that_were_hidden_are_found_when_a_row_is_flown_again(rows):
+    (found,) = fly_again([structs.replace(rows[0], bad_answers={"crashed": 1}, decisions=20)], 1).rows
+    assert "bad_answers" in found.why
+    assert fly_again([structs.replace(rows[0], bad_answers={"too late": 1})], 1).rows[0].same == "equal"
 
 
 def test_what_is_no_number_is_no_score(rows):
@@ -234,8 +318,12 @@ def test_a_folder_of_code_is_packed_without_what_is_hidden(tmp_path):
         code_files([tmp_path / "src"])
     with pytest.raises(ResultError, match="no such file"):
         code_files([tmp_path / "nothing.py"])
+    (tmp_path / "a.py").write_text("2")
     with pytest.raises(ResultError, match=r"cannot be packed as code/a\.py"):
-        code_files([tmp_path / "src" / "a.py", tmp_path / "src" / "a.py"])
+        code_files([tmp_path / "src" / "a.py", tmp_path / "a.py"])
+    assert code_files([tmp_path / "a.py", tmp_path / "a.py"]) == {
+        "code/a.py": b"2"
+    }  # as of one that imports it
 
 
 @pytest.mark.parametrize(

@@ -297,6 +297,10 @@ def test_a_vehicle_that_nobody_named_gives_no_errors_of_its_own():
     assert findings(long, assumed=True)["battery"].severity is Severity.WARNING
 
 
+def test_no_less_than_nothing_is_left_in_a_battery():
+    assert findings(good(at(800, 0), at(0, 0), jumps(3, 90)))["battery"].measure.value == 0.0
+
+
 def test_findings_of_several_items_are_one_with_the_worst():
     found = findings(good(at(40, 0), *CURL))["short-leg"]
     assert (found.item, found.count) == (7, 4)

@@ -231,6 +231,10 @@ def test_what_counts_for_an_upload_and_what_for_a_start():
     assert {concerns[code] for code in ("no-fix", "not-ready", "unhealthy")} == {Concern.READINESS}
 
 
+def test_no_less_than_nothing_is_left_in_an_empty_battery():
+    assert findings(good(), snapshot=vehicle(battery=0.0))["battery-now"].measure.value == 0.0
+
+
 def test_the_vehicles_own_reasons_are_told():
     ill = vehicle(sensors_health=SENSORS & ~(1 << 28), reasons=("GPS 1: Bad fix", "Battery low"))
     assert "GPS 1: Bad fix, Battery low" in findings(good(), snapshot=ill)["not-ready"].text

@@ -61,6 +61,11 @@ FARM = get_farm("miniberry-10")
 SHAPE = FARM.width_cells, FARM.height_cells
 BAD = '<img src="x" onerror="document.title=1">'
 LOADS_MS = 2000.0 * (2 if os.environ.get("CI") else 1)
+HEAR = """() => {
+    const lost = document.querySelector(".lost");
+    window.heard = [];
+    new MutationObserver(() => heard.push(lost.textContent)).observe(lost, { childList: true });
+}"""
 STILL = "() => new Promise(done => requestAnimationFrame(() => setTimeout(done, 300)))"
 
 
@@ -370,6 +375,9 @@ def test_a_lost_connection_is_told_and_found_again_where_the_reader_looked(
         page.evaluate(STILL)
         before = page.locator(".vehicle").bounding_box()
     expect(page.locator(".lost")).to_contain_text("The connection to the program is lost")
+    page.evaluate(HEAR)
+    page.wait_for_timeout(4_500)  # It tries again meanwhile, and its data get old
+    assert page.evaluate("heard") == [], "it is read aloud once"
     told(view, VehicleSaid(12.0, 1, 6, "here again"))
     with LiveServer(view, port=port):
         expect(page.locator(".connection")).to_have_text("Live", timeout=20_000)
@@ -423,6 +431,7 @@ def test_decisions_tell_why_and_their_candidates_are_on_the_map(browser: Browser
         told(view, Decided(4.0, record))
         page.locator(".decisions summary").click()
         expect(page.locator(".decisions details")).to_contain_text("Two plants are sick")
+        expect(page.locator(".decided > .small")).to_have_text("This policy has told no acquisition map yet.")
         rows = page.locator(".decisions tbody tr").all()
         assert [row.inner_text().split("\t")[:3] for row in rows] == [
             ["one \N{CHECK MARK}", "3.00", "5.00"],
@@ -519,7 +528,7 @@ def test_names_are_text_and_never_markup(browser: Browser, view: View) -> None:
             ".vehicle .name",
             "ol.messages .text",
             ".question p",
-            ".controls button",
+            ".controls .group:nth-child(2) button:last-child",
         ):
             expect(page.locator(place).first).to_contain_text(BAD, ignore_case=True)
         assert page.locator("img").count() == 0

@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from queue import Queue
 from threading import Thread
@@ -22,8 +23,18 @@ from live_page import chromium, page_at
 from playwright.sync_api import Browser, Page, expect
 
 from geo.farms import get_farm
+from mission.outcome import in_words
 from sensors.fields import PAPER_FIELDS
-from wbf_mission.events import Asked, Orderable, RunBegun, RunEnded, VehicleInfo, VehicleMoved
+from wbf_mission.events import (
+    Asked,
+    Noted,
+    Orderable,
+    Progressed,
+    RunBegun,
+    RunEnded,
+    VehicleInfo,
+    VehicleMoved,
+)
 from wbf_mission.web.server import LiveServer
 from wbf_mission.web.view import View
 
@@ -278,12 +289,21 @@ def test_several_vehicles_are_brought_down_only_after_a_second_word(browser: Bro
             order(page, name).click()
             dialog = page.get_by_role("dialog")
             expect(dialog).to_contain_text("It goes to 2 vehicles: drone-1, drone-2.")
-            dialog.get_by_role("button", name="Cancel").click()
+            expect(page.locator(".became")).to_be_empty()
+            if name == "Return":
+                dialog.get_by_role("button", name="Cancel").click()
+            else:
+                page.keyboard.press("Escape")
+            expect(page.locator(".became")).to_have_text(f"{name}, All 2 vehicles: not sent")
             order(page, name).click()
+            expect(page.locator(".became")).to_be_empty()
             dialog.get_by_role("button", name="Yes").click()
             expect(page.locator(".became")).to_have_text(f"{name}, All 2 vehicles: sent")
         view.take(Asked("vehicles fly", ("hold", "return"), 7))
         question = page.locator(".question")
+        question.get_by_role("button", name="Return").click()
+        dialog.get_by_role("button", name="Cancel").click()
+        expect(page.locator(".became")).to_have_text("Answer “return”: not sent")
         question.get_by_role("button", name="Return").click()
         dialog.get_by_role("button", name="Yes").click()
         expect(page.locator(".became")).to_have_text("Answer “return”: sent")
@@ -330,6 +350,7 @@ def test_land_does_not_stand_beside_resume_and_no_order_moves(
         ("completed", "good"),
         ("failed", "bad"),
         ("crashed", "bad"),
+        ("battery_depleted", "bad"),
         ("interrupted", "warn"),
         ("ended", "running"),
     ],
@@ -343,6 +364,7 @@ def test_live_ends_with_the_run_and_a_failure_is_not_green(browser: Browser, out
         expect(page.locator(".connection")).to_have_text("Ended")
         pill = page.locator(".top .outcome")
         expect(pill).to_have_attribute("data-state", look)
+        expect(pill).to_have_text(re.compile(re.escape(in_words(outcome)), re.IGNORECASE))
         red, green, blue = map(
             int, re.findall(r"\d+", pill.evaluate("one => getComputedStyle(one).backgroundColor"))[:3]
         )
@@ -483,3 +505,138 @@ def test_nothing_that_was_ordered_is_sent_again_over_the_next_connection(browser
         expect(one.page.get_by_label("Orders go to")).to_have_value("1")
         expect(order(one.page, "Hold")).to_be_enabled()
         assert len(one.asked) == 1
+
+
+def test_an_order_that_is_clicked_before_its_button_is_off_is_not_sent(browser: Browser) -> None:
+    with played(browser) as one:
+        one.beats(0.0)
+        one.page.get_by_label("Orders go to").select_option("drone-1")
+        expect(order(one.page, "Hold")).to_be_enabled()
+        # The page wakes from a sleep with this click.
+        one.page.evaluate(
+            """() => {
+                ahead.performance += 30000;
+                ahead.date += 30000;
+                document.querySelector("[data-order=hold]").click();
+            }"""
+        )
+        expect(one.page.locator(".became")).to_have_text(
+            "Hold, drone-1: not sent: the program does not answer"
+        )
+        expect(order(one.page, "Hold")).to_be_disabled()
+        assert one.asked == []
+
+
+def test_the_page_says_why_no_order_can_be_given(browser: Browser) -> None:
+    view = View()
+    view.take(RunBegun("a flight", get_farm("miniberry-10"), PAPER_FIELDS, (), simulated=True))
+    view.take(Orderable(("hold", "land")))
+    with LiveServer(view, orders=Taking()) as server, page_at(browser, server.url) as page:
+        why = page.locator(".why")
+        expect(why).to_have_text("No vehicle has been heard yet: orders have nowhere to go.")
+        two(view, "hold", "land", simulated=True)
+        expect(why).to_have_text("Choose a vehicle: until then orders go to none.")
+        assert order(page, "Hold").get_attribute("aria-describedby") == why.get_attribute("id")
+        for target in ("drone-2", "All 2 vehicles"):
+            page.get_by_label("Orders go to").select_option(target)
+            expect(why).to_be_empty()
+        page.get_by_label("Orders go to").select_option("")
+        expect(why).to_have_text("Choose a vehicle: until then orders go to none.")
+        view.take(Orderable(()))
+        expect(why).to_have_text("The program takes no orders now.")
+        view.take(RunEnded(9.0, "completed", ""))
+        expect(why).to_be_empty()
+        expect(page.locator(".controls")).to_be_hidden()
+
+
+STAND = """() => {
+    const [now, date] = [performance.now(), Date.now()];
+    performance.now = () => now + ahead.performance;
+    Date.now = () => date + ahead.date;
+}"""
+
+
+def test_what_an_order_came_to_is_told_below_it(browser: Browser) -> None:
+    view = View()
+    two(view, "takeoff", "hold", simulated=True)
+    view.take(Noted("a warning of before", warns=True))
+    with LiveServer(view, orders=Taking()) as server, page_at(browser, server.url) as page:
+        page.get_by_label("Orders go to").select_option("drone-1")
+        view.take(Noted("a warning of nothing that was ordered", warns=True))
+        expect(page.locator("ol.messages")).to_contain_text("nothing that was ordered")
+        order(page, "Hold").click()
+        expect(page.locator(".became")).to_have_text("Hold, drone-1: sent")
+        view.take(Noted("vehicle 1: hold is carried out"))
+        expect(page.locator("ol.messages")).to_contain_text("carried out")
+        expect(page.locator(".became")).to_have_text("Hold, drone-1: sent")
+        view.take(Noted("vehicle 1: hold: it is not flying", warns=True))
+        expect(page.locator(".became.refused")).to_have_text("vehicle 1: hold: it is not flying")
+
+
+LONG = "a title that is as long as those of policies with many parameters, and of farms with long names"
+BOXES = """() => [...document.querySelectorAll("[data-order]")].map((one) => {
+    const { x, y, width, height } = one.getBoundingClientRect();
+    return [one.dataset.order, x, y, width, height];
+})"""
+
+
+@pytest.mark.parametrize("width", [360, 700, 1280])
+def test_no_order_moves_whatever_the_page_says(browser: Browser, width: int) -> None:
+    view = View()
+    two(view)
+    begun = partial(RunBegun, farm=get_farm("miniberry-10"), fields=PAPER_FIELDS, simulated=True)
+    vehicles = tuple(VehicleInfo(number, f"drone-{number}", "copter") for number in (1, 2))
+    longer = (VehicleInfo(1, LONG, "copter"), *vehicles)
+    view.take(Orderable(("start",)))
+    with LiveServer(view) as server:
+        one = Told(browser, server.url, view)
+        one.page.set_viewport_size({"width": width, "height": 800})
+        one.page.evaluate(STAND)  # It gets old only where the test says so
+        one.beats(0.0)
+        expect(order(one.page, "Start")).to_be_visible()
+        boxes = one.page.evaluate(BOXES)
+        assert len(boxes) >= 6
+
+        def stays(why: str) -> None:
+            one.page.wait_for_timeout(450)  # Panels are drawn anew
+            assert one.page.evaluate(BOXES) == boxes, why
+
+        def says(*events: Any) -> None:
+            cursor = view.cursor
+            for event in events:
+                view.take(event)
+            one.sockets[-1].send(view.update(cursor)[0].json().decode())
+            stays(str(events))
+
+        stays("it is live")
+        says(begun(LONG, vehicles=vehicles))
+        says(
+            begun("a flight", vehicles=vehicles), Progressed("uploading the mission and its fence", 3.0, 10.0)
+        )
+        says(Orderable(("hold", "resume", "set item", "return", "land")))
+        says(Asked(f"{LONG}?", ("hold", "return"), 7))
+        says(Asked(""), Progressed("uploading", 10.0, 10.0))
+        says(begun("a flight", vehicles=longer))
+        for target in ("1", "2", "all", ""):
+            one.page.get_by_label("Orders go to").select_option(target)
+            stays(f"orders go to {target!r}")
+        one.page.get_by_label("Orders go to").select_option("2")
+        order(one.page, "Hold").click()
+        stays("an order is on its way")
+        says(Asked("the battery is low: what now?", ("hold", "return"), 8))
+        answer = one.page.locator(".question").get_by_role("button", name="Return")
+        place = answer.bounding_box()
+        one.passes(2_200)
+        stays("2 s old")
+        one.passes(30_000)
+        expect(one.page.locator(".lost")).not_to_be_empty()
+        stays("old, with a banner")
+        assert answer.bounding_box() == place
+        one.beats(32.2)
+        expect(one.page.locator(".lost")).to_be_empty()
+        stays("live again")
+        says(Orderable(()))
+        says(Orderable(("start",)))
+        one.sockets[-1].close()
+        stays("the connection is lost")
+        one.page.close()

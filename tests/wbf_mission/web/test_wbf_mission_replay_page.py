@@ -198,5 +198,7 @@ def test_where_there_is_no_map_the_page_says_so(browser: Browser, files: dict[st
     assert "market chooses by no acquisition map" in words
     assert "flown again: equal to the bit" in words
     with page_at(browser, files["market"].as_uri()) as page:
-        expect(page.locator(".decided > .small")).to_contain_text("No acquisition map is told")
+        expect(page.locator(".decided > .small")).to_contain_text(
+            "No acquisition map is kept: see the summary."
+        )
         expect(page.get_by_role("radio", name="Acquisition")).to_have_count(0)

@@ -224,6 +224,21 @@ def test_the_summary_tells_what_the_result_tells(file: Path, result: Result) -> 
     assert f"{looked['soil']} cells were looked at" in words
 
 
+def test_outcomes_are_told_in_words(result: Result, tmp_path: Path, browser: Browser) -> None:
+    flight = replace(result.flights[0], outcome=Outcome.BATTERY_DEPLETED, reason="at 40 s", battery_used=1.0)
+    write_report(tmp_path / "r.html", [replace(result, flights=(flight,))])
+    assert "battery_depleted" not in " ".join(SinglePage(tmp_path / "r.html").words)
+    with page_at(browser, (tmp_path / "r.html").as_uri()) as page:
+        facts = page.locator("#summary .facts")
+        expect(facts).to_contain_text("battery empty in the air: at 40 s")
+        expect(facts).to_contain_text("100 % of one")
+        expect(page.locator(".top .outcome")).to_have_text("Battery empty in the air · at 40 s")
+        expect(page.locator(".top .outcome")).to_have_attribute("data-state", "bad")
+        page.evaluate("document.querySelector('#app').scrollIntoView()")
+        expect(page.locator("ol.messages")).to_contain_text("flight 1: battery empty in the air: at 40 s")
+        expect(page.locator("ol.messages")).not_to_contain_text("_")
+
+
 def test_names_of_files_and_vehicles_are_text(tmp_path: Path, browser: Browser) -> None:
     save_farm(replace(get_farm("miniberry-10"), name=BAD), tmp_path / "farm.geojson")
     hostile = fly(

@@ -303,14 +303,14 @@ def test_a_flight_stopped_in_the_air_is_told_as_that(server: LiveServer) -> None
     assert told(server, "/api/stop") == {"stopped": True}
     state = ended(server)
     assert state["outcome"] == "interrupted"
-    assert re.fullmatch(r"stopped after \d+ simulated seconds", state["reason"])
+    assert re.fullmatch(r"interrupted: stopped after \d+ simulated seconds", state["words"])
 
 
 def test_a_flight_stopped_before_it_begins_is_told_as_that() -> None:
     flown = Flown(View())
     flown.stopping.set()
     flown.fly(Scenario(farm="miniberry-30", **START), None)
-    assert (flown.state.outcome, flown.state.reason) == ("interrupted", "stopped before the start")
+    assert flown.state.words == "interrupted: stopped before the start"
 
 
 SURVEY = {"planner": "lawnmower", "camera_model": "dji-p1-35", "gsd_cm": 0.1}
@@ -322,7 +322,7 @@ def test_a_plan_for_a_survey_camera_is_flown_with_its_images(server: LiveServer)
     assert found["not_flown"] == ""
     assert "survey camera" in found["flown_note"]
     told(server, "/api/fly", farm="miniberry-100", options=options)
-    assert ended(server) == {"outcome": "completed", "reason": ""}
+    assert ended(server) == {"outcome": "completed", "words": "completed"}
     address = f"127.0.0.1:{server.port}"
     viewer = Viewer()
     with connect(
@@ -333,6 +333,37 @@ def test_a_plan_for_a_survey_camera_is_flown_with_its_images(server: LiveServer)
     assert images > 3
     assert len(viewer.readings["time_s"]) == images
     assert max(viewer.states["1"]["height_m"]) > 7.0
+
+
+@pytest.mark.parametrize(
+    ("options", "decider"),
+    [
+        (START, "spiral"),
+        ({"planner": "lawnmower", "budget": "2 batteries"}, "lawnmower"),
+        (SURVEY, "lawnmower"),
+        ({"policy": "greedy", "budget": "2min"}, "greedy"),
+    ],
+)
+def test_a_flight_is_headed_by_its_farm_and_planner(
+    server: LiveServer, options: dict[str, Any], decider: str
+) -> None:
+    features = [patch([(0, 0), (3, 0), (3, 3), (0, 3)], crop="strawberry")]
+    drawn = {"type": "FeatureCollection", "name": "Long field", "features": features}
+    told(server, "/api/fly?pace=60", farm=drawn, options={**options, "estimator": "point"})
+    while told(server, "/api/flight", method="GET")["outcome"] == "preparing":
+        time.sleep(0.05)
+    told(server, "/api/stop")
+    ended(server)
+    address = f"127.0.0.1:{server.port}"
+    viewer = Viewer()
+    with connect(
+        f"ws://{address}/live", origin=f"http://{address}", max_size=None, compression=None
+    ) as client:  # type: ignore[arg-type]
+        content = client.recv(30)
+        viewer.take(content)
+    assert viewer.run is not None
+    assert (viewer.run["title"], viewer.run["planner"]) == (f"Long field, {decider}", decider)
+    assert "wbf-mission-studio-" not in str(content), "a folder of the studio's own is shown"
 
 
 @pytest.mark.parametrize(
@@ -355,7 +386,7 @@ def test_what_fails_on_the_way_is_told(server: LiveServer) -> None:
     told(server, "/api/fly", farm=crop, options={**START, "fields": "tylcv"})
     state = ended(server)
     assert state["outcome"] == "failed"
-    assert state["reason"].endswith("name fields of its crops ('Fields')")
+    assert state["words"].endswith("name fields of its crops ('Fields')")
 
 
 def patch(corners: list[tuple[float, float]], **properties: Any) -> dict[str, Any]:
@@ -385,11 +416,20 @@ def test_a_farm_is_refused_with_what_can_be_done(
     server: LiveServer, farm: list[dict[str, Any]], remedy: str, wanted: str
 ) -> None:
     document = {"type": "FeatureCollection", "features": farm}
-    opened = json.loads(ask(server, "POST", "/api/farm?name=a.geojson", json.dumps(document).encode())[1])
-    drawn = told(server, "/api/plan", farm=document)
-    for answer in (opened, drawn):
+    opened, mended, unnamed = (
+        json.loads(ask(server, "POST", f"/api/farm?{how}", json.dumps(one).encode())[1])
+        for how, one in (("name=a.geojson", document), ("crop=", {**document, "name": "Bow"}), ("", document))
+    )
+    drawn = told(server, "/api/plan", farm={**document, "name": "Bow"})
+    for answer, called in (
+        (opened, "farm file a.geojson: "),
+        (drawn, "farm 'Bow': "),
+        (mended, "farm 'Bow': "),
+        (unnamed, "the farm: "),
+    ):
         assert answer["remedy"] == remedy
         assert wanted in answer["error"]
+        assert answer["error"].startswith(called)
 
 
 def test_no_mending_is_offered_for_a_bow_tie(server: LiveServer) -> None:

@@ -5,6 +5,9 @@ from __future__ import annotations
 import json
 import math
 import re
+import signal
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -289,6 +292,16 @@ def test_a_file_without_what_it_needs_is_opened_on_request(page: Page, tmp_path:
     expect(page.locator(".unopened")).to_be_empty()
 
 
+def test_what_was_said_before_an_upload_is_not_said_of_one_that_is_cancelled(page: Page) -> None:
+    with page.expect_download():
+        page.get_by_role("button", name="Save file").click()
+    expect(page.locator(".told")).to_contain_text("Saved as")
+    page.get_by_role("button", name="Upload to a vehicle").click()
+    expect(page.locator(".told")).to_be_empty()
+    page.keyboard.press("Escape")
+    expect(page.locator(".told")).to_have_text("Nothing was uploaded")
+
+
 def test_an_upload_is_confirmed(page: Page) -> None:
     page.get_by_role("button", name="Upload to a vehicle").click()
     dialog = page.get_by_role("dialog")
@@ -310,7 +323,7 @@ def test_it_is_flown_and_watched(page: Page) -> None:
     expect(live.locator(".vehicle")).to_have_count(1, timeout=SLOW_MS)
     page.get_by_role("button", name="Stop").click()
     expect(page.locator(".told")).to_have_text(
-        re.compile(r"The flight: interrupted, stopped after \d+ simulated seconds"), timeout=SLOW_MS
+        re.compile(r"The flight: interrupted: stopped after \d+ simulated seconds"), timeout=SLOW_MS
     )
     expect(page.get_by_role("button", name="Stop")).to_be_hidden()
     expect(live.locator(".top .outcome")).to_contain_text("nterrupted", timeout=SLOW_MS)
@@ -674,3 +687,65 @@ def test_a_flight_that_fails_is_told_beside_the_button(page: Page) -> None:
     page.get_by_role("button", name="Fly it in the simulator").click()
     expect(page.locator(".told.bad")).to_contain_text("The flight: failed", timeout=SLOW_MS)
     expect(page.locator(".told.bad")).to_contain_text("'Fields'")
+
+
+LOST = re.compile("The connection to the program is lost: it plans, saves and flies nothing")
+
+
+def test_an_idle_studio_says_that_its_program_is_gone_and_goes_on_when_it_is_back(browser: Browser) -> None:
+    studio = Studio(Scenario(farm="miniberry-10", planner="spiral", budget="1min", estimator="point"))
+    with LiveServer(View(), routes=studio.routes(), home="studio") as server:
+        studio.begin(server)
+        url, port = server.url, server.port
+        page = browser.new_page()
+        page.goto(url)
+        planned(page)
+        lost = page.locator(".urgent .lost")
+        expect(lost).to_be_empty()
+        before = figure(page, "Time").inner_text()
+    expect(lost).to_have_text(LOST, timeout=SLOW_MS)
+    expect(page.locator(".figures")).to_have_css("opacity", "0.4")
+    page.get_by_label("Budget").fill("50s")
+    page.get_by_label("Budget").press("Tab")
+    expect(page.locator(".problem")).to_contain_text("does not answer", timeout=SLOW_MS)
+    with LiveServer(View(), port=port, routes=studio.routes(), home="studio") as server:
+        expect(lost).to_be_empty(timeout=SLOW_MS)
+        planned(page)
+        expect(figure(page, "Time")).not_to_have_text(before)
+        expect(page.locator(".problem")).to_be_empty()
+        page.close()
+    studio.close()
+
+
+def test_an_idle_studio_says_that_its_program_stands_still(browser: Browser) -> None:
+    command = [
+        sys.executable,
+        "-m",
+        "wbf_mission",
+        "studio",
+        "--farm",
+        "miniberry-10",
+        "--port",
+        "0",
+        "--json",
+    ]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as program:
+        try:
+            assert program.stdout is not None
+            text = ""
+            while not text.rstrip().endswith("}"):
+                text += program.stdout.readline()
+            page = browser.new_page()
+            page.goto(json.loads(text)["url"])
+            lost = page.locator(".urgent .lost")
+            planned(page)
+            expect(lost).to_be_empty()
+            program.send_signal(signal.SIGSTOP)
+            expect(lost).to_have_text(re.compile("Nothing comes from the program: it plans"), timeout=SLOW_MS)
+            program.send_signal(signal.SIGCONT)
+            expect(lost).to_be_empty(timeout=SLOW_MS)
+            program.kill()
+            expect(lost).to_have_text(LOST, timeout=SLOW_MS)
+            page.close()
+        finally:
+            program.kill()

@@ -1,7 +1,7 @@
 // Orders to vehicles, where this page may give them, and the answers to what the operator is asked.
 import { button, element, setText } from "./dom.js";
 import type { Model } from "./model.js";
-import type { Wish } from "./schema.js";
+import type { Said, Wish } from "./schema.js";
 import type { Send } from "./source.js";
 import { capital } from "./text.js";
 
@@ -13,27 +13,40 @@ const ENDS_FLIGHT = new Set(["return", "land"]);
 const VALUES: Record<string, string> = { "set item": "Item number", takeoff: "Height above home, m" };
 /** Orders that stand together; what is in none of them stands with the second. */
 const GROUPS = [["start", "arm", "takeoff"], ["hold", "resume", "set item"], ["return", "land"]];
+/** Orders of a flight: each has its place from the beginning, so that none comes under a finger later. */
+const OF_A_FLIGHT = ["start", "hold", "resume", "set item", "return", "land"];
 const ALL = "all";
+/** How a dialog was closed, where it was not given up. */
+const SENT = "sent";
+const OVER = "over";
 const REPLY_SHOWN_MS = 8000;
 /** After this long no answer comes any more: the program carries out nothing that is older than 2 s. */
 const ANSWER_MS = 3000;
+
+const WARNING = 4;
+const isWarning = ({ system_id, severity }: Said): boolean => !system_id && severity <= WARNING;
 
 export class Controls {
   readonly element = element("section", { class: "controls", "aria-label": "Orders" });
   readonly question = element("div", { class: "question", role: "alert" });
   readonly became = element("p", { class: "became", role: "status" });
+  /** Why no order can be given. */
+  readonly why = element("p", { class: "why", id: "why-no-order", role: "status" });
   private readonly target = element("select", { "aria-label": "Orders go to" });
   private readonly buttons = element("div", { class: "orders" });
   private readonly dialog = element("dialog", { "aria-labelledby": "confirm-title" });
   /** Whether what the dialog asks about may still be ordered. */
   private stillMay = (): boolean => true;
-  private known = new Set<string>();
+  private readonly known = new Set<string>(OF_A_FLIGHT);
+  private appeared = false;
   private wasFresh = false;
   private shape = "";
   private asked = "";
   private hide = 0;
   /** What was sent and not answered yet, in words, by its number. */
   private readonly open = new Map<number, string>();
+  /** The newest warning of the program's before the last order; null where none was given. */
+  private before: string | null = null;
 
   constructor(
     private readonly model: Model,
@@ -77,7 +90,9 @@ export class Controls {
     const isFresh = this.isFresh();
     if (this.wasFresh && !isFresh) this.lose();
     this.wasFresh = isFresh;
-    this.element.hidden = !orders.length;
+    // What comes later moves nothing: the buttons stay until the run is over.
+    this.appeared ||= orders.length > 0 || !!this.model.status?.question;
+    this.element.hidden = !this.appeared || !this.model.runs;
     for (const order of orders) this.known.add(order);
     const shape = JSON.stringify([[...this.known], this.vehicles]);
     if (shape !== this.shape) {
@@ -85,14 +100,31 @@ export class Controls {
       this.build();
     }
     const may = isFresh && this.meant.length > 0;
+    setText(this.why, this.element.hidden || !isFresh ? "" : this.reason(orders));
     for (const one of this.buttons.querySelectorAll("button"))
       one.disabled = !may || !orders.includes(one.dataset["order"]!);
     for (const one of this.question.querySelectorAll("button")) one.disabled = !isFresh;
     if (this.dialog.open && !this.stillMay()) {
-      this.dialog.close();
+      this.dialog.close(OVER);
       this.say("Nothing was sent: what was asked about is over", true);
     }
     this.showQuestion();
+    // What was sent may be refused later, and messages are in another panel on a phone.
+    const warning = this.warning;
+    if (this.before === null || warning === this.before || !this.model.runs) return;
+    this.before = warning;
+    this.say(this.model.said.findLast(isWarning)?.text ?? "", true);
+  }
+
+  private get warning(): string {
+    const { time_s, text } = this.model.said.findLast(isWarning) ?? {};
+    return `${time_s} ${text}`;
+  }
+
+  private reason(orders: string[]): string {
+    if (!orders.length) return "The program takes no orders now.";
+    if (!this.vehicles.length) return "No vehicle has been heard yet: orders have nowhere to go.";
+    return this.meant.length ? "" : "Choose a vehicle: until then orders go to none.";
   }
 
   private get vehicles(): { system_id: number }[] {
@@ -126,7 +158,8 @@ export class Controls {
 
   private buttonOf(order: string): HTMLElement {
     const kind = STARTS_MOTORS.has(order) ? "starts" : ENDS_FLIGHT.has(order) ? "comes-down" : "";
-    return button(capital(order), () => this.give(order), { class: kind, "data-order": order });
+    const attributes = { class: kind, "data-order": order, "aria-describedby": this.why.id };
+    return button(capital(order), () => this.give(order), attributes);
   }
 
   private showQuestion(): void {
@@ -149,7 +182,7 @@ export class Controls {
     const act = (): void => this.tell(what, { answer, question });
     if (!ENDS_FLIGHT.has(answer) || this.vehicles.length < 2) act();
     else
-      this.ask(`${capital(answer)}: all vehicles`, this.toSeveral(this.vehicles), null, act, () =>
+      this.ask(what, `${capital(answer)}: all vehicles`, this.toSeveral(this.vehicles), null, act, () =>
         this.model.status?.question?.number === question);
   }
 
@@ -172,7 +205,7 @@ export class Controls {
       });
     if (!text.length && !value) act(null);
     else
-      this.ask(`${capital(order)}: ${who}`, text.join(" "), value ?? null, act, () =>
+      this.ask(what, `${capital(order)}: ${who}`, text.join(" "), value ?? null, act, () =>
         (this.model.status?.orders ?? []).includes(order));
   }
 
@@ -185,6 +218,7 @@ export class Controls {
     const number = this.send(wish);
     if (number === null) return this.say(`${what}: not sent: the program does not answer`, true);
     this.open.set(number, what);
+    this.before = this.warning;
     this.say(`${what} …`, false);
     setTimeout(() => this.giveUp(number), ANSWER_MS);
   }
@@ -205,6 +239,7 @@ export class Controls {
   }
 
   private ask(
+    what: string,
     title: string,
     text: string,
     value: string | null,
@@ -218,10 +253,16 @@ export class Controls {
     if (text) form.append(element("p", {}, text));
     if (value) form.append(element("label", {}, `${value} `, input));
     const cancel = button("Cancel", () => this.dialog.close());
-    const confirm = element("button", { type: "submit", class: "starts" }, text ? "Yes, go on" : "Send");
+    const confirm = element("button", { type: "submit", class: "starts", value: SENT }, text ? "Yes, go on" : "Send");
     form.append(element("div", { class: "orders" }, cancel, confirm));
     form.addEventListener("submit", () => act(value ? input.value : null));
     this.stillMay = () => this.isFresh() && may();
+    // The line of the order before is none of this one's.
+    this.say("", false);
+    this.dialog.returnValue = "";
+    this.dialog.onclose = () => {
+      if (!this.dialog.returnValue) this.say(`${what}: not sent`, false);
+    };
     this.dialog.replaceChildren(form);
     this.dialog.showModal();
     (value ? input : cancel).focus();

@@ -51,10 +51,10 @@ export interface Planned {
   flown_note: string;
 }
 
-/** What became of the latest flight: "none", "preparing", "flying" or an outcome. */
+/** What became of the latest flight: "none", "preparing", "flying" or an outcome, with that in words. */
 export interface FlightState {
   outcome: string;
-  reason: string;
+  words: string;
 }
 
 /** What can be done about a refused farm. */
@@ -134,6 +134,9 @@ export const desk = {
   farm: (name: string): Promise<FarmAnswer> => json(ask(`api/farm?${query({ name })}`)),
   read: (file: File, how: Record<string, string> = {}): Promise<FarmAnswer> =>
     json(ask(`api/farm?${query({ name: file.name, ...how })}`, { method: "POST", body: file })),
+  /** Mend a farm that is drawn. */
+  mend: (document: Record<string, unknown>): Promise<FarmAnswer> =>
+    json(ask(`api/farm?${query({ repair: "true" })}`, { method: "POST", body: JSON.stringify(document) })),
   plan: (draft: Draft, signal: AbortSignal): Promise<Planned> => json(ask("api/plan", post(draft, signal))),
   cancel: (): Promise<unknown> => json(ask("api/cancel", { method: "POST" })),
   file: async (draft: Draft, mission: number, format: string): Promise<{ name: string; content: Blob }> => {

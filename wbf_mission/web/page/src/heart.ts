@@ -4,10 +4,16 @@ import type { Beat, Given } from "./schema.js";
 /** The page shows an age from TOLD_S on; from OLD_S on its data are old, and it gives no orders. */
 export const TOLD_S = 2;
 export const OLD_S = 3;
+/** A connection that comes back at once was not lost. */
+const LOST_MS = 600;
 /** Clocks of two machines drift apart by less than this part. */
 const DRIFT = 1e-3;
 
+export type Link = "connecting" | "live" | "lost" | "recording";
+
 export class Heart {
+  private state: Link = "connecting";
+  private since_ms = 0;
   private sent_s: number | null = null;
   private arrived_ms = 0;
   private arrivedByDate_ms = 0;
@@ -20,6 +26,25 @@ export class Heart {
   stop(): void {
     this.sent_s = null;
     this.apart_ms = Infinity;
+  }
+
+  get link(): Link {
+    return this.state;
+  }
+
+  set link(state: Link) {
+    if (state === this.state) return; // Another try that failed
+    [this.state, this.since_ms] = [state, performance.now()];
+  }
+
+  /** Whether the connection is lost, and for long enough to say so. */
+  get isLost(): boolean {
+    return this.state === "lost" && performance.now() - this.since_ms >= LOST_MS;
+  }
+
+  /** Whether nothing comes any more: the page shows what was. */
+  get isOld(): boolean {
+    return this.isLost || (this.age_s !== null && this.age_s >= OLD_S);
   }
 
   beat({ time_s }: Beat): void {
@@ -39,8 +64,9 @@ export class Heart {
     return (this.late_ms + since_ms) / 1000;
   }
 
+  /** Whether what is shown is what is, so that orders may be given by it. */
   get isFresh(): boolean {
-    return this.age_s !== null && this.age_s < OLD_S;
+    return this.state === "live" && this.age_s !== null && this.age_s < OLD_S;
   }
 
   /** When a request is given: now. */

@@ -3,13 +3,13 @@ import { Charts } from "./charts.js";
 import { forgetTheme } from "./colours.js";
 import { Controls } from "./controls.js";
 import { button, element, setText } from "./dom.js";
-import { Heart, OLD_S, TOLD_S } from "./heart.js";
+import { Heart, TOLD_S, type Link } from "./heart.js";
 import { LayerPanel } from "./layers.js";
 import { MapView, type Choice } from "./map.js";
 import { Decisions, Messages } from "./messages.js";
 import { Model } from "./model.js";
 import type { Update } from "./schema.js";
-import { open, type Link } from "./source.js";
+import { open } from "./source.js";
 import { capital, clock, percent } from "./text.js";
 import { Time } from "./time.js";
 import { scoreLine, Vehicles } from "./vehicles.js";
@@ -19,7 +19,6 @@ const PANELS_MS = 200;
 const LOOK_MS = 250;
 /** How the pill of an outcome looks that is neither good nor bad; any other one is bad. */
 const LOOKS: Record<string, string> = { completed: "good", running: "running", ended: "running", interrupted: "warn" };
-const LOST_MS = 600;
 const LINKS: Record<Link, string> = {
   connecting: "Connecting …",
   live: "Live",
@@ -48,14 +47,12 @@ class App {
   private readonly progress = element("span", { class: "progress" });
   private readonly lost = element("p", { class: "lost", role: "alert" });
   private readonly under = element("output", { class: "under-pointer", "aria-live": "off" });
-  private state: Link = "connecting";
-  private since_ms = 0;
   private readonly heart = new Heart();
   private readonly send = open(
     {
       begin: (runs) => this.begin(runs),
       take: (update, run) => this.take(update, run),
-      link: (state) => this.takeLink(state),
+      linked: () => this.look(),
     },
     this.heart,
   );
@@ -144,7 +141,7 @@ class App {
         ? new Controls(
             models[0],
             this.send,
-            () => this.isFresh,
+            () => this.heart.isFresh,
             (id) => vehicles.choose(models[0]!, id),
           )
         : null;
@@ -216,8 +213,9 @@ class App {
       { class: "urgent" },
       // Orders first: what comes and goes moves none of them under a finger.
       ...(controls ? [controls.element] : []),
+      ...(controls ? [controls.question] : []),
       this.lost,
-      ...(controls ? [controls.question, controls.became] : []),
+      ...(controls ? [controls.why, controls.became] : []),
     );
     const main = element(
       "main",
@@ -265,25 +263,12 @@ class App {
       });
   }
 
-  private takeLink(state: Link): void {
-    [this.state, this.since_ms] = [state, performance.now()];
-    this.look();
-  }
-
-  /** Whether what is shown is what is, so that orders may be given by it. */
-  private get isFresh(): boolean {
-    return this.state === "live" && this.heart.isFresh;
-  }
-
   /** Say how old it is what is shown, by the clock and not by what comes: nothing may. */
   private look(): void {
-    const { state } = this;
+    const { link: state, isLost, age_s } = this.heart;
     const model = this.models[0];
-    const age_s = this.heart.age_s;
     const ended = model?.status && !model.runs;
-    // A connection that comes back at once was not lost.
-    const isLost = state === "lost" && performance.now() - this.since_ms >= LOST_MS;
-    const isOld = state !== "recording" && !ended && (isLost || (age_s !== null && age_s >= OLD_S));
+    const isOld = !ended && this.heart.isOld;
     const quiet = isOld || !model?.runs ? [] : this.quiet(model);
     let words = LINKS[state === "lost" && !isLost ? "live" : state];
     if (state === "recording") words = LINKS.recording;
@@ -365,12 +350,12 @@ class App {
     );
     const { status } = model;
     const over = status && status.outcome !== "running";
-    const words = over ? [status.outcome, status.reason] : [scoreLine(model, time_s)];
+    const words = over ? [status.words, status.reason] : [scoreLine(model, time_s)];
     const several = this.models.length > 1 ? [] : words;
     setText(this.outcome, capital([...several, model.dayAt(time_s)].filter(Boolean).join(" · ")));
     this.outcome.dataset["state"] = over ? (LOOKS[status.outcome] ?? "bad") : "running";
     const doing = status?.progress;
-    setText(this.progress, doing ? `${capital(doing.what)} ${percent(doing.done / (doing.total || 1))}` : "");
+    setText(this.progress, doing ? [capital(doing.what), doing.total > 0 ? percent(doing.done / doing.total) : ""].join(" ").trim() : "");
     const isOld = this.root.classList.contains("old") ? "Old" : "";
     document.title = [isOld, clock(time_s), titles.join(" | ")].filter(Boolean).join(" · ");
   }

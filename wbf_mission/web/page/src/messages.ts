@@ -99,7 +99,8 @@ export class Decisions {
   show(time_s: number): void {
     this.time_s = time_s;
     const maps = this.models.some((model) => model.tiles.has("acquisition"));
-    setText(this.note, maps || !this.any ? "" : "No acquisition map is told: see the summary, or fly it live.");
+    const missing = this.seek ? "No acquisition map is kept: see the summary" : "This policy has told no acquisition map yet";
+    setText(this.note, maps || !this.any ? "" : `${missing}.`);
     const told = this.models.flatMap((model) =>
       model.decisions.filter((one) => one.time_s <= time_s).map((decision) => ({ model, decision })),
     );

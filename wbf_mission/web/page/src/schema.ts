@@ -143,6 +143,8 @@ export interface Said {
 export interface Status {
   /** "running" or how the run ended. */
   outcome: string;
+  /** The same as people read it. */
+  words: string;
   reason: string;
   progress: { what: string; done: number; total: number } | null;
   question: { text: string; answers: string[]; number: number } | null;

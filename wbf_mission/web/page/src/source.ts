@@ -8,19 +8,18 @@
 //
 // A page has, in its body: <section id="summary"> (optional, above: any HTML, it is printed), and
 // <div id="app">, in which the view is built. It loads page.css and, deferred, live.js.
-import type { Heart } from "./heart.js";
+import type { Heart, Link } from "./heart.js";
 import type { Recording, Request, Update, Wish } from "./schema.js";
 import { inflate } from "./tiles.js";
 
 const LONGEST_WAIT_MS = 5000;
 
-export type Link = "connecting" | "live" | "lost" | "recording";
-
 export interface Receiver {
   /** Everything comes anew: forget what there is. */
   begin(runs: number): void;
   take(update: Update, run: number): void;
-  link(state: Link): void;
+  /** The connection is another one (`Heart.link`). */
+  linked(): void;
 }
 
 /** Sends a wish at once, and returns its number; null where it cannot be sent: nothing is sent later. */
@@ -33,11 +32,17 @@ export function open(receiver: Receiver, heart: Heart): Send | null {
     void read(kept).then((runs) => {
       receiver.begin(runs.length);
       runs.forEach((run, k) => receiver.take(run, k));
-      receiver.link("recording");
+      heart.link = "recording";
+      receiver.linked();
     });
     return null;
   }
-  return connect(receiver, heart);
+  return connect("live", receiver, heart);
+}
+
+/** Hear whether the program lives, and nothing else of it. */
+export function listen(heart: Heart, changed: () => void): void {
+  connect("beats", { begin: changed, take: changed, linked: changed }, heart);
 }
 
 async function read(kept: HTMLElement): Promise<Recording[]> {
@@ -47,11 +52,15 @@ async function read(kept: HTMLElement): Promise<Recording[]> {
   return (Array.isArray(read) ? read : [read]) as Recording[];
 }
 
-function connect(receiver: Receiver, heart: Heart): Send {
+function connect(path: "live" | "beats", receiver: Receiver, heart: Heart): Send {
+  const linked = (state: Link): void => {
+    heart.link = state;
+    receiver.linked();
+  };
   let socket: WebSocket;
   let wait_ms = 250;
   const begin = (): void => {
-    const address = new URL(`live${location.search}`, location.href);
+    const address = new URL(`${path}${location.search}`, location.href);
     address.protocol = address.protocol.replace("http", "ws");
     let first = true;
     socket = new WebSocket(address);
@@ -64,16 +73,16 @@ function connect(receiver: Receiver, heart: Heart): Send {
       const update = JSON.parse(message.data) as Update;
       if (update.beat) heart.beat(update.beat);
       receiver.take(update, 0);
-      if (first) receiver.link("live");
+      if (first) linked("live");
       first = false;
     };
     socket.onclose = () => {
-      receiver.link("lost");
+      linked("lost");
       setTimeout(begin, wait_ms);
       wait_ms = Math.min(2 * wait_ms, LONGEST_WAIT_MS);
     };
   };
-  receiver.link("connecting");
+  linked("connecting");
   begin();
   return (wish) => {
     if (socket.readyState !== WebSocket.OPEN || !heart.isFresh) return null;

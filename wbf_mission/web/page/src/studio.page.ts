@@ -4,18 +4,21 @@ import { Answer } from "./answer.js";
 import { Choices } from "./choices.js";
 import { desk, keep, Refused, type Draft, type FarmAnswer, type Options, type Planned } from "./desk.js";
 import { button, element, setText } from "./dom.js";
+import { Heart } from "./heart.js";
 import { keepDraft, keptDraft } from "./kept.js";
 import { placeOf } from "./place.js";
 import { Editor, type EditorHost, type Tool } from "./editor.js";
 import { showTiles } from "./map.js";
 import { Outline } from "./outline.js";
 import { documentOf, emptySketch, History, sketchOf, type Sketch } from "./sketch.js";
+import { listen } from "./source.js";
 import { Takeaway } from "./takeaway.js";
 import { capital } from "./text.js";
 
 /** Changes that follow each other so quickly are planned together. */
 const WAIT_MS = 150;
 const CLOSEST = 27;
+const LOOK_MS = 250;
 /** After so long one may give up. */
 const LONG_S = 3;
 const TOOLS: [Tool, string][] = [
@@ -38,6 +41,10 @@ class Studio implements EditorHost {
   private readonly hint = element("output", { class: "hint", "aria-live": "polite" });
   private readonly state = element("span", { class: "pill", role: "status" });
   private readonly problem = element("p", { class: "lost problem", role: "alert" });
+  /** That the program does not live, though nothing is asked of it. */
+  private readonly lost = element("p", { class: "lost", role: "alert" });
+  private readonly heart = new Heart();
+  private wasLost = false;
   private readonly mend = button("Mend it", () => void this.mendDrawn(), { class: "mend", hidden: "" });
   private readonly again = button("Plan here", () => void this.plan(), { hidden: "" });
   /** Why a file or a farm could not be opened, and what can be done about it: what is open stays. */
@@ -71,6 +78,7 @@ class Studio implements EditorHost {
       panel("Take it along", this.takeaway.element));
     root.replaceChildren(
       element("header", { class: "top" }, this.title, this.undoButton, this.redoButton, this.giveUp, this.again, this.state),
+      element("div", { class: "urgent" }, this.lost),
       element("main", { class: "middle" }, stage, this.results),
       side,
     );
@@ -89,7 +97,20 @@ class Studio implements EditorHost {
     this.take("select");
     window.addEventListener("beforeunload", (event) => this.unsaved && event.preventDefault());
     window.addEventListener("pagehide", () => this.keep());
+    listen(this.heart, () => this.look());
+    setInterval(() => this.look(), LOOK_MS);
     void this.begin();
+  }
+
+  /** Say by the clock whether the program lives: nothing may come from it. */
+  private look(): void {
+    const { isOld, isLost } = this.heart;
+    const why = isLost ? "The connection to the program is lost" : "Nothing comes from the program";
+    setText(this.lost, isOld ? `${why}: it plans, saves and flies nothing. What is drawn stays in this browser. Trying again …` : "");
+    this.root.classList.toggle("old", isOld);
+    // What was asked meanwhile was lost with the connection.
+    if (this.wasLost && this.heart.isFresh) this.planSoon();
+    this.wasLost = isLost || (this.wasLost && !this.heart.isFresh);
   }
 
   /** Begin with the farm of the program, and on top of it what was drawn before. */
@@ -229,8 +250,7 @@ class Studio implements EditorHost {
   /** Mend what is drawn, such as a ring that crosses itself; it can be undone. */
   private async mendDrawn(): Promise<void> {
     try {
-      const file = new File([JSON.stringify(documentOf(this.sketch))], "farm.geojson");
-      const { document, notes } = await desk.read(file, { repair: "true" });
+      const { document, notes } = await desk.mend(documentOf(this.sketch));
       this.selected = null;
       this.edit(sketchOf(document, null), notes.join("; "));
     } catch (error) {

@@ -56,15 +56,18 @@ export class Takeaway {
   }
 
   private async act(begin: string, work: () => Promise<string>): Promise<void> {
-    this.told.classList.remove("bad");
-    setText(this.told, begin);
+    this.say(begin);
     try {
-      setText(this.told, await work());
+      this.say(await work());
     } catch (error) {
       if (!(error instanceof Refused)) throw error;
-      this.told.classList.add("bad");
-      setText(this.told, capital(error.message));
+      this.say(capital(error.message), true);
     }
+  }
+
+  private say(text: string, isBad = false): void {
+    this.told.classList.toggle("bad", isBad);
+    setText(this.told, text);
   }
 
   private async save(): Promise<string> {
@@ -88,10 +91,10 @@ export class Takeaway {
     let told: string;
     let bad = false;
     try {
-      const { outcome, reason } = await desk.flight();
+      const { outcome, words } = await desk.flight();
       if (outcome === "preparing") return;
       const over = outcome !== "flying";
-      told = over ? `The flight: ${outcome}${reason ? `, ${reason}` : ""}` : "It flies: watch it on the live page.";
+      told = over ? `The flight: ${words}` : "It flies: watch it on the live page.";
       bad = over && outcome !== "completed" && outcome !== "interrupted";
       if (over) clearInterval(this.following);
       this.stop.hidden = over;
@@ -102,13 +105,14 @@ export class Takeaway {
     }
     if (told === this.followed) return;
     this.followed = told;
-    this.told.classList.toggle("bad", bad);
-    setText(this.told, told);
+    this.say(told, bad);
   }
 
   private askUpload(): void {
     const mission = this.planned?.missions[this.number];
     if (!mission) return;
+    // What was said before is none of this upload's.
+    this.say("");
     const link = element("input", { type: "text", required: "", autocomplete: "off" });
     link.value = LINK;
     const system = element("input", { type: "number", min: "1", max: "255", placeholder: "the first one heard" });
@@ -121,11 +125,14 @@ export class Takeaway {
       element("label", {}, "System id", system),
       element("label", { class: "check" }, sure, "Replace the vehicle's mission"));
     const cancel = button("Cancel", () => dialog.close());
-    const send = element("button", { type: "submit", class: "starts" }, "Upload");
+    const send = element("button", { type: "submit", class: "starts", value: "sent" }, "Upload");
     form.append(element("div", { class: "orders" }, cancel, send));
     const dialog = element("dialog", { "aria-labelledby": "upload-title" }, form);
     form.addEventListener("submit", () => void this.act("Waiting for the vehicle …", () => this.upload(link.value.trim(), system.value)));
-    dialog.addEventListener("close", () => dialog.remove());
+    dialog.addEventListener("close", () => {
+      dialog.remove();
+      if (!dialog.returnValue) this.say("Nothing was uploaded");
+    });
     document.body.append(dialog);
     dialog.showModal();
   }

@@ -1,0 +1,120 @@
+"""Paths without legs that an autopilot would leave out: several that lie within its acceptance radius."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mission.planners.path import Points
+from mission.planners.terrain import Terrain
+
+# Of the least leg: how far a corner of a way is moved, beside it and along it.
+_ASIDE = (0.25, 0.5, 1.0, 1.5, 2.0)
+_ALONG = (0.0, -0.5, 0.5, -1.0, 1.0)
+# Of the least leg: a point that lies so near to the path is passed in any case.
+_NEAR = 0.5
+
+
+def without_short_legs(points: Points, corner: NDArray[np.bool_], least_m: float, terrain: Terrain) -> Points:
+    """Return a path none of whose short legs has a corner of a way, or another short leg, beside it.
+
+    Corners of ways, which lie on the border, are moved into the land; points that the path passes nearly are
+    left out. Where neither is possible the path stays as it is. Short ways from row to row are flown.
+
+    Parameters
+    ----------
+    points : float64[n, 2]
+        The path.
+    corner : bool[n]
+        Which of them are corners of ways between rows.
+    least_m : float
+        Legs below it are short.
+    terrain : Terrain
+        Where the path may lead.
+    """
+    k = 0
+    while k < len(points) - 1:
+        bad = _bad(points, corner, least_m)
+        if not bad[k:].any():
+            break
+        k += int(np.argmax(bad[k:]))
+        found = [
+            (int(left.sum()), _length(other), number, other, corners)
+            for number, (other, corners) in enumerate(_changed(points, corner, k, least_m, terrain))
+            if (left := _bad(other, corners, least_m)).sum() < bad.sum()
+        ]
+        if found:
+            *_, points, corner = min(found, key=lambda one: one[:3])
+            k = max(k - 2, 0)
+        else:
+            k += 1
+    return points
+
+
+def _length(points: Points) -> float:
+    return float(np.hypot(*np.diff(points, axis=0).T).sum())
+
+
+def _bad(points: Points, corner: NDArray[np.bool_], least_m: float) -> NDArray[np.bool_]:
+    """Return which legs are short beside a corner of a way or another short leg, bool[n - 1]."""
+    short = np.hypot(*np.diff(points, axis=0).T) < least_m
+    beside = corner[:-1] | corner[1:]
+    beside[1:] |= short[:-1]
+    beside[:-1] |= short[1:]
+    bad: NDArray[np.bool_] = short & beside
+    return bad
+
+
+def _changed(
+    points: Points, corner: NDArray[np.bool_], k: int, least_m: float, terrain: Terrain
+) -> Iterator[tuple[Points, NDArray[np.bool_]]]:
+    """Yield paths that are changed about leg k."""
+    for j in (k, k + 1):
+        if not 0 < j < len(points) - 1:
+            continue
+        first, last = j, j
+        if corner[j]:
+            # The whole way between two rows is one corner.
+            while first > 1 and corner[first - 1]:
+                first -= 1
+            while last < len(points) - 2 and corner[last + 1]:
+                last += 1
+            before, after = points[first - 1], points[last + 1]
+            for place in _moved(before, points[first : last + 1], after, least_m, terrain):
+                yield (
+                    np.vstack((points[:first], place, points[last + 1 :])),
+                    np.concatenate((corner[:first], [True], corner[last + 1 :])),
+                )
+        before, after = points[j - 1], points[j + 1]
+        if _distance(points[j], before, after) <= _NEAR * least_m and terrain.sees(before, after)[0]:
+            yield np.delete(points, j, axis=0), np.delete(corner, j)
+
+
+def _moved(before: Points, way: Points, after: Points, least_m: float, terrain: Terrain) -> Points:
+    """Return places for one corner in place of those of a way, not too near to its ends, float64[n, 2]."""
+    along = after - before
+    along = along / max(float(np.hypot(*along)), 1e-9)
+    across = np.array((-along[1], along[0]))
+    side = np.sign((way - before) @ across)
+    shifts = least_m * np.array([(aside, ahead) for aside in _ASIDE for ahead in _ALONG])
+    places = np.vstack(
+        [
+            point + shifts[:, :1] * (sign or 1.0) * across + shifts[:, 1:] * along
+            for point, sign in zip(way, side, strict=True)
+        ]
+    )
+    far = (np.hypot(*(places - before).T) >= least_m) & (np.hypot(*(places - after).T) >= least_m)
+    places = places[far]
+    seen = terrain.sees(np.broadcast_to(before, places.shape), places)
+    seen &= terrain.sees(places, np.broadcast_to(after, places.shape))
+    found: Points = places[seen]
+    return found
+
+
+def _distance(point: Points, start: Points, end: Points) -> float:
+    """Return how far a point lies from a leg."""
+    leg = end - start
+    share = float((point - start) @ leg) / max(float(leg @ leg), 1e-12)
+    return float(np.hypot(*(start + min(max(share, 0.0), 1.0) * leg - point)))

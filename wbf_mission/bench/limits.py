@@ -1,0 +1,195 @@
+"""What a run of a scenario can give at all: rows beyond that were made up."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import cast
+
+from mission.outcome import Outcome
+from mission.planners.budget import parse_budget
+from sensors.estimators import Estimator
+from sensors.scoring.score import ScoreWeights
+from wbf_mission.bench.rows import BenchRow
+from wbf_mission.planning.budget import PAPER_STEPS_PER_CELL, make_budget
+from wbf_mission.planning.fleet import vehicles_of
+from wbf_mission.planning.plan import farm_of
+from wbf_mission.run.estimation import readings_a_score
+from wbf_mission.run.record import MOST_BAD
+from wbf_mission.scenario import Scenario, load_scenario
+from wbf_mission.scenario.parts import UNLIMITED
+
+# What flights take beyond what was predicted: in wind, in gusts, for arming and landing.
+_SLACK, _SLACK_S, _SLACK_M = 1.5, 60.0, 30.0
+# Of vehicles that wait, turn and pass places twice, how many readings a metre gives is known no better.
+_READINGS, _SLACK_READINGS = 3.0, 50
+# Estimates go from 0 to 1, some estimators extrapolate: no error is larger than this.
+_WIDEST_ERROR = 5.0
+_NUMBERS = (
+    "observations",
+    "cells_observed",
+    "path_length_m",
+    "flight_time_s",
+    "predicted_time_s",
+    "battery_used",
+    "decisions",
+    "wall_time_s",
+    "cpu_time_s",
+)
+_NEEDED = ("observations", "cells_observed", "path_length_m", "flight_time_s", "decisions", "budget")
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What flights of a scenario can be at most, all together where nothing else is said."""
+
+    scenario: Scenario
+    flights: int
+    budgets: frozenset[str]
+    """Of a flight, as rows have it: that of a planner and that of a policy."""
+    flight_s: float
+    """Which the budget of a flight pays for."""
+    flight_m: float
+    """The same, of a vehicle."""
+    speed_m_s: float
+    """Of all vehicles together."""
+    readings_s: float
+    """How many cells the paper's robots see in a second; 0: other vehicles."""
+    readings_m: float
+    """How many cells a camera sees along a metre."""
+    cells: int
+    scored: dict[str, int]
+    """How many cells each field has that are scored."""
+    losses: dict[str, float]
+
+    @classmethod
+    @functools.cache
+    def of(cls, name: str) -> Limits:
+        """Return the limits of a scenario of the catalogue."""
+        scenario = load_scenario(name)
+        farm, fields = farm_of(scenario.farm)
+        vehicles = vehicles_of(scenario, farm, seed=0, first_day=scenario.farm.day)
+        builders = [one.task.builder for one in vehicles]
+        first, camera, text = builders[0], scenario.camera, scenario.mission.budget
+        ideal = all(one.vehicle.is_ideal for one in builders)
+        value, unit = math.inf, ""
+        if text is None and ideal:
+            value, unit = float(round(PAPER_STEPS_PER_CELL * farm.owner_cells)), "steps"
+        elif text is not None and text.strip().lower() != UNLIMITED:
+            value, unit = parse_budget(text)
+        seen = camera.footprint**2
+        weights = ScoreWeights.of(fields)
+        costs = zip(weights.too_healthy, weights.too_sick, strict=True)
+        masks = fields.masks(farm.grid()).sum(axis=(1, 2))
+        return cls(
+            scenario=scenario,
+            flights=scenario.farm.days * scenario.farm.flights_per_day,
+            budgets=frozenset(make_budget(text, first, steered=steered)[1] for steered in (False, True)),
+            flight_s=value if unit in ("s", "steps") else math.inf,
+            flight_m=value * (farm.cell_size_m if unit == "steps" else 1.0)
+            if unit in ("m", "steps")
+            else math.inf,
+            speed_m_s=sum(one.vehicle.top_speed_m_s for one in builders)
+            + len(builders) * scenario.weather.wind_speed_m_s,
+            readings_s=len(builders) * seen / first.vehicle.step_s if ideal else 0.0,
+            readings_m=seen / (camera.spacing_m or farm.cell_size_m * camera.footprint),
+            cells=farm.width_cells * farm.height_cells,
+            scored=dict(zip(fields.names, map(int, masks), strict=True)),
+            losses={
+                name: max(cost) * _WIDEST_ERROR**2 for name, cost in zip(fields.names, costs, strict=True)
+            },
+        )
+
+    def fewest_scored(self, row: BenchRow) -> int:
+        """Return at how many times a run with the readings of a row is scored at least."""
+        readings, flown_s = row.observations or 0, (row.flight_time_s or 0.0) / self.flights
+        # How many readings a flight was expected to give decides after how many it is scored.
+        if self.readings_s:
+            expected = self.flight_s * self.readings_s
+        else:
+            whole = max(1.0, self.flight_s / max(flown_s, 1.0)) if math.isfinite(self.flight_s) else 1.0
+            expected = _READINGS * whole * self.readings_m * (row.path_length_m or 0.0) / self.flights
+        if not math.isfinite(expected):
+            return 1
+        farm, _ = farm_of(self.scenario.farm)
+        points, ideal = self.scenario.score.points, self.readings_s > 0.0
+        # Without an estimator: those that are scored more often on a large farm keep this, too.
+        any_one = cast("Estimator", None)
+        every = readings_a_score(points, farm, any_one, self.flights, expected, ideal=ideal)
+        return max(1, math.floor(0.9 * readings / every))
+
+
+def impossible(row: BenchRow) -> str:
+    """Return what of a row no run of its scenario can give; empty if nothing is found."""
+    return next(_impossible(row, Limits.of(row.scenario)), "")
+
+
+def _impossible(row: BenchRow, limits: Limits) -> Iterator[str]:
+    for name in _NUMBERS:
+        value = getattr(row, name)
+        if value is not None and not (math.isfinite(value) and value >= 0.0):
+            yield f"its {name} is {value:g}"
+    if any(not (math.isfinite(value) and value >= 0.0) for value in row.timings_s.values()):
+        yield "a part of it took less than no time"
+    bad = sum(row.bad_answers.values())
+    if any(count < 0 for count in row.bad_answers.values()) or bad > (row.decisions or 0):
+        yield f"it counts {bad} bad answers among {row.decisions or 0}"
+    for name, most in limits.losses.items():
+        if any(not 0.0 <= loss <= most for loss in row.history.get(name, ())):
+            yield f"a loss {name} is not between 0 and {most:g}"
+    if row.error is not None:
+        if row.score is None and (len(row.scores) or row.history):
+            yield "it has a history and no score"
+        return
+    if missing := [name for name in _NEEDED if getattr(row, name) is None]:
+        yield f"it does not say its {missing[0]}"
+        return
+    if bad > MOST_BAD * (row.decisions or 0):
+        yield f"{bad} of {row.decisions} answers were bad, and it did not fail"
+    if row.outcome not in {one.value for one in Outcome if one.is_good}:
+        yield f"its outcome is {row.outcome}, and it did not fail"
+    yield from _beyond(row, limits)
+    yield from _odd_history(row, limits)
+
+
+def _beyond(row: BenchRow, limits: Limits) -> Iterator[str]:
+    """Yield what is more than the flights of a scenario can give, of a row that has all."""
+    readings, cells = row.observations or 0, row.cells_observed or 0
+    length_m, flown_s, flights = row.path_length_m or 0.0, row.flight_time_s or 0.0, limits.flights
+    if row.budget not in limits.budgets:
+        yield f"its budget is {row.budget}, that of the scenario {' or '.join(sorted(limits.budgets))}"
+    # The paper's robot takes a step after its last reading, too.
+    ideal = limits.readings_s > 0.0
+    most_s = limits.flight_s + 1.0 if ideal else _SLACK * limits.flight_s + _SLACK_S
+    if flown_s > flights * most_s:
+        yield f"it flew for {flown_s:g} s, more than its budget"
+    if length_m > flights * (limits.flight_m * _SLACK + _SLACK_M) * len(limits.scenario.vehicle.fleet):
+        yield f"its path of {length_m:g} m is more than its budget"
+    if length_m > limits.speed_m_s * (flown_s + flights * (1.0 if ideal else _SLACK_S)):
+        yield f"no vehicle of it flies {length_m:g} m in {flown_s:g} s"
+    most = (flown_s + flights) * limits.readings_s
+    most = most or _READINGS * limits.readings_m * length_m + flights * _SLACK_READINGS
+    if readings > most:
+        yield f"{readings} readings are more than its path gives"
+    if not 1 <= cells <= min(readings, limits.cells):
+        yield f"{cells} cells observed are not possible with {readings} readings of {limits.cells} cells"
+
+
+def _odd_history(row: BenchRow, limits: Limits) -> Iterator[str]:
+    """Yield what no history of scored times can be, of a row that has all."""
+    last_s = (row.flight_time_s or 0.0) * _SLACK + limits.flights * _SLACK_S
+    # Of others than the paper's robot images arrive late: not all scored times are in order.
+    ordered = row.times_s if limits.readings_s else sorted(row.times_s)
+    if any(later < sooner for sooner, later in pairwise((0.0, *ordered, last_s))):
+        yield "its scored times do not go on from 0 to the end of its flights"
+    fewest = limits.fewest_scored(row)
+    if len(row.scores) < fewest:
+        yield f"it has {len(row.scores)} scored times, its readings give {fewest} at least"
+    most = (row.observations or 0) + limits.flights * (2 + (limits.scenario.score.points or len(row.scores)))
+    if len(row.scores) > most:
+        yield f"it has {len(row.scores)} scored times, its readings give {most} at most"
+    if any(score >= 0.0 for score in row.scores) and (row.cells_observed or 0) < max(limits.scored.values()):
+        yield f"an estimate is perfect, with {row.cells_observed} cells observed"

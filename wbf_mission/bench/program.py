@@ -1,0 +1,55 @@
+"""The program that flies in a process: workers elsewhere must have the same, or their rows are others."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import importlib
+import importlib.metadata
+import platform
+from collections.abc import Mapping
+from pathlib import Path
+
+from geo.errors import PACKAGES
+from wbf_mission.version import __version__
+
+_LIBRARIES = ("numpy", "scipy", "numba", "shapely")
+_SOURCES = frozenset({".py", ".csv", ".npz", ".toml", ".geojson"})
+_CODE = "code of wbf-mission"
+
+
+@functools.cache
+def program() -> Mapping[str, str]:
+    """Return what rows depend on: interpreter, libraries, and the sources of the five packages."""
+    return {
+        "wbf-mission": __version__,
+        "Python": f"{platform.python_implementation()} {platform.python_version()}",
+        "C library": " ".join(platform.libc_ver()),
+        **{name: importlib.metadata.version(name) for name in _LIBRARIES},
+        _CODE: _sources(),
+    }
+
+
+def _sources() -> str:
+    taken = hashlib.sha256()
+    for name in PACKAGES:
+        (root,) = importlib.import_module(name).__path__
+        for path in sorted(one for one in Path(root).rglob("*") if one.suffix in _SOURCES):
+            content = path.read_bytes()
+            taken.update(f"{name}/{path.relative_to(root).as_posix()} {len(content)}\n".encode())
+            taken.update(content)
+    return taken.hexdigest()[:12]
+
+
+def unlike(theirs: Mapping[str, str]) -> str:
+    """Return in what this program differs from another one, in words; empty if in nothing.
+
+    >>> unlike(program()), unlike({**program(), "numpy": "1.0"}).startswith("it has numpy ")
+    ('', True)
+    """
+    ours = program()
+    keys = [key for key in dict.fromkeys([*theirs, *ours]) if theirs.get(key) != ours.get(key)]
+    if keys[1:] and keys[-1] == _CODE:
+        del keys[-1]  # which the others explain
+    told = [f"{key} {ours.get(key, 'unknown')} in place of {theirs.get(key, 'unknown')}" for key in keys]
+    return f"it has {', '.join(told)}; install the same there, and start the worker anew" if told else ""

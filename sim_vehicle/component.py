@@ -10,7 +10,7 @@ from typing import Any, Protocol, runtime_checkable
 
 from mission.link.codec.dialect import mavlink
 
-__all__ = ["NEVER", "UNHEARD", "Component", "KeepsLog", "SaysGoodbye", "SaysMuch", "Serves"]
+__all__ = ["NEVER", "UNHEARD", "Component", "KeepsLog", "SaysGoodbye", "SaysMuch", "Serves", "Streams"]
 
 NEVER = float("inf")
 """Value of ``next_deadline`` when nothing is to be done until a message arrives."""
@@ -89,4 +89,20 @@ class SaysMuch(Protocol):
 
     def only_heard(self, message_ids: frozenset[int] | None) -> None:
         """Make messages of these ids only, of others `UNHEARD`; None is all. Answers are always made."""
+        ...
+
+
+@runtime_checkable
+class Streams(Protocol):
+    """A component whose telemetry differs between links."""
+
+    link: str
+    """Name of the link that the next message comes from; empty for any without a name."""
+
+    def open_links(self, names: frozenset[str]) -> None:
+        """Stream on these links, too: telemetry is in `streamed` from now on, not in what `poll` gives."""
+        ...
+
+    def streamed(self) -> list[tuple[str, list[mavlink.MAVLink_message]]]:
+        """Return each link's telemetry that is due at the time of the last `poll`."""
         ...

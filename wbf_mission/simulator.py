@@ -107,6 +107,7 @@ def make_components(
     first_system: int = 1,
     with_camera: bool | None = True,
     cold: bool = False,
+    sitl_rates: bool = False,
     progress: Callable[[str, float, float], None] | None = None,
 ) -> Simulated:
     """Make vehicles, each with its camera, by a scenario's farm, vehicle, weather, seed, day and camera.
@@ -114,6 +115,7 @@ def make_components(
     `count` are as many as there are `homes` (places and headings), else one; without homes they stand around
     the farm's, `spacing_m` apart where they share one. Without cameras no environment is generated; None is
     as their autopilot has it. `cold` autopilots boot when they are first spoken to; otherwise they are up.
+    With `sitl_rates` they stream what the autopilots' own simulators do.
 
     WbfMissionError if a name is unknown or an option out of range.
     """
@@ -132,6 +134,7 @@ def make_components(
         spacing_m=spacing_m,
         epoch_unix_s=EPOCH_UNIX_S,
         cold=cold,
+        sitl_rates=sitl_rates,
         first_system=first_system,
     )
     if progress is not None:

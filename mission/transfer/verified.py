@@ -140,6 +140,7 @@ def compare_plans(
 
 
 _RESTARTS = 5
+_STUCK_S, _QUICK_S = 15.0, 1.0
 # What vehicles answer when they gave an upload up: PX4 to the items that come then, ArduPilot by itself.
 _GIVEN_UP = frozenset({wire.ERROR, wire.OPERATION_CANCELLED})
 
@@ -150,7 +151,8 @@ class VerifiedUpload:
     An upload that the vehicle gives up is sent again, five times at most, with the event `UploadBegunAnew`;
     so is a transfer that fell silent over a link that loses so much that this may be bad luck
     (`RoundTrip.copies`). An upload that has not got under way within 30 s is not sent again, nor one that is
-    refused twice at the same item without any sign of a bad link.
+    refused twice at the same item without any sign of a bad link, nor one that over a good link gets no
+    farther for 15 s, however often it is begun.
 
     Takes what `MissionUpload` takes, besides:
 
@@ -202,6 +204,8 @@ class VerifiedUpload:
         self._restarts = _RESTARTS
         self._started_s = 0.0
         self._sent = 0
+        # The most items that the vehicle ever took, and when it was first so.
+        self._most, self._most_s = 0, 0.0
         self._refused_at: tuple[int | None] | None = None
         self._cancelled = self._verified = False
         self._refusal: TransferFailed | None = None
@@ -214,7 +218,7 @@ class VerifiedUpload:
 
     def start(self, now_s: float) -> Output:
         """Begin the upload."""
-        self._started_s = now_s
+        self._started_s = self._most_s = now_s
         return self._part.start(now_s)
 
     def receive(self, message: Message, now_s: float) -> Output:
@@ -255,6 +259,8 @@ class VerifiedUpload:
         for event in output.events:
             if isinstance(event, Progress) and self._part is self._upload:
                 self._sent = event.done
+                if event.done > self._most:
+                    self._most, self._most_s = event.done, now_s
         if not self._part.done or not output.events:
             return output
         *events, end = output.events
@@ -312,7 +318,10 @@ class VerifiedUpload:
         """
         # An ERROR before any item was sent comes from a vehicle that is busy.
         gave_up = failed.result == wire.OPERATION_CANCELLED or (failed.result == wire.ERROR and self._sent)
-        if not gave_up or self._restarts <= 0:
+        trip = self._round_trip
+        is_good = not trip.is_lossy and (trip.known_s or 0.0) <= _QUICK_S
+        is_stuck = is_good and now_s >= self._most_s + _STUCK_S
+        if not gave_up or self._restarts <= 0 or is_stuck:
             return False
         before = self._refused_at
         self._refused_at = None if self._upload.statistics().retries else (failed.item,)

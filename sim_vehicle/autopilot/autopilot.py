@@ -107,6 +107,8 @@ class Autopilot:
     simulator_urls: Callable[[int], tuple[str, ...]]
     """Given the number of a vehicle (from 0), the ports at which the autopilot's own simulator is found, as
     URLs of links."""
+    link_names: tuple[str, ...] = ()
+    """Names of these links, where the messages differ between them (`MavlinkProfile.link_rates_hz`)."""
 
     def for_vehicle(self, kind: str) -> Firmware:
         """Firmware for a kind of vehicle, or for the one as which it is shown to peers.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 from mission.link.codec.dialect import mavlink as m
@@ -32,6 +32,11 @@ COMMON_CAPABILITIES = int(
 _FIX_3D = 3
 
 
+def _motor_us(share: float | None, armed: bool) -> float:
+    """Pulse of a motor of PX4's simulator: 900 disarmed, then 1000 to 2000 (``PWMSim.hpp``)."""
+    return 1000.0 + 1000.0 * min(share or 0.0, 1.0) if armed else 900.0
+
+
 @dataclass(frozen=True, slots=True)
 class Identity:
     """The identity that HEARTBEAT and AUTOPILOT_VERSION give."""
@@ -43,6 +48,8 @@ class Identity:
     """Major, minor, patch in AUTOPILOT_VERSION."""
     capabilities: int
     """MAV_PROTOCOL_CAPABILITY bits."""
+    custom_version: bytes = bytes(8)
+    """The source's git hash in AUTOPILOT_VERSION, eight bytes; zeros for none."""
     banner: str = ""
     """Status text that follows a request for all parameters (ArduPilot); empty for none."""
 
@@ -101,6 +108,17 @@ class MavlinkProfile:
     """Message id to rate after the start."""
     truth_message: int
     """Message in which the autopilot's simulator sends the true state of the vehicle."""
+    link_rates_hz: Mapping[str, Mapping[int, float]] = field(default_factory=dict)
+    """Links with rates of their own, by name: message id to rate after the start."""
+    sitl_rates_hz: Mapping[str, Mapping[int, float]] = field(default_factory=dict)
+    """The same as the autopilot's own simulator has it; "" in place of `rates_hz`."""
+    stream_parameters: Mapping[str, str] = field(default_factory=dict)
+    """MAV_DATA_STREAM to the parameter of its rate in the autopilot's own simulator (ArduPilot)."""
+    motor_us: Callable[[float | None, bool], float] = _motor_us
+    """Pulse of a motor, given its share of the greatest thrust (None while it does not fly) and whether it is
+    armed."""
+    hover_share: float = 0.49
+    """Share of the greatest thrust in a hover: SIH_MASS of PX4's simulator over its four SIH_T_MAX."""
     gps_fix: int = _FIX_3D
     """GPS_FIX_TYPE in GPS_RAW_INT while the position is known."""
     reached_repeats: int = 0
@@ -129,6 +147,8 @@ class MavlinkProfile:
     takeoff_above_sea: bool = False
     """The altitude of NAV_TAKEOFF counts from mean sea level unless its frame says otherwise (PX4), not from
     home."""
+    home_above_sea: bool = False
+    """The altitude of DO_SET_HOME counts from mean sea level whatever its frame says (PX4)."""
     reposition_turns: bool = False
     """DO_REPOSITION's yaw is followed (PX4)."""
     camera_by_default: bool = True

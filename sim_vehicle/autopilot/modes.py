@@ -32,6 +32,7 @@ class Mode(Enum):
     ATTITUDE = "attitude"
     CIRCLE = "circle"
     FLIP = "flip"
+    FOLLOW = "follow me"
 
 
 @dataclass(frozen=True, slots=True)

@@ -229,8 +229,8 @@ class MissionExecutor:
         self.flight.fly(legs, FlightPhase.RETURN, after)
 
     def _home_legs(self, here: Position, speed: float) -> list[Leg]:
-        procedures = flight_procedures(self.spec)
-        return procedures.return_legs(self.spec, here, speed, self.mission.return_point())
+        procedures, spec = flight_procedures(self.spec), self.mission.spec_about_home(self.spec)
+        return procedures.return_legs(spec, here, speed, self.mission.return_point())
 
     def land(self) -> None:
         """Land here."""

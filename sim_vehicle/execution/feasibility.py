@@ -66,6 +66,7 @@ def check_mission(
     *,
     needs_takeoff: bool = True,
     outside: Callable[[Position], str | None] | None = None,
+    home_up_m: float = 0.0,
 ) -> list[ItemProblem]:
     """List what the vehicle could not fly, each with its item; empty when all is well.
 
@@ -74,7 +75,8 @@ def check_mission(
 
     The items are without home; ``needs_takeoff`` tells whether the vehicle does not take off by itself to
     reach the first position. ``outside`` tells why a fence does not allow a position (east, north, up), None
-    when it does; only positions are checked, not the paths between them, as autopilots do.
+    when it does; only positions are checked, not the paths between them, as autopilots do. ``home_up_m`` is
+    how high home is above the frame's origin.
 
     Examples
     --------
@@ -85,7 +87,7 @@ def check_mission(
     >>> [str(one) for one in check_mission(items, LocalFrame(28.05, -82.15), get_vehicle("quad"))]
     ['item 1 (NAV_WAYPOINT): no take-off before it']
     """
-    positions = item_positions(items, frame)
+    positions = item_positions(items, frame, home_up_m)
     problems = mission_problems(items, positions, spec, needs_takeoff=needs_takeoff)
     if outside is not None and not problems:
         for seq, (item, position) in enumerate(zip(items, positions, strict=True)):

@@ -67,15 +67,18 @@ def number(value: float | None, default: float = 0.0) -> float:
     return default if value is None else value
 
 
-def item_positions(items: Sequence[MissionItem], frame: LocalFrame) -> list[Position]:
-    """Return east, north, up about home of each item; NaN where it has no position of its own."""
+def item_positions(items: Sequence[MissionItem], frame: LocalFrame, home_up_m: float = 0.0) -> list[Position]:
+    """Return east, north, up about the frame's origin of each item; NaN where it has no position of its own.
+
+    ``home_up_m`` is how high home is above the origin, for items whose altitude counts from there.
+    """
     positions = np.full((len(items), 3), np.nan)
     index = [i for i, item in enumerate(items) if item.has_position]
     if index:
         latitude = np.array([items[i].x for i in index])
         longitude = np.array([items[i].y for i in index])
         x, y = frame.from_wgs84(latitude, longitude)
-        ground = np.array([frame.altitude_m if items[i].frame == Frame.GLOBAL else 0.0 for i in index])
+        ground = np.array([frame.altitude_m if items[i].frame == Frame.GLOBAL else -home_up_m for i in index])
         height = np.array([items[i].z for i in index]) - ground
         here = (latitude == 0.0) & (longitude == 0.0)
         if here.any():

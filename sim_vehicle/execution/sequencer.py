@@ -50,6 +50,7 @@ if TYPE_CHECKING:
 
     from geo.frame import LocalFrame
     from mission.model import MissionItem
+    from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Position
 
 _REPLAN_BEFORE = 64
@@ -63,8 +64,8 @@ _TRIGGERS = frozenset({206, 214, 2000, 2001, 2003})
 class ReturnPoints:
     """Home and the rally points."""
 
-    home_m: tuple[float, float] = (0.0, 0.0)
-    """East and north of the start."""
+    home_m: Position = (0.0, 0.0, 0.0)
+    """East and north of the start, height above it."""
     rally_m: tuple[Position, ...] = ()
     """East, north, and the least height of the path there."""
 
@@ -78,7 +79,7 @@ class ReturnPoints:
         ((0.0, 0.0, 0.0), (100.0, 0.0, 30.0))
         """
         x, y, _ = position_m
-        points = ((*self.home_m, 0.0), *self.rally_m)
+        points = ((*self.home_m[:2], 0.0), *self.rally_m)
         return min(points, key=lambda point: math.hypot(point[0] - x, point[1] - y))
 
 
@@ -166,8 +167,23 @@ class MissionSequencer:
 
     def _take(self, items: Sequence[MissionItem], positions: list[Position] | None = None) -> None:
         self.items = tuple(items)
-        self._positions = item_positions(self.items, self.frame) if positions is None else positions
+        self._positions = positions if positions is not None else self._placed()
         self._goes_on_at = None
+
+    def _placed(self) -> list[Position]:
+        return item_positions(self.items, self.frame, self.return_points.home_m[2])
+
+    def move_home(self, home_m: Position) -> None:
+        """Move home; items whose altitude counts from there move with it, from the next leg on."""
+        moves = home_m[2] != self.return_points.home_m[2]
+        self.return_points.home_m = home_m
+        if moves:
+            self._positions = self._placed()
+
+    def spec_about_home(self, spec: VehicleSpec) -> VehicleSpec:
+        """Return the vehicle with the return altitude above home, counted from the start."""
+        up_m = self.return_points.home_m[2]
+        return spec if up_m == 0.0 else replace(spec, return_altitude_m=spec.return_altitude_m + up_m)
 
     def return_point(self) -> Position:
         """Where the vehicle would return to from here, and the least height of the path."""
@@ -302,7 +318,7 @@ class MissionSequencer:
             seq = plan.seqs[-1] + 1
 
     def _plan(self, seq: int, settings: Settings, here: Position) -> LegPlan:
-        spec, home = self.flight.spec, self.return_point()
+        spec, home = self.spec_about_home(self.flight.spec), self.return_point()
         return plan_item_legs(self.items, self._positions, seq, settings, spec, here, home)
 
     def run(self, target: int, *, stop_each: bool) -> None:
@@ -489,10 +505,10 @@ class MissionSequencer:
             x, y, _ = self._positions[seq]
             self.flight.look_at(None if math.isnan(x) else (x, y))
         elif command == Command.DO_SET_HOME:
-            here = self._motion.position_m[:2] if number(item.param1) == 1.0 else self._positions[seq][:2]
-            if not math.isnan(here[0]):
-                self.return_points.home_m = here
-                self.flight.tell(HomeMoved(time_s, *here))
+            home_m = self._motion.position_m if number(item.param1) == 1.0 else self._positions[seq]
+            if not math.isnan(sum(home_m)):
+                self.move_home(home_m)
+                self.flight.tell(HomeMoved(time_s, *home_m[:2]))
         elif command == Command.CONDITION_YAW:
             self._replan |= number(item.param4) != 0.0
         elif command == Command.DO_CHANGE_SPEED:

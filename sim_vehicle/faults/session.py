@@ -19,7 +19,7 @@ from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import is_a
 from mission.link.faults import Faults, FaultyChannel
 from mission.transfer import wire
-from sim_vehicle.component import NEVER, Component, SaysGoodbye
+from sim_vehicle.component import NEVER, Component, SaysGoodbye, Streams
 from sim_vehicle.faults.fault import Direction, Fault, FaultError, parse_fault
 
 __all__ = ["FaultSession", "FaultyComponent", "FaultyLink", "break_vehicle", "check_vehicles"]
@@ -239,6 +239,7 @@ class FaultyComponent:
         self._next_image = 0
         self._last_failed = False
         self._armed = self._flew = False
+        self.link = ""
         self._stopped_s = NEVER  # When the motors stopped; NEVER once the battery is changed
         self._now_s = -math.inf
 
@@ -252,6 +253,8 @@ class FaultyComponent:
             return []
         if (refusal := self._refusal(message, now_s)) is not None:
             return [refusal]
+        if isinstance(self.inner, Streams):
+            self.inner.link = self.link
         return self._spoil(self.inner.receive(message, now_s), now_s)
 
     def poll(self, now_s: float) -> list[Message]:
@@ -260,6 +263,17 @@ class FaultyComponent:
         if self._silent(now_s) or self.inner.next_deadline() > now_s:
             return []
         return self._spoil(self.inner.poll(now_s), now_s)
+
+    def open_links(self, names: frozenset[str]) -> None:
+        """Let the component stream on these links, too."""
+        if isinstance(self.inner, Streams):
+            self.inner.open_links(names)
+
+    def streamed(self) -> list[tuple[str, list[Message]]]:
+        """The component's telemetry on each link, unless it is silent."""
+        if not isinstance(self.inner, Streams) or self._silent(self._now_s):
+            return []
+        return [(link, self._spoil(messages, self._now_s)) for link, messages in self.inner.streamed()]
 
     def next_deadline(self) -> float:
         """The component's deadline or the next time that a fault begins or ends."""

@@ -24,6 +24,8 @@ _DATAGRAM_BYTES = 1200
 _SILENCE_S = 60.0
 _MOST_PEERS = 64
 _REFRESH_S = 0.5
+# Of open files besides the sockets of the URLs: peers of TCP, logs, libraries.
+_FILES = 512
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,18 +38,21 @@ class ServerUrl:
 
     url: str
     systems: frozenset[int] = frozenset()
+    link: str = ""
+    """The name by which the vehicles know it, where they stream otherwise there (`Streams`)."""
 
 
 class Client:
     """One peer: a stream of bytes in each direction.
 
     Frames to send are collected and go out together with `flush`, as autopilots do: fewer, larger datagrams.
-    A radio spoils its frames; see `ServerUrl` for the systems that it meets.
+    A radio spoils its frames; see `ServerUrl` for the systems that it meets and the name of its link.
     """
 
     def __init__(self, name: str, write: Callable[[bytes], None]) -> None:
         self.name = name
         self.systems: frozenset[int] = frozenset()
+        self.link = ""
         self.radio: FaultyLink | None = None
         self.alive = True
         self.last_received_s = time.monotonic()
@@ -274,6 +279,19 @@ def _address_of(address: LinkAddress) -> str:
         raise LinkError(msg) from error
 
 
+def _allow_files(number: int) -> None:
+    """Raise the limit of open files where the usual one is too low: a large fleet has 1000 links."""
+    try:
+        import resource
+    except ImportError:  # Windows has none
+        return
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    wanted = number if hard == resource.RLIM_INFINITY else min(number, hard)
+    if soft != resource.RLIM_INFINITY and soft < wanted:
+        with contextlib.suppress(OSError, ValueError):
+            resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
+
+
 class PortSelector:
     """Waits for all ports of a server and the clients behind them at once.
 
@@ -295,6 +313,7 @@ class PortSelector:
         self._wake, self._woken = socket.socketpair()
         self._woken.setblocking(False)
         self._selector.register(self._woken, selectors.EVENT_READ)
+        _allow_files(len(urls) + _FILES)
         try:
             for url in urls:
                 self._ports.append((open_port(url.url), url))
@@ -346,7 +365,7 @@ class PortSelector:
                 found.append(client)
                 if client not in self.clients:
                     count = self._seen[number] = self._seen.get(number, -1) + 1
-                    client.systems = url.systems
+                    client.systems, client.link = url.systems, url.link
                     client.radio = self._session.link(port.name, number, count)
         if found != self.clients:
             self.clients = found

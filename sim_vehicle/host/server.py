@@ -14,7 +14,7 @@ from mission.link.address import Link
 from mission.link.codec.dialect import Message
 from mission.link.codec.frames import FrameReader, FrameWriter, valid_frame_end
 from mission.link.codec.signing import SETUP_SIGNING, Signing
-from sim_vehicle.component import NEVER, Component, KeepsLog, SaysGoodbye, Serves
+from sim_vehicle.component import NEVER, Component, KeepsLog, SaysGoodbye, Serves, Streams
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.faults.fault import Fault
 from sim_vehicle.faults.session import FaultSession
@@ -34,15 +34,26 @@ _MOST_ANSWERS = 100_000
 class _Local:
     """A component of ours as a port of the router."""
 
-    __slots__ = ("component", "log", "systems", "wanted", "writer")
+    __slots__ = ("component", "log", "streams", "systems", "wanted", "writer", "writers")
 
-    def __init__(self, component: Component, signing: Signing | None, bare: Component) -> None:
+    def __init__(
+        self, component: Component, signing: Signing | None, bare: Component, urls: Sequence[ServerUrl]
+    ) -> None:
         log = bare if isinstance(bare, KeepsLog) else None
         serves = bare.vehicle_system_id if isinstance(bare, Serves) else bare.system_id
         self.component = component
         self.systems = frozenset((serves,))
         self.wanted = component.wanted
         self.writer = FrameWriter(component.system_id, component.component_id, signing=signing)
+        # Peers count losses by the sequence numbers; so each link with a name has its own.
+        links = {url.link for url in urls if url.link and (not url.systems or serves in url.systems)}
+        self.writers = {
+            link: FrameWriter(component.system_id, component.component_id, signing=signing) for link in links
+        }
+        self.streams: Streams | None = None
+        if links and isinstance(bare, Streams) and isinstance(component, Streams):
+            self.streams = component
+            component.open_links(frozenset(links))
         self.log = log
 
 
@@ -123,22 +134,23 @@ class Server(Closing):
         self._tap = tap
         self._signing = signing
         session = FaultSession(faults, seed)
+        ports = [url if isinstance(url, ServerUrl) else ServerUrl(url) for url in urls]
         self._locals = [
-            _Local(wrapped, signing, component)
+            _Local(wrapped, signing, component, ports)
             for component, wrapped in zip(components, session.wrap(components), strict=True)
         ]
         self._table: RoutingTable[_Port] = RoutingTable()
         for local, address in zip(self._locals, addresses, strict=True):
             self._table.learn(local, address)
         self._reader = FrameReader()
-        self._inbox: deque[tuple[bytes, _Port]] = deque()
-        self._routes: dict[tuple[_Port, int, tuple[int, int]], _Route] = {}
+        # Frames, who sent them, and the link that they are for (None: any; "": those without a name).
+        self._inbox: deque[tuple[bytes, _Port, str | None]] = deque()
+        self._routes: dict[tuple[_Port, int, tuple[int, int], str | None], _Route] = {}
         self._clients: list[Client] = []
         self._radios: list[Client] = []
         self._stopping = False
         self._closed = False
         self._origin_s = 0.0
-        ports = [url if isinstance(url, ServerUrl) else ServerUrl(url) for url in urls]
         self._selector = PortSelector(ports, session, links)
         self.urls = self._selector.urls
         self._meet_clients()
@@ -233,6 +245,8 @@ class Server(Closing):
             for local in self._locals:
                 if local.component.next_deadline() <= self.now_s:
                     self._send(local, local.component.poll(self.now_s))
+                    for link, messages in () if local.streams is None else local.streams.streamed():
+                        self._send(local, messages, link)
             self._take_from_radios()
             self._route_all()
             self._flush()
@@ -276,7 +290,7 @@ class Server(Closing):
             return
         if self._table.learn(client, frame_source(frame)):
             self._routes.clear()
-        self._inbox.append((frame, client))
+        self._inbox.append((frame, client, None))
 
     def _take_from_radios(self) -> None:
         """Take what comes out of the radios now; damaged frames of clients end here."""
@@ -300,23 +314,28 @@ class Server(Closing):
         self._radios = [client for client in clients if client.radio is not None]
         self._routes.clear()
 
-    def _send(self, local: _Local, messages: Iterable[Message]) -> None:
+    def _send(self, local: _Local, messages: Iterable[Message], link: str | None = None) -> None:
+        """Send messages, over a link only where one is given; those of a link with a name are not logged."""
+        writer = local.writers[link] if link else local.writer
         for message in messages:
-            frame = local.writer.encode(message)
+            frame = writer.encode(message)
             self.frames += 1
+            if link:
+                self._inbox.append((frame, local, link))
+                continue
             if local.log is not None:
                 local.log.log_frame(frame, type(message).id, self.now_s)
             if self._tap is not None:
                 self._tap(frame, self.now_s)
-            self._inbox.append((frame, local))
+            self._inbox.append((frame, local, link))
 
     def _route_all(self) -> None:
         inbox, routes = self._inbox, self._routes
         for _ in range(_MOST_ANSWERS):
             if not inbox:
                 return
-            frame, source = inbox.popleft()
-            key = (source, frame_id(frame), frame_target(frame))
+            frame, source, link = inbox.popleft()
+            key = (source, frame_id(frame), frame_target(frame), link)
             route = routes.get(key)
             if route is None:
                 route = self._route(*key)
@@ -325,21 +344,28 @@ class Server(Closing):
                 routes[key] = route
             locals_, clients = route
             for client in clients:
+                data = frame
+                if client.link and not link and isinstance(source, _Local) and client.link in source.writers:
+                    data = source.writers[client.link].renumber(frame)
                 if client.radio is not None:
-                    client.radio.send("down", frame, frame_source(frame)[0], self.now_s)
+                    client.radio.send("down", data, frame_source(frame)[0], self.now_s)
                 else:
-                    client.send(frame)
+                    client.send(data)
             if locals_:
                 for message in self._reader.feed(frame):
                     for local in locals_:
+                        if local.streams is not None:
+                            local.streams.link = source.link if isinstance(source, Client) else ""
                         if local.log is not None:
                             local.log.log_frame(frame, key[1], self.now_s)
                         self._send(local, local.component.receive(message, self.now_s))
         inbox.clear()
 
-    def _route(self, source: _Port, message_id: int, target: tuple[int, int]) -> _Route:
+    def _route(self, source: _Port, message_id: int, target: tuple[int, int], link: str | None) -> _Route:
         """Receivers of such a message: our components that want it, and clients."""
         ports: list[_Port] = [*self._locals, *self._clients]
+        if link is not None:
+            ports = [port for port in ports if (port.link if isinstance(port, Client) else "") == link]
         found = [port for port in self._table.destinations(target, source, ports) if _meet(source, port)]
         return (
             tuple(

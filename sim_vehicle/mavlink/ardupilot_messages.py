@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from sim_vehicle.mavlink.wire_state import WireState
     from sim_vehicle.motion.legs import Position
 
-__all__ = ["ARDUPILOT_BUILDERS", "STREAMS"]
+__all__ = ["ARDUPILOT_BUILDERS", "STREAMS", "group_number"]
 
 # Type masks of what is not told: all but a position (with ArduPilot's unused bits), but a velocity, but both.
 _ONLY_GLOBAL, _ONLY_POSITION, _ONLY_VELOCITY, _BOTH = 0xFDF8, 0xDF8, 0xC07, 0xC00
@@ -30,10 +30,6 @@ _CENTIDEGREES = 2500
 _BOARD_MV, _FREE_BYTES = 5000, 131_072
 # TERRAIN_SPACING, and the blocks of 4 by 4 of one grid block.
 _SPACING_M, _LOADED = 100, 56
-# MOT_SPIN_ARM, MOT_SPIN_MIN, MOT_SPIN_MAX, MOT_THST_EXPO.
-_SPIN_ARMED, _SPIN_LEAST, _SPIN_MOST, _EXPO = 0.1, 0.15, 0.95, 0.65
-# MOT_THST_HOVER of ArduPilot's simulator.
-_HOVER = 0.39
 _MIDDLE_US, _LEAST_US = 1500, 1000
 _MODES_OF_PILOTS = frozenset({Mode.MANUAL, Mode.ALTITUDE, Mode.POSITION, Mode.HOLD})
 # Channels 5 to 18 of the receiver of ArduPilot's simulator.
@@ -104,10 +100,8 @@ def _servo_output_raw(source: WireState) -> Message:
     if spec.hovers:
         if flies and source.pilot.executor.motion.attitude() is None:
             east, north, up = state.acceleration_m_s2
-            share = _HOVER * math.hypot(east, north, up + GRAVITY_M_S2) / GRAVITY_M_S2
-        curve = (_EXPO - 1.0 + math.sqrt((1.0 - _EXPO) ** 2 + 4.0 * _EXPO * min(share, 1.0))) / (2.0 * _EXPO)
-        spin = _SPIN_LEAST + (_SPIN_MOST - _SPIN_LEAST) * curve if flies else _SPIN_ARMED * state.armed
-        outputs = (round(_LEAST_US + 1000.0 * spin),) * 4
+            share = source.mavlink.hover_share * math.hypot(east, north, up + GRAVITY_M_S2) / GRAVITY_M_S2
+        outputs = (round(source.mavlink.motor_us(share if flies else None, state.armed)),) * 4
     else:
         turn = 0.0 if not flies else state.yaw_rate_rad_s / spec.yaw_rate_rad_s
         turn = state.roll_rad / (0.25 * math.pi) if spec.circles else turn
@@ -191,8 +185,13 @@ def _ids(names: str) -> tuple[int, ...]:
     return tuple(getattr(m, f"MAVLINK_MSG_ID_{name}") for name in names.split())
 
 
+def group_number(name: str) -> int:
+    """Return the number of a MAV_DATA_STREAM."""
+    return int(getattr(m, f"MAV_DATA_STREAM_{name}"))
+
+
 STREAMS: dict[int, tuple[int, ...]] = {
     m.MAV_DATA_STREAM_ALL: _ids(" ".join(_GROUPS.values())),
-    **{getattr(m, f"MAV_DATA_STREAM_{name}"): _ids(names) for name, names in _GROUPS.items()},
+    **{group_number(name): _ids(names) for name, names in _GROUPS.items()},
 }
 """What REQUEST_DATA_STREAM switches on an ArduPilot."""

@@ -55,8 +55,12 @@ class CommandedVehicle(Protocol):
 
     pilot: Pilot
     state: WireState
-    schedule: Schedule
     has_camera: bool
+
+    @property
+    def schedule(self) -> Schedule:
+        """Message intervals on the link of the command."""
+        ...
 
     def command_camera(self, command: int, params: tuple[float, ...]) -> None:
         """Send a command to the camera."""
@@ -220,8 +224,8 @@ def _takeoff(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
     altitude = command.params[6]
     if profile.takeoff_needs_arming and not pilot.armed:
         return _FAILED
-    if profile.takeoff_above_sea:
-        altitude = vehicle.state.above_home(altitude, command.frame)
+    frame = command.frame if profile.takeoff_above_sea else int(m.MAV_FRAME_GLOBAL_RELATIVE_ALT)
+    altitude = vehicle.state.above_start(altitude, frame)
     if not altitude > 0.0:
         altitude = pilot.spec.takeoff_altitude_m
     number = profile.modes[Mode.TAKEOFF]
@@ -235,7 +239,7 @@ def _reposition(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
     if position is None or command.frame not in (0, 3):
         raise RefusedError("Reposition refused: no position", denied=True)
     pilot = vehicle.pilot
-    altitude = vehicle.state.above_home(command.params[6], command.frame)
+    altitude = vehicle.state.above_start(command.params[6], command.frame)
     if math.isnan(altitude):
         altitude = pilot.state.position_m[2]
     # The heading is in radians here, other than in mission items.
@@ -256,7 +260,7 @@ def _change_altitude(vehicle: CommandedVehicle, command: VehicleCommand) -> None
     altitude, frame = command.params[0], command.number(2)
     if not math.isfinite(altitude) or frame not in (0, 3, 5, 6):
         raise RefusedError("Altitude refused: no altitude or frame", denied=True)
-    altitude = vehicle.state.above_home(altitude, frame)
+    altitude = vehicle.state.above_start(altitude, frame)
     x, y, _ = pilot.executor.motion.stopping_point()
     mode = vehicle.state.mavlink.modes.after_command
     pilot.goto(*pilot.frame.to_wgs84(x, y), altitude, mode=mode, heading=KEEP)
@@ -278,7 +282,7 @@ def _orbit(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
     here = pilot.state.position_m[2]
     pilot.orbit(
         *position,
-        vehicle.state.above_home(altitude, command.frame) if math.isfinite(altitude) else here,
+        vehicle.state.above_start(altitude, command.frame) if math.isfinite(altitude) else here,
         radius_m=radius if math.isfinite(radius) and radius else 10.0,
         speed_m_s=speed if math.isfinite(speed) and speed > 0.0 else pilot.spec.cruise_speed_m_s,
         mode=modes.after_command,
@@ -340,13 +344,19 @@ def _go_around(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
 
 
 def _set_home(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
-    """DO_SET_HOME: here (1) or at a position; the altitude stays that of the ground."""
-    pilot = vehicle.pilot
-    here = command.params[0] == 1.0
-    position = pilot.frame.to_wgs84(*pilot.state.position_m[:2]) if here else command.position
-    if position is None:
-        raise RefusedError("Home refused: no position", denied=True)
-    pilot.set_home(*position)
+    """DO_SET_HOME: here (1), or at a position and altitude; PX4's counts from the sea in any frame."""
+    pilot, state = vehicle.pilot, vehicle.state
+    x, y, up = pilot.state.position_m
+    position = pilot.frame.to_wgs84(x, y)
+    # ArduPilot takes zeros for here (``handle_command_do_set_home``).
+    here = command.params[0] == 1.0 or not (state.mavlink.home_above_sea or any(command.params[4:6]))
+    if not here:
+        if command.position is None or not math.isfinite(command.params[6]):
+            raise RefusedError("Home refused: no position", denied=True)
+        position = command.position
+        frame = int(m.MAV_FRAME_GLOBAL) if state.mavlink.home_above_sea else command.frame
+        up = state.above_start(command.params[6], frame)
+    pilot.set_home(*position, up)
     vehicle.on_home_moved()
 
 

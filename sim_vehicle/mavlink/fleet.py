@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
+from itertools import zip_longest
 
 from geo.frame import LocalFrame
 from geo.seeds import child_seed
@@ -51,8 +52,12 @@ def start_positions(home: GeoPoint, count: int, spacing_m: float = SPACING_M) ->
     return positions[:count]
 
 
-def fleet_urls(autopilot: Autopilot, systems: range) -> tuple[ServerUrl, ...]:
+def fleet_urls(
+    autopilot: Autopilot, systems: range, named: Collection[str] = frozenset()
+) -> tuple[ServerUrl, ...]:
     """Return where each vehicle's own simulator would be found; only that vehicle is there.
+
+    `named` are the links at which it streams otherwise than at the others.
 
     Examples
     --------
@@ -60,9 +65,9 @@ def fleet_urls(autopilot: Autopilot, systems: range) -> tuple[ServerUrl, ...]:
     [('tcpin:127.0.0.1:5760', 1), ('tcpin:127.0.0.1:5770', 2)]
     """
     return tuple(
-        ServerUrl(url, frozenset((system,)))
+        ServerUrl(url, frozenset((system,)), name if name in named else "")
         for system in systems
-        for url in autopilot.simulator_urls(system - 1)
+        for url, name in zip_longest(autopilot.simulator_urls(system - 1), autopilot.link_names, fillvalue="")
     )
 
 
@@ -81,7 +86,7 @@ class Fleet:
         The steady wind is the same for all; each has its own gusts.
     noise : SensorNoise, optional
         Each vehicle has its own errors of this size.
-    cold : bool
+    cold, sitl_rates : bool
         See `SimVehicle`.
     first_system : int
         The system id of the first one.
@@ -115,6 +120,7 @@ class Fleet:
         spacing_m: float = SPACING_M,
         epoch_unix_s: float = EPOCH_UNIX_S,
         cold: bool = False,
+        sitl_rates: bool = False,
         first_system: int = 1,
     ) -> None:
         given = 1 if isinstance(home, GeoPoint) else len(home)
@@ -145,6 +151,7 @@ class Fleet:
                 yaw_deg=heading,
                 epoch_unix_s=epoch_unix_s,
                 cold=cold,
+                sitl_rates=sitl_rates,
             )
             for system, (position, heading) in enumerate(positions, first_system)
         )
@@ -152,8 +159,9 @@ class Fleet:
     @property
     def urls(self) -> tuple[ServerUrl, ...]:
         """The ports of the autopilot's own simulators."""
-        first = self.vehicles[0].system_id
-        return fleet_urls(self.autopilot, range(first, first + len(self.vehicles)))
+        first = self.vehicles[0]
+        systems = range(first.system_id, first.system_id + len(self.vehicles))
+        return fleet_urls(self.autopilot, systems, first.link_names)
 
 
 def _wind_of(wind: Wind | None, system: int) -> Wind | None:

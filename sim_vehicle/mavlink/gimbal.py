@@ -132,7 +132,7 @@ def _region(source: WireState, command: VehicleCommand) -> None:
         return
     height_m = command.params[6] if math.isfinite(command.params[6]) else 0.0
     if not command.long:
-        height_m = source.above_home(height_m, command.frame)
+        height_m = source.above_start(height_m, command.frame)
     source.gimbal.point_at((*source.pilot.frame.from_wgs84(*position), height_m))
 
 

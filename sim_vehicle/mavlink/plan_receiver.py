@@ -109,7 +109,7 @@ class PlanReceiver:
         with suppress(RefusedError, MissionError):
             item = wire.item_from_message(message)
             if item.command == Command.NAV_WAYPOINT and pilot.mode in (Mode.GUIDED, Mode.TAKEOFF):
-                pilot.goto(item.x, item.y, self._state.above_home(item.z, item.frame), mode=Mode.GUIDED)
+                pilot.goto(item.x, item.y, self._state.above_start(item.z, item.frame), mode=Mode.GUIDED)
                 result = wire.ACCEPTED
         source = (message.get_srcSystem(), message.get_srcComponent())
         return wire.ack(source, result, MissionType.MISSION)

@@ -16,6 +16,7 @@ from geo.frame import angles_of
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import is_a
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
+from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.parameters import Setting
 from sim_vehicle.autopilot.stick_rules import StickRules, Sticks
 from sim_vehicle.motion.legs import KEEP, Heading
@@ -52,6 +53,7 @@ _LEAST_LIFT, _MOST_THRUST = 1.0, 2.0
 # How far the length of a quaternion may be from 1.
 _UNIT = 2e-3
 _LOCAL, _LOCAL_OFFSET, _BODY, _BODY_OFFSET, _BODY_FRD = 1, 7, 8, 9, 12
+_POLE, _DATE_LINE = 90.0, 180.0
 _GLOBAL = {0: False, 5: False, 3: True, 6: True}
 
 
@@ -107,6 +109,20 @@ class Steering:
             except RefusedError as refusal:
                 pilot.setpoints.complain(str(refusal))
 
+    def take_target(self, message: m.MAVLink_follow_target_message) -> None:
+        """Take FOLLOW_TARGET; one without a place on the earth does not count."""
+        pilot = self._pilot
+        latitude, longitude = message.lat / 1e7, message.lon / 1e7
+        if pilot.mode is not Mode.FOLLOW or not (
+            abs(latitude) <= _POLE and abs(longitude) <= _DATE_LINE and math.isfinite(message.alt)
+        ):
+            return
+        east, north = pilot.frame.from_wgs84(latitude, longitude)
+        v_north, v_east, v_down = message.vel
+        known = math.isfinite(v_north + v_east + v_down)
+        velocity = (v_east, v_north, -v_down) if known else None
+        pilot.follow.take((east, north, message.alt - pilot.frame.altitude_m), velocity)
+
     def _read_sticks(self, message: StickMessage, rules: StickRules) -> Sticks | None:
         """Return where the sticks are; None where the message does not count."""
         parameters, release = self._pilot.parameters, rules.loss.release
@@ -159,7 +175,7 @@ class Steering:
             if kind not in _GLOBAL:
                 raise RefusedError(f"Setpoint refused: frame {kind}", denied=True)
             x_m, y_m = frame.from_wgs84(message.lat_int / 1e7, message.lon_int / 1e7)
-            position = (x_m, y_m, message.alt - (0.0 if _GLOBAL[kind] else frame.altitude_m))
+            position = (x_m, y_m, self._state.above_start(message.alt, kind))
         elif kind in (_LOCAL, _LOCAL_OFFSET, _BODY, _BODY_OFFSET, _BODY_FRD):
             asked = mask & _IGNORE_POSITION != _IGNORE_POSITION
             # Only ArduPilot takes positions that are offsets from the vehicle.

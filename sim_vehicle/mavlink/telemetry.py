@@ -119,7 +119,7 @@ def _global_position_int(source: WireState) -> Message:
     return m.MAVLink_global_position_int_message(
         source.boot_ms,
         *source.position_e7,
-        round(1000.0 * source.sensed.believed_m[2]),
+        round(1000.0 * (source.sensed.believed_m[2] - source.pilot.home_m[2])),
         *int16_vector(source.ned_m_s, 100.0),
         centidegrees(source.pilot.state.yaw_rad),
     )
@@ -159,7 +159,8 @@ def _vfr_hud(source: WireState) -> Message:
 
 def _altitude(source: WireState) -> Message:
     up, amsl = source.sensed.believed_m[2], source.altitude_m
-    return m.MAVLink_altitude_message(source.boot_ms * 1000, amsl, amsl, up, up, up, up)
+    above_home = up - source.pilot.home_m[2]
+    return m.MAVLink_altitude_message(source.boot_ms * 1000, amsl, amsl, up, above_home, up, up)
 
 
 def _fence_status(source: WireState) -> Message:
@@ -242,7 +243,7 @@ def _autopilot_version(source: WireState) -> Message:
         identity.capabilities,
         identity.flight_sw_version,
         *(0, 0, 0),
-        *([0] * 8, [0] * 8, [0] * 8),
+        *(list(identity.custom_version), [0] * 8, [0] * 8),
         *(0, 0, system_id),
         [system_id] + [0] * 17,
     )
@@ -272,6 +273,21 @@ def _highres_imu(source: WireState) -> Message:
         _barometer_m(source),
         25.0,
         0x1FFF,
+    )
+
+
+def _state_for_gimbals(source: WireState) -> Message:
+    """AUTOPILOT_STATE_FOR_GIMBAL_DEVICE; PX4 says of taking off and landing nothing here."""
+    on_ground = source.pilot.landed is LandedState.ON_GROUND
+    return m.MAVLink_autopilot_state_for_gimbal_device_message(
+        *(0, 0, source.boot_ms * 1000),
+        source.quaternion,
+        0,
+        *source.ned_m_s,
+        0,
+        source.turning_rad_s[2],
+        _ESTIMATES_OK if source.pilot.position_ok else _ESTIMATES_BLIND,
+        m.MAV_LANDED_STATE_ON_GROUND if on_ground else m.MAV_LANDED_STATE_IN_AIR,
     )
 
 
@@ -372,7 +388,12 @@ BUILDERS: dict[int, Callable[[WireState], Message | None]] = {
         s.boot_ms, _pressure_hpa(s), 0.0, 2500
     ),
     m.MAVLINK_MSG_ID_HIGHRES_IMU: _highres_imu,
-    m.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: lambda s: m.MAVLink_gps_global_origin_message(*s.home_e7, s.unix_us),
+    m.MAVLINK_MSG_ID_AUTOPILOT_STATE_FOR_GIMBAL_DEVICE: _state_for_gimbals,
+    m.MAVLINK_MSG_ID_TIMESYNC: lambda s: m.MAVLink_timesync_message(0, s.unix_us * 1000),
+    m.MAVLINK_MSG_ID_PING: lambda s: m.MAVLink_ping_message(s.unix_us, s.next_ping(), 0, 0),
+    m.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: lambda s: m.MAVLink_gps_global_origin_message(
+        *s.e7_of((0.0, 0.0, 0.0)), s.unix_us
+    ),
     **ARDUPILOT_BUILDERS,
     **GIMBAL_BUILDERS,
 }

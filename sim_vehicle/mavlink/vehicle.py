@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, TypeAlias, get_args
 
 from geo.frame import LocalFrame
@@ -27,7 +27,7 @@ from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.items import GIMBAL_COMMANDS as GIMBAL_ITEMS
 from sim_vehicle.execution.items import NAV_COMMANDS
 from sim_vehicle.execution.state import CameraCommand, FlightEvent, HomeMoved, ItemReached
-from sim_vehicle.mavlink.ardupilot_messages import STREAMS
+from sim_vehicle.mavlink.ardupilot_messages import STREAMS, group_number
 from sim_vehicle.mavlink.camera_commands import CAMERA, CameraCommands, camera_feedback
 from sim_vehicle.mavlink.commands import CommandReceiver, set_custom_mode
 from sim_vehicle.mavlink.ftp import FtpServer, checksum
@@ -87,13 +87,15 @@ class SimVehicle:
         (BRD_SD_MISSION and BRD_SD_FENCE of ArduPilot).
     cold : bool
         It boots when it is first spoken to, as the autopilot does; otherwise it is up already.
+    sitl_rates : bool
+        It streams what the autopilot's own simulator does; otherwise fewer and slower messages.
 
     Attributes
     ----------
     pilot : Pilot
         The vehicle without MAVLink: state, mode, outcome.
-    schedule : Schedule
-        Message intervals.
+    link : str
+        Name of the link that the next message comes from.
     state : WireState
         What it tells of itself: clocks, position, plans.
     firmware : Firmware
@@ -130,6 +132,7 @@ class SimVehicle:
         noise: SensorNoise | None = None,
         sd_card: bool = False,
         cold: bool = False,
+        sitl_rates: bool = False,
     ) -> None:
         self.autopilot = get_autopilot() if autopilot is None else autopilot
         spec = adapt_vehicle(spec, self.autopilot)
@@ -155,7 +158,8 @@ class SimVehicle:
             pilot, home, system_id=system_id, epoch_unix_s=epoch_unix_s, noise=noise
         )
         self.errors: NavigationErrors | None = state.errors
-        self.schedule = self._default_schedule()
+        self.link = ""
+        self._sitl_rates = sitl_rates
         self._heard: frozenset[int] | None = None
         self.has_camera = False
         self._spoken_to = False
@@ -177,6 +181,7 @@ class SimVehicle:
         self._camera = CameraCommands(state)
         self._commands = CommandReceiver(self)
         self._parameters = ParameterSet(pilot, firmware.parameters(spec, system_id), self._plans.totals())
+        self._schedules = {"": self._default_schedule("")}
         self._logs = FlightLogs(epoch_unix_s)
         self._log_transfer = LogTransfer(self._logs, pilot)
         self._ftp = FtpServer(vehicle_files(firmware.mavlink, self._parameters, self._logs, self._plans))
@@ -222,6 +227,8 @@ class SimVehicle:
             handler(m.MAVLink_setup_signing_message, self._on_setup_signing),
             handler(m.MAVLink_timesync_message, self._on_timesync),
         )
+        if Mode.FOLLOW in self.state.mavlink.modes.numbers:
+            handlers |= (handler(m.MAVLink_follow_target_message, self._steering.take_target),)
         if self.pilot.behaviour.tells_shots:
             handlers[m.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED] = self._on_image
         return handlers
@@ -286,15 +293,39 @@ class SimVehicle:
         for part in self._timed:
             self._outbox += part.poll(now_s)
         self._show_changes()
-        outbox, heard, boot = self._outbox, self._heard, self.state.boot
-        for message_id in self.schedule.due(self.state.now_us):
+        if len(self._schedules) == 1:
+            self._outbox += self._due(self._schedules[""])
+        return self._sent()
+
+    def _due(self, schedule: Schedule) -> list[Message]:
+        """Make the telemetry that is due."""
+        messages: list[Message] = []
+        heard, boot = self._heard, self.state.boot
+        for message_id in schedule.due(self.state.now_us):
             if boot is not None and message_id in boot.untold:
                 continue
             is_heard = heard is None or message_id in heard
             message = BUILDERS[message_id](self.state) if is_heard else UNHEARD
             if message is not None:
-                outbox.append(message)
-        return self._sent()
+                messages.append(message)
+        return messages
+
+    @property
+    def schedule(self) -> Schedule:
+        """Message intervals on the link of the message that is being answered."""
+        return self._schedules.get(self.link) or self._schedules[""]
+
+    def open_links(self, names: frozenset[str]) -> None:
+        """Stream on these links, too, each at rates of its own."""
+        for name in sorted(names - self._schedules.keys()):
+            self._schedules[name] = self._default_schedule(name)
+
+    def streamed(self) -> list[tuple[str, list[Message]]]:
+        """Return each link's telemetry that is due at the time of the last `poll`."""
+        if len(self._schedules) == 1:
+            return []
+        due = ((link, self._due(schedule)) for link, schedule in self._schedules.items())
+        return [(link, messages) for link, messages in due if messages]
 
     def only_heard(self, message_ids: frozenset[int] | None) -> None:
         """Make messages of the schedule of these ids only; None is all."""
@@ -302,7 +333,8 @@ class SimVehicle:
 
     def next_deadline(self) -> float:
         """When the next telemetry, retry or piece of flight is due."""
-        deadline_s = min(self.schedule.next_us / 1e6, *[part.due_s for part in self._timed])
+        next_us = min([schedule.next_us for schedule in self._schedules.values()])
+        deadline_s = min(next_us / 1e6, *[part.due_s for part in self._timed])
         return min(deadline_s, self._tick_s + _TICK_S) if self.pilot.armed else deadline_s
 
     def _sent(self) -> list[Message]:
@@ -450,15 +482,34 @@ class SimVehicle:
         self._plans.reboot(self._now_s)
         if not self.pilot.armed:
             self.pilot.modes.override(self.state.mavlink.modes.boot)
-        self.schedule = self._default_schedule()
+        self._schedules = {link: self._default_schedule(link) for link in self._schedules}
 
-    def _default_schedule(self) -> Schedule:
-        """Rates of the firmware, at most one message per motion step; the true state where it differs."""
-        most_hz = 1.0 / self.pilot.spec.step_s
-        rates_hz = {kind: min(rate, most_hz) for kind, rate in self.state.mavlink.rates_hz.items()}
-        if self.errors is not None:
-            rates_hz[self.state.mavlink.truth_message] = min(_TRUTH_HZ, most_hz)
-        return Schedule(rates_hz)
+    @property
+    def link_names(self) -> frozenset[str]:
+        """Links on which it streams otherwise than on those without a name."""
+        return frozenset(self._link_rates_hz) - {""}
+
+    @property
+    def _link_rates_hz(self) -> Mapping[str, Mapping[int, float]]:
+        mavlink = self.state.mavlink
+        return mavlink.sitl_rates_hz if self._sitl_rates else mavlink.link_rates_hz
+
+    def _default_schedule(self, link: str) -> Schedule:
+        """Rates of the firmware on a link, at most two messages per motion step; the true state, too.
+
+        The true state only where it differs from what the vehicle believes.
+        """
+        mavlink = self.state.mavlink
+        rates_hz = dict(self._link_rates_hz.get(link) or self._link_rates_hz.get("", mavlink.rates_hz))
+        if self._sitl_rates:
+            for group, parameter in mavlink.stream_parameters.items():
+                rate = self._parameters.value(parameter)
+                rates_hz |= dict.fromkeys(STREAMS[group_number(group)], rate) if rate > 0.0 else {}
+        if self.errors is not None and not link:
+            rates_hz[mavlink.truth_message] = _TRUTH_HZ
+        # Between two steps a vehicle is told again as it was at the last one.
+        most_hz = (2.0 if self._sitl_rates else 1.0) / self.pilot.spec.step_s
+        return Schedule({kind: min(rate, most_hz) for kind, rate in rates_hz.items()})
 
     def command_camera(self, command: int, params: tuple[float, ...]) -> None:
         """Send a command to the camera, until it is acknowledged or was sent three times."""

@@ -86,6 +86,7 @@ class WireState:
         self._unknown_until_us = 0
         self._asked: tuple[Mode, int] | None = None
         pilot.arming.custom_mode = lambda: self.custom_mode
+        self._pings = 0
         self._attitude: Vector = (-math.inf, 0.0, 0.0)
         self._rates = (0.0, 0.0, 0.0)
 
@@ -103,6 +104,11 @@ class WireState:
         if mode is Mode.HOLD and self.pilot.modes.by_itself and modes.own_hold is not None:
             return modes.own_hold
         return modes[mode] if self._asked is None else self._asked[1]
+
+    def next_ping(self) -> int:
+        """Number of a PING of its own, counted from 0."""
+        self._pings += 1
+        return self._pings - 1
 
     def forget_item(self, until_s: float) -> None:
         """Tell no item in MISSION_CURRENT until a time."""
@@ -204,9 +210,9 @@ class WireState:
             )
         return self._rates
 
-    def above_home(self, altitude_m: float, frame: int) -> float:
-        """Height above home of an altitude in a MAV_FRAME, which counts from there or from the sea."""
-        return altitude_m - (0.0 if frame in RELATIVE_FRAMES else self.home.altitude_m)
+    def above_start(self, altitude_m: float, frame: int) -> float:
+        """Height above the start of an altitude in a MAV_FRAME, which counts from home or from the sea."""
+        return altitude_m + (self.pilot.home_m[2] if frame in RELATIVE_FRAMES else -self.home.altitude_m)
 
     def e7_of(self, position_m: Vector) -> tuple[int, int, int]:
         """A position about home in the units of the wire; its height counts from the sea."""
@@ -215,9 +221,10 @@ class WireState:
 
     def move_home(self) -> GeoPoint:
         """Take over where the pilot's home is now."""
-        latitude, longitude = self.pilot.frame.to_wgs84(*self.pilot.home_m)
-        self.home_e7 = _e7(latitude, longitude, self.home.altitude_m)
-        return GeoPoint(latitude, longitude, self.home.altitude_m)
+        east, north, up = self.pilot.home_m
+        latitude, longitude = self.pilot.frame.to_wgs84(east, north)
+        self.home_e7 = _e7(latitude, longitude, self.home.altitude_m + up)
+        return GeoPoint(latitude, longitude, self.home.altitude_m + up)
 
     def reboot(self) -> None:
         """Count the time since boot from now on, and tell no ids of plans until they come anew."""

@@ -91,8 +91,8 @@ class Controls:
         return self.state.landed
 
     @property
-    def home_m(self) -> tuple[float, float]:
-        """Where home is, east and north of the start."""
+    def home_m(self) -> tuple[float, float, float]:
+        """Where home is, east and north of the start, and how high above it."""
         return self.executor.mission.return_points.home_m
 
     def order(self, order: Callable[[], None]) -> None:

@@ -337,7 +337,7 @@ class ArmingChecks:
         by_mode = controls.firmware.mavlink.modes.why_not_arm(self.custom_mode(), controls.parameters)
         if by_mode is not None:
             return by_mode
-        if mode in (Mode.RTL, Mode.LAND, Mode.FLIP):
+        if mode in (Mode.RTL, Mode.LAND, Mode.FLIP, Mode.FOLLOW):
             return f"mode {mode.value}: choose another first"
         return mission_problem if mode is Mode.MISSION else None
 

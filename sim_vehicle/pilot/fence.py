@@ -160,10 +160,10 @@ class FenceWatch:
         self._free_until_m = -math.inf
 
     def evaluate(
-        self, place_m: tuple[float, float, float], home_m: tuple[float, float]
+        self, place_m: tuple[float, float, float], home_m: tuple[float, float, float]
     ) -> tuple[Breach, str, float]:
         """The breach at a position, the reason in words, and the distance to move until there is one."""
-        x, y, z = place_m
+        x, y, z = place_m[0], place_m[1], place_m[2] - home_m[2]
         bounds = self.bounds
         away = math.hypot(x - home_m[0], y - home_m[1])
         edge = self.fence.margin_m(x, y) if bounds.areas and self.fence.zones else math.inf
@@ -180,7 +180,7 @@ class FenceWatch:
         self,
         place_m: tuple[float, float, float],
         flown_m: float,
-        home_m: tuple[float, float],
+        home_m: tuple[float, float, float],
         now_s: float,
     ) -> bool:
         """Check a vehicle that has flown so far; True when it has just broken the fence."""

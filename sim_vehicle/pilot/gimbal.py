@@ -165,8 +165,8 @@ class Gimbal:
         elif self.mode is GimbalMode.POINT:
             self.to_default()
 
-    def advance(self, state: VehicleState, boot_us: float, home_m: tuple[float, float]) -> None:
-        """Turn until now; ``boot_us`` is the time of the vehicle's own clock, home is east and north."""
+    def advance(self, state: VehicleState, boot_us: float, home_m: tuple[float, float, float]) -> None:
+        """Turn until now; ``boot_us`` is the time of the vehicle's own clock."""
         passed_s, self._time_s = max(0.0, state.time_s - self._time_s), state.time_s
         if not self.awake:
             return
@@ -201,14 +201,14 @@ class Gimbal:
         roll, pitch, yaw = self.angles_rad
         return Attitude(roll, pitch, (heading_rad + yaw) % _TURN)
 
-    def _aim(self, state: VehicleState, home_m: tuple[float, float], passed_s: float) -> Angles | None:
+    def _aim(self, state: VehicleState, home_m: tuple[float, float, float], passed_s: float) -> Angles | None:
         """Return where it is to point now, the yaw against the vehicle; None to stay."""
         if self.mode is GimbalMode.TARGET:
             self._follow_rates(state.yaw_rad, passed_s)
             roll, pitch, yaw = self._target
             return (roll, pitch, self._to_body(yaw, state.yaw_rad) if self._earth else yaw)
         if self.mode in (GimbalMode.POINT, GimbalMode.HOME):
-            point = (*home_m, 0.0) if self.mode is GimbalMode.HOME else self._point
+            point = home_m if self.mode is GimbalMode.HOME else self._point
             if point is None:
                 return None
             east, north, up = (there - here for there, here in zip(point, state.position_m, strict=True))

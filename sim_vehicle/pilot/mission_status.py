@@ -93,6 +93,7 @@ class MissionStatus:
                     executor.spec,
                     needs_takeoff=not in_air and not executor.mission.takes_off,
                     outside=failsafe.outside if failsafe.fence_enabled else None,
+                    home_up_m=self._controls.home_m[2],
                 )
             )
             refusal = self._controls.behaviour.refuses(items, self._controls.parameters)

@@ -15,6 +15,7 @@ from sim_vehicle.pilot.controls import RefusedError
 if TYPE_CHECKING:
     from mission.model import MissionItem
     from sim_vehicle.pilot.controls import Controls
+    from sim_vehicle.pilot.follow import FollowPilot
     from sim_vehicle.pilot.guided import AttitudePilot, SetpointFollower
     from sim_vehicle.pilot.mission_status import MissionStatus
     from sim_vehicle.pilot.sticks import StickPilot
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["ModeControl"]
 
 # PX4's ``mode_requirements.cpp`` (prevent_arming) and ``UserModeIntention.cpp``: not gone back to.
-_LEADS_DOWN_OR_UP = frozenset({Mode.RTL, Mode.LAND, Mode.TAKEOFF})
+_NOT_GONE_BACK_TO = frozenset({Mode.RTL, Mode.LAND, Mode.TAKEOFF, Mode.FOLLOW})
 _WITHOUT_POSITION = (Mode.MANUAL, Mode.ATTITUDE, Mode.FLIP)
 _BY_HAND = (Mode.MANUAL, Mode.ALTITUDE)
 # 40 of 45 degrees: a pilot who leans that far does not flip.
@@ -41,6 +42,7 @@ class ModeControl:
         mission: MissionStatus,
         setpoints: SetpointFollower,
         attitude: AttitudePilot,
+        follow: FollowPilot,
         sticks: StickPilot | None,
     ) -> None:
         # The last one that was ordered, or followed from an order, and in which a vehicle arms.
@@ -53,6 +55,7 @@ class ModeControl:
         self._mission = mission
         self._setpoints = setpoints
         self._attitude = attitude
+        self._follow = follow
         self._sticks = sticks
         self._flipped_in, self._circles = controls.mode, False
         self._left: tuple[tuple[MissionItem, ...], int] | None = None
@@ -128,7 +131,7 @@ class ModeControl:
             if controls.mode is Mode.MISSION:
                 self._left = self._present_item
         controls.mode = mode
-        if mode not in _LEADS_DOWN_OR_UP:
+        if mode not in _NOT_GONE_BACK_TO:
             self.intended = mode
 
     @property
@@ -178,12 +181,16 @@ class ModeControl:
             sticks = None if self._sticks is None else self._sticks.shown
             self._flipped_in = before
             self._attitude.flip(-1.0 if sticks is not None and sticks.right < 0.0 else 1.0)
+        elif mode is Mode.FOLLOW:
+            self._follow.begin()
         elif mode is Mode.CIRCLE and controls.landed is not LandedState.ON_GROUND:
             self._circle()
 
     def fly_on(self) -> None:
-        """Fly the attitude that is asked for, or the flip, on; leave the circle behind with its mode."""
+        """Fly the attitude, the flip or the way about a target on; leave the circle behind with its mode."""
         controls = self._controls
+        if controls.mode is Mode.FOLLOW:
+            self._follow.check()
         if self._circles and controls.mode is not Mode.CIRCLE:
             self._circles = False
             controls.executor.flight.look_at(None)

@@ -31,6 +31,7 @@ from sim_vehicle.motion.legs import ALONG, Heading
 from sim_vehicle.pilot.controls import Controls, RefusedError, Severity
 from sim_vehicle.pilot.failsafe import ArmingChecks, Failsafe, IdleWatch, Reaction
 from sim_vehicle.pilot.fence import Fence
+from sim_vehicle.pilot.follow import FollowPilot
 from sim_vehicle.pilot.guided import AttitudePilot, AttitudeTarget, AutoYaw, Setpoint, SetpointFollower
 from sim_vehicle.pilot.mission_status import MissionChange, MissionStatus
 from sim_vehicle.pilot.mode_control import ModeControl
@@ -105,9 +106,10 @@ class Pilot(Controls):
         self.attitude = AttitudePilot(self)
         self.setpoints = SetpointFollower(self, self.failsafe, self.attitude)
         self.auto_yaw = AutoYaw(self)
+        self.follow = FollowPilot(self)
         self._returns_s = math.inf
         self._sticks = flown = None if firmware.sticks is None else StickPilot(self, firmware.sticks)
-        self.modes = ModeControl(self, self.mission, self.setpoints, self.attitude, flown)
+        self.modes = ModeControl(self, self.mission, self.setpoints, self.attitude, self.follow, flown)
         self._idle = None
         if self.rules.idle is not None:
             self._idle = IdleWatch(self, self.rules.idle, lambda: flown is None or flown.throttle_down)
@@ -200,14 +202,16 @@ class Pilot(Controls):
             position for position in positions if not math.isnan(position[0])
         )
 
-    def set_home(self, latitude_deg: float, longitude_deg: float) -> None:
-        """Move home; its altitude stays that of the ground."""
+    def set_home(self, latitude_deg: float, longitude_deg: float, up_m: float) -> None:
+        """Move home, at a height above the start."""
         x_m, y_m = self.frame.from_wgs84(latitude_deg, longitude_deg)
         if not math.hypot(x_m, y_m) <= self.spec.max_distance_m:
             raise RefusedError(
                 f"Home refused: more than {self.spec.max_distance_m:.0f} m from the start", denied=True
             )
-        self.executor.mission.return_points.home_m = (x_m, y_m)
+        if not abs(up_m) <= self.spec.max_altitude_m:
+            raise RefusedError(f"Home refused: {up_m:.0f} m above the start", denied=True)
+        self.executor.mission.move_home((x_m, y_m, up_m))
         self.failsafe.apply_parameters()
 
     def apply_parameters(self) -> None:

@@ -127,3 +127,66 @@ def test_a_server_at_a_udp_port_is_called(fly, mavsdk_system, tools):
     mission.upload_mission(sent)
     back = mission.download_mission()
     assert [(i.command, i.x, i.y) for i in back] == [(i.command, i.x, i.y) for i in sent]
+
+
+def test_follow_me_is_started_told_where_the_target_is_and_stopped(connected, tools):
+    import math
+    import time
+
+    from mavsdk.plugins.action import Action
+    from mavsdk.plugins.follow_me import FollowMe, TargetLocation
+    from mavsdk.plugins.telemetry import FlightMode, Telemetry
+
+    flying, system = connected("px4", speed=4.0)
+    telemetry, action, follow = Telemetry(system), Action(system), FollowMe(system)
+    tools.wait_until(telemetry.health_all_ok, what="health all ok")
+    config = follow.get_config()
+    config.follow_height_m, config.follow_distance_m, config.follow_angle_deg = 12.0, 10.0, 90.0
+    config.responsiveness, config.max_tangential_vel_m_s = 0.2, 4.0
+    follow.set_config(config)
+    stored = flying.vehicle.pilot.parameters.stored
+    assert (stored["FLW_TGT_HT"], stored["FLW_TGT_DST"]) == (12.0, 10.0)
+    action.arm()
+    action.takeoff()
+    tools.wait_until(lambda: flying.vehicle.pilot.mode.value == "hold", what="the take-off")
+    follow.start()
+    tools.wait_until(follow.is_active, what="the mode Follow me")
+    tools.wait_until(lambda: telemetry.flight_mode() == FlightMode.FOLLOW_ME, what="the mode in telemetry")
+    frame = flying.vehicle.pilot.frame
+
+    def near():
+        latitude, longitude = frame.to_wgs84(40.0, 30.0)
+        follow.set_target_location(TargetLocation(latitude, longitude, frame.altitude_m, 0.0, 0.0, 0.0))
+        time.sleep(0.1)
+        x, y, z = flying.vehicle.pilot.state.position_m
+        return math.hypot(x - 40.0, y - 30.0) < 12.0 and z > 11.0
+
+    tools.wait_until(near, what="the vehicle beside the target")
+    follow.stop()
+    tools.wait_until(lambda: flying.vehicle.pilot.mode.value == "hold", what="the hold mode")
+
+
+def test_offboard_attitudes_fly_in_the_order_of_the_example(connected, tools):
+    import time
+
+    from mavsdk.plugins.action import Action
+    from mavsdk.plugins.offboard import Attitude, Offboard
+    from mavsdk.plugins.telemetry import Telemetry
+
+    flying, system = connected("px4")
+    telemetry, action, offboard = Telemetry(system), Action(system), Offboard(system)
+    tools.wait_until(telemetry.health_all_ok, what="health all ok")
+    action.arm()
+    offboard.set_attitude(Attitude(0.0, 0.0, 0.0, 0.0))
+    offboard.start()
+    offboard.set_attitude(Attitude(0.0, 0.0, 0.0, 0.7))
+    tools.wait_until(lambda: flying.vehicle.pilot.state.position_m[2] > 2.0, what="the climb")
+    offboard.set_attitude(Attitude(30.0, 0.0, 0.0, 0.6))
+    tools.wait_until(lambda: flying.vehicle.pilot.state.roll_rad > 0.3, what="the roll")
+    offboard.set_attitude(Attitude(-30.0, 0.0, 0.0, 0.6))
+    tools.wait_until(lambda: flying.vehicle.pilot.state.roll_rad < -0.3, what="the roll back")
+    offboard.set_attitude(Attitude(0.0, 0.0, 0.0, 0.6))
+    time.sleep(0.2)
+    assert offboard.is_active()
+    offboard.stop()
+    tools.wait_until(lambda: flying.vehicle.pilot.mode.value == "hold", what="the hold mode")

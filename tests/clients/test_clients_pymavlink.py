@@ -230,6 +230,10 @@ def test_requests_streams_and_refusals(autopilot, master):
     version = receive(connection, "AUTOPILOT_VERSION")
     major, minor, patch = flying.vehicle.firmware.mavlink.identity.version
     assert version.flight_sw_version >> 8 == major << 16 | minor << 8 | patch
+    assert (major, minor) == ((4, 7) if flying.is_ardupilot else (1, 17)), "those of the recordings"
+    told = bytes(version.flight_custom_version)
+    commit = told.decode() if flying.is_ardupilot else told[::-1].hex()
+    assert commit == ("1511f271" if flying.is_ardupilot else "d6f12ad1c4f70ad3"), "the start of a git hash"
     assert version.capabilities & mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_INT
     assert ordered(connection, 512, 12345) == (4 if flying.is_ardupilot else 2)
     assert ordered(connection, 511, 31, 50_000) == 0

@@ -1,6 +1,7 @@
 """``wbf-mission monitor`` and ``wbf-mission command``, against our simulator over real sockets."""
 
 import json
+import math
 import signal
 from subprocess import PIPE
 
@@ -10,7 +11,10 @@ from stand_in import stand_in
 
 from mission.ground.command import OperatorCommand, OrderError
 from mission.ground.link import upload
+from mission.link.codec.dialect import mavlink as m
 from mission.outcome import Outcome
+from sim_vehicle.host.server import Server
+from tests.support.peer import running
 from wbf_mission.cli.app import main
 from wbf_mission.planning import plan
 from wbf_mission.scenario import Scenario
@@ -190,3 +194,63 @@ def test_an_empty_mission_is_not_started(capsys):
         text = command(capsys, url, "mission", "--arm", code=5)
         assert "refused mission" in text
         assert made.vehicle.outcome is Outcome.RUNNING
+
+
+class Liar:
+    """A vehicle that tells what cannot be, and says the same thing again and again."""
+
+    system_id, component_id, wanted = 1, 1, frozenset()
+
+    def __init__(self):
+        self.due_s, self.beats = 0.0, 0
+
+    def receive(self, message, now_s):
+        return []
+
+    def poll(self, now_s):
+        self.due_s, self.beats = now_s + 0.1, self.beats + 1
+        return [
+            m.MAVLink_heartbeat_message(2, 12, 81, 50593792, 3, 3),
+            m.MAVLink_global_position_int_message(
+                100 * self.beats, 951234567, -1900000000, 0, 5000, 0, 0, 0, 0
+            ),
+            m.MAVLink_sys_status_message(0, 0, 0, 0, 0, 0, 120, 0, 0, 0, 0, 0, 0),
+            m.MAVLink_attitude_message(0, math.nan, 0.0, math.inf, 0.0, 0.0, 0.0),
+            m.MAVLink_statustext_message(4, b"compass bad"),
+        ]
+
+    def next_deadline(self):
+        return self.due_s
+
+
+def test_monitor_marks_what_cannot_be_and_folds_texts(capsys):
+    with running(Server([Liar()], ["tcpin:127.0.0.1:0"])) as server:
+        url = server.urls[0].replace("tcpin", "tcp")
+        lines = [json.loads(line) for line in watched(capsys, url, "--json", "--interval", "0.3", until=len)]
+        assert main(["monitor", url, "--duration", "2", "--interval", "0.5"]) == 0
+        out, err = capsys.readouterr()
+    states = [line for line in lines if "impossible" in line]
+    assert states[-1]["impossible"] == {
+        "latitude_deg": pytest.approx(95.1234567),
+        "longitude_deg": pytest.approx(-190.0),
+        "battery": 1.2,
+        "ATTITUDE.roll": "nan",
+        "ATTITUDE.yaw": "inf",
+    }
+    texts = [line for line in lines if "text" in line]
+    assert len(texts) <= 2, "the first one, and at the end how often it came"
+    assert sum(line["times"] for line in texts) > 5
+    assert "120%!" in out
+    assert "5.0 m!" not in out
+    told = [line for line in err.splitlines() if "cannot be" in line]
+    assert len(told) == 1, "once"
+    assert "latitude_deg 95.12" in told[0]
+    assert "ATTITUDE.roll nan" in told[0]
+    assert err.count("compass bad") <= 2
+    assert " times)" in err
+
+
+def test_monitor_finds_nothing_wrong_with_our_vehicles(capsys):
+    with stand_in("ardupilot", speed=FAST) as (url, _):
+        lines = watched(capsys, url, "--json", "--interval", "0.3", until=lambda lines: len(lines) > 3)
+    assert all(not line.get("impossible") for line in map(json.loads, lines))

@@ -55,6 +55,9 @@ _COLUMNS = {
 """Headings of the lines, how wide their columns are, and what they tell of a vehicle."""
 
 
+_REPEATS_S = 30.0
+
+
 _JSON_LINES = Annotated[
     bool, option("Print a line of JSON for each vehicle and each text.", "--json", panel="Output")
 ]
@@ -80,6 +83,9 @@ def monitor_command(
     interval: Annotated[float, option("Seconds between two reports.", parser=options.number)] = 1.0,
 ) -> int:
     """Show what the vehicles on a link tell of themselves: mode, item, position, battery, link, texts.
+
+    A value that cannot be (a latitude of 95, a battery at 120 %) is marked with "!"; a text that comes again
+    and again is shown each 30 s, with the number of times.
 
     With --live on a page, too: over a farm, if one is given, and with the mission that each vehicle holds.
     """
@@ -116,6 +122,7 @@ def monitor_command(
             if server.run(until=looks, limit_s=min(interval, end_s - server.now_s)) is StopReason.STOPPED:
                 break
             told.report(server.now_s)
+        told.report(server.now_s, last=True)
         output.events.tell(RunEnded(server.now_s, "ended", ""))
     code = signals.exit_code(ExitCode.GOOD)
     if code not in (ExitCode.GOOD, ExitCode.INTERRUPTED):
@@ -146,25 +153,32 @@ def _named(heard: Contact) -> tuple[str, str]:
 
 
 class _Told:
-    """What was printed of a watched fleet so far: one header, then a line for each vehicle and report."""
+    """Prints a watched fleet: one header, then a line for each vehicle and report, and its texts.
+
+    A text that comes again and again is printed with the number of times, each 30 s at most.
+    """
 
     def __init__(self, output: Output, watch: FleetWatch) -> None:
         self._output, self._watch = output, watch
         self._texts: dict[int, int] = {}
+        # By vehicle, severity and text: when it was printed last, when it came last, how often since then.
+        self._waiting: dict[tuple[int, int, str], tuple[float, float, int]] = {}
+        self._wrong: dict[int, set[str]] = {}
         self._headed = False
 
-    def report(self, now_s: float) -> None:
+    def report(self, now_s: float, *, last: bool = False) -> None:
         """Print what there is now, and the texts since the last time."""
         for number, vehicle in self._watch.vehicles.items():
             texts = vehicle.texts.texts
             for time_s, severity, text in texts[self._texts.get(number, 0) :]:
-                if self._output.as_json:
-                    _json_line({"time_s": time_s, "system_id": number, "severity": severity, "text": text})
-                else:
-                    self._output.note(f"vehicle {number}: {text}", tells=False)
+                key = (number, severity, text)
+                printed_s, _, times = self._waiting.get(key, (-math.inf, 0.0, 0))
+                self._waiting[key] = (printed_s, time_s, times + 1)
             self._texts[number] = len(texts)
-        for vehicle in self._watch.vehicles.values():
+        self._print_texts(now_s, last=last)
+        for vehicle in () if last else self._watch.vehicles.values():
             one = vehicle.summary(now_s)
+            self._warn(one)
             if self._output.as_json:
                 _json_line({"time_s": now_s, **one})
                 continue
@@ -172,6 +186,30 @@ class _Told:
                 self._headed = True
                 _line(_aligned(_COLUMNS))
             _line(_aligned(_row(one, now_s, silent=vehicle.is_silent(now_s))))
+
+    def _print_texts(self, now_s: float, *, last: bool) -> None:
+        for (number, severity, text), (printed_s, time_s, times) in list(self._waiting.items()):
+            if now_s - printed_s < _REPEATS_S and not last:
+                continue
+            if not times:
+                del self._waiting[number, severity, text]
+                continue
+            self._waiting[number, severity, text] = (now_s, time_s, 0)
+            if self._output.as_json:
+                said = {"time_s": time_s, "system_id": number, "severity": severity, "text": text}
+                _json_line(said | {"times": times})
+            else:
+                often = f" ({times} times)" if times > 1 else ""
+                self._output.note(f"vehicle {number}: {text}{often}", tells=False)
+
+    def _warn(self, one: dict[str, Any]) -> None:
+        """Say once of a value that cannot be that it is so."""
+        number, wrong = one["system_id"], one["impossible"]
+        fresh = {key: value for key, value in wrong.items() if key not in self._wrong.get(number, ())}
+        self._wrong[number] = set(wrong)
+        if fresh and not self._output.as_json:
+            values = ", ".join(f"{key} {value}" for key, value in fresh.items())
+            self._output.warn(f"vehicle {number}: it tells what cannot be: {values}")
 
 
 def _json_line(values: dict[str, Any]) -> None:
@@ -206,7 +244,11 @@ def _row(one: dict[str, Any], now_s: float, *, silent: bool) -> list[str]:
         "of_satellites": str(one["satellites"]),
         "link": f"silent for {one['silent_s']:.0f} s" if silent else link,
     }
-    return [told(form, one | more) for _, form in _COLUMNS.values()]
+    cells = [told(form, one | more) for _, form in _COLUMNS.values()]
+    marks = (
+        "!" if any(f"{{{key}" in form for key in one["impossible"]) else "" for _, form in _COLUMNS.values()
+    )
+    return [cell + mark for cell, mark in zip(cells, marks, strict=True)]
 
 
 @options.speaks()

@@ -133,6 +133,7 @@ def sim_command(
             first_system=chosen.system_id,
             with_camera=with_camera,
             cold=chosen.boot == "cold",
+            sitl_rates=chosen.rates == "sitl",
             progress=progress,
         )
     output.notes(simulated.farm.notes, "farm")

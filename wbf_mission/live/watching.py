@@ -31,6 +31,22 @@ _TELLS_S = 3.0
 """Within this time a vehicle that tells of its mission at all has done so."""
 _READ_AGAIN_S, _REST_S = 10.0, 1.0
 _TRIES = 3
+# What a number of `WatchedVehicle.summary` can be at all, on the earth and in any aircraft.
+_POSSIBLE = {
+    "latitude_deg": (-90.0, 90.0),
+    "longitude_deg": (-180.0, 180.0),
+    "height_m": (-12_000.0, 50_000.0),
+    "ground_speed_m_s": (0.0, 350.0),
+    "battery": (0.0, 1.0),
+    "gps_fix": (0, 8),
+}
+# Messages all of whose numbers are known to a vehicle that sends them; in others NaN stands for unknown.
+_OF_NUMBERS = (
+    m.MAVLink_attitude_message,
+    m.MAVLink_attitude_quaternion_message,
+    m.MAVLink_local_position_ned_message,
+    m.MAVLink_vfr_hud_message,
+)
 
 
 class PlanReader:
@@ -118,14 +134,38 @@ class PlanReader:
 class WatchedVehicle(Contact):
     """One vehicle: what it told, and how well it is heard."""
 
+    def __init__(self, vehicle: tuple[int, int]) -> None:
+        super().__init__(vehicle)
+        self._no_numbers: dict[str, float] = {}
+
+    def receive(self, message: Message, now_s: float) -> None:
+        """Take any message of its autopilot."""
+        super().receive(message, now_s)
+        if isinstance(message, _OF_NUMBERS):
+            kind = message.get_type()
+            for name in m.mavlink_map[type(message).id].fieldnames:
+                value = getattr(message, name)
+                if isinstance(value, float) and not math.isfinite(value):
+                    self._no_numbers[f"{kind}.{name}"] = value
+                else:
+                    self._no_numbers.pop(f"{kind}.{name}", None)
+
+    def _impossible(self, summary: dict[str, Any]) -> dict[str, Any]:
+        told = ((key, summary[key], *bounds) for key, bounds in _POSSIBLE.items())
+        wrong = {
+            key: value for key, value, low, high in told if value is not None and not low <= value <= high
+        }
+        return wrong | {name: str(value) for name, value in self._no_numbers.items()}
+
     def summary(self, now_s: float) -> dict[str, Any]:
         """Return plain values for JSON; what is not known is None.
 
-        ``item`` counts from 1, without home; ``seq`` is MISSION_CURRENT's own number.
+        ``item`` counts from 1, without home; ``seq`` is MISSION_CURRENT's own number. ``impossible``
+        has those values that cannot be, and numbers of messages that are none.
         """
         state = self.monitor.state
         located = state.heard_s > -math.inf
-        return {
+        summary = {
             "system_id": self.vehicle[0],
             "autopilot": self.profile.name,
             "mode": self.monitor.mode,
@@ -145,6 +185,7 @@ class WatchedVehicle(Contact):
             "round_trip_s": self.link.round_trip.seconds,
             "silent_s": max(0.0, now_s - self.link.heard_s),
         }
+        return summary | {"impossible": self._impossible(summary)}
 
     def is_silent(self, now_s: float) -> bool:
         """Whether nothing was heard of it for a while."""

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 LINKS = "Links and time"
 _BOOTS = ("warm", "cold")
+_RATES = ("light", "sitl")
 _SLOWEST, _FASTEST = 0.01, 10_000.0
 
 
@@ -67,6 +68,13 @@ class SimOptions(Part):
         default="none",
         metavar="URL",
     )
+    rates: str = option(
+        "light",
+        "Telemetry: light is little of it; sitl: the messages and rates of the autopilot's own simulator, on"
+        " each of its links",
+        LINKS,
+        metavar="KIND",
+    )
     speed: float | str = option(
         1.0, "Simulated seconds per second of wall time, or max", LINKS, metavar="FACTOR"
     )
@@ -84,10 +92,11 @@ class SimOptions(Part):
     )
 
     def check(self) -> None:
-        """Refuse speeds, durations and kinds of boot that cannot be."""
-        if self.boot not in _BOOTS:
-            msg = f"boot {one_line(str(self.boot), 40)!r} is unknown: give {' or '.join(_BOOTS)}"
-            raise ScenarioError(msg)
+        """Refuse speeds, durations, rates and kinds of boot that cannot be."""
+        for key, given, known in (("boot", self.boot, _BOOTS), ("rates", self.rates, _RATES)):
+            if given not in known:
+                msg = f"{key} {one_line(str(given), 40)!r} is unknown: give {' or '.join(known)}"
+                raise ScenarioError(msg)
         parse_speed(self.speed)
         if self.duration_s is not None and not 0.0 < self.duration_s < 1e9:
             msg = f"duration {self.duration_s} is out of range: give a positive number of simulated seconds"

@@ -149,6 +149,16 @@ class FrameWriter:
             return frame
         return self.signing.sign(frame, bytes([type(message).crc_extra]), _crc)
 
+    def renumber(self, frame: bytes) -> bytes:
+        """Return a MAVLink 2 frame with this writer's next sequence number and signature, and count on."""
+        end = len(frame) - (SIGNATURE_BYTES if frame[2] & SIGNED else 0) - 2
+        kind = _KINDS[int.from_bytes(frame[7:10], "little")]
+        assert kind is not None
+        renumbered = frame[:2] + bytes(1) + frame[3:4] + bytes([self.codec.seq]) + frame[5:end]
+        renumbered += _CRC.pack(_crc(renumbered[1:] + kind.crc_extra))
+        self.skip()
+        return renumbered if self.signing is None else self.signing.sign(renumbered, kind.crc_extra, _crc)
+
     def skip(self) -> None:
         """Count the sequence on for a frame that nobody needs."""
         self.codec.seq = (self.codec.seq + 1) & 0xFF

@@ -70,6 +70,7 @@ MAVLINK_MSG_ID_AHRS2: Final[int]
 MAVLINK_MSG_ID_ALTITUDE: Final[int]
 MAVLINK_MSG_ID_ATTITUDE: Final[int]
 MAVLINK_MSG_ID_ATTITUDE_QUATERNION: Final[int]
+MAVLINK_MSG_ID_AUTOPILOT_STATE_FOR_GIMBAL_DEVICE: Final[int]
 MAVLINK_MSG_ID_AUTOPILOT_VERSION: Final[int]
 MAVLINK_MSG_ID_AVAILABLE_MODES: Final[int]
 MAVLINK_MSG_ID_AVAILABLE_MODES_MONITOR: Final[int]
@@ -120,6 +121,7 @@ MAVLINK_MSG_ID_MOUNT_STATUS: Final[int]
 MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT: Final[int]
 MAVLINK_MSG_ID_ODOMETRY: Final[int]
 MAVLINK_MSG_ID_PARAM_VALUE: Final[int]
+MAVLINK_MSG_ID_PING: Final[int]
 MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT: Final[int]
 MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: Final[int]
 MAVLINK_MSG_ID_POWER_STATUS: Final[int]
@@ -135,6 +137,7 @@ MAVLINK_MSG_ID_STORAGE_INFORMATION: Final[int]
 MAVLINK_MSG_ID_SYSTEM_TIME: Final[int]
 MAVLINK_MSG_ID_SYS_STATUS: Final[int]
 MAVLINK_MSG_ID_TERRAIN_REPORT: Final[int]
+MAVLINK_MSG_ID_TIMESYNC: Final[int]
 MAVLINK_MSG_ID_VFR_HUD: Final[int]
 MAVLINK_MSG_ID_VIBRATION: Final[int]
 MAVLINK_MSG_ID_WIND: Final[int]
@@ -211,6 +214,8 @@ MAV_DATA_STREAM_ALL: Final[int]
 MAV_DO_REPOSITION_FLAGS_CHANGE_MODE: Final[int]
 MAV_ESTIMATOR_TYPE_AUTOPILOT: Final[int]
 MAV_FRAME_BODY_FRD: Final[int]
+MAV_FRAME_GLOBAL: Final[int]
+MAV_FRAME_GLOBAL_RELATIVE_ALT: Final[int]
 MAV_FRAME_LOCAL_NED: Final[int]
 MAV_LANDED_STATE_IN_AIR: Final[int]
 MAV_LANDED_STATE_ON_GROUND: Final[int]
@@ -332,6 +337,21 @@ class MAVLink_attitude_quaternion_message(MAVLink_message):
     pitchspeed: float
     yawspeed: float
     repr_offset_q: Sequence[float] = ...
+
+class MAVLink_autopilot_state_for_gimbal_device_message(MAVLink_message):
+    target_system: int
+    target_component: int
+    time_boot_us: int
+    q: Sequence[float]
+    q_estimated_delay_us: int
+    vx: float
+    vy: float
+    vz: float
+    v_estimated_delay_us: int
+    feed_forward_angular_velocity_z: float
+    estimator_status: int
+    landed_state: int
+    angular_velocity_z: float = ...
 
 class MAVLink_autopilot_version_message(MAVLink_message):
     capabilities: int
@@ -573,6 +593,19 @@ class MAVLink_file_transfer_protocol_message(MAVLink_message):
     target_system: int
     target_component: int
     payload: Sequence[int]
+
+class MAVLink_follow_target_message(MAVLink_message):
+    timestamp: int
+    est_capabilities: int
+    lat: int
+    lon: int
+    alt: float
+    vel: Sequence[float]
+    acc: Sequence[float]
+    attitude_q: Sequence[float]
+    rates: Sequence[float]
+    position_cov: Sequence[float]
+    custom_state: int
 
 class MAVLink_gimbal_device_attitude_status_message(MAVLink_message):
     target_system: int

@@ -1,4 +1,4 @@
-"""ArduPilot: ArduCopter 4.6, ArduPlane 4.7 and Rover 4.6."""
+"""ArduPilot 4.7: ArduCopter, ArduPlane and Rover."""
 
 from __future__ import annotations
 

@@ -47,9 +47,32 @@ _CAPABILITIES = COMMON_CAPABILITIES | int(
     | m.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT
     | m.MAV_PROTOCOL_CAPABILITY_FLIGHT_TERMINATION
 )
+# Of the release 4.7.0 of all vehicles; ArduPilot sends it as text.
+_GIT_HASH = b"1511f271"
 _BY_STICKS = int(m.MAV_MODE_FLAG_STABILIZE_ENABLED | m.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED)
 _GUIDED = _BY_STICKS | int(m.MAV_MODE_FLAG_GUIDED_ENABLED)
 
+# MOT_SPIN_ARM, MOT_SPIN_MIN, MOT_SPIN_MAX, MOT_THST_EXPO.
+_SPIN_ARMED, _SPIN_LEAST, _SPIN_MOST, _EXPO = 0.1, 0.15, 0.95, 0.65
+
+
+def _motor_us(share: float | None, armed: bool) -> float:
+    if share is None:
+        return 1000.0 + 1000.0 * _SPIN_ARMED * armed
+    curve = (_EXPO - 1.0 + math.sqrt((1.0 - _EXPO) ** 2 + 4.0 * _EXPO * min(share, 1.0))) / (2.0 * _EXPO)
+    return 1000.0 + 1000.0 * (_SPIN_LEAST + (_SPIN_MOST - _SPIN_LEAST) * curve)
+
+
+# Of the first link; SR0_ in place of MAV1_ before 4.7.
+_STREAM_PARAMETERS = {
+    "RAW_SENSORS": "MAV1_RAW_SENS",
+    "EXTENDED_STATUS": "MAV1_EXT_STAT",
+    "RC_CHANNELS": "MAV1_RC_CHAN",
+    "POSITION": "MAV1_POSITION",
+    "EXTRA1": "MAV1_EXTRA1",
+    "EXTRA2": "MAV1_EXTRA2",
+    "EXTRA3": "MAV1_EXTRA3",
+}
 _UNSUPPORTED = frozenset(
     map(int, (m.MAV_CMD_DO_ORBIT, m.MAV_CMD_DO_CHANGE_ALTITUDE, m.MAV_CMD_DO_SET_ACTUATOR))
 )
@@ -57,7 +80,8 @@ COPTER_MAVLINK = MavlinkProfile(
     identity=Identity(
         mav_autopilot=int(m.MAV_AUTOPILOT_ARDUPILOTMEGA),
         mav_type=int(m.MAV_TYPE_QUADROTOR),
-        version=(4, 6, 0),
+        version=(4, 7, 0),
+        custom_version=_GIT_HASH,
         capabilities=_CAPABILITIES | int(m.MAV_PROTOCOL_CAPABILITY_SET_ATTITUDE_TARGET),
     ),
     modes=ModeTable(
@@ -101,6 +125,10 @@ COPTER_MAVLINK = MavlinkProfile(
     data_streams=True,
     rates_hz={m.MAVLINK_MSG_ID_HEARTBEAT: 1.0},
     truth_message=int(m.MAVLINK_MSG_ID_SIM_STATE),
+    stream_parameters=_STREAM_PARAMETERS,
+    motor_us=_motor_us,
+    # MOT_THST_HOVER of ArduPilot's simulator.
+    hover_share=0.39,
     gps_fix=6,
     refused_result=int(m.MAV_RESULT_FAILED),
     unknown_message_result=int(m.MAV_RESULT_FAILED),
@@ -144,7 +172,7 @@ _PLAIN_MAVLINK = replace(
         COPTER_MAVLINK.identity,
         mav_type=int(m.MAV_TYPE_GROUND_ROVER),
         capabilities=_CAPABILITIES,
-        banner="ArduRover V4.6.0",
+        banner="ArduRover V4.7.0 (1511f271)",
     ),
     hover_thrust=None,
     # SITL gives copters a mount, planes and rovers none until it is set.
@@ -155,8 +183,7 @@ PLANE_MAVLINK = replace(
     identity=replace(
         _PLAIN_MAVLINK.identity,
         mav_type=int(m.MAV_TYPE_FIXED_WING),
-        version=(4, 7, 0),
-        banner="ArduPlane V4.7.0",
+        banner="ArduPlane V4.7.0 (1511f271)",
     ),
     modes=replace(
         _PLAIN_MODES,

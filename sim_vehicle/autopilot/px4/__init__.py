@@ -26,16 +26,9 @@ from sim_vehicle.autopilot.px4.firmware import (
 )
 from sim_vehicle.autopilot.px4.fixed_wing import PX4_FIXED_WING
 from sim_vehicle.autopilot.px4.rover import PX4_ROVER
+from sim_vehicle.autopilot.px4.streams import LINK_NAMES, simulator_urls
 
 __all__ = ["PX4"]
-
-
-def _simulator_urls(index: int) -> tuple[str, ...]:
-    """Ports of SITL: for a ground station (14550, from 18570 + i), for an API (14540 + i, from 14580 + i)."""
-    return (
-        f"udpout:127.0.0.1:14550,{18570 + index}",
-        f"udpout:127.0.0.1:{14540 + index},{14580 + index}",
-    )
 
 
 # Groups of the multirotor's controllers, which do not run on the others.
@@ -89,5 +82,6 @@ PX4 = Autopilot(
             return_height=None,
         ),
     },
-    simulator_urls=_simulator_urls,
+    simulator_urls=simulator_urls,
+    link_names=LINK_NAMES,
 )

@@ -31,6 +31,7 @@ from sim_vehicle.autopilot.mavlink_profile import (
 from sim_vehicle.autopilot.modes import Mode, ModeTable, px4_custom_mode
 from sim_vehicle.autopilot.parameters import MavParameter, Setting, parameter_details
 from sim_vehicle.autopilot.px4.copter import drag_of
+from sim_vehicle.autopilot.px4.streams import LIGHT_LINKS, SITL_LINKS
 from sim_vehicle.autopilot.stick_rules import Axis, StickLoss, StickRules, TiltSticks, WingSticks, bits
 
 if TYPE_CHECKING:
@@ -68,6 +69,7 @@ _MODES = ModeTable(
         (px4_custom_mode(4, 4), Mode.MISSION, "Mission"),
         (px4_custom_mode(4, 5), Mode.RTL, "Return"),
         (px4_custom_mode(4, 6), Mode.LAND, "Land"),
+        (px4_custom_mode(4, 8), Mode.FOLLOW, "Follow Me"),
         (px4_custom_mode(6), Mode.GUIDED, "Offboard"),
         (px4_custom_mode(4, 1), Mode.HOLD, "Hold"),
         (px4_custom_mode(5), Mode.MANUAL, "Acro"),
@@ -81,7 +83,11 @@ _MODES = ModeTable(
     unknown_text="Unsupported auto mode",
     main_and_sub=True,
 )
+# Only multirotors follow.
+_MODES_OF_OTHERS = replace(_MODES, rows=tuple(row for row in _MODES.rows if row[1] is not Mode.FOLLOW))
 _HOVER_THRUST = Setting("MPC_THR_HOVER", 0.6)
+# Of the tag v1.17.0 (d6f12ad1c4f70ad3...), as ``px4_firmware_version_binary`` has it: lowest byte first.
+_GIT_HASH = 0xD6F12AD1C4F70AD3.to_bytes(8, "little")
 
 
 def mavlink_profile(mav_type: int) -> MavlinkProfile:
@@ -91,13 +97,16 @@ def mavlink_profile(mav_type: int) -> MavlinkProfile:
             mav_autopilot=int(m.MAV_AUTOPILOT_PX4),
             mav_type=int(mav_type),
             version=(1, 17, 0),
+            custom_version=_GIT_HASH,
             capabilities=COMMON_CAPABILITIES | int(m.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE),
         ),
-        modes=_MODES,
+        modes=_MODES if mav_type == m.MAV_TYPE_QUADROTOR else _MODES_OF_OTHERS,
         parameter_encoding="bytewise",
         data_streams=False,
         rates_hz=_RATES_HZ,
         truth_message=int(m.MAVLINK_MSG_ID_HIL_STATE_QUATERNION),
+        link_rates_hz=LIGHT_LINKS,
+        sitl_rates_hz=SITL_LINKS,
         reached_repeats=10,
         reached_merged=True,
         no_mission_total=65535,
@@ -117,6 +126,7 @@ def mavlink_profile(mav_type: int) -> MavlinkProfile:
         ),
         silent=frozenset({int(m.MAV_CMD_INJECT_FAILURE)}),
         takeoff_above_sea=True,
+        home_above_sea=True,
         reposition_turns=True,
         hover_thrust=_HOVER_THRUST if mav_type == m.MAV_TYPE_QUADROTOR else None,
         tells_remaining_time=True,

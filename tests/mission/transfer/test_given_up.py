@@ -392,6 +392,38 @@ def test_a_link_that_loses_orders_of_messages_ends_verified_or_with_the_truth():
     assert came >= 38
 
 
+@pytest.mark.parametrize("result", [ERROR, CANCELLED])
+@pytest.mark.parametrize("patience_s", [2.0, 5.0, 8.0])
+@settings(max_examples=25, deadline=None)
+@given(taken=st.integers(1, 9))
+def test_a_vehicle_that_never_finishes_an_upload_is_given_up_within_30_s(result, patience_s, taken):
+    """It takes some items, waits, and breaks off, whenever the upload is begun anew."""
+    upload = VerifiedUpload(make_items(10, 1), source=GROUND, profile=PX4)
+    output, now_s, asked, ends_s = upload.start(0.0), 0.0, 0, None
+    while not upload.done:
+        answers = []
+        for message in output.messages:
+            if message.get_type() == "MISSION_COUNT":
+                asked, ends_s = 0, now_s + patience_s
+                answers.append(request(0))
+            elif message.get_type() == "MISSION_ITEM_INT" and message.seq == asked < taken:
+                asked, ends_s = asked + 1, now_s + patience_s
+                answers.append(request(asked))
+        if answers:
+            now_s += 0.05
+            output = upload.receive(answers[-1], now_s)
+            continue
+        due_s = upload.next_deadline()
+        if ends_s is not None and ends_s <= due_s:
+            now_s, ends_s = ends_s, None
+            output = upload.receive(ack(result), now_s)
+        else:
+            now_s = due_s
+            output = upload.poll(now_s)
+        assert now_s < 30.0
+    assert any(isinstance(event, TransferFailed) for event in output.events)
+
+
 def counts(output):
     return [one.get_type() for one in output.messages].count("MISSION_COUNT")
 

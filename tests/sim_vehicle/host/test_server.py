@@ -256,6 +256,24 @@ def test_default_addresses_are_those_of_the_simulators():
     assert ARDUPILOT.simulator_urls(0) == ("tcpin:127.0.0.1:5760",)
 
 
+def test_a_port_serves_64_peers_at_most_and_again_when_one_has_gone():
+    with running(Server([Echo(period_s=0.02)], ["tcpin:127.0.0.1:0"])) as server:
+        peers = [client(server.urls[0])[0] for _ in range(64)]
+        for peer in peers:
+            assert peer.recv(100)
+        refused = client(server.urls[0])[0]
+        assert refused.recv(100) == b"", "closed"
+        assert len(server.clients) == 64
+        peers.pop().close()
+        end_s = time.monotonic() + 30.0
+        while len(server.clients) > 63 and time.monotonic() < end_s:
+            time.sleep(0.02)
+        peers.append(client(server.urls[0])[0])
+        assert peers[-1].recv(100)
+        for peer in (*peers, refused):
+            peer.close()
+
+
 def test_datagrams_that_it_could_not_keep_are_counted(monkeypatch):
     monkeypatch.setattr("mission.link.sockets._KEPT_BYTES", 1000)
     with Server([], ["udpin:127.0.0.1:0"]) as server:

@@ -71,10 +71,29 @@ def test_ports_are_those_of_the_simulators():
     assert [url.url for url in fleet_urls(PX4, range(1, 3))] == [
         "udpout:127.0.0.1:14550,18570",
         "udpout:127.0.0.1:14540,14580",
+        "udpout:127.0.0.1:14030,14280",
+        "udpout:127.0.0.1:13280,13030",
         "udpout:127.0.0.1:14550,18571",
         "udpout:127.0.0.1:14541,14581",
+        "udpout:127.0.0.1:14031,14281",
+        "udpout:127.0.0.1:13281,13031",
     ]
+    apis = [PX4.simulator_urls(index)[1] for index in (8, 9, 10, 249)]
+    assert apis == [
+        f"udpout:127.0.0.1:{remote},{local}"
+        for remote, local in ((14548, 14588), (14549, 14589), (14549, 14590), (14549, 14829))
+    ], "none of them at the ground station's port"
     assert fleet_urls(ARDUPILOT, range(1, 4))[2] == ServerUrl("tcpin:127.0.0.1:5780", frozenset((3,)))
+
+
+def test_ports_of_a_large_fleet_do_not_meet():
+    used = [
+        port
+        for index in range(250)
+        for link, url in enumerate(PX4.simulator_urls(index))
+        for port in url.rpartition(":")[2].split(",")[link < 2 :]
+    ]
+    assert len(set(used)) == len(used) == 250 * 6
 
 
 @pytest.mark.parametrize(
@@ -279,3 +298,43 @@ def test_each_vehicle_has_its_own_gusts():
     simulation.run(limit_s=5.0)
     states = [vehicle.pilot.executor.motion._wind.block[0].tolist() for vehicle in fleet.vehicles]
     assert len({tuple(state) for state in states}) == 3
+
+
+def told_at(endpoint, number):
+    """What a vehicle sends over a link, with the sequence numbers of its frames."""
+    heard = []
+    end_s = time.monotonic() + 30.0
+    while len(heard) < number and time.monotonic() < end_s:
+        heard += [message for message in endpoint.receive() if message.get_srcSystem() == 1]
+        time.sleep(0.01)
+    return heard
+
+
+def test_each_link_of_px4_has_its_own_messages_rates_and_sequence_numbers():
+    fleet = quads(1, sitl_rates=True)
+    named = [ServerUrl("tcpin:127.0.0.1:0", frozenset((1,)), link) for link in ("", "ground", "gimbal")]
+    with running(Server(fleet.vehicles, named)) as server:
+        api, ground, gimbal = ends = [
+            MavlinkEndpoint(open_link(url.replace("tcpin", "tcp")), 250 + number, 190)
+            for number, url in enumerate(server.urls)
+        ]
+        hear(gimbal, 0.1, {1}), hear(ground, 0.1, {1})
+        # Slower over one link; the answer goes there only.
+        interval = m.MAVLINK_MSG_ID_AUTOPILOT_STATE_FOR_GIMBAL_DEVICE
+        gimbal.send(m.MAVLink_command_long_message(1, 1, 511, 0, interval, 100_000.0, *[0.0] * 5))
+        kinds = [{x.get_type() for x in told_at(end, 400)} for end in (api, ground)]
+        assert "HIGHRES_IMU" in kinds[0] - kinds[1]
+        assert "TIMESYNC" in kinds[0] - kinds[1]
+        assert {"ATTITUDE", "SERVO_OUTPUT_RAW", "LOCAL_POSITION_NED"} <= kinds[0] & kinds[1]
+        told = told_at(gimbal, 30)
+        only = {"HEARTBEAT", "MISSION_CURRENT", "AUTOPILOT_STATE_FOR_GIMBAL_DEVICE", "COMMAND_ACK"}
+        assert {x.get_type() for x in told} <= only
+        for end, expected in ((api, -1), (gimbal, 100_000)):
+            end.send(m.MAVLink_command_long_message(1, 1, 510, 0, interval, *[0.0] * 6))
+            heard = told_at(end, 1000 if end is api else 20)
+            assert [x.interval_us for x in heard if x.get_type() == "MESSAGE_INTERVAL"][-1] == expected
+        told += heard
+        numbers = [x.get_seq() for x in told]
+        assert numbers == [(numbers[0] + k) % 256 for k in range(len(numbers))], "nothing seems lost"
+        for end in ends:
+            end.close()

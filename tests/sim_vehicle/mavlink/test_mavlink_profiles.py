@@ -370,3 +370,150 @@ def test_the_nan_of_a_yaw_is_kept_by_px4_only():
             item = peer.tell(m.MAVLink_mission_request_int_message(1, 1, seq, 0))[0]
         assert math.isnan(item.param4) is kept
         assert item.frame == (6 if autopilot is PX4 else 3)
+
+
+def rates_of(vehicle, link="", seconds=20):
+    """How often a vehicle sends what it sends unasked, on a link."""
+    counts = {}
+    vehicle.open_links(frozenset({link} - {""}))
+    while (now_s := vehicle.next_deadline()) < seconds:
+        polled = vehicle.poll(now_s)
+        streamed = dict(vehicle.streamed()) if link else {link: polled}
+        for message in streamed.get(link, []):
+            counts[message.get_type()] = counts.get(message.get_type(), 0) + 1
+    return {name: count / seconds for name, count in counts.items()}
+
+
+@pytest.mark.parametrize(
+    ("link", "expected", "absent"),
+    [
+        (
+            "",
+            {"ATTITUDE": 100, "GLOBAL_POSITION_INT": 50, "ODOMETRY": 30, "HIGHRES_IMU": 50, "TIMESYNC": 10},
+            {"DISTANCE_SENSOR", "RC_CHANNELS"},
+        ),
+        (
+            "ground",
+            {
+                "ATTITUDE": 50,
+                "GLOBAL_POSITION_INT": 50,
+                "SERVO_OUTPUT_RAW": 50,
+                "VFR_HUD": 4,
+                "VIBRATION": 0.1,
+            },
+            {"HIGHRES_IMU", "ODOMETRY", "TIMESYNC", "SYSTEM_TIME"},
+        ),
+        # 4000 bytes a second carry about a sixth of what an onboard link has.
+        ("payload", {"HEARTBEAT": 1, "GPS_RAW_INT": 8, "ATTITUDE": 15.8, "ODOMETRY": 4.75}, set()),
+        ("gimbal", {"HEARTBEAT": 1, "AUTOPILOT_STATE_FOR_GIMBAL_DEVICE": 20}, {"ATTITUDE"}),
+    ],
+)
+def test_px4_streams_what_its_simulator_does(link, expected, absent):
+    rates = rates_of(SimVehicle(get_vehicle("quad"), HOME, sitl_rates=True), link)
+    assert {name: rates.get(name) for name in expected} == pytest.approx(expected, rel=0.05, abs=0.06)
+    assert not absent & rates.keys()
+    size = {kind.msgname: kind.unpacker.size + 12 for kind in m.mavlink_map.values()}
+    if link == "payload":
+        assert sum(size[name] * rate for name, rate in rates.items()) == pytest.approx(4000, rel=0.15)
+
+
+@pytest.mark.parametrize(("kind", "hz"), [("quad", None), ("fixed-wing", 1.0), ("rover", 1.0)])
+def test_ardupilot_streams_what_its_simulator_does(kind, hz):
+    vehicle = SimVehicle(get_vehicle(kind), HOME, autopilot=ARDUPILOT, sitl_rates=True)
+    rates = rates_of(vehicle)
+    told = ("ATTITUDE", "GLOBAL_POSITION_INT", "VFR_HUD", "SYS_STATUS", "RAW_IMU", "SERVO_OUTPUT_RAW")
+    assert [rates.get(name) for name in told] == [hz] * len(told)
+    assert rates["HEARTBEAT"] == 1.0
+
+
+@pytest.mark.parametrize("link", ["payload", "gimbal"])
+def test_what_else_is_on_board_hears_a_heartbeat_where_little_is_sent(link):
+    assert rates_of(SimVehicle(get_vehicle("quad"), HOME), link) == {"HEARTBEAT": 1.0}
+
+
+def test_messages_of_px4s_simulator_tell_what_is_so():
+    peer = Peer(PX4)
+    pings = [peer.asked(4) for _ in range(3)]
+    assert [ping.seq for ping in pings] == [0, 1, 2]
+    assert {(ping.target_system, ping.target_component) for ping in pings} == {(0, 0)}
+    sync = peer.asked(111)
+    assert (sync.tc1, sync.ts1) == (0, peer.vehicle.state.unix_us * 1000)
+    on_ground, servo = peer.asked(286), peer.asked(36)
+    assert on_ground.landed_state == m.MAV_LANDED_STATE_ON_GROUND
+    assert servo.servo1_raw == 900, "motors off"
+    peer.start()
+    peer.wait(12.0)
+    flying, servo, attitude = peer.asked(286), peer.asked(36), peer.asked(31)
+    assert flying.landed_state == m.MAV_LANDED_STATE_IN_AIR
+    assert flying.q == pytest.approx([attitude.q1, attitude.q2, attitude.q3, attitude.q4])
+    assert 1300 < servo.servo1_raw < 1700
+
+
+def home_at(peer, altitude, frame, x=28.0501, y=-82.1499):
+    numbers = (round(x * 1e7), round(y * 1e7), altitude)
+    message = m.MAVLink_command_int_message(1, 1, frame, 179, 0, 0, *[0.0] * 4, *numbers)
+    return next(answer.result for answer in peer.tell(message) if answer.get_type() == "COMMAND_ACK")
+
+
+@BOTH
+@pytest.mark.parametrize(("frame", "expected"), [(0, 35_000), (3, 55_000)], ids=["sea", "home"])
+def test_home_takes_its_own_altitude(autopilot, frame, expected):
+    peer = Peer(autopilot)
+    if autopilot is PX4:
+        expected = 35_000  # whatever the frame says
+    assert home_at(peer, 35.0, frame) == 0
+    told = peer.of("HOME_POSITION")[-1]
+    assert (told.latitude, told.longitude, told.altitude) == (280_501_000, -821_499_000, expected)
+    up_mm = expected - 20_000
+    assert peer.asked(33).relative_alt == -up_mm, "it stands below home"
+    assert peer.asked(33).alt == 20_000
+    altitude = peer.asked(141)
+    assert (altitude.altitude_local, altitude.altitude_relative) == (0.0, -up_mm / 1000.0)
+    assert peer.asked(49).altitude == 20_000, "the origin stays"
+
+
+@BOTH
+def test_altitudes_above_a_home_that_moved_count_from_there(autopilot):
+    peer = Peer(autopilot)
+    assert home_at(peer, 25.0, 0) == 0
+    # 10 m above home are 15 m above the ground.
+    items = (TAKEOFF, MissionItem.waypoint(28.0502, -82.15, 10.0), BACK)
+    peer.upload(tuple(_plain(item) for item in items))
+    assert peer.result(400, 1.0) == 0
+    assert peer.result(300) == 0
+    heights = []
+    while peer.vehicle.pilot.mission.current_seq < 2 and peer.now_s < 90.0:
+        peer.wait(1.0)
+        heights.append(peer.vehicle.pilot.state.position_m[2])
+    assert heights[-1] == pytest.approx(15.0, abs=0.7)
+    top = 0.0
+    while not peer.vehicle.finished and peer.now_s < 400.0:
+        peer.wait(1.0)
+        top = max(top, peer.vehicle.pilot.state.position_m[2])
+    name, scale = ("RTL_RETURN_ALT", 1.0) if autopilot is PX4 else ("RTL_ALT", 0.01)
+    return_m = peer.vehicle._parameters.value(name) * scale
+    assert top == pytest.approx(max(return_m + 5.0, 15.0), abs=1.0)
+    x, y, z = peer.vehicle.pilot.state.position_m
+    assert math.hypot(x - 9.8, y - 11.1) < 2.5
+    assert z == pytest.approx(0.0, abs=0.1)
+
+
+@BOTH
+def test_home_here_in_the_air_is_as_high_as_the_vehicle(autopilot):
+    peer = Peer(autopilot)
+    peer.start()
+    peer.wait(20.0)
+    height = peer.vehicle.pilot.state.position_m[2]
+    assert height > 3.0
+    assert peer.result(179, 1.0) == 0
+    assert peer.of("HOME_POSITION")[-1].altitude == pytest.approx(1000.0 * (20.0 + height), abs=50.0)
+
+
+@BOTH
+def test_a_home_without_an_altitude_is_refused(autopilot):
+    peer = Peer(autopilot)
+    assert home_at(peer, math.nan, 0) == 2
+    assert home_at(peer, 1e9, 0) == 2
+    here = home_at(peer, 33.0, 0, 0.0, 0.0)
+    assert here == (2 if autopilot is PX4 else 0), "ArduPilot takes zeros for here"
+    assert peer.asked(242).altitude == 20_000

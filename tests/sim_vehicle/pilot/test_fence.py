@@ -99,27 +99,27 @@ def test_degenerate_polygons_do_no_harm():
 
 def test_bounds_say_what_was_broken():
     watch = FenceWatch(bounds=Bounds(ceiling_m=50.0, radius_m=100.0))
-    assert watch.evaluate((0.0, 0.0, 60.0), (0.0, 0.0))[:2] == (
+    assert watch.evaluate((0.0, 0.0, 60.0), (0.0, 0.0, 0.0))[:2] == (
         Breach.MAX_ALTITUDE,
         "60.0 m high, 50 m are allowed",
     )
-    assert watch.evaluate((110.0, 0.0, 10.0), (0.0, 0.0))[0] is Breach.BOUNDARY
-    assert watch.evaluate((110.0, 0.0, 10.0), (20.0, 0.0)) == (Breach.NONE, "", 10.0)
+    assert watch.evaluate((110.0, 0.0, 10.0), (0.0, 0.0, 0.0))[0] is Breach.BOUNDARY
+    assert watch.evaluate((110.0, 0.0, 10.0), (20.0, 0.0, 0.0)) == (Breach.NONE, "", 10.0)
 
 
 def test_a_breach_is_told_once_and_ends():
     watch = FenceWatch(Fence.of(polygon(SQUARE), FRAME))
-    assert not watch.check((50.0, 25.0, 9.0), 0.0, (0.0, 0.0), 1.0)
-    assert not watch.check((500.0, 25.0, 9.0), 10.0, (0.0, 0.0), 2.0), "10 m were flown, 25 m are free"
-    assert watch.check((101.0, 25.0, 9.0), 60.0, (0.0, 0.0), 3.0)
+    assert not watch.check((50.0, 25.0, 9.0), 0.0, (0.0, 0.0, 0.0), 1.0)
+    assert not watch.check((500.0, 25.0, 9.0), 10.0, (0.0, 0.0, 0.0), 2.0), "10 m were flown, 25 m are free"
+    assert watch.check((101.0, 25.0, 9.0), 60.0, (0.0, 0.0, 0.0), 3.0)
     assert (watch.breach, watch.count, watch.broken_s) == (Breach.BOUNDARY, 1, 3.0)
-    assert not watch.check((102.0, 25.0, 9.0), 61.0, (0.0, 0.0), 4.0)
-    assert not watch.check((99.0, 25.0, 9.0), 65.0, (0.0, 0.0), 5.0)
+    assert not watch.check((102.0, 25.0, 9.0), 61.0, (0.0, 0.0, 0.0), 4.0)
+    assert not watch.check((99.0, 25.0, 9.0), 65.0, (0.0, 0.0, 0.0), 5.0)
     assert watch.breach is Breach.NONE
-    assert watch.check((103.0, 25.0, 9.0), 70.0, (0.0, 0.0), 6.0)
+    assert watch.check((103.0, 25.0, 9.0), 70.0, (0.0, 0.0, 0.0), 6.0)
     assert watch.count == 2
     watch.change(Fence())
-    assert not watch.check((103.0, 25.0, 9.0), 70.0, (0.0, 0.0), 7.0)
+    assert not watch.check((103.0, 25.0, 9.0), 70.0, (0.0, 0.0, 0.0), 7.0)
 
 
 PLACES = st.tuples(COORDINATE, COORDINATE, st.floats(0.0, 60.0))
@@ -146,8 +146,8 @@ def test_a_fence_that_looks_seldom_sees_what_one_that_always_looks_sees(steps, f
         if before_m is not None:
             flown_m += math.dist(before_m, place_m)
         before_m = place_m
-        told = watch.check(place_m, flown_m, (0.0, 0.0), flown_m)
-        breach, reason, _ = watch.evaluate(place_m, (0.0, 0.0))
+        told = watch.check(place_m, flown_m, (0.0, 0.0, 0.0), flown_m)
+        breach, reason, _ = watch.evaluate(place_m, (0.0, 0.0, 0.0))
         assert (watch.breach, watch.reason) == (breach, reason)
         assert told is (breach is not Breach.NONE and not breached)
         breached = breach is not Breach.NONE
@@ -155,4 +155,4 @@ def test_a_fence_that_looks_seldom_sees_what_one_that_always_looks_sees(steps, f
 
 def test_zones_of_a_plan_that_are_switched_off_do_not_count():
     watch = FenceWatch(Fence.of(polygon(SQUARE), FRAME), Bounds(ceiling_m=40.0, areas=False))
-    assert watch.evaluate((-50.0, 0.0, 10.0), (0.0, 0.0)) == (Breach.NONE, "", 30.0)
+    assert watch.evaluate((-50.0, 0.0, 10.0), (0.0, 0.0, 0.0)) == (Breach.NONE, "", 30.0)

@@ -26,7 +26,7 @@ def state(time_s, yaw_rad=0.0, position_m=(0.0, 0.0, 30.0)):
 def advance(gimbal, seconds, start_s=0.0, yaw_rad=0.0, position_m=(0.0, 0.0, 30.0)):
     for step in range(1, round(20 * seconds) + 1):
         now_s = start_s + step / 20.0
-        gimbal.advance(state(now_s, yaw_rad, position_m), 1e6 * now_s, (0.0, 0.0))
+        gimbal.advance(state(now_s, yaw_rad, position_m), 1e6 * now_s, (0.0, 0.0, 0.0))
     return start_s + seconds
 
 
@@ -52,7 +52,7 @@ def test_no_axis_leaves_its_limits_or_outruns_its_rate(angles, earth, steps):
     now_s = 0.0
     for passed_s, yaw in steps:
         before, now_s = gimbal.angles_rad, now_s + passed_s
-        gimbal.advance(state(now_s, yaw % (2.0 * math.pi)), 1e6 * now_s, (0.0, 0.0))
+        gimbal.advance(state(now_s, yaw % (2.0 * math.pi)), 1e6 * now_s, (0.0, 0.0, 0.0))
         for old, new, (low, high) in zip(before, gimbal.angles_rad, gimbal.limits_rad, strict=True):
             assert low - 1e-9 <= new <= high + 1e-9
             assert abs(new - old) <= RATE_RAD_S * passed_s + 1e-9
@@ -65,7 +65,7 @@ def test_where_it_turns_to_does_not_depend_on_how_often_it_is_looked_at(pitch, y
         gimbal = gimbal_with()
         gimbal.turn_to((0.0, pitch, yaw), earth=False)
         for step in range(1, number + 1):
-            gimbal.advance(state(0.8 * step / number), 1e6 * step, (0.0, 0.0))
+            gimbal.advance(state(0.8 * step / number), 1e6 * step, (0.0, 0.0, 0.0))
         ends.append(gimbal.angles_rad)
     assert ends[0] == pytest.approx(ends[1], abs=1e-9)
 
@@ -133,8 +133,8 @@ def test_the_past_is_told_between_its_moments():
     gimbal = gimbal_with()
     advance(gimbal, 1.0)
     gimbal.turn_to((0.0, 0.0, 0.0), earth=False)
-    gimbal.advance(state(1.5), 1.5e6, (0.0, 0.0))
-    gimbal.advance(state(2.0), 2.0e6, (0.0, 0.0))
+    gimbal.advance(state(1.5), 1.5e6, (0.0, 0.0, 0.0))
+    gimbal.advance(state(2.0), 2.0e6, (0.0, 0.0, 0.0))
     assert math.degrees(gimbal.attitude_at(1.75e6).pitch_rad) == pytest.approx(-45.0)
     assert math.degrees(gimbal.attitude_at(9e6).pitch_rad) == pytest.approx(-30.0)
     assert gimbal.attitude_at(1.2e6) is None

@@ -255,12 +255,12 @@ def test_a_vehicle_goes_no_farther_out_than_it_needs_to_stop(angle, speed, kind,
     farthest = 0.0
     for _ in range(600):
         rig.run(0.1)
-        farthest = min(farthest, watch.evaluate(rig.place, (0.0, 0.0))[2])
+        farthest = min(farthest, watch.evaluate(rig.place, (0.0, 0.0, 0.0))[2])
         if not rig.pilot.armed:
             break
     assert -farthest <= stopping
     if action == 3:
-        assert watch.evaluate(rig.place, (0.0, 0.0))[0] is Breach.NONE
+        assert watch.evaluate(rig.place, (0.0, 0.0, 0.0))[0] is Breach.NONE
 
 
 def refuses_to_arm_in_mission(rig):
@@ -651,7 +651,7 @@ def test_a_moved_home_is_returned_to_and_measured_from():
     rig.goto(50, 0)
     rig.run(20.0)
     assert rig.command(179, 1.0) == 0
-    assert rig.pilot.home_m == pytest.approx((50.0, 0.0), abs=0.1)
+    assert rig.pilot.home_m == pytest.approx((50.0, 0.0, 20.0), abs=0.1)
     assert rig.pilot.failsafe.outside((100.0, 0.0, 10.0)) is None
     rig.goto(100, 0)
     rig.run(20.0)

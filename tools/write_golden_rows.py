@@ -29,6 +29,13 @@ _APART = "WRITE_GOLDEN_ROWS_APART"
 _TAKES_MINUTES = ("Waterberry", "Miniberry-100", "-Days")
 
 
+def libraries() -> dict[str, str]:
+    """Return the versions of what results depend on in their last bits."""
+    libc = " ".join(platform.libc_ver()) or platform.system()
+    names = ("numpy", "scipy", "numba", "shapely", "pyproj")
+    return {"python": platform.python_version(), "libc": libc, **{name: version(name) for name in names}}
+
+
 def flown() -> dict[str, Any]:
     """Fly the golden rows; return them by name, with the numbers and libraries that they are of."""
     from wbf_mission import BenchSpec, benchmark
@@ -45,11 +52,9 @@ def flown() -> dict[str, Any]:
     windy = [name for name in scenario_ids() if name.endswith("-Wind-v1")]
     kinds = BenchSpec.of([*short, *windy], planners=["spiral", "greedy"], estimators=["point"], seeds=1)
     rows = [row for spec in (every, kinds) for row in benchmark(spec)]
-    libraries = {name: version(name) for name in ("numpy", "scipy", "numba", "shapely", "pyproj")}
-    libc = " ".join(platform.libc_ver()) or platform.system()
     return {
         "behaviour": BEHAVIOUR,
-        "libraries": {"python": platform.python_version(), "libc": libc, **libraries},
+        "libraries": libraries(),
         "rows": {
             f"{row.scenario}, {row.planner}, {row.estimator}, seed {row.seed}": {
                 "path_length_m": row.path_length_m,

@@ -119,7 +119,8 @@ def _smooth(when_s: NDArray[np.floating[Any]], times_s: NDArray[np.floating[Any]
     u = (past - k)[:, None]
     leave, arrive = u * (1.0 - u) ** 2 * speeds[k], u**2 * (1.0 - u) * speeds[k + 1]
     between: Points = places[k] + u**2 * (3.0 - 2.0 * u) * (places[k + 1] - places[k])
-    return between + step_s * (leave - arrive)
+    bent: Points = step_s * (leave - arrive)
+    return between + bent
 
 
 def _by_distance(reports_deg: Points, distance_m: float, *, at_once: bool) -> Points:

@@ -44,7 +44,7 @@ class Identity:
     capabilities: int
     """MAV_PROTOCOL_CAPABILITY bits."""
     banner: str = ""
-    """Status text that follows a request for all parameters (ArduPilot); empty for none."""
+    """Status text that answers a request for it or for all parameters (ArduPilot); empty for none."""
 
     @property
     def flight_sw_version(self) -> int:

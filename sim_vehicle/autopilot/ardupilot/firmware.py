@@ -59,6 +59,7 @@ COPTER_MAVLINK = MavlinkProfile(
         mav_type=int(m.MAV_TYPE_QUADROTOR),
         version=(4, 6, 0),
         capabilities=_CAPABILITIES | int(m.MAV_PROTOCOL_CAPABILITY_SET_ATTITUDE_TARGET),
+        banner="ArduCopter V4.6.0",
     ),
     modes=ModeTable(
         rows=(
